@@ -1,0 +1,94 @@
+//! The only way anything is written: temporary name, fsync, rename, fsync of the folder.
+//!
+//! A reader therefore sees a whole file or none, also after a power cut.
+
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// A file or folder could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot write {}: {source}; check the disk's space and the folder's permissions", path.display())]
+pub struct WriteError {
+    /// What was to be written.
+    pub path: PathBuf,
+    /// Why it was not.
+    pub source: io::Error,
+}
+
+/// Creates `dir` and its parents.
+pub fn create_dir(dir: &Path) -> Result<(), WriteError> {
+    fs::create_dir_all(dir).map_err(|source| WriteError {
+        path: dir.to_owned(),
+        source,
+    })
+}
+
+/// Writes `bytes` to `path`, durably: on return the file survives a power cut.
+///
+/// The folder must exist. A file of that name is replaced.
+pub fn write(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+    write_inner(path, bytes, true).map_err(|source| WriteError {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+/// Writes `bytes` to `path` whole or not at all, without waiting for the disk.
+///
+/// For files that cost nothing to make again (reports, pictures for a person to look at).
+pub fn write_relaxed(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+    write_inner(path, bytes, false).map_err(|source| WriteError {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+fn write_inner(path: &Path, bytes: &[u8], durable: bool) -> io::Result<()> {
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    let mut file = tempfile::Builder::new()
+        .prefix(".tmp-")
+        .tempfile_in(folder)?;
+    file.write_all(bytes)?;
+    // tempfile makes files that their owner alone can read; results are for the whole group.
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        file.as_file()
+            .set_permissions(fs::Permissions::from_mode(0o644))?;
+    }
+    if durable {
+        file.as_file().sync_all()?;
+    }
+    file.persist(path).map_err(|e| e.error)?;
+    if durable { sync_dir(folder) } else { Ok(()) }
+}
+
+/// Makes a rename or removal inside `folder` durable.
+fn sync_dir(folder: &Path) -> io::Result<()> {
+    File::open(folder)?.sync_all()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn replaces_whole_files_and_leaves_no_temporary_ones() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.json");
+        write(&path, b"one").unwrap();
+        write(&path, b"two").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"two");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn an_error_names_the_file() {
+        let error = write(Path::new("/nonexistent/folder/x.exr"), b"").unwrap_err();
+        assert!(error.to_string().contains("/nonexistent/folder/x.exr"));
+    }
+}

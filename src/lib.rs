@@ -1,0 +1,22 @@
+//! Glasshouse farms physically based training data for single-image reflection removal.
+//!
+//! Two RGBD photographs become 3D sheets, a pane of glass stands between them, a thin lens in front,
+//! and four exact images come out: `input` (I), `transmission` (T), `glass_reflection` (R~) and
+//! `clean_reflection` (R). After Kim, Huo and Yoon, "Single Image Reflection Removal with
+//! Physically-Based Training Images", CVPR 2020.
+//!
+//! The modules stand in pipeline order:
+//!
+//! ```text
+//! manifest -> shard -> scene -> trace -> partial -> farm -> merge -> report, and cli
+//! (what)      (who)    (files)  (rays)   (disk)     (when)  (tuples) (look)
+//! ```
+//!
+//! [`trace`] and the optics are pure functions: no file, clock, environment or thread pool. Only
+//! [`cli`] prints, exits and reads the environment.
+
+pub mod atomic_file;
+pub mod ids;
+pub mod manifest;
+pub mod sample;
+pub mod scene;

@@ -1,0 +1,247 @@
+//! `glasshouse.scene/1`: one scene of a manifest, everything resolved, in metres and degrees.
+
+use crate::ids::SceneId;
+use serde::{Deserialize, Serialize};
+
+/// The schema name that a scene line must carry.
+pub const SCENE_SCHEMA: &str = "glasshouse.scene/1";
+
+/// Part of the set that a scene belongs to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Split {
+    /// For training.
+    #[default]
+    Train,
+    /// For testing: shares no photograph with `train`.
+    Test,
+}
+
+/// One scene: a front and a back photograph, a pane, a camera, a film.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneLine {
+    /// Always [`SCENE_SCHEMA`].
+    pub schema: String,
+    /// Unique in the manifest.
+    pub id: SceneId,
+    /// `train` if missing.
+    #[serde(default)]
+    pub split: Split,
+    /// Seed of this scene's sample points.
+    pub seed: u64,
+    /// Size, samples, filter.
+    pub film: Film,
+    /// Lens and focus.
+    pub camera: Camera,
+    /// The pane.
+    pub glass: Glass,
+    /// Seen through the pane.
+    pub front: Photograph,
+    /// Seen reflected in the pane.
+    pub back: Photograph,
+}
+
+/// The film and how it is sampled.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Film {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Camera samples a pixel: a power of two, 1 to 65,536.
+    pub spp: u32,
+    /// Reconstruction filter.
+    #[serde(default)]
+    pub filter: Filter,
+    /// An order of the glass whose weight times the largest radiance of its side stays below this is not
+    /// followed. Default 7.6e-5 (linear): a quarter of an 8-bit sRGB step near black.
+    #[serde(
+        default = "Film::default_order_tolerance",
+        skip_serializing_if = "is_default_tolerance"
+    )]
+    pub order_tolerance: f64,
+}
+
+impl Film {
+    /// A quarter of an 8-bit sRGB step near black: 1 / 255 / 12.92 / 4, rounded.
+    pub const fn default_order_tolerance() -> f64 {
+        7.6e-5
+    }
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+fn is_default_tolerance(value: &f64) -> bool {
+    *value == Film::default_order_tolerance()
+}
+
+/// Reconstruction filter of a pixel, applied by filter importance sampling.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Filter {
+    /// The pixel's own square.
+    #[default]
+    Box,
+    /// Gaussian, sigma 0.5 px, cut at 2 px.
+    Gaussian,
+}
+
+/// The thin lens.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Camera {
+    /// Relative to the diagonal of a 36 x 24 mm frame spread over the film's diagonal.
+    pub focal_length_mm: f64,
+    /// Radius of the lens opening; 0 is a pinhole.
+    pub aperture_radius_m: f64,
+    /// Where it is sharp.
+    pub focus: Focus,
+}
+
+/// The plane that is sharp (without the glass, whose focus shift is not compensated).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged, deny_unknown_fields)]
+pub enum Focus {
+    /// `{"distance_m": z}`
+    Distance {
+        /// Distance of the plane from the lens.
+        distance_m: f64,
+    },
+    /// `{"at": "front_center"}`
+    At {
+        /// A named place.
+        at: FocusAt,
+    },
+}
+
+/// A focus found from the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FocusAt {
+    /// Mean z of the four centre pixels of the front depth image, as published.
+    FrontCenter,
+    /// Infinitely far away.
+    Infinity,
+}
+
+/// The plane-parallel pane.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Glass {
+    /// Distance of the front face from the lens along the optical axis.
+    pub distance_m: f64,
+    /// Thickness; 0 is allowed.
+    pub thickness_m: f64,
+    /// Index of refraction against air, at least 1.
+    pub ior: f64,
+    /// Absorption coefficient of red, green and blue, per metre of path in the glass.
+    #[serde(default)]
+    pub absorption_per_m: [f64; 3],
+    /// `[pitch, yaw]`: rotation about +x, then +y, right-handed; pivot (0, 0, distance_m).
+    #[serde(default)]
+    pub tilt_deg: [f64; 2],
+}
+
+/// An RGBD photograph: the radiance and the shape of one side.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Photograph {
+    /// Path of the colour image: relative to the manifest, or `NAME:path` under a named root.
+    pub color: String,
+    /// Path of the depth image.
+    pub depth: String,
+    /// Path of the mask (0 is invalid). Without it every finite depth above 0 is valid.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mask: Option<String>,
+    /// Coding of the colour image.
+    #[serde(default)]
+    pub transfer: Transfer,
+    /// Metres per unit of the depth file.
+    #[serde(default = "one")]
+    pub depth_unit_m: f64,
+    /// What the depth file measures.
+    #[serde(default)]
+    pub depth_kind: DepthKind,
+    /// The capture camera.
+    pub intrinsics: Intrinsics,
+    /// Multiplies linear radiance.
+    #[serde(default = "one")]
+    pub exposure: f64,
+    /// How holes of the depth image are filled.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub fill: Fill,
+    /// Of the back photograph alone: where its capture camera stands (`mirror` if missing).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub apex: Option<Apex>,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+/// Coding of a colour image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Transfer {
+    /// IEC 61966-2-1.
+    #[default]
+    Srgb,
+    /// Values are radiance.
+    Linear,
+}
+
+/// What a depth value measures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DepthKind {
+    /// Distance along the optical axis.
+    #[default]
+    Z,
+    /// Distance along the ray.
+    Distance,
+}
+
+/// How holes in a depth image are filled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Fill {
+    /// Pull-push interpolation of inverse depth.
+    #[default]
+    Smooth,
+    /// The farthest valid depth of the image: for sky.
+    Far,
+}
+
+/// Where the capture camera of the back photograph stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Apex {
+    /// At the mirror image of the lens in the front face: R is the mirrored photograph itself.
+    #[default]
+    Mirror,
+    /// At the lens, turned by 180 degrees about the vertical.
+    Camera,
+}
+
+/// A pinhole camera, in pixels with the image's top left corner at (0, 0): pixel (i, j) has its centre at
+/// (i + 0.5, j + 0.5).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Intrinsics {
+    /// Focal length across, px.
+    pub fx: f64,
+    /// Focal length down, px.
+    pub fy: f64,
+    /// Principal point across, px.
+    pub cx: f64,
+    /// Principal point down, px.
+    pub cy: f64,
+    /// Size `[width, height]` of the image that the four numbers are for; the depth image's if missing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub size: Option<[u32; 2]>,
+}

@@ -1,0 +1,1 @@
+//! Procedural RGBD photographs: rooms and streets for smoke runs, tests and benches.
