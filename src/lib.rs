@@ -20,3 +20,4 @@ pub mod ids;
 pub mod manifest;
 pub mod sample;
 pub mod scene;
+pub mod trace;

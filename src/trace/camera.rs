@@ -1,0 +1,199 @@
+//! Camera samples of one pixel: film point, lens point, direction, and the slab's gamma, in lanes.
+
+use super::lanes::{LANES, Lane, sin_cos_octant};
+use super::sampler::{BLOCK, PixelSeed, block};
+use super::scene::Scene;
+
+/// Groups of sixteen samples in a block.
+pub(super) const GROUPS: usize = BLOCK / LANES;
+
+/// One pixel's constants.
+pub(super) struct Pixel {
+    seed: PixelSeed,
+    /// Direction of the pixel's centre, tangents.
+    pub(super) center: [f64; 2],
+    /// Half the film interval of the pixel's samples, tangents.
+    pub(super) half_width: [f64; 2],
+    /// Interval that holds gamma (see [`super::slab`]) over the pixel and the lens.
+    pub(super) gamma: [f64; 2],
+}
+
+impl Pixel {
+    #[inline(always)]
+    pub(super) fn new(scene: &Scene, x: u32, y: u32) -> Self {
+        let center = scene.film.tangent(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let radius_px = scene.film.filter_radius_px();
+        let half_width = scene.film.pixel_tangent().map(|size| size * radius_px);
+        // The angle between two directions is at most their distance in the tangent plane, so within `reach` of
+        // the centre the cosine c to the normal stays in [c cos(reach) - s sin(reach), c + s sin(reach)].
+        let spread = scene.lens.aperture_radius_m * scene.lens.inverse_focus_per_m;
+        let [rx, ry] = half_width.map(|h| h + spread);
+        let reach = (rx * rx + ry * ry).sqrt();
+        let n = scene.slab.normal;
+        let length = (1.0 + center[0] * center[0] + center[1] * center[1]).sqrt();
+        let cos = ((center[0] * n.x + center[1] * n.y + n.z) / length).clamp(-1.0, 1.0);
+        let sin = (1.0 - cos * cos).sqrt();
+        let lo = (cos * (1.0 - 0.5 * reach * reach) - sin * reach).clamp(1.0e-4, 1.0);
+        let hi = (cos + sin * reach).clamp(lo, 1.0);
+        let gamma = [scene.slab.gamma(lo), scene.slab.gamma(hi)];
+        Self {
+            seed: PixelSeed::new(scene.seed, x, y),
+            center,
+            half_width,
+            gamma,
+        }
+    }
+}
+
+/// Camera samples of one block; film points and directions are relative to the pixel's centre direction.
+pub(super) struct CameraBlock {
+    /// Film point, tangents.
+    pub(super) film: [[Lane; GROUPS]; 2],
+    /// Direction (x, y at z = 1) through the lens point.
+    pub(super) direction: [[Lane; GROUPS]; 2],
+    /// Lens point, m.
+    pub(super) lens: [[Lane; GROUPS]; 2],
+    /// tan_t / tan_i.
+    pub(super) gamma: [Lane; GROUPS],
+    /// 1 / cos_t; filled only where the glass absorbs.
+    pub(super) inverse_cos_t: [Lane; GROUPS],
+}
+
+impl CameraBlock {
+    pub(super) fn new() -> Box<Self> {
+        let lanes = [[0.0; LANES]; GROUPS];
+        let pair = [lanes; 2];
+        Box::new(Self {
+            film: pair,
+            direction: pair,
+            lens: pair,
+            gamma: lanes,
+            inverse_cos_t: lanes,
+        })
+    }
+
+    /// Fills the block with the pixel's samples `first .. first + count`.
+    #[inline(always)]
+    pub(super) fn fill(&mut self, scene: &Scene, pixel: &Pixel, first: u32, count: u32) {
+        let groups = (count as usize).div_ceil(LANES);
+        let [size_x, size_y] = scene.film.pixel_tangent().map(|v| v as f32);
+        let [film_x, film_y] = &mut self.film;
+        block(
+            &pixel.seed,
+            0,
+            first,
+            &mut film_x[..groups],
+            &mut film_y[..groups],
+        );
+        for g in 0..groups {
+            if let Some(table) = &scene.film.filter {
+                film_x[g] = film_x[g].map(|u| table.offset_px(u) * size_x);
+                film_y[g] = film_y[g].map(|u| table.offset_px(u) * size_y);
+            } else {
+                for l in 0..LANES {
+                    film_x[g][l] = (film_x[g][l] - 0.5) * size_x;
+                    film_y[g][l] = (film_y[g][l] - 0.5) * size_y;
+                }
+            }
+        }
+        let aperture = scene.lens.aperture_radius_m as f32;
+        if aperture > 0.0 {
+            let [lens_x, lens_y] = &mut self.lens;
+            block(
+                &pixel.seed,
+                1,
+                first,
+                &mut lens_x[..groups],
+                &mut lens_y[..groups],
+            );
+            for g in 0..groups {
+                for l in 0..LANES {
+                    let (x, y) = concentric_disc(lens_x[g][l], lens_y[g][l]);
+                    lens_x[g][l] = x * aperture;
+                    lens_y[g][l] = y * aperture;
+                }
+            }
+        }
+        // Rays meet at the pinhole ray's point on the plane of focus: direction = p - a / zf.
+        let inverse_focus = scene.lens.inverse_focus_per_m as f32;
+        for axis in 0..2 {
+            for g in 0..groups {
+                for l in 0..LANES {
+                    self.direction[axis][g][l] =
+                        self.film[axis][g][l] - self.lens[axis][g][l] * inverse_focus;
+                }
+            }
+        }
+        self.fill_gamma(scene, pixel, groups);
+    }
+
+    #[inline(always)]
+    fn fill_gamma(&mut self, scene: &Scene, pixel: &Pixel, groups: usize) {
+        let ior = scene.slab.ior as f32;
+        let excess = (scene.slab.ior * scene.slab.ior - 1.0) as f32;
+        let normal = scene.slab.normal.as_vec3();
+        let center = pixel.center.map(|v| v as f32);
+        let tilted = scene.slab.is_tilted();
+        let absorbs = scene.slab.absorbs();
+        for g in 0..groups {
+            for l in 0..LANES {
+                let dx = center[0] + self.direction[0][g][l];
+                let dy = center[1] + self.direction[1][g][l];
+                let square = 1.0 + (dx * dx + dy * dy);
+                // The direction (dx, dy, 1) times the normal is 1 where nothing is tilted.
+                let along = if tilted {
+                    dx * normal.x + dy * normal.y + normal.z
+                } else {
+                    1.0
+                };
+                let root = (excess * square + along * along).sqrt();
+                self.gamma[g][l] = along / root;
+                if absorbs {
+                    self.inverse_cos_t[g][l] = ior * square.sqrt() / root;
+                }
+            }
+        }
+    }
+}
+
+/// Shirley and Chiu's concentric map from the unit square to the unit disc.
+#[inline(always)]
+fn concentric_disc(u: f32, v: f32) -> (f32, f32) {
+    let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
+    let wide = a.abs() > b.abs();
+    let (radius, other) = if wide { (a, b) } else { (b, a) };
+    let radius = if radius == 0.0 { 1.0e-30 } else { radius };
+    let (sin, cos) = sin_cos_octant(other / radius * std::f32::consts::FRAC_PI_4);
+    if wide {
+        (radius * cos, radius * sin)
+    } else {
+        (radius * sin, radius * cos)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_disc_is_covered_evenly() {
+        let seed = PixelSeed::new(1, 2, 3);
+        let n = 1 << 16;
+        let (mut x2, mut r2, mut inner) = (0.0, 0.0, 0);
+        for i in 0..n {
+            let s = super::super::sampler::sample(&seed, i);
+            let (x, y) = concentric_disc(s[2], s[3]);
+            let square = f64::from(x * x + y * y);
+            assert!(square <= 1.000_001);
+            x2 += f64::from(x * x);
+            r2 += square;
+            inner += u32::from(square < 0.25);
+        }
+        assert!((x2 / f64::from(n) - 0.25).abs() < 1e-4);
+        assert!((r2 / f64::from(n) - 0.5).abs() < 1e-4);
+        assert!((f64::from(inner) / f64::from(n) - 0.25).abs() < 1e-3);
+        assert_eq!(concentric_disc(1.0, 0.5).0, 1.0);
+        assert_eq!(concentric_disc(0.5, 1.0).1, 1.0);
+        assert!(concentric_disc(0.5, 0.5).0.abs() < 1e-20);
+    }
+}

@@ -1,0 +1,32 @@
+//! Stage 4: rays. A pure function from a scene, a tile and a range of samples to the four layers' means.
+//!
+//! The estimator is written down in [`bundle`], the glass in [`slab`], the intersection in [`walk`]. No file,
+//! clock, environment or thread pool is used here, and every sum has a fixed order: a pixel's bits depend on the
+//! scene and the sample range alone.
+
+mod bundle;
+mod camera;
+mod footprint;
+mod grid;
+mod lanes;
+mod lines;
+mod orders;
+mod sampler;
+mod scene;
+mod shade;
+mod slab;
+mod texture;
+mod tile;
+mod walk;
+
+pub use bundle::PixelMeans;
+pub use grid::Grid;
+pub use orders::{FollowedOrder, OrderPlan};
+pub use sampler::{BLOCK, PixelSeed, sample};
+pub use scene::{FilmPlane, FilterTable, Lens, Pose, Scene, View};
+pub use slab::{Order, Slab};
+pub use texture::Texture;
+pub use tile::{Isa, LAYERS, Tile, TileResult, trace_tile};
+
+/// Version of the tracer's results: raised whenever any pixel changes. A run refuses to continue with another.
+pub const TRACER_VERSION: u32 = 1;

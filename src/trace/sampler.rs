@@ -1,0 +1,149 @@
+//! Owen-scrambled Sobol points as a pure function of (scene seed, pixel, sample index).
+//!
+//! A sample has four coordinates: a pair for the pixel and a pair for the lens. Both pairs use the first two
+//! Sobol dimensions, which form a (0,2)-sequence: each aligned power-of-two block of indices puts exactly one
+//! point into every elementary interval. The pairs are decorrelated by *padding*: each has its own Owen-shuffled
+//! index and its own Owen scramble of the values. (A plain xor of the index is not enough: it makes the lens
+//! point a function of the pixel point, and the error stops falling at 16 samples.)
+//!
+//! Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020. The hash is Laine and Karras's with
+//! Vegdahl's constants. Limits: indices below 2^32, 24 bits a coordinate.
+
+use super::lanes::{LANES, Lane};
+
+/// Samples that [`block`] makes at a time; ranges of more samples are whole numbers of blocks.
+pub const BLOCK: usize = 256;
+
+/// Seeds of one pixel: of the index shuffles of both pairs, and of the four coordinates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PixelSeed {
+    index: [u32; 2],
+    value: [u32; 4],
+}
+
+/// Mixes all bits (the finaliser of SplitMix64).
+const fn mix64(mut x: u64) -> u64 {
+    x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}
+
+impl PixelSeed {
+    /// Seeds of pixel (`x`, `y`) of the scene with `scene_seed`.
+    pub fn new(scene_seed: u64, x: u32, y: u32) -> Self {
+        let pixel = mix64(u64::from(x) | u64::from(y) << 32);
+        let key = mix64(scene_seed.wrapping_add(0x9e37_79b9_7f4a_7c15) ^ pixel);
+        let word =
+            |k: u64| (mix64(key.wrapping_add(k.wrapping_mul(0x9e37_79b9_7f4a_7c15))) >> 32) as u32;
+        Self {
+            index: [word(1), word(2)],
+            value: [word(3), word(4), word(5), word(6)],
+        }
+    }
+}
+
+/// Laine-Karras permutation: an Owen scramble of a number whose bits are reversed.
+#[inline(always)]
+const fn laine_karras(mut x: u32, seed: u32) -> u32 {
+    x ^= x.wrapping_mul(0x3d20_adea);
+    x = x.wrapping_add(seed);
+    x = x.wrapping_mul((seed >> 16) | 1);
+    x ^= x.wrapping_mul(0x0552_6c56);
+    x ^ x.wrapping_mul(0x53a2_2864)
+}
+
+/// Bit-reversed second Sobol coordinate of `index` (direction numbers of x + 1: the Pascal matrix).
+const fn sobol_1_reversed(mut index: u32) -> u32 {
+    let mut column = 1u32 << 31;
+    let mut value = 0;
+    while index != 0 {
+        if index & 1 == 1 {
+            value ^= column;
+        }
+        column ^= column >> 1;
+        index >>= 1;
+    }
+    value.reverse_bits()
+}
+
+/// [`sobol_1_reversed`] of the 256 low bytes: the map is linear over xor.
+static LOW_BYTE: [u32; 256] = {
+    let mut table = [0; 256];
+    let mut i = 0;
+    while i < 256 {
+        table[i] = sobol_1_reversed(i as u32);
+        i += 1;
+    }
+    table
+};
+
+/// The 24 high bits as a number in [0, 1).
+#[inline(always)]
+fn unit(x: u32) -> f32 {
+    (x >> 8) as i32 as f32 * (1.0 / 16_777_216.0)
+}
+
+/// Sample `index` of a pixel: `[pixel x, pixel y, lens u, lens v]`, each in [0, 1).
+///
+/// The definition; [`block`] gives the same bits sixteen at a time.
+pub fn sample(seed: &PixelSeed, index: u32) -> [f32; 4] {
+    let mut point = [0.0; 4];
+    for pair in 0..2 {
+        let shuffled = laine_karras(index.reverse_bits(), seed.index[pair]).reverse_bits();
+        point[2 * pair] = unit(laine_karras(shuffled, seed.value[2 * pair]).reverse_bits());
+        let second = sobol_1_reversed(shuffled);
+        point[2 * pair + 1] = unit(laine_karras(second, seed.value[2 * pair + 1]).reverse_bits());
+    }
+    point
+}
+
+/// Samples `first .. first + 16 * points[0].len()` of one pair (0 pixel, 1 lens).
+///
+/// `first` is a multiple of 256, or of 16 inside an aligned block of 256 that the samples do not leave.
+#[inline(always)]
+pub(crate) fn block(seed: &PixelSeed, pair: usize, first: u32, u: &mut [Lane], v: &mut [Lane]) {
+    debug_assert!(u.len() == v.len() && (first as usize % BLOCK) + LANES * u.len() <= BLOCK);
+    // An Owen shuffle keeps aligned power-of-two blocks together: within 256 samples the upper 24 bits of the
+    // shuffled index are constant, and so is their share of the second coordinate.
+    let high = laine_karras(first.reverse_bits(), seed.index[pair]).reverse_bits() & !0xff;
+    let high_part = sobol_1_reversed(high);
+    let (seed_u, seed_v) = (seed.value[2 * pair], seed.value[2 * pair + 1]);
+    for (group, (u, v)) in u.iter_mut().zip(v).enumerate() {
+        let start = first + (group * LANES) as u32;
+        let mut shuffled = [0u32; LANES];
+        let mut second = [0u32; LANES];
+        for l in 0..LANES {
+            let index = start + l as u32;
+            shuffled[l] = laine_karras(index.reverse_bits(), seed.index[pair]).reverse_bits();
+        }
+        for l in 0..LANES {
+            second[l] = LOW_BYTE[(shuffled[l] & 0xff) as usize];
+        }
+        for l in 0..LANES {
+            u[l] = unit(laine_karras(shuffled[l], seed_u).reverse_bits());
+            v[l] = unit(laine_karras(second[l] ^ high_part, seed_v).reverse_bits());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_equal_the_definition() {
+        let seed = PixelSeed::new(412, 17, 203);
+        for first in [0u32, 256, 65_280, 16 * 3] {
+            let groups = if first % 256 == 0 { 16 } else { 2 };
+            for pair in 0..2 {
+                let (mut u, mut v) = (vec![[0.0; LANES]; groups], vec![[0.0; LANES]; groups]);
+                block(&seed, pair, first, &mut u, &mut v);
+                for i in 0..groups * LANES {
+                    let expected = sample(&seed, first + i as u32);
+                    assert_eq!(u[i / LANES][i % LANES], expected[2 * pair]);
+                    assert_eq!(v[i / LANES][i % LANES], expected[2 * pair + 1]);
+                }
+            }
+        }
+    }
+}

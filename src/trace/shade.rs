@@ -1,0 +1,175 @@
+//! From hits to radiance: texture coordinates in lanes, then four texels a sample, summed in a fixed order.
+
+use super::lanes::{LANES, Lane, exp_neg, floor, max, min};
+use super::scene::View;
+use super::slab::Order;
+use std::ops::Range;
+
+/// Sums of radiance over the first and the second half of a pixel's samples.
+pub(super) type Sums = [[f64; 3]; 2];
+
+/// Where sixteen hits fall into a texture.
+pub(super) struct Cells {
+    cell: [u32; LANES],
+    fu: Lane,
+    fv: Lane,
+}
+
+impl Cells {
+    /// `u`, `v`: grid coordinates relative to `base`.
+    #[inline(always)]
+    pub(super) fn new(view: &View, base: [i32; 2], u: &Lane, v: &Lane) -> Self {
+        let texture = &view.texture;
+        let axis = |texels: usize, vertices: usize, base: i32| {
+            // Both images cover the same field: grid coordinate g is texel coordinate (g + 1/2) scale - 1/2.
+            let scale = texels as f64 / vertices as f64;
+            let origin = (f64::from(base) + 0.5) * scale - 0.5;
+            let whole = origin.floor();
+            (
+                scale as f32,
+                (origin - whole) as f32,
+                whole as i32,
+                -whole as f32,
+                (texels as f64 - 1.0 - whole) as f32,
+            )
+        };
+        let (nx, ny) = view.photograph_size;
+        let (scale_u, offset_u, base_u, min_u, max_u) = axis(texture.width(), nx, base[0]);
+        let (scale_v, offset_v, base_v, min_v, max_v) = axis(texture.height(), ny, base[1]);
+        let stride = texture.stride() as i32;
+        let mut cells = Self {
+            cell: [0; LANES],
+            fu: [0.0; LANES],
+            fv: [0.0; LANES],
+        };
+        for l in 0..LANES {
+            let x = min(max(u[l] * scale_u + offset_u, min_u), max_u);
+            let y = min(max(v[l] * scale_v + offset_v, min_v), max_v);
+            let ((x0, i), (y0, j)) = (floor(x), floor(y));
+            cells.fu[l] = x - x0;
+            cells.fv[l] = y - y0;
+            cells.cell[l] = ((j + base_v) * stride + i + base_u) as u32;
+        }
+        cells
+    }
+
+    /// Adds the weighted radiance of samples `lanes` to `sum`, and their bare radiance to `bare`.
+    ///
+    /// Four f32 accumulators over at most sixteen samples, then f64: the order is fixed by the sample's place in
+    /// its group alone.
+    #[inline(always)]
+    fn add<const BARE: bool>(
+        &self,
+        view: &View,
+        lanes: Range<usize>,
+        weight: impl Fn(usize) -> [f32; 4],
+        sum: &mut [f64; 3],
+        bare: &mut [f64; 3],
+    ) {
+        let mut weighted = [[0f32; 4]; 4];
+        let mut plain = [[0f32; 4]; 4];
+        for quad in 0..LANES / 4 {
+            for part in 0..4 {
+                let l = quad * 4 + part;
+                if l < lanes.start || l >= lanes.end {
+                    continue;
+                }
+                let value = view.texture.bilinear(self.cell[l], self.fu[l], self.fv[l]);
+                let w = weight(l);
+                for k in 0..4 {
+                    weighted[part][k] += value[k] * w[k];
+                    if BARE {
+                        plain[part][k] += value[k];
+                    }
+                }
+            }
+        }
+        let total =
+            |a: &[[f32; 4]; 4], k: usize| f64::from((a[0][k] + a[1][k]) + (a[2][k] + a[3][k]));
+        for k in 0..3 {
+            sum[k] += total(&weighted, k);
+            if BARE {
+                bare[k] += total(&plain, k);
+            }
+        }
+    }
+
+    /// Adds the first `count` samples, of which the first `half` belong to the first half.
+    #[inline(always)]
+    pub(super) fn add_halves<const BARE: bool>(
+        &self,
+        view: &View,
+        count: usize,
+        half: usize,
+        weight: impl Fn(usize) -> [f32; 4],
+        sums: &mut Sums,
+        bare: &mut Sums,
+    ) {
+        let half = half.min(count);
+        if count == LANES && (half == 0 || half == LANES) {
+            let part = usize::from(half == 0);
+            self.add::<BARE>(view, 0..LANES, weight, &mut sums[part], &mut bare[part]);
+        } else {
+            self.add::<BARE>(view, 0..half, &weight, &mut sums[0], &mut bare[0]);
+            self.add::<BARE>(view, half..count, &weight, &mut sums[1], &mut bare[1]);
+        }
+    }
+}
+
+/// Weights of an order for sixteen rays, without absorption: the mean over both polarisations (see
+/// [`super::slab`]).
+#[inline(always)]
+pub(super) fn weights(order: Order, ior: f32, gamma: &Lane) -> Lane {
+    let mut result = [0.0; LANES];
+    let square_ior = ior * ior;
+    let (passes, bounces) = match order {
+        Order::Transmitted(k) => (true, 2 * k),
+        Order::Reflected(0) => (false, 1),
+        Order::Reflected(k) => (true, 2 * k - 1),
+    };
+    let mut reflectance = [[0f32; LANES]; 2];
+    let mut product = [[0f32; LANES]; 2];
+    for (q, factor) in [1.0, square_ior].into_iter().enumerate() {
+        for l in 0..LANES {
+            let g = factor * gamma[l];
+            let inverse = 1.0 / (1.0 + g);
+            let amplitude = (1.0 - g) * inverse;
+            // 1 - R = 4 g / (1 + g)^2, without cancellation at grazing incidence.
+            let transmittance = 4.0 * g * inverse * inverse;
+            reflectance[q][l] = amplitude * amplitude;
+            product[q][l] = if passes {
+                transmittance * transmittance
+            } else {
+                1.0
+            };
+        }
+        for _ in 0..bounces {
+            for l in 0..LANES {
+                product[q][l] *= reflectance[q][l];
+            }
+        }
+    }
+    for l in 0..LANES {
+        result[l] = 0.5 * (product[0][l] + product[1][l]);
+    }
+    result
+}
+
+/// Multiplies `weights` by one colour's absorption over the order's passages.
+#[inline(always)]
+pub(super) fn absorbed(
+    weights: &Lane,
+    order: Order,
+    optical_depth: f32,
+    inverse_cos_t: &Lane,
+) -> Lane {
+    let passages = match order {
+        Order::Transmitted(k) => 2 * k + 1,
+        Order::Reflected(k) => 2 * k,
+    } as f32;
+    let mut result = *weights;
+    for l in 0..LANES {
+        result[l] *= exp_neg(passages * optical_depth * inverse_cos_t[l]);
+    }
+    result
+}

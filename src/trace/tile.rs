@@ -1,0 +1,108 @@
+//! A tile's pixels, one after the other, on the best instruction set at hand.
+
+use super::bundle::{PixelMeans, Tracer};
+use super::scene::Scene;
+use std::ops::Range;
+
+/// A rectangle of the film, px.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+pub struct Tile {
+    /// Left edge.
+    pub x: u32,
+    /// Upper edge.
+    pub y: u32,
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+}
+
+/// Instruction set of the kernels. All give the same bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Isa {
+    /// What every machine of the architecture has (SSE2 on x86-64).
+    Baseline,
+    /// 256-bit vectors.
+    Avx2,
+}
+
+impl Isa {
+    /// The fastest that this machine has.
+    pub fn detect() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            return Self::Avx2;
+        }
+        Self::Baseline
+    }
+}
+
+/// The four layers, in the order in which everything stores them.
+pub const LAYERS: [&str; 4] = [
+    "input",
+    "transmission",
+    "glass_reflection",
+    "clean_reflection",
+];
+
+/// A traced tile.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TileResult {
+    /// Row by row.
+    pub pixels: Vec<PixelMeans>,
+    /// Samples a pixel that each layer's strongest order took (0: the range holds none of R's).
+    pub samples: [u32; 4],
+    /// Paths of each layer.
+    pub paths: [u64; 4],
+    /// Paths of each layer that ended on the border's continuation.
+    pub misses: [u64; 4],
+}
+
+/// Traces `samples` (a power-of-two block, or all) of each pixel of `tile`.
+///
+/// A pure function: its bits depend on neither the tile's shape nor `isa`, thread, time or machine.
+/// Panics if the tile leaves the film or the range is not an aligned block.
+pub fn trace_tile(scene: &Scene, tile: Tile, samples: Range<u32>, isa: Isa) -> TileResult {
+    assert!(
+        tile.x + tile.width <= scene.film.width && tile.y + tile.height <= scene.film.height,
+        "tile outside the film"
+    );
+    let count = samples.end - samples.start;
+    assert!(
+        count.is_power_of_two() && samples.start % count == 0,
+        "samples must be an aligned block"
+    );
+    match isa {
+        #[cfg(target_arch = "x86_64")]
+        #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
+        Isa::Avx2 if std::arch::is_x86_feature_detected!("avx2") => {
+            // SAFETY: the machine has AVX2, as just asked.
+            unsafe { trace_avx2(scene, tile, samples) }
+        }
+        _ => trace(scene, tile, samples),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn trace_avx2(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileResult {
+    trace(scene, tile, samples)
+}
+
+#[inline(always)]
+fn trace(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileResult {
+    let mut tracer = Tracer::new(scene, samples);
+    let mut pixels = Vec::with_capacity((tile.width * tile.height) as usize);
+    for y in tile.y..tile.y + tile.height {
+        for x in tile.x..tile.x + tile.width {
+            pixels.push(tracer.pixel(x, y));
+        }
+    }
+    let (samples, paths, misses) = tracer.counts();
+    TileResult {
+        pixels,
+        samples,
+        paths,
+        misses,
+    }
+}
