@@ -150,7 +150,8 @@ fn list(root: &Path, below: &str, paths: &mut Vec<String>) -> Result<(), (PathBu
         } else {
             format!("{below}/{name}")
         };
-        if may_hold_photographs(&path) {
+        // `is_dir` follows links, and an archive left beside its folder is none.
+        if may_hold_photographs(&path) && root.join(&path).is_dir() {
             list(root, &path, paths)?;
         } else if below.contains("/scan_") {
             paths.push(path);
@@ -282,6 +283,8 @@ mod tests {
                 crate::atomic_file::write_relaxed(Path::new(&file), b"").unwrap();
             }
         }
+        let archive = dir.path().join("indoors/scene_2/scan_1.zip");
+        crate::atomic_file::write_relaxed(&archive, b"").unwrap();
         let index = index_source("diode", &source, dir.path()).unwrap();
         let colors: Vec<_> = index.images.iter().map(|i| i.color.as_str()).collect();
         assert_eq!(

@@ -3,12 +3,13 @@
 use super::diode::SourceImage;
 use super::divide::divide;
 use super::draw::{Draw, scene_seed};
+use super::focus::FocusRecipe;
 use super::line::{
     Apex, Camera, Film, Focus, FocusAt, Glass, Photograph, SCENE_SCHEMA, SceneLine, Split,
 };
 use super::pair::{Pair, pairs};
 use super::param::Param;
-use super::recipe::{FocusRecipe, Recipe, RecipeError, Source};
+use super::recipe::{Recipe, RecipeError, Source};
 use super::refuse::refuse;
 use crate::ids::SceneId;
 use std::collections::BTreeMap;
@@ -367,6 +368,20 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(error.contains("has 3 photographs"), "{error}");
+    }
+
+    #[test]
+    fn scenes_at_the_end_leave_the_others_where_one_split_has_all_photographs() {
+        let text = PAPER.split("[[split]]").next().unwrap().to_owned();
+        let with = |count: u32| {
+            let split = format!("[[split]]\nname = \"test\"\npairs = {{ diode = {count} }}");
+            Recipe::parse(&format!("{text}{split}")).unwrap()
+        };
+        let sources = two_sources(7, 5);
+        let few = expand(&with(20), &sources).unwrap();
+        let many = expand(&with(50), &sources).unwrap();
+        assert_eq!(few, many[..20]);
+        assert_eq!(few[0].split, Split::Test);
     }
 
     proptest! {

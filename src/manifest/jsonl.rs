@@ -180,6 +180,26 @@ mod tests {
     }
 
     #[test]
+    fn whole_numbers_are_distances_too_and_a_focus_is_one_of_its_forms() {
+        let with =
+            |focus: &str| parse_jsonl(&manifest(&["a"]).replace("{\"distance_m\":7.05}", focus));
+        let focus = with("{\"distance_m\":7}").unwrap()[0].camera.focus;
+        assert_eq!(focus, Focus::Distance { distance_m: 7.0 });
+        for bad in [
+            "7",
+            "{}",
+            "{\"distance_m\":7,\"at\":\"infinity\"}",
+            "\"infinity\"",
+        ] {
+            let error = with(bad).unwrap_err().to_string();
+            assert!(
+                error.contains("focus must be {\"distance_m\": z}"),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
     fn unknown_keys_are_refused_at_every_depth() {
         let text = manifest(&["a"]);
         for (from, to) in [
