@@ -2,6 +2,7 @@
 
 use crate::ids::SceneId;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// The schema name that a scene line must carry.
 pub const SCENE_SCHEMA: &str = "glasshouse.scene/1";
@@ -15,6 +16,15 @@ pub enum Split {
     Train,
     /// For testing: shares no photograph with `train`.
     Test,
+}
+
+impl fmt::Display for Split {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Train => "train",
+            Self::Test => "test",
+        })
+    }
 }
 
 /// One scene: a front and a back photograph, a pane, a camera, a film.
@@ -101,7 +111,11 @@ pub struct Camera {
 
 /// The plane that is sharp (without the glass, whose focus shift is not compensated).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(untagged, deny_unknown_fields)]
+#[serde(
+    untagged,
+    deny_unknown_fields,
+    expecting = "focus must be {\"distance_m\": z}, {\"at\": \"front_center\"} or {\"at\": \"infinity\"}"
+)]
 pub enum Focus {
     /// `{"distance_m": z}`
     Distance {

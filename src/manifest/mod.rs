@@ -1,5 +1,42 @@
 //! Stage 1, *what*: a recipe (distributions) becomes a manifest (one resolved scene a line).
+//!
+//! ```text
+//! recipe.rs, param.rs     what a .toml says            jsonl.rs     manifests as text
+//! diode.rs               which photographs there are  validate.rs  which lines are sound
+//! divide.rs -> pair.rs   who shares a scene           refuse.rs    which panes cannot be looked through
+//! draw.rs                every random number          roots.rs     where a line's paths lead
+//! expand.rs              all of it: recipe -> scene lines
+//! ```
+//!
+//! Pure, apart from the folder walk of `diode.rs`.
 
+mod diode;
+mod divide;
+mod draw;
+mod expand;
+mod focus;
+mod jsonl;
+mod limits;
 mod line;
+mod pair;
+mod param;
+mod recipe;
+mod recipe_check;
+mod refuse;
+mod roots;
+mod validate;
 
+pub use diode::{Index, IndexError, Place, SourceImage, from_paths, index_source};
+pub use draw::{Draw, scene_seed};
+pub use expand::{Expansion, expand, expand_counted};
+pub use focus::FocusRecipe;
+pub use jsonl::{ManifestError, parse_jsonl, parse_scene, to_jsonl};
 pub use line::*;
+pub use param::{Normal, Param};
+pub use recipe::{
+    BackRecipe, CameraRecipe, FilmRecipe, FrontRecipe, GlassRecipe, Layout, RECIPE_SCHEMA, Recipe,
+    RecipeError, Source, SplitRecipe,
+};
+pub use refuse::{MAX_INCIDENCE_DEG, refuse};
+pub use roots::{RootError, Roots};
+pub use validate::LineError;

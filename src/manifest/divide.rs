@@ -1,0 +1,181 @@
+//! Which split a photograph belongs to: each to one, in proportion to the pairs they need.
+
+use super::diode::{Place, SourceImage};
+use super::draw::shuffled;
+use super::recipe::RecipeError;
+use std::collections::BTreeSet;
+
+/// Divides the photographs of a source among splits that need `pairs` (all above 0) of it.
+///
+/// Every split gets at least two, and some of each place where there are enough. The parts follow from
+/// the seed, the source's name and the paths alone.
+pub(super) fn divide<'a>(
+    dataset_seed: u64,
+    source_name: &str,
+    images: &'a [SourceImage],
+    pairs: &[u32],
+) -> Result<Vec<Vec<&'a SourceImage>>, RecipeError> {
+    let mut seen = BTreeSet::new();
+    if let Some(twice) = images.iter().find(|image| !seen.insert(&image.color)) {
+        return Err(RecipeError::ListedTwice {
+            source_name: source_name.to_owned(),
+            color: twice.color.clone(),
+        });
+    }
+    let splits = pairs.len();
+    if images.len() < 2 * splits {
+        return Err(RecipeError::TooFewImages {
+            source_name: source_name.to_owned(),
+            found: images.len(),
+            needed: 2 * splits,
+            splits,
+        });
+    }
+
+    let of = |place: Place| {
+        let there = images.iter().filter(|image| image.place == place);
+        shuffled(dataset_seed, &["divide", source_name], there, |image| {
+            &image.color
+        })
+    };
+    let (mut rare, mut common) = (of(Place::Indoors), of(Place::Outdoor));
+    if rare.len() > common.len() {
+        std::mem::swap(&mut rare, &mut common);
+    }
+    let rare_sizes = if rare.len() >= splits {
+        apportion(rare.len(), pairs, &vec![1; splits])
+    } else {
+        one_each(rare.len(), pairs)
+    };
+    let least: Vec<usize> = rare_sizes
+        .iter()
+        .map(|n| 2usize.saturating_sub(*n).max(1))
+        .collect();
+    let common_sizes = apportion(common.len(), pairs, &least);
+
+    let (mut rare, mut common) = (rare.into_iter(), common.into_iter());
+    Ok(rare_sizes
+        .into_iter()
+        .zip(common_sizes)
+        .map(|(m, n)| {
+            rare.by_ref()
+                .take(m)
+                .chain(common.by_ref().take(n))
+                .collect()
+        })
+        .collect())
+}
+
+/// Gives `total` out in proportion to `weights`, by largest remainder, nobody less than `least`.
+///
+/// `total` is at least the sum of `least`.
+fn apportion(total: usize, weights: &[u32], least: &[usize]) -> Vec<usize> {
+    let mut sizes = least.to_vec();
+    let mut open: Vec<usize> = (0..weights.len()).collect();
+    let mut left = total;
+    let mut weight: u128 = weights.iter().map(|&w| u128::from(w)).sum();
+    // Whoever deserves less than the least gets the least, which lowers the share of the others.
+    while let Some(position) = open
+        .iter()
+        .position(|&k| (left as u128) * u128::from(weights[k]) < (least[k] as u128) * weight)
+    {
+        let k = open.remove(position);
+        left -= least[k];
+        weight -= u128::from(weights[k]);
+    }
+    let mut given = 0;
+    let mut remainders = Vec::new();
+    for &k in &open {
+        let share = (left as u128) * u128::from(weights[k]);
+        sizes[k] = (share / weight) as usize;
+        given += sizes[k];
+        remainders.push((share % weight, k));
+    }
+    remainders.sort_by(|(a, i), (b, j)| b.cmp(a).then(i.cmp(j)));
+    for &(_, k) in remainders.iter().take(left - given) {
+        sizes[k] += 1;
+    }
+    sizes
+}
+
+/// Gives `total`, fewer than there are splits, one each to those with the most pairs.
+fn one_each(total: usize, pairs: &[u32]) -> Vec<usize> {
+    let mut by_need: Vec<usize> = (0..pairs.len()).collect();
+    by_need.sort_by_key(|&k| std::cmp::Reverse(pairs[k]));
+    let mut sizes = vec![0; pairs.len()];
+    for &k in by_need.iter().take(total) {
+        sizes[k] = 1;
+    }
+    sizes
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Photographs spread over scans of four.
+    pub(in super::super) fn set(indoors: usize, outdoor: usize) -> Vec<SourceImage> {
+        let image = |place: Place, folder: &str, n: usize| SourceImage {
+            color: format!("{folder}/scene_{}/scan_{}/{n}.png", n / 8, n / 4),
+            depth: format!("{folder}/scene_{}/scan_{}/{n}_depth.npy", n / 8, n / 4),
+            mask: None,
+            place,
+            scene: format!("scene_{}", n / 8),
+            scan: format!("scan_{}", n / 4),
+        };
+        let inside = (0..indoors).map(|n| image(Place::Indoors, "indoors", n));
+        let outside = (0..outdoor).map(|n| image(Place::Outdoor, "outdoor", n));
+        inside.chain(outside).collect()
+    }
+
+    #[test]
+    fn parts_are_proportional() {
+        let images = set(400, 600);
+        let parts = divide(1, "s", &images, &[3000, 120]).unwrap();
+        let sizes: Vec<_> = parts.iter().map(Vec::len).collect();
+        assert!((961..=962).contains(&sizes[0]), "{sizes:?}");
+        let inside = parts[1]
+            .iter()
+            .filter(|i| i.place == Place::Indoors)
+            .count();
+        assert!((15..=16).contains(&inside), "{inside}");
+    }
+
+    #[test]
+    fn too_few_photographs_are_refused() {
+        let error = divide(1, "s", &set(2, 1), &[6, 2]).unwrap_err().to_string();
+        assert!(error.contains("has 3 photographs, but 2 splits"), "{error}");
+        let mut twice = set(2, 2);
+        twice.push(twice[0].clone());
+        assert!(matches!(
+            divide(1, "s", &twice, &[1]),
+            Err(RecipeError::ListedTwice { .. })
+        ));
+    }
+
+    proptest! {
+        #[test]
+        fn every_photograph_has_one_split(
+            indoors in 0usize..40, outdoor in 0usize..40, seed: u64,
+            pairs in prop::collection::vec(1u32..5000, 1..4),
+        ) {
+            let images = set(indoors, outdoor);
+            prop_assume!(images.len() >= 2 * pairs.len());
+            let parts = divide(seed, "s", &images, &pairs).unwrap();
+            prop_assert_eq!(parts.len(), pairs.len());
+            let mut seen = BTreeSet::new();
+            for part in &parts {
+                prop_assert!(part.len() >= 2);
+                for image in part {
+                    prop_assert!(seen.insert(&image.color));
+                }
+                for (place, count) in [(Place::Indoors, indoors), (Place::Outdoor, outdoor)] {
+                    let has = part.iter().any(|image| image.place == place);
+                    prop_assert!(has || count < pairs.len());
+                }
+            }
+            prop_assert_eq!(seen.len(), images.len());
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! The range of every number of a scene line: one table for lines and for recipes.
+
+use std::ops::{Bound, RangeBounds};
+
+/// The values that a field may have.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limit {
+    range: (Bound<f64>, Bound<f64>),
+    /// The same range in words, as it follows "must be".
+    pub(super) allowed: &'static str,
+}
+
+impl Limit {
+    const fn new(least: Bound<f64>, most: Bound<f64>, allowed: &'static str) -> Self {
+        Self {
+            range: (least, most),
+            allowed,
+        }
+    }
+
+    /// Whether `value` is allowed. Never true for NaN or an infinity.
+    pub(super) fn contains(&self, value: f64) -> bool {
+        value.is_finite() && self.range.contains(&value)
+    }
+}
+
+const ABOVE_0: Limit = Limit::new(Bound::Excluded(0.0), Bound::Unbounded, "finite and above 0");
+const FROM_0: Limit = Limit::new(
+    Bound::Included(0.0),
+    Bound::Unbounded,
+    "finite and at least 0",
+);
+
+/// Width and height, px.
+pub(super) const FILM_SIDE: Limit = Limit::new(
+    Bound::Included(1.0),
+    Bound::Included(16_384.0),
+    "1 to 16384 px",
+);
+/// Samples a pixel; [`is_sample_count`] has the rest of the rule.
+pub(super) const SPP: Limit = Limit::new(
+    Bound::Included(1.0),
+    Bound::Included(65_536.0),
+    "a power of two from 1 to 65536",
+);
+pub(super) const ORDER_TOLERANCE: Limit = FROM_0;
+pub(super) const FOCAL_LENGTH_MM: Limit = ABOVE_0;
+pub(super) const APERTURE_RADIUS_M: Limit = FROM_0;
+pub(super) const FOCUS_DISTANCE_M: Limit = ABOVE_0;
+pub(super) const GLASS_DISTANCE_M: Limit = ABOVE_0;
+pub(super) const THICKNESS_M: Limit = FROM_0;
+pub(super) const IOR: Limit = Limit::new(Bound::Included(1.0), Bound::Included(10.0), "1 to 10");
+pub(super) const ABSORPTION_PER_M: Limit = FROM_0;
+pub(super) const TILT_DEG: Limit = Limit::new(
+    Bound::Excluded(-90.0),
+    Bound::Excluded(90.0),
+    "above -90 and below 90 degrees",
+);
+pub(super) const DEPTH_UNIT_M: Limit = ABOVE_0;
+pub(super) const EXPOSURE: Limit = FROM_0;
+/// fx and fy, px.
+pub(super) const FOCAL_LENGTH_PX: Limit = ABOVE_0;
+/// cx and cy, px.
+pub(super) const PRINCIPAL_POINT_PX: Limit =
+    Limit::new(Bound::Unbounded, Bound::Unbounded, "finite");
+/// Each side of `intrinsics.size`, px.
+pub(super) const IMAGE_SIDE: Limit = Limit::new(
+    Bound::Included(1.0),
+    Bound::Included(4_294_967_295.0),
+    "at least 1 px",
+);
+
+/// Whether `spp` is a sample count that scrambled Sobol points serve in full: a power of two.
+pub(super) fn is_sample_count(spp: f64) -> bool {
+    SPP.contains(spp) && spp.fract() == 0.0 && (spp as u32).is_power_of_two()
+}

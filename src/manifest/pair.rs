@@ -1,0 +1,262 @@
+//! Who shares a scene: a front and a back photograph of one split.
+//!
+//! Every pair is a function of the photographs and its own number, so more pairs change no earlier one.
+
+use super::diode::{Place, SourceImage};
+use super::draw::{keyed, shuffled};
+use std::collections::BTreeMap;
+
+/// A front and a back photograph.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pair<'a> {
+    pub(super) front: &'a SourceImage,
+    pub(super) back: &'a SourceImage,
+}
+
+impl Pair<'_> {
+    /// Whether both were taken from one standpoint.
+    pub(super) fn is_of_one_scan(&self) -> bool {
+        scan_of(self.front) == scan_of(self.back)
+    }
+
+    /// Whether both are indoors, or both outdoors.
+    pub(super) fn is_of_one_place(&self) -> bool {
+        self.front.place == self.back.place
+    }
+}
+
+/// Pairs `part`, two or more photographs, `count` times: opposite places where there are both, else
+/// another scan where there is one; each photograph as often as the next one of its side in each role.
+///
+/// `key` is what the shuffles depend on besides the seed.
+pub(super) fn pairs<'a>(
+    dataset_seed: u64,
+    key: [&str; 2],
+    part: &[&'a SourceImage],
+    count: u32,
+) -> Vec<Pair<'a>> {
+    let indoors: Vec<_> = of(part, |image| image.place == Place::Indoors);
+    let outdoor: Vec<_> = of(part, |image| image.place == Place::Outdoor);
+    if !indoors.is_empty() && !outdoor.is_empty() {
+        return across(dataset_seed, key, &indoors, &outdoor, count);
+    }
+    let mut scans: BTreeMap<Scan<'_>, usize> = BTreeMap::new();
+    for image in part {
+        *scans.entry(scan_of(image)).or_default() += 1;
+    }
+    match scans.iter().max_by_key(|(_, size)| **size) {
+        // One scan outweighs all others together: its photographs face those of the others.
+        Some((largest, &size)) if scans.len() > 1 && 2 * size > part.len() => {
+            let inside = of(part, |image| scan_of(image) == *largest);
+            let outside = of(part, |image| scan_of(image) != *largest);
+            across(dataset_seed, key, &inside, &outside, count)
+        }
+        _ => within(dataset_seed, key, part, scans.len() > 1, count),
+    }
+}
+
+type Scan<'a> = (Place, &'a str, &'a str);
+
+fn scan_of(image: &SourceImage) -> Scan<'_> {
+    (image.place, &image.scene, &image.scan)
+}
+
+fn of<'a>(part: &[&'a SourceImage], keep: impl Fn(&SourceImage) -> bool) -> Vec<&'a SourceImage> {
+    part.iter().copied().filter(|image| keep(image)).collect()
+}
+
+/// Fronts from either side in turn, backs from the other.
+fn across<'a>(
+    dataset_seed: u64,
+    key: [&str; 2],
+    one: &[&'a SourceImage],
+    other: &[&'a SourceImage],
+    count: u32,
+) -> Vec<Pair<'a>> {
+    let deck = |role| Deck {
+        dataset_seed,
+        key: [key[0], key[1], role],
+        round: 0,
+        left: Vec::new(),
+    };
+    let mut one_front = deck("first side, front");
+    let mut one_back = deck("first side, back");
+    let mut other_front = deck("second side, front");
+    let mut other_back = deck("second side, back");
+    let first = keyed(dataset_seed, &[key[0], key[1], "first front"]) & 1;
+    (0..u64::from(count))
+        .map(|number| {
+            if number & 1 == first {
+                Pair {
+                    front: one_front.next(one),
+                    back: other_back.next(other),
+                }
+            } else {
+                Pair {
+                    front: other_front.next(other),
+                    back: one_back.next(one),
+                }
+            }
+        })
+        .collect()
+}
+
+/// Photographs in an order that is shuffled anew each time all have been dealt.
+struct Deck<'k, 'a> {
+    dataset_seed: u64,
+    key: [&'k str; 3],
+    round: u32,
+    /// The next one last.
+    left: Vec<&'a SourceImage>,
+}
+
+impl<'a> Deck<'_, 'a> {
+    fn next(&mut self, images: &[&'a SourceImage]) -> &'a SourceImage {
+        loop {
+            if let Some(image) = self.left.pop() {
+                return image;
+            }
+            let round = self.round.to_string();
+            let key = [self.key[0], self.key[1], self.key[2], &round];
+            self.left = shuffle(self.dataset_seed, &key, images);
+            self.round += 1;
+        }
+    }
+}
+
+fn shuffle<'a>(
+    dataset_seed: u64,
+    key: &[&str],
+    images: &[&'a SourceImage],
+) -> Vec<&'a SourceImage> {
+    shuffled(dataset_seed, key, images.iter().copied(), |image| {
+        &image.color
+    })
+}
+
+/// Pairs from one pool, in rounds in which each photograph is front once and back once.
+///
+/// A round sorts the photographs by group (scan, or the photograph itself if all are of one scan) and
+/// sets each against the one `shift` places on. From the largest group's size on, and up to what is left
+/// of the pool without it, no shift stays in a group.
+fn within<'a>(
+    dataset_seed: u64,
+    key: [&str; 2],
+    part: &[&'a SourceImage],
+    by_scan: bool,
+    count: u32,
+) -> Vec<Pair<'a>> {
+    let mut made = Vec::with_capacity(count as usize);
+    let mut round = 0u32;
+    while made.len() < count as usize {
+        let round_text = round.to_string();
+        let round_key = |role| [key[0], key[1], role, round_text.as_str()];
+        let mut ring = shuffle(dataset_seed, &round_key("ring"), part);
+        let mut largest = 1;
+        if by_scan {
+            let mut sizes: BTreeMap<Scan<'_>, usize> = BTreeMap::new();
+            for image in &ring {
+                *sizes.entry(scan_of(image)).or_default() += 1;
+            }
+            largest = sizes.values().copied().max().unwrap_or(1);
+            ring.sort_by_cached_key(|image| {
+                let (place, scene, scan) = scan_of(image);
+                let order = keyed(
+                    dataset_seed,
+                    &[key[0], key[1], "scan", &round_text, scene, scan],
+                );
+                (order, place, scene, scan)
+            });
+        }
+        let shifts = ring.len() + 1 - 2 * largest;
+        let chosen = keyed(dataset_seed, &round_key("shift")) % shifts as u64;
+        let shift = largest + chosen as usize;
+        let partner: BTreeMap<&str, &SourceImage> = ring
+            .iter()
+            .enumerate()
+            .map(|(place, image)| (image.color.as_str(), ring[(place + shift) % ring.len()]))
+            .collect();
+        for front in shuffle(dataset_seed, &round_key("order"), part) {
+            let back = partner[front.color.as_str()];
+            made.push(Pair { front, back });
+        }
+        round += 1;
+    }
+    made.truncate(count as usize);
+    made
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::divide::tests::set;
+    use super::*;
+    use proptest::prelude::*;
+
+    fn refs(images: &[SourceImage]) -> Vec<&SourceImage> {
+        images.iter().collect()
+    }
+
+    /// Least and largest number of uses among `images`, as fronts and as backs.
+    fn uses(made: &[Pair<'_>], images: &[&SourceImage]) -> [(usize, usize); 2] {
+        let roles: [fn(&Pair<'_>) -> String; 2] =
+            [|p| p.front.color.clone(), |p| p.back.color.clone()];
+        roles.map(|role| {
+            let counts: Vec<usize> = images
+                .iter()
+                .map(|image| made.iter().filter(|p| role(p) == image.color).count())
+                .collect();
+            (*counts.iter().min().unwrap(), *counts.iter().max().unwrap())
+        })
+    }
+
+    #[test]
+    fn one_scan_alone_still_pairs_different_photographs() {
+        let images = set(4, 0);
+        for pair in pairs(3, ["train", "s"], &refs(&images), 20) {
+            assert!(pair.is_of_one_scan());
+            assert_ne!(pair.front.color, pair.back.color);
+        }
+    }
+
+    #[test]
+    fn a_scan_that_outweighs_the_others_never_meets_itself() {
+        // Scans of four and one.
+        let images = set(5, 0);
+        let made = pairs(3, ["train", "s"], &refs(&images), 40);
+        assert!(made.iter().all(|pair| !pair.is_of_one_scan()));
+    }
+
+    proptest! {
+        #[test]
+        fn pairs_are_opposite_even_and_stable(
+            indoors in 0usize..24, outdoor in 0usize..24, seed: u64, count in 1u32..90,
+        ) {
+            let images = set(indoors, outdoor);
+            prop_assume!(images.len() >= 2);
+            let part = refs(&images);
+            let made = pairs(seed, ["train", "s"], &part, count);
+            prop_assert_eq!(made.len(), count as usize);
+            for pair in &made {
+                prop_assert_ne!(&pair.front.color, &pair.back.color);
+                prop_assert_eq!(pair.is_of_one_place(), indoors == 0 || outdoor == 0);
+                prop_assert_eq!(pair.is_of_one_scan(), indoors.max(outdoor) <= 4 && pair.is_of_one_place());
+            }
+
+            // Even within a side; a lone side is even unless one scan outweighs the others.
+            for side in [Place::Indoors, Place::Outdoor] {
+                let side = of(&part, |image| image.place == side);
+                let lopsided = (indoors == 0 || outdoor == 0) && (5..8).contains(&side.len());
+                if !side.is_empty() && !lopsided {
+                    for (least, most) in uses(&made, &side) {
+                        prop_assert!(most - least <= 1, "{least} {most}");
+                    }
+                }
+            }
+
+            let more = pairs(seed, ["train", "s"], &part, count + 7);
+            for (a, b) in made.iter().zip(&more) {
+                prop_assert_eq!((&a.front.color, &a.back.color), (&b.front.color, &b.back.color));
+            }
+        }
+    }
+}

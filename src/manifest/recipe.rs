@@ -1,0 +1,424 @@
+//! `glasshouse.recipe/1`: what a set of scenes is drawn from. Defaults are the paper's constants.
+
+use super::focus::FocusRecipe;
+use super::line::{Apex, DepthKind, Fill, Film, Filter, Intrinsics, Split, Transfer};
+use super::param::Param;
+use super::roots::Roots;
+use super::validate::LineError;
+use crate::ids::SceneId;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// The schema name that a recipe must carry.
+pub const RECIPE_SCHEMA: &str = "glasshouse.recipe/1";
+
+/// A recipe that cannot be used, or that cannot be expanded with the photographs at hand.
+#[derive(Debug, thiserror::Error)]
+pub enum RecipeError {
+    /// Not TOML, an unknown key, or a value of the wrong kind; the source names the place.
+    #[error("the recipe cannot be read: {0}")]
+    Toml(#[from] Box<toml::de::Error>),
+    /// A value that a recipe may not have.
+    #[error("recipe key {key} {problem}")]
+    Key {
+        /// The key, with dots.
+        key: String,
+        /// Its value, what is wrong with it, and what is right.
+        problem: String,
+    },
+    /// `expand` was not told which photographs a source has.
+    #[error("source {source_name} has not been indexed: list its photographs before expanding")]
+    NotIndexed {
+        /// The source.
+        source_name: String,
+    },
+    /// A photograph listed twice could reach both splits.
+    #[error("source {source_name} lists {color} twice: list each colour image once")]
+    ListedTwice {
+        /// The source.
+        source_name: String,
+        /// The colour image.
+        color: String,
+    },
+    /// Splits may not share photographs, and a pair needs two.
+    #[error(
+        "source {source_name} has {found} photographs, but {splits} splits that share none need at \
+         least {needed}: add photographs, or take this source out of a split"
+    )]
+    TooFewImages {
+        /// The source.
+        source_name: String,
+        /// What there is.
+        found: usize,
+        /// Two a split.
+        needed: usize,
+        /// Splits that draw from this source.
+        splits: usize,
+    },
+    /// No pane drawn for this scene can be looked through.
+    #[error(
+        "scene {id}: {attempts} draws of {ranges} were all refused, at last because {source}; narrow \
+         these ranges"
+    )]
+    Refused {
+        /// The scene.
+        id: SceneId,
+        /// How often it was drawn.
+        attempts: u32,
+        /// The parameters that decide it, with their ranges.
+        ranges: String,
+        /// Why the last draw was refused.
+        source: LineError,
+    },
+    /// A drawn line that is not sound.
+    #[error("scene {id}: {source}")]
+    Line {
+        /// The scene.
+        id: SceneId,
+        /// Which field.
+        source: LineError,
+    },
+}
+
+/// A recipe.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    /// Always [`RECIPE_SCHEMA`].
+    pub schema: String,
+    /// Of the set, for people: `[A-Za-z0-9_-]+`.
+    pub name: String,
+    /// Dataset seed: all draws, pairs and divisions follow from it. Default 2020.
+    #[serde(default = "default_seed")]
+    pub seed: u64,
+    /// Film.
+    #[serde(default)]
+    pub film: FilmRecipe,
+    /// Lens and focus.
+    #[serde(default)]
+    pub camera: CameraRecipe,
+    /// Pane.
+    #[serde(default)]
+    pub glass: GlassRecipe,
+    /// What is seen through the pane.
+    #[serde(default)]
+    pub front: FrontRecipe,
+    /// What is seen reflected.
+    #[serde(default)]
+    pub back: BackRecipe,
+    /// Where photographs come from, by name. The name is also the named root of their paths.
+    pub sources: BTreeMap<String, Source>,
+    /// Parts of the set, which share no photograph.
+    #[serde(rename = "split")]
+    pub splits: Vec<SplitRecipe>,
+}
+
+fn default_seed() -> u64 {
+    2020
+}
+
+/// `[film]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FilmRecipe {
+    /// Pixels across: a constant or a choice of whole numbers. Default 256.
+    pub width: Param,
+    /// Pixels down: a constant or a choice of whole numbers. Default 256.
+    pub height: Param,
+    /// Camera samples a pixel: a constant or a choice of powers of two. Default 256.
+    pub spp: Param,
+    /// Reconstruction filter. Default box.
+    pub filter: Filter,
+    /// Orders of the glass below this linear radiance are dropped. Default 7.6e-5.
+    pub order_tolerance: Param,
+}
+
+impl Default for FilmRecipe {
+    fn default() -> Self {
+        Self {
+            width: Param::Constant(256.0),
+            height: Param::Constant(256.0),
+            spp: Param::Constant(256.0),
+            filter: Filter::Box,
+            order_tolerance: Param::Constant(Film::default_order_tolerance()),
+        }
+    }
+}
+
+/// `[camera]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CameraRecipe {
+    /// Relative to the 43.267 mm diagonal of a 36 x 24 mm frame. Default 55.
+    pub focal_length_mm: Param,
+    /// Radius of the lens opening. Default 0.00893.
+    pub aperture_radius_m: Param,
+    /// What is sharp. Default `"front_center"`.
+    pub focus: FocusRecipe,
+}
+
+impl Default for CameraRecipe {
+    fn default() -> Self {
+        Self {
+            focal_length_mm: Param::Constant(55.0),
+            aperture_radius_m: Param::Constant(0.00893),
+            focus: FocusRecipe::FrontCenter,
+        }
+    }
+}
+
+/// `[glass]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GlassRecipe {
+    /// Front face from the lens along the axis. Default 0.30.
+    pub distance_m: Param,
+    /// Thickness. Default 0.010.
+    pub thickness_m: Param,
+    /// Index of refraction. Default 1.6.
+    pub ior: Param,
+    /// Of red, green and blue, per metre of path. Default none.
+    pub absorption_per_m: [Param; 3],
+    /// Pitch and yaw. Default perpendicular.
+    pub tilt_deg: [Param; 2],
+}
+
+impl Default for GlassRecipe {
+    fn default() -> Self {
+        Self {
+            distance_m: Param::Constant(0.30),
+            thickness_m: Param::Constant(0.010),
+            ior: Param::Constant(1.6),
+            absorption_per_m: [const { Param::Constant(0.0) }; 3],
+            tilt_deg: [const { Param::Constant(0.0) }; 2],
+        }
+    }
+}
+
+/// `[front]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FrontRecipe {
+    /// Multiplies linear radiance. Default 1.
+    pub exposure: Param,
+}
+
+impl Default for FrontRecipe {
+    fn default() -> Self {
+        Self {
+            exposure: Param::Constant(1.0),
+        }
+    }
+}
+
+/// `[back]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BackRecipe {
+    /// Multiplies linear radiance. Default 1.
+    pub exposure: Param,
+    /// Where the capture camera stands. Default mirror.
+    pub apex: Apex,
+}
+
+impl Default for BackRecipe {
+    fn default() -> Self {
+        Self {
+            exposure: Param::Constant(1.0),
+            apex: Apex::Mirror,
+        }
+    }
+}
+
+/// How a source's files are laid out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Layout {
+    /// A DIODE folder.
+    Diode,
+    /// Procedural photographs in DIODE's layout, made on the fly.
+    Sample,
+    /// A PLACES365 folder with estimated depth.
+    Places,
+}
+
+impl fmt::Display for Layout {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Diode => "diode",
+            Self::Sample => "sample",
+            Self::Places => "places",
+        })
+    }
+}
+
+/// `[sources.NAME]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Source {
+    /// How the files are laid out.
+    pub layout: Layout,
+    /// Folder relative to the recipe, unless `--root NAME=DIR` says where. Default: the source's name.
+    /// Not for `sample`.
+    pub root: Option<String>,
+    /// `sample` alone: photographs to make.
+    pub count: Option<u32>,
+    /// `sample` alone: seed of the photographs. Default: the recipe's seed.
+    pub seed: Option<u64>,
+    /// `sample` alone: pixels across. Default 1024.
+    pub width: Option<u32>,
+    /// `sample` alone: pixels down. Default 768.
+    pub height: Option<u32>,
+    /// `places` alone: table of mean depths by category.
+    pub depth_ranges: Option<String>,
+    /// Capture camera. Default: DIODE's, for images of the same field of view.
+    #[serde(default = "Intrinsics::diode")]
+    pub intrinsics: Intrinsics,
+    /// Coding of the colour images. Default srgb.
+    #[serde(default)]
+    pub transfer: Transfer,
+    /// Metres per unit of the depth files. Default 1.
+    #[serde(default = "one")]
+    pub depth_unit_m: f64,
+    /// What the depth files measure. Default z.
+    #[serde(default)]
+    pub depth_kind: DepthKind,
+    /// How holes are filled. Default smooth.
+    #[serde(default)]
+    pub fill: Fill,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+impl Source {
+    /// Size of a `sample` source's photographs, px.
+    pub fn sample_size(&self) -> [u32; 2] {
+        [self.width.unwrap_or(1024), self.height.unwrap_or(768)]
+    }
+}
+
+/// `[[split]]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SplitRecipe {
+    /// `train` or `test`.
+    pub name: Split,
+    /// Scenes to make from each source.
+    pub pairs: BTreeMap<String, u32>,
+}
+
+impl Recipe {
+    /// Reads and checks a recipe.
+    pub fn parse(text: &str) -> Result<Self, RecipeError> {
+        let recipe: Self = toml::from_str(text).map_err(Box::new)?;
+        recipe.check()?;
+        Ok(recipe)
+    }
+
+    /// The named roots of this recipe's scene lines: those given, and for each source that has none its
+    /// own `root` beside the recipe, which lies in `base`.
+    ///
+    /// `sample` sources are left out: whoever makes their photographs knows where.
+    pub fn roots(&self, base: &Path, given: &Roots) -> Roots {
+        let mut roots = given.clone();
+        for (name, source) in &self.sources {
+            if source.layout != Layout::Sample && given.get(name).is_none() {
+                let folder: PathBuf = base.join(source.root.as_deref().unwrap_or(name));
+                roots
+                    .insert(name, folder)
+                    .expect("source names were checked, and this one has no root yet");
+            }
+        }
+        roots
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// The paper's set, as on the design page.
+    pub(in super::super) const PAPER: &str = r#"
+schema = "glasshouse.recipe/1"
+name = "paper"
+seed = 2020
+[film]
+width = 256
+height = 256
+spp = 256
+[camera]
+focal_length_mm = 55.0
+aperture_radius_m = 0.00893
+focus = "front_center"
+[glass]
+distance_m = 0.30
+thickness_m = 0.010
+ior = 1.6
+[sources.diode]
+layout = "diode"
+root = "diode"
+[sources.places]
+layout = "places"
+root = "places"
+depth_ranges = "depth-ranges.toml"
+[[split]]
+name = "train"
+pairs = { diode = 3000, places = 2000 }
+[[split]]
+name = "test"
+pairs = { diode = 120, places = 80 }
+"#;
+
+    #[test]
+    fn the_paper_s_constants_are_the_defaults() {
+        let paper = Recipe::parse(PAPER).unwrap();
+        assert_eq!(paper.film, FilmRecipe::default());
+        assert_eq!(paper.camera, CameraRecipe::default());
+        assert_eq!(paper.glass, GlassRecipe::default());
+        assert_eq!(paper.seed, default_seed());
+        assert_eq!(paper.splits[0].pairs["places"], 2000);
+    }
+
+    #[test]
+    fn the_shipped_smoke_recipe_is_the_paper_s_on_a_few_scenes() {
+        let smoke = Recipe::parse(include_str!("../../manifests/smoke.toml")).unwrap();
+        assert_eq!(smoke.film, FilmRecipe::default());
+        assert_eq!(smoke.camera, CameraRecipe::default());
+        assert_eq!(smoke.glass, GlassRecipe::default());
+        let pairs: u32 = smoke.splits.iter().flat_map(|s| s.pairs.values()).sum();
+        assert_eq!(pairs, 8);
+    }
+
+    #[test]
+    fn distributions_stand_wherever_a_number_does() {
+        let text = PAPER
+            .replace("ior = 1.6", "ior = { uniform = [1.3, 1.7] }\nabsorption_per_m = [{ uniform = [0, 20] }, 0, 1]\ntilt_deg = [0, { normal = { mean = 0, std = 10, min = -30, max = 30 } }]")
+            .replace("focus = \"front_center\"", "focus = { log_uniform = [1, 20] }")
+            .replace("spp = 256", "spp = { choice = [64, 256] }");
+        let recipe = Recipe::parse(&text).unwrap();
+        assert_eq!(recipe.glass.ior, Param::Uniform([1.3, 1.7]));
+        assert!(matches!(
+            recipe.camera.focus,
+            FocusRecipe::DistanceM(Param::LogUniform(_))
+        ));
+        let infinity = PAPER.replace("\"front_center\"", "\"infinity\"");
+        assert_eq!(
+            Recipe::parse(&infinity).unwrap().camera.focus,
+            FocusRecipe::Infinity
+        );
+    }
+
+    #[test]
+    fn a_given_root_goes_before_the_recipe_s() {
+        let recipe = Recipe::parse(PAPER).unwrap();
+        let given = Roots::parse(&["diode=/big/diode", "other=/o"]).unwrap();
+        let roots = recipe.roots(Path::new("/recipes"), &given);
+        assert_eq!(roots.get("diode"), Some(Path::new("/big/diode")));
+        assert_eq!(roots.get("places"), Some(Path::new("/recipes/places")));
+        assert_eq!(roots.get("other"), Some(Path::new("/o")));
+    }
+}

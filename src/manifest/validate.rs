@@ -1,0 +1,293 @@
+//! Whether a scene line makes sense by itself: every number within its range, every path given.
+
+use super::limits::{self, Limit};
+use super::line::{Focus, Photograph, SCENE_SCHEMA, SceneLine};
+
+/// A scene line that cannot be rendered, whatever its files hold.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum LineError {
+    /// Another schema, or another version of it.
+    #[error("schema is {found:?}, but must be \"glasshouse.scene/1\": write the line in that form")]
+    Schema {
+        /// What stands in its place.
+        found: String,
+    },
+    /// A number outside its range.
+    #[error("{field} is {value}, but must be {allowed}")]
+    OutOfRange {
+        /// The key, with dots.
+        field: String,
+        /// Its value.
+        value: f64,
+        /// The range in words.
+        allowed: &'static str,
+    },
+    /// A path without a letter.
+    #[error("{field} is empty, but must be the path of a file")]
+    EmptyPath {
+        /// The key, with dots.
+        field: String,
+    },
+    /// `apex` says where the reflected photograph's camera stands; the front one's is the lens.
+    #[error("front.apex is given, but only the back photograph has an apex: move it to back")]
+    ApexOfFront,
+    /// A ray that nearly slides along the pane.
+    #[error(
+        "a ray of film point ({u} px, {v} px) meets the pane at {angle_deg:.2} degrees, but at most \
+         85 are allowed: lessen glass.tilt_deg ({pitch_deg}, {yaw_deg}), lengthen \
+         camera.focal_length_mm ({focal_length_mm}) or narrow camera.aperture_radius_m"
+    )]
+    Grazing {
+        /// Film point of the worst ray, px.
+        u: f64,
+        /// Film point of the worst ray, px.
+        v: f64,
+        /// Its angle to the pane's normal.
+        angle_deg: f64,
+        /// `glass.tilt_deg[0]`.
+        pitch_deg: f64,
+        /// `glass.tilt_deg[1]`.
+        yaw_deg: f64,
+        /// `camera.focal_length_mm`.
+        focal_length_mm: f64,
+    },
+    /// The tilted pane reaches into the lens opening.
+    #[error(
+        "the pane cuts the lens: its plane is {plane_distance_m} m from the lens centre, but must be \
+         farther than {reach_m} m, the opening's reach towards it: raise glass.distance_m \
+         ({distance_m}), lessen glass.tilt_deg or narrow camera.aperture_radius_m"
+    )]
+    PaneCutsLens {
+        /// D, from the lens centre along the normal.
+        plane_distance_m: f64,
+        /// Farthest point of the lens opening along the normal.
+        reach_m: f64,
+        /// `glass.distance_m`.
+        distance_m: f64,
+    },
+}
+
+impl SceneLine {
+    /// Checks every field by itself; [`refuse`](super::refuse) looks at pane, lens and film together.
+    pub fn validate(&self) -> Result<(), LineError> {
+        if self.schema != SCENE_SCHEMA {
+            return Err(LineError::Schema {
+                found: self.schema.clone(),
+            });
+        }
+        let film = &self.film;
+        within("film.width", film.width.into(), limits::FILM_SIDE)?;
+        within("film.height", film.height.into(), limits::FILM_SIDE)?;
+        if !limits::is_sample_count(film.spp.into()) {
+            return Err(out_of_range("film.spp", film.spp.into(), limits::SPP));
+        }
+        within(
+            "film.order_tolerance",
+            film.order_tolerance,
+            limits::ORDER_TOLERANCE,
+        )?;
+
+        let camera = &self.camera;
+        within(
+            "camera.focal_length_mm",
+            camera.focal_length_mm,
+            limits::FOCAL_LENGTH_MM,
+        )?;
+        within(
+            "camera.aperture_radius_m",
+            camera.aperture_radius_m,
+            limits::APERTURE_RADIUS_M,
+        )?;
+        if let Focus::Distance { distance_m } = camera.focus {
+            within(
+                "camera.focus.distance_m",
+                distance_m,
+                limits::FOCUS_DISTANCE_M,
+            )?;
+        }
+
+        let glass = &self.glass;
+        within(
+            "glass.distance_m",
+            glass.distance_m,
+            limits::GLASS_DISTANCE_M,
+        )?;
+        within("glass.thickness_m", glass.thickness_m, limits::THICKNESS_M)?;
+        within("glass.ior", glass.ior, limits::IOR)?;
+        for (index, &value) in glass.absorption_per_m.iter().enumerate() {
+            let field = format!("glass.absorption_per_m[{index}]");
+            within(&field, value, limits::ABSORPTION_PER_M)?;
+        }
+        for (index, &value) in glass.tilt_deg.iter().enumerate() {
+            within(&format!("glass.tilt_deg[{index}]"), value, limits::TILT_DEG)?;
+        }
+
+        photograph("front", &self.front)?;
+        photograph("back", &self.back)?;
+        if self.front.apex.is_some() {
+            return Err(LineError::ApexOfFront);
+        }
+        Ok(())
+    }
+}
+
+fn photograph(side: &str, photograph: &Photograph) -> Result<(), LineError> {
+    let paths = [
+        ("color", Some(&photograph.color)),
+        ("depth", Some(&photograph.depth)),
+        ("mask", photograph.mask.as_ref()),
+    ];
+    for (key, path) in paths {
+        if path.is_some_and(String::is_empty) {
+            return Err(LineError::EmptyPath {
+                field: format!("{side}.{key}"),
+            });
+        }
+    }
+    let intrinsics = &photograph.intrinsics;
+    let numbers = [
+        (
+            "depth_unit_m",
+            photograph.depth_unit_m,
+            limits::DEPTH_UNIT_M,
+        ),
+        ("exposure", photograph.exposure, limits::EXPOSURE),
+        ("intrinsics.fx", intrinsics.fx, limits::FOCAL_LENGTH_PX),
+        ("intrinsics.fy", intrinsics.fy, limits::FOCAL_LENGTH_PX),
+        ("intrinsics.cx", intrinsics.cx, limits::PRINCIPAL_POINT_PX),
+        ("intrinsics.cy", intrinsics.cy, limits::PRINCIPAL_POINT_PX),
+    ];
+    for (key, value, limit) in numbers {
+        within(&format!("{side}.{key}"), value, limit)?;
+    }
+    for (index, &pixels) in intrinsics.size.iter().flatten().enumerate() {
+        let field = format!("{side}.intrinsics.size[{index}]");
+        within(&field, pixels.into(), limits::IMAGE_SIDE)?;
+    }
+    Ok(())
+}
+
+/// `Ok` if `limit` holds `value`.
+pub(super) fn within(field: &str, value: f64, limit: Limit) -> Result<(), LineError> {
+    if limit.contains(value) {
+        Ok(())
+    } else {
+        Err(out_of_range(field, value, limit))
+    }
+}
+
+fn out_of_range(field: &str, value: f64, limit: Limit) -> LineError {
+    LineError::OutOfRange {
+        field: field.to_owned(),
+        value,
+        allowed: limit.allowed,
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::super::line::Apex;
+    use super::*;
+
+    /// The scene line of the design page.
+    pub(in super::super) fn published() -> SceneLine {
+        serde_json::from_str(
+            r#"{"schema":"glasshouse.scene/1","id":"000412","seed":412,
+                "film":{"width":256,"height":256,"spp":256,"filter":"box"},
+                "camera":{"focal_length_mm":55.0,"aperture_radius_m":0.00893,
+                          "focus":{"distance_m":7.05}},
+                "glass":{"distance_m":0.30,"thickness_m":0.010,"ior":1.6,
+                         "absorption_per_m":[0,0,0],"tilt_deg":[0,0]},
+                "front":{"color":"a.png","depth":"a_depth.npy","mask":"a_depth_mask.npy",
+                         "transfer":"srgb","depth_unit_m":1.0,"exposure":1.0,
+                         "intrinsics":{"fx":886.81,"fy":927.06,"cx":512,"cy":384}},
+                "back":{"color":"b.png","depth":"b_depth.npy","apex":"mirror",
+                        "intrinsics":{"fx":886.81,"fy":927.06,"cx":512,"cy":384}}}"#,
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn the_published_scene_is_sound() {
+        published().validate().unwrap();
+    }
+
+    #[test]
+    fn every_bad_field_is_named_with_its_value_and_range() {
+        type Spoil = fn(&mut SceneLine);
+        let cases: [(Spoil, &str); 27] = [
+            (
+                |l| l.film.width = 0,
+                "film.width is 0, but must be 1 to 16384",
+            ),
+            (|l| l.film.height = 16_385, "film.height is 16385"),
+            (
+                |l| l.film.spp = 0,
+                "film.spp is 0, but must be a power of two",
+            ),
+            (|l| l.film.spp = 96, "film.spp is 96"),
+            (|l| l.film.spp = 131_072, "film.spp is 131072"),
+            (
+                |l| l.film.order_tolerance = -1.0,
+                "film.order_tolerance is -1",
+            ),
+            (
+                |l| l.camera.focal_length_mm = 0.0,
+                "camera.focal_length_mm is 0",
+            ),
+            (
+                |l| l.camera.aperture_radius_m = -0.1,
+                "camera.aperture_radius_m is -0.1",
+            ),
+            (
+                |l| l.camera.focus = Focus::Distance { distance_m: 0.0 },
+                "camera.focus.distance_m is 0",
+            ),
+            (
+                |l| l.glass.distance_m = f64::INFINITY,
+                "glass.distance_m is inf",
+            ),
+            (
+                |l| l.glass.thickness_m = -0.01,
+                "glass.thickness_m is -0.01",
+            ),
+            (
+                |l| l.glass.ior = 0.99,
+                "glass.ior is 0.99, but must be 1 to 10",
+            ),
+            (|l| l.glass.ior = 11.0, "glass.ior is 11"),
+            (|l| l.glass.ior = f64::NAN, "glass.ior is NaN"),
+            (
+                |l| l.glass.absorption_per_m[2] = -1.0,
+                "glass.absorption_per_m[2] is -1",
+            ),
+            (|l| l.glass.tilt_deg[0] = 90.0, "glass.tilt_deg[0] is 90"),
+            (|l| l.glass.tilt_deg[1] = -90.0, "glass.tilt_deg[1] is -90"),
+            (|l| l.front.depth_unit_m = 0.0, "front.depth_unit_m is 0"),
+            (|l| l.back.exposure = f64::NAN, "back.exposure is NaN"),
+            (|l| l.front.intrinsics.fx = 0.0, "front.intrinsics.fx is 0"),
+            (|l| l.back.intrinsics.fy = -1.0, "back.intrinsics.fy is -1"),
+            (
+                |l| l.back.intrinsics.cx = f64::NAN,
+                "back.intrinsics.cx is NaN",
+            ),
+            (
+                |l| l.front.intrinsics.size = Some([0, 3]),
+                "front.intrinsics.size[0] is 0",
+            ),
+            (|l| l.front.apex = Some(Apex::Mirror), "front.apex"),
+            (|l| l.front.color.clear(), "front.color is empty"),
+            (|l| l.back.mask = Some(String::new()), "back.mask is empty"),
+            (
+                |l| l.schema = "glasshouse.scene/2".into(),
+                "schema is \"glasshouse.scene/2\"",
+            ),
+        ];
+        for (spoil, message) in cases {
+            let mut line = published();
+            spoil(&mut line);
+            let error = line.validate().unwrap_err().to_string();
+            assert!(error.starts_with(message), "{error} for {message}");
+        }
+    }
+}
