@@ -70,7 +70,7 @@ impl Builder {
             .solids
             .iter()
             .filter(|s| {
-                let d = s.to_local(eye - s.centre).abs() - s.half();
+                let d = s.local(eye - s.centre).abs() - s.half();
                 s.group != 0 && d.max(Vec3::ZERO).length() < distance_m
             })
             .map(|s| s.group)

@@ -503,7 +503,7 @@ pub(super) fn desk(b: &mut Builder, f: &Frame, style: &Style, r: &mut Stream) {
 /// Cardboard boxes on top of each other, and a ball beside them.
 pub(super) fn boxes(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let mut y = 0.0;
-    for _ in 0..1 + r.index(3) {
+    for _ in 0..=r.index(3) {
         let (w, h) = (r.range(0.35, 0.55), r.range(0.25, 0.4));
         let at = f.at(r.range(-0.03, 0.03), y, 0.0, r.range(-0.3, 0.3));
         let card = Material::new(

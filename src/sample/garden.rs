@@ -112,11 +112,12 @@ pub(super) fn person(b: &mut Builder, f: &Frame, r: &mut Stream) {
             Material::plain(color(0x2a2320)),
         );
     }
-    b.post(f, [0.0, 0.78, 0.0], [0.17, 0.2], 0.56, coat);
-    b.ball(f, [0.0, 1.34, 0.0], [0.2, 0.11, 0.14], coat);
+    b.ball(f, [0.0, 1.1, 0.0], [0.185, 0.36, 0.125], coat);
+    b.ball(f, [0.0, 1.33, 0.0], [0.21, 0.13, 0.12], coat);
+    b.ball(f, [0.0, 0.86, 0.0], [0.165, 0.16, 0.125], coat);
     for side in [-1.0, 1.0] {
         let hand = [side * 0.27, 0.8, -side * stride];
-        b.rod(f, [side * 0.2, 1.36, 0.0], hand, [0.06, 0.045], coat);
+        b.rod(f, [side * 0.2, 1.36, 0.0], hand, [0.055, 0.04], coat);
         b.ball(f, hand, [0.05; 3], skin);
     }
     b.post(f, [0.0, 1.4, 0.0], [0.055, 0.055], 0.12, skin);

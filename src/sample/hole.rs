@@ -17,11 +17,11 @@ pub(super) struct Return {
 }
 
 /// Whether the scanner gets a depth at pixel (i, j).
-pub(super) fn is_valid(r: &Return, range_m: f32, i: usize, j: usize, seed: i32) -> bool {
+pub(super) fn is_valid(r: &Return, range_m: f32, [i, j]: [i32; 2], seed: i32) -> bool {
     if r.glass || r.depth_m < NEAREST_M || r.depth_m > range_m {
         return false;
     }
-    let chance = unit(lattice(i as i32, j as i32, seed));
+    let chance = unit(lattice(i, j, seed));
     let (nearest_m, farthest_m) = r.neighbours_m;
     // The beam straddles the edge: some returns are lost, on the far side above all.
     let far_side = nearest_m < 0.85 * r.depth_m;
@@ -50,12 +50,12 @@ mod tests {
             glass: false,
             neighbours_m: (3.0, 3.0),
         };
-        assert!(is_valid(&wall, 60.0, 1, 2, 3));
-        assert!(!is_valid(&wall, 2.0, 1, 2, 3));
+        assert!(is_valid(&wall, 60.0, [1, 2], 3));
+        assert!(!is_valid(&wall, 2.0, [1, 2], 3));
         let glass = Return {
             glass: true,
             ..wall
         };
-        assert!(!is_valid(&glass, 60.0, 1, 2, 3));
+        assert!(!is_valid(&glass, 60.0, [1, 2], 3));
     }
 }

@@ -14,9 +14,9 @@ const SPACING: usize = 4;
 /// Patterns in a block of grid points.
 const PATTERN_COUNT: usize = 16;
 /// Ambient rays of one pattern.
-const AMBIENT_RAYS: usize = 5;
+const AMBIENT_RAYS: usize = 4;
 /// Rays to each window of one pattern.
-const OPENING_RAYS: usize = 3;
+const OPENING_RAYS: usize = 2;
 
 /// A visible surface point.
 #[derive(Clone, Copy, Debug)]
@@ -223,19 +223,20 @@ fn likeness(a: &Point, b: &Point) -> f32 {
     (facing - 0.8) * 5.0 * (1.0 - off / allowed).max(0.0)
 }
 
+/// Half weights at both ends: each of the sixteen patterns counts the same.
+const ENDS: [f32; 5] = [0.5, 1.0, 1.0, 1.0, 0.5];
+
 fn blurred(raw: &[Option<Cell>], index: usize, across: usize, down: usize) -> Option<Cell> {
     let centre = raw[index]?;
-    let (a, b) = ((index % across) as i64, (index / across) as i64);
+    let (a, b) = (index % across, index / across);
     let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
-    // Half weights at both ends: each of the sixteen patterns counts the same.
-    const ENDS: [f32; 5] = [0.5, 1.0, 1.0, 1.0, 0.5];
-    for (db, wb) in (-2..=2).zip(ENDS) {
-        for (da, wa) in (-2..=2).zip(ENDS) {
+    for (db, wb) in (0..).zip(ENDS) {
+        for (da, wa) in (0..).zip(ENDS) {
             let (i, j) = (a + da, b + db);
-            if i < 0 || j < 0 || i >= across as i64 || j >= down as i64 {
+            if i < 2 || j < 2 || i >= across + 2 || j >= down + 2 {
                 continue;
             }
-            if let Some(cell) = &raw[j as usize * across + i as usize] {
+            if let Some(cell) = &raw[(j - 2) * across + i - 2] {
                 let w = wa * wb * likeness(&cell.point, &centre.point);
                 sum += cell.light * w;
                 weight += w;

@@ -2,17 +2,23 @@
 
 use super::pattern::Pattern;
 use glam::Vec3;
+use std::sync::LazyLock;
 
-/// A linear colour from an sRGB code such as `0xRRGGBB`.
-pub(super) fn color(code: u32) -> Vec3 {
-    let channel = |shift: u32| {
-        let c = ((code >> shift) & 255) as f32 / 255.0;
+/// Linear values of the 256 sRGB codes.
+static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
+    std::array::from_fn(|code| {
+        let c = code as f32 / 255.0;
         if c <= 0.04045 {
             c / 12.92
         } else {
             libm::powf((c + 0.055) / 1.055, 2.4)
         }
-    };
+    })
+});
+
+/// A linear colour from an sRGB code such as `0xRRGGBB`.
+pub(super) fn color(code: u32) -> Vec3 {
+    let channel = |shift: u32| LINEAR[((code >> shift) & 255) as usize];
     Vec3::new(channel(16), channel(8), channel(0))
 }
 

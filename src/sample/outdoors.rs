@@ -296,9 +296,11 @@ fn foreground(b: &mut Builder, eye: Vec3, target: Vec3, ground_m: f32, r: &mut S
     let first = place(b, 2.6, 0.2);
     let second = place(b, 4.2, -0.16);
     let third = place(b, 6.0, 0.04);
-    for f in [first, second, third] {
+    for (k, f) in [first, second, third].into_iter().enumerate() {
         b.start_piece();
-        match r.index(7) {
+        // People only far enough away to be seen whole.
+        let kinds = if k == 0 { 5 } else { 7 };
+        match r.index(kinds) {
             0 => garden::bollard(b, &f),
             1 => garden::road_sign(b, &f, r),
             2 => garden::bicycle(b, &f.at(0.0, 0.0, 0.0, r.range(0.6, 2.4)), r),
@@ -314,7 +316,7 @@ fn sky(hour: Hour, r: &mut Stream) -> Sky {
         Hour::Noon => (0x3f7cc4, 0xbfd6e6, 0xffffff, 1.0),
         Hour::Golden => (0x5a82b8, 0xf3cf9a, 0xffe6c8, 0.8),
         Hour::Overcast => (0x9aa7b2, 0xc9d0d4, 0xe4e7e8, 0.9),
-        Hour::Evening => (0x28365f, 0xb8705e, 0x8a6a78, 0.3),
+        Hour::Evening => (0x2e3f6e, 0xa8838a, 0x8a7684, 0.3),
     };
     Sky {
         zenith: color(zenith) * dim,

@@ -209,7 +209,7 @@ fn facade(uv: Vec2, cell: Vec2, f: f32, m: &Material, found: &mut Surface) -> Ve
     let sill = band(x, -0.6 * w, 0.6 * w, f) * band(y, -0.5 * h - 0.12, -0.5 * h, f);
     let lintel = band(x, -0.57 * w, 0.57 * w, f) * band(y, 0.5 * h, 0.5 * h + 0.15, f);
     let weather = 0.82 + 0.36 * cloudy(uv.x * 0.5, uv.y * 0.3, f * 0.5, m.seed);
-    let coat = if m.seed & 3 == 0 {
+    let coat = if m.seed % 4 == 0 {
         let joint = stripe(uv.y, 0.075, 0.011, f).max(stripe(
             uv.x + 0.125 * (floor(uv.y / 0.075) & 1) as f32,
             0.25,

@@ -61,7 +61,7 @@ impl Stream {
 
     /// Uniform in `0..count`.
     pub(super) fn index(&mut self, count: usize) -> usize {
-        ((self.bits() >> 32) * count as u64 >> 32) as usize
+        (((self.bits() >> 32) * count as u64) >> 32) as usize
     }
 
     /// One of `choices`.

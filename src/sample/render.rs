@@ -68,7 +68,7 @@ pub fn render(photograph: &SamplePhotograph, width: u32, height: u32) -> Rgbd {
     let grid = SoftGrid::new(&soft, w, h, |i, j| {
         let pixel = pixels[j * w + i]?;
         let ray = view.centre_ray(i, j);
-        Some(view.point(&ray, &pixel.hit, pixel.normal))
+        Some(point(&ray, pixel.hit, pixel.normal))
     });
     let centre = |k: usize| {
         let (i, j) = (k % w, k / w);
@@ -81,7 +81,7 @@ pub fn render(photograph: &SamplePhotograph, width: u32, height: u32) -> Rgbd {
         .map(|k| centre(k).0)
         .collect();
     let tone = Tone::aimed(&metered, model.brightness);
-    let seed = photograph.seed as i32 ^ photograph.scan as i32;
+    let seed = (photograph.seed as u32 ^ photograph.scan).cast_signed();
 
     let mut rgb = vec![0; 3 * w * h];
     let mut depth_m = vec![0.0; w * h];
@@ -130,7 +130,12 @@ pub fn render(photograph: &SamplePhotograph, width: u32, height: u32) -> Rgbd {
                         depths().fold(0.0, f32::max),
                     ),
                 };
-                if hole::is_valid(&found, model.range_m, i, j, seed) {
+                if hole::is_valid(
+                    &found,
+                    model.range_m,
+                    [i as u32, j as u32].map(u32::cast_signed),
+                    seed,
+                ) {
                     depth_m[i] = found.depth_m;
                     valid[i] = true;
                 }
@@ -142,6 +147,14 @@ pub fn render(photograph: &SamplePhotograph, width: u32, height: u32) -> Rgbd {
         rgb,
         depth_m,
         valid,
+    }
+}
+
+fn point(ray: &Ray, hit: Hit, normal: Vec3) -> Point {
+    Point {
+        position: ray.at(hit.depth_m),
+        normal,
+        depth_m: hit.depth_m,
     }
 }
 
@@ -178,7 +191,7 @@ impl View<'_> {
         let hit = self.tiles.nearest(&self.model.solids, ray, i, j)?;
         let solid = &self.model.solids[hit.solid as usize];
         let position = ray.at(hit.depth_m);
-        let mut normal = solid.axes * solid.normal(solid.to_local(position - solid.centre));
+        let mut normal = solid.axes * solid.normal(solid.local(position - solid.centre));
         if matches!(solid.shape, Shape::Foliage(..)) {
             // Leaves face the light more than the ball they stand on does.
             normal = (normal + Vec3::Y * 0.5).normalize();
@@ -198,14 +211,6 @@ impl View<'_> {
         })
     }
 
-    fn point(&self, ray: &Ray, hit: &Hit, normal: Vec3) -> Point {
-        Point {
-            position: ray.at(hit.depth_m),
-            normal,
-            depth_m: hit.depth_m,
-        }
-    }
-
     /// Radiance along a ray, and whether it ends on glass.
     fn radiance(
         &self,
@@ -221,8 +226,8 @@ impl View<'_> {
         };
         let lights = &self.model.lights;
         let solid = &self.model.solids[pixel.hit.solid as usize];
-        let point = self.point(ray, &pixel.hit, pixel.normal);
-        let local = solid.to_local(point.position - solid.centre);
+        let point = point(ray, pixel.hit, pixel.normal);
+        let local = solid.local(point.position - solid.centre);
         let facing = solid.normal(local).abs();
         let p = local + solid.texture_shift;
         let uv = if facing.y > 0.7 {

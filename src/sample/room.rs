@@ -69,7 +69,7 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
         length,
         window: None,
     });
-    let lit = r.pick(&[0, 0, 1, 1, 2, 2]);
+    let lit = r.pick(&[0, 0, 0, 1, 1, 2, 2]);
     let side = if r.chance(0.5) { 1.0 } else { -1.0 };
     let tall = r.chance(0.25);
     let hole = |r: &mut Stream, x: f32| Hole {
@@ -81,7 +81,10 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
     walls[lit].window = Some(if lit == 0 {
         hole(r, side * 0.22 * w)
     } else {
-        hole(r, r.clone().range(-0.1, 0.1) * d)
+        // Far enough along the wall to be in view.
+        let away = if lit == 1 { -d } else { d };
+        let x = away * r.range(0.12, 0.22);
+        hole(r, x)
     });
     if lit == 0 || r.chance(0.35) {
         // Light from behind the camera keeps the back wall from being a silhouette.

@@ -37,7 +37,7 @@ pub(super) struct Solid {
 
 impl Solid {
     /// The vector in the shape's axes.
-    pub(super) fn to_local(&self, v: Vec3) -> Vec3 {
+    pub(super) fn local(&self, v: Vec3) -> Vec3 {
         let a = &self.axes;
         Vec3::new(v.dot(a.x_axis), v.dot(a.y_axis), v.dot(a.z_axis))
     }
@@ -64,8 +64,8 @@ impl Solid {
     /// Smallest ray parameter below `t_max` at which the ray meets the solid.
     #[inline]
     pub(super) fn intersect(&self, ray: &Ray, t_max: f32) -> Option<f32> {
-        let o = self.to_local(ray.origin - self.centre);
-        let d = self.to_local(ray.direction);
+        let o = self.local(ray.origin - self.centre);
+        let d = self.local(ray.direction);
         match self.shape {
             Shape::Block(half) => block(o, d, half, t_max),
             Shape::Ellipsoid(radii) => {
@@ -78,8 +78,8 @@ impl Solid {
             Shape::Foliage(radii, seed) => {
                 let (near, far) = ellipsoid(o / radii, d / radii)?;
                 let leaf = |t: f32| {
-                    let p = (o + d * t) * 9.0;
-                    noise3(p, seed) > 0.44
+                    let p = (o + d * t) * 15.0;
+                    noise3(p, seed) > 0.47
                 };
                 if near > NEAREST && near < t_max && leaf(near) {
                     return Some(near);
@@ -116,14 +116,24 @@ impl Solid {
     }
 }
 
+/// Parameters at which a ray enters and leaves a box; `low` and `high` are its corners seen from
+/// the ray's origin.
+///
+/// Comparisons instead of `f32::min`: one instruction each, at the price of an unspecified answer
+/// for a ray that lies exactly in a face.
+#[inline]
+pub(super) fn slabs(low: Vec3, high: Vec3, inverse: Vec3) -> (f32, f32) {
+    let less = |a: f32, b: f32| if a < b { a } else { b };
+    let more = |a: f32, b: f32| if a > b { a } else { b };
+    let (a, b) = (low * inverse, high * inverse);
+    let near = more(more(less(a.x, b.x), less(a.y, b.y)), less(a.z, b.z));
+    let far = less(less(more(a.x, b.x), more(a.y, b.y)), more(a.z, b.z));
+    (near, far)
+}
+
 #[inline]
 fn block(o: Vec3, d: Vec3, half: Vec3, t_max: f32) -> Option<f32> {
-    let inverse = d.recip();
-    let a = (-half - o) * inverse;
-    let b = (half - o) * inverse;
-    let (low, high) = (a.min(b), a.max(b));
-    let near = low.x.max(low.y).max(low.z);
-    let far = high.x.min(high.y).min(high.z);
+    let (near, far) = slabs(-half - o, half - o, d.recip());
     (near <= far && near > NEAREST && near < t_max).then_some(near)
 }
 

@@ -157,7 +157,7 @@ fn roof(b: &mut Builder, f: &Frame, [w, h, d]: [f32; 3], r: &mut Stream) {
             );
         }
     }
-    for _ in 0..1 + r.index(2) {
+    for _ in 0..=r.index(2) {
         let x = r.range(-0.4, 0.4) * w;
         let brick = Material::new(Pattern::Bricks, color(0x8f5a45), color(0xb8ac9c), 8);
         b.block(f, [x, h + 1.4, -0.5 * d], [0.8, 2.8, 0.6], brick);

@@ -47,7 +47,9 @@ impl Tone {
 
     /// sRGB-coded colour, 0..1.
     pub(super) fn coded(&self, radiance: Vec3) -> Vec3 {
-        let x = radiance * self.exposure;
+        // A little less colour than the surfaces have: the curve below adds some.
+        let grey = radiance.dot(Vec3::new(0.2126, 0.7152, 0.0722));
+        let x = radiance.lerp(Vec3::splat(grey), 0.14) * self.exposure;
         // Narkowicz's fit of the ACES film curve: soft shoulder, deep shadows.
         let film = x * (x * 2.51 + 0.03) / (x * (x * 2.43 + 0.59) + 0.14);
         let look = |c: f32| {
