@@ -1,1 +1,39 @@
 //! Procedural RGBD photographs: rooms and streets for smoke runs, tests and benches.
+//!
+//! They look like places, not like noise: lit rooms and streets with occlusion edges, depths from
+//! half a metre to sixty metres, and holes where a scanner has them. Every byte follows from the
+//! seed: no clock, no thread count and no system mathematics library takes part.
+//!
+//! ```text
+//! listing -> room | street -> model -> tiles -> light -> render -> layout
+//! (which)    (what stands where)      (visible) (lit)   (picture)  (files)
+//! ```
+
+mod bounds;
+mod build;
+mod camera;
+mod diode;
+mod furniture;
+mod garden;
+mod hole;
+mod light;
+mod listing;
+mod material;
+mod model;
+mod noise;
+mod outdoors;
+mod pattern;
+mod random;
+mod render;
+mod room;
+mod shape;
+mod sky;
+mod street;
+mod tiles;
+mod tone;
+mod tree;
+
+pub use camera::intrinsics;
+pub use diode::{SampleError, is_written, write};
+pub use listing::{Place, SamplePhotograph, listing};
+pub use render::{Rgbd, render};
