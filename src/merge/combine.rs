@@ -1,0 +1,147 @@
+//! Partials are combined in a fixed order, weighted by their sample counts, and gaps are refused.
+
+use super::tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord};
+use crate::manifest::SceneLine;
+use crate::partial::Partial;
+use crate::shard::{ShardLayout, scene_digest};
+use crate::trace::{LAYERS, TRACER_VERSION};
+use std::collections::BTreeMap;
+
+/// Why partials do not make a tuple.
+#[derive(Debug, thiserror::Error)]
+pub enum MergeError {
+    /// Shards are missing.
+    #[error("scene {scene}: {} of {total} shards are missing (first: {}); trace them with `work`, then merge again", missing.len(), missing[0])]
+    Gaps {
+        /// The scene.
+        scene: String,
+        /// Their numbers.
+        missing: Vec<u32>,
+        /// All shards.
+        total: u32,
+    },
+    /// A partial belongs to something else.
+    #[error("scene {scene}: shard {shard} {reason}; delete that partial and run `work` again")]
+    Foreign {
+        /// The scene.
+        scene: String,
+        /// The shard.
+        shard: u32,
+        /// Why it does not belong.
+        reason: &'static str,
+    },
+    /// A pixel is not a number.
+    #[error("scene {scene}: layer {layer} is not finite at pixel ({x}, {y}); check the inputs' radiance and depth")]
+    NotFinite {
+        /// The scene.
+        scene: String,
+        /// The layer.
+        layer: &'static str,
+        /// Pixel.
+        x: u32,
+        /// Pixel.
+        y: u32,
+    },
+}
+
+/// Combines all partials of a scene, one for each shard of the layout, in any order.
+pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<Tuple, MergeError> {
+    let scene = || line.id.to_string();
+    let layout = ShardLayout::of(line, tile_px);
+    let by_shard: BTreeMap<u32, &Partial> = partials.iter().map(|p| (p.header.shard, p)).collect();
+    let missing: Vec<u32> = (0..layout.len()).filter(|index| !by_shard.contains_key(index)).collect();
+    if !missing.is_empty() {
+        return Err(MergeError::Gaps { scene: scene(), missing, total: layout.len() });
+    }
+    let digest = scene_digest(line);
+    let first = &by_shard[&0].header;
+    for shard in layout.shards() {
+        let header = &by_shard[&shard.index].header;
+        let foreign = |reason| Err(MergeError::Foreign { scene: scene(), shard: shard.index, reason });
+        if header.line_blake3 != digest || header.scene != line.id {
+            return foreign("belongs to another scene line");
+        }
+        if header.tracer_version != TRACER_VERSION {
+            return foreign("was made by another version of the tracer");
+        }
+        if header.tile != shard.tile || header.samples != [shard.samples.start, shard.samples.end] {
+            return foreign("covers another tile or sample range");
+        }
+        if header.inputs != first.inputs || header.facts != first.facts {
+            return foreign("was made from other input files than shard 0");
+        }
+    }
+
+    let (width, height) = (line.film.width as usize, line.film.height as usize);
+    let mut layers = LAYERS.map(|_| vec![[0f32; 3]; width * height]);
+    let mut squares = [0f64; 4];
+    let (mut paths, mut misses, mut samples) = ([0u64; 4], [0u64; 4], [0u32; 4]);
+    let ranges = layout.ranges();
+    for tile_index in 0..layout.len() / ranges {
+        let of_tile: Vec<&Partial> =
+            (0..ranges).map(|range| by_shard[&(tile_index * ranges + range)]).collect();
+        let tile = of_tile[0].header.tile;
+        for layer in 0..4 {
+            let counted: Vec<&Partial> =
+                of_tile.iter().copied().filter(|p| p.header.layer_samples[layer] > 0).collect();
+            let total: u32 = counted.iter().map(|p| p.header.layer_samples[layer]).sum();
+            samples[layer] = total;
+            for q in 0..of_tile[0].pixels.len() {
+                let x = tile.x as usize + q % tile.width as usize;
+                let y = tile.y as usize + q / tile.width as usize;
+                for c in 0..3 {
+                    let (mean, half) = combine_value(&counted, layer, q, c, total);
+                    if !mean.is_finite() {
+                        return Err(MergeError::NotFinite {
+                            scene: scene(),
+                            layer: LAYERS[layer],
+                            x: x as u32,
+                            y: y as u32,
+                        });
+                    }
+                    layers[layer][y * width + x][c] = mean as f32;
+                    squares[layer] += (half - mean) * (half - mean);
+                }
+            }
+        }
+        for partial in of_tile {
+            for layer in 0..4 {
+                paths[layer] += partial.header.paths[layer];
+                misses[layer] += partial.header.misses[layer];
+            }
+        }
+    }
+    let values = (width * height * 3) as f64;
+    let records = LAYERS.iter().enumerate().map(|(k, name)| {
+        let record = LayerRecord::new(&layers[k], samples[k], squares[k] / values, paths[k], misses[k]);
+        ((*name).to_owned(), record)
+    });
+    let record = TupleRecord {
+        schema: TUPLE_SCHEMA.to_owned(),
+        tracer_version: TRACER_VERSION,
+        base: "../..".to_owned(),
+        layers: records.collect(),
+        facts: first.facts.clone(),
+        inputs: first.inputs.clone(),
+        scene: line.clone(),
+    };
+    Ok(Tuple { width: line.film.width, height: line.film.height, layers, record })
+}
+
+/// Mean of all ranges, and mean of the first half: of the ranges, or of the only range's samples.
+fn combine_value(counted: &[&Partial], layer: usize, pixel: usize, colour: usize, total: u32) -> (f64, f64) {
+    if let [only] = counted {
+        let means = &only.pixels[pixel];
+        return (f64::from(means.mean[layer][colour]), f64::from(means.half[layer][colour]));
+    }
+    let (mut sum, mut half_sum, mut half_count) = (0.0, 0.0, 0);
+    for (k, partial) in counted.iter().enumerate() {
+        let count = partial.header.layer_samples[layer];
+        sum += f64::from(partial.pixels[pixel].mean[layer][colour]) * f64::from(count);
+        if k < counted.len() / 2 {
+            half_sum = sum;
+            half_count += count;
+        }
+    }
+    (sum / f64::from(total), half_sum / f64::from(half_count.max(1)))
+}

@@ -1,0 +1,11 @@
+//! Stage 6: a scene's partials become a tuple.
+
+mod combine;
+mod srgb;
+mod tuple;
+mod write;
+
+pub use combine::{MergeError, combine};
+pub use srgb::SrgbEncoder;
+pub use tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord};
+pub use write::{TUPLE_FILES, encode_png, encode_rgb_exr, encode_tuple_exr, is_written, write_tuple};

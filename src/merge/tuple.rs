@@ -1,0 +1,94 @@
+//! A tuple: the four images of a scene, and the record of how they came to be.
+
+use crate::manifest::SceneLine;
+use crate::scene::{InputDigests, SceneFacts};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// The schema name of `tuple.json`.
+pub const TUPLE_SCHEMA: &str = "glasshouse.tuple/1";
+
+/// Four linear Rec.709 images and their record.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tuple {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// I, T, R~, R; row by row.
+    pub layers: [Vec<[f32; 3]>; 4],
+    /// `tuple.json`.
+    pub record: TupleRecord,
+}
+
+/// `tuple.json`: everything that is needed to make the tuple again, and nothing that differs between equal runs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TupleRecord {
+    /// Always [`TUPLE_SCHEMA`].
+    pub schema: String,
+    /// Version of the tracer.
+    pub tracer_version: u32,
+    /// Folder that the scene's relative paths start from, relative to this file's folder.
+    pub base: String,
+    /// By name: `input`, `transmission`, `glass_reflection`, `clean_reflection`.
+    pub layers: BTreeMap<String, LayerRecord>,
+    /// Focus, orders, dropped tail, shares.
+    pub facts: SceneFacts,
+    /// Digests of the input files.
+    pub inputs: InputDigests,
+    /// The manifest line.
+    pub scene: SceneLine,
+}
+
+/// One layer in numbers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LayerRecord {
+    /// Samples a pixel.
+    pub samples: u32,
+    /// Estimated RMS error of the layer, linear: half the difference of the two halves of the samples; `null`
+    /// where one sample has no halves.
+    pub error_rms: Option<f64>,
+    /// Mean of all pixels and colours, linear.
+    pub mean: f64,
+    /// Largest value, linear.
+    pub max: f32,
+    /// Share of the values above 1, which the PNG clips.
+    pub clipped_share: f64,
+    /// Share of the paths that ended on the continuation of a photograph's border.
+    pub miss_share: f64,
+    /// BLAKE3 of the pixels as 32-bit floats (little endian, R G B, row by row).
+    pub blake3: String,
+}
+
+impl LayerRecord {
+    /// Sums up a layer. `mean_square_half_difference` is the mean square of (first half - whole).
+    pub fn new(
+        pixels: &[[f32; 3]],
+        samples: u32,
+        mean_square_half_difference: f64,
+        paths: u64,
+        misses: u64,
+    ) -> Self {
+        let values = pixels.as_flattened();
+        let count = values.len() as f64;
+        // Half the difference of the halves, |a - b| / 2, is |a - (a + b) / 2|.
+        let error_rms = (samples > 1).then(|| mean_square_half_difference.sqrt());
+        Self {
+            samples,
+            error_rms,
+            mean: values.iter().map(|&v| f64::from(v)).sum::<f64>() / count,
+            max: values.iter().fold(0.0, |m, &v| v.max(m)),
+            clipped_share: values.iter().filter(|&&v| v > 1.0).count() as f64 / count,
+            miss_share: misses as f64 / paths.max(1) as f64,
+            blake3: layer_digest(pixels),
+        }
+    }
+}
+
+fn layer_digest(pixels: &[[f32; 3]]) -> String {
+    let values = pixels.as_flattened();
+    let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+    blake3::hash(&bytes).to_hex().to_string()
+}

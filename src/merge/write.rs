@@ -1,0 +1,136 @@
+//! A tuple as files: `tuple.exr`, four PNGs, `tuple.json` last, so that its presence means all are there.
+
+use super::srgb::SrgbEncoder;
+use super::tuple::Tuple;
+use crate::atomic_file::{self, WriteError};
+use crate::trace::LAYERS;
+use exr::prelude::{
+    AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder,
+    WritableImage, f16,
+};
+use image::ImageEncoder;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use std::io::Cursor;
+use std::path::Path;
+
+/// Files of a tuple's folder, in the order in which they are written.
+pub const TUPLE_FILES: [&str; 6] = [
+    "tuple.exr",
+    "input.png",
+    "transmission.png",
+    "glass_reflection.png",
+    "clean_reflection.png",
+    "tuple.json",
+];
+
+/// Largest value of a half float.
+const HALF_MAX: f32 = 65_504.0;
+
+/// A tuple could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum TupleWriteError {
+    /// The disk.
+    #[error(transparent)]
+    File(#[from] WriteError),
+    /// The encoder.
+    #[error("cannot encode {name}: {reason}")]
+    Encode {
+        /// Which file.
+        name: String,
+        /// Why.
+        reason: String,
+    },
+}
+
+fn encode_error(name: &str, reason: &dyn std::fmt::Display) -> TupleWriteError {
+    TupleWriteError::Encode { name: name.to_owned(), reason: reason.to_string() }
+}
+
+/// The folder holds a whole tuple.
+pub fn is_written(folder: &Path) -> bool {
+    folder.join("tuple.json").is_file()
+}
+
+/// Writes the tuple's six files into `folder`, durably.
+pub fn write_tuple(tuple: &Tuple, folder: &Path) -> Result<(), TupleWriteError> {
+    atomic_file::create_dir(folder)?;
+    let exr = encode_tuple_exr(tuple).map_err(|e| encode_error("tuple.exr", &e))?;
+    atomic_file::write(&folder.join("tuple.exr"), &exr)?;
+    let encoder = SrgbEncoder::new();
+    for (layer, name) in tuple.layers.iter().zip(LAYERS) {
+        let png = encode_png(&encoder, layer, tuple.width, tuple.height)
+            .map_err(|e| encode_error(name, &e))?;
+        atomic_file::write(&folder.join(format!("{name}.png")), &png)?;
+    }
+    let mut json =
+        serde_json::to_string_pretty(&tuple.record).map_err(|e| encode_error("tuple.json", &e))?;
+    json.push('\n');
+    atomic_file::write(&folder.join("tuple.json"), json.as_bytes())?;
+    Ok(())
+}
+
+/// An 8-bit sRGB PNG of a layer, values above 1 clipped.
+pub fn encode_png(
+    encoder: &SrgbEncoder,
+    pixels: &[[f32; 3]],
+    width: u32,
+    height: u32,
+) -> Result<Vec<u8>, image::ImageError> {
+    let bytes: Vec<u8> = pixels.as_flattened().iter().map(|&v| encoder.encode(v)).collect();
+    let mut png = Vec::new();
+    PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive).write_image(
+        &bytes,
+        width,
+        height,
+        image::ExtendedColorType::Rgb8,
+    )?;
+    Ok(png)
+}
+
+/// One layer as 32-bit float OpenEXR with channels R, G, B.
+pub fn encode_rgb_exr(pixels: &[[f32; 3]], width: u32, height: u32) -> Result<Vec<u8>, exr::error::Error> {
+    let list = (0..3).map(|c| {
+        let samples = pixels.iter().map(|p| p[c]).collect();
+        AnyChannel::new(["R", "G", "B"][c], FlatSamples::F32(samples))
+    });
+    encode_exr(list.collect(), width, height)
+}
+
+/// All layers in one file, channels `input.R`, ...: half floats if the values allow it, else floats.
+pub fn encode_tuple_exr(tuple: &Tuple) -> Result<Vec<u8>, exr::error::Error> {
+    let fits = tuple.layers.iter().flatten().flatten().all(|&v| v <= HALF_MAX);
+    let mut list = Vec::new();
+    for (layer, name) in tuple.layers.iter().zip(LAYERS) {
+        for (c, colour) in ["R", "G", "B"].into_iter().enumerate() {
+            let samples = layer.iter().map(|p| p[c]);
+            let samples = if fits {
+                FlatSamples::F16(samples.map(f16::from_f32).collect())
+            } else {
+                FlatSamples::F32(samples.collect())
+            };
+            list.push(AnyChannel::new(format!("{name}.{colour}").as_str(), samples));
+        }
+    }
+    encode_exr(list, tuple.width, tuple.height)
+}
+
+fn encode_exr(
+    channels: Vec<AnyChannel<FlatSamples>>,
+    width: u32,
+    height: u32,
+) -> Result<Vec<u8>, exr::error::Error> {
+    let encoding = Encoding {
+        compression: Compression::ZIP16,
+        blocks: exr::image::Blocks::ScanLines,
+        line_order: LineOrder::Increasing,
+    };
+    let layer = Layer::new(
+        (width as usize, height as usize),
+        LayerAttributes::default(),
+        encoding,
+        AnyChannels::sort(channels.into_iter().collect()),
+    );
+    let mut bytes = Cursor::new(Vec::new());
+    Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes)?;
+    Ok(bytes.into_inner())
+}

@@ -1,0 +1,108 @@
+//! Partials as OpenEXR bytes.
+
+use super::{Partial, PartialHeader};
+use crate::trace::{LAYERS, PixelMeans};
+use exr::prelude::{
+    AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, IntegerBounds, Layer,
+    LayerAttributes, ReadChannels, ReadLayers, Text, Vec2, WritableImage, read,
+};
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
+
+/// A file that is no usable partial. It is traced again.
+#[derive(Debug, thiserror::Error)]
+#[error("partial {} is not usable: {reason}; it will be traced again", path.display())]
+pub struct PartialError {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong.
+    pub reason: String,
+}
+
+/// Name of the header attribute.
+const ATTRIBUTE: &str = "glasshouse";
+const COLOURS: [&str; 3] = ["R", "G", "B"];
+
+/// Channel name, and where its value stands in a pixel.
+fn channels() -> impl Iterator<Item = (String, bool, usize, usize)> {
+    [false, true].into_iter().flat_map(|half| {
+        LAYERS.iter().enumerate().flat_map(move |(layer, name)| {
+            let part = if half { "_half" } else { "" };
+            COLOURS.iter().enumerate().map(move |(c, colour)| (format!("{name}{part}.{colour}"), half, layer, c))
+        })
+    })
+}
+
+fn value(pixel: &mut PixelMeans, half: bool, layer: usize, colour: usize) -> &mut f32 {
+    let means = if half { &mut pixel.half } else { &mut pixel.mean };
+    &mut means[layer][colour]
+}
+
+/// The file's bytes.
+pub fn encode(partial: &Partial) -> Result<Vec<u8>, exr::error::Error> {
+    let header = &partial.header;
+    let tile = header.tile;
+    let list = channels().map(|(name, half, layer, c)| {
+        let samples = partial.pixels.iter().map(|&pixel| *value(&mut { pixel }, half, layer, c));
+        AnyChannel::new(name.as_str(), FlatSamples::F32(samples.collect()))
+    });
+    let mut attributes = LayerAttributes::default();
+    attributes.layer_position = Vec2(tile.x as i32, tile.y as i32);
+    attributes.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(header.to_json().as_str())));
+    let layer = Layer::new(
+        (tile.width as usize, tile.height as usize),
+        attributes,
+        Encoding::UNCOMPRESSED,
+        AnyChannels::sort(list.collect()),
+    );
+    let mut image = Image::from_layer(layer);
+    image.attributes.display_window =
+        IntegerBounds::from_dimensions((header.film[0] as usize, header.film[1] as usize));
+    let mut bytes = Cursor::new(Vec::new());
+    image.write().non_parallel().to_buffered(&mut bytes)?;
+    Ok(bytes.into_inner())
+}
+
+/// Reads a partial and checks its digest. `path` is for the error's text.
+pub fn decode(path: &Path, bytes: &[u8]) -> Result<Partial, PartialError> {
+    // The exr crate may panic on bytes that are no image.
+    let result = std::panic::catch_unwind(|| decode_inner(bytes));
+    result
+        .unwrap_or_else(|_| Err("the OpenEXR reader gave up on it".to_owned()))
+        .map_err(|reason| PartialError { path: path.to_owned(), reason })
+}
+
+fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(|e| e.to_string())?;
+    let layer = &image.layer_data;
+    let header = match layer.attributes.other.get(&Text::from(ATTRIBUTE)) {
+        Some(AttributeValue::Text(json)) => {
+            serde_json::from_str::<PartialHeader>(&json.to_string()).map_err(|e| e.to_string())?
+        }
+        _ => return Err(format!("it has no {ATTRIBUTE} attribute")),
+    };
+    let count = layer.size.area();
+    if count != header.tile.width as usize * header.tile.height as usize {
+        return Err("its size is not its tile's".to_owned());
+    }
+    let mut pixels = vec![PixelMeans::default(); count];
+    for (name, half, layer_index, c) in channels() {
+        let channel = layer.channel_data.list.iter().find(|channel| channel.name.eq(name.as_str()));
+        let Some(FlatSamples::F32(samples)) = channel.map(|channel| &channel.sample_data) else {
+            return Err(format!("it has no float channel {name}"));
+        };
+        for (pixel, &sample) in pixels.iter_mut().zip(samples) {
+            *value(pixel, half, layer_index, c) = sample;
+        }
+    }
+    let partial = Partial { header, pixels };
+    if partial.is_intact() { Ok(partial) } else { Err("its digest does not fit its content".to_owned()) }
+}

@@ -1,0 +1,51 @@
+//! Stage 5: one shard's result on disk.
+//!
+//! An uncompressed OpenEXR file: its data window is the shard's tile, its display window the film; 24 float
+//! channels hold each layer's mean and the mean of the first half of its samples (half their difference is the
+//! error estimate); one header attribute, `glasshouse`, holds the rest as JSON. A partial is believed only if its
+//! own digest fits its bits: a torn or foreign file is traced again.
+
+mod exr_file;
+mod header;
+
+pub use exr_file::{PartialError, decode, encode};
+pub use header::{PARTIAL_SCHEMA, PartialHeader};
+
+use crate::trace::PixelMeans;
+
+/// A shard's result.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Partial {
+    /// What it is.
+    pub header: PartialHeader,
+    /// Row by row.
+    pub pixels: Vec<PixelMeans>,
+}
+
+impl Partial {
+    /// Makes the partial and its digest.
+    pub fn new(mut header: PartialHeader, pixels: Vec<PixelMeans>) -> Self {
+        header.blake3 = digest(&header, &pixels);
+        Self { header, pixels }
+    }
+
+    /// The digest fits the content.
+    pub fn is_intact(&self) -> bool {
+        self.header.blake3 == digest(&self.header, &self.pixels)
+    }
+}
+
+/// BLAKE3 (hex) of a header without its digest and of the pixels' bits.
+fn digest(header: &PartialHeader, pixels: &[PixelMeans]) -> String {
+    let bare = PartialHeader { blake3: String::new(), ..header.clone() };
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(bare.to_json().as_bytes());
+    let mut bytes = Vec::with_capacity(pixels.len() * 96);
+    for pixel in pixels {
+        for value in pixel.mean.iter().chain(&pixel.half).flatten() {
+            bytes.extend_from_slice(&value.to_le_bytes());
+        }
+    }
+    hasher.update(&bytes);
+    hasher.finalize().to_hex().to_string()
+}

@@ -1,0 +1,99 @@
+//! The one place where a scene's files are read; decoding them is pure.
+
+use super::{
+    AssembleError, NamedBytes, PhotographFiles, SceneError, SceneFacts, assemble, decode_photograph,
+};
+use crate::manifest::{Photograph, RootError, Roots, SceneLine};
+use crate::trace::Scene;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Why a scene cannot be made from its files: a reason for quarantine.
+#[derive(Debug, thiserror::Error)]
+pub enum LoadError {
+    /// A path leads nowhere.
+    #[error(transparent)]
+    Root(#[from] RootError),
+    /// A file cannot be read.
+    #[error("cannot read {}: {source}; check the path and the roots (--root NAME=DIR)", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A file's content cannot be used.
+    #[error(transparent)]
+    Decode(#[from] SceneError),
+    /// The parts do not make a scene.
+    #[error(transparent)]
+    Assemble(#[from] AssembleError),
+}
+
+/// The bytes of a scene's files.
+pub struct SceneFiles {
+    front: PhotographFiles,
+    back: PhotographFiles,
+}
+
+/// Digests (BLAKE3, hex) of a scene's input files, by the manifest line's field (`front.color`, ...).
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct InputDigests(pub BTreeMap<String, String>);
+
+/// A scene that can be traced, and what is known about it.
+pub struct LoadedScene {
+    /// For the tracer.
+    pub scene: Scene,
+    /// For the record.
+    pub facts: SceneFacts,
+    /// Of the files it was made from.
+    pub inputs: InputDigests,
+    /// Time that decoding the files took.
+    pub decode_time: Duration,
+}
+
+/// Reads all of a scene's files. Paths are relative to `base` or under a named root.
+pub fn read_files(line: &SceneLine, roots: &Roots, base: &Path) -> Result<SceneFiles, LoadError> {
+    let read = |text: &str| -> Result<NamedBytes, LoadError> {
+        let path = roots.resolve(base, text)?;
+        match std::fs::read(&path) {
+            Ok(bytes) => Ok(NamedBytes { path, bytes }),
+            Err(source) => Err(LoadError::Read { path, source }),
+        }
+    };
+    let photograph = |p: &Photograph| -> Result<PhotographFiles, LoadError> {
+        Ok(PhotographFiles {
+            color: read(&p.color)?,
+            depth: read(&p.depth)?,
+            mask: p.mask.as_deref().map(read).transpose()?,
+        })
+    };
+    Ok(SceneFiles { front: photograph(&line.front)?, back: photograph(&line.back)? })
+}
+
+/// Decodes the files and assembles the scene. Pure.
+pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadError> {
+    let start = Instant::now();
+    let inputs = digests(files);
+    let front = decode_photograph(&line.front, &files.front)?;
+    let back = decode_photograph(&line.back, &files.back)?;
+    let (scene, facts) = assemble(line, front, back)?;
+    Ok(LoadedScene { scene, facts, inputs, decode_time: start.elapsed() })
+}
+
+fn digests(files: &SceneFiles) -> InputDigests {
+    let mut digests = BTreeMap::new();
+    for (side, photograph) in [("front", &files.front), ("back", &files.back)] {
+        let parts = [("color", Some(&photograph.color)), ("depth", Some(&photograph.depth)), ("mask", photograph.mask.as_ref())];
+        for (part, file) in parts {
+            if let Some(file) = file {
+                let digest = blake3::hash(&file.bytes).to_hex().to_string();
+                digests.insert(format!("{side}.{part}"), digest);
+            }
+        }
+    }
+    InputDigests(digests)
+}
