@@ -109,7 +109,10 @@ mod tests {
 
     #[test]
     fn no_two_photographs_share_a_file() {
-        let paths: BTreeSet<_> = listing(500, 1).iter().map(|p| p.color_path()).collect();
+        let paths: BTreeSet<_> = listing(500, 1)
+            .iter()
+            .map(SamplePhotograph::color_path)
+            .collect();
         assert_eq!(paths.len(), 500);
     }
 

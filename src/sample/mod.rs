@@ -12,7 +12,9 @@
 mod bounds;
 mod build;
 mod camera;
+mod daylight;
 mod diode;
+mod fittings;
 mod furniture;
 mod garden;
 mod hole;
@@ -29,6 +31,7 @@ mod room;
 mod shape;
 mod sky;
 mod street;
+mod style;
 mod tiles;
 mod tone;
 mod tree;

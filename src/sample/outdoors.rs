@@ -118,7 +118,8 @@ fn street_place(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
     let side = if r.chance(0.5) { 1.0 } else { -1.0 };
     let eye = Vec3::new(side * r.range(0.3, half_m + 1.3), r.range(1.5, 1.9), 0.0);
     let target = Vec3::new(-side * r.range(0.0, half_m + 1.0), r.range(1.5, 2.3), 14.0);
-    foreground(b, eye, target, 0.0, r);
+    let things = &[Thing::Bollard, Thing::Sign, Thing::Bicycle, Thing::Person];
+    foreground(b, eye, target, things, r);
     Place { eye, target, lamps }
 }
 
@@ -183,7 +184,14 @@ fn square(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
             }
         }
     }
-    foreground(b, eye, target, 0.0, r);
+    let things = &[
+        Thing::Bollard,
+        Thing::Bicycle,
+        Thing::Planter,
+        Thing::Bench,
+        Thing::Person,
+    ];
+    foreground(b, eye, target, things, r);
     Place { eye, target, lamps }
 }
 
@@ -259,7 +267,7 @@ fn park(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
     }
     for _ in 0..5 {
         b.start_piece();
-        let spot = path[4 + r.index(16)];
+        let spot = path[7 + r.index(16)];
         let at = spot + Vec3::new(r.range(-1.2, 1.2), 0.0, r.range(-0.5, 0.5));
         garden::person(
             b,
@@ -279,34 +287,52 @@ fn park(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
     }
     let eye = Vec3::new(path[2].x + r.range(-1.0, 1.0), r.range(1.4, 1.8), 0.0);
     let target = Vec3::new(path[9].x, r.range(1.3, 1.9), 10.0);
-    foreground(b, eye, target, 0.0, r);
+    let things = &[
+        Thing::Sign,
+        Thing::Bicycle,
+        Thing::Planter,
+        Thing::Bench,
+        Thing::Person,
+    ];
+    foreground(b, eye, target, things, r);
     Place { eye, target, lamps }
 }
 
+/// What may stand in the foreground.
+#[derive(Clone, Copy, Debug)]
+enum Thing {
+    Bollard,
+    Sign,
+    Bicycle,
+    Planter,
+    Bench,
+    Person,
+}
+
 /// Something near and thin in the middle of the view: edges to reflect.
-fn foreground(b: &mut Builder, eye: Vec3, target: Vec3, ground_m: f32, r: &mut Stream) {
+fn foreground(b: &mut Builder, eye: Vec3, target: Vec3, kinds: &[Thing], r: &mut Stream) {
     let ahead = (target - eye) * Vec3::new(1.0, 0.0, 1.0);
     let ahead = ahead.normalize();
     let right = Vec3::new(ahead.z, 0.0, -ahead.x);
     let mut place = |b: &mut Builder, distance_m: f32, across: f32| {
         b.start_piece();
         let at = eye + ahead * distance_m + right * (across * distance_m);
-        Frame::new(Vec3::new(at.x, ground_m, at.z), r.range(-0.4, 0.4))
+        Frame::new(Vec3::new(at.x, 0.0, at.z), r.range(-0.4, 0.4))
     };
     let first = place(b, 2.6, 0.2);
     let second = place(b, 4.2, -0.16);
     let third = place(b, 6.0, 0.04);
     for (k, f) in [first, second, third].into_iter().enumerate() {
         b.start_piece();
-        // People only far enough away to be seen whole.
-        let kinds = if k == 0 { 5 } else { 7 };
-        match r.index(kinds) {
-            0 => garden::bollard(b, &f),
-            1 => garden::road_sign(b, &f, r),
-            2 => garden::bicycle(b, &f.at(0.0, 0.0, 0.0, r.range(0.6, 2.4)), r),
-            3 => garden::planter(b, &f, r),
-            4 => garden::bench(b, &f.at(0.0, 0.0, 0.0, r.range(2.2, 4.0))),
-            _ => garden::person(b, &f.at(0.0, 0.0, 0.0, r.range(0.0, 6.0)), r),
+        match r.pick(kinds) {
+            // Nearer than this a person or a sign hides the place.
+            Thing::Person | Thing::Sign if k == 0 => garden::bollard(b, &f),
+            Thing::Bollard => garden::bollard(b, &f),
+            Thing::Sign => garden::road_sign(b, &f, r),
+            Thing::Bicycle => garden::bicycle(b, &f.at(0.0, 0.0, 0.0, r.range(0.6, 2.4)), r),
+            Thing::Planter => garden::planter(b, &f, r),
+            Thing::Bench => garden::bench(b, &f.at(0.0, 0.0, 0.0, r.range(2.2, 4.0))),
+            Thing::Person => garden::person(b, &f.at(0.0, 0.0, 0.0, r.range(0.0, 6.0)), r),
         }
     }
 }

@@ -131,7 +131,7 @@ impl Material {
                     .lerp(Vec3::splat(0.3), shelf);
                 found.glass = post < 0.5 && dice(floor(u / period), 5, seed) < 0.6;
                 found.gloss = 0.05 * (1.0 - post);
-                found.glow = inside * (1.0 - post) * self.glow;
+                found.glow = inside * (1.0 - post) * (0.45 * self.glow);
                 (inside * 0.6).lerp(second, post)
             }
             Pattern::Road(half_width) => road(u, v, half_width, f, self),

@@ -106,9 +106,15 @@ pub fn render(photograph: &SamplePhotograph, width: u32, height: u32) -> Rgbd {
                     .any(|other| differs(pixels[k].as_ref(), other.as_ref()))
                 {
                     coded = Vec3::ZERO;
+                    // All around lit: what lies between is, too. (A shaded one may face away.)
+                    let lit = pixels[k]
+                        .iter()
+                        .chain(around.iter().flatten())
+                        .all(|p| p.in_sun);
+                    let known_sun = lit.then_some(true);
                     for (du, dv) in OFFSETS {
                         let ray = camera.ray(i as f32 + 0.5 + du, j as f32 + 0.5 + dv);
-                        let pixel = view.seen(&ray, i, j);
+                        let pixel = view.seen(&ray, i, j, known_sun);
                         let (radiance, _) = view.radiance(&ray, pixel.as_ref(), &grid, i, j);
                         coded += tone.coded(radiance);
                     }
@@ -183,11 +189,11 @@ impl View<'_> {
     }
 
     fn pixel(&self, i: usize, j: usize) -> Option<Pixel> {
-        self.seen(&self.centre_ray(i, j), i, j)
+        self.seen(&self.centre_ray(i, j), i, j, None)
     }
 
-    /// What a ray through pixel (i, j) meets.
-    fn seen(&self, ray: &Ray, i: usize, j: usize) -> Option<Pixel> {
+    /// What a ray through pixel (i, j) meets; `known_sun` spares the shadow ray.
+    fn seen(&self, ray: &Ray, i: usize, j: usize, known_sun: Option<bool>) -> Option<Pixel> {
         let hit = self.tiles.nearest(&self.model.solids, ray, i, j)?;
         let solid = &self.model.solids[hit.solid as usize];
         let position = ray.at(hit.depth_m);
@@ -202,7 +208,7 @@ impl View<'_> {
         let in_sun = lights.sun != Vec3::ZERO && normal.dot(lights.sun_direction) > 0.0 && {
             let origin = position + normal * (1e-3 + 3e-4 * hit.depth_m);
             let direction = lights.sun_direction;
-            !self.bounds.occluded(&Ray { origin, direction }, 200.0)
+            known_sun.unwrap_or_else(|| !self.bounds.occluded(&Ray { origin, direction }, 200.0))
         };
         Some(Pixel {
             hit,
@@ -284,7 +290,7 @@ impl View<'_> {
                     let square = half.length_squared();
                     ((1.15 - at.dot(half).abs() / square) * 3.5).clamp(0.0, 1.0)
                 };
-                seen += opening.radiance * (inside(opening.half_u) * inside(opening.half_v));
+                seen += opening.radiance * (0.35 * inside(opening.half_u) * inside(opening.half_v));
             }
         }
         seen

@@ -2,13 +2,15 @@
 
 use super::build::{Builder, Frame};
 use super::camera::Pose;
-use super::furniture::{self as piece, Style};
+use super::daylight::{Hole, Wall, lights, sky};
+use super::fittings as fit;
+use super::furniture as piece;
 use super::listing::SamplePhotograph;
 use super::material::{Material, color};
-use super::model::{Bulb, Lights, Model, Opening};
+use super::model::Model;
 use super::pattern::Pattern;
 use super::random::Stream;
-use super::sky::Sky;
+use super::style::{Style, seed, style};
 use core::f32::consts::{FRAC_PI_2, PI};
 use glam::{Vec2, Vec3};
 
@@ -23,28 +25,11 @@ enum Kind {
     Kitchen,
 }
 
-/// A wall: its frame looks into the room, x runs along it from its middle.
-#[derive(Clone, Copy, Debug)]
-struct Wall {
-    frame: Frame,
-    length: f32,
-    window: Option<Hole>,
-}
-
-/// An opening in a wall: middle along the wall, sill, sizes.
-#[derive(Clone, Copy, Debug)]
-struct Hole {
-    x: f32,
-    sill: f32,
-    w: f32,
-    h: f32,
-}
-
 /// The model of an indoor photograph.
 pub(super) fn model(photograph: &SamplePhotograph) -> Model {
     let p = photograph;
     let (scene, scan) = (u64::from(p.scene), u64::from(p.scan));
-    let style = style(&mut Stream::new(&[p.seed, 11, scene]));
+    let style = style(&mut Stream::new(&[p.seed, 11, scene]), scene as usize / 2);
     let r = &mut Stream::new(&[p.seed, 12, scene, scan]);
     let kinds = [
         Kind::Living,
@@ -135,66 +120,6 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
     }
 }
 
-fn style(r: &mut Stream) -> Style {
-    let walls = [
-        0xe6dfd0, 0xd3dcd6, 0xdcd3c8, 0xc3cfd8, 0xe3d2b8, 0xb7c4b1, 0xd9c2b6, 0xece8df, 0x8fa3a8,
-    ];
-    let (wall_a, wall_b) = (color(r.pick(&walls)), color(r.pick(&walls)));
-    let paper = match r.index(4) {
-        0 => Pattern::Stripes(0.24),
-        _ => Pattern::Plain,
-    };
-    let woods = [
-        (0x9c6b3f, 0x7c5230),
-        (0xc19a6b, 0xa67f52),
-        (0x6b4a33, 0x523625),
-        (0xd3b48a, 0xbc9a6e),
-        (0x8a5a44, 0x6e4433),
-    ];
-    let (wood_a, wood_b) = r.pick(&woods);
-    let (floor_a, floor_b) = r.pick(&woods);
-    let seed = (r.bits() >> 40) as i32;
-    let floor =
-        match r.index(5) {
-            0 => Material::new(Pattern::Tiles(0.45), color(0xb9a68c), color(0x857663), seed)
-                .glossy(0.05),
-            1 => Material::new(Pattern::Checks(0.4), color(0xd8d2c6), color(0x6d7274), seed)
-                .glossy(0.05),
-            2 => Material::new(
-                Pattern::Mottled(0.03),
-                color(0x9a8c7c),
-                color(0xb0a392),
-                seed,
-            ),
-            _ => Material::new(
-                Pattern::Boards(0.13),
-                color(floor_a),
-                color(floor_b) * 0.35,
-                seed,
-            )
-            .glossy(0.04),
-        };
-    let cloths = [
-        0x8a8f96, 0x566a7a, 0xa58d6f, 0x6f7f62, 0x94564a, 0x404a5a, 0xc4b59a,
-    ];
-    let accents = [
-        0xb5443a, 0x2f6f7e, 0xd9a441, 0x5b7f4a, 0x7a4e6f, 0xc96f3b, 0x34507d,
-    ];
-    let cloth = color(r.pick(&cloths));
-    let accent = color(r.pick(&accents));
-    Style {
-        wall: Material::new(paper, wall_a, wall_a.lerp(wall_b, 0.5), seed),
-        floor,
-        wood: Material::new(Pattern::Grain(false), color(wood_a), color(wood_b), seed),
-        paint: Material::plain(color(
-            r.pick(&[0xe9e5db, 0xcfd6d2, 0x9fb0a8, 0xd8c8b0, 0x7f8f9c]),
-        )),
-        cloth: Material::new(Pattern::Cloth, cloth, cloth * 0.75, seed),
-        accent: Material::plain(accent),
-        metal: Material::plain(color(r.pick(&[0x33373b, 0x8d8a80, 0x9a7b45]))).glossy(0.08),
-    }
-}
-
 fn shell(b: &mut Builder, walls: &[Wall], [w, h, d]: [f32; 3], style: &Style, r: &mut Stream) {
     let f = &Frame::world();
     b.start_place();
@@ -218,7 +143,7 @@ fn shell(b: &mut Builder, walls: &[Wall], [w, h, d]: [f32; 3], style: &Style, r:
             part(x0, x1, 0.0, o.sill);
             part(x0, x1, o.sill + o.h, h);
             let at = f.at(o.x, o.sill + 0.5 * o.h, 0.0, 0.0);
-            piece::window(b, &at, [o.w, o.h], style, r);
+            fit::window(b, &at, [o.w, o.h], style, r);
         } else {
             part(-end, end, 0.0, h);
         }
@@ -273,7 +198,7 @@ fn furnish(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) 
             piece::sofa(b, &at, 0.85, style.accent, r);
             b.start_piece();
             let at = f.at(-side * r.range(0.95, 1.3), 0.0, 0.75, 0.0);
-            lamps.push(piece::floor_lamp(b, &at, style, on));
+            lamps.push(fit::floor_lamp(b, &at, style, on));
         }
         Kind::Dining => {
             let size = [r.range(1.3, 1.7), 0.75, 0.85];
@@ -294,7 +219,7 @@ fn furnish(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) 
             b.start_piece();
             rug(b, &at, [1.3, 1.1], style, r);
             b.start_piece();
-            let lamp = piece::pendant(
+            let lamp = fit::pendant(
                 b,
                 &f.at(0.0, 0.0, 0.2, 0.0),
                 r.range(1.6, 1.75),
@@ -313,7 +238,7 @@ fn furnish(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) 
             );
             piece::desk(b, &at, style, r);
             let lamp = at.at(-0.55, 0.74, -0.18, 0.0);
-            lamps.push(piece::table_lamp(b, &lamp, style, on));
+            lamps.push(fit::table_lamp(b, &lamp, style, on));
             b.start_piece();
             piece::chair(
                 b,
@@ -322,7 +247,7 @@ fn furnish(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) 
                 style.accent,
             );
             b.start_piece();
-            piece::boxes(b, &f.at(r.range(0.75, 1.0), 0.0, -0.3, 0.4), r);
+            fit::boxes(b, &f.at(r.range(0.75, 1.0), 0.0, -0.3, 0.4), r);
         }
         Kind::Bedroom => {
             let at = back.at(-room.focus.x, 0.0, 0.03, r.range(-0.03, 0.03));
@@ -332,7 +257,7 @@ fn furnish(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) 
                 let stand = at.at(side, 0.0, 0.0, 0.0);
                 piece::chest(b, &stand, [0.45, 0.5, 0.4], 2, style);
                 let lamp = stand.at(0.0, 0.52, 0.2, 0.0);
-                lamps.push(piece::table_lamp(b, &lamp, style, on));
+                lamps.push(fit::table_lamp(b, &lamp, style, on));
             }
             b.start_piece();
             rug(b, &f.at(0.1, 0.0, 0.0, 0.0), [1.2, 0.8], style, r);
@@ -369,7 +294,7 @@ fn furnish(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) 
                 r,
             );
             b.start_piece();
-            lamps.push(piece::pendant(
+            lamps.push(fit::pendant(
                 b,
                 &island.at(0.0, 0.0, -0.5, 0.0),
                 1.72,
@@ -415,23 +340,23 @@ fn along_walls(b: &mut Builder, room: &Room, free_x: f32, r: &mut Stream, lamps:
                     let width = r.range(1.1, 1.6);
                     piece::chest(b, &at, [width, 0.8, 0.42], 2, style);
                     piece::things(b, &at.at(0.0, 0.018, 0.2, 0.0), [width, 0.8, 0.3], 3, r);
-                    lamps.push(piece::table_lamp(
+                    lamps.push(fit::table_lamp(
                         b,
                         &at.at(0.38 * width, 0.82, 0.2, 0.0),
                         style,
                         room.lamps_on,
                     ));
-                    piece::picture(b, &at.at(0.0, 1.62, 0.0, 0.0), [0.9, 0.62], style, r);
+                    fit::picture(b, &at.at(0.0, 1.62, 0.0, 0.0), [0.9, 0.62], style, r);
                 }
                 _ => {
-                    piece::door(b, &at, style);
-                    piece::picture(b, &at.at(-0.85, 1.55, 0.0, 0.0), [0.45, 0.6], style, r);
+                    fit::door(b, &at, style);
+                    fit::picture(b, &at.at(-0.85, 1.55, 0.0, 0.0), [0.45, 0.6], style, r);
                 }
             }
         }
     } else if room.kind == Kind::Bedroom && room.walls[0].window.is_none() {
         b.start_piece();
-        piece::picture(
+        fit::picture(
             b,
             &back.at(-room.focus.x, 1.65, 0.0, 0.0),
             [1.1, 0.65],
@@ -451,7 +376,7 @@ fn along_walls(b: &mut Builder, room: &Room, free_x: f32, r: &mut Stream, lamps:
             b.start_piece();
             let at = f.at(away * x, 0.0, 0.01, 0.0);
             match r.index(5) {
-                0 => piece::door(b, &at, style),
+                0 => fit::door(b, &at, style),
                 1 => piece::bookcase(
                     b,
                     &at,
@@ -462,15 +387,15 @@ fn along_walls(b: &mut Builder, room: &Room, free_x: f32, r: &mut Stream, lamps:
                 2 => {
                     piece::chest(b, &at, [1.1, 0.75, 0.42], 3, style);
                     piece::things(b, &at.at(0.0, 0.018, 0.2, 0.0), [1.1, 0.75, 0.3], 3, r);
-                    piece::picture(b, &at.at(0.0, 1.55, 0.0, 0.0), [0.8, 0.6], style, r);
+                    fit::picture(b, &at.at(0.0, 1.55, 0.0, 0.0), [0.8, 0.6], style, r);
                 }
                 3 => {
                     for k in 0..3 {
                         let at = at.at(0.62 * (k as f32 - 1.0), 1.55, 0.0, 0.0);
-                        piece::picture(b, &at, [0.42, 0.55], style, r);
+                        fit::picture(b, &at, [0.42, 0.55], style, r);
                     }
                 }
-                _ => piece::picture(b, &at.at(0.0, 1.5, 0.0, 0.0), [1.2, 0.8], style, r),
+                _ => fit::picture(b, &at.at(0.0, 1.5, 0.0, 0.0), [1.2, 0.8], style, r),
             }
         }
     }
@@ -478,7 +403,7 @@ fn along_walls(b: &mut Builder, room: &Room, free_x: f32, r: &mut Stream, lamps:
         if r.chance(0.7) {
             b.start_piece();
             let at = Frame::new(Vec3::new(side * (0.5 * w - 0.42), 0.0, d - 0.45), r.unit());
-            piece::plant(b, &at, r.range(0.9, 1.6), r);
+            fit::plant(b, &at, r.range(0.9, 1.6), r);
         }
     }
     if r.chance(0.6) {
@@ -488,18 +413,18 @@ fn along_walls(b: &mut Builder, room: &Room, free_x: f32, r: &mut Stream, lamps:
             room.focus + Vec3::new(x, 0.0, r.range(-0.75, -0.45)),
             r.unit(),
         );
-        piece::plant(b, &at, r.range(0.75, 1.15), r);
+        fit::plant(b, &at, r.range(0.75, 1.15), r);
     }
     if room.kind != Kind::Dining && room.kind != Kind::Kitchen {
         b.start_piece();
         let at = Frame::new(Vec3::new(0.0, 0.0, 0.55 * d), 0.0);
-        lamps.push(piece::pendant(b, &at, h - 0.4, h, style, room.lamps_on));
+        lamps.push(fit::pendant(b, &at, h - 0.4, h, style, room.lamps_on));
     }
 }
 
 fn rug(b: &mut Builder, f: &Frame, half: [f32; 2], style: &Style, r: &mut Stream) {
     let pattern = Pattern::Rug(Vec2::from(half));
-    let seed = (r.bits() >> 40) as i32;
+    let seed = seed(r);
     let wool = Material::new(
         pattern,
         style.accent.main * 0.8,
@@ -512,79 +437,4 @@ fn rug(b: &mut Builder, f: &Frame, half: [f32; 2], style: &Style, r: &mut Stream
         [2.0 * half[0], 0.012, 2.0 * half[1]],
         wool,
     );
-}
-
-fn lights(
-    walls: &[Wall],
-    lit: usize,
-    evening: bool,
-    lamps_on: bool,
-    lamps: &[Vec3],
-    r: &mut Stream,
-) -> Lights {
-    let daylight = if evening {
-        Vec3::new(0.16, 0.2, 0.32)
-    } else {
-        Vec3::new(3.4, 3.6, 3.8)
-    };
-    let openings = walls
-        .iter()
-        .filter_map(|wall| {
-            let o = wall.window?;
-            let axes = &wall.frame.axes;
-            Some(Opening {
-                // Outside the frame and bars, whose shadows it then casts.
-                centre: wall.frame.point(Vec3::new(o.x, o.sill + 0.5 * o.h, -0.14)),
-                half_u: axes.x_axis * (0.5 * o.w),
-                half_v: axes.y_axis * (0.5 * o.h),
-                normal: axes.z_axis,
-                radiance: daylight,
-            })
-        })
-        .collect();
-    let sunny = !evening && lit != 0 && r.chance(0.65);
-    let axes = &walls[lit].frame.axes;
-    let (elevation, side) = (r.range(0.45, 0.9), r.range(-0.7, 0.7));
-    let sun_direction = (-axes.z_axis + axes.x_axis * side + Vec3::Y * elevation).normalize();
-    let warm = Vec3::new(1.0, 0.74, 0.46);
-    Lights {
-        sun_direction,
-        sun: if sunny {
-            Vec3::new(3.6, 3.2, 2.6)
-        } else {
-            Vec3::ZERO
-        },
-        openings,
-        bulbs: lamps
-            .iter()
-            .filter(|_| lamps_on)
-            .map(|&centre| Bulb {
-                centre,
-                radius_m: 0.07,
-                intensity: warm * if evening { 0.85 } else { 0.45 },
-            })
-            .collect(),
-        ambient_up: if evening {
-            Vec3::new(0.075, 0.062, 0.05)
-        } else {
-            Vec3::new(0.2, 0.205, 0.21)
-        },
-        ambient_down: if evening {
-            Vec3::new(0.05, 0.04, 0.03)
-        } else {
-            Vec3::new(0.16, 0.145, 0.125)
-        },
-        ambient_reach_m: 1.6,
-    }
-}
-
-fn sky(evening: bool, r: &mut Stream) -> Sky {
-    let dim = if evening { 0.1 } else { 1.6 };
-    Sky {
-        zenith: color(if evening { 0x3a4a78 } else { 0x5f93cc }) * dim,
-        horizon: color(if evening { 0x8a6f80 } else { 0xcfdde6 }) * dim,
-        cloud: color(0xf4f4f2) * dim,
-        cover: r.range(0.2, 0.9),
-        seed: (r.bits() >> 40) as i32,
-    }
 }

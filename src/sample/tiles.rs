@@ -36,18 +36,11 @@ impl Tiles {
             .filter_map(|(i, s)| outline(s, camera).map(|(z, r)| (z, i as u32, r)))
             .collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let tile =
-            |x: f32, count: usize| ((x / TILE as f32).max(-1.0) as i64).clamp(-1, count as i64);
         for (z, solid, [u0, v0, u1, v1]) in order {
             // One pixel more on each side: antialiasing looks past the pixel's centre.
-            if u1 < -1.0 || v1 < -1.0 {
-                continue;
-            }
-            let (i0, i1) = (tile(u0 - 1.0, across).max(0), tile(u1 + 1.0, across));
-            let (j0, j1) = (tile(v0 - 1.0, down).max(0), tile(v1 + 1.0, down));
-            for j in j0..=j1.min(down as i64 - 1) {
-                for i in i0..=i1.min(across as i64 - 1) {
-                    lists[j as usize * across + i as usize].push((z, solid));
+            for j in tile_range(v0 - 1.0, v1 + 1.0, down) {
+                for i in tile_range(u0 - 1.0, u1 + 1.0, across) {
+                    lists[j * across + i].push((z, solid));
                 }
             }
         }
@@ -70,6 +63,17 @@ impl Tiles {
         }
         best
     }
+}
+
+/// Indices of the tiles that pixels `from..=to` touch, of `count` tiles in a row.
+fn tile_range(from: f32, to: f32, count: usize) -> std::ops::Range<usize> {
+    if to < 0.0 {
+        return 0..0;
+    }
+    // The cast saturates: what lies left of the picture starts at its first tile.
+    let first = (from / TILE as f32) as usize;
+    let last = (to / TILE as f32) as usize;
+    first..last.saturating_add(1).min(count)
 }
 
 /// Least depth and image rectangle of the box around a solid; nothing if it lies behind.
