@@ -1,1 +1,32 @@
 //! Stage 3: the files of a manifest line become sheets of radiance and inverse depth, in metres.
+//!
+//! Everything here is pure: the caller reads the files, this module reads their bytes. A
+//! photograph goes through these files, in this order:
+//!
+//! ```text
+//! files (format by magic bytes) -> npy | openexr | raster -> depth, mask, color (transfer)
+//!                                                      -> fill, center -> photograph (Sheet)
+//! ```
+//!
+//! Hostile bytes end in a [`SceneError`], never in a panic, and sizes are checked before anything
+//! of that size is allocated ([`limits`]). A sheet's bits are a function of the bytes and the
+//! manifest line: one thread, a fixed order, and [`libm`] for the one power function.
+
+mod center;
+mod color;
+mod depth;
+mod error;
+mod files;
+mod fill;
+pub mod limits;
+mod mask;
+mod npy;
+mod npy_header;
+mod openexr;
+mod photograph;
+mod raster;
+mod transfer;
+
+pub use error::SceneError;
+pub use files::{NamedBytes, PhotographFiles};
+pub use photograph::{Sheet, decode_photograph};

@@ -1,0 +1,184 @@
+//! PNG, JPEG and PNM files through the `image` crate, and what all colour formats decode to.
+
+use super::error::SceneError;
+use super::files::{FileFormat, NamedBytes};
+use super::limits::{check_size, image_limits};
+use image::codecs::{jpeg::JpegDecoder, png::PngDecoder, pnm::PnmDecoder};
+use image::{ColorType, ExtendedColorType, ImageDecoder};
+use std::io::Cursor;
+
+/// An image as decoded, row by row, channels together.
+#[derive(Debug)]
+pub(super) struct Raster {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha.
+    pub(super) channels: usize,
+    pub(super) samples: Samples,
+    /// The decoder spread codes of another range over the whole range of the type: right for
+    /// colour, wrong for depth.
+    pub(super) rescaled: bool,
+}
+
+/// Samples of the types that files have.
+#[derive(Debug)]
+pub(super) enum Samples {
+    U8(Vec<u8>),
+    U16(Vec<u16>),
+    F32(Vec<f32>),
+}
+
+/// Decodes a PNG, JPEG or PNM file. Rotation tags, profiles and gamma chunks are ignored: the
+/// manifest line says what the values mean.
+pub(super) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, SceneError> {
+    let bytes = Cursor::new(file.bytes.as_slice());
+    let failed = |error: image::ImageError| file.unreadable(format, error);
+    file.contain(format, || match format {
+        FileFormat::Png => {
+            let decoder = PngDecoder::with_limits(bytes, image_limits()).map_err(failed)?;
+            read(file, format, decoder, None)
+        }
+        FileFormat::Jpeg => {
+            if !jpeg_is_whole(&file.bytes) {
+                return Err(file.unreadable(format, "the file ends before the image does"));
+            }
+            read(file, format, JpegDecoder::new(bytes).map_err(failed)?, None)
+        }
+        FileFormat::Pnm => {
+            let decoder = PnmDecoder::new(bytes).map_err(failed)?;
+            let original_max = decoder.header().maximal_sample();
+            read(file, format, decoder, Some(original_max))
+        }
+        FileFormat::Exr | FileFormat::Npy => unreachable!("read by modules of their own"),
+    })
+}
+
+/// Checks the size, then reads the pixels. `original_max` is the code that stands for 1, if not the
+/// type's maximum.
+fn read(
+    file: &NamedBytes,
+    format: FileFormat,
+    decoder: impl ImageDecoder,
+    original_max: Option<u32>,
+) -> Result<Raster, SceneError> {
+    let (width, height) = decoder.dimensions();
+    check_size(&file.path, width as u64, height as u64)?;
+    let color = decoder.color_type();
+    let (channels, is_wide) = match color {
+        ColorType::L8 => (1, false),
+        ColorType::La8 => (2, false),
+        ColorType::Rgb8 => (3, false),
+        ColorType::Rgba8 => (4, false),
+        ColorType::L16 => (1, true),
+        ColorType::La16 => (2, true),
+        ColorType::Rgb16 => (3, true),
+        ColorType::Rgba16 => (4, true),
+        other => {
+            let found = format!("pixels of type {other:?}");
+            return Err(file.wrong_layout(found, "8- or 16-bit grey or RGB"));
+        }
+    };
+    let original = decoder.original_color_type();
+    let count = width as usize * height as usize * channels;
+    let failed = |error| file.unreadable(format, error);
+    let samples = if is_wide {
+        let mut words = vec![0u16; count];
+        decoder
+            .read_image(bytemuck::cast_slice_mut(&mut words))
+            .map_err(failed)?;
+        Samples::U16(words)
+    } else {
+        let mut bytes = vec![0u8; count];
+        decoder.read_image(&mut bytes).map_err(failed)?;
+        Samples::U8(bytes)
+    };
+    let is_partial = original_max.is_some_and(|max| max != if is_wide { 65535 } else { 255 });
+    let is_narrow = matches!(
+        original,
+        ExtendedColorType::L1 | ExtendedColorType::L2 | ExtendedColorType::L4
+    );
+    Ok(Raster {
+        width: width as usize,
+        height: height as usize,
+        channels,
+        samples,
+        rescaled: is_partial || is_narrow,
+    })
+}
+
+/// Whether the last scan is closed by an end marker. The decoder would paint the missing rest of a
+/// cut file grey and say nothing. Neither marker can occur inside a scan.
+fn jpeg_is_whole(bytes: &[u8]) -> bool {
+    let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xff, marker]);
+    match (last(0xda), last(0xd9)) {
+        (Some(scan), Some(end)) => scan < end,
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use image::ImageEncoder;
+    use std::path::PathBuf;
+
+    /// A PNG file of the given pixels; 16-bit samples in native order.
+    pub(in crate::scene) fn png(
+        pixels: &[u8],
+        width: u32,
+        height: u32,
+        color: ExtendedColorType,
+    ) -> NamedBytes {
+        let mut bytes = Vec::new();
+        image::codecs::png::PngEncoder::new(&mut bytes)
+            .write_image(pixels, width, height, color)
+            .unwrap();
+        NamedBytes {
+            path: PathBuf::from("a.png"),
+            bytes,
+        }
+    }
+
+    /// A JPEG file.
+    pub(in crate::scene) fn jpeg(pixels: &[u8], width: u32, height: u32) -> NamedBytes {
+        let mut bytes = Vec::new();
+        image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 95)
+            .write_image(pixels, width, height, ExtendedColorType::Rgb8)
+            .unwrap();
+        NamedBytes {
+            path: PathBuf::from("a.jpg"),
+            bytes,
+        }
+    }
+
+    #[test]
+    fn a_cut_jpeg_is_an_error() {
+        let mut file = jpeg(&[100; 64 * 64 * 3], 64, 64);
+        assert!(decode(&file, FileFormat::Jpeg).is_ok());
+        file.bytes.extend(b"trailing");
+        assert!(decode(&file, FileFormat::Jpeg).is_ok());
+        file.bytes.truncate(file.bytes.len() - 12);
+        assert!(decode(&file, FileFormat::Jpeg).is_err());
+    }
+
+    #[test]
+    fn sizes_are_refused_before_memory_is_taken() {
+        let named = |text: &str| NamedBytes {
+            path: PathBuf::from("a.ppm"),
+            bytes: text.as_bytes().to_vec(),
+        };
+        for text in [
+            "P6 16385 1 255 ",
+            "P5 4294967295 4294967295 65535 ",
+            "P5 16384 16384 255 ",
+        ] {
+            let error = decode(&named(text), FileFormat::Pnm).unwrap_err();
+            assert!(matches!(error, SceneError::Size { .. }), "{error}");
+        }
+        let overflowing = named("P5 4294967295 4294967295 65535 ");
+        assert!(decode(&overflowing, FileFormat::Pnm).is_err());
+        let mut file = png(&[0; 3], 1, 1, ExtendedColorType::Rgb8);
+        file.bytes[16..20].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff]);
+        assert!(decode(&file, FileFormat::Png).is_err());
+    }
+}
