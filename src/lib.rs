@@ -18,6 +18,9 @@
 pub mod atomic_file;
 pub mod ids;
 pub mod manifest;
+pub mod merge;
+pub mod partial;
 pub mod sample;
 pub mod scene;
+pub mod shard;
 pub mod trace;

@@ -31,7 +31,9 @@ pub enum MergeError {
         reason: &'static str,
     },
     /// A pixel is not a number.
-    #[error("scene {scene}: layer {layer} is not finite at pixel ({x}, {y}); check the inputs' radiance and depth")]
+    #[error(
+        "scene {scene}: layer {layer} is not finite at pixel ({x}, {y}); check the inputs' radiance and depth"
+    )]
     NotFinite {
         /// The scene.
         scene: String,
@@ -49,15 +51,27 @@ pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<T
     let scene = || line.id.to_string();
     let layout = ShardLayout::of(line, tile_px);
     let by_shard: BTreeMap<u32, &Partial> = partials.iter().map(|p| (p.header.shard, p)).collect();
-    let missing: Vec<u32> = (0..layout.len()).filter(|index| !by_shard.contains_key(index)).collect();
+    let missing: Vec<u32> = (0..layout.len())
+        .filter(|index| !by_shard.contains_key(index))
+        .collect();
     if !missing.is_empty() {
-        return Err(MergeError::Gaps { scene: scene(), missing, total: layout.len() });
+        return Err(MergeError::Gaps {
+            scene: scene(),
+            missing,
+            total: layout.len(),
+        });
     }
     let digest = scene_digest(line);
     let first = &by_shard[&0].header;
     for shard in layout.shards() {
         let header = &by_shard[&shard.index].header;
-        let foreign = |reason| Err(MergeError::Foreign { scene: scene(), shard: shard.index, reason });
+        let foreign = |reason| {
+            Err(MergeError::Foreign {
+                scene: scene(),
+                shard: shard.index,
+                reason,
+            })
+        };
         if header.line_blake3 != digest || header.scene != line.id {
             return foreign("belongs to another scene line");
         }
@@ -78,12 +92,16 @@ pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<T
     let (mut paths, mut misses, mut samples) = ([0u64; 4], [0u64; 4], [0u32; 4]);
     let ranges = layout.ranges();
     for tile_index in 0..layout.len() / ranges {
-        let of_tile: Vec<&Partial> =
-            (0..ranges).map(|range| by_shard[&(tile_index * ranges + range)]).collect();
+        let of_tile: Vec<&Partial> = (0..ranges)
+            .map(|range| by_shard[&(tile_index * ranges + range)])
+            .collect();
         let tile = of_tile[0].header.tile;
         for layer in 0..4 {
-            let counted: Vec<&Partial> =
-                of_tile.iter().copied().filter(|p| p.header.layer_samples[layer] > 0).collect();
+            let counted: Vec<&Partial> = of_tile
+                .iter()
+                .copied()
+                .filter(|p| p.header.layer_samples[layer] > 0)
+                .collect();
             let total: u32 = counted.iter().map(|p| p.header.layer_samples[layer]).sum();
             samples[layer] = total;
             for q in 0..of_tile[0].pixels.len() {
@@ -113,7 +131,13 @@ pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<T
     }
     let values = (width * height * 3) as f64;
     let records = LAYERS.iter().enumerate().map(|(k, name)| {
-        let record = LayerRecord::new(&layers[k], samples[k], squares[k] / values, paths[k], misses[k]);
+        let record = LayerRecord::new(
+            &layers[k],
+            samples[k],
+            squares[k] / values,
+            paths[k],
+            misses[k],
+        );
         ((*name).to_owned(), record)
     });
     let record = TupleRecord {
@@ -125,14 +149,28 @@ pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<T
         inputs: first.inputs.clone(),
         scene: line.clone(),
     };
-    Ok(Tuple { width: line.film.width, height: line.film.height, layers, record })
+    Ok(Tuple {
+        width: line.film.width,
+        height: line.film.height,
+        layers,
+        record,
+    })
 }
 
 /// Mean of all ranges, and mean of the first half: of the ranges, or of the only range's samples.
-fn combine_value(counted: &[&Partial], layer: usize, pixel: usize, colour: usize, total: u32) -> (f64, f64) {
+fn combine_value(
+    counted: &[&Partial],
+    layer: usize,
+    pixel: usize,
+    colour: usize,
+    total: u32,
+) -> (f64, f64) {
     if let [only] = counted {
         let means = &only.pixels[pixel];
-        return (f64::from(means.mean[layer][colour]), f64::from(means.half[layer][colour]));
+        return (
+            f64::from(means.mean[layer][colour]),
+            f64::from(means.half[layer][colour]),
+        );
     }
     let (mut sum, mut half_sum, mut half_count) = (0.0, 0.0, 0);
     for (k, partial) in counted.iter().enumerate() {
@@ -143,5 +181,8 @@ fn combine_value(counted: &[&Partial], layer: usize, pixel: usize, colour: usize
             half_count += count;
         }
     }
-    (sum / f64::from(total), half_sum / f64::from(half_count.max(1)))
+    (
+        sum / f64::from(total),
+        half_sum / f64::from(half_count.max(1)),
+    )
 }

@@ -12,7 +12,11 @@ const CELLS: usize = 4096;
 
 /// The inverse curve: code value in [0, 1] to linear.
 fn linear(code: f64) -> f64 {
-    if code <= 0.04045 { code / 12.92 } else { libm::pow((code + 0.055) / 1.055, 2.4) }
+    if code <= 0.04045 {
+        code / 12.92
+    } else {
+        libm::pow((code + 0.055) / 1.055, 2.4)
+    }
 }
 
 impl SrgbEncoder {
@@ -53,8 +57,11 @@ mod tests {
         let encoder = SrgbEncoder::new();
         for i in 0..=100_000 {
             let value = i as f64 / 100_000.0;
-            let curve =
-                if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * libm::pow(value, 1.0 / 2.4) - 0.055 };
+            let curve = if value <= 0.003_130_8 {
+                12.92 * value
+            } else {
+                1.055 * libm::pow(value, 1.0 / 2.4) - 0.055
+            };
             let exact = curve * 255.0;
             let code = f64::from(encoder.encode(value as f32));
             assert!((code - exact).abs() <= 0.5001, "{value} {code} {exact}");

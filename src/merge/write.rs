@@ -5,8 +5,8 @@ use super::tuple::Tuple;
 use crate::atomic_file::{self, WriteError};
 use crate::trace::LAYERS;
 use exr::prelude::{
-    AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder,
-    WritableImage, f16,
+    AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
+    LineOrder, WritableImage, f16,
 };
 use image::ImageEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -43,7 +43,10 @@ pub enum TupleWriteError {
 }
 
 fn encode_error(name: &str, reason: &dyn std::fmt::Display) -> TupleWriteError {
-    TupleWriteError::Encode { name: name.to_owned(), reason: reason.to_string() }
+    TupleWriteError::Encode {
+        name: name.to_owned(),
+        reason: reason.to_string(),
+    }
 }
 
 /// The folder holds a whole tuple.
@@ -76,19 +79,23 @@ pub fn encode_png(
     width: u32,
     height: u32,
 ) -> Result<Vec<u8>, image::ImageError> {
-    let bytes: Vec<u8> = pixels.as_flattened().iter().map(|&v| encoder.encode(v)).collect();
+    let bytes: Vec<u8> = pixels
+        .as_flattened()
+        .iter()
+        .map(|&v| encoder.encode(v))
+        .collect();
     let mut png = Vec::new();
-    PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive).write_image(
-        &bytes,
-        width,
-        height,
-        image::ExtendedColorType::Rgb8,
-    )?;
+    PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive)
+        .write_image(&bytes, width, height, image::ExtendedColorType::Rgb8)?;
     Ok(png)
 }
 
 /// One layer as 32-bit float OpenEXR with channels R, G, B.
-pub fn encode_rgb_exr(pixels: &[[f32; 3]], width: u32, height: u32) -> Result<Vec<u8>, exr::error::Error> {
+pub fn encode_rgb_exr(
+    pixels: &[[f32; 3]],
+    width: u32,
+    height: u32,
+) -> Result<Vec<u8>, exr::error::Error> {
     let list = (0..3).map(|c| {
         let samples = pixels.iter().map(|p| p[c]).collect();
         AnyChannel::new(["R", "G", "B"][c], FlatSamples::F32(samples))
@@ -98,7 +105,12 @@ pub fn encode_rgb_exr(pixels: &[[f32; 3]], width: u32, height: u32) -> Result<Ve
 
 /// All layers in one file, channels `input.R`, ...: half floats if the values allow it, else floats.
 pub fn encode_tuple_exr(tuple: &Tuple) -> Result<Vec<u8>, exr::error::Error> {
-    let fits = tuple.layers.iter().flatten().flatten().all(|&v| v <= HALF_MAX);
+    let fits = tuple
+        .layers
+        .iter()
+        .flatten()
+        .flatten()
+        .all(|&v| v <= HALF_MAX);
     let mut list = Vec::new();
     for (layer, name) in tuple.layers.iter().zip(LAYERS) {
         for (c, colour) in ["R", "G", "B"].into_iter().enumerate() {
@@ -108,7 +120,10 @@ pub fn encode_tuple_exr(tuple: &Tuple) -> Result<Vec<u8>, exr::error::Error> {
             } else {
                 FlatSamples::F32(samples.collect())
             };
-            list.push(AnyChannel::new(format!("{name}.{colour}").as_str(), samples));
+            list.push(AnyChannel::new(
+                format!("{name}.{colour}").as_str(),
+                samples,
+            ));
         }
     }
     encode_exr(list, tuple.width, tuple.height)
@@ -131,6 +146,9 @@ fn encode_exr(
         AnyChannels::sort(channels.into_iter().collect()),
     );
     let mut bytes = Cursor::new(Vec::new());
-    Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes)?;
+    Image::from_layer(layer)
+        .write()
+        .non_parallel()
+        .to_buffered(&mut bytes)?;
     Ok(bytes.into_inner())
 }

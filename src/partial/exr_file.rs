@@ -28,13 +28,20 @@ fn channels() -> impl Iterator<Item = (String, bool, usize, usize)> {
     [false, true].into_iter().flat_map(|half| {
         LAYERS.iter().enumerate().flat_map(move |(layer, name)| {
             let part = if half { "_half" } else { "" };
-            COLOURS.iter().enumerate().map(move |(c, colour)| (format!("{name}{part}.{colour}"), half, layer, c))
+            COLOURS
+                .iter()
+                .enumerate()
+                .map(move |(c, colour)| (format!("{name}{part}.{colour}"), half, layer, c))
         })
     })
 }
 
 fn value(pixel: &mut PixelMeans, half: bool, layer: usize, colour: usize) -> &mut f32 {
-    let means = if half { &mut pixel.half } else { &mut pixel.mean };
+    let means = if half {
+        &mut pixel.half
+    } else {
+        &mut pixel.mean
+    };
     &mut means[layer][colour]
 }
 
@@ -43,12 +50,18 @@ pub fn encode(partial: &Partial) -> Result<Vec<u8>, exr::error::Error> {
     let header = &partial.header;
     let tile = header.tile;
     let list = channels().map(|(name, half, layer, c)| {
-        let samples = partial.pixels.iter().map(|&pixel| *value(&mut { pixel }, half, layer, c));
+        let samples = partial
+            .pixels
+            .iter()
+            .map(|&pixel| *value(&mut { pixel }, half, layer, c));
         AnyChannel::new(name.as_str(), FlatSamples::F32(samples.collect()))
     });
     let mut attributes = LayerAttributes::default();
     attributes.layer_position = Vec2(tile.x as i32, tile.y as i32);
-    attributes.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(header.to_json().as_str())));
+    attributes.other.insert(
+        Text::from(ATTRIBUTE),
+        AttributeValue::Text(Text::from(header.to_json().as_str())),
+    );
     let layer = Layer::new(
         (tile.width as usize, tile.height as usize),
         attributes,
@@ -69,7 +82,10 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Partial, PartialError> {
     let result = std::panic::catch_unwind(|| decode_inner(bytes));
     result
         .unwrap_or_else(|_| Err("the OpenEXR reader gave up on it".to_owned()))
-        .map_err(|reason| PartialError { path: path.to_owned(), reason })
+        .map_err(|reason| PartialError {
+            path: path.to_owned(),
+            reason,
+        })
 }
 
 fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
@@ -95,7 +111,11 @@ fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
     }
     let mut pixels = vec![PixelMeans::default(); count];
     for (name, half, layer_index, c) in channels() {
-        let channel = layer.channel_data.list.iter().find(|channel| channel.name.eq(name.as_str()));
+        let channel = layer
+            .channel_data
+            .list
+            .iter()
+            .find(|channel| channel.name.eq(name.as_str()));
         let Some(FlatSamples::F32(samples)) = channel.map(|channel| &channel.sample_data) else {
             return Err(format!("it has no float channel {name}"));
         };
@@ -104,5 +124,9 @@ fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
         }
     }
     let partial = Partial { header, pixels };
-    if partial.is_intact() { Ok(partial) } else { Err("its digest does not fit its content".to_owned()) }
+    if partial.is_intact() {
+        Ok(partial)
+    } else {
+        Err("its digest does not fit its content".to_owned())
+    }
 }

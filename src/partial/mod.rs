@@ -37,7 +37,10 @@ impl Partial {
 
 /// BLAKE3 (hex) of a header without its digest and of the pixels' bits.
 fn digest(header: &PartialHeader, pixels: &[PixelMeans]) -> String {
-    let bare = PartialHeader { blake3: String::new(), ..header.clone() };
+    let bare = PartialHeader {
+        blake3: String::new(),
+        ..header.clone()
+    };
     let mut hasher = blake3::Hasher::new();
     hasher.update(bare.to_json().as_bytes());
     let mut bytes = Vec::with_capacity(pixels.len() * 96);

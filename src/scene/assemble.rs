@@ -108,8 +108,12 @@ pub fn assemble(
 ) -> Result<(Scene, SceneFacts), AssembleError> {
     let focus_distance_m = match line.camera.focus {
         Focus::Distance { distance_m } => Some(distance_m),
-        Focus::At { at: FocusAt::FrontCenter } => Some(front.front_center_z_m),
-        Focus::At { at: FocusAt::Infinity } => None,
+        Focus::At {
+            at: FocusAt::FrontCenter,
+        } => Some(front.front_center_z_m),
+        Focus::At {
+            at: FocusAt::Infinity,
+        } => None,
     };
     let lens = Lens {
         aperture_radius_m: line.camera.aperture_radius_m,
@@ -144,9 +148,14 @@ pub fn assemble(
     };
     let apex = line.back.apex.unwrap_or_default();
     let directions = film_directions(&film, &lens);
-    let cosines: Vec<f64> = directions.iter().map(|d| d.normalize().dot(normal)).collect();
-    let max_radiance =
-        Sides { front: f64::from(front.max_radiance), back: f64::from(back.max_radiance) };
+    let cosines: Vec<f64> = directions
+        .iter()
+        .map(|d| d.normalize().dot(normal))
+        .collect();
+    let max_radiance = Sides {
+        front: f64::from(front.max_radiance),
+        back: f64::from(back.max_radiance),
+    };
     let orders = OrderPlan::new(
         &slab,
         &cosines,
@@ -155,32 +164,62 @@ pub fn assemble(
     );
 
     let too_near_share = Sides {
-        front: too_near("front", &front, &slab, line.glass.distance_m, |p| p.dot(normal))?,
-        back: too_near("back", &back, &slab, line.glass.distance_m, |p| match apex {
-            Apex::Mirror => DVec3::new(-p.x, p.y, p.z).dot(normal),
-            // The surface must stay on the camera's side of the pane: mirror it there to measure alike.
-            Apex::Camera => {
-                2.0 * slab.plane_distance_m - DVec3::new(-p.x, p.y, -p.z).dot(normal)
-            }
+        front: too_near("front", &front, &slab, line.glass.distance_m, |p| {
+            p.dot(normal)
         })?,
+        back: too_near(
+            "back",
+            &back,
+            &slab,
+            line.glass.distance_m,
+            |p| match apex {
+                Apex::Mirror => DVec3::new(-p.x, p.y, p.z).dot(normal),
+                // The surface must stay on the camera's side of the pane: mirror it there to measure alike.
+                Apex::Camera => {
+                    2.0 * slab.plane_distance_m - DVec3::new(-p.x, p.y, -p.z).dot(normal)
+                }
+            },
+        )?,
     };
     let back_pose = pose(line, &slab, apex, &directions)?;
     let facts = SceneFacts {
         focus_distance_m,
         orders: order_facts(&orders, line.film.spp),
-        dropped_tail: Sides { front: orders.front_tail, back: orders.back_tail },
-        filled_share: Sides { front: front.filled_share, back: back.filled_share },
+        dropped_tail: Sides {
+            front: orders.front_tail,
+            back: orders.back_tail,
+        },
+        filled_share: Sides {
+            front: front.filled_share,
+            back: back.filled_share,
+        },
         too_near_share,
         max_radiance,
     };
     let reach_m = lens.aperture_radius_m + 40.0 * slab.thickness_m;
     let front = view("front", front, Pose::Aligned { extra_m: 0.0 }, 1.0, reach_m)?;
-    let extra_m = if apex == Apex::Camera { 2.0 * slab.plane_distance_m } else { 0.0 };
+    let extra_m = if apex == Apex::Camera {
+        2.0 * slab.plane_distance_m
+    } else {
+        0.0
+    };
     // In the aligned poses the mirrored x is in the sign of the focal length; a general pose holds it itself.
-    let sign = if matches!(back_pose, Pose::Aligned { .. }) { -1.0 } else { 1.0 };
+    let sign = if matches!(back_pose, Pose::Aligned { .. }) {
+        -1.0
+    } else {
+        1.0
+    };
     let back = view("back", back, back_pose, sign, reach_m + extra_m)?;
-    let scene =
-        Scene { seed: line.seed, spp: line.film.spp, film, lens, slab, orders, front, back };
+    let scene = Scene {
+        seed: line.seed,
+        spp: line.film.spp,
+        film,
+        lens,
+        slab,
+        orders,
+        front,
+        back,
+    };
     Ok((scene, facts))
 }
 
@@ -207,9 +246,9 @@ fn pose(
     match apex {
         // The capture camera is the lens's own mirror image: in the mirrored world it is the lens, whatever the tilt.
         Apex::Mirror => Ok(Pose::Aligned { extra_m: 0.0 }),
-        Apex::Camera if !slab.is_tilted() => {
-            Ok(Pose::Aligned { extra_m: 2.0 * slab.plane_distance_m })
-        }
+        Apex::Camera if !slab.is_tilted() => Ok(Pose::Aligned {
+            extra_m: 2.0 * slab.plane_distance_m,
+        }),
         Apex::Camera => {
             // x = H x' + 2 D n mirrors the mirrored world back, H = I - 2 n n^T; then diag(-1, 1, -1) turns.
             let n = slab.normal;
@@ -220,9 +259,15 @@ fn pose(
             let cos = directions.iter().map(angle).fold(1.0, f64::min);
             let angle_deg = libm::acos(cos).to_degrees();
             if angle_deg > 85.0 {
-                return Err(AssembleError::LooksAway { tilt_deg: line.glass.tilt_deg, angle_deg });
+                return Err(AssembleError::LooksAway {
+                    tilt_deg: line.glass.tilt_deg,
+                    angle_deg,
+                });
             }
-            Ok(Pose::General { rotation, translation_m: turn * (n * (2.0 * slab.plane_distance_m)) })
+            Ok(Pose::General {
+                rotation,
+                translation_m: turn * (n * (2.0 * slab.plane_distance_m)),
+            })
         }
     }
 }
@@ -237,7 +282,11 @@ fn too_near(
 ) -> Result<f64, AssembleError> {
     let k = &sheet.intrinsics;
     let (mut valid, mut near, mut nearest_m) = (0u64, 0u64, f64::INFINITY);
-    let pixels = sheet.inverse_depth_per_m.iter().zip(&sheet.valid).enumerate();
+    let pixels = sheet
+        .inverse_depth_per_m
+        .iter()
+        .zip(&sheet.valid)
+        .enumerate();
     for (q, (&w, _)) in pixels.filter(|(_, (_, valid))| **valid) {
         let (i, j) = (q % sheet.width, q / sheet.width);
         let z = 1.0 / f64::from(w);
@@ -249,7 +298,12 @@ fn too_near(
     }
     let share = near as f64 / valid.max(1) as f64;
     if share > MAX_TOO_NEAR_SHARE {
-        return Err(AssembleError::TooNear { side, share, distance_m, nearest_m });
+        return Err(AssembleError::TooNear {
+            side,
+            share,
+            distance_m,
+            nearest_m,
+        });
     }
     Ok(share)
 }
@@ -267,7 +321,11 @@ fn view(
     let w = f64::from(grid.extremes()[1]);
     let travel_px = k.fx.max(k.fy) * reach_m * w;
     if travel_px > MAX_TRAVEL_PX {
-        return Err(AssembleError::Travel { side, nearest_m: 1.0 / w, travel_px });
+        return Err(AssembleError::Travel {
+            side,
+            nearest_m: 1.0 / w,
+            travel_px,
+        });
     }
     Ok(View {
         grid,

@@ -71,7 +71,10 @@ pub fn read_files(line: &SceneLine, roots: &Roots, base: &Path) -> Result<SceneF
             mask: p.mask.as_deref().map(read).transpose()?,
         })
     };
-    Ok(SceneFiles { front: photograph(&line.front)?, back: photograph(&line.back)? })
+    Ok(SceneFiles {
+        front: photograph(&line.front)?,
+        back: photograph(&line.back)?,
+    })
 }
 
 /// Decodes the files and assembles the scene. Pure.
@@ -81,13 +84,22 @@ pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadErr
     let front = decode_photograph(&line.front, &files.front)?;
     let back = decode_photograph(&line.back, &files.back)?;
     let (scene, facts) = assemble(line, front, back)?;
-    Ok(LoadedScene { scene, facts, inputs, decode_time: start.elapsed() })
+    Ok(LoadedScene {
+        scene,
+        facts,
+        inputs,
+        decode_time: start.elapsed(),
+    })
 }
 
 fn digests(files: &SceneFiles) -> InputDigests {
     let mut digests = BTreeMap::new();
     for (side, photograph) in [("front", &files.front), ("back", &files.back)] {
-        let parts = [("color", Some(&photograph.color)), ("depth", Some(&photograph.depth)), ("mask", photograph.mask.as_ref())];
+        let parts = [
+            ("color", Some(&photograph.color)),
+            ("depth", Some(&photograph.depth)),
+            ("mask", photograph.mask.as_ref()),
+        ];
         for (part, file) in parts {
             if let Some(file) = file {
                 let digest = blake3::hash(&file.bytes).to_hex().to_string();

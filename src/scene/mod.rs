@@ -12,6 +12,7 @@
 //! of that size is allocated ([`limits`]). A sheet's bits are a function of the bytes and the
 //! manifest line: one thread, a fixed order, and [`libm`] for the one power function.
 
+mod assemble;
 mod center;
 mod color;
 mod depth;
@@ -19,6 +20,7 @@ mod error;
 mod files;
 mod fill;
 pub mod limits;
+mod load;
 mod mask;
 mod npy;
 mod npy_header;
@@ -27,6 +29,8 @@ mod photograph;
 mod raster;
 mod transfer;
 
+pub use assemble::{AssembleError, MAX_TOO_NEAR_SHARE, OrderFact, SceneFacts, Sides, assemble};
 pub use error::SceneError;
 pub use files::{NamedBytes, PhotographFiles};
+pub use load::{InputDigests, LoadError, LoadedScene, SceneFiles, load, read_files};
 pub use photograph::{Sheet, decode_photograph};

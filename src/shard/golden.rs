@@ -11,7 +11,12 @@ const NAME: &str = "builtin/1";
 /// Traces the golden shard on this machine. Some milliseconds.
 pub fn golden(isa: Isa) -> Golden {
     let scene = scene();
-    let tile = Tile { x: 0, y: 0, width: scene.film.width, height: scene.film.height };
+    let tile = Tile {
+        x: 0,
+        y: 0,
+        width: scene.film.width,
+        height: scene.film.height,
+    };
     let result = trace_tile(&scene, tile, 0..scene.spp, isa);
     let mut hasher = blake3::Hasher::new();
     for pixel in &result.pixels {
@@ -19,7 +24,10 @@ pub fn golden(isa: Isa) -> Golden {
             hasher.update(&value.to_le_bytes());
         }
     }
-    Golden { scene: NAME.to_owned(), blake3: hasher.finalize().to_hex().to_string() }
+    Golden {
+        scene: NAME.to_owned(),
+        blake3: hasher.finalize().to_hex().to_string(),
+    }
 }
 
 /// Steps in depth, a tilted and absorbing pane, a wide lens: every part of the kernel is at work.
@@ -64,7 +72,10 @@ fn scene() -> Scene {
         seed: 2020,
         spp: 64,
         film,
-        lens: Lens { aperture_radius_m: 0.02, inverse_focus_per_m: 0.4 },
+        lens: Lens {
+            aperture_radius_m: 0.02,
+            inverse_focus_per_m: 0.4,
+        },
         slab,
         orders,
         front: view(1, 1.0),

@@ -24,12 +24,15 @@ const TILES_PX: [u32; 4] = [64, 96, 128, 256];
 pub fn choose_tile_px(lines: &[SceneLine]) -> u32 {
     let seconds = |tile_px: u32| {
         let cost = |line: &SceneLine| {
-            let pixels = f64::from(line.film.width.min(tile_px)) * f64::from(line.film.height.min(tile_px));
+            let pixels =
+                f64::from(line.film.width.min(tile_px)) * f64::from(line.film.height.min(tile_px));
             pixels * f64::from(samples_per_range(line.film.spp)) * SECONDS_PER_SAMPLE
         };
         lines.iter().map(cost).sum::<f64>() / lines.len().max(1) as f64
     };
-    let enough = TILES_PX.into_iter().find(|&tile_px| seconds(tile_px) >= SHARD_SECONDS);
+    let enough = TILES_PX
+        .into_iter()
+        .find(|&tile_px| seconds(tile_px) >= SHARD_SECONDS);
     enough.unwrap_or(TILES_PX[TILES_PX.len() - 1])
 }
 
@@ -56,8 +59,16 @@ pub struct ShardLayout {
 impl ShardLayout {
     /// Cuts a film of `width` x `height` with `spp` samples into tiles of `tile_px`.
     pub fn new(width: u32, height: u32, spp: u32, tile_px: u32) -> Self {
-        assert!(width > 0 && height > 0 && spp > 0 && tile_px > 0, "an empty film has no shards");
-        Self { width, height, spp, tile_px }
+        assert!(
+            width > 0 && height > 0 && spp > 0 && tile_px > 0,
+            "an empty film has no shards"
+        );
+        Self {
+            width,
+            height,
+            spp,
+            tile_px,
+        }
     }
 
     /// The cut of a manifest line.

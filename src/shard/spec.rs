@@ -126,7 +126,11 @@ fn lines_diff(old_lines: &[SceneLine], new_lines: &[SceneLine]) -> String {
     let total = rows.len();
     let mut text = String::new();
     for (row, (count, first)) in rows.into_iter().take(SHOWN) {
-        let scenes = if count == 1 { format!("scene {first}") } else { format!("{count} scenes, first {first}") };
+        let scenes = if count == 1 {
+            format!("scene {first}")
+        } else {
+            format!("{count} scenes, first {first}")
+        };
         let _ = writeln!(text, "  {row} ({scenes})");
     }
     if total > SHOWN {
@@ -140,7 +144,11 @@ fn flatten(prefix: &str, value: &Value, into: &mut BTreeMap<String, String>) {
     match value {
         Value::Object(map) => {
             for (key, value) in map {
-                let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+                let path = if prefix.is_empty() {
+                    key.clone()
+                } else {
+                    format!("{prefix}.{key}")
+                };
                 flatten(&path, value, into);
             }
         }

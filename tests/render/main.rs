@@ -1,0 +1,3 @@
+//! Whole images: against an independent renderer, and against themselves in other cuts.
+
+mod oracle;
