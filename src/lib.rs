@@ -16,10 +16,13 @@
 //! [`cli`] prints, exits and reads the environment.
 
 pub mod atomic_file;
+pub mod cli;
+pub mod farm;
 pub mod ids;
 pub mod manifest;
 pub mod merge;
 pub mod partial;
+pub mod report;
 pub mod sample;
 pub mod scene;
 pub mod shard;

@@ -1,0 +1,290 @@
+//! What can be typed.
+
+use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Farms physically based training data for single-image reflection removal.
+#[derive(Debug, Parser)]
+#[command(
+    name = "glasshouse",
+    version,
+    max_term_width = 100,
+    arg_required_else_help = true
+)]
+pub struct Args {
+    /// For every command.
+    #[command(flatten)]
+    pub global: Global,
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// Options of every command.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct Global {
+    /// Print one JSON object with a `schema` field to stdout, and nothing else there
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Threads [default: one for each core]
+    #[arg(short = 'j', long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// No progress and no notes
+    #[arg(short, long, global = true)]
+    pub quiet: bool,
+    /// Say more: rejected partials, where the seconds went
+    #[arg(short, long, global = true)]
+    pub verbose: bool,
+    /// Say what would be done, write nothing
+    #[arg(short = 'n', long, global = true)]
+    pub dry_run: bool,
+    /// Colour of messages
+    #[arg(
+        long,
+        global = true,
+        value_enum,
+        default_value = "auto",
+        value_name = "WHEN"
+    )]
+    pub color: ColorWhen,
+    /// Progress: bars on a terminal, plain lines elsewhere
+    #[arg(
+        long,
+        global = true,
+        value_enum,
+        default_value = "auto",
+        value_name = "HOW"
+    )]
+    pub progress: ProgressHow,
+    /// Instruction set of the tracer's kernels; all give the same bits
+    #[arg(long, global = true, value_enum, default_value = "auto", hide = true)]
+    pub isa: IsaChoice,
+}
+
+/// `--color`
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ColorWhen {
+    /// On a terminal, unless NO_COLOR is set.
+    Auto,
+    /// Always.
+    Always,
+    /// Never.
+    Never,
+}
+
+/// `--progress`
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ProgressHow {
+    /// Bars on a terminal, else plain lines.
+    Auto,
+    /// Bars.
+    Bar,
+    /// A line now and then.
+    Plain,
+    /// None.
+    None,
+}
+
+/// `--isa`
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum IsaChoice {
+    /// The fastest at hand.
+    Auto,
+    /// What every machine has.
+    Baseline,
+    /// 256-bit vectors.
+    Avx2,
+}
+
+/// The commands, in pipeline order.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Plan, trace, merge and report a recipe on this machine; resumes what is there
+    #[command(after_help = "Examples:
+  glasshouse run manifests/smoke.toml
+  glasshouse run manifests/smoke.toml --out runs/again -j 1")]
+    Run(RunArgs),
+    /// Make procedural RGBD photographs (rooms and streets) in DIODE's layout
+    #[command(after_help = "Examples:
+  glasshouse sample /tmp/rooms --count 8
+  glasshouse sample /tmp/rooms --count 8 --seed 7 --json")]
+    Sample(SampleArgs),
+    /// Turn a recipe or a .jsonl of scenes into a run's frozen manifest and spec
+    #[command(after_help = "Examples:
+  glasshouse plan manifests/smoke.toml -n
+  glasshouse plan my.toml --root diode=/data/diode --out runs/mine")]
+    Plan(PlanArgs),
+    /// Render one scene (a scene file, or a tuple.json to make again) to four EXRs and PNGs
+    #[command(after_help = "Examples:
+  glasshouse render scene.json --out out --spp 1024 -j 2
+  glasshouse render runs/smoke/tuples/train-000000/tuple.json --out again")]
+    Render(RenderArgs),
+    /// Trace shards of a planned run until none are left, merging scenes as they are done
+    #[command(after_help = "Examples:
+  glasshouse work runs/smoke
+  glasshouse work runs/smoke --time-limit 55m   # exits with 75 when more is left")]
+    Work(WorkArgs),
+    /// Merge scenes whose partials are complete into tuples; refuses gaps
+    #[command(after_help = "Examples:
+  glasshouse merge runs/smoke
+  glasshouse merge runs/smoke -n --json")]
+    Merge(RunFolder),
+    /// Say what is done and what is left of a run
+    #[command(after_help = "Examples:
+  glasshouse status runs/smoke
+  glasshouse status runs/smoke --json")]
+    Status(RunFolder),
+    /// Write report/index.html: the run at a glance and a contact sheet
+    #[command(after_help = "Examples:
+  glasshouse report runs/smoke
+  glasshouse report runs/smoke --json")]
+    Report(RunFolder),
+}
+
+/// A place for a named root.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct RootArgs {
+    /// Folder of a named root, repeatable
+    #[arg(long = "root", value_name = "NAME=DIR")]
+    pub roots: Vec<String>,
+}
+
+/// `run`
+#[derive(Debug, ClapArgs)]
+pub struct RunArgs {
+    /// Recipe (.toml) or scenes (.jsonl)
+    pub recipe: PathBuf,
+    /// Folder of the run [default: runs/NAME]
+    #[arg(long, value_name = "RUN")]
+    pub out: Option<PathBuf>,
+    /// Side of a tile, px [default: such that a shard takes 0.2 s, 64 to 256]
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub tile: Option<u32>,
+    /// Named roots.
+    #[command(flatten)]
+    pub roots: RootArgs,
+}
+
+/// `sample`
+#[derive(Debug, ClapArgs)]
+pub struct SampleArgs {
+    /// Folder to write to
+    pub dir: PathBuf,
+    /// Photographs to make
+    #[arg(long, value_name = "N")]
+    pub count: u32,
+    /// Seed
+    #[arg(long, default_value_t = 2020)]
+    pub seed: u64,
+    /// Pixels across
+    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub width: u32,
+    /// Pixels down
+    #[arg(long, default_value_t = 768, value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub height: u32,
+    /// Folder layout
+    #[arg(long, value_enum, default_value = "diode")]
+    pub layout: SampleLayout,
+}
+
+/// `--layout`
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SampleLayout {
+    /// DIODE's.
+    Diode,
+}
+
+/// `plan`
+#[derive(Debug, ClapArgs)]
+pub struct PlanArgs {
+    /// What to plan, and where.
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// `render`
+#[derive(Debug, ClapArgs)]
+pub struct RenderArgs {
+    /// Scene (glasshouse.scene/1), or a tuple.json
+    pub scene: PathBuf,
+    /// Folder to write to
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Samples a pixel, a power of two from 1 to 65536 [default: the scene's]
+    #[arg(long, value_name = "N", value_parser = parse_spp)]
+    pub spp: Option<u32>,
+    /// Side of a tile, px: how the work is cut, never what comes out
+    #[arg(long, value_name = "PX", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub tile: u32,
+    /// Named roots.
+    #[command(flatten)]
+    pub roots: RootArgs,
+}
+
+/// `work`
+#[derive(Debug, ClapArgs)]
+pub struct WorkArgs {
+    /// Folder of the run
+    pub run: PathBuf,
+    /// Begin no shard after this time (90, 90s, 55m, 2h), then exit with 75 if work is left
+    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+    pub time_limit: Option<Duration>,
+    /// Named roots.
+    #[command(flatten)]
+    pub roots: RootArgs,
+}
+
+/// A run's folder.
+#[derive(Debug, ClapArgs)]
+pub struct RunFolder {
+    /// Folder of the run
+    pub run: PathBuf,
+}
+
+fn parse_spp(text: &str) -> Result<u32, String> {
+    match text.parse::<u32>() {
+        Ok(n) if n.is_power_of_two() && n <= 65_536 => Ok(n),
+        _ => Err("samples a pixel are a power of two from 1 to 65536".to_owned()),
+    }
+}
+
+fn parse_duration(text: &str) -> Result<Duration, String> {
+    let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let scale = match &text[digits.len()..] {
+        "" | "s" => 1.0,
+        "m" => 60.0,
+        "h" => 3600.0,
+        unit => {
+            return Err(format!(
+                "unknown unit {unit:?}: write seconds, 90s, 55m or 2h"
+            ));
+        }
+    };
+    let number: f64 = digits
+        .parse()
+        .map_err(|_| "write seconds, 90s, 55m or 2h".to_owned())?;
+    Duration::try_from_secs_f64(number * scale).map_err(|e| e.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_sound() {
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn durations_have_units() {
+        assert_eq!(parse_duration("90"), Ok(Duration::from_secs(90)));
+        assert_eq!(parse_duration("0.5s"), Ok(Duration::from_millis(500)));
+        assert_eq!(parse_duration("55m"), Ok(Duration::from_secs(3300)));
+        assert_eq!(parse_duration("2h"), Ok(Duration::from_secs(7200)));
+        for bad in ["", "x", "5d", "-1", "1e999"] {
+            assert!(parse_duration(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! Exit codes, as scripts and schedulers rely on them.
+
+use std::process::ExitCode;
+
+/// How the program ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    /// 0: done.
+    Done,
+    /// 1: failed (disk full, no permission, ...).
+    Failed,
+    /// 2: the command line is wrong.
+    Usage,
+    /// 3: finished, with quarantined or missing work.
+    Incomplete,
+    /// 4: the recipe, manifest or scene is wrong.
+    InvalidInput,
+    /// 5: the run directory disagrees with the recipe, the program's version or the machine.
+    Disagrees,
+    /// 75: not finished, try again (time limit, run in use): `EX_TEMPFAIL`.
+    TryAgain,
+    /// 130: interrupted (SIGINT).
+    Interrupted,
+    /// 143: terminated (SIGTERM), after the shards in flight.
+    Terminated,
+}
+
+impl Exit {
+    /// The number.
+    pub fn code(self) -> u8 {
+        match self {
+            Self::Done => 0,
+            Self::Failed => 1,
+            Self::Usage => 2,
+            Self::Incomplete => 3,
+            Self::InvalidInput => 4,
+            Self::Disagrees => 5,
+            Self::TryAgain => 75,
+            Self::Interrupted => 130,
+            Self::Terminated => 143,
+        }
+    }
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(exit.code())
+    }
+}
+
+/// An error with its exit code.
+#[derive(Debug)]
+pub(super) struct Failure {
+    /// What to exit with.
+    pub(super) exit: Exit,
+    /// What happened.
+    pub(super) error: anyhow::Error,
+}
+
+impl Failure {
+    /// An error that ends the program with `exit`.
+    pub(super) fn new(exit: Exit, error: impl Into<anyhow::Error>) -> Self {
+        Self {
+            exit,
+            error: error.into(),
+        }
+    }
+}
+
+impl From<crate::farm::RunError> for Failure {
+    fn from(error: crate::farm::RunError) -> Self {
+        use crate::farm::RunError as E;
+        let exit = match error {
+            E::Missing { .. } | E::Manifest { .. } | E::Root(_) => Exit::InvalidInput,
+            E::Spec { .. } | E::Disagrees { .. } => Exit::Disagrees,
+            E::Busy { .. } => Exit::TryAgain,
+            E::Read { .. } => Exit::Failed,
+        };
+        Self::new(exit, error)
+    }
+}
+
+impl From<crate::farm::FarmError> for Failure {
+    fn from(error: crate::farm::FarmError) -> Self {
+        use crate::farm::FarmError as E;
+        match error {
+            E::Run(error) => error.into(),
+            E::Golden { .. } => Self::new(Exit::Disagrees, error),
+            E::Write(_) | E::Tuple(_) => Self::new(Exit::Failed, error),
+        }
+    }
+}
+
+impl From<crate::farm::PlanError> for Failure {
+    fn from(error: crate::farm::PlanError) -> Self {
+        use crate::farm::PlanError as E;
+        match error {
+            E::Run(error) => error.into(),
+            E::Mismatch(_) => Self::new(Exit::Disagrees, error),
+            E::Write(_) | E::Sample(_) => Self::new(Exit::Failed, error),
+            _ => Self::new(Exit::InvalidInput, error),
+        }
+    }
+}
+
+impl From<crate::atomic_file::WriteError> for Failure {
+    fn from(error: crate::atomic_file::WriteError) -> Self {
+        Self::new(Exit::Failed, error)
+    }
+}
+
+impl From<crate::report::ReportError> for Failure {
+    fn from(error: crate::report::ReportError) -> Self {
+        Self::new(Exit::Failed, error)
+    }
+}
+
+impl From<crate::manifest::RootError> for Failure {
+    fn from(error: crate::manifest::RootError) -> Self {
+        Self::new(Exit::Usage, error)
+    }
+}

@@ -1,0 +1,48 @@
+//! `merge RUN`
+
+use super::args::{Global, RunFolder};
+use super::exit_code::{Exit, Failure};
+use super::output::Output;
+use super::progress::Progress;
+use crate::farm::{Run, merge_run};
+use crate::manifest::Roots;
+use serde_json::json;
+
+pub(super) fn run(args: &RunFolder, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let run = Run::open(&args.run, &Roots::default())?;
+    let progress = Progress::new(global, "scenes", run.lines.len() as u64);
+    let outcome = merge_run(&run, global.dry_run, &|| progress.add(1, false));
+    progress.finish();
+    let outcome = outcome?;
+    for (scene, reason) in &outcome.refused {
+        output.warning(&format!("{scene}: {reason}"));
+    }
+    let verb = if global.dry_run {
+        "would be merged"
+    } else {
+        "merged"
+    };
+    let refused: Vec<_> = outcome
+        .refused
+        .iter()
+        .map(|(s, r)| json!({ "scene": s, "reason": r }))
+        .collect();
+    output.result(
+        "glasshouse.merge/1",
+        json!({
+            "run": args.run, "dry_run": global.dry_run, "merged": outcome.merged,
+            "already_merged": outcome.already_merged, "refused": refused,
+        }),
+        &format!(
+            "{} scenes {verb}, {} were before, {} cannot be",
+            outcome.merged.len(),
+            outcome.already_merged,
+            outcome.refused.len()
+        ),
+    );
+    Ok(if outcome.refused.is_empty() {
+        Exit::Done
+    } else {
+        Exit::Incomplete
+    })
+}

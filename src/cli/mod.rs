@@ -1,0 +1,57 @@
+//! The command line: the only code that prints, reads the environment, catches signals or exits.
+
+mod args;
+mod exit_code;
+mod merge_cmd;
+mod output;
+mod plan_cmd;
+mod progress;
+mod render_cmd;
+mod report_cmd;
+mod run_cmd;
+mod sample_cmd;
+mod signals;
+mod status_cmd;
+mod work_cmd;
+
+pub use args::{Args, Command};
+pub use exit_code::Exit;
+
+use clap::Parser;
+use output::Output;
+use std::process::ExitCode;
+
+/// Parses the arguments, does what they say, and returns the exit code.
+pub fn main() -> ExitCode {
+    let args = match Args::try_parse() {
+        Ok(args) => args,
+        Err(error) => {
+            // Help and version go to stdout and are no error; the rest is usage.
+            let code = if error.use_stderr() {
+                Exit::Usage
+            } else {
+                Exit::Done
+            };
+            let _ = error.print();
+            return code.into();
+        }
+    };
+    let output = Output::new(&args.global);
+    let result = match &args.command {
+        Command::Run(run) => run_cmd::run(run, &args.global, &output),
+        Command::Sample(sample) => sample_cmd::run(sample, &args.global, &output),
+        Command::Plan(plan) => plan_cmd::run(plan, &args.global, &output),
+        Command::Render(render) => render_cmd::run(render, &args.global, &output),
+        Command::Work(work) => work_cmd::run(work, &args.global, &output),
+        Command::Merge(merge) => merge_cmd::run(merge, &args.global, &output),
+        Command::Status(status) => status_cmd::run(status, &args.global, &output),
+        Command::Report(report) => report_cmd::run(report, &args.global, &output),
+    };
+    match result {
+        Ok(exit) => exit.into(),
+        Err(failure) => {
+            output.error(&failure);
+            failure.exit.into()
+        }
+    }
+}

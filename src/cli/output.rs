@@ -1,0 +1,83 @@
+//! The only place that prints: results to stdout, everything else to stderr.
+
+use super::args::{ColorWhen, Global};
+use super::exit_code::Failure;
+use serde_json::{Value, json};
+use std::io::{IsTerminal, Write};
+
+/// Where output goes, and how.
+pub(super) struct Output {
+    json: bool,
+    pub(super) quiet: bool,
+    pub(super) verbose: bool,
+    color: bool,
+}
+
+impl Output {
+    pub(super) fn new(global: &Global) -> Self {
+        #[allow(
+            clippy::disallowed_methods,
+            reason = "cli is where the environment is read"
+        )]
+        let no_color = std::env::var("NO_COLOR").is_ok_and(|v| !v.is_empty());
+        let color = match global.color {
+            ColorWhen::Always => true,
+            ColorWhen::Never => false,
+            ColorWhen::Auto => std::io::stderr().is_terminal() && !no_color,
+        };
+        Self {
+            json: global.json,
+            quiet: global.quiet,
+            verbose: global.verbose,
+            color,
+        }
+    }
+
+    /// The command's result: `object` with --json, else `text`. A closed pipe is no error.
+    pub(super) fn result(&self, schema: &str, object: Value, text: &str) {
+        let mut stdout = std::io::stdout().lock();
+        let _ = if self.json {
+            let mut full = json!({ "schema": schema });
+            if let (Value::Object(full), Value::Object(object)) = (&mut full, object) {
+                full.extend(object);
+            }
+            writeln!(stdout, "{full}")
+        } else {
+            writeln!(stdout, "{text}")
+        };
+    }
+
+    /// Something a person may want to know.
+    pub(super) fn note(&self, text: &str) {
+        if !self.quiet {
+            self.line("note", "36", text);
+        }
+    }
+
+    /// Something a person should know.
+    pub(super) fn warning(&self, text: &str) {
+        self.line("warning", "33", text);
+    }
+
+    /// Why the program ends; with --json also as the one object on stdout.
+    pub(super) fn error(&self, failure: &Failure) {
+        let text = format!("{:#}", failure.error);
+        if self.json {
+            self.result(
+                "glasshouse.error/1",
+                json!({ "error": text, "exit": failure.exit.code() }),
+                "",
+            );
+        }
+        self.line("error", "31", &text);
+    }
+
+    fn line(&self, label: &str, code: &str, text: &str) {
+        let mut stderr = std::io::stderr().lock();
+        let _ = if self.color {
+            writeln!(stderr, "\x1b[1;{code}m{label}:\x1b[0m {text}")
+        } else {
+            writeln!(stderr, "{label}: {text}")
+        };
+    }
+}

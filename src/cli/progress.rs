@@ -1,0 +1,143 @@
+//! Progress: bars on a terminal, a plain line every few seconds elsewhere.
+
+use super::args::{Global, ProgressHow};
+use super::output::Output;
+use crate::farm::Event;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::{IsTerminal, Write};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+/// Time between plain lines.
+const PLAIN_EVERY: Duration = Duration::from_secs(10);
+
+/// One task's progress.
+pub(super) struct Progress {
+    bar: Option<ProgressBar>,
+    plain: Option<Mutex<Instant>>,
+    what: &'static str,
+    length: AtomicU64,
+    done: AtomicU64,
+    /// Of `done`, those that cost nothing now.
+    free: AtomicU64,
+    start: Instant,
+}
+
+impl Progress {
+    /// Progress over `length` units of `what` (shards, photographs).
+    pub(super) fn new(global: &Global, what: &'static str, length: u64) -> Self {
+        let terminal = std::io::stderr().is_terminal();
+        let how = match global.progress {
+            _ if global.quiet => ProgressHow::None,
+            ProgressHow::Auto if terminal => ProgressHow::Bar,
+            ProgressHow::Auto => ProgressHow::Plain,
+            how => how,
+        };
+        let bar = (how == ProgressHow::Bar).then(|| {
+            let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr());
+            let template = "{prefix:>11} [{bar:32}] {pos}/{len} {per_sec} ETA {eta} {wide_msg}";
+            let style = ProgressStyle::with_template(template)
+                .unwrap_or_else(|_| ProgressStyle::default_bar());
+            bar.set_style(style.progress_chars("=> "));
+            bar.set_prefix(what);
+            bar.enable_steady_tick(Duration::from_millis(250));
+            bar
+        });
+        let plain = (how == ProgressHow::Plain).then(|| Mutex::new(Instant::now()));
+        Self {
+            bar,
+            plain,
+            what,
+            length: AtomicU64::new(length),
+            done: AtomicU64::new(0),
+            free: AtomicU64::new(0),
+            start: Instant::now(),
+        }
+    }
+
+    pub(super) fn set_length(&self, length: u64) {
+        self.length.store(length, Ordering::Relaxed);
+        if let Some(bar) = &self.bar {
+            bar.set_length(length);
+        }
+    }
+
+    /// `count` units are done; `free` ones were found done.
+    pub(super) fn add(&self, count: u64, free: bool) {
+        self.done.fetch_add(count, Ordering::Relaxed);
+        if free {
+            self.free.fetch_add(count, Ordering::Relaxed);
+        }
+        if let Some(bar) = &self.bar {
+            bar.inc(count);
+        }
+        if let Some(last) = &self.plain {
+            let mut last = last.lock().expect("no holder of this lock panics");
+            if last.elapsed() >= PLAIN_EVERY {
+                *last = Instant::now();
+                self.plain_line();
+            }
+        }
+    }
+
+    fn plain_line(&self) {
+        let (done, length) = (
+            self.done.load(Ordering::Relaxed),
+            self.length.load(Ordering::Relaxed),
+        );
+        let worked = done.saturating_sub(self.free.load(Ordering::Relaxed));
+        let rate = worked as f64 / self.start.elapsed().as_secs_f64();
+        let left = length.saturating_sub(done) as f64 / rate.max(1e-9);
+        let _ = writeln!(
+            std::io::stderr(),
+            "{}: {done}/{length}, {rate:.2}/s, ETA {:.0} s",
+            self.what,
+            left
+        );
+    }
+
+    pub(super) fn message(&self, text: String) {
+        if let Some(bar) = &self.bar {
+            bar.set_message(text);
+        }
+    }
+
+    /// Prints through `print` without tearing the bar.
+    pub(super) fn suspend(&self, print: impl FnOnce()) {
+        match &self.bar {
+            Some(bar) => bar.suspend(print),
+            None => print(),
+        }
+    }
+
+    pub(super) fn finish(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+
+    /// Follows the farm.
+    pub(super) fn event(&self, event: Event, output: &Output) {
+        match event {
+            Event::Started { shards, .. } => self.set_length(shards),
+            Event::ShardDone { resumed } => self.add(1, resumed),
+            Event::PartialRejected { reason } => {
+                if output.verbose {
+                    self.suspend(|| output.note(&reason));
+                }
+            }
+            Event::SceneMerged { scene } => self.message(format!("{scene} merged")),
+            Event::SceneQuarantined {
+                scene,
+                reason,
+                shards,
+            } => {
+                self.set_length(self.length.load(Ordering::Relaxed).saturating_sub(shards));
+                self.suspend(|| {
+                    output.warning(&format!("scene {scene} is in quarantine: {reason}"))
+                });
+            }
+        }
+    }
+}

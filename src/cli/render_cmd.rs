@@ -1,0 +1,174 @@
+//! `render SCENE.json --out DIR`
+
+use super::args::{Global, RenderArgs};
+use super::exit_code::{Exit, Failure};
+use super::output::Output;
+use super::progress::Progress;
+use super::signals::Signals;
+use super::work_cmd::{isa, threads};
+use crate::atomic_file;
+use crate::farm::{Run, SceneJob, render_partials};
+use crate::manifest::{Roots, SceneLine, parse_scene};
+use crate::merge::{
+    SrgbEncoder, TUPLE_SCHEMA, Tuple, TupleRecord, combine, encode_png, encode_rgb_exr,
+};
+use crate::scene::{load, read_files};
+use crate::shard::ShardLayout;
+use crate::trace::{LAYERS, TRACER_VERSION};
+use anyhow::{Context, anyhow};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// A scene, the folder its paths start from, and the tuple's record it may come from.
+struct Source {
+    line: SceneLine,
+    base: PathBuf,
+    roots: Roots,
+    record: Option<TupleRecord>,
+}
+
+pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let mut source = read_source(args)?;
+    if let Some(spp) = args.spp {
+        source.line.film.spp = spp;
+    }
+    let invalid = |e: anyhow::Error| Failure::new(Exit::InvalidInput, e.context(describe(args)));
+    let clock = Instant::now();
+    let files =
+        read_files(&source.line, &source.roots, &source.base).map_err(|e| invalid(e.into()))?;
+    let read_s = clock.elapsed().as_secs_f64();
+    let loaded = load(&source.line, &files).map_err(|e| invalid(e.into()))?;
+    if let Some(record) = &source.record
+        && record.inputs != loaded.inputs
+    {
+        output.warning(
+            "the input files are not those the tuple was made from: its pixels will differ",
+        );
+    }
+    let decode_s = loaded.decode_time.as_secs_f64();
+    if global.dry_run {
+        output.result(
+            "glasshouse.render/1",
+            json!({ "out": args.out, "dry_run": true, "scene": source.line.id }),
+            &format!(
+                "would render scene {} into {}",
+                source.line.id,
+                args.out.display()
+            ),
+        );
+        return Ok(Exit::Done);
+    }
+
+    let layout = ShardLayout::of(&source.line, args.tile);
+    let job = SceneJob::new(&source.line, layout, loaded);
+    let signals = Signals::catch();
+    let progress = Progress::new(global, "tiles", u64::from(layout.len()));
+    let clock = Instant::now();
+    let partials = render_partials(&job, threads(global), isa(global)?, signals.stop(), &|| {
+        progress.add(1, false);
+    });
+    progress.finish();
+    let Some(partials) = partials else {
+        output.warning("stopped by a signal: nothing is written");
+        return Ok(signals.exit());
+    };
+    let trace_s = clock.elapsed().as_secs_f64();
+    let tuple = combine(&source.line, args.tile, &partials).map_err(|e| invalid(e.into()))?;
+    let clock = Instant::now();
+    write(&tuple, &args.out)?;
+    let write_s = clock.elapsed().as_secs_f64();
+
+    let record = &tuple.record;
+    let errors: Vec<String> = LAYERS
+        .iter()
+        .map(|name| {
+            record.layers[*name]
+                .error_rms
+                .map_or("?".to_owned(), |e| format!("{e:.1e}"))
+        })
+        .collect();
+    output.result(
+        "glasshouse.render/1",
+        json!({
+            "out": args.out, "scene": source.line.id, "spp": source.line.film.spp, "layers": record.layers,
+            "facts": record.facts,
+            "seconds": { "read": read_s, "decode": decode_s, "trace": trace_s, "write": write_s },
+        }),
+        &format!(
+            "{}: {} samples a pixel, estimated error I {} T {} R~ {} R {} (linear RMS); read {read_s:.3} s, decode \
+             {decode_s:.3} s, trace {trace_s:.3} s, write {write_s:.3} s\nlook at {}",
+            source.line.id,
+            source.line.film.spp,
+            errors[0],
+            errors[1],
+            errors[2],
+            errors[3],
+            args.out.join("input.png").display(),
+        ),
+    );
+    Ok(Exit::Done)
+}
+
+fn describe(args: &RenderArgs) -> String {
+    format!("cannot render {}", args.scene.display())
+}
+
+/// Reads a scene file or a `tuple.json`. Named roots come from the user, or from the run a tuple lies in.
+fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
+    let invalid = |e: anyhow::Error| Failure::new(Exit::InvalidInput, e.context(describe(args)));
+    let text = std::fs::read_to_string(&args.scene)
+        .with_context(|| format!("cannot read {}", args.scene.display()))
+        .map_err(invalid)?;
+    let given = Roots::parse(&args.roots.roots)?;
+    let folder = args
+        .scene
+        .parent()
+        .map_or_else(PathBuf::new, Path::to_owned);
+    let schema = serde_json::from_str::<serde_json::Value>(&text)
+        .ok()
+        .and_then(|v| v["schema"].as_str().map(str::to_owned));
+    if schema.as_deref() != Some(TUPLE_SCHEMA) {
+        let line = parse_scene(&text).map_err(|e| invalid(e.into()))?;
+        return Ok(Source {
+            line,
+            base: folder,
+            roots: given,
+            record: None,
+        });
+    }
+    let record: TupleRecord = serde_json::from_str(&text).map_err(|e| invalid(e.into()))?;
+    if record.tracer_version != TRACER_VERSION {
+        return Err(Failure::new(
+            Exit::Disagrees,
+            anyhow!(
+                "the tuple was made by tracer version {}, this program has {TRACER_VERSION}: its pixels would differ; use \
+                 the version that made it, or render its \"scene\" as a file of its own",
+                record.tracer_version
+            ),
+        ));
+    }
+    record.scene.validate().map_err(|e| invalid(e.into()))?;
+    let base = folder.join(&record.base);
+    let roots = Run::open(&base, &given).map_or(given, |run| run.roots);
+    Ok(Source {
+        line: record.scene.clone(),
+        base,
+        roots,
+        record: Some(record),
+    })
+}
+
+/// Four float EXRs, four PNGs, and the record.
+fn write(tuple: &Tuple, out: &Path) -> Result<(), Failure> {
+    atomic_file::create_dir(out)?;
+    let encoder = SrgbEncoder::new();
+    for (pixels, name) in tuple.layers.iter().zip(LAYERS) {
+        let (w, h) = (tuple.width, tuple.height);
+        let exr = encode_rgb_exr(pixels, w, h).map_err(|e| Failure::new(Exit::Failed, e))?;
+        atomic_file::write(&out.join(format!("{name}.exr")), &exr)?;
+        let png = encode_png(&encoder, pixels, w, h).map_err(|e| Failure::new(Exit::Failed, e))?;
+        atomic_file::write(&out.join(format!("{name}.png")), &png)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,44 @@
+//! First SIGINT or SIGTERM: finish the shards in flight. Second: end at once.
+
+use super::exit_code::Exit;
+use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+/// Signals caught so far.
+pub(super) struct Signals {
+    stop: Arc<AtomicBool>,
+    which: Arc<AtomicUsize>,
+}
+
+impl Signals {
+    /// Catches SIGINT, SIGTERM and SIGUSR1 (Slurm's warning) from now on.
+    pub(super) fn catch() -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let which = Arc::new(AtomicUsize::new(0));
+        for signal in [SIGINT, SIGTERM, SIGUSR1] {
+            // In this order: the first signal finds `stop` unset, sets it, and only a second one exits. A signal
+            // that cannot be caught keeps its default, which ends the program: nothing is lost by that either.
+            let code = 128 + signal;
+            let _ =
+                signal_hook::flag::register_conditional_shutdown(signal, code, Arc::clone(&stop));
+            let _ = signal_hook::flag::register_usize(signal, Arc::clone(&which), signal as usize);
+            let _ = signal_hook::flag::register(signal, Arc::clone(&stop));
+        }
+        Self { stop, which }
+    }
+
+    /// Set when a signal came.
+    pub(super) fn stop(&self) -> &AtomicBool {
+        &self.stop
+    }
+
+    /// How to exit after the signal.
+    pub(super) fn exit(&self) -> Exit {
+        match self.which.load(Ordering::Relaxed) as i32 {
+            SIGINT => Exit::Interrupted,
+            SIGUSR1 => Exit::TryAgain,
+            _ => Exit::Terminated,
+        }
+    }
+}

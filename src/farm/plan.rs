@@ -1,0 +1,371 @@
+//! `plan`: a recipe or a `.jsonl` becomes `RUN/manifest.jsonl` and `RUN/spec.json`, frozen.
+
+use super::run_dir::{Run, RunDir, RunError};
+use crate::atomic_file::{self, WriteError};
+use crate::manifest::{
+    Expansion, Index, IndexError, Layout, ManifestError, Photograph, Recipe, RecipeError,
+    RootError, Roots, SceneLine, expand_counted, from_paths, index_source, parse_jsonl, to_jsonl,
+};
+use crate::sample::{self, SampleError, SamplePhotograph};
+use crate::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
+use crate::trace::{Isa, TRACER_VERSION};
+use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Component, Path, PathBuf};
+
+/// Name of the root under which a `.jsonl`'s own relative paths lie.
+const MANIFEST_ROOT: &str = "manifest";
+
+/// How to plan.
+pub struct PlanOptions<'a> {
+    /// `--root NAME=DIR`.
+    pub roots: &'a Roots,
+    /// Side of a tile, px; chosen if `None`.
+    pub tile_px: Option<u32>,
+    /// Write nothing.
+    pub dry_run: bool,
+    /// Threads that make procedural photographs.
+    pub threads: usize,
+}
+
+/// A plan, written or not.
+#[derive(Debug)]
+pub struct Planned {
+    /// The run's rules.
+    pub spec: Spec,
+    /// Its scenes.
+    pub lines: Vec<SceneLine>,
+    /// The run was there already, with the same plan.
+    pub existed: bool,
+    /// What a reader should know: images without depth, scenes paired less well than wished.
+    pub notes: Vec<String>,
+}
+
+/// A recipe that cannot be planned.
+#[derive(Debug, thiserror::Error)]
+pub enum PlanError {
+    /// The recipe or manifest cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Neither recipe nor manifest.
+    #[error("{} is neither a recipe (.toml) nor a manifest (.jsonl)", path.display())]
+    Kind {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The recipe is wrong.
+    #[error("{}: {source}", path.display())]
+    Recipe {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: RecipeError,
+    },
+    /// The manifest is wrong.
+    #[error("{}: {source}", path.display())]
+    Manifest {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: ManifestError,
+    },
+    /// No scene at all.
+    #[error("{} describes no scene: add scenes to it", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A source cannot be listed.
+    #[error(transparent)]
+    Index(#[from] IndexError),
+    /// A root is wrong.
+    #[error(transparent)]
+    Root(#[from] RootError),
+    /// The run is another one.
+    #[error(transparent)]
+    Mismatch(#[from] SpecMismatch),
+    /// The run that is there cannot be opened.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// The disk.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// Procedural photographs cannot be written.
+    #[error(transparent)]
+    Sample(#[from] SampleError),
+}
+
+impl PlanError {
+    /// The run directory disagrees with the recipe or the program.
+    pub fn is_mismatch(&self) -> bool {
+        matches!(self, Self::Mismatch(_) | Self::Run(_))
+    }
+}
+
+/// What the recipe or manifest says, before anything is compared or written.
+struct Content {
+    name: String,
+    lines: Vec<SceneLine>,
+    /// Root folders for the spec; relative ones are the run's own.
+    roots: BTreeMap<String, PathBuf>,
+    notes: Vec<String>,
+    samples: Vec<(String, SamplePhotograph, [u32; 2])>,
+}
+
+/// Plans `source` into the folder `out`. `on_photograph` is told (done, all) as photographs are made.
+pub fn plan(
+    source: &Path,
+    out: &Path,
+    options: &PlanOptions,
+    on_photograph: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Planned, PlanError> {
+    let text = std::fs::read_to_string(source).map_err(|e| PlanError::Read {
+        path: source.to_owned(),
+        source: e,
+    })?;
+    let content = match source.extension().and_then(|e| e.to_str()) {
+        Some("toml") => from_recipe(source, &text, options)?,
+        Some("jsonl") => from_manifest(source, &text, options)?,
+        _ => {
+            return Err(PlanError::Kind {
+                path: source.to_owned(),
+            });
+        }
+    };
+    if content.lines.is_empty() {
+        return Err(PlanError::Empty {
+            path: source.to_owned(),
+        });
+    }
+    let dir = RunDir::new(out);
+    let existing = match Run::open(out, options.roots) {
+        Ok(run) => Some(run),
+        Err(RunError::Missing { .. }) => None,
+        Err(error) => return Err(error.into()),
+    };
+    let manifest = to_jsonl(&content.lines);
+    let tile_px = options
+        .tile_px
+        .or(existing.as_ref().map(|run| run.spec.tile_px))
+        .unwrap_or_else(|| choose_tile_px(&content.lines));
+    let spec = Spec {
+        schema: SPEC_SCHEMA.to_owned(),
+        name: content.name,
+        scenes: content.lines.len() as u32,
+        manifest_blake3: manifest_digest(&manifest),
+        tile_px,
+        tracer_version: TRACER_VERSION,
+        golden: golden(Isa::detect()),
+        roots: content.roots,
+    };
+    if let Some(run) = &existing {
+        let diff = run.spec.diff(&run.lines, &spec, &content.lines);
+        if !diff.is_empty() {
+            return Err(SpecMismatch {
+                run: out.to_owned(),
+                diff,
+            }
+            .into());
+        }
+    }
+    if !options.dry_run {
+        atomic_file::create_dir(out)?;
+        make_samples(&dir, &content.samples, options.threads, on_photograph)?;
+        if existing.is_none() {
+            atomic_file::write(&dir.manifest(), manifest.as_bytes())?;
+            // Last: its presence says that the run is planned.
+            let mut json = serde_json::to_string_pretty(&spec).expect("a spec is JSON");
+            json.push('\n');
+            atomic_file::write(&dir.spec(), json.as_bytes())?;
+        }
+    }
+    let existed = existing.is_some();
+    Ok(Planned {
+        spec,
+        lines: content.lines,
+        existed,
+        notes: content.notes,
+    })
+}
+
+fn absolute(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+}
+
+fn parent(path: &Path) -> PathBuf {
+    let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
+    absolute(parent.unwrap_or(Path::new(".")))
+}
+
+fn from_recipe(path: &Path, text: &str, options: &PlanOptions) -> Result<Content, PlanError> {
+    let wrong = |source| PlanError::Recipe {
+        path: path.to_owned(),
+        source,
+    };
+    let recipe = Recipe::parse(text).map_err(wrong)?;
+    let folders = recipe.roots(&parent(path), options.roots);
+    let mut roots: BTreeMap<String, PathBuf> = folders
+        .iter()
+        .map(|(name, folder)| (name.to_owned(), absolute(folder)))
+        .collect();
+    let mut images = BTreeMap::new();
+    let mut notes = Vec::new();
+    let mut listed = Vec::new();
+    for (name, source) in &recipe.sources {
+        let index: Index = if source.layout == Layout::Sample {
+            let seed = source.seed.unwrap_or(recipe.seed);
+            let photographs = sample::listing(source.count.unwrap_or(0) as usize, seed);
+            let paths: Vec<String> = photographs
+                .iter()
+                .flat_map(|p| [p.color_path(), p.depth_path(), p.mask_path()])
+                .map(|p| p.to_string_lossy().into_owned())
+                .collect();
+            listed.extend(
+                photographs
+                    .into_iter()
+                    .map(|p| (name.clone(), p, source.sample_size())),
+            );
+            roots.insert(name.clone(), Path::new("inputs").join(name));
+            from_paths(&paths)
+        } else {
+            let folder = folders.get(name).map_or_else(PathBuf::new, Path::to_owned);
+            index_source(name, source, &folder)?
+        };
+        if let Some(first) = index.without_depth.first() {
+            let count = index.without_depth.len();
+            notes.push(format!(
+                "source {name}: {count} images have no depth and are left out (first: {first})"
+            ));
+        }
+        images.insert(name.clone(), index.images);
+    }
+    let Expansion {
+        lines,
+        same_place,
+        same_scan,
+        redrawn,
+    } = expand_counted(&recipe, &images).map_err(wrong)?;
+    for (count, what) in [
+        (
+            same_place,
+            "scenes pair two photographs of the same kind of place: no others were left",
+        ),
+        (
+            same_scan,
+            "scenes pair two photographs of the same scan: no others were left",
+        ),
+        (
+            redrawn,
+            "draws were refused by the geometry and drawn again",
+        ),
+    ] {
+        if count > 0 {
+            notes.push(format!("{count} {what}"));
+        }
+    }
+    let used: BTreeSet<&str> = lines
+        .iter()
+        .flat_map(|l| [l.front.color.as_str(), l.back.color.as_str()])
+        .collect();
+    let samples = listed
+        .into_iter()
+        .filter(|(name, p, _)| {
+            used.contains(format!("{name}:{}", p.color_path().display()).as_str())
+        })
+        .collect();
+    Ok(Content {
+        name: recipe.name.clone(),
+        lines,
+        roots,
+        notes,
+        samples,
+    })
+}
+
+fn from_manifest(path: &Path, text: &str, options: &PlanOptions) -> Result<Content, PlanError> {
+    let mut lines = parse_jsonl(text).map_err(|source| PlanError::Manifest {
+        path: path.to_owned(),
+        source,
+    })?;
+    let base = parent(path);
+    let mut roots: BTreeMap<String, PathBuf> = options
+        .roots
+        .iter()
+        .map(|(name, folder)| (name.to_owned(), absolute(folder)))
+        .collect();
+    for line in &mut lines {
+        for photograph in [&mut line.front, &mut line.back] {
+            let Photograph {
+                color, depth, mask, ..
+            } = photograph;
+            for text in [Some(color), Some(depth), mask.as_mut()]
+                .into_iter()
+                .flatten()
+            {
+                let is_rooted = text
+                    .split_once(':')
+                    .is_some_and(|(name, _)| roots.contains_key(name));
+                if is_rooted || Path::new(text.as_str()).is_absolute() {
+                    continue;
+                }
+                let inside = Path::new(text.as_str())
+                    .components()
+                    .all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+                *text = if inside {
+                    format!("{MANIFEST_ROOT}:{text}")
+                } else {
+                    base.join(text.as_str()).to_string_lossy().into_owned()
+                };
+            }
+        }
+    }
+    roots.entry(MANIFEST_ROOT.to_owned()).or_insert(base);
+    let name = path
+        .file_stem()
+        .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+    Ok(Content {
+        name,
+        lines,
+        roots,
+        notes: Vec::new(),
+        samples: Vec::new(),
+    })
+}
+
+/// Makes the procedural photographs that are not there yet.
+fn make_samples(
+    dir: &RunDir,
+    samples: &[(String, SamplePhotograph, [u32; 2])],
+    threads: usize,
+    on_photograph: &(dyn Fn(usize, usize) + Sync),
+) -> Result<(), PlanError> {
+    let missing: Vec<_> = samples
+        .iter()
+        .filter(|(name, photograph, _)| !sample::is_written(&dir.inputs(name), photograph))
+        .collect();
+    if missing.is_empty() {
+        return Ok(());
+    }
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    on_photograph(0, missing.len());
+    let make = || {
+        missing
+            .par_iter()
+            .try_for_each(|(name, photograph, [width, height])| {
+                sample::write(&dir.inputs(name), photograph, *width, *height)?;
+                let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+                on_photograph(done, missing.len());
+                Ok(())
+            })
+    };
+    match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
+        Ok(pool) => pool.install(make),
+        // No thread to be had: the caller's own will do.
+        Err(_) => make(),
+    }
+}

@@ -1,0 +1,179 @@
+//! `report/index.html`: the run at a glance and a contact sheet of its tuples.
+
+use crate::atomic_file::{self, WriteError};
+use crate::farm::{Run, run_status};
+use crate::merge::TupleRecord;
+use crate::trace::LAYERS;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use image::ImageEncoder;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// Tuples on the contact sheet; more are spread evenly over the manifest.
+const SHOWN: usize = 48;
+/// Width of a picture on the page, px; larger ones are scaled down.
+const THUMBNAIL_PX: u32 = 256;
+
+/// The report cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// The disk.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// A tuple's file is damaged.
+    #[error("cannot read {}: {reason}; delete its tuple folder and run `work` again", path.display())]
+    Tuple {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+/// Writes the page and returns its path.
+pub fn write_report(run: &Run) -> Result<PathBuf, ReportError> {
+    let status = run_status(run);
+    let merged: Vec<_> = run
+        .lines
+        .iter()
+        .filter(|line| crate::merge::is_written(&run.dir.tuple(&line.id)))
+        .collect();
+    let step = merged.len().div_ceil(SHOWN).max(1);
+    let mut rows = String::new();
+    for line in merged.iter().step_by(step) {
+        row(&mut rows, &run.dir.tuple(&line.id), line.id.as_str())?;
+    }
+    let mut page = String::new();
+    let shown = merged.len().div_ceil(step);
+    let _ = write!(
+        page,
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <title>{name} - Glasshouse</title>\n<style>{STYLE}</style></head>\n<body><main>\n\
+         <h1>{name}</h1>\n\
+         <p class=\"glance\"><b>{}</b> of {} tuples &middot; <b>{}</b> of {} shards &middot; <b>{}</b> in quarantine \
+         &middot; tile {} px &middot; tracer {}</p>\n",
+        status.merged,
+        status.scenes,
+        status.shards_done,
+        status.shards,
+        status.quarantined.len(),
+        run.spec.tile_px,
+        run.spec.tracer_version,
+        name = escape(&run.spec.name),
+    );
+    if !status.quarantined.is_empty() {
+        page += "<h2>Quarantine</h2>\n<ul class=\"quarantine\">\n";
+        for scene in &status.quarantined {
+            let _ = writeln!(
+                page,
+                "<li><b>{}</b> {}</li>",
+                escape(&scene.scene),
+                escape(&scene.reason)
+            );
+        }
+        page += "</ul>\n";
+    }
+    let _ = write!(
+        page,
+        "<h2>Contact sheet</h2>\n<p>{shown} of {} tuples. Linear light, sRGB-coded and clipped at white for the screen. \
+         <b>I</b> is what the camera sees; <b>T</b> the scene behind the glass, bent as by it; <b>R&#771;</b> the scene \
+         reflected by both faces of the glass, through the lens; <b>R</b> the same without glass and lens.</p>\n",
+        merged.len(),
+    );
+    page += &rows;
+    page += "</main></body></html>\n";
+    atomic_file::create_dir(&run.dir.report())?;
+    let path = run.dir.report().join("index.html");
+    atomic_file::write_relaxed(&path, page.as_bytes())?;
+    Ok(path)
+}
+
+const STYLE: &str = ":root{color-scheme:light dark;--dim:#667;--line:#8883}\
+body{font:15px/1.5 system-ui,sans-serif;margin:0}main{max-width:1120px;margin:auto;padding:1.2rem}\
+h1{font-size:1.6rem;margin:.2rem 0}h2{font-size:1.1rem;margin:1.6rem 0 .4rem}.glance{color:var(--dim)}\
+.tuple{border-top:1px solid var(--line);padding:.8rem 0}.tuple h3{font-size:1rem;margin:0 0 .3rem}\
+.tuple small{color:var(--dim);font-weight:normal}.strip{display:grid;grid-template-columns:repeat(4,1fr);gap:.5rem}\
+figure{margin:0}img{width:100%;display:block;border-radius:3px}figcaption{font-size:.8rem;color:var(--dim)}\
+@media(max-width:640px){.strip{grid-template-columns:repeat(2,1fr)}}";
+
+const SYMBOLS: [&str; 4] = ["I", "T", "R&#771;", "R"];
+
+fn row(html: &mut String, folder: &Path, id: &str) -> Result<(), ReportError> {
+    let bad = |path: &Path, reason: &dyn std::fmt::Display| ReportError::Tuple {
+        path: path.to_owned(),
+        reason: reason.to_string(),
+    };
+    let path = folder.join("tuple.json");
+    let text = std::fs::read_to_string(&path).map_err(|e| bad(&path, &e))?;
+    let record: TupleRecord = serde_json::from_str(&text).map_err(|e| bad(&path, &e))?;
+    let focus = record
+        .facts
+        .focus_distance_m
+        .map_or("infinity".to_owned(), |z| format!("{z:.2} m"));
+    let glass = &record.scene.glass;
+    let orders: Vec<&str> = record
+        .facts
+        .orders
+        .iter()
+        .map(|o| o.order.as_str())
+        .collect();
+    let _ = write!(
+        html,
+        "<section class=\"tuple\"><h3>{} <small>{} &middot; {} spp &middot; focus {focus} &middot; glass {:.0} mm, n {} at \
+         {} m &middot; orders {}</small></h3><div class=\"strip\">\n",
+        escape(id),
+        record.scene.split,
+        record.scene.film.spp,
+        glass.thickness_m * 1e3,
+        glass.ior,
+        glass.distance_m,
+        orders.join(" "),
+    );
+    for (name, symbol) in LAYERS.iter().zip(SYMBOLS) {
+        let path = folder.join(format!("{name}.png"));
+        let png = std::fs::read(&path).map_err(|e| bad(&path, &e))?;
+        let png = thumbnail(png).map_err(|e| bad(&path, &e))?;
+        let layer = &record.layers[*name];
+        let error = layer
+            .error_rms
+            .map_or("unknown".to_owned(), |e| format!("{e:.1e}"));
+        let _ = writeln!(
+            html,
+            "<figure><img loading=\"lazy\" alt=\"{name} of {}\" src=\"data:image/png;base64,{}\"><figcaption><b>{symbol}</b> \
+             {name} &middot; error {error} &middot; missed {:.2} % &middot; clipped {:.2} %</figcaption></figure>",
+            escape(id),
+            STANDARD.encode(png),
+            layer.miss_share * 100.0,
+            layer.clipped_share * 100.0,
+        );
+    }
+    html.push_str("</div></section>\n");
+    Ok(())
+}
+
+/// The picture itself, or a smaller one.
+fn thumbnail(png: Vec<u8>) -> Result<Vec<u8>, image::ImageError> {
+    let picture = image::load_from_memory(&png)?.into_rgb8();
+    if picture.width() <= THUMBNAIL_PX {
+        return Ok(png);
+    }
+    let height = (picture.height() * THUMBNAIL_PX / picture.width()).max(1);
+    let small = image::imageops::thumbnail(&picture, THUMBNAIL_PX, height);
+    let mut bytes = Vec::new();
+    image::codecs::png::PngEncoder::new(&mut bytes).write_image(
+        small.as_raw(),
+        small.width(),
+        small.height(),
+        image::ExtendedColorType::Rgb8,
+    )?;
+    Ok(bytes)
+}
+
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}
