@@ -31,8 +31,8 @@ pub(super) enum Samples {
 /// Decodes a PNG, JPEG or PNM file. Rotation tags, profiles and gamma chunks are ignored: the
 /// manifest line says what the values mean.
 ///
-/// The JPEG decoder calculates in integers, by instructions that differ between machines; that they
-/// agree to the bit is its promise, not tested here.
+/// The JPEG decoder picks its instructions by the machine; whether all of them agree to the bit is
+/// not tested here.
 pub(super) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, SceneError> {
     let bytes = Cursor::new(file.bytes.as_slice());
     let failed = |error: image::ImageError| file.unreadable(format, error);
