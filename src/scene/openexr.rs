@@ -12,7 +12,8 @@ use std::io::Cursor;
 const COLOR: &str = "channels R, G and B, or a single Y, without subsampling or deep data";
 const DEPTH: &str = "a channel Z, Y or R, or a single channel, without subsampling or deep data";
 
-/// The first layer with R, G and B, else the first with a single Y; the data window is the image.
+/// The first layer with R, G and B, else the first with Y and no chroma; other channels are ignored;
+/// the data window is the image.
 /// 16- and 32-bit floats and 32-bit integers are read as `f32`, unscaled.
 pub(super) fn decode_color(file: &NamedBytes) -> Result<Raster, SceneError> {
     file.contain(FileFormat::Exr, || {
@@ -25,7 +26,7 @@ pub(super) fn decode_color(file: &NamedBytes) -> Result<Raster, SceneError> {
         }
         if headers
             .iter()
-            .any(|header| has(header, "Y") && header.channels.list.len() <= 2)
+            .any(|header| has(header, "Y") && !has(header, "RY"))
         {
             return read_single(file, "Y");
         }
@@ -190,6 +191,16 @@ pub(super) mod tests {
         height: usize,
         channels: &[(&str, FlatSamples)],
     ) -> NamedBytes {
+        exr_coded(width, height, channels, Encoding::SMALL_LOSSLESS)
+    }
+
+    /// The same with blocks and compression of choice.
+    pub(in crate::scene) fn exr_coded(
+        width: usize,
+        height: usize,
+        channels: &[(&str, FlatSamples)],
+        encoding: Encoding,
+    ) -> NamedBytes {
         let channels = channels
             .iter()
             .map(|(name, samples)| AnyChannel::new(*name, samples.clone()))
@@ -197,7 +208,7 @@ pub(super) mod tests {
         let layer = Layer::new(
             (width, height),
             LayerAttributes::named("main"),
-            Encoding::SMALL_LOSSLESS,
+            encoding,
             AnyChannels::sort(channels),
         );
         let mut bytes = Cursor::new(Vec::new());
@@ -245,6 +256,9 @@ pub(super) mod tests {
     fn single_channels() {
         let one = |name: &str| exr(1, 2, &[(name, FlatSamples::F32(vec![1.0, 2.0]))]);
         assert_eq!(decode_color(&one("Y")).unwrap().channels, 1);
+        let ones = || FlatSamples::F32(vec![1.0]);
+        let beside = [("Y", ones()), ("A", ones()), ("ID", ones())];
+        assert_eq!(floats(&decode_color(&exr(1, 1, &beside)).unwrap()), [1.0]);
         for name in ["Z", "Y", "R", "depth.V"] {
             assert_eq!(
                 floats(&decode_depth(&one(name)).unwrap()),

@@ -78,57 +78,47 @@ pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<S
 
 /// Numbers of the line that every later formula divides or multiplies by.
 fn check_parameters(line: &Photograph, files: &PhotographFiles) -> Result<(), SceneError> {
-    let Intrinsics {
-        fx,
-        fy,
-        cx,
-        cy,
-        size,
-    } = line.intrinsics;
-    let [size_x, size_y] = size.unwrap_or([1, 1]).map(f64::from);
-    let (depth, color) = (&files.depth.path, &files.color.path);
-    let above_0 = |value: f64| value > 0.0 && value < f64::INFINITY;
-    for (path, name, value, is_good, expected) in [
-        (
-            color,
+    let Photograph {
+        intrinsics,
+        exposure,
+        depth_unit_m,
+        ..
+    } = line;
+    let [size_x, size_y] = intrinsics.size.unwrap_or([1, 1]).map(f64::from);
+    let refuse = |path: &Path, name, value, expected| {
+        Err(SceneError::Parameter {
+            path: path.to_owned(),
+            name,
+            value,
+            expected,
+        })
+    };
+    // Every comparison is false for NaN.
+    if !(*exposure >= 0.0 && *exposure < f64::INFINITY) {
+        return refuse(
+            &files.color.path,
             "exposure",
-            line.exposure,
-            line.exposure >= 0.0 && line.exposure.is_finite(),
+            *exposure,
             "finite and not negative",
-        ),
-        (
-            depth,
-            "depth_unit_m",
-            line.depth_unit_m,
-            above_0(line.depth_unit_m),
-            "finite and above 0",
-        ),
-        (
-            depth,
-            "intrinsics.fx",
-            fx,
-            above_0(fx),
-            "finite and above 0",
-        ),
-        (
-            depth,
-            "intrinsics.fy",
-            fy,
-            above_0(fy),
-            "finite and above 0",
-        ),
-        (depth, "intrinsics.cx", cx, cx.is_finite(), "finite"),
-        (depth, "intrinsics.cy", cy, cy.is_finite(), "finite"),
-        (depth, "intrinsics.size", size_x, size_x > 0.0, "above 0"),
-        (depth, "intrinsics.size", size_y, size_y > 0.0, "above 0"),
+        );
+    }
+    for (name, value) in [
+        ("depth_unit_m", *depth_unit_m),
+        ("intrinsics.fx", intrinsics.fx),
+        ("intrinsics.fy", intrinsics.fy),
+        ("intrinsics.size", size_x),
+        ("intrinsics.size", size_y),
     ] {
-        if !is_good {
-            return Err(SceneError::Parameter {
-                path: path.clone(),
-                name,
-                value,
-                expected,
-            });
+        if !(value > 0.0 && value < f64::INFINITY) {
+            return refuse(&files.depth.path, name, value, "finite and above 0");
+        }
+    }
+    for (name, value) in [
+        ("intrinsics.cx", intrinsics.cx),
+        ("intrinsics.cy", intrinsics.cy),
+    ] {
+        if !value.is_finite() {
+            return refuse(&files.depth.path, name, value, "finite");
         }
     }
     Ok(())
@@ -206,3 +196,6 @@ fn invert(path: &Path, depth: &depth::Depth, valid: &mut [bool]) -> Result<Vec<f
 
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod hostile;

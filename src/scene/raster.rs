@@ -4,7 +4,7 @@ use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
 use super::limits::{check_size, image_limits};
 use image::codecs::{jpeg::JpegDecoder, png::PngDecoder, pnm::PnmDecoder};
-use image::{ColorType, ExtendedColorType, ImageDecoder};
+use image::{ColorType, ImageDecoder};
 use std::io::Cursor;
 
 /// An image as decoded, row by row, channels together.
@@ -30,6 +30,9 @@ pub(super) enum Samples {
 
 /// Decodes a PNG, JPEG or PNM file. Rotation tags, profiles and gamma chunks are ignored: the
 /// manifest line says what the values mean.
+///
+/// The JPEG decoder picks its instructions by the machine; whether all of them agree to the bit is
+/// not tested here.
 pub(super) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, SceneError> {
     let bytes = Cursor::new(file.bytes.as_slice());
     let failed = |error: image::ImageError| file.unreadable(format, error);
@@ -78,7 +81,6 @@ fn read(
             return Err(file.wrong_layout(found, "8- or 16-bit grey or RGB"));
         }
     };
-    let original = decoder.original_color_type();
     let count = width as usize * height as usize * channels;
     let failed = |error| file.unreadable(format, error);
     let samples = if is_wide {
@@ -93,10 +95,8 @@ fn read(
         Samples::U8(bytes)
     };
     let is_partial = original_max.is_some_and(|max| max != if is_wide { 65535 } else { 255 });
-    let is_narrow = matches!(
-        original,
-        ExtendedColorType::L1 | ExtendedColorType::L2 | ExtendedColorType::L4
-    );
+    // Bits a sample, in a PNG's first chunk; the decoder does not tell.
+    let is_narrow = format == FileFormat::Png && file.bytes[24] < 8;
     Ok(Raster {
         width: width as usize,
         height: height as usize,
@@ -119,7 +119,7 @@ fn jpeg_is_whole(bytes: &[u8]) -> bool {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use image::ImageEncoder;
+    use image::{ExtendedColorType, ImageEncoder};
     use std::path::PathBuf;
 
     /// A PNG file of the given pixels; 16-bit samples in native order.
@@ -151,6 +151,25 @@ pub(super) mod tests {
         }
     }
 
+    /// Makes the checksums of a damaged PNG's chunks right, so that the damage reaches the decoder.
+    pub(in crate::scene) fn repair_png(bytes: &mut [u8]) {
+        let mut at = 8;
+        while let Some(&[a, b, c, d]) = bytes.get(at..at + 4) {
+            let length = u32::from_be_bytes([a, b, c, d]) as usize;
+            let (start, end) = (at + 4, at + 8 + length);
+            if end + 4 > bytes.len() {
+                return;
+            }
+            let crc = !bytes[start..end].iter().fold(u32::MAX, |crc, byte| {
+                (0..8).fold(crc ^ u32::from(*byte), |crc, _| {
+                    (crc >> 1) ^ (0xedb88320 & (crc & 1).wrapping_neg())
+                })
+            });
+            bytes[end..end + 4].copy_from_slice(&crc.to_be_bytes());
+            at = end + 4;
+        }
+    }
+
     #[test]
     fn a_cut_jpeg_is_an_error() {
         let mut file = jpeg(&[100; 64 * 64 * 3], 64, 64);
@@ -169,7 +188,7 @@ pub(super) mod tests {
         };
         for text in [
             "P6 16385 1 255 ",
-            "P5 4294967295 4294967295 65535 ",
+            "P5 1 99999 65535 ",
             "P5 16384 16384 255 ",
         ] {
             let error = decode(&named(text), FileFormat::Pnm).unwrap_err();
@@ -180,5 +199,21 @@ pub(super) mod tests {
         let mut file = png(&[0; 3], 1, 1, ExtendedColorType::Rgb8);
         file.bytes[16..20].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff]);
         assert!(decode(&file, FileFormat::Png).is_err());
+    }
+
+    #[test]
+    fn narrow_samples_are_noticed() {
+        let mut file = png(&[0x12, 0x34, 0xf0], 3, 1, ExtendedColorType::L8);
+        assert!(!decode(&file, FileFormat::Png).unwrap().rescaled);
+        // The same rows hold 6 samples of 4 bits.
+        (file.bytes[19], file.bytes[24]) = (6, 4);
+        repair_png(&mut file.bytes);
+        let raster = decode(&file, FileFormat::Png).unwrap();
+        assert!(raster.rescaled && raster.width == 6);
+        let bits = NamedBytes {
+            path: PathBuf::from("a.pbm"),
+            bytes: b"P4 8 1 \xa5".to_vec(),
+        };
+        assert!(decode(&bits, FileFormat::Pnm).unwrap().rescaled);
     }
 }

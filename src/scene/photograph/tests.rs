@@ -123,7 +123,7 @@ fn what_goes_to_quarantine() {
         ("intrinsics.fx", |line| line.intrinsics.fx = f64::NAN),
         ("intrinsics.cy", |line| line.intrinsics.cy = f64::INFINITY),
         ("intrinsics.size", |line| {
-            line.intrinsics.size = Some([0, 1])
+            line.intrinsics.size = Some([0, 1]);
         }),
     ] {
         let mut line = line();
