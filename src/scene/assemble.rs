@@ -316,7 +316,7 @@ fn view(
     reach_m: f64,
 ) -> Result<View, AssembleError> {
     let k = sheet.intrinsics;
-    let texture = Texture::new(sheet.color_width, sheet.color_height, &sheet.radiance);
+    let texture = Texture::from_vec(sheet.color_width, sheet.color_height, sheet.radiance);
     let grid = Grid::new(sheet.width, sheet.height, sheet.inverse_depth_per_m);
     let w = f64::from(grid.extremes()[1]);
     let travel_px = k.fx.max(k.fy) * reach_m * w;

@@ -18,7 +18,7 @@ use super::lines::{LineMaker, Path};
 use super::orders::FollowedOrder;
 use super::sampler::BLOCK;
 use super::scene::{Scene, View};
-use super::shade::{Cells, Sums, absorbed, weights};
+use super::shade::{Cells, Sums, TexelMap, absorbed, weights};
 use super::slab::Order;
 use super::walk::walk;
 use std::ops::Range;
@@ -174,6 +174,7 @@ impl<'a> Tracer<'a> {
         let maker = LineMaker::new(scene, view, pixel, bundle.path);
         let span = (!maker.is_fixed()).then(|| maker.span(scene, pixel, camera, groups));
         let inside = span.is_some_and(|s| s.inside);
+        let map = TexelMap::new(view, maker.base);
         let mut sums = NOTHING;
         let mut unused = NOTHING;
         let mut misses = 0;
@@ -192,7 +193,7 @@ impl<'a> Tracer<'a> {
             if !inside {
                 misses += view.count_outside(maker.base, &u[..count], &v[..count]);
             }
-            let cells = Cells::new(view, maker.base, &u, &v);
+            let cells = Cells::new(&map, &u, &v);
             let Some(order) = bundle.order else {
                 cells.add_halves::<false>(view, count, half, |_| [1.0; 4], &mut sums, &mut unused);
                 continue;

@@ -8,6 +8,38 @@ use std::ops::Range;
 /// Sums of radiance over the first and the second half of a pixel's samples.
 pub(super) type Sums = [[f64; 3]; 2];
 
+/// From one bundle's relative grid coordinates to texels.
+pub(super) struct TexelMap {
+    scale: [f32; 2],
+    offset: [f32; 2],
+    min: [f32; 2],
+    max: [f32; 2],
+    base: [i32; 2],
+    stride: i32,
+}
+
+impl TexelMap {
+    /// For grid coordinates relative to `base`. Both images cover the same field: grid coordinate g is texel
+    /// coordinate (g + 1/2) scale - 1/2.
+    #[inline(always)]
+    pub(super) fn new(view: &View, base: [i32; 2]) -> Self {
+        let texture = &view.texture;
+        let texels = [texture.width(), texture.height()].map(|n| n as f64);
+        let vertices = [view.photograph_size.0, view.photograph_size.1].map(|n| n as f64);
+        let scale = [0, 1].map(|k| texels[k] / vertices[k]);
+        let origin = [0, 1].map(|k| (f64::from(base[k]) + 0.5) * scale[k] - 0.5);
+        let whole = origin.map(f64::floor);
+        Self {
+            scale: scale.map(|v| v as f32),
+            offset: [0, 1].map(|k| (origin[k] - whole[k]) as f32),
+            min: whole.map(|v| -v as f32),
+            max: [0, 1].map(|k| (texels[k] - 1.0 - whole[k]) as f32),
+            base: whole.map(|v| v as i32),
+            stride: texture.stride() as i32,
+        }
+    }
+}
+
 /// Where sixteen hits fall into a texture.
 pub(super) struct Cells {
     cell: [u32; LANES],
@@ -16,39 +48,27 @@ pub(super) struct Cells {
 }
 
 impl Cells {
-    /// `u`, `v`: grid coordinates relative to `base`.
+    /// `u`, `v`: relative grid coordinates.
     #[inline(always)]
-    pub(super) fn new(view: &View, base: [i32; 2], u: &Lane, v: &Lane) -> Self {
-        let texture = &view.texture;
-        let axis = |texels: usize, vertices: usize, base: i32| {
-            // Both images cover the same field: grid coordinate g is texel coordinate (g + 1/2) scale - 1/2.
-            let scale = texels as f64 / vertices as f64;
-            let origin = (f64::from(base) + 0.5) * scale - 0.5;
-            let whole = origin.floor();
-            (
-                scale as f32,
-                (origin - whole) as f32,
-                whole as i32,
-                -whole as f32,
-                (texels as f64 - 1.0 - whole) as f32,
-            )
-        };
-        let (nx, ny) = view.photograph_size;
-        let (scale_u, offset_u, base_u, min_u, max_u) = axis(texture.width(), nx, base[0]);
-        let (scale_v, offset_v, base_v, min_v, max_v) = axis(texture.height(), ny, base[1]);
-        let stride = texture.stride() as i32;
+    pub(super) fn new(map: &TexelMap, u: &Lane, v: &Lane) -> Self {
         let mut cells = Self {
             cell: [0; LANES],
             fu: [0.0; LANES],
             fv: [0.0; LANES],
         };
         for l in 0..LANES {
-            let x = min(max(u[l] * scale_u + offset_u, min_u), max_u);
-            let y = min(max(v[l] * scale_v + offset_v, min_v), max_v);
+            let x = min(
+                max(u[l] * map.scale[0] + map.offset[0], map.min[0]),
+                map.max[0],
+            );
+            let y = min(
+                max(v[l] * map.scale[1] + map.offset[1], map.min[1]),
+                map.max[1],
+            );
             let ((x0, i), (y0, j)) = (floor(x), floor(y));
             cells.fu[l] = x - x0;
             cells.fv[l] = y - y0;
-            cells.cell[l] = ((j + base_v) * stride + i + base_u) as u32;
+            cells.cell[l] = ((j + map.base[1]) * map.stride + i + map.base[0]) as u32;
         }
         cells
     }

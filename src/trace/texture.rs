@@ -19,26 +19,32 @@ impl Texture {
     ///
     /// Panics if `texels` has another length.
     pub fn new(width: usize, height: usize, texels: &[[f32; 4]]) -> Self {
+        Self::from_vec(width, height, texels.to_vec())
+    }
+
+    /// The same, in place: no second copy of a photograph is made.
+    pub fn from_vec(width: usize, height: usize, mut texels: Vec<[f32; 4]>) -> Self {
         assert!(
             width > 0 && height > 0 && texels.len() == width * height,
             "a texture needs its texels"
         );
-        let stride = width + 1;
-        let mut padded = Vec::with_capacity(stride * (height + 1));
-        for j in 0..=height {
-            let row = &texels[j.min(height - 1) * width..][..width];
-            padded.extend_from_slice(row);
-            padded.push(row[width - 1]);
-        }
         let max = texels
             .iter()
-            .flat_map(|t| &t[..3])
-            .fold(0.0, |m: f32, &v| m.max(v));
+            .fold([0f32; 4], |m, t| [0, 1, 2, 3].map(|k| m[k].max(t[k])));
+        let max = max[0].max(max[1]).max(max[2]);
+        let stride = width + 1;
+        texels.resize(stride * (height + 1), [0.0; 4]);
+        // From the last row on, so that no row is overwritten before it has moved.
+        for j in (0..height).rev() {
+            texels.copy_within(j * width..(j + 1) * width, j * stride);
+            texels[j * stride + width] = texels[j * stride + width - 1];
+        }
+        texels.copy_within((height - 1) * stride..height * stride, height * stride);
         Self {
             width,
             height,
             stride,
-            texels: padded,
+            texels,
             max,
         }
     }
