@@ -281,8 +281,8 @@ mod tests {
     fn durations_have_units() {
         assert_eq!(parse_duration("90"), Ok(Duration::from_secs(90)));
         assert_eq!(parse_duration("0.5s"), Ok(Duration::from_millis(500)));
-        assert_eq!(parse_duration("55m"), Ok(Duration::from_secs(3300)));
-        assert_eq!(parse_duration("2h"), Ok(Duration::from_secs(7200)));
+        assert_eq!(parse_duration("55m"), Ok(Duration::from_mins(55)));
+        assert_eq!(parse_duration("2h"), Ok(Duration::from_hours(2)));
         for bad in ["", "x", "5d", "-1", "1e999"] {
             assert!(parse_duration(bad).is_err(), "{bad}");
         }

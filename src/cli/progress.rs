@@ -135,7 +135,7 @@ impl Progress {
             } => {
                 self.set_length(self.length.load(Ordering::Relaxed).saturating_sub(shards));
                 self.suspend(|| {
-                    output.warning(&format!("scene {scene} is in quarantine: {reason}"))
+                    output.warning(&format!("scene {scene} is in quarantine: {reason}"));
                 });
             }
         }

@@ -9,6 +9,7 @@ use crate::farm::{Outcome, Run, Stop, WorkOptions, run_status, work};
 use crate::manifest::Roots;
 use crate::trace::Isa;
 use serde_json::{Value, json};
+use std::fmt::Write;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -131,11 +132,12 @@ pub(super) fn summary(outcome: &Outcome, wall: Duration) -> String {
         outcome.resumed
     );
     if outcome.already_merged > 0 {
-        text += &format!("; {} tuples were there", outcome.already_merged);
+        let _ = write!(text, "; {} tuples were there", outcome.already_merged);
     }
     text += ")";
     if !outcome.quarantined.is_empty() {
-        text += &format!(
+        let _ = write!(
+            text,
             "; {} scenes in quarantine, see quarantine/*.json in the run (delete a record to try its scene again)",
             outcome.quarantined.len()
         );

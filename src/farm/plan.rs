@@ -64,7 +64,7 @@ pub enum PlanError {
         /// The file.
         path: PathBuf,
         /// What is wrong.
-        source: RecipeError,
+        source: Box<RecipeError>,
     },
     /// The manifest is wrong.
     #[error("{}: {source}", path.display())]
@@ -72,7 +72,7 @@ pub enum PlanError {
         /// The file.
         path: PathBuf,
         /// What is wrong.
-        source: ManifestError,
+        source: Box<ManifestError>,
     },
     /// No scene at all.
     #[error("{} describes no scene: add scenes to it", path.display())]
@@ -205,7 +205,7 @@ fn parent(path: &Path) -> PathBuf {
 fn from_recipe(path: &Path, text: &str, options: &PlanOptions) -> Result<Content, PlanError> {
     let wrong = |source| PlanError::Recipe {
         path: path.to_owned(),
-        source,
+        source: Box::new(source),
     };
     let recipe = Recipe::parse(text).map_err(wrong)?;
     let folders = recipe.roots(&parent(path), options.roots);
@@ -290,7 +290,7 @@ fn from_recipe(path: &Path, text: &str, options: &PlanOptions) -> Result<Content
 fn from_manifest(path: &Path, text: &str, options: &PlanOptions) -> Result<Content, PlanError> {
     let mut lines = parse_jsonl(text).map_err(|source| PlanError::Manifest {
         path: path.to_owned(),
-        source,
+        source: Box::new(source),
     })?;
     let base = parent(path);
     let mut roots: BTreeMap<String, PathBuf> = options

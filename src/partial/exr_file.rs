@@ -56,8 +56,10 @@ pub fn encode(partial: &Partial) -> Result<Vec<u8>, exr::error::Error> {
             .map(|&pixel| *value(&mut { pixel }, half, layer, c));
         AnyChannel::new(name.as_str(), FlatSamples::F32(samples.collect()))
     });
-    let mut attributes = LayerAttributes::default();
-    attributes.layer_position = Vec2(tile.x as i32, tile.y as i32);
+    let mut attributes = LayerAttributes {
+        layer_position: Vec2(tile.x as i32, tile.y as i32),
+        ..LayerAttributes::default()
+    };
     attributes.other.insert(
         Text::from(ATTRIBUTE),
         AttributeValue::Text(Text::from(header.to_json().as_str())),

@@ -119,10 +119,10 @@ fn row(html: &mut String, folder: &Path, id: &str) -> Result<(), ReportError> {
         .iter()
         .map(|o| o.order.as_str())
         .collect();
-    let _ = write!(
+    let _ = writeln!(
         html,
         "<section class=\"tuple\"><h3>{} <small>{} &middot; {} spp &middot; focus {focus} &middot; glass {:.0} mm, n {} at \
-         {} m &middot; orders {}</small></h3><div class=\"strip\">\n",
+         {} m &middot; orders {}</small></h3><div class=\"strip\">",
         escape(id),
         record.scene.split,
         record.scene.film.spp,

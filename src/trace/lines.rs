@@ -130,7 +130,7 @@ impl<'a> LineMaker<'a> {
                 span(&self.view.grid, self.base, &footprint)
             }
             Pose::General { .. } => {
-                let footprint = self.from_rays(camera, groups);
+                let footprint = self.box_of_rays(camera, groups);
                 span(&self.view.grid, self.base, &footprint)
             }
         }
@@ -162,7 +162,7 @@ impl<'a> LineMaker<'a> {
     }
 
     #[inline(always)]
-    fn from_rays(&self, camera: &CameraBlock, groups: usize) -> FromRays {
+    fn box_of_rays(&self, camera: &CameraBlock, groups: usize) -> FromRays {
         let low = [f32::INFINITY; 2];
         let high = [f32::NEG_INFINITY; 2];
         let mut bounds = [[low, high], [low, high]];
