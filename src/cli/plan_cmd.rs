@@ -92,8 +92,8 @@ pub(super) fn run(args: &PlanArgs, global: &Global, output: &Output) -> Result<E
             "notes": planned.notes,
         }),
         &format!(
-            "{} {verb} {scenes} scenes in {shards} shards (tile {} px); about {:.1} MB of tuples, at most {:.1} MB of \
-             partials at a time in all, and {} of one core",
+            "{} {verb} {scenes} scenes in {shards} shards (tile {} px); about {:.1} MB of tuples, up to {:.1} MB of \
+             partials on the way, and {} of one core",
             folder.display(),
             planned.spec.tile_px,
             tuples / 1e6,

@@ -6,7 +6,7 @@ mod tuple;
 mod write;
 
 pub use combine::{MergeError, combine};
-pub use srgb::SrgbEncoder;
+pub use srgb::{SrgbEncoder, srgb_to_linear};
 pub use tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord};
 pub use write::{
     TUPLE_FILES, encode_png, encode_rgb_exr, encode_tuple_exr, is_written, write_tuple,

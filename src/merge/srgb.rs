@@ -10,6 +10,11 @@ pub struct SrgbEncoder {
 
 const CELLS: usize = 4096;
 
+/// Linear value of an 8-bit code.
+pub fn srgb_to_linear(code: u8) -> f32 {
+    linear(f64::from(code) / 255.0) as f32
+}
+
 /// The inverse curve: code value in [0, 1] to linear.
 fn linear(code: f64) -> f64 {
     if code <= 0.04045 {

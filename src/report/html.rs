@@ -2,16 +2,19 @@
 
 use crate::atomic_file::{self, WriteError};
 use crate::farm::{Run, run_status};
-use crate::merge::TupleRecord;
+use crate::merge::{SrgbEncoder, TupleRecord, srgb_to_linear};
 use crate::trace::LAYERS;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use image::ImageEncoder;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 /// Tuples on the contact sheet; more are spread evenly over the manifest.
 const SHOWN: usize = 48;
+/// How much brighter the reflection is shown a second time.
+const GAIN: f32 = 8.0;
 /// Width of a picture on the page, px; larger ones are scaled down.
 const THUMBNAIL_PX: u32 = 256;
 
@@ -91,10 +94,10 @@ pub fn write_report(run: &Run) -> Result<PathBuf, ReportError> {
 }
 
 const STYLE: &str = ":root{color-scheme:light dark;--dim:#667;--line:#8883}\
-body{font:15px/1.5 system-ui,sans-serif;margin:0}main{max-width:1120px;margin:auto;padding:1.2rem}\
+body{font:15px/1.5 system-ui,sans-serif;margin:0}main{max-width:1400px;margin:auto;padding:1.2rem}\
 h1{font-size:1.6rem;margin:.2rem 0}h2{font-size:1.1rem;margin:1.6rem 0 .4rem}.glance{color:var(--dim)}\
 .tuple{border-top:1px solid var(--line);padding:.8rem 0}.tuple h3{font-size:1rem;margin:0 0 .3rem}\
-.tuple small{color:var(--dim);font-weight:normal}.strip{display:grid;grid-template-columns:repeat(4,1fr);gap:.5rem}\
+.tuple small{color:var(--dim);font-weight:normal}.strip{display:grid;grid-template-columns:repeat(5,1fr);gap:.5rem}\
 figure{margin:0}img{width:100%;display:block;border-radius:3px}figcaption{font-size:.8rem;color:var(--dim)}\
 @media(max-width:640px){.strip{grid-template-columns:repeat(2,1fr)}}";
 
@@ -139,18 +142,60 @@ fn row(html: &mut String, folder: &Path, id: &str) -> Result<(), ReportError> {
         let error = layer
             .error_rms
             .map_or("unknown".to_owned(), |e| format!("{e:.1e}"));
-        let _ = writeln!(
+        let mut numbers = format!("error {error}");
+        for (what, share) in [
+            ("missed", layer.miss_share),
+            ("clipped", layer.clipped_share),
+        ] {
+            if share > 0.0 {
+                let _ = write!(numbers, " &middot; {what} {:.2} %", share * 100.0);
+            }
+        }
+        figure(
             html,
-            "<figure><img loading=\"lazy\" alt=\"{name} of {}\" src=\"data:image/png;base64,{}\"><figcaption><b>{symbol}</b> \
-             {name} &middot; error {error} &middot; missed {:.2} % &middot; clipped {:.2} %</figcaption></figure>",
-            escape(id),
-            STANDARD.encode(png),
-            layer.miss_share * 100.0,
-            layer.clipped_share * 100.0,
+            &format!("{name} of {}", escape(id)),
+            symbol,
+            name,
+            &numbers,
+            &png,
         );
+        if *name == "glass_reflection" {
+            let bright = brightened(&png).map_err(|e| bad(&path, &e))?;
+            let symbol = format!("{symbol} &times; {GAIN}");
+            figure(
+                html,
+                &format!("{name} of {}, brightened", escape(id)),
+                &symbol,
+                "to see it",
+                "",
+                &bright,
+            );
+        }
     }
     html.push_str("</div></section>\n");
     Ok(())
+}
+
+fn figure(html: &mut String, alt: &str, symbol: &str, name: &str, numbers: &str, png: &[u8]) {
+    let _ = writeln!(
+        html,
+        "<figure><img loading=\"lazy\" alt=\"{alt}\" src=\"data:image/png;base64,{}\"><figcaption><b>{symbol}</b> \
+         {name}<br>{numbers}</figcaption></figure>",
+        STANDARD.encode(png),
+    );
+}
+
+/// The reflection as if the back scene were [`GAIN`] times as bright, from its 8-bit picture.
+fn brightened(png: &[u8]) -> Result<Vec<u8>, image::ImageError> {
+    let mut picture = image::load_from_memory(png)?.into_rgb8();
+    let encoder = SrgbEncoder::new();
+    let codes: Vec<u8> = (0..=255u8)
+        .map(|code| encoder.encode(srgb_to_linear(code) * GAIN))
+        .collect();
+    for value in picture.iter_mut() {
+        *value = codes[usize::from(*value)];
+    }
+    encode(&picture)
 }
 
 /// The picture itself, or a smaller one.
@@ -160,14 +205,18 @@ fn thumbnail(png: Vec<u8>) -> Result<Vec<u8>, image::ImageError> {
         return Ok(png);
     }
     let height = (picture.height() * THUMBNAIL_PX / picture.width()).max(1);
-    let small = image::imageops::thumbnail(&picture, THUMBNAIL_PX, height);
+    encode(&image::imageops::thumbnail(&picture, THUMBNAIL_PX, height))
+}
+
+fn encode(picture: &image::RgbImage) -> Result<Vec<u8>, image::ImageError> {
     let mut bytes = Vec::new();
-    image::codecs::png::PngEncoder::new(&mut bytes).write_image(
-        small.as_raw(),
-        small.width(),
-        small.height(),
-        image::ExtendedColorType::Rgb8,
-    )?;
+    PngEncoder::new_with_quality(&mut bytes, CompressionType::Default, FilterType::Adaptive)
+        .write_image(
+            picture.as_raw(),
+            picture.width(),
+            picture.height(),
+            image::ExtendedColorType::Rgb8,
+        )?;
     Ok(bytes)
 }
 
