@@ -200,6 +200,7 @@ fn film(recipe: &Recipe, draw: Draw<'_>) -> Film {
         spp: draw.value("film.spp", &film.spp) as u32,
         filter: film.filter,
         order_tolerance: draw.value("film.order_tolerance", &film.order_tolerance),
+        exr: film.exr,
     }
 }
 

@@ -72,6 +72,9 @@ pub struct Film {
         skip_serializing_if = "is_default_tolerance"
     )]
     pub order_tolerance: f64,
+    /// Precision of `tuple.exr`: half where the values allow it, or always float.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub exr: ExrPrecision,
 }
 
 impl Film {
@@ -84,6 +87,17 @@ impl Film {
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
 fn is_default_tolerance(value: &f64) -> bool {
     *value == Film::default_order_tolerance()
+}
+
+/// Precision of `tuple.exr`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ExrPrecision {
+    /// 16-bit floats; 32-bit ones where a value exceeds 65,504.
+    #[default]
+    Half,
+    /// 32-bit floats.
+    Float,
 }
 
 /// Reconstruction filter of a pixel, applied by filter importance sampling.

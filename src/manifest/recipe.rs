@@ -1,7 +1,7 @@
 //! `glasshouse.recipe/1`: what a set of scenes is drawn from. Defaults are the paper's constants.
 
 use super::focus::FocusRecipe;
-use super::line::{Apex, DepthKind, Fill, Film, Filter, Intrinsics, Split, Transfer};
+use super::line::{Apex, DepthKind, ExrPrecision, Fill, Film, Filter, Intrinsics, Split, Transfer};
 use super::param::Param;
 use super::roots::Roots;
 use super::validate::LineError;
@@ -133,6 +133,8 @@ pub struct FilmRecipe {
     pub filter: Filter,
     /// Orders of the glass below this linear radiance are dropped. Default 7.6e-5.
     pub order_tolerance: Param,
+    /// Precision of `tuple.exr`. Default half.
+    pub exr: ExrPrecision,
 }
 
 impl Default for FilmRecipe {
@@ -143,6 +145,7 @@ impl Default for FilmRecipe {
             spp: Param::Constant(256.0),
             filter: Filter::Box,
             order_tolerance: Param::Constant(Film::default_order_tolerance()),
+            exr: ExrPrecision::Half,
         }
     }
 }

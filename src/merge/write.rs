@@ -3,6 +3,7 @@
 use super::srgb::SrgbEncoder;
 use super::tuple::Tuple;
 use crate::atomic_file::{self, WriteError};
+use crate::manifest::ExrPrecision;
 use crate::trace::LAYERS;
 use exr::prelude::{
     AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
@@ -105,12 +106,14 @@ pub fn encode_rgb_exr(
 
 /// All layers in one file, channels `input.R`, ...: half floats if the values allow it, else floats.
 pub fn encode_tuple_exr(tuple: &Tuple) -> Result<Vec<u8>, exr::error::Error> {
-    let fits = tuple
-        .layers
-        .iter()
-        .flatten()
-        .flatten()
-        .all(|&v| v <= HALF_MAX);
+    let half = tuple.record.scene.film.exr == ExrPrecision::Half;
+    let fits = half
+        && tuple
+            .layers
+            .iter()
+            .flatten()
+            .flatten()
+            .all(|&v| v <= HALF_MAX);
     let mut list = Vec::new();
     for (layer, name) in tuple.layers.iter().zip(LAYERS) {
         for (c, colour) in ["R", "G", "B"].into_iter().enumerate() {
