@@ -1,0 +1,17 @@
+//! The physics of the four layers against independent f64 code: vectors, explicit planes, brute force.
+//!
+//! Nothing here uses the closed forms of `src/trace` to check themselves: expected values come from a ray followed
+//! face by face ([`optics`]), from a renderer that tries every triangle ([`reference`]), or from a formula on paper.
+
+mod case;
+mod checkerboard;
+mod constant_depth;
+mod furnace;
+mod hard_cases;
+mod invariance;
+mod optics;
+mod pixels;
+mod reference;
+mod sampler;
+mod slab;
+mod spot;
