@@ -106,7 +106,7 @@ fn case() -> Case {
 
 fn check(name: &str, case: &Case) {
     let worst = deviations(case);
-    println!("{name}: I, T, R~, R off by {worst:.1e?}");
+    println!("{name}: I, T, R~, R off by {worst:?}");
     // 1,024 Sobol points integrate a ramp over pixel and lens to about 1e-5 of its range there; R has 256.
     assert!(worst.iter().all(|d| *d < 4e-5), "{name}: {worst:?}");
 }

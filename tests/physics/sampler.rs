@@ -121,7 +121,7 @@ fn error_falls_with_samples() {
         squares.map(|s| (s / (3.0 * reference.len() as f64)).sqrt())
     };
     let (few, many) = (rmse(16), rmse(256));
-    println!("RMSE of I, T, R~, R: 16 samples {few:.2e?}, 256 samples {many:.2e?}");
+    println!("RMSE of I, T, R~, R: 16 samples {few:?}, 256 samples {many:?}");
     for layer in 0..4 {
         assert!(many[layer] < few[layer] / 3.0);
     }
