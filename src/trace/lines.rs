@@ -144,7 +144,7 @@ impl<'a> LineMaker<'a> {
     }
 
     #[inline(always)]
-    fn closed_form(&self, scene: &Scene, pixel: &Pixel, extra_m: f64) -> ClosedForm {
+    pub(super) fn closed_form(&self, scene: &Scene, pixel: &Pixel, extra_m: f64) -> ClosedForm {
         let n = scene.slab.normal;
         let (kappa, aperture, inverse_focus) = match self.path {
             Path::Lens { constant, slope } => (
@@ -169,7 +169,7 @@ impl<'a> LineMaker<'a> {
     }
 
     #[inline(always)]
-    fn from_rays(&self, camera: &CameraBlock, groups: usize) -> FromRays {
+    pub(super) fn from_rays(&self, camera: &CameraBlock, groups: usize) -> FromRays {
         let low = [f32::INFINITY; 2];
         let high = [f32::NEG_INFINITY; 2];
         let mut bounds = [[low, high], [low, high]];

@@ -30,3 +30,6 @@ pub use tile::{Isa, LAYERS, Tile, TileResult, trace_tile};
 
 /// Version of the tracer's results: raised whenever any pixel changes. A run refuses to continue with another.
 pub const TRACER_VERSION: u32 = 1;
+
+#[cfg(test)]
+mod tests;

@@ -1,6 +1,7 @@
 //! One bright texel: its light is kept whatever the lens does, and the lens spreads it over the circle of confusion.
 
 use crate::case::{Case, GLASS, Photo, T};
+use glasshouse::trace::{Isa, Tile, trace_tile};
 
 const TAN: f64 = 0.3;
 const TEXELS: usize = 31;
@@ -21,6 +22,7 @@ fn spot(depth_m: f64, radiance: f64) -> Photo {
 fn case(depth_m: f64, focus_m: f64, aperture_m: f64) -> Case {
     let mut case = Case::new(spot(depth_m, 1.0), spot(depth_m, 1.0));
     case.film = [48, 48];
+    case.spp = 4096;
     (case.focus_m, case.aperture_m) = (focus_m, aperture_m);
     case
 }
@@ -56,21 +58,26 @@ fn energy_does_not_depend_on_the_lens() {
         println!(
             "Z {depth_m}, focus {focus_m}, aperture {aperture_m}: T {t_off:.1e}, R~ {r_off:.1e}"
         );
-        assert!(t_off.abs() < 3e-3 && r_off.abs() < 3e-3);
+        assert!(t_off.abs() < 4e-3 && r_off.abs() < 4e-3);
     }
 }
 
-/// The farthest lit pixel is where the circle of confusion and the texel's hat end.
+/// The spot's second moment is that of a uniform disc, widened by pixel and texel.
 #[test]
 fn circle_of_confusion_has_its_radius() {
     for (depth_m, focus_m) in [(2.0, 1.0), (1.0, 4.0), (5.0, f64::INFINITY)] {
         let mut case = case(depth_m, focus_m, 0.02);
         case.film = [129, 129];
-        case.spp = 1024;
-        // A texel far smaller than a pixel.
-        let fine = |i: usize, j: usize| [if i == 500 && j == 500 { 1.0 } else { 0.0 }; 3];
-        case.front = Photo::new([8, 8], [1001, 1001], [TAN; 2], |_, _| depth_m, fine);
-        let pixels = case.render();
+        case.spp = 16_384;
+        let fine = |i: usize, j: usize| [if i == 64 && j == 64 { 1.0 } else { 0.0 }; 3];
+        case.front = Photo::new([8, 8], [129, 129], [TAN; 2], |_, _| depth_m, fine);
+        let tile = Tile {
+            x: 57,
+            y: 57,
+            width: 15,
+            height: 15,
+        };
+        let pixels = trace_tile(&case.scene(), tile, 0..case.spp, Isa::detect()).pixels;
         let per_tangent = f64::from(case.film[0]) / (2.0 * case.tan_half_fov()[0]);
         let kappa = 0.01 * (1.0 - 1.0 / 1.6);
         let inverse_focus = 1.0 / focus_m;
@@ -78,16 +85,16 @@ fn circle_of_confusion_has_its_radius() {
         // A uniform disc has variance radius^2 / 4 along each axis; pixel and hat add 1/12 and texel^2 / 6.
         let (mut mass, mut second) = (0.0, 0.0);
         for (q, pixel) in pixels.iter().enumerate() {
-            let x = f64::from(q as u32 % 129) - 64.0;
+            let x = f64::from(q as u32 % tile.width) - 7.0;
             let value = f64::from(pixel.mean[T][0]);
             mass += value;
             second += value * x * x;
         }
-        let texel_px = 2.0 * TAN / 1001.0 * per_tangent;
+        let texel_px = 2.0 * TAN / 129.0 * per_tangent;
         let blur = second / mass - 1.0 / 12.0 - texel_px * texel_px / 6.0;
         let measured = 2.0 * blur.sqrt();
         println!("Z {depth_m}, focus {focus_m}: radius {measured:.4} px, on paper {radius:.4} px");
-        assert!((measured / radius - 1.0).abs() < 0.02);
+        assert!((measured / radius - 1.0).abs() < 0.01);
     }
 }
 
@@ -96,10 +103,10 @@ fn circle_of_confusion_has_its_radius() {
 fn pinhole_reflection_is_two_sharp_images() {
     let mut case = case(2.0, 2.0, 0.0);
     case.film = [256, 8];
-    case.thickness_m = 0.05;
+    case.thickness_m = 0.2;
     // Off to one side, where the ghost is displaced.
-    let fine = |i: usize, _: usize| [if i == 100 { 1.0 } else { 0.0 }; 3];
-    case.back = Photo::new([8, 8], [801, 5], [0.4; 2], |_, _| 2.0, fine);
+    let fine = |i: usize, _: usize| [if i == 20 { 1.0 } else { 0.0 }; 3];
+    case.back = Photo::new([8, 8], [101, 5], [0.4; 2], |_, _| 2.0, fine);
     let pixels = case.render();
     let row = &pixels[4 * 256..5 * 256];
     let peaks: Vec<(f64, f64)> = {
@@ -124,12 +131,12 @@ fn pinhole_reflection_is_two_sharp_images() {
     let [tx, _] = case.tan_half_fov();
     let tangent = |place: f64| (2.0 * place / 256.0 - 1.0) * tx;
     // The line's image point: mirrored x of the texel's centre.
-    let x_m = -((100.5 / 801.0) * 2.0 - 1.0) * 0.4 * 2.0;
-    assert!((tangent(peaks[0].0) - x_m / 2.0).abs() < 2e-4, "{peaks:?}");
+    let x_m = -((20.5 / 101.0) * 2.0 - 1.0) * 0.4 * 2.0;
+    assert!((tangent(peaks[0].0) - x_m / 2.0).abs() < 3e-4, "{peaks:?}");
     let p = tangent(peaks[1].0);
     let gamma = 1.0 / (1.6f64 * 1.6 + (1.6 * 1.6 - 1.0) * p * p).sqrt();
     // The ghost's line is longer by 2 h gamma: p (Z + 2 h gamma) is the same point.
-    assert!((p * (2.0 + 0.1 * gamma) - x_m).abs() < 4e-4, "{peaks:?}");
+    assert!((p * (2.0 + 0.4 * gamma) - x_m).abs() < 1e-3, "{peaks:?}");
     println!(
         "two images at {:.3} and {:.3} px, {} in all",
         peaks[0].0,
