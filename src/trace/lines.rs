@@ -137,7 +137,7 @@ impl<'a> LineMaker<'a> {
                 span(&self.view.grid, self.base, &footprint)
             }
             Pose::General { .. } => {
-                let footprint = self.from_rays(camera, groups);
+                let footprint = self.footprint_of_rays(camera, groups);
                 span(&self.view.grid, self.base, &footprint)
             }
         }
@@ -169,7 +169,7 @@ impl<'a> LineMaker<'a> {
     }
 
     #[inline(always)]
-    pub(super) fn from_rays(&self, camera: &CameraBlock, groups: usize) -> FromRays {
+    pub(super) fn footprint_of_rays(&self, camera: &CameraBlock, groups: usize) -> FromRays {
         let low = [f32::INFINITY; 2];
         let high = [f32::NEG_INFINITY; 2];
         let mut bounds = [[low, high], [low, high]];

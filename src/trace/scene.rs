@@ -71,9 +71,9 @@ impl FilterTable {
             for _ in 0..60 {
                 let middle = 0.5 * (lo + hi);
                 if distribution(middle) < target {
-                    lo = middle
+                    lo = middle;
                 } else {
-                    hi = middle
+                    hi = middle;
                 }
             }
             (0.5 * (lo + hi)) as f32

@@ -69,7 +69,7 @@ pub fn trace_tile(scene: &Scene, tile: Tile, samples: Range<u32>, isa: Isa) -> T
     );
     let count = samples.end - samples.start;
     assert!(
-        count.is_power_of_two() && samples.start % count == 0,
+        count.is_power_of_two() && samples.start.is_multiple_of(count),
         "samples must be an aligned block"
     );
     match isa {

@@ -33,7 +33,7 @@ fn the_wave_has_the_values_on_paper() {
 #[test]
 fn clean_reflection_is_the_box_filtered_photograph() {
     for (texels, pixels) in [(12usize, 12u32), (24, 12), (36, 12), (17, 10), (12, 40)] {
-        let board = |i: usize, j: usize| [f64::from(u8::from((i + j) % 2 == 0)); 3];
+        let board = |i: usize, j: usize| [f64::from(u8::from((i + j).is_multiple_of(2))); 3];
         let tan = Case::new(Photo::flat(1.0, [0.0; 3]), Photo::flat(1.0, [0.0; 3])).tan_half_fov();
         let back = Photo::new([5, 6], [texels, texels], tan, |i, _| 1.0 + i as f64, board);
         let mut case = Case::new(Photo::flat(1.0, [0.0; 3]), back);

@@ -70,6 +70,12 @@ impl<'a> Sheet<'a> {
         nearest
     }
 
+    /// Radiance along a line.
+    fn seen(&self, origin: DVec3, d: DVec3) -> [f64; 3] {
+        let hit = self.first_hit(origin, d);
+        self.radiance(hit.expect("the border continues, so every line meets the sheet"))
+    }
+
     /// What the photograph shows of a point.
     pub(crate) fn radiance(&self, point: DVec3) -> [f64; 3] {
         let photo = self.photo;
@@ -165,20 +171,15 @@ impl<'a> Reference<'a> {
     fn behind_glass(&self, order: Order, origin: DVec3, d: DVec3) -> ([f64; 3], [f64; 3]) {
         let exit = self.pane.exit(origin, d, order);
         let radiance = match order {
-            Order::Transmitted(_) => self.seen(&self.front, exit.point, exit.direction),
+            Order::Transmitted(_) => self.front.seen(exit.point, exit.direction),
             Order::Reflected(_) => self.seen_in_back(exit.point, exit.direction),
         };
         (radiance, exit.weight())
     }
 
-    fn seen(&self, sheet: &Sheet, origin: DVec3, d: DVec3) -> [f64; 3] {
-        let hit = sheet.first_hit(origin, d);
-        sheet.radiance(hit.expect("the border continues, so every line meets the sheet"))
-    }
-
     fn seen_in_back(&self, origin: DVec3, d: DVec3) -> [f64; 3] {
         let (rotation, shift) = self.to_back;
-        self.seen(&self.back, rotation * origin + shift, rotation * d)
+        self.back.seen(rotation * origin + shift, rotation * d)
     }
 
     /// The four layers of a pixel.
