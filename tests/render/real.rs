@@ -149,8 +149,8 @@ fn pair_line((front, back, apex, tilt_deg): &Pair) -> Value {
 fn render(root: &Path, folder: &Path, scenes: &[Value]) -> BTreeMap<String, RealTuple> {
     write_motorcycle_depth(root, &folder.join(MOTORCYCLE_DEPTH));
     let manifest = folder.join("real.jsonl");
-    let text: String = scenes.iter().map(|scene| format!("{scene}\n")).collect();
-    atomic_file::write(&manifest, text.as_bytes()).unwrap();
+    let lines: Vec<String> = scenes.iter().map(Value::to_string).collect();
+    atomic_file::write(&manifest, lines.join("\n").as_bytes()).unwrap();
     let out = folder.join("run");
     let run = Command::new(env!("CARGO_BIN_EXE_glasshouse"))
         .args(["run", "--json", "--root"])

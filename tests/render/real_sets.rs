@@ -106,7 +106,9 @@ impl Set {
     pub(crate) fn hole_share(&self, root: &Path, converted: &Path) -> f64 {
         let depths: Vec<f64> = match self.depth {
             MOTORCYCLE_DEPTH => read_npy::<f32>(&converted.join(MOTORCYCLE_DEPTH)).1,
-            path if path.ends_with(".npy") => read_npy::<f32>(&root.join(path)).1,
+            path if Path::new(path).extension().is_some_and(|e| e == "npy") => {
+                read_npy::<f32>(&root.join(path)).1
+            }
             path => image::open(root.join(path))
                 .unwrap()
                 .into_luma16()
