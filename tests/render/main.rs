@@ -1,8 +1,11 @@
-//! Whole images: against an independent renderer, and against themselves in other cuts.
+//! Whole images: against an independent renderer, against photographs, and against themselves in other cuts.
+
+#![allow(clippy::unwrap_used, reason = "a test's functions fail like the test")]
 #![allow(
     clippy::print_stdout,
-    clippy::unwrap_used,
-    reason = "tests print what they measure and may panic"
+    reason = "measured numbers, and why a test was skipped"
 )]
 
 mod oracle;
+mod real;
+mod real_sets;
