@@ -22,7 +22,12 @@ pub(super) struct Progress {
     /// Of `done`, those that cost nothing now.
     free: AtomicU64,
     start: Instant,
+    /// Scenes whose photographs do not fill the view: share of missed paths and id.
+    narrow: Mutex<Vec<(f64, String)>>,
 }
+
+/// Share of a layer's paths off the photograph from which a person should know.
+const NARROW_SHARE: f64 = 0.1;
 
 impl Progress {
     /// Progress over `length` units of `what` (shards, photographs).
@@ -53,6 +58,7 @@ impl Progress {
             done: AtomicU64::new(0),
             free: AtomicU64::new(0),
             start: Instant::now(),
+            narrow: Mutex::new(Vec::new()),
         }
     }
 
@@ -111,6 +117,21 @@ impl Progress {
         }
     }
 
+    /// Says once which scenes show much more than was photographed.
+    pub(super) fn note_narrow_scenes(&self, output: &Output) {
+        let narrow = self.narrow.lock().expect("no holder of this lock panics");
+        let worst = narrow.iter().max_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((share, scene)) = worst {
+            output.note(&format!(
+                "{} scenes look past a photograph's border in over {:.0} % of a layer's paths (worst: {scene}, {:.0} %); a longer \
+                 focal length, less tilt or apex \"mirror\" avoids that",
+                narrow.len(),
+                NARROW_SHARE * 100.0,
+                share * 100.0,
+            ));
+        }
+    }
+
     pub(super) fn finish(&self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
@@ -127,7 +148,13 @@ impl Progress {
                     self.suspend(|| output.note(&reason));
                 }
             }
-            Event::SceneMerged { scene } => self.message(format!("{scene} merged")),
+            Event::SceneMerged { scene, miss_share } => {
+                self.message(format!("{scene} merged"));
+                if miss_share > NARROW_SHARE {
+                    let mut narrow = self.narrow.lock().expect("no holder of this lock panics");
+                    narrow.push((miss_share, scene.to_string()));
+                }
+            }
             Event::SceneQuarantined {
                 scene,
                 reason,

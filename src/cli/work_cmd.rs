@@ -74,6 +74,7 @@ pub(super) fn work_on(
     };
     let outcome = work(run, &options, &|event| progress.event(event, output));
     progress.finish();
+    progress.note_narrow_scenes(output);
     let outcome = outcome?;
     let exit = match outcome.stopped {
         Some(Stop::Asked) => signals.exit(),

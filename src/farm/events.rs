@@ -28,6 +28,8 @@ pub enum Event {
     SceneMerged {
         /// Which.
         scene: SceneId,
+        /// Of its layers, the largest share of paths that ended on the continuation of a photograph's border.
+        miss_share: f64,
     },
     /// A scene cannot be done.
     SceneQuarantined {

@@ -408,8 +408,10 @@ impl<'a> Shared<'a> {
                 write_tuple(&tuple, &folder).map_err(|e| FarmError::Tuple(e.to_string()))?;
                 remove_partials(&self.run.dir.partials(&job.line.id));
                 self.merged.fetch_add(1, Ordering::Relaxed);
+                let layers = tuple.record.layers.values();
                 (self.on_event)(Event::SceneMerged {
                     scene: job.line.id.clone(),
+                    miss_share: layers.map(|layer| layer.miss_share).fold(0.0, f64::max),
                 });
             }
             Err(error) => {
