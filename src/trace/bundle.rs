@@ -199,7 +199,9 @@ impl<'a> Tracer<'a> {
                 continue;
             };
             let slab = &scene.slab;
-            let weight = weights(order, slab.ior as f32, &camera.gamma[g]);
+            let [rs, rp] = &camera.reflectance;
+            let [ts, tp] = &camera.transmittance;
+            let weight = weights(order, [&rs[g], &rp[g]], [&ts[g], &tp[g]]);
             let bare = order == Order::Transmitted(0);
             if slab.absorbs() {
                 let colour = slab.absorption_per_m.map(|a| {

@@ -1,4 +1,4 @@
-//! Camera samples of one pixel: film point, lens point, direction, and the slab's gamma, in lanes.
+//! Camera samples of one pixel: film point, lens point, direction, and the glass along it, in lanes.
 
 use super::lanes::{LANES, Lane, sin_cos_octant};
 use super::sampler::{BLOCK, PixelSeed, block};
@@ -55,6 +55,10 @@ pub(super) struct CameraBlock {
     pub(super) lens: [[Lane; GROUPS]; 2],
     /// tan_t / tan_i.
     pub(super) gamma: [Lane; GROUPS],
+    /// Reflectance of a face for s and p polarised light.
+    pub(super) reflectance: [[Lane; GROUPS]; 2],
+    /// 1 - reflectance.
+    pub(super) transmittance: [[Lane; GROUPS]; 2],
     /// 1 / cos_t; filled only where the glass absorbs.
     pub(super) inverse_cos_t: [Lane; GROUPS],
 }
@@ -68,6 +72,8 @@ impl CameraBlock {
             direction: pair,
             lens: pair,
             gamma: lanes,
+            reflectance: pair,
+            transmittance: pair,
             inverse_cos_t: lanes,
         })
     }
@@ -124,11 +130,11 @@ impl CameraBlock {
                 }
             }
         }
-        self.fill_gamma(scene, pixel, groups);
+        self.fill_glass(scene, pixel, groups);
     }
 
     #[inline(always)]
-    fn fill_gamma(&mut self, scene: &Scene, pixel: &Pixel, groups: usize) {
+    fn fill_glass(&mut self, scene: &Scene, pixel: &Pixel, groups: usize) {
         let ior = scene.slab.ior as f32;
         let excess = (scene.slab.ior * scene.slab.ior - 1.0) as f32;
         let normal = scene.slab.normal.as_vec3();
@@ -147,7 +153,16 @@ impl CameraBlock {
                     1.0
                 };
                 let root = (excess * square + along * along).sqrt();
-                self.gamma[g][l] = along / root;
+                let gamma = along / root;
+                self.gamma[g][l] = gamma;
+                for (q, factor) in [1.0, ior * ior].into_iter().enumerate() {
+                    let slope = factor * gamma;
+                    let inverse = 1.0 / (1.0 + slope);
+                    let amplitude = (1.0 - slope) * inverse;
+                    self.reflectance[q][g][l] = amplitude * amplitude;
+                    // 1 - R = 4 g / (1 + g)^2, without cancellation at grazing incidence.
+                    self.transmittance[q][g][l] = 4.0 * slope * inverse * inverse;
+                }
                 if absorbs {
                     self.inverse_cos_t[g][l] = ior * square.sqrt() / root;
                 }

@@ -15,6 +15,11 @@ pub(super) enum Path {
     Pinhole,
 }
 
+/// Farthest base from the grid's corner, px: indices stay exact in f32 wherever a bundle looks.
+const FARTHEST_BASE_PX: f64 = 1.0e6;
+/// Smallest change of depth along a direction.
+const TINY_DEPTH: f32 = 1.0e-6;
+
 /// A view's constants for one pixel and path.
 pub(super) struct LineMaker<'a> {
     view: &'a View,
@@ -39,7 +44,7 @@ impl<'a> LineMaker<'a> {
             }
         };
         let grid = [0, 1].map(|k| view.focal_px[k] * direction[k] + view.principal[k]);
-        let base = grid.map(|v| v.floor().clamp(-1.0e8, 1.0e8));
+        let base = grid.map(|v| v.floor().clamp(-FARTHEST_BASE_PX, FARTHEST_BASE_PX));
         Self {
             view,
             path,
@@ -103,7 +108,9 @@ impl<'a> LineMaker<'a> {
                     let (px, py) = (point[0][l], point[1][l]);
                     let row = |k: usize| m.x_axis[k] * dx + m.y_axis[k] * dy + m.z_axis[k];
                     let start = |k: usize| m.x_axis[k] * px + m.y_axis[k] * py + t[k];
-                    let inverse = 1.0 / row(2);
+                    // A line along the capture camera's own plane projects to infinity: kept finite.
+                    let depth = row(2);
+                    let inverse = 1.0 / max(depth.abs(), TINY_DEPTH).copysign(depth);
                     let (qx, qy) = (row(0) * inverse, row(1) * inverse);
                     lines.x[l] = focal[0] * qx + shift[0];
                     lines.y[l] = focal[1] * qy + shift[1];
@@ -130,14 +137,14 @@ impl<'a> LineMaker<'a> {
                 span(&self.view.grid, self.base, &footprint)
             }
             Pose::General { .. } => {
-                let footprint = self.box_of_rays(camera, groups);
+                let footprint = self.footprint_of_rays(camera, groups);
                 span(&self.view.grid, self.base, &footprint)
             }
         }
     }
 
     #[inline(always)]
-    fn closed_form(&self, scene: &Scene, pixel: &Pixel, extra_m: f64) -> ClosedForm {
+    pub(super) fn closed_form(&self, scene: &Scene, pixel: &Pixel, extra_m: f64) -> ClosedForm {
         let n = scene.slab.normal;
         let (kappa, aperture, inverse_focus) = match self.path {
             Path::Lens { constant, slope } => (
@@ -162,7 +169,7 @@ impl<'a> LineMaker<'a> {
     }
 
     #[inline(always)]
-    fn box_of_rays(&self, camera: &CameraBlock, groups: usize) -> FromRays {
+    pub(super) fn footprint_of_rays(&self, camera: &CameraBlock, groups: usize) -> FromRays {
         let low = [f32::INFINITY; 2];
         let high = [f32::NEG_INFINITY; 2];
         let mut bounds = [[low, high], [low, high]];

@@ -4,6 +4,15 @@
 //! clock, environment or thread pool is used here, and every sum has a fixed order: a pixel's bits depend on the
 //! scene and the sample range alone.
 
+#![allow(
+    clippy::needless_bitwise_bool,
+    reason = "lane loops have no branches: `&` and `|` keep them vector code"
+)]
+#![allow(
+    clippy::cast_possible_wrap,
+    reason = "grid and texture sizes are checked to fit 31 bits"
+)]
+
 mod bundle;
 mod camera;
 mod footprint;
@@ -30,3 +39,6 @@ pub use tile::{Isa, LAYERS, Tile, TileResult, trace_tile};
 
 /// Version of the tracer's results: raised whenever any pixel changes. A run refuses to continue with another.
 pub const TRACER_VERSION: u32 = 1;
+
+#[cfg(test)]
+mod tests;

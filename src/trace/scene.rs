@@ -159,8 +159,8 @@ impl View {
     #[inline(always)]
     pub(super) fn count_outside(&self, base: [i32; 2], u: &[f32], v: &[f32]) -> u64 {
         let bounds = |n: usize, base: i32| (-base as f32, (n as i32 - 1 - base) as f32);
-        let (u_min, u_max) = bounds(self.grid.nx(), base[0]);
-        let (v_min, v_max) = bounds(self.grid.ny(), base[1]);
+        let (u_min, u_max) = bounds(self.photograph_size.0, base[0]);
+        let (v_min, v_max) = bounds(self.photograph_size.1, base[1]);
         let mut outside = 0;
         for (&u, &v) in u.iter().zip(v) {
             outside += u64::from((u < u_min) | (u > u_max) | (v < v_min) | (v > v_max));

@@ -137,31 +137,20 @@ impl Cells {
 }
 
 /// Weights of an order for sixteen rays, without absorption: the mean over both polarisations (see
-/// [`super::slab`]).
+/// [`super::slab`]) from the faces' `reflectance` and `transmittance`, each `[s, p]`.
 #[inline(always)]
-pub(super) fn weights(order: Order, ior: f32, gamma: &Lane) -> Lane {
-    let mut result = [0.0; LANES];
-    let square_ior = ior * ior;
+pub(super) fn weights(order: Order, reflectance: [&Lane; 2], transmittance: [&Lane; 2]) -> Lane {
     let (passes, bounces) = match order {
         Order::Transmitted(k) => (true, 2 * k),
         Order::Reflected(0) => (false, 1),
         Order::Reflected(k) => (true, 2 * k - 1),
     };
-    let mut reflectance = [[0f32; LANES]; 2];
-    let mut product = [[0f32; LANES]; 2];
-    for (q, factor) in [1.0, square_ior].into_iter().enumerate() {
-        for l in 0..LANES {
-            let g = factor * gamma[l];
-            let inverse = 1.0 / (1.0 + g);
-            let amplitude = (1.0 - g) * inverse;
-            // 1 - R = 4 g / (1 + g)^2, without cancellation at grazing incidence.
-            let transmittance = 4.0 * g * inverse * inverse;
-            reflectance[q][l] = amplitude * amplitude;
-            product[q][l] = if passes {
-                transmittance * transmittance
-            } else {
-                1.0
-            };
+    let mut product = [[1f32; LANES]; 2];
+    for q in 0..2 {
+        if passes {
+            for l in 0..LANES {
+                product[q][l] = transmittance[q][l] * transmittance[q][l];
+            }
         }
         for _ in 0..bounces {
             for l in 0..LANES {
@@ -169,6 +158,7 @@ pub(super) fn weights(order: Order, ior: f32, gamma: &Lane) -> Lane {
             }
         }
     }
+    let mut result = [0.0; LANES];
     for l in 0..LANES {
         result[l] = 0.5 * (product[0][l] + product[1][l]);
     }

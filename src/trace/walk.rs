@@ -3,7 +3,8 @@
 //! A ray is (u, v) = p + s w with w falling; the sheet is two triangles a cell, split along the diagonal from
 //! (i + 1, j) to (i, j + 1). What is carried from cell to cell is one fact, "the ray is above the sheet", and it
 //! is never derived a second time at a shared edge: so no ray can slip between two cells. Outside the grid the
-//! border's inverse depth continues, so every ray ends on a surface.
+//! border's inverse depth continues, so every ray ends on a surface: the outermost columns and rows of cells reach
+//! to infinity, and so a ray crosses at most nx + ny + 2 cells, however far away it passes.
 //!
 //! Coordinates are relative to an integer grid point near the pixel's bundle, which keeps f32 exact to about
 //! 1e-6 px where absolute ones would be off by 6e-5.
@@ -90,8 +91,16 @@ fn walk_cells<const CLAMP: bool>(grid: &Grid, base: [i32; 2], lines: &Lines, spa
         inv_sd[l] = 1.0 / sd;
         let (column, column_index) = floor(x[l] + sx[l] * span.hi);
         let (row, row_index) = floor(y[l] + sy[l] * span.hi);
-        i[l] = column;
-        j[l] = row;
+        i[l] = if CLAMP {
+            min(max(column, x_min - 1.0), x_max)
+        } else {
+            column
+        };
+        j[l] = if CLAMP {
+            min(max(row, y_min - 1.0), y_max)
+        } else {
+            row
+        };
         cell[l] = (row_index.wrapping_add(base[1]))
             .wrapping_mul(nx)
             .wrapping_add(column_index + base[0]);
@@ -148,12 +157,22 @@ fn walk_cells<const CLAMP: bool>(grid: &Grid, base: [i32; 2], lines: &Lines, spa
         let mut any = 0u32;
         for l in 0..LANES {
             // Where the line leaves the cell, and where it crosses the diagonal inside it.
-            let (wx, wy) = (
+            let (mut wx, mut wy) = (
                 (i[l] + edge_x[l]) * inv_sx[l],
                 (j[l] + edge_y[l]) * inv_sy[l],
             );
+            if CLAMP {
+                // Nothing lies beyond the outermost columns and rows.
+                let (next_i, next_j) = (i[l] + step_i[l], j[l] + step_j[l]);
+                let ends_x = (next_i < x_min - 1.0) | (next_i > x_max);
+                let ends_y = (next_j < y_min - 1.0) | (next_j > y_max);
+                wx = if ends_x { f32::MIN } else { wx };
+                wy = if ends_y { f32::MIN } else { wy };
+            }
             let w_exit = max(wx, wy);
-            let last = w_exit <= span.lo;
+            // Written so that not-a-number ends the walk too.
+            let goes_on = w_exit > span.lo;
+            let last = !goes_on;
             let w_out = min(max(w_exit, span.lo), w_in[l]);
             let w_diagonal = max(min((i[l] + j[l] + edge_d[l]) * inv_sd[l], w_in[l]), w_out);
             // The sheet along the line in either triangle: w d = n on it, w d > n above it.

@@ -1,0 +1,233 @@
+//! Small scenes in the words of the scene line, and their rendering.
+
+use glam::{DMat3, DVec3};
+use glasshouse::trace::{
+    FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, Scene, Slab, Texture,
+    Tile, TileResult, View, trace_tile,
+};
+
+/// Indices of the layers.
+pub(crate) const I: usize = 0;
+pub(crate) const T: usize = 1;
+pub(crate) const GLASS: usize = 2;
+pub(crate) const CLEAN: usize = 3;
+
+/// An RGBD photograph; intrinsics in pixels with the image's corner at (0, 0).
+#[derive(Clone)]
+pub(crate) struct Photo {
+    pub(crate) size: [usize; 2],
+    /// 1/z of each pixel, rounded as the tracer stores it.
+    pub(crate) w: Vec<f32>,
+    pub(crate) focal_px: [f64; 2],
+    pub(crate) center_px: [f64; 2],
+    pub(crate) texture_size: [usize; 2],
+    pub(crate) texels: Vec<[f32; 4]>,
+}
+
+impl Photo {
+    /// A photograph with half fields of view `tan`, by depth of pixel (i, j) and colour of texel (i, j).
+    pub(crate) fn new(
+        size: [usize; 2],
+        texture_size: [usize; 2],
+        tan: [f64; 2],
+        depth_m: impl Fn(usize, usize) -> f64,
+        radiance: impl Fn(usize, usize) -> [f64; 3],
+    ) -> Self {
+        let pixels = |[nx, ny]: [usize; 2]| (0..nx * ny).map(move |q| (q % nx, q / nx));
+        let half = size.map(|n| n as f64 / 2.0);
+        Self {
+            size,
+            w: pixels(size)
+                .map(|(i, j)| (1.0 / depth_m(i, j)) as f32)
+                .collect(),
+            focal_px: [half[0] / tan[0], half[1] / tan[1]],
+            center_px: half,
+            texture_size,
+            texels: pixels(texture_size)
+                .map(|(i, j)| {
+                    let [r, g, b] = radiance(i, j).map(|v| v as f32);
+                    [r, g, b, 0.0]
+                })
+                .collect(),
+        }
+    }
+
+    /// A plane at one depth and of one colour.
+    pub(crate) fn flat(depth_m: f64, radiance: [f64; 3]) -> Self {
+        Self::new([4, 4], [4, 4], [0.4; 2], |_, _| depth_m, |_, _| radiance)
+    }
+
+    fn view(&self, pose: Pose, mirrored: bool) -> View {
+        let [nx, ny] = self.size;
+        let [fx, fy] = self.focal_px;
+        View {
+            grid: Grid::new(nx, ny, self.w.clone()),
+            texture: Texture::new(self.texture_size[0], self.texture_size[1], &self.texels),
+            focal_px: [if mirrored { -fx } else { fx }, fy],
+            principal: self.center_px.map(|c| c - 0.5),
+            pose,
+            photograph_size: (nx, ny),
+        }
+    }
+}
+
+/// Where the back photograph was taken.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) enum Apex {
+    Mirror,
+    Camera,
+}
+
+/// A scene; the default is the paper's camera and glass on a small film.
+#[derive(Clone)]
+pub(crate) struct Case {
+    pub(crate) seed: u64,
+    pub(crate) spp: u32,
+    pub(crate) film: [u32; 2],
+    pub(crate) gaussian: bool,
+    pub(crate) focal_length_mm: f64,
+    pub(crate) aperture_m: f64,
+    pub(crate) focus_m: f64,
+    pub(crate) distance_m: f64,
+    pub(crate) thickness_m: f64,
+    pub(crate) ior: f64,
+    pub(crate) absorption_per_m: [f64; 3],
+    pub(crate) tilt_deg: [f64; 2],
+    pub(crate) apex: Apex,
+    pub(crate) tolerance: f64,
+    pub(crate) front: Photo,
+    pub(crate) back: Photo,
+}
+
+impl Case {
+    pub(crate) fn new(front: Photo, back: Photo) -> Self {
+        Self {
+            seed: 7,
+            spp: 256,
+            film: [16, 16],
+            gaussian: false,
+            focal_length_mm: 55.0,
+            aperture_m: 0.00893,
+            focus_m: 2.5,
+            distance_m: 0.3,
+            thickness_m: 0.01,
+            ior: 1.6,
+            absorption_per_m: [0.0; 3],
+            tilt_deg: [0.0; 2],
+            apex: Apex::Mirror,
+            tolerance: 7.6e-5,
+            front,
+            back,
+        }
+    }
+
+    pub(crate) fn tan_half_fov(&self) -> [f64; 2] {
+        FilmPlane::tan_half_fov(self.film[0], self.film[1], self.focal_length_mm)
+    }
+
+    /// Normal of the pane, and the distance of its front face.
+    pub(crate) fn pane(&self) -> (DVec3, f64) {
+        let [pitch, yaw] = self.tilt_deg.map(f64::to_radians);
+        let normal = DMat3::from_rotation_y(yaw) * (DMat3::from_rotation_x(pitch) * DVec3::Z);
+        (normal, self.distance_m * normal.z)
+    }
+
+    /// Cosines of incidence over film and lens.
+    fn cosines(&self) -> Vec<f64> {
+        let (normal, _) = self.pane();
+        let [tx, ty] = self.tan_half_fov();
+        let spread = self.aperture_m / self.focus_m;
+        let mut cosines = vec![];
+        for a in 0..=32 {
+            for b in 0..=32 {
+                let at = |k: i32, t: f64| (f64::from(k) / 16.0 - 1.0) * (t + spread);
+                cosines.push(
+                    DVec3::new(at(a, tx), at(b, ty), 1.0)
+                        .normalize()
+                        .dot(normal),
+                );
+            }
+        }
+        cosines.push(normal.z);
+        cosines
+    }
+
+    /// The scene as the tracer takes it.
+    pub(crate) fn scene(&self) -> Scene {
+        let (normal, distance_m) = self.pane();
+        let slab = Slab {
+            normal,
+            plane_distance_m: distance_m,
+            thickness_m: self.thickness_m,
+            ior: self.ior,
+            absorption_per_m: self.absorption_per_m,
+        };
+        let front = self.front.view(Pose::Aligned { extra_m: 0.0 }, false);
+        // Mirrored coordinates X' = M X + 2 D n; apex `camera` sees diag(-1, 1, -1) (M X' + 2 D n), and the view's
+        // negative focal length takes the sign of x.
+        let pose = match self.apex {
+            Apex::Mirror => Pose::Aligned { extra_m: 0.0 },
+            Apex::Camera if normal == DVec3::Z => Pose::Aligned {
+                extra_m: 2.0 * distance_m,
+            },
+            Apex::Camera => {
+                let flip = DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0));
+                let mirror = DMat3::IDENTITY
+                    - DMat3::from_cols(
+                        2.0 * normal.x * normal,
+                        2.0 * normal.y * normal,
+                        2.0 * normal.z * normal,
+                    );
+                Pose::General {
+                    rotation: flip * mirror,
+                    translation_m: flip * (2.0 * distance_m * normal),
+                }
+            }
+        };
+        let back = self.back.view(pose, true);
+        let radiance = [&front, &back].map(|view: &View| f64::from(view.texture.max_radiance()));
+        Scene {
+            seed: self.seed,
+            spp: self.spp,
+            film: FilmPlane {
+                width: self.film[0],
+                height: self.film[1],
+                tan_half_fov: self.tan_half_fov(),
+                filter: self.gaussian.then(FilterTable::gaussian),
+            },
+            lens: Lens {
+                aperture_radius_m: self.aperture_m,
+                inverse_focus_per_m: 1.0 / self.focus_m,
+            },
+            orders: OrderPlan::new(&slab, &self.cosines(), radiance, self.tolerance),
+            slab,
+            front,
+            back,
+        }
+    }
+
+    /// All pixels, all samples.
+    pub(crate) fn render(&self) -> Vec<PixelMeans> {
+        whole_film(&self.scene(), Isa::detect()).pixels
+    }
+}
+
+/// Traces the whole film.
+pub(crate) fn whole_film(scene: &Scene, isa: Isa) -> TileResult {
+    let tile = Tile {
+        x: 0,
+        y: 0,
+        width: scene.film.width,
+        height: scene.film.height,
+    };
+    trace_tile(scene, tile, 0..scene.spp, isa)
+}
+
+/// A number in [0, 1) from three integers: the rough surfaces of the tests.
+pub(crate) fn noise(i: usize, j: usize, k: u64) -> f64 {
+    let mut x = (i as u64) << 40 ^ (j as u64) << 16 ^ k.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    for _ in 0..2 {
+        x = (x ^ (x >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    }
+    (x >> 40) as f64 / f64::from(1 << 24)
+}

@@ -1,0 +1,146 @@
+//! Bits depend on scene and samples alone: not on instruction set, tile or how a range is cut.
+
+use crate::case::{Apex, Case, Photo, noise, whole_film};
+use glasshouse::trace::{Isa, PixelMeans, Scene, Tile, trace_tile};
+
+fn rough(key: u64) -> Photo {
+    let depth = move |i: usize, j: usize| 0.9 + 2.0 * noise(i / 2, j / 2, key);
+    Photo::new([40, 30], [64, 48], [0.3; 2], depth, move |i, j| {
+        [0, 1, 2].map(|c| noise(i, j, key + c))
+    })
+}
+
+fn cases() -> Vec<Case> {
+    let mut case = Case::new(rough(1), rough(2));
+    case.film = [131, 70];
+    case.spp = 16;
+    let mut tilted = case.clone();
+    tilted.tilt_deg = [14.0, -20.0];
+    tilted.apex = Apex::Camera;
+    tilted.gaussian = true;
+    tilted.absorption_per_m = [1.0, 2.0, 3.0];
+    let mut absorbing = tilted.clone();
+    absorbing.apex = Apex::Mirror;
+    absorbing.focus_m = f64::INFINITY;
+    vec![case, tilted, absorbing]
+}
+
+fn bits(pixels: &[PixelMeans]) -> Vec<u32> {
+    pixels
+        .iter()
+        .flat_map(|p| p.mean.into_iter().chain(p.half).flatten())
+        .map(f32::to_bits)
+        .collect()
+}
+
+/// The film in tiles of `side`, put together again.
+fn tiled(scene: &Scene, side: u32, isa: Isa) -> Vec<PixelMeans> {
+    let (w, h) = (scene.film.width, scene.film.height);
+    let mut film = vec![PixelMeans::default(); (w * h) as usize];
+    for y in (0..h).step_by(side as usize) {
+        for x in (0..w).step_by(side as usize) {
+            let (width, height) = (side.min(w - x), side.min(h - y));
+            let tile = Tile {
+                x,
+                y,
+                width,
+                height,
+            };
+            let result = trace_tile(scene, tile, 0..scene.spp, isa);
+            for (row, pixels) in result.pixels.chunks(width as usize).enumerate() {
+                let start = ((y + row as u32) * w + x) as usize;
+                film[start..start + width as usize].copy_from_slice(pixels);
+            }
+        }
+    }
+    film
+}
+
+#[test]
+fn instruction_sets_and_tiles_give_the_same_bits() {
+    let fastest = Isa::detect();
+    if fastest == Isa::Baseline {
+        println!("no AVX2 on this machine: only tiles are compared");
+    }
+    for case in cases() {
+        let scene = case.scene();
+        let whole = bits(&whole_film(&scene, Isa::Baseline).pixels);
+        assert!(whole == bits(&whole_film(&scene, fastest).pixels));
+        for side in [16, 64, 100] {
+            assert!(
+                whole == bits(&tiled(&scene, side, fastest)),
+                "tiles of {side}"
+            );
+        }
+    }
+}
+
+#[test]
+fn every_power_of_two_of_samples_renders() {
+    for mut case in cases() {
+        case.film = [6, 5];
+        for spp in [1, 2, 4, 8, 16, 64, 256, 1024] {
+            case.spp = spp;
+            let scene = case.scene();
+            let result = whole_film(&scene, Isa::Baseline);
+            assert!(bits(&result.pixels) == bits(&whole_film(&scene, Isa::detect()).pixels));
+            assert_eq!(result.samples[..3], [spp; 3]);
+            for pixel in &result.pixels {
+                let values = pixel.mean.into_iter().chain(pixel.half).flatten();
+                assert!(values.into_iter().all(|v| (0.0..=1.001).contains(&v)));
+                if spp == 1 {
+                    assert_eq!(pixel.mean, pixel.half);
+                }
+            }
+        }
+    }
+}
+
+/// Four ranges of 256, weighted by their counts, are the range of 1,024; the first half is the first two.
+#[test]
+fn ranges_of_256_merge() {
+    for mut case in cases() {
+        case.film = [5, 4];
+        case.spp = 1024;
+        let scene = case.scene();
+        let tile = Tile {
+            x: 0,
+            y: 0,
+            width: 5,
+            height: 4,
+        };
+        let whole = trace_tile(&scene, tile, 0..1024, Isa::detect());
+        let parts: Vec<_> = (0..4)
+            .map(|k| trace_tile(&scene, tile, k * 256..(k + 1) * 256, Isa::detect()))
+            .collect();
+        for layer in 0..4 {
+            let counts: Vec<u32> = parts.iter().map(|p| p.samples[layer]).collect();
+            assert_eq!(counts.iter().sum::<u32>(), whole.samples[layer]);
+            assert_eq!(
+                parts.iter().map(|p| p.paths[layer]).sum::<u64>(),
+                whole.paths[layer]
+            );
+            assert_eq!(
+                parts.iter().map(|p| p.misses[layer]).sum::<u64>(),
+                whole.misses[layer]
+            );
+            for (q, pixel) in whole.pixels.iter().enumerate() {
+                for c in 0..3 {
+                    let sum: f64 = (0..4)
+                        .map(|k| {
+                            f64::from(parts[k].pixels[q].mean[layer][c]) * f64::from(counts[k])
+                        })
+                        .sum();
+                    let mean = sum / f64::from(whole.samples[layer]);
+                    assert!((mean - f64::from(pixel.mean[layer][c])).abs() < 1e-7);
+                    if layer < 3 {
+                        let half = 0.5
+                            * (f64::from(parts[0].pixels[q].mean[layer][c])
+                                + f64::from(parts[1].pixels[q].mean[layer][c]));
+                        assert!((half - f64::from(pixel.half[layer][c])).abs() < 1e-7);
+                    }
+                }
+            }
+        }
+    }
+}

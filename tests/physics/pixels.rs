@@ -1,0 +1,148 @@
+//! Whole pixels against the brute-force renderer, on rough scenes: intersections, optics, lens, colour at once.
+
+use crate::case::{Apex, Case, Photo, noise, whole_film};
+use crate::reference::Reference;
+use glasshouse::trace::Isa;
+
+/// Steps, noise, or a smooth surface.
+#[derive(Clone, Copy)]
+enum Relief {
+    Steps,
+    Noise,
+    Smooth,
+}
+
+fn rough(size: [usize; 2], texture: [usize; 2], relief: Relief, key: u64) -> Photo {
+    let depth = |i: usize, j: usize| {
+        let (x, y) = (i as f64, j as f64);
+        match relief {
+            Relief::Steps => 0.8 + 3.0 * (noise(i / 3, j / 2, key) * 4.0).floor() / 4.0,
+            Relief::Noise => 0.8 + 2.0 * noise(i, j, key),
+            Relief::Smooth => 2.0 + 0.6 * (0.7 * x).sin() + 0.5 * (0.5 * y + 0.3 * x).cos(),
+        }
+    };
+    // A photograph that is narrower than the film: its border's continuation is seen.
+    let colour = |i: usize, j: usize| [0, 1, 2].map(|c| noise(i, j, key + 17 + c));
+    Photo::new(size, texture, [0.24, 0.22], depth, colour)
+}
+
+/// Renders, and compares every third pixel of every third row.
+fn compare(name: &str, case: &Case) {
+    let scene = case.scene();
+    let rendered = whole_film(&scene, Isa::detect()).pixels;
+    let reference = Reference::new(case, &scene);
+    let [w, h] = case.film;
+    let mut largest = vec![];
+    let (mut sum, mut count) = (0.0, 0);
+    for y in (0..h).step_by(3) {
+        for x in (0..w).step_by(3) {
+            let expected = reference.pixel(x, y);
+            let pixel = &rendered[(y * w + x) as usize];
+            let mut worst = 0f64;
+            for layer in 0..4 {
+                for c in 0..3 {
+                    let difference = (f64::from(pixel.mean[layer][c]) - expected[layer][c]).abs();
+                    worst = worst.max(difference);
+                    sum += difference;
+                    count += 1;
+                }
+            }
+            largest.push(worst);
+        }
+    }
+    largest.sort_by(f64::total_cmp);
+    let mean = sum / f64::from(count);
+    let close = largest.iter().filter(|d| **d <= 1e-5).count();
+    let worst = largest[largest.len() - 1];
+    println!(
+        "{name}: {} front, {} back orders; mean {mean:.1e}, median {:.1e}, worst {worst:.1e}, {close} of {} within 1e-5",
+        scene.orders.front.len(),
+        scene.orders.back.len(),
+        largest[largest.len() / 2],
+        largest.len()
+    );
+    assert!(mean <= 1e-6, "{name}: mean difference {mean}");
+    assert!(close * 10 >= largest.len() * 9, "{name}: {largest:?}");
+    // A ray within f32 rounding of a depth edge may fall on its other side: then one sample changes by at most the
+    // largest radiance, 1, of the weakest order's samples: two such flips in one pixel are allowed.
+    let flip = 1.0 / f64::from(case.spp / 2);
+    assert!(worst <= 2.0 * flip, "{name}: worst {worst}");
+}
+
+fn case(front: Relief, back: Relief) -> Case {
+    let mut case = Case::new(
+        rough([13, 11], [29, 17], front, 1),
+        rough([12, 10], [7, 23], back, 2),
+    );
+    case.film = [13, 10];
+    case.focus_m = 1.7;
+    case.spp = 64;
+    case
+}
+
+#[test]
+fn steps_untilted_mirror() {
+    compare("steps, mirror", &case(Relief::Steps, Relief::Steps));
+}
+
+#[test]
+fn noise_untilted_camera() {
+    let mut case = case(Relief::Noise, Relief::Noise);
+    case.apex = Apex::Camera;
+    compare("noise, camera", &case);
+}
+
+#[test]
+fn smooth_at_256_samples_with_gaussian_filter() {
+    let mut case = case(Relief::Smooth, Relief::Smooth);
+    case.spp = 256;
+    case.gaussian = true;
+    compare("smooth, mirror, Gaussian, 256", &case);
+}
+
+#[test]
+fn tilted_mirror_with_absorption() {
+    let mut case = case(Relief::Steps, Relief::Noise);
+    case.tilt_deg = [30.0, -30.0];
+    case.absorption_per_m = [0.0, 5.0, 40.0];
+    case.thickness_m = 0.04;
+    case.tolerance = 1e-7;
+    compare("steps and noise, mirror, tilt 30 -30, absorbing", &case);
+}
+
+#[test]
+fn tilted_camera() {
+    let mut case = case(Relief::Steps, Relief::Steps);
+    case.apex = Apex::Camera;
+    case.tilt_deg = [-12.0, 20.0];
+    case.gaussian = true;
+    compare("steps, camera, tilt -12 20, Gaussian", &case);
+}
+
+#[test]
+fn tilted_camera_on_smooth_surfaces() {
+    let mut case = case(Relief::Smooth, Relief::Smooth);
+    case.apex = Apex::Camera;
+    case.tilt_deg = [25.0, 10.0];
+    case.focus_m = f64::INFINITY;
+    case.absorption_per_m = [3.0; 3];
+    compare("smooth, camera, tilt 25 10, focus at infinity", &case);
+}
+
+#[test]
+fn thick_glass_wide_lens_near_focus() {
+    let mut case = case(Relief::Noise, Relief::Steps);
+    case.aperture_m = 0.04;
+    case.focus_m = 0.9;
+    case.thickness_m = 0.1;
+    case.focal_length_mm = 24.0;
+    compare("noise and steps, 24 mm, thick glass, wide lens", &case);
+}
+
+#[test]
+fn weak_orders_over_several_blocks() {
+    let mut case = case(Relief::Smooth, Relief::Steps);
+    case.spp = 512;
+    case.film = [4, 7];
+    compare("smooth and steps, 512 samples", &case);
+}

@@ -1,0 +1,252 @@
+//! A renderer in f64 that tries every triangle: the meaning of a pixel, with nothing clever.
+
+use crate::case::{Apex, Case, Photo};
+use crate::optics::Pane;
+use glam::{DMat3, DVec3};
+use glasshouse::trace::{FollowedOrder, Order, PixelSeed, Scene, sample};
+
+/// How far the border continues, px.
+const BORDER_PX: f64 = 4000.0;
+
+/// A photograph's sheet in its own camera's frame.
+pub(crate) struct Sheet<'a> {
+    photo: &'a Photo,
+    triangles: Vec<[DVec3; 3]>,
+}
+
+impl<'a> Sheet<'a> {
+    pub(crate) fn new(photo: &'a Photo) -> Self {
+        let [nx, ny] = photo.size;
+        // Beyond the outermost pixel centres their depth continues.
+        let places = |n: usize| {
+            let mut places: Vec<(f64, usize)> = (0..n).map(|i| (i as f64, i)).collect();
+            places.insert(0, (-BORDER_PX, 0));
+            places.push((n as f64 - 1.0 + BORDER_PX, n - 1));
+            places
+        };
+        let (columns, rows) = (places(nx), places(ny));
+        let vertex = |(x, i): (f64, usize), (y, j): (f64, usize)| {
+            let z = 1.0 / f64::from(photo.w[j * nx + i]);
+            DVec3::new(
+                (x + 0.5 - photo.center_px[0]) / photo.focal_px[0] * z,
+                (y + 0.5 - photo.center_px[1]) / photo.focal_px[1] * z,
+                z,
+            )
+        };
+        let mut triangles = vec![];
+        for row in rows.windows(2) {
+            for column in columns.windows(2) {
+                let corner = |a: usize, b: usize| vertex(column[a], row[b]);
+                triangles.push([corner(0, 0), corner(1, 0), corner(0, 1)]);
+                triangles.push([corner(1, 1), corner(1, 0), corner(0, 1)]);
+            }
+        }
+        Self { photo, triangles }
+    }
+
+    /// The line's first point on the sheet, counted from the capture camera's plane outwards.
+    pub(crate) fn first_hit(&self, origin: DVec3, d: DVec3) -> Option<DVec3> {
+        let mut nearest: Option<DVec3> = None;
+        for [a, b, c] in &self.triangles {
+            let (ab, ac) = (*b - *a, *c - *a);
+            let h = d.cross(ac);
+            let det = ab.dot(h);
+            if det == 0.0 {
+                continue;
+            }
+            let from = origin - *a;
+            let u = from.dot(h) / det;
+            let q = from.cross(ab);
+            let v = d.dot(q) / det;
+            const EDGE: f64 = 1e-10;
+            if u < -EDGE || v < -EDGE || u + v > 1.0 + EDGE {
+                continue;
+            }
+            let point = origin + ac.dot(q) / det * d;
+            if point.z > 0.0 && nearest.is_none_or(|n| point.z < n.z) {
+                nearest = Some(point);
+            }
+        }
+        nearest
+    }
+
+    /// Radiance along a line.
+    fn seen(&self, origin: DVec3, d: DVec3) -> [f64; 3] {
+        let hit = self.first_hit(origin, d);
+        self.radiance(hit.expect("the border continues, so every line meets the sheet"))
+    }
+
+    /// What the photograph shows of a point.
+    pub(crate) fn radiance(&self, point: DVec3) -> [f64; 3] {
+        let photo = self.photo;
+        let texel = |k: usize, coordinate: f64| {
+            let u = photo.focal_px[k] * coordinate / point.z + photo.center_px[k];
+            let n = photo.texture_size[k];
+            (u / photo.size[k] as f64 * n as f64 - 0.5).clamp(0.0, n as f64 - 1.0)
+        };
+        let (x, y) = (texel(0, point.x), texel(1, point.y));
+        let [nx, ny] = photo.texture_size;
+        let (i, j) = (x as usize, y as usize);
+        let (i1, j1) = ((i + 1).min(nx - 1), (j + 1).min(ny - 1));
+        let (fx, fy) = (x - i as f64, y - j as f64);
+        [0, 1, 2].map(|c| {
+            let at = |i: usize, j: usize| f64::from(photo.texels[j * nx + i][c]);
+            (at(i, j) * (1.0 - fx) + at(i1, j) * fx) * (1.0 - fy)
+                + (at(i, j1) * (1.0 - fx) + at(i1, j1) * fx) * fy
+        })
+    }
+}
+
+/// The f64 renderer of a case, with the tracer's sample points and choice of orders.
+pub(crate) struct Reference<'a> {
+    case: &'a Case,
+    scene: &'a Scene,
+    front: Sheet<'a>,
+    back: Sheet<'a>,
+    pane: Pane,
+    /// World to capture coordinates of the back photograph: `rotation * x + shift`.
+    to_back: (DMat3, DVec3),
+}
+
+impl<'a> Reference<'a> {
+    pub(crate) fn new(case: &'a Case, scene: &'a Scene) -> Self {
+        let (normal, distance_m) = case.pane();
+        let to_back = match case.apex {
+            Apex::Camera => (
+                DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0)),
+                DVec3::ZERO,
+            ),
+            Apex::Mirror => {
+                let flip = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
+                let householder = |x: DVec3| flip * (x - 2.0 * x.dot(normal) * normal);
+                let rotation = DMat3::from_cols(
+                    householder(DVec3::X),
+                    householder(DVec3::Y),
+                    householder(DVec3::Z),
+                );
+                (rotation, rotation * (-2.0 * distance_m * normal))
+            }
+        };
+        Self {
+            case,
+            scene,
+            front: Sheet::new(&case.front),
+            back: Sheet::new(&case.back),
+            pane: Pane {
+                normal,
+                distance_m,
+                thickness_m: case.thickness_m,
+                ior: case.ior,
+                absorption_per_m: case.absorption_per_m,
+            },
+            to_back,
+        }
+    }
+
+    /// Pinhole direction and lens ray of a sample.
+    fn camera(&self, x: u32, y: u32, point: [f32; 4]) -> (DVec3, DVec3, DVec3) {
+        let [w, h] = self.case.film.map(f64::from);
+        let offset = |u: f32| match &self.scene.film.filter {
+            Some(table) => f64::from(table.offset_px(u)),
+            None => f64::from(u) - 0.5,
+        };
+        let u = f64::from(x) + 0.5 + offset(point[0]);
+        let v = f64::from(y) + 0.5 + offset(point[1]);
+        let diagonal = 36.0f64.hypot(24.0) / (2.0 * self.case.focal_length_mm);
+        let pinhole = DVec3::new(
+            (2.0 * u / w - 1.0) * diagonal * w / w.hypot(h),
+            (2.0 * v / h - 1.0) * diagonal * h / w.hypot(h),
+            1.0,
+        );
+        let (a, b) = concentric(f64::from(point[2]), f64::from(point[3]));
+        let lens = self.case.aperture_m * DVec3::new(a, b, 0.0);
+        let direction = if self.case.focus_m.is_infinite() {
+            pinhole
+        } else {
+            self.case.focus_m * pinhole - lens
+        };
+        (pinhole.normalize(), lens, direction.normalize())
+    }
+
+    fn behind_glass(&self, order: Order, origin: DVec3, d: DVec3) -> ([f64; 3], [f64; 3]) {
+        let exit = self.pane.exit(origin, d, order);
+        let radiance = match order {
+            Order::Transmitted(_) => self.front.seen(exit.point, exit.direction),
+            Order::Reflected(_) => self.seen_in_back(exit.point, exit.direction),
+        };
+        (radiance, exit.weight())
+    }
+
+    fn seen_in_back(&self, origin: DVec3, d: DVec3) -> [f64; 3] {
+        let (rotation, shift) = self.to_back;
+        self.back.seen(rotation * origin + shift, rotation * d)
+    }
+
+    /// The four layers of a pixel.
+    pub(crate) fn pixel(&self, x: u32, y: u32) -> [[f64; 3]; 4] {
+        let spp = self.scene.spp;
+        let seed = PixelSeed::new(self.scene.seed, x, y);
+        let add = |sum: &mut [f64; 3], value: [f64; 3], weight: [f64; 3], n: u32| {
+            for c in 0..3 {
+                sum[c] += value[c] * weight[c] / f64::from(n);
+            }
+        };
+        let mut layers = [[0.0; 3]; 4];
+        let orders = &self.scene.orders;
+        for followed in orders.front.iter().chain(&orders.back) {
+            let taken = samples_of(followed, spp);
+            for s in (0..spp).filter(|s| s % 256 < taken.1) {
+                let (_, lens, d) = self.camera(x, y, sample(&seed, s));
+                let (radiance, weight) = self.behind_glass(followed.order, lens, d);
+                add(&mut layers[0], radiance, weight, taken.0);
+                match followed.order {
+                    Order::Transmitted(0) => add(&mut layers[1], radiance, [1.0; 3], taken.0),
+                    Order::Transmitted(_) => {}
+                    Order::Reflected(_) => add(&mut layers[2], radiance, weight, taken.0),
+                }
+            }
+        }
+        let clean = orders.clean_spp(spp);
+        for s in 0..clean {
+            let (pinhole, _, _) = self.camera(x, y, sample(&seed, s));
+            let (n, distance) = (self.pane.normal, self.pane.distance_m);
+            let point = distance / pinhole.dot(n) * pinhole;
+            let mirrored = pinhole - 2.0 * pinhole.dot(n) * n;
+            add(
+                &mut layers[3],
+                self.seen_in_back(point, mirrored),
+                [1.0; 3],
+                clean,
+            );
+        }
+        layers
+    }
+}
+
+/// Samples that an order takes in all, and of each block of 256.
+fn samples_of(followed: &FollowedOrder, spp: u32) -> (u32, u32) {
+    let block = spp.min(256);
+    let of_block = if followed.weak {
+        (block / 16).max(1)
+    } else {
+        block
+    };
+    (of_block * (spp / block), of_block)
+}
+
+/// Shirley and Chiu's concentric map.
+pub(crate) fn concentric(u: f64, v: f64) -> (f64, f64) {
+    let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
+    if a == 0.0 && b == 0.0 {
+        return (0.0, 0.0);
+    }
+    let (radius, angle) = if a.abs() > b.abs() {
+        (a, std::f64::consts::FRAC_PI_4 * b / a)
+    } else {
+        (
+            b,
+            std::f64::consts::FRAC_PI_2 - std::f64::consts::FRAC_PI_4 * a / b,
+        )
+    };
+    (radius * angle.cos(), radius * angle.sin())
+}

@@ -1,0 +1,146 @@
+//! One bright texel: its light is kept whatever the lens does, and the lens spreads it over the circle of confusion.
+
+use crate::case::{Case, GLASS, Photo, T};
+use glasshouse::trace::{Isa, Tile, trace_tile};
+
+const TAN: f64 = 0.3;
+const TEXELS: usize = 31;
+
+/// A black plane with one texel of `radiance` in the middle.
+fn spot(depth_m: f64, radiance: f64) -> Photo {
+    let middle = TEXELS / 2;
+    let colour = move |i: usize, j: usize| {
+        [if i == middle && j == middle {
+            radiance
+        } else {
+            0.0
+        }; 3]
+    };
+    Photo::new([8, 8], [TEXELS, TEXELS], [TAN; 2], |_, _| depth_m, colour)
+}
+
+fn case(depth_m: f64, focus_m: f64, aperture_m: f64) -> Case {
+    let mut case = Case::new(spot(depth_m, 1.0), spot(depth_m, 1.0));
+    case.film = [48, 48];
+    case.spp = 4096;
+    (case.focus_m, case.aperture_m) = (focus_m, aperture_m);
+    case
+}
+
+/// Sum over pixels = w_k (texel's area in film pixels) (Z / (Z - kappa_k))^2.
+#[test]
+fn energy_does_not_depend_on_the_lens() {
+    for (depth_m, focus_m, aperture_m) in [
+        (2.0, 1.0, 0.00893),
+        (2.0, 2.0, 0.00893),
+        (1.0, 4.0, 0.03),
+        (3.0, f64::INFINITY, 0.02),
+        (2.0, 1.0, 0.0),
+    ] {
+        let case = case(depth_m, focus_m, aperture_m);
+        let pixels = case.render();
+        let sum = |layer: usize| {
+            pixels
+                .iter()
+                .map(|p| f64::from(p.mean[layer][0]))
+                .sum::<f64>()
+        };
+        let texel_px =
+            2.0 * TAN / TEXELS as f64 * f64::from(case.film[0]) / (2.0 * case.tan_half_fov()[0]);
+        let magnified = |kappa: f64| (texel_px * depth_m / (depth_m - kappa)).powi(2);
+        let t = magnified(0.01 * (1.0 - 1.0 / 1.6));
+        let r = (0.6f64 / 2.6).powi(2);
+        let weights = [r, (1.0 - r).powi(2) * r, (1.0 - r).powi(2) * r.powi(3)];
+        let glass: f64 = (0..3)
+            .map(|k| weights[k] * magnified(-0.02 / 1.6 * k as f64))
+            .sum();
+        let (t_off, r_off) = (sum(T) / t - 1.0, sum(GLASS) / glass - 1.0);
+        println!(
+            "Z {depth_m}, focus {focus_m}, aperture {aperture_m}: T {t_off:.1e}, R~ {r_off:.1e}"
+        );
+        assert!(t_off.abs() < 4e-3 && r_off.abs() < 4e-3);
+    }
+}
+
+/// The spot's second moment is that of a uniform disc, widened by pixel and texel.
+#[test]
+fn circle_of_confusion_has_its_radius() {
+    for (depth_m, focus_m) in [(2.0, 1.0), (1.0, 4.0), (5.0, f64::INFINITY)] {
+        let mut case = case(depth_m, focus_m, 0.02);
+        case.film = [129, 129];
+        case.spp = 16_384;
+        let fine = |i: usize, j: usize| [if i == 64 && j == 64 { 1.0 } else { 0.0 }; 3];
+        case.front = Photo::new([8, 8], [129, 129], [TAN; 2], |_, _| depth_m, fine);
+        let tile = Tile {
+            x: 57,
+            y: 57,
+            width: 15,
+            height: 15,
+        };
+        let pixels = trace_tile(&case.scene(), tile, 0..case.spp, Isa::detect()).pixels;
+        let per_tangent = f64::from(case.film[0]) / (2.0 * case.tan_half_fov()[0]);
+        let kappa = 0.01 * (1.0 - 1.0 / 1.6);
+        let inverse_focus = 1.0 / focus_m;
+        let radius = 0.02 * (1.0 / (depth_m - kappa) - inverse_focus).abs() * per_tangent;
+        // A uniform disc has variance radius^2 / 4 along each axis; pixel and hat add 1/12 and texel^2 / 6.
+        let (mut mass, mut second) = (0.0, 0.0);
+        for (q, pixel) in pixels.iter().enumerate() {
+            let x = f64::from(q as u32 % tile.width) - 7.0;
+            let value = f64::from(pixel.mean[T][0]);
+            mass += value;
+            second += value * x * x;
+        }
+        let texel_px = 2.0 * TAN / 129.0 * per_tangent;
+        let blur = second / mass - 1.0 / 12.0 - texel_px * texel_px / 6.0;
+        let measured = 2.0 * blur.sqrt();
+        println!("Z {depth_m}, focus {focus_m}: radius {measured:.4} px, on paper {radius:.4} px");
+        assert!((measured / radius - 1.0).abs() < 0.01);
+    }
+}
+
+/// Without a lens R~ is two sharp images, 2 h gamma tan apart in the pane's plane.
+#[test]
+fn pinhole_reflection_is_two_sharp_images() {
+    let mut case = case(2.0, 2.0, 0.0);
+    case.film = [256, 8];
+    case.thickness_m = 0.2;
+    // Off to one side, where the ghost is displaced.
+    let fine = |i: usize, _: usize| [if i == 20 { 1.0 } else { 0.0 }; 3];
+    case.back = Photo::new([8, 8], [101, 5], [0.4; 2], |_, _| 2.0, fine);
+    let pixels = case.render();
+    let row = &pixels[4 * 256..5 * 256];
+    let peaks: Vec<(f64, f64)> = {
+        let value = |x: usize| f64::from(row[x].mean[GLASS][0]);
+        let mut peaks = vec![];
+        let mut x = 0;
+        while x < 256 {
+            let (mut mass, mut place) = (0.0, 0.0);
+            while x < 256 && value(x) > 5e-5 {
+                mass += value(x);
+                place += value(x) * (x as f64 + 0.5);
+                x += 1;
+            }
+            if mass > 0.0 {
+                peaks.push((place / mass, mass));
+            }
+            x += 1;
+        }
+        peaks.sort_by(|a, b| b.1.total_cmp(&a.1));
+        peaks
+    };
+    let [tx, _] = case.tan_half_fov();
+    let tangent = |place: f64| (2.0 * place / 256.0 - 1.0) * tx;
+    // The line's image point: mirrored x of the texel's centre.
+    let x_m = -((20.5 / 101.0) * 2.0 - 1.0) * 0.4 * 2.0;
+    assert!((tangent(peaks[0].0) - x_m / 2.0).abs() < 3e-4, "{peaks:?}");
+    let p = tangent(peaks[1].0);
+    let gamma = 1.0 / (1.6f64 * 1.6 + (1.6 * 1.6 - 1.0) * p * p).sqrt();
+    // The ghost's line is longer by 2 h gamma: p (Z + 2 h gamma) is the same point.
+    assert!((p * (2.0 + 0.4 * gamma) - x_m).abs() < 1e-3, "{peaks:?}");
+    println!(
+        "two images at {:.3} and {:.3} px, {} in all",
+        peaks[0].0,
+        peaks[1].0,
+        peaks.len()
+    );
+}
