@@ -93,7 +93,7 @@ fn bench(c: &mut Criterion) {
     group.finish();
     let seed = PixelSeed::new(1, 2, 3);
     c.bench_function("sampler/definition", |b| {
-        b.iter(|| sample(black_box(&seed), black_box(77)))
+        b.iter(|| sample(black_box(&seed), black_box(77)));
     });
 }
 

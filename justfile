@@ -1,0 +1,26 @@
+# Each line is one command; `.ci/run` is what decides.
+
+# all checks and tests
+check:
+    .ci/run
+
+build:
+    cargo build --release
+
+test:
+    cargo test --release
+
+fmt:
+    cargo fmt
+
+lint:
+    cargo clippy --release --all-targets -- -D warnings
+
+doc:
+    RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --release
+
+bench:
+    cargo bench
+
+smoke:
+    cargo run --release -- run manifests/smoke.toml
