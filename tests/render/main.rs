@@ -6,6 +6,7 @@
     reason = "measured numbers, and why a test was skipped"
 )]
 
+mod estimate;
 mod oracle;
 mod real;
 mod real_sets;
