@@ -1,6 +1,6 @@
 //! Stage 4: rays. A pure function from a scene, a tile and a range of samples to the four layers' means.
 //!
-//! The estimator is written down in [`bundle`], the glass in [`slab`], the intersection in [`walk`]. No file,
+//! The estimator is written down in `bundle`, the glass in `slab`, the intersection in `walk`. No file,
 //! clock, environment or thread pool is used here, and every sum has a fixed order: a pixel's bits depend on the
 //! scene and the sample range alone.
 

@@ -11,7 +11,7 @@
 
 use super::lanes::{LANES, Lane};
 
-/// Samples that [`block`] makes at a time; ranges of more samples are whole numbers of blocks.
+/// Samples that `block` makes at a time; ranges of more samples are whole numbers of blocks.
 pub const BLOCK: usize = 256;
 
 /// Seeds of one pixel: of the index shuffles of both pairs, and of the four coordinates.
@@ -85,7 +85,7 @@ fn unit(x: u32) -> f32 {
 
 /// Sample `index` of a pixel: `[pixel x, pixel y, lens u, lens v]`, each in [0, 1).
 ///
-/// The definition; [`block`] gives the same bits sixteen at a time.
+/// The definition; `block` gives the same bits sixteen at a time.
 pub fn sample(seed: &PixelSeed, index: u32) -> [f32; 4] {
     let mut point = [0.0; 4];
     for pair in 0..2 {
