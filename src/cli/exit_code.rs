@@ -67,6 +67,22 @@ impl Failure {
     }
 }
 
+impl Failure {
+    /// What happened, in one line: each cause once. The library's errors hold their causes in their own text.
+    pub(super) fn text(&self) -> String {
+        let mut text = String::new();
+        for cause in self.error.chain().map(ToString::to_string) {
+            if !text.contains(&cause) {
+                if !text.is_empty() {
+                    text += ": ";
+                }
+                text += &cause;
+            }
+        }
+        text
+    }
+}
+
 impl From<crate::farm::RunError> for Failure {
     fn from(error: crate::farm::RunError) -> Self {
         use crate::farm::RunError as E;

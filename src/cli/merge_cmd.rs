@@ -8,14 +8,23 @@ use crate::farm::{Run, merge_run};
 use crate::manifest::Roots;
 use serde_json::json;
 
+/// Scenes whose reasons are printed.
+const SHOWN: usize = 10;
+
 pub(super) fn run(args: &RunFolder, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let run = Run::open(&args.run, &Roots::default())?;
     let progress = Progress::new(global, "scenes", run.lines.len() as u64);
     let outcome = merge_run(&run, global.dry_run, &|| progress.add(1, false));
     progress.finish();
     let outcome = outcome?;
-    for (scene, reason) in &outcome.refused {
-        output.warning(&format!("{scene}: {reason}"));
+    for (_, reason) in outcome.refused.iter().take(SHOWN) {
+        output.warning(reason);
+    }
+    if outcome.refused.len() > SHOWN {
+        output.warning(&format!(
+            "... and {} more; --json lists all",
+            outcome.refused.len() - SHOWN
+        ));
     }
     let verb = if global.dry_run {
         "would be merged"

@@ -61,7 +61,7 @@ impl Output {
 
     /// Why the program ends; with --json also as the one object on stdout.
     pub(super) fn error(&self, failure: &Failure) {
-        let text = format!("{:#}", failure.error);
+        let text = failure.text();
         if self.json {
             self.result(
                 "glasshouse.error/1",

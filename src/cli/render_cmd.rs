@@ -38,7 +38,9 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     let files =
         read_files(&source.line, &source.roots, &source.base).map_err(|e| invalid(e.into()))?;
     let read_s = clock.elapsed().as_secs_f64();
+    let clock = Instant::now();
     let loaded = load(&source.line, &files).map_err(|e| invalid(e.into()))?;
+    let decode_s = clock.elapsed().as_secs_f64();
     if let Some(record) = &source.record
         && record.inputs != loaded.inputs
     {
@@ -46,7 +48,6 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
             "the input files are not those the tuple was made from: its pixels will differ",
         );
     }
-    let decode_s = loaded.decode_time.as_secs_f64();
     if global.dry_run {
         output.result(
             "glasshouse.render/1",

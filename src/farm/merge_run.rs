@@ -20,7 +20,7 @@ pub struct MergeOutcome {
 
 /// Merges every scene whose partials are complete; with `dry_run` only says which.
 pub fn merge_run(run: &Run, dry_run: bool, on_scene: &dyn Fn()) -> Result<MergeOutcome, FarmError> {
-    let _lock = run.lock()?;
+    let _lock = if dry_run { None } else { Some(run.lock()?) };
     let mut outcome = MergeOutcome::default();
     for line in &run.lines {
         on_scene();
@@ -29,9 +29,10 @@ pub fn merge_run(run: &Run, dry_run: bool, on_scene: &dyn Fn()) -> Result<MergeO
             continue;
         }
         if let Some(record) = QuarantineRecord::read(&run.dir, &line.id) {
-            outcome
-                .refused
-                .push((line.id.clone(), format!("in quarantine: {}", record.reason)));
+            outcome.refused.push((
+                line.id.clone(),
+                format!("scene {} is in quarantine: {}", line.id, record.reason),
+            ));
             continue;
         }
         let layout = run.layout(line);

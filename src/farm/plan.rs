@@ -100,13 +100,6 @@ pub enum PlanError {
     Sample(#[from] SampleError),
 }
 
-impl PlanError {
-    /// The run directory disagrees with the recipe or the program.
-    pub fn is_mismatch(&self) -> bool {
-        matches!(self, Self::Mismatch(_) | Self::Run(_))
-    }
-}
-
 /// What the recipe or manifest says, before anything is compared or written.
 struct Content {
     name: String,
@@ -350,6 +343,13 @@ fn make_samples(
         .collect();
     if missing.is_empty() {
         return Ok(());
+    }
+    for name in missing
+        .iter()
+        .map(|(name, _, _)| name)
+        .collect::<BTreeSet<_>>()
+    {
+        atomic_file::sweep_tree(&dir.inputs(name));
     }
     let done = std::sync::atomic::AtomicUsize::new(0);
     on_photograph(0, missing.len());

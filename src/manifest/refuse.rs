@@ -39,8 +39,9 @@ pub fn refuse(line: &SceneLine, inverse_focus_distance_per_m: f64) -> Result<(),
                 libm::sqrt(direction[0] * direction[0] + direction[1] * direction[1] + 1.0);
             let cos_i = (dot(direction, normal) + normal[2]) / length;
             return Err(LineError::Grazing {
-                u: corner.u,
-                v: corner.v,
+                // -0 is printed with its sign.
+                u: corner.u + 0.0,
+                v: corner.v + 0.0,
                 angle_deg: libm::acos(cos_i.clamp(-1.0, 1.0)).to_degrees(),
                 pitch_deg: line.glass.tilt_deg[0],
                 yaw_deg: line.glass.tilt_deg[1],

@@ -53,7 +53,7 @@ pub struct LayerRecord {
     /// Mean of all pixels and colours, linear.
     pub mean: f64,
     /// Largest value, linear.
-    pub max: f32,
+    pub max: f64,
     /// Share of the values above 1, which the PNG clips.
     pub clipped_share: f64,
     /// Share of the paths that ended on the continuation of a photograph's border.
@@ -79,7 +79,7 @@ impl LayerRecord {
             samples,
             error_rms,
             mean: values.iter().map(|&v| f64::from(v)).sum::<f64>() / count,
-            max: values.iter().fold(0.0, |m, &v| v.max(m)),
+            max: f64::from(values.iter().fold(0f32, |m, &v| v.max(m))),
             clipped_share: values.iter().filter(|&&v| v > 1.0).count() as f64 / count,
             miss_share: misses as f64 / paths.max(1) as f64,
             blake3: layer_digest(pixels),

@@ -8,7 +8,6 @@ use crate::trace::Scene;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 /// Why a scene cannot be made from its files: a reason for quarantine.
 #[derive(Debug, thiserror::Error)]
@@ -51,8 +50,6 @@ pub struct LoadedScene {
     pub facts: SceneFacts,
     /// Of the files it was made from.
     pub inputs: InputDigests,
-    /// Time that decoding the files took.
-    pub decode_time: Duration,
 }
 
 /// Reads all of a scene's files. Paths are relative to `base` or under a named root.
@@ -79,7 +76,6 @@ pub fn read_files(line: &SceneLine, roots: &Roots, base: &Path) -> Result<SceneF
 
 /// Decodes the files and assembles the scene. Pure.
 pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadError> {
-    let start = Instant::now();
     let inputs = digests(files);
     let front = decode_photograph(&line.front, &files.front)?;
     let back = decode_photograph(&line.back, &files.back)?;
@@ -88,7 +84,6 @@ pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadErr
         scene,
         facts,
         inputs,
-        decode_time: start.elapsed(),
     })
 }
 
