@@ -116,9 +116,9 @@ pub(crate) fn files(folder: &Path) -> Vec<PathBuf> {
         for entry in entries {
             let path = entry.unwrap().path();
             if path.is_dir() {
-                found.extend(files(&path))
+                found.extend(files(&path));
             } else {
-                found.push(path)
+                found.push(path);
             }
         }
     }

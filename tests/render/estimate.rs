@@ -19,10 +19,10 @@ fn line(folder: &Path, spp: u32, seed: u64) -> SceneLine {
         }
         let intrinsics = serde_json::to_string(&sample::intrinsics(256, 192)).unwrap();
         format!(
-            r#""color":{:?},"depth":{:?},"mask":{:?},"intrinsics":{intrinsics}"#,
-            p.color_path(),
-            p.depth_path(),
-            p.mask_path()
+            r#""color":"{}","depth":"{}","mask":"{}","intrinsics":{intrinsics}"#,
+            p.color_path().display(),
+            p.depth_path().display(),
+            p.mask_path().display()
         )
     };
     let text = format!(
