@@ -6,9 +6,6 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// How the names of files begin that are not whole yet.
-const TEMPORARY: &str = ".tmp-";
-
 /// A file or folder could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {source}; check the disk's space and the folder's permissions", path.display())]
@@ -53,7 +50,7 @@ fn write_inner(path: &Path, bytes: &[u8], durable: bool) -> io::Result<()> {
         _ => Path::new("."),
     };
     let mut file = tempfile::Builder::new()
-        .prefix(TEMPORARY)
+        .prefix(".tmp-")
         .tempfile_in(folder)?;
     file.write_all(bytes)?;
     // tempfile makes files that their owner alone can read; results are for the whole group.
@@ -68,33 +65,6 @@ fn write_inner(path: &Path, bytes: &[u8], durable: bool) -> io::Result<()> {
     }
     file.persist(path).map_err(|e| e.error)?;
     if durable { sync_dir(folder) } else { Ok(()) }
-}
-
-/// Removes what a killed process left of files it was writing in `folder`; whoever writes there now must not run.
-///
-/// A leftover that cannot be removed does no harm.
-pub fn sweep(folder: &Path) {
-    let Ok(entries) = fs::read_dir(folder) else {
-        return;
-    };
-    for entry in entries.flatten() {
-        if entry.file_name().to_string_lossy().starts_with(TEMPORARY) {
-            let _ = fs::remove_file(entry.path());
-        }
-    }
-}
-
-/// [`sweep`] of a folder and all below it.
-pub fn sweep_tree(folder: &Path) {
-    sweep(folder);
-    let Ok(entries) = fs::read_dir(folder) else {
-        return;
-    };
-    for entry in entries.flatten() {
-        if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
-            sweep_tree(&entry.path());
-        }
-    }
 }
 
 /// Makes a rename or removal inside `folder` durable.
@@ -114,21 +84,6 @@ mod tests {
         write(&path, b"two").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"two");
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
-    }
-
-    #[test]
-    fn leftovers_are_swept_and_nothing_else() {
-        let dir = tempfile::tempdir().unwrap();
-        let below = dir.path().join("below");
-        create_dir(&below).unwrap();
-        for name in [".tmp-abc", "kept", "below/.tmp-def", "below/kept"] {
-            write(&dir.path().join(name), b"x").unwrap();
-        }
-        sweep(dir.path());
-        assert!(below.join(".tmp-def").exists() && !dir.path().join(".tmp-abc").exists());
-        sweep_tree(dir.path());
-        assert!(!below.join(".tmp-def").exists());
-        assert!(below.join("kept").exists() && dir.path().join("kept").exists());
     }
 
     #[test]

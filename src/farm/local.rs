@@ -120,13 +120,6 @@ pub fn work(
     on_event: &(dyn Fn(Event) + Sync),
 ) -> Result<Outcome, FarmError> {
     let _lock = run.lock()?;
-    for folder in [
-        run.dir.root().to_owned(),
-        run.dir.quarantine_folder(),
-        run.dir.report(),
-    ] {
-        atomic_file::sweep(&folder);
-    }
     let found = golden(options.isa);
     if found != run.spec.golden {
         return Err(FarmError::Golden {

@@ -344,13 +344,6 @@ fn make_samples(
     if missing.is_empty() {
         return Ok(());
     }
-    for name in missing
-        .iter()
-        .map(|(name, _, _)| name)
-        .collect::<BTreeSet<_>>()
-    {
-        atomic_file::sweep_tree(&dir.inputs(name));
-    }
     let done = std::sync::atomic::AtomicUsize::new(0);
     on_photograph(0, missing.len());
     let make = || {

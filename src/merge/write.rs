@@ -58,7 +58,6 @@ pub fn is_written(folder: &Path) -> bool {
 /// Writes the tuple's six files into `folder`, durably.
 pub fn write_tuple(tuple: &Tuple, folder: &Path) -> Result<(), TupleWriteError> {
     atomic_file::create_dir(folder)?;
-    atomic_file::sweep(folder);
     let exr = encode_tuple_exr(tuple).map_err(|e| encode_error("tuple.exr", &e))?;
     atomic_file::write(&folder.join("tuple.exr"), &exr)?;
     let encoder = SrgbEncoder::new();
