@@ -88,7 +88,8 @@ pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<T
 
     let (width, height) = (line.film.width as usize, line.film.height as usize);
     let mut layers = LAYERS.map(|_| vec![[0f32; 3]; width * height]);
-    let mut squares = [0f64; 4];
+    // A value for each pixel, so that they are added row by row whatever the tile.
+    let mut squares = LAYERS.map(|_| vec![0f64; width * height]);
     let (mut paths, mut misses, mut samples) = ([0u64; 4], [0u64; 4], [0u32; 4]);
     let ranges = layout.ranges();
     for tile_index in 0..layout.len() / ranges {
@@ -118,7 +119,7 @@ pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<T
                         });
                     }
                     layers[layer][y * width + x][c] = mean as f32;
-                    squares[layer] += (half - mean) * (half - mean);
+                    squares[layer][y * width + x] += (half - mean) * (half - mean);
                 }
             }
         }
@@ -134,7 +135,7 @@ pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<T
         let record = LayerRecord::new(
             &layers[k],
             samples[k],
-            squares[k] / values,
+            squares[k].iter().sum::<f64>() / values,
             paths[k],
             misses[k],
         );
