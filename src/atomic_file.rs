@@ -16,6 +16,15 @@ pub struct WriteError {
     pub source: io::Error,
 }
 
+/// How names of files that are not finished begin.
+const TEMPORARY_PREFIX: &str = ".tmp-";
+
+/// `path` is the temporary name of a file that was being written, perhaps by a process that was killed.
+pub fn is_temporary(path: &Path) -> bool {
+    path.file_name()
+        .is_some_and(|name| name.to_string_lossy().starts_with(TEMPORARY_PREFIX))
+}
+
 /// Creates `dir` and its parents.
 pub fn create_dir(dir: &Path) -> Result<(), WriteError> {
     fs::create_dir_all(dir).map_err(|source| WriteError {
@@ -50,7 +59,7 @@ fn write_inner(path: &Path, bytes: &[u8], durable: bool) -> io::Result<()> {
         _ => Path::new("."),
     };
     let mut file = tempfile::Builder::new()
-        .prefix(".tmp-")
+        .prefix(TEMPORARY_PREFIX)
         .tempfile_in(folder)?;
     file.write_all(bytes)?;
     // tempfile makes files that their owner alone can read; results are for the whole group.

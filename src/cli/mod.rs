@@ -33,6 +33,13 @@ pub fn main() -> ExitCode {
                 Exit::Done
             };
             let _ = error.print();
+            // The arguments were not understood, so --json is looked for by hand.
+            let json = std::env::args_os()
+                .take_while(|argument| argument != "--")
+                .any(|argument| argument == "--json");
+            if json && code == Exit::Usage {
+                output::usage_json(&error.to_string());
+            }
             return code.into();
         }
     };

@@ -1,9 +1,19 @@
 //! The only place that prints: results to stdout, everything else to stderr.
 
 use super::args::{ColorWhen, Global};
-use super::exit_code::Failure;
+use super::exit_code::{Exit, Failure};
 use serde_json::{Value, json};
 use std::io::{IsTerminal, Write};
+
+/// The schema name of an error with --json.
+const ERROR_SCHEMA: &str = "glasshouse.error/1";
+
+/// The one object on stdout of a command line that was not understood.
+pub(super) fn usage_json(error: &str) {
+    let object =
+        json!({ "schema": ERROR_SCHEMA, "error": error.trim_end(), "exit": Exit::Usage.code() });
+    let _ = writeln!(std::io::stdout().lock(), "{object}");
+}
 
 /// Where output goes, and how.
 pub(super) struct Output {
@@ -64,7 +74,7 @@ impl Output {
         let text = failure.text();
         if self.json {
             self.result(
-                "glasshouse.error/1",
+                ERROR_SCHEMA,
                 json!({ "error": text, "exit": failure.exit.code() }),
                 "",
             );

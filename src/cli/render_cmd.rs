@@ -71,8 +71,10 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     });
     progress.finish();
     let Some(partials) = partials else {
-        output.warning("stopped by a signal: nothing is written");
-        return Ok(signals.exit());
+        return Err(Failure::new(
+            signals.exit(),
+            anyhow!("stopped by a signal: nothing is written"),
+        ));
     };
     let trace_s = clock.elapsed().as_secs_f64();
     let tuple = combine(&source.line, args.tile, &partials).map_err(|e| invalid(e.into()))?;

@@ -9,6 +9,7 @@ use super::events::{Event, StageSeconds};
 use super::job::SceneJob;
 use super::quarantine::QuarantineRecord;
 use super::run_dir::{Run, RunError};
+use super::sweep::{remove_partials, sweep};
 use crate::atomic_file::{self, WriteError};
 use crate::ids::SceneId;
 use crate::manifest::SceneLine;
@@ -20,7 +21,6 @@ use crate::trace::Isa;
 use crossbeam::channel::{Receiver, Sender, TryRecvError, bounded};
 use crossbeam::deque::{Steal, Stealer, Worker};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -128,6 +128,7 @@ pub fn work(
             expected: run.spec.golden.blake3.clone(),
         });
     }
+    sweep(run);
     let mut pending = Vec::new();
     let mut quarantined = Vec::new();
     let mut already_merged = 0;
@@ -335,7 +336,7 @@ impl<'a> Shared<'a> {
         let job = match loaded {
             Ok(Ok(loaded)) => Arc::new(SceneJob::new(line, self.run.layout(line), loaded)),
             Ok(Err(error)) => {
-                self.quarantine(line, &error.to_string());
+                self.quarantine(line, &load_reason(line, &error));
                 self.open.fetch_sub(1, Ordering::AcqRel);
                 return;
             }
@@ -425,9 +426,15 @@ impl<'a> Shared<'a> {
     }
 }
 
-/// The tuple is durable: its partials are of no more use. A folder that cannot be removed does no harm.
-pub(super) fn remove_partials(folder: &PathBuf) {
-    let _ = std::fs::remove_dir_all(folder);
+/// Errors about a file name it; those about the scene as a whole need its photographs' names beside them.
+fn load_reason(line: &SceneLine, error: &LoadError) -> String {
+    match error {
+        LoadError::Assemble(error) => format!(
+            "{error} (front is {}, back is {})",
+            line.front.color, line.back.color
+        ),
+        error => error.to_string(),
+    }
 }
 
 fn panic_reason(panic: &(dyn std::any::Any + Send)) -> String {

@@ -1,8 +1,9 @@
 //! `merge RUN`: tuples from complete partials, without the scenes' input files.
 
-use super::local::{FarmError, remove_partials};
+use super::local::FarmError;
 use super::quarantine::QuarantineRecord;
 use super::run_dir::Run;
+use super::sweep::{remove_partials, sweep};
 use crate::ids::SceneId;
 use crate::merge::{MergeError, combine, is_written, write_tuple};
 use crate::partial;
@@ -20,7 +21,11 @@ pub struct MergeOutcome {
 
 /// Merges every scene whose partials are complete; with `dry_run` only says which.
 pub fn merge_run(run: &Run, dry_run: bool, on_scene: &dyn Fn()) -> Result<MergeOutcome, FarmError> {
+    // A dry run writes nothing, not even the lock's file.
     let _lock = if dry_run { None } else { Some(run.lock()?) };
+    if !dry_run {
+        sweep(run);
+    }
     let mut outcome = MergeOutcome::default();
     for line in &run.lines {
         on_scene();

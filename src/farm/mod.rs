@@ -12,6 +12,7 @@ mod plan;
 mod quarantine;
 mod run_dir;
 mod status;
+mod sweep;
 
 pub use events::{Event, StageSeconds};
 pub use job::{SceneJob, render_partials};

@@ -90,7 +90,7 @@ pub enum RunError {
         /// Why.
         source: io::Error,
     },
-    /// `spec.json` is damaged.
+    /// `spec.json` is damaged, or a file beside it is no text.
     #[error("{} is damaged: {reason}; plan the run again into a new folder", path.display())]
     Spec {
         /// The file.
@@ -144,6 +144,10 @@ impl Run {
         let dir = RunDir::new(root);
         let read = |path: PathBuf, missing: &'static str| match std::fs::read_to_string(&path) {
             Ok(text) => Ok(text),
+            Err(e) if e.kind() == io::ErrorKind::InvalidData => Err(RunError::Spec {
+                path,
+                reason: e.to_string(),
+            }),
             Err(e) if e.kind() == io::ErrorKind::NotFound => Err(RunError::Missing {
                 root: root.to_owned(),
                 missing,
@@ -155,7 +159,16 @@ impl Run {
             path: dir.spec(),
             reason: e.to_string(),
         })?;
-        let manifest = read(dir.manifest(), "manifest.jsonl")?;
+        let manifest = match read(dir.manifest(), "manifest.jsonl") {
+            // Planning writes the spec last: without its manifest it is half of a run, not none.
+            Err(RunError::Missing { .. }) => {
+                return Err(RunError::Spec {
+                    path: dir.spec(),
+                    reason: "manifest.jsonl, which belongs to it, is gone".to_owned(),
+                });
+            }
+            other => other?,
+        };
         let disagrees = |reason: String| {
             Err(RunError::Disagrees {
                 root: root.to_owned(),

@@ -88,7 +88,7 @@ pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<T
 
     let (width, height) = (line.film.width as usize, line.film.height as usize);
     let mut layers = LAYERS.map(|_| vec![[0f32; 3]; width * height]);
-    // Squared half differences by pixel, summed row by row at the end: the sum must not depend on the tiles.
+    // A value for each pixel, so that they are added row by row whatever the tile.
     let mut squares = LAYERS.map(|_| vec![0f64; width * height]);
     let (mut paths, mut misses, mut samples) = ([0u64; 4], [0u64; 4], [0u32; 4]);
     let ranges = layout.ranges();

@@ -4,7 +4,7 @@ use super::{Partial, PartialHeader};
 use crate::trace::{LAYERS, PixelMeans};
 use exr::prelude::{
     AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, IntegerBounds, Layer,
-    LayerAttributes, ReadChannels, ReadLayers, Text, Vec2, WritableImage, read,
+    LayerAttributes, MetaData, ReadChannels, ReadLayers, Text, Vec2, WritableImage, read,
 };
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -91,6 +91,16 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Partial, PartialError> {
 }
 
 fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
+    // Before anything of the claimed size is allocated: partials are not compressed, so a file holds its pixels.
+    let meta =
+        MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| e.to_string())?;
+    let claimed = meta.headers.iter().fold(0u128, |sum, header| {
+        let size = header.layer_size;
+        sum + size.width() as u128 * size.height() as u128 * header.channels.bytes_per_pixel as u128
+    });
+    if claimed > bytes.len() as u128 {
+        return Err("it is shorter than the image that its header describes".to_owned());
+    }
     let image = read()
         .no_deep_data()
         .largest_resolution_level()

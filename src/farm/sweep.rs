@@ -1,0 +1,41 @@
+//! What a killed process leaves behind: half-written files under their temporary names, and partials whose scene
+//! is merged already.
+
+use super::run_dir::Run;
+use crate::atomic_file::is_temporary;
+use crate::merge::is_written;
+use std::path::Path;
+
+/// Removes it. For whoever holds the run's lock; what cannot be removed does no harm.
+pub(super) fn sweep(run: &Run) {
+    let root = run.dir.root();
+    sweep_folder(root, 0);
+    sweep_folder(&root.join("quarantine"), 0);
+    sweep_folder(&root.join("report"), 0);
+    // As deep as DIODE's folders: source / train / indoors / scene / scan.
+    sweep_folder(&root.join("inputs"), 5);
+    sweep_folder(&root.join("tuples"), 1);
+    sweep_folder(&root.join("partials"), 1);
+    for line in &run.lines {
+        if is_written(&run.dir.tuple(&line.id)) {
+            remove_partials(&run.dir.partials(&line.id));
+        }
+    }
+}
+
+/// The tuple is durable: its partials are of no more use. A folder that cannot be removed does no harm.
+pub(super) fn remove_partials(folder: &Path) {
+    let _ = std::fs::remove_dir_all(folder);
+}
+
+fn sweep_folder(folder: &Path, depth: u32) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        match entry.file_type() {
+            Ok(kind) if kind.is_dir() && depth > 0 => sweep_folder(&entry.path(), depth - 1),
+            Ok(kind) if kind.is_file() && is_temporary(&entry.path()) => {
+                let _ = std::fs::remove_file(entry.path());
+            }
+            _ => {}
+        }
+    }
+}

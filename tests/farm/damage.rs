@@ -1,0 +1,113 @@
+//! Partials that are torn, flipped, or belong to something else are noticed and traced again.
+
+use crate::outputs::{assert_same, assert_tidy, tuples};
+use crate::program::{run, text};
+use crate::scenes::{SCENES, SHARDS, partials, place, put_partials, reference};
+use glasshouse::partial::{Partial, decode, encode};
+use std::path::Path;
+
+#[test]
+fn damaged_partials_are_traced_again() {
+    let place = place();
+    place.plan();
+    let (id, good) = partials(&place.run, 0);
+    assert_eq!(good.len(), SHARDS);
+    let paths = put_partials(&place.run, &id, &good);
+    let bytes: Vec<Vec<u8>> = paths.iter().map(|p| std::fs::read(p).unwrap()).collect();
+
+    let (_, of_other_scene) = partials(&place.run, 1);
+    let mut of_other_inputs = good[13].header.clone();
+    let digest = of_other_inputs.inputs.0.get_mut("front.depth").unwrap();
+    *digest = "0".repeat(64);
+    let of_other_inputs = Partial::new(of_other_inputs, good[13].pixels.clone());
+    let flipped = |shard: usize, at: usize| {
+        let mut bytes = bytes[shard].clone();
+        bytes[at] ^= 0x10;
+        bytes
+    };
+    let length = bytes[0].len();
+    let damaged: Vec<(usize, Vec<u8>)> = vec![
+        (0, Vec::new()),
+        (1, bytes[1][..1].to_vec()),
+        (2, bytes[2][..100].to_vec()),
+        (3, bytes[3][..length / 2].to_vec()),
+        (4, bytes[4][..bytes[4].len() - 1].to_vec()),
+        (5, flipped(5, length - 1)),
+        (6, flipped(6, length / 2)),
+        (7, flipped(7, 0)),
+        (8, b"not an image at all".to_vec()),
+        (9, vec![0; length]),
+        (10, bytes[11].clone()),
+        (12, encode(&of_other_scene[12]).unwrap()),
+        (13, encode(&of_other_inputs).unwrap()),
+    ];
+    for (shard, content) in &damaged {
+        std::fs::write(&paths[*shard], content).unwrap();
+    }
+    // As a write that was cut short leaves it.
+    std::fs::write(paths[0].with_file_name(".tmp-torn"), &bytes[0][..99]).unwrap();
+
+    let ended = run(&["work", text(&place.run), "-v", "--json"]).expect(0);
+    let outcome = ended.json();
+    assert_eq!(outcome["shards_resumed"], SHARDS - damaged.len());
+    assert_eq!(
+        outcome["shards_traced"],
+        (SCENES - 1) * SHARDS + damaged.len()
+    );
+    for (shard, _) in &damaged {
+        let name = format!("{id}/{shard:06}.exr");
+        assert!(ended.stderr.contains(&name), "{name} in {}", ended.stderr);
+    }
+    assert_same(&tuples(&place.run), reference());
+    assert_tidy(&place.run);
+}
+
+#[test]
+fn partials_of_replaced_inputs_are_traced_again() {
+    let place = place();
+    place.plan();
+    let (id, good) = partials(&place.run, 0);
+    put_partials(&place.run, &id, &good);
+    // The scene's front photograph is replaced by its back photograph, in place.
+    let manifest = std::fs::read_to_string(place.run.join("manifest.jsonl")).unwrap();
+    let line: serde_json::Value = serde_json::from_str(manifest.lines().next().unwrap()).unwrap();
+    let path = |side: &str| {
+        let text = line[side]["color"].as_str().unwrap();
+        place
+            .run
+            .join("inputs/sample")
+            .join(text.strip_prefix("sample:").unwrap())
+    };
+    std::fs::copy(path("back"), path("front")).unwrap();
+    let outcome = run(&["work", text(&place.run), "--json"]).expect(0).json();
+    assert_eq!(outcome["shards_resumed"], 0);
+    let (tuples, whole) = (tuples(&place.run), reference());
+    let name = Path::new(&id).join("tuple.exr");
+    assert!(tuples[&name] != whole[&name]);
+}
+
+/// One bit of every byte of the header, and of some of the pixels: an error or the same content, and neither
+/// a panic nor an allocation of what a flipped size claims.
+#[test]
+fn no_flipped_bit_gets_through() {
+    let place = place();
+    place.plan();
+    let (_, all) = partials(&place.run, 0);
+    let bytes = encode(&all[SHARDS - 1]).unwrap();
+    let pixels = all[SHARDS - 1].pixels.len() * 96;
+    let header = 0..bytes.len() - pixels;
+    assert!(header.len() > 1000);
+    let mut refused = 0;
+    for at in header.clone().chain((header.end..bytes.len()).step_by(997)) {
+        let mut flipped = bytes.clone();
+        flipped[at] ^= 1 << (at % 8);
+        match decode(Path::new("flipped"), &flipped) {
+            Ok(found) => assert!(found == all[SHARDS - 1], "byte {at}"),
+            Err(error) => {
+                refused += 1;
+                assert!(error.to_string().contains("traced again"), "{error}");
+            }
+        }
+    }
+    assert!(refused > header.len() / 2, "{refused} of {}", header.len());
+}

@@ -1,0 +1,113 @@
+//! The examples in every command's help are command lines that are understood.
+
+use crate::program::{command, run};
+use crate::scenes::{photographs, scene};
+use std::path::Path;
+
+const COMMANDS: [&str; 8] = [
+    "run", "sample", "plan", "render", "work", "merge", "status", "report",
+];
+
+/// The example command lines of a command's help, without comments.
+fn examples(name: &str) -> Vec<String> {
+    let help = run(&[name, "--help"]).expect(0).stdout;
+    let (_, examples) = help
+        .split_once("Examples:\n")
+        .unwrap_or_else(|| panic!("no examples in {help}"));
+    let lines = examples
+        .lines()
+        .map(|l| l.split('#').next().unwrap().trim());
+    let found: Vec<String> = lines
+        .filter(|l| !l.is_empty())
+        .map(|l| {
+            l.strip_prefix("glasshouse ")
+                .unwrap_or_else(|| panic!("{l}"))
+                .to_owned()
+        })
+        .collect();
+    assert!(!found.is_empty());
+    for line in &found {
+        assert_eq!(line.split_whitespace().next(), Some(name));
+    }
+    found
+}
+
+/// A folder in which the files that the examples name are there.
+fn workplace(folder: &Path) {
+    let repository = Path::new(env!("CARGO_MANIFEST_DIR"));
+    std::fs::create_dir(folder.join("manifests")).unwrap();
+    std::fs::copy(
+        repository.join("manifests/smoke.toml"),
+        folder.join("manifests/smoke.toml"),
+    )
+    .unwrap();
+    photographs(folder);
+    std::fs::write(folder.join("scene.json"), scene("one").to_string()).unwrap();
+    let recipe = std::fs::read_to_string(folder.join("manifests/smoke.toml")).unwrap();
+    let small = recipe
+        .replace("= 256", "= 16")
+        .replace("count = 16", "count = 4\nwidth = 32\nheight = 24")
+        .replace("sample = 6", "sample = 1")
+        .replace("sample = 2 ", "sample = 1 ");
+    std::fs::write(folder.join("smoke.toml"), small).unwrap();
+    let made = command(&["run", "smoke.toml"]).current_dir(folder).output();
+    assert!(made.unwrap().status.success());
+    let data = folder.join("data");
+    let layout = "my.toml";
+    let recipe = format!(
+        "schema = \"glasshouse.recipe/1\"\nname = \"mine\"\n[sources.diode]\nlayout = \"diode\"\n\
+         [[split]]\nname = \"train\"\npairs = {{ diode = 1 }}\n"
+    );
+    std::fs::write(folder.join(layout), recipe).unwrap();
+    std::fs::create_dir_all(data).unwrap();
+}
+
+#[test]
+fn examples_are_understood() {
+    let folder = tempfile::tempdir().unwrap();
+    workplace(folder.path());
+    let mut count = 0;
+    for name in COMMANDS {
+        for line in examples(name) {
+            let mut arguments: Vec<&str> = line.split_whitespace().collect();
+            arguments.push("-n");
+            let root = format!("diode={}", folder.path().join("made").display());
+            for argument in &mut arguments {
+                if *argument == "diode=/data/diode" {
+                    *argument = &root;
+                }
+            }
+            // An example may have -n itself.
+            if arguments.iter().filter(|a| **a == "-n").count() > 1 {
+                arguments.pop();
+            }
+            // The example's run is the small one here, which its own recipe does not fit.
+            if name == "run" && !line.contains("--out") {
+                arguments.extend(["--out", "runs/fresh"]);
+            }
+            if name == "plan" && !line.contains("--out") {
+                arguments.extend(["--out", "runs/fresh"]);
+            }
+            let output = command(&arguments).current_dir(folder.path()).output();
+            let ended: crate::program::Ended = output.unwrap().into();
+            ended.expect(0);
+            count += 1;
+        }
+    }
+    assert!(count >= COMMANDS.len(), "{count}");
+    assert!(!folder.path().join("runs/fresh").exists());
+}
+
+#[test]
+fn help_and_version_are_no_errors() {
+    let help = run(&["--help"]).expect(0);
+    for name in COMMANDS {
+        assert!(help.stdout.contains(name), "{name}");
+    }
+    assert!(help.stderr.is_empty());
+    let version = run(&["--version"]).expect(0).stdout;
+    assert_eq!(
+        version.trim(),
+        format!("glasshouse {}", env!("CARGO_PKG_VERSION"))
+    );
+}

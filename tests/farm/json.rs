@@ -1,0 +1,88 @@
+//! What scripts read: one JSON object on stdout, progress and notes on stderr.
+
+use crate::program::{run, text};
+use crate::scenes::{photographs, place, scene};
+
+#[test]
+fn every_command_prints_one_object() {
+    let place = place();
+    let folder = place.folder.path();
+    photographs(folder);
+    let scene_path = folder.join("scene.json");
+    std::fs::write(&scene_path, scene("one").to_string()).unwrap();
+    let (out, run_folder) = (folder.join("out"), text(&place.run));
+    let (scene_path, out) = (text(&scene_path), text(&out));
+    let sample = folder.join("sample");
+    let sample = [
+        "sample",
+        text(&sample),
+        "--count",
+        "2",
+        "--width",
+        "32",
+        "--height",
+        "24",
+    ];
+    let commands: [(&str, Vec<&str>); 8] = [
+        ("plan", place.arguments("plan", &[])),
+        ("work", vec!["work", run_folder]),
+        ("run", place.arguments("run", &[])),
+        ("merge", vec!["merge", run_folder]),
+        ("status", vec!["status", run_folder]),
+        ("report", vec!["report", run_folder]),
+        ("render", vec!["render", scene_path, "--out", out]),
+        ("sample", sample.to_vec()),
+    ];
+    for (name, arguments) in commands {
+        for more in [&["--json", "-n"][..], &["--json"], &["--json", "-q"]] {
+            let dry_needs_a_run = more.contains(&"-n") && name == "work";
+            if dry_needs_a_run {
+                assert!(place.run.join("spec.json").exists());
+            }
+            let ended = run(&[&arguments[..], more].concat()).expect(0);
+            assert_eq!(ended.json()["schema"], format!("glasshouse.{name}/1"));
+            if more.contains(&"-q") {
+                assert!(ended.stderr.is_empty(), "{ended:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn errors_are_objects_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let nowhere = folder.path().join("nowhere");
+    let nowhere = text(&nowhere);
+    for (arguments, code) in [
+        (&["plan", nowhere, "--out", nowhere][..], 4),
+        (&["run", nowhere, "--out", nowhere], 4),
+        (&["work", nowhere], 4),
+        (&["merge", nowhere], 4),
+        (&["status", nowhere], 4),
+        (&["report", nowhere], 4),
+        (&["render", nowhere, "--out", nowhere], 4),
+        (&["render", nowhere, "--out", nowhere, "--spp", "3"], 2),
+        (&["sample", nowhere], 2),
+        (&["sample", "/dev/null/x", "--count", "1"], 1),
+        (&["work", nowhere, "--root", "x"], 2),
+        (&["paint"], 2),
+    ] {
+        let ended = run(&[arguments, &["--json"]].concat()).expect(code);
+        let error = ended.json();
+        assert_eq!(error["schema"], "glasshouse.error/1");
+        assert_eq!(error["exit"], code);
+        assert!(!error["error"].as_str().unwrap().is_empty());
+        assert!(ended.stderr.contains("error"), "{ended:?}");
+    }
+}
+
+#[test]
+fn progress_needs_no_terminal() {
+    for how in ["auto", "bar", "plain", "none"] {
+        let place = place();
+        let ended = run(&place.arguments("run", &["--progress", how, "--color", "always"]));
+        let ended = ended.expect(0);
+        assert!(ended.stdout.contains("4 tuples"), "{ended:?}");
+        assert!(!ended.stdout.contains('\x1b'), "results are never coloured");
+    }
+}

@@ -1,0 +1,90 @@
+//! SIGKILL at random moments of planning and tracing, then the same command again.
+
+use crate::outputs::{assert_same, assert_tidy, files, tuples};
+use crate::program::{command, run, text, wait_until};
+use crate::scenes::{SCENES, SHARDS, place, reference};
+use std::hash::{BuildHasher, RandomState};
+use std::os::unix::process::ExitStatusExt;
+use std::path::Path;
+
+/// A random number below `n`, not the same in every run of the tests: it is logged.
+fn random(n: usize) -> usize {
+    (RandomState::new().hash_one(0) % n as u64) as usize
+}
+
+/// Shards that are done, by the files alone.
+fn shards_done(run: &Path) -> usize {
+    let is_record = |p: &&std::path::PathBuf| p.ends_with("tuple.json");
+    let merged = files(&run.join("tuples")).iter().filter(is_record).count();
+    merged * SHARDS + files(&run.join("partials")).len()
+}
+
+fn killed_three_times(threads: &str) {
+    let place = place();
+    let arguments = place.arguments("run", &["-j", threads]);
+    let total = SCENES * SHARDS;
+    let mut kills = 0;
+    let mut targets = [random(total / 2), random(total / 2) + total / 4];
+    targets.sort_unstable();
+    // First among the photographs of planning, then twice among the shards.
+    let photograph_files = random(12) + 1;
+    eprintln!("-j {threads}: kills at {photograph_files} input files, then {targets:?} shards");
+    let inputs = place.run.join("inputs");
+    let moments: [&dyn Fn() -> bool; 3] = [
+        &|| files(&inputs).len() >= photograph_files,
+        &|| shards_done(&place.run) > targets[0],
+        &|| shards_done(&place.run) > targets[1],
+    ];
+    for moment in moments {
+        let mut child = command(&arguments).spawn().unwrap();
+        wait_until(&mut child, moment);
+        child.kill().unwrap();
+        let ended = child.wait_with_output().unwrap();
+        match ended.status.signal() {
+            Some(9) => kills += 1,
+            _ => assert!(ended.status.success(), "{ended:?}"),
+        }
+    }
+    assert!(kills > 0, "every run was over before it was killed");
+    run(&arguments).expect(0);
+    assert_same(&tuples(&place.run), reference());
+    assert_tidy(&place.run);
+}
+
+#[test]
+fn killed_and_resumed_on_one_thread() {
+    killed_three_times("1");
+}
+
+#[test]
+fn killed_and_resumed_on_two_threads() {
+    killed_three_times("2");
+}
+
+/// The moments that a random kill rarely finds: files that a killed process leaves are put there.
+#[test]
+fn leftovers_of_a_killed_process_are_cleared_away() {
+    let place = place();
+    place.plan();
+    run(&["work", text(&place.run)]).expect(0);
+    let scene = files(&place.run.join("tuples"))[0]
+        .parent()
+        .unwrap()
+        .to_owned();
+    // Between tuple.json and the removal of the partials; inside writes.
+    let partials = place.run.join("partials").join(&scene);
+    std::fs::create_dir_all(&partials).unwrap();
+    std::fs::create_dir_all(place.run.join("quarantine")).unwrap();
+    std::fs::create_dir_all(place.run.join("report")).unwrap();
+    let mut left = vec![partials.join("000003.exr"), partials.join(".tmp-a1")];
+    for folder in ["", "quarantine", "report", "inputs/sample/train/indoors"] {
+        left.push(place.run.join(folder).join(".tmp-b2"));
+    }
+    left.push(place.run.join("tuples").join(&scene).join(".tmp-c3"));
+    for path in &left {
+        std::fs::write(path, b"half").unwrap();
+    }
+    run(&["work", text(&place.run)]).expect(0);
+    assert_tidy(&place.run);
+    assert_same(&tuples(&place.run), reference());
+}

@@ -1,0 +1,23 @@
+//! The program itself on real files: killed, stopped, damaged, moved, misused, and still the same pixels.
+#![allow(
+    clippy::disallowed_methods,
+    reason = "files are damaged here on purpose"
+)]
+#![allow(
+    clippy::print_stderr,
+    reason = "random moments are logged, and tests that cannot run here say so"
+)]
+
+mod damage;
+mod help;
+mod json;
+mod kill;
+mod merging;
+mod outputs;
+mod planning;
+mod program;
+mod quarantine;
+mod rendering;
+mod same;
+mod scenes;
+mod signals;

@@ -1,0 +1,110 @@
+//! What a run has made, decoded.
+
+use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, read};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// One file's content: pixels of an EXR by channel (bits, half or float), else bytes.
+#[derive(PartialEq)]
+pub(crate) enum Content {
+    Pixels(BTreeMap<String, (&'static str, Vec<u32>)>),
+    Bytes(Vec<u8>),
+}
+
+impl fmt::Debug for Content {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Pixels(channels) => write!(f, "{} channels", channels.len()),
+            Self::Bytes(bytes) => write!(f, "{}", String::from_utf8_lossy(bytes)),
+        }
+    }
+}
+
+/// Decodes an EXR to the bits of its channels.
+pub(crate) fn exr_channels(path: &Path) -> BTreeMap<String, (&'static str, Vec<u32>)> {
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_file(path)
+        .unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let channels = image.layer_data.channel_data.list;
+    let bits = channels.iter().map(|channel| {
+        let bits = match &channel.sample_data {
+            FlatSamples::F16(v) => ("half", v.iter().map(|v| v.to_bits().into()).collect()),
+            FlatSamples::F32(v) => ("float", v.iter().map(|v| v.to_bits()).collect()),
+            FlatSamples::U32(v) => ("uint", v.clone()),
+        };
+        (channel.name.to_string(), bits)
+    });
+    bits.collect()
+}
+
+/// All files under `folder`, with paths relative to it.
+pub(crate) fn files(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut open = vec![folder.to_owned()];
+    while let Some(next) = open.pop() {
+        // A folder may go away while a run is watched.
+        for entry in std::fs::read_dir(&next).into_iter().flatten().flatten() {
+            let path = entry.path();
+            if path.is_dir() {
+                open.push(path);
+            } else {
+                found.push(path.strip_prefix(folder).unwrap().to_owned());
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+/// The tuples of a run, decoded.
+pub(crate) fn tuples(run: &Path) -> BTreeMap<PathBuf, Content> {
+    let folder = run.join("tuples");
+    let decode = |path: PathBuf| {
+        let full = folder.join(&path);
+        let content = if path.extension().is_some_and(|e| e == "exr") {
+            Content::Pixels(exr_channels(&full))
+        } else {
+            Content::Bytes(std::fs::read(&full).unwrap())
+        };
+        (path, content)
+    };
+    files(&folder).into_iter().map(decode).collect()
+}
+
+/// Asserts that two sets of tuples are equal, naming the first file that is not.
+#[track_caller]
+pub(crate) fn assert_same(
+    found: &BTreeMap<PathBuf, Content>,
+    expected: &BTreeMap<PathBuf, Content>,
+) {
+    assert!(!expected.is_empty());
+    let names = |of: &BTreeMap<PathBuf, Content>| of.keys().cloned().collect::<Vec<_>>();
+    assert_eq!(names(found), names(expected));
+    for (path, content) in expected {
+        let same = found[path] == *content;
+        assert!(
+            same,
+            "{} differs: {:?} instead of {content:?}",
+            path.display(),
+            found[path]
+        );
+    }
+}
+
+/// Asserts that nothing half-made is left in a finished run.
+#[track_caller]
+pub(crate) fn assert_tidy(run: &Path) {
+    for path in files(run) {
+        let is_temporary = path
+            .file_name()
+            .is_some_and(|n| n.to_string_lossy().starts_with(".tmp-"));
+        let is_leftover = is_temporary || path.starts_with("partials");
+        assert!(!is_leftover, "{} is left", path.display());
+    }
+}

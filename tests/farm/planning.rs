@@ -1,0 +1,229 @@
+//! Plans: frozen, compared, refused.
+
+use crate::outputs::{assert_same, files, tuples};
+use crate::program::{run, text};
+use crate::scenes::{RECIPE, photographs, place, scene, write_lines};
+use serde_json::json;
+
+#[test]
+fn a_dry_run_writes_nothing() {
+    let place = place();
+    let ended = run(&place.arguments("plan", &["-n", "--json"])).expect(0);
+    assert_eq!(ended.json()["scenes"], json!(4));
+    assert_eq!(ended.json()["shards"], json!(96));
+    run(&place.arguments("run", &["-n"])).expect(0);
+    assert_eq!(files(place.folder.path()).len(), 1);
+}
+
+#[test]
+fn a_changed_recipe_is_refused_with_a_diff() {
+    let place = place();
+    place.plan();
+    let spec = std::fs::read(place.run.join("spec.json")).unwrap();
+    let same = run(&place.arguments("plan", &["--json"])).expect(0).json();
+    assert_eq!(same["existed"], true);
+    for (from, to, words) in [
+        ("spp = 256", "spp = 512", ["film.spp", "256", "512"]),
+        (
+            "name = \"small\"",
+            "name = \"other\"",
+            ["name", "small", "other"],
+        ),
+        (
+            "seed = 7",
+            "seed = 8\n[glass]\nior = 1.5",
+            ["glass.ior", "1.6", "1.5"],
+        ),
+        (
+            "= 3 }",
+            "= 2 }",
+            ["scenes", "4 in the run", "3 by the recipe"],
+        ),
+    ] {
+        assert!(RECIPE.contains(from));
+        std::fs::write(&place.recipe, RECIPE.replacen(from, to, 1)).unwrap();
+        for command in ["plan", "run"] {
+            run(&place.arguments(command, &[]))
+                .expect(5)
+                .says(&words)
+                .says(&["--out"]);
+        }
+    }
+    std::fs::write(&place.recipe, RECIPE).unwrap();
+    let mut other_tile = place.arguments("plan", &[]);
+    *other_tile.last_mut().unwrap() = "32";
+    run(&other_tile).expect(5).says(&["tile_px", "16", "32"]);
+    assert_eq!(std::fs::read(place.run.join("spec.json")).unwrap(), spec);
+    run(&place.arguments("plan", &[])).expect(0);
+}
+
+#[test]
+fn a_damaged_run_is_refused() {
+    let place = place();
+    place.plan();
+    let folder = text(&place.run);
+    let spec_path = place.run.join("spec.json");
+    let spec = std::fs::read_to_string(&spec_path).unwrap();
+    let number = "\"tracer_version\": ";
+    assert!(spec.contains(number));
+    for damage in [
+        spec[..spec.len() / 2].as_bytes().to_vec(),
+        Vec::new(),
+        b"\xff\xff".to_vec(),
+        spec.replace("tile_px", "tile_qx").into_bytes(),
+        spec.replace("glasshouse.spec/1", "glasshouse.spec/9")
+            .into_bytes(),
+        spec.replace(number, "\"tracer_version\": 9").into_bytes(),
+    ] {
+        std::fs::write(&spec_path, damage).unwrap();
+        for arguments in [
+            vec!["work", folder],
+            vec!["status", folder],
+            vec!["merge", folder],
+            place.arguments("plan", &[]),
+        ] {
+            run(&arguments).expect(5).says(&[folder, "new folder"]);
+        }
+    }
+    std::fs::write(&spec_path, &spec).unwrap();
+
+    let manifest_path = place.run.join("manifest.jsonl");
+    let manifest = std::fs::read_to_string(&manifest_path).unwrap();
+    let half = manifest[..manifest.len() / 2].as_bytes().to_vec();
+    let other = manifest.replace("1.6", "1.7").into_bytes();
+    for damage in [half, other, b"\xff\xff".to_vec()] {
+        std::fs::write(&manifest_path, damage).unwrap();
+        run(&["work", folder]).expect(5).says(&["manifest.jsonl"]);
+    }
+    std::fs::remove_file(&manifest_path).unwrap();
+    for arguments in [vec!["work", folder], place.arguments("plan", &[])] {
+        run(&arguments).expect(5).says(&["manifest.jsonl"]);
+    }
+    std::fs::write(&manifest_path, manifest).unwrap();
+    run(&["status", folder]).expect(0);
+}
+
+#[test]
+fn a_spec_of_another_machine_is_refused() {
+    let place = place();
+    place.plan();
+    let path = place.run.join("spec.json");
+    let mut spec: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    spec["golden"]["blake3"] = json!("0".repeat(64));
+    std::fs::write(&path, spec.to_string()).unwrap();
+    run(&["work", text(&place.run)])
+        .expect(5)
+        .says(&["this machine is refused"]);
+    run(&place.arguments("plan", &[]))
+        .expect(5)
+        .says(&["golden shard"]);
+}
+
+#[test]
+fn scene_lines_have_paths_of_their_own_folder_and_roots() {
+    let folder = tempfile::tempdir().unwrap();
+    photographs(folder.path());
+    let manifest = folder.path().join("scenes.jsonl");
+    write_lines(&manifest, &[scene("one")]);
+    let plain = folder.path().join("plain");
+    run(&["run", text(&manifest), "--out", text(&plain)]).expect(0);
+
+    // The same photographs under a named root, from a manifest that lies elsewhere.
+    let mut rooted = scene("one");
+    for side in ["front", "back"] {
+        for key in ["color", "depth", "mask"] {
+            let path = format!("pictures:{}", rooted[side][key].as_str().unwrap());
+            rooted[side][key] = json!(path);
+        }
+    }
+    let elsewhere = folder.path().join("elsewhere");
+    std::fs::create_dir(&elsewhere).unwrap();
+    let manifest = elsewhere.join("rooted.jsonl");
+    write_lines(&manifest, &[rooted]);
+    let out = folder.path().join("rooted");
+    let root = format!("pictures={}", text(folder.path()));
+    let arguments = ["run", text(&manifest), "--out", text(&out), "--root", &root];
+    run(&arguments).expect(0);
+    let (a, b) = (tuples(&plain), tuples(&out));
+    for (path, content) in &a {
+        if path.extension().is_some_and(|e| e != "json") {
+            assert!(b[path] == *content, "{}", path.display());
+        }
+    }
+    // The root is kept in the spec, and may be given again, as another place.
+    run(&["work", text(&out)]).expect(0);
+    let moved = folder.path().join("moved");
+    std::fs::create_dir(&moved).unwrap();
+    for path in files(folder.path()) {
+        if path.components().count() == 1 {
+            std::fs::copy(folder.path().join(&path), moved.join(&path)).unwrap();
+        }
+    }
+    std::fs::remove_dir_all(out.join("tuples")).unwrap();
+    std::fs::remove_file(folder.path().join("a.png")).unwrap();
+    let root = format!("pictures={}", text(&moved));
+    run(&["work", text(&out), "--root", &root]).expect(0);
+    assert_same(&tuples(&out), &b);
+}
+
+#[test]
+fn wrong_inputs_are_named() {
+    let place = place();
+    let plan = || run(&place.arguments("plan", &[]));
+    std::fs::write(&place.recipe, RECIPE.replace("spp", "ssp")).unwrap();
+    plan().expect(4).says(&["small.toml", "ssp"]);
+    std::fs::write(&place.recipe, RECIPE.replace("spp = 256", "spp = 255")).unwrap();
+    plan().expect(4).says(&["small.toml", "film.spp"]);
+    std::fs::write(&place.recipe, b"\xff\xfe").unwrap();
+    plan().expect(4).says(&["small.toml"]);
+    std::fs::remove_file(&place.recipe).unwrap();
+    plan().expect(4).says(&["small.toml"]);
+    assert!(!place.run.exists());
+
+    let manifest = place.folder.path().join("scenes.jsonl");
+    let planned = |path: &std::path::Path| run(&["plan", text(path), "--out", text(&place.run)]);
+    write_lines(&manifest, &[]);
+    planned(&manifest)
+        .expect(4)
+        .says(&["scenes.jsonl", "no scene"]);
+    let mut typo = scene("two");
+    typo["film"]["sp"] = json!(3);
+    write_lines(&manifest, &[scene("one"), typo]);
+    planned(&manifest)
+        .expect(4)
+        .says(&["scenes.jsonl", "line 2", "sp"]);
+    write_lines(&manifest, &[scene("one"), scene("one")]);
+    planned(&manifest)
+        .expect(4)
+        .says(&["line 2", "one", "line 1"]);
+    let neither = place.folder.path().join("scenes.txt");
+    std::fs::write(&neither, b"").unwrap();
+    planned(&neither).expect(4).says(&["scenes.txt", ".toml"]);
+    run(&["work", text(&place.run)])
+        .expect(4)
+        .says(&["no run", "plan"]);
+}
+
+#[test]
+fn wrong_command_lines_end_with_2() {
+    for arguments in [
+        &[][..],
+        &["paint"],
+        &["plan"],
+        &["render", "scene.json"],
+        &["sample", "dir"],
+        &["sample", "dir", "--count", "many"],
+        &["work", "run", "-j", "0"],
+        &["work", "run", "--time-limit", "5d"],
+        &["plan", "r.toml", "--tile", "0"],
+        &["plan", "manifests/smoke.toml", "--root", "nonsense"],
+        &["status", "run", "--progress", "dots"],
+    ] {
+        let ended = run(arguments).expect(2);
+        assert!(
+            ended.stdout.is_empty() && !ended.stderr.is_empty(),
+            "{ended:?}"
+        );
+    }
+}
