@@ -36,11 +36,15 @@ impl QuarantineRecord {
 
     /// The scene's record, if it is in quarantine. A damaged record counts, with that as its reason.
     pub fn read(dir: &RunDir, scene: &SceneId) -> Option<Self> {
-        let text = std::fs::read_to_string(dir.quarantine(scene)).ok()?;
-        Some(serde_json::from_str(&text).unwrap_or_else(|e| Self {
+        let damaged = |what: &dyn std::fmt::Display| Self {
             schema: QUARANTINE_SCHEMA.to_owned(),
             scene: scene.clone(),
-            reason: format!("its quarantine record is damaged ({e}); delete it to try again"),
-        }))
+            reason: format!("its quarantine record is damaged ({what}); delete it to try again"),
+        };
+        Some(match std::fs::read(dir.quarantine(scene)) {
+            Ok(bytes) => serde_json::from_slice(&bytes).unwrap_or_else(|e| damaged(&e)),
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return None,
+            Err(e) => damaged(&e),
+        })
     }
 }
