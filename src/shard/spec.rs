@@ -3,7 +3,7 @@
 use crate::manifest::{SceneLine, to_jsonl};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -97,46 +97,80 @@ impl Spec {
 }
 
 /// Rows of the scene lines' differences that are shown.
-const SHOWN: usize = 12;
+const SHOWN: usize = 24;
 
-/// Differences of scenes with the same id, equal ones counted together.
+/// A key whose values differ.
+struct Row {
+    old: String,
+    new: String,
+    /// The first scene of these values.
+    first: String,
+    scenes: usize,
+    /// All the scenes have these values.
+    is_uniform: bool,
+}
+
+/// Differences of scenes with the same id, a row for each key: a changed seed must not bury a changed pane.
 fn lines_diff(old_lines: &[SceneLine], new_lines: &[SceneLine]) -> String {
-    let old: BTreeMap<&str, &SceneLine> = old_lines.iter().map(|l| (l.id.as_str(), l)).collect();
-    let mut rows: BTreeMap<String, (usize, String)> = BTreeMap::new();
-    let mut add = |row: String, id: &str| rows.entry(row).or_insert((0, id.to_owned())).0 += 1;
+    let by_id: BTreeMap<&str, &SceneLine> = old_lines.iter().map(|l| (l.id.as_str(), l)).collect();
+    let mut rows: BTreeMap<String, Row> = BTreeMap::new();
+    let mut fresh: Vec<&str> = Vec::new();
     for line in new_lines {
         let id = line.id.as_str();
-        match old.get(id) {
-            None => add("scene is new in the recipe".to_owned(), id),
-            Some(old) => {
-                let (mut a, mut b) = (BTreeMap::new(), BTreeMap::new());
-                flatten("", &serde_json::to_value(old).unwrap_or_default(), &mut a);
-                flatten("", &serde_json::to_value(line).unwrap_or_default(), &mut b);
-                let keys: std::collections::BTreeSet<&String> = a.keys().chain(b.keys()).collect();
-                for key in keys {
-                    let show = |v: Option<&String>| v.map_or("(absent)".to_owned(), Clone::clone);
-                    let (from, to) = (show(a.get(key)), show(b.get(key)));
-                    if from != to {
-                        add(format!("{key}: {from} in the run, {to} by the recipe"), id);
-                    }
-                }
+        let Some(old) = by_id.get(id) else {
+            fresh.push(id);
+            continue;
+        };
+        let (mut a, mut b) = (BTreeMap::new(), BTreeMap::new());
+        flatten("", &serde_json::to_value(old).unwrap_or_default(), &mut a);
+        flatten("", &serde_json::to_value(line).unwrap_or_default(), &mut b);
+        for key in a.keys().chain(b.keys()).collect::<BTreeSet<_>>() {
+            let show = |v: Option<&String>| v.map_or("(absent)".to_owned(), Clone::clone);
+            let (old, new) = (show(a.get(key)), show(b.get(key)));
+            if old == new {
+                continue;
             }
+            let row = rows.entry(key.clone()).or_insert_with(|| Row {
+                old: old.clone(),
+                new: new.clone(),
+                first: id.to_owned(),
+                scenes: 0,
+                is_uniform: true,
+            });
+            row.scenes += 1;
+            row.is_uniform &= row.old == old && row.new == new;
         }
     }
-    let total = rows.len();
     let mut text = String::new();
-    for (row, (count, first)) in rows.into_iter().take(SHOWN) {
-        let scenes = if count == 1 {
-            format!("scene {first}")
-        } else {
-            format!("{count} scenes, first {first}")
-        };
-        let _ = writeln!(text, "  {row} ({scenes})");
+    if let Some(first) = fresh.first() {
+        let scenes = scenes_text(fresh.len(), first);
+        let _ = writeln!(text, "  new in the recipe: {scenes}");
     }
-    if total > SHOWN {
-        let _ = writeln!(text, "  ... and {} more", total - SHOWN);
+    for (key, row) in rows.iter().take(SHOWN) {
+        let scenes = scenes_text(row.scenes, &row.first);
+        let others = if row.is_uniform {
+            ""
+        } else {
+            ", the others have other values"
+        };
+        let _ = writeln!(
+            text,
+            "  {key}: {} in the run, {} by the recipe ({scenes}{others})",
+            row.old, row.new
+        );
+    }
+    if rows.len() > SHOWN {
+        let _ = writeln!(text, "  ... and {} more", rows.len() - SHOWN);
     }
     text
+}
+
+fn scenes_text(count: usize, first: &str) -> String {
+    if count == 1 {
+        format!("scene {first}")
+    } else {
+        format!("{count} scenes, first {first}")
+    }
 }
 
 /// `{"a": {"b": 1}}` as `a.b -> 1`.
