@@ -52,14 +52,9 @@ fn workplace(folder: &Path) {
     std::fs::write(folder.join("smoke.toml"), small).unwrap();
     let made = command(&["run", "smoke.toml"]).current_dir(folder).output();
     assert!(made.unwrap().status.success());
-    let data = folder.join("data");
-    let layout = "my.toml";
-    let recipe = format!(
-        "schema = \"glasshouse.recipe/1\"\nname = \"mine\"\n[sources.diode]\nlayout = \"diode\"\n\
-         [[split]]\nname = \"train\"\npairs = {{ diode = 1 }}\n"
-    );
-    std::fs::write(folder.join(layout), recipe).unwrap();
-    std::fs::create_dir_all(data).unwrap();
+    let mine = "schema = \"glasshouse.recipe/1\"\nname = \"mine\"\n[sources.diode]\nlayout = \"diode\"\n\
+         [[split]]\nname = \"train\"\npairs = { diode = 1 }\n";
+    std::fs::write(folder.join("my.toml"), mine).unwrap();
 }
 
 #[test]

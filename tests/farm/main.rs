@@ -1,5 +1,9 @@
 //! The program itself on real files: killed, stopped, damaged, moved, misused, and still the same pixels.
 #![allow(
+    clippy::unwrap_used,
+    reason = "a test that cannot go on may panic, outside of its #[test] function too"
+)]
+#![allow(
     clippy::disallowed_methods,
     reason = "files are damaged here on purpose"
 )]

@@ -67,7 +67,7 @@ fn a_damaged_run_is_refused() {
     let number = "\"tracer_version\": ";
     assert!(spec.contains(number));
     for damage in [
-        spec[..spec.len() / 2].as_bytes().to_vec(),
+        spec.as_bytes()[..spec.len() / 2].to_vec(),
         Vec::new(),
         b"\xff\xff".to_vec(),
         spec.replace("tile_px", "tile_qx").into_bytes(),
@@ -89,7 +89,7 @@ fn a_damaged_run_is_refused() {
 
     let manifest_path = place.run.join("manifest.jsonl");
     let manifest = std::fs::read_to_string(&manifest_path).unwrap();
-    let half = manifest[..manifest.len() / 2].as_bytes().to_vec();
+    let half = manifest.as_bytes()[..manifest.len() / 2].to_vec();
     let other = manifest.replace("1.6", "1.7").into_bytes();
     for damage in [half, other, b"\xff\xff".to_vec()] {
         std::fs::write(&manifest_path, damage).unwrap();

@@ -17,7 +17,7 @@ fn bad_scenes(folder: &Path) -> Vec<(Value, Vec<&'static str>)> {
     write("negative_depth.npy", &depth(-2.0));
     write("small_mask.npy", &npy("(24, 32)", &[1.0; 24 * 32]));
     write("near_depth.npy", &depth(0.1));
-    let mut radiance = [0.5; 48 * 64 * 3];
+    let mut radiance = vec![0.5; 48 * 64 * 3];
     radiance[3 * 65 + 1] = f32::NAN;
     write("nan.npy", &npy("(48, 64, 3)", &radiance));
 

@@ -160,7 +160,11 @@ pub(crate) fn scene(id: &str) -> Value {
 
 /// Scene lines as a `.jsonl`.
 pub(crate) fn write_lines(path: &Path, lines: &[Value]) {
-    let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
+    let mut text = String::new();
+    for line in lines {
+        text += &line.to_string();
+        text.push('\n');
+    }
     std::fs::write(path, text).unwrap();
 }
 
