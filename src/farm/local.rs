@@ -133,7 +133,7 @@ pub fn work(
     let mut quarantined = Vec::new();
     let mut already_merged = 0;
     for line in &run.lines {
-        if is_written(&run.dir.tuple(&line.id)) {
+        if is_written(&run.dir.tuple(&line.id), line) {
             already_merged += 1;
         } else if let Some(record) = QuarantineRecord::read(&run.dir, &line.id) {
             quarantined.push((line.id.clone(), record.reason));

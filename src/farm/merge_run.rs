@@ -29,7 +29,7 @@ pub fn merge_run(run: &Run, dry_run: bool, on_scene: &dyn Fn()) -> Result<MergeO
     let mut outcome = MergeOutcome::default();
     for line in &run.lines {
         on_scene();
-        if is_written(&run.dir.tuple(&line.id)) {
+        if is_written(&run.dir.tuple(&line.id), line) {
             outcome.already_merged += 1;
             continue;
         }

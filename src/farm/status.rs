@@ -54,7 +54,7 @@ pub fn run_status(run: &Run) -> RunStatus {
     for line in &run.lines {
         let shards = u64::from(run.layout(line).len());
         status.shards += shards;
-        if is_written(&run.dir.tuple(&line.id)) {
+        if is_written(&run.dir.tuple(&line.id), line) {
             status.merged += 1;
             status.shards_done += shards;
         } else if let Some(record) = QuarantineRecord::read(&run.dir, &line.id) {

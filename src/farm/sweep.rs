@@ -17,7 +17,7 @@ pub(super) fn sweep(run: &Run) {
     sweep_folder(&root.join("tuples"), 1);
     sweep_folder(&root.join("partials"), 1);
     for line in &run.lines {
-        if is_written(&run.dir.tuple(&line.id)) {
+        if is_written(&run.dir.tuple(&line.id), line) {
             remove_partials(&run.dir.partials(&line.id));
         }
     }

@@ -1,10 +1,10 @@
 //! A tuple as files: `tuple.exr`, four PNGs, `tuple.json` last, so that its presence means all are there.
 
 use super::srgb::SrgbEncoder;
-use super::tuple::Tuple;
+use super::tuple::{Tuple, TupleRecord};
 use crate::atomic_file::{self, WriteError};
-use crate::manifest::ExrPrecision;
-use crate::trace::LAYERS;
+use crate::manifest::{ExrPrecision, SceneLine};
+use crate::trace::{LAYERS, TRACER_VERSION};
 use exr::prelude::{
     AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
     LineOrder, WritableImage, f16,
@@ -50,9 +50,16 @@ fn encode_error(name: &str, reason: &dyn std::fmt::Display) -> TupleWriteError {
     }
 }
 
-/// The folder holds a whole tuple.
-pub fn is_written(folder: &Path) -> bool {
-    folder.join("tuple.json").is_file()
+/// The folder holds the whole tuple of this scene line, made by this version of the tracer.
+///
+/// A tuple of another plan, or one that lost a file, does not count: it is made again and replaced.
+pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
+    let Ok(text) = std::fs::read_to_string(folder.join("tuple.json")) else {
+        return false;
+    };
+    let record: Result<TupleRecord, _> = serde_json::from_str(&text);
+    record.is_ok_and(|r| r.scene == *line && r.tracer_version == TRACER_VERSION)
+        && TUPLE_FILES.iter().all(|name| folder.join(name).is_file())
 }
 
 /// Writes the tuple's six files into `folder`, durably.

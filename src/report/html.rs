@@ -40,7 +40,7 @@ pub fn write_report(run: &Run) -> Result<PathBuf, ReportError> {
     let merged: Vec<_> = run
         .lines
         .iter()
-        .filter(|line| crate::merge::is_written(&run.dir.tuple(&line.id)))
+        .filter(|line| crate::merge::is_written(&run.dir.tuple(&line.id), line))
         .collect();
     let step = merged.len().div_ceil(SHOWN).max(1);
     let mut rows = String::new();

@@ -111,3 +111,25 @@ fn no_flipped_bit_gets_through() {
     }
     assert!(refused > header.len() / 2, "{refused} of {}", header.len());
 }
+
+#[test]
+fn tuples_that_lost_a_file_or_are_of_another_plan_are_made_again() {
+    let place = place();
+    run(&place.arguments("run", &[])).expect(0);
+    let before = tuples(&place.run);
+    let entries = std::fs::read_dir(place.run.join("tuples")).unwrap();
+    let folders: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
+    assert_eq!(folders.len(), SCENES);
+    std::fs::remove_file(folders[0].join("tuple.exr")).unwrap();
+    let record = folders[1].join("tuple.json");
+    let text_of_record = std::fs::read_to_string(&record).unwrap();
+    assert!(text_of_record.contains("\"thickness_m\": 0.01"));
+    let other = text_of_record.replace("\"thickness_m\": 0.01", "\"thickness_m\": 0.02");
+    std::fs::write(&record, other).unwrap();
+    std::fs::write(folders[2].join("tuple.json"), "{").unwrap();
+    let ended = run(&["work", text(&place.run), "--json"]).expect(0);
+    assert_eq!(ended.json()["merged"], 3);
+    assert_eq!(ended.json()["already_merged"], SCENES - 3);
+    assert_same(&tuples(&place.run), &before);
+    assert_tidy(&place.run);
+}
