@@ -7,7 +7,7 @@ use super::progress::Progress;
 use super::work_cmd::threads;
 use crate::farm::{PlanOptions, Planned, plan};
 use crate::manifest::Roots;
-use crate::shard::ShardLayout;
+use crate::shard::{SECONDS_PER_SAMPLE, ShardLayout};
 use serde_json::json;
 use std::path::PathBuf;
 use std::sync::OnceLock;
@@ -16,8 +16,6 @@ use std::sync::OnceLock;
 const PARTIAL_BYTES: f64 = 96.0;
 /// Bytes of a tuple a pixel, about: compressed half floats and four PNGs.
 const TUPLE_BYTES: f64 = 26.0;
-/// Seconds of one core a camera sample, about: 0.6 s for 256 x 256 pixels of 256 samples.
-const SECONDS_PER_SAMPLE: f64 = 3.5e-8;
 /// Seconds of one core a scene besides, about: reading, decoding, writing.
 const SECONDS_PER_SCENE: f64 = 0.2;
 

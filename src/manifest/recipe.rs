@@ -387,11 +387,15 @@ pairs = { diode = 120, places = 80 }
     }
 
     #[test]
-    fn the_shipped_smoke_recipe_is_the_paper_s_on_a_few_scenes() {
+    fn the_shipped_smoke_recipe_is_the_paper_s_but_for_plainer_panes() {
         let smoke = Recipe::parse(include_str!("../../manifests/smoke.toml")).unwrap();
         assert_eq!(smoke.film, FilmRecipe::default());
         assert_eq!(smoke.camera, CameraRecipe::default());
-        assert_eq!(smoke.glass, GlassRecipe::default());
+        let paper = GlassRecipe::default();
+        assert_eq!(smoke.glass.ior, paper.ior);
+        assert_eq!(smoke.glass.distance_m, paper.distance_m);
+        assert_eq!(smoke.glass.thickness_m, Param::Choice(vec![0.01, 0.04]));
+        assert_eq!(smoke.glass.tilt_deg[1], Param::Choice(vec![0.0, 30.0]));
         let pairs: u32 = smoke.splits.iter().flat_map(|s| s.pairs.values()).sum();
         assert_eq!(pairs, 8);
     }

@@ -11,8 +11,8 @@ pub fn samples_per_range(spp: u32) -> u32 {
     spp.min((spp / 16).max(256))
 }
 
-/// Seconds of one core that a camera sample costs, roughly: only to choose a tile with.
-const SECONDS_PER_SAMPLE: f64 = 3.5e-8;
+/// Seconds of one core that a camera sample costs, roughly: to choose a tile with, and to say how long a run takes.
+pub const SECONDS_PER_SAMPLE: f64 = 3.5e-8;
 
 /// A shard should cost at least this, so that checkpointing it stays cheap.
 const SHARD_SECONDS: f64 = 0.2;

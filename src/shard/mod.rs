@@ -5,5 +5,5 @@ mod layout;
 mod spec;
 
 pub use golden::golden;
-pub use layout::{Shard, ShardLayout, choose_tile_px, samples_per_range};
+pub use layout::{SECONDS_PER_SAMPLE, Shard, ShardLayout, choose_tile_px, samples_per_range};
 pub use spec::{Golden, SPEC_SCHEMA, Spec, SpecMismatch, manifest_digest, scene_digest};
