@@ -18,7 +18,7 @@ use super::lines::{LineMaker, Path};
 use super::orders::FollowedOrder;
 use super::sampler::BLOCK;
 use super::scene::{Scene, View};
-use super::shade::{Cells, Sums, TexelMap, absorbed, weights};
+use super::shade::{Cells, Sums, TexelMap, Weights, absorbed, weights};
 use super::slab::Order;
 use super::walk::walk;
 use std::ops::Range;
@@ -36,7 +36,9 @@ pub struct PixelMeans {
 const NOTHING: Sums = [[0.0; 3]; 2];
 
 /// Traces pixels of a scene and counts paths.
-pub(super) struct Tracer<'a> {
+///
+/// `AVX2` chooses kernels and is only set inside a function that is compiled for AVX2.
+pub(super) struct Tracer<'a, const AVX2: bool> {
     scene: &'a Scene,
     samples: Range<u32>,
     /// Samples of R's share of the sequence that fall into the range.
@@ -59,7 +61,7 @@ struct Bundle<'a> {
     half: u32,
 }
 
-impl<'a> Tracer<'a> {
+impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
     pub(super) fn new(scene: &'a Scene, samples: Range<u32>) -> Self {
         let clean = scene
             .orders
@@ -81,7 +83,10 @@ impl<'a> Tracer<'a> {
     /// Samples, paths and missed paths of the layers.
     pub(super) fn counts(self) -> ([u32; 4], [u64; 4], [u64; 4]) {
         let n = self.samples.end - self.samples.start;
-        ([n, n, n, self.clean], self.paths, self.misses)
+        let block = n.min(BLOCK as u32);
+        let strongest = self.scene.orders.back.first();
+        let reflected = strongest.map_or(n, |order| order.samples_of_block(block) * (n / block));
+        ([n, n, reflected, self.clean], self.paths, self.misses)
     }
 
     /// The four layers of pixel (`x`, `y`).
@@ -172,7 +177,10 @@ impl<'a> Tracer<'a> {
         let view = bundle.view;
         let groups = (bundle.count as usize).div_ceil(LANES);
         let maker = LineMaker::new(scene, view, pixel, bundle.path);
-        let span = (!maker.is_fixed()).then(|| maker.span(scene, pixel, camera, groups));
+        let mut span = None;
+        if !maker.is_fixed() {
+            span = Some(maker.span(scene, pixel, camera, groups));
+        }
         let inside = span.is_some_and(|s| s.inside);
         let map = TexelMap::new(view, maker.base);
         let mut sums = NOTHING;
@@ -182,7 +190,7 @@ impl<'a> Tracer<'a> {
             let lines = maker.lines(camera, g);
             let (mut u, mut v) = (lines.x, lines.y);
             if let Some(span) = span {
-                let w = walk(&view.grid, maker.base, &lines, span);
+                let w = walk::<AVX2>(&view.grid, maker.base, &lines, span);
                 for l in 0..LANES {
                     u[l] = lines.x[l] + lines.sx[l] * w[l];
                     v[l] = lines.y[l] + lines.sy[l] * w[l];
@@ -194,45 +202,47 @@ impl<'a> Tracer<'a> {
                 misses += view.count_outside(maker.base, &u[..count], &v[..count]);
             }
             let cells = Cells::new(&map, &u, &v);
+            let texture = &view.texture;
             let Some(order) = bundle.order else {
-                cells.add_halves::<false>(view, count, half, |_| [1.0; 4], &mut sums, &mut unused);
+                cells.add_halves::<AVX2, false>(
+                    texture,
+                    count,
+                    half,
+                    &Weights::One,
+                    &mut sums,
+                    &mut unused,
+                );
                 continue;
             };
             let slab = &scene.slab;
             let [rs, rp] = &camera.reflectance;
             let [ts, tp] = &camera.transmittance;
             let weight = weights(order, [&rs[g], &rp[g]], [&ts[g], &tp[g]]);
-            let bare = order == Order::Transmitted(0);
-            if slab.absorbs() {
-                let colour = slab.absorption_per_m.map(|a| {
-                    absorbed(
-                        &weight,
-                        order,
-                        (a * slab.thickness_m) as f32,
-                        &camera.inverse_cos_t[g],
-                    )
-                });
-                let weight = |l: usize| [colour[0][l], colour[1][l], colour[2][l], 0.0];
-                if bare {
-                    cells.add_halves::<true>(view, count, half, weight, &mut sums, transmission);
-                } else {
-                    cells.add_halves::<false>(view, count, half, weight, &mut sums, &mut unused);
-                }
-            } else if bare {
-                cells.add_halves::<true>(
-                    view,
+            let colour;
+            let weights = if slab.absorbs() {
+                let optical_depth = |a: f64| (a * slab.thickness_m) as f32;
+                colour = slab
+                    .absorption_per_m
+                    .map(|a| absorbed(&weight, order, optical_depth(a), &camera.inverse_cos_t[g]));
+                Weights::Colour(&colour)
+            } else {
+                Weights::Grey(&weight)
+            };
+            if order == Order::Transmitted(0) {
+                cells.add_halves::<AVX2, true>(
+                    texture,
                     count,
                     half,
-                    |l| [weight[l]; 4],
+                    &weights,
                     &mut sums,
                     transmission,
                 );
             } else {
-                cells.add_halves::<false>(
-                    view,
+                cells.add_halves::<AVX2, false>(
+                    texture,
                     count,
                     half,
-                    |l| [weight[l]; 4],
+                    &weights,
                     &mut sums,
                     &mut unused,
                 );

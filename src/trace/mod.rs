@@ -38,7 +38,7 @@ pub use texture::Texture;
 pub use tile::{Isa, LAYERS, Tile, TileResult, trace_tile};
 
 /// Version of the tracer's results: raised whenever any pixel changes. A run refuses to continue with another.
-pub const TRACER_VERSION: u32 = 1;
+pub const TRACER_VERSION: u32 = 2;
 
 #[cfg(test)]
 mod tests;

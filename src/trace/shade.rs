@@ -3,6 +3,7 @@
 use super::lanes::{LANES, Lane, exp_neg, floor, max, min};
 use super::scene::View;
 use super::slab::Order;
+use super::texture::Texture;
 use std::ops::Range;
 
 /// Sums of radiance over the first and the second half of a pixel's samples.
@@ -16,6 +17,7 @@ pub(super) struct TexelMap {
     max: [f32; 2],
     base: [i32; 2],
     stride: i32,
+    last: u32,
 }
 
 impl TexelMap {
@@ -36,15 +38,29 @@ impl TexelMap {
             max: [0, 1].map(|k| (texels[k] - 1.0 - whole[k]) as f32),
             base: whole.map(|v| v as i32),
             stride: texture.stride() as i32,
+            last: texture.last_cell(),
         }
     }
 }
 
 /// Where sixteen hits fall into a texture.
 pub(super) struct Cells {
+    /// Upper left texel, at most the texture's last cell.
     cell: [u32; LANES],
-    fu: Lane,
-    fv: Lane,
+    /// Bilinear shares of the upper left and the upper right texel.
+    upper: [[f32; 2]; LANES],
+    /// Of the two below.
+    lower: [[f32; 2]; LANES],
+}
+
+/// What each of sixteen rays' radiance is multiplied by.
+pub(super) enum Weights<'a> {
+    /// 1.
+    One,
+    /// The same for all colours.
+    Grey(&'a Lane),
+    /// Red, green, blue.
+    Colour(&'a [Lane; 3]),
 }
 
 impl Cells {
@@ -53,8 +69,8 @@ impl Cells {
     pub(super) fn new(map: &TexelMap, u: &Lane, v: &Lane) -> Self {
         let mut cells = Self {
             cell: [0; LANES],
-            fu: [0.0; LANES],
-            fv: [0.0; LANES],
+            upper: [[0.0; 2]; LANES],
+            lower: [[0.0; 2]; LANES],
         };
         for l in 0..LANES {
             let x = min(
@@ -66,72 +82,186 @@ impl Cells {
                 map.max[1],
             );
             let ((x0, i), (y0, j)) = (floor(x), floor(y));
-            cells.fu[l] = x - x0;
-            cells.fv[l] = y - y0;
-            cells.cell[l] = ((j + map.base[1]) * map.stride + i + map.base[0]) as u32;
+            let (right, below) = (x - x0, y - y0);
+            let (left, above) = (1.0 - right, 1.0 - below);
+            cells.upper[l] = [left * above, right * above];
+            cells.lower[l] = [left * below, right * below];
+            let cell = ((j + map.base[1]) * map.stride + i + map.base[0]) as u32;
+            cells.cell[l] = cell.min(map.last);
         }
         cells
     }
 
-    /// Adds the weighted radiance of samples `lanes` to `sum`, and their bare radiance to `bare`.
-    ///
-    /// Four f32 accumulators over at most sixteen samples, then f64: the order is fixed by the sample's place in
-    /// its group alone.
+    /// Adds the weighted radiance of samples `lanes` to `sum`, and with `BARE` their radiance itself to `bare`.
     #[inline(always)]
-    fn add<const BARE: bool>(
+    fn add<const AVX2: bool, const BARE: bool>(
         &self,
-        view: &View,
+        texture: &Texture,
         lanes: Range<usize>,
-        weight: impl Fn(usize) -> [f32; 4],
+        weights: &Weights,
         sum: &mut [f64; 3],
         bare: &mut [f64; 3],
     ) {
-        let mut weighted = [[0f32; 4]; 4];
-        let mut plain = [[0f32; 4]; 4];
-        for quad in 0..LANES / 4 {
-            for part in 0..4 {
-                let l = quad * 4 + part;
-                if l < lanes.start || l >= lanes.end {
-                    continue;
+        let [weighted, plain] = match weights {
+            Weights::One => self.sums::<AVX2, false>(texture, lanes, &[1.0; LANES]),
+            Weights::Grey(weight) if BARE => self.sums::<AVX2, true>(texture, lanes, weight),
+            Weights::Grey(weight) => self
+                .scaled(weight)
+                .sums::<AVX2, false>(texture, lanes, weight),
+            Weights::Colour(colour) => {
+                let [_, plain] = self.sums::<AVX2, true>(texture, lanes.clone(), &colour[0]);
+                let mut weighted = [0.0; 4];
+                for (k, weight) in colour.iter().enumerate() {
+                    let cells = self.scaled(weight);
+                    weighted[k] = cells.sums::<AVX2, false>(texture, lanes.clone(), weight)[0][k];
                 }
-                let value = view.texture.bilinear(self.cell[l], self.fu[l], self.fv[l]);
-                let w = weight(l);
-                for k in 0..4 {
-                    weighted[part][k] += value[k] * w[k];
-                    if BARE {
-                        plain[part][k] += value[k];
-                    }
-                }
+                [weighted, plain]
             }
-        }
-        let total =
-            |a: &[[f32; 4]; 4], k: usize| f64::from((a[0][k] + a[1][k]) + (a[2][k] + a[3][k]));
+        };
         for k in 0..3 {
-            sum[k] += total(&weighted, k);
+            sum[k] += f64::from(weighted[k]);
             if BARE {
-                bare[k] += total(&plain, k);
+                bare[k] += f64::from(plain[k]);
             }
         }
     }
 
+    /// The same hits with all shares multiplied by a weight.
+    #[inline(always)]
+    fn scaled(&self, weight: &Lane) -> Self {
+        let mut scaled = Self {
+            cell: self.cell,
+            upper: self.upper,
+            lower: self.lower,
+        };
+        for l in 0..LANES {
+            for side in 0..2 {
+                scaled.upper[l][side] *= weight[l];
+                scaled.lower[l][side] *= weight[l];
+            }
+        }
+        scaled
+    }
+
+    /// Sums of radiance over `lanes`. Without `PLAIN` only the first is filled, and not weighted; with it the
+    /// first is weighted, the second not.
+    ///
+    /// Two texels side by side are one vector of eight, so a bilinear value is two products and one sum; left and
+    /// right are added up only at the end. Four f32 accumulators over at most sixteen samples: the order is fixed by
+    /// the sample's place in its group alone, and the same on every instruction set.
+    #[inline(always)]
+    fn sums<const AVX2: bool, const PLAIN: bool>(
+        &self,
+        texture: &Texture,
+        lanes: Range<usize>,
+        weight: &Lane,
+    ) -> [[f32; 4]; 2] {
+        #[cfg(target_arch = "x86_64")]
+        if AVX2 && lanes.len() == LANES {
+            // SAFETY: `AVX2` is only set inside a function that is compiled for AVX2 (`tile::trace_avx2`).
+            #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
+            return unsafe { self.sums_avx2::<PLAIN>(texture, weight) };
+        }
+        let mut parts = [[[0f32; 8]; 4]; 2];
+        for l in lanes {
+            let part = l % 4;
+            #[allow(unsafe_code, reason = "see Texture::quad")]
+            // SAFETY: `new` pulled the cell in to the last one; a pair of texels is eight floats in a row, and
+            // `[f32; 8]` asks for no more than a float's alignment.
+            let (upper, lower) = unsafe {
+                let [upper, lower] = texture.quad(self.cell[l]);
+                (&*upper, &*lower)
+            };
+            for k in 0..8 {
+                let value = upper[k] * self.upper[l][k / 4] + lower[k] * self.lower[l][k / 4];
+                if PLAIN {
+                    parts[0][part][k] += value * weight[l];
+                    parts[1][part][k] += value;
+                } else {
+                    parts[0][part][k] += value;
+                }
+            }
+        }
+        parts.map(|p| {
+            let side = |k: usize| (p[0][k] + p[1][k]) + (p[2][k] + p[3][k]);
+            [0, 1, 2, 3].map(|k| side(k) + side(k + 4))
+        })
+    }
+
+    /// [`Cells::sums`] of all lanes in 256-bit vectors: the compiler does not find them by itself.
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    #[allow(unsafe_code, reason = "vector loads through pointers")]
+    fn sums_avx2<const PLAIN: bool>(&self, texture: &Texture, weight: &Lane) -> [[f32; 4]; 2] {
+        use std::arch::x86_64::{
+            __m256, _mm_add_ps, _mm_storeu_ps, _mm256_add_ps, _mm256_broadcast_sd,
+            _mm256_castpd_ps, _mm256_castps256_ps128, _mm256_extractf128_ps, _mm256_loadu_ps,
+            _mm256_mul_ps, _mm256_permutevar_ps, _mm256_set_epi32, _mm256_set1_ps,
+            _mm256_setzero_ps,
+        };
+        let halves = _mm256_set_epi32(1, 1, 1, 1, 0, 0, 0, 0);
+        let mut parts = [[_mm256_setzero_ps(); 4]; 2];
+        // A pair [left, right] as four times left, four times right.
+        let spread = |pair: &[f32; 2]| -> __m256 {
+            // SAFETY: a pair of floats is eight readable bytes.
+            let pair = unsafe { _mm256_broadcast_sd(&*pair.as_ptr().cast::<f64>()) };
+            _mm256_permutevar_ps(_mm256_castpd_ps(pair), halves)
+        };
+        for quad in 0..LANES / 4 {
+            for part in 0..4 {
+                let l = quad * 4 + part;
+                // SAFETY: `new` pulled the cell in to the last one, so both pointers lead to eight floats.
+                let (upper, lower) = unsafe {
+                    let [upper, lower] = texture.quad(self.cell[l]);
+                    (_mm256_loadu_ps(upper.cast()), _mm256_loadu_ps(lower.cast()))
+                };
+                let value = _mm256_add_ps(
+                    _mm256_mul_ps(upper, spread(&self.upper[l])),
+                    _mm256_mul_ps(lower, spread(&self.lower[l])),
+                );
+                if PLAIN {
+                    let weighted = _mm256_mul_ps(value, _mm256_set1_ps(weight[l]));
+                    parts[0][part] = _mm256_add_ps(parts[0][part], weighted);
+                    parts[1][part] = _mm256_add_ps(parts[1][part], value);
+                } else {
+                    parts[0][part] = _mm256_add_ps(parts[0][part], value);
+                }
+            }
+        }
+        parts.map(|p| {
+            let sides = _mm256_add_ps(_mm256_add_ps(p[0], p[1]), _mm256_add_ps(p[2], p[3]));
+            let total = _mm_add_ps(
+                _mm256_castps256_ps128(sides),
+                _mm256_extractf128_ps::<1>(sides),
+            );
+            let mut sums = [0.0; 4];
+            // SAFETY: four floats.
+            unsafe { _mm_storeu_ps(sums.as_mut_ptr(), total) };
+            sums
+        })
+    }
+
     /// Adds the first `count` samples, of which the first `half` belong to the first half.
     #[inline(always)]
-    pub(super) fn add_halves<const BARE: bool>(
+    pub(super) fn add_halves<const AVX2: bool, const BARE: bool>(
         &self,
-        view: &View,
+        texture: &Texture,
         count: usize,
         half: usize,
-        weight: impl Fn(usize) -> [f32; 4],
+        weights: &Weights,
         sums: &mut Sums,
         bare: &mut Sums,
     ) {
         let half = half.min(count);
         if count == LANES && (half == 0 || half == LANES) {
             let part = usize::from(half == 0);
-            self.add::<BARE>(view, 0..LANES, weight, &mut sums[part], &mut bare[part]);
+            self.add::<AVX2, BARE>(texture, 0..LANES, weights, &mut sums[part], &mut bare[part]);
         } else {
-            self.add::<BARE>(view, 0..half, &weight, &mut sums[0], &mut bare[0]);
-            self.add::<BARE>(view, half..count, &weight, &mut sums[1], &mut bare[1]);
+            let [first, second] = sums;
+            let [bare_first, bare_second] = bare;
+            self.add::<AVX2, BARE>(texture, 0..half, weights, first, bare_first);
+            self.add::<AVX2, BARE>(texture, half..count, weights, second, bare_second);
         }
     }
 }

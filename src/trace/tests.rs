@@ -169,7 +169,7 @@ fn walks_end_where_brute_force_does() {
                 let rays: Vec<_> = (0..LANES as u64)
                     .map(|l| aimed(&grid, key << 32 | (block * LANES as u64 + l), base, exotic))
                     .collect();
-                let hits = walk(&grid, base, &group(&rays), full_span(&grid, !exotic));
+                let hits = walk::<false>(&grid, base, &group(&rays), full_span(&grid, !exotic));
                 for (ray, w) in rays.iter().zip(hits) {
                     let [x, y, sx, sy] = ray.map(f64::from);
                     let absolute = [x + f64::from(base[0]), y + f64::from(base[1]), sx, sy];
@@ -208,8 +208,8 @@ fn no_ray_leaks_between_cells() {
             .map(|l| aimed(&grid, block * LANES as u64 + l, base, false))
             .collect();
         let lines = group(&rays);
-        let inside = walk(&grid, base, &lines, span);
-        let clamped = walk(&grid, base, &lines, full_span(&grid, false));
+        let inside = walk::<false>(&grid, base, &lines, span);
+        let clamped = walk::<false>(&grid, base, &lines, full_span(&grid, false));
         assert_eq!(inside, clamped, "with and without clamped indices");
         for (ray, hit) in rays.iter().zip(inside) {
             let [x, y, sx, sy] = ray.map(f64::from);
@@ -293,11 +293,12 @@ fn another_ray_tracer_finds_the_same_hits() {
         let rays: Vec<_> = (0..LANES as u64)
             .map(|l| aimed(&grid, (block * LANES as u64 + l) * 30 + 29, [0, 0], false))
             .collect();
-        for ([x, y, sx, sy], hit) in
-            rays.iter()
-                .copied()
-                .zip(walk(&grid, [0, 0], &group(&rays), full_span(&grid, true)))
-        {
+        for ([x, y, sx, sy], hit) in rays.iter().copied().zip(walk::<false>(
+            &grid,
+            [0, 0],
+            &group(&rays),
+            full_span(&grid, true),
+        )) {
             let origin = Vec3A::new(x + sx * top, y + sy * top, SCALE * top);
             let ray = Ray::new_inf(origin, Vec3A::new(-sx, -sy, -SCALE));
             let mut found = RayHit::none();
@@ -435,8 +436,8 @@ fn footprints_and_spans_are_conservative() {
                     let found = maker.span(&scene, &pixel, &camera, 16);
                     let all = full_span(&view.grid, false);
                     for group in &lines {
-                        let narrow = walk(&view.grid, maker.base, group, found);
-                        let wide = walk(&view.grid, maker.base, group, all);
+                        let narrow = walk::<false>(&view.grid, maker.base, group, found);
+                        let wide = walk::<false>(&view.grid, maker.base, group, all);
                         for l in 0..LANES {
                             if (narrow[l] - wide[l]).abs() > 2e-6 * wide[l] {
                                 let absolute = [

@@ -79,19 +79,19 @@ pub fn trace_tile(scene: &Scene, tile: Tile, samples: Range<u32>, isa: Isa) -> T
             // SAFETY: the machine has AVX2, as just asked.
             unsafe { trace_avx2(scene, tile, samples) }
         }
-        _ => trace(scene, tile, samples),
+        _ => trace::<false>(scene, tile, samples),
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn trace_avx2(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileResult {
-    trace(scene, tile, samples)
+    trace::<true>(scene, tile, samples)
 }
 
 #[inline(always)]
-fn trace(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileResult {
-    let mut tracer = Tracer::new(scene, samples);
+fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileResult {
+    let mut tracer = Tracer::<AVX2>::new(scene, samples);
     let mut pixels = Vec::with_capacity((tile.width * tile.height) as usize);
     for y in tile.y..tile.y + tile.height {
         for x in tile.x..tile.x + tile.width {

@@ -51,22 +51,42 @@ fn nonzero(s: f32) -> f32 {
     }
 }
 
+/// Rays that one walk carries: sixteen would not fit into the registers.
+const RAYS: usize = 8;
+
 /// Inverse depths at which the sixteen lines meet the sheet. `base` is the grid point of relative (0, 0).
 #[inline(always)]
-pub(crate) fn walk(grid: &Grid, base: [i32; 2], lines: &Lines, span: Span) -> Lane {
-    if span.inside {
-        walk_cells::<false>(grid, base, lines, span)
-    } else {
-        walk_cells::<true>(grid, base, lines, span)
+pub(crate) fn walk<const AVX2: bool>(
+    grid: &Grid,
+    base: [i32; 2],
+    lines: &Lines,
+    span: Span,
+) -> Lane {
+    let mut w = [0.0; LANES];
+    for first in (0..LANES).step_by(RAYS) {
+        let part = if span.inside {
+            walk_cells::<AVX2, false>(grid, base, lines, first, span)
+        } else {
+            walk_cells::<AVX2, true>(grid, base, lines, first, span)
+        };
+        w[first..first + RAYS].copy_from_slice(&part);
     }
+    w
 }
 
+/// The same for the lines `first..first + RAYS`.
 #[inline(always)]
 #[allow(
     unsafe_code,
-    reason = "sixteen bounds checks a cell would double the loop's cost"
+    reason = "a bounds check for each corner of each cell would double the loop's cost"
 )]
-fn walk_cells<const CLAMP: bool>(grid: &Grid, base: [i32; 2], lines: &Lines, span: Span) -> Lane {
+fn walk_cells<const AVX2: bool, const CLAMP: bool>(
+    grid: &Grid,
+    base: [i32; 2],
+    lines: &Lines,
+    first: usize,
+    span: Span,
+) -> [f32; RAYS] {
     let w = grid.inverse_depths_per_m();
     let (nx, ny) = (grid.nx() as i32, grid.ny() as i32);
     // The last index whose right, lower and lower right neighbours exist.
@@ -75,14 +95,19 @@ fn walk_cells<const CLAMP: bool>(grid: &Grid, base: [i32; 2], lines: &Lines, spa
     let (x_min, y_min) = (-base[0] as f32, -base[1] as f32);
     let (x_max, y_max) = ((nx - 1 - base[0]) as f32, (ny - 1 - base[1]) as f32);
 
-    let (x, y) = (&lines.x, &lines.y);
-    let (mut sx, mut sy) = (lines.sx, lines.sy);
-    let (mut inv_sx, mut inv_sy, mut inv_sd) = ([0f32; LANES], [0f32; LANES], [0f32; LANES]);
-    let (mut i, mut j, mut cell) = ([0f32; LANES], [0f32; LANES], [0i32; LANES]);
-    let (mut step_i, mut step_j, mut step_row) = ([0f32; LANES], [0f32; LANES], [0i32; LANES]);
-    let (mut edge_x, mut edge_y, mut edge_d) = ([0f32; LANES], [0f32; LANES], [0f32; LANES]);
-    let mut lower_first = [0u32; LANES];
-    for l in 0..LANES {
+    let part = |all: &Lane| -> [f32; RAYS] {
+        let mut part = [0.0; RAYS];
+        part.copy_from_slice(&all[first..first + RAYS]);
+        part
+    };
+    let (x, y) = (part(&lines.x), part(&lines.y));
+    let (mut sx, mut sy) = (part(&lines.sx), part(&lines.sy));
+    let (mut inv_sx, mut inv_sy, mut inv_sd) = ([0f32; RAYS], [0f32; RAYS], [0f32; RAYS]);
+    let (mut i, mut j, mut cell) = ([0f32; RAYS], [0f32; RAYS], [0i32; RAYS]);
+    let (mut step_i, mut step_j, mut step_row) = ([0f32; RAYS], [0f32; RAYS], [0i32; RAYS]);
+    let (mut edge_x, mut edge_y, mut edge_d) = ([0f32; RAYS], [0f32; RAYS], [0f32; RAYS]);
+    let mut lower_first = [0u32; RAYS];
+    for l in 0..RAYS {
         sx[l] = nonzero(sx[l]);
         sy[l] = nonzero(sy[l]);
         let sd = nonzero(sx[l] + sy[l]);
@@ -114,16 +139,16 @@ fn walk_cells<const CLAMP: bool>(grid: &Grid, base: [i32; 2], lines: &Lines, spa
         lower_first[l] = u32::from(sd < 0.0);
     }
 
-    let mut w_in = [span.hi; LANES];
-    let mut hit_w = [span.lo; LANES];
-    let mut active = [1u32; LANES];
+    let mut w_in = [span.hi; RAYS];
+    let mut hit_w = [f32::MIN; RAYS];
+    let mut active = [1u32; RAYS];
     loop {
         // Inverse depths at the four corners of each ray's cell.
-        let (mut w00, mut w10) = ([0f32; LANES], [0f32; LANES]);
-        let (mut w01, mut w11) = ([0f32; LANES], [0f32; LANES]);
+        let (mut w00, mut w10) = ([0f32; RAYS], [0f32; RAYS]);
+        let (mut w01, mut w11) = ([0f32; RAYS], [0f32; RAYS]);
         if CLAMP {
-            let (mut q, mut right, mut down) = ([0u32; LANES], [0u32; LANES], [0u32; LANES]);
-            for l in 0..LANES {
+            let (mut q, mut right, mut down) = ([0u32; RAYS], [0u32; RAYS], [0u32; RAYS]);
+            for l in 0..RAYS {
                 let (_, column) = floor(min(max(i[l], x_min), x_max));
                 let (_, row) = floor(min(max(j[l], y_min), y_max));
                 q[l] = ((row + base[1]) * nx + column + base[0]) as u32;
@@ -135,7 +160,7 @@ fn walk_cells<const CLAMP: bool>(grid: &Grid, base: [i32; 2], lines: &Lines, spa
                     0
                 };
             }
-            for l in 0..LANES {
+            for l in 0..RAYS {
                 let (q, right, down) = (q[l] as usize, right[l] as usize, down[l] as usize);
                 w00[l] = w[q];
                 w10[l] = w[(q + right).min(w.len() - 1)];
@@ -143,19 +168,25 @@ fn walk_cells<const CLAMP: bool>(grid: &Grid, base: [i32; 2], lines: &Lines, spa
                 w11[l] = w[(q + right + down).min(w.len() - 1)];
             }
         } else {
-            for l in 0..LANES {
-                let q = (cell[l] as u32).min(last_cell) as usize;
-                // SAFETY: q <= last_cell = (ny - 2) nx + nx - 2, so q + nx + 1 <= ny nx - 1 < w.len().
-                unsafe {
-                    w00[l] = *w.get_unchecked(q);
-                    w10[l] = *w.get_unchecked(q + 1);
-                    w01[l] = *w.get_unchecked(q + nx as usize);
-                    w11[l] = *w.get_unchecked(q + nx as usize + 1);
-                }
+            let mut q = [0u32; RAYS];
+            for l in 0..RAYS {
+                q[l] = (cell[l] as u32).min(last_cell);
             }
+            // SAFETY: q <= last_cell = (ny - 2) nx + nx - 2, so q + nx + 1 <= ny nx - 1 < w.len(); `AVX2` is only
+            // set inside a function that is compiled for AVX2.
+            [w00, w10, w01, w11] = unsafe {
+                #[cfg(target_arch = "x86_64")]
+                if AVX2 {
+                    corners_avx2(w, nx as usize, &q)
+                } else {
+                    corners(w, nx as usize, &q)
+                }
+                #[cfg(not(target_arch = "x86_64"))]
+                corners(w, nx as usize, &q)
+            };
         }
         let mut any = 0u32;
-        for l in 0..LANES {
+        for l in 0..RAYS {
             // Where the line leaves the cell, and where it crosses the diagonal inside it.
             let (mut wx, mut wy) = (
                 (i[l] + edge_x[l]) * inv_sx[l],
@@ -199,12 +230,13 @@ fn walk_cells<const CLAMP: bool>(grid: &Grid, base: [i32; 2], lines: &Lines, spa
                 (w_out, w_diagonal)
             };
             let crossing = min(max(n / d, lo), hi);
-            hit_w[l] = if hit { crossing } else { hit_w[l] };
-            active[l] = if hit { 0 } else { active[l] };
+            // Sums, maxima and masks instead of choices: the compiler makes masked stores of those, which are slow.
+            hit_w[l] = max(if hit { crossing } else { f32::MIN }, hit_w[l]);
+            active[l] &= !(hit as u32);
             any |= active[l];
             let over_x = wx >= wy;
-            i[l] = if over_x { i[l] + step_i[l] } else { i[l] };
-            j[l] = if over_x { j[l] } else { j[l] + step_j[l] };
+            i[l] += if over_x { step_i[l] } else { 0.0 };
+            j[l] += if over_x { 0.0 } else { step_j[l] };
             if !CLAMP {
                 let column = if sx[l] < 0.0 { 1 } else { -1 };
                 cell[l] = cell[l].wrapping_add(if over_x { column } else { step_row[l] });
@@ -215,4 +247,71 @@ fn walk_cells<const CLAMP: bool>(grid: &Grid, base: [i32; 2], lines: &Lines, spa
             return hit_w;
         }
     }
+}
+
+/// Inverse depths at the corners of eight cells: upper left (index `q`), upper right, lower left, lower right.
+///
+/// # Safety
+///
+/// Each `q + nx + 1` is an index of `w`.
+#[inline(always)]
+#[allow(
+    unsafe_code,
+    reason = "a bounds check for each corner of each cell would double the loop's cost"
+)]
+unsafe fn corners(w: &[f32], nx: usize, q: &[u32; RAYS]) -> [[f32; RAYS]; 4] {
+    let mut corners = [[0.0; RAYS]; 4];
+    for l in 0..RAYS {
+        for (corner, offset) in [0, 1, nx, nx + 1].into_iter().enumerate() {
+            // SAFETY: promised by the caller.
+            corners[corner][l] = unsafe { *w.get_unchecked(q[l] as usize + offset) };
+        }
+    }
+    corners
+}
+
+/// [`corners`] with one load for two neighbours.
+///
+/// # Safety
+///
+/// The same.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+#[inline]
+#[allow(
+    unsafe_code,
+    reason = "a bounds check for each corner of each cell would double the loop's cost"
+)]
+unsafe fn corners_avx2(w: &[f32], nx: usize, q: &[u32; RAYS]) -> [[f32; RAYS]; 4] {
+    use std::arch::x86_64::{
+        __m128d, _mm_load_sd, _mm_loadh_pd, _mm256_castpd_ps, _mm256_set_m128d, _mm256_shuffle_ps,
+        _mm256_storeu_ps,
+    };
+    let mut corners = [[0.0; RAYS]; 4];
+    for row in 0..2 {
+        // The pairs of two cells.
+        let two = |l: usize, m: usize| -> __m128d {
+            // SAFETY: promised by the caller; a pair of floats is eight readable bytes.
+            unsafe {
+                let pair = |l: usize| w.as_ptr().add(q[l] as usize + row * nx).cast::<f64>();
+                _mm_loadh_pd(_mm_load_sd(pair(l)), pair(m))
+            }
+        };
+        let (low, high) = (
+            _mm256_castpd_ps(_mm256_set_m128d(two(4, 5), two(0, 1))),
+            _mm256_castpd_ps(_mm256_set_m128d(two(6, 7), two(2, 3))),
+        );
+        // SAFETY: eight floats each.
+        unsafe {
+            _mm256_storeu_ps(
+                corners[2 * row].as_mut_ptr(),
+                _mm256_shuffle_ps::<0b10_00_10_00>(low, high),
+            );
+            _mm256_storeu_ps(
+                corners[2 * row + 1].as_mut_ptr(),
+                _mm256_shuffle_ps::<0b11_01_11_01>(low, high),
+            );
+        }
+    }
+    corners
 }

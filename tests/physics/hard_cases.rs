@@ -107,7 +107,7 @@ fn a_light_of_a_million() {
     }
     let scene = case.scene();
     assert!(scene.orders.back.len() >= 5 && !scene.orders.thin_clean_reflection);
-    assert!(scene.orders.back[..4].iter().all(|f| !f.weak));
+    assert!(scene.orders.back[..4].iter().all(|f| f.thinning == 1));
     survives("radiance 2e6", &case, 4.1e6);
 }
 

@@ -226,11 +226,7 @@ impl<'a> Reference<'a> {
 /// Samples that an order takes in all, and of each block of 256.
 fn samples_of(followed: &FollowedOrder, spp: u32) -> (u32, u32) {
     let block = spp.min(256);
-    let of_block = if followed.weak {
-        (block / 16).max(1)
-    } else {
-        block
-    };
+    let of_block = (block / followed.thinning).max(1);
     (of_block * (spp / block), of_block)
 }
 
