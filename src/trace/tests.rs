@@ -346,6 +346,7 @@ fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: f64) -> Sce
     };
     Scene {
         seed: 3,
+        sampling: Sampling::Sobol,
         spp: 256,
         film: FilmPlane {
             width: 120,
