@@ -20,10 +20,10 @@ const PANEL: [f64; 2] = [360.0, 340.0];
 const TOP: f64 = 64.0;
 const LEFTS: [f64; 2] = [72.0, 544.0];
 
-/// A logarithmic axis over whole decades.
+/// A logarithmic axis a little longer than its values.
 struct Axis {
-    /// Exponents of the ends.
-    decades: [i32; 2],
+    /// Values at the ends.
+    values: [f64; 2],
     /// Positions of the ends, px.
     ends: [f64; 2],
 }
@@ -31,26 +31,47 @@ struct Axis {
 impl Axis {
     fn new(values: impl Iterator<Item = f64>, ends: [f64; 2]) -> Self {
         let (lo, hi) = values.fold((f64::INFINITY, 0f64), |(lo, hi), v| (lo.min(v), hi.max(v)));
-        let (lo, hi) = if lo < hi {
-            (lo, hi)
-        } else {
-            (0.5 * lo, 2.0 * lo)
-        };
-        let decades = [
-            libm::log10(lo).floor() as i32,
-            libm::log10(hi).ceil() as i32,
-        ];
-        Self { decades, ends }
+        // At least from one half to double.
+        let (lo, hi) = (lo.min(hi / 1.5) / 1.3, hi.max(lo * 1.5) * 1.3);
+        Self {
+            values: [lo, hi],
+            ends,
+        }
     }
 
     fn at(&self, value: f64) -> f64 {
-        let [lo, hi] = self.decades.map(f64::from);
+        let [lo, hi] = self.values.map(libm::log10);
         let [a, b] = self.ends;
         a + (b - a) * (libm::log10(value) - lo) / (hi - lo)
     }
 
-    fn ticks(&self) -> impl Iterator<Item = (i32, f64)> + '_ {
-        (self.decades[0]..=self.decades[1]).map(|e| (e, self.at(libm::pow(10.0, f64::from(e)))))
+    /// All of its numbers can be written without powers of 10.
+    fn is_plain(&self) -> bool {
+        self.values[0] >= 0.005 && self.values[1] < 2000.0
+    }
+
+    /// Digit, exponent and position: every decade, and 2 and 5 where decades are few.
+    fn ticks(&self) -> Vec<(i32, i32, f64)> {
+        let [lo, hi] = self.values;
+        let (first, last) = (
+            libm::log10(lo).floor() as i32,
+            libm::log10(hi).ceil() as i32,
+        );
+        let digits: &[i32] = if libm::log10(hi / lo) < 2.2 {
+            &[1, 2, 5]
+        } else {
+            &[1]
+        };
+        let mut ticks = Vec::new();
+        for exponent in first..=last {
+            for &digit in digits {
+                let value = f64::from(digit) * libm::pow(10.0, f64::from(exponent));
+                if (lo..=hi).contains(&value) {
+                    ticks.push((digit, exponent, self.at(value)));
+                }
+            }
+        }
+        ticks
     }
 }
 
@@ -92,18 +113,18 @@ fn panel(svg: &mut String, rows: &[&LayerRow], label: &str, measure: Measure, le
     let (right, bottom) = (left + PANEL[0], TOP + PANEL[1]);
     let x = Axis::new(rows.iter().map(|row| row.cpu_s), [left, right]);
     let y = Axis::new(rows.iter().map(|row| measure(row)), [bottom, TOP]);
-    for (exponent, at) in x.ticks() {
+    for (digit, exponent, at) in x.ticks() {
         let _ = writeln!(
             svg,
             "<path d=\"M{at:.1} {TOP}V{bottom}\" stroke=\"#ddd\"/>{}",
-            power(at, bottom + 18.0, "middle", exponent)
+            number([at, bottom + 18.0], "middle", digit, exponent, x.is_plain())
         );
     }
-    for (exponent, at) in y.ticks() {
+    for (digit, exponent, at) in y.ticks() {
         let _ = writeln!(
             svg,
             "<path d=\"M{left} {at:.1}H{right}\" stroke=\"#ddd\"/>{}",
-            power(left - 8.0, at + 4.0, "end", exponent)
+            number([left - 8.0, at + 4.0], "end", digit, exponent, y.is_plain())
         );
     }
     let _ = writeln!(
@@ -167,15 +188,19 @@ fn panel(svg: &mut String, rows: &[&LayerRow], label: &str, measure: Measure, le
     }
 }
 
-/// 10 to a power, as text.
-fn power(x: f64, y: f64, anchor: &str, exponent: i32) -> String {
-    let text = match exponent {
-        0 => "1".to_owned(),
-        1 => "10".to_owned(),
-        e => format!(
-            "10<tspan dy=\"-5\" font-size=\"9\">{}</tspan>",
-            e.to_string().replace('-', "\u{2212}")
-        ),
+/// A digit times a power of 10, as text.
+fn number([x, y]: [f64; 2], anchor: &str, digit: i32, exponent: i32, is_plain: bool) -> String {
+    let text = if is_plain {
+        let value = f64::from(digit) * libm::pow(10.0, f64::from(exponent));
+        format!("{value:.*}", (-exponent).max(0) as usize)
+    } else {
+        let factor = if digit == 1 {
+            String::new()
+        } else {
+            format!("{digit}\u{b7}")
+        };
+        let power = exponent.to_string().replace('-', "\u{2212}");
+        format!("{factor}10<tspan dy=\"-5\" font-size=\"9\">{power}</tspan>")
     };
     format!("<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{text}</text>")
 }

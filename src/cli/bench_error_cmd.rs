@@ -129,7 +129,7 @@ pub(super) fn run(
         "reference": reference_json(&reference), "slopes": slopes, "rows": rows,
     });
     let title = format!(
-        "{}: error against {}",
+        "Scene {}: error against CPU time (reference: {})",
         scene.name,
         truth(&reference, "samples of another seed")
     );
@@ -233,7 +233,40 @@ fn text(scene: &BenchScene, reference: &Reference, rows: &[LayerRow], slopes: &[
         text += &align(&table, 0);
     }
     text += "\n";
+    text += &summary(rows, slopes);
+    text += "\n";
     text
+}
+
+/// One row for each layer: how each kind of sampling falls, and where it ends.
+fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
+    let top = rows.iter().map(|row| row.spp).max().unwrap_or(0);
+    let mut head = vec!["layer".to_owned()];
+    for variant in VARIANTS {
+        head.push(format!("{} slope", variant.name));
+        head.push(format!("RMSE at {top} spp"));
+        head.push("CPU s".to_owned());
+    }
+    let mut table = vec![head];
+    for layer in LAYERS {
+        let mut cells = vec![layer.to_owned()];
+        for variant in VARIANTS {
+            let slope = slopes
+                .iter()
+                .find(|s| s.variant == variant.name && s.layer == layer)
+                .and_then(|s| s.slope);
+            cells.push(optional(slope, |s| format!("{s:.2}")));
+            let last = rows
+                .iter()
+                .find(|r| r.variant == variant.name && r.layer == layer && r.spp == top);
+            cells.push(optional(last.map(|r| r.deviation.rmse), |e| {
+                format!("{e:.2e}")
+            }));
+            cells.push(optional(last.map(|r| r.cpu_s), |s| format!("{s:.2}")));
+        }
+        table.push(cells);
+    }
+    align(&table, 1)
 }
 
 fn optional(value: Option<f64>, print: impl Fn(f64) -> String) -> String {

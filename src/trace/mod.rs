@@ -32,7 +32,7 @@ mod walk;
 pub use bundle::PixelMeans;
 pub use grid::Grid;
 pub use orders::{FollowedOrder, OrderPlan};
-pub use probe::{BundleProbe, ProbeRay, WalkCount};
+pub use probe::{BundleProbe, ProbeRay, WalkCount, sample_block};
 pub use sampler::{BLOCK, PixelSeed, sample};
 pub use scene::{FilmPlane, FilterTable, Lens, Pose, Sampling, Scene, View};
 pub use slab::{Order, Slab};

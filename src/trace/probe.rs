@@ -6,8 +6,8 @@
 use super::camera::{CameraBlock, GROUPS, Pixel};
 use super::lanes::{LANES, Lane};
 use super::lines::{LineMaker, Path};
-use super::sampler::BLOCK;
-use super::scene::{Pose, Scene, View};
+use super::sampler::{BLOCK, PixelSeed, points};
+use super::scene::{Pose, Sampling, Scene, View};
 use super::slab::Order;
 use super::tile::Isa;
 use super::walk::{Lines, walk};
@@ -35,6 +35,41 @@ pub struct ProbeRay {
     pub origin: [f32; 3],
     /// z is 1.
     pub direction: [f32; 3],
+}
+
+/// Samples `first .. first + 256` of a pixel by the tracer's own block, `[pixel x, pixel y, lens u, lens v]`; `first` is a
+/// multiple of 256. For timing; [`super::sample`] is the definition.
+pub fn sample_block(
+    sampling: Sampling,
+    seed: &PixelSeed,
+    first: u32,
+    isa: Isa,
+) -> [[f32; BLOCK]; 4] {
+    match isa {
+        #[cfg(target_arch = "x86_64")]
+        #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
+        Isa::Avx2 if std::arch::is_x86_feature_detected!("avx2") => {
+            // SAFETY: the machine has AVX2, as just asked.
+            unsafe { sample_block_avx2(sampling, seed, first) }
+        }
+        _ => sample_block_here(sampling, seed, first),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn sample_block_avx2(sampling: Sampling, seed: &PixelSeed, first: u32) -> [[f32; BLOCK]; 4] {
+    sample_block_here(sampling, seed, first)
+}
+
+#[inline(always)]
+fn sample_block_here(sampling: Sampling, seed: &PixelSeed, first: u32) -> [[f32; BLOCK]; 4] {
+    let mut block = [[0.0; BLOCK]; 4];
+    for (pair, [u, v]) in block.as_chunks_mut().0.iter_mut().enumerate() {
+        let (u, v) = (u.as_chunks_mut().0, v.as_chunks_mut().0);
+        points(sampling, seed, pair, first, u, v);
+    }
+    block
 }
 
 /// How far the rays of a probe go over the grid, counted from where they start and where they end.
