@@ -39,6 +39,18 @@ pub(super) fn run(
     for path in &args.scene {
         scenes.push(read_scene(path, &roots)?);
     }
+    if global.dry_run {
+        let mut names: Vec<&str> = scenes.iter().map(|scene| scene.name.as_str()).collect();
+        if !args.no_builtin {
+            names.splice(0..0, ["indoor", "outdoor", "stress"]);
+        }
+        output.result(
+            SCHEMA,
+            json!({ "dry_run": true, "scenes": names, "dump": args.dump }),
+            &format!("would measure {}", names.join(", ")),
+        );
+        return Ok(Exit::Done);
+    }
     if !args.no_builtin {
         let builtin = [
             indoor(BUILTIN_SIZE, BUILTIN_FILM_PX)?,
@@ -46,15 +58,6 @@ pub(super) fn run(
             stress(BUILTIN_FILM_PX),
         ];
         scenes.splice(0..0, builtin);
-    }
-    if global.dry_run {
-        let names: Vec<&str> = scenes.iter().map(|scene| scene.name.as_str()).collect();
-        output.result(
-            SCHEMA,
-            json!({ "dry_run": true, "scenes": names, "dump": args.dump }),
-            &format!("would measure {}", names.join(", ")),
-        );
-        return Ok(Exit::Done);
     }
     let mut dump = args.dump.as_deref().map(RayDump::new).transpose()?;
     let progress = Progress::new(global, "measurements", scenes.len() as u64 * STEPS);
