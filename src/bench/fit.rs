@@ -13,6 +13,8 @@ pub struct Slope {
     pub slope: Option<f64>,
     /// Rungs that it was fitted to.
     pub rungs: usize,
+    /// The same over the rungs of at least 16 samples: what more samples bring where there are many already.
+    pub tail_slope: Option<f64>,
 }
 
 /// Least-squares slope of log `y` against log `x`; `None` if it has none.

@@ -160,6 +160,9 @@ pub fn climb(
 /// A rung counts for the slope while its RMSE is this many times the reference's own stated error.
 const CLEAR_OF_REFERENCE: f64 = 3.0;
 
+/// Where the tail of a ladder begins, samples.
+const TAIL_SAMPLES: f64 = 16.0;
+
 /// Slopes of RMSE against the layer's samples, by variant and layer.
 pub fn slopes(rows: &[LayerRow], reference: &Reference) -> Vec<Slope> {
     let mut slopes = Vec::new();
@@ -173,11 +176,17 @@ pub fn slopes(rows: &[LayerRow], reference: &Reference) -> Vec<Slope> {
                 .map(|row| (row.samples, row.deviation.rmse))
                 .filter(|(_, rmse)| *rmse >= floor)
                 .collect();
+            let tail: Vec<(f64, f64)> = points
+                .iter()
+                .copied()
+                .filter(|(samples, _)| *samples >= TAIL_SAMPLES)
+                .collect();
             slopes.push(Slope {
                 variant: variant.name,
                 layer,
                 slope: log_log_slope(&points),
                 rungs: points.len(),
+                tail_slope: log_log_slope(&tail),
             });
         }
     }

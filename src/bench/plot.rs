@@ -111,7 +111,9 @@ pub fn error_plot(rows: &[LayerRow], title: &str) -> String {
 
 fn panel(svg: &mut String, rows: &[&LayerRow], label: &str, measure: Measure, left: f64) {
     let (right, bottom) = (left + PANEL[0], TOP + PANEL[1]);
-    let x = Axis::new(rows.iter().map(|row| row.cpu_s), [left, right]);
+    let mut x = Axis::new(rows.iter().map(|row| row.cpu_s), [left, right]);
+    // Room for the names at the lines' ends.
+    x.values[1] *= 1.25;
     let y = Axis::new(rows.iter().map(|row| measure(row)), [bottom, TOP]);
     for (digit, exponent, at) in x.ticks() {
         let _ = writeln!(

@@ -24,6 +24,7 @@ pub struct Args {
 
 /// Options of every command.
 #[derive(Clone, Debug, ClapArgs)]
+#[command(next_help_heading = "Options of every command")]
 pub struct Global {
     /// Print one JSON object with a `schema` field to stdout, and nothing else there
     #[arg(long, global = true)]

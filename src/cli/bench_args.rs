@@ -17,17 +17,19 @@ pub struct BenchArgs {
 pub enum BenchCommand {
     /// Error against samples and CPU seconds: a ladder of sample counts against a reference, as table, CSV, JSON and plot
     #[command(after_help = "\
-A rung of the ladder is one rendering of the four layers. Its measures are taken over all pixels and colours, in linear light:
+A rung of the ladder is one rendering of the four layers. Its measures are taken over all pixels and
+colours, in linear light where nothing else is said:
   RMSE            root of the mean squared difference from the reference
   relative MSE    mean of squared difference / (reference squared + 0.01)
   bias            mean of (rendering - reference)
-  sRGB steps      mean |difference| of the sRGB-coded values, clamped to [0, 1], times 255, not rounded
-  worst, p99      RMSE of the worst of all cells of 8 x 8 px, and the RMSE that 99 % of them stay below
+  sRGB steps      mean |difference| of sRGB-coded values, clamped to [0, 1], times 255, not rounded
+  worst, p99 8x8  RMSE of the worst cell of 8 x 8 px; RMSE that 99 % of the cells have at most
   stated/true     RMSE that the tuple states of itself (error_rms) over the RMSE
   CPU s           seconds of the tracer on all threads, for all four layers together
+A slope is fitted to the rungs whose RMSE is at least three times the own reference's stated error.
 
-The own reference has --reference-spp samples of another seed; it is kept in OUT/reference and used again while the scene, its
-files, the tracer's version and the samples are the same.
+The own reference has --reference-spp samples of another seed. It is kept in OUT/reference and used
+again while the scene, its files, the tracer's version and the samples are the same.
 
 Examples:
   glasshouse bench error
@@ -37,10 +39,13 @@ Examples:
     /// Rays a second on one core: the intersection kernels and the whole tracer, AVX2 and baseline
     #[command(after_help = "\
 One thread, its CPU time; the median of the passes, and the best. Of each scene:
-  intersection    span and walk of 256 samples of every fourth pixel across and down; camera samples are made before
+  intersection    span and walk of 256 samples of every fourth pixel across and down; camera samples
+                  and lines are made before
   whole tracer    sixteen tiles of 16 x 16 px, 256 samples: camera samples, all orders, radiance, sums
   grid            building the grid and its pyramid
-t0, t1 are the pane's first orders to the front, r0, r1 to the back, R is the pinhole without glass (not walked with apex mirror).
+t0, t1 are the pane's first orders to the front, r0, r1 to the back; R is the pinhole without glass
+(nothing is walked for it with apex mirror). A cell is one between a ray's start and its hit; a round is
+one cell of sixteen rays, until the last of them ends.
 
 Examples:
   glasshouse bench trace

@@ -198,9 +198,12 @@ fn text(scene: &BenchScene, reference: &Reference, rows: &[LayerRow], slopes: &[
     }
     text += "\n";
     for slope in slopes {
+        let tail = slope.tail_slope.map_or_else(String::new, |s| {
+            format!(", samples^{s:.2} from 16 samples on")
+        });
         let fitted = slope.slope.map_or_else(
             || "too few rungs for a slope".to_owned(),
-            |s| format!("RMSE ~ samples^{s:.2} over {} rungs", slope.rungs),
+            |s| format!("RMSE ~ samples^{s:.2} over {} rungs{tail}", slope.rungs),
         );
         let _ = writeln!(text, "\n{}, {}: {fitted}\n", slope.layer, slope.variant);
         let head = [
@@ -244,6 +247,7 @@ fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
     let mut head = vec!["layer".to_owned()];
     for variant in VARIANTS {
         head.push(format!("{} slope", variant.name));
+        head.push("from 16".to_owned());
         head.push(format!("RMSE at {top} spp"));
         head.push("CPU s".to_owned());
     }
@@ -253,9 +257,13 @@ fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
         for variant in VARIANTS {
             let slope = slopes
                 .iter()
-                .find(|s| s.variant == variant.name && s.layer == layer)
-                .and_then(|s| s.slope);
-            cells.push(optional(slope, |s| format!("{s:.2}")));
+                .find(|s| s.variant == variant.name && s.layer == layer);
+            for fitted in [
+                slope.and_then(|s| s.slope),
+                slope.and_then(|s| s.tail_slope),
+            ] {
+                cells.push(optional(fitted, |s| format!("{s:.2}")));
+            }
             let last = rows
                 .iter()
                 .find(|r| r.variant == variant.name && r.layer == layer && r.spp == top);
