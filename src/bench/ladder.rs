@@ -100,7 +100,11 @@ pub fn climb(
     let mut rows = Vec::new();
     // The first rendering of a process, which has the memory to fetch, does not count.
     let first = (VARIANTS[0].line)(&scene.line, 1);
-    if render(scene, &first, VARIANTS[0].sampling, work)?.is_none() {
+    let uncounted = Work {
+        on_samples: &|_| {},
+        ..*work
+    };
+    if render(scene, &first, VARIANTS[0].sampling, &uncounted)?.is_none() {
         return Ok(None);
     }
     for variant in VARIANTS {
@@ -118,7 +122,8 @@ pub fn climb(
                 seconds.push(rendering.cpu_s);
                 if rendering.cpu_s < SHORT_S {
                     for _ in 0..MORE_TIMINGS {
-                        let Some(again) = render(scene, &line, variant.sampling, work)? else {
+                        let Some(again) = render(scene, &line, variant.sampling, &uncounted)?
+                        else {
                             return Ok(None);
                         };
                         seconds.push(again.cpu_s);
