@@ -38,7 +38,8 @@ Examples:
     Error(BenchErrorArgs),
     /// Rays a second on one core: the intersection kernels and the whole tracer, AVX2 and baseline
     #[command(after_help = "\
-One thread, its CPU time; the median of the passes, and the best. Of each scene:
+One thread, its CPU time; the median of the passes, and the best; AVX2 and baseline in turns, or one of
+them with --isa avx2 or --isa baseline. Of each scene:
   intersection    span and walk of 256 samples of every fourth pixel across and down; camera samples
                   and lines are made before
   whole tracer    sixteen tiles of 16 x 16 px, 256 samples: camera samples, all orders, radiance, sums
