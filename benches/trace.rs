@@ -1,4 +1,4 @@
-//! Does a kernel get slower? One 32 x 32 tile of a procedural pair at 256 samples, both instruction sets.
+//! Does a kernel get slower? Built-in scenes, both instruction sets.
 //!
 //!     cargo bench --bench trace
 #![allow(
@@ -7,71 +7,36 @@
     reason = "criterion's macros; benches may panic"
 )]
 
-use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use glasshouse::manifest::parse_scene;
-use glasshouse::sample::{Rgbd, intrinsics, listing, render};
-use glasshouse::scene::{Sheet, assemble};
-use glasshouse::trace::{Isa, PixelSeed, Scene, Tile, sample, trace_tile};
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use glasshouse::bench::{BenchScene, Work, indoor, outdoor, pair, render, stress};
+use glasshouse::manifest::{Apex, Fill, SceneLine};
+use glasshouse::merge::{SrgbEncoder, Tuple, encode_png, encode_tuple_exr};
+use glasshouse::sample;
+use glasshouse::scene::{NamedBytes, PhotographFiles, decode_photograph};
+use glasshouse::trace::{
+    BLOCK, BundleProbe, Grid, Isa, Order, PixelSeed, Sampling, Scene, Tile, sample_block,
+    trace_tile,
+};
 use std::hint::black_box;
+use std::sync::atomic::AtomicBool;
 
-const SIZE: (u32, u32) = (1024, 768);
+const SIZE: [u32; 2] = [1024, 768];
+const FILM_PX: u32 = 256;
 
-fn sheet(picture: &Rgbd) -> Sheet {
-    let pixels = (SIZE.0 * SIZE.1) as usize;
-    let far_m = picture.depth_m.iter().fold(0f32, |m, &z| m.max(z));
-    let depth = |q: usize| {
-        if picture.valid[q] {
-            picture.depth_m[q]
-        } else {
-            far_m
-        }
-    };
-    let texel = |q: usize| {
-        [0, 1, 2, 3].map(|c| {
-            if c < 3 {
-                f32::from(picture.rgb[q * 3 + c]) / 255.0
-            } else {
-                0.0
-            }
-        })
-    };
-    Sheet {
-        width: SIZE.0 as usize,
-        height: SIZE.1 as usize,
-        inverse_depth_per_m: (0..pixels).map(|q| 1.0 / depth(q)).collect(),
-        valid: picture.valid.clone(),
-        filled_share: 0.0,
-        color_width: SIZE.0 as usize,
-        color_height: SIZE.1 as usize,
-        radiance: (0..pixels).map(texel).collect(),
-        max_radiance: 1.0,
-        intrinsics: glasshouse::manifest::Intrinsics {
-            size: None,
-            ..intrinsics(SIZE.0, SIZE.1)
-        },
-        front_center_z_m: f64::from(depth(pixels / 2 + 512)),
-    }
+/// Instruction sets by name.
+fn isas() -> [(&'static str, Isa); 2] {
+    [("baseline", Isa::Baseline), ("detected", Isa::detect())]
 }
 
-fn scene(apex: &str, front: &Sheet, back: &Sheet) -> Scene {
-    let photograph = r#"{"color":"c","depth":"d","intrinsics":{"fx":1,"fy":1,"cx":0,"cy":0}"#;
-    let line = format!(
-        r#"{{"schema":"glasshouse.scene/1","id":"bench","seed":1,
-            "film":{{"width":256,"height":256,"spp":256}},
-            "camera":{{"focal_length_mm":55.0,"aperture_radius_m":0.00893,"focus":{{"at":"front_center"}}}},
-            "glass":{{"distance_m":0.3,"thickness_m":0.01,"ior":1.6}},
-            "front":{photograph}}},"back":{photograph},"apex":"{apex}"}}}}"#
-    );
-    assemble(&parse_scene(&line).unwrap(), front.clone(), back.clone())
-        .unwrap()
-        .0
+fn scene(scene: &BenchScene, apex: Apex) -> Scene {
+    let mut line = scene.line.clone();
+    line.back.apex = Some(apex);
+    scene.assemble(&line, Sampling::Sobol).unwrap().scene
 }
 
-fn bench(c: &mut Criterion) {
-    let pictures: Vec<Sheet> = listing(2, 2020)
-        .iter()
-        .map(|p| sheet(&render(p, SIZE.0, SIZE.1)))
-        .collect();
+/// One 32 x 32 tile of the pair at 256 samples.
+fn tiles(c: &mut Criterion) {
+    let pair = pair(SIZE, FILM_PX).unwrap();
     let tile = Tile {
         x: 112,
         y: 112,
@@ -82,20 +47,128 @@ fn bench(c: &mut Criterion) {
     group
         .sample_size(20)
         .throughput(Throughput::Elements(32 * 32 * 256));
-    for apex in ["mirror", "camera"] {
-        let scene = scene(apex, &pictures[0], &pictures[1]);
-        for (name, isa) in [("baseline", Isa::Baseline), ("detected", Isa::detect())] {
+    for (apex, value) in [("mirror", Apex::Mirror), ("camera", Apex::Camera)] {
+        let scene = scene(&pair, value);
+        for (name, isa) in isas() {
             group.bench_function(format!("{apex}/{name}"), |b| {
                 b.iter(|| trace_tile(black_box(&scene), tile, 0..256, isa));
             });
         }
     }
     group.finish();
-    let seed = PixelSeed::new(1, 2, 3);
-    c.bench_function("sampler/definition", |b| {
-        b.iter(|| sample(black_box(&seed), black_box(77)));
-    });
 }
 
-criterion_group!(benches, bench);
+/// Span and walk of every sixteenth pixel's bundle: easy (t0), long ways (r0 with apex camera), rough.
+fn walks(c: &mut Criterion) {
+    let mut group = c.benchmark_group("walk");
+    group.sample_size(20);
+    let classes = [
+        ("t0", Order::Transmitted(0), Apex::Mirror),
+        ("r0_camera", Order::Reflected(0), Apex::Camera),
+    ];
+    for bench_scene in [
+        indoor(SIZE, FILM_PX).unwrap(),
+        outdoor(SIZE, FILM_PX).unwrap(),
+        stress(FILM_PX),
+    ] {
+        for (class, order, apex) in classes {
+            let scene = scene(&bench_scene, apex);
+            let probe = BundleProbe::new(&scene, Some(order), 16).unwrap();
+            let mut hits = vec![0.0; probe.len()];
+            group.throughput(Throughput::Elements(probe.len() as u64));
+            for (name, isa) in isas() {
+                let id = format!("{}/{class}/{name}", bench_scene.name);
+                group.bench_function(id, |b| {
+                    b.iter(|| probe.intersect(isa, black_box(&mut hits)));
+                });
+            }
+        }
+    }
+    group.finish();
+}
+
+/// 256 samples of a pixel, film and lens.
+fn samplers(c: &mut Criterion) {
+    let seed = PixelSeed::new(1, 2, 3);
+    let mut group = c.benchmark_group("sampler");
+    group.throughput(Throughput::Elements(BLOCK as u64));
+    for (kind, sampling) in [
+        ("sobol", Sampling::Sobol),
+        ("independent", Sampling::Independent),
+    ] {
+        for (name, isa) in isas() {
+            group.bench_function(format!("{kind}/{name}"), |b| {
+                b.iter(|| sample_block(sampling, black_box(&seed), 512, isa));
+            });
+        }
+    }
+    group.finish();
+}
+
+/// Files of 1024 x 768 px to a sheet, and the sheet to a grid.
+fn scenes(c: &mut Criterion) {
+    let bench_scene = pair(SIZE, FILM_PX).unwrap();
+    let photograph = &sample::listing(2, 2020)[1];
+    let files = sample::encode(photograph, SIZE[0], SIZE[1]).unwrap();
+    let named = |bytes| NamedBytes {
+        path: photograph.color_path(),
+        bytes,
+    };
+    let files = PhotographFiles {
+        color: named(files.color),
+        depth: named(files.depth),
+        mask: Some(named(files.mask)),
+    };
+    let mut group = c.benchmark_group("scene");
+    group.sample_size(20);
+    for (name, fill) in [("far", Fill::Far), ("smooth", Fill::Smooth)] {
+        let SceneLine { mut back, .. } = bench_scene.line.clone();
+        back.fill = fill;
+        group.bench_function(BenchmarkId::new("decode", name), |b| {
+            b.iter(|| decode_photograph(black_box(&back), &files).unwrap());
+        });
+    }
+    let sheet = &bench_scene.photographs.back;
+    group.bench_function("grid", |b| {
+        b.iter_batched(
+            || sheet.inverse_depth_per_m.clone(),
+            |w| Grid::new(sheet.width, sheet.height, w),
+            criterion::BatchSize::LargeInput,
+        );
+    });
+    group.finish();
+}
+
+/// A tuple of 256 x 256 px to the bytes of its files.
+fn tuples(c: &mut Criterion) {
+    let bench_scene = pair(SIZE, FILM_PX).unwrap();
+    let mut line = bench_scene.line.clone();
+    line.film.spp = 16;
+    let stop = AtomicBool::new(false);
+    let work = Work {
+        threads: 1,
+        isa: Isa::detect(),
+        stop: &stop,
+        on_samples: &|_| {},
+    };
+    let rendering = render(&bench_scene, &line, Sampling::Sobol, &work).unwrap();
+    let tuple: Tuple = rendering.unwrap().tuple;
+    let encoder = SrgbEncoder::new();
+    let mut group = c.benchmark_group("tuple");
+    group.sample_size(20);
+    group.bench_function("exr", |b| {
+        b.iter(|| encode_tuple_exr(black_box(&tuple)).unwrap());
+    });
+    group.bench_function("pngs", |b| {
+        b.iter(|| {
+            tuple
+                .layers
+                .each_ref()
+                .map(|pixels| encode_png(&encoder, pixels, tuple.width, tuple.height).unwrap())
+        });
+    });
+    group.finish();
+}
+
+criterion_group!(benches, tiles, walks, samplers, scenes, tuples);
 criterion_main!(benches);

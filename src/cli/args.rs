@@ -1,5 +1,6 @@
 //! What can be typed.
 
+use super::bench_args::BenchArgs;
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -23,6 +24,7 @@ pub struct Args {
 
 /// Options of every command.
 #[derive(Clone, Debug, ClapArgs)]
+#[command(next_help_heading = "Options of every command")]
 pub struct Global {
     /// Print one JSON object with a `schema` field to stdout, and nothing else there
     #[arg(long, global = true)]
@@ -140,6 +142,12 @@ pub enum Command {
   glasshouse report runs/smoke
   glasshouse report runs/smoke --json")]
     Report(RunFolder),
+    /// Measure speed and error on this machine; needs no data
+    #[command(after_help = "Examples:
+  glasshouse bench error
+  glasshouse bench trace
+  glasshouse bench error --help   # what is measured, and how")]
+    Bench(BenchArgs),
 }
 
 /// A place for a named root.
@@ -242,7 +250,7 @@ pub struct RunFolder {
     pub run: PathBuf,
 }
 
-fn parse_spp(text: &str) -> Result<u32, String> {
+pub(super) fn parse_spp(text: &str) -> Result<u32, String> {
     match text.parse::<u32>() {
         Ok(n) if n.is_power_of_two() && n <= 65_536 => Ok(n),
         _ => Err("samples a pixel are a power of two from 1 to 65536".to_owned()),

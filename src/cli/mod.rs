@@ -1,6 +1,10 @@
 //! The command line: the only code that prints, reads the environment, catches signals or exits.
 
 mod args;
+mod bench_args;
+mod bench_cmd;
+mod bench_error_cmd;
+mod bench_trace_cmd;
 mod exit_code;
 mod merge_cmd;
 mod output;
@@ -53,6 +57,7 @@ pub fn main() -> ExitCode {
         Command::Merge(merge) => merge_cmd::run(merge, &args.global, &output),
         Command::Status(status) => status_cmd::run(status, &args.global, &output),
         Command::Report(report) => report_cmd::run(report, &args.global, &output),
+        Command::Bench(bench) => bench_cmd::run(bench, &args.global, &output),
     };
     match result {
         Ok(exit) => exit.into(),

@@ -4,7 +4,7 @@ use crate::manifest::SceneLine;
 use crate::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
 use crate::scene::LoadedScene;
 use crate::shard::{Shard, ShardLayout, scene_digest};
-use crate::trace::{Isa, TRACER_VERSION, trace_tile};
+use crate::trace::{Isa, TRACER_VERSION, TileResult, trace_tile};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
@@ -37,7 +37,16 @@ impl<'a> SceneJob<'a> {
 
     /// Traces one shard.
     pub fn trace(&self, shard: &Shard, isa: Isa) -> Partial {
-        let result = trace_tile(&self.loaded.scene, shard.tile, shard.samples.clone(), isa);
+        self.partial(shard, self.trace_tile(shard, isa))
+    }
+
+    /// The tracer's part of [`Self::trace`].
+    pub fn trace_tile(&self, shard: &Shard, isa: Isa) -> TileResult {
+        trace_tile(&self.loaded.scene, shard.tile, shard.samples.clone(), isa)
+    }
+
+    /// The rest of it: header and digest.
+    pub fn partial(&self, shard: &Shard, result: TileResult) -> Partial {
         let header = PartialHeader {
             schema: PARTIAL_SCHEMA.to_owned(),
             tracer_version: TRACER_VERSION,

@@ -37,6 +37,37 @@ pub fn is_written(root: &Path, photograph: &SamplePhotograph) -> bool {
     .all(|path| root.join(path).is_file())
 }
 
+/// The bytes of a photograph's three files.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SampleFiles {
+    /// PNG, sRGB.
+    pub color: Vec<u8>,
+    /// `.npy`, metres along the axis.
+    pub depth: Vec<u8>,
+    /// `.npy`, 1 where the depth is valid.
+    pub mask: Vec<u8>,
+}
+
+/// Renders `photograph` and codes its three files; nothing is written.
+pub fn encode(
+    photograph: &SamplePhotograph,
+    width: u32,
+    height: u32,
+) -> Result<SampleFiles, SampleError> {
+    let rgbd = render(photograph, width, height);
+    let color = png(&rgbd).map_err(|source| SampleError::Png {
+        path: photograph.color_path(),
+        source,
+    })?;
+    let (w, h) = (rgbd.width, rgbd.height);
+    let valid: Vec<f32> = rgbd.valid.iter().map(|&v| f32::from(u8::from(v))).collect();
+    Ok(SampleFiles {
+        color,
+        depth: npy(&format!("({h}, {w}, 1)"), &rgbd.depth_m),
+        mask: npy(&format!("({h}, {w})"), &valid),
+    })
+}
+
 /// Renders `photograph` and writes its three files under `root`, each whole or not at all.
 pub fn write(
     root: &Path,
@@ -44,22 +75,14 @@ pub fn write(
     width: u32,
     height: u32,
 ) -> Result<(), SampleError> {
-    let rgbd = render(photograph, width, height);
+    let files = encode(photograph, width, height)?;
     let color_path = root.join(photograph.color_path());
     if let Some(folder) = color_path.parent() {
         atomic_file::create_dir(folder)?;
     }
-    let png = png(&rgbd).map_err(|source| SampleError::Png {
-        path: color_path.clone(),
-        source,
-    })?;
-    let (w, h) = (rgbd.width, rgbd.height);
-    let depth = npy(&format!("({h}, {w}, 1)"), &rgbd.depth_m);
-    let valid: Vec<f32> = rgbd.valid.iter().map(|&v| f32::from(u8::from(v))).collect();
-    let mask = npy(&format!("({h}, {w})"), &valid);
-    atomic_file::write_relaxed(&root.join(photograph.depth_path()), &depth)?;
-    atomic_file::write_relaxed(&root.join(photograph.mask_path()), &mask)?;
-    atomic_file::write_relaxed(&color_path, &png)?;
+    atomic_file::write_relaxed(&root.join(photograph.depth_path()), &files.depth)?;
+    atomic_file::write_relaxed(&root.join(photograph.mask_path()), &files.mask)?;
+    atomic_file::write_relaxed(&color_path, &files.color)?;
     Ok(())
 }
 

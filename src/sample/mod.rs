@@ -37,6 +37,6 @@ mod tone;
 mod tree;
 
 pub use camera::intrinsics;
-pub use diode::{SampleError, is_written, write};
+pub use diode::{SampleError, SampleFiles, encode, is_written, write};
 pub use listing::{Place, SamplePhotograph, listing};
 pub use render::{Rgbd, render};

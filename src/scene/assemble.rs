@@ -3,7 +3,8 @@
 use super::photograph::Sheet;
 use crate::manifest::{Apex, Filter, Focus, FocusAt, LineError, SceneLine, refuse};
 use crate::trace::{
-    FilmPlane, FilterTable, Grid, Lens, Order, OrderPlan, Pose, Scene, Slab, Texture, View,
+    FilmPlane, FilterTable, Grid, Lens, Order, OrderPlan, Pose, Sampling, Scene, Slab, Texture,
+    View,
 };
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
@@ -212,6 +213,7 @@ pub fn assemble(
     let back = view("back", back, back_pose, sign, reach_m + extra_m)?;
     let scene = Scene {
         seed: line.seed,
+        sampling: Sampling::Sobol,
         spp: line.film.spp,
         film,
         lens,

@@ -1,7 +1,8 @@
 //! The one place where a scene's files are read; decoding them is pure.
 
 use super::{
-    AssembleError, NamedBytes, PhotographFiles, SceneError, SceneFacts, assemble, decode_photograph,
+    AssembleError, NamedBytes, PhotographFiles, SceneError, SceneFacts, Sheet, assemble,
+    decode_photograph,
 };
 use crate::manifest::{Photograph, RootError, Roots, SceneLine};
 use crate::trace::Scene;
@@ -33,8 +34,21 @@ pub enum LoadError {
 
 /// The bytes of a scene's files.
 pub struct SceneFiles {
-    front: PhotographFiles,
-    back: PhotographFiles,
+    /// Of the front photograph.
+    pub front: PhotographFiles,
+    /// Of the back photograph.
+    pub back: PhotographFiles,
+}
+
+/// A scene's photographs, decoded, and the digests of their files.
+#[derive(Clone)]
+pub struct DecodedScene {
+    /// Seen through the pane.
+    pub front: Sheet,
+    /// Seen reflected in it.
+    pub back: Sheet,
+    /// Of the files.
+    pub inputs: InputDigests,
 }
 
 /// Digests (BLAKE3, hex) of a scene's input files, by the manifest line's field (`front.color`, ...).
@@ -76,14 +90,21 @@ pub fn read_files(line: &SceneLine, roots: &Roots, base: &Path) -> Result<SceneF
 
 /// Decodes the files and assembles the scene. Pure.
 pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadError> {
-    let inputs = digests(files);
-    let front = decode_photograph(&line.front, &files.front)?;
-    let back = decode_photograph(&line.back, &files.back)?;
-    let (scene, facts) = assemble(line, front, back)?;
+    let decoded = decode(line, files)?;
+    let (scene, facts) = assemble(line, decoded.front, decoded.back)?;
     Ok(LoadedScene {
         scene,
         facts,
-        inputs,
+        inputs: decoded.inputs,
+    })
+}
+
+/// The first half of [`load`], for who assembles several scenes from the same photographs.
+pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, LoadError> {
+    Ok(DecodedScene {
+        front: decode_photograph(&line.front, &files.front)?,
+        back: decode_photograph(&line.back, &files.back)?,
+        inputs: digests(files),
     })
 }
 

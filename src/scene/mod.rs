@@ -32,5 +32,7 @@ mod transfer;
 pub use assemble::{AssembleError, MAX_TOO_NEAR_SHARE, OrderFact, SceneFacts, Sides, assemble};
 pub use error::SceneError;
 pub use files::{NamedBytes, PhotographFiles};
-pub use load::{InputDigests, LoadError, LoadedScene, SceneFiles, load, read_files};
-pub use photograph::{Sheet, decode_photograph};
+pub use load::{
+    DecodedScene, InputDigests, LoadError, LoadedScene, SceneFiles, decode, load, read_files,
+};
+pub use photograph::{Sheet, decode_linear_image, decode_photograph};

@@ -1,9 +1,9 @@
 //! One photograph: its files become a sheet.
 
 use super::error::SceneError;
-use super::files::PhotographFiles;
+use super::files::{NamedBytes, PhotographFiles};
 use super::{center, color, depth, fill, mask};
-use crate::manifest::{Fill, Intrinsics, Photograph};
+use crate::manifest::{Fill, Intrinsics, Photograph, Transfer};
 use std::path::Path;
 
 /// A continuous surface that carries radiance: one vertex at each pixel centre of the depth image.
@@ -74,6 +74,14 @@ pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<S
         intrinsics,
         front_center_z_m,
     })
+}
+
+/// Width, height and pixels of a linear image (EXR or `.npy`; others too, whose codes are then taken for light). Values
+/// must be finite and not negative.
+pub fn decode_linear_image(file: &NamedBytes) -> Result<(usize, usize, Vec<[f32; 3]>), SceneError> {
+    let color = color::decode(file, Transfer::Linear, 1.0)?;
+    let pixels = color.radiance.iter().map(|&[r, g, b, _]| [r, g, b]);
+    Ok((color.width, color.height, pixels.collect()))
 }
 
 /// Numbers of the line that every later formula divides or multiplies by.

@@ -2,7 +2,8 @@
 
 use super::spec::Golden;
 use crate::trace::{
-    FilmPlane, Grid, Isa, Lens, OrderPlan, Pose, Scene, Slab, Texture, Tile, View, trace_tile,
+    FilmPlane, Grid, Isa, Lens, OrderPlan, Pose, Sampling, Scene, Slab, Texture, Tile, View,
+    trace_tile,
 };
 
 /// Name of the built-in scene; a new one when it changes.
@@ -70,6 +71,7 @@ fn scene() -> Scene {
     let orders = OrderPlan::new(&slab, &[1.0, 0.97, 0.9, 0.8], [1.0, 1.0], 7.6e-5);
     Scene {
         seed: 2020,
+        sampling: Sampling::Sobol,
         spp: 64,
         film,
         lens: Lens {

@@ -1,7 +1,7 @@
 //! Camera samples of one pixel: film point, lens point, direction, and the glass along it, in lanes.
 
 use super::lanes::{LANES, Lane, sin_cos_octant};
-use super::sampler::{BLOCK, PixelSeed, block};
+use super::sampler::{BLOCK, PixelSeed, points};
 use super::scene::Scene;
 
 /// Groups of sixteen samples in a block.
@@ -84,7 +84,8 @@ impl CameraBlock {
         let groups = (count as usize).div_ceil(LANES);
         let [size_x, size_y] = scene.film.pixel_tangent().map(|v| v as f32);
         let [film_x, film_y] = &mut self.film;
-        block(
+        points(
+            scene.sampling,
             &pixel.seed,
             0,
             first,
@@ -105,7 +106,8 @@ impl CameraBlock {
         let aperture = scene.lens.aperture_radius_m as f32;
         if aperture > 0.0 {
             let [lens_x, lens_y] = &mut self.lens;
-            block(
+            points(
+                scene.sampling,
                 &pixel.seed,
                 1,
                 first,

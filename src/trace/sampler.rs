@@ -10,6 +10,7 @@
 //! Vegdahl's constants. Limits: indices below 2^32, 24 bits a coordinate.
 
 use super::lanes::{LANES, Lane};
+use super::scene::Sampling;
 
 /// Samples that `block` makes at a time; ranges of more samples are whole numbers of blocks.
 pub const BLOCK: usize = 256;
@@ -126,9 +127,90 @@ pub(crate) fn block(seed: &PixelSeed, pair: usize, first: u32, u: &mut [Lane], v
     }
 }
 
+/// The same samples of either kind.
+#[inline(always)]
+pub(crate) fn points(
+    sampling: Sampling,
+    seed: &PixelSeed,
+    pair: usize,
+    first: u32,
+    u: &mut [Lane],
+    v: &mut [Lane],
+) {
+    match sampling {
+        Sampling::Sobol => block(seed, pair, first, u, v),
+        Sampling::Independent => independent(seed, pair, first, u, v),
+    }
+}
+
+/// Mixes all bits of 32 (Wellons, "Prospecting for Hash Functions", lowbias32).
+#[inline(always)]
+const fn mix32(mut x: u32) -> u32 {
+    x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
+    x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);
+    x ^ (x >> 16)
+}
+
+/// Independent points: each coordinate is a hash of its seed and the index. Two rounds with two keys, for after a
+/// single one two pixels whose keys share their upper bits would have the same points in another order.
+#[inline(always)]
+fn independent(seed: &PixelSeed, pair: usize, first: u32, u: &mut [Lane], v: &mut [Lane]) {
+    let (key_u, key_v) = (seed.value[2 * pair], seed.value[2 * pair + 1]);
+    let coordinate = |index: u32, key: u32| unit(mix32(mix32(index ^ key) ^ seed.index[pair]));
+    for (group, (u, v)) in u.iter_mut().zip(v).enumerate() {
+        let start = first + (group * LANES) as u32;
+        for l in 0..LANES {
+            u[l] = coordinate(start + l as u32, key_u);
+            v[l] = coordinate(start + l as u32, key_v);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Mean, variance, correlations of neighbours and coordinates, and the fullness of cells, of independent points.
+    #[test]
+    fn independent_points_are_uniform_and_uncorrelated() {
+        const N: usize = 4096;
+        let (mut sum, mut square, mut count) = (0.0, 0.0, 0.0);
+        let (mut across, mut ahead, mut between) = (0.0, 0.0, 0.0);
+        let mut cells = [0u32; 64];
+        let mut before = vec![0.0; N];
+        for x in 0..16 {
+            let seed = PixelSeed::new(9, x, 4);
+            let (mut u, mut v) = (vec![[0.0; LANES]; N / LANES], vec![[0.0; LANES]; N / LANES]);
+            independent(&seed, 1, 0, &mut u, &mut v);
+            let (u, v) = (u.as_flattened(), v.as_flattened());
+            for i in 0..N {
+                assert!((0.0..1.0).contains(&u[i]) && (0.0..1.0).contains(&v[i]));
+                let (a, b) = (f64::from(u[i]) - 0.5, f64::from(v[i]) - 0.5);
+                sum += a + b;
+                square += a * a + b * b;
+                across += a * b;
+                ahead += a * (f64::from(u[(i + 1) % N]) - 0.5);
+                between += a * before[i];
+                before[i] = a;
+                count += 1.0;
+                cells[(u[i] * 8.0) as usize * 8 + (v[i] * 8.0) as usize] += 1;
+            }
+        }
+        // Standard deviations of these means are 1/sqrt(12 n), ...; five of them may not be left.
+        let n = f64::sqrt(count);
+        assert!((sum / (2.0 * count)).abs() < 5.0 * 0.205 / n);
+        assert!((square / (2.0 * count) - 1.0 / 12.0).abs() < 5.0 * 0.053 / n);
+        for product in [across, ahead, between] {
+            assert!((product / count).abs() < 5.0 / 12.0 / n, "{product}");
+        }
+        let expected = count / 64.0;
+        let chi_square: f64 = cells
+            .iter()
+            .map(|&c| (f64::from(c) - expected) * (f64::from(c) - expected) / expected)
+            .sum();
+        // 63 degrees of freedom: 63 +- 11; stratified points would give next to 0.
+        assert!((20.0..130.0).contains(&chi_square), "{chi_square}");
+    }
 
     #[test]
     fn blocks_equal_the_definition() {

@@ -10,6 +10,8 @@ use glam::{DMat3, DVec3};
 pub struct Scene {
     /// Seed of the sample points.
     pub seed: u64,
+    /// Kind of the sample points.
+    pub sampling: Sampling,
     /// Camera samples a pixel, a power of two.
     pub spp: u32,
     /// The film.
@@ -24,6 +26,17 @@ pub struct Scene {
     pub front: View,
     /// Seen reflected in it.
     pub back: View,
+}
+
+/// Kind of the sample points. No manifest line can set it: it is there to be measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Sampling {
+    /// Owen-scrambled Sobol points.
+    #[default]
+    Sobol,
+    /// Independent uniform points, what the Sobol points are compared with: the error falls with the square root
+    /// of their number.
+    Independent,
 }
 
 /// The film in tangent space: film point (u, v) px looks along `((2u/W - 1) tan_x, (2v/H - 1) tan_y, 1)`.

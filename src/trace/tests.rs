@@ -347,6 +347,7 @@ fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: f64) -> Sce
     };
     Scene {
         seed: 3,
+        sampling: Sampling::Sobol,
         spp: 256,
         film: FilmPlane {
             width: 120,
@@ -481,4 +482,70 @@ fn spans_close_in_on_a_flat_sheet() {
     w[0] = 2.0;
     let found = span(&Grid::new(8, 8, w), [0, 0], &Everywhere);
     assert!(found.lo <= 0.5 && found.hi >= 0.5);
+}
+
+/// What another ray tracer is given: the rays in the capture camera's frame meet the sheet where the kernel says, on every
+/// instruction set, and the lengths of the walks add up.
+#[test]
+fn probed_rays_meet_the_sheet_where_the_kernel_says() {
+    let (mut tested, mut cells) = (0, 0);
+    for (tilt_deg, general) in [([0.0, 0.0], false), ([-10.0, 15.0], true)] {
+        let scene = scene(tilt_deg, general, false, 2.0);
+        for order in [Some(Order::Transmitted(0)), Some(Order::Reflected(1)), None] {
+            let probe = BundleProbe::new(&scene, order, 40).expect("something to walk");
+            let (mut hits, mut again) = (vec![0.0; probe.len()], vec![0.0; probe.len()]);
+            probe.intersect(Isa::Baseline, &mut hits);
+            probe.intersect(Isa::detect(), &mut again);
+            assert_eq!(hits, again);
+            let view = probe.view();
+            let rays = probe.rays();
+            assert_eq!(rays.len(), hits.len());
+            for (ray, w) in rays.iter().zip(&hits) {
+                let on = |k: usize, v: f32| f64::from(v) * view.focal_px[k].abs();
+                let absolute = [
+                    on(0, ray.direction[0]) + view.principal[0],
+                    on(1, ray.direction[1]) + view.principal[1],
+                    on(0, ray.origin[0]),
+                    on(1, ray.origin[1]),
+                ];
+                assert_eq!((ray.origin[2], ray.direction[2]), (0.0, 1.0));
+                assert!(
+                    agrees(&view.grid, absolute, f64::from(*w)),
+                    "{order:?} {absolute:?}: {w}"
+                );
+                tested += 1;
+            }
+            let count = probe.count(&hits);
+            assert_eq!(
+                (count.rays, count.groups * 16),
+                (hits.len() as u64, count.rays)
+            );
+            assert!(count.cells >= count.rays);
+            cells += count.cells;
+            assert!(count.rounds * 16 >= count.cells && count.rounds <= count.cells);
+        }
+    }
+    println!("{tested} rays, {cells} cells");
+    assert!(cells > tested, "some rays take more than a cell");
+    let aligned = Scene {
+        back: View {
+            pose: Pose::Aligned { extra_m: 0.0 },
+            ..scene([0.0, 0.0], false, false, 2.0).back
+        },
+        ..scene([0.0, 0.0], false, false, 2.0)
+    };
+    assert!(BundleProbe::new(&aligned, None, 40).is_none());
+}
+
+#[test]
+fn probed_blocks_are_the_samples() {
+    let seed = PixelSeed::new(4, 5, 6);
+    let block = sample_block(Sampling::Sobol, &seed, 512, Isa::detect());
+    for i in 0..BLOCK {
+        let expected = sample(&seed, 512 + i as u32);
+        assert_eq!([0, 1, 2, 3].map(|k| block[k][i]), expected);
+    }
+    let independent = |isa| sample_block(Sampling::Independent, &seed, 512, isa);
+    assert_eq!(independent(Isa::Baseline), independent(Isa::detect()));
+    assert_ne!(independent(Isa::Baseline), block);
 }

@@ -23,7 +23,29 @@ fn every_command_prints_one_object() {
         "--height",
         "24",
     ];
-    let commands: [(&str, Vec<&str>); 8] = [
+    let bench = folder.join("bench");
+    let bench_error = [
+        "bench",
+        "error",
+        "--scene",
+        scene_path,
+        "--spp",
+        "1,4",
+        "--reference-spp",
+        "16",
+        "--out",
+        text(&bench),
+    ];
+    let bench_trace = [
+        "bench",
+        "trace",
+        "--no-builtin",
+        "--scene",
+        scene_path,
+        "--passes",
+        "1",
+    ];
+    let commands: [(&str, Vec<&str>); 10] = [
         ("plan", place.arguments("plan", &[])),
         ("work", vec!["work", run_folder]),
         ("run", place.arguments("run", &[])),
@@ -32,6 +54,8 @@ fn every_command_prints_one_object() {
         ("report", vec!["report", run_folder]),
         ("render", vec!["render", scene_path, "--out", out]),
         ("sample", sample.to_vec()),
+        ("bench_error", bench_error.to_vec()),
+        ("bench_trace", bench_trace.to_vec()),
     ];
     for (name, arguments) in commands {
         for more in [&["--json", "-n"][..], &["--json"], &["--json", "-q"]] {
@@ -62,6 +86,11 @@ fn errors_are_objects_too() {
         (&["render", nowhere, "--out", nowhere], 4),
         (&["render", nowhere, "--out", nowhere, "--spp", "3"], 2),
         (&["sample", nowhere], 2),
+        (&["bench", "error", "--scene", nowhere], 4),
+        (&["bench", "error", "--reference", nowhere, "-n"], 4),
+        (&["bench", "error", "--spp", "3"], 2),
+        (&["bench", "trace", "--scene", nowhere], 4),
+        (&["bench"], 2),
         (&["sample", "/dev/null/x", "--count", "1"], 1),
         (&["work", nowhere, "--root", "x"], 2),
         (&["paint"], 2),

@@ -12,6 +12,7 @@
     reason = "random moments are logged, and tests that cannot run here say so"
 )]
 
+mod bench;
 mod damage;
 mod help;
 mod json;

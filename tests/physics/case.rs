@@ -2,8 +2,8 @@
 
 use glam::{DMat3, DVec3};
 use glasshouse::trace::{
-    FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, Scene, Slab, Texture,
-    Tile, TileResult, View, trace_tile,
+    FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, Sampling, Scene, Slab,
+    Texture, Tile, TileResult, View, trace_tile,
 };
 
 /// Indices of the layers.
@@ -188,6 +188,7 @@ impl Case {
         let radiance = [&front, &back].map(|view: &View| f64::from(view.texture.max_radiance()));
         Scene {
             seed: self.seed,
+            sampling: Sampling::Sobol,
             spp: self.spp,
             film: FilmPlane {
                 width: self.film[0],

@@ -9,4 +9,5 @@
 mod estimate;
 mod oracle;
 mod real;
+mod real_scenes;
 mod real_sets;

@@ -1,0 +1,42 @@
+//! The CPU clock of the calling thread.
+
+use rustix::time::{ClockId, clock_gettime};
+
+/// Seconds (user and system) that the calling thread has computed so far. Time in which others had the core does not
+/// count; a core that others slow down does.
+pub fn thread_cpu_s() -> f64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
+/// Median and smallest of some seconds. Panics if there are none.
+pub(super) fn median_and_best(seconds: &[f64]) -> (f64, f64) {
+    let mut sorted = seconds.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let n = sorted.len();
+    let median = f64::midpoint(sorted[(n - 1) / 2], sorted[n / 2]);
+    (median, sorted[0])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_clock_runs_while_the_thread_computes_and_not_while_it_sleeps() {
+        let start = thread_cpu_s();
+        std::thread::sleep(std::time::Duration::from_millis(60));
+        let slept = thread_cpu_s() - start;
+        assert!((0.0..0.03).contains(&slept), "{slept}");
+        let mut x = 1u64;
+        while thread_cpu_s() - start < 0.05 {
+            x = std::hint::black_box(x.wrapping_mul(3));
+        }
+    }
+
+    #[test]
+    fn medians() {
+        assert_eq!(median_and_best(&[3.0, 1.0, 2.0]), (2.0, 1.0));
+        assert_eq!(median_and_best(&[4.0, 1.0, 2.0, 3.0]), (2.5, 1.0));
+    }
+}

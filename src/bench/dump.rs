@@ -1,0 +1,107 @@
+//! Rays, hits and vertices as plain files, so that another ray tracer can be given exactly the same work.
+
+use super::error::BenchError;
+use crate::atomic_file;
+use crate::trace::{BundleProbe, View};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// The schema name of `rays.json`.
+const SCHEMA: &str = "glasshouse.rays/1";
+
+/// A folder that classes of rays are written to.
+pub struct RayDump {
+    dir: PathBuf,
+    classes: Vec<Class>,
+}
+
+/// One class in `rays.json`.
+#[derive(Clone, Debug, Serialize)]
+struct Class {
+    name: String,
+    count: usize,
+    /// Vertices across and down; two triangles a quad, split from (i + 1, j) to (i, j + 1).
+    nx: usize,
+    ny: usize,
+    /// Little-endian f32, `[ox, oy, oz, dx, dy, dz]` a ray, metres, capture coordinates; oz is 0, dz is 1.
+    rays: String,
+    /// Little-endian f32, z of the hit (m), one a ray.
+    hits: String,
+    /// Little-endian f32, `[x, y, z]` a vertex, row by row, metres.
+    vertices: String,
+    /// Of intersection alone, on the machine and moment of the dump.
+    kernel_mrays_per_s: f64,
+}
+
+impl RayDump {
+    /// Begins a dump into `dir`, which is made.
+    pub fn new(dir: &Path) -> Result<Self, BenchError> {
+        atomic_file::create_dir(dir)?;
+        Ok(Self {
+            dir: dir.to_owned(),
+            classes: Vec::new(),
+        })
+    }
+
+    /// Writes one class: its rays, their hits (inverse depths, 1/m) and the vertices of its sheet.
+    pub fn add(
+        &mut self,
+        name: &str,
+        probe: &BundleProbe,
+        hits: &[f32],
+        kernel_mrays_per_s: f64,
+    ) -> Result<(), BenchError> {
+        let view = probe.view();
+        let rays: Vec<f32> = probe
+            .rays()
+            .iter()
+            .flat_map(|ray| [ray.origin, ray.direction])
+            .flatten()
+            .collect();
+        let depths: Vec<f32> = hits.iter().map(|w| 1.0 / w).collect();
+        // The sheet is the same for every class of one side of a scene: written each time, so that a class stands alone.
+        let class = Class {
+            name: name.to_owned(),
+            count: hits.len(),
+            nx: view.grid.nx(),
+            ny: view.grid.ny(),
+            rays: format!("{name}.rays"),
+            hits: format!("{name}.hits"),
+            vertices: format!("{name}.vertices"),
+            kernel_mrays_per_s,
+        };
+        self.write(&class.rays, &rays)?;
+        self.write(&class.hits, &depths)?;
+        self.write(&class.vertices, &vertices(view))?;
+        self.classes.push(class);
+        Ok(())
+    }
+
+    /// Writes `rays.json`; its path.
+    pub fn finish(self) -> Result<PathBuf, BenchError> {
+        let list = serde_json::json!({ "schema": SCHEMA, "classes": self.classes });
+        let path = self.dir.join("rays.json");
+        atomic_file::write(&path, format!("{list:#}\n").as_bytes())?;
+        Ok(path)
+    }
+
+    fn write(&self, name: &str, values: &[f32]) -> Result<(), BenchError> {
+        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        atomic_file::write_relaxed(&self.dir.join(name), &bytes)?;
+        Ok(())
+    }
+}
+
+/// Vertices of a sheet in its capture camera's frame.
+fn vertices(view: &View) -> Vec<f32> {
+    let [fx, fy] = view.focal_px.map(f64::abs);
+    let [cx, cy] = view.principal;
+    let nx = view.grid.nx();
+    let vertex = |(q, w): (usize, &f32)| {
+        let z = 1.0 / f64::from(*w);
+        let (i, j) = ((q % nx) as f64, (q / nx) as f64);
+        [(i - cx) / fx * z, (j - cy) / fy * z, z].map(|v| v as f32)
+    };
+    let w = view.grid.inverse_depths_per_m();
+    w.iter().enumerate().flat_map(vertex).collect()
+}

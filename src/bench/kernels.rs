@@ -1,0 +1,320 @@
+//! Rays a second on one core: intersection by itself, and the whole tracer.
+
+use super::clock::{median_and_best, thread_cpu_s};
+use super::error::BenchError;
+use super::scenes::BenchScene;
+use crate::manifest::Apex;
+use crate::trace::{
+    BLOCK, BundleProbe, Grid, Isa, Order, Sampling, Scene, Tile, WalkCount, trace_tile,
+};
+use serde::Serialize;
+use std::hint::black_box;
+
+/// Every fourth pixel across and down is looked at.
+const STEP_PX: u32 = 4;
+
+/// Tiles across and down, and their side, that stand for a film in [`tracer`].
+const TILES: u32 = 4;
+const TILE_PX: u32 = 16;
+
+/// Millions of rays a second of one instruction set.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct KernelTiming {
+    /// `avx2` or `baseline`.
+    pub isa: &'static str,
+    /// Median of the passes.
+    pub mrays_per_s: f64,
+    /// Best pass.
+    pub best_mrays_per_s: f64,
+}
+
+/// Intersection alone: span and walk of one order's bundles, camera samples and lines made before.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct KernelRow {
+    /// The scene.
+    pub scene: String,
+    /// `t0`, `t1`, `r0`, `r1`, or `R` (the pinhole).
+    pub kernel: &'static str,
+    /// Where the back photograph's camera stands (`mirror`, `camera`); `null` for the front's orders.
+    pub apex: Option<&'static str>,
+    /// Rays of a pass.
+    pub rays: u64,
+    /// Mean number of cells between a ray's start and its hit.
+    pub cells_per_ray: f64,
+    /// Mean number of cells of the longest of sixteen rays.
+    pub rounds_per_16_rays: f64,
+    /// By instruction set.
+    pub timings: Vec<KernelTiming>,
+}
+
+/// The whole tracer on some tiles: camera samples, every followed order, radiance, sums.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TracerRow {
+    /// The scene.
+    pub scene: String,
+    /// Where the back photograph's camera stands.
+    pub apex: &'static str,
+    /// Camera samples of a pass.
+    pub samples: u64,
+    /// Rays of a pass: of all orders and R.
+    pub rays: u64,
+    /// By instruction set.
+    pub timings: Vec<TracerTiming>,
+}
+
+/// Speed of the whole tracer with one instruction set.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct TracerTiming {
+    /// `avx2` or `baseline`.
+    pub isa: &'static str,
+    /// Millions of camera samples a second, median of the passes.
+    pub msamples_per_s: f64,
+    /// Best pass.
+    pub best_msamples_per_s: f64,
+    /// Millions of rays a second, median of the passes.
+    pub mrays_per_s: f64,
+}
+
+/// Building a grid and its pyramid.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BuildRow {
+    /// The scene.
+    pub scene: String,
+    /// `front` or `back`.
+    pub side: &'static str,
+    /// Vertices across.
+    pub nx: usize,
+    /// Vertices down.
+    pub ny: usize,
+    /// Milliseconds, median of the passes.
+    pub build_ms: f64,
+    /// Best pass.
+    pub best_build_ms: f64,
+}
+
+/// What else is done with each class: its name, its rays, their hits (1/m), Mrays/s of the first instruction set.
+pub type OnClass<'a> = dyn FnMut(&str, &BundleProbe, &[f32], f64) -> Result<(), BenchError> + 'a;
+
+fn isa_name(isa: Isa) -> &'static str {
+    match isa {
+        Isa::Avx2 => "avx2",
+        Isa::Baseline => "baseline",
+    }
+}
+
+/// The scene with another apex, ready to be traced at 256 samples.
+fn scene_at(scene: &BenchScene, apex: Apex) -> Result<Scene, BenchError> {
+    let mut line = scene.line.clone();
+    line.back.apex = Some(apex);
+    line.film.spp = BLOCK as u32;
+    Ok(scene.assemble(&line, Sampling::Sobol)?.scene)
+}
+
+const APEXES: [(&str, Apex); 2] = [("mirror", Apex::Mirror), ("camera", Apex::Camera)];
+
+/// Seconds of `passes` passes of each instruction set, taken in turns after one pass that does not count.
+fn seconds_of(isas: &[Isa], passes: usize, mut pass: impl FnMut(Isa)) -> Vec<Vec<f64>> {
+    let mut seconds = vec![Vec::with_capacity(passes); isas.len()];
+    for round in 0..=passes {
+        for (isa, seconds) in isas.iter().zip(&mut seconds) {
+            let start = thread_cpu_s();
+            pass(*isa);
+            let taken = (thread_cpu_s() - start).max(1e-9);
+            if round > 0 {
+                seconds.push(taken);
+            }
+        }
+    }
+    seconds
+}
+
+/// Times span and walk of every kernel of a scene: t0, t1 of the front, r0, r1, R of the back with both apexes.
+pub fn kernels(
+    scene: &BenchScene,
+    isas: &[Isa],
+    passes: usize,
+    on_class: &mut OnClass,
+) -> Result<Vec<KernelRow>, BenchError> {
+    let mut rows = Vec::new();
+    for (apex_name, apex) in APEXES {
+        let assembled = scene_at(scene, apex)?;
+        for (kernel, order) in [
+            ("t0", Some(Order::Transmitted(0))),
+            ("t1", Some(Order::Transmitted(1))),
+            ("r0", Some(Order::Reflected(0))),
+            ("r1", Some(Order::Reflected(1))),
+            ("R", None),
+        ] {
+            let is_front = matches!(order, Some(Order::Transmitted(_)));
+            if is_front && apex != Apex::Mirror {
+                continue;
+            }
+            let Some(probe) = BundleProbe::new(&assembled, order, STEP_PX) else {
+                continue;
+            };
+            let mut hits = vec![0f32; probe.len()];
+            let seconds = seconds_of(isas, passes, |isa| {
+                probe.intersect(isa, &mut hits);
+                black_box(&mut hits);
+            });
+            let mrays = probe.len() as f64 * 1e-6;
+            let timings: Vec<KernelTiming> = isas
+                .iter()
+                .zip(&seconds)
+                .map(|(isa, seconds)| {
+                    let (median, best) = median_and_best(seconds);
+                    KernelTiming {
+                        isa: isa_name(*isa),
+                        mrays_per_s: mrays / median,
+                        best_mrays_per_s: mrays / best,
+                    }
+                })
+                .collect();
+            let WalkCount {
+                rays,
+                cells,
+                groups,
+                rounds,
+            } = probe.count(&hits);
+            let apex = (!is_front).then_some(apex_name);
+            let class = apex.map_or_else(
+                || format!("{}.{kernel}", scene.name),
+                |apex| format!("{}.{kernel}.{apex}", scene.name),
+            );
+            on_class(&class, &probe, &hits, timings[0].mrays_per_s)?;
+            rows.push(KernelRow {
+                scene: scene.name.clone(),
+                kernel,
+                apex,
+                rays,
+                cells_per_ray: cells as f64 / rays as f64,
+                rounds_per_16_rays: rounds as f64 / groups as f64,
+                timings,
+            });
+        }
+    }
+    Ok(rows)
+}
+
+/// Times the whole tracer on sixteen tiles of 16 x 16 px spread over the film, 256 samples a pixel, with both apexes.
+pub fn tracer(
+    scene: &BenchScene,
+    isas: &[Isa],
+    passes: usize,
+) -> Result<Vec<TracerRow>, BenchError> {
+    let mut rows = Vec::new();
+    for (apex_name, apex) in APEXES {
+        let assembled = scene_at(scene, apex)?;
+        let tiles = tiles(assembled.film.width, assembled.film.height);
+        let samples: u64 = tiles
+            .iter()
+            .map(|tile| u64::from(tile.width * tile.height) * BLOCK as u64)
+            .sum();
+        let mut rays = 0;
+        let seconds = seconds_of(isas, passes, |isa| {
+            rays = 0;
+            for tile in &tiles {
+                let result = black_box(trace_tile(&assembled, *tile, 0..BLOCK as u32, isa));
+                // Every order's paths count in I, the pinhole's in R.
+                rays += result.paths[0] + result.paths[3];
+            }
+        });
+        let timings = isas
+            .iter()
+            .zip(&seconds)
+            .map(|(isa, seconds)| {
+                let (median, best) = median_and_best(seconds);
+                TracerTiming {
+                    isa: isa_name(*isa),
+                    msamples_per_s: samples as f64 * 1e-6 / median,
+                    best_msamples_per_s: samples as f64 * 1e-6 / best,
+                    mrays_per_s: rays as f64 * 1e-6 / median,
+                }
+            })
+            .collect();
+        rows.push(TracerRow {
+            scene: scene.name.clone(),
+            apex: apex_name,
+            samples,
+            rays,
+            timings,
+        });
+    }
+    Ok(rows)
+}
+
+/// Tiles in the middle of a grid of parts of the film; the whole film if it is small.
+fn tiles(width: u32, height: u32) -> Vec<Tile> {
+    if width < TILES * TILE_PX || height < TILES * TILE_PX {
+        return vec![Tile {
+            x: 0,
+            y: 0,
+            width,
+            height,
+        }];
+    }
+    let at = |k: u32, n: u32| (2 * k + 1) * n / (2 * TILES) - TILE_PX / 2;
+    (0..TILES * TILES)
+        .map(|k| Tile {
+            x: at(k % TILES, width),
+            y: at(k / TILES, height),
+            width: TILE_PX,
+            height: TILE_PX,
+        })
+        .collect()
+}
+
+/// Times [`Grid::new`] on both photographs of a scene.
+pub fn grid_builds(scene: &BenchScene, passes: usize) -> Vec<BuildRow> {
+    let sides = [
+        ("front", &scene.photographs.front),
+        ("back", &scene.photographs.back),
+    ];
+    let rows = sides.map(|(side, sheet)| {
+        let mut seconds = Vec::new();
+        for round in 0..=passes {
+            let w = sheet.inverse_depth_per_m.clone();
+            let start = thread_cpu_s();
+            let grid = black_box(Grid::new(sheet.width, sheet.height, w));
+            let taken = thread_cpu_s() - start;
+            drop(grid);
+            if round > 0 {
+                seconds.push(taken);
+            }
+        }
+        let (median, best) = median_and_best(&seconds);
+        BuildRow {
+            scene: scene.name.clone(),
+            side,
+            nx: sheet.width,
+            ny: sheet.height,
+            build_ms: median * 1e3,
+            best_build_ms: best * 1e3,
+        }
+    });
+    rows.to_vec()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_lie_on_the_film_and_apart() {
+        for (width, height) in [(256, 256), (64, 64), (1000, 70), (40, 24)] {
+            let tiles = tiles(width, height);
+            let mut covered = vec![false; (width * height) as usize];
+            for tile in &tiles {
+                for y in tile.y..tile.y + tile.height {
+                    for x in tile.x..tile.x + tile.width {
+                        assert!(x < width && y < height);
+                        let covered = &mut covered[(y * width + x) as usize];
+                        assert!(!std::mem::replace(covered, true));
+                    }
+                }
+            }
+        }
+        assert_eq!(tiles(40, 24).len(), 1);
+        assert_eq!(tiles(256, 256).len(), 16);
+    }
+}

@@ -1,0 +1,199 @@
+//! A ladder of sample counts, rendered with every kind of sampling and compared with a reference.
+
+use super::deviation::Deviation;
+use super::error::BenchError;
+use super::fit::{Slope, log_log_slope};
+use super::reference::Reference;
+use super::render::{Work, render};
+use super::scenes::BenchScene;
+use crate::manifest::SceneLine;
+use crate::trace::{LAYERS, Sampling};
+use serde::Serialize;
+
+/// A way to sample: what a number of the ladder means to it.
+#[derive(Clone, Copy)]
+pub struct Variant {
+    /// What files call it.
+    pub name: &'static str,
+    /// What people read.
+    pub title: &'static str,
+    /// Kind of the sample points.
+    pub sampling: Sampling,
+    /// The scene line for one rung of the ladder.
+    pub line: fn(&SceneLine, u32) -> SceneLine,
+}
+
+/// All ways, in the order in which they are rendered and shown.
+pub const VARIANTS: [Variant; 2] = [
+    Variant {
+        name: "sobol",
+        title: "Sobol, the same number for every pixel",
+        sampling: Sampling::Sobol,
+        line: with_samples,
+    },
+    Variant {
+        name: "independent",
+        title: "independent samples",
+        sampling: Sampling::Independent,
+        line: with_samples,
+    },
+];
+
+/// The same number of samples for every pixel.
+fn with_samples(line: &SceneLine, spp: u32) -> SceneLine {
+    let mut line = line.clone();
+    line.film.spp = spp;
+    line
+}
+
+/// What to render.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Ladder {
+    /// Samples a pixel, ascending powers of two.
+    pub spp: Vec<u32>,
+    /// Seeds: the scene's and those after it. Errors are averaged over them.
+    pub seeds: u32,
+}
+
+impl Ladder {
+    /// Camera samples of the whole ladder on a film of `pixels`, all variants: what progress counts.
+    pub fn samples(&self, pixels: u64) -> u64 {
+        let once: u64 = self.spp.iter().map(|&n| u64::from(n)).sum();
+        once * u64::from(self.seeds) * pixels * VARIANTS.len() as u64
+    }
+}
+
+/// One layer on one rung.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LayerRow {
+    /// Kind of sampling.
+    pub variant: &'static str,
+    /// The layer.
+    pub layer: &'static str,
+    /// The rung: samples a pixel that were asked for.
+    pub spp: u32,
+    /// Samples a pixel that the layer took (R takes fewer).
+    pub samples: f64,
+    /// CPU seconds of the tracer for all four layers together; the median over the seeds and, where it is
+    /// short, of some repetitions.
+    pub cpu_s: f64,
+    /// Differences from the reference.
+    #[serde(flatten)]
+    pub deviation: Deviation,
+    /// The RMS error that the tuple states of itself; `null` where one sample has no halves.
+    pub stated_rmse: Option<f64>,
+    /// Stated over true.
+    pub stated_over_true: Option<f64>,
+}
+
+/// A rendering that took less than this is timed some more times.
+const SHORT_S: f64 = 0.25;
+const MORE_TIMINGS: usize = 4;
+
+/// Renders the whole ladder: rows by variant, rung, layer. `None` when the work was stopped.
+pub fn climb(
+    scene: &BenchScene,
+    ladder: &Ladder,
+    reference: &Reference,
+    work: &Work,
+) -> Result<Option<Vec<LayerRow>>, BenchError> {
+    let mut rows = Vec::new();
+    // The first rendering of a process, which has the memory to fetch, does not count.
+    let first = (VARIANTS[0].line)(&scene.line, 1);
+    let uncounted = Work {
+        on_samples: &|_| {},
+        ..*work
+    };
+    if render(scene, &first, VARIANTS[0].sampling, &uncounted)?.is_none() {
+        return Ok(None);
+    }
+    for variant in VARIANTS {
+        for &spp in &ladder.spp {
+            let mut seconds = Vec::new();
+            let mut deviations = LAYERS.map(|_| Vec::new());
+            let mut stated = LAYERS.map(|_| Vec::new());
+            let mut samples = LAYERS.map(|_| 0.0);
+            for seed in 0..ladder.seeds {
+                let mut line = (variant.line)(&scene.line, spp);
+                line.seed = line.seed.wrapping_add(u64::from(seed));
+                let Some(rendering) = render(scene, &line, variant.sampling, work)? else {
+                    return Ok(None);
+                };
+                seconds.push(rendering.cpu_s);
+                if rendering.cpu_s < SHORT_S {
+                    for _ in 0..MORE_TIMINGS {
+                        let Some(again) = render(scene, &line, variant.sampling, &uncounted)?
+                        else {
+                            return Ok(None);
+                        };
+                        seconds.push(again.cpu_s);
+                    }
+                }
+                for (k, name) in LAYERS.iter().enumerate() {
+                    let record = &rendering.tuple.record.layers[*name];
+                    deviations[k].push(Deviation::between(
+                        &rendering.tuple.layers[k],
+                        &reference.layers[k],
+                        line.film.width as usize,
+                    ));
+                    stated[k].extend(record.error_rms);
+                    samples[k] = f64::from(record.samples);
+                }
+            }
+            let (cpu_s, _) = super::clock::median_and_best(&seconds);
+            for (k, layer) in LAYERS.into_iter().enumerate() {
+                let deviation = Deviation::over_seeds(&deviations[k]);
+                let square: f64 = stated[k].iter().map(|s| s * s).sum();
+                let stated_rmse =
+                    (!stated[k].is_empty()).then(|| (square / stated[k].len() as f64).sqrt());
+                rows.push(LayerRow {
+                    variant: variant.name,
+                    layer,
+                    spp,
+                    samples: samples[k],
+                    cpu_s,
+                    deviation,
+                    stated_rmse,
+                    stated_over_true: stated_rmse.map(|s| s / deviation.rmse),
+                });
+            }
+        }
+    }
+    Ok(Some(rows))
+}
+
+/// A rung counts for the slope while its RMSE is this many times the reference's own stated error.
+const CLEAR_OF_REFERENCE: f64 = 3.0;
+
+/// Where the tail of a ladder begins, samples.
+const TAIL_SAMPLES: f64 = 16.0;
+
+/// Slopes of RMSE against the layer's samples, by variant and layer.
+pub fn slopes(rows: &[LayerRow], reference: &Reference) -> Vec<Slope> {
+    let mut slopes = Vec::new();
+    for variant in VARIANTS {
+        for (k, layer) in LAYERS.into_iter().enumerate() {
+            let noise = reference.record.as_ref().and_then(|r| r.error_rms[k]);
+            let floor = CLEAR_OF_REFERENCE * noise.unwrap_or(0.0);
+            let points: Vec<(f64, f64)> = rows
+                .iter()
+                .filter(|row| row.variant == variant.name && row.layer == layer)
+                .map(|row| (row.samples, row.deviation.rmse))
+                .filter(|(_, rmse)| *rmse >= floor)
+                .collect();
+            let tail: Vec<(f64, f64)> = points
+                .iter()
+                .copied()
+                .filter(|(samples, _)| *samples >= TAIL_SAMPLES)
+                .collect();
+            slopes.push(Slope {
+                variant: variant.name,
+                layer,
+                slope: log_log_slope(&points),
+                rungs: points.len(),
+                tail_slope: log_log_slope(&tail),
+            });
+        }
+    }
+    slopes
+}

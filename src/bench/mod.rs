@@ -1,0 +1,37 @@
+//! Speed and error, measured: `glasshouse bench`. Not in the pipeline.
+//!
+//! ```text
+//! scenes -> kernels (-> dump)                     bench trace: rays a second
+//!        -> reference, ladder -> deviation -> fit -> table, plot    bench error: error against CPU seconds
+//! ```
+//!
+//! Times are CPU seconds of the threads that worked ([`thread_cpu_s`]): machines are shared.
+
+mod clock;
+mod deviation;
+mod dump;
+mod error;
+mod fit;
+mod kernels;
+mod ladder;
+mod plot;
+mod reference;
+mod render;
+mod scenes;
+mod table;
+
+pub use clock::thread_cpu_s;
+pub use deviation::{CELL_PX, Deviation, coded_srgb};
+pub use dump::RayDump;
+pub use error::BenchError;
+pub use fit::{Slope, log_log_slope};
+pub use kernels::{
+    BuildRow, KernelRow, KernelTiming, OnClass, TracerRow, TracerTiming, grid_builds, kernels,
+    tracer,
+};
+pub use ladder::{Ladder, LayerRow, VARIANTS, Variant, climb, slopes};
+pub use plot::error_plot;
+pub use reference::{REFERENCE_SCHEMA, Reference, ReferenceRecord, own_reference, read_reference};
+pub use render::{Rendering, Work, render};
+pub use scenes::{BenchScene, indoor, outdoor, pair, stress};
+pub use table::{align, csv};

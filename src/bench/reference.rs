@@ -1,0 +1,176 @@
+//! What a rendering is compared with: images from a folder, or many more samples of another seed, kept for the next time.
+
+use super::error::BenchError;
+use super::render::{Work, render};
+use super::scenes::BenchScene;
+use crate::atomic_file;
+use crate::manifest::SceneLine;
+use crate::merge::encode_rgb_exr;
+use crate::scene::{NamedBytes, decode_linear_image};
+use crate::shard::scene_digest;
+use crate::trace::{LAYERS, Sampling, TRACER_VERSION};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// The schema name of `reference.json`.
+pub const REFERENCE_SCHEMA: &str = "glasshouse.reference/1";
+
+/// Between a scene's seed and its reference's; the seeds of a ladder are the scene's and those right after it.
+const SEED_STEP: u64 = 1 << 32;
+
+/// Four images that count as the truth.
+pub struct Reference {
+    /// I, T, R~, R; row by row, linear.
+    pub layers: [Vec<[f32; 3]>; 4],
+    /// How it was made; `None` for images from elsewhere.
+    pub record: Option<ReferenceRecord>,
+    /// Its folder.
+    pub dir: PathBuf,
+    /// It was found, not rendered now.
+    pub reused: bool,
+}
+
+/// `reference.json`: which rendering lies beside it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ReferenceRecord {
+    /// Always [`REFERENCE_SCHEMA`].
+    pub schema: String,
+    /// BLAKE3 (hex) of the reference's scene line (its samples and seed included) and of its input files' digests.
+    pub scene_blake3: String,
+    /// Version of the tracer.
+    pub tracer_version: u32,
+    /// Samples a pixel.
+    pub spp: u32,
+    /// Seed of its sample points.
+    pub seed: u64,
+    /// Stated RMS error of each layer (I, T, R~, R), linear.
+    pub error_rms: [Option<f64>; 4],
+    /// CPU seconds that it took.
+    pub cpu_s: f64,
+}
+
+/// The scene line of a scene's own reference.
+fn reference_line(line: &SceneLine, spp: u32) -> SceneLine {
+    let mut line = line.clone();
+    line.film.spp = spp;
+    line.seed = line.seed.wrapping_add(SEED_STEP);
+    line
+}
+
+/// Digest of a line and of the files that it was read from.
+fn digest(scene: &BenchScene, line: &SceneLine) -> String {
+    let inputs = serde_json::to_string(&scene.photographs.inputs)
+        .expect("digests are a map of strings to strings");
+    let text = format!("{}\n{inputs}", scene_digest(line));
+    blake3::hash(text.as_bytes()).to_hex().to_string()
+}
+
+/// The scene's own reference of `spp` samples in `dir`: the one that is there if it fits, else rendered and written.
+///
+/// `None` when the work was stopped.
+pub fn own_reference(
+    scene: &BenchScene,
+    spp: u32,
+    dir: &Path,
+    work: &Work,
+) -> Result<Option<Reference>, BenchError> {
+    let line = reference_line(&scene.line, spp);
+    let scene_blake3 = digest(scene, &line);
+    let record_path = dir.join("reference.json");
+    let found: Option<ReferenceRecord> = std::fs::read(&record_path)
+        .ok()
+        .and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    if let Some(record) = found.filter(|record| {
+        record.schema == REFERENCE_SCHEMA
+            && record.scene_blake3 == scene_blake3
+            && record.tracer_version == TRACER_VERSION
+            && record.spp == spp
+    }) && let Ok(mut reference) = read_reference(dir, &line)
+    {
+        reference.record = Some(record);
+        reference.reused = true;
+        return Ok(Some(reference));
+    }
+    let Some(rendering) = render(scene, &line, Sampling::Sobol, work)? else {
+        return Ok(None);
+    };
+    let tuple = rendering.tuple;
+    let record = ReferenceRecord {
+        schema: REFERENCE_SCHEMA.to_owned(),
+        scene_blake3,
+        tracer_version: TRACER_VERSION,
+        spp,
+        seed: line.seed,
+        error_rms: LAYERS.map(|name| tuple.record.layers[name].error_rms),
+        cpu_s: rendering.cpu_s,
+    };
+    atomic_file::create_dir(dir)?;
+    // The record goes first and comes last, so that it never stands beside other images than its own.
+    let _ = std::fs::remove_file(&record_path);
+    for (pixels, name) in tuple.layers.iter().zip(LAYERS) {
+        let exr =
+            encode_rgb_exr(pixels, tuple.width, tuple.height).map_err(|e| BenchError::Encode {
+                name,
+                reason: e.to_string(),
+            })?;
+        atomic_file::write(&dir.join(format!("{name}.exr")), &exr)?;
+    }
+    let mut json = serde_json::to_string_pretty(&record).expect("a record has string keys alone");
+    json.push('\n');
+    atomic_file::write(&record_path, json.as_bytes())?;
+    Ok(Some(Reference {
+        layers: tuple.layers,
+        record: Some(record),
+        dir: dir.to_owned(),
+        reused: false,
+    }))
+}
+
+/// Images of the film's size from a folder: for each layer `LAYER.exr`, `ref_LAYER.npy` or `LAYER.npy`, linear R G B.
+pub fn read_reference(dir: &Path, line: &SceneLine) -> Result<Reference, BenchError> {
+    let read = |layer: &'static str| -> Result<Vec<[f32; 3]>, BenchError> {
+        let names = [
+            format!("{layer}.exr"),
+            format!("ref_{layer}.npy"),
+            format!("{layer}.npy"),
+        ];
+        let path = names
+            .iter()
+            .map(|name| dir.join(name))
+            .find(|path| path.is_file())
+            .ok_or_else(|| BenchError::NoReference {
+                layer,
+                dir: dir.to_owned(),
+            })?;
+        let bytes = std::fs::read(&path).map_err(|source| BenchError::Read {
+            path: path.clone(),
+            source,
+        })?;
+        let file = NamedBytes { path, bytes };
+        let (found_width, found_height, pixels) = decode_linear_image(&file)?;
+        let (width, height) = (line.film.width, line.film.height);
+        if [found_width, found_height] != [width as usize, height as usize] {
+            return Err(BenchError::Size {
+                path: file.path,
+                found_width,
+                found_height,
+                width,
+                height,
+            });
+        }
+        Ok(pixels)
+    };
+    let [input, transmission, glass, clean] = LAYERS;
+    Ok(Reference {
+        layers: [
+            read(input)?,
+            read(transmission)?,
+            read(glass)?,
+            read(clean)?,
+        ],
+        record: None,
+        dir: dir.to_owned(),
+        reused: true,
+    })
+}

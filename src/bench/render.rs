@@ -1,0 +1,80 @@
+//! One rendering through the program's own shards and merge, with its tracer's CPU seconds.
+
+use super::clock::thread_cpu_s;
+use super::error::BenchError;
+use super::scenes::BenchScene;
+use crate::farm::SceneJob;
+use crate::manifest::SceneLine;
+use crate::merge::{Tuple, combine};
+use crate::partial::Partial;
+use crate::shard::ShardLayout;
+use crate::trace::{Isa, Sampling};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+/// Side of a tile, px: enough tiles to share among threads, few enough to cost nothing.
+const TILE_PX: u32 = 32;
+
+/// How to work.
+pub struct Work<'a> {
+    /// Tracer threads.
+    pub threads: usize,
+    /// Kernels.
+    pub isa: Isa,
+    /// Set from outside to stop after the shards in flight.
+    pub stop: &'a AtomicBool,
+    /// Told the camera samples of each finished shard.
+    pub on_samples: &'a (dyn Fn(u64) + Sync),
+}
+
+/// A rendered scene.
+pub struct Rendering {
+    /// The four layers and their stated errors.
+    pub tuple: Tuple,
+    /// CPU seconds of all threads in the tracer: camera samples, intersection and radiance of all four layers. Neither
+    /// decoding nor digests nor the merge.
+    pub cpu_s: f64,
+}
+
+/// Renders `line` (of the scene's photographs). `None` when `stop` was set before the end.
+pub fn render(
+    scene: &BenchScene,
+    line: &SceneLine,
+    sampling: Sampling,
+    work: &Work,
+) -> Result<Option<Rendering>, BenchError> {
+    let layout = ShardLayout::of(line, TILE_PX);
+    let job = SceneJob::new(line, layout, scene.assemble(line, sampling)?);
+    let next = AtomicU32::new(0);
+    let done = Mutex::new((Vec::<Partial>::new(), 0.0));
+    std::thread::scope(|scope| {
+        for _ in 0..work.threads.max(1) {
+            scope.spawn(|| {
+                loop {
+                    let index = next.fetch_add(1, Ordering::Relaxed);
+                    if index >= layout.len() || work.stop.load(Ordering::Relaxed) {
+                        break;
+                    }
+                    let shard = layout.shard(index);
+                    let start = thread_cpu_s();
+                    let result = job.trace_tile(&shard, work.isa);
+                    let seconds = thread_cpu_s() - start;
+                    let partial = job.partial(&shard, result);
+                    let mut done = done.lock().expect("no holder of this lock panics");
+                    done.0.push(partial);
+                    done.1 += seconds;
+                    drop(done);
+                    let count = shard.samples.end - shard.samples.start;
+                    let pixels = u64::from(shard.tile.width) * u64::from(shard.tile.height);
+                    (work.on_samples)(pixels * u64::from(count));
+                }
+            });
+        }
+    });
+    let (partials, cpu_s) = done.into_inner().expect("no holder of this lock panics");
+    if partials.len() < layout.len() as usize {
+        return Ok(None);
+    }
+    let tuple = combine(line, TILE_PX, &partials)?;
+    Ok(Some(Rendering { tuple, cpu_s }))
+}

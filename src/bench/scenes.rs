@@ -1,0 +1,179 @@
+//! What is measured: scenes built in, so that a benchmark runs anywhere, and scenes from files.
+
+use super::error::BenchError;
+use crate::manifest::{SceneLine, parse_scene};
+use crate::sample::{self, Place, SamplePhotograph};
+use crate::scene::{
+    DecodedScene, InputDigests, LoadedScene, NamedBytes, PhotographFiles, SceneFiles, Sheet,
+    assemble, decode,
+};
+use crate::trace::Sampling;
+use serde_json::json;
+
+/// Seed of the built-in photographs.
+const PHOTOGRAPHS_SEED: u64 = 2020;
+
+/// A scene whose photographs are decoded, to be assembled as often as its line changes.
+#[derive(Clone)]
+pub struct BenchScene {
+    /// What to call it.
+    pub name: String,
+    /// Its line.
+    pub line: SceneLine,
+    /// Its photographs.
+    pub photographs: DecodedScene,
+}
+
+impl BenchScene {
+    /// Assembles `line`, which has this scene's photographs and may differ in the rest.
+    pub fn assemble(
+        &self,
+        line: &SceneLine,
+        sampling: Sampling,
+    ) -> Result<LoadedScene, BenchError> {
+        let DecodedScene {
+            front,
+            back,
+            inputs,
+        } = self.photographs.clone();
+        let (mut scene, facts) = assemble(line, front, back)?;
+        scene.sampling = sampling;
+        Ok(LoadedScene {
+            scene,
+            facts,
+            inputs,
+        })
+    }
+}
+
+/// An indoor photograph in front, an outdoor one behind: what `bench error` measures by default.
+///
+/// Photographs of `size` px, a square film of `film_px`, the paper's lens and pane.
+pub fn pair(size: [u32; 2], film_px: u32) -> Result<BenchScene, BenchError> {
+    procedural("pair", [Place::Indoors, Place::Outdoor], size, film_px)
+}
+
+/// Two rooms.
+pub fn indoor(size: [u32; 2], film_px: u32) -> Result<BenchScene, BenchError> {
+    procedural("indoor", [Place::Indoors; 2], size, film_px)
+}
+
+/// Two streets.
+pub fn outdoor(size: [u32; 2], film_px: u32) -> Result<BenchScene, BenchError> {
+    procedural("outdoor", [Place::Outdoor; 2], size, film_px)
+}
+
+/// Blocks of 4 x 4 px whose inverse depths are uniform between 1/50 and 1/0.6 m and have nothing to do with each other,
+/// focused at 0.8 m: every ray passes a depth step every few cells.
+pub fn stress(film_px: u32) -> BenchScene {
+    const BLOCK_PX: usize = 4;
+    const SIZE: [u32; 2] = [1024, 768];
+    // Its field of view is a little wider than the film's.
+    let intrinsics = json!({"fx": 1365.0, "fy": 1365.0, "cx": 512.0, "cy": 384.0});
+    let mut line = line("stress", film_px, [&intrinsics; 2], [false; 2]);
+    line.camera.focus = crate::manifest::Focus::Distance { distance_m: 0.8 };
+    let hash = |mut x: u32| {
+        x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
+        x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);
+        x ^ (x >> 16)
+    };
+    let [width, height] = SIZE.map(|n| n as usize);
+    let sheet = |salt: u32| {
+        let block = |q: usize| (q / width / BLOCK_PX) * 7919 + (q % width / BLOCK_PX);
+        let unit = |x: u32| f64::from(hash(x ^ salt)) / 4_294_967_296.0;
+        let (far, near) = (1.0 / 50.0, 1.0 / 0.6);
+        let w = |q: usize| (far + (near - far) * unit(block(q) as u32)) as f32;
+        let texel = |q: usize| {
+            let byte = |k: u32| (hash(q as u32 ^ salt.wrapping_add(k)) >> 24) as f32 / 255.0;
+            [byte(1), byte(2), byte(3), 0.0]
+        };
+        let radiance: Vec<[f32; 4]> = (0..width * height).map(texel).collect();
+        Sheet {
+            width,
+            height,
+            inverse_depth_per_m: (0..width * height).map(w).collect(),
+            valid: vec![true; width * height],
+            filled_share: 0.0,
+            color_width: width,
+            color_height: height,
+            radiance,
+            max_radiance: 1.0,
+            intrinsics: line.front.intrinsics,
+            front_center_z_m: 0.8,
+        }
+    };
+    let photographs = DecodedScene {
+        front: sheet(0x51ab),
+        back: sheet(0x3c6e_f372),
+        inputs: InputDigests::default(),
+    };
+    BenchScene {
+        name: "stress".to_owned(),
+        line,
+        photographs,
+    }
+}
+
+fn procedural(
+    name: &str,
+    places: [Place; 2],
+    size: [u32; 2],
+    film_px: u32,
+) -> Result<BenchScene, BenchError> {
+    let listing = sample::listing(8, PHOTOGRAPHS_SEED);
+    let of = |place: Place, skip: usize| {
+        let found = listing.iter().filter(|p| p.place == place).nth(skip);
+        found.expect("eight photographs have four of each place")
+    };
+    let front = of(places[0], 0);
+    let back = of(places[1], usize::from(places[0] == places[1]));
+    let intrinsics =
+        serde_json::to_value(sample::intrinsics(size[0], size[1])).expect("intrinsics are numbers");
+    let is_far = places.map(|place| place == Place::Outdoor);
+    let line = line(name, film_px, [&intrinsics; 2], is_far);
+    let files = SceneFiles {
+        front: photograph(front, size)?,
+        back: photograph(back, size)?,
+    };
+    let photographs = decode(&line, &files)?;
+    Ok(BenchScene {
+        name: name.to_owned(),
+        line,
+        photographs,
+    })
+}
+
+/// The files of a procedural photograph, in memory.
+fn photograph(which: &SamplePhotograph, size: [u32; 2]) -> Result<PhotographFiles, BenchError> {
+    let files = sample::encode(which, size[0], size[1])?;
+    let named = |path, bytes| NamedBytes { path, bytes };
+    Ok(PhotographFiles {
+        color: named(which.color_path(), files.color),
+        depth: named(which.depth_path(), files.depth),
+        mask: Some(named(which.mask_path(), files.mask)),
+    })
+}
+
+/// The paper's camera and pane; sky is as far as the farthest thing (`is_far`).
+fn line(
+    name: &str,
+    film_px: u32,
+    intrinsics: [&serde_json::Value; 2],
+    is_far: [bool; 2],
+) -> SceneLine {
+    let photograph = |side: usize| {
+        json!({
+            "color": "built in", "depth": "built in", "mask": "built in",
+            "fill": if is_far[side] { "far" } else { "smooth" },
+            "intrinsics": intrinsics[side],
+        })
+    };
+    let line = json!({
+        "schema": "glasshouse.scene/1", "id": name, "seed": 1,
+        "film": {"width": film_px, "height": film_px, "spp": 256},
+        "camera": {"focal_length_mm": 55.0, "aperture_radius_m": 0.00893, "focus": {"at": "front_center"}},
+        "glass": {"distance_m": 0.3, "thickness_m": 0.01, "ior": 1.6},
+        "front": photograph(0), "back": photograph(1),
+    });
+    parse_scene(&line.to_string()).expect("a built-in scene's line is sound")
+}

@@ -1,0 +1,43 @@
+//! Scene files of the published sets, for `glasshouse bench`: each set in front and behind, the paper's camera and pane.
+
+use crate::real_sets::{MOTORCYCLE_DEPTH, SETS, find_sets, write_motorcycle_depth};
+use glasshouse::atomic_file;
+use serde_json::{Value, json};
+use std::path::Path;
+use std::process::Command;
+
+/// Writes `target/tmp/real-scenes/SET.json`, and looks whether the program takes them.
+#[test]
+fn scene_files_of_the_sets_are_written_and_taken() {
+    let Some(root) = find_sets() else { return };
+    let root = root.canonicalize().unwrap();
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("real-scenes");
+    atomic_file::create_dir(&folder).unwrap();
+    write_motorcycle_depth(&root, &folder.join(MOTORCYCLE_DEPTH));
+    for set in &SETS {
+        let mut photograph = set.line();
+        for part in ["color", "depth"] {
+            let path = photograph[part].as_str().unwrap().to_owned();
+            if let Some(rest) = path.strip_prefix("rgbd:") {
+                photograph[part] = json!(root.join(rest));
+            }
+        }
+        let scene = json!({
+            "schema": "glasshouse.scene/1", "id": set.name, "seed": 2020,
+            "film": { "width": 256, "height": 256, "spp": 256 },
+            "camera": { "focal_length_mm": 55.0, "aperture_radius_m": 0.00893, "focus": { "at": "front_center" } },
+            "glass": { "distance_m": 0.3, "thickness_m": 0.01, "ior": 1.6 },
+            "front": photograph, "back": photograph,
+        });
+        let path = folder.join(format!("{}.json", set.name));
+        atomic_file::write(&path, format!("{scene:#}\n").as_bytes()).unwrap();
+        let taken = Command::new(env!("CARGO_BIN_EXE_glasshouse"))
+            .args(["render", "-n", "--json", "--out", "nowhere"])
+            .arg(&path)
+            .output()
+            .unwrap();
+        let result: Value = serde_json::from_slice(&taken.stdout).unwrap();
+        assert_eq!(result["scene"], set.name, "{result}");
+        println!("{}", path.display());
+    }
+}
