@@ -1,9 +1,10 @@
 //! The one place where a scene's files are read; decoding them is pure.
 
 use super::{
-    AssembleError, NamedBytes, PhotographFiles, SceneError, SceneFacts, assemble, decode_photograph,
+    AssembleError, Decoded, NamedBytes, PhotographFiles, SceneError, SceneFacts, assemble,
+    decode_mesh, decode_photograph,
 };
-use crate::manifest::{Photograph, RootError, Roots, SceneLine};
+use crate::manifest::{RootError, Roots, SceneLine, Side};
 use crate::trace::Scene;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -33,8 +34,13 @@ pub enum LoadError {
 
 /// The bytes of a scene's files.
 pub struct SceneFiles {
-    front: PhotographFiles,
-    back: PhotographFiles,
+    front: SideFiles,
+    back: SideFiles,
+}
+
+enum SideFiles {
+    Photograph(PhotographFiles),
+    Mesh(NamedBytes),
 }
 
 /// Digests (BLAKE3, hex) of a scene's input files, by the manifest line's field (`front.color`, ...).
@@ -61,24 +67,27 @@ pub fn read_files(line: &SceneLine, roots: &Roots, base: &Path) -> Result<SceneF
             Err(source) => Err(LoadError::Read { path, source }),
         }
     };
-    let photograph = |p: &Photograph| -> Result<PhotographFiles, LoadError> {
-        Ok(PhotographFiles {
-            color: read(&p.color)?,
-            depth: read(&p.depth)?,
-            mask: p.mask.as_deref().map(read).transpose()?,
+    let side = |side: &Side| -> Result<SideFiles, LoadError> {
+        Ok(match side {
+            Side::Photograph(p) => SideFiles::Photograph(PhotographFiles {
+                color: read(&p.color)?,
+                depth: read(&p.depth)?,
+                mask: p.mask.as_deref().map(read).transpose()?,
+            }),
+            Side::Mesh(p) => SideFiles::Mesh(read(&p.mesh)?),
         })
     };
     Ok(SceneFiles {
-        front: photograph(&line.front)?,
-        back: photograph(&line.back)?,
+        front: side(&line.front)?,
+        back: side(&line.back)?,
     })
 }
 
 /// Decodes the files and assembles the scene. Pure.
 pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadError> {
     let inputs = digests(files);
-    let front = decode_photograph(&line.front, &files.front)?;
-    let back = decode_photograph(&line.back, &files.back)?;
+    let front = decode(&line.front, &files.front)?;
+    let back = decode(&line.back, &files.back)?;
     let (scene, facts) = assemble(line, front, back)?;
     Ok(LoadedScene {
         scene,
@@ -87,14 +96,27 @@ pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadErr
     })
 }
 
+fn decode(side: &Side, files: &SideFiles) -> Result<Decoded, SceneError> {
+    Ok(match (side, files) {
+        (Side::Photograph(line), SideFiles::Photograph(files)) => {
+            decode_photograph(line, files)?.into()
+        }
+        (Side::Mesh(line), SideFiles::Mesh(file)) => decode_mesh(line, file)?.into(),
+        _ => unreachable!("the files were read for this line"),
+    })
+}
+
 fn digests(files: &SceneFiles) -> InputDigests {
     let mut digests = BTreeMap::new();
-    for (side, photograph) in [("front", &files.front), ("back", &files.back)] {
-        let parts = [
-            ("color", Some(&photograph.color)),
-            ("depth", Some(&photograph.depth)),
-            ("mask", photograph.mask.as_ref()),
-        ];
+    for (side, files) in [("front", &files.front), ("back", &files.back)] {
+        let parts = match files {
+            SideFiles::Photograph(p) => vec![
+                ("color", Some(&p.color)),
+                ("depth", Some(&p.depth)),
+                ("mask", p.mask.as_ref()),
+            ],
+            SideFiles::Mesh(file) => vec![("mesh", Some(file))],
+        };
         for (part, file) in parts {
             if let Some(file) = file {
                 let digest = blake3::hash(&file.bytes).to_hex().to_string();

@@ -359,8 +359,8 @@ fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: f64) -> Sce
         },
         orders: OrderPlan::new(&slab, &[normal.z], [1.0; 2], 1e-5),
         slab,
-        front: view(1, Pose::Aligned { extra_m: 0.0 }, 1.0),
-        back: view(2, pose, -1.0),
+        front: view(1, Pose::Aligned { extra_m: 0.0 }, 1.0).into(),
+        back: view(2, pose, -1.0).into(),
     }
 }
 
@@ -407,9 +407,12 @@ fn footprints_and_spans_are_conservative() {
                     Order::Reflected(0),
                     Order::Reflected(2),
                 ] {
-                    let view = match order {
+                    let side = match order {
                         Order::Transmitted(_) => &scene.front,
                         Order::Reflected(_) => &scene.back,
+                    };
+                    let Surface::Sheet(view) = side else {
+                        panic!("a mesh")
                     };
                     let constant = scene.slab.kappa_m(order, 0.0);
                     let slope = scene.slab.kappa_m(order, 1.0) - constant;
