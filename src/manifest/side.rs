@@ -58,21 +58,14 @@ impl MeshPose {
         let row = |a: usize, b: usize| (0..3).map(|k| r[a][k] * r[b][k]).sum::<f64>();
         let minor = |a: usize, b: usize| r[1][a] * r[2][b] - r[1][b] * r[2][a];
         let determinant = r[0][0] * minor(1, 2) - r[0][1] * minor(0, 2) + r[0][2] * minor(0, 1);
-        let mut worst = if determinant > 0.0 {
-            0.0
-        } else {
-            f64::INFINITY
-        };
-        for a in 0..3 {
-            for b in 0..3 {
-                let difference = (row(a, b) - f64::from(u8::from(a == b))).abs();
-                // This way round, not-a-number is kept.
-                if !(difference <= worst) {
-                    worst = difference;
-                }
-            }
+        // Every part of the matrix is in the determinant, so not-a-number ends here as well.
+        if !(determinant > 0.0) {
+            return f64::INFINITY;
         }
-        if worst.is_nan() { f64::INFINITY } else { worst }
+        let parts = (0..9).map(|k| (k / 3, k % 3));
+        parts
+            .map(|(a, b)| (row(a, b) - f64::from(u8::from(a == b))).abs())
+            .fold(0.0, f64::max)
     }
 }
 

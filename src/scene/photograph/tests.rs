@@ -3,7 +3,7 @@
 use super::super::npy::tests::npy;
 use super::super::raster::tests::png;
 use super::*;
-use crate::manifest::{Fill, SceneLine, Transfer};
+use crate::manifest::{Fill, SceneLine, Side, Transfer};
 use crate::scene::NamedBytes;
 use image::ExtendedColorType as Png;
 use std::path::PathBuf;
