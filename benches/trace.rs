@@ -8,9 +8,10 @@
 )]
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use glam::DVec3;
 use glasshouse::manifest::parse_scene;
 use glasshouse::sample::{Rgbd, intrinsics, listing, render};
-use glasshouse::scene::{Sheet, assemble};
+use glasshouse::scene::{Decoded, Polygons, Sheet, assemble};
 use glasshouse::trace::{Isa, PixelSeed, Scene, Tile, sample, trace_tile};
 use std::hint::black_box;
 
@@ -53,7 +54,33 @@ fn sheet(picture: &Rgbd) -> Sheet {
     }
 }
 
-fn scene(apex: &str, front: &Sheet, back: &Sheet) -> Scene {
+/// A sheet as a mesh.
+fn polygons(sheet: &Sheet) -> Polygons {
+    let k = &sheet.intrinsics;
+    let (nx, ny) = (sheet.width, sheet.height);
+    let depths = sheet.inverse_depth_per_m.iter().enumerate();
+    Polygons {
+        vertices_m: depths
+            .map(|(q, &w)| {
+                let x = ((q % nx) as f64 + 0.5 - k.cx) / k.fx;
+                let y = ((q / nx) as f64 + 0.5 - k.cy) / k.fy;
+                DVec3::new(x, y, 1.0) / f64::from(w)
+            })
+            .collect(),
+        radiance: sheet.radiance.clone(),
+        triangles: (0..(nx - 1) * (ny - 1))
+            .flat_map(|q| {
+                let a = (q / (nx - 1) * nx + q % (nx - 1)) as u32;
+                let [b, c, d] = [a + 1, a + nx as u32, a + nx as u32 + 1];
+                [[a, b, c], [b, d, c]]
+            })
+            .collect(),
+        empty_faces: 0,
+        max_radiance: sheet.max_radiance,
+    }
+}
+
+fn scene_of<S: Clone + Into<Decoded>>(apex: &str, front: &S, back: &S) -> Scene {
     let photograph = r#"{"color":"c","depth":"d","intrinsics":{"fx":1,"fy":1,"cx":0,"cy":0}"#;
     let line = format!(
         r#"{{"schema":"glasshouse.scene/1","id":"bench","seed":1,
@@ -78,17 +105,23 @@ fn bench(c: &mut Criterion) {
         width: 32,
         height: 32,
     };
+    // The same photographs as triangle meshes: 1.57 million triangles each, their texels at the corners.
+    let meshes: Vec<Polygons> = pictures.iter().map(polygons).collect();
     let mut group = c.benchmark_group("trace_tile");
     group
         .sample_size(20)
         .throughput(Throughput::Elements(32 * 32 * 256));
     for apex in ["mirror", "camera"] {
-        let scene = scene(apex, &pictures[0], &pictures[1]);
+        let scene = scene_of(apex, &pictures[0], &pictures[1]);
         for (name, isa) in [("baseline", Isa::Baseline), ("detected", Isa::detect())] {
             group.bench_function(format!("{apex}/{name}"), |b| {
                 b.iter(|| trace_tile(black_box(&scene), tile, 0..256, isa));
             });
         }
+        let scene = scene_of(apex, &meshes[0], &meshes[1]);
+        group.bench_function(format!("{apex}/mesh"), |b| {
+            b.iter(|| trace_tile(black_box(&scene), tile, 0..256, Isa::detect()));
+        });
     }
     group.finish();
     let seed = PixelSeed::new(1, 2, 3);

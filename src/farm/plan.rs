@@ -3,8 +3,8 @@
 use super::run_dir::{Run, RunDir, RunError};
 use crate::atomic_file::{self, WriteError};
 use crate::manifest::{
-    Expansion, Index, IndexError, Layout, ManifestError, Recipe, RecipeError,
-    RootError, Roots, SceneLine, expand_counted, from_paths, index_source, parse_jsonl, to_jsonl,
+    Expansion, Index, IndexError, Layout, ManifestError, Recipe, RecipeError, RootError, Roots,
+    SceneLine, expand_counted, from_paths, index_source, parse_jsonl, to_jsonl,
 };
 use crate::sample::{self, SampleError, SamplePhotograph};
 use crate::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};

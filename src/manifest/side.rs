@@ -277,22 +277,42 @@ mod tests {
 
     #[test]
     fn errors_say_which_keys_go_together() {
-        let photograph =
-            r#"{"color":"c","depth":"d","intrinsics":{"fx":1,"fy":1,"cx":0,"cy":0}"#;
+        let photograph = r#"{"color":"c","depth":"d","intrinsics":{"fx":1,"fy":1,"cx":0,"cy":0}"#;
         assert!(read(&format!("{photograph}}}")).is_ok());
         for (json, words) in [
-            (format!(r#"{photograph},"mesh":"m"}}"#), "`color` belongs to a photograph"),
+            (
+                format!(r#"{photograph},"mesh":"m"}}"#),
+                "`color` belongs to a photograph",
+            ),
             (
                 r#"{"mesh":"m","depth_unit_m":1}"#.into(),
                 "`depth_unit_m` belongs to a photograph and cannot stand beside `mesh`",
             ),
-            (format!(r#"{photograph},"unit_m":1}}"#), "`unit_m` belongs to a `mesh`"),
-            (format!(r#"{photograph},"pose":{{}}}}"#), "`pose` belongs to a `mesh`"),
-            (r#"{"color":"c"}"#.into(), "missing field `depth`: give color, depth"),
-            ("{}".into(), "missing field `color`: give color, depth and intrinsics"),
-            (r#"{"mesh":"m","meshes":1}"#.into(), "unknown field `meshes`"),
+            (
+                format!(r#"{photograph},"unit_m":1}}"#),
+                "`unit_m` belongs to a `mesh`",
+            ),
+            (
+                format!(r#"{photograph},"pose":{{}}}}"#),
+                "`pose` belongs to a `mesh`",
+            ),
+            (
+                r#"{"color":"c"}"#.into(),
+                "missing field `depth`: give color, depth",
+            ),
+            (
+                "{}".into(),
+                "missing field `color`: give color, depth and intrinsics",
+            ),
+            (
+                r#"{"mesh":"m","meshes":1}"#.into(),
+                "unknown field `meshes`",
+            ),
             (r#"{"mesh":null}"#.into(), "invalid type: null"),
-            (r#"{"mesh":"m","pose":{"scale":2}}"#.into(), "unknown field `scale`"),
+            (
+                r#"{"mesh":"m","pose":{"scale":2}}"#.into(),
+                "unknown field `scale`",
+            ),
         ] {
             let error = read(&json).unwrap_err();
             assert!(error.contains(words), "{json}: {error}");

@@ -157,11 +157,7 @@ const MAX_DISTORTION: f64 = 1e-4;
 
 fn mesh(side: &str, mesh: &MeshFile) -> Result<(), LineError> {
     within(&format!("{side}.unit_m"), mesh.unit_m, limits::MESH_UNIT_M)?;
-    within(
-        &format!("{side}.exposure"),
-        mesh.exposure,
-        limits::EXPOSURE,
-    )?;
+    within(&format!("{side}.exposure"), mesh.exposure, limits::EXPOSURE)?;
     let Some(pose) = &mesh.pose else {
         return Ok(());
     };
@@ -268,7 +264,10 @@ pub(super) mod tests {
             .unwrap();
         for (mesh, message) in [
             (r#"{"mesh":""}"#, "back.mesh is empty"),
-            (r#"{"mesh":"m","unit_m":0}"#, "back.unit_m is 0, but must be"),
+            (
+                r#"{"mesh":"m","unit_m":0}"#,
+                "back.unit_m is 0, but must be",
+            ),
             (r#"{"mesh":"m","exposure":-1}"#, "back.exposure is -1"),
             (
                 r#"{"mesh":"m","pose":{"translation_m":[0,1e9,0]}}"#,
@@ -342,10 +341,22 @@ pub(super) mod tests {
             ),
             (|l| l.glass.tilt_deg[0] = 90.0, "glass.tilt_deg[0] is 90"),
             (|l| l.glass.tilt_deg[1] = -90.0, "glass.tilt_deg[1] is -90"),
-            (|l| photograph(&mut l.front).depth_unit_m = 0.0, "front.depth_unit_m is 0"),
-            (|l| photograph(&mut l.back).exposure = f64::NAN, "back.exposure is NaN"),
-            (|l| photograph(&mut l.front).intrinsics.fx = 0.0, "front.intrinsics.fx is 0"),
-            (|l| photograph(&mut l.back).intrinsics.fy = -1.0, "back.intrinsics.fy is -1"),
+            (
+                |l| photograph(&mut l.front).depth_unit_m = 0.0,
+                "front.depth_unit_m is 0",
+            ),
+            (
+                |l| photograph(&mut l.back).exposure = f64::NAN,
+                "back.exposure is NaN",
+            ),
+            (
+                |l| photograph(&mut l.front).intrinsics.fx = 0.0,
+                "front.intrinsics.fx is 0",
+            ),
+            (
+                |l| photograph(&mut l.back).intrinsics.fy = -1.0,
+                "back.intrinsics.fy is -1",
+            ),
             (
                 |l| photograph(&mut l.back).intrinsics.cx = f64::NAN,
                 "back.intrinsics.cx is NaN",
@@ -354,9 +365,18 @@ pub(super) mod tests {
                 |l| photograph(&mut l.front).intrinsics.size = Some([0, 3]),
                 "front.intrinsics.size[0] is 0",
             ),
-            (|l| photograph(&mut l.front).apex = Some(Apex::Mirror), "front.apex"),
-            (|l| photograph(&mut l.front).color.clear(), "front.color is empty"),
-            (|l| photograph(&mut l.back).mask = Some(String::new()), "back.mask is empty"),
+            (
+                |l| photograph(&mut l.front).apex = Some(Apex::Mirror),
+                "front.apex",
+            ),
+            (
+                |l| photograph(&mut l.front).color.clear(),
+                "front.color is empty",
+            ),
+            (
+                |l| photograph(&mut l.back).mask = Some(String::new()),
+                "back.mask is empty",
+            ),
             (
                 |l| l.schema = "glasshouse.scene/2".into(),
                 "schema is \"glasshouse.scene/2\"",

@@ -5,7 +5,8 @@ use super::photograph::Sheet;
 use super::place::{Decoded, MeshSides, Placed};
 use crate::manifest::{Apex, Filter, Focus, FocusAt, LineError, SceneLine, refuse};
 use crate::trace::{
-    FilmPlane, FilterTable, Grid, Lens, MAX_COORDINATE_M, Order, OrderPlan, Pose, Scene, Slab, Texture, View,
+    FilmPlane, FilterTable, Grid, Lens, MAX_COORDINATE_M, Order, OrderPlan, Pose, Scene, Slab,
+    Texture, View,
 };
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};

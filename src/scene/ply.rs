@@ -107,7 +107,9 @@ fn check_counts(file: &NamedBytes, header: &Header) -> Result<(), SceneError> {
                 "simplify the mesh",
             ));
         }
-        let bytes = element.count.checked_mul(element.least_bytes(header.coding));
+        let bytes = element
+            .count
+            .checked_mul(element.least_bytes(header.coding));
         least_bytes = least_bytes.saturating_add(bytes.unwrap_or(u64::MAX));
     }
     // The last number of an ASCII file needs no space behind it.
@@ -199,7 +201,9 @@ impl Body<'_> {
     /// The next number as a count or an index.
     fn whole(&mut self, kind: Scalar) -> Option<u32> {
         let value = self.number(kind)?;
-        (0.0..=4_294_967_295.0).contains(&value).then_some(value as u32)
+        (0.0..=4_294_967_295.0)
+            .contains(&value)
+            .then_some(value as u32)
     }
 
     /// Passes over a property.
@@ -301,9 +305,9 @@ fn read_faces(
         .find("vertex_indices")
         .or_else(|| element.find("vertex_index"));
     let found = at.map(|at| (at, element.properties[at].kind));
-    let Some((at, Kind::List { count, item })) = found.filter(
-        |(_, kind)| matches!(kind, Kind::List { item, .. } if item.is_integer()),
-    ) else {
+    let Some((at, Kind::List { count, item })) =
+        found.filter(|(_, kind)| matches!(kind, Kind::List { item, .. } if item.is_integer()))
+    else {
         return Err(file.wrong_layout("faces without a list vertex_indices".to_owned(), USABLE));
     };
     ply.triangles.reserve_exact(element.count as usize);

@@ -15,9 +15,9 @@
 use super::camera::{CameraBlock, Pixel};
 use super::lanes::LANES;
 use super::lines::{LineMaker, Path};
+use super::mesh;
 use super::orders::FollowedOrder;
 use super::sampler::BLOCK;
-use super::mesh;
 use super::scene::{Scene, Surface};
 use super::shade::{Cells, Sums, TexelMap, absorbed, weights};
 use super::slab::Order;

@@ -17,6 +17,7 @@ mod help;
 mod json;
 mod kill;
 mod merging;
+mod mesh;
 mod outputs;
 mod planning;
 mod program;

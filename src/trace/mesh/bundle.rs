@@ -58,7 +58,12 @@ pub(in super::super) fn follow(
 
 /// Weights of an order for group `g`: red, green, blue.
 #[inline(always)]
-fn colour_weights(scene: &Scene, camera: &CameraBlock, order: Order, g: usize) -> [[f32; LANES]; 3] {
+fn colour_weights(
+    scene: &Scene,
+    camera: &CameraBlock,
+    order: Order,
+    g: usize,
+) -> [[f32; LANES]; 3] {
     let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);
     let weight = weights(order, [&rs[g], &rp[g]], [&ts[g], &tp[g]]);
     let slab = &scene.slab;

@@ -146,7 +146,9 @@ fn no_ray_leaves_a_closed_mesh() {
             }
         }
     }
-    println!("{tested} rays at edges and corners: no leak; a plain test loses {plain_leaks} of {plain}");
+    println!(
+        "{tested} rays at edges and corners: no leak; a plain test loses {plain_leaks} of {plain}"
+    );
     assert!(tested >= 1_000_000 && plain_leaks > 0);
 }
 
@@ -246,7 +248,13 @@ fn hits_depend_on_ray_and_triangles_alone() {
         .iter()
         .chain(&triangles)
         .enumerate()
-        .map(|(n, t)| if n < triangles.len() { *t } else { t.map(|i| i + vertices.len() as u32) })
+        .map(|(n, t)| {
+            if n < triangles.len() {
+                *t
+            } else {
+                t.map(|i| i + vertices.len() as u32)
+            }
+        })
         .collect();
     let all: Vec<DVec3> = vertices.iter().chain(&vertices).copied().collect();
     let mut both = colors.clone();
@@ -262,7 +270,10 @@ fn hits_depend_on_ray_and_triangles_alone() {
         for l in [0, 7, 15] {
             let one = |v: [Lane; 2]| v.map(|v| [v[l]; LANES]);
             let alone = meshes[1].see(one(d), one(p), 1);
-            assert_eq!((first.w[l], first.radiance[l]), (alone.w[0], alone.radiance[0]));
+            assert_eq!(
+                (first.w[l], first.radiance[l]),
+                (alone.w[0], alone.radiance[0])
+            );
             assert_eq!(alone.w[1..], [0.0; LANES - 1]);
         }
     }
@@ -317,13 +328,23 @@ fn triangles_are_counted() {
         v(0.0, 1.0, -2.0),
         v(1.0, 0.0, 1.0),
     ];
-    let triangles = [[0, 1, 2], [0, 1, 3], [3, 4, 5], [0, 0, 1], [1, 6, 2], [0, 3, 4]];
+    let triangles = [
+        [0, 1, 2],
+        [0, 1, 3],
+        [3, 4, 5],
+        [0, 0, 1],
+        [1, 6, 2],
+        [0, 3, 4],
+    ];
     let mesh = Mesh::new(&vertices, greys(7), &triangles, 0.01);
     let counts = mesh.counts();
     assert_eq!((counts.traced, counts.behind, counts.degenerate), (3, 1, 2));
     let nothing = Mesh::new(&vertices, greys(7), &[[3, 4, 5]], 0.01);
     assert_eq!(nothing.axis_depth_m(), None);
-    assert_eq!(nothing.see([[0.1; LANES]; 2], [[0.0; LANES]; 2], LANES).w, [0.0; LANES]);
+    assert_eq!(
+        nothing.see([[0.1; LANES]; 2], [[0.0; LANES]; 2], LANES).w,
+        [0.0; LANES]
+    );
 }
 
 /// Vertices of a view's sheet in the lens's coordinates.
@@ -363,7 +384,11 @@ fn from_capture(view: &View, uv: [f64; 2], w: f64) -> DVec3 {
 #[test]
 fn a_sheet_and_its_mesh_are_hit_alike() {
     let mut camera = CameraBlock::new();
-    for (tilt_deg, general) in [([0.0, 0.0], false), ([12.0, -25.0], false), ([-4.0, 6.0], true)] {
+    for (tilt_deg, general) in [
+        ([0.0, 0.0], false),
+        ([12.0, -25.0], false),
+        ([-4.0, 6.0], true),
+    ] {
         let scene = scene(tilt_deg, general, false, 2.0);
         for (surface, order) in [
             (&scene.front, Order::Transmitted(0)),
@@ -379,7 +404,10 @@ fn a_sheet_and_its_mesh_are_hit_alike() {
             let path = Path::Lens { constant, slope };
             let normal = scene.slab.normal.as_vec3().to_array();
             let (mut tested, mut flips, mut outside, mut worst) = (0, 0, 0, 0f64);
-            for (x, y) in (4..80).step_by(7).flat_map(|y| (5..120).step_by(7).map(move |x| (x, y))) {
+            for (x, y) in (4..80)
+                .step_by(7)
+                .flat_map(|y| (5..120).step_by(7).map(move |x| (x, y)))
+            {
                 let pixel = Pixel::new(&scene, x, y);
                 camera.fill(&scene, &pixel, 0, 256);
                 let maker = LineMaker::new(&scene, view, &pixel, path);

@@ -78,7 +78,8 @@ impl Tree {
             let node = &built.nodes[index as usize];
             let first = tree.triangles.len() as u32;
             if node.is_leaf() {
-                let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
+                let range =
+                    node.first_index as usize..(node.first_index + node.prim_count) as usize;
                 for &i in &built.primitive_indices[range] {
                     tree.triangles.push(triangles[i as usize]);
                     tree.ranks.push(i);

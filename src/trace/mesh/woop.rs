@@ -100,13 +100,7 @@ impl Rays {
 
     /// Tests triangle number `triangle`, whose rank among hits at equal w is `rank`.
     #[inline(always)]
-    pub(super) fn meet(
-        &self,
-        corners: &Corners,
-        triangle: u32,
-        ranks: &[u32],
-        hits: &mut Hits,
-    ) {
+    pub(super) fn meet(&self, corners: &Corners, triangle: u32, ranks: &[u32], hits: &mut Hits) {
         let [[au, av, aw], [bu, bv, bw], [cu, cv, cw]] = *corners;
         let (mut weight_a, mut weight_b, mut weight_c) =
             ([0f32; LANES], [0f32; LANES], [0f32; LANES]);
