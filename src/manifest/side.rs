@@ -59,7 +59,7 @@ impl MeshPose {
         let minor = |a: usize, b: usize| r[1][a] * r[2][b] - r[1][b] * r[2][a];
         let determinant = r[0][0] * minor(1, 2) - r[0][1] * minor(0, 2) + r[0][2] * minor(0, 1);
         // Every part of the matrix is in the determinant, so not-a-number ends here as well.
-        if !(determinant > 0.0) {
+        if determinant.is_nan() || determinant <= 0.0 {
             return f64::INFINITY;
         }
         let parts = (0..9).map(|k| (k / 3, k % 3));

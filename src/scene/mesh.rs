@@ -37,8 +37,8 @@ pub fn decode_mesh(line: &MeshFile, file: &NamedBytes) -> Result<Polygons, Scene
     });
     for (index, vertex) in vertices.iter_mut().enumerate() {
         let placed = rotation * (*vertex * line.unit_m) + translation;
-        // Written so that not-a-number is refused as well.
-        if !(placed.abs().max_element() <= MAX_COORDINATE_M) || placed.is_nan() {
+        let is_within = placed.is_finite() && placed.abs().max_element() <= MAX_COORDINATE_M;
+        if !is_within {
             return Err(file.bad_element(
                 format!("vertex {index}"),
                 format!("lies {:e} m away", placed.length()),

@@ -5,6 +5,7 @@
 //! ray touches names the node after its subtree. So there is no stack to overflow, however deep the tree.
 
 use super::woop::{Corners, Hits, Rays};
+use core::time::Duration;
 use glam::Vec3A;
 use obvhs::{BvhBuildParams, aabb::Aabb, bvh2::builder::build_bvh2};
 
@@ -63,7 +64,7 @@ impl Tree {
         let built = build_bvh2(
             &boxes,
             BvhBuildParams::medium_build(),
-            &mut Default::default(),
+            &mut Duration::default(),
         );
         drop(boxes);
         let mut steps = vec![Step::Enter(0)];

@@ -84,7 +84,7 @@ impl Rays {
     pub(super) fn touch(&self, low: [f32; 3], high: [f32; 3], hits: &Hits) -> bool {
         let mut any = 0u32;
         for l in 0..LANES {
-            let mut near = min(high[2], f32::MAX);
+            let mut near = high[2];
             let mut far = max(low[2], hits.w[l]);
             for k in 0..2 {
                 let a = (low[k] - self.d_high[k][l]) * self.inverse_p[k][l];
@@ -98,7 +98,7 @@ impl Rays {
         any != 0
     }
 
-    /// Tests triangle number `triangle`, whose rank among hits at equal w is `rank`.
+    /// Tests triangle number `triangle`; of hits at equal w the one of the lowest of `ranks` counts.
     #[inline(always)]
     pub(super) fn meet(&self, corners: &Corners, triangle: u32, ranks: &[u32], hits: &mut Hits) {
         let [[au, av, aw], [bu, bv, bw], [cu, cv, cw]] = *corners;
@@ -143,16 +143,31 @@ impl Rays {
         if any == 0 {
             return;
         }
+        let mut ties = 0u32;
         for l in 0..LANES {
-            let earlier = w[l] == hits.w[l] && {
-                let met = hits.triangle[l] as usize;
-                met < ranks.len() && ranks[triangle as usize] < ranks[met]
+            let is_nearer = (found[l] != 0) & (w[l] > hits.w[l]);
+            ties |= found[l] & u32::from(w[l] == hits.w[l]);
+            hits.w[l] = if is_nearer { w[l] } else { hits.w[l] };
+            hits.b[l] = if is_nearer { b[l] } else { hits.b[l] };
+            hits.c[l] = if is_nearer { c[l] } else { hits.c[l] };
+            hits.triangle[l] = if is_nearer {
+                triangle
+            } else {
+                hits.triangle[l]
             };
-            if found[l] != 0 && (w[l] > hits.w[l] || earlier) {
-                hits.w[l] = w[l];
-                hits.triangle[l] = triangle;
-                hits.b[l] = b[l];
-                hits.c[l] = c[l];
+        }
+        if ties != 0 {
+            for l in 0..LANES {
+                let met = hits.triangle[l] as usize;
+                if found[l] != 0
+                    && w[l] == hits.w[l]
+                    && met < ranks.len()
+                    && ranks[triangle as usize] < ranks[met]
+                {
+                    hits.triangle[l] = triangle;
+                    hits.b[l] = b[l];
+                    hits.c[l] = c[l];
+                }
             }
         }
     }
