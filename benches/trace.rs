@@ -8,11 +8,12 @@
 )]
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use glam::DVec3;
 use glasshouse::bench::{BenchScene, Work, indoor, outdoor, pair, render, stress};
-use glasshouse::manifest::{Apex, Fill, SceneLine};
+use glasshouse::manifest::{Apex, Fill, Focus};
 use glasshouse::merge::{SrgbEncoder, Tuple, encode_png, encode_tuple_exr};
 use glasshouse::sample;
-use glasshouse::scene::{NamedBytes, PhotographFiles, decode_photograph};
+use glasshouse::scene::{Decoded, NamedBytes, PhotographFiles, Polygons, decode_photograph};
 use glasshouse::trace::{
     BLOCK, BundleProbe, Grid, Isa, Order, PixelSeed, Sampling, Scene, Tile, sample_block,
     trace_tile,
@@ -30,13 +31,53 @@ fn isas() -> [(&'static str, Isa); 2] {
 
 fn scene(scene: &BenchScene, apex: Apex) -> Scene {
     let mut line = scene.line.clone();
-    line.back.apex = Some(apex);
+    line.back.set_apex(apex);
     scene.assemble(&line, Sampling::Sobol).unwrap().scene
+}
+
+/// A photograph as a mesh.
+fn polygons(decoded: &Decoded) -> Decoded {
+    let Decoded::Sheet(sheet) = decoded else {
+        panic!("the built-in pair are photographs");
+    };
+    let k = &sheet.intrinsics;
+    let (nx, ny) = (sheet.width, sheet.height);
+    let depths = sheet.inverse_depth_per_m.iter().enumerate();
+    let mesh = Polygons {
+        vertices_m: depths
+            .map(|(q, &w)| {
+                let x = ((q % nx) as f64 + 0.5 - k.cx) / k.fx;
+                let y = ((q / nx) as f64 + 0.5 - k.cy) / k.fy;
+                DVec3::new(x, y, 1.0) / f64::from(w)
+            })
+            .collect(),
+        radiance: sheet.radiance.clone(),
+        triangles: (0..(nx - 1) * (ny - 1))
+            .flat_map(|q| {
+                let a = (q / (nx - 1) * nx + q % (nx - 1)) as u32;
+                let [b, c, d] = [a + 1, a + nx as u32, a + nx as u32 + 1];
+                [[a, b, c], [b, d, c]]
+            })
+            .collect(),
+        empty_faces: 0,
+        max_radiance: sheet.max_radiance,
+    };
+    mesh.into()
 }
 
 /// One 32 x 32 tile of the pair at 256 samples.
 fn tiles(c: &mut Criterion) {
     let pair = pair(SIZE, FILM_PX).unwrap();
+    let mut meshes = pair.clone();
+    meshes.photographs.front = polygons(&pair.photographs.front);
+    meshes.photographs.back = polygons(&pair.photographs.back);
+    // The line says where the film is sharp, which a mesh's centre would change.
+    let Decoded::Sheet(front) = &pair.photographs.front else {
+        panic!("the built-in pair are photographs");
+    };
+    meshes.line.camera.focus = Focus::Distance {
+        distance_m: front.front_center_z_m,
+    };
     let tile = Tile {
         x: 112,
         y: 112,
@@ -54,6 +95,10 @@ fn tiles(c: &mut Criterion) {
                 b.iter(|| trace_tile(black_box(&scene), tile, 0..256, isa));
             });
         }
+        let scene = self::scene(&meshes, value);
+        group.bench_function(format!("{apex}/mesh"), |b| {
+            b.iter(|| trace_tile(black_box(&scene), tile, 0..256, Isa::detect()));
+        });
     }
     group.finish();
 }
@@ -122,13 +167,15 @@ fn scenes(c: &mut Criterion) {
     let mut group = c.benchmark_group("scene");
     group.sample_size(20);
     for (name, fill) in [("far", Fill::Far), ("smooth", Fill::Smooth)] {
-        let SceneLine { mut back, .. } = bench_scene.line.clone();
+        let mut back = bench_scene.line.back.photograph().unwrap().clone();
         back.fill = fill;
         group.bench_function(BenchmarkId::new("decode", name), |b| {
             b.iter(|| decode_photograph(black_box(&back), &files).unwrap());
         });
     }
-    let sheet = &bench_scene.photographs.back;
+    let Decoded::Sheet(sheet) = &bench_scene.photographs.back else {
+        panic!("the built-in pair are photographs");
+    };
     group.bench_function("grid", |b| {
         b.iter_batched(
             || sheet.inverse_depth_per_m.clone(),

@@ -4,6 +4,7 @@ use super::clock::{median_and_best, thread_cpu_s};
 use super::error::BenchError;
 use super::scenes::BenchScene;
 use crate::manifest::Apex;
+use crate::scene::Decoded;
 use crate::trace::{
     BLOCK, BundleProbe, Grid, Isa, Order, Sampling, Scene, Tile, WalkCount, trace_tile,
 };
@@ -105,7 +106,7 @@ fn isa_name(isa: Isa) -> &'static str {
 /// The scene with another apex, ready to be traced at 256 samples.
 fn scene_at(scene: &BenchScene, apex: Apex) -> Result<Scene, BenchError> {
     let mut line = scene.line.clone();
-    line.back.apex = Some(apex);
+    line.back.set_apex(apex);
     line.film.spp = BLOCK as u32;
     Ok(scene.assemble(&line, Sampling::Sobol)?.scene)
 }
@@ -264,13 +265,19 @@ fn tiles(width: u32, height: u32) -> Vec<Tile> {
         .collect()
 }
 
-/// Times [`Grid::new`] on both photographs of a scene.
+/// Times [`Grid::new`] on a scene's photographs (a mesh has no grid).
 pub fn grid_builds(scene: &BenchScene, passes: usize) -> Vec<BuildRow> {
     let sides = [
         ("front", &scene.photographs.front),
         ("back", &scene.photographs.back),
     ];
-    let rows = sides.map(|(side, sheet)| {
+    let sheets = sides
+        .into_iter()
+        .filter_map(|(side, decoded)| match decoded {
+            Decoded::Sheet(sheet) => Some((side, sheet)),
+            Decoded::Mesh(_) => None,
+        });
+    let rows = sheets.map(|(side, sheet)| {
         let mut seconds = Vec::new();
         for round in 0..=passes {
             let w = sheet.inverse_depth_per_m.clone();
@@ -292,7 +299,7 @@ pub fn grid_builds(scene: &BenchScene, passes: usize) -> Vec<BuildRow> {
             best_build_ms: best * 1e3,
         }
     });
-    rows.to_vec()
+    rows.collect()
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use crate::manifest::{SceneLine, parse_scene};
 use crate::sample::{self, Place, SamplePhotograph};
 use crate::scene::{
     DecodedScene, InputDigests, LoadedScene, NamedBytes, PhotographFiles, SceneFiles, Sheet,
-    assemble, decode,
+    SideFiles, assemble, decode,
 };
 use crate::trace::Sampling;
 use serde_json::json;
@@ -72,6 +72,7 @@ pub fn stress(film_px: u32) -> BenchScene {
     let intrinsics = json!({"fx": 1365.0, "fy": 1365.0, "cx": 512.0, "cy": 384.0});
     let mut line = line("stress", film_px, [&intrinsics; 2], [false; 2]);
     line.camera.focus = crate::manifest::Focus::Distance { distance_m: 0.8 };
+    let sheet_intrinsics = serde_json::from_value(intrinsics).expect("intrinsics are numbers");
     let hash = |mut x: u32| {
         x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
         x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);
@@ -98,13 +99,13 @@ pub fn stress(film_px: u32) -> BenchScene {
             color_height: height,
             radiance,
             max_radiance: 1.0,
-            intrinsics: line.front.intrinsics,
+            intrinsics: sheet_intrinsics,
             front_center_z_m: 0.8,
         }
     };
     let photographs = DecodedScene {
-        front: sheet(0x51ab),
-        back: sheet(0x3c6e_f372),
+        front: sheet(0x51ab).into(),
+        back: sheet(0x3c6e_f372).into(),
         inputs: InputDigests::default(),
     };
     BenchScene {
@@ -132,8 +133,8 @@ fn procedural(
     let is_far = places.map(|place| place == Place::Outdoor);
     let line = line(name, film_px, [&intrinsics; 2], is_far);
     let files = SceneFiles {
-        front: photograph(front, size)?,
-        back: photograph(back, size)?,
+        front: SideFiles::Photograph(photograph(front, size)?),
+        back: SideFiles::Photograph(photograph(back, size)?),
     };
     let photographs = decode(&line, &files)?;
     Ok(BenchScene {

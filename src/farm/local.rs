@@ -426,12 +426,13 @@ impl<'a> Shared<'a> {
     }
 }
 
-/// Errors about a file name it; those about the scene as a whole need its photographs' names beside them.
+/// Errors about a file name it; those about the scene as a whole need its files' names beside them.
 fn load_reason(line: &SceneLine, error: &LoadError) -> String {
     match error {
         LoadError::Assemble(error) => format!(
             "{error} (front is {}, back is {})",
-            line.front.color, line.back.color
+            line.front.name(),
+            line.back.name()
         ),
         error => error.to_string(),
     }

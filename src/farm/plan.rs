@@ -3,8 +3,8 @@
 use super::run_dir::{Run, RunDir, RunError};
 use crate::atomic_file::{self, WriteError};
 use crate::manifest::{
-    Expansion, Index, IndexError, Layout, ManifestError, Photograph, Recipe, RecipeError,
-    RootError, Roots, SceneLine, expand_counted, from_paths, index_source, parse_jsonl, to_jsonl,
+    Expansion, Index, IndexError, Layout, ManifestError, Recipe, RecipeError, RootError, Roots,
+    SceneLine, expand_counted, from_paths, index_source, parse_jsonl, to_jsonl,
 };
 use crate::sample::{self, SampleError, SamplePhotograph};
 use crate::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
@@ -263,7 +263,7 @@ fn from_recipe(path: &Path, text: &str, options: &PlanOptions) -> Result<Content
     }
     let used: BTreeSet<&str> = lines
         .iter()
-        .flat_map(|l| [l.front.color.as_str(), l.back.color.as_str()])
+        .flat_map(|l| [l.front.name(), l.back.name()])
         .collect();
     let samples = listed
         .into_iter()
@@ -292,14 +292,8 @@ fn from_manifest(path: &Path, text: &str, options: &PlanOptions) -> Result<Conte
         .map(|(name, folder)| (name.to_owned(), absolute(folder)))
         .collect();
     for line in &mut lines {
-        for photograph in [&mut line.front, &mut line.back] {
-            let Photograph {
-                color, depth, mask, ..
-            } = photograph;
-            for text in [Some(color), Some(depth), mask.as_mut()]
-                .into_iter()
-                .flatten()
-            {
+        for side in [&mut line.front, &mut line.back] {
+            for text in side.paths_mut() {
                 let is_rooted = text
                     .split_once(':')
                     .is_some_and(|(name, _)| roots.contains_key(name));

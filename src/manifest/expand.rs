@@ -136,8 +136,9 @@ fn draw_line(
             source,
             pair.front,
             first.value("front.exposure", &recipe.front.exposure),
-        ),
-        back,
+        )
+        .into(),
+        back: back.into(),
     };
     let attempts = if deciding(recipe)
         .iter()
@@ -286,7 +287,7 @@ mod tests {
         lines
             .iter()
             .filter(|line| line.split == split)
-            .flat_map(|line| [line.front.color.as_str(), line.back.color.as_str()])
+            .flat_map(|line| [line.front.name(), line.back.name()])
             .collect()
     }
 
@@ -296,8 +297,8 @@ mod tests {
         assert_eq!(lines.len(), 5200);
         assert_eq!(lines[0].id.as_str(), "train-000000");
         assert_eq!(lines[5199].id.as_str(), "test-000199");
-        assert!(lines[0].front.color.starts_with("diode:"));
-        assert!(lines[4999].front.color.starts_with("places:"));
+        assert!(lines[0].front.name().starts_with("diode:"));
+        assert!(lines[4999].front.name().starts_with("places:"));
         assert!(colors(&lines, Split::Train).is_disjoint(&colors(&lines, Split::Test)));
         let text = to_jsonl(&lines);
         assert_eq!(parse_jsonl(&text).unwrap(), lines);

@@ -109,7 +109,7 @@ fn parse_at(json: &str, first_line: usize) -> Result<SceneLine, ManifestError> {
 #[cfg(test)]
 mod tests {
     use super::super::line::{Apex, DepthKind, Fill, Filter, Focus, FocusAt, Split, Transfer};
-    use super::super::validate::tests::published;
+    use super::super::validate::tests::{photograph, published};
     use super::*;
     use proptest::prelude::*;
 
@@ -234,7 +234,7 @@ mod tests {
             line.seed = seed;
             line.glass.ior = (ior * 1e6).round() / 1e6;
             line.glass.distance_m = distance;
-            line.front.exposure = exposure;
+            photograph(&mut line.front).exposure = exposure;
             let bit = |n: u32| which >> n & 1 == 1;
             line.camera.focus = match (bit(0), bit(1)) {
                 (false, _) => Focus::Distance { distance_m: 0.125 },
@@ -243,11 +243,12 @@ mod tests {
             };
             line.film.filter = if bit(2) { Filter::Gaussian } else { Filter::Box };
             line.split = if bit(3) { Split::Test } else { Split::Train };
-            line.back.apex = bit(4).then_some(Apex::Camera);
-            line.back.fill = if bit(5) { Fill::Far } else { Fill::Smooth };
-            line.back.depth_kind = if bit(5) { DepthKind::Distance } else { DepthKind::Z };
-            line.back.transfer = if bit(4) { Transfer::Linear } else { Transfer::Srgb };
-            line.back.mask = mask.map(|m| format!("NAME:\"{m}\" é\n.npy"));
+            let back = photograph(&mut line.back);
+            back.apex = bit(4).then_some(Apex::Camera);
+            back.fill = if bit(5) { Fill::Far } else { Fill::Smooth };
+            back.depth_kind = if bit(5) { DepthKind::Distance } else { DepthKind::Z };
+            back.transfer = if bit(4) { Transfer::Linear } else { Transfer::Srgb };
+            back.mask = mask.map(|m| format!("NAME:\"{m}\" é\n.npy"));
             let text = to_jsonl(std::slice::from_ref(&line));
             prop_assert_eq!(text.lines().count(), 1);
             let read = parse_jsonl(&text).unwrap();

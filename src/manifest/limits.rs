@@ -57,6 +57,13 @@ pub(super) const TILT_DEG: Limit = Limit::new(
     "above -90 and below 90 degrees",
 );
 pub(super) const DEPTH_UNIT_M: Limit = ABOVE_0;
+pub(super) const MESH_UNIT_M: Limit = ABOVE_0;
+/// Each part of a mesh's translation, m: what the tracer takes.
+pub(super) const TRANSLATION_M: Limit = Limit::new(
+    Bound::Included(-1.0e7),
+    Bound::Included(1.0e7),
+    "-1e7 to 1e7",
+);
 pub(super) const EXPOSURE: Limit = FROM_0;
 /// fx and fy, px.
 pub(super) const FOCAL_LENGTH_PX: Limit = ABOVE_0;

@@ -1,5 +1,6 @@
 //! `glasshouse.scene/1`: one scene of a manifest, everything resolved, in metres and degrees.
 
+use super::side::Side;
 use crate::ids::SceneId;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -27,7 +28,7 @@ impl fmt::Display for Split {
     }
 }
 
-/// One scene: a front and a back photograph, a pane, a camera, a film.
+/// One scene: what is in front and at the back, a pane, a camera, a film.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneLine {
@@ -47,9 +48,9 @@ pub struct SceneLine {
     /// The pane.
     pub glass: Glass,
     /// Seen through the pane.
-    pub front: Photograph,
+    pub front: Side,
     /// Seen reflected in the pane.
-    pub back: Photograph,
+    pub back: Side,
 }
 
 /// The film and how it is sampled.
@@ -147,7 +148,8 @@ pub enum Focus {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FocusAt {
-    /// Mean z of the four centre pixels of the front depth image, as published.
+    /// Mean z of the four centre pixels of the front depth image, as published; of a mesh, z where the ray through
+    /// the film's centre first meets it.
     FrontCenter,
     /// Infinitely far away.
     Infinity,
@@ -204,7 +206,7 @@ pub struct Photograph {
     pub apex: Option<Apex>,
 }
 
-fn one() -> f64 {
+pub(super) fn one() -> f64 {
     1.0
 }
 

@@ -5,7 +5,7 @@
 //! diode.rs               which photographs there are  validate.rs  which lines are sound
 //! divide.rs -> pair.rs   who shares a scene           refuse.rs    which panes cannot be looked through
 //! draw.rs                every random number          roots.rs     where a line's paths lead
-//! expand.rs              all of it: recipe -> scene lines
+//! expand.rs              all of it: recipe -> scene lines    side.rs       photograph or mesh
 //! ```
 //!
 //! Pure, apart from the folder walk of `diode.rs`.
@@ -24,6 +24,7 @@ mod recipe;
 mod recipe_check;
 mod refuse;
 mod roots;
+mod side;
 mod validate;
 
 pub use diode::{Index, IndexError, Place, SourceImage, from_paths, index_source};
@@ -39,4 +40,5 @@ pub use recipe::{
 };
 pub use refuse::{MAX_INCIDENCE_DEG, refuse};
 pub use roots::{RootError, Roots};
+pub use side::{MeshFile, MeshPose, Side};
 pub use validate::LineError;

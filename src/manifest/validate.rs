@@ -2,6 +2,7 @@
 
 use super::limits::{self, Limit};
 use super::line::{Focus, Photograph, SCENE_SCHEMA, SceneLine};
+use super::side::{MeshFile, Side};
 
 /// A scene line that cannot be rendered, whatever its files hold.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -28,9 +29,18 @@ pub enum LineError {
         /// The key, with dots.
         field: String,
     },
-    /// `apex` says where the reflected photograph's camera stands; the front one's is the lens.
-    #[error("front.apex is given, but only the back photograph has an apex: move it to back")]
+    /// `apex` says where the reflected side's camera stands; the front one's is the lens.
+    #[error("front.apex is given, but only the back has an apex: move it to back")]
     ApexOfFront,
+    /// A matrix that turns nothing, or that bends or mirrors the mesh.
+    #[error(
+        "{field} is no rotation: its rows must be of length 1 and at right angles (to 1e-4), its determinant +1; \
+         scale with unit_m"
+    )]
+    NoRotation {
+        /// The key, with dots.
+        field: String,
+    },
     /// A ray that nearly slides along the pane.
     #[error(
         "a ray of film point ({u} px, {v} px) meets the pane at {angle_deg:.2} degrees, but at most \
@@ -122,28 +132,48 @@ impl SceneLine {
             within(&format!("glass.tilt_deg[{index}]"), value, limits::TILT_DEG)?;
         }
 
-        photograph("front", &self.front)?;
-        photograph("back", &self.back)?;
-        if self.front.apex.is_some() {
+        for (name, side) in [("front", &self.front), ("back", &self.back)] {
+            for (key, path) in side.paths() {
+                if path.is_empty() {
+                    return Err(LineError::EmptyPath {
+                        field: format!("{name}.{key}"),
+                    });
+                }
+            }
+            match side {
+                Side::Photograph(side) => photograph(name, side)?,
+                Side::Mesh(side) => mesh(name, side)?,
+            }
+        }
+        if self.front.apex().is_some() {
             return Err(LineError::ApexOfFront);
         }
         Ok(())
     }
 }
 
-fn photograph(side: &str, photograph: &Photograph) -> Result<(), LineError> {
-    let paths = [
-        ("color", Some(&photograph.color)),
-        ("depth", Some(&photograph.depth)),
-        ("mask", photograph.mask.as_ref()),
-    ];
-    for (key, path) in paths {
-        if path.is_some_and(String::is_empty) {
-            return Err(LineError::EmptyPath {
-                field: format!("{side}.{key}"),
-            });
-        }
+/// Largest deviation of `rotation` times its transpose from the unit matrix: five digits are enough to write one.
+const MAX_DISTORTION: f64 = 1e-4;
+
+fn mesh(side: &str, mesh: &MeshFile) -> Result<(), LineError> {
+    within(&format!("{side}.unit_m"), mesh.unit_m, limits::MESH_UNIT_M)?;
+    within(&format!("{side}.exposure"), mesh.exposure, limits::EXPOSURE)?;
+    let Some(pose) = &mesh.pose else {
+        return Ok(());
+    };
+    if pose.distortion() > MAX_DISTORTION {
+        return Err(LineError::NoRotation {
+            field: format!("{side}.pose.rotation"),
+        });
     }
+    for (index, &value) in pose.translation_m.iter().enumerate() {
+        let field = format!("{side}.pose.translation_m[{index}]");
+        within(&field, value, limits::TRANSLATION_M)?;
+    }
+    Ok(())
+}
+
+fn photograph(side: &str, photograph: &Photograph) -> Result<(), LineError> {
     let intrinsics = &photograph.intrinsics;
     let numbers = [
         (
@@ -207,9 +237,57 @@ pub(super) mod tests {
         .unwrap()
     }
 
+    /// The photograph of a side that is one.
+    pub(in super::super) fn photograph(side: &mut Side) -> &mut Photograph {
+        match side {
+            Side::Photograph(photograph) => photograph,
+            Side::Mesh(_) => panic!("a mesh"),
+        }
+    }
+
     #[test]
     fn the_published_scene_is_sound() {
         published().validate().unwrap();
+    }
+
+    #[test]
+    fn meshes_have_ranges_too() {
+        let with = |mesh: &str| {
+            let mut line = published();
+            line.back = serde_json::from_str(mesh).unwrap();
+            line.validate().map_err(|error| error.to_string())
+        };
+        with(r#"{"mesh":"m","apex":"camera","pose":{"rotation":[[0,0,1],[0,1,0],[-1,0,0]]}}"#)
+            .unwrap();
+        // Five digits of cos and sin 45 degrees.
+        with(r#"{"mesh":"m","pose":{"rotation":[[0.70711,0,0.70711],[0,1,0],[-0.70711,0,0.70711]]}}"#)
+            .unwrap();
+        for (mesh, message) in [
+            (r#"{"mesh":""}"#, "back.mesh is empty"),
+            (
+                r#"{"mesh":"m","unit_m":0}"#,
+                "back.unit_m is 0, but must be",
+            ),
+            (r#"{"mesh":"m","exposure":-1}"#, "back.exposure is -1"),
+            (
+                r#"{"mesh":"m","pose":{"translation_m":[0,1e9,0]}}"#,
+                "back.pose.translation_m[1] is 1000000000",
+            ),
+            (
+                r#"{"mesh":"m","pose":{"rotation":[[1,0,0],[0,1,0],[0,0,-1]]}}"#,
+                "back.pose.rotation is no rotation",
+            ),
+            (
+                r#"{"mesh":"m","pose":{"rotation":[[0.01,0,0],[0,0.01,0],[0,0,0.01]]}}"#,
+                "back.pose.rotation is no rotation",
+            ),
+        ] {
+            let error = with(mesh).unwrap_err();
+            assert!(error.starts_with(message), "{error} for {message}");
+        }
+        let mut line = published();
+        line.front = serde_json::from_str(r#"{"mesh":"m","apex":"mirror"}"#).unwrap();
+        assert_eq!(line.validate().unwrap_err(), LineError::ApexOfFront);
     }
 
     #[test]
@@ -263,21 +341,42 @@ pub(super) mod tests {
             ),
             (|l| l.glass.tilt_deg[0] = 90.0, "glass.tilt_deg[0] is 90"),
             (|l| l.glass.tilt_deg[1] = -90.0, "glass.tilt_deg[1] is -90"),
-            (|l| l.front.depth_unit_m = 0.0, "front.depth_unit_m is 0"),
-            (|l| l.back.exposure = f64::NAN, "back.exposure is NaN"),
-            (|l| l.front.intrinsics.fx = 0.0, "front.intrinsics.fx is 0"),
-            (|l| l.back.intrinsics.fy = -1.0, "back.intrinsics.fy is -1"),
             (
-                |l| l.back.intrinsics.cx = f64::NAN,
+                |l| photograph(&mut l.front).depth_unit_m = 0.0,
+                "front.depth_unit_m is 0",
+            ),
+            (
+                |l| photograph(&mut l.back).exposure = f64::NAN,
+                "back.exposure is NaN",
+            ),
+            (
+                |l| photograph(&mut l.front).intrinsics.fx = 0.0,
+                "front.intrinsics.fx is 0",
+            ),
+            (
+                |l| photograph(&mut l.back).intrinsics.fy = -1.0,
+                "back.intrinsics.fy is -1",
+            ),
+            (
+                |l| photograph(&mut l.back).intrinsics.cx = f64::NAN,
                 "back.intrinsics.cx is NaN",
             ),
             (
-                |l| l.front.intrinsics.size = Some([0, 3]),
+                |l| photograph(&mut l.front).intrinsics.size = Some([0, 3]),
                 "front.intrinsics.size[0] is 0",
             ),
-            (|l| l.front.apex = Some(Apex::Mirror), "front.apex"),
-            (|l| l.front.color.clear(), "front.color is empty"),
-            (|l| l.back.mask = Some(String::new()), "back.mask is empty"),
+            (
+                |l| photograph(&mut l.front).apex = Some(Apex::Mirror),
+                "front.apex",
+            ),
+            (
+                |l| photograph(&mut l.front).color.clear(),
+                "front.color is empty",
+            ),
+            (
+                |l| photograph(&mut l.back).mask = Some(String::new()),
+                "back.mask is empty",
+            ),
             (
                 |l| l.schema = "glasshouse.scene/2".into(),
                 "schema is \"glasshouse.scene/2\"",

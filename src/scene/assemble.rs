@@ -1,16 +1,15 @@
-//! Two sheets, a pane, a lens and a film become a [`trace::Scene`], or a reason why they cannot.
+//! Two sheets or meshes, a pane, a lens and a film become a [`trace::Scene`], or a reason why they cannot.
 
+use super::near::{MAX_TOO_NEAR_SHARE, Near};
 use super::photograph::Sheet;
+use super::place::{Decoded, MeshSides, Placed};
 use crate::manifest::{Apex, Filter, Focus, FocusAt, LineError, SceneLine, refuse};
 use crate::trace::{
-    FilmPlane, FilterTable, Grid, Lens, Order, OrderPlan, Pose, Sampling, Scene, Slab, Texture,
-    View,
+    FilmPlane, FilterTable, Grid, Lens, MAX_COORDINATE_M, Order, OrderPlan, Pose, Sampling, Scene,
+    Slab, Texture, View,
 };
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
-
-/// Share of the valid depth pixels that may lie nearer than the pane.
-pub const MAX_TOO_NEAR_SHARE: f64 = 0.01;
 
 /// Largest travel of a ray over a depth image, px: beyond it f32 cell indices would not be exact.
 const MAX_TRAVEL_PX: f64 = 4_194_304.0;
@@ -38,6 +37,50 @@ pub enum AssembleError {
         /// Smallest valid depth.
         nearest_m: f64,
     },
+    /// Vertices stand between the lens and the pane.
+    #[error(
+        "{side} mesh: {:.2} % of its vertices in the field of view are nearer than the pane at {distance_m} m \
+         (nearest {nearest_m:.3} m, at most {:.0} % may be): move the pane nearer (glass.distance_m), or check \
+         {side}.unit_m and {side}.pose", share * 100.0, MAX_TOO_NEAR_SHARE * 100.0
+    )]
+    MeshTooNear {
+        /// `front` or `back`.
+        side: &'static str,
+        /// Share of the vertices in the field of view.
+        share: f64,
+        /// The pane's distance.
+        distance_m: f64,
+        /// Smallest distance from the lens along the axis.
+        nearest_m: f64,
+    },
+    /// A mesh of which nothing can be seen.
+    #[error(
+        "{side} mesh: none of its {triangles} triangles is in front of the lens: check {side}.unit_m, {side}.pose \
+         (the camera looks along +z, +y is down) and the apex"
+    )]
+    MeshUnseen {
+        /// `front` or `back`.
+        side: &'static str,
+        /// How many there are.
+        triangles: usize,
+    },
+    /// A mesh beyond what the tracer takes.
+    #[error(
+        "{side} mesh: it reaches {reach_m:e} m from the lens along an axis (limit {MAX_COORDINATE_M:e}): check \
+         {side}.unit_m, {side}.pose and glass.distance_m"
+    )]
+    MeshReach {
+        /// `front` or `back`.
+        side: &'static str,
+        /// Largest coordinate.
+        reach_m: f64,
+    },
+    /// Nothing to focus on.
+    #[error(
+        "camera.focus is front_center, but the ray through the film's centre meets nothing of the front mesh: write \
+         a distance_m, or check front.pose"
+    )]
+    NoFocus,
     /// A surface so near that a lens ray would cross millions of depth pixels.
     #[error(
         "{side} photograph: a surface {nearest_m:e} m from the capture camera makes lens rays cross {travel_px:.0} \
@@ -79,9 +122,12 @@ pub struct SceneFacts {
     pub too_near_share: Sides,
     /// Largest linear radiance.
     pub max_radiance: Sides,
+    /// Of the sides that are meshes.
+    #[serde(default, skip_serializing_if = "MeshSides::is_empty")]
+    pub meshes: MeshSides,
 }
 
-/// One value for each photograph.
+/// One value for each side.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sides {
     /// Of the front.
@@ -104,14 +150,22 @@ pub struct OrderFact {
 /// Makes the scene.
 pub fn assemble(
     line: &SceneLine,
-    front: Sheet,
-    back: Sheet,
+    front: impl Into<Decoded>,
+    back: impl Into<Decoded>,
 ) -> Result<(Scene, SceneFacts), AssembleError> {
+    let (front, back): (Decoded, Decoded) = (front.into(), back.into());
+    let max_radiance = Sides {
+        front: front.max_radiance(),
+        back: back.max_radiance(),
+    };
+    let lateral_m = line.camera.aperture_radius_m + line.glass.thickness_m;
+    // The front's coordinates are the lens's: a mesh can be focused on before anything else is known.
+    let front = front.place("front", |x| x, lateral_m)?;
     let focus_distance_m = match line.camera.focus {
         Focus::Distance { distance_m } => Some(distance_m),
         Focus::At {
             at: FocusAt::FrontCenter,
-        } => Some(front.front_center_z_m),
+        } => Some(front.center_z_m()?),
         Focus::At {
             at: FocusAt::Infinity,
         } => None,
@@ -147,16 +201,12 @@ pub fn assemble(
             Filter::Gaussian => Some(FilterTable::gaussian()),
         },
     };
-    let apex = line.back.apex.unwrap_or_default();
+    let apex = line.back.apex().unwrap_or_default();
     let directions = film_directions(&film, &lens);
     let cosines: Vec<f64> = directions
         .iter()
         .map(|d| d.normalize().dot(normal))
         .collect();
-    let max_radiance = Sides {
-        front: f64::from(front.max_radiance),
-        back: f64::from(back.max_radiance),
-    };
     let orders = OrderPlan::new(
         &slab,
         &cosines,
@@ -164,25 +214,26 @@ pub fn assemble(
         line.film.order_tolerance,
     );
 
-    let too_near_share = Sides {
-        front: too_near("front", &front, &slab, line.glass.distance_m, |p| {
-            p.dot(normal)
-        })?,
-        back: too_near(
-            "back",
-            &back,
-            &slab,
-            line.glass.distance_m,
-            |p| match apex {
-                Apex::Mirror => DVec3::new(-p.x, p.y, p.z).dot(normal),
-                // The surface must stay on the camera's side of the pane: mirror it there to measure alike.
-                Apex::Camera => {
-                    2.0 * slab.plane_distance_m - DVec3::new(-p.x, p.y, -p.z).dot(normal)
-                }
-            },
-        )?,
+    let mirror = mirror(&slab);
+    let twice = slab.normal * (2.0 * slab.plane_distance_m);
+    let into_mirrored_world = |x: DVec3| match apex {
+        Apex::Mirror => DVec3::new(-x.x, x.y, x.z),
+        Apex::Camera => mirror * DVec3::new(-x.x, x.y, -x.z) + twice,
     };
-    let back_pose = pose(line, &slab, apex, &directions)?;
+    let back = back.place("back", into_mirrored_world, lateral_m)?;
+    let near = Near {
+        slab: &slab,
+        distance_m: line.glass.distance_m,
+        reach: film_reach(&film, &lens),
+    };
+    let too_near_share = Sides {
+        front: near.share("front", &front, |p| p.dot(normal))?,
+        back: near.share("back", &back, |p| match apex {
+            Apex::Mirror => DVec3::new(-p.x, p.y, p.z).dot(normal),
+            // The surface must stay on the camera's side of the pane: mirror it there to measure alike.
+            Apex::Camera => 2.0 * slab.plane_distance_m - DVec3::new(-p.x, p.y, -p.z).dot(normal),
+        })?,
+    };
     let facts = SceneFacts {
         focus_distance_m,
         orders: order_facts(&orders, line.film.spp),
@@ -191,26 +242,41 @@ pub fn assemble(
             back: orders.back_tail,
         },
         filled_share: Sides {
-            front: front.filled_share,
-            back: back.filled_share,
+            front: front.filled_share(),
+            back: back.filled_share(),
         },
         too_near_share,
         max_radiance,
+        meshes: MeshSides {
+            front: front.mesh_facts(),
+            back: back.mesh_facts(),
+        },
     };
     let reach_m = lens.aperture_radius_m + 40.0 * slab.thickness_m;
-    let front = view("front", front, Pose::Aligned { extra_m: 0.0 }, 1.0, reach_m)?;
-    let extra_m = if apex == Apex::Camera {
-        2.0 * slab.plane_distance_m
-    } else {
-        0.0
+    let front = match front {
+        Placed::Mesh(placed) => placed.mesh.into(),
+        Placed::Sheet(sheet) => {
+            view("front", sheet, Pose::Aligned { extra_m: 0.0 }, 1.0, reach_m)?.into()
+        }
     };
-    // In the aligned poses the mirrored x is in the sign of the focal length; a general pose holds it itself.
-    let sign = if matches!(back_pose, Pose::Aligned { .. }) {
-        -1.0
-    } else {
-        1.0
+    let back = match back {
+        Placed::Mesh(placed) => placed.mesh.into(),
+        Placed::Sheet(sheet) => {
+            let pose = pose(line, &slab, apex, &directions)?;
+            let extra_m = if apex == Apex::Camera {
+                2.0 * slab.plane_distance_m
+            } else {
+                0.0
+            };
+            // In the aligned poses the mirrored x is in the sign of the focal length; a general pose holds it itself.
+            let sign = if matches!(pose, Pose::Aligned { .. }) {
+                -1.0
+            } else {
+                1.0
+            };
+            view("back", sheet, pose, sign, reach_m + extra_m)?.into()
+        }
     };
-    let back = view("back", back, back_pose, sign, reach_m + extra_m)?;
     let scene = Scene {
         seed: line.seed,
         sampling: Sampling::Sobol,
@@ -225,17 +291,28 @@ pub fn assemble(
     Ok((scene, facts))
 }
 
-/// A dense set of camera directions: a grid over the film, widened by the lens and the filter.
-fn film_directions(film: &FilmPlane, lens: &Lens) -> Vec<DVec3> {
-    const STEPS: u32 = 32;
+/// Tangents of half the field of view, widened by the lens and the filter.
+fn film_reach(film: &FilmPlane, lens: &Lens) -> [f64; 2] {
     let spread = lens.aperture_radius_m * lens.inverse_focus_per_m;
     let beyond = film.filter.as_ref().map_or(0.0, FilterTable::radius_px);
     let pixel = film.pixel_tangent();
-    let reach = [0, 1].map(|k| film.tan_half_fov[k] + beyond * pixel[k] + spread);
+    [0, 1].map(|k| film.tan_half_fov[k] + beyond * pixel[k] + spread)
+}
+
+/// A dense set of camera directions: a grid over the film's reach.
+fn film_directions(film: &FilmPlane, lens: &Lens) -> Vec<DVec3> {
+    const STEPS: u32 = 32;
+    let reach = film_reach(film, lens);
     let at = |i: u32| 2.0 * f64::from(i) / f64::from(STEPS) - 1.0;
     (0..=STEPS)
         .flat_map(|j| (0..=STEPS).map(move |i| DVec3::new(at(i) * reach[0], at(j) * reach[1], 1.0)))
         .collect()
+}
+
+/// H = I - 2 n n^T.
+fn mirror(slab: &Slab) -> DMat3 {
+    let n = slab.normal;
+    DMat3::IDENTITY - DMat3::from_cols(n * n.x, n * n.y, n * n.z) * 2.0
 }
 
 /// Where the back photograph's capture camera stands in the mirrored world.
@@ -254,9 +331,8 @@ fn pose(
         Apex::Camera => {
             // x = H x' + 2 D n mirrors the mirrored world back, H = I - 2 n n^T; then diag(-1, 1, -1) turns.
             let n = slab.normal;
-            let mirror = DMat3::IDENTITY - DMat3::from_cols(n * n.x, n * n.y, n * n.z) * 2.0;
             let turn = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0));
-            let rotation = turn * mirror;
+            let rotation = turn * mirror(slab);
             let angle = |d: &DVec3| (rotation * *d).normalize().z.clamp(-1.0, 1.0);
             let cos = directions.iter().map(angle).fold(1.0, f64::min);
             let angle_deg = libm::acos(cos).to_degrees();
@@ -272,42 +348,6 @@ fn pose(
             })
         }
     }
-}
-
-/// Share of the valid depth pixels whose `height` over the lens along the normal is below the pane's.
-fn too_near(
-    side: &'static str,
-    sheet: &Sheet,
-    slab: &Slab,
-    distance_m: f64,
-    height: impl Fn(DVec3) -> f64,
-) -> Result<f64, AssembleError> {
-    let k = &sheet.intrinsics;
-    let (mut valid, mut near, mut nearest_m) = (0u64, 0u64, f64::INFINITY);
-    let pixels = sheet
-        .inverse_depth_per_m
-        .iter()
-        .zip(&sheet.valid)
-        .enumerate();
-    for (q, (&w, _)) in pixels.filter(|(_, (_, valid))| **valid) {
-        let (i, j) = (q % sheet.width, q / sheet.width);
-        let z = 1.0 / f64::from(w);
-        let x = (i as f64 + 0.5 - k.cx) / k.fx * z;
-        let y = (j as f64 + 0.5 - k.cy) / k.fy * z;
-        valid += 1;
-        near += u64::from(height(DVec3::new(x, y, z)) < slab.plane_distance_m);
-        nearest_m = nearest_m.min(z);
-    }
-    let share = near as f64 / valid.max(1) as f64;
-    if share > MAX_TOO_NEAR_SHARE {
-        return Err(AssembleError::TooNear {
-            side,
-            share,
-            distance_m,
-            nearest_m,
-        });
-    }
-    Ok(share)
 }
 
 fn view(

@@ -1,8 +1,8 @@
-//! Why the files of a photograph cannot become a sheet.
+//! Why the files of a photograph or a mesh cannot become a surface.
 
 use std::path::PathBuf;
 
-/// A photograph is refused; its scene goes to quarantine with this text.
+/// A photograph or mesh is refused; its scene goes to quarantine with this text.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     /// The file has no bytes.
@@ -116,6 +116,18 @@ pub enum SceneError {
         x: usize,
         /// Row of the first.
         y: usize,
+    },
+    /// A vertex, face or table of a mesh that cannot be used.
+    #[error("{}: {what} {problem}; {remedy}", path.display())]
+    Element {
+        /// The mesh.
+        path: PathBuf,
+        /// Which part of it.
+        what: String,
+        /// What is wrong with it.
+        problem: String,
+        /// What to do.
+        remedy: &'static str,
     },
     /// A number of the manifest line is out of its range.
     #[error("{name} of {} is {value}; it must be {expected}: correct the manifest", path.display())]

@@ -1,4 +1,4 @@
-//! The bytes of a photograph's files, and which format they are in.
+//! The bytes of a scene's files, and which format they are in.
 
 use super::error::SceneError;
 use std::path::PathBuf;
@@ -31,6 +31,7 @@ pub(super) enum FileFormat {
     Pnm,
     Exr,
     Npy,
+    Ply,
 }
 
 impl FileFormat {
@@ -42,6 +43,7 @@ impl FileFormat {
             Self::Pnm => "PNM",
             Self::Exr => "EXR",
             Self::Npy => ".npy",
+            Self::Ply => "PLY",
         }
     }
 }
@@ -58,6 +60,7 @@ impl NamedBytes {
             [b'P', b'1'..=b'7', b' ' | b'\t' | b'\r' | b'\n' | b'#', ..] => Ok(FileFormat::Pnm),
             [0x76, 0x2f, 0x31, 0x01, ..] => Ok(FileFormat::Exr),
             [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Ok(FileFormat::Npy),
+            [b'p', b'l', b'y', b'\r' | b'\n', ..] => Ok(FileFormat::Ply),
             [b'P', b'K', 3, 4, ..] => {
                 Err(self.wrong_format("a ZIP archive (.npz?)".to_owned(), expected))
             }
@@ -88,6 +91,21 @@ impl NamedBytes {
             path: self.path.clone(),
             found,
             expected,
+        }
+    }
+
+    /// A mesh's vertex, face or table that cannot be used: `what` of the file, what is wrong, and what to do.
+    pub(super) fn bad_element(
+        &self,
+        what: String,
+        problem: String,
+        remedy: &'static str,
+    ) -> SceneError {
+        SceneError::Element {
+            path: self.path.clone(),
+            what,
+            problem,
+            remedy,
         }
     }
 

@@ -1,4 +1,4 @@
-//! How large an image may be, checked before anything of its size is allocated.
+//! How large an image or a mesh may be, checked before anything of its size is allocated.
 
 use super::error::SceneError;
 use std::path::Path;
@@ -8,6 +8,12 @@ pub const MAX_SIDE: usize = 16_384;
 
 /// Most pixels of one image: 1 GiB of radiance.
 pub const MAX_PIXELS: usize = 1 << 26;
+
+/// Most vertices of a mesh.
+pub const MAX_VERTICES: usize = 1 << 24;
+
+/// Most triangles of a mesh (of its faces, before polygons are divided): about 3 GiB while the boxes are built.
+pub const MAX_TRIANGLES: usize = 1 << 24;
 
 /// Most channels of all layers of one EXR file; renderers write some dozens.
 pub(super) const MAX_EXR_CHANNELS: usize = 256;

@@ -1,10 +1,10 @@
 //! The one place where a scene's files are read; decoding them is pure.
 
 use super::{
-    AssembleError, NamedBytes, PhotographFiles, SceneError, SceneFacts, Sheet, assemble,
-    decode_photograph,
+    AssembleError, Decoded, NamedBytes, PhotographFiles, SceneError, SceneFacts, assemble,
+    decode_mesh, decode_photograph,
 };
-use crate::manifest::{Photograph, RootError, Roots, SceneLine};
+use crate::manifest::{RootError, Roots, SceneLine, Side};
 use crate::trace::Scene;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -34,19 +34,27 @@ pub enum LoadError {
 
 /// The bytes of a scene's files.
 pub struct SceneFiles {
-    /// Of the front photograph.
-    pub front: PhotographFiles,
-    /// Of the back photograph.
-    pub back: PhotographFiles,
+    /// Of the front.
+    pub front: SideFiles,
+    /// Of the back.
+    pub back: SideFiles,
 }
 
-/// A scene's photographs, decoded, and the digests of their files.
+/// The bytes of one side's files.
+pub enum SideFiles {
+    /// Of a photograph.
+    Photograph(PhotographFiles),
+    /// A PLY file.
+    Mesh(NamedBytes),
+}
+
+/// A scene's two sides, decoded, and the digests of their files.
 #[derive(Clone)]
 pub struct DecodedScene {
     /// Seen through the pane.
-    pub front: Sheet,
+    pub front: Decoded,
     /// Seen reflected in it.
-    pub back: Sheet,
+    pub back: Decoded,
     /// Of the files.
     pub inputs: InputDigests,
 }
@@ -75,16 +83,19 @@ pub fn read_files(line: &SceneLine, roots: &Roots, base: &Path) -> Result<SceneF
             Err(source) => Err(LoadError::Read { path, source }),
         }
     };
-    let photograph = |p: &Photograph| -> Result<PhotographFiles, LoadError> {
-        Ok(PhotographFiles {
-            color: read(&p.color)?,
-            depth: read(&p.depth)?,
-            mask: p.mask.as_deref().map(read).transpose()?,
+    let side = |side: &Side| -> Result<SideFiles, LoadError> {
+        Ok(match side {
+            Side::Photograph(p) => SideFiles::Photograph(PhotographFiles {
+                color: read(&p.color)?,
+                depth: read(&p.depth)?,
+                mask: p.mask.as_deref().map(read).transpose()?,
+            }),
+            Side::Mesh(p) => SideFiles::Mesh(read(&p.mesh)?),
         })
     };
     Ok(SceneFiles {
-        front: photograph(&line.front)?,
-        back: photograph(&line.back)?,
+        front: side(&line.front)?,
+        back: side(&line.back)?,
     })
 }
 
@@ -102,20 +113,33 @@ pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadErr
 /// The first half of [`load`], for who assembles several scenes from the same photographs.
 pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, LoadError> {
     Ok(DecodedScene {
-        front: decode_photograph(&line.front, &files.front)?,
-        back: decode_photograph(&line.back, &files.back)?,
+        front: decode_side(&line.front, &files.front)?,
+        back: decode_side(&line.back, &files.back)?,
         inputs: digests(files),
+    })
+}
+
+fn decode_side(side: &Side, files: &SideFiles) -> Result<Decoded, SceneError> {
+    Ok(match (side, files) {
+        (Side::Photograph(line), SideFiles::Photograph(files)) => {
+            decode_photograph(line, files)?.into()
+        }
+        (Side::Mesh(line), SideFiles::Mesh(file)) => decode_mesh(line, file)?.into(),
+        _ => unreachable!("the files were read for this line"),
     })
 }
 
 fn digests(files: &SceneFiles) -> InputDigests {
     let mut digests = BTreeMap::new();
-    for (side, photograph) in [("front", &files.front), ("back", &files.back)] {
-        let parts = [
-            ("color", Some(&photograph.color)),
-            ("depth", Some(&photograph.depth)),
-            ("mask", photograph.mask.as_ref()),
-        ];
+    for (side, files) in [("front", &files.front), ("back", &files.back)] {
+        let parts = match files {
+            SideFiles::Photograph(p) => vec![
+                ("color", Some(&p.color)),
+                ("depth", Some(&p.depth)),
+                ("mask", p.mask.as_ref()),
+            ],
+            SideFiles::Mesh(file) => vec![("mesh", Some(file))],
+        };
         for (part, file) in parts {
             if let Some(file) = file {
                 let digest = blake3::hash(&file.bytes).to_hex().to_string();

@@ -1,4 +1,4 @@
-//! Stage 3: the files of a manifest line become sheets of radiance and inverse depth, in metres.
+//! Stage 3: the files of a manifest line become sheets of radiance and inverse depth (or meshes), in metres.
 //!
 //! Everything here is pure: the caller reads the files, this module reads their bytes. A
 //! photograph goes through these files, in this order:
@@ -7,6 +7,8 @@
 //! files (format by magic bytes) -> npy | openexr | raster -> depth, mask, color (transfer)
 //!                                                      -> fill, center -> photograph (Sheet)
 //! ```
+//!
+//! and a mesh through `ply_header`, `ply`, `transfer` to `mesh` (Polygons); `assemble` takes either.
 //!
 //! Hostile bytes end in a [`SceneError`], never in a panic, and sizes are checked before anything
 //! of that size is allocated ([`limits`]). A sheet's bits are a function of the bytes and the
@@ -22,17 +24,26 @@ mod fill;
 pub mod limits;
 mod load;
 mod mask;
+mod mesh;
+mod near;
 mod npy;
 mod npy_header;
 mod openexr;
 mod photograph;
+mod place;
+mod ply;
+mod ply_header;
 mod raster;
 mod transfer;
 
-pub use assemble::{AssembleError, MAX_TOO_NEAR_SHARE, OrderFact, SceneFacts, Sides, assemble};
+pub use assemble::{AssembleError, OrderFact, SceneFacts, Sides, assemble};
 pub use error::SceneError;
 pub use files::{NamedBytes, PhotographFiles};
 pub use load::{
-    DecodedScene, InputDigests, LoadError, LoadedScene, SceneFiles, decode, load, read_files,
+    DecodedScene, InputDigests, LoadError, LoadedScene, SceneFiles, SideFiles, decode, load,
+    read_files,
 };
+pub use mesh::{Polygons, decode_mesh};
+pub use near::MAX_TOO_NEAR_SHARE;
 pub use photograph::{Sheet, decode_linear_image, decode_photograph};
+pub use place::{Decoded, MeshFacts, MeshSides};

@@ -52,6 +52,10 @@ pub(super) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, Sc
             let original_max = decoder.header().maximal_sample();
             read(file, format, decoder, Some(original_max))
         }
+        FileFormat::Ply => Err(file.wrong_format(
+            "a PLY mesh".to_owned(),
+            "an image here, or name the file as \"mesh\" in place of color and depth",
+        )),
         FileFormat::Exr | FileFormat::Npy => unreachable!("read by modules of their own"),
     })
 }

@@ -80,8 +80,8 @@ fn scene() -> Scene {
         },
         slab,
         orders,
-        front: view(1, 1.0),
-        back: view(100, -1.0),
+        front: view(1, 1.0).into(),
+        back: view(100, -1.0).into(),
     }
 }
 

@@ -9,15 +9,16 @@
 //! R  = mean over film points of B(mirrored pinhole ray)            (no glass, no lens)
 //! ```
 //!
-//! F and B are the photographs' radiances where the line first meets their sheet: a path ends there, because the
-//! photograph's radiance is what leaves the surface (the paper's Eq. 1), so there is no other transport.
+//! F and B are the photographs' radiances where the line first meets their sheet (or mesh): a path ends there, because
+//! the photograph's radiance is what leaves the surface (the paper's Eq. 1), so there is no other transport.
 
 use super::camera::{CameraBlock, Pixel};
 use super::lanes::LANES;
 use super::lines::{LineMaker, Path};
+use super::mesh;
 use super::orders::FollowedOrder;
 use super::sampler::BLOCK;
-use super::scene::{Scene, View};
+use super::scene::{Scene, Surface};
 use super::shade::{Cells, Sums, TexelMap, Weights, absorbed, weights};
 use super::slab::Order;
 use super::walk::walk;
@@ -52,7 +53,7 @@ pub(super) struct Tracer<'a, const AVX2: bool> {
 
 /// One order (or R's pinhole path) with one block of samples.
 struct Bundle<'a> {
-    view: &'a View,
+    surface: &'a Surface,
     path: Path,
     order: Option<Order>,
     /// Samples, the first of the block.
@@ -109,7 +110,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
                 block_samples,
             );
             for k in 0..scene.orders.front.len() + scene.orders.back.len() {
-                let (list, view, k) = match k.checked_sub(scene.orders.front.len()) {
+                let (list, surface, k) = match k.checked_sub(scene.orders.front.len()) {
                     None => (&scene.orders.front, &scene.front, k),
                     Some(k) => (&scene.orders.back, &scene.back, k),
                 };
@@ -122,7 +123,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
                     n * u32::from(b < blocks / 2)
                 };
                 let bundle = Bundle {
-                    view,
+                    surface,
                     path: self.path(followed),
                     order: Some(followed.order),
                     count: n,
@@ -145,7 +146,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
             if n > 0 {
                 let half = (self.clean / 2).saturating_sub(b * block_samples).min(n);
                 let bundle = Bundle {
-                    view: &scene.back,
+                    surface: &scene.back,
                     path: Path::Pinhole,
                     order: None,
                     count: n,
@@ -174,7 +175,13 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
     #[inline(always)]
     fn follow(&mut self, pixel: &Pixel, bundle: &Bundle, transmission: &mut Sums) -> (Sums, u64) {
         let (scene, camera) = (self.scene, &*self.camera);
-        let view = bundle.view;
+        let view = match bundle.surface {
+            Surface::Sheet(view) => view,
+            Surface::Mesh(mesh) => {
+                let (what, range) = ((bundle.path, bundle.order), (bundle.count, bundle.half));
+                return mesh::follow(scene, mesh, (pixel, camera), what, range, transmission);
+            }
+        };
         let groups = (bundle.count as usize).div_ceil(LANES);
         let maker = LineMaker::new(scene, view, pixel, bundle.path);
         let mut span = None;

@@ -1,6 +1,7 @@
 //! Stage 4: rays. A pure function from a scene, a tile and a range of samples to the four layers' means.
 //!
-//! The estimator is written down in `bundle`, the glass in `slab`, the intersection in `walk`. No file,
+//! The estimator is written down in `bundle`, the glass in `slab`, the intersection in `walk`
+//! and, for triangle meshes, in `mesh`. No file,
 //! clock, environment or thread pool is used here, and every sum has a fixed order: a pixel's bits depend on the
 //! scene and the sample range alone.
 
@@ -19,6 +20,7 @@ mod footprint;
 mod grid;
 mod lanes;
 mod lines;
+mod mesh;
 mod orders;
 mod probe;
 mod sampler;
@@ -31,10 +33,11 @@ mod walk;
 
 pub use bundle::PixelMeans;
 pub use grid::Grid;
+pub use mesh::{MAX_COORDINATE_M, Mesh, MeshCounts, NEAR_M};
 pub use orders::{FollowedOrder, OrderPlan};
 pub use probe::{BundleProbe, ProbeRay, WalkCount, sample_block};
 pub use sampler::{BLOCK, PixelSeed, sample};
-pub use scene::{FilmPlane, FilterTable, Lens, Pose, Sampling, Scene, View};
+pub use scene::{FilmPlane, FilterTable, Lens, Pose, Sampling, Scene, Surface, View};
 pub use slab::{Order, Slab};
 pub use texture::Texture;
 pub use tile::{Isa, LAYERS, Tile, TileResult, trace_tile};

@@ -7,7 +7,7 @@ use super::camera::{CameraBlock, GROUPS, Pixel};
 use super::lanes::{LANES, Lane};
 use super::lines::{LineMaker, Path};
 use super::sampler::{BLOCK, PixelSeed, points};
-use super::scene::{Pose, Sampling, Scene, View};
+use super::scene::{Pose, Sampling, Scene, Surface, View};
 use super::slab::Order;
 use super::tile::Isa;
 use super::walk::{Lines, walk};
@@ -89,12 +89,15 @@ impl<'a> BundleProbe<'a> {
     /// Bundles of `order` (`None`: R's pinhole, which sees no glass) of every `step_px`-th pixel across and down: their
     /// first 256 samples, of which the scene must have as many.
     ///
-    /// `None` if the hits do not depend on the sheet, so that nothing is walked (R with apex `mirror`).
+    /// `None` if no grid is walked: R with apex `mirror`, whose hits do not depend on the sheet, and meshes.
     pub fn new(scene: &'a Scene, order: Option<Order>, step_px: u32) -> Option<Self> {
         assert!(scene.spp as usize >= BLOCK, "a bundle has {BLOCK} samples");
-        let view = match order {
+        let surface = match order {
             Some(Order::Transmitted(_)) => &scene.front,
             Some(Order::Reflected(_)) | None => &scene.back,
+        };
+        let Surface::Sheet(view) = surface else {
+            return None;
         };
         let path = order.map_or(Path::Pinhole, |order| {
             let constant = scene.slab.kappa_m(order, 0.0);
@@ -160,25 +163,25 @@ impl<'a> BundleProbe<'a> {
                 // SAFETY: the machine has AVX2, as just asked.
                 unsafe { self.intersect_avx2(hits) }
             }
-            _ => self.intersect_here(hits),
+            _ => self.intersect_here::<false>(hits),
         }
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     fn intersect_avx2(&self, hits: &mut [f32]) {
-        self.intersect_here(hits);
+        self.intersect_here::<true>(hits);
     }
 
     #[inline(always)]
-    fn intersect_here(&self, hits: &mut [f32]) {
+    fn intersect_here<const AVX2: bool>(&self, hits: &mut [f32]) {
         let shared = CameraBlock::new();
         let (groups, _) = hits.as_chunks_mut::<LANES>();
         for (bundle, hits) in self.bundles.iter().zip(groups.chunks_exact_mut(GROUPS)) {
             let camera = bundle.camera.as_deref().unwrap_or(&shared);
             let span = bundle.maker.span(self.scene, &bundle.pixel, camera, GROUPS);
             for (lines, hits) in bundle.lines.iter().zip(hits) {
-                *hits = walk(&self.view.grid, bundle.maker.base, lines, span);
+                *hits = walk::<AVX2>(&self.view.grid, bundle.maker.base, lines, span);
             }
         }
     }

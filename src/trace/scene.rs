@@ -1,6 +1,7 @@
-//! What the tracer sees: two photographs as sheets, a pane, a lens, a film. Nothing here knows files.
+//! What the tracer sees: two surfaces, a pane, a lens, a film. Nothing here knows files.
 
 use super::grid::Grid;
+use super::mesh::Mesh;
 use super::orders::OrderPlan;
 use super::slab::Slab;
 use super::texture::Texture;
@@ -23,9 +24,29 @@ pub struct Scene {
     /// Orders of the pane that are followed.
     pub orders: OrderPlan,
     /// Seen through the pane.
-    pub front: View,
+    pub front: Surface,
     /// Seen reflected in it.
-    pub back: View,
+    pub back: Surface,
+}
+
+/// What one side of the pane shows.
+pub enum Surface {
+    /// A photograph.
+    Sheet(View),
+    /// A triangle mesh.
+    Mesh(Mesh),
+}
+
+impl From<View> for Surface {
+    fn from(view: View) -> Self {
+        Self::Sheet(view)
+    }
+}
+
+impl From<Mesh> for Surface {
+    fn from(mesh: Mesh) -> Self {
+        Self::Mesh(mesh)
+    }
 }
 
 /// Kind of the sample points. No manifest line can set it: it is there to be measured.

@@ -14,7 +14,7 @@ use super::*;
 use glam::{DMat3, DVec3, Vec3A};
 
 /// Scrambles a counter: numbers in [0, 1) for rough surfaces and rays.
-fn random(k: u64) -> f64 {
+pub(super) fn random(k: u64) -> f64 {
     let mut x = k.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x1234_5678;
     for _ in 0..2 {
         x = (x ^ (x >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -23,7 +23,7 @@ fn random(k: u64) -> f64 {
 }
 
 /// A surface with plates, skirts and noise.
-fn rough(nx: usize, ny: usize, key: u64) -> Grid {
+pub(super) fn rough(nx: usize, ny: usize, key: u64) -> Grid {
     let w = (0..nx * ny)
         .map(|q| {
             let (i, j) = ((q % nx) as u64, (q / nx) as u64);
@@ -121,7 +121,7 @@ fn group(rays: &[[f32; 4]]) -> Lines {
     lines
 }
 
-fn full_span(grid: &Grid, inside: bool) -> Span {
+pub(super) fn full_span(grid: &Grid, inside: bool) -> Span {
     let [bottom, top] = grid.extremes();
     Span {
         hi: top * 1.000_001,
@@ -312,7 +312,7 @@ fn another_ray_tracer_finds_the_same_hits() {
 }
 
 /// A scene around one grid, tilted or not.
-fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: f64) -> Scene {
+pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: f64) -> Scene {
     let normal = Slab::tilted_normal(tilt_deg);
     let slab = Slab {
         normal,
@@ -361,8 +361,8 @@ fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: f64) -> Sce
         },
         orders: OrderPlan::new(&slab, &[normal.z], [1.0; 2], 1e-5),
         slab,
-        front: view(1, Pose::Aligned { extra_m: 0.0 }, 1.0),
-        back: view(2, pose, -1.0),
+        front: view(1, Pose::Aligned { extra_m: 0.0 }, 1.0).into(),
+        back: view(2, pose, -1.0).into(),
     }
 }
 
@@ -409,9 +409,12 @@ fn footprints_and_spans_are_conservative() {
                     Order::Reflected(0),
                     Order::Reflected(2),
                 ] {
-                    let view = match order {
+                    let side = match order {
                         Order::Transmitted(_) => &scene.front,
                         Order::Reflected(_) => &scene.back,
+                    };
+                    let Surface::Sheet(view) = side else {
+                        panic!("a mesh")
                     };
                     let constant = scene.slab.kappa_m(order, 0.0);
                     let slope = scene.slab.kappa_m(order, 1.0) - constant;
@@ -527,13 +530,11 @@ fn probed_rays_meet_the_sheet_where_the_kernel_says() {
     }
     println!("{tested} rays, {cells} cells");
     assert!(cells > tested, "some rays take more than a cell");
-    let aligned = Scene {
-        back: View {
-            pose: Pose::Aligned { extra_m: 0.0 },
-            ..scene([0.0, 0.0], false, false, 2.0).back
-        },
-        ..scene([0.0, 0.0], false, false, 2.0)
+    let mut aligned = scene([0.0, 0.0], false, false, 2.0);
+    let Surface::Sheet(back) = &mut aligned.back else {
+        panic!("these scenes are sheets");
     };
+    back.pose = Pose::Aligned { extra_m: 0.0 };
     assert!(BundleProbe::new(&aligned, None, 40).is_none());
 }
 

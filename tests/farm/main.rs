@@ -18,6 +18,7 @@ mod help;
 mod json;
 mod kill;
 mod merging;
+mod mesh;
 mod outputs;
 mod planning;
 mod program;

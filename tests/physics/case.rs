@@ -202,8 +202,8 @@ impl Case {
             },
             orders: OrderPlan::new(&slab, &self.cosines(), radiance, self.tolerance),
             slab,
-            front,
-            back,
+            front: front.into(),
+            back: back.into(),
         }
     }
 

@@ -1,6 +1,7 @@
 //! Bits depend on scene and samples alone: not on instruction set, tile or how a range is cut.
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
+use crate::mesh::rooms;
 use glasshouse::trace::{Isa, PixelMeans, Scene, Tile, trace_tile};
 
 fn rough(key: u64) -> Photo {
@@ -62,8 +63,8 @@ fn instruction_sets_and_tiles_give_the_same_bits() {
     if fastest == Isa::Baseline {
         println!("no AVX2 on this machine: only tiles are compared");
     }
-    for case in cases() {
-        let scene = case.scene();
+    let sheets = cases().into_iter().map(|case| case.scene());
+    for scene in sheets.chain(cases().iter().map(rooms)) {
         let whole = bits(&whole_film(&scene, Isa::Baseline).pixels);
         assert!(whole == bits(&whole_film(&scene, fastest).pixels));
         for side in [16, 64, 100] {

@@ -18,6 +18,7 @@ mod constant_depth;
 mod furnace;
 mod hard_cases;
 mod invariance;
+mod mesh;
 mod optics;
 mod pixels;
 mod reference;

@@ -3,7 +3,7 @@
 use super::super::npy::tests::npy;
 use super::super::raster::tests::png;
 use super::*;
-use crate::manifest::{Fill, SceneLine, Transfer};
+use crate::manifest::{Fill, SceneLine, Side, Transfer};
 use crate::scene::NamedBytes;
 use image::ExtendedColorType as Png;
 use std::path::PathBuf;
@@ -185,7 +185,8 @@ fn the_oracle_scene_is_focused_exactly() {
     };
     let text = std::fs::read_to_string(folder.join("scene.json")).unwrap();
     let scene: SceneLine = serde_json::from_str(&text).unwrap();
-    let read = |photograph: &Photograph| {
+    let read = |side: &Side| {
+        let photograph = side.photograph().unwrap();
         let files = PhotographFiles {
             color: named(folder.join(&photograph.color)),
             depth: named(folder.join(&photograph.depth)),

@@ -1,0 +1,346 @@
+//! What one side of the pane shows: an RGBD photograph, or a triangle mesh in its place.
+
+use super::line::{Apex, DepthKind, Fill, Intrinsics, Photograph, Transfer, one};
+use serde::{Deserialize, Deserializer, Serialize};
+
+/// One side of the pane. In JSON the key `mesh` tells them apart; a photograph has no such key.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Side {
+    /// A colour and a depth image.
+    Photograph(Photograph),
+    /// A triangle mesh with vertex colours.
+    Mesh(MeshFile),
+}
+
+/// A triangle mesh: stands in place of `color` and `depth`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MeshFile {
+    /// Path of the PLY file: relative to the manifest, or `NAME:path` under a named root.
+    pub mesh: String,
+    /// Coding of the vertex colours.
+    pub transfer: Transfer,
+    /// Metres per unit of the file's coordinates.
+    pub unit_m: f64,
+    /// Multiplies linear radiance.
+    pub exposure: f64,
+    /// Where the mesh stands; without it the file's axes are the capture camera's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pose: Option<MeshPose>,
+    /// Of the back alone: where the capture camera stands (`mirror` if missing).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub apex: Option<Apex>,
+}
+
+/// From mesh coordinates in metres to the capture camera's (+x right, +y down, +z forward):
+/// `rotation * x + translation_m`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshPose {
+    /// Rows of a rotation matrix.
+    #[serde(default = "MeshPose::no_rotation")]
+    pub rotation: [[f64; 3]; 3],
+    /// The mesh's origin in capture coordinates.
+    #[serde(default)]
+    pub translation_m: [f64; 3],
+}
+
+impl MeshPose {
+    /// The unit matrix.
+    pub const fn no_rotation() -> [[f64; 3]; 3] {
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    }
+
+    /// Largest difference of `rotation` times its transpose from the unit matrix; infinite for a reflection and
+    /// for what is no number.
+    pub(super) fn distortion(&self) -> f64 {
+        let r = &self.rotation;
+        let row = |a: usize, b: usize| (0..3).map(|k| r[a][k] * r[b][k]).sum::<f64>();
+        let minor = |a: usize, b: usize| r[1][a] * r[2][b] - r[1][b] * r[2][a];
+        let determinant = r[0][0] * minor(1, 2) - r[0][1] * minor(0, 2) + r[0][2] * minor(0, 1);
+        // Every part of the matrix is in the determinant, so not-a-number ends here as well.
+        if determinant.is_nan() || determinant <= 0.0 {
+            return f64::INFINITY;
+        }
+        let parts = (0..9).map(|k| (k / 3, k % 3));
+        parts
+            .map(|(a, b)| (row(a, b) - f64::from(u8::from(a == b))).abs())
+            .fold(0.0, f64::max)
+    }
+}
+
+impl Side {
+    /// The photograph, if it is one.
+    pub fn photograph(&self) -> Option<&Photograph> {
+        match self {
+            Self::Photograph(photograph) => Some(photograph),
+            Self::Mesh(_) => None,
+        }
+    }
+
+    /// The file that people know it by: the colour image, or the mesh.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Photograph(photograph) => &photograph.color,
+            Self::Mesh(mesh) => &mesh.mesh,
+        }
+    }
+
+    /// Where the capture camera stands, if the line says so.
+    pub fn apex(&self) -> Option<Apex> {
+        match self {
+            Self::Photograph(photograph) => photograph.apex,
+            Self::Mesh(mesh) => mesh.apex,
+        }
+    }
+
+    /// Puts the capture camera elsewhere.
+    pub fn set_apex(&mut self, apex: Apex) {
+        match self {
+            Self::Photograph(photograph) => photograph.apex = Some(apex),
+            Self::Mesh(mesh) => mesh.apex = Some(apex),
+        }
+    }
+
+    /// The paths of all its files, with their keys.
+    pub fn paths(&self) -> Vec<(&'static str, &str)> {
+        match self {
+            Self::Photograph(p) => [
+                ("color", Some(&p.color)),
+                ("depth", Some(&p.depth)),
+                ("mask", p.mask.as_ref()),
+            ]
+            .into_iter()
+            .filter_map(|(key, path)| Some((key, path?.as_str())))
+            .collect(),
+            Self::Mesh(mesh) => vec![("mesh", &mesh.mesh)],
+        }
+    }
+
+    /// The same paths, to be changed.
+    pub fn paths_mut(&mut self) -> Vec<&mut String> {
+        match self {
+            Self::Photograph(p) => [Some(&mut p.color), Some(&mut p.depth), p.mask.as_mut()]
+                .into_iter()
+                .flatten()
+                .collect(),
+            Self::Mesh(mesh) => vec![&mut mesh.mesh],
+        }
+    }
+}
+
+impl From<Photograph> for Side {
+    fn from(photograph: Photograph) -> Self {
+        Self::Photograph(photograph)
+    }
+}
+
+impl From<MeshFile> for Side {
+    fn from(mesh: MeshFile) -> Self {
+        Self::Mesh(mesh)
+    }
+}
+
+/// Every key that either kind may have. Deserialised as one struct, so that an error can say which keys go together
+/// (serde's untagged enums only say that nothing matched).
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct AnySide {
+    #[serde(default, deserialize_with = "given")]
+    mesh: Option<String>,
+    #[serde(default, deserialize_with = "given")]
+    color: Option<String>,
+    #[serde(default, deserialize_with = "given")]
+    depth: Option<String>,
+    #[serde(default)]
+    mask: Option<String>,
+    #[serde(default, deserialize_with = "given")]
+    transfer: Option<Transfer>,
+    #[serde(default, deserialize_with = "given")]
+    depth_unit_m: Option<f64>,
+    #[serde(default, deserialize_with = "given")]
+    depth_kind: Option<DepthKind>,
+    #[serde(default, deserialize_with = "given")]
+    intrinsics: Option<Intrinsics>,
+    #[serde(default, deserialize_with = "given")]
+    unit_m: Option<f64>,
+    #[serde(default, deserialize_with = "given")]
+    exposure: Option<f64>,
+    #[serde(default, deserialize_with = "given")]
+    fill: Option<Fill>,
+    #[serde(default)]
+    pose: Option<MeshPose>,
+    #[serde(default)]
+    apex: Option<Apex>,
+}
+
+/// A key that may be missing, but not `null`.
+fn given<'de, D: Deserializer<'de>, T: Deserialize<'de>>(from: D) -> Result<Option<T>, D::Error> {
+    T::deserialize(from).map(Some)
+}
+
+impl<'de> Deserialize<'de> for Side {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let any = AnySide::deserialize(deserializer)?;
+        any.side().map_err(serde::de::Error::custom)
+    }
+}
+
+impl AnySide {
+    fn side(self) -> Result<Side, String> {
+        let Some(mesh) = self.mesh else {
+            return self.into_photograph().map(Side::Photograph);
+        };
+        for (key, is_given) in [
+            ("color", self.color.is_some()),
+            ("depth", self.depth.is_some()),
+            ("mask", self.mask.is_some()),
+            ("depth_unit_m", self.depth_unit_m.is_some()),
+            ("depth_kind", self.depth_kind.is_some()),
+            ("intrinsics", self.intrinsics.is_some()),
+            ("fill", self.fill.is_some()),
+        ] {
+            if is_given {
+                return Err(format!(
+                    "`{key}` belongs to a photograph and cannot stand beside `mesh`, which takes transfer, unit_m, \
+                     exposure, pose and apex"
+                ));
+            }
+        }
+        Ok(Side::Mesh(MeshFile {
+            mesh,
+            transfer: self.transfer.unwrap_or_default(),
+            unit_m: self.unit_m.unwrap_or_else(one),
+            exposure: self.exposure.unwrap_or_else(one),
+            pose: self.pose,
+            apex: self.apex,
+        }))
+    }
+
+    fn into_photograph(self) -> Result<Photograph, String> {
+        for (key, is_given) in [
+            ("unit_m", self.unit_m.is_some()),
+            ("pose", self.pose.is_some()),
+        ] {
+            if is_given {
+                return Err(format!(
+                    "`{key}` belongs to a `mesh`, which is not given; a photograph takes color, depth, mask, transfer, \
+                     depth_unit_m, depth_kind, intrinsics, exposure, fill and apex"
+                ));
+            }
+        }
+        let missing = |key: &str| {
+            format!(
+                "missing field `{key}`: give color, depth and intrinsics of a photograph, or the mesh of a PLY file"
+            )
+        };
+        Ok(Photograph {
+            color: self.color.ok_or_else(|| missing("color"))?,
+            depth: self.depth.ok_or_else(|| missing("depth"))?,
+            mask: self.mask,
+            transfer: self.transfer.unwrap_or_default(),
+            depth_unit_m: self.depth_unit_m.unwrap_or_else(one),
+            depth_kind: self.depth_kind.unwrap_or_default(),
+            intrinsics: self.intrinsics.ok_or_else(|| missing("intrinsics"))?,
+            exposure: self.exposure.unwrap_or_else(one),
+            fill: self.fill.unwrap_or_default(),
+            apex: self.apex,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(json: &str) -> Result<Side, String> {
+        serde_json::from_str(json).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_mesh_has_its_own_keys_and_defaults() {
+        let side = read(r#"{"mesh":"room.ply"}"#).unwrap();
+        let Side::Mesh(mesh) = &side else {
+            panic!("{side:?}")
+        };
+        assert_eq!((mesh.unit_m, mesh.exposure, mesh.pose), (1.0, 1.0, None));
+        let text = serde_json::to_string(&side).unwrap();
+        assert_eq!(
+            text,
+            r#"{"mesh":"room.ply","transfer":"srgb","unit_m":1.0,"exposure":1.0}"#
+        );
+        assert_eq!(read(&text).unwrap(), side);
+
+        let posed = r#"{"mesh":"a:b.ply","transfer":"linear","unit_m":0.01,"exposure":2.0,"pose":{"rotation":
+            [[1,0,0],[0,0,-1],[0,1,0]],"translation_m":[0,0.5,2]},"apex":"camera"}"#;
+        let side = read(posed).unwrap();
+        assert_eq!(side.apex(), Some(Apex::Camera));
+        assert_eq!(side.paths(), [("mesh", "a:b.ply")]);
+        let text = serde_json::to_string(&side).unwrap();
+        assert_eq!(read(&text).unwrap(), side);
+        let moved = read(r#"{"mesh":"b","pose":{"translation_m":[0,0,1]}}"#).unwrap();
+        let Side::Mesh(mesh) = moved else { panic!() };
+        assert_eq!(mesh.pose.unwrap().distortion(), 0.0);
+    }
+
+    #[test]
+    fn errors_say_which_keys_go_together() {
+        let photograph = r#"{"color":"c","depth":"d","intrinsics":{"fx":1,"fy":1,"cx":0,"cy":0}"#;
+        assert!(read(&format!("{photograph}}}")).is_ok());
+        for (json, words) in [
+            (
+                format!(r#"{photograph},"mesh":"m"}}"#),
+                "`color` belongs to a photograph",
+            ),
+            (
+                r#"{"mesh":"m","depth_unit_m":1}"#.into(),
+                "`depth_unit_m` belongs to a photograph and cannot stand beside `mesh`",
+            ),
+            (
+                format!(r#"{photograph},"unit_m":1}}"#),
+                "`unit_m` belongs to a `mesh`",
+            ),
+            (
+                format!(r#"{photograph},"pose":{{}}}}"#),
+                "`pose` belongs to a `mesh`",
+            ),
+            (
+                r#"{"color":"c"}"#.into(),
+                "missing field `depth`: give color, depth",
+            ),
+            (
+                "{}".into(),
+                "missing field `color`: give color, depth and intrinsics",
+            ),
+            (
+                r#"{"mesh":"m","meshes":1}"#.into(),
+                "unknown field `meshes`",
+            ),
+            (r#"{"mesh":null}"#.into(), "invalid type: null"),
+            (
+                r#"{"mesh":"m","pose":{"scale":2}}"#.into(),
+                "unknown field `scale`",
+            ),
+        ] {
+            let error = read(&json).unwrap_err();
+            assert!(error.contains(words), "{json}: {error}");
+        }
+    }
+
+    #[test]
+    fn only_rotations_are_undistorted() {
+        let pose = |rotation| MeshPose {
+            rotation,
+            translation_m: [0.0; 3],
+        };
+        let (sin, cos) = libm::sincos(0.3);
+        let turn = pose([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]]);
+        assert!(turn.distortion() < 1e-15);
+        let mirror = pose([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        assert_eq!(mirror.distortion(), f64::INFINITY);
+        let scaled = pose([[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]]);
+        assert_eq!(scaled.distortion(), 3.0);
+        let broken = pose([[f64::NAN, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        assert_eq!(broken.distortion(), f64::INFINITY);
+    }
+}

@@ -1,0 +1,196 @@
+//! Sixteen rays against a triangle, without gaps along shared edges.
+//!
+//! After Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013: the triangle is sheared so
+//! that the ray becomes the w axis, and three two-dimensional edge functions decide. Their shear and choice of axis
+//! are given here, because every ray of projective space runs down w. A corner's sheared place depends on the ray and
+//! the corner alone, and an edge function only changes its sign with the direction of its edge (each product is
+//! rounded alike, subtraction is exact in sign), so both triangles of an edge decide alike. Where f32 rounds an edge
+//! function to zero, f64, in which the products are exact, decides.
+
+use super::super::lanes::{LANES, Lane, max, min};
+
+/// Corners of a triangle in projective space: (u, v, w).
+pub(super) type Corners = [[f32; 3]; 3];
+
+/// Slope that stands in for 0, so that reciprocals stay finite.
+const TINY: f32 = 1.0e-20;
+
+/// Sixteen rays (u, v) = d + w p, and what a box is tested with.
+pub(super) struct Rays {
+    d: [Lane; 2],
+    p: [Lane; 2],
+    inverse_p: [Lane; 2],
+    /// d less and plus a margin for the roundings of the shear.
+    d_low: [Lane; 2],
+    d_high: [Lane; 2],
+}
+
+/// First hits so far.
+pub(super) struct Hits {
+    /// Inverse depth; 0 where nothing was met.
+    pub(super) w: Lane,
+    /// Which triangle, in the tree's order.
+    pub(super) triangle: [u32; LANES],
+    /// Weight of the triangle's second corner, in projective space.
+    pub(super) b: Lane,
+    /// Weight of its third.
+    pub(super) c: Lane,
+}
+
+impl Hits {
+    /// Nothing met by the first `count` rays; the others are out of play.
+    #[inline(always)]
+    pub(super) fn none(count: usize) -> Self {
+        let mut hits = Self {
+            w: [0.0; LANES],
+            triangle: [u32::MAX; LANES],
+            b: [0.0; LANES],
+            c: [0.0; LANES],
+        };
+        for l in count..LANES {
+            hits.w[l] = f32::INFINITY;
+        }
+        hits
+    }
+}
+
+impl Rays {
+    /// Rays with directions (`d`, 1) through points `p` of the plane z = 0, for triangles with w up to `top`.
+    #[inline(always)]
+    pub(super) fn new(d: [Lane; 2], p: [Lane; 2], top: f32) -> Self {
+        let mut rays = Self {
+            d,
+            p,
+            inverse_p: [[0.0; LANES]; 2],
+            d_low: d,
+            d_high: d,
+        };
+        for k in 0..2 {
+            for l in 0..LANES {
+                let slope = p[k][l];
+                let slope = if slope.abs() < TINY { TINY } else { slope };
+                rays.inverse_p[k][l] = 1.0 / slope;
+                // Three roundings, each at most 2^-24 of |u| (the boxes' part), |d| and |p w|.
+                let margin = (d[k][l].abs() + p[k][l].abs() * top) * super::tree::MARGIN;
+                rays.d_low[k][l] = d[k][l] - margin;
+                rays.d_high[k][l] = d[k][l] + margin;
+            }
+        }
+        rays
+    }
+
+    /// Whether any of the rays may meet something in the box that is nearer than, or as near as, what it has met.
+    #[inline(always)]
+    pub(super) fn touch(&self, low: [f32; 3], high: [f32; 3], hits: &Hits) -> bool {
+        let mut any = 0u32;
+        for l in 0..LANES {
+            let mut near = high[2];
+            let mut far = max(low[2], hits.w[l]);
+            for k in 0..2 {
+                let a = (low[k] - self.d_high[k][l]) * self.inverse_p[k][l];
+                let b = (high[k] - self.d_low[k][l]) * self.inverse_p[k][l];
+                near = min(max(a, b), near);
+                far = max(min(a, b), far);
+            }
+            // At most seven roundings of 2^-24 stand between both sides.
+            any |= u32::from(far <= near * 1.000_001);
+        }
+        any != 0
+    }
+
+    /// Tests triangle number `triangle`; of hits at equal w the one of the lowest of `ranks` counts.
+    #[inline(always)]
+    pub(super) fn meet(&self, corners: &Corners, triangle: u32, ranks: &[u32], hits: &mut Hits) {
+        let [[au, av, aw], [bu, bv, bw], [cu, cv, cw]] = *corners;
+        let (mut weight_a, mut weight_b, mut weight_c) =
+            ([0f32; LANES], [0f32; LANES], [0f32; LANES]);
+        let mut undecided = 0u32;
+        for l in 0..LANES {
+            let (du, dv) = (self.d[0][l], self.d[1][l]);
+            let (pu, pv) = (self.p[0][l], self.p[1][l]);
+            let (ax, ay) = (au - du - pu * aw, av - dv - pv * aw);
+            let (bx, by) = (bu - du - pu * bw, bv - dv - pv * bw);
+            let (cx, cy) = (cu - du - pu * cw, cv - dv - pv * cw);
+            weight_a[l] = cx * by - cy * bx;
+            weight_b[l] = ax * cy - ay * cx;
+            weight_c[l] = bx * ay - by * ax;
+            undecided |= u32::from((weight_a[l] == 0.0) | (weight_b[l] == 0.0))
+                | u32::from(weight_c[l] == 0.0);
+        }
+        let mut found = [0u32; LANES];
+        let (mut w, mut b, mut c) = ([0f32; LANES], [0f32; LANES], [0f32; LANES]);
+        let mut any = 0u32;
+        for l in 0..LANES {
+            let (x, y, z) = (weight_a[l], weight_b[l], weight_c[l]);
+            let inside = ((x > 0.0) & (y > 0.0) & (z > 0.0)) | ((x < 0.0) & (y < 0.0) & (z < 0.0));
+            let inverse = 1.0 / (x + y + z);
+            b[l] = y * inverse;
+            c[l] = z * inverse;
+            w[l] = (x * aw + y * bw + z * cw) * inverse;
+            found[l] = u32::from(inside);
+            any |= found[l];
+        }
+        if undecided != 0 {
+            for l in 0..LANES {
+                if weight_a[l] == 0.0 || weight_b[l] == 0.0 || weight_c[l] == 0.0 {
+                    let hit = self.meet_exactly(corners, l);
+                    found[l] = u32::from(hit.is_some());
+                    any |= found[l];
+                    [w[l], b[l], c[l]] = hit.unwrap_or_default();
+                }
+            }
+        }
+        if any == 0 {
+            return;
+        }
+        let mut ties = 0u32;
+        for l in 0..LANES {
+            let is_nearer = (found[l] != 0) & (w[l] > hits.w[l]);
+            ties |= found[l] & u32::from(w[l] == hits.w[l]);
+            hits.w[l] = if is_nearer { w[l] } else { hits.w[l] };
+            hits.b[l] = if is_nearer { b[l] } else { hits.b[l] };
+            hits.c[l] = if is_nearer { c[l] } else { hits.c[l] };
+            hits.triangle[l] = if is_nearer {
+                triangle
+            } else {
+                hits.triangle[l]
+            };
+        }
+        if ties != 0 {
+            for l in 0..LANES {
+                let met = hits.triangle[l] as usize;
+                if found[l] != 0
+                    && w[l] == hits.w[l]
+                    && met < ranks.len()
+                    && ranks[triangle as usize] < ranks[met]
+                {
+                    hits.triangle[l] = triangle;
+                    hits.b[l] = b[l];
+                    hits.c[l] = c[l];
+                }
+            }
+        }
+    }
+
+    /// The same test of one ray with edge functions in f64; an edge belongs to both of its triangles.
+    #[inline(never)]
+    fn meet_exactly(&self, corners: &Corners, l: usize) -> Option<[f32; 3]> {
+        let sheared = corners.map(|[u, v, w]| {
+            let x = u - self.d[0][l] - self.p[0][l] * w;
+            let y = v - self.d[1][l] - self.p[1][l] * w;
+            [f64::from(x), f64::from(y)]
+        });
+        let [[ax, ay], [bx, by], [cx, cy]] = sheared;
+        let weights = [cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax];
+        let sum = weights[0] + weights[1] + weights[2];
+        let inside = weights.iter().all(|v| *v >= 0.0) || weights.iter().all(|v| *v <= 0.0);
+        // A triangle seen edge-on has no area: its neighbours are met.
+        if !inside || sum == 0.0 {
+            return None;
+        }
+        let [a, b, c] = weights.map(|v| v / sum);
+        let w = a * f64::from(corners[0][2]) + b * f64::from(corners[1][2]);
+        let w = w + c * f64::from(corners[2][2]);
+        Some([w as f32, b as f32, c as f32])
+    }
+}
