@@ -16,6 +16,7 @@ mod case;
 mod checkerboard;
 mod constant_depth;
 mod furnace;
+mod golden;
 mod hard_cases;
 mod invariance;
 mod optics;
