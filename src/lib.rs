@@ -16,6 +16,7 @@
 //! [`cli`] prints, exits and reads the environment.
 
 pub mod atomic_file;
+pub mod cases;
 pub mod cli;
 pub mod farm;
 pub mod ids;

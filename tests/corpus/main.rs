@@ -1,6 +1,11 @@
 //! Every reader with every seed of the fuzz targets, and with each cut short: it comes back, and what it accepts is
 //! sound. The fuzzers themselves are run as CONTRIBUTING.md says.
 
+#![allow(
+    clippy::unwrap_used,
+    reason = "a test that cannot go on may panic, outside of its #[test] function too"
+)]
+
 #[path = "../../fuzz/readers.rs"]
 mod readers;
 mod seeds;

@@ -13,6 +13,7 @@
 )]
 
 mod damage;
+mod hard_cases;
 mod help;
 mod json;
 mod kill;
