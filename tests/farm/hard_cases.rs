@@ -42,7 +42,6 @@ fn the_shipped_cases_hold() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/hard-cases.toml");
     let out = folder.path().join("run");
     let ended = run(&["run", text(&file), "--out", text(&out)]).expect(0);
-    println!("{}", ended.stdout);
     for word in [
         "light-through-glass",
         "radius, px",
