@@ -17,6 +17,7 @@
 
 pub mod atomic_file;
 pub mod bench;
+pub mod cases;
 pub mod cli;
 pub mod farm;
 pub mod ids;

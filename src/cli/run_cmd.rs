@@ -5,10 +5,12 @@ use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::plan_cmd::{self, plan_with, run_folder};
 use super::work_cmd::{outcome_json, summary, work_on};
+use crate::cases::{CaseFile, check, is_case_file, table};
 use crate::farm::Run;
 use crate::manifest::Roots;
 use crate::report::write_report;
 use serde_json::json;
+use std::path::Path;
 
 pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     if global.dry_run {
@@ -24,12 +26,44 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     let report = write_report(&run)?;
     let mut object = outcome_json(&outcome, &folder, wall);
     object["report"] = json!(report);
-    output.result(
-        "glasshouse.run/1",
-        object,
-        &format!("{}\nlook at {}", summary(&outcome, wall), report.display()),
-    );
+    let mut text = format!("{}\nlook at {}", summary(&outcome, wall), report.display());
+    let mut exit = exit;
+    // A run that was stopped has nothing to compare yet.
+    if matches!(exit, Exit::Done | Exit::Incomplete)
+        && let Some(file) = case_file(&args.recipe)?
+    {
+        let rows = check(&file, &run).map_err(|e| Failure::new(Exit::Failed, e))?;
+        let failed = rows.iter().filter(|row| !row.ok).count();
+        object["checks"] = json!(rows);
+        object["checks_failed"] = json!(failed);
+        text = format!(
+            "{}\n{} checks, {failed} failed\n{text}",
+            table(&rows),
+            rows.len()
+        );
+        exit = if failed == 0 {
+            Exit::Done
+        } else {
+            Exit::Failed
+        };
+    }
+    output.result("glasshouse.run/1", object, &text);
     Ok(exit)
+}
+
+/// The hard cases in `path`, if it holds such.
+fn case_file(path: &Path) -> Result<Option<CaseFile>, Failure> {
+    let wrong = |error: anyhow::Error| Failure::new(Exit::InvalidInput, error);
+    if path.extension().is_none_or(|ending| ending != "toml") {
+        return Ok(None);
+    }
+    let text = std::fs::read_to_string(path).map_err(|e| wrong(e.into()))?;
+    if !is_case_file(&text) {
+        return Ok(None);
+    }
+    CaseFile::parse(&text)
+        .map(Some)
+        .map_err(|e| wrong(e.into()))
 }
 
 fn clone_args(args: &RunArgs) -> RunArgs {

@@ -2,6 +2,7 @@
 
 use super::run_dir::{Run, RunDir, RunError};
 use crate::atomic_file::{self, WriteError};
+use crate::cases::{CaseError, CaseFile, is_case_file};
 use crate::manifest::{
     Expansion, Index, IndexError, Layout, ManifestError, Recipe, RecipeError, RootError, Roots,
     SceneLine, expand_counted, from_paths, index_source, parse_jsonl, to_jsonl,
@@ -66,6 +67,14 @@ pub enum PlanError {
         /// What is wrong.
         source: Box<RecipeError>,
     },
+    /// A file of hard cases is wrong.
+    #[error("{}: {source}", path.display())]
+    Cases {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: Box<CaseError>,
+    },
     /// The manifest is wrong.
     #[error("{}: {source}", path.display())]
     Manifest {
@@ -108,6 +117,8 @@ struct Content {
     roots: BTreeMap<String, PathBuf>,
     notes: Vec<String>,
     samples: Vec<(String, SamplePhotograph, [u32; 2])>,
+    /// Pictures of hard cases: root, name, bytes.
+    pictures: Vec<(&'static str, String, Vec<u8>)>,
 }
 
 /// Plans `source` into the folder `out`. `on_photograph` is told (done, all) as photographs are made.
@@ -122,6 +133,7 @@ pub fn plan(
         source: e,
     })?;
     let content = match source.extension().and_then(|e| e.to_str()) {
+        Some("toml") if is_case_file(&text) => from_cases(source, &text)?,
         Some("toml") => from_recipe(source, &text, options)?,
         Some("jsonl") => from_manifest(source, &text, options)?,
         _ => {
@@ -168,6 +180,10 @@ pub fn plan(
     }
     if !options.dry_run {
         atomic_file::create_dir(out)?;
+        for (root, name, bytes) in &content.pictures {
+            atomic_file::create_dir(&dir.inputs(root))?;
+            atomic_file::write_relaxed(&dir.inputs(root).join(name), bytes)?;
+        }
         make_samples(&dir, &content.samples, options.threads, on_photograph)?;
         if existing.is_none() {
             atomic_file::write(&dir.manifest(), manifest.as_bytes())?;
@@ -277,6 +293,27 @@ fn from_recipe(path: &Path, text: &str, options: &PlanOptions) -> Result<Content
         roots,
         notes,
         samples,
+        pictures: Vec::new(),
+    })
+}
+
+fn from_cases(path: &Path, text: &str) -> Result<Content, PlanError> {
+    let file = CaseFile::parse(text).map_err(|source| PlanError::Cases {
+        path: path.to_owned(),
+        source: Box::new(source),
+    })?;
+    let root = file.root();
+    let pictures = file.files();
+    Ok(Content {
+        name: file.name,
+        lines: file.cases.into_iter().map(|case| case.line).collect(),
+        roots: [(root.to_owned(), Path::new("inputs").join(root))].into(),
+        notes: Vec::new(),
+        samples: Vec::new(),
+        pictures: pictures
+            .into_iter()
+            .map(|(name, bytes)| (root, name, bytes))
+            .collect(),
     })
 }
 
@@ -321,6 +358,7 @@ fn from_manifest(path: &Path, text: &str, options: &PlanOptions) -> Result<Conte
         roots,
         notes: Vec::new(),
         samples: Vec::new(),
+        pictures: Vec::new(),
     })
 }
 

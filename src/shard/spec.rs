@@ -36,9 +36,9 @@ pub struct Spec {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Golden {
-    /// Which built-in scene.
+    /// Which set of built-in scenes.
     pub scene: String,
-    /// BLAKE3 of its pixels.
+    /// BLAKE3 of all their pixels.
     pub blake3: String,
 }
 
@@ -84,7 +84,8 @@ impl Spec {
             row("tracer_version", &self.tracer_version, &new.tracer_version);
         }
         if self.golden != new.golden {
-            row("golden shard", &self.golden.blake3, &new.golden.blake3);
+            let show = |golden: &Golden| format!("{} {}", golden.scene, golden.blake3);
+            row("golden shard", &show(&self.golden), &show(&new.golden));
         }
         if self.scenes != new.scenes {
             row("scenes", &self.scenes, &new.scenes);

@@ -13,6 +13,8 @@ use super::walk::{Lines, Span, walk};
 use super::*;
 use glam::{DMat3, DVec3, Vec3A};
 
+mod edges;
+
 /// Scrambles a counter: numbers in [0, 1) for rough surfaces and rays.
 pub(super) fn random(k: u64) -> f64 {
     let mut x = k.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x1234_5678;

@@ -14,6 +14,7 @@
 
 mod bench;
 mod damage;
+mod hard_cases;
 mod help;
 mod json;
 mod kill;

@@ -13,7 +13,7 @@ pub(crate) const GLASS: usize = 2;
 pub(crate) const CLEAN: usize = 3;
 
 /// An RGBD photograph; intrinsics in pixels with the image's corner at (0, 0).
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub(crate) struct Photo {
     pub(crate) size: [usize; 2],
     /// 1/z of each pixel, rounded as the tracer stores it.
@@ -79,7 +79,7 @@ pub(crate) enum Apex {
 }
 
 /// A scene; the default is the paper's camera and glass on a small film.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub(crate) struct Case {
     pub(crate) seed: u64,
     pub(crate) spp: u32,
@@ -130,6 +130,25 @@ impl Case {
         let [pitch, yaw] = self.tilt_deg.map(f64::to_radians);
         let normal = DMat3::from_rotation_y(yaw) * (DMat3::from_rotation_x(pitch) * DVec3::Z);
         (normal, self.distance_m * normal.z)
+    }
+
+    /// Smallest cosine of incidence over film, filter and lens.
+    pub(crate) fn steepest_cos(&self) -> f64 {
+        let (normal, _) = self.pane();
+        let beyond_px = if self.gaussian { 2.0 } else { 0.0 };
+        let spread = self.aperture_m / self.focus_m;
+        let reach = [0, 1].map(|k| {
+            self.tan_half_fov()[k] * (1.0 + 2.0 * beyond_px / f64::from(self.film[k])) + spread
+        });
+        let corner = |x: f64, y: f64| {
+            DVec3::new(x * reach[0], y * reach[1], 1.0)
+                .normalize()
+                .dot(normal)
+        };
+        [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)]
+            .into_iter()
+            .map(|(x, y)| corner(x, y))
+            .fold(1.0, f64::min)
     }
 
     /// Cosines of incidence over film and lens.

@@ -26,7 +26,7 @@ fn cases() -> Vec<Case> {
     vec![case, tilted, absorbing]
 }
 
-fn bits(pixels: &[PixelMeans]) -> Vec<u32> {
+pub(crate) fn bits(pixels: &[PixelMeans]) -> Vec<u32> {
     pixels
         .iter()
         .flat_map(|p| p.mean.into_iter().chain(p.half).flatten())
@@ -35,7 +35,7 @@ fn bits(pixels: &[PixelMeans]) -> Vec<u32> {
 }
 
 /// The film in tiles of `side`, put together again.
-fn tiled(scene: &Scene, side: u32, isa: Isa) -> Vec<PixelMeans> {
+pub(crate) fn tiled(scene: &Scene, side: u32, isa: Isa) -> Vec<PixelMeans> {
     let (w, h) = (scene.film.width, scene.film.height);
     let mut film = vec![PixelMeans::default(); (w * h) as usize];
     for y in (0..h).step_by(side as usize) {

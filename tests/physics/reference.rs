@@ -12,6 +12,8 @@ const BORDER_PX: f64 = 4000.0;
 pub(crate) struct Sheet<'a> {
     photo: &'a Photo,
     triangles: Vec<[DVec3; 3]>,
+    /// Depths over more than four decades: f64 loses them in space, and keeps them in (u, v, 1/z).
+    is_deep: bool,
 }
 
 impl<'a> Sheet<'a> {
@@ -41,11 +43,21 @@ impl<'a> Sheet<'a> {
                 triangles.push([corner(1, 1), corner(1, 0), corner(0, 1)]);
             }
         }
-        Self { photo, triangles }
+        let extremes = photo.w.iter().fold([f32::MAX, 0.0], |[lo, hi], &w| {
+            [f32::min(lo, w), f32::max(hi, w)]
+        });
+        Self {
+            photo,
+            triangles,
+            is_deep: extremes[1] > 1e4 * extremes[0],
+        }
     }
 
     /// The line's first point on the sheet, counted from the capture camera's plane outwards.
     pub(crate) fn first_hit(&self, origin: DVec3, d: DVec3) -> Option<DVec3> {
+        if self.is_deep {
+            return self.first_hit_in_inverse_depth(origin, d);
+        }
         let mut nearest: Option<DVec3> = None;
         for [a, b, c] in &self.triangles {
             let (ab, ac) = (*b - *a, *c - *a);
@@ -68,6 +80,67 @@ impl<'a> Sheet<'a> {
             }
         }
         nearest
+    }
+
+    /// The same in (u, v, w = 1/z), where the sheet is a height field over pixels and its border is just clamped:
+    /// each triangle near the line is tried, in slices of w from the near end outwards.
+    fn first_hit_in_inverse_depth(&self, origin: DVec3, d: DVec3) -> Option<DVec3> {
+        let photo = self.photo;
+        let [nx, ny] = photo.size.map(|n| n as i64);
+        let w_of = |i: i64, j: i64| {
+            f64::from(photo.w[(j.clamp(0, ny - 1) * nx + i.clamp(0, nx - 1)) as usize])
+        };
+        let slope = (d.truncate()) / d.z;
+        let foot = origin.truncate() - origin.z * slope;
+        // Pixel centres at integers.
+        let line = |k: usize| {
+            let (f, c) = (photo.focal_px[k], photo.center_px[k] - 0.5);
+            (f * slope[k] + c, f * foot[k])
+        };
+        let ((x, sx), (y, sy)) = (line(0), line(1));
+        let all = photo.w.iter().map(|&w| f64::from(w));
+        let (bottom, top) = (
+            all.clone().fold(f64::INFINITY, f64::min),
+            all.fold(0.0, f64::max),
+        );
+        let step = 1.0 / sx.abs().max(sy.abs()).max(1e-6);
+        let mut hi = top;
+        loop {
+            let lo = (hi - step).max(bottom);
+            let range = |x: f64, s: f64| {
+                let (a, b) = (x + s * lo, x + s * hi);
+                (a.min(b) - 1e-6).floor() as i64..=(a.max(b) + 1e-6).floor() as i64
+            };
+            let mut nearest = f64::NEG_INFINITY;
+            for j in range(y, sy) {
+                for i in range(x, sx) {
+                    let (u, v) = (x - i as f64, y - j as f64);
+                    let (w00, w10) = (w_of(i, j), w_of(i + 1, j));
+                    let (w01, w11) = (w_of(i, j + 1), w_of(i + 1, j + 1));
+                    for (a, b, c, side) in [
+                        (w00, w10 - w00, w01 - w00, 1.0),
+                        (w10 + w01 - w11, w11 - w01, w11 - w10, -1.0),
+                    ] {
+                        let w = (a + b * u + c * v) / (1.0 - b * sx - c * sy);
+                        let (u, v) = (u + sx * w, v + sy * w);
+                        const EDGE: f64 = 1e-9;
+                        let inside = [u, v, 1.0 - u, 1.0 - v, (1.0 - u - v) * side];
+                        if inside.iter().all(|t| *t >= -EDGE) && w >= lo - 1e-12 && w <= hi + 1e-12
+                        {
+                            nearest = nearest.max(w);
+                        }
+                    }
+                }
+            }
+            if nearest > 0.0 {
+                let z = 1.0 / nearest;
+                return Some((slope * z + foot).extend(z));
+            }
+            if lo <= bottom {
+                return None;
+            }
+            hi = lo;
+        }
     }
 
     /// Radiance along a line.

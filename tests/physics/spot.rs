@@ -98,6 +98,61 @@ fn circle_of_confusion_has_its_radius() {
     }
 }
 
+/// Radii of the circle of confusion of the paper's lens, px of a film of 256: a light of 1e6 seen through air and glass.
+#[test]
+fn discs_have_their_radii_on_paper() {
+    for (depth_m, focus_m, ior, expected_px) in [
+        (2.0, 1.0, 1.0, 2.0549),
+        (2.0, 1.0, 1.6, 2.0510),
+        (1.0, 4.0, 1.0, 3.0823),
+        (1.0, 4.0, 1.6, 3.0978),
+        (5.0, f64::INFINITY, 1.0, 0.822),
+    ] {
+        let mut case = case(depth_m, focus_m, 0.00893);
+        case.film = [256, 256];
+        case.ior = ior;
+        case.spp = 65_536;
+        // Texels of two pixels: their hat has no part at the pixels' frequency, so that a sum over pixels is an integral.
+        const TEXEL_PX: f64 = 2.0;
+        const SEEDS: u64 = 2;
+        let fine = |i: usize, j: usize| [if i == 1 && j == 1 { 1e6 } else { 0.0 }; 3];
+        let per_tangent = 256.0 / (2.0 * case.tan_half_fov()[0]);
+        let tan = 3.0 * TEXEL_PX / per_tangent / 2.0;
+        case.front = Photo::new([3, 3], [3, 3], [tan; 2], |_, _| depth_m, fine);
+        let tile = Tile {
+            x: 122,
+            y: 122,
+            width: 12,
+            height: 12,
+        };
+        // T needs no order but the first.
+        case.tolerance = 1e7;
+        let (mut mass, mut second) = (0.0, 0.0);
+        for seed in 0..SEEDS {
+            case.seed = seed;
+            let pixels = trace_tile(&case.scene(), tile, 0..case.spp, Isa::detect()).pixels;
+            for (q, pixel) in pixels.iter().enumerate() {
+                let value = f64::from(pixel.mean[T][0]) / SEEDS as f64;
+                let [x, y] = [q % 12, q / 12].map(|k| k as f64 - 5.5);
+                mass += value;
+                second += value * (x * x + y * y) / 2.0;
+            }
+        }
+        // A uniform disc has variance radius^2 / 4 along each axis; pixel and hat add 1/12 and texel^2 / 6.
+        let kappa = 0.01 * (1.0 - 1.0 / ior);
+        let texel_px = TEXEL_PX * depth_m / (depth_m - kappa);
+        let blur = second / mass - 1.0 / 12.0 - texel_px * texel_px / 6.0;
+        let radius_px = 2.0 * blur.sqrt();
+        // Energy: L times the texel's area, whatever the lens does.
+        let energy = mass / (1e6 * texel_px * texel_px);
+        println!(
+            "Z {depth_m}, focus {focus_m}, index {ior}: {radius_px:.4} px ({expected_px} on paper), energy {energy:.5}"
+        );
+        assert!((radius_px - expected_px).abs() < 1e-3);
+        assert!((energy - 1.0).abs() < 1e-3);
+    }
+}
+
 /// Without a lens R~ is two sharp images, 2 h gamma tan apart in the pane's plane.
 #[test]
 fn pinhole_reflection_is_two_sharp_images() {

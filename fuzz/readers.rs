@@ -1,0 +1,192 @@
+//! One function a reader, called with any bytes: by the fuzz targets, and by `tests/corpus` with the seeds.
+//!
+//! Each asserts what must hold for bytes that were accepted, and says whether they were; for all others it is
+//! enough to come back. A new reader
+//! gets a function and a row in [`READERS`] here, a target in `fuzz_targets/`, and seeds in `tests/corpus`.
+
+#![allow(dead_code, reason = "each fuzz target uses one of them")]
+
+use glasshouse::cases::CaseFile;
+use glasshouse::manifest::{Photograph, Recipe, parse_jsonl, parse_scene, refuse, to_jsonl};
+use glasshouse::merge::TupleRecord;
+use glasshouse::partial;
+use glasshouse::scene::limits::{MAX_PIXELS, MAX_SIDE};
+use glasshouse::scene::{NamedBytes, PhotographFiles, SceneError, decode_photograph};
+use glasshouse::shard::Spec;
+use std::path::Path;
+
+/// A reader's name, that of its seeds' folder and of its fuzz target.
+pub(crate) type Reader = (&'static str, fn(&[u8]) -> bool);
+
+/// All of them.
+pub(crate) const READERS: &[Reader] = &[
+    ("color", color),
+    ("depth", depth),
+    ("mask", mask),
+    ("scene_line", scene_line),
+    ("manifest", manifest),
+    ("recipe", recipe),
+    ("cases", cases),
+    ("partial", partial),
+    ("spec", spec),
+    ("tuple", tuple),
+];
+
+/// Foreign decoders may panic on hostile bytes, and glasshouse contains that; libFuzzer's hook would abort first.
+pub(crate) fn let_panics_unwind() {
+    let _ = std::panic::take_hook();
+}
+
+/// Decodes a photograph of three files; what is accepted is sound, what is refused is called by its name.
+fn photograph(color: &[u8], depth: &[u8], mask: Option<&[u8]>) -> bool {
+    let line = r#"{"color":"c","depth":"d","intrinsics":{"fx":10,"fy":10,"cx":2,"cy":1}}"#;
+    let line: Photograph = serde_json::from_str(line).expect("a line as in a manifest");
+    let named = |bytes: &[u8]| NamedBytes {
+        path: "a file".into(),
+        bytes: bytes.to_vec(),
+    };
+    let files = PhotographFiles {
+        color: named(color),
+        depth: named(depth),
+        mask: mask.map(named),
+    };
+    match decode_photograph(&line, &files) {
+        Ok(sheet) => {
+            let sizes = [
+                sheet.width,
+                sheet.height,
+                sheet.color_width,
+                sheet.color_height,
+            ];
+            assert!(sizes.iter().all(|n| (1..=MAX_SIDE).contains(n)));
+            let (vertices, texels) = (
+                sheet.width * sheet.height,
+                sheet.color_width * sheet.color_height,
+            );
+            assert!(vertices <= MAX_PIXELS && texels <= MAX_PIXELS);
+            assert_eq!(sheet.inverse_depth_per_m.len(), vertices);
+            assert_eq!(sheet.valid.len(), vertices);
+            assert_eq!(sheet.radiance.len(), texels);
+            assert!(
+                sheet
+                    .inverse_depth_per_m
+                    .iter()
+                    .all(|w| w.is_normal() && *w > 0.0)
+            );
+            let radiance = sheet.radiance.as_flattened();
+            assert!(
+                radiance
+                    .iter()
+                    .all(|v| (0.0..=sheet.max_radiance).contains(v))
+            );
+            assert!(sheet.max_radiance.is_finite() && sheet.front_center_z_m > 0.0);
+            true
+        }
+        Err(SceneError::NoDepth { .. }) => false,
+        Err(error) => {
+            assert!(error.to_string().contains("a file"), "{error}");
+            false
+        }
+    }
+}
+
+const GREY: &[u8] = b"P5 3 2 255 abcdef";
+
+/// PNG, JPEG, PNM, EXR, .npy as a colour image.
+pub(crate) fn color(bytes: &[u8]) -> bool {
+    photograph(bytes, GREY, None)
+}
+
+/// PNG, PNM, EXR, .npy as a depth image.
+pub(crate) fn depth(bytes: &[u8]) -> bool {
+    photograph(GREY, bytes, None)
+}
+
+/// PNG, PNM, .npy as a mask.
+pub(crate) fn mask(bytes: &[u8]) -> bool {
+    photograph(GREY, GREY, Some(bytes))
+}
+
+fn text(bytes: &[u8]) -> Option<&str> {
+    std::str::from_utf8(bytes).ok()
+}
+
+/// One scene line: what is accepted survives being written and read.
+pub(crate) fn scene_line(bytes: &[u8]) -> bool {
+    let Some(Ok(line)) = text(bytes).map(parse_scene) else {
+        return false;
+    };
+    let again = parse_scene(to_jsonl(std::slice::from_ref(&line)).trim());
+    assert_eq!(again.expect("a written line can be read"), line);
+    let _ = refuse(&line, 0.5);
+    true
+}
+
+/// A manifest of lines.
+pub(crate) fn manifest(bytes: &[u8]) -> bool {
+    let Some(Ok(lines)) = text(bytes).map(parse_jsonl) else {
+        return false;
+    };
+    let again = parse_jsonl(&to_jsonl(&lines));
+    assert_eq!(again.expect("a written manifest can be read"), lines);
+    true
+}
+
+/// A recipe.
+pub(crate) fn recipe(bytes: &[u8]) -> bool {
+    matches!(text(bytes).map(Recipe::parse), Some(Ok(_)))
+}
+
+/// A file of hard cases: the scenes of what is accepted are sound lines.
+pub(crate) fn cases(bytes: &[u8]) -> bool {
+    let Some(Ok(file)) = text(bytes).map(CaseFile::parse) else {
+        return false;
+    };
+    for case in &file.cases {
+        let written = to_jsonl(std::slice::from_ref(&case.line));
+        assert_eq!(parse_scene(written.trim()).expect("as written"), case.line);
+    }
+    true
+}
+
+/// A partial: believed only if its digest fits, and then it can be written.
+pub(crate) fn partial(bytes: &[u8]) -> bool {
+    match partial::decode(Path::new("a file"), bytes) {
+        Ok(partial) => {
+            assert!(partial.is_intact());
+            partial::encode(&partial).expect("a partial that was read can be written");
+            true
+        }
+        Err(error) => {
+            assert!(error.to_string().contains("a file"), "{error}");
+            false
+        }
+    }
+}
+
+/// `spec.json`.
+pub(crate) fn spec(bytes: &[u8]) -> bool {
+    let Ok(spec) = serde_json::from_slice::<Spec>(bytes) else {
+        return false;
+    };
+    let text = serde_json::to_string(&spec).expect("plain numbers and strings");
+    assert_eq!(
+        serde_json::from_str::<Spec>(&text).expect("as written"),
+        spec
+    );
+    assert_eq!(spec.diff(&[], &spec, &[]), "");
+    true
+}
+
+/// `tuple.json`.
+pub(crate) fn tuple(bytes: &[u8]) -> bool {
+    let Ok(record) = serde_json::from_slice::<TupleRecord>(bytes) else {
+        return false;
+    };
+    let text = serde_json::to_string(&record).expect("plain numbers and strings");
+    assert_eq!(
+        serde_json::from_str::<TupleRecord>(&text).expect("as written"),
+        record
+    );
+    true
+}

@@ -1,0 +1,366 @@
+//! Small good files of every kind: where the fuzzers start from.
+
+use exr::prelude::{
+    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer,
+    LayerAttributes, LineOrder, Vec2, WritableImage, f16,
+};
+use glasshouse::ids::SceneId;
+use glasshouse::manifest::{SceneLine, Side, parse_scene, to_jsonl};
+use glasshouse::merge::combine;
+use glasshouse::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
+use glasshouse::scene::{InputDigests, NamedBytes, PhotographFiles, assemble, decode_photograph};
+use glasshouse::shard::{Golden, SPEC_SCHEMA, ShardLayout, Spec, scene_digest};
+use glasshouse::trace::{Isa, TRACER_VERSION, trace_tile};
+use image::ExtendedColorType as Png;
+use image::ImageEncoder;
+use std::io::Cursor;
+
+/// Reader, file name, bytes.
+type Seed = (&'static str, String, Vec<u8>);
+
+fn png(pixels: &[u8], width: u32, height: u32, kind: Png) -> Vec<u8> {
+    let mut bytes = vec![];
+    image::codecs::png::PngEncoder::new(&mut bytes)
+        .write_image(pixels, width, height, kind)
+        .unwrap();
+    bytes
+}
+
+fn jpeg(pixels: &[u8], width: u32, height: u32) -> Vec<u8> {
+    let mut bytes = vec![];
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 80)
+        .write_image(pixels, width, height, Png::Rgb8)
+        .unwrap();
+    bytes
+}
+
+fn npy(descr: &str, fortran: bool, shape: &str, data: &[u8]) -> Vec<u8> {
+    let order = if fortran { "True" } else { "False" };
+    let header = format!("{{'descr': '{descr}', 'fortran_order': {order}, 'shape': {shape}, }}");
+    let mut bytes = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
+    bytes.extend(format!("{header:117}\n").bytes());
+    bytes.extend(data);
+    bytes
+}
+
+fn exr(names: &[&str], compression: Compression, blocks: Blocks) -> Vec<u8> {
+    let samples = |k: usize| match k % 3 {
+        0 => FlatSamples::F16(vec![f16::from_f32(0.5); 6]),
+        1 => FlatSamples::F32(vec![1.5, 0.1, 0.2, 0.3, 2.0, 1e-3]),
+        _ => FlatSamples::U32(vec![1, 2, 3, 4, 5, 6]),
+    };
+    let channels = names
+        .iter()
+        .enumerate()
+        .map(|(k, name)| AnyChannel::new(*name, samples(k)));
+    let encoding = Encoding {
+        compression,
+        blocks,
+        line_order: LineOrder::Increasing,
+    };
+    let layer = Layer::new(
+        (3, 2),
+        LayerAttributes::named("main"),
+        encoding,
+        AnyChannels::sort(channels.collect()),
+    );
+    let mut bytes = Cursor::new(vec![]);
+    Image::from_layer(layer)
+        .write()
+        .non_parallel()
+        .to_buffered(&mut bytes)
+        .unwrap();
+    bytes.into_inner()
+}
+
+fn images() -> Vec<(String, Vec<u8>)> {
+    let ramp: Vec<u8> = (1..=48).collect();
+    let mut files = vec![
+        ("grey8.png", png(&ramp[..6], 3, 2, Png::L8)),
+        ("grey16.png", png(&ramp[..12], 3, 2, Png::L16)),
+        ("rgb8.png", png(&ramp[..18], 3, 2, Png::Rgb8)),
+        ("rgba16.png", png(&ramp, 3, 2, Png::Rgba16)),
+        ("rgb.jpg", jpeg(&ramp[..18], 3, 2)),
+        (
+            "f4.npy",
+            npy("<f4", false, "(2, 3)", &0.5f32.to_le_bytes().repeat(6)),
+        ),
+        (
+            "f8.npy",
+            npy(">f8", true, "(2, 3, 1)", &2.5f64.to_be_bytes().repeat(6)),
+        ),
+        ("u1.npy", npy("|u1", false, "(2, 3, 3)", &ramp[..18])),
+        ("u2.npy", npy("<u2", false, "(1, 2, 3)", &ramp[..12])),
+        ("b1.npy", npy("|b1", false, "(2, 3)", &[1, 0, 1, 1, 0, 1])),
+        ("bits.pbm", b"P1\n3 2\n1 0 1 0 1 0\n".to_vec()),
+        ("text.pgm", b"P2 3 2 255 1 2 3 4 5 6".to_vec()),
+        ("bits4.pbm", b"P4 3 2 \xa0\x40".to_vec()),
+        ("grey16.pgm", b"P5 3 2 65535 abcdefghijkl".to_vec()),
+        ("rgb.ppm", b"P6 3 2 255 abcdefghijklmnopqr".to_vec()),
+        (
+            "any.pam",
+            b"P7\nWIDTH 3\nHEIGHT 2\nDEPTH 1\nMAXVAL 255\nTUPLTYPE GRAYSCALE\nENDHDR\nabcdef"
+                .to_vec(),
+        ),
+    ];
+    for (name, names, compression, blocks) in [
+        (
+            "rgb.exr",
+            &["R", "G", "B"][..],
+            Compression::ZIP16,
+            Blocks::ScanLines,
+        ),
+        (
+            "y.exr",
+            &["Y", "A"],
+            Compression::Uncompressed,
+            Blocks::ScanLines,
+        ),
+        (
+            "z.exr",
+            &["Z"],
+            Compression::ZIP1,
+            Blocks::Tiles(Vec2(2, 2)),
+        ),
+        (
+            "rle.exr",
+            &["Y"],
+            Compression::RLE,
+            Blocks::Tiles(Vec2(2, 2)),
+        ),
+        ("piz.exr", &["Y"], Compression::PIZ, Blocks::ScanLines),
+        (
+            "pxr24.exr",
+            &["Y"],
+            Compression::PXR24,
+            Blocks::Tiles(Vec2(64, 64)),
+        ),
+        ("b44.exr", &["Y"], Compression::B44, Blocks::ScanLines),
+    ] {
+        files.push((name, exr(names, compression, blocks)));
+    }
+    files.into_iter().map(|(n, b)| (n.to_owned(), b)).collect()
+}
+
+const LINE: &str = r#"{"schema":"glasshouse.scene/1","id":"a","split":"test","seed":7,"film":{"width":3,"height":2,"spp":4,"filter":"gaussian","order_tolerance":0.001},"camera":{"focal_length_mm":55.0,"aperture_radius_m":0.009,"focus":{"at":"front_center"}},"glass":{"distance_m":0.3,"thickness_m":0.01,"ior":1.6,"absorption_per_m":[0.1,0,5e-1],"tilt_deg":[1.5,-2]},"front":{"color":"a.png","depth":"NAME:a.npy","mask":"m.npy","transfer":"linear","depth_unit_m":0.001,"depth_kind":"distance","intrinsics":{"fx":9,"fy":9.5,"cx":1.5,"cy":1,"size":[3,2]},"exposure":2,"fill":"far"},"back":{"color":"b.png","depth":"b.npy","intrinsics":{"fx":9,"fy":9,"cx":1.5,"cy":1},"apex":"camera"}}"#;
+
+fn plain_line() -> SceneLine {
+    let mut line = parse_scene(LINE).unwrap();
+    line.glass.tilt_deg = [0.0; 2];
+    if let Side::Photograph(front) = &mut line.front {
+        front.depth_unit_m = 1.0;
+        front.mask = None;
+    }
+    line
+}
+
+/// A scene of a few pixels, traced and merged by the library.
+fn traced() -> (SceneLine, Vec<Partial>, Vec<u8>) {
+    let line = plain_line();
+    let named = |bytes: &[u8]| NamedBytes {
+        path: "a".into(),
+        bytes: bytes.to_vec(),
+    };
+    let files = PhotographFiles {
+        color: named(b"P5 3 2 255 abcdef"),
+        depth: named(b"P5 3 2 255 \x02\x03\x02\x04\x03\x02"),
+        mask: None,
+    };
+    let sheet = || decode_photograph(line.front.photograph().unwrap(), &files).unwrap();
+    let (scene, facts) = assemble(&line, sheet(), sheet()).unwrap();
+    let layout = ShardLayout::of(&line, 16);
+    let partials: Vec<Partial> = layout
+        .shards()
+        .map(|shard| {
+            let result = trace_tile(&scene, shard.tile, shard.samples.clone(), Isa::Baseline);
+            let header = PartialHeader {
+                schema: PARTIAL_SCHEMA.to_owned(),
+                tracer_version: TRACER_VERSION,
+                scene: line.id.clone(),
+                line_blake3: scene_digest(&line),
+                inputs: InputDigests::default(),
+                shard: shard.index,
+                film: [line.film.width, line.film.height],
+                tile: shard.tile,
+                samples: [shard.samples.start, shard.samples.end],
+                layer_samples: result.samples,
+                paths: result.paths,
+                misses: result.misses,
+                facts: facts.clone(),
+                blake3: String::new(),
+            };
+            Partial::new(header, result.pixels)
+        })
+        .collect();
+    let tuple = combine(&line, 16, &partials).unwrap();
+    let record = serde_json::to_vec_pretty(&tuple.record).unwrap();
+    (line, partials, record)
+}
+
+const RECIPES: [&str; 2] = [
+    r#"schema = "glasshouse.recipe/1"
+name = "places"
+seed = 2020
+[film]
+width = 256
+height = 256
+spp = 256
+[camera]
+focal_length_mm = 55.0
+aperture_radius_m = 0.00893
+focus = "front_center"
+[glass]
+distance_m = 0.30
+thickness_m = { choice = [0.010, 0.040] }
+ior = 1.6
+absorption_per_m = [0, 0, 0]
+tilt_deg = [0, { choice = [0, 30] }]
+[sources.diode]
+layout = "diode"
+[sources.sample]
+layout = "sample"
+count = 16
+width = 256
+height = 192
+[[split]]
+name = "train"
+pairs = { diode = 6, sample = 2 }
+[[split]]
+name = "test"
+pairs = { sample = 2 }
+"#,
+    r#"schema = "glasshouse.recipe/1"
+name = "small"
+seed = 7
+[film]
+width = 96
+height = 64
+spp = 256
+filter = "gaussian"
+[camera]
+focal_length_mm = { uniform = [35.0, 85.0] }
+aperture_radius_m = { log_uniform = [0.001, 0.01] }
+[glass]
+thickness_m = { normal = { mean = 0.01, sd = 0.002, min = 0.001, max = 0.02 } }
+ior = { choice = [1.5, 1.6] }
+[sources.sample]
+layout = "sample"
+count = 6
+[[split]]
+name = "train"
+pairs = { sample = 3 }
+"#,
+];
+
+const CASES: &str = r#"schema = "glasshouse.cases/1"
+name = "two"
+seed = 3
+[film]
+width = 6
+height = 4
+spp = 16
+[camera]
+focal_length_mm = 55
+aperture_radius_m = 0.01
+focus = { at = "front_center" }
+[glass]
+distance_m = 0.3
+thickness_m = 0.01
+ior = 1.6
+[[case]]
+id = "grey"
+what = "Grey planes."
+film = { filter = "gaussian" }
+apex = "camera"
+front = { radiance = [0.5, 0.5, 0.5], depth_m = 2, depth_points = [[1, 2, nan], [0, 0, -inf]], color_file = "png" }
+back = { ramp = { middle = 1, across_per_m = 0.5, down_per_m = 0 }, texels = [9, 8], depth_m = 2, depth_file = "exr" }
+expect = [
+  { layer = "transmission", value = [0.5, 0.5, 0.5], bound = 0.005 },
+  { layer = "input", same_as = "grey/input", bound = 0 },
+]
+[[case]]
+id = "steep"
+what = "Refused."
+glass = { tilt_deg = [0, 80] }
+front = { checker = true, depth_m = 2, half_fov_tan = [0.1, 0.2] }
+back = { noise = 1, depth_m = 2 }
+refused = "85"
+"#;
+
+pub(crate) fn all() -> Vec<Seed> {
+    let mut seeds: Vec<Seed> = vec![];
+    for (name, bytes) in images() {
+        for reader in ["color", "depth", "mask"] {
+            seeds.push((reader, name.clone(), bytes.clone()));
+        }
+    }
+    let (line, partials, record) = traced();
+    let lines = to_jsonl(&[line.clone(), {
+        let mut other = line.clone();
+        other.id = SceneId::new("b").unwrap();
+        other
+    }]);
+    seeds.push((
+        "scene_line",
+        "full.json".to_owned(),
+        LINE.as_bytes().to_vec(),
+    ));
+    let written = to_jsonl(std::slice::from_ref(&line))
+        .trim()
+        .as_bytes()
+        .to_vec();
+    seeds.push(("scene_line", "written.json".to_owned(), written));
+    seeds.push((
+        "manifest",
+        "two.jsonl".to_owned(),
+        lines.clone().into_bytes(),
+    ));
+    seeds.push((
+        "manifest",
+        "one.jsonl".to_owned(),
+        format!("\n{LINE}\n\n").into_bytes(),
+    ));
+    for (k, text) in RECIPES.iter().enumerate() {
+        seeds.push(("recipe", format!("{k}.toml"), text.as_bytes().to_vec()));
+    }
+    seeds.push(("cases", "two.toml".to_owned(), CASES.as_bytes().to_vec()));
+    let one = CASES.split("[[case]]").next().unwrap_or_default();
+    seeds.push(("cases", "none.toml".to_owned(), one.as_bytes().to_vec()));
+    let partial = glasshouse::partial::encode(&partials[0]).unwrap();
+    seeds.push(("partial", "pixels.exr".to_owned(), partial));
+    seeds.push((
+        "partial",
+        "foreign.exr".to_owned(),
+        images().pop().unwrap().1,
+    ));
+    let spec = Spec {
+        schema: SPEC_SCHEMA.to_owned(),
+        name: "a".to_owned(),
+        scenes: 2,
+        manifest_blake3: "00".to_owned(),
+        tile_px: 64,
+        tracer_version: 1,
+        golden: Golden {
+            scene: "builtin/2".to_owned(),
+            blake3: "ff".to_owned(),
+        },
+        roots: [("data".to_owned(), "data".into())].into(),
+    };
+    seeds.push((
+        "spec",
+        "a.json".to_owned(),
+        serde_json::to_vec_pretty(&spec).unwrap(),
+    ));
+    seeds.push((
+        "spec",
+        "short.json".to_owned(),
+        b"{\"schema\":\"glasshouse.spec/1\"}".to_vec(),
+    ));
+    seeds.push(("tuple", "a.json".to_owned(), record));
+    seeds.push((
+        "tuple",
+        "short.json".to_owned(),
+        b"{\"schema\":\"glasshouse.tuple/1\"}".to_vec(),
+    ));
+    seeds
+}
