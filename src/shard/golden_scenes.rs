@@ -173,7 +173,7 @@ pub fn golden_scenes() -> Vec<GoldenScene> {
                 ..plain()
             },
         ),
-        // Brighter than white: no order is weak, R takes all samples.
+        // Brighter than white: the first orders and R take all samples.
         (
             "lights",
             Words {
@@ -203,7 +203,7 @@ pub fn golden_scenes() -> Vec<GoldenScene> {
                 ..plain()
             },
         ),
-        // Sixty degrees: a dozen orders, weak ones among them.
+        // Sixty degrees: a dozen orders, the last ones thinned.
         (
             "steep",
             Words {
@@ -278,9 +278,11 @@ mod tests {
         any("focus at infinity", &|s| s.lens.inverse_focus_per_m == 0.0);
         any("a pane without thickness", &|s| s.slab.thickness_m == 0.0);
         any("no reflection", &|s| s.orders.back.is_empty());
-        any("weak orders", &|s| {
-            s.orders.back.iter().any(|f| f.thinning == 16)
-        });
+        for thinning in [1, 2, 16] {
+            any(&format!("orders thinned by {thinning}"), &|s| {
+                s.orders.back.iter().any(|f| f.thinning == thinning)
+            });
+        }
         any("many orders", &|s| s.orders.back.len() >= 8);
         any("several blocks", &|s| s.spp > 256);
         any("one sample", &|s| s.spp == 1);

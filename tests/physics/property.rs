@@ -86,10 +86,10 @@ fn range(photo: &Photo) -> [f64; 2] {
     })
 }
 
-/// What weak orders, which take fewer samples, may put on top of a mean whose weights add up to 1 at most.
-fn weak_excess(list: &[FollowedOrder], max_radiance: f64) -> f64 {
-    let weak = list.iter().filter(|f| f.thinning > 1);
-    weak.map(|f| f.max_weight * max_radiance * 1.01).sum()
+/// What thinned orders, which take fewer samples, may put on top of a mean whose weights add up to 1 at most.
+fn thinned_excess(list: &[FollowedOrder], max_radiance: f64) -> f64 {
+    let thinned = list.iter().filter(|f| f.thinning > 1);
+    thinned.map(|f| f.max_weight * max_radiance * 1.01).sum()
 }
 
 /// f32 sums of at most 128 samples.
@@ -102,7 +102,7 @@ fn within_bounds(
 ) -> Result<(), TestCaseError> {
     let [f_lo, f_hi] = range(&case.front);
     let [b_lo, b_hi] = range(&case.back);
-    let excess = weak_excess(&orders.front, f_hi) + weak_excess(&orders.back, b_hi);
+    let excess = thinned_excess(&orders.front, f_hi) + thinned_excess(&orders.back, b_hi);
     let mixed = f_hi.max(b_hi) + excess;
     // A pane that absorbs may darken all; else only what was dropped is missing.
     let lost = excess + 1.01 * (orders.front_tail + orders.back_tail);

@@ -9,8 +9,9 @@ use super::{LANES, full_span, random};
 use crate::manifest::{Photograph, Transfer};
 use crate::sample::{listing, render};
 use crate::scene::{NamedBytes, PhotographFiles, decode_photograph};
-use crate::trace::Grid;
-use crate::trace::walk::{Lines, walk};
+use crate::trace::lanes::Lane;
+use crate::trace::walk::{Lines, Span, walk};
+use crate::trace::{Grid, Isa};
 use std::path::Path;
 
 /// Coordinates relative to a bundle's base are rounded by 1e-6 px; a few operations follow.
@@ -342,6 +343,23 @@ fn stays_inside(grid: &Grid, [x, y, sx, sy]: [f64; 4]) -> bool {
     within(x, sx, grid.nx()) && within(y, sy, grid.ny())
 }
 
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn walk_avx2(grid: &Grid, base: [i32; 2], lines: &Lines, span: Span) -> Lane {
+    walk::<true>(grid, base, lines, span)
+}
+
+/// The kernel that a run on this machine would take.
+fn walk_fastest(grid: &Grid, base: [i32; 2], lines: &Lines, span: Span) -> Lane {
+    match Isa::detect() {
+        #[cfg(target_arch = "x86_64")]
+        #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
+        // SAFETY: the machine has AVX2, as `detect` says.
+        Isa::Avx2 => unsafe { walk_avx2(grid, base, lines, span) },
+        _ => walk::<false>(grid, base, lines, span),
+    }
+}
+
 /// Calls `see` with every ray, its absolute numbers and the kernel's hit.
 fn shoot(
     terrain: &Terrain,
@@ -370,7 +388,12 @@ fn shoot(
         }
         let is_inside = aimed.iter().all(|a| stays_inside(grid, a.absolute(base)));
         inside += u64::from(is_inside) * LANES as u64;
-        let hits = walk::<false>(grid, base, &lines, full_span(grid, is_inside));
+        let span = full_span(grid, is_inside);
+        let hits = walk_fastest(grid, base, &lines, span);
+        if group % 8 == 0 {
+            let baseline = walk::<false>(grid, base, &lines, span);
+            assert_eq!(hits, baseline, "both kernels");
+        }
         for (a, hit) in aimed.iter().zip(hits) {
             see(a, a.absolute(base), f64::from(hit));
         }
