@@ -1,0 +1,263 @@
+"""Errors and ratios from the peers' result.json files: peers.json as data, peers.md as tables."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from scene import LAYERS, SYMBOLS
+
+# A peer may miss a common target by this much: T of `stock` and `split` is the same estimator, equal within 0.1 %.
+PEER_TOLERANCE = 1.02
+GOALS = {"mitsuba_stock": 50.0, "mitsuba_split": 10.0, "cycles": 150.0, "embree": 20.0}
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One measured rendering: the RMSE of each layer it gives, and what it cost."""
+
+    name: str
+    samples: int
+    cpu_s: float
+    process_cpu_s: float | None
+    rmse: dict[str, float]
+    bias: dict[str, float]
+
+
+def rms(difference: np.ndarray) -> float:
+    """Root of the mean square over pixels and colours."""
+    return float(np.sqrt((difference.astype(np.float64) ** 2).mean()))
+
+
+def block_rms(difference: np.ndarray, side: int = 16) -> float:
+    """RMS of means over blocks of 16 x 16 px, where noise is 16 times less and bias shows."""
+    h, w = (n // side * side for n in difference.shape[:2])
+    blocks = difference[:h, :w].astype(np.float64).reshape(h // side, side, w // side, side, 3)
+    return rms(blocks.mean((1, 3)))
+
+
+def reference(folder: Path, name: str | None) -> dict[str, np.ndarray]:
+    """The layers with the most samples among the passes called `name` (any, if None)."""
+    images: dict[str, np.ndarray] = {}
+    for entry in sorted(entries_of(folder), key=lambda p: p["samples"]):
+        if name is None or entry["name"] == name:
+            images.update({layer: np.load(folder / file) for layer, file in entry["layers"].items()})
+    return images
+
+
+def passes(folder: Path, truth: dict[str, np.ndarray]) -> list[Pass]:
+    """All passes of a peer but its reference, with their errors."""
+    found = []
+    for entry in entries_of(folder):
+        if entry["name"] == "reference":
+            continue
+        difference = {layer: np.load(folder / file) - truth[layer] for layer, file in entry["layers"].items()}
+        found.append(Pass(
+            entry["name"], entry["samples"], entry["cpu_s"], entry.get("process_cpu_s"),
+            {layer: rms(d) for layer, d in difference.items()},
+            {layer: float(d.mean(dtype=np.float64)) for layer, d in difference.items()}))
+    return found
+
+
+def cheapest(candidates: list[Pass], targets: dict[str, float] | None) -> list[Pass] | None:
+    """For each set of layers that is rendered together the cheapest pass that reaches the targets; None if a layer is missing."""
+    chosen: dict[frozenset[str], Pass | None] = {frozenset(p.rmse): None for p in candidates}
+    for candidate in candidates:
+        layers = frozenset(candidate.rmse)
+        good = targets is None or all(candidate.rmse[layer] <= targets[layer] for layer in layers)
+        best = chosen[layers]
+        if good and (best is None or candidate.cpu_s < best.cpu_s):
+            chosen[layers] = candidate
+    found = list(chosen.values())
+    whole = None not in found and {layer for p in found for layer in p.rmse} == set(LAYERS)
+    return found if whole else None
+
+
+def summary(chosen: list[Pass]) -> dict:
+    """Cost and errors of passes that give the four layers together."""
+    figures = {
+        "samples": {layer: p.samples for p in chosen for layer in p.rmse},
+        "passes": [{"name": p.name, "samples": p.samples, "layers": list(p.rmse), "cpu_s": p.cpu_s} for p in chosen],
+        "cpu_s": sum(p.cpu_s for p in chosen),
+        "rmse": {layer: p.rmse[layer] for p in chosen for layer in p.rmse},
+        "bias": {layer: p.bias[layer] for p in chosen for layer in p.rmse},
+    }
+    if all(p.process_cpu_s is not None for p in chosen):
+        figures["process_cpu_s"] = sum(p.process_cpu_s for p in chosen)
+    return figures
+
+
+def against(peer: dict, ours: list[Pass], targets: dict[str, float]) -> dict | None:
+    """The peer's cost over that of the cheapest of our sample counts that reaches the targets in all four layers."""
+    found = cheapest(ours, targets)
+    if found is None:
+        return None
+    us = summary(found)
+    return {"peer": peer, "glasshouse": us, "ratio": peer["cpu_s"] / us["cpu_s"],
+            "ratio_whole_process": peer["cpu_s"] / us["process_cpu_s"]}
+
+
+def compare(out: Path) -> dict:
+    """All that the folder's results say; what is missing is left out."""
+    theirs = reference(out / "mitsuba_reference", None)
+    ours = reference(out / "glasshouse", "reference")
+    measured: dict[str, list[Pass]] = {}
+    differences = {}
+    if theirs:
+        for folder in sorted([*out.glob("mitsuba_s*/"), *out.glob("cycles/")]):
+            measured[folder.name] = passes(folder, theirs)
+        cycles = reference(out / "cycles", None)
+        if cycles:
+            differences["Cycles, most samples, - Mitsuba"] = difference(cycles, theirs)
+    if ours:
+        measured["glasshouse"] = passes(out / "glasshouse", ours)
+    if ours and theirs:
+        differences["glasshouse - Mitsuba"] = difference(ours, theirs)
+    return {"reference_noise": reference_noise(out / "mitsuba_reference"), "references_differ": differences,
+            "ladders": ladders(measured), "at_most_samples": at_most_samples(measured),
+            "at_common_errors": at_common_errors(measured), "embree": embree_ratios(out / "embree"), "goals": GOALS}
+
+
+def difference(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> dict[str, dict[str, float]]:
+    """By layer: mean of a - b, its RMS, and the RMS of its means over 16 x 16 px."""
+    both = [layer for layer in LAYERS if layer in a and layer in b]
+    return {layer: {"mean": float((a[layer] - b[layer]).mean(dtype=np.float64)), "rms": rms(a[layer] - b[layer]),
+                    "rms_16x16": block_rms(a[layer] - b[layer])} for layer in both}
+
+
+def reference_noise(folder: Path) -> dict[str, float]:
+    """RMS noise that the reference with the most samples states of itself, by layer."""
+    entries = sorted(entries_of(folder), key=lambda entry: entry["samples"])
+    return {layer: entry["noise"] for entry in entries for layer in entry["layers"]}
+
+
+def entries_of(folder: Path) -> list[dict]:
+    """The passes in a folder's result.json; none if there is no such file."""
+    path = folder / "result.json"
+    return json.loads(path.read_text())["passes"] if path.is_file() else []
+
+
+def at(found: list[Pass], samples: int) -> dict | None:
+    """A peer's four layers at a sample count; of two ways to render a layer the cheaper."""
+    chosen = cheapest([p for p in found if p.samples == samples], None)
+    return summary(chosen) if chosen else None
+
+
+def ladders(measured: dict[str, list[Pass]]) -> dict[str, list[dict]]:
+    """Every peer's cost and errors by sample count."""
+    counts = {name: sorted({p.samples for p in found}) for name, found in measured.items()}
+    return {name: [row for n in counts[name] if (row := at(found, n))] for name, found in measured.items()}
+
+
+def at_most_samples(measured: dict[str, list[Pass]]) -> dict[str, dict | None]:
+    """Each peer at its largest sample count, against glasshouse at errors no larger in any layer."""
+    rows = {}
+    for name, found in measured.items():
+        if name != "glasshouse" and "glasshouse" in measured:
+            peer = at(found, max(p.samples for p in found))
+            rows[name] = against(peer, measured["glasshouse"], peer["rmse"]) if peer else None
+    return rows
+
+
+def at_common_errors(measured: dict[str, list[Pass]]) -> dict:
+    """Everybody at the errors of Mitsuba's stock plugins with the most samples; a peer may choose a count for each layer."""
+    if not {"glasshouse", "mitsuba_stock"} <= set(measured):
+        return {}
+    most = max(p.samples for p in measured["mitsuba_stock"])
+    stock = at(measured["mitsuba_stock"], most)
+    if not stock:
+        return {}
+    targets = stock["rmse"]
+    found: dict = {"targets": targets, "samples": most, "peers": {}}
+    for name, all_passes in measured.items():
+        if name != "glasshouse":
+            chosen = cheapest(all_passes, {layer: e * PEER_TOLERANCE for layer, e in targets.items()})
+            found["peers"][name] = against(summary(chosen), measured["glasshouse"], targets) if chosen else None
+    return found
+
+
+def embree_ratios(folder: Path) -> list[dict]:
+    """Our kernel's rays a second over Embree's: its best way, its best watertight way, its best single rays."""
+    path, rows = folder / "result.json", []
+    for entry in json.loads(path.read_text())["classes"] if path.is_file() else []:
+        best = lambda keep: max((w for w in entry["ways"] if keep(w)), key=lambda w: w["mrays_per_s"])
+        ways = {"best": best(lambda w: True), "best_robust": best(lambda w: w["robust"]),
+                "best_single": best(lambda w: w["rays_a_call"] == "1")}
+        ours = entry["kernel_mrays_per_s"]
+        rows.append({"class": entry["name"], "kernel_mrays_per_s": ours, **ways,
+                     "ratios": {k: ours / w["mrays_per_s"] if ours else None for k, w in ways.items()}})
+    return rows
+
+
+def markdown(result: dict) -> str:
+    """The tables."""
+    text = ["# Peers, side by side\n", machine_text(result), "\n## Cost and error by samples\n",
+            "CPU seconds of rendering the four layers, one thread; RMSE in linear light against each renderer's own reference.\n",
+            "| | samples | CPU s | by pass | I | T | R~ | R |", "|---|---|---|---|---|---|---|---|"]
+    for name, rows in result["ladders"].items():
+        text += [ladder_row(name, row) for row in rows]
+    text += ["\n## Ratios\n", "| peer | its samples | its CPU s | glasshouse's samples | CPU s | ratio | whole process | goal |",
+             "|---|---|---|---|---|---|---|---|"]
+    for name, row in result["at_most_samples"].items():
+        text.append(ratio_row(name, row))
+    common = result["at_common_errors"]
+    if common:
+        errors = ", ".join(f"{SYMBOLS[k]} {v:.2e}" for k, v in common["targets"].items())
+        text += [f"\nEverybody at the errors of `mitsuba_stock` at {common['samples']} samples ({errors}), each layer with as few "
+                 "samples as it needs:\n",
+                 "| peer | its samples | its CPU s | glasshouse's samples | CPU s | ratio | whole process | goal |",
+                 "|---|---|---|---|---|---|---|---|"]
+        text += [ratio_row(name, row) for name, row in common["peers"].items()]
+    text += embree_text(result["embree"])
+    text += ["\n## References\n", "| | I | T | R~ | R |", "|---|---|---|---|---|"]
+    if result["reference_noise"]:
+        text.append("| noise of Mitsuba's | " + " | ".join(f"{result['reference_noise'][k]:.1e}" for k in LAYERS) + " |")
+    for pair, layers in result["references_differ"].items():
+        for what in ("mean", "rms", "rms_16x16"):
+            text.append(f"| {pair}, {what} | " + " | ".join(f"{layers[k][what]:.1e}" for k in LAYERS) + " |")
+    return "\n".join(text) + "\n"
+
+
+def machine_text(result: dict) -> str:
+    """What ran where."""
+    programs = "; ".join(f"{k}: {v}" for k, v in result.get("programs", {}).items())
+    return f"Scene `{result.get('scene', '?')}`. {result.get('machine', '')}. {programs}."
+
+
+def ladder_row(name: str, row: dict) -> str:
+    """A sample count of a peer."""
+    samples = sorted(set(row["samples"].values()))
+    parts = ", ".join(f"{'+'.join(SYMBOLS[k] for k in p['layers'])} {p['cpu_s']:.2f}" for p in row["passes"])
+    whole = f" (process {row['process_cpu_s']:.2f})" if "process_cpu_s" in row else ""
+    errors = " | ".join(f"{row['rmse'][k]:.2e}" if k in row["rmse"] else "-" for k in LAYERS)
+    return f"| {name} | {samples[-1]} | {row['cpu_s']:.3f}{whole} | {parts if len(row['passes']) > 1 else ''} | {errors} |"
+
+
+def ratio_row(name: str, row: dict | None) -> str:
+    """A peer against glasshouse."""
+    if row is None:
+        return f"| {name} | a target was not reached with the samples measured: raise --samples or --our-samples | | | | | | |"
+    goal = next(value for prefix, value in GOALS.items() if name.startswith(prefix))
+    count = lambda side: "/".join(str(n) for n in sorted(set(row[side]["samples"].values())))
+    return (f"| {name} | {count('peer')} | {row['peer']['cpu_s']:.2f} | {count('glasshouse')} | {row['glasshouse']['cpu_s']:.3f} | "
+            f"**{row['ratio']:.1f}** | {row['ratio_whole_process']:.1f} | {goal:.0f} |")
+
+
+def embree_text(rows: list[dict]) -> list[str]:
+    """The table of intersections."""
+    if not rows:
+        return []
+    text = ["\n## Intersection alone, Mrays/s\n",
+            "| rays | glasshouse | Embree's best | ratio | its best watertight | ratio | its best single rays | ratio | differing | missed |",
+            "|---|---|---|---|---|---|---|---|---|---|"]
+    show = lambda w: f"{w['mrays_per_s']:.1f} ({w['rays_a_call']}, {w['shape']}, {w['quality']})"
+    for row in rows:
+        ours, ratio = row["kernel_mrays_per_s"], row["ratios"]
+        cells = " | ".join(f"{show(row[k])} | {'**%.1f**' % ratio[k] if ratio[k] else '?'}" for k in ("best", "best_robust", "best_single"))
+        robust = row["best_robust"]
+        text.append(f"| {row['class']} | {f'{ours:.0f}' if ours else '?'} | {cells} | {robust.get('differing_share', '?')} | "
+                    f"{robust['missed_share']} |")
+    return text
