@@ -39,21 +39,18 @@ def block_rms(difference: np.ndarray, side: int = 16) -> float:
     return rms(blocks.mean((1, 3)))
 
 
-def reference(folder: Path, name: str | None) -> dict[str, np.ndarray]:
-    """The layers with the most samples among the passes called `name` (any, if None)."""
+def reference(folder: Path) -> dict[str, np.ndarray]:
+    """The layers with the most samples of a folder; none if nothing was measured there."""
     images: dict[str, np.ndarray] = {}
     for entry in sorted(entries_of(folder), key=lambda p: p["samples"]):
-        if name is None or entry["name"] == name:
-            images.update({layer: np.load(folder / file) for layer, file in entry["layers"].items()})
+        images.update({layer: np.load(folder / file) for layer, file in entry["layers"].items()})
     return images
 
 
 def passes(folder: Path, truth: dict[str, np.ndarray]) -> list[Pass]:
-    """All passes of a peer but its reference, with their errors."""
+    """All passes of a peer, with their errors."""
     found = []
     for entry in entries_of(folder):
-        if entry["name"] == "reference":
-            continue
         difference = {layer: np.load(folder / file) - truth[layer] for layer, file in entry["layers"].items()}
         found.append(Pass(
             entry["name"], entry["samples"], entry["cpu_s"], entry.get("process_cpu_s"),
@@ -102,14 +99,14 @@ def against(peer: dict, ours: list[Pass], targets: dict[str, float]) -> dict | N
 
 def compare(out: Path) -> dict:
     """All that the folder's results say; what is missing is left out."""
-    theirs = reference(out / "mitsuba_reference", None)
-    ours = reference(out / "glasshouse", "reference")
+    theirs = reference(out / "mitsuba_reference")
+    ours = reference(out / "glasshouse_reference")
     measured: dict[str, list[Pass]] = {}
     differences = {}
     if theirs:
         for folder in sorted([*out.glob("mitsuba_s*/"), *out.glob("cycles/")]):
             measured[folder.name] = passes(folder, theirs)
-        cycles = reference(out / "cycles", None)
+        cycles = reference(out / "cycles")
         if cycles:
             differences["Cycles, most samples, - Mitsuba"] = difference(cycles, theirs)
     if ours:

@@ -6,6 +6,7 @@ Both sides count intersection alone, one thread, CPU seconds: glasshouse its spa
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import shutil
@@ -60,7 +61,13 @@ def main() -> None:
     parser.add_argument("--rays", type=Path, help="folder with a rays.json instead of a fresh dump")
     parser.add_argument("--max-rays", type=int, default=524288, help="rays of a class that Embree gets")
     args = parser.parse_args()
+    if not args.program.is_file():
+        sys.exit(f"error: {args.program} is not here: cargo build --release, or pass --glasshouse PROGRAM")
     args.out.mkdir(parents=True, exist_ok=True)
+    program_sha256 = hashlib.sha256(args.program.read_bytes()).hexdigest()
+    path = args.out / "result.json"
+    if path.is_file() and json.loads(path.read_text())["program_sha256"] == program_sha256:
+        return
     program = compiled(args.out)
     rays = args.rays or args.out / "rays"
     if not args.rays:
@@ -73,7 +80,8 @@ def main() -> None:
         if wanted(entry["name"], apex):
             classes.append(measure(program, rays, entry, args.max_rays))
             print(f"embree: {entry['name']}: best {classes[-1]['best_mrays_per_s']:.1f} Mrays/s", flush=True)
-    (args.out / "result.json").write_text(json.dumps({"program": classes[0]["program"], "classes": classes}, indent=1))
+    result = {"program": classes[0]["program"], "program_sha256": program_sha256, "classes": classes}
+    path.write_text(json.dumps(result, indent=1))
     if not args.rays:
         shutil.rmtree(rays)
 

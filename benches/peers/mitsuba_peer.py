@@ -160,10 +160,12 @@ def sheets(scene: scenes.Scene) -> tuple[mi.Scene, mi.Scene]:
 
 def measure(record: Record, layer: str, sampler: str, spp: int, world, integrator, camera, build_s: float) -> None:
     """One layer at one sample count."""
-    counted = camera.sampler().sample_count()
+    if camera.sampler().sample_count() != spp:
+        print(f"{record.folder.name}: {sampler} cannot take {spp} samples: left out", flush=True)
+        return
     render = lambda seed: np.array(mi.render(world, sensor=camera, integrator=integrator, spp=spp, seed=seed))
     image, figures = timed(render, warm_up=True)
-    record.add(layer, spp, {layer: image}, actual_samples=counted, build_cpu_s=build_s, **figures)
+    record.add(layer, spp, {layer: image}, build_cpu_s=build_s, **figures)
 
 
 def reference(scene: scenes.Scene, record: Record, spp: int) -> None:

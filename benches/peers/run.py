@@ -33,7 +33,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("scene", type=Path, metavar="SCENE_DIR", help="folder with a scene.json")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="results, kept from run to run")
     parser.add_argument("--only", type=names, default=list(PEERS), metavar="PEER,...", help=f"of {', '.join(PEERS)}")
-    parser.add_argument("--redo", type=names, default=[], metavar="PEER,...", help="forget what these measured (mitsuba_reference too)")
+    parser.add_argument("--redo", type=names, default=[], metavar="PEER,...", help="forget what these measured; also mitsuba_reference, glasshouse_reference")
     parser.add_argument("--samples", type=counts, default=[16, 64, 256], metavar="N,...", help="of the peers [16,64,256]")
     parser.add_argument("--our-samples", type=counts, default=[16, 32, 64, 128, 256, 512, 1024], metavar="N,...",
                         help="of glasshouse [16 to 1024]")
@@ -50,26 +50,25 @@ def arguments() -> argparse.Namespace:
 
 
 def commands(args: argparse.Namespace) -> dict[str, list[str]]:
-    """What is run for each peer, in this order; the reference comes with the peers that need it."""
+    """What is run, in this order: a script and its options for each peer and for each reference that is needed."""
     text = lambda numbers: ",".join(str(n) for n in numbers)
-    mitsuba = ["mitsuba_peer.py", "--samples", text(args.samples), "--set-up"]
-    all_commands = {
-        "cycles": ["cycles_peer.py", "--samples", text(args.samples)],
-        "glasshouse": ["glasshouse_peer.py", "--samples", text(args.our_samples), "--program", str(args.glasshouse),
-                       "--reference-spp", str(args.reference_spp)],
-        "embree": ["embree_peer.py", "--program", str(args.glasshouse)],
-        "mitsuba_reference": ["mitsuba_peer.py", "--samples", str(args.mitsuba_reference_spp), "--set-up", "reference"],
-    }
-    wanted = set(args.only)
+    program = ["--program", str(args.glasshouse)]
+    found: dict[str, list[str]] = {}
     for set_up in ("stock", "split"):
-        for sampler in args.samplers:
+        for sampler in args.samplers if f"mitsuba_{set_up}" in args.only else []:
             name = f"mitsuba_{set_up}" + ("" if sampler == "ldsampler" else f"_{sampler}")
-            all_commands[name] = [*mitsuba, set_up, "--sampler", sampler]
-            if f"mitsuba_{set_up}" in wanted:
-                wanted.add(name)
-    if wanted & {"mitsuba_stock", "mitsuba_split", "cycles"}:
-        wanted.add("mitsuba_reference")
-    return {name: command for name, command in all_commands.items() if name in wanted}
+            found[name] = ["mitsuba_peer.py", "--set-up", set_up, "--sampler", sampler, "--samples", text(args.samples)]
+    if "cycles" in args.only:
+        found["cycles"] = ["cycles_peer.py", "--samples", text(args.samples)]
+    if "glasshouse" in args.only:
+        found["glasshouse"] = ["glasshouse_peer.py", "--set-up", "ladder", *program, "--samples", text(args.our_samples)]
+    if "embree" in args.only:
+        found["embree"] = ["embree_peer.py", *program]
+    if {"mitsuba_stock", "mitsuba_split", "cycles"} & set(args.only):
+        found["mitsuba_reference"] = ["mitsuba_peer.py", "--set-up", "reference", "--samples", str(args.mitsuba_reference_spp)]
+    if "glasshouse" in args.only:
+        found["glasshouse_reference"] = ["glasshouse_peer.py", "--set-up", "reference", *program, "--samples", str(args.reference_spp)]
+    return found
 
 
 def keep_or_forget(args: argparse.Namespace) -> None:
@@ -80,13 +79,12 @@ def keep_or_forget(args: argparse.Namespace) -> None:
         sys.exit(f"error: {args.out} holds results of another scene: choose another --out, or delete it")
     stamp.write_text(digest)
     for name in args.redo:
-        shutil.rmtree(args.out / name, ignore_errors=True)
+        for folder in args.out.glob(f"{name}*/" if name.startswith("mitsuba_s") else f"{name}/"):
+            shutil.rmtree(folder)
 
 
 def run_peer(name: str, command: list[str], args: argparse.Namespace) -> bool:
     """Runs a peer's script to its end; its chatter goes to a log, its own lines are shown."""
-    if name == "embree" and (args.out / "embree" / "result.json").is_file():
-        return True
     script, *options = command
     line = [sys.executable, str(HERE / script), str(args.scene), "--out", str(args.out / name), *options]
     with open(args.out / f"{name}.log", "w") as log:
@@ -95,10 +93,10 @@ def run_peer(name: str, command: list[str], args: argparse.Namespace) -> bool:
             for text in child.stdout:
                 log.write(text)
                 last = text.strip() or last
-                if text.startswith((f"{name}:", "error:")):
+                if text.startswith(f"{name}:"):
                     print(text, end="", flush=True)
     if child.returncode:
-        print(f"error: {name} ended with {child.returncode}: {last} (see {args.out / name}.log)", file=sys.stderr)
+        print(f"{name} is left out: {last} (all it said: {args.out / name}.log)", file=sys.stderr)
     return child.returncode == 0
 
 
