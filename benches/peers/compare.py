@@ -40,11 +40,11 @@ def block_rms(difference: np.ndarray, side: int = 16) -> float:
 
 
 def reference(folder: Path) -> dict[str, np.ndarray]:
-    """The layers with the most samples of a folder; none if nothing was measured there."""
+    """The four layers with the most samples of a folder; nothing if they are not all there."""
     images: dict[str, np.ndarray] = {}
     for entry in sorted(entries_of(folder), key=lambda p: p["samples"]):
         images.update({layer: np.load(folder / file) for layer, file in entry["layers"].items()})
-    return images
+    return images if set(images) == set(LAYERS) else {}
 
 
 def passes(folder: Path, truth: dict[str, np.ndarray]) -> list[Pass]:
@@ -61,29 +61,26 @@ def passes(folder: Path, truth: dict[str, np.ndarray]) -> list[Pass]:
 
 def cheapest(candidates: list[Pass], targets: dict[str, float] | None) -> list[Pass] | None:
     """For each set of layers that is rendered together the cheapest pass that reaches the targets; None if a layer is missing."""
-    chosen: dict[frozenset[str], Pass | None] = {frozenset(p.rmse): None for p in candidates}
-    for candidate in candidates:
-        layers = frozenset(candidate.rmse)
-        good = targets is None or all(candidate.rmse[layer] <= targets[layer] for layer in layers)
-        best = chosen[layers]
-        if good and (best is None or candidate.cpu_s < best.cpu_s):
-            chosen[layers] = candidate
-    found = list(chosen.values())
-    whole = None not in found and {layer for p in found for layer in p.rmse} == set(LAYERS)
-    return found if whole else None
+    chosen: dict[frozenset[str], Pass] = {}
+    for candidate in sorted(candidates, key=lambda p: p.cpu_s):
+        if targets is None or all(e <= targets[layer] for layer, e in candidate.rmse.items()):
+            chosen.setdefault(frozenset(candidate.rmse), candidate)
+    whole = {layer for p in chosen.values() for layer in p.rmse} == set(LAYERS)
+    return list(chosen.values()) if whole else None
 
 
 def summary(chosen: list[Pass]) -> dict:
     """Cost and errors of passes that give the four layers together."""
-    figures = {
+    figures: dict = {
         "samples": {layer: p.samples for p in chosen for layer in p.rmse},
         "passes": [{"name": p.name, "samples": p.samples, "layers": list(p.rmse), "cpu_s": p.cpu_s} for p in chosen],
         "cpu_s": sum(p.cpu_s for p in chosen),
         "rmse": {layer: p.rmse[layer] for p in chosen for layer in p.rmse},
         "bias": {layer: p.bias[layer] for p in chosen for layer in p.rmse},
     }
-    if all(p.process_cpu_s is not None for p in chosen):
-        figures["process_cpu_s"] = sum(p.process_cpu_s for p in chosen)
+    processes = [p.process_cpu_s for p in chosen if p.process_cpu_s is not None]
+    if len(processes) == len(chosen):
+        figures["process_cpu_s"] = sum(processes)
     return figures
 
 
@@ -113,16 +110,15 @@ def compare(out: Path) -> dict:
         measured["glasshouse"] = passes(out / "glasshouse", ours)
     if ours and theirs:
         differences["glasshouse - Mitsuba"] = difference(ours, theirs)
-    return {"reference_noise": reference_noise(out / "mitsuba_reference"), "references_differ": differences,
+    return {"reference_noise": reference_noise(out / "mitsuba_reference") if theirs else {}, "references_differ": differences,
             "ladders": ladders(measured), "at_most_samples": at_most_samples(measured),
             "at_common_errors": at_common_errors(measured), "embree": embree_ratios(out / "embree"), "goals": GOALS}
 
 
 def difference(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> dict[str, dict[str, float]]:
     """By layer: mean of a - b, its RMS, and the RMS of its means over 16 x 16 px."""
-    both = [layer for layer in LAYERS if layer in a and layer in b]
     return {layer: {"mean": float((a[layer] - b[layer]).mean(dtype=np.float64)), "rms": rms(a[layer] - b[layer]),
-                    "rms_16x16": block_rms(a[layer] - b[layer])} for layer in both}
+                    "rms_16x16": block_rms(a[layer] - b[layer])} for layer in LAYERS}
 
 
 def reference_noise(folder: Path) -> dict[str, float]:
@@ -209,9 +205,10 @@ def markdown(result: dict) -> str:
                  "|---|---|---|---|---|---|---|---|"]
         text += [ratio_row(name, row) for name, row in common["peers"].items()]
     text += embree_text(result["embree"])
-    text += ["\n## References\n", "| | I | T | R~ | R |", "|---|---|---|---|---|"]
     if result["reference_noise"]:
-        text.append("| noise of Mitsuba's | " + " | ".join(f"{result['reference_noise'][k]:.1e}" for k in LAYERS) + " |")
+        text += ["\n## References\n", "| | I | T | R~ | R |", "|---|---|---|---|---|"]
+        noise = " | ".join(f"{result['reference_noise'][k]:.1e}" for k in LAYERS)
+        text.append(f"| noise of Mitsuba's, stated by its halves | {noise} |")
     for pair, layers in result["references_differ"].items():
         for what in ("mean", "rms", "rms_16x16"):
             text.append(f"| {pair}, {what} | " + " | ".join(f"{layers[k][what]:.1e}" for k in LAYERS) + " |")
@@ -248,13 +245,14 @@ def embree_text(rows: list[dict]) -> list[str]:
     if not rows:
         return []
     text = ["\n## Intersection alone, Mrays/s\n",
-            "| rays | glasshouse | Embree's best | ratio | its best watertight | ratio | its best single rays | ratio | differing | missed |",
+            "| rays | glasshouse | Embree's best | ratio | its best watertight | ratio | its best single rays | ratio "
+            "| watertight: differ | miss |",
             "|---|---|---|---|---|---|---|---|---|---|"]
     show = lambda w: f"{w['mrays_per_s']:.1f} ({w['rays_a_call']}, {w['shape']}, {w['quality']})"
     for row in rows:
         ours, ratio = row["kernel_mrays_per_s"], row["ratios"]
-        cells = " | ".join(f"{show(row[k])} | {'**%.1f**' % ratio[k] if ratio[k] else '?'}" for k in ("best", "best_robust", "best_single"))
+        cells = " | ".join(f"{show(row[k])} | {f'**{ratio[k]:.1f}**' if ratio[k] else '?'}" for k in row["ratios"])
         robust = row["best_robust"]
-        text.append(f"| {row['class']} | {f'{ours:.0f}' if ours else '?'} | {cells} | {robust.get('differing_share', '?')} | "
-                    f"{robust['missed_share']} |")
+        shares = f"{robust.get('differing_share', '?')} | {robust['missed_share']}"
+        text.append(f"| {row['class']} | {f'{ours:.0f}' if ours else '?'} | {cells} | {shares} |")
     return text

@@ -33,7 +33,7 @@ def run(program: Path, options: list[str]) -> tuple[dict, float]:
     """One run with one thread: its JSON, and the user and system seconds of the process."""
     command = [str(program), *options, "-j", "1", "--json", "--quiet"]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as child:
-        text = child.stdout.read()
+        text = child.stdout.read() if child.stdout else b""
         _, status, usage = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
     if child.returncode:
@@ -52,7 +52,8 @@ def tracer_cpu_s(program: Path, scene: Path, samples: list[int]) -> dict[int, li
     with tempfile.TemporaryDirectory() as folder:
         # `bench error` wants images to compare with; its errors are not used, only its seconds.
         render(program, scene, min(samples), Path(folder))
-        options = ["bench", "error", "--scene", str(scene), "--reference", folder, "--out", folder, "--spp", ",".join(map(str, samples))]
+        counts = ",".join(map(str, samples))
+        options = ["bench", "error", "--scene", str(scene), "--reference", folder, "--out", folder, "--spp", counts]
         for _ in range(TRACER_RUNS):
             for row in run(program, options)[0]["rows"]:
                 if row["variant"] == "sobol" and row["layer"] == "input":
@@ -70,7 +71,7 @@ def ladder(program: Path, scene: Path, samples: list[int], record: Record) -> No
     todo = [spp for spp in samples if not record.has("render", spp)]
     seconds = tracer_cpu_s(program, scene, todo) if todo else {}
     for spp in todo:
-        processes = []
+        processes: list[float] = []
         with tempfile.TemporaryDirectory() as folder:
             while not processes or (len(processes) < RUNS and sum(processes) < ENOUGH_S):
                 result, process_s = render(program, scene, spp, Path(folder))

@@ -23,7 +23,7 @@ try:
     import compare
     import scene as scenes
 except ImportError as missing:
-    sys.exit(f"error: {missing}: pip install mitsuba==3.9.1 numpy pillow 'bpy==4.5.*' into a virtual environment, and run this with it")
+    sys.exit(f"error: {missing}: run this with the Python of a virtual environment made as README.md says")
 
 
 def arguments() -> argparse.Namespace:
@@ -33,7 +33,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("scene", type=Path, metavar="SCENE_DIR", help="folder with a scene.json")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="results, kept from run to run")
     parser.add_argument("--only", type=names, default=list(PEERS), metavar="PEER,...", help=f"of {', '.join(PEERS)}")
-    parser.add_argument("--redo", type=names, default=[], metavar="PEER,...", help="forget what these measured; also mitsuba_reference, glasshouse_reference")
+    parser.add_argument("--redo", type=names, default=[], metavar="PEER,...",
+                        help="forget what these measured; also mitsuba_reference, glasshouse_reference")
     parser.add_argument("--samples", type=counts, default=[16, 64, 256], metavar="N,...", help="of the peers [16,64,256]")
     parser.add_argument("--our-samples", type=counts, default=[16, 32, 64, 128, 256, 512, 1024], metavar="N,...",
                         help="of glasshouse [16 to 1024]")
@@ -90,7 +91,7 @@ def run_peer(name: str, command: list[str], args: argparse.Namespace) -> bool:
     with open(args.out / f"{name}.log", "w") as log:
         with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as child:
             last = ""
-            for text in child.stdout:
+            for text in child.stdout or ():
                 log.write(text)
                 last = text.strip() or last
                 if text.startswith(f"{name}:"):
