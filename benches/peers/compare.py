@@ -66,7 +66,7 @@ def cheapest(candidates: list[Pass], targets: dict[str, float] | None) -> list[P
         if targets is None or all(e <= targets[layer] for layer, e in candidate.rmse.items()):
             chosen.setdefault(frozenset(candidate.rmse), candidate)
     whole = {layer for p in chosen.values() for layer in p.rmse} == set(LAYERS)
-    return list(chosen.values()) if whole else None
+    return sorted(chosen.values(), key=lambda p: LAYERS.index(next(iter(p.rmse)))) if whole else None
 
 
 def summary(chosen: list[Pass]) -> dict:
@@ -198,7 +198,7 @@ def markdown(result: dict) -> str:
         text.append(ratio_row(name, row))
     common = result["at_common_errors"]
     if common:
-        errors = ", ".join(f"{SYMBOLS[k]} {v:.2e}" for k, v in common["targets"].items())
+        errors = ", ".join(f"{SYMBOLS[k]} {common['targets'][k]:.2e}" for k in LAYERS)
         text += [f"\nEverybody at the errors of `mitsuba_stock` at {common['samples']} samples ({errors}), each layer with as few "
                  "samples as it needs:\n",
                  "| peer | its samples | its CPU s | glasshouse's samples | CPU s | ratio | whole process | goal |",
