@@ -111,6 +111,8 @@ def check(line: dict) -> None:
     if line["film"].get("filter", "box") != "box":
         raise SceneError('the peers take the box filter: set film.filter to "box"')
     for side in ("front", "back"):
+        if "mesh" in line[side]:
+            raise SceneError(f"{side} is a mesh: the peers take photographs, a color PNG and a depth .npy")
         if "mask" in line[side] or line[side].get("depth_kind", "z") != "z":
             raise SceneError(f"{side} has a mask or depth along the ray: make the folder with export_scene.py, which fills holes")
 
