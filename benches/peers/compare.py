@@ -108,10 +108,7 @@ def compare(out: Path) -> dict:
             differences["Cycles, most samples, - Mitsuba"] = difference(cycles, theirs)
     if ours:
         measured["glasshouse"] = passes(out / "glasshouse", ours)
-<<<<<<< HEAD
-=======
     measured = {name: found for name, found in measured.items() if found}
->>>>>>> w3-peers
     if ours and theirs:
         differences["glasshouse - Mitsuba"] = difference(ours, theirs)
     return {"reference_noise": reference_noise(out / "mitsuba_reference") if theirs else {}, "references_differ": differences,
