@@ -24,7 +24,7 @@ pub struct Variant {
 }
 
 /// All ways, in the order in which they are rendered and shown.
-pub const VARIANTS: [Variant; 2] = [
+pub const VARIANTS: [Variant; 3] = [
     Variant {
         name: "sobol",
         title: "Sobol, the same number for every pixel",
@@ -37,6 +37,12 @@ pub const VARIANTS: [Variant; 2] = [
         sampling: Sampling::Independent,
         line: with_samples,
     },
+    Variant {
+        name: "adaptive",
+        title: "Sobol, each cell until its error is below a target",
+        sampling: Sampling::Sobol,
+        line: with_target,
+    },
 ];
 
 /// The same number of samples for every pixel.
@@ -45,6 +51,18 @@ fn with_samples(line: &SceneLine, spp: u32) -> SceneLine {
     line.film.spp = spp;
     line
 }
+
+/// A target error in place of a number: the higher the rung, the lower the target. The factor makes rungs of about
+/// equal cost lie beside each other on photographs.
+fn with_target(line: &SceneLine, rung: u32) -> SceneLine {
+    let mut line = line.clone();
+    line.film.target_error = Some(0.03 / f64::from(rung).sqrt());
+    line.film.spp = MOST_SAMPLES;
+    line
+}
+
+/// Samples a pixel that an adaptive rendering may take.
+const MOST_SAMPLES: u32 = 65_536;
 
 /// What to render.
 #[derive(Clone, Debug, PartialEq, Eq)]

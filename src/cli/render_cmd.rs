@@ -83,14 +83,27 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     let write_s = clock.elapsed().as_secs_f64();
 
     let record = &tuple.record;
-    let errors: Vec<String> = LAYERS
-        .iter()
-        .map(|name| {
-            record.layers[*name]
+    let symbols = LAYERS.into_iter().zip(["I", "T", "R~", "R"]);
+    let errors: Vec<String> = symbols
+        .filter_map(|(name, symbol)| Some((record.layers.get(name)?, symbol)))
+        .map(|(layer, symbol)| {
+            let error = layer
                 .error_rms
-                .map_or("?".to_owned(), |e| format!("{e:.1e}"))
+                .map_or("?".to_owned(), |e| format!("{e:.1e}"));
+            format!("{symbol} {error}")
         })
         .collect();
+    let samples = match record.scene.film.target_error {
+        None => format!("{} samples a pixel", record.scene.film.spp),
+        Some(target) => {
+            let means = record
+                .layers
+                .values()
+                .filter_map(|layer| layer.mean_samples);
+            let most = means.fold(0.0, f64::max);
+            format!("{most:.0} samples a pixel on average for cells within {target:.1e}")
+        }
+    };
     output.result(
         "glasshouse.render/1",
         json!({
@@ -99,15 +112,11 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
             "seconds": { "read": read_s, "decode": decode_s, "trace": trace_s, "write": write_s },
         }),
         &format!(
-            "{}: {} samples a pixel, estimated error I {} T {} R~ {} R {} (linear RMS); read {read_s:.3} s, decode \
-             {decode_s:.3} s, trace {trace_s:.3} s, write {write_s:.3} s\nlook at {}",
+            "{}: {samples}, estimated error {} (linear RMS); read {read_s:.3} s, decode {decode_s:.3} s, trace \
+             {trace_s:.3} s, write {write_s:.3} s\nlook at {}",
             source.line.id,
-            source.line.film.spp,
-            errors[0],
-            errors[1],
-            errors[2],
-            errors[3],
-            args.out.join("input.png").display(),
+            errors.join(" "),
+            args.out.display(),
         ),
     );
     Ok(Exit::Done)
@@ -166,7 +175,7 @@ fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
 fn write(tuple: &Tuple, out: &Path) -> Result<(), Failure> {
     atomic_file::create_dir(out)?;
     let encoder = SrgbEncoder::new();
-    for (pixels, name) in tuple.layers.iter().zip(LAYERS) {
+    for (pixels, name) in tuple.made() {
         let (w, h) = (tuple.width, tuple.height);
         let exr = encode_rgb_exr(pixels, w, h).map_err(|e| Failure::new(Exit::Failed, e))?;
         atomic_file::write(&out.join(format!("{name}.exr")), &exr)?;

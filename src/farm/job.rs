@@ -58,6 +58,7 @@ impl<'a> SceneJob<'a> {
             tile: shard.tile,
             samples: [shard.samples.start, shard.samples.end],
             layer_samples: result.samples,
+            sample_sums: result.sample_sums,
             paths: result.paths,
             misses: result.misses,
             facts: self.loaded.facts.clone(),

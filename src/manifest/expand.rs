@@ -202,6 +202,8 @@ fn film(recipe: &Recipe, draw: Draw<'_>) -> Film {
         filter: film.filter,
         order_tolerance: draw.value("film.order_tolerance", &film.order_tolerance),
         exr: film.exr,
+        target_error: film.target_error,
+        layers: film.layers,
     }
 }
 

@@ -44,6 +44,7 @@ pub(super) const SPP: Limit = Limit::new(
     "a power of two from 1 to 65536",
 );
 pub(super) const ORDER_TOLERANCE: Limit = FROM_0;
+pub(super) const TARGET_ERROR: Limit = ABOVE_0;
 pub(super) const FOCAL_LENGTH_MM: Limit = ABOVE_0;
 pub(super) const APERTURE_RADIUS_M: Limit = FROM_0;
 pub(super) const FOCUS_DISTANCE_M: Limit = ABOVE_0;

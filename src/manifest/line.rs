@@ -1,5 +1,6 @@
 //! `glasshouse.scene/1`: one scene of a manifest, everything resolved, in metres and degrees.
 
+use super::layers::LayerSet;
 use super::side::Side;
 use crate::ids::SceneId;
 use serde::{Deserialize, Serialize};
@@ -66,6 +67,13 @@ pub struct Film {
     /// Reconstruction filter.
     #[serde(default)]
     pub filter: Filter,
+    /// Adaptive sampling: each cell of 8 x 8 px takes samples, `spp` at most, until its RMS error in every layer is
+    /// below this (linear radiance). Without it every pixel takes `spp`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target_error: Option<f64>,
+    /// Layers that are made; all four if missing.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub layers: LayerSet,
     /// An order of the glass whose weight times the largest radiance of its side stays below this is not
     /// followed. Default 7.6e-5 (linear): a quarter of an 8-bit sRGB step near black.
     #[serde(

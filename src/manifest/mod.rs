@@ -16,6 +16,7 @@ mod draw;
 mod expand;
 mod focus;
 mod jsonl;
+mod layers;
 mod limits;
 mod line;
 mod pair;
@@ -32,6 +33,7 @@ pub use draw::{Draw, scene_seed};
 pub use expand::{Expansion, expand, expand_counted};
 pub use focus::FocusRecipe;
 pub use jsonl::{ManifestError, parse_jsonl, parse_scene, to_jsonl};
+pub use layers::{LAYER_NAMES, LayerSet};
 pub use line::*;
 pub use param::{Normal, Param};
 pub use recipe::{

@@ -1,6 +1,7 @@
 //! `glasshouse.recipe/1`: what a set of scenes is drawn from. Defaults are the paper's constants.
 
 use super::focus::FocusRecipe;
+use super::layers::LayerSet;
 use super::line::{Apex, DepthKind, ExrPrecision, Fill, Film, Filter, Intrinsics, Split, Transfer};
 use super::param::Param;
 use super::roots::Roots;
@@ -135,6 +136,10 @@ pub struct FilmRecipe {
     pub order_tolerance: Param,
     /// Precision of `tuple.exr`. Default half.
     pub exr: ExrPrecision,
+    /// Adaptive sampling: RMS error (linear) at which a cell of 8 x 8 px is done. Default none: all take `spp`.
+    pub target_error: Option<f64>,
+    /// Layers that are made. Default all four.
+    pub layers: LayerSet,
 }
 
 impl Default for FilmRecipe {
@@ -146,6 +151,8 @@ impl Default for FilmRecipe {
             filter: Filter::Box,
             order_tolerance: Param::Constant(Film::default_order_tolerance()),
             exr: ExrPrecision::Half,
+            target_error: None,
+            layers: LayerSet::default(),
         }
     }
 }

@@ -48,6 +48,13 @@ impl Recipe {
             limits::SPP.allowed,
             limits::is_sample_count,
         )?;
+        if let Some(target) = film.target_error {
+            within(
+                "film.target_error",
+                &Param::Constant(target),
+                limits::TARGET_ERROR,
+            )?;
+        }
         let [red, green, blue] = &glass.absorption_per_m;
         let [pitch, yaw] = &glass.tilt_deg;
         let params = [

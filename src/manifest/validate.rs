@@ -96,6 +96,9 @@ impl SceneLine {
             film.order_tolerance,
             limits::ORDER_TOLERANCE,
         )?;
+        if let Some(target) = film.target_error {
+            within("film.target_error", target, limits::TARGET_ERROR)?;
+        }
 
         let camera = &self.camera;
         within(
@@ -293,7 +296,7 @@ pub(super) mod tests {
     #[test]
     fn every_bad_field_is_named_with_its_value_and_range() {
         type Spoil = fn(&mut SceneLine);
-        let cases: [(Spoil, &str); 27] = [
+        let cases: [(Spoil, &str); 28] = [
             (
                 |l| l.film.width = 0,
                 "film.width is 0, but must be 1 to 16384",
@@ -308,6 +311,10 @@ pub(super) mod tests {
             (
                 |l| l.film.order_tolerance = -1.0,
                 "film.order_tolerance is -1",
+            ),
+            (
+                |l| l.film.target_error = Some(0.0),
+                "film.target_error is 0, but must be above 0",
             ),
             (
                 |l| l.camera.focal_length_mm = 0.0,

@@ -1,5 +1,6 @@
 //! Partials are combined in a fixed order, weighted by their sample counts, and gaps are refused.
 
+use super::moves::Moves;
 use super::tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord};
 use crate::manifest::SceneLine;
 use crate::partial::Partial;
@@ -87,29 +88,31 @@ pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<T
     }
 
     let (width, height) = (line.film.width as usize, line.film.height as usize);
-    let mut layers = LAYERS.map(|_| vec![[0f32; 3]; width * height]);
-    // A value for each pixel, so that they are added row by row whatever the tile.
-    let mut squares = LAYERS.map(|_| vec![0f64; width * height]);
+    let asked = line.film.layers.asked();
+    let mut layers = asked.map(|asked| vec![[0f32; 3]; width * height * usize::from(asked)]);
+    // Values for each pixel, so that they are added row by row whatever the tile.
+    let mut moves = asked.map(|asked| Moves::new(width * height * usize::from(asked)));
     let (mut paths, mut misses, mut samples) = ([0u64; 4], [0u64; 4], [0u32; 4]);
+    let mut sample_sums: Option<[u64; 4]> = line.film.target_error.map(|_| [0; 4]);
     let ranges = layout.ranges();
     for tile_index in 0..layout.len() / ranges {
         let of_tile: Vec<&Partial> = (0..ranges)
             .map(|range| by_shard[&(tile_index * ranges + range)])
             .collect();
         let tile = of_tile[0].header.tile;
-        for layer in 0..4 {
+        for layer in (0..4).filter(|&layer| asked[layer]) {
             let counted: Vec<&Partial> = of_tile
                 .iter()
                 .copied()
                 .filter(|p| p.header.layer_samples[layer] > 0)
                 .collect();
             let total: u32 = counted.iter().map(|p| p.header.layer_samples[layer]).sum();
-            samples[layer] = total;
+            samples[layer] = samples[layer].max(total);
             for q in 0..of_tile[0].pixels.len() {
                 let x = tile.x as usize + q % tile.width as usize;
                 let y = tile.y as usize + q / tile.width as usize;
                 for c in 0..3 {
-                    let (mean, half) = combine_value(&counted, layer, q, c, total);
+                    let [mean, half, quarter] = combine_value(&counted, layer, q, c, total);
                     if !mean.is_finite() {
                         return Err(MergeError::NotFinite {
                             scene: scene(),
@@ -119,7 +122,7 @@ pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<T
                         });
                     }
                     layers[layer][y * width + x][c] = mean as f32;
-                    squares[layer][y * width + x] += (half - mean) * (half - mean);
+                    moves[layer].add(y * width + x, half - mean, quarter - half);
                 }
             }
         }
@@ -127,18 +130,23 @@ pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<T
             for layer in 0..4 {
                 paths[layer] += partial.header.paths[layer];
                 misses[layer] += partial.header.misses[layer];
+                if let (Some(sums), Some(of_shard)) = (&mut sample_sums, partial.header.sample_sums)
+                {
+                    sums[layer] += of_shard[layer];
+                }
             }
         }
     }
-    let values = (width * height * 3) as f64;
-    let records = LAYERS.iter().enumerate().map(|(k, name)| {
-        let record = LayerRecord::new(
-            &layers[k],
-            samples[k],
-            squares[k].iter().sum::<f64>() / values,
-            paths[k],
-            misses[k],
-        );
+    let pixels = (width * height) as f64;
+    let made = LAYERS.iter().enumerate().filter(|(k, _)| asked[*k]);
+    let records = made.map(|(k, name)| {
+        let error_rms = match line.film.target_error {
+            _ if samples[k] < 2 => None,
+            None => Some(moves[k].rms_error()),
+            Some(_) => Some(moves[k].rms_error_of_cells(width)),
+        };
+        let mut record = LayerRecord::new(&layers[k], samples[k], error_rms, paths[k], misses[k]);
+        record.mean_samples = sample_sums.map(|sums| sums[k] as f64 / pixels);
         ((*name).to_owned(), record)
     });
     let record = TupleRecord {
@@ -158,32 +166,38 @@ pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<T
     })
 }
 
-/// Mean of all ranges, and mean of the first half: of the ranges, or of the only range's samples.
+/// Means of all samples, of the first half and of the first quarter: from the ranges, or from within the only one.
 fn combine_value(
     counted: &[&Partial],
     layer: usize,
     pixel: usize,
     colour: usize,
     total: u32,
-) -> (f64, f64) {
+) -> [f64; 3] {
+    let of = |partial: &Partial| {
+        let means = &partial.pixels[pixel];
+        [means.mean, means.half, means.quarter].map(|part| f64::from(part[layer][colour]))
+    };
     if let [only] = counted {
-        let means = &only.pixels[pixel];
-        return (
-            f64::from(means.mean[layer][colour]),
-            f64::from(means.half[layer][colour]),
-        );
+        return of(only);
     }
-    let (mut sum, mut half_sum, mut half_count) = (0.0, 0.0, 0);
+    let (mut sum, mut half, mut quarter) = (0.0, (0.0, 0u32), (0.0, 0u32));
     for (k, partial) in counted.iter().enumerate() {
         let count = partial.header.layer_samples[layer];
-        sum += f64::from(partial.pixels[pixel].mean[layer][colour]) * f64::from(count);
+        let [mean, ..] = of(partial);
+        sum += mean * f64::from(count);
         if k < counted.len() / 2 {
-            half_sum = sum;
-            half_count += count;
+            half = (sum, half.1 + count);
+        }
+        if k < counted.len() / 4 {
+            quarter = (sum, quarter.1 + count);
         }
     }
-    (
-        sum / f64::from(total),
-        half_sum / f64::from(half_count.max(1)),
-    )
+    let mean_of = |(sum, count): (f64, u32)| sum / f64::from(count.max(1));
+    let quarter = match counted {
+        // Two ranges: the first quarter is the first half of the first.
+        [first, _] => of(first)[1],
+        _ => mean_of(quarter),
+    };
+    [sum / f64::from(total), mean_of(half), quarter]
 }

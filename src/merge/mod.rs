@@ -1,6 +1,7 @@
 //! Stage 6: a scene's partials become a tuple.
 
 mod combine;
+mod moves;
 mod srgb;
 mod tuple;
 mod write;
@@ -9,5 +10,5 @@ pub use combine::{MergeError, combine};
 pub use srgb::{SrgbEncoder, srgb_to_linear};
 pub use tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord};
 pub use write::{
-    TUPLE_FILES, encode_png, encode_rgb_exr, encode_tuple_exr, is_written, write_tuple,
+    encode_png, encode_rgb_exr, encode_tuple_exr, is_written, tuple_files, write_tuple,
 };

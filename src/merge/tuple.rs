@@ -2,6 +2,7 @@
 
 use crate::manifest::SceneLine;
 use crate::scene::{InputDigests, SceneFacts};
+use crate::trace::LAYERS;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -15,10 +16,18 @@ pub struct Tuple {
     pub width: u32,
     /// Pixels down.
     pub height: u32,
-    /// I, T, R~, R; row by row.
+    /// I, T, R~, R; row by row. A layer that was not asked for is empty.
     pub layers: [Vec<[f32; 3]>; 4],
     /// `tuple.json`.
     pub record: TupleRecord,
+}
+
+impl Tuple {
+    /// The layers that were asked for, with their names.
+    pub fn made(&self) -> impl Iterator<Item = (&Vec<[f32; 3]>, &'static str)> {
+        let named = self.layers.iter().zip(LAYERS);
+        named.filter(|(pixels, _)| !pixels.is_empty())
+    }
 }
 
 /// `tuple.json`: everything that is needed to make the tuple again, and nothing that differs between equal runs.
@@ -45,10 +54,13 @@ pub struct TupleRecord {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LayerRecord {
-    /// Samples a pixel.
+    /// Samples a pixel; of an adaptive scene the most.
     pub samples: u32,
-    /// Estimated RMS error of the layer, linear: half the difference of the two halves of the samples; `null`
-    /// where one sample has no halves.
+    /// Of an adaptive scene: mean over the pixels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mean_samples: Option<f64>,
+    /// Estimated RMS error of the layer, linear (see [`crate::trace::rms_error`]); `null` where one sample has no
+    /// halves.
     pub error_rms: Option<f64>,
     /// Mean of all pixels and colours, linear.
     pub mean: f64,
@@ -63,20 +75,19 @@ pub struct LayerRecord {
 }
 
 impl LayerRecord {
-    /// Sums up a layer. `mean_square_half_difference` is the mean square of (first half - whole).
+    /// Sums up a layer.
     pub fn new(
         pixels: &[[f32; 3]],
         samples: u32,
-        mean_square_half_difference: f64,
+        error_rms: Option<f64>,
         paths: u64,
         misses: u64,
     ) -> Self {
         let values = pixels.as_flattened();
         let count = values.len() as f64;
-        // Half the difference of the halves, |a - b| / 2, is |a - (a + b) / 2|.
-        let error_rms = (samples > 1).then(|| mean_square_half_difference.sqrt());
         Self {
             samples,
+            mean_samples: None,
             error_rms,
             mean: values.iter().map(|&v| f64::from(v)).sum::<f64>() / count,
             max: f64::from(values.iter().fold(0f32, |m, &v| v.max(m))),

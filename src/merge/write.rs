@@ -1,10 +1,10 @@
-//! A tuple as files: `tuple.exr`, four PNGs, `tuple.json` last, so that its presence means all are there.
+//! A tuple as files: `tuple.exr`, the layers' PNGs, `tuple.json` last, so that its presence means all are there.
 
 use super::srgb::SrgbEncoder;
 use super::tuple::{Tuple, TupleRecord};
 use crate::atomic_file::{self, WriteError};
 use crate::manifest::{ExrPrecision, SceneLine};
-use crate::trace::{LAYERS, TRACER_VERSION};
+use crate::trace::TRACER_VERSION;
 use exr::prelude::{
     AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
     LineOrder, WritableImage, f16,
@@ -14,15 +14,14 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use std::io::Cursor;
 use std::path::Path;
 
-/// Files of a tuple's folder, in the order in which they are written.
-pub const TUPLE_FILES: [&str; 6] = [
-    "tuple.exr",
-    "input.png",
-    "transmission.png",
-    "glass_reflection.png",
-    "clean_reflection.png",
-    "tuple.json",
-];
+/// Files of the folder of a scene's tuple, in the order in which they are written.
+pub fn tuple_files(line: &SceneLine) -> Vec<String> {
+    let pngs = line.film.layers.names().map(|name| format!("{name}.png"));
+    std::iter::once("tuple.exr".to_owned())
+        .chain(pngs)
+        .chain(std::iter::once("tuple.json".to_owned()))
+        .collect()
+}
 
 /// Largest value of a half float.
 const HALF_MAX: f32 = 65_504.0;
@@ -59,16 +58,18 @@ pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
     };
     let record: Result<TupleRecord, _> = serde_json::from_str(&text);
     record.is_ok_and(|r| r.scene == *line && r.tracer_version == TRACER_VERSION)
-        && TUPLE_FILES.iter().all(|name| folder.join(name).is_file())
+        && tuple_files(line)
+            .iter()
+            .all(|name| folder.join(name).is_file())
 }
 
-/// Writes the tuple's six files into `folder`, durably.
+/// Writes the tuple's files into `folder`, durably.
 pub fn write_tuple(tuple: &Tuple, folder: &Path) -> Result<(), TupleWriteError> {
     atomic_file::create_dir(folder)?;
     let exr = encode_tuple_exr(tuple).map_err(|e| encode_error("tuple.exr", &e))?;
     atomic_file::write(&folder.join("tuple.exr"), &exr)?;
     let encoder = SrgbEncoder::new();
-    for (layer, name) in tuple.layers.iter().zip(LAYERS) {
+    for (layer, name) in tuple.made() {
         let png = encode_png(&encoder, layer, tuple.width, tuple.height)
             .map_err(|e| encode_error(name, &e))?;
         atomic_file::write(&folder.join(format!("{name}.png")), &png)?;
@@ -122,7 +123,7 @@ pub fn encode_tuple_exr(tuple: &Tuple) -> Result<Vec<u8>, exr::error::Error> {
             .flatten()
             .all(|&v| v <= HALF_MAX);
     let mut list = Vec::new();
-    for (layer, name) in tuple.layers.iter().zip(LAYERS) {
+    for (layer, name) in tuple.made() {
         for (c, colour) in ["R", "G", "B"].into_iter().enumerate() {
             let samples = layer.iter().map(|p| p[c]);
             let samples = if fits {

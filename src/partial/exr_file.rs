@@ -24,23 +24,23 @@ const ATTRIBUTE: &str = "glasshouse";
 const COLOURS: [&str; 3] = ["R", "G", "B"];
 
 /// Channel name, and where its value stands in a pixel.
-fn channels() -> impl Iterator<Item = (String, bool, usize, usize)> {
-    [false, true].into_iter().flat_map(|half| {
-        LAYERS.iter().enumerate().flat_map(move |(layer, name)| {
-            let part = if half { "_half" } else { "" };
-            COLOURS
-                .iter()
-                .enumerate()
-                .map(move |(c, colour)| (format!("{name}{part}.{colour}"), half, layer, c))
+fn channels() -> impl Iterator<Item = (String, usize, usize, usize)> {
+    ["", "_half", "_quarter"]
+        .into_iter()
+        .enumerate()
+        .flat_map(|(part, suffix)| {
+            LAYERS.iter().enumerate().flat_map(move |(layer, name)| {
+                let colours = COLOURS.iter().enumerate();
+                colours.map(move |(c, colour)| (format!("{name}{suffix}.{colour}"), part, layer, c))
+            })
         })
-    })
 }
 
-fn value(pixel: &mut PixelMeans, half: bool, layer: usize, colour: usize) -> &mut f32 {
-    let means = if half {
-        &mut pixel.half
-    } else {
-        &mut pixel.mean
+fn value(pixel: &mut PixelMeans, part: usize, layer: usize, colour: usize) -> &mut f32 {
+    let means = match part {
+        0 => &mut pixel.mean,
+        1 => &mut pixel.half,
+        _ => &mut pixel.quarter,
     };
     &mut means[layer][colour]
 }
@@ -49,11 +49,11 @@ fn value(pixel: &mut PixelMeans, half: bool, layer: usize, colour: usize) -> &mu
 pub fn encode(partial: &Partial) -> Result<Vec<u8>, exr::error::Error> {
     let header = &partial.header;
     let tile = header.tile;
-    let list = channels().map(|(name, half, layer, c)| {
+    let list = channels().map(|(name, part, layer, c)| {
         let samples = partial
             .pixels
             .iter()
-            .map(|&pixel| *value(&mut { pixel }, half, layer, c));
+            .map(|&pixel| *value(&mut { pixel }, part, layer, c));
         AnyChannel::new(name.as_str(), FlatSamples::F32(samples.collect()))
     });
     let mut attributes = LayerAttributes {
@@ -122,7 +122,7 @@ fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
         return Err("its size is not its tile's".to_owned());
     }
     let mut pixels = vec![PixelMeans::default(); count];
-    for (name, half, layer_index, c) in channels() {
+    for (name, part, layer_index, c) in channels() {
         let channel = layer
             .channel_data
             .list
@@ -132,7 +132,7 @@ fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
             return Err(format!("it has no float channel {name}"));
         };
         for (pixel, &sample) in pixels.iter_mut().zip(samples) {
-            *value(pixel, half, layer_index, c) = sample;
+            *value(pixel, part, layer_index, c) = sample;
         }
     }
     let partial = Partial { header, pixels };

@@ -6,7 +6,7 @@ use crate::trace::Tile;
 use serde::{Deserialize, Serialize};
 
 /// The schema name of a partial's header.
-pub const PARTIAL_SCHEMA: &str = "glasshouse.partial/1";
+pub const PARTIAL_SCHEMA: &str = "glasshouse.partial/2";
 
 /// Everything about a shard's result but its pixels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,6 +32,9 @@ pub struct PartialHeader {
     pub samples: [u32; 2],
     /// Samples a pixel that each layer took (I, T, R~, R).
     pub layer_samples: [u32; 4],
+    /// Of an adaptive scene: each layer's samples, summed over the pixels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sample_sums: Option<[u64; 4]>,
     /// Paths of each layer.
     pub paths: [u64; 4],
     /// Paths that ended on the border's continuation.

@@ -1,8 +1,8 @@
 //! Stage 5: one shard's result on disk.
 //!
-//! An uncompressed OpenEXR file: its data window is the shard's tile, its display window the film; 24 float
-//! channels hold each layer's mean and the mean of the first half of its samples (half their difference is the
-//! error estimate); one header attribute, `glasshouse`, holds the rest as JSON. A partial is believed only if its
+//! An uncompressed OpenEXR file: its data window is the shard's tile, its display window the film; 36 float
+//! channels hold each layer's mean and the means of the first half and the first quarter of its samples (the error
+//! estimate's, see [`crate::trace::rms_error`]); one header attribute, `glasshouse`, holds the rest as JSON. A partial is believed only if its
 //! own digest fits its bits: a torn or foreign file is traced again.
 
 mod exr_file;
@@ -43,9 +43,9 @@ fn digest(header: &PartialHeader, pixels: &[PixelMeans]) -> String {
     };
     let mut hasher = blake3::Hasher::new();
     hasher.update(bare.to_json().as_bytes());
-    let mut bytes = Vec::with_capacity(pixels.len() * 96);
+    let mut bytes = Vec::with_capacity(pixels.len() * 144);
     for pixel in pixels {
-        for value in pixel.mean.iter().chain(&pixel.half).flatten() {
+        for value in pixel.values() {
             bytes.extend_from_slice(&value.to_le_bytes());
         }
     }

@@ -135,10 +135,12 @@ fn row(html: &mut String, folder: &Path, id: &str) -> Result<(), ReportError> {
         orders.join(" "),
     );
     for (name, symbol) in LAYERS.iter().zip(SYMBOLS) {
+        let Some(layer) = record.layers.get(*name) else {
+            continue;
+        };
         let path = folder.join(format!("{name}.png"));
         let png = std::fs::read(&path).map_err(|e| bad(&path, &e))?;
         let png = thumbnail(png).map_err(|e| bad(&path, &e))?;
-        let layer = &record.layers[*name];
         let error = layer
             .error_rms
             .map_or("unknown".to_owned(), |e| format!("{e:.1e}"));

@@ -281,6 +281,8 @@ pub fn assemble(
         seed: line.seed,
         sampling: Sampling::Sobol,
         spp: line.film.spp,
+        target_error: line.film.target_error,
+        layers: line.film.layers.asked(),
         film,
         lens,
         slab,

@@ -33,6 +33,9 @@ struct Words {
     /// Radiance of every 97th texel; the others are below 1.
     light: f32,
     order_tolerance: f64,
+    target_error: Option<f64>,
+    /// I, T, R~, R.
+    layers: [bool; 4],
 }
 
 impl Words {
@@ -51,6 +54,8 @@ impl Words {
             depth_px: [64, 64],
             light: 1.0,
             order_tolerance: 7.6e-5,
+            target_error: None,
+            layers: [true; 4],
         }
     }
 
@@ -103,6 +108,8 @@ impl Words {
             seed: 2020,
             sampling: Sampling::Sobol,
             spp: self.spp,
+            target_error: self.target_error,
+            layers: self.layers,
             film,
             lens: Lens {
                 aperture_radius_m: self.aperture_radius_m,
@@ -238,6 +245,21 @@ pub fn golden_scenes() -> Vec<GoldenScene> {
                 ..plain()
             },
         ),
+        (
+            "adaptive",
+            Words {
+                spp: 256,
+                target_error: Some(0.02),
+                ..plain()
+            },
+        ),
+        (
+            "two-layers",
+            Words {
+                layers: [false, true, false, true],
+                ..plain()
+            },
+        ),
     ];
     rows.into_iter()
         .map(|(name, words)| GoldenScene {
@@ -284,6 +306,8 @@ mod tests {
             });
         }
         any("many orders", &|s| s.orders.back.len() >= 8);
+        any("a target", &|s| s.target_error.is_some());
+        any("layers left out", &|s| s.layers != [true; 4]);
         any("several blocks", &|s| s.spp > 256);
         any("one sample", &|s| s.spp == 1);
         any("a depth image of one row", &|s| sheet(&s.front).1.1 == 1);

@@ -53,11 +53,12 @@ pub struct ShardLayout {
     width: u32,
     height: u32,
     spp: u32,
+    samples_per_range: u32,
     tile_px: u32,
 }
 
 impl ShardLayout {
-    /// Cuts a film of `width` x `height` with `spp` samples into tiles of `tile_px`.
+    /// Cuts a film of `width` x `height` with `spp` samples into tiles of `tile_px` and ranges of samples.
     pub fn new(width: u32, height: u32, spp: u32, tile_px: u32) -> Self {
         assert!(
             width > 0 && height > 0 && spp > 0 && tile_px > 0,
@@ -67,18 +68,32 @@ impl ShardLayout {
             width,
             height,
             spp,
+            samples_per_range: samples_per_range(spp),
             tile_px,
         }
     }
 
-    /// The cut of a manifest line.
+    /// The cut of a manifest line. Adaptive scenes have one range: a cell decides from all of its samples. Their tiles
+    /// are whole cells: `tile_px` is rounded up to that.
     pub fn of(line: &SceneLine, tile_px: u32) -> Self {
-        Self::new(line.film.width, line.film.height, line.film.spp, tile_px)
+        let (film, cell) = (&line.film, crate::trace::CELL_PX);
+        if film.target_error.is_none() {
+            return Self::new(film.width, film.height, film.spp, tile_px);
+        }
+        Self {
+            samples_per_range: film.spp,
+            ..Self::new(
+                film.width,
+                film.height,
+                film.spp,
+                tile_px.next_multiple_of(cell),
+            )
+        }
     }
 
     /// Sample ranges of each tile.
     pub fn ranges(&self) -> u32 {
-        self.spp / samples_per_range(self.spp)
+        self.spp / self.samples_per_range
     }
 
     /// Shards of the scene.
@@ -97,7 +112,7 @@ impl ShardLayout {
         let (tile, range) = (index / self.ranges(), index % self.ranges());
         let columns = self.width.div_ceil(self.tile_px);
         let (x, y) = (tile % columns * self.tile_px, tile / columns * self.tile_px);
-        let samples = samples_per_range(self.spp);
+        let samples = self.samples_per_range;
         Shard {
             index,
             tile: Tile {

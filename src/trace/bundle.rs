@@ -15,35 +15,22 @@
 use super::camera::{CameraBlock, Pixel};
 use super::lanes::LANES;
 use super::lines::{LineMaker, Path};
+use super::means::{Components, Means, NOTHING, Sums, Wanted, add_means, ends_in_block, means_of};
 use super::mesh;
 use super::orders::FollowedOrder;
 use super::sampler::BLOCK;
 use super::scene::{Scene, Surface};
-use super::shade::{Cells, Sums, TexelMap, Weights, absorbed, weights};
+use super::shade::{Cells, TexelMap, Weights, absorbed, weights};
 use super::slab::Order;
+use super::tile::Isa;
 use super::walk::walk;
 use std::ops::Range;
-
-/// Linear radiance of a pixel in the four layers: I, T, R~, R.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PixelMeans {
-    /// Mean over all of the range's samples.
-    pub mean: [[f32; 3]; 4],
-    /// Mean over the first half of them: half the difference to the whole's other half is the error estimate.
-    pub half: [[f32; 3]; 4],
-}
-
-/// Sums of both halves; nothing yet.
-const NOTHING: Sums = [[0.0; 3]; 2];
 
 /// Traces pixels of a scene and counts paths.
 ///
 /// `AVX2` chooses kernels and is only set inside a function that is compiled for AVX2.
 pub(super) struct Tracer<'a, const AVX2: bool> {
     scene: &'a Scene,
-    samples: Range<u32>,
-    /// Samples of R's share of the sequence that fall into the range.
-    clean: u32,
     camera: Box<CameraBlock>,
     front: Vec<Sums>,
     back: Vec<Sums>,
@@ -56,23 +43,26 @@ struct Bundle<'a> {
     surface: &'a Surface,
     path: Path,
     order: Option<Order>,
-    /// Samples, the first of the block.
-    count: u32,
-    /// Those of them that belong to the first half of the pixel's samples.
-    half: u32,
+    feeds: Feeds,
+    /// Samples of the block that belong to the first quarter of the pixel's, to the first half, and all.
+    ends: [u32; 3],
+}
+
+/// What a bundle's radiance goes into.
+#[derive(Clone, Copy, PartialEq)]
+enum Feeds {
+    /// The order's weighted sum.
+    Order,
+    /// Of t_0: T alone, without a weight.
+    Bare,
+    /// Of t_0: both.
+    Both,
 }
 
 impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
-    pub(super) fn new(scene: &'a Scene, samples: Range<u32>) -> Self {
-        let clean = scene
-            .orders
-            .clean_spp(scene.spp)
-            .clamp(samples.start, samples.end)
-            - samples.start;
+    pub(super) fn new(scene: &'a Scene) -> Self {
         Self {
             scene,
-            samples,
-            clean,
             camera: CameraBlock::new(),
             front: vec![NOTHING; scene.orders.front.len()],
             back: vec![NOTHING; scene.orders.back.len()],
@@ -81,56 +71,57 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
         }
     }
 
-    /// Samples, paths and missed paths of the layers.
-    pub(super) fn counts(self) -> ([u32; 4], [u64; 4], [u64; 4]) {
-        let n = self.samples.end - self.samples.start;
-        let block = n.min(BLOCK as u32);
-        let strongest = self.scene.orders.back.first();
-        let reflected = strongest.map_or(n, |order| order.samples_of_block(block) * (n / block));
-        ([n, n, reflected, self.clean], self.paths, self.misses)
+    /// Paths and missed paths of the layers so far.
+    pub(super) fn counts(&self) -> ([u64; 4], [u64; 4]) {
+        (self.paths, self.misses)
     }
 
-    /// The four layers of pixel (`x`, `y`).
+    /// What is `wanted` of pixel (`x`, `y`) from `samples`, an aligned power-of-two block of which R takes the first
+    /// `clean`.
     #[inline(always)]
-    pub(super) fn pixel(&mut self, x: u32, y: u32) -> PixelMeans {
+    pub(super) fn pixel(
+        &mut self,
+        (x, y): (u32, u32),
+        samples: &Range<u32>,
+        clean: u32,
+        wanted: Wanted,
+    ) -> Components {
         let scene = self.scene;
         let pixel = Pixel::new(scene, x, y);
-        let count = self.samples.end - self.samples.start;
-        let block_samples = count.min(BLOCK as u32);
-        let blocks = count / block_samples;
-        let mut transmission = NOTHING;
-        let mut clean = NOTHING;
+        let count = samples.end - samples.start;
+        let block = count.min(BLOCK as u32);
+        let blocks = count / block;
+        let (mut bare, mut pinhole) = (NOTHING, NOTHING);
         self.front.fill(NOTHING);
         self.back.fill(NOTHING);
+        // T needs no order of the front but t_0, which comes first.
+        let of_front = match (wanted.front, wanted.bare) {
+            (true, _) => scene.orders.front.len(),
+            (false, bare) => usize::from(bare),
+        };
+        let of_back = scene.orders.back.len() * usize::from(wanted.back);
         for b in 0..blocks {
-            self.camera.fill(
-                scene,
-                &pixel,
-                self.samples.start + b * block_samples,
-                block_samples,
-            );
-            for k in 0..scene.orders.front.len() + scene.orders.back.len() {
-                let (list, surface, k) = match k.checked_sub(scene.orders.front.len()) {
+            self.camera
+                .fill(scene, &pixel, samples.start + b * block, block);
+            for k in 0..of_front + of_back {
+                let (list, surface, k) = match k.checked_sub(of_front) {
                     None => (&scene.orders.front, &scene.front, k),
                     Some(k) => (&scene.orders.back, &scene.back, k),
                 };
                 let followed = &list[k];
-                let n = followed.samples_of_block(block_samples);
-                // The first half of the samples: whole blocks, or the first half of the only one.
-                let half = if blocks == 1 {
-                    n / 2
-                } else {
-                    n * u32::from(b < blocks / 2)
-                };
                 let bundle = Bundle {
                     surface,
                     path: self.path(followed),
                     order: Some(followed.order),
-                    count: n,
-                    half,
+                    feeds: match followed.order {
+                        Order::Transmitted(0) if wanted.bare && wanted.front => Feeds::Both,
+                        Order::Transmitted(0) if wanted.bare => Feeds::Bare,
+                        _ => Feeds::Order,
+                    },
+                    ends: ends_in_block(followed.samples_of_block(block), b, blocks),
                 };
-                let (sums, misses) = self.follow(&pixel, &bundle, &mut transmission);
-                self.count_paths(Some(followed.order), n, misses);
+                let (sums, misses) = self.follow(&pixel, &bundle, &mut bare);
+                self.count_paths(&bundle, misses);
                 let total = match followed.order {
                     Order::Transmitted(_) => &mut self.front[k],
                     Order::Reflected(_) => &mut self.back[k],
@@ -139,27 +130,37 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
                     *total += part;
                 }
             }
-            let n = self
-                .clean
-                .saturating_sub(b * block_samples)
-                .min(block_samples);
-            if n > 0 {
-                let half = (self.clean / 2).saturating_sub(b * block_samples).min(n);
+            let left = clean.saturating_sub(b * block).min(block);
+            if wanted.clean && left > 0 {
+                let end = |end: u32| end.saturating_sub(b * block).min(left);
                 let bundle = Bundle {
                     surface: &scene.back,
                     path: Path::Pinhole,
                     order: None,
-                    count: n,
-                    half,
+                    feeds: Feeds::Order,
+                    ends: [end(clean / 4), end(clean / 2), left],
                 };
-                let (sums, misses) = self.follow(&pixel, &bundle, &mut transmission);
-                self.count_paths(None, n, misses);
-                for (total, part) in clean.iter_mut().flatten().zip(sums.iter().flatten()) {
+                let (sums, misses) = self.follow(&pixel, &bundle, &mut bare);
+                self.count_paths(&bundle, misses);
+                for (total, part) in pinhole.iter_mut().flatten().zip(sums.iter().flatten()) {
                     *total += part;
                 }
             }
         }
-        self.means(&transmission, &clean, block_samples, blocks)
+        let sum_of = |list: &[FollowedOrder], sums: &[Sums]| {
+            let mut total: Means = NOTHING;
+            for (followed, sums) in list.iter().zip(sums) {
+                let samples = followed.samples_of_block(block) * blocks;
+                add_means(&mut total, &means_of(sums, samples));
+            }
+            total
+        };
+        Components {
+            front: sum_of(&scene.orders.front, &self.front),
+            bare: means_of(&bare, count),
+            back: sum_of(&scene.orders.back, &self.back),
+            clean: means_of(&pinhole, clean.max(1)),
+        }
     }
 
     /// Shift of an order's lines as a linear function of gamma.
@@ -171,18 +172,26 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
         }
     }
 
-    /// Sums of one bundle's weighted radiance, and its missed paths. Order t_0 also feeds `transmission`.
+    /// Sums of one bundle's weighted radiance, and its missed paths. What feeds T goes into `bare`.
     #[inline(always)]
-    fn follow(&mut self, pixel: &Pixel, bundle: &Bundle, transmission: &mut Sums) -> (Sums, u64) {
+    fn follow(&mut self, pixel: &Pixel, bundle: &Bundle, bare: &mut Sums) -> (Sums, u64) {
         let (scene, camera) = (self.scene, &*self.camera);
         let view = match bundle.surface {
             Surface::Sheet(view) => view,
             Surface::Mesh(mesh) => {
-                let (what, range) = ((bundle.path, bundle.order), (bundle.count, bundle.half));
-                return mesh::follow(scene, mesh, (pixel, camera), what, range, transmission);
+                let bundle = mesh::Bundle {
+                    pixel,
+                    camera,
+                    path: bundle.path,
+                    order: bundle.order,
+                    ends: bundle.ends,
+                };
+                let isa = if AVX2 { Isa::Avx2 } else { Isa::Baseline };
+                return mesh::follow(scene, mesh, &bundle, isa, bare);
             }
         };
-        let groups = (bundle.count as usize).div_ceil(LANES);
+        let count = bundle.ends[2] as usize;
+        let groups = count.div_ceil(LANES);
         let maker = LineMaker::new(scene, view, pixel, bundle.path);
         let mut span = None;
         if !maker.is_fixed() {
@@ -190,8 +199,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
         }
         let inside = span.is_some_and(|s| s.inside);
         let map = TexelMap::new(view, maker.base);
-        let mut sums = NOTHING;
-        let mut unused = NOTHING;
+        let (mut sums, mut unused) = (NOTHING, NOTHING);
         let mut misses = 0;
         for g in 0..groups {
             let lines = maker.lines(camera, g);
@@ -203,22 +211,24 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
                     v[l] = lines.y[l] + lines.sy[l] * w[l];
                 }
             }
-            let count = (bundle.count as usize - g * LANES).min(LANES);
-            let half = (bundle.half as usize).saturating_sub(g * LANES).min(count);
+            let mut ends = [0; 3];
+            for part in 0..3 {
+                ends[part] = (bundle.ends[part] as usize)
+                    .saturating_sub(g * LANES)
+                    .min(LANES);
+            }
             if !inside {
-                misses += view.count_outside(maker.base, &u[..count], &v[..count]);
+                misses += view.count_outside(maker.base, &u[..ends[2]], &v[..ends[2]]);
             }
             let cells = Cells::new(&map, &u, &v);
             let texture = &view.texture;
-            let Some(order) = bundle.order else {
-                cells.add_halves::<AVX2, false>(
-                    texture,
-                    count,
-                    half,
-                    &Weights::One,
-                    &mut sums,
-                    &mut unused,
-                );
+            let Some(order) = bundle.order.filter(|_| bundle.feeds != Feeds::Bare) else {
+                let sums = if bundle.feeds == Feeds::Bare {
+                    &mut *bare
+                } else {
+                    &mut sums
+                };
+                cells.add_parts::<AVX2, false>(texture, ends, &Weights::One, sums, &mut unused);
                 continue;
             };
             let slab = &scene.slab;
@@ -235,85 +245,26 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
             } else {
                 Weights::Grey(&weight)
             };
-            if order == Order::Transmitted(0) {
-                cells.add_halves::<AVX2, true>(
-                    texture,
-                    count,
-                    half,
-                    &weights,
-                    &mut sums,
-                    transmission,
-                );
+            if bundle.feeds == Feeds::Both {
+                cells.add_parts::<AVX2, true>(texture, ends, &weights, &mut sums, bare);
             } else {
-                cells.add_halves::<AVX2, false>(
-                    texture,
-                    count,
-                    half,
-                    &weights,
-                    &mut sums,
-                    &mut unused,
-                );
+                cells.add_parts::<AVX2, false>(texture, ends, &weights, &mut sums, &mut unused);
             }
         }
         (sums, misses)
     }
 
-    fn count_paths(&mut self, order: Option<Order>, paths: u32, misses: u64) {
-        let layers: &[usize] = match order {
-            Some(Order::Transmitted(0)) => &[0, 1],
-            Some(Order::Transmitted(_)) => &[0],
-            Some(Order::Reflected(_)) => &[0, 2],
-            None => &[3],
+    fn count_paths(&mut self, bundle: &Bundle, misses: u64) {
+        let layers: &[usize] = match (bundle.order, bundle.feeds) {
+            (Some(Order::Transmitted(_)), Feeds::Both) => &[0, 1],
+            (Some(Order::Transmitted(_)), Feeds::Bare) => &[1],
+            (Some(Order::Transmitted(_)), Feeds::Order) => &[0],
+            (Some(Order::Reflected(_)), _) => &[0, 2],
+            (None, _) => &[3],
         };
         for &layer in layers {
-            self.paths[layer] += u64::from(paths);
+            self.paths[layer] += u64::from(bundle.ends[2]);
             self.misses[layer] += misses;
         }
     }
-
-    /// Means of the layers from the sums of the orders, each divided by its own samples.
-    #[inline(always)]
-    fn means(
-        &self,
-        transmission: &Sums,
-        clean: &Sums,
-        block_samples: u32,
-        blocks: u32,
-    ) -> PixelMeans {
-        let orders = &self.scene.orders;
-        let sum_of = |list: &[FollowedOrder], sums: &[Sums]| {
-            let mut total = NOTHING;
-            for (followed, sums) in list.iter().zip(sums) {
-                let means = means_of(sums, followed.samples_of_block(block_samples) * blocks);
-                for (total, mean) in total.iter_mut().flatten().zip(means.iter().flatten()) {
-                    *total += mean;
-                }
-            }
-            total
-        };
-        let front = sum_of(&orders.front, &self.front);
-        let back = sum_of(&orders.back, &self.back);
-        let input = [0, 1].map(|part| [0, 1, 2].map(|c| front[part][c] + back[part][c]));
-        let bare = means_of(transmission, block_samples * blocks);
-        let pinhole = if self.clean > 0 {
-            means_of(clean, self.clean)
-        } else {
-            NOTHING
-        };
-        let layers = [input, bare, back, pinhole];
-        PixelMeans {
-            mean: layers.map(|layer| layer[0].map(|v| v as f32)),
-            half: layers.map(|layer| layer[1].map(|v| v as f32)),
-        }
-    }
-}
-
-/// `[mean, mean of the first half]` of `count` samples (of a single one, the same twice).
-fn means_of(sums: &Sums, count: u32) -> [[f64; 3]; 2] {
-    let mean = [0, 1, 2].map(|c| (sums[0][c] + sums[1][c]) / f64::from(count));
-    let half = match count / 2 {
-        0 => mean,
-        half => sums[0].map(|v| v / f64::from(half)),
-    };
-    [mean, half]
 }

@@ -14,12 +14,14 @@
     reason = "grid and texture sizes are checked to fit 31 bits"
 )]
 
+mod adaptive;
 mod bundle;
 mod camera;
 mod footprint;
 mod grid;
 mod lanes;
 mod lines;
+mod means;
 mod mesh;
 mod orders;
 mod probe;
@@ -31,8 +33,9 @@ mod texture;
 mod tile;
 mod walk;
 
-pub use bundle::PixelMeans;
+pub use adaptive::CELL_PX;
 pub use grid::Grid;
+pub use means::{PixelMeans, rms_error};
 pub use mesh::{MAX_COORDINATE_M, Mesh, MeshCounts, NEAR_M};
 pub use orders::{FollowedOrder, OrderPlan};
 pub use probe::{BundleProbe, ProbeRay, WalkCount, sample_block};

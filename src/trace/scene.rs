@@ -13,8 +13,12 @@ pub struct Scene {
     pub seed: u64,
     /// Kind of the sample points.
     pub sampling: Sampling,
-    /// Camera samples a pixel, a power of two.
+    /// Camera samples a pixel, a power of two; with a target, at most.
     pub spp: u32,
+    /// RMS error (linear) at which a cell of [`super::CELL_PX`] pixels takes no more samples; `None` takes all.
+    pub target_error: Option<f64>,
+    /// Layers I, T, R~, R that are asked for; the others are not traced and stay 0.
+    pub layers: [bool; 4],
     /// The film.
     pub film: FilmPlane,
     /// The lens.

@@ -1,13 +1,11 @@
 //! From hits to radiance: texture coordinates in lanes, then four texels a sample, summed in a fixed order.
 
 use super::lanes::{LANES, Lane, exp_neg, floor, max, min};
+use super::means::Sums;
 use super::scene::View;
 use super::slab::Order;
 use super::texture::Texture;
 use std::ops::Range;
-
-/// Sums of radiance over the first and the second half of a pixel's samples.
-pub(super) type Sums = [[f64; 3]; 2];
 
 /// From one bundle's relative grid coordinates to texels.
 pub(super) struct TexelMap {
@@ -195,9 +193,9 @@ impl Cells {
     #[allow(unsafe_code, reason = "vector loads through pointers")]
     fn sums_avx2<const PLAIN: bool>(&self, texture: &Texture, weight: &Lane) -> [[f32; 4]; 2] {
         use std::arch::x86_64::{
-            __m256, _mm_add_ps, _mm_storeu_ps, _mm256_add_ps, _mm256_broadcast_sd,
-            _mm256_castpd_ps, _mm256_castps256_ps128, _mm256_extractf128_ps, _mm256_loadu_ps,
-            _mm256_mul_ps, _mm256_permutevar_ps, _mm256_set_epi32, _mm256_set1_ps,
+            __m256, _mm_add_ps, _mm_storeu_ps, _mm256_add_ps, _mm256_castpd_ps,
+            _mm256_castps256_ps128, _mm256_extractf128_ps, _mm256_loadu_ps, _mm256_mul_ps,
+            _mm256_permutevar_ps, _mm256_set_epi32, _mm256_set1_pd, _mm256_set1_ps,
             _mm256_setzero_ps,
         };
         let halves = _mm256_set_epi32(1, 1, 1, 1, 0, 0, 0, 0);
@@ -205,8 +203,8 @@ impl Cells {
         // A pair [left, right] as four times left, four times right.
         let spread = |pair: &[f32; 2]| -> __m256 {
             // SAFETY: a pair of floats is eight readable bytes.
-            let pair = unsafe { _mm256_broadcast_sd(&*pair.as_ptr().cast::<f64>()) };
-            _mm256_permutevar_ps(_mm256_castpd_ps(pair), halves)
+            let pair = unsafe { pair.as_ptr().cast::<f64>().read_unaligned() };
+            _mm256_permutevar_ps(_mm256_castpd_ps(_mm256_set1_pd(pair)), halves)
         };
         for quad in 0..LANES / 4 {
             for part in 0..4 {
@@ -242,26 +240,30 @@ impl Cells {
         })
     }
 
-    /// Adds the first `count` samples, of which the first `half` belong to the first half.
+    /// Adds the samples before `ends[0]`, from there to `ends[1]`, and from there to `ends[2]` to the three sums.
     #[inline(always)]
-    pub(super) fn add_halves<const AVX2: bool, const BARE: bool>(
+    pub(super) fn add_parts<const AVX2: bool, const BARE: bool>(
         &self,
         texture: &Texture,
-        count: usize,
-        half: usize,
+        ends: [usize; 3],
         weights: &Weights,
         sums: &mut Sums,
         bare: &mut Sums,
     ) {
-        let half = half.min(count);
-        if count == LANES && (half == 0 || half == LANES) {
-            let part = usize::from(half == 0);
-            self.add::<AVX2, BARE>(texture, 0..LANES, weights, &mut sums[part], &mut bare[part]);
-        } else {
-            let [first, second] = sums;
-            let [bare_first, bare_second] = bare;
-            self.add::<AVX2, BARE>(texture, 0..half, weights, first, bare_first);
-            self.add::<AVX2, BARE>(texture, half..count, weights, second, bare_second);
+        // Nearly always a group belongs to one part as a whole.
+        let whole = [(0, ends[0]), (ends[0], ends[1]), (ends[1], ends[2])];
+        for part in 0..3 {
+            if whole[part] == (0, LANES) {
+                let (sum, bare) = (&mut sums[part], &mut bare[part]);
+                return self.add::<AVX2, BARE>(texture, 0..LANES, weights, sum, bare);
+            }
+        }
+        for part in 0..3 {
+            let (start, end) = whole[part];
+            if start < end {
+                let (sum, bare) = (&mut sums[part], &mut bare[part]);
+                self.add::<false, BARE>(texture, start..end, weights, sum, bare);
+            }
         }
     }
 }

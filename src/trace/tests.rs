@@ -351,6 +351,8 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
         seed: 3,
         sampling: Sampling::Sobol,
         spp: 256,
+        target_error: None,
+        layers: [true; 4],
         film: FilmPlane {
             width: 120,
             height: 80,

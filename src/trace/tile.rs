@@ -1,6 +1,9 @@
 //! A tile's pixels, one after the other, on the best instruction set at hand.
 
-use super::bundle::{PixelMeans, Tracer};
+use super::adaptive;
+use super::bundle::Tracer;
+use super::means::{PixelMeans, Wanted};
+use super::sampler::BLOCK;
 use super::scene::Scene;
 use std::ops::Range;
 
@@ -50,8 +53,11 @@ pub const LAYERS: [&str; 4] = [
 pub struct TileResult {
     /// Row by row.
     pub pixels: Vec<PixelMeans>,
-    /// Samples a pixel that each layer's strongest order took (0: the range holds none of R's).
+    /// Samples a pixel that each layer's strongest order took (0: the layer is not asked for, or the range holds none of
+    /// R's); of an adaptive scene the most.
     pub samples: [u32; 4],
+    /// Of an adaptive scene: the same summed over the pixels.
+    pub sample_sums: Option<[u64; 4]>,
     /// Paths of each layer.
     pub paths: [u64; 4],
     /// Paths of each layer that ended on the border's continuation.
@@ -91,17 +97,40 @@ fn trace_avx2(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileResult {
 
 #[inline(always)]
 fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileResult {
-    let mut tracer = Tracer::<AVX2>::new(scene, samples);
+    if let Some(target) = scene.target_error {
+        assert!(
+            samples == (0..scene.spp),
+            "an adaptive scene is not cut into ranges of samples"
+        );
+        return adaptive::trace::<AVX2>(scene, tile, target);
+    }
+    let wanted = Wanted::of(scene.layers);
+    let count = samples.end - samples.start;
+    let clean = scene
+        .orders
+        .clean_spp(scene.spp)
+        .clamp(samples.start, samples.end)
+        - samples.start;
+    let mut tracer = Tracer::<AVX2>::new(scene);
     let mut pixels = Vec::with_capacity((tile.width * tile.height) as usize);
     for y in tile.y..tile.y + tile.height {
         for x in tile.x..tile.x + tile.width {
-            pixels.push(tracer.pixel(x, y));
+            let components = tracer.pixel((x, y), &samples, clean, wanted);
+            pixels.push(components.pixel(scene.layers));
         }
     }
-    let (samples, paths, misses) = tracer.counts();
+    let (paths, misses) = tracer.counts();
+    let block = count.min(BLOCK as u32);
+    let strongest = scene.orders.back.first();
+    let reflected = strongest.map_or(count, |o| o.samples_of_block(block) * (count / block));
+    let mut of_layer = [count, count, reflected, clean];
+    for layer in 0..4 {
+        of_layer[layer] *= u32::from(scene.layers[layer]);
+    }
     TileResult {
         pixels,
-        samples,
+        samples: of_layer,
+        sample_sums: None,
         paths,
         misses,
     }

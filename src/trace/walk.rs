@@ -284,18 +284,21 @@ unsafe fn corners(w: &[f32], nx: usize, q: &[u32; RAYS]) -> [[f32; RAYS]; 4] {
 )]
 unsafe fn corners_avx2(w: &[f32], nx: usize, q: &[u32; RAYS]) -> [[f32; RAYS]; 4] {
     use std::arch::x86_64::{
-        __m128d, _mm_load_sd, _mm_loadh_pd, _mm256_castpd_ps, _mm256_set_m128d, _mm256_shuffle_ps,
+        __m128d, _mm_set_pd, _mm256_castpd_ps, _mm256_set_m128d, _mm256_shuffle_ps,
         _mm256_storeu_ps,
     };
     let mut corners = [[0.0; RAYS]; 4];
     for row in 0..2 {
         // The pairs of two cells.
         let two = |l: usize, m: usize| -> __m128d {
-            // SAFETY: promised by the caller; a pair of floats is eight readable bytes.
-            unsafe {
-                let pair = |l: usize| w.as_ptr().add(q[l] as usize + row * nx).cast::<f64>();
-                _mm_loadh_pd(_mm_load_sd(pair(l)), pair(m))
-            }
+            let pair = |l: usize| {
+                // SAFETY: promised by the caller; a pair of floats is eight readable bytes.
+                unsafe {
+                    let first = w.as_ptr().add(q[l] as usize + row * nx);
+                    first.cast::<f64>().read_unaligned()
+                }
+            };
+            _mm_set_pd(pair(m), pair(l))
         };
         let (low, high) = (
             _mm256_castpd_ps(_mm256_set_m128d(two(4, 5), two(0, 1))),

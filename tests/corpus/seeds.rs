@@ -184,6 +184,7 @@ fn traced() -> (SceneLine, Vec<Partial>, Vec<u8>) {
                 tile: shard.tile,
                 samples: [shard.samples.start, shard.samples.end],
                 layer_samples: result.samples,
+                sample_sums: result.sample_sums,
                 paths: result.paths,
                 misses: result.misses,
                 facts: facts.clone(),

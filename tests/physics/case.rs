@@ -206,6 +206,8 @@ impl Case {
         let back = self.back.view(pose, true);
         let radiance = [&front, &back].map(|view: &View| f64::from(view.texture.max_radiance()));
         Scene {
+            target_error: None,
+            layers: [true; 4],
             seed: self.seed,
             sampling: Sampling::Sobol,
             spp: self.spp,

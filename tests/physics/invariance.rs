@@ -29,7 +29,7 @@ fn cases() -> Vec<Case> {
 pub(crate) fn bits(pixels: &[PixelMeans]) -> Vec<u32> {
     pixels
         .iter()
-        .flat_map(|p| p.mean.into_iter().chain(p.half).flatten())
+        .flat_map(PixelMeans::values)
         .map(f32::to_bits)
         .collect()
 }
@@ -89,8 +89,8 @@ fn every_power_of_two_of_samples_renders() {
             let reflected = scene.orders.back[0].samples_of_block(block) * (spp / block);
             assert_eq!(result.samples[..3], [spp, spp, reflected]);
             for pixel in &result.pixels {
-                let values = pixel.mean.into_iter().chain(pixel.half).flatten();
-                assert!(values.into_iter().all(|v| (0.0..=1.001).contains(&v)));
+                let mut values = pixel.values();
+                assert!(values.all(|v| (0.0..=1.001).contains(&v)));
                 if spp == 1 {
                     assert_eq!(pixel.mean, pixel.half);
                 }

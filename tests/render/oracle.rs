@@ -83,6 +83,7 @@ fn agrees_with_an_independent_renderer() {
                 tile: shard.tile,
                 samples: [shard.samples.start, shard.samples.end],
                 layer_samples: result.samples,
+                sample_sums: result.sample_sums,
                 paths: result.paths,
                 misses: result.misses,
                 facts: loaded.facts.clone(),

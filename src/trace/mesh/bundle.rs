@@ -3,30 +3,80 @@
 use super::super::camera::{CameraBlock, Pixel};
 use super::super::lanes::LANES;
 use super::super::lines::{Path, points};
+use super::super::means::{NOTHING, Sums};
 use super::super::scene::Scene;
-use super::super::shade::{Sums, absorbed, weights};
+use super::super::shade::{absorbed, weights};
 use super::super::slab::Order;
+use super::super::tile::Isa;
 use super::project::Mesh;
 
-/// Sums of the weighted radiance of one bundle's first `count` samples, of which `half` belong to the first half, and
-/// how many met nothing: those see black. Order t_0 also feeds `transmission` with bare radiance; no `order` is R's
-/// pinhole path, of weight 1.
-#[inline(always)]
+/// One order's bundle.
+pub(in super::super) struct Bundle<'a> {
+    pub(in super::super) pixel: &'a Pixel,
+    pub(in super::super) camera: &'a CameraBlock,
+    pub(in super::super) path: Path,
+    /// `None` is R's pinhole path, of weight 1.
+    pub(in super::super) order: Option<Order>,
+    /// Samples of the block that belong to the first quarter of the pixel's, to the first half, and all.
+    pub(in super::super) ends: [u32; 3],
+}
+
+/// Sums of a bundle's weighted radiance, and how many of its paths met nothing: those see black. Order t_0 also feeds
+/// `transmission` with bare radiance.
+///
+/// Never inlined: scenes without meshes must not carry this code in their loops. So it is compiled for each
+/// instruction set here.
+#[inline(never)]
 pub(in super::super) fn follow(
     scene: &Scene,
     mesh: &Mesh,
-    (pixel, camera): (&Pixel, &CameraBlock),
-    (path, order): (Path, Option<Order>),
-    (count, half): (u32, u32),
+    bundle: &Bundle,
+    isa: Isa,
     transmission: &mut Sums,
 ) -> (Sums, u64) {
+    match isa {
+        #[cfg(target_arch = "x86_64")]
+        #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
+        Isa::Avx2 if std::arch::is_x86_feature_detected!("avx2") => {
+            // SAFETY: the machine has AVX2, as just asked.
+            unsafe { follow_avx2(scene, mesh, bundle, transmission) }
+        }
+        _ => follow_lanes(scene, mesh, bundle, transmission),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn follow_avx2(
+    scene: &Scene,
+    mesh: &Mesh,
+    bundle: &Bundle,
+    transmission: &mut Sums,
+) -> (Sums, u64) {
+    follow_lanes(scene, mesh, bundle, transmission)
+}
+
+#[inline(always)]
+fn follow_lanes(
+    scene: &Scene,
+    mesh: &Mesh,
+    bundle: &Bundle,
+    transmission: &mut Sums,
+) -> (Sums, u64) {
+    let &Bundle {
+        pixel,
+        camera,
+        path,
+        order,
+        ends: [quarter, half, count],
+    } = bundle;
     let center = pixel.center.map(|v| v as f32);
     let normal = scene.slab.normal.as_vec3().to_array();
     let relative = match path {
         Path::Lens { .. } => &camera.direction,
         Path::Pinhole => &camera.film,
     };
-    let mut sums: Sums = [[0.0; 3]; 2];
+    let mut sums = NOTHING;
     let mut misses = 0;
     for g in 0..(count as usize).div_ceil(LANES) {
         let mut d = [[0f32; LANES]; 2];
@@ -43,7 +93,8 @@ pub(in super::super) fn follow(
         });
         for l in 0..in_group {
             misses += u64::from(seen.w[l] == 0.0);
-            let part = usize::from(g * LANES + l >= half as usize);
+            let sample = (g * LANES + l) as u32;
+            let part = usize::from(sample >= quarter) + usize::from(sample >= half);
             for k in 0..3 {
                 let radiance = f64::from(seen.radiance[l][k]);
                 sums[part][k] += radiance * f64::from(weight[k][l]);
