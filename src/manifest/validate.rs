@@ -314,7 +314,7 @@ pub(super) mod tests {
             ),
             (
                 |l| l.film.target_error = Some(0.0),
-                "film.target_error is 0, but must be above 0",
+                "film.target_error is 0, but must be finite and above 0",
             ),
             (
                 |l| l.camera.focal_length_mm = 0.0,

@@ -60,18 +60,20 @@ mod tests {
     /// Digests of the scenes of [`golden_scenes`].
     #[rustfmt::skip]
     const DIGESTS: &[(&str, &str)] = &[
-        ("mirror", "cdcf01d0cdbb3414d81ea48ff562b628a8d98e5eb9efd702da675b8e5ef84c8a"),
-        ("camera", "507ef3c2eda71998c845e0cedd563ada947e2aa32cda8789d1a6256a72fcf1d6"),
-        ("tilted-absorbing", "c05d855499b8af1f44fcb92877c7fddae57841f1a6c0dc2a0f99fd5a184a9857"),
-        ("tilted-camera-gaussian", "76a55181691cfdb7b5a6959616a375e94abb7d0cbda893359ac2dc6583281076"),
-        ("lights", "9ef181248410a4c49d9e08382db4e874866514ecfefd213daf31feb9680063f3"),
-        ("pinhole", "edc97cdc9dbd889360e52c256ac0da23630874957c559c8af614d79f20317ffa"),
-        ("thin-pane", "10577b59145860ed5ecb7e16d1d222c5d81d4e3d7fc8595d2812463390de863c"),
-        ("air", "c3e53ab9d67ebf53dc4d872d1e20317fd96f3902b3b0a60035a32f19b9cda2e2"),
-        ("steep", "361896a2d4cd327c760ed887bf75061567c69e3fd4a1d84833b833507ad1eb2a"),
-        ("two-ranges", "05163e2444b91d1c389524047971dc22139f43a8686bcacd72eb58a2590897b6"),
-        ("one-row", "2dcb9690e812bec381445cdc7ef50a306ba6fb7b71ce0297f7f2af14da72506b"),
-        ("one-column", "e5220fa76ee03eccc7522ea17a72be93d6d5a05cda556f8b3f79202c9bcc1daf"),
+        ("mirror", "d470984cd07f6e1e97d64ac052b1348218efae1d34e02f4fa3f274fbcda2ef78"),
+        ("camera", "71fc5f54ff479773878711be54579d901cd7571e55df1365cb0cdd8fc3ffe51f"),
+        ("tilted-absorbing", "e82a23c5335c5a808911e3ad83fa95cf38b1cb50586ef5fc17c496f45ae88e8c"),
+        ("tilted-camera-gaussian", "a73574fe971079b7e28b9978f73da2e7372be7ffe525cee3069105c61a117f1c"),
+        ("lights", "2328b32be562fb3a95760048ad1ed3830b6c14aa28d1a818276606e17273cd78"),
+        ("pinhole", "0486a12f05c39eebea9242ce6162b7ee6d8e0c247ad6ef1f38c7c291ff1e66ba"),
+        ("thin-pane", "b92f558239a997d495bccc63e984bb7166d050d7eee40e778ad417fbb988091e"),
+        ("air", "4d637ccff7f31c1a1d1f2c8f044f0b16d6aaddd8bb397db4a4aafc8393b62724"),
+        ("steep", "7f5738ce1df47afa4de50db6521adce5efb8084ab6641470734ef1000eb301df"),
+        ("two-ranges", "41bf5e705f90a90adc18b7cd23da9a86d0c0920f1e53797058a0c60246c593b5"),
+        ("one-row", "dbc2a4a3f85400c723d730b75adcc00b5d9229cce53ce5c03ed3a3cbd13e5eec"),
+        ("one-column", "b088a3cf9840ad6319ecea7a28f69a544ce0cedc57cd843482de110d7360c329"),
+        ("adaptive", "35b14cb42345899ec606e323e54f18fe5f59195ff0d7eb66d44ab038f9ce0d4b"),
+        ("two-layers", "d2f03ec689046d401d3148cc62fb875c5dbb41451e34779cab887da7b0dcf4d1"),
     ];
 
     /// If this fails, pixels have changed: raise `TRACER_VERSION`, say so in CHANGELOG, then paste the printed table.
