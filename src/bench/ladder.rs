@@ -6,7 +6,7 @@ use super::fit::{Slope, log_log_slope};
 use super::reference::Reference;
 use super::render::{Work, render};
 use super::scenes::BenchScene;
-use crate::manifest::SceneLine;
+use crate::manifest::{LayerSet, SceneLine};
 use crate::trace::{LAYERS, Sampling};
 use serde::Serialize;
 
@@ -49,15 +49,16 @@ pub const VARIANTS: [Variant; 3] = [
 fn with_samples(line: &SceneLine, spp: u32) -> SceneLine {
     let mut line = line.clone();
     line.film.spp = spp;
+    line.film.target_error = None;
+    line.film.layers = LayerSet::default();
     line
 }
 
 /// A target error in place of a number: the higher the rung, the lower the target. The factor makes rungs of about
 /// equal cost lie beside each other on photographs.
 fn with_target(line: &SceneLine, rung: u32) -> SceneLine {
-    let mut line = line.clone();
+    let mut line = with_samples(line, MOST_SAMPLES);
     line.film.target_error = Some(0.03 / f64::from(rung).sqrt());
-    line.film.spp = MOST_SAMPLES;
     line
 }
 
@@ -90,7 +91,7 @@ pub struct LayerRow {
     pub layer: &'static str,
     /// The rung: samples a pixel that were asked for.
     pub spp: u32,
-    /// Samples a pixel that the layer took (R takes fewer).
+    /// Samples a pixel that the layer took (R takes fewer); of adaptive sampling the mean over the film.
     pub samples: f64,
     /// CPU seconds of the tracer for all four layers together; the median over the seeds and, where it is
     /// short, of some repetitions.
@@ -134,7 +135,15 @@ pub fn climb(
             for seed in 0..ladder.seeds {
                 let mut line = (variant.line)(&scene.line, spp);
                 line.seed = line.seed.wrapping_add(u64::from(seed));
-                let Some(rendering) = render(scene, &line, variant.sampling, work)? else {
+                // An adaptive rung is announced as the number it stands for.
+                let on_samples = |count: u64| {
+                    (work.on_samples)(count / u64::from(line.film.spp) * u64::from(spp));
+                };
+                let counted = Work {
+                    on_samples: &on_samples,
+                    ..*work
+                };
+                let Some(rendering) = render(scene, &line, variant.sampling, &counted)? else {
                     return Ok(None);
                 };
                 seconds.push(rendering.cpu_s);
@@ -155,7 +164,7 @@ pub fn climb(
                         line.film.width as usize,
                     ));
                     stated[k].extend(record.error_rms);
-                    samples[k] = f64::from(record.samples);
+                    samples[k] = record.mean_samples.unwrap_or(f64::from(record.samples));
                 }
             }
             let (cpu_s, _) = super::clock::median_and_best(&seconds);

@@ -222,7 +222,7 @@ fn text(scene: &BenchScene, reference: &Reference, rows: &[LayerRow], slopes: &[
         for row in rows.iter().filter(of_slope) {
             let d = &row.deviation;
             table.push(vec![
-                format!("{}", row.samples),
+                format!("{}", (row.samples * 10.0).round() / 10.0),
                 format!("{:.3}", row.cpu_s),
                 format!("{:.2e}", d.rmse),
                 format!("{:.2e}", d.relative_mse),

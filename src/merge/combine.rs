@@ -140,11 +140,7 @@ pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<T
     let pixels = (width * height) as f64;
     let made = LAYERS.iter().enumerate().filter(|(k, _)| asked[*k]);
     let records = made.map(|(k, name)| {
-        let error_rms = match line.film.target_error {
-            _ if samples[k] < 2 => None,
-            None => Some(moves[k].rms_error()),
-            Some(_) => Some(moves[k].rms_error_of_cells(width)),
-        };
+        let error_rms = (samples[k] > 1).then(|| moves[k].rms_error());
         let mut record = LayerRecord::new(&layers[k], samples[k], error_rms, paths[k], misses[k]);
         record.mean_samples = sample_sums.map(|sums| sums[k] as f64 / pixels);
         ((*name).to_owned(), record)

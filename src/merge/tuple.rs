@@ -59,7 +59,7 @@ pub struct LayerRecord {
     /// Of an adaptive scene: mean over the pixels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mean_samples: Option<f64>,
-    /// Estimated RMS error of the layer, linear (see [`crate::trace::rms_error`]); `null` where one sample has no
+    /// Estimated RMS error of the layer, linear (see [`crate::trace::square_error`]); `null` where one sample has no
     /// halves.
     pub error_rms: Option<f64>,
     /// Mean of all pixels and colours, linear.

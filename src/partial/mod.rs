@@ -2,7 +2,7 @@
 //!
 //! An uncompressed OpenEXR file: its data window is the shard's tile, its display window the film; 36 float
 //! channels hold each layer's mean and the means of the first half and the first quarter of its samples (the error
-//! estimate's, see [`crate::trace::rms_error`]); one header attribute, `glasshouse`, holds the rest as JSON. A partial is believed only if its
+//! estimate's, see [`crate::trace::square_error`]); one header attribute, `glasshouse`, holds the rest as JSON. A partial is believed only if its
 //! own digest fits its bits: a torn or foreign file is traced again.
 
 mod exr_file;

@@ -157,9 +157,9 @@ impl Cell {
         }
     }
 
-    /// RMS error of one of the means over the cell: the larger of what the last two doublings tell (see
-    /// [`super::means::rms_error`]), as if the error fell like that of independent samples. One alone would now and
-    /// then be small by chance, and a cell that stops for that reason stops too early.
+    /// RMS error of one of the means over the cell: the larger of what its last two moves tell if the error falls like
+    /// that of independent samples. (See [`super::means::square_error`]; so few pixels do not tell how it falls.) The
+    /// last move alone is now and then small by chance, and a cell that stops for that reason stops too early.
     fn error(&self, means: impl Fn(&Components) -> Means) -> f64 {
         let (mut last, mut before) = (0.0, 0.0);
         for pixel in &self.pixels {
@@ -169,7 +169,8 @@ impl Cell {
                 before += (quarter[c] - half[c]) * (quarter[c] - half[c]);
             }
         }
-        (f64::max(last, 0.5 * before) / (3 * self.pixels.len()) as f64).sqrt()
+        let square = f64::max(last, 0.5 * before);
+        (square / (3 * self.pixels.len()) as f64).sqrt()
     }
 
     /// Samples a pixel of each layer's strongest order.

@@ -35,7 +35,7 @@ mod walk;
 
 pub use adaptive::CELL_PX;
 pub use grid::Grid;
-pub use means::{PixelMeans, rms_error};
+pub use means::{PixelMeans, square_error};
 pub use mesh::{MAX_COORDINATE_M, Mesh, MeshCounts, NEAR_M};
 pub use orders::{FollowedOrder, OrderPlan};
 pub use probe::{BundleProbe, ProbeRay, WalkCount, sample_block};

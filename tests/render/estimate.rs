@@ -67,14 +67,8 @@ fn stated_errors_are_of_the_size_of_true_ones() {
             let stated = tuple.record.layers[*name].error_rms.unwrap();
             println!("{spp} samples, {name}: true {error:.2e}, stated {stated:.2e}");
             let ratio = stated / error;
-            // Sobol points of two halves are better together than the halves let expect: R is stated too high.
-            let limit = if *name == "clean_reflection" {
-                3.5
-            } else {
-                1.5
-            };
             assert!(
-                (0.7..limit).contains(&ratio),
+                (0.8..1.2).contains(&ratio),
                 "{spp} {name}: stated {stated:e}, true {error:e}"
             );
         }
