@@ -12,8 +12,8 @@
 //! F and B are the photographs' radiances where the line first meets their sheet (or mesh): a path ends there, because
 //! the photograph's radiance is what leaves the surface (the paper's Eq. 1), so there is no other transport.
 
-use super::camera::{CameraBlock, Pixel};
-use super::lanes::LANES;
+use super::camera::{CameraBlock, GROUPS, Pixel};
+use super::lanes::{LANES, Lane};
 use super::lines::{LineMaker, Path};
 use super::means::{Components, Means, NOTHING, Sums, Wanted, add_means, ends_in_block, means_of};
 use super::mesh;
@@ -23,7 +23,7 @@ use super::scene::{Scene, Surface};
 use super::shade::{Cells, TexelMap, Weights, absorbed, weights};
 use super::slab::Order;
 use super::tile::Isa;
-use super::walk::walk;
+use super::walk::{Lines, Walkers, walk_bundle};
 use std::ops::Range;
 
 /// Traces pixels of a scene and counts paths.
@@ -32,10 +32,28 @@ use std::ops::Range;
 pub(super) struct Tracer<'a, const AVX2: bool> {
     scene: &'a Scene,
     camera: Box<CameraBlock>,
+    rays: Box<BundleRays>,
     front: Vec<Sums>,
     back: Vec<Sums>,
     paths: [u64; 4],
     misses: [u64; 4],
+}
+
+/// A bundle's lines and where they end. Kept from bundle to bundle.
+struct BundleRays {
+    lines: [Lines; GROUPS],
+    hits: [Lane; GROUPS],
+    walkers: Box<Walkers>,
+}
+
+impl BundleRays {
+    fn new() -> Box<Self> {
+        Box::new(Self {
+            lines: [Lines::ZERO; GROUPS],
+            hits: [[0.0; LANES]; GROUPS],
+            walkers: Walkers::new(),
+        })
+    }
 }
 
 /// One order (or R's pinhole path) with one block of samples.
@@ -64,6 +82,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
         Self {
             scene,
             camera: CameraBlock::new(),
+            rays: BundleRays::new(),
             front: vec![NOTHING; scene.orders.front.len()],
             back: vec![NOTHING; scene.orders.back.len()],
             paths: [0; 4],
@@ -175,7 +194,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
     /// Sums of one bundle's weighted radiance, and its missed paths. What feeds T goes into `bare`.
     #[inline(always)]
     fn follow(&mut self, pixel: &Pixel, bundle: &Bundle, bare: &mut Sums) -> (Sums, u64) {
-        let (scene, camera) = (self.scene, &*self.camera);
+        let (scene, camera, rays) = (self.scene, &*self.camera, &mut *self.rays);
         let view = match bundle.surface {
             Surface::Sheet(view) => view,
             Surface::Mesh(mesh) => {
@@ -202,10 +221,17 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
         let (mut sums, mut unused) = (NOTHING, NOTHING);
         let mut misses = 0;
         for g in 0..groups {
-            let lines = maker.lines(camera, g);
+            rays.lines[g] = maker.lines(camera, g);
+        }
+        if let Some(span) = span {
+            let (lines, hits) = (&rays.lines[..groups], &mut rays.hits[..groups]);
+            walk_bundle::<AVX2>(&view.grid, maker.base, lines, span, &mut rays.walkers, hits);
+        }
+        for g in 0..groups {
+            let lines = &rays.lines[g];
             let (mut u, mut v) = (lines.x, lines.y);
-            if let Some(span) = span {
-                let w = walk::<AVX2>(&view.grid, maker.base, &lines, span);
+            if span.is_some() {
+                let w = &rays.hits[g];
                 for l in 0..LANES {
                     u[l] = lines.x[l] + lines.sx[l] * w[l];
                     v[l] = lines.y[l] + lines.sy[l] * w[l];

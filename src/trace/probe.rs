@@ -10,7 +10,7 @@ use super::sampler::{BLOCK, PixelSeed, points};
 use super::scene::{Pose, Sampling, Scene, Surface, View};
 use super::slab::Order;
 use super::tile::Isa;
-use super::walk::{Lines, walk};
+use super::walk::{Lines, Walkers, walk_bundle};
 
 /// Bundles of 256 rays of one order, one bundle a pixel, ready to be intersected.
 pub struct BundleProbe<'a> {
@@ -175,14 +175,13 @@ impl<'a> BundleProbe<'a> {
 
     #[inline(always)]
     fn intersect_here<const AVX2: bool>(&self, hits: &mut [f32]) {
-        let shared = CameraBlock::new();
+        let (shared, mut walkers) = (CameraBlock::new(), Walkers::new());
         let (groups, _) = hits.as_chunks_mut::<LANES>();
         for (bundle, hits) in self.bundles.iter().zip(groups.chunks_exact_mut(GROUPS)) {
             let camera = bundle.camera.as_deref().unwrap_or(&shared);
             let span = bundle.maker.span(self.scene, &bundle.pixel, camera, GROUPS);
-            for (lines, hits) in bundle.lines.iter().zip(hits) {
-                *hits = walk::<AVX2>(&self.view.grid, bundle.maker.base, lines, span);
-            }
+            let (grid, base) = (&self.view.grid, bundle.maker.base);
+            walk_bundle::<AVX2>(grid, base, &bundle.lines, span, &mut walkers, hits);
         }
     }
 

@@ -51,201 +51,338 @@ fn nonzero(s: f32) -> f32 {
     }
 }
 
-/// Rays that one walk carries: sixteen would not fit into the registers.
+/// Rays that go on together: more would not fit into the registers.
 const RAYS: usize = 8;
 
-/// Inverse depths at which the sixteen lines meet the sheet. `base` is the grid point of relative (0, 0).
+/// Parts of eight rays in a bundle of 256.
+const PARTS: usize = 32;
+
+/// Eight rays on their way.
+#[derive(Clone, Copy)]
+struct Rays {
+    x: [f32; RAYS],
+    y: [f32; RAYS],
+    sx: [f32; RAYS],
+    sy: [f32; RAYS],
+    inv_sx: [f32; RAYS],
+    inv_sy: [f32; RAYS],
+    inv_sd: [f32; RAYS],
+    /// Where a ray leaves a cell, relative to its line's origin.
+    edge_x: [f32; RAYS],
+    edge_y: [f32; RAYS],
+    edge_d: [f32; RAYS],
+    step_i: [f32; RAYS],
+    step_j: [f32; RAYS],
+    step_row: [i32; RAYS],
+    /// The lower triangle of a cell comes first.
+    lower_first: [u32; RAYS],
+    /// The cell, relative to the base, and its index.
+    i: [f32; RAYS],
+    j: [f32; RAYS],
+    cell: [i32; RAYS],
+    /// Inverse depth where the cell is entered.
+    w_in: [f32; RAYS],
+    hit_w: [f32; RAYS],
+    active: [u32; RAYS],
+}
+
+/// The rays of one bundle on their way. Kept by who walks many bundles, so that it is not made anew.
+pub(crate) struct Walkers([Rays; PARTS]);
+
+impl Walkers {
+    pub(crate) fn new() -> Box<Self> {
+        let (zero, none) = ([0.0; RAYS], [0; RAYS]);
+        Box::new(Self(
+            [Rays {
+                x: zero,
+                y: zero,
+                sx: zero,
+                sy: zero,
+                inv_sx: zero,
+                inv_sy: zero,
+                inv_sd: zero,
+                edge_x: zero,
+                edge_y: zero,
+                edge_d: zero,
+                step_i: zero,
+                step_j: zero,
+                step_row: [0; RAYS],
+                lower_first: none,
+                i: zero,
+                j: zero,
+                cell: [0; RAYS],
+                w_in: zero,
+                hit_w: zero,
+                active: none,
+            }; PARTS],
+        ))
+    }
+}
+
+/// What all rays of a bundle walk over.
+struct Ground<'a> {
+    w: &'a [f32],
+    nx: i32,
+    ny: i32,
+    /// The last index whose right, lower and lower right neighbours exist.
+    last_cell: u32,
+    base: [i32; 2],
+    span: Span,
+    x_min: f32,
+    y_min: f32,
+    x_max: f32,
+    y_max: f32,
+}
+
+/// Inverse depths at which a bundle's lines, at most 256, meet the sheet. `base` is the grid point of relative (0, 0).
+///
+/// All parts take a step, then those that have a ray on its way take another: steps of different parts do not wait for
+/// each other, and no branch asks how far a single one goes.
 #[inline(always)]
+pub(crate) fn walk_bundle<const AVX2: bool>(
+    grid: &Grid,
+    base: [i32; 2],
+    lines: &[Lines],
+    span: Span,
+    walkers: &mut Walkers,
+    hits: &mut [Lane],
+) {
+    if span.inside {
+        walk_parts::<AVX2, false>(grid, base, lines, span, walkers, hits);
+    } else {
+        walk_parts::<AVX2, true>(grid, base, lines, span, walkers, hits);
+    }
+}
+
+#[inline(always)]
+fn walk_parts<const AVX2: bool, const CLAMP: bool>(
+    grid: &Grid,
+    base: [i32; 2],
+    lines: &[Lines],
+    span: Span,
+    walkers: &mut Walkers,
+    hits: &mut [Lane],
+) {
+    let ground = Ground::new(grid, base, span);
+    let mut waiting = [0u8; PARTS];
+    let mut count = 0;
+    for (g, lines) in lines.iter().enumerate() {
+        for half in 0..LANES / RAYS {
+            let part = g * (LANES / RAYS) + half;
+            let rays = &mut walkers.0[part];
+            ground.start::<CLAMP>(lines, half * RAYS, rays);
+            let any = ground.step::<AVX2, CLAMP>(rays);
+            waiting[count] = part as u8;
+            count += usize::from(any != 0);
+        }
+    }
+    while count > 0 {
+        let waited = count;
+        count = 0;
+        for k in 0..waited {
+            let part = waiting[k];
+            let any = ground.step::<AVX2, CLAMP>(&mut walkers.0[usize::from(part) % PARTS]);
+            waiting[count] = part;
+            count += usize::from(any != 0);
+        }
+    }
+    for (g, hits) in hits.iter_mut().enumerate().take(lines.len()) {
+        for half in 0..LANES / RAYS {
+            hits[half * RAYS..][..RAYS]
+                .copy_from_slice(&walkers.0[g * (LANES / RAYS) + half].hit_w);
+        }
+    }
+}
+
+/// [`walk_bundle`] of sixteen lines.
+#[cfg(test)]
 pub(crate) fn walk<const AVX2: bool>(
     grid: &Grid,
     base: [i32; 2],
     lines: &Lines,
     span: Span,
 ) -> Lane {
-    let mut w = [0.0; LANES];
-    for first in (0..LANES).step_by(RAYS) {
-        let part = if span.inside {
-            walk_cells::<AVX2, false>(grid, base, lines, first, span)
-        } else {
-            walk_cells::<AVX2, true>(grid, base, lines, first, span)
-        };
-        w[first..first + RAYS].copy_from_slice(&part);
-    }
-    w
+    let mut hits = [[0.0; LANES]];
+    let lines = std::slice::from_ref(lines);
+    walk_bundle::<AVX2>(grid, base, lines, span, &mut Walkers::new(), &mut hits);
+    hits[0]
 }
 
-/// The same for the lines `first..first + RAYS`.
-#[inline(always)]
-#[allow(
-    unsafe_code,
-    reason = "a bounds check for each corner of each cell would double the loop's cost"
-)]
-fn walk_cells<const AVX2: bool, const CLAMP: bool>(
-    grid: &Grid,
-    base: [i32; 2],
-    lines: &Lines,
-    first: usize,
-    span: Span,
-) -> [f32; RAYS] {
-    let w = grid.inverse_depths_per_m();
-    let (nx, ny) = (grid.nx() as i32, grid.ny() as i32);
-    // The last index whose right, lower and lower right neighbours exist.
-    let last_cell = ((ny - 2) * nx + nx - 2) as u32;
-    assert!(nx >= 2 && ny >= 2 && w.len() == (nx * ny) as usize);
-    let (x_min, y_min) = (-base[0] as f32, -base[1] as f32);
-    let (x_max, y_max) = ((nx - 1 - base[0]) as f32, (ny - 1 - base[1]) as f32);
-
-    let part = |all: &Lane| -> [f32; RAYS] {
-        let mut part = [0.0; RAYS];
-        part.copy_from_slice(&all[first..first + RAYS]);
-        part
-    };
-    let (x, y) = (part(&lines.x), part(&lines.y));
-    let (mut sx, mut sy) = (part(&lines.sx), part(&lines.sy));
-    let (mut inv_sx, mut inv_sy, mut inv_sd) = ([0f32; RAYS], [0f32; RAYS], [0f32; RAYS]);
-    let (mut i, mut j, mut cell) = ([0f32; RAYS], [0f32; RAYS], [0i32; RAYS]);
-    let (mut step_i, mut step_j, mut step_row) = ([0f32; RAYS], [0f32; RAYS], [0i32; RAYS]);
-    let (mut edge_x, mut edge_y, mut edge_d) = ([0f32; RAYS], [0f32; RAYS], [0f32; RAYS]);
-    let mut lower_first = [0u32; RAYS];
-    for l in 0..RAYS {
-        sx[l] = nonzero(sx[l]);
-        sy[l] = nonzero(sy[l]);
-        let sd = nonzero(sx[l] + sy[l]);
-        inv_sx[l] = 1.0 / sx[l];
-        inv_sy[l] = 1.0 / sy[l];
-        inv_sd[l] = 1.0 / sd;
-        let (column, column_index) = floor(x[l] + sx[l] * span.hi);
-        let (row, row_index) = floor(y[l] + sy[l] * span.hi);
-        i[l] = if CLAMP {
-            min(max(column, x_min - 1.0), x_max)
-        } else {
-            column
-        };
-        j[l] = if CLAMP {
-            min(max(row, y_min - 1.0), y_max)
-        } else {
-            row
-        };
-        cell[l] = (row_index.wrapping_add(base[1]))
-            .wrapping_mul(nx)
-            .wrapping_add(column_index + base[0]);
-        // w falls, so u rises where its slope is negative: the cell is left over its upper edge.
-        step_i[l] = if sx[l] < 0.0 { 1.0 } else { -1.0 };
-        step_j[l] = if sy[l] < 0.0 { 1.0 } else { -1.0 };
-        step_row[l] = if sy[l] < 0.0 { nx } else { -nx };
-        edge_x[l] = (if sx[l] < 0.0 { 1.0 } else { 0.0 }) - x[l];
-        edge_y[l] = (if sy[l] < 0.0 { 1.0 } else { 0.0 }) - y[l];
-        edge_d[l] = 1.0 - (x[l] + y[l]);
-        lower_first[l] = u32::from(sd < 0.0);
+impl<'a> Ground<'a> {
+    #[inline(always)]
+    fn new(grid: &'a Grid, base: [i32; 2], span: Span) -> Self {
+        let w = grid.inverse_depths_per_m();
+        let (nx, ny) = (grid.nx() as i32, grid.ny() as i32);
+        assert!(nx >= 2 && ny >= 2 && w.len() == (nx * ny) as usize);
+        Self {
+            w,
+            nx,
+            ny,
+            last_cell: ((ny - 2) * nx + nx - 2) as u32,
+            base,
+            span,
+            x_min: -base[0] as f32,
+            y_min: -base[1] as f32,
+            x_max: (nx - 1 - base[0]) as f32,
+            y_max: (ny - 1 - base[1]) as f32,
+        }
     }
 
-    let mut w_in = [span.hi; RAYS];
-    let mut hit_w = [f32::MIN; RAYS];
-    let mut active = [1u32; RAYS];
-    loop {
+    /// Puts lines `first..first + RAYS` where the bundle's span begins.
+    #[inline(always)]
+    fn start<const CLAMP: bool>(&self, lines: &Lines, first: usize, r: &mut Rays) {
+        for l in 0..RAYS {
+            r.x[l] = lines.x[first + l];
+            r.y[l] = lines.y[first + l];
+            r.sx[l] = nonzero(lines.sx[first + l]);
+            r.sy[l] = nonzero(lines.sy[first + l]);
+            let sd = nonzero(r.sx[l] + r.sy[l]);
+            r.inv_sx[l] = 1.0 / r.sx[l];
+            r.inv_sy[l] = 1.0 / r.sy[l];
+            r.inv_sd[l] = 1.0 / sd;
+            let (column, column_index) = floor(r.x[l] + r.sx[l] * self.span.hi);
+            let (row, row_index) = floor(r.y[l] + r.sy[l] * self.span.hi);
+            r.i[l] = if CLAMP {
+                min(max(column, self.x_min - 1.0), self.x_max)
+            } else {
+                column
+            };
+            r.j[l] = if CLAMP {
+                min(max(row, self.y_min - 1.0), self.y_max)
+            } else {
+                row
+            };
+            r.cell[l] = (row_index.wrapping_add(self.base[1]))
+                .wrapping_mul(self.nx)
+                .wrapping_add(column_index + self.base[0]);
+            // w falls, so u rises where its slope is negative: the cell is left over its upper edge.
+            r.step_i[l] = if r.sx[l] < 0.0 { 1.0 } else { -1.0 };
+            r.step_j[l] = if r.sy[l] < 0.0 { 1.0 } else { -1.0 };
+            r.step_row[l] = if r.sy[l] < 0.0 { self.nx } else { -self.nx };
+            r.edge_x[l] = (if r.sx[l] < 0.0 { 1.0 } else { 0.0 }) - r.x[l];
+            r.edge_y[l] = (if r.sy[l] < 0.0 { 1.0 } else { 0.0 }) - r.y[l];
+            r.edge_d[l] = 1.0 - (r.x[l] + r.y[l]);
+            r.lower_first[l] = u32::from(sd < 0.0);
+            r.w_in[l] = self.span.hi;
+            r.hit_w[l] = f32::MIN;
+            r.active[l] = 1;
+        }
+    }
+
+    /// Takes each ray through its cell; 0 when all have met the sheet.
+    #[inline(always)]
+    #[allow(
+        unsafe_code,
+        reason = "a bounds check for each corner of each cell would double the loop's cost"
+    )]
+    fn step<const AVX2: bool, const CLAMP: bool>(&self, r: &mut Rays) -> u32 {
         // Inverse depths at the four corners of each ray's cell.
         let (mut w00, mut w10) = ([0f32; RAYS], [0f32; RAYS]);
         let (mut w01, mut w11) = ([0f32; RAYS], [0f32; RAYS]);
         if CLAMP {
             let (mut q, mut right, mut down) = ([0u32; RAYS], [0u32; RAYS], [0u32; RAYS]);
             for l in 0..RAYS {
-                let (_, column) = floor(min(max(i[l], x_min), x_max));
-                let (_, row) = floor(min(max(j[l], y_min), y_max));
-                q[l] = ((row + base[1]) * nx + column + base[0]) as u32;
-                q[l] = q[l].min((nx * ny - 1) as u32);
-                right[l] = u32::from((i[l] >= x_min) & (i[l] < x_max));
-                down[l] = if (j[l] >= y_min) & (j[l] < y_max) {
-                    nx as u32
+                let (_, column) = floor(min(max(r.i[l], self.x_min), self.x_max));
+                let (_, row) = floor(min(max(r.j[l], self.y_min), self.y_max));
+                q[l] = ((row + self.base[1]) * self.nx + column + self.base[0]) as u32;
+                q[l] = q[l].min((self.nx * self.ny - 1) as u32);
+                right[l] = u32::from((r.i[l] >= self.x_min) & (r.i[l] < self.x_max));
+                down[l] = if (r.j[l] >= self.y_min) & (r.j[l] < self.y_max) {
+                    self.nx as u32
                 } else {
                     0
                 };
             }
             for l in 0..RAYS {
                 let (q, right, down) = (q[l] as usize, right[l] as usize, down[l] as usize);
-                w00[l] = w[q];
-                w10[l] = w[(q + right).min(w.len() - 1)];
-                w01[l] = w[(q + down).min(w.len() - 1)];
-                w11[l] = w[(q + right + down).min(w.len() - 1)];
+                w00[l] = self.w[q];
+                w10[l] = self.w[(q + right).min(self.w.len() - 1)];
+                w01[l] = self.w[(q + down).min(self.w.len() - 1)];
+                w11[l] = self.w[(q + right + down).min(self.w.len() - 1)];
             }
         } else {
             let mut q = [0u32; RAYS];
             for l in 0..RAYS {
-                q[l] = (cell[l] as u32).min(last_cell);
+                q[l] = (r.cell[l] as u32).min(self.last_cell);
             }
-            // SAFETY: q <= last_cell = (ny - 2) nx + nx - 2, so q + nx + 1 <= ny nx - 1 < w.len(); `AVX2` is only
+            // SAFETY: q <= self.last_cell = (self.ny - 2) self.nx + self.nx - 2, so q + self.nx + 1 <= self.ny self.nx - 1 < self.w.len(); `AVX2` is only
             // set inside a function that is compiled for AVX2.
             [w00, w10, w01, w11] = unsafe {
                 #[cfg(target_arch = "x86_64")]
                 if AVX2 {
-                    corners_avx2(w, nx as usize, &q)
+                    corners_avx2(self.w, self.nx as usize, &q)
                 } else {
-                    corners(w, nx as usize, &q)
+                    corners(self.w, self.nx as usize, &q)
                 }
                 #[cfg(not(target_arch = "x86_64"))]
-                corners(w, nx as usize, &q)
+                corners(self.w, self.nx as usize, &q)
             };
         }
         let mut any = 0u32;
         for l in 0..RAYS {
             // Where the line leaves the cell, and where it crosses the diagonal inside it.
             let (mut wx, mut wy) = (
-                (i[l] + edge_x[l]) * inv_sx[l],
-                (j[l] + edge_y[l]) * inv_sy[l],
+                (r.i[l] + r.edge_x[l]) * r.inv_sx[l],
+                (r.j[l] + r.edge_y[l]) * r.inv_sy[l],
             );
             if CLAMP {
                 // Nothing lies beyond the outermost columns and rows.
-                let (next_i, next_j) = (i[l] + step_i[l], j[l] + step_j[l]);
-                let ends_x = (next_i < x_min - 1.0) | (next_i > x_max);
-                let ends_y = (next_j < y_min - 1.0) | (next_j > y_max);
+                let (next_i, next_j) = (r.i[l] + r.step_i[l], r.j[l] + r.step_j[l]);
+                let ends_x = (next_i < self.x_min - 1.0) | (next_i > self.x_max);
+                let ends_y = (next_j < self.y_min - 1.0) | (next_j > self.y_max);
                 wx = if ends_x { f32::MIN } else { wx };
                 wy = if ends_y { f32::MIN } else { wy };
             }
             let w_exit = max(wx, wy);
             // Written so that not-a-number ends the walk too.
-            let goes_on = w_exit > span.lo;
+            let goes_on = w_exit > self.span.lo;
             let last = !goes_on;
-            let w_out = min(max(w_exit, span.lo), w_in[l]);
-            let w_diagonal = max(min((i[l] + j[l] + edge_d[l]) * inv_sd[l], w_in[l]), w_out);
+            let w_out = min(max(w_exit, self.span.lo), r.w_in[l]);
+            let w_diagonal = max(
+                min((r.i[l] + r.j[l] + r.edge_d[l]) * r.inv_sd[l], r.w_in[l]),
+                w_out,
+            );
             // The sheet along the line in either triangle: w d = n on it, w d > n above it.
-            let (lx, ly) = (x[l] - i[l], y[l] - j[l]);
+            let (lx, ly) = (r.x[l] - r.i[l], r.y[l] - r.j[l]);
             let (bl, cl) = (w10[l] - w00[l], w01[l] - w00[l]);
             let (bu, cu) = (w11[l] - w01[l], w11[l] - w10[l]);
-            let (dl, nl) = (1.0 - bl * sx[l] - cl * sy[l], w00[l] + bl * lx + cl * ly);
+            let (dl, nl) = (
+                1.0 - bl * r.sx[l] - cl * r.sy[l],
+                w00[l] + bl * lx + cl * ly,
+            );
             let (du, nu) = (
-                1.0 - bu * sx[l] - cu * sy[l],
+                1.0 - bu * r.sx[l] - cu * r.sy[l],
                 w11[l] + bu * (lx - 1.0) + cu * (ly - 1.0),
             );
-            let lower = lower_first[l] != 0;
+            let lower = r.lower_first[l] != 0;
             let (d1, n1) = if lower { (dl, nl) } else { (du, nu) };
             let (d2, n2) = if lower { (du, nu) } else { (dl, nl) };
-            let hit_1 = (w_diagonal < w_in[l]) & (w_diagonal * d1 <= n1);
+            let hit_1 = (w_diagonal < r.w_in[l]) & (w_diagonal * d1 <= n1);
             let has_2 = w_out < w_diagonal;
             let hit_2 = has_2 & (w_out * d2 <= n2);
-            let hit = (active[l] != 0) & (hit_1 | hit_2 | last);
+            let hit = (r.active[l] != 0) & (hit_1 | hit_2 | last);
             let in_1 = hit_1 | (!hit_2 & !has_2);
             let (n, d) = if in_1 { (n1, d1) } else { (n2, d2) };
             let (lo, hi) = if in_1 {
-                (w_diagonal, w_in[l])
+                (w_diagonal, r.w_in[l])
             } else {
                 (w_out, w_diagonal)
             };
             let crossing = min(max(n / d, lo), hi);
             // Sums, maxima and masks instead of choices: the compiler makes masked stores of those, which are slow.
-            hit_w[l] = max(if hit { crossing } else { f32::MIN }, hit_w[l]);
-            active[l] &= !(hit as u32);
-            any |= active[l];
+            r.hit_w[l] = max(if hit { crossing } else { f32::MIN }, r.hit_w[l]);
+            r.active[l] &= !(hit as u32);
+            any |= r.active[l];
             let over_x = wx >= wy;
-            i[l] += if over_x { step_i[l] } else { 0.0 };
-            j[l] += if over_x { 0.0 } else { step_j[l] };
+            r.i[l] += if over_x { r.step_i[l] } else { 0.0 };
+            r.j[l] += if over_x { 0.0 } else { r.step_j[l] };
             if !CLAMP {
-                let column = if sx[l] < 0.0 { 1 } else { -1 };
-                cell[l] = cell[l].wrapping_add(if over_x { column } else { step_row[l] });
+                let column = if r.sx[l] < 0.0 { 1 } else { -1 };
+                r.cell[l] = r.cell[l].wrapping_add(if over_x { column } else { r.step_row[l] });
             }
-            w_in[l] = w_out;
+            r.w_in[l] = w_out;
         }
-        if any == 0 {
-            return hit_w;
-        }
+        any
     }
 }
 

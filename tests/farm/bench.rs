@@ -2,7 +2,7 @@
 
 use crate::program::{run, text};
 use crate::scenes::{photographs, scene};
-use glasshouse::bench::{Ladder, Work, climb, own_reference, pair, slopes};
+use glasshouse::bench::{Ladder, Slope, Work, climb, own_reference, pair, slopes};
 use glasshouse::trace::{Isa, LAYERS};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
