@@ -60,20 +60,20 @@ mod tests {
     /// Digests of the scenes of [`golden_scenes`].
     #[rustfmt::skip]
     const DIGESTS: &[(&str, &str)] = &[
-        ("mirror", "d470984cd07f6e1e97d64ac052b1348218efae1d34e02f4fa3f274fbcda2ef78"),
-        ("camera", "71fc5f54ff479773878711be54579d901cd7571e55df1365cb0cdd8fc3ffe51f"),
-        ("tilted-absorbing", "e82a23c5335c5a808911e3ad83fa95cf38b1cb50586ef5fc17c496f45ae88e8c"),
-        ("tilted-camera-gaussian", "a73574fe971079b7e28b9978f73da2e7372be7ffe525cee3069105c61a117f1c"),
-        ("lights", "2328b32be562fb3a95760048ad1ed3830b6c14aa28d1a818276606e17273cd78"),
-        ("pinhole", "0486a12f05c39eebea9242ce6162b7ee6d8e0c247ad6ef1f38c7c291ff1e66ba"),
-        ("thin-pane", "b92f558239a997d495bccc63e984bb7166d050d7eee40e778ad417fbb988091e"),
-        ("air", "4d637ccff7f31c1a1d1f2c8f044f0b16d6aaddd8bb397db4a4aafc8393b62724"),
-        ("steep", "7f5738ce1df47afa4de50db6521adce5efb8084ab6641470734ef1000eb301df"),
-        ("two-ranges", "41bf5e705f90a90adc18b7cd23da9a86d0c0920f1e53797058a0c60246c593b5"),
-        ("one-row", "dbc2a4a3f85400c723d730b75adcc00b5d9229cce53ce5c03ed3a3cbd13e5eec"),
-        ("one-column", "b088a3cf9840ad6319ecea7a28f69a544ce0cedc57cd843482de110d7360c329"),
-        ("adaptive", "35b14cb42345899ec606e323e54f18fe5f59195ff0d7eb66d44ab038f9ce0d4b"),
-        ("two-layers", "d2f03ec689046d401d3148cc62fb875c5dbb41451e34779cab887da7b0dcf4d1"),
+        ("mirror", "ac73e8028a89be8a9056e7481cbba9b6a18d676c22852db552b72b3889cbcbb0"),
+        ("camera", "c4b65fa0a12c404aa6c6f9f8ab3a4836a30e6687c822850f2f05cba47802e4d0"),
+        ("tilted-absorbing", "f96a2e1a9a1852fb1de49c91d59267c63ef40d16d6ffaa82bfab63de69afafa3"),
+        ("tilted-camera-gaussian", "8ce3711116449cebe70e5cd0aabca31bab7a7478f2c5133480d6c8e7d542b86d"),
+        ("lights", "e194cf8eaa036dbd54a06178a11af56ce014429fafde1498e317028120ce323a"),
+        ("pinhole", "aed8961441e4507c42f9d5f3b4b97444a7f0e54468208338e0cd97b0ae205d16"),
+        ("thin-pane", "58b1800c727162aeb40729de8bc5720fab61b5b0a06f601b5d972fe89f8dbee8"),
+        ("air", "808d28e9d65d65f8a224ce6a764bb637fd4b528f200180091d12edba55fa722d"),
+        ("steep", "1a1835a31ad9521c34752d274460d397402c5cf6cd35382e2135df0236968784"),
+        ("two-ranges", "cd503bc31ea7ef6bd194985a8a462a51fbf1e2f6ceadc82918035156e6d1ef9b"),
+        ("one-row", "bad5fffbf0e51bc4d557135a7f823b723334bba8912f2cb6da79aba7b3a7c90d"),
+        ("one-column", "e9b2172f15d859e44642e8c19509f1dedfb55d517a4baa48842a3372ea567a97"),
+        ("adaptive", "85b41402308c1b72155a33c29047e2a884ef8b05a31e8fbd86743b9cdcfbab87"),
+        ("two-layers", "2262b0706e64c6f390184e9d163b0a53e1d0baae1299b446cd39273dd32e732b"),
     ];
 
     /// If this fails, pixels have changed: raise `TRACER_VERSION`, say so in CHANGELOG, then paste the printed table.

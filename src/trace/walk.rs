@@ -338,22 +338,17 @@ impl<'a> Ground<'a> {
             let goes_on = w_exit > self.span.lo;
             let last = !goes_on;
             let w_out = min(max(w_exit, self.span.lo), r.w_in[l]);
-            let w_diagonal = max(
-                min((r.i[l] + r.j[l] + r.edge_d[l]) * r.inv_sd[l], r.w_in[l]),
-                w_out,
-            );
+            let t = r.i[l] + r.j[l] + r.edge_d[l];
+            let w_diagonal = max(min(t * r.inv_sd[l], r.w_in[l]), w_out);
             // The sheet along the line in either triangle: w d = n on it, w d > n above it.
             let (lx, ly) = (r.x[l] - r.i[l], r.y[l] - r.j[l]);
             let (bl, cl) = (w10[l] - w00[l], w01[l] - w00[l]);
-            let (bu, cu) = (w11[l] - w01[l], w11[l] - w10[l]);
+            let excess = (w11[l] - w10[l]) - cl;
             let (dl, nl) = (
                 1.0 - bl * r.sx[l] - cl * r.sy[l],
                 w00[l] + bl * lx + cl * ly,
             );
-            let (du, nu) = (
-                1.0 - bu * r.sx[l] - cu * r.sy[l],
-                w11[l] + bu * (lx - 1.0) + cu * (ly - 1.0),
-            );
+            let (du, nu) = (dl - excess * (r.sx[l] + r.sy[l]), nl - excess * t);
             let lower = r.lower_first[l] != 0;
             let (d1, n1) = if lower { (dl, nl) } else { (du, nu) };
             let (d2, n2) = if lower { (du, nu) } else { (dl, nl) };
