@@ -141,7 +141,8 @@ pub fn work(
     on_event: &(dyn Fn(Event) + Sync),
 ) -> Result<Outcome, FarmError> {
     let _lock = run.lock()?;
-    let found = golden(options.isa);
+    let threads = options.threads.max(1);
+    let found = golden(options.isa, threads);
     if found != run.spec.golden {
         return Err(FarmError::Golden {
             scene: run.spec.golden.scene.clone(),
@@ -169,7 +170,6 @@ pub fn work(
             .sum(),
         scenes: pending.len() as u64,
     });
-    let threads = options.threads.max(1);
     let (sender, files) = bounded(threads);
     let (writer, orders) = bounded(threads);
     let deques: Vec<Worker<Band>> = (0..threads).map(|_| Worker::new_fifo()).collect();
