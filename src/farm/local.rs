@@ -123,7 +123,8 @@ struct Shared<'a> {
 struct Band<'a> {
     job: Arc<SceneJob<'a>>,
     shard: u32,
-    band: u32,
+    /// From the top.
+    index: u32,
 }
 
 /// A thread that computes.
@@ -445,7 +446,10 @@ impl<'a> Hand<'_, 'a> {
                         (farm.on_event)(Event::ShardDone { resumed: true });
                         job.count_traced();
                         if let Some(partials) = job.finish(found) {
-                            farm.step(line, job.failed(), || self.merge(&job, &partials));
+                            farm.step(line, job.failed(), || {
+                                self.merge(&job, &partials);
+                                Ok(())
+                            });
                         }
                         continue;
                     }
@@ -457,11 +461,11 @@ impl<'a> Hand<'_, 'a> {
                 };
                 (farm.on_event)(Event::PartialRejected { reason });
             }
-            for band in 0..job.bands(shard.index) {
+            for index in 0..job.bands(shard.index) {
                 self.deque.push(Band {
                     job: Arc::clone(&job),
                     shard: shard.index,
-                    band,
+                    index,
                 });
             }
         }
@@ -474,7 +478,7 @@ impl<'a> Hand<'_, 'a> {
         }
         let shard = job.layout.shard(band.shard);
         let start = Instant::now();
-        let result = job.trace_band(&shard, band.band, farm.options.isa);
+        let result = job.trace_band(&shard, band.index, farm.options.isa);
         farm.seconds.add_trace(start.elapsed());
         match result {
             Some(result) => self.finish(job, &shard, result),
@@ -507,14 +511,14 @@ impl<'a> Hand<'_, 'a> {
         };
         farm.traced.fetch_add(1, Ordering::Relaxed);
         (farm.on_event)(Event::ShardDone { resumed: false });
-        match job.finish(partial) {
-            Some(partials) => self.merge(job, &partials),
-            None => Ok(()),
+        if let Some(partials) = job.finish(partial) {
+            self.merge(job, &partials);
         }
+        Ok(())
     }
 
     /// All shards are there: combines them and shares out the encoding.
-    fn merge(&self, job: &SceneJob<'a>, partials: &[Partial]) -> Result<(), FarmError> {
+    fn merge(&self, job: &SceneJob<'a>, partials: &[Partial]) {
         let farm = self.farm;
         let start = Instant::now();
         let combined = combine(job.line, farm.run.spec.tile_px, partials);
@@ -529,7 +533,6 @@ impl<'a> Hand<'_, 'a> {
             }
             Err(error) => farm.fail(job.line, job.failed(), &error.to_string()),
         }
-        Ok(())
     }
 
     fn encode(&self, scene: &FinishedScene<'a>, file: usize) -> Result<(), FarmError> {
