@@ -29,7 +29,7 @@ pub struct Global {
     /// Print one JSON object with a `schema` field to stdout, and nothing else there
     #[arg(long, global = true)]
     pub json: bool,
-    /// Threads [default: one for each core]
+    /// Threads that compute; one more reads files and one writes them, mostly waiting [default: one for each core]
     #[arg(short = 'j', long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
     /// No progress and no notes

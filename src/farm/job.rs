@@ -1,12 +1,13 @@
 //! A loaded scene on its way to a tuple.
 
+use super::bands::{BandedShard, bands};
 use crate::manifest::SceneLine;
 use crate::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
 use crate::scene::LoadedScene;
 use crate::shard::{Shard, ShardLayout, scene_digest};
 use crate::trace::{Isa, TRACER_VERSION, TileResult, trace_tile};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 
 /// A scene whose shards are being traced.
 pub struct SceneJob<'a> {
@@ -16,9 +17,10 @@ pub struct SceneJob<'a> {
     pub layout: ShardLayout,
     loaded: LoadedScene,
     line_blake3: String,
+    shards: Vec<BandedShard>,
     results: Mutex<Vec<Partial>>,
-    unfinished: AtomicU32,
-    failed: AtomicBool,
+    untraced: AtomicU32,
+    failed: Arc<AtomicBool>,
 }
 
 impl<'a> SceneJob<'a> {
@@ -29,15 +31,33 @@ impl<'a> SceneJob<'a> {
             layout,
             loaded,
             line_blake3: scene_digest(line),
+            shards: (0..layout.len()).map(|_| BandedShard::default()).collect(),
             results: Mutex::new(Vec::new()),
-            unfinished: AtomicU32::new(layout.len()),
-            failed: AtomicBool::new(false),
+            untraced: AtomicU32::new(layout.len()),
+            failed: Arc::default(),
         }
     }
 
-    /// Traces one shard.
+    /// Traces one shard in one piece.
     pub fn trace(&self, shard: &Shard, isa: Isa) -> Partial {
         self.partial(shard, self.trace_tile(shard, isa))
+    }
+
+    /// Bands of a shard.
+    pub(super) fn bands(&self, shard: u32) -> u32 {
+        bands(self.layout.shard(shard).tile)
+    }
+
+    /// Whether to trace a band of `shard`; see [`BandedShard::may_trace`].
+    pub(super) fn may_trace(&self, shard: u32, must_stop: bool) -> bool {
+        self.shards[shard as usize].may_trace(must_stop)
+    }
+
+    /// Traces one band of a shard; the whole shard's result for whoever does its last band.
+    pub(super) fn trace_band(&self, shard: &Shard, band: u32, isa: Isa) -> Option<TileResult> {
+        self.shards[shard.index as usize].trace(shard.tile, band, |tile| {
+            trace_tile(&self.loaded.scene, tile, shard.samples.clone(), isa)
+        })
     }
 
     /// The tracer's part of [`Self::trace`].
@@ -47,7 +67,19 @@ impl<'a> SceneJob<'a> {
 
     /// The rest of it: header and digest.
     pub fn partial(&self, shard: &Shard, result: TileResult) -> Partial {
-        let header = PartialHeader {
+        Partial::new(self.header(shard, &result), result.pixels)
+    }
+
+    /// A partial that never leaves memory: its digest is empty.
+    pub(super) fn partial_in_memory(&self, shard: &Shard, result: TileResult) -> Partial {
+        Partial {
+            header: self.header(shard, &result),
+            pixels: result.pixels,
+        }
+    }
+
+    fn header(&self, shard: &Shard, result: &TileResult) -> PartialHeader {
+        PartialHeader {
             schema: PARTIAL_SCHEMA.to_owned(),
             tracer_version: TRACER_VERSION,
             scene: self.line.id.clone(),
@@ -63,8 +95,7 @@ impl<'a> SceneJob<'a> {
             misses: result.misses,
             facts: self.loaded.facts.clone(),
             blake3: String::new(),
-        };
-        Partial::new(header, result.pixels)
+        }
     }
 
     /// A partial from disk is this job's shard.
@@ -79,23 +110,21 @@ impl<'a> SceneJob<'a> {
             && header.facts == self.loaded.facts
     }
 
-    /// Takes a finished shard; true for the one that completes the scene.
-    pub fn finish(&self, partial: Partial) -> bool {
-        self.results
-            .lock()
-            .expect("no holder of this lock panics")
-            .push(partial);
-        self.unfinished.fetch_sub(1, Ordering::AcqRel) == 1
+    /// Counts a shard that is traced, or found on disk; true for the scene's last one.
+    pub(super) fn count_traced(&self) -> bool {
+        self.untraced.fetch_sub(1, Ordering::AcqRel) == 1
     }
 
-    /// The finished shards.
-    pub fn take_results(&self) -> Vec<Partial> {
-        std::mem::take(&mut *self.results.lock().expect("no holder of this lock panics"))
+    /// Takes a finished shard; all of them for whoever completes the scene.
+    pub(super) fn finish(&self, partial: Partial) -> Option<Vec<Partial>> {
+        let mut results = self.results.lock().expect("no holder of this lock panics");
+        results.push(partial);
+        (results.len() == self.layout.len() as usize).then(|| std::mem::take(&mut *results))
     }
 
-    /// Marks the scene as failed; true the first time.
-    pub fn fail(&self) -> bool {
-        !self.failed.swap(true, Ordering::AcqRel)
+    /// Set once the scene has failed; for what outlives this job.
+    pub(super) fn failed(&self) -> &Arc<AtomicBool> {
+        &self.failed
     }
 
     /// The scene has failed: its shards need not be traced.
@@ -114,21 +143,31 @@ pub fn render_partials(
     stop: &AtomicBool,
     on_shard: &(dyn Fn() + Sync),
 ) -> Option<Vec<Partial>> {
-    let next = AtomicU32::new(0);
+    let all: Vec<(u32, u32)> = (0..job.layout.len())
+        .flat_map(|shard| (0..job.bands(shard)).map(move |band| (shard, band)))
+        .collect();
+    let next = AtomicUsize::new(0);
+    let complete = Mutex::new(None);
     std::thread::scope(|scope| {
         for _ in 0..threads.max(1) {
             scope.spawn(|| {
-                loop {
-                    let index = next.fetch_add(1, Ordering::Relaxed);
-                    if index >= job.layout.len() || stop.load(Ordering::Relaxed) {
+                while !stop.load(Ordering::Relaxed) {
+                    let Some(&(shard, band)) = all.get(next.fetch_add(1, Ordering::Relaxed)) else {
                         break;
+                    };
+                    let shard = job.layout.shard(shard);
+                    let Some(result) = job.trace_band(&shard, band, isa) else {
+                        continue;
+                    };
+                    if let Some(partials) = job.finish(job.partial(&shard, result)) {
+                        *complete.lock().expect("no holder of this lock panics") = Some(partials);
                     }
-                    job.finish(job.trace(&job.layout.shard(index), isa));
                     on_shard();
                 }
             });
         }
     });
-    let partials = job.take_results();
-    (partials.len() == job.layout.len() as usize).then_some(partials)
+    complete
+        .into_inner()
+        .expect("no holder of this lock panics")
 }

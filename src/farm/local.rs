@@ -1,25 +1,31 @@
 //! The local farm: one process, some threads, no server.
 //!
-//! One extra thread reads the files of scenes to come. A worker thread takes shards from its own deque, then
-//! steals from the others', and only when there is nothing to steal does it decode the next scene and fill its
-//! own deque: so at most one scene a thread is in memory, scene N + 1 is prepared while N is traced, and the
-//! last shards of a run are shared by all threads. Whoever finishes a scene's last shard merges it.
+//! Two extra threads wait for the disk: one reads the files of scenes to come, one writes what is encoded. A worker
+//! thread computes, and nothing else: it encodes a file of a finished scene if there is one, else traces a band of a
+//! shard from its own deque, else steals one from the others', and only when there is nothing to steal does it decode
+//! the next scene and fill its own deque. So at most one scene a thread is in memory, scene N + 1 is read while N is
+//! traced, and the last shards of a run are shared by all threads.
+//!
+//! Of results there wait for the disk at most one a thread in the channel, one with each thread and one with the
+//! writer, each a partial or a scene's tuple, encoded.
 
 use super::events::{Event, StageSeconds};
+use super::finished::FinishedScene;
 use super::job::SceneJob;
 use super::quarantine::QuarantineRecord;
 use super::run_dir::{Run, RunError};
-use super::sweep::{remove_partials, sweep};
+use super::sweep::sweep;
+use super::writer::{Order, What};
 use crate::atomic_file::{self, WriteError};
 use crate::ids::SceneId;
 use crate::manifest::SceneLine;
-use crate::merge::{combine, is_written, write_tuple};
-use crate::partial;
+use crate::merge::{SrgbEncoder, combine, is_written};
+use crate::partial::{self, Partial};
 use crate::scene::{LoadError, SceneFiles, load, read_files};
-use crate::shard::golden;
-use crate::trace::Isa;
+use crate::shard::{Shard, golden};
+use crate::trace::{Isa, TileResult};
 use crossbeam::channel::{Receiver, Sender, TryRecvError, bounded};
-use crossbeam::deque::{Steal, Stealer, Worker};
+use crossbeam::deque::{Injector, Steal, Stealer, Worker};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -27,7 +33,7 @@ use std::time::{Duration, Instant};
 
 /// How to work.
 pub struct WorkOptions<'a> {
-    /// Tracer threads.
+    /// Threads that decode, trace and encode. One more reads files and one writes them.
     pub threads: usize,
     /// Kernels to use.
     pub isa: Isa,
@@ -97,8 +103,11 @@ struct Shared<'a> {
     options: &'a WorkOptions<'a>,
     on_event: &'a (dyn Fn(Event) + Sync),
     files: Receiver<(&'a SceneLine, Result<SceneFiles, LoadError>)>,
-    stealers: Vec<Stealer<Task<'a>>>,
-    /// Scenes that are loaded, or being loaded, and neither merged nor failed.
+    stealers: Vec<Stealer<Band<'a>>>,
+    /// Before all else: what is traced is to become durable soon, and its memory free.
+    to_encode: Injector<(Arc<FinishedScene<'a>>, usize)>,
+    encoder: SrgbEncoder,
+    /// Scenes that are loaded, or being loaded, and neither handed to the writer nor failed.
     open: AtomicUsize,
     merged: AtomicU64,
     traced: AtomicU64,
@@ -110,8 +119,21 @@ struct Shared<'a> {
     seconds: StageSeconds,
 }
 
-/// One shard of a loaded scene.
-type Task<'a> = (Arc<SceneJob<'a>>, u32);
+/// One band of a shard of a loaded scene.
+struct Band<'a> {
+    job: Arc<SceneJob<'a>>,
+    shard: u32,
+    /// From the top.
+    index: u32,
+}
+
+/// A thread that computes.
+struct Hand<'s, 'a> {
+    farm: &'s Shared<'a>,
+    index: usize,
+    deque: Worker<Band<'a>>,
+    writer: Sender<Order<'a>>,
+}
 
 /// Traces and merges all that the run lacks.
 pub fn work(
@@ -120,7 +142,8 @@ pub fn work(
     on_event: &(dyn Fn(Event) + Sync),
 ) -> Result<Outcome, FarmError> {
     let _lock = run.lock()?;
-    let found = golden(options.isa);
+    let threads = options.threads.max(1);
+    let found = golden(options.isa, threads);
     if found != run.spec.golden {
         return Err(FarmError::Golden {
             scene: run.spec.golden.scene.clone(),
@@ -148,15 +171,17 @@ pub fn work(
             .sum(),
         scenes: pending.len() as u64,
     });
-    let threads = options.threads.max(1);
     let (sender, files) = bounded(threads);
-    let deques: Vec<Worker<Task>> = (0..threads).map(|_| Worker::new_fifo()).collect();
+    let (writer, orders) = bounded(threads);
+    let deques: Vec<Worker<Band>> = (0..threads).map(|_| Worker::new_fifo()).collect();
     let shared = Shared {
         run,
         options,
         on_event,
         files,
         stealers: deques.iter().map(Worker::stealer).collect(),
+        to_encode: Injector::new(),
+        encoder: SrgbEncoder::new(),
         open: AtomicUsize::new(0),
         merged: AtomicU64::new(0),
         traced: AtomicU64::new(0),
@@ -171,9 +196,18 @@ pub fn work(
         let shared = &shared;
         let pending = &pending;
         scope.spawn(move || shared.prefetch(pending, &sender));
+        scope.spawn(move || shared.write(&orders));
         for (index, deque) in deques.into_iter().enumerate() {
-            scope.spawn(move || shared.worker(index, &deque));
+            let hand = Hand {
+                farm: shared,
+                index,
+                deque,
+                writer: writer.clone(),
+            };
+            scope.spawn(move || hand.work());
         }
+        // The writer goes home when the last worker has.
+        drop(writer);
     });
     let failure = shared
         .failure
@@ -247,52 +281,59 @@ impl<'a> Shared<'a> {
         }
     }
 
-    fn worker(&self, index: usize, deque: &Worker<Task<'a>>) {
-        while !self.must_stop() {
-            if let Some((job, shard)) = deque.pop().or_else(|| self.steal(index)) {
-                self.step(&job, |this| this.trace_shard(&job, shard));
+    /// Writes all that is ordered, also after a stop; once the farm is broken only takes it, so that nobody waits.
+    fn write(&self, orders: &Receiver<Order<'a>>) {
+        for order in orders {
+            if self.broken.load(Ordering::Relaxed) {
                 continue;
             }
-            // Counted before it is taken, so that nobody goes home while a scene may still be shared out.
-            self.open.fetch_add(1, Ordering::AcqRel);
-            match self.files.try_recv() {
-                Ok((line, files)) => self.open_scene(line, files, deque),
-                Err(error) => {
-                    let open = self.open.fetch_sub(1, Ordering::AcqRel) - 1;
-                    if error == TryRecvError::Disconnected && open == 0 {
-                        return;
+            let start = Instant::now();
+            match catch_unwind(AssertUnwindSafe(|| order.write(&self.run.dir))) {
+                Ok(Ok(())) => {}
+                Ok(Err(error)) => {
+                    self.break_down(error);
+                    continue;
+                }
+                Err(panic) => {
+                    if !order.failed.swap(true, Ordering::AcqRel) {
+                        self.quarantine(order.line, &panic_reason(&*panic));
                     }
-                    std::thread::sleep(Duration::from_micros(500));
+                    continue;
+                }
+            }
+            match order.what {
+                What::Partial { .. } => self.seconds.add_checkpoint(start.elapsed()),
+                What::Tuple { miss_share, .. } => {
+                    self.seconds.add_merge(start.elapsed());
+                    self.merged.fetch_add(1, Ordering::Relaxed);
+                    (self.on_event)(Event::SceneMerged {
+                        scene: order.line.id.clone(),
+                        miss_share,
+                    });
                 }
             }
         }
-    }
-
-    fn steal(&self, index: usize) -> Option<Task<'a>> {
-        let count = self.stealers.len();
-        for victim in (1..count).map(|offset| &self.stealers[(index + offset) % count]) {
-            loop {
-                match victim.steal() {
-                    Steal::Success(task) => return Some(task),
-                    Steal::Empty => break,
-                    Steal::Retry => {}
-                }
-            }
-        }
-        None
     }
 
     /// Does a piece of a scene's work; a panic in it costs that scene, not the farm.
-    fn step(&self, job: &SceneJob, work: impl FnOnce(&Self) -> Result<(), FarmError>) {
-        match catch_unwind(AssertUnwindSafe(|| work(self))) {
+    fn step(
+        &self,
+        line: &SceneLine,
+        failed: &AtomicBool,
+        work: impl FnOnce() -> Result<(), FarmError>,
+    ) {
+        match catch_unwind(AssertUnwindSafe(work)) {
             Ok(Ok(())) => {}
             Ok(Err(error)) => self.break_down(error),
-            Err(panic) => {
-                if job.fail() {
-                    self.quarantine(job.line, &panic_reason(&*panic));
-                    self.open.fetch_sub(1, Ordering::AcqRel);
-                }
-            }
+            Err(panic) => self.fail(line, failed, &panic_reason(&*panic)),
+        }
+    }
+
+    /// An open scene cannot be done.
+    fn fail(&self, line: &SceneLine, failed: &AtomicBool, reason: &str) {
+        if !failed.swap(true, Ordering::AcqRel) {
+            self.quarantine(line, reason);
+            self.open.fetch_sub(1, Ordering::AcqRel);
         }
     }
 
@@ -320,109 +361,202 @@ impl<'a> Shared<'a> {
             shards: u64::from(self.run.layout(line).len()),
         });
     }
+}
 
-    /// Decodes a scene, takes up what is on disk, and puts the missing shards into the deque.
-    fn open_scene(
-        &self,
-        line: &'a SceneLine,
-        files: Result<SceneFiles, LoadError>,
-        deque: &Worker<Task<'a>>,
-    ) {
+impl<'a> Hand<'_, 'a> {
+    fn work(&self) {
+        let farm = self.farm;
+        while !farm.broken.load(Ordering::Relaxed) {
+            if let Some((scene, file)) = take(|| farm.to_encode.steal()) {
+                farm.step(scene.line, &scene.failed, || self.encode(&scene, file));
+                continue;
+            }
+            if let Some(band) = self.deque.pop().or_else(|| self.steal()) {
+                let job = &band.job;
+                farm.step(job.line, job.failed(), || self.trace(&band));
+                continue;
+            }
+            if farm.must_stop() {
+                return;
+            }
+            // Counted before it is taken, so that nobody goes home while a scene may still be shared out.
+            farm.open.fetch_add(1, Ordering::AcqRel);
+            match farm.files.try_recv() {
+                Ok((line, files)) => self.open_scene(line, files),
+                Err(error) => {
+                    let open = farm.open.fetch_sub(1, Ordering::AcqRel) - 1;
+                    if error == TryRecvError::Disconnected && open == 0 {
+                        return;
+                    }
+                    std::thread::sleep(Duration::from_micros(500));
+                }
+            }
+        }
+    }
+
+    fn steal(&self) -> Option<Band<'a>> {
+        let stealers = &self.farm.stealers;
+        let count = stealers.len();
+        (1..count).find_map(|offset| take(|| stealers[(self.index + offset) % count].steal()))
+    }
+
+    /// Waits while the channel is full. The writer takes orders until the last worker has gone home.
+    fn order(&self, line: &'a SceneLine, failed: &Arc<AtomicBool>, what: What) {
+        let order = Order {
+            line,
+            failed: Arc::clone(failed),
+            what,
+        };
+        if self.writer.send(order).is_err() {
+            // Its thread panicked, which the scope that joins it tells.
+            self.farm.broken.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Decodes a scene, takes up what is on disk, and puts the missing shards' bands into the deque.
+    fn open_scene(&self, line: &'a SceneLine, files: Result<SceneFiles, LoadError>) {
+        let farm = self.farm;
         let start = Instant::now();
         let loaded = catch_unwind(AssertUnwindSafe(|| {
             files.and_then(|files| load(line, &files))
         }));
-        self.seconds.add_decode(start.elapsed());
+        farm.seconds.add_decode(start.elapsed());
         let job = match loaded {
-            Ok(Ok(loaded)) => Arc::new(SceneJob::new(line, self.run.layout(line), loaded)),
+            Ok(Ok(loaded)) => Arc::new(SceneJob::new(line, farm.run.layout(line), loaded)),
             Ok(Err(error)) => {
-                self.quarantine(line, &load_reason(line, &error));
-                self.open.fetch_sub(1, Ordering::AcqRel);
+                farm.fail(line, &AtomicBool::new(false), &load_reason(line, &error));
                 return;
             }
             Err(panic) => {
-                self.quarantine(line, &panic_reason(&*panic));
-                self.open.fetch_sub(1, Ordering::AcqRel);
+                farm.fail(line, &AtomicBool::new(false), &panic_reason(&*panic));
                 return;
             }
         };
-        let folder = self.run.dir.partials(&line.id);
+        let folder = farm.run.dir.partials(&line.id);
         if let Err(error) = atomic_file::create_dir(&folder) {
-            self.break_down(error.into());
+            farm.break_down(error.into());
             return;
         }
         for shard in job.layout.shards() {
-            let path = self.run.dir.partial(&line.id, shard.index);
-            let Ok(bytes) = std::fs::read(&path) else {
-                deque.push((Arc::clone(&job), shard.index));
-                continue;
-            };
-            let reason = match partial::decode(&path, &bytes) {
-                Ok(found) if job.accepts(&shard, &found) => {
-                    self.resumed.fetch_add(1, Ordering::Relaxed);
-                    (self.on_event)(Event::ShardDone { resumed: true });
-                    if job.finish(found) {
-                        self.step(&job, |this| this.merge(&job));
+            let path = farm.run.dir.partial(&line.id, shard.index);
+            if let Ok(bytes) = std::fs::read(&path) {
+                let reason = match partial::decode(&path, &bytes) {
+                    Ok(found) if job.accepts(&shard, &found) => {
+                        farm.resumed.fetch_add(1, Ordering::Relaxed);
+                        (farm.on_event)(Event::ShardDone { resumed: true });
+                        job.count_traced();
+                        if let Some(partials) = job.finish(found) {
+                            farm.step(line, job.failed(), || {
+                                self.merge(&job, &partials);
+                                Ok(())
+                            });
+                        }
+                        continue;
                     }
-                    continue;
-                }
-                Ok(_) => format!(
-                    "partial {} belongs to other inputs or another spec; it will be traced again",
-                    path.display()
-                ),
-                Err(error) => error.to_string(),
-            };
-            (self.on_event)(Event::PartialRejected { reason });
-            deque.push((Arc::clone(&job), shard.index));
-        }
-    }
-
-    fn trace_shard(&self, job: &SceneJob, index: u32) -> Result<(), FarmError> {
-        if job.has_failed() {
-            return Ok(());
-        }
-        let start = Instant::now();
-        let result = job.trace(&job.layout.shard(index), self.options.isa);
-        self.seconds.add_trace(start.elapsed());
-        let start = Instant::now();
-        let path = self.run.dir.partial(&job.line.id, index);
-        let bytes = partial::encode(&result)
-            .map_err(|e| FarmError::Tuple(format!("cannot encode {}: {e}", path.display())))?;
-        atomic_file::write(&path, &bytes)?;
-        self.seconds.add_checkpoint(start.elapsed());
-        self.traced.fetch_add(1, Ordering::Relaxed);
-        (self.on_event)(Event::ShardDone { resumed: false });
-        if job.finish(result) {
-            self.merge(job)
-        } else {
-            Ok(())
-        }
-    }
-
-    /// All shards are there: writes the tuple, then removes the partials.
-    fn merge(&self, job: &SceneJob) -> Result<(), FarmError> {
-        let start = Instant::now();
-        let partials = job.take_results();
-        match combine(job.line, self.run.spec.tile_px, &partials) {
-            Ok(tuple) => {
-                let folder = self.run.dir.tuple(&job.line.id);
-                write_tuple(&tuple, &folder).map_err(|e| FarmError::Tuple(e.to_string()))?;
-                remove_partials(&self.run.dir.partials(&job.line.id));
-                self.merged.fetch_add(1, Ordering::Relaxed);
-                let layers = tuple.record.layers.values();
-                (self.on_event)(Event::SceneMerged {
-                    scene: job.line.id.clone(),
-                    miss_share: layers.map(|layer| layer.miss_share).fold(0.0, f64::max),
+                    Ok(_) => format!(
+                        "partial {} belongs to other inputs or another spec; it will be traced again",
+                        path.display()
+                    ),
+                    Err(error) => error.to_string(),
+                };
+                (farm.on_event)(Event::PartialRejected { reason });
+            }
+            for index in 0..job.bands(shard.index) {
+                self.deque.push(Band {
+                    job: Arc::clone(&job),
+                    shard: shard.index,
+                    index,
                 });
             }
-            Err(error) => {
-                job.fail();
-                self.quarantine(job.line, &error.to_string());
-            }
         }
-        self.open.fetch_sub(1, Ordering::AcqRel);
-        self.seconds.add_merge(start.elapsed());
+    }
+
+    fn trace(&self, band: &Band<'a>) -> Result<(), FarmError> {
+        let (farm, job) = (self.farm, &band.job);
+        if job.has_failed() || !job.may_trace(band.shard, farm.must_stop()) {
+            return Ok(());
+        }
+        let shard = job.layout.shard(band.shard);
+        let start = Instant::now();
+        let result = job.trace_band(&shard, band.index, farm.options.isa);
+        farm.seconds.add_trace(start.elapsed());
+        match result {
+            Some(result) => self.finish(job, &shard, result),
+            None => Ok(()),
+        }
+    }
+
+    /// A shard is traced: its partial goes to the writer, but that of the scene's last shard, since the tuple follows
+    /// at once. A process that is killed in between has lost one shard, as if it were killed in tracing it.
+    fn finish(
+        &self,
+        job: &Arc<SceneJob<'a>>,
+        shard: &Shard,
+        result: TileResult,
+    ) -> Result<(), FarmError> {
+        let farm = self.farm;
+        let partial = if job.count_traced() {
+            job.partial_in_memory(shard, result)
+        } else {
+            let start = Instant::now();
+            let partial = job.partial(shard, result);
+            let bytes = partial::encode(&partial).map_err(|e| {
+                let path = farm.run.dir.partial(&job.line.id, shard.index);
+                FarmError::Tuple(format!("cannot encode {}: {e}", path.display()))
+            })?;
+            farm.seconds.add_checkpoint(start.elapsed());
+            let shard = shard.index;
+            self.order(job.line, job.failed(), What::Partial { shard, bytes });
+            partial
+        };
+        farm.traced.fetch_add(1, Ordering::Relaxed);
+        (farm.on_event)(Event::ShardDone { resumed: false });
+        if let Some(partials) = job.finish(partial) {
+            self.merge(job, &partials);
+        }
         Ok(())
+    }
+
+    /// All shards are there: combines them and shares out the encoding.
+    fn merge(&self, job: &SceneJob<'a>, partials: &[Partial]) {
+        let farm = self.farm;
+        let start = Instant::now();
+        let combined = combine(job.line, farm.run.spec.tile_px, partials);
+        farm.seconds.add_merge(start.elapsed());
+        match combined {
+            Ok(tuple) => {
+                let failed = Arc::clone(job.failed());
+                let scene = Arc::new(FinishedScene::new(job.line, failed, tuple));
+                for file in 0..scene.len() {
+                    farm.to_encode.push((Arc::clone(&scene), file));
+                }
+            }
+            Err(error) => farm.fail(job.line, job.failed(), &error.to_string()),
+        }
+    }
+
+    fn encode(&self, scene: &FinishedScene<'a>, file: usize) -> Result<(), FarmError> {
+        let farm = self.farm;
+        let start = Instant::now();
+        let files = scene.encode(file, &farm.encoder)?;
+        farm.seconds.add_merge(start.elapsed());
+        if let Some(files) = files {
+            let miss_share = scene.miss_share();
+            self.order(scene.line, &scene.failed, What::Tuple { files, miss_share });
+            farm.open.fetch_sub(1, Ordering::AcqRel);
+        }
+        Ok(())
+    }
+}
+
+/// Takes a task from a queue that others take from, too.
+fn take<T>(steal: impl Fn() -> Steal<T>) -> Option<T> {
+    loop {
+        match steal() {
+            Steal::Success(task) => return Some(task),
+            Steal::Empty => return None,
+            Steal::Retry => {}
+        }
     }
 }
 

@@ -4,7 +4,9 @@
 //! there, do what is missing. A scene goes through `files -> shards -> partials -> tuple`; each arrow writes
 //! whole files or nothing, so a process may be killed at any instruction.
 
+mod bands;
 mod events;
+mod finished;
 mod job;
 mod local;
 mod merge_run;
@@ -13,6 +15,7 @@ mod quarantine;
 mod run_dir;
 mod status;
 mod sweep;
+mod writer;
 
 pub use events::{Event, StageSeconds};
 pub use job::{SceneJob, render_partials};

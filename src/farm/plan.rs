@@ -165,7 +165,7 @@ pub fn plan(
         manifest_blake3: manifest_digest(&manifest),
         tile_px,
         tracer_version: TRACER_VERSION,
-        golden: golden(Isa::detect()),
+        golden: golden(Isa::detect(), options.threads),
         roots: content.roots,
     };
     if let Some(run) = &existing {

@@ -10,5 +10,6 @@ pub use combine::{MergeError, combine};
 pub use srgb::{SrgbEncoder, srgb_to_linear};
 pub use tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord};
 pub use write::{
-    encode_png, encode_rgb_exr, encode_tuple_exr, is_written, tuple_files, write_tuple,
+    TupleWriteError, encode_png, encode_rgb_exr, encode_tuple_exr, encode_tuple_file, is_written,
+    tuple_files, write_tuple,
 };

@@ -65,20 +65,39 @@ pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
 
 /// Writes the tuple's files into `folder`, durably.
 pub fn write_tuple(tuple: &Tuple, folder: &Path) -> Result<(), TupleWriteError> {
-    atomic_file::create_dir(folder)?;
-    let exr = encode_tuple_exr(tuple).map_err(|e| encode_error("tuple.exr", &e))?;
-    atomic_file::write(&folder.join("tuple.exr"), &exr)?;
     let encoder = SrgbEncoder::new();
-    for (layer, name) in tuple.made() {
-        let png = encode_png(&encoder, layer, tuple.width, tuple.height)
-            .map_err(|e| encode_error(name, &e))?;
-        atomic_file::write(&folder.join(format!("{name}.png")), &png)?;
+    atomic_file::create_dir(folder)?;
+    for name in tuple_files(&tuple.record.scene) {
+        let bytes = encode_tuple_file(tuple, &encoder, &name)?;
+        atomic_file::write(&folder.join(name), &bytes)?;
     }
-    let mut json =
-        serde_json::to_string_pretty(&tuple.record).map_err(|e| encode_error("tuple.json", &e))?;
-    json.push('\n');
-    atomic_file::write(&folder.join("tuple.json"), json.as_bytes())?;
     Ok(())
+}
+
+/// The bytes of one of a tuple's [`tuple_files`].
+pub fn encode_tuple_file(
+    tuple: &Tuple,
+    encoder: &SrgbEncoder,
+    name: &str,
+) -> Result<Vec<u8>, TupleWriteError> {
+    match name {
+        "tuple.exr" => encode_tuple_exr(tuple).map_err(|e| encode_error(name, &e)),
+        "tuple.json" => {
+            let mut json =
+                serde_json::to_string_pretty(&tuple.record).map_err(|e| encode_error(name, &e))?;
+            json.push('\n');
+            Ok(json.into_bytes())
+        }
+        _ => {
+            let stem = name.strip_suffix(".png").unwrap_or(name);
+            let (layer, _) = tuple
+                .made()
+                .find(|(_, layer)| *layer == stem)
+                .ok_or_else(|| encode_error(name, &"the tuple has no such layer"))?;
+            encode_png(encoder, layer, tuple.width, tuple.height)
+                .map_err(|e| encode_error(name, &e))
+        }
+    }
 }
 
 /// An 8-bit sRGB PNG of a layer, values above 1 clipped.

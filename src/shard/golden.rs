@@ -4,15 +4,35 @@ use super::golden_scenes::{GoldenScene, golden_scenes};
 use super::layout::samples_per_range;
 use super::spec::Golden;
 use crate::trace::{Isa, Tile, trace_tile};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Name of the set of scenes; a new one when any scene changes, comes or goes.
 pub(super) const SET: &str = "builtin/3";
 
-/// Traces the golden scenes on this machine, some tens of milliseconds: one digest of all their digests.
-pub fn golden(isa: Isa) -> Golden {
+/// Traces the golden scenes on this machine, some tens of milliseconds of one thread: one digest of all their digests.
+pub fn golden(isa: Isa, threads: usize) -> Golden {
+    let scenes = golden_scenes();
+    let digests: Vec<OnceLock<String>> = scenes.iter().map(|_| OnceLock::new()).collect();
+    let next = AtomicUsize::new(0);
+    let trace = || {
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(scene) = scenes.get(index) else {
+                break;
+            };
+            digests[index].get_or_init(|| digest(scene, isa));
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 1..threads.min(scenes.len()) {
+            scope.spawn(trace);
+        }
+        trace();
+    });
     let mut hasher = blake3::Hasher::new();
-    for scene in golden_scenes() {
-        hasher.update(digest(&scene, isa).as_bytes());
+    for digest in &digests {
+        hasher.update(digest.wait().as_bytes());
     }
     Golden {
         scene: SET.to_owned(),
@@ -114,6 +134,6 @@ mod tests {
                 golden.name
             );
         }
-        assert_eq!(golden(Isa::Baseline), golden(Isa::detect()));
+        assert_eq!(golden(Isa::Baseline, 1), golden(Isa::detect(), 3));
     }
 }

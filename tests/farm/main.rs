@@ -28,3 +28,4 @@ mod rendering;
 mod same;
 mod scenes;
 mod signals;
+mod writing;

@@ -1,0 +1,129 @@
+//! The thread that writes: slow disks hold the tracers back, full ones stop the run, and neither changes a pixel.
+
+use crate::outputs::{assert_same, assert_tidy, tuples};
+use crate::program::{Ended, run, text};
+use crate::scenes::{SCENES, SHARDS, place, reference};
+use glasshouse::farm::{Event, Run, WorkOptions, work};
+use glasshouse::manifest::Roots;
+use glasshouse::trace::Isa;
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::Duration;
+
+/// The writer is held up after its first tuple, as by a slow disk, until no shard is finished any more: then the channel
+/// is full, and few results are in memory.
+#[test]
+fn a_slow_writer_holds_the_tracers_back() {
+    let place = place();
+    place.plan();
+    let opened = Run::open(&place.run, &Roots::default()).unwrap();
+    let never = AtomicBool::new(false);
+    for threads in [1, 2] {
+        let options = WorkOptions {
+            threads,
+            isa: Isa::detect(),
+            stop: &never,
+            deadline: None,
+        };
+        let (done, held) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        let hold_up = || {
+            let before = done.load(Ordering::SeqCst);
+            let mut last = before;
+            loop {
+                std::thread::sleep(Duration::from_millis(400));
+                let now = done.load(Ordering::SeqCst);
+                if now == last {
+                    break;
+                }
+                last = now;
+            }
+            let left = SCENES * SHARDS - before;
+            assert!(last < SCENES * SHARDS, "nothing was left to do");
+            // With each thread: a shard whose event was on its way, one that waits for room, one that is a scene's last;
+            // and a place in the channel.
+            assert!(last - before <= 4 * threads, "{before} {last} {left}");
+            held.fetch_add(1, Ordering::SeqCst);
+        };
+        let on_event = |event: Event| match event {
+            Event::ShardDone { .. } => {
+                done.fetch_add(1, Ordering::SeqCst);
+            }
+            Event::SceneMerged { .. } if held.load(Ordering::SeqCst) == 0 => hold_up(),
+            _ => {}
+        };
+        let outcome = work(&opened, &options, &on_event).unwrap();
+        assert_eq!(held.load(Ordering::SeqCst), 1);
+        assert_eq!(outcome.merged, SCENES as u64);
+        assert_eq!(outcome.traced, (SCENES * SHARDS) as u64);
+        assert_same(&tuples(&place.run), reference());
+        assert_tidy(&place.run);
+        std::fs::remove_dir_all(place.run.join("tuples")).unwrap();
+    }
+}
+
+/// Scenes of one shard have no partials: a limit on the size of files meets the writer at the tuple.
+#[test]
+fn a_disk_that_is_full_at_the_tuple_ends_with_1_and_can_be_resumed() {
+    let place = place();
+    let (recipe, folder) = (text(&place.recipe), text(&place.run));
+    run(&["plan", recipe, "--out", folder, "--tile", "256"]).expect(0);
+    for threads in ["1", "2"] {
+        let ended: Ended = Command::new("sh")
+            .args(["-c", "trap '' XFSZ; ulimit -f 1; exec \"$0\" \"$@\""])
+            .arg(env!("CARGO_BIN_EXE_glasshouse"))
+            .args(["work", folder, "-j", threads])
+            .output()
+            .unwrap()
+            .into();
+        ended
+            .expect(1)
+            .says(&["cannot write", folder, "tuples", "tuple.exr", "disk"]);
+    }
+    let outcome = run(&["work", folder, "--json"]).expect(0).json();
+    assert_eq!(outcome["already_merged"], 0);
+    assert_eq!(outcome["merged"], SCENES);
+    assert_same(&tuples(&place.run), reference());
+    assert_tidy(&place.run);
+}
+
+/// Asked to stop in the middle of a shard, the threads finish it together: so that short slots get on, too.
+#[test]
+fn a_begun_shard_is_finished_after_a_stop() {
+    let place = place();
+    let (recipe, folder) = (text(&place.recipe), text(&place.run));
+    run(&["plan", recipe, "--out", folder, "--tile", "256"]).expect(0);
+    let opened = Run::open(&place.run, &Roots::default()).unwrap();
+    let partials = place.run.join("partials");
+    let mut merged = 0;
+    for slot in 0.. {
+        assert!(slot < 50, "no progress");
+        let stop = AtomicBool::new(false);
+        let options = WorkOptions {
+            threads: 2,
+            isa: Isa::detect(),
+            stop: &stop,
+            deadline: None,
+        };
+        let outcome = std::thread::scope(|scope| {
+            // A scene's folder of partials is made just before its only shard is traced.
+            scope.spawn(|| {
+                while !partials.is_dir() {
+                    std::thread::sleep(Duration::from_micros(200));
+                }
+                std::thread::sleep(Duration::from_millis(10));
+                stop.store(true, Ordering::SeqCst);
+            });
+            work(&opened, &options, &|_| ()).unwrap()
+        });
+        // What was traced is a tuple, and a shard in pieces is nowhere.
+        assert_eq!(outcome.merged, outcome.traced);
+        assert_eq!(outcome.already_merged, merged);
+        merged += outcome.merged;
+        if merged == SCENES as u64 {
+            break;
+        }
+        std::fs::remove_dir_all(&partials).unwrap();
+    }
+    assert_same(&tuples(&place.run), reference());
+    assert_tidy(&place.run);
+}
