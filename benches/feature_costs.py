@@ -10,7 +10,7 @@ round; figures are medians of the rounds:
 
 - trace: user and system seconds of `render -j 1`, less those of `render -n` (which reads, decodes and stops), less the shortest
   wall time of writing the images. CPU seconds, because machines are shared.
-- ratio: trace over the plain scene's of the same round.
+- ratio: of the medians, over the plain scene's; in brackets the least and the most of the rounds over the plain scene's median.
 - files: user and system seconds of `render -n`.
 
 `--against` adds a row: the plain scene with another build of the program (such as one without a feature). Needs Python 3.9
@@ -163,7 +163,9 @@ def main() -> None:
         for k, (_, changes, _) in enumerate(rows):
             (folder / f"{k}.json").write_text(json.dumps(scene_line(folder, color, changes)))
         for turn in range(args.rounds + 1):
-            for k, (_, _, program) in enumerate(rows):
+            # Each round begins with another row, so that none always follows the same one.
+            for k in [(turn + k) % len(rows) for k in range(len(rows))]:
+                program = rows[k][2]
                 command = [str(program), "render", str(folder / f"{k}.json"), "--out", str(folder / "out"), "-j", "1", "--json"]
                 load, _ = cpu_seconds([*command, "-n"])
                 all_of_it, text = cpu_seconds(command)
@@ -174,17 +176,18 @@ def main() -> None:
                     used[k].append(all_of_it - load)
         for k in range(len(rows)):
             trace[k] = [seconds - written[k] for seconds in used[k]]
-    print("| scene | trace, CPU s | ratio (least, most) | files, CPU s | samples of I, T, R~, R | stated error of I |")
+    print("| scene | trace, CPU s | ratio (least, most) | files, CPU s | samples of I, T, R~, R | stated error of I, R~ |")
     print("|---|---|---|---|---|---|")
     for k, (name, _, _) in enumerate(rows):
-        ratios = [a / b for a, b in zip(trace[k], trace[0])]
+        plain = statistics.median(trace[0])
+        ratios = [seconds / plain for seconds in trace[k]]
         layers = records[k]["layers"]
         counts = [layers[n].get("mean_samples", layers[n]["samples"]) if n in layers else None for n in LAYERS]
         samples = ", ".join("-" if n is None else f"{n:.0f}" for n in counts)
-        error = f"{layers['input']['error_rms']:.1e}" if "input" in layers else "-"
+        errors = ", ".join(f"{layers[n]['error_rms']:.1e}" if n in layers else "-" for n in LAYERS[0::2])
         print(
             f"| {name} | {statistics.median(trace[k]):.3f} | {statistics.median(ratios):.2f} "
-            f"({min(ratios):.2f}, {max(ratios):.2f}) | {statistics.median(files[k]):.3f} | {samples} | {error} |"
+            f"({min(ratios):.2f}, {max(ratios):.2f}) | {statistics.median(files[k]):.3f} | {samples} | {errors} |"
         )
 
 
