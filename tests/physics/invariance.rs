@@ -111,7 +111,7 @@ fn layers_are_the_same_without_the_others() {
         let mut scene = case.scene();
         let whole = whole_film(&scene, Isa::detect());
         for chosen in 1..15u32 {
-            scene.layers = [0, 1, 2, 3].map(|layer| chosen >> layer & 1 == 1);
+            scene.layers = [0, 1, 2, 3].map(|layer| (chosen >> layer) & 1 == 1);
             let some = whole_film(&scene, Isa::detect());
             for layer in 0..4 {
                 let asked = scene.layers[layer];
