@@ -12,8 +12,8 @@ use serde_json::json;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-/// Bytes of a partial a pixel: 24 floats.
-const PARTIAL_BYTES: f64 = 96.0;
+/// Bytes of a partial a pixel: 36 floats.
+const PARTIAL_BYTES: f64 = 144.0;
 /// Bytes of a tuple a pixel, about: compressed half floats and four PNGs.
 const TUPLE_BYTES: f64 = 26.0;
 /// Seconds of one core a scene besides, about: reading, decoding, writing.

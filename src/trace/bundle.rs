@@ -133,7 +133,8 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
                     path: self.path(followed),
                     order: Some(followed.order),
                     feeds: match followed.order {
-                        Order::Transmitted(0) if wanted.bare && wanted.front => Feeds::Both,
+                        // Also where T is not asked for: I's bits must not depend on that.
+                        Order::Transmitted(0) if wanted.front => Feeds::Both,
                         Order::Transmitted(0) if wanted.bare => Feeds::Bare,
                         _ => Feeds::Order,
                     },

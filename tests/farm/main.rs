@@ -18,6 +18,7 @@ mod hard_cases;
 mod help;
 mod json;
 mod kill;
+mod layers;
 mod merging;
 mod mesh;
 mod outputs;

@@ -76,6 +76,60 @@ fn instruction_sets_and_tiles_give_the_same_bits() {
     }
 }
 
+/// A film that is no whole number of cells, tiles of one cell and more.
+#[test]
+fn adaptive_pixels_depend_on_neither_tiles_nor_instruction_sets() {
+    for mut case in cases() {
+        (case.film, case.spp) = ([43, 21], 256);
+        for mut scene in [case.scene(), rooms(&case)] {
+            // Cells stop one by one: the first target at which not all do at once.
+            let mut target = 0.08;
+            let result = loop {
+                scene.target_error = Some(target);
+                let result = whole_film(&scene, Isa::Baseline);
+                if result.sample_sums.unwrap()[0] > 16 * 43 * 21 {
+                    break result;
+                }
+                target *= 0.5;
+            };
+            assert!(result.sample_sums.unwrap()[0] < 256 * 43 * 21);
+            let whole = bits(&result.pixels);
+            assert!(whole == bits(&whole_film(&scene, Isa::detect()).pixels));
+            for side in [8, 16, 24, 64] {
+                let tiles = bits(&tiled(&scene, side, Isa::detect()));
+                assert!(whole == tiles, "tiles of {side}");
+            }
+        }
+    }
+}
+
+/// What a layer is does not depend on which others are made.
+#[test]
+fn layers_are_the_same_without_the_others() {
+    for mut case in cases() {
+        case.film = [19, 13];
+        let mut scene = case.scene();
+        let whole = whole_film(&scene, Isa::detect());
+        for chosen in 1..15u32 {
+            scene.layers = [0, 1, 2, 3].map(|layer| (chosen >> layer) & 1 == 1);
+            let some = whole_film(&scene, Isa::detect());
+            for layer in 0..4 {
+                let asked = scene.layers[layer];
+                let kept = u32::from(asked) * whole.samples[layer];
+                assert_eq!(some.samples[layer], kept);
+                for (q, pixel) in some.pixels.iter().enumerate() {
+                    let all = &whole.pixels[q];
+                    let parts = [pixel.mean, pixel.half, pixel.quarter];
+                    for (part, all) in parts.iter().zip([all.mean, all.half, all.quarter]) {
+                        let expected = if asked { all[layer] } else { [0.0; 3] };
+                        assert_eq!(part[layer], expected, "layers {chosen:04b}, {layer}");
+                    }
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn every_power_of_two_of_samples_renders() {
     for mut case in cases() {

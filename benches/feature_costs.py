@@ -1,0 +1,195 @@
+#!/usr/bin/env python3
+"""What a feature costs: CPU seconds of one scene with it, over those of the plain scene. Prints a Markdown table.
+
+    cargo build --release
+    benches/feature_costs.py [--rounds 5] [--only NAME] [--glasshouse FILE] [--against OTHER_BUILD]
+
+The plain scene: two procedural photographs of 1024 x 768 px (`glasshouse sample`), 256 x 256 px, 256 samples, the paper's lens
+and pane, apex `mirror`. Each row changes what its name says and nothing else. Rows are run in turns, one thread, round after
+round; figures are medians of the rounds:
+
+- trace: user and system seconds of `render -j 1`, less those of `render -n` (which reads, decodes and stops), less the shortest
+  wall time of writing the images. CPU seconds, because machines are shared.
+- ratio: of the medians, over the plain scene's; in brackets the least and the most of the rounds over the plain scene's median.
+- files: user and system seconds of `render -n`.
+
+`--against` adds a row: the plain scene with another build of the program (such as one without a feature). Needs Python 3.9
+alone, Linux or macOS.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+import os
+import statistics
+import struct
+import subprocess
+import tempfile
+from array import array
+from pathlib import Path
+
+INTRINSICS = {"fx": 886.81, "fy": 927.06, "cx": 512.0, "cy": 384.0, "size": [1024, 768]}
+LAYERS = ["input", "transmission", "glass_reflection", "clean_reflection"]
+
+# Name of the row, and what it sets: dotted keys of the scene line.
+ROWS: list[tuple[str, dict]] = [
+    ("plain", {}),
+    ("plain again (noise)", {}),
+    ("no lens: `aperture_radius_m` 0", {"camera.aperture_radius_m": 0.0}),
+    ("aperture four times as wide", {"camera.aperture_radius_m": 0.03572}),
+    ("tilt of 30 degrees", {"glass.tilt_deg": [0, 30]}),
+    ("absorption", {"glass.absorption_per_m": [4.0, 1.0, 2.0]}),
+    ("apex `camera`", {"back.apex": "camera"}),
+    ("filter `gaussian`", {"film.filter": "gaussian"}),
+    ("pane of 40 mm", {"glass.thickness_m": 0.04}),
+    ("light of 16 times white, both sides", {"front.exposure": 16.0, "back.exposure": 16.0}),
+    ("`order_tolerance` 0 (all orders, all samples)", {"film.order_tolerance": 0.0}),
+    ("`layers`: T", {"film.layers": LAYERS[1:2]}),
+    ("`layers`: T, R", {"film.layers": [LAYERS[1], LAYERS[3]]}),
+    ("`layers`: I, T", {"film.layers": LAYERS[:2]}),
+    ("`layers`: all four, written out", {"film.layers": LAYERS}),
+    ("`target_error` 2e-3", {"film.target_error": 2e-3, "film.spp": 4096}),
+    ("`target_error` 1e-3", {"film.target_error": 1e-3, "film.spp": 4096}),
+    ("meshes of 1.57 million triangles, same shapes", {"front": "mesh", "back": "mesh"}),
+]
+
+
+def cpu_seconds(command: list[str]) -> tuple[float, str]:
+    """User and system seconds of a child, and its stdout."""
+    with tempfile.TemporaryFile() as out:
+        child = subprocess.Popen(command, stdout=out, stderr=subprocess.DEVNULL)
+        _, status, usage = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
+        out.seek(0)
+        text = out.read().decode()
+    if child.returncode != 0:
+        raise SystemExit(f"{' '.join(command)} ended with {child.returncode}: {text}")
+    return usage.ru_utime + usage.ru_stime, text
+
+
+def read_npy(path: Path) -> tuple[list[int], array]:
+    """Shape and values of a little-endian f4 .npy."""
+    data = path.read_bytes()
+    (length,) = struct.unpack_from("<H", data, 8)
+    header = ast.literal_eval(data[10 : 10 + length].decode())
+    assert header["descr"] == "<f4", header
+    values = array("f")
+    values.frombytes(data[10 + length :])
+    return list(header["shape"]), values
+
+
+def write_mesh(photograph: dict, folder: Path, path: Path) -> None:
+    """The depth image as the tracer sees it (`fill` `far`) as a PLY; colours are squares of black and white."""
+    (rows, columns, *_), depth = read_npy(folder / photograph["depth"])
+    _, mask = read_npy(folder / photograph["mask"])
+    valid = [z for z, m in zip(depth, mask) if m > 0 and 0 < z < float("inf")]
+    far = max(valid)
+    k = INTRINSICS
+    out = bytearray(
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {rows * columns}\n"
+        "property float x\nproperty float y\nproperty float z\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+        f"element face {(rows - 1) * (columns - 1) * 2}\nproperty list uchar int vertex_indices\nend_header\n".encode()
+    )
+    for j in range(rows):
+        for i in range(columns):
+            at = j * columns + i
+            z = depth[at] if mask[at] > 0 and 0 < depth[at] < float("inf") else far
+            grey = 255 * ((i // 16 + j // 16) % 2)
+            x, y = (i + 0.5 - k["cx"]) / k["fx"] * z, (j + 0.5 - k["cy"]) / k["fy"] * z
+            out += struct.pack("<fffBBB", x, y, z, grey, grey, grey)
+    for j in range(rows - 1):
+        for i in range(columns - 1):
+            a = j * columns + i
+            b, c, d = a + 1, a + columns, a + columns + 1
+            out += struct.pack("<BiiiBiii", 3, a, b, c, 3, b, d, c)
+    path.write_bytes(out)
+
+
+def scene_line(folder: Path, color: list[str], changes: dict) -> dict:
+    """The plain scene with `changes`."""
+
+    def photograph(path: str) -> dict:
+        stem = path.removesuffix(".png")
+        names = {"color": path, "depth": f"{stem}_depth.npy", "mask": f"{stem}_depth_mask.npy"}
+        return {**names, "fill": "far", "intrinsics": INTRINSICS}
+
+    line = {
+        "schema": "glasshouse.scene/1",
+        "id": "scene",
+        "seed": 1,
+        "film": {"width": 256, "height": 256, "spp": 256},
+        "camera": {"focal_length_mm": 55.0, "aperture_radius_m": 0.00893, "focus": {"at": "front_center"}},
+        "glass": {"distance_m": 0.3, "thickness_m": 0.01, "ior": 1.6},
+        "front": photograph(color[0]),
+        "back": photograph(color[1]),
+    }
+    for key, value in changes.items():
+        if value == "mesh":
+            mesh = folder / f"{key}.ply"
+            if not mesh.is_file():
+                write_mesh(line[key], folder, mesh)
+            line[key] = {"mesh": mesh.name}
+        else:
+            part, name = key.split(".")
+            line[part][name] = value
+    return line
+
+
+def main() -> None:
+    """Makes the scenes, measures them in turns, prints the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    root = Path(__file__).resolve().parent.parent
+    parser.add_argument("--glasshouse", type=Path, default=root / "target/release/glasshouse")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--only", action="append", default=[], help="rows whose name holds this (repeatable)")
+    parser.add_argument("--against", type=Path, help="another build of the program")
+    args = parser.parse_args()
+    wanted = [r for r in ROWS if r[0] == "plain" or not args.only or any(o in r[0] for o in args.only)]
+    rows = [(name, changes, args.glasshouse) for name, changes in wanted]
+    if args.against:
+        rows.append(("plain, the other build", {}, args.against))
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        _, made = cpu_seconds([str(args.glasshouse), "sample", str(folder), "--count", "2", "--json"])
+        color = json.loads(made)["color"]
+        trace: list[list[float]] = [[] for _ in rows]
+        files: list[list[float]] = [[] for _ in rows]
+        records: list[dict] = [{} for _ in rows]
+        written = [float("inf")] * len(rows)
+        used: list[list[float]] = [[] for _ in rows]
+        for k, (_, changes, _) in enumerate(rows):
+            (folder / f"{k}.json").write_text(json.dumps(scene_line(folder, color, changes)))
+        for turn in range(args.rounds + 1):
+            # Each round begins with another row, so that none always follows the same one.
+            for k in [(turn + k) % len(rows) for k in range(len(rows))]:
+                program = rows[k][2]
+                command = [str(program), "render", str(folder / f"{k}.json"), "--out", str(folder / "out"), "-j", "1", "--json"]
+                load, _ = cpu_seconds([*command, "-n"])
+                all_of_it, text = cpu_seconds(command)
+                records[k] = json.loads(text)
+                written[k] = min(written[k], records[k]["seconds"]["write"])
+                if turn > 0:  # The first reads files cold.
+                    files[k].append(load)
+                    used[k].append(all_of_it - load)
+        for k in range(len(rows)):
+            trace[k] = [seconds - written[k] for seconds in used[k]]
+    print("| scene | trace, CPU s | ratio (least, most) | files, CPU s | samples of I, T, R~, R | stated error of I, R~ |")
+    print("|---|---|---|---|---|---|")
+    for k, (name, _, _) in enumerate(rows):
+        plain = statistics.median(trace[0])
+        ratios = [seconds / plain for seconds in trace[k]]
+        layers = records[k]["layers"]
+        counts = [layers[n].get("mean_samples", layers[n]["samples"]) if n in layers else None for n in LAYERS]
+        samples = ", ".join("-" if n is None else f"{n:.0f}" for n in counts)
+        errors = ", ".join(f"{layers[n]['error_rms']:.1e}" if n in layers else "-" for n in LAYERS[0::2])
+        print(
+            f"| {name} | {statistics.median(trace[k]):.3f} | {statistics.median(ratios):.2f} "
+            f"({min(ratios):.2f}, {max(ratios):.2f}) | {statistics.median(files[k]):.3f} | {samples} | {errors} |"
+        )
+
+
+if __name__ == "__main__":
+    main()
