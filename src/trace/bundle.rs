@@ -43,7 +43,7 @@ pub(super) struct Tracer<'a, const AVX2: bool> {
 struct BundleRays {
     lines: [Lines; GROUPS],
     hits: [Lane; GROUPS],
-    walkers: Box<Walkers>,
+    walkers: Walkers,
 }
 
 impl BundleRays {

@@ -87,35 +87,39 @@ struct Rays {
 }
 
 /// The rays of one bundle on their way. Kept by who walks many bundles, so that it is not made anew.
-pub(crate) struct Walkers([Rays; PARTS]);
+pub(crate) struct Walkers(Vec<Rays>);
 
 impl Walkers {
-    pub(crate) fn new() -> Box<Self> {
+    pub(crate) fn new() -> Self {
         let (zero, none) = ([0.0; RAYS], [0; RAYS]);
-        Box::new(Self(
-            [Rays {
-                x: zero,
-                y: zero,
-                sx: zero,
-                sy: zero,
-                inv_sx: zero,
-                inv_sy: zero,
-                inv_sd: zero,
-                edge_x: zero,
-                edge_y: zero,
-                edge_d: zero,
-                step_i: zero,
-                step_j: zero,
-                step_row: [0; RAYS],
-                lower_first: none,
-                i: zero,
-                j: zero,
-                cell: [0; RAYS],
-                w_in: zero,
-                hit_w: zero,
-                active: none,
-            }; PARTS],
-        ))
+        let rays = Rays {
+            x: zero,
+            y: zero,
+            sx: zero,
+            sy: zero,
+            inv_sx: zero,
+            inv_sy: zero,
+            inv_sd: zero,
+            edge_x: zero,
+            edge_y: zero,
+            edge_d: zero,
+            step_i: zero,
+            step_j: zero,
+            step_row: [0; RAYS],
+            lower_first: none,
+            i: zero,
+            j: zero,
+            cell: [0; RAYS],
+            w_in: zero,
+            hit_w: zero,
+            active: none,
+        };
+        Self(vec![rays; PARTS])
+    }
+
+    fn as_array(&mut self) -> &mut [Rays; PARTS] {
+        let (parts, _) = self.0.as_chunks_mut();
+        &mut parts[0]
     }
 }
 
@@ -164,12 +168,13 @@ fn walk_parts<const AVX2: bool, const CLAMP: bool>(
     hits: &mut [Lane],
 ) {
     let ground = Ground::new(grid, base, span);
+    let parts: &mut [Rays; PARTS] = walkers.as_array();
     let mut waiting = [0u8; PARTS];
     let mut count = 0;
     for (g, lines) in lines.iter().enumerate() {
         for half in 0..LANES / RAYS {
             let part = g * (LANES / RAYS) + half;
-            let rays = &mut walkers.0[part];
+            let rays = &mut parts[part];
             ground.start::<CLAMP>(lines, half * RAYS, rays);
             let any = ground.step::<AVX2, CLAMP>(rays);
             waiting[count] = part as u8;
@@ -181,15 +186,14 @@ fn walk_parts<const AVX2: bool, const CLAMP: bool>(
         count = 0;
         for k in 0..waited {
             let part = waiting[k];
-            let any = ground.step::<AVX2, CLAMP>(&mut walkers.0[usize::from(part) % PARTS]);
+            let any = ground.step::<AVX2, CLAMP>(&mut parts[usize::from(part) % PARTS]);
             waiting[count] = part;
             count += usize::from(any != 0);
         }
     }
     for (g, hits) in hits.iter_mut().enumerate().take(lines.len()) {
         for half in 0..LANES / RAYS {
-            hits[half * RAYS..][..RAYS]
-                .copy_from_slice(&walkers.0[g * (LANES / RAYS) + half].hit_w);
+            hits[half * RAYS..][..RAYS].copy_from_slice(&parts[g * (LANES / RAYS) + half].hit_w);
         }
     }
 }
