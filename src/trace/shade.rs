@@ -107,7 +107,10 @@ impl Cells {
                 .scaled(weight)
                 .sums::<AVX2, false>(texture, lanes, weight),
             Weights::Colour(colour) => {
-                let [_, plain] = self.sums::<AVX2, true>(texture, lanes.clone(), &colour[0]);
+                let mut plain = [0.0; 4];
+                if BARE {
+                    plain = self.sums::<AVX2, true>(texture, lanes.clone(), &colour[0])[1];
+                }
                 let mut weighted = [0.0; 4];
                 for (k, weight) in colour.iter().enumerate() {
                     let cells = self.scaled(weight);
