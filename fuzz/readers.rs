@@ -7,11 +7,11 @@
 #![allow(dead_code, reason = "each fuzz target uses one of them")]
 
 use glasshouse::cases::CaseFile;
-use glasshouse::manifest::{Photograph, Recipe, parse_jsonl, parse_scene, refuse, to_jsonl};
+use glasshouse::manifest::{Photograph, Recipe, Side, parse_jsonl, parse_scene, refuse, to_jsonl};
 use glasshouse::merge::TupleRecord;
 use glasshouse::partial;
 use glasshouse::scene::limits::{MAX_PIXELS, MAX_SIDE};
-use glasshouse::scene::{NamedBytes, PhotographFiles, SceneError, decode_photograph};
+use glasshouse::scene::{NamedBytes, PhotographFiles, SceneError, decode_mesh, decode_photograph};
 use glasshouse::shard::Spec;
 use std::path::Path;
 
@@ -23,6 +23,7 @@ pub(crate) const READERS: &[Reader] = &[
     ("color", color),
     ("depth", depth),
     ("mask", mask),
+    ("ply", ply),
     ("scene_line", scene_line),
     ("manifest", manifest),
     ("recipe", recipe),
@@ -105,6 +106,39 @@ pub(crate) fn depth(bytes: &[u8]) -> bool {
 /// PNG, PNM, .npy as a mask.
 pub(crate) fn mask(bytes: &[u8]) -> bool {
     photograph(GREY, GREY, Some(bytes))
+}
+
+/// A PLY mesh.
+pub(crate) fn ply(bytes: &[u8]) -> bool {
+    let side: Side = serde_json::from_str(r#"{"mesh":"m"}"#).expect("a line as in a manifest");
+    let Side::Mesh(line) = side else {
+        panic!("the line names a mesh");
+    };
+    let file = NamedBytes {
+        path: "a file".into(),
+        bytes: bytes.to_vec(),
+    };
+    match decode_mesh(&line, &file) {
+        Ok(mesh) => {
+            let vertices = mesh.vertices_m.len();
+            assert_eq!(mesh.radiance.len(), vertices);
+            assert!(mesh.vertices_m.iter().all(|v| v.is_finite()));
+            let corners = mesh.triangles.as_flattened();
+            assert!(corners.iter().all(|&corner| (corner as usize) < vertices));
+            let radiance = mesh.radiance.as_flattened();
+            assert!(
+                radiance
+                    .iter()
+                    .all(|v| (0.0..=mesh.max_radiance).contains(v))
+            );
+            assert!(mesh.max_radiance.is_finite());
+            true
+        }
+        Err(error) => {
+            assert!(error.to_string().contains("a file"), "{error}");
+            false
+        }
+    }
 }
 
 fn text(bytes: &[u8]) -> Option<&str> {

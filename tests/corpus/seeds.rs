@@ -288,12 +288,66 @@ back = { noise = 1, depth_m = 2 }
 refused = "85"
 "#;
 
+/// A square and a triangle, in text and in bytes.
+fn meshes() -> Vec<(&'static str, Vec<u8>)> {
+    let header = |coding: &str, vertex: &str| {
+        format!(
+            "ply\nformat {coding} 1.0\ncomment a seed\nelement vertex 5\n{vertex}element face 2\n\
+             property list uchar int vertex_indices\nend_header\n"
+        )
+    };
+    let float = "property float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\n\
+                 property uchar blue\n";
+    let points = [
+        [0.0f32, 0.0, 2.0],
+        [1.0, 0.0, 2.0],
+        [1.0, 1.0, 2.5],
+        [0.0, 1.0, 2.0],
+        [2.0, 1.0, 3.0],
+    ];
+    let faces = [&[0i32, 1, 2, 3][..], &[1, 4, 2]];
+    let mut text = header("ascii", float);
+    let (mut little, mut big) = (
+        header("binary_little_endian", float).into_bytes(),
+        header("binary_big_endian", float).into_bytes(),
+    );
+    for (k, [x, y, z]) in points.into_iter().enumerate() {
+        let grey = 50 * k as u8;
+        text += &format!("{x} {y} {z} {grey} 128 255\n");
+        for value in [x, y, z] {
+            little.extend(value.to_le_bytes());
+            big.extend(value.to_be_bytes());
+        }
+        little.extend([grey, 128, 255]);
+        big.extend([grey, 128, 255]);
+    }
+    for face in faces {
+        text += &format!("{}", face.len());
+        little.push(face.len() as u8);
+        big.push(face.len() as u8);
+        for corner in face {
+            text += &format!(" {corner}");
+            little.extend(corner.to_le_bytes());
+            big.extend(corner.to_be_bytes());
+        }
+        text.push('\n');
+    }
+    vec![
+        ("text.ply", text.into_bytes()),
+        ("little.ply", little),
+        ("big.ply", big),
+    ]
+}
+
 pub(crate) fn all() -> Vec<Seed> {
     let mut seeds: Vec<Seed> = vec![];
     for (name, bytes) in images() {
         for reader in ["color", "depth", "mask"] {
             seeds.push((reader, name.clone(), bytes.clone()));
         }
+    }
+    for (name, bytes) in meshes() {
+        seeds.push(("ply", name.to_owned(), bytes));
     }
     let (line, partials, record) = traced();
     let lines = to_jsonl(&[line.clone(), {
