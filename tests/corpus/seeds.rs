@@ -13,6 +13,7 @@ use glasshouse::shard::{Golden, SPEC_SCHEMA, ShardLayout, Spec, scene_digest};
 use glasshouse::trace::{Isa, TRACER_VERSION, trace_tile};
 use image::ExtendedColorType as Png;
 use image::ImageEncoder;
+use std::fmt::Write;
 use std::io::Cursor;
 
 /// Reader, file name, bytes.
@@ -313,7 +314,7 @@ fn meshes() -> Vec<(&'static str, Vec<u8>)> {
     );
     for (k, [x, y, z]) in points.into_iter().enumerate() {
         let grey = 50 * k as u8;
-        text += &format!("{x} {y} {z} {grey} 128 255\n");
+        let _ = writeln!(text, "{x} {y} {z} {grey} 128 255");
         for value in [x, y, z] {
             little.extend(value.to_le_bytes());
             big.extend(value.to_be_bytes());
@@ -322,11 +323,11 @@ fn meshes() -> Vec<(&'static str, Vec<u8>)> {
         big.extend([grey, 128, 255]);
     }
     for face in faces {
-        text += &format!("{}", face.len());
+        let _ = write!(text, "{}", face.len());
         little.push(face.len() as u8);
         big.push(face.len() as u8);
         for corner in face {
-            text += &format!(" {corner}");
+            let _ = write!(text, " {corner}");
             little.extend(corner.to_le_bytes());
             big.extend(corner.to_be_bytes());
         }
