@@ -13,6 +13,7 @@
 //! the photograph's radiance is what leaves the surface (the paper's Eq. 1), so there is no other transport.
 
 use super::camera::{CameraBlock, GROUPS, Pixel};
+use super::fetch::{Cells, TexelMap, Weights};
 use super::lanes::{LANES, Lane};
 use super::lines::{LineMaker, Path};
 use super::means::{Components, Means, NOTHING, Sums, Wanted, add_means, ends_in_block, means_of};
@@ -20,7 +21,7 @@ use super::mesh;
 use super::orders::FollowedOrder;
 use super::sampler::BLOCK;
 use super::scene::{Scene, Surface};
-use super::shade::{Cells, TexelMap, Weights, absorbed, weights};
+use super::shade::{absorbed, weights};
 use super::slab::Order;
 use super::tile::Isa;
 use super::walk::{Lines, Walkers, walk_bundle};
@@ -263,7 +264,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
             let [ts, tp] = &camera.transmittance;
             let weight = weights(order, [&rs[g], &rp[g]], [&ts[g], &tp[g]]);
             let colour;
-            let weights = if slab.absorbs() {
+            let weights = if slab.absorbs_in(order) {
                 let optical_depth = |a: f64| (a * slab.thickness_m) as f32;
                 colour = slab
                     .absorption_per_m

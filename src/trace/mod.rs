@@ -17,6 +17,7 @@
 mod adaptive;
 mod bundle;
 mod camera;
+mod fetch;
 mod footprint;
 mod grid;
 mod lanes;

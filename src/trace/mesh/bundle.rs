@@ -118,7 +118,7 @@ fn colour_weights(
     let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);
     let weight = weights(order, [&rs[g], &rp[g]], [&ts[g], &tp[g]]);
     let slab = &scene.slab;
-    if !slab.absorbs() {
+    if !slab.absorbs_in(order) {
         return [weight; 3];
     }
     slab.absorption_per_m.map(|a| {
