@@ -41,7 +41,7 @@ pub enum BenchError {
         dir: PathBuf,
     },
     /// A reference image cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
+    #[error("cannot read {}: {source}; check the folder given to --reference", path.display())]
     Read {
         /// The file.
         path: PathBuf,

@@ -26,7 +26,7 @@ pub(super) fn read_scene(path: &Path, roots: &Roots) -> Result<BenchScene, Failu
         Failure::new(Exit::InvalidInput, e.context(what))
     };
     let text = std::fs::read_to_string(path)
-        .with_context(|| format!("cannot read {}", path.display()))
+        .with_context(|| format!("cannot read {}; check the path", path.display()))
         .map_err(invalid)?;
     let line = parse_scene(&text).map_err(|e| invalid(e.into()))?;
     let base = path.parent().map_or_else(Default::default, Path::to_owned);

@@ -17,7 +17,7 @@ const PARTIAL_BYTES: f64 = 144.0;
 /// Bytes of a tuple a pixel, about: compressed half floats and four PNGs.
 const TUPLE_BYTES: f64 = 26.0;
 /// Seconds of one core a scene besides, about: reading, decoding, writing.
-const SECONDS_PER_SCENE: f64 = 0.2;
+const SECONDS_PER_SCENE: f64 = 0.1;
 
 /// The run's folder: as given, or `runs/NAME` by the recipe's file name.
 pub(super) fn run_folder(args: &RunArgs) -> PathBuf {

@@ -130,7 +130,7 @@ fn describe(args: &RenderArgs) -> String {
 fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
     let invalid = |e: anyhow::Error| Failure::new(Exit::InvalidInput, e.context(describe(args)));
     let text = std::fs::read_to_string(&args.scene)
-        .with_context(|| format!("cannot read {}", args.scene.display()))
+        .with_context(|| format!("cannot read {}; check the path", args.scene.display()))
         .map_err(invalid)?;
     let given = Roots::parse(&args.roots.roots)?;
     let folder = args

@@ -83,7 +83,7 @@ pub enum RunError {
         missing: &'static str,
     },
     /// A file cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
+    #[error("cannot read {}: {source}; check the folder and its permissions", path.display())]
     Read {
         /// The file.
         path: PathBuf,

@@ -3,7 +3,8 @@
 use super::golden_scenes::{GoldenScene, golden_scenes};
 use super::layout::samples_per_range;
 use super::spec::Golden;
-use crate::trace::{Isa, Tile, trace_tile};
+use crate::trace::{Isa, Scene, Tile, trace_tile};
+use std::ops::Range;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -40,22 +41,28 @@ pub fn golden(isa: Isa, threads: usize) -> Golden {
     }
 }
 
-/// BLAKE3 (hex) of a golden scene's shards: pixels, samples and misses of each range.
-fn digest(golden: &GoldenScene, isa: Isa) -> String {
-    let scene = &golden.scene;
+/// A scene's film as one tile, and the sample ranges that a run would take of it.
+pub fn whole(scene: &Scene) -> (Tile, Vec<Range<u32>>) {
     let tile = Tile {
         x: 0,
         y: 0,
         width: scene.film.width,
         height: scene.film.height,
     };
-    let range = match scene.target_error {
+    let step = match scene.target_error {
         Some(_) => scene.spp,
         None => samples_per_range(scene.spp),
     };
+    let starts = (0..scene.spp).step_by(step as usize);
+    (tile, starts.map(|start| start..start + step).collect())
+}
+
+/// BLAKE3 (hex) of a golden scene's shards: pixels, samples and misses of each range.
+fn digest(golden: &GoldenScene, isa: Isa) -> String {
+    let (tile, ranges) = whole(&golden.scene);
     let mut hasher = blake3::Hasher::new();
-    for start in (0..scene.spp).step_by(range as usize) {
-        let result = trace_tile(scene, tile, start..start + range, isa);
+    for range in ranges {
+        let result = trace_tile(&golden.scene, tile, range, isa);
         for pixel in &result.pixels {
             for value in pixel.values() {
                 hasher.update(&value.to_le_bytes());

@@ -12,7 +12,7 @@ pub fn samples_per_range(spp: u32) -> u32 {
 }
 
 /// Seconds of one core that a camera sample costs, roughly: to choose a tile with, and to say how long a run takes.
-pub const SECONDS_PER_SAMPLE: f64 = 3.5e-8;
+pub const SECONDS_PER_SAMPLE: f64 = 2.5e-8;
 
 /// A shard should cost at least this, so that checkpointing it stays cheap.
 const SHARD_SECONDS: f64 = 0.2;

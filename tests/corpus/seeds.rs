@@ -397,7 +397,7 @@ pub(crate) fn all() -> Vec<Seed> {
         tile_px: 64,
         tracer_version: 1,
         golden: Golden {
-            scene: "builtin/2".to_owned(),
+            scene: "builtin/3".to_owned(),
             blake3: "ff".to_owned(),
         },
         roots: [("data".to_owned(), "data".into())].into(),

@@ -8,8 +8,8 @@
 //! cargo test --release --test physics golden -- --nocapture
 //! ```
 
-use glasshouse::shard::{golden_scenes, samples_per_range};
-use glasshouse::trace::{Isa, LAYERS, Scene, Tile, trace_tile};
+use glasshouse::shard::{golden_scenes, whole};
+use glasshouse::trace::{Isa, LAYERS, Scene, trace_tile};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -41,20 +41,11 @@ fn path(name: &str) -> PathBuf {
 
 /// Mean of all samples, range by range as a run would take them: twelve values a pixel.
 fn render(scene: &Scene) -> Vec<f64> {
-    let tile = Tile {
-        x: 0,
-        y: 0,
-        width: scene.film.width,
-        height: scene.film.height,
-    };
-    let range = match scene.target_error {
-        Some(_) => scene.spp,
-        None => samples_per_range(scene.spp),
-    };
+    let (tile, ranges) = whole(scene);
     let mut sums = vec![0.0; (tile.width * tile.height) as usize * 12];
     let mut samples = [0u32; 4];
-    for start in (0..scene.spp).step_by(range as usize) {
-        let result = trace_tile(scene, tile, start..start + range, Isa::detect());
+    for range in ranges {
+        let result = trace_tile(scene, tile, range, Isa::detect());
         for (layer, taken) in result.samples.into_iter().enumerate() {
             samples[layer] += taken;
             for (q, pixel) in result.pixels.iter().enumerate() {
