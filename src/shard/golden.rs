@@ -83,7 +83,7 @@ mod tests {
     use std::fmt::Write;
 
     /// The tracer version that the digests below are of.
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     /// Digests of the scenes of [`golden_scenes`].
     #[rustfmt::skip]
     const DIGESTS: &[(&str, &str)] = &[

@@ -125,15 +125,15 @@ pub(super) fn means_of(sums: &Sums, count: u32) -> Means {
 /// moves at different doublings uncorrelated (Owen 1997, the nested decomposition behind scrambled nets), so the mean
 /// square error is the sum of their mean squares: `m (r + r^2 + ...) = m r / (1 - r)` for moves whose mean square falls
 /// by r at each doubling. Two kinds come together in a picture: edges seen through the lens, for which r is 1/2 as
-/// for independent samples, and what is smooth over a pixel, for which r is near 2/11 (error ~ samples^-1.2; measured
-/// are 1.2 to 1.4). Their shares a and b of the last move follow from `last = a + b` and `before = 2 a + 11/2 b`; the
-/// error is `a + 2/9 b`.
+/// for independent samples, and what is smooth over a pixel, for which r is near 1/7 (error ~ samples^-1.4, as measured
+/// for R of real photographs). Their shares a and b of the last move follow from `last = a + b` and
+/// `before = 2 a + 7 b`; the error is `a + b / 6`.
 pub fn square_error(last: f64, before: f64) -> f64 {
     if before == 0.0 {
         return last;
     }
-    let smooth = ((before - 2.0 * last) / 3.5).clamp(0.0, last);
-    (last - smooth) + smooth * (2.0 / 9.0)
+    let smooth = ((before - 2.0 * last) / 5.0).clamp(0.0, last);
+    (last - smooth) + smooth / 6.0
 }
 
 #[cfg(test)]
@@ -163,13 +163,13 @@ mod tests {
     #[test]
     fn an_error_is_the_sum_of_the_moves_to_come() {
         let series = |r: f64| (1..200).map(|k| r.powi(k)).sum::<f64>();
-        for (r, last) in [(0.5, 1.0), (2.0 / 11.0, 3.0)] {
+        for (r, last) in [(0.5, 1.0), (1.0 / 7.0, 3.0)] {
             let error = square_error(last, last / r);
             assert!((error - last * series(r)).abs() < 1e-12);
         }
         // Both kinds at once, and moves that do not shrink: as of independent samples.
-        let mixed = square_error(1.0 + 2.0, 2.0 + 11.0);
-        assert!((mixed - (series(0.5) + 2.0 * series(2.0 / 11.0))).abs() < 1e-12);
+        let mixed = square_error(1.0 + 2.0, 2.0 + 14.0);
+        assert!((mixed - (series(0.5) + 2.0 * series(1.0 / 7.0))).abs() < 1e-12);
         assert_eq!(square_error(1.0, 0.5), 1.0);
         assert_eq!(square_error(4.0, 0.0), 4.0);
         assert_eq!(square_error(0.0, 0.0), 0.0);

@@ -46,8 +46,8 @@ pub use slab::{Order, Slab};
 pub use texture::Texture;
 pub use tile::{Isa, LAYERS, Tile, TileResult, trace_tile};
 
-/// Version of the tracer's results: raised whenever any pixel changes. A run refuses to continue with another.
-pub const TRACER_VERSION: u32 = 2;
+/// Version of the tracer's results: raised whenever any pixel or stated error changes. A run refuses to continue with another.
+pub const TRACER_VERSION: u32 = 3;
 
 #[cfg(test)]
 mod tests;
