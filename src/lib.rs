@@ -28,4 +28,5 @@ pub mod report;
 pub mod sample;
 pub mod scene;
 pub mod shard;
+pub mod store;
 pub mod trace;

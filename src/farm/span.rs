@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 /// Shards in a row of one scene.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Span {
     /// Its place in the manifest, from 0.
     pub scene: u32,

@@ -1,0 +1,133 @@
+//! Everything that goes over the wire between processes of a run, in one place: a version byte, then bincode.
+
+use super::span::Span;
+use bincode::config::{Configuration, Fixint, LittleEndian};
+use bincode::{Decode, Encode};
+
+/// Version of the messages. A message of another version is left for who knows it.
+const VERSION: u8 = 1;
+
+const CONFIG: Configuration<LittleEndian, Fixint> =
+    bincode::config::standard().with_fixed_int_encoding();
+
+/// A message of the queue: work that waits.
+#[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct SpanMessage {
+    /// First eight bytes of the BLAKE3 of the run's spec: a message of another run is refused.
+    pub run: [u8; 8],
+    /// Place of the scene in the manifest.
+    pub scene: u32,
+    /// First shard.
+    pub start: u32,
+    /// One past the last.
+    pub end: u32,
+    /// How often it was handed on, whole or in part.
+    pub handed_on: u32,
+}
+
+/// Answer of a worker that was asked for work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct GiveReply {
+    /// Spans that it published.
+    pub spans: u32,
+}
+
+/// Why a message is not understood.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "a message of {length} bytes is not understood ({reason}); are there workers of another version in this run?"
+)]
+pub struct MessageError {
+    length: usize,
+    reason: String,
+}
+
+impl SpanMessage {
+    /// The span, if it belongs to this run and its scene is one of `scenes`.
+    pub fn span(&self, run: [u8; 8], scenes: usize) -> Option<Span> {
+        let valid = self.run == run && (self.scene as usize) < scenes && self.start < self.end;
+        valid.then(|| Span {
+            scene: self.scene,
+            shards: self.start..self.end,
+        })
+    }
+}
+
+/// Bytes of a message.
+pub fn encode(message: &impl Encode) -> Vec<u8> {
+    let mut bytes = vec![VERSION];
+    let body = bincode::encode_to_vec(message, CONFIG).expect("numbers can be encoded");
+    bytes.extend(body);
+    bytes
+}
+
+/// A message from bytes that may come from anybody.
+pub fn decode<M: Decode<()>>(bytes: &[u8]) -> Result<M, MessageError> {
+    let error = |reason: String| MessageError {
+        length: bytes.len(),
+        reason,
+    };
+    let (&version, body) = bytes
+        .split_first()
+        .ok_or_else(|| error("it is empty".to_owned()))?;
+    if version != VERSION {
+        return Err(error(format!("version {version}, not {VERSION}")));
+    }
+    let (message, used) =
+        bincode::decode_from_slice(body, CONFIG).map_err(|e| error(e.to_string()))?;
+    if used != body.len() {
+        return Err(error(format!("{} bytes too many", body.len() - used)));
+    }
+    Ok(message)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MESSAGE: SpanMessage = SpanMessage {
+        run: *b"8 bytes!",
+        scene: 7,
+        start: 16,
+        end: 32,
+        handed_on: 1,
+    };
+
+    /// The bytes are a format: other versions of the program read them.
+    #[test]
+    fn bytes_on_the_wire() {
+        let bytes = encode(&MESSAGE);
+        let mut expected = vec![1];
+        expected.extend(b"8 bytes!");
+        expected.extend([7, 0, 0, 0, 16, 0, 0, 0, 32, 0, 0, 0, 1, 0, 0, 0]);
+        assert_eq!(bytes, expected);
+        assert_eq!(decode::<SpanMessage>(&bytes).unwrap(), MESSAGE);
+        assert_eq!(encode(&GiveReply { spans: 3 }), [1, 3, 0, 0, 0]);
+    }
+
+    #[test]
+    fn what_is_not_understood_is_refused() {
+        let bytes = encode(&MESSAGE);
+        for length in 0..bytes.len() {
+            assert!(decode::<SpanMessage>(&bytes[..length]).is_err());
+        }
+        let mut longer = bytes.clone();
+        longer.push(0);
+        assert!(decode::<SpanMessage>(&longer).is_err());
+        let mut newer = bytes;
+        newer[0] = 2;
+        let error = decode::<SpanMessage>(&newer).unwrap_err().to_string();
+        assert!(error.contains("version 2, not 1"), "{error}");
+    }
+
+    #[test]
+    fn a_span_of_another_run_or_no_scene_is_none() {
+        let run = *b"8 bytes!";
+        let span = MESSAGE.span(run, 8).unwrap();
+        assert_eq!((span.scene, span.shards), (7, 16..32));
+        assert_eq!(MESSAGE.span(*b"another!", 8), None);
+        assert_eq!(MESSAGE.span(run, 7), None);
+        let empty = SpanMessage { end: 16, ..MESSAGE };
+        assert_eq!(empty.span(run, 8), None);
+    }
+}
