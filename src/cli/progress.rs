@@ -142,11 +142,17 @@ impl Progress {
     pub(super) fn event(&self, event: Event, output: &Output) {
         match event {
             Event::Started { shards, .. } => self.set_length(shards),
+            Event::SceneOpened { .. } => {}
             Event::ShardDone { resumed } => self.add(1, resumed),
             Event::PartialRejected { reason } => {
                 if output.verbose {
                     self.suspend(|| output.note(&reason));
                 }
+            }
+            Event::QueueLost { reason } => {
+                self.suspend(|| {
+                    output.note(&format!("waiting for the queue: {reason}"));
+                });
             }
             Event::SceneMerged { scene, miss_share } => {
                 self.message(format!("{scene} merged"));

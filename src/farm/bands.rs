@@ -57,6 +57,11 @@ impl BandedShard {
         }
     }
 
+    /// Nobody has begun it, and it was not dropped.
+    pub(super) fn is_waiting(&self) -> bool {
+        self.state.load(Ordering::Acquire) == WAITING
+    }
+
     /// Traces band `index` of the shard's `tile` with `trace`; the whole shard's result for whoever does the last band.
     pub(super) fn trace(
         &self,

@@ -14,6 +14,11 @@ pub enum Event {
         /// Scenes without a tuple.
         scenes: u64,
     },
+    /// A scene is loaded; its shards will be traced.
+    SceneOpened {
+        /// Which.
+        scene: SceneId,
+    },
     /// A shard is done.
     ShardDone {
         /// Its partial was found and is intact, so it was not traced again.
@@ -30,6 +35,11 @@ pub enum Event {
         scene: SceneId,
         /// Of its layers, the largest share of paths that ended on the continuation of a photograph's border.
         miss_share: f64,
+    },
+    /// The queue cannot be reached; what is held goes on.
+    QueueLost {
+        /// Why.
+        reason: String,
     },
     /// A scene cannot be done.
     SceneQuarantined {

@@ -1,15 +1,13 @@
 //! A scene whose shards are all there: its files are encoded one by one, by whoever is free.
 
-use super::local::FarmError;
-use crate::manifest::SceneLine;
+use super::error::FarmError;
+use super::open_span::OpenSpan;
 use crate::merge::{SrgbEncoder, Tuple, encode_tuple_file, tuple_files};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 /// A tuple in memory and those of its files that are encoded.
 pub(super) struct FinishedScene<'a> {
-    pub(super) line: &'a SceneLine,
-    pub(super) failed: Arc<AtomicBool>,
+    pub(super) span: Arc<OpenSpan<'a>>,
     tuple: Tuple,
     names: Vec<String>,
     encoded: Mutex<Vec<Option<Vec<u8>>>>,
@@ -19,11 +17,10 @@ pub(super) struct FinishedScene<'a> {
 pub(super) type Files = Vec<(String, Vec<u8>)>;
 
 impl<'a> FinishedScene<'a> {
-    pub(super) fn new(line: &'a SceneLine, failed: Arc<AtomicBool>, tuple: Tuple) -> Self {
-        let names = tuple_files(line);
+    pub(super) fn new(span: Arc<OpenSpan<'a>>, tuple: Tuple) -> Self {
+        let names = tuple_files(span.job.line);
         Self {
-            line,
-            failed,
+            span,
             tuple,
             encoded: Mutex::new(vec![None; names.len()]),
             names,
@@ -48,7 +45,7 @@ impl<'a> FinishedScene<'a> {
         encoder: &SrgbEncoder,
     ) -> Result<Option<Files>, FarmError> {
         // Of a scene that has failed meanwhile nothing is written.
-        if self.failed.load(Ordering::Acquire) {
+        if self.span.job.has_failed() {
             return Ok(None);
         }
         let bytes = encode_tuple_file(&self.tuple, encoder, &self.names[file])

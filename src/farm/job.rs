@@ -110,7 +110,17 @@ impl<'a> SceneJob<'a> {
             && header.facts == self.loaded.facts
     }
 
-    /// Counts a shard that is traced, or found on disk; true for the scene's last one.
+    /// Nobody has begun the shard, and it was not dropped.
+    pub(super) fn is_waiting(&self, shard: u32) -> bool {
+        self.shards[shard as usize].is_waiting()
+    }
+
+    /// All shards of the scene are traced here or were found.
+    pub(super) fn is_whole(&self) -> bool {
+        self.untraced.load(Ordering::Acquire) == 0
+    }
+
+    /// Counts a shard that is traced, or found in the store; true for the scene's last one.
     pub(super) fn count_traced(&self) -> bool {
         self.untraced.fetch_sub(1, Ordering::AcqRel) == 1
     }
@@ -120,6 +130,11 @@ impl<'a> SceneJob<'a> {
         let mut results = self.results.lock().expect("no holder of this lock panics");
         results.push(partial);
         (results.len() == self.layout.len() as usize).then(|| std::mem::take(&mut *results))
+    }
+
+    /// The finished shards so far.
+    pub(super) fn take_results(&self) -> Vec<Partial> {
+        std::mem::take(&mut *self.results.lock().expect("no holder of this lock panics"))
     }
 
     /// Set once the scene has failed; for what outlives this job.

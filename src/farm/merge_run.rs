@@ -1,12 +1,14 @@
 //! `merge RUN`: tuples from complete partials, without the scenes' input files.
 
-use super::local::FarmError;
+use super::error::FarmError;
 use super::quarantine::QuarantineRecord;
 use super::run_dir::Run;
-use super::sweep::{remove_partials, sweep};
+use super::sweep::sweep;
+use super::writer::remove_partials;
 use crate::ids::SceneId;
 use crate::merge::{MergeError, combine, is_written, write_tuple};
 use crate::partial;
+use crate::store::Store;
 
 /// What merging did.
 #[derive(Debug, Default)]
@@ -26,6 +28,7 @@ pub fn merge_run(run: &Run, dry_run: bool, on_scene: &dyn Fn()) -> Result<MergeO
     if !dry_run {
         sweep(run);
     }
+    let store = Store::local(run.dir.root())?;
     let mut outcome = MergeOutcome::default();
     for line in &run.lines {
         on_scene();
@@ -58,7 +61,7 @@ pub fn merge_run(run: &Run, dry_run: bool, on_scene: &dyn Fn()) -> Result<MergeO
             Ok(tuple) => {
                 write_tuple(&tuple, &run.dir.tuple(&line.id))
                     .map_err(|e| FarmError::Tuple(e.to_string()))?;
-                remove_partials(&run.dir.partials(&line.id));
+                remove_partials(&store, line);
                 outcome.merged.push(line.id.clone());
             }
             Err(error @ MergeError::Gaps { .. }) => {

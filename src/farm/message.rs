@@ -12,24 +12,24 @@ const CONFIG: Configuration<LittleEndian, Fixint> =
 
 /// A message of the queue: work that waits.
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
-pub struct SpanMessage {
+pub(super) struct SpanMessage {
     /// First eight bytes of the BLAKE3 of the run's spec: a message of another run is refused.
-    pub run: [u8; 8],
+    pub(super) run: [u8; 8],
     /// Place of the scene in the manifest.
-    pub scene: u32,
+    pub(super) scene: u32,
     /// First shard.
-    pub start: u32,
+    pub(super) start: u32,
     /// One past the last.
-    pub end: u32,
+    pub(super) end: u32,
     /// How often it was handed on, whole or in part.
-    pub handed_on: u32,
+    pub(super) handed_on: u32,
 }
 
 /// Answer of a worker that was asked for work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
-pub struct GiveReply {
+pub(super) struct GiveReply {
     /// Spans that it published.
-    pub spans: u32,
+    pub(super) spans: u32,
 }
 
 /// Why a message is not understood.
@@ -37,14 +37,14 @@ pub struct GiveReply {
 #[error(
     "a message of {length} bytes is not understood ({reason}); are there workers of another version in this run?"
 )]
-pub struct MessageError {
+pub(super) struct MessageError {
     length: usize,
     reason: String,
 }
 
 impl SpanMessage {
     /// The span, if it belongs to this run and its scene is one of `scenes`.
-    pub fn span(&self, run: [u8; 8], scenes: usize) -> Option<Span> {
+    pub(super) fn span(&self, run: [u8; 8], scenes: usize) -> Option<Span> {
         let valid = self.run == run && (self.scene as usize) < scenes && self.start < self.end;
         valid.then(|| Span {
             scene: self.scene,
@@ -54,7 +54,7 @@ impl SpanMessage {
 }
 
 /// Bytes of a message.
-pub fn encode(message: &impl Encode) -> Vec<u8> {
+pub(super) fn encode(message: &impl Encode) -> Vec<u8> {
     let mut bytes = vec![VERSION];
     let body = bincode::encode_to_vec(message, CONFIG).expect("numbers can be encoded");
     bytes.extend(body);
@@ -62,7 +62,7 @@ pub fn encode(message: &impl Encode) -> Vec<u8> {
 }
 
 /// A message from bytes that may come from anybody.
-pub fn decode<M: Decode<()>>(bytes: &[u8]) -> Result<M, MessageError> {
+pub(super) fn decode<M: Decode<()>>(bytes: &[u8]) -> Result<M, MessageError> {
     let error = |reason: String| MessageError {
         length: bytes.len(),
         reason,

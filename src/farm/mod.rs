@@ -5,12 +5,19 @@
 //! whole files or nothing, so a process may be killed at any instruction.
 
 mod bands;
+mod done;
+mod error;
 mod events;
 mod finished;
+mod hand;
+mod held;
+mod intake;
 mod job;
-mod local;
+pub mod keys;
+mod leases;
 mod merge_run;
 mod message;
+mod open_span;
 mod plan;
 mod quarantine;
 pub mod queue;
@@ -18,14 +25,17 @@ mod run_dir;
 mod span;
 mod status;
 mod sweep;
+mod work;
 mod writer;
 
+pub use done::Progress;
+pub use error::FarmError;
 pub use events::{Event, StageSeconds};
 pub use job::{SceneJob, render_partials};
-pub use local::{FarmError, Outcome, Stop, WorkOptions, work};
 pub use merge_run::{MergeOutcome, merge_run};
 pub use plan::{PlanError, PlanOptions, Planned, plan};
 pub use quarantine::{QUARANTINE_SCHEMA, QuarantineRecord};
 pub use run_dir::{Run, RunDir, RunError};
 pub use span::{HeldSpan, Span, what_to_give};
 pub use status::{RunStatus, run_status};
+pub use work::{Outcome, SharedQueue, Stop, WorkOptions, work, work_shared};

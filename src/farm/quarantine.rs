@@ -1,8 +1,9 @@
 //! Scenes that cannot be done, each with its reason; the farm goes on without them.
 
+use super::keys;
 use super::run_dir::RunDir;
-use crate::atomic_file::{self, WriteError};
 use crate::ids::SceneId;
+use crate::store::{Store, StoreError};
 use serde::{Deserialize, Serialize};
 
 /// The schema name of a quarantine record.
@@ -21,30 +22,46 @@ pub struct QuarantineRecord {
 }
 
 impl QuarantineRecord {
-    /// Writes the record, durably.
-    pub fn write(dir: &RunDir, scene: &SceneId, reason: &str) -> Result<(), WriteError> {
+    /// Puts the record. If another worker was first, its reason stands.
+    pub fn put(store: &Store, scene: &SceneId, reason: &str) -> Result<(), StoreError> {
         let record = Self {
             schema: QUARANTINE_SCHEMA.to_owned(),
             scene: scene.clone(),
             reason: reason.to_owned(),
         };
-        atomic_file::create_dir(&dir.quarantine_folder())?;
         let mut json = serde_json::to_string_pretty(&record).expect("strings are JSON");
         json.push('\n');
-        atomic_file::write(&dir.quarantine(scene), json.as_bytes())
+        match store.create(&keys::quarantine(scene), json.as_bytes()) {
+            Ok(_) | Err(StoreError::Differs { .. }) => Ok(()),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The scene's record in a store, if it is in quarantine.
+    pub fn get(store: &Store, scene: &SceneId) -> Result<Option<Self>, StoreError> {
+        let bytes = store.get(&keys::quarantine(scene))?;
+        Ok(bytes.map(|bytes| Self::parse(scene, &bytes)))
+    }
+
+    /// A damaged record counts, with that as its reason.
+    fn parse(scene: &SceneId, bytes: &[u8]) -> Self {
+        serde_json::from_slice(bytes).unwrap_or_else(|e| Self::damaged(scene, &e))
+    }
+
+    fn damaged(scene: &SceneId, what: &dyn std::fmt::Display) -> Self {
+        Self {
+            schema: QUARANTINE_SCHEMA.to_owned(),
+            scene: scene.clone(),
+            reason: format!("its quarantine record is damaged ({what}); delete it to try again"),
+        }
     }
 
     /// The scene's record, if it is in quarantine. A damaged record counts, with that as its reason.
     pub fn read(dir: &RunDir, scene: &SceneId) -> Option<Self> {
-        let damaged = |what: &dyn std::fmt::Display| Self {
-            schema: QUARANTINE_SCHEMA.to_owned(),
-            scene: scene.clone(),
-            reason: format!("its quarantine record is damaged ({what}); delete it to try again"),
-        };
         Some(match std::fs::read(dir.quarantine(scene)) {
-            Ok(bytes) => serde_json::from_slice(&bytes).unwrap_or_else(|e| damaged(&e)),
+            Ok(bytes) => Self::parse(scene, &bytes),
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return None,
-            Err(e) => damaged(&e),
+            Err(e) => Self::damaged(scene, &e),
         })
     }
 }

@@ -18,24 +18,28 @@ pub(super) fn sweep(run: &Run) {
     sweep_folder(&root.join("partials"), 1);
     for line in &run.lines {
         if is_written(&run.dir.tuple(&line.id), line) {
-            remove_partials(&run.dir.partials(&line.id));
+            let _ = std::fs::remove_dir_all(run.dir.partials(&line.id));
         }
     }
-}
-
-/// The tuple is durable: its partials are of no more use. A folder that cannot be removed does no harm.
-pub(super) fn remove_partials(folder: &Path) {
-    let _ = std::fs::remove_dir_all(folder);
 }
 
 fn sweep_folder(folder: &Path, depth: u32) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         match entry.file_type() {
             Ok(kind) if kind.is_dir() && depth > 0 => sweep_folder(&entry.path(), depth - 1),
-            Ok(kind) if kind.is_file() && is_temporary(&entry.path()) => {
+            Ok(kind)
+                if kind.is_file() && (is_temporary(&entry.path()) || is_staged(&entry.path())) =>
+            {
                 let _ = std::fs::remove_file(entry.path());
             }
             _ => {}
         }
     }
+}
+
+/// The name of a put of the local store that was not finished: `tuple.exr#1`.
+fn is_staged(path: &Path) -> bool {
+    let name = path.file_name().map(|name| name.to_string_lossy());
+    let number = name.as_ref().and_then(|name| name.rsplit_once('#'));
+    number.is_some_and(|(_, n)| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
 }

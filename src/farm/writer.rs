@@ -1,18 +1,16 @@
-//! What the writer thread is given. It waits for the disk, so that no thread that computes has to.
+//! What the writer thread is given. It waits for the store, so that no thread that computes has to.
 
+use super::error::FarmError;
 use super::finished::Files;
-use super::local::FarmError;
-use super::run_dir::RunDir;
-use super::sweep::remove_partials;
-use crate::atomic_file;
+use super::keys;
+use super::open_span::OpenSpan;
 use crate::manifest::SceneLine;
+use crate::store::Store;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// Something to write, encoded already.
 pub(super) struct Order<'a> {
-    pub(super) line: &'a SceneLine,
-    pub(super) failed: Arc<AtomicBool>,
+    pub(super) span: Arc<OpenSpan<'a>>,
     pub(super) what: What,
 }
 
@@ -24,26 +22,27 @@ pub(super) enum What {
     Tuple { files: Files, miss_share: f64 },
 }
 
-impl Order<'_> {
-    /// Writes it, durably.
-    pub(super) fn write(&self, dir: &RunDir) -> Result<(), FarmError> {
-        match &self.what {
-            What::Partial { shard, bytes } => {
-                atomic_file::write(&dir.partial(&self.line.id, *shard), bytes)?;
-            }
-            What::Tuple { files, .. } => {
-                let folder = dir.tuple(&self.line.id);
-                let write = || {
-                    atomic_file::create_dir(&folder)?;
-                    // In this order: tuple.json comes last.
-                    let mut files = files.iter();
-                    files
-                        .try_for_each(|(name, bytes)| atomic_file::write(&folder.join(name), bytes))
-                };
-                write()?;
-                remove_partials(&dir.partials(&self.line.id));
-            }
-        }
-        Ok(())
+/// Writes a tuple durably, `tuple.json` last, then removes the scene's partials.
+pub(super) fn write_tuple(
+    store: &Store,
+    line: &SceneLine,
+    mut files: Files,
+) -> Result<(), FarmError> {
+    let (name, record) = files.pop().expect("a tuple has a tuple.json");
+    let objects = files
+        .into_iter()
+        .map(|(name, bytes)| (keys::tuple(&line.id, &name), bytes));
+    store.create_all(objects.collect())?;
+    store.create(&keys::tuple(&line.id, &name), &record)?;
+    remove_partials(store, line);
+    Ok(())
+}
+
+/// The tuple is durable: its partials are of no more use. What cannot be removed does no harm.
+pub(super) fn remove_partials(store: &Store, line: &SceneLine) {
+    if let Some(root) = store.local_root() {
+        let _ = std::fs::remove_dir_all(root.join(keys::partials(&line.id)));
+    } else if let Ok(partials) = store.list(&keys::partials(&line.id)) {
+        let _ = store.delete(&partials);
     }
 }

@@ -10,6 +10,6 @@ pub use combine::{MergeError, combine};
 pub use srgb::{SrgbEncoder, srgb_to_linear};
 pub use tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord};
 pub use write::{
-    TupleWriteError, encode_png, encode_rgb_exr, encode_tuple_exr, encode_tuple_file, is_written,
-    tuple_files, write_tuple,
+    TupleWriteError, encode_png, encode_rgb_exr, encode_tuple_exr, encode_tuple_file, is_record_of,
+    is_written, tuple_files, write_tuple,
 };

@@ -56,11 +56,16 @@ pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
     let Ok(text) = std::fs::read_to_string(folder.join("tuple.json")) else {
         return false;
     };
-    let record: Result<TupleRecord, _> = serde_json::from_str(&text);
-    record.is_ok_and(|r| r.scene == *line && r.tracer_version == TRACER_VERSION)
+    is_record_of(text.as_bytes(), line)
         && tuple_files(line)
             .iter()
             .all(|name| folder.join(name).is_file())
+}
+
+/// The bytes are the `tuple.json` of this scene line, made by this version of the tracer.
+pub fn is_record_of(bytes: &[u8], line: &SceneLine) -> bool {
+    let record: Result<TupleRecord, _> = serde_json::from_slice(bytes);
+    record.is_ok_and(|r| r.scene == *line && r.tracer_version == TRACER_VERSION)
 }
 
 /// Writes the tuple's files into `folder`, durably.

@@ -160,7 +160,7 @@ fn a_full_disk_ends_with_1_and_can_be_resumed() {
     };
     limited(&["work", folder])
         .expect(1)
-        .says(&["cannot write", folder, "disk"]);
+        .says(&["cannot write", folder, "space"]);
     let elsewhere = place.folder.path().join("new");
     limited(&["plan", text(&place.recipe), "--out", text(&elsewhere)])
         .expect(1)
@@ -182,7 +182,7 @@ fn a_folder_that_cannot_be_written_ends_with_1() {
     .unwrap();
     run(&["work", text(&place.run)])
         .expect(1)
-        .says(&["cannot write", "partials"]);
+        .says(&["cannot list", "partials", "permissions"]);
 
     let read_only = place.folder.path().join("read-only");
     std::fs::create_dir(&read_only).unwrap();

@@ -1,0 +1,331 @@
+//! A thread that computes: it encodes a file of a finished scene if there is one, else traces a band of a shard from its
+//! own deque, else steals one from the others', and only when there is nothing to steal does it decode the next scene
+//! and fill its own deque.
+
+use super::error::FarmError;
+use super::events::Event;
+use super::finished::FinishedScene;
+use super::intake::Loaded;
+use super::job::SceneJob;
+use super::keys;
+use super::open_span::OpenSpan;
+use super::queue::Waiting;
+use super::span::Span;
+use super::work::{Shared, panic_reason};
+use super::writer::{Order, What};
+use crate::manifest::SceneLine;
+use crate::merge::combine;
+use crate::partial::{self, Partial};
+use crate::scene::{LoadError, load};
+use crate::shard::Shard;
+use crate::trace::TileResult;
+use crossbeam::channel::{Sender, TryRecvError};
+use crossbeam::deque::{Steal, Worker};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// One band of a shard of an open span.
+pub(super) struct Band<'a> {
+    span: Arc<OpenSpan<'a>>,
+    shard: u32,
+    /// From the top.
+    index: u32,
+}
+
+/// A thread that computes.
+pub(super) struct Hand<'s, 'a> {
+    pub(super) farm: &'s Shared<'a>,
+    pub(super) index: usize,
+    pub(super) deque: Worker<Band<'a>>,
+    pub(super) writer: Sender<Order<'a>>,
+}
+
+impl<'a> Hand<'_, 'a> {
+    pub(super) fn work(&self) {
+        let farm = self.farm;
+        while !farm.broken.load(Ordering::Relaxed) {
+            if let Some((scene, file)) = take(|| farm.to_encode.steal()) {
+                farm.step(&scene.span, || self.encode(&scene, file));
+                continue;
+            }
+            if let Some(span) = take(|| farm.to_complete.steal()) {
+                farm.step(&span, || self.complete(&span));
+                continue;
+            }
+            if let Some(band) = self.deque.pop().or_else(|| self.steal()) {
+                farm.step(&band.span, || self.trace(&band));
+                continue;
+            }
+            if farm.must_stop() {
+                return;
+            }
+            // Counted before it is taken, so that nobody goes home while a scene may still be shared out.
+            farm.open.fetch_add(1, Ordering::AcqRel);
+            match farm.files.try_recv() {
+                Ok(loaded) => self.open(loaded),
+                Err(error) => {
+                    let open = farm.open.fetch_sub(1, Ordering::AcqRel) - 1;
+                    if error == TryRecvError::Disconnected && open == 0 {
+                        return;
+                    }
+                    std::thread::sleep(Duration::from_micros(500));
+                }
+            }
+        }
+    }
+
+    fn steal(&self) -> Option<Band<'a>> {
+        let stealers = &self.farm.stealers;
+        let count = stealers.len();
+        (1..count).find_map(|offset| take(|| stealers[(self.index + offset) % count].steal()))
+    }
+
+    /// Waits while the channel is full. The writer takes orders until the last hand has gone home.
+    fn order(&self, span: &Arc<OpenSpan<'a>>, what: What) {
+        let span = Arc::clone(span);
+        if self.writer.send(Order { span, what }).is_err() {
+            // Its thread panicked, which the scope that joins it tells.
+            self.farm.broken.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Decodes a scene, takes up what is in the store, and puts the missing shards' bands into the deque.
+    fn open(&self, loaded: Loaded<'a>) {
+        let farm = self.farm;
+        let Loaded {
+            line,
+            delivery,
+            files,
+        } = loaded;
+        let ticket = delivery.ticket;
+        if !farm.held.may_open(ticket) {
+            // Given away while it waited.
+            farm.open.fetch_sub(1, Ordering::AcqRel);
+            return;
+        }
+        let start = Instant::now();
+        let loaded = catch_unwind(AssertUnwindSafe(|| {
+            files.and_then(|files| load(line, &files))
+        }));
+        farm.seconds.add_decode(start.elapsed());
+        farm.loads.fetch_add(1, Ordering::Relaxed);
+        let refuse = |reason: &str| {
+            farm.quarantine(line, reason);
+            farm.close(ticket);
+        };
+        let job = match loaded {
+            Ok(Ok(loaded)) => SceneJob::new(line, farm.run.layout(line), loaded),
+            Ok(Err(error)) => return refuse(&load_reason(line, &error)),
+            Err(panic) => return refuse(&panic_reason(&*panic)),
+        };
+        let span = Arc::new(OpenSpan::new(job, delivery));
+        farm.held.open(&span);
+        (farm.on_event)(Event::SceneOpened {
+            scene: line.id.clone(),
+        });
+        farm.step(&span, || self.take_up(&span));
+        for shard in span.left() {
+            for index in 0..span.job.bands(shard) {
+                self.deque.push(Band {
+                    span: Arc::clone(&span),
+                    shard,
+                    index,
+                });
+            }
+        }
+    }
+
+    /// Takes up the partials that the store has of the span's scene.
+    fn take_up(&self, span: &Arc<OpenSpan<'a>>) -> Result<(), FarmError> {
+        let (farm, job) = (self.farm, &span.job);
+        if job.layout.len() == 1 {
+            // Its only shard never has a partial.
+            return Ok(());
+        }
+        let mut there: Vec<String> = farm.store.list(&keys::partials(&job.line.id))?;
+        there.sort();
+        for (key, bytes) in there.iter().zip(farm.store.get_all(&there)?) {
+            let (Some(shard), Some(bytes)) = (keys::shard_of(key), bytes) else {
+                continue;
+            };
+            if let Some(partial) = self.read(span, shard, key, &bytes)? {
+                farm.resumed.fetch_add(1, Ordering::Relaxed);
+                (farm.on_event)(Event::ShardDone { resumed: true });
+                span.found(shard);
+                if let Some(partials) = job.finish(partial) {
+                    self.merge(span, &partials);
+                }
+            }
+        }
+        if span.settle() {
+            farm.end_in_part(span)?;
+        }
+        Ok(())
+    }
+
+    /// A partial, if it is one of this scene; else it is removed, to be traced again.
+    fn read(
+        &self,
+        span: &OpenSpan<'a>,
+        shard: u32,
+        key: &str,
+        bytes: &[u8],
+    ) -> Result<Option<Partial>, FarmError> {
+        let (farm, job) = (self.farm, &span.job);
+        let path = PathBuf::from(farm.store.name()).join(key);
+        let known = shard < job.layout.len();
+        let reason = match partial::decode(&path, bytes) {
+            Ok(found) if known && job.accepts(&job.layout.shard(shard), &found) => {
+                return Ok(Some(found));
+            }
+            Ok(_) => format!(
+                "partial {} belongs to other inputs or another spec; it will be traced again",
+                path.display()
+            ),
+            Err(error) => error.to_string(),
+        };
+        (farm.on_event)(Event::PartialRejected { reason });
+        farm.store.delete(&[key.to_owned()])?;
+        Ok(None)
+    }
+
+    fn trace(&self, band: &Band<'a>) -> Result<(), FarmError> {
+        let (farm, job) = (self.farm, &band.span.job);
+        if job.has_failed() || !job.may_trace(band.shard, farm.must_stop()) {
+            return Ok(());
+        }
+        let shard = job.layout.shard(band.shard);
+        let start = Instant::now();
+        let result = job.trace_band(&shard, band.index, farm.options.isa);
+        farm.seconds.add_trace(start.elapsed());
+        match result {
+            Some(result) => self.finish(&band.span, &shard, result),
+            None => Ok(()),
+        }
+    }
+
+    /// A shard is traced: its partial goes to the writer, but that of the last shard of a scene that is in memory as a
+    /// whole, since the tuple follows at once. A process that is killed in between has lost one shard, as if it were
+    /// killed in tracing it.
+    fn finish(
+        &self,
+        span: &Arc<OpenSpan<'a>>,
+        shard: &Shard,
+        result: TileResult,
+    ) -> Result<(), FarmError> {
+        let (farm, job) = (self.farm, &span.job);
+        let partial = if span.traced(shard.index) {
+            job.partial_in_memory(shard, result)
+        } else {
+            let start = Instant::now();
+            let partial = job.partial(shard, result);
+            let bytes = partial::encode(&partial).map_err(|e| {
+                let key = keys::partial(&job.line.id, shard.index);
+                FarmError::Tuple(format!("cannot encode {key}: {e}"))
+            })?;
+            farm.seconds.add_checkpoint(start.elapsed());
+            let shard = shard.index;
+            self.order(span, What::Partial { shard, bytes });
+            partial
+        };
+        farm.traced.fetch_add(1, Ordering::Relaxed);
+        (farm.on_event)(Event::ShardDone { resumed: false });
+        if let Some(partials) = job.finish(partial) {
+            self.merge(span, &partials);
+        }
+        Ok(())
+    }
+
+    /// Others have traced the rest of the scene: fetches it. A partial of theirs that is damaged is published anew.
+    fn complete(&self, span: &Arc<OpenSpan<'a>>) -> Result<(), FarmError> {
+        let (farm, job) = (self.farm, &span.job);
+        let mut partials = job.take_results();
+        let mut damaged = Vec::new();
+        for shard in 0..job.layout.len() {
+            if partials.iter().any(|p| p.header.shard == shard) {
+                continue;
+            }
+            let key = keys::partial(&job.line.id, shard);
+            let found = match farm.store.get(&key)? {
+                Some(bytes) => self.read(span, shard, &key, &bytes)?,
+                // Merged by somebody else meanwhile, or removed.
+                None => None,
+            };
+            match found {
+                Some(partial) => partials.push(partial),
+                None => damaged.push(shard),
+            }
+        }
+        if damaged.is_empty() {
+            self.merge(span, &partials);
+            return Ok(());
+        }
+        let waiting = &span.delivery.waiting;
+        let again = damaged.into_iter().map(|shard| Waiting {
+            span: Span {
+                scene: waiting.span.scene,
+                shards: shard..shard + 1,
+            },
+            handed_on: waiting.handed_on + 1,
+        });
+        // If the queue cannot be told, the coordinator notices.
+        let _ = farm.queue.publish(&again.collect::<Vec<_>>());
+        farm.close(span.delivery.ticket);
+        Ok(())
+    }
+
+    /// All shards are there: combines them and shares out the encoding.
+    fn merge(&self, span: &Arc<OpenSpan<'a>>, partials: &[Partial]) {
+        let farm = self.farm;
+        let start = Instant::now();
+        let combined = combine(span.job.line, farm.run.spec.tile_px, partials);
+        farm.seconds.add_merge(start.elapsed());
+        match combined {
+            Ok(tuple) => {
+                let scene = Arc::new(FinishedScene::new(Arc::clone(span), tuple));
+                for file in 0..scene.len() {
+                    farm.to_encode.push((Arc::clone(&scene), file));
+                }
+            }
+            Err(error) => farm.fail(span, &error.to_string()),
+        }
+    }
+
+    fn encode(&self, scene: &FinishedScene<'a>, file: usize) -> Result<(), FarmError> {
+        let farm = self.farm;
+        let start = Instant::now();
+        let files = scene.encode(file, &farm.encoder)?;
+        farm.seconds.add_merge(start.elapsed());
+        if let Some(files) = files {
+            let miss_share = scene.miss_share();
+            self.order(&scene.span, What::Tuple { files, miss_share });
+        }
+        Ok(())
+    }
+}
+
+/// Takes a task from a queue that others take from, too.
+fn take<T>(steal: impl Fn() -> Steal<T>) -> Option<T> {
+    loop {
+        match steal() {
+            Steal::Success(task) => return Some(task),
+            Steal::Empty => return None,
+            Steal::Retry => {}
+        }
+    }
+}
+
+/// Errors about a file name it; those about the scene as a whole need its files' names beside them.
+fn load_reason(line: &SceneLine, error: &LoadError) -> String {
+    match error {
+        LoadError::Assemble(error) => format!(
+            "{error} (front is {}, back is {})",
+            line.front.name(),
+            line.back.name()
+        ),
+        error => error.to_string(),
+    }
+}

@@ -1,0 +1,216 @@
+//! The spans that a worker holds: their leases, and what it gives away.
+
+use super::open_span::OpenSpan;
+use super::queue::{Delivery, Queue, QueueError, Waiting};
+use super::span::{HeldSpan, Span, what_to_give};
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::{Duration, Instant};
+
+/// Spans by ticket.
+#[derive(Default)]
+pub(super) struct HeldSpans<'a> {
+    spans: Mutex<BTreeMap<u64, Held<'a>>>,
+}
+
+struct Held<'a> {
+    delivery: Delivery,
+    open: Option<Arc<OpenSpan<'a>>>,
+    /// Its scene is being loaded.
+    opening: bool,
+    progress: Instant,
+}
+
+/// What this worker's work costs, for guessing what is left.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Costs {
+    /// Wall seconds of a shard with all threads at it.
+    pub(super) shard_s: f64,
+    /// Seconds to load a scene.
+    pub(super) load_s: f64,
+}
+
+/// Spans that were given away, as parts of open ones.
+pub(super) struct Given<'a> {
+    /// Spans that were published.
+    pub(super) count: u32,
+    /// Ended in part by it.
+    pub(super) ended: Vec<Arc<OpenSpan<'a>>>,
+}
+
+impl<'a> HeldSpans<'a> {
+    fn spans(&self) -> MutexGuard<'_, BTreeMap<u64, Held<'a>>> {
+        self.spans.lock().expect("no holder of this lock panics")
+    }
+
+    /// Nothing is held.
+    pub(super) fn is_empty(&self) -> bool {
+        self.spans().is_empty()
+    }
+
+    /// A span was taken.
+    pub(super) fn add(&self, delivery: &Delivery) {
+        let held = Held {
+            delivery: delivery.clone(),
+            open: None,
+            opening: false,
+            progress: Instant::now(),
+        };
+        self.spans().insert(delivery.ticket, held);
+    }
+
+    /// Somebody wants to load its scene. False: it was given away.
+    pub(super) fn may_open(&self, ticket: u64) -> bool {
+        match self.spans().get_mut(&ticket) {
+            Some(held) => {
+                held.opening = true;
+                held.progress = Instant::now();
+                true
+            }
+            None => false,
+        }
+    }
+
+    /// Its scene is loaded.
+    pub(super) fn open(&self, span: &Arc<OpenSpan<'a>>) {
+        if let Some(held) = self.spans().get_mut(&span.delivery.ticket) {
+            held.open = Some(Arc::clone(span));
+            held.progress = Instant::now();
+        }
+    }
+
+    /// Something of it was done.
+    pub(super) fn touch(&self, ticket: u64) {
+        if let Some(held) = self.spans().get_mut(&ticket) {
+            held.progress = Instant::now();
+        }
+    }
+
+    /// It is no longer this worker's.
+    pub(super) fn remove(&self, ticket: u64) {
+        self.spans().remove(&ticket);
+    }
+
+    /// Renews all leases; or says which open span has made no progress for `hang`.
+    pub(super) fn renew(&self, queue: &dyn Queue, hang: Duration) -> Result<(), Delivery> {
+        let tickets: Vec<u64> = {
+            let spans = self.spans();
+            let mut active = spans.values().filter(|h| h.opening);
+            if let Some(hung) = active.find(|h| h.progress.elapsed() > hang) {
+                return Err(hung.delivery.clone());
+            }
+            spans.keys().copied().collect()
+        };
+        for ticket in tickets {
+            queue.renew(ticket);
+        }
+        Ok(())
+    }
+
+    fn views(&self, costs: Costs) -> Vec<(u64, HeldSpan)> {
+        let spans = self.spans();
+        let view = |(ticket, held): (&u64, &Held<'a>)| {
+            let span = held.delivery.waiting.span.clone();
+            let unbegun = match &held.open {
+                Some(open) => open.unbegun(),
+                None => span.shards.clone(),
+            };
+            let view = HeldSpan {
+                opened: held.opening,
+                unbegun_s: f64::from(unbegun.end - unbegun.start) * costs.shard_s,
+                // What is being loaded is nobody's yet.
+                unbegun: if held.opening && held.open.is_none() {
+                    0..0
+                } else {
+                    unbegun
+                },
+                span,
+                load_s: costs.load_s,
+            };
+            (*ticket, view)
+        };
+        spans.iter().map(view).collect()
+    }
+
+    /// There is something that another worker could have.
+    pub(super) fn has_something_to_give(&self, costs: Costs) -> bool {
+        let views: Vec<HeldSpan> = self.views(costs).into_iter().map(|(_, v)| v).collect();
+        !what_to_give(&views).is_empty()
+    }
+
+    /// Gives away what another worker should have: published first, left alone then.
+    pub(super) fn give(&self, queue: &dyn Queue, costs: Costs) -> Result<Given<'a>, QueueError> {
+        let views = self.views(costs);
+        let held: Vec<HeldSpan> = views.iter().map(|(_, v)| v.clone()).collect();
+        let gifts = what_to_give(&held);
+        let mut given = Given {
+            count: 0,
+            ended: Vec::new(),
+        };
+        for gift in gifts {
+            let from = views.iter().find(|(_, v)| {
+                v.span.scene == gift.scene
+                    && v.span.shards.start <= gift.shards.start
+                    && gift.shards.end <= v.span.shards.end
+            });
+            let Some((ticket, _)) = from else { continue };
+            let Some(handed_on) = self.handed_on(*ticket) else {
+                continue;
+            };
+            queue.publish(&[Waiting {
+                span: gift.clone(),
+                handed_on: handed_on + 1,
+            }])?;
+            given.count += 1;
+            given.ended.extend(self.leave(queue, *ticket, &gift));
+        }
+        Ok(given)
+    }
+
+    fn handed_on(&self, ticket: u64) -> Option<u32> {
+        self.spans()
+            .get(&ticket)
+            .map(|h| h.delivery.waiting.handed_on)
+    }
+
+    /// The queue has `gift` for somebody else.
+    fn leave(&self, queue: &dyn Queue, ticket: u64, gift: &Span) -> Option<Arc<OpenSpan<'a>>> {
+        let open = {
+            let mut spans = self.spans();
+            let held = spans.get(&ticket)?;
+            match &held.open {
+                Some(open) => Arc::clone(open),
+                // Being loaded since: both do it.
+                None if held.opening => return None,
+                None => {
+                    spans.remove(&ticket);
+                    drop(spans);
+                    queue.finish(ticket);
+                    return None;
+                }
+            }
+        };
+        open.give(gift.shards.clone()).then_some(open)
+    }
+
+    /// Publishes all that is not done, and gives up the rest. For who stops; nothing is lost if it fails.
+    pub(super) fn hand_back(&self, queue: &dyn Queue) -> Result<u32, QueueError> {
+        let held = std::mem::take(&mut *self.spans());
+        let mut count = 0;
+        for (ticket, held) in held {
+            let handed_on = held.delivery.waiting.handed_on + 1;
+            let rest = match &held.open {
+                Some(open) => open.rest(),
+                None => vec![held.delivery.waiting.span],
+            };
+            let waiting: Vec<Waiting> = rest
+                .into_iter()
+                .map(|span| Waiting { span, handed_on })
+                .collect();
+            count += waiting.len() as u32;
+            queue.publish(&waiting)?;
+            queue.finish(ticket);
+        }
+        Ok(count)
+    }
+}

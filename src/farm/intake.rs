@@ -1,0 +1,118 @@
+//! The thread that takes spans from the queue and reads their scenes' files ahead of the hands.
+
+use super::done::is_done;
+use super::events::Event;
+use super::keys;
+use super::quarantine::QuarantineRecord;
+use super::queue::{Delivery, Taken};
+use super::work::Shared;
+use crate::manifest::SceneLine;
+use crate::scene::{LoadError, SceneFiles, read_files};
+use crossbeam::channel::Sender;
+use std::time::{Duration, Instant};
+
+/// A span and its scene's files.
+pub(super) struct Loaded<'a> {
+    pub(super) line: &'a SceneLine,
+    pub(super) delivery: Delivery,
+    pub(super) files: Result<SceneFiles, LoadError>,
+}
+
+/// How long one call waits for a span; a stop is noticed in between.
+const WAIT: Duration = Duration::from_millis(500);
+/// Between two looks whether the run is over, when there is nothing to do.
+const LOOK: Duration = Duration::from_secs(1);
+/// Between two complaints about a queue that is away.
+const COMPLAIN: Duration = Duration::from_secs(30);
+/// Pauses between two questions for work, at least and at most.
+const ASK: [Duration; 2] = [Duration::from_millis(20), Duration::from_secs(1)];
+
+impl<'a> Shared<'a> {
+    /// Takes spans until the queue ends, the run is over or work must stop.
+    pub(super) fn take_in(&self, sender: &Sender<Loaded<'a>>) {
+        let (mut looked, mut complained) = (Instant::now(), None::<Instant>);
+        let mut pause = ASK[0];
+        while !self.must_stop() {
+            match self.queue.take(WAIT) {
+                Taken::Span(delivery) => {
+                    (pause, complained) = (ASK[0], None);
+                    if !self.pass_on(sender, delivery) {
+                        return;
+                    }
+                    continue;
+                }
+                Taken::Nothing => complained = None,
+                Taken::Ended => return,
+                Taken::Lost(reason) => {
+                    if complained.is_none_or(|at| at.elapsed() > COMPLAIN) {
+                        complained = Some(Instant::now());
+                        (self.on_event)(Event::QueueLost { reason });
+                    }
+                }
+            }
+            if self.shared.is_none() {
+                continue;
+            }
+            if looked.elapsed() > LOOK {
+                looked = Instant::now();
+                if let Ok(Some(_)) = self.store.get(keys::FINISHED) {
+                    return;
+                }
+            }
+            // Only who has nothing left asks others.
+            if sender.is_empty() && self.is_idle() && complained.is_none() {
+                if self.queue.ask() > 0 {
+                    pause = ASK[0];
+                } else {
+                    std::thread::sleep(pause);
+                    pause = (pause * 2).min(ASK[1]);
+                }
+            }
+        }
+    }
+
+    /// Reads a span's files and passes them on. False: nobody takes them any more.
+    fn pass_on(&self, sender: &Sender<Loaded<'a>>, delivery: Delivery) -> bool {
+        let ticket = delivery.ticket;
+        let run: &'a _ = self.run;
+        let line = &run.lines[delivery.waiting.span.scene as usize];
+        self.held.add(&delivery);
+        if self.shared.is_some() {
+            match is_done(self.store, line) {
+                Ok(true) => {
+                    self.held.remove(ticket);
+                    self.queue.finish(ticket);
+                    return true;
+                }
+                Ok(false) => {}
+                Err(error) => {
+                    self.break_down(error);
+                    return false;
+                }
+            }
+            if let Ok(Some(_)) = QuarantineRecord::get(self.store, &line.id) {
+                self.held.remove(ticket);
+                self.queue.finish(ticket);
+                return true;
+            }
+        }
+        let start = Instant::now();
+        let files = read_files(line, &run.roots, run.dir.root());
+        self.seconds.add_read(start.elapsed());
+        let mut message = Loaded {
+            line,
+            delivery,
+            files,
+        };
+        loop {
+            if self.must_stop() {
+                return false;
+            }
+            match sender.send_timeout(message, Duration::from_millis(50)) {
+                Ok(()) => return true,
+                Err(error) if error.is_disconnected() => return false,
+                Err(error) => message = error.into_inner(),
+            }
+        }
+    }
+}

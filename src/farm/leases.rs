@@ -1,0 +1,58 @@
+//! The thread that keeps a worker's leases while there is progress, and gives work to whoever asks.
+
+use super::work::{Shared, SharedQueue};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// How long one look for questions waits.
+const WAIT: Duration = Duration::from_millis(20);
+
+impl<'a> Shared<'a> {
+    /// Until the hands have gone home.
+    pub(super) fn keep_leases(&self, shared: &SharedQueue) {
+        let every = shared.lease / 3;
+        let mut renewed = Instant::now();
+        while !self.over.load(Ordering::Acquire) {
+            let able = !self.must_stop() && self.held.has_something_to_give(self.costs());
+            shared.queue.offer(able);
+            if let Some(ask) = shared.queue.asked(WAIT) {
+                ask.answer(self.give(shared));
+            }
+            if renewed.elapsed() < every {
+                continue;
+            }
+            renewed = Instant::now();
+            if let Err(hung) = self.held.renew(shared.queue, shared.hang) {
+                let scene = &self.run.lines[hung.waiting.span.scene as usize].id;
+                shared.queue.offer(false);
+                (shared.on_hung)(&format!(
+                    "scene {scene} made no progress for {} s: this worker hangs and leaves it to others; see --hang-s",
+                    shared.hang.as_secs_f64()
+                ));
+            }
+        }
+        shared.queue.offer(false);
+    }
+
+    fn give(&self, shared: &SharedQueue) -> u32 {
+        if self.must_stop() {
+            return 0;
+        }
+        let Ok(given) = self.held.give(shared.queue, self.costs()) else {
+            return 0;
+        };
+        self.given
+            .fetch_add(u64::from(given.count), Ordering::Relaxed);
+        for span in given.ended {
+            if let Err(error) = self.end_in_part(&span) {
+                self.break_down(error);
+            }
+        }
+        given.count
+    }
+
+    /// Nothing is held.
+    pub(super) fn is_idle(&self) -> bool {
+        self.held.is_empty()
+    }
+}

@@ -1,0 +1,128 @@
+//! A held span whose scene is loaded: which of its shards are left, and how it ends.
+
+use super::job::SceneJob;
+use super::queue::Delivery;
+use super::span::Span;
+use std::collections::BTreeSet;
+use std::ops::Range;
+use std::sync::{Mutex, MutexGuard};
+
+/// A span that is being worked on.
+///
+/// It ends in one of three ways, once: *whole*, when all shards of the scene are in memory (the tuple is written from
+/// them); *in part*, when its own shards are durable and others hold the rest; or by failing.
+pub(super) struct OpenSpan<'a> {
+    pub(super) job: SceneJob<'a>,
+    pub(super) delivery: Delivery,
+    state: Mutex<State>,
+}
+
+struct State {
+    /// Shards of the span that are neither traced nor found nor given away.
+    left: BTreeSet<u32>,
+    /// Partials on their way to the store.
+    unwritten: u32,
+    /// It has ended in part.
+    ended: bool,
+}
+
+impl<'a> OpenSpan<'a> {
+    pub(super) fn new(job: SceneJob<'a>, delivery: Delivery) -> Self {
+        let shards = delivery.waiting.span.shards.clone();
+        let state = State {
+            left: (shards.start..shards.end.min(job.layout.len())).collect(),
+            unwritten: 0,
+            ended: false,
+        };
+        Self {
+            job,
+            delivery,
+            state: Mutex::new(state),
+        }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().expect("no holder of this lock panics")
+    }
+
+    /// Shards to trace.
+    pub(super) fn left(&self) -> BTreeSet<u32> {
+        self.state().left.clone()
+    }
+
+    /// A shard was found in the store.
+    pub(super) fn found(&self, shard: u32) {
+        self.state().left.remove(&shard);
+        self.job.count_traced();
+    }
+
+    /// A shard is traced. True for the last one of a scene that is in memory as a whole: its partial need not be
+    /// written; of all others it must be.
+    pub(super) fn traced(&self, shard: u32) -> bool {
+        let mut state = self.state();
+        state.left.remove(&shard);
+        let last = self.job.count_traced();
+        state.unwritten += u32::from(!last);
+        last
+    }
+
+    /// A partial is durable. True if the span has ended in part by this.
+    pub(super) fn stored(&self) -> bool {
+        let mut state = self.state();
+        state.unwritten -= 1;
+        self.ends_in_part(&mut state)
+    }
+
+    /// True if nothing is left to do in a span of which something was found. For once all that was found is counted.
+    pub(super) fn settle(&self) -> bool {
+        self.ends_in_part(&mut self.state())
+    }
+
+    /// Shards at the span's end that nobody has begun.
+    pub(super) fn unbegun(&self) -> Range<u32> {
+        let state = self.state();
+        let end = state.left.last().map_or(0, |last| last + 1);
+        let mut start = end;
+        while start > 0 && state.left.contains(&(start - 1)) && self.job.is_waiting(start - 1) {
+            start -= 1;
+        }
+        start..end
+    }
+
+    /// Leaves shards to another worker, which has them already; those that were begun meanwhile are finished here, too.
+    /// True if the span has ended in part by this.
+    pub(super) fn give(&self, shards: Range<u32>) -> bool {
+        let mut state = self.state();
+        for shard in shards {
+            if state.left.contains(&shard) && !self.job.may_trace(shard, true) {
+                state.left.remove(&shard);
+            }
+        }
+        self.ends_in_part(&mut state)
+    }
+
+    fn ends_in_part(&self, state: &mut State) -> bool {
+        let ends = !state.ended
+            && state.left.is_empty()
+            && state.unwritten == 0
+            && !self.job.is_whole()
+            && !self.job.has_failed();
+        state.ended |= ends;
+        ends
+    }
+
+    /// What nobody has done of it: shards in a row. For who stops.
+    pub(super) fn rest(&self) -> Vec<Span> {
+        let mut spans: Vec<Span> = Vec::new();
+        for shard in self.left() {
+            match spans.last_mut() {
+                Some(span) if span.shards.end == shard => span.shards.end += 1,
+                _ => spans.push(Span {
+                    scene: self.delivery.waiting.span.scene,
+                    shards: shard..shard + 1,
+                }),
+            }
+        }
+        spans
+    }
+}
