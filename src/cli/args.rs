@@ -127,6 +127,11 @@ pub enum Command {
   glasshouse work runs/smoke
   glasshouse work runs/smoke --time-limit 55m   # exits with 75 when more is left")]
     Work(WorkArgs),
+    /// Keep a farm of many machines supplied until every scene is done; may be stopped and started at any time
+    #[command(after_help = "Examples:
+  glasshouse coordinate runs/mine --queue nats://localhost:4222
+  glasshouse work runs/mine --queue nats://localhost:4222      # on as many machines as you like")]
+    Coordinate(CoordinateArgs),
     /// Merge scenes whose partials are complete into tuples; refuses gaps
     #[command(after_help = "Examples:
   glasshouse merge runs/smoke
@@ -241,6 +246,74 @@ pub struct WorkArgs {
     /// Named roots.
     #[command(flatten)]
     pub roots: RootArgs,
+    /// The queue.
+    #[command(flatten)]
+    pub queue: QueueArgs,
+    /// A scene without any progress for this time counts as hung: the worker ends and leaves it to others
+    #[arg(long, value_name = "S", default_value = "120", value_parser = parse_duration, requires = "queue", help_heading = FARM)]
+    pub hang_s: Duration,
+    /// Name of this worker in messages and receipts [default: host and process]
+    #[arg(long, value_name = "NAME", requires = "queue", help_heading = FARM)]
+    pub name: Option<String>,
+}
+
+const FARM: &str = "Many machines";
+
+/// Where the queue and the store of a farm are.
+#[derive(Clone, Debug, ClapArgs)]
+#[command(next_help_heading = FARM)]
+pub struct QueueArgs {
+    /// NATS server: nats://host:4222, tls://host:4222, several with commas
+    #[arg(
+        long,
+        value_name = "URL",
+        env = "GLASSHOUSE_QUEUE",
+        hide_env_values = true
+    )]
+    pub queue: Option<String>,
+    /// Where the run's objects are: a folder, s3://bucket/prefix, ... [default: the run's folder]
+    #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE", requires = "queue")]
+    pub store: Option<String>,
+    /// What is held for longer without a sign of life goes to another worker; the same for all
+    #[arg(long, value_name = "S", default_value = "30", value_parser = parse_duration, requires = "queue")]
+    pub lease_s: Duration,
+    /// File with the seed of an nkey
+    #[arg(
+        long,
+        value_name = "FILE",
+        env = "GLASSHOUSE_QUEUE_NKEY",
+        requires = "queue"
+    )]
+    pub queue_nkey: Option<PathBuf>,
+    /// File with NATS credentials, as nsc writes it
+    #[arg(
+        long,
+        value_name = "FILE",
+        env = "GLASSHOUSE_QUEUE_CREDS",
+        requires = "queue"
+    )]
+    pub queue_creds: Option<PathBuf>,
+    /// File with certificates (PEM) to trust besides the system's
+    #[arg(
+        long,
+        value_name = "FILE",
+        env = "GLASSHOUSE_QUEUE_CA",
+        requires = "queue"
+    )]
+    pub queue_ca: Option<PathBuf>,
+}
+
+/// `coordinate`
+#[derive(Debug, ClapArgs)]
+pub struct CoordinateArgs {
+    /// Folder of the run
+    pub run: PathBuf,
+    /// The queue.
+    #[command(flatten)]
+    pub queue: QueueArgs,
+    /// Address of the status page; port 0 picks one and prints it
+    #[arg(long, value_name = "ADDR:PORT", help_heading = FARM)]
+    pub listen: Option<std::net::SocketAddr>,
 }
 
 /// A run's folder.

@@ -131,6 +131,22 @@ impl From<crate::report::ReportError> for Failure {
     }
 }
 
+impl From<crate::store::StoreError> for Failure {
+    fn from(error: crate::store::StoreError) -> Self {
+        let exit = match error {
+            crate::store::StoreError::Address { .. } => Exit::Usage,
+            _ => Exit::Failed,
+        };
+        Self::new(exit, error)
+    }
+}
+
+impl From<crate::farm::queue::QueueError> for Failure {
+    fn from(error: crate::farm::queue::QueueError) -> Self {
+        Self::new(Exit::Usage, error)
+    }
+}
+
 impl From<crate::manifest::RootError> for Failure {
     fn from(error: crate::manifest::RootError) -> Self {
         Self::new(Exit::Usage, error)

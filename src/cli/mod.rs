@@ -5,11 +5,13 @@ mod bench_args;
 mod bench_cmd;
 mod bench_error_cmd;
 mod bench_trace_cmd;
+mod coordinate_cmd;
 mod exit_code;
 mod merge_cmd;
 mod output;
 mod plan_cmd;
 mod progress;
+mod queue_cmd;
 mod render_cmd;
 mod report_cmd;
 mod run_cmd;
@@ -48,12 +50,15 @@ pub fn main() -> ExitCode {
         }
     };
     let output = Output::new(&args.global);
+    // Queue and store each bring a TLS provider: without a choice the first connection panics.
+    let _ = rustls::crypto::ring::default_provider().install_default();
     let result = match &args.command {
         Command::Run(run) => run_cmd::run(run, &args.global, &output),
         Command::Sample(sample) => sample_cmd::run(sample, &args.global, &output),
         Command::Plan(plan) => plan_cmd::run(plan, &args.global, &output),
         Command::Render(render) => render_cmd::run(render, &args.global, &output),
         Command::Work(work) => work_cmd::run(work, &args.global, &output),
+        Command::Coordinate(coordinate) => coordinate_cmd::run(coordinate, &args.global, &output),
         Command::Merge(merge) => merge_cmd::run(merge, &args.global, &output),
         Command::Status(status) => status_cmd::run(status, &args.global, &output),
         Command::Report(report) => report_cmd::run(report, &args.global, &output),

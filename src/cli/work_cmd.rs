@@ -4,8 +4,9 @@ use super::args::{Global, IsaChoice, WorkArgs};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
+use super::queue_cmd;
 use super::signals::Signals;
-use crate::farm::{Outcome, Run, Stop, WorkOptions, run_status, work};
+use crate::farm::{Outcome, Run, SharedQueue, Stop, WorkOptions, run_status, work, work_shared};
 use crate::manifest::Roots;
 use crate::trace::Isa;
 use serde_json::{Value, json};
@@ -33,6 +34,7 @@ pub(super) fn isa(global: &Global) -> Result<Isa, Failure> {
 }
 
 pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    queue_cmd::fetch_run(&args.run, &args.queue)?;
     let run = Run::open(&args.run, &Roots::parse(&args.roots.roots)?)?;
     if global.dry_run {
         let status = run_status(&run);
@@ -47,7 +49,10 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
     let deadline = args
         .time_limit
         .and_then(|limit| Instant::now().checked_add(limit));
-    let (outcome, exit, wall) = work_on(&run, global, output, deadline)?;
+    let (outcome, exit, wall) = match &args.queue.queue {
+        None => work_on(&run, global, output, deadline)?,
+        Some(_) => work_for(&run, args, global, output, deadline)?,
+    };
     output.result(
         "glasshouse.work/1",
         outcome_json(&outcome, &args.run, wall),
@@ -94,6 +99,50 @@ pub(super) fn work_on(
     Ok((outcome, exit, start.elapsed()))
 }
 
+/// Works for a farm until its run is over.
+fn work_for(
+    run: &Run,
+    args: &WorkArgs,
+    global: &Global,
+    output: &Output,
+    deadline: Option<Instant>,
+) -> Result<(Outcome, Exit, Duration), Failure> {
+    let signals = Signals::catch();
+    let progress = Progress::new(global, "shards", 0);
+    let start = Instant::now();
+    let options = WorkOptions {
+        threads: threads(global),
+        isa: isa(global)?,
+        stop: signals.stop(),
+        deadline,
+    };
+    let store = queue_cmd::store(&args.run, &args.queue)?;
+    let name = args.name.clone().unwrap_or_else(queue_cmd::worker_name);
+    let queue = queue_cmd::worker(run, &args.queue, &name)?;
+    let on_hung = |reason: &str| {
+        output.warning(reason);
+        std::process::exit(Exit::Failed.code().into());
+    };
+    let shared = SharedQueue {
+        queue: &queue,
+        lease: args.queue.lease_s,
+        hang: args.hang_s,
+        on_hung: &on_hung,
+        worker: name,
+    };
+    let outcome = work_shared(run, &store, &shared, &options, &|event| {
+        progress.event(event, output);
+    });
+    progress.finish();
+    let outcome = outcome?;
+    let exit = match outcome.stopped {
+        Some(Stop::Asked) => signals.exit(),
+        Some(Stop::TimeLimit) => Exit::TryAgain,
+        None => Exit::Done,
+    };
+    Ok((outcome, exit, start.elapsed()))
+}
+
 /// The outcome as JSON.
 pub(super) fn outcome_json(outcome: &Outcome, run: &Path, wall: Duration) -> Value {
     let seconds: serde_json::Map<String, Value> = outcome
@@ -113,6 +162,7 @@ pub(super) fn outcome_json(outcome: &Outcome, run: &Path, wall: Duration) -> Val
         "already_merged": outcome.already_merged,
         "shards_traced": outcome.traced,
         "shards_resumed": outcome.resumed,
+        "spans_given": outcome.given,
         "quarantined": quarantined,
         "stopped": outcome.stopped.map(|stop| match stop {
             Stop::Asked => "signal",

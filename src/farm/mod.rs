@@ -5,6 +5,7 @@
 //! whole files or nothing, so a process may be killed at any instruction.
 
 mod bands;
+mod coordinate;
 mod done;
 mod error;
 mod events;
@@ -28,6 +29,7 @@ mod sweep;
 mod work;
 mod writer;
 
+pub use coordinate::{CoordinateOptions, Coordinated, Watch, coordinate};
 pub use done::Progress;
 pub use error::FarmError;
 pub use events::{Event, StageSeconds};

@@ -211,6 +211,15 @@ impl Run {
         })
     }
 
+    /// Names the run among others: the first bytes of its spec's digest.
+    pub fn id(&self) -> [u8; 8] {
+        let spec = serde_json::to_vec(&self.spec).expect("a spec is JSON");
+        let digest = blake3::hash(&spec);
+        digest.as_bytes()[..8]
+            .try_into()
+            .expect("a digest has 32 bytes")
+    }
+
     /// The cut of a scene.
     pub fn layout(&self, line: &SceneLine) -> ShardLayout {
         ShardLayout::of(line, self.spec.tile_px)

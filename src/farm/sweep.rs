@@ -4,6 +4,7 @@
 use super::run_dir::Run;
 use crate::atomic_file::is_temporary;
 use crate::merge::is_written;
+use crate::store::Store;
 use std::path::Path;
 
 /// Removes it. For whoever holds the run's lock; what cannot be removed does no harm.
@@ -20,6 +21,17 @@ pub(super) fn sweep(run: &Run) {
         if is_written(&run.dir.tuple(&line.id), line) {
             let _ = std::fs::remove_dir_all(run.dir.partials(&line.id));
         }
+    }
+}
+
+/// Removes what puts of killed workers left in a store on a local disk. For when all is done: a late put of something
+/// that is there already may fail by it, which nobody waits for.
+pub(super) fn sweep_staged(run: &Run, store: &Store) {
+    if store.local_root().is_some() {
+        let root = run.dir.root();
+        sweep_folder(&root.join("tuples"), 1);
+        sweep_folder(&root.join("partials"), 1);
+        sweep_folder(&root.join("receipts"), 0);
     }
 }
 

@@ -163,7 +163,11 @@ impl Store {
                     there: digest(&there),
                 })
             }
-            Err(error) => Err(self.failed("write", key, error)),
+            Err(error) => match self.get_async(key).await {
+                // Somebody else was first, and swept the unfinished rest of this put away.
+                Ok(Some(there)) if there == bytes => Ok(Put::Same),
+                _ => Err(self.failed("write", key, error)),
+            },
         }
     }
 

@@ -114,6 +114,8 @@ impl Connection {
         let client = RUNTIME
             .block_on(connect.connect(servers))
             .map_err(|e| invalid(&shown(&options.url), &e))?;
+        // It starts a task of its own.
+        let _runtime = RUNTIME.enter();
         let mut context = jetstream::new(client.clone());
         context.set_timeout(ANSWER);
         let hex = run[..4]
@@ -179,6 +181,12 @@ impl Connection {
             .try_for_each(|()| async { Ok(()) })
             .await
     }
+}
+
+/// Waits for the server, but not for ever.
+fn within<T>(limit: Duration, answer: impl Future<Output = T>) -> Option<T> {
+    // A timer needs the runtime around it when it is made.
+    RUNTIME.block_on(async { tokio::time::timeout(limit, answer).await.ok() })
 }
 
 /// A URL without its password.
@@ -295,7 +303,7 @@ impl Queue for NatsWorker {
             Ok(None) => return Taken::Nothing,
             Err(error) => {
                 *self.consumer.lock().expect("no holder of this lock panics") = None;
-                RUNTIME.block_on(tokio::time::sleep(wait.min(Duration::from_millis(300))));
+                std::thread::sleep(wait.min(Duration::from_millis(300)));
                 return Taken::Lost(error.to_string());
             }
         };
@@ -336,7 +344,7 @@ impl Queue for NatsWorker {
     fn finish(&self, ticket: u64) {
         if let Some(message) = self.held(ticket) {
             // Who cannot tell the server goes on: the span comes back and is found done.
-            let _ = RUNTIME.block_on(tokio::time::timeout(ANSWER, message.double_ack()));
+            let _ = within(ANSWER, message.double_ack());
             let mut held = self.held.lock().expect("no holder of this lock panics");
             held.remove(&ticket);
         }
@@ -345,11 +353,11 @@ impl Queue for NatsWorker {
     fn ask(&self) -> u32 {
         let subject = format!("{}.give", self.connection.subjects);
         let request = self.connection.client.request(subject, Vec::new().into());
-        let answer = RUNTIME.block_on(tokio::time::timeout(ANSWER, request));
+        let answer = within(ANSWER, request);
         match answer {
-            Ok(Ok(answer)) => decode::<GiveReply>(&answer.payload).map_or(0, |reply| reply.spans),
+            Some(Ok(answer)) => decode::<GiveReply>(&answer.payload).map_or(0, |reply| reply.spans),
             // Nobody may be asked, or the server is away.
-            Ok(Err(_)) | Err(_) => 0,
+            Some(Err(_)) | None => 0,
         }
     }
 
@@ -402,7 +410,7 @@ impl Drop for NatsWorker {
     fn drop(&mut self) {
         self.offer(false);
         let client = self.connection.client.clone();
-        let _ = RUNTIME.block_on(tokio::time::timeout(Duration::from_secs(1), client.flush()));
+        let _ = within(Duration::from_secs(1), client.flush());
     }
 }
 

@@ -1,0 +1,202 @@
+//! The coordinator: sees to it that everything that is not done is in the queue, and that the run ends.
+//!
+//! It has no state of its own. Starting, resuming and taking over from another coordinator are the same loop: look at
+//! the queue, then at the store, publish what is in neither. Any number may run at once, for publishing twice does
+//! nothing and merging twice makes the same bytes.
+
+use super::done::Progress;
+use super::error::FarmError;
+use super::events::Event;
+use super::keys;
+use super::queue::{QueueKeeper, Waiting};
+use super::run_dir::Run;
+use super::sweep::sweep_staged;
+use super::work::whole;
+use super::writer::remove_partials;
+use crate::store::Store;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// How to coordinate.
+pub struct CoordinateOptions<'a> {
+    /// Set from outside to end.
+    pub stop: &'a AtomicBool,
+    /// Shortest time between two looks.
+    pub every: Duration,
+}
+
+/// What a coordinator knows, for who watches. It is told anew at every look.
+#[derive(Clone, Debug, Default)]
+pub struct Watch {
+    /// Scenes with a tuple.
+    pub done: u64,
+    /// Scenes in quarantine.
+    pub quarantined: u64,
+    /// Scenes of the run.
+    pub scenes: u64,
+    /// Spans that wait in the queue.
+    pub waiting: u64,
+    /// Spans that workers hold.
+    pub held: u64,
+    /// Why the queue is away, if it is.
+    pub queue_lost: Option<String>,
+    /// Nothing is left to do.
+    pub finished: bool,
+}
+
+/// How coordinating ended.
+#[derive(Debug)]
+pub struct Coordinated {
+    /// What was known at the end.
+    pub watch: Watch,
+    /// Spans published.
+    pub published: u64,
+    /// Ended by `stop`.
+    pub stopped: bool,
+}
+
+/// A look must not cost more than a twentieth of the time.
+const LOOK_SHARE: u32 = 20;
+/// Between two complaints about a queue that is away.
+const COMPLAIN: Duration = Duration::from_secs(30);
+
+/// Looks and publishes until every scene is done or in quarantine. `watch` is kept up to date.
+pub fn coordinate(
+    run: &Run,
+    store: &Store,
+    queue: &dyn QueueKeeper,
+    options: &CoordinateOptions,
+    watch: &Mutex<Watch>,
+    on_event: &(dyn Fn(Event) + Sync),
+) -> Result<Coordinated, FarmError> {
+    share_run(run, store)?;
+    let mut progress = Progress::new(run.lines.len());
+    let mut told = vec![false; run.lines.len()];
+    let (mut published, mut complained) = (0, None::<Instant>);
+    // Quiet at the last look, too: a message on its way from one to the other is in neither count for a moment.
+    let mut was_quiet = false;
+    on_event(Event::Started {
+        shards: run.lines.len() as u64,
+        scenes: run.lines.len() as u64,
+    });
+    loop {
+        let start = Instant::now();
+        // First the queue, then the store: a scene that leaves the queue in between has its tuple by then.
+        let looked = queue.ensure().and_then(|()| queue.look());
+        progress.update(run, store)?;
+        for (scene, line) in run.lines.iter().enumerate() {
+            if progress.done[scene] && !std::mem::replace(&mut told[scene], true) {
+                on_event(Event::ShardDone { resumed: false });
+                on_event(Event::SceneMerged {
+                    scene: line.id.clone(),
+                    miss_share: 0.0,
+                });
+            }
+        }
+        let finished = progress.is_finished();
+        {
+            let mut watch = watch.lock().expect("no holder of this lock panics");
+            let count = |n: usize| n as u64;
+            watch.scenes = count(run.lines.len());
+            watch.done = count(progress.done.iter().filter(|d| **d).count());
+            watch.quarantined = count(progress.quarantined.iter().flatten().count());
+            watch.finished = finished;
+            match &looked {
+                Ok(state) => {
+                    (watch.waiting, watch.held) = (state.waiting, state.held);
+                    watch.queue_lost = None;
+                }
+                Err(error) => watch.queue_lost = Some(error.to_string()),
+            }
+        }
+        if finished {
+            break;
+        }
+        if options.stop.load(Ordering::Relaxed) {
+            return Ok(ended(watch, published, true));
+        }
+        match looked {
+            Ok(state) => {
+                complained = None;
+                let quiet = state.is_quiet();
+                // Nobody will get what is left in a quiet queue: leftovers of a server that was killed.
+                let dead = quiet && was_quiet && !state.scenes.is_empty();
+                was_quiet = quiet;
+                let missing: Vec<Waiting> = progress
+                    .missing()
+                    .filter(|&scene| dead || !state.scenes.contains(&(scene as u32)))
+                    .map(|scene| whole(run, scene))
+                    .collect();
+                let told = if dead { queue.purge() } else { Ok(()) };
+                match told.and_then(|()| queue.publish(&missing)) {
+                    Ok(()) => published += missing.len() as u64,
+                    Err(error) => complain(&mut complained, error.to_string(), on_event),
+                }
+            }
+            Err(error) => complain(&mut complained, error.to_string(), on_event),
+        }
+        let pause = options.every.max(start.elapsed() * LOOK_SHARE);
+        let until = Instant::now() + pause;
+        while Instant::now() < until && !options.stop.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(20).min(pause));
+        }
+    }
+    finish(run, store, queue, &progress)?;
+    Ok(ended(watch, published, false))
+}
+
+fn ended(watch: &Mutex<Watch>, published: u64, stopped: bool) -> Coordinated {
+    let watch = watch.lock().expect("no holder of this lock panics");
+    Coordinated {
+        watch: watch.clone(),
+        published,
+        stopped,
+    }
+}
+
+fn complain(last: &mut Option<Instant>, reason: String, on_event: &(dyn Fn(Event) + Sync)) {
+    if last.is_none_or(|at| at.elapsed() > COMPLAIN) {
+        *last = Some(Instant::now());
+        on_event(Event::QueueLost { reason });
+    }
+}
+
+/// Puts the run's rules where workers find them, and takes back that an earlier round was finished.
+fn share_run(run: &Run, store: &Store) -> Result<(), FarmError> {
+    for (key, path) in [
+        (keys::MANIFEST, run.dir.manifest()),
+        (keys::SPEC, run.dir.spec()),
+    ] {
+        let bytes = std::fs::read(&path)
+            .map_err(|source| super::run_dir::RunError::Read { path, source })?;
+        store.create(key, &bytes)?;
+    }
+    store.delete(&[keys::FINISHED.to_owned()])?;
+    Ok(())
+}
+
+/// Says that the run is over, and clears away what nobody needs any more.
+fn finish(
+    run: &Run,
+    store: &Store,
+    queue: &dyn QueueKeeper,
+    progress: &Progress,
+) -> Result<(), FarmError> {
+    for (scene, line) in run.lines.iter().enumerate() {
+        if progress.done[scene] {
+            remove_partials(store, line);
+        }
+    }
+    sweep_staged(run, store);
+    let quarantined = progress.quarantined.iter().flatten().count();
+    let note = serde_json::json!({
+        "schema": "glasshouse.finished/1",
+        "scenes": run.lines.len(),
+        "quarantined": quarantined,
+    });
+    store.replace(keys::FINISHED, format!("{note}\n").as_bytes())?;
+    // A queue that cannot be removed does no harm: its messages are of a run that is over.
+    let _ = queue.remove();
+    Ok(())
+}
