@@ -1,8 +1,7 @@
 "use strict";
 const live = document.getElementById("live");
 const note = document.getElementById("note");
-const said = document.getElementById("said");
-const token = document.getElementById("token");
+const ask = document.getElementById("ask");
 let heard = Date.now(), timer;
 
 // Makes `old` equal to `now` and touches only what differs. Elements with a key move, so that pictures are not loaded
@@ -31,7 +30,7 @@ function morph(old, now) {
 async function refresh() {
   clearTimeout(timer);
   try {
-    const answer = await fetch("/", { cache: "no-store", signal: AbortSignal.timeout(10000) });
+    const answer = await fetch("/live", { cache: "no-store", signal: AbortSignal.timeout(10000) });
     if (!answer.ok) throw new Error(answer.status);
     const page = new DOMParser().parseFromString(await answer.text(), "text/html");
     morph(live, page.getElementById("live"));
@@ -40,23 +39,38 @@ async function refresh() {
     note.hidden = true;
   } catch {
     note.textContent = `No answer from the coordinator for ${Math.round((Date.now() - heard) / 1000)} s: ` +
-      "this is how things were then. It ends by itself when the run is finished.";
+      "this is how things were then. A coordinator ends by itself when its run is finished.";
     note.hidden = false;
   }
   timer = setTimeout(refresh, 2000);
 }
 timer = setTimeout(refresh, 2000);
 
-document.addEventListener("click", async (event) => {
-  const button = event.target.closest("button[data-post]");
-  if (!button || (button.dataset.ask && !confirm(button.dataset.ask))) return;
-  if (!token.value) { said.textContent = "first the token"; return token.focus(); }
-  try {
-    const headers = { Authorization: `Bearer ${token.value}` };
-    const answer = await fetch(button.dataset.post, { method: "POST", headers });
-    said.textContent = `${button.textContent}: ${(await answer.text()).trim()}`;
-  } catch (error) {
-    said.textContent = `${button.textContent}: ${error.message}`;
-  }
-  refresh();
-});
+// Only with a token set is there something to ask.
+if (ask) {
+  const part = (id) => document.getElementById(id);
+  let target;
+  const act = async () => {
+    try {
+      const headers = { Authorization: `Bearer ${part("token").value}` };
+      const answer = await fetch(target, { method: "POST", headers });
+      if (!answer.ok) throw new Error((await answer.text()).trim());
+      ask.close();
+      refresh();
+    } catch (error) {
+      part("refusal").textContent = error.message;
+    }
+  };
+  document.addEventListener("click", ({ target: clicked }) => {
+    const button = clicked.closest("button[data-post]");
+    if (!button) return;
+    target = button.dataset.post;
+    part("question").textContent = button.dataset.ask;
+    part("refusal").textContent = "";
+    ask.showModal();
+    part("token").focus();
+  });
+  part("token").addEventListener("keydown", ({ key }) => { if (key === "Enter") act(); });
+  part("go").addEventListener("click", act);
+  part("leave").addEventListener("click", () => ask.close());
+}

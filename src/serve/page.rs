@@ -1,7 +1,7 @@
 //! The status page: one HTML file that needs nothing else, drawn from a view.
 //!
-//! It is whole without a script. The script fetches the page again every two seconds and puts what has changed into
-//! place, so that there is one thing that draws. Lists are cut: a page of 500 workers is read by nobody.
+//! It is whole without a script. The script fetches what changes every two seconds, drawn by the same code, and puts it
+//! into place. Lists are cut: a page of 500 workers is read by nobody.
 
 use super::text::{Html, duration, grouped, percent, rate};
 use super::view::{FarmState, FarmView, QuarantinedScene, RecentTuple, WorkerState, WorkerView};
@@ -13,7 +13,7 @@ const WORKERS_SHOWN: usize = 100;
 /// Scenes in quarantine on the page.
 const QUARANTINED_SHOWN: usize = 50;
 /// Tuples on the page.
-const TUPLES_SHOWN: usize = 12;
+const TUPLES_SHOWN: usize = 6;
 /// Characters of a reason and of a log's end on the page.
 const TEXT_SHOWN: usize = 2000;
 
@@ -24,27 +24,38 @@ const SYMBOLS: [&str; 4] = ["I", "T", "R&#771;", "R"];
 
 /// The page. `nonce` marks its own style and script; `can_act` shows buttons, which ask for the token.
 pub(super) fn page(view: &FarmView, nonce: &str, can_act: bool) -> String {
-    let mut html = String::new();
-    let _ = write!(
-        html,
+    let dialog = if can_act { DIALOG } else { "" };
+    format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-         <link rel=\"icon\" href=\"data:,\"><title>{:.1} % of {} &middot; {}</title>\
+         <link rel=\"icon\" href=\"data:,\">{}\
          <noscript><meta http-equiv=\"refresh\" content=\"10\"></noscript>\
          <style nonce=\"{nonce}\">\n{STYLE}</style></head>\n<body><main>\n\
-         <div id=\"note\" class=\"card\" role=\"status\" hidden></div>\n",
+         <div id=\"note\" class=\"card\" role=\"status\" hidden></div>\n{}\
+         <footer><span>glasshouse {}</span><a href=\"/api/view\">JSON</a><a href=\"/metrics\">metrics</a></footer>\n\
+         {dialog}</main><script nonce=\"{nonce}\">\n{SCRIPT}</script></body></html>\n",
+        title(view),
+        changing(view, can_act),
+        Html(&view.version),
+    )
+}
+
+/// What changes of a page: its title, and the element that is everything but frame and dialog.
+pub(super) fn live(view: &FarmView, can_act: bool) -> String {
+    title(view) + &changing(view, can_act)
+}
+
+fn title(view: &FarmView) -> String {
+    format!(
+        "<title>{:.1} % of {} &middot; {}</title>",
         percent(view.scenes.done, view.scenes.total),
         Html(&view.name),
         view.state.name(),
-    );
-    if can_act {
-        html += "<section id=\"act\" class=\"card\"><label for=\"token\">Token</label>\
-                 <input id=\"token\" type=\"password\" size=\"34\" autocomplete=\"off\" spellcheck=\"false\">\
-                 <span class=\"dim\">of the coordinator; the buttons send it, the page forgets it</span>\
-                 <output id=\"said\"></output><noscript>The buttons need a script; \
-                 <code>glasshouse pause RUN</code> does not.</noscript></section>\n";
-    }
-    html += "<div id=\"live\">\n";
+    )
+}
+
+fn changing(view: &FarmView, can_act: bool) -> String {
+    let mut html = "<div id=\"live\">\n".to_owned();
     head(&mut html, view, can_act);
     alerts(&mut html, view);
     progress(&mut html, view);
@@ -53,15 +64,16 @@ pub(super) fn page(view: &FarmView, nonce: &str, can_act: bool) -> String {
     let _ = writeln!(html, "<div class=\"{class}\">");
     workers(&mut html, view);
     quarantine(&mut html, view, can_act);
-    html += "</div>\n";
-    let _ = write!(
-        html,
-        "</div>\n<footer><span>glasshouse {}</span><a href=\"/api/view\">JSON</a><a href=\"/metrics\">metrics</a></footer>\n\
-         </main><script nonce=\"{nonce}\">\n{SCRIPT}</script></body></html>\n",
-        Html(&view.version),
-    );
+    html += "</div></div>\n";
     html
 }
+
+/// What a button asks before it acts. The token stays in its field, in memory, until the page is left.
+const DIALOG: &str = "<dialog id=\"ask\"><p><b id=\"question\"></b></p><p><label for=\"token\">The coordinator's token</label>\
+    <input id=\"token\" type=\"password\" autocomplete=\"off\" spellcheck=\"false\"></p>\
+    <p class=\"bad\" id=\"refusal\" role=\"alert\"></p>\
+    <p><button id=\"go\">Yes</button> <button id=\"leave\">No</button></p></dialog>\n\
+    <noscript>The buttons need a script; <code>glasshouse pause RUN</code> does not.</noscript>\n";
 
 fn head(html: &mut String, view: &FarmView, can_act: bool) {
     let state = view.state.name();
@@ -74,20 +86,28 @@ fn head(html: &mut String, view: &FarmView, can_act: bool) {
     );
     if can_act {
         match view.state {
-            FarmState::Running => button(html, "/api/pause", "Pause"),
-            FarmState::Paused => button(html, "/api/resume", "Resume"),
+            FarmState::Running => button(html, "/api/pause", "Pause", "Begin no more shards?"),
+            FarmState::Paused => button(html, "/api/resume", "Resume", "Go on?"),
             FarmState::Cancelled | FarmState::Finished => {}
         }
         if matches!(view.state, FarmState::Running | FarmState::Paused) {
-            *html += " <button class=\"bad\" data-post=\"/api/cancel\" \
-                      data-ask=\"Give up what is left of this run?\">Cancel</button>";
+            html.push(' ');
+            button(
+                html,
+                "/api/cancel",
+                "Cancel",
+                "Give up what is left of this run?",
+            );
         }
     }
     *html += "</span></header>\n";
 }
 
-fn button(html: &mut String, target: &str, text: &str) {
-    let _ = write!(html, "<button data-post=\"{target}\">{text}</button>");
+fn button(html: &mut String, target: &str, text: &str, question: &str) {
+    let _ = write!(
+        html,
+        "<button data-post=\"{target}\" data-ask=\"{question}\">{text}</button>"
+    );
 }
 
 /// What cannot wait until someone reads the tables.
@@ -133,7 +153,7 @@ fn progress(html: &mut String, view: &FarmView) {
          <span class=\"push dim\">{done:.1} %</span></div>\
          <svg class=\"bar\" role=\"img\" aria-label=\"{done:.1} % of the scenes are done\" viewBox=\"0 0 100 1\" \
          preserveAspectRatio=\"none\"><rect class=\"done\" width=\"{done}\" height=\"1\"/>\
-         <rect class=\"lost\" x=\"{lost_x:.2}\" width=\"{lost:.2}\" height=\"1\"/></svg><dl class=\"facts\">",
+         <rect class=\"out\" x=\"{lost_x:.2}\" width=\"{lost:.2}\" height=\"1\"/></svg><dl class=\"facts\">",
         grouped(scenes.done),
         grouped(scenes.total),
     );
@@ -162,7 +182,7 @@ fn progress(html: &mut String, view: &FarmView) {
     fact(html, "Workers", &working, &note, class);
     if view.queue.connected {
         let number = |n: Option<u64>| n.map_or("unknown".to_owned(), grouped);
-        let note = format!("spans waiting, {} held", number(view.queue.spans_held));
+        let note = format!("waiting, {} held", number(view.queue.spans_held));
         fact(html, "Queue", &number(view.queue.spans_waiting), &note, "");
     } else {
         fact(html, "Queue", "lost", "", "bad");
@@ -181,7 +201,7 @@ fn progress(html: &mut String, view: &FarmView) {
 fn fact(html: &mut String, name: &str, value: &str, note: &str, class: &str) {
     let _ = write!(
         html,
-        "<div><dt>{name}</dt><dd>{value} <small class=\"{class}\">{note}</small></dd></div>"
+        "<div class=\"{class}\"><dt>{name}</dt><dd>{value} <small>{note}</small></dd></div>"
     );
 }
 
@@ -254,10 +274,14 @@ fn workers(html: &mut String, view: &FarmView) {
 
 fn worker_row(html: &mut String, worker: &WorkerView, version: &str) {
     let state = worker.state.name();
+    let class = match worker.state {
+        WorkerState::Silent => " class=\"alarm\"",
+        _ => "",
+    };
     let name = Html(&worker.name);
     let _ = write!(
         html,
-        "<tr class=\"{state}\" data-key=\"{name}\"><td>{name}<small>{}",
+        "<tr{class} data-key=\"{name}\"><td>{name}<small>{}",
         Html(&worker.host)
     );
     if worker.version != version {
@@ -307,7 +331,8 @@ fn quarantined_scene(html: &mut String, record: &QuarantinedScene, can_act: bool
         "<div class=\"lost\" data-key=\"{scene}\"><header><b class=\"mono\">{scene}</b><span class=\"push\">"
     );
     if can_act {
-        button(html, &format!("/api/retry/{scene}"), "Retry");
+        let question = format!("Try {scene} again?");
+        button(html, &format!("/api/retry/{scene}"), "Retry", &question);
     }
     let reason = cut(&record.reason, TEXT_SHOWN, false);
     let _ = write!(html, "</span></header><p>{}</p>", Html(&reason));

@@ -56,6 +56,7 @@ pub(super) fn router(
     };
     Router::new()
         .route("/", get(index))
+        .route("/live", get(live))
         .route("/healthz", get(async || "ok\n"))
         .route("/metrics", get(scrape))
         .route("/thumbnails/{scene}/{file}", get(thumbnail))
@@ -230,6 +231,12 @@ async fn index(State(app): State<App>) -> Result<Response, Refusal> {
         (header::CONTENT_SECURITY_POLICY, policy.as_str()),
     ];
     Ok((headers, html).into_response())
+}
+
+/// What the page's script fetches.
+async fn live(State(app): State<App>) -> Result<Response, Refusal> {
+    let html = page::live(&app.view().await?, app.token.is_some());
+    Ok(([(header::CONTENT_TYPE, "text/html; charset=utf-8")], html).into_response())
 }
 
 async fn view(State(app): State<App>) -> Result<Response, Refusal> {

@@ -28,5 +28,7 @@ mod quarantine;
 mod rendering;
 mod same;
 mod scenes;
+mod serve;
+mod serve_browser;
 mod signals;
 mod writing;
