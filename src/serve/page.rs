@@ -310,10 +310,10 @@ fn quarantine(html: &mut String, view: &FarmView, can_act: bool) {
     if view.quarantined == 0 && view.quarantine.is_empty() {
         return;
     }
-    let _ = write!(
+    let _ = writeln!(
         html,
         "<section class=\"card\" data-key=\"quarantine\"><h2>Quarantine <small>{}</small></h2>\
-         <div class=\"scroll\" tabindex=\"0\">\n",
+         <div class=\"scroll\" tabindex=\"0\">",
         grouped(view.quarantined)
     );
     let shown = &view.quarantine[..view.quarantine.len().min(QUARANTINED_SHOWN)];

@@ -26,7 +26,7 @@ const HEAD_BYTES: usize = 16 << 10;
 /// Lines of a request's head.
 const HEAD_LINES: usize = 64;
 /// A connection takes no request after this time, so that one that is read slowly, or never, does not stay.
-const CONNECTION_LIMIT: Duration = Duration::from_secs(60);
+const CONNECTION_LIMIT: Duration = Duration::from_mins(1);
 /// Then it has this long to take its last answer.
 const LAST_ANSWER_LIMIT: Duration = Duration::from_secs(10);
 
@@ -35,8 +35,8 @@ const LAST_ANSWER_LIMIT: Duration = Duration::from_secs(10);
 pub trait FarmSource: Send + Sync {
     /// The run as it is now. Called every two seconds for each open page: cheap, please.
     fn view(&self) -> FarmView;
-    /// A PNG of a layer of a merged scene's tuple, made small enough for a page (256 px wide, say); `None` if there is none. `layer` is
-    /// one of [`crate::trace::LAYERS`]; the scene may not exist.
+    /// A PNG of a layer of a merged scene's tuple, made small enough for a page (256 px wide, say); `None` if there is
+    /// none. `layer` is one of [`crate::trace::LAYERS`]; the scene may not exist.
     fn thumbnail(&self, scene: &SceneId, layer: &str) -> Option<Vec<u8>>;
     /// Does something, or says in a sentence why not. Called only if a token is set and was given.
     fn act(&self, action: Action) -> Result<(), String>;

@@ -617,13 +617,11 @@ fn a_large_farm_has_a_small_page_with_the_worst_first() {
                 worker(&format!("w{n:03}"), state, f64::from(n))
             })
             .collect();
-        let bad = view.quarantine[0].clone();
         view.quarantine = (0..400)
             .map(|n| QuarantinedScene {
                 scene: id(&format!("bad-{n:03}")),
                 reason: "long ".repeat(10_000),
                 log_tail: Some(format!("{}the end", "long ".repeat(10_000))),
-                ..bad.clone()
             })
             .collect();
         view.quarantined = 450;
