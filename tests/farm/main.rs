@@ -30,5 +30,6 @@ mod same;
 mod scenes;
 mod serve;
 mod serve_browser;
+mod serve_run;
 mod signals;
 mod writing;

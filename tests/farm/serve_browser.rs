@@ -1,6 +1,6 @@
 //! The status page in a browser, where there is one: Debian's `chromium`.
 
-use crate::serve::{HOSTILE, run, start};
+use crate::serve_run::{HOSTILE, run, start};
 use std::process::{Command, Stdio};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
