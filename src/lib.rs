@@ -27,6 +27,7 @@ pub mod partial;
 pub mod report;
 pub mod sample;
 pub mod scene;
+pub mod serve;
 pub mod shard;
 pub mod store;
 pub mod trace;

@@ -28,5 +28,8 @@ mod quarantine;
 mod rendering;
 mod same;
 mod scenes;
+mod serve;
+mod serve_browser;
+mod serve_run;
 mod signals;
 mod writing;

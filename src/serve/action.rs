@@ -1,0 +1,69 @@
+//! What may be asked of a run over HTTP, and who may ask.
+
+use crate::ids::SceneId;
+
+/// A token has at least this many characters: guesses are not counted, so it must not be guessable.
+pub const MIN_TOKEN_CHARACTERS: usize = 16;
+
+/// Something to do with a run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Action {
+    /// Begin no more shards.
+    Pause,
+    /// Go on after a pause.
+    Resume,
+    /// Give the rest up.
+    Cancel,
+    /// Take a scene out of quarantine and try it again.
+    Retry(SceneId),
+}
+
+/// The secret that opens the actions. Only its digest is kept.
+#[derive(Clone)]
+pub(super) struct Token(blake3::Hash);
+
+impl Token {
+    /// None if it is too short.
+    pub(super) fn new(text: &str) -> Option<Self> {
+        (text.chars().count() >= MIN_TOKEN_CHARACTERS).then(|| Self(blake3::hash(text.as_bytes())))
+    }
+
+    /// Whether the value of an `Authorization` header holds this token. Digests are compared, in constant time, so that
+    /// the time tells neither the length nor how much of a guess is right.
+    pub(super) fn opens(&self, authorization: &[u8]) -> bool {
+        let Some((scheme, given)) = authorization.split_at_checked(7) else {
+            return false;
+        };
+        scheme.eq_ignore_ascii_case(b"bearer ") && blake3::hash(given.trim_ascii()) == self.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_whole_token_opens() {
+        let token = Token::new("correct horse battery").unwrap();
+        assert!(token.opens(b"Bearer correct horse battery"));
+        assert!(token.opens(b"bearer  correct horse battery "));
+        for wrong in [
+            &b""[..],
+            b"Bearer",
+            b"Bearer ",
+            b"Bearer correct horse batter",
+            b"Bearer correct horse batteryy",
+            b"Basic correct horse battery",
+            b"correct horse battery",
+        ] {
+            assert!(!token.opens(wrong), "{wrong:?}");
+        }
+    }
+
+    #[test]
+    fn tokens_that_can_be_guessed_are_refused() {
+        assert!(Token::new("").is_none());
+        assert!(Token::new("123456789012345").is_none());
+        assert!(Token::new("1234567890123456").is_some());
+    }
+}

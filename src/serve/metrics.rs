@@ -1,0 +1,157 @@
+//! `/metrics`: a view in Prometheus' text format, version 0.0.4.
+
+use super::text::Label;
+use super::view::{FarmState, FarmView, WorkerState, WorkerView};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// The content type that scrapers expect.
+pub(super) const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
+
+/// All metrics of a view. A number that is not known has no sample, rather than one that is wrong.
+pub(super) fn metrics(view: &FarmView) -> String {
+    let mut out = Out(String::new());
+    out.family("run_info", "gauge", "The run; always 1.");
+    let labels = [
+        ("name", view.name.as_str()),
+        ("run", &view.run),
+        ("version", &view.version),
+    ];
+    out.sample("run_info", &labels, 1.0);
+    out.family("run_state", "gauge", "1 for the state that the run is in.");
+    for state in FarmState::ALL {
+        let is_it = u8::from(state == view.state);
+        out.sample("run_state", &[("state", state.name())], is_it.into());
+    }
+    let counts = [
+        ("scenes", "Scenes of the run.", view.scenes.total),
+        ("scenes_done", "Scenes with a tuple.", view.scenes.done),
+        (
+            "scenes_quarantined",
+            "Scenes in quarantine.",
+            view.quarantined,
+        ),
+        ("shards", "Shards of the run.", view.shards.total),
+        ("shards_done", "Shards done.", view.shards.done),
+    ];
+    for (name, help, count) in counts {
+        out.one(name, help, Some(count as f64));
+    }
+    out.one(
+        "scenes_per_second",
+        "Scenes finished a second, over the last minutes.",
+        view.rate_scenes_per_s,
+    );
+    out.one(
+        "eta_seconds",
+        "Seconds until the last tuple at this rate.",
+        view.eta_s,
+    );
+    out.one(
+        "queue_connected",
+        "1 if the coordinator has a connection to the queue.",
+        Some(u8::from(view.queue.connected).into()),
+    );
+    let waiting = view.queue.spans_waiting.map(|n| n as f64);
+    out.one("queue_spans_waiting", "Spans that nobody holds.", waiting);
+    let held = view.queue.spans_held.map(|n| n as f64);
+    out.one("queue_spans_held", "Spans that a worker holds.", held);
+    workers(&mut out, &view.workers);
+    let newest = view.recent.iter().map(|tuple| tuple.age_s);
+    out.one(
+        "last_tuple_age_seconds",
+        "Seconds since a tuple was finished.",
+        newest.min_by(f64::total_cmp),
+    );
+    out.0
+}
+
+fn workers(out: &mut Out, workers: &[WorkerView]) {
+    out.family("workers", "gauge", "Workers by what they are doing.");
+    for state in WorkerState::ALL {
+        let count = workers.iter().filter(|w| w.state == state).count();
+        out.sample("workers", &[("state", state.name())], count as f64);
+    }
+    // A series that stands there twice makes a scraper refuse the whole page: of two workers of one name on one host,
+    // the livelier one counts.
+    let mut named: BTreeMap<[&str; 2], &WorkerView> = BTreeMap::new();
+    for worker in workers {
+        let place = named.entry([&worker.name, &worker.host]).or_insert(worker);
+        if worker.last_progress_s < place.last_progress_s {
+            *place = worker;
+        }
+    }
+    out.family(
+        "worker_last_progress_seconds",
+        "gauge",
+        "Seconds since a worker got on with something.",
+    );
+    for ([name, host], worker) in &named {
+        let labels = [("worker", *name), ("host", *host)];
+        out.sample(
+            "worker_last_progress_seconds",
+            &labels,
+            worker.last_progress_s,
+        );
+    }
+    out.family(
+        "worker_shards_done_total",
+        "counter",
+        "Shards that a worker has traced since it started.",
+    );
+    for ([name, host], worker) in &named {
+        let labels = [("worker", *name), ("host", *host)];
+        out.sample(
+            "worker_shards_done_total",
+            &labels,
+            worker.shards_done as f64,
+        );
+    }
+    out.family(
+        "worker_info",
+        "gauge",
+        "A worker's version and state; always 1.",
+    );
+    for ([name, host], worker) in &named {
+        let labels = [
+            ("worker", *name),
+            ("host", *host),
+            ("version", &worker.version),
+            ("state", worker.state.name()),
+        ];
+        out.sample("worker_info", &labels, 1.0);
+    }
+}
+
+struct Out(String);
+
+impl Out {
+    fn family(&mut self, name: &str, kind: &str, help: &str) {
+        let _ = writeln!(self.0, "# HELP glasshouse_{name} {help}");
+        let _ = writeln!(self.0, "# TYPE glasshouse_{name} {kind}");
+    }
+
+    fn sample(&mut self, name: &str, labels: &[(&str, &str)], value: f64) {
+        let _ = write!(self.0, "glasshouse_{name}");
+        for (at, (key, text)) in labels.iter().enumerate() {
+            let before = if at == 0 { '{' } else { ',' };
+            let _ = write!(self.0, "{before}{key}=\"{}\"", Label(text));
+        }
+        if !labels.is_empty() {
+            self.0.push('}');
+        }
+        let _ = if value.is_finite() {
+            writeln!(self.0, " {value}")
+        } else {
+            writeln!(self.0, " NaN")
+        };
+    }
+
+    /// A gauge without labels.
+    fn one(&mut self, name: &str, help: &str, value: Option<f64>) {
+        if let Some(value) = value {
+            self.family(name, "gauge", help);
+            self.sample(name, &[], value);
+        }
+    }
+}

@@ -1,0 +1,185 @@
+//! What there is to show of a run, as plain data.
+//!
+//! Whoever makes a view reads the clocks: ages are seconds by a monotonic clock of the coordinator, so that clocks of
+//! workers that are wrong show nowhere.
+
+use crate::ids::SceneId;
+use serde::Serialize;
+
+/// The schema name of a view as JSON.
+pub const FARM_SCHEMA: &str = "glasshouse.farm/1";
+
+/// A run as its coordinator sees it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FarmView {
+    /// Always [`FARM_SCHEMA`].
+    pub schema: &'static str,
+    /// Name of the recipe or manifest.
+    pub name: String,
+    /// Eight hexadecimal digits of the spec's digest, as in the queue's subjects.
+    pub run: String,
+    /// Version of the coordinator's program.
+    pub version: String,
+    /// What the run is doing.
+    pub state: FarmState,
+    /// Scenes with a tuple, of all.
+    pub scenes: Count,
+    /// Shards done, of all.
+    pub shards: Count,
+    /// Scenes in quarantine, all of them.
+    pub quarantined: u64,
+    /// Scenes finished a second, over the last minutes; `null` until something can be said.
+    pub rate_scenes_per_s: Option<f64>,
+    /// Seconds until the last tuple at this rate; `null` if unknown.
+    pub eta_s: Option<f64>,
+    /// The queue.
+    pub queue: QueueView,
+    /// Workers heard of, in any order.
+    pub workers: Vec<WorkerView>,
+    /// Scenes in quarantine, latest first; may be fewer than `quarantined`.
+    pub quarantine: Vec<QuarantinedScene>,
+    /// Tuples made last, latest first; a dozen is plenty.
+    pub recent: Vec<RecentTuple>,
+}
+
+/// So many done, of so many.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Count {
+    /// Done.
+    pub done: u64,
+    /// Done and to do.
+    pub total: u64,
+}
+
+/// What a run is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FarmState {
+    /// Spans are handed out.
+    Running,
+    /// No worker begins another shard until someone resumes.
+    Paused,
+    /// Given up; what is done stays.
+    Cancelled,
+    /// Every scene has a tuple or is in quarantine.
+    Finished,
+}
+
+impl FarmState {
+    /// All states.
+    pub const ALL: [Self; 4] = [Self::Running, Self::Paused, Self::Cancelled, Self::Finished];
+
+    /// Its name in JSON, metrics and on the page.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Running => "running",
+            Self::Paused => "paused",
+            Self::Cancelled => "cancelled",
+            Self::Finished => "finished",
+        }
+    }
+}
+
+/// The queue as the coordinator sees it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct QueueView {
+    /// The coordinator has a connection.
+    pub connected: bool,
+    /// Why not, in a sentence.
+    pub reason: Option<String>,
+    /// Spans that nobody holds; `null` if unknown.
+    pub spans_waiting: Option<u64>,
+    /// Spans that a worker holds; `null` if unknown.
+    pub spans_held: Option<u64>,
+}
+
+/// A worker as the coordinator last heard of it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct WorkerView {
+    /// Its name, unique in the run.
+    pub name: String,
+    /// The machine that it runs on.
+    pub host: String,
+    /// Version of its program.
+    pub version: String,
+    /// What it is doing.
+    pub state: WorkerState,
+    /// Seconds since it last got on with something.
+    pub last_progress_s: f64,
+    /// The scene in hand.
+    pub scene: Option<SceneId>,
+    /// The shard in hand, its number in that scene.
+    pub shard: Option<u32>,
+    /// Shards that it has traced since it started.
+    pub shards_done: u64,
+}
+
+/// What a worker is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WorkerState {
+    /// Nothing was heard of it for longer than it may be quiet: hung, lost or cut off.
+    Silent,
+    /// It hands its spans back and goes.
+    Stopping,
+    /// It holds spans.
+    Working,
+    /// It has nothing to do.
+    Idle,
+}
+
+impl WorkerState {
+    /// All states, those first that a person should look at.
+    pub const ALL: [Self; 4] = [Self::Silent, Self::Stopping, Self::Working, Self::Idle];
+
+    /// Its name in JSON, metrics and on the page.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Silent => "silent",
+            Self::Stopping => "stopping",
+            Self::Working => "working",
+            Self::Idle => "idle",
+        }
+    }
+}
+
+/// A scene in quarantine.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct QuarantinedScene {
+    /// Its id.
+    pub scene: SceneId,
+    /// Why.
+    pub reason: String,
+    /// The last lines of the log of what crashed, if something did.
+    pub log_tail: Option<String>,
+}
+
+/// A tuple that was made lately.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RecentTuple {
+    /// Its scene.
+    pub scene: SceneId,
+    /// Seconds since it was finished.
+    pub age_s: f64,
+    /// Who finished it.
+    pub worker: Option<String>,
+    /// The largest share, among its layers, of paths that met nothing or ended on a border's continuation; 0 to 1.
+    pub miss_share: Option<f64>,
+    /// Its layers, names of [`crate::trace::LAYERS`].
+    pub layers: Vec<String>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_those_of_the_json() {
+        for state in FarmState::ALL {
+            assert_eq!(serde_json::to_value(state).unwrap(), state.name());
+        }
+        for state in WorkerState::ALL {
+            assert_eq!(serde_json::to_value(state).unwrap(), state.name());
+        }
+    }
+}

@@ -1,0 +1,578 @@
+//! The coordinator's web server as a client sees it: bytes over a socket.
+
+use crate::serve_run::{HOSTILE, Run, TOKEN, get, id, png, request, run, send, start, worker};
+use glasshouse::serve::{
+    Action, FarmSource, FarmState, QuarantinedScene, ServeError, WorkerState, serve,
+};
+use glasshouse::trace::LAYERS;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+#[test]
+fn every_route_answers() {
+    let run = run();
+    let server = start(&run, None);
+    let at = server.address();
+    let page = get(at, "/").expect(200);
+    assert_eq!(page.headers["content-type"], "text/html; charset=utf-8");
+    for word in [
+        "paper",
+        "0123abcd",
+        "running",
+        "1,234",
+        "of 5,000 scenes",
+        "24.6 %",
+        "30.0",
+        "scenes a minute",
+        "2 h 05 min",
+        "20,000",
+        "1 silent",
+        "3,700",
+        "66 held",
+        "train-5",
+        "no finite depth",
+        "last words",
+        "train-1",
+        "25.00 % missed",
+        "6 min 52 s ago",
+        "/thumbnails/train-1/clean_reflection.png",
+    ] {
+        assert!(page.text().contains(word), "no {word:?}");
+    }
+    // Nothing is fetched from elsewhere, and only what has this answer's nonce is run.
+    for elsewhere in ["http://", "https://", "\"//", "url(", "@import"] {
+        assert!(!page.text().contains(elsewhere), "{elsewhere}");
+    }
+    let policy = &page.headers["content-security-policy"];
+    let (_, nonce) = policy.split_once("script-src 'nonce-").unwrap();
+    let nonce = nonce.split('\'').next().unwrap();
+    assert!(policy.starts_with("default-src 'none'"));
+    assert_eq!(page.text().matches("<script").count(), 1);
+    assert!(page.text().contains(&format!("<script nonce=\"{nonce}\">")));
+    assert!(!get(at, "/").text().contains(nonce), "a nonce is for once");
+
+    let view = get(at, "/api/view").expect(200);
+    assert_eq!(view.headers["content-type"], "application/json");
+    let json: serde_json::Value = serde_json::from_slice(&view.body).unwrap();
+    assert_eq!(json, serde_json::to_value(run.view()).unwrap());
+    assert_eq!(json["schema"], "glasshouse.farm/1");
+    assert_eq!(json["workers"][1]["state"], "silent");
+
+    assert_eq!(get(at, "/healthz").expect(200).text(), "ok\n");
+    assert!(request(at, "HEAD", "/", "").expect(200).body.is_empty());
+    let live = get(at, "/live").expect(200);
+    let (_, part) = live.text().split_once("</title>").unwrap();
+    assert!(page.text().contains(part), "one thing draws");
+    let mut answers = vec![page, live, view, get(at, "/metrics").expect(200)];
+    answers.push(get(at, "/nothing").expect(404));
+    answers.push(get(at, "/thumbnails/train-1/input.png").expect(200));
+    answers.push(request(at, "PUT", "/api/view", "").expect(405));
+    answers.push(request(at, "POST", "/", "").expect(405));
+    answers.push(request(at, "GET", "/api/pause", "").expect(405));
+    for answer in answers {
+        assert_eq!(answer.headers["x-content-type-options"], "nosniff");
+        assert_eq!(answer.headers["referrer-policy"], "no-referrer");
+        assert_eq!(
+            answer.headers["cross-origin-resource-policy"],
+            "same-origin"
+        );
+        let policy = &answer.headers["content-security-policy"];
+        assert!(policy.contains("default-src 'none'") && policy.contains("frame-ancestors 'none'"));
+    }
+}
+
+#[test]
+fn pictures_have_names_and_nothing_else_is_reached() {
+    let run = run();
+    let server = start(&run, None);
+    let at = server.address();
+    for layer in LAYERS {
+        let path = format!("/thumbnails/train-1/{layer}.png?run=0123abcd");
+        let picture = get(at, &path).expect(200);
+        assert_eq!(picture.headers["content-type"], "image/png");
+        assert!(picture.headers["cache-control"].contains("max-age="));
+        assert_eq!(picture.body, png(layer));
+        let known = format!("If-None-Match: {}\r\n", picture.headers["etag"]);
+        assert!(
+            request(at, "GET", &path, &known)
+                .expect(304)
+                .body
+                .is_empty()
+        );
+        request(at, "GET", &path, "If-None-Match: \"other\"\r\n").expect(200);
+    }
+    get(at, "/thumbnails/train-2/input.png").expect(404);
+    let asked = run.pictures_asked();
+    let long = format!("/thumbnails/{}/input.png", "x".repeat(129));
+    for path in [
+        "/thumbnails/..%2f..%2fetc/passwd",
+        "/thumbnails/..%2f/input.png",
+        "/thumbnails/../input.png",
+        "/thumbnails/%2e%2e/input.png",
+        "/thumbnails/train-1%00/input.png",
+        "/thumbnails/train-1%ff/input.png",
+        "/thumbnails/a%2fb/input.png",
+        "/thumbnails/train-1/..%2finput.png",
+        "/thumbnails/train-1/tuple.json",
+        "/thumbnails/train-1/input",
+        "/thumbnails/train-1/Input.png",
+        "/thumbnails/train-1/input.png.png",
+        "/thumbnails/train-1/input.png/x",
+        "/thumbnails//input.png",
+        "/../../etc/passwd",
+        long.as_str(),
+    ] {
+        let status = get(at, path).status;
+        assert!(status == 404 || status == 400, "{path}: {status}");
+    }
+    assert_eq!(run.pictures_asked(), asked);
+}
+
+#[test]
+fn without_a_token_it_only_shows() {
+    let run = run();
+    let server = start(&run, None);
+    let at = server.address();
+    let given = format!("Authorization: Bearer {TOKEN}\r\n");
+    for path in [
+        "/api/pause",
+        "/api/resume",
+        "/api/cancel",
+        "/api/retry/train-5",
+    ] {
+        for headers in ["", &given, "Authorization: Bearer \r\n"] {
+            let refused = request(at, "POST", path, headers).expect(403);
+            assert!(
+                refused
+                    .text()
+                    .contains("start the coordinator with a token")
+            );
+        }
+    }
+    assert!(run.acted.lock().unwrap().is_empty());
+    assert!(!get(at, "/").text().contains("<button"));
+}
+
+#[test]
+fn the_token_acts_and_nothing_else_does() {
+    let run = run();
+    let server = start(&run, Some(TOKEN));
+    let at = server.address();
+    let page = get(at, "/");
+    for target in ["/api/pause", "/api/cancel", "/api/retry/train-5"] {
+        assert!(page.text().contains(&format!("data-post=\"{target}\"")));
+    }
+    assert!(!page.text().contains(TOKEN));
+    let (shorter, longer) = (&TOKEN[..TOKEN.len() - 1], format!("{TOKEN}x"));
+    for headers in [
+        String::new(),
+        format!("Authorization: Bearer {shorter}\r\n"),
+        format!("Authorization: Bearer {longer}\r\n"),
+        format!("Authorization: Basic {TOKEN}\r\n"),
+        format!("Cookie: token={TOKEN}\r\n"),
+        "Authorization: Bearer\r\n".to_owned(),
+        "Authorization: \u{ff}\u{fe}\r\n".to_owned(),
+    ] {
+        let path = format!("/api/pause?token={}", TOKEN.replace(' ', "%20"));
+        let refused = request(at, "POST", &path, &headers).expect(403);
+        assert!(refused.text().contains("Authorization: Bearer TOKEN"));
+        request(at, "POST", "/api/retry/..%2f", &headers).expect(403);
+    }
+    assert!(run.acted.lock().unwrap().is_empty());
+    let given = format!("Authorization: Bearer {TOKEN}\r\n");
+    for path in [
+        "/api/pause",
+        "/api/resume",
+        "/api/retry/train-5",
+        "/api/cancel",
+    ] {
+        request(at, "POST", path, &given).expect(200);
+    }
+    for bad in ["..%2f", "a.b", "%00", "a%2fb", "x%20y"] {
+        request(at, "POST", &format!("/api/retry/{bad}"), &given).expect(404);
+    }
+    let acted = std::mem::take(&mut *run.acted.lock().unwrap());
+    let retry = Action::Retry(id("train-5"));
+    assert_eq!(
+        acted,
+        [Action::Pause, Action::Resume, retry, Action::Cancel]
+    );
+    run.refuses.store(true, Ordering::Relaxed);
+    let refused = request(at, "POST", "/api/pause", &given).expect(409);
+    assert_eq!(refused.text(), "the run is finished\n");
+    let large = format!("{given}Content-Length: 5000\r\n");
+    request(at, "POST", "/api/pause", &large).expect(413);
+    let long = format!("X-Long: {}\r\n", "x".repeat(20_000));
+    request(at, "GET", "/", &long).expect(431);
+}
+
+#[test]
+fn a_strangers_name_for_this_machine_is_refused() {
+    let run = run();
+    let server = start(&run, None);
+    let at = server.address();
+    let port = at.port();
+    let ask = |first: &str, hosts: &str| {
+        send(
+            at,
+            &format!("GET {first} HTTP/1.1\r\n{hosts}Connection: close\r\n\r\n"),
+        )
+    };
+    for host in [
+        format!("localhost:{port}"),
+        format!("127.0.0.1:{port}"),
+        format!("[::1]:{port}"),
+        "LOCALHOST".to_owned(),
+        "127.0.0.1".to_owned(),
+        // A tunnel's other end.
+        "localhost:9999".to_owned(),
+    ] {
+        ask("/", &format!("Host: {host}\r\n")).expect(200);
+    }
+    for host in [
+        "evil.example",
+        "localhost.evil.example",
+        "127.0.0.1.evil.example",
+        "evil.example:80",
+        "localhost@evil.example",
+        "evil@localhost",
+        "192.0.2.7",
+        "[::2]",
+        "",
+        "a b",
+    ] {
+        for path in ["/", "/api/view", "/metrics", "/healthz", "/nothing"] {
+            let refused = ask(path, &format!("Host: {host}\r\n"));
+            assert!(
+                matches!(refused.status, 400 | 403),
+                "{host}: {}",
+                refused.status
+            );
+            assert!(!refused.text().contains("paper"));
+        }
+    }
+    let sentence = ask("/", "Host: evil.example\r\n").expect(403);
+    assert!(sentence.text().contains("localhost"), "{sentence:?}");
+    ask("/", "").expect(403);
+    ask("/", "Host: localhost\r\nHost: evil.example\r\n").expect(403);
+    ask("http://evil.example/", "Host: localhost\r\n").expect(403);
+
+    // Who listens for other machines is known to them by names that nobody here knows.
+    let source: Arc<dyn FarmSource> = run;
+    let open = serve(SocketAddr::from(([0, 0, 0, 0], 0)), source, None).unwrap();
+    let at = SocketAddr::from(([127, 0, 0, 1], open.address().port()));
+    let request = "GET / HTTP/1.1\r\nHost: farm.example\r\nConnection: close\r\n\r\n";
+    send(at, request).expect(200);
+}
+
+/// One sample of the text format: name, labels, value.
+type Sample = (String, BTreeMap<String, String>, f64);
+
+/// Reads a line by the format's own rules.
+fn sample(line: &str) -> Sample {
+    let name: String = line
+        .chars()
+        .take_while(|c| c.is_ascii_alphanumeric() || *c == '_')
+        .collect();
+    let mut rest = &line[name.len()..];
+    let mut labels = BTreeMap::new();
+    if let Some(inside) = rest.strip_prefix('{') {
+        rest = inside;
+        loop {
+            let (key, value) = rest.split_once("=\"").unwrap();
+            let key = key.trim_start_matches(',');
+            assert!(
+                key.bytes().all(|b| b.is_ascii_lowercase() || b == b'_'),
+                "{line}"
+            );
+            let (mut text, mut at) = (String::new(), value.char_indices());
+            let end = loop {
+                match at.next().unwrap() {
+                    (end, '"') => break end,
+                    (_, '\\') => text.push(match at.next().unwrap().1 {
+                        'n' => '\n',
+                        c @ ('\\' | '"') => c,
+                        c => panic!("\\{c} in {line}"),
+                    }),
+                    (_, c) => text.push(c),
+                }
+            };
+            assert!(labels.insert(key.to_owned(), text).is_none(), "{line}");
+            rest = &value[end + 1..];
+            if let Some(after) = rest.strip_prefix('}') {
+                rest = after;
+                break;
+            }
+        }
+    }
+    let value = rest.strip_prefix(' ').unwrap().parse().unwrap();
+    (name, labels, value)
+}
+
+#[test]
+fn metrics_follow_the_text_format() {
+    let run = run();
+    {
+        let mut view = run.view.lock().unwrap();
+        view.name = HOSTILE.to_owned();
+        view.workers[0].name = HOSTILE.to_owned();
+        view.workers[0].version = "\\".to_owned();
+        view.workers[1].last_progress_s = f64::NAN;
+        // The same name and host a second time, as after a restart.
+        view.workers
+            .push(worker("three", WorkerState::Silent, 99.0));
+        view.workers
+            .push(worker("three", WorkerState::Working, 1.5));
+        view.eta_s = None;
+    }
+    let server = start(&run, None);
+    let answer = get(server.address(), "/metrics").expect(200);
+    assert_eq!(
+        answer.headers["content-type"],
+        "text/plain; version=0.0.4; charset=utf-8"
+    );
+    let (mut help, mut kind) = (BTreeSet::new(), BTreeMap::new());
+    let mut samples: Vec<Sample> = Vec::new();
+    assert!(answer.text().ends_with('\n'));
+    for line in answer.text().lines() {
+        if let Some(text) = line.strip_prefix("# HELP ") {
+            let (name, text) = text.split_once(' ').unwrap();
+            assert!(text.ends_with('.'));
+            assert!(help.insert(name.to_owned()), "{name} is explained twice");
+        } else if let Some(text) = line.strip_prefix("# TYPE ") {
+            let (name, is) = text.split_once(' ').unwrap();
+            assert!(matches!(is, "gauge" | "counter"), "{line}");
+            assert!(kind.insert(name.to_owned(), is.to_owned()).is_none());
+        } else {
+            let sample = sample(line);
+            assert!(sample.0.starts_with("glasshouse_"), "{line}");
+            assert!(help.contains(&sample.0), "{line}");
+            assert_eq!(kind[&sample.0] == "counter", sample.0.ends_with("_total"));
+            let twice = samples.iter().any(|s| s.0 == sample.0 && s.1 == sample.1);
+            assert!(!twice, "twice: {line}");
+            samples.push(sample);
+        }
+    }
+    let value = |name: &str, label: &str, text: &str| {
+        let has = |s: &&Sample| s.0 == name && (label.is_empty() || s.1[label] == text);
+        let found: Vec<&Sample> = samples.iter().filter(has).collect();
+        assert_eq!(found.len(), 1, "{name} {label} {text}: {found:?}");
+        found[0].2
+    };
+    assert_eq!(value("glasshouse_run_info", "name", HOSTILE), 1.0);
+    assert_eq!(value("glasshouse_run_state", "state", "running"), 1.0);
+    assert_eq!(value("glasshouse_run_state", "state", "paused"), 0.0);
+    assert_eq!(value("glasshouse_scenes_done", "", ""), 1234.0);
+    assert_eq!(value("glasshouse_scenes_per_second", "", ""), 0.5);
+    assert_eq!(value("glasshouse_workers", "state", "silent"), 2.0);
+    let age = |name| value("glasshouse_worker_last_progress_seconds", "worker", name);
+    assert_eq!(age(HOSTILE), 0.5);
+    assert!(age("two").is_nan());
+    assert_eq!(age("three"), 1.5);
+    assert_eq!(value("glasshouse_worker_info", "version", "\\"), 1.0);
+    // What is not known is not there.
+    assert!(!answer.text().contains("eta_seconds"));
+}
+
+#[test]
+fn hostile_text_stays_text() {
+    let run = run();
+    {
+        let mut view = run.view.lock().unwrap();
+        view.name = HOSTILE.to_owned();
+        view.run = HOSTILE.to_owned();
+        view.version = HOSTILE.to_owned();
+        view.queue.connected = false;
+        view.queue.reason = Some(HOSTILE.to_owned());
+        view.quarantine[0].reason = HOSTILE.repeat(100);
+        view.quarantine[0].log_tail = Some(format!("\x1b[31m</pre>{HOSTILE}"));
+        view.recent[0].worker = Some(HOSTILE.to_owned());
+        view.recent[0].layers.push(HOSTILE.to_owned());
+        view.workers[0].name = HOSTILE.to_owned();
+        view.workers[0].host = HOSTILE.to_owned();
+        view.workers[0].version = HOSTILE.to_owned();
+    }
+    let server = start(&run, Some(TOKEN));
+    for path in ["/", "/live"] {
+        let page = get(server.address(), path).expect(200);
+        assert!(!page.text().contains("<img src=x"));
+        assert!(!page.text().contains("onerror=\""));
+        assert!(!page.text().contains('\x1b'));
+        assert!(page.text().contains("&lt;img src=x onerror=&quot;document"));
+    }
+    let view = get(server.address(), "/api/view").expect(200);
+    let json: serde_json::Value = serde_json::from_slice(&view.body).unwrap();
+    assert_eq!(json["name"], HOSTILE);
+}
+
+#[test]
+fn a_large_farm_has_a_small_page_with_the_worst_first() {
+    let run = run();
+    {
+        let mut view = run.view.lock().unwrap();
+        view.workers = (0..500)
+            .map(|n| {
+                let state = if n % 250 == 77 {
+                    WorkerState::Silent
+                } else {
+                    WorkerState::Working
+                };
+                worker(&format!("w{n:03}"), state, f64::from(n))
+            })
+            .collect();
+        view.quarantine = (0..400)
+            .map(|n| QuarantinedScene {
+                scene: id(&format!("bad-{n:03}")),
+                reason: "long ".repeat(10_000),
+                log_tail: Some(format!("{}the end", "long ".repeat(10_000))),
+            })
+            .collect();
+        view.quarantined = 450;
+    }
+    let server = start(&run, None);
+    let page = get(server.address(), "/").expect(200);
+    let page = page.text();
+    let place = |name: &str| page.find(&format!("data-key=\"{name}\""));
+    assert!(place("w327").unwrap() < place("w077").unwrap());
+    assert!(place("w077").unwrap() < place("w499").unwrap());
+    assert!(place("w402").is_some() && place("w401").is_none());
+    assert!(page.contains("and 400 more workers"));
+    assert!(place("bad-049").is_some() && place("bad-050").is_none());
+    assert!(page.contains("and 400 more scenes"));
+    assert!(page.contains("the end</pre>"));
+    assert!(page.len() < 500_000, "{} bytes", page.len());
+}
+
+#[test]
+fn states_say_what_is_the_matter() {
+    let run = run();
+    let server = start(&run, Some(TOKEN));
+    let page = || get(server.address(), "/").expect(200).text().to_owned();
+    assert!(!page().contains("No queue."));
+    {
+        let mut view = run.view.lock().unwrap();
+        view.queue.connected = false;
+        view.queue.reason = Some("connection refused".to_owned());
+        view.workers.clear();
+    }
+    assert!(page().contains("No queue.</b> connection refused. Workers"));
+    assert!(page().contains("No worker."));
+    run.view.lock().unwrap().state = FarmState::Paused;
+    assert!(page().contains("/api/resume") && !page().contains("/api/pause"));
+    assert!(!page().contains("No worker."), "none is needed");
+    run.view.lock().unwrap().state = FarmState::Finished;
+    assert!(!page().contains("/api/resume") && !page().contains("/api/cancel"));
+}
+
+#[test]
+fn the_slow_block_nobody() {
+    let run = run();
+    let server = start(&run, None);
+    let at = server.address();
+    let half = |text: &str| {
+        let mut stream = TcpStream::connect(at).unwrap();
+        stream.write_all(text.as_bytes()).unwrap();
+        stream
+    };
+    // Heads that do not end, bodies that do not come, answers that are not read.
+    let mut slow: Vec<TcpStream> = (0..40)
+        .map(|_| half("GET / HTTP/1.1\r\nHost: loc"))
+        .collect();
+    let unread = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n".repeat(50);
+    slow.extend((0..10).map(|_| half(&unread)));
+    // A store that hangs, and more pictures asked for than can be waited for at a time.
+    *run.store_hangs.0.lock().unwrap() = true;
+    let picture = "GET /thumbnails/train-1/input.png HTTP/1.1\r\nHost: localhost\r\n\r\n";
+    slow.extend((0..20).map(|_| half(picture)));
+    let begun = Instant::now();
+    while run.pictures_asked() == 0 {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    for path in ["/", "/api/view", "/metrics", "/healthz"] {
+        get(at, path).expect(200);
+    }
+    assert!(
+        begun.elapsed() < Duration::from_secs(8),
+        "{:?}",
+        begun.elapsed()
+    );
+    // A head that does not come is not waited for.
+    let limit = Some(Duration::from_secs(30));
+    slow[0].set_read_timeout(limit).unwrap();
+    let _ = slow[0].read_to_end(&mut Vec::new());
+    let waited = begun.elapsed();
+    assert!(waited < Duration::from_secs(25), "{waited:?}");
+    *run.store_hangs.0.lock().unwrap() = false;
+    run.store_hangs.1.notify_all();
+    get(at, "/thumbnails/train-1/input.png").expect(200);
+}
+
+#[test]
+fn a_source_that_fails_does_not_end_the_server() {
+    let run = run();
+    let server = start(&run, None);
+    run.panics.store(true, Ordering::Relaxed);
+    for _ in 0..20 {
+        get(server.address(), "/").expect(500);
+    }
+    run.panics.store(false, Ordering::Relaxed);
+    get(server.address(), "/").expect(200);
+}
+
+#[test]
+fn dropping_it_closes_the_port_and_the_connections() {
+    let run = run();
+    let server = start(&run, None);
+    let at = server.address();
+    assert_ne!(at.port(), 0);
+    let mut open = TcpStream::connect(at).unwrap();
+    open.write_all(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        .unwrap();
+    let mut first = [0; 12];
+    open.read_exact(&mut first).unwrap();
+    assert_eq!(&first, b"HTTP/1.1 200");
+    // Even while a call of the source hangs.
+    *run.store_hangs.0.lock().unwrap() = true;
+    let mut hung = TcpStream::connect(at).unwrap();
+    hung.write_all(b"GET /thumbnails/train-1/input.png HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        .unwrap();
+    while run.pictures_asked() == 0 {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let begun = Instant::now();
+    drop(server);
+    assert!(
+        begun.elapsed() < Duration::from_secs(5),
+        "{:?}",
+        begun.elapsed()
+    );
+    assert!(TcpStream::connect(at).is_err());
+    open.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    // The rest of the answer, then the end.
+    let ended = open.read_to_end(&mut Vec::new());
+    assert!(ended.is_ok() || ended.unwrap_err().kind() == std::io::ErrorKind::ConnectionReset);
+    let again: Arc<dyn FarmSource> = Arc::<Run>::clone(&run);
+    let again = serve(at, again, None).unwrap();
+    get(again.address(), "/healthz").expect(200);
+    *run.store_hangs.0.lock().unwrap() = false;
+    run.store_hangs.1.notify_all();
+}
+
+#[test]
+fn what_cannot_be_served_is_said() {
+    let run = run();
+    let server = start(&run, None);
+    let source = || -> Arc<dyn FarmSource> { Arc::<Run>::clone(&run) };
+    let taken = serve(server.address(), source(), None).unwrap_err();
+    assert!(taken.to_string().contains(&server.address().to_string()));
+    assert!(taken.to_string().contains("choose another address"));
+    let any = SocketAddr::from(([127, 0, 0, 1], 0));
+    for token in ["", "short"] {
+        let weak = serve(any, source(), Some(token.to_owned()));
+        assert!(matches!(weak, Err(ServeError::WeakToken)));
+    }
+}
