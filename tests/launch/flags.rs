@@ -49,10 +49,9 @@ fn lines_of_text(place: &str, text: &str) -> Vec<Line> {
         for (start, _) in starts {
             let rest = &words[start + 1..];
             // `"$(command -v glasshouse)"`
-            let rest = match rest {
-                ["-v", "glasshouse)\"", rest @ ..] => rest,
-                rest => rest,
-            };
+            let rest = rest
+                .strip_prefix(["-v", "glasshouse)\""].as_slice())
+                .unwrap_or(rest);
             let is_end = |word: &&str| {
                 word.starts_with(['|', '&', ';', '>', '#', ')']) || word.starts_with("2>")
             };

@@ -39,7 +39,7 @@ pub(crate) fn launch_files(endings: &[&str]) -> Vec<PathBuf> {
             let has = |ending: &&str| path.to_string_lossy().ends_with(*ending);
             if path.is_dir() {
                 folders.push(path);
-            } else if endings.iter().any(|ending| has(&ending)) {
+            } else if endings.iter().any(has) {
                 found.push(path);
             }
         }
