@@ -1,0 +1,47 @@
+//! Reading YAML.
+
+use std::path::Path;
+use yaml_rust2::{Yaml, YamlLoader};
+
+/// The documents of a file.
+pub(crate) fn documents(path: &Path) -> Vec<Yaml> {
+    let text = std::fs::read_to_string(path).unwrap();
+    let found =
+        YamlLoader::load_from_str(&text).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    assert!(!found.is_empty(), "{} is empty", path.display());
+    found
+}
+
+/// What stands at `a.b.c`; a number is an element of a list. `<<` is looked through, as compose does.
+pub(crate) fn at<'a>(value: &'a Yaml, path: &str) -> &'a Yaml {
+    path.split('.').fold(value, |value, key| {
+        let found = match key.parse::<usize>() {
+            Ok(index) if value.is_array() => &value[index],
+            _ => &value[key],
+        };
+        if found.is_badvalue() {
+            &value["<<"][key]
+        } else {
+            found
+        }
+    })
+}
+
+/// The strings of a list.
+pub(crate) fn strings(value: &Yaml) -> Vec<&str> {
+    let list = value
+        .as_vec()
+        .unwrap_or_else(|| panic!("no list: {value:?}"));
+    list.iter().map(|item| item.as_str().unwrap()).collect()
+}
+
+/// The value of `--flag` among words, written `--flag=value` or `--flag value`.
+pub(crate) fn argument<'a>(words: &[&'a str], flag: &str) -> Option<&'a str> {
+    let joined = words
+        .iter()
+        .find_map(|word| word.strip_prefix(flag)?.strip_prefix('='));
+    joined.or_else(|| {
+        let place = words.iter().position(|word| *word == flag)?;
+        words.get(place + 1).copied()
+    })
+}
