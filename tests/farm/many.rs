@@ -1,0 +1,265 @@
+//! Many workers on a real NATS server, with everything dying in turns: the tuples are those of one process.
+
+use crate::outputs::{Content, assert_same, files, tuples};
+use crate::program::{Ended, command, run, send, text};
+use crate::scenes::{Place, SCENES, place, reference};
+use crate::server::Server;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Child;
+use std::time::{Duration, Instant};
+
+/// Scenes take a few tenths of a second each, so that there is time to kill somebody.
+fn slow_place() -> Place {
+    let place = place();
+    let recipe = std::fs::read_to_string(&place.recipe).unwrap();
+    std::fs::write(&place.recipe, recipe.replace("spp = 256", "spp = 4096")).unwrap();
+    place.plan();
+    place
+}
+
+/// The tuples of one process.
+fn alone(place: &Place) -> BTreeMap<PathBuf, Content> {
+    let folder = place.folder.path().join("alone");
+    run(&[
+        "plan",
+        text(&place.recipe),
+        "--out",
+        text(&folder),
+        "--tile",
+        "16",
+    ])
+    .expect(0);
+    run(&["work", text(&folder), "-q"]).expect(0);
+    tuples(&folder)
+}
+
+fn start(verb: &str, place: &Place, server: &Server, more: &[&str]) -> Child {
+    let url = server.url();
+    let mut arguments = vec![verb, text(&place.run), "--queue", &url, "--lease-s", "2"];
+    arguments.extend(["--progress", "none", "--json"]);
+    arguments.extend(more);
+    command(&arguments).spawn().unwrap()
+}
+
+fn coordinator(place: &Place, server: &Server) -> Child {
+    start("coordinate", place, server, &[])
+}
+
+fn worker(place: &Place, server: &Server) -> Child {
+    start("work", place, server, &["-j", "1"])
+}
+
+/// Waits for the end of a process, for at most two minutes.
+#[track_caller]
+fn end(mut child: Child) -> Ended {
+    let start = Instant::now();
+    while child.try_wait().unwrap().is_none() {
+        if start.elapsed() > Duration::from_mins(2) {
+            send(&child, "KILL");
+            panic!(
+                "it does not end: {:#?}",
+                Ended::from(child.wait_with_output().unwrap())
+            );
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    child.wait_with_output().unwrap().into()
+}
+
+fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !is_so() {
+        assert!(
+            start.elapsed() < Duration::from_mins(1),
+            "{what} does not happen"
+        );
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Partials that were written and tuples that are whole.
+fn results(run: &Path) -> usize {
+    files(&run.join("partials")).len() + files(&run.join("tuples")).len()
+}
+
+/// Nothing unfinished, no partial, no queue's leftovers.
+fn assert_finished(run: &Path) {
+    assert!(run.join("finished.json").is_file());
+    assert_eq!(files(&run.join("partials")).len(), 0);
+    let odd = files(&run.join("tuples"))
+        .into_iter()
+        .find(|p| p.to_string_lossy().contains('#'));
+    assert_eq!(odd, None);
+}
+
+#[test]
+fn three_workers_make_what_one_process_makes() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let place = place();
+    place.plan();
+    // Workers may be there first: before coordinator and stream.
+    let workers = [
+        worker(&place, &server),
+        worker(&place, &server),
+        worker(&place, &server),
+    ];
+    std::thread::sleep(Duration::from_millis(300));
+    let coordinated = end(coordinator(&place, &server)).expect(0).json();
+    assert_eq!(coordinated["done"], SCENES);
+    let merged: u64 = workers
+        .into_iter()
+        .map(|worker| end(worker).expect(0).json()["merged"].as_u64().unwrap())
+        .sum();
+    assert!(merged >= SCENES as u64);
+    assert_same(&tuples(&place.run), reference());
+    assert_finished(&place.run);
+    // Nothing is left: all end at once.
+    end(coordinator(&place, &server)).expect(0);
+    end(worker(&place, &server)).expect(0);
+}
+
+#[test]
+fn killed_workers_and_coordinators_cost_time_alone() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let place = slow_place();
+    let first = coordinator(&place, &server);
+    let mut victims = vec![worker(&place, &server), worker(&place, &server)];
+    wait_for("a result", || results(&place.run) > 4);
+    for victim in &mut victims {
+        victim.kill().unwrap();
+        victim.wait().unwrap();
+    }
+    let mut first = first;
+    first.kill().unwrap();
+    first.wait().unwrap();
+    let second = coordinator(&place, &server);
+    let workers = [worker(&place, &server), worker(&place, &server)];
+    end(second).expect(0);
+    for worker in workers {
+        end(worker).expect(0);
+    }
+    assert_same(&tuples(&place.run), &alone(&place));
+    assert_finished(&place.run);
+}
+
+#[test]
+fn a_server_may_die_and_forget_everything() {
+    let Some(mut server) = Server::start() else {
+        return;
+    };
+    let place = slow_place();
+    let coordinator = coordinator(&place, &server);
+    let workers = [worker(&place, &server), worker(&place, &server)];
+    wait_for("a result", || results(&place.run) > 2);
+    server.kill_and_restart(false);
+    let before = results(&place.run);
+    wait_for("more", || {
+        results(&place.run) > before + 4 || place.run.join("finished.json").exists()
+    });
+    server.kill_and_restart(true);
+    end(coordinator).expect(0);
+    for worker in workers {
+        end(worker).expect(0);
+    }
+    assert_same(&tuples(&place.run), &alone(&place));
+    assert_finished(&place.run);
+}
+
+#[test]
+fn a_holder_that_slept_beyond_its_lease_does_no_harm() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let place = slow_place();
+    let coordinator = coordinator(&place, &server);
+    let sleeper = worker(&place, &server);
+    wait_for("a result", || results(&place.run) > 2);
+    send(&sleeper, "STOP");
+    let other = worker(&place, &server);
+    let held = results(&place.run);
+    wait_for("the other's results", || {
+        results(&place.run) > held + 8 || place.run.join("finished.json").exists()
+    });
+    std::thread::sleep(Duration::from_millis(2500));
+    send(&sleeper, "CONT");
+    end(coordinator).expect(0);
+    end(sleeper).expect(0);
+    end(other).expect(0);
+    assert_same(&tuples(&place.run), &alone(&place));
+    assert_finished(&place.run);
+}
+
+#[test]
+fn a_worker_that_is_told_to_stop_hands_its_work_back() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let place = slow_place();
+    let coordinator = coordinator(&place, &server);
+    let leaving = worker(&place, &server);
+    wait_for("a result", || results(&place.run) > 2);
+    send(&leaving, "TERM");
+    let left = end(leaving).expect(143).json();
+    assert!(left["spans_given"].as_u64().unwrap() > 0, "{left}");
+    // What it held is taken at once: no lease has to end.
+    let start = Instant::now();
+    let heir = worker(&place, &server);
+    end(coordinator).expect(0);
+    end(heir).expect(0);
+    assert!(start.elapsed() < Duration::from_secs(60));
+    assert_same(&tuples(&place.run), &alone(&place));
+}
+
+/// The second worker comes when the first holds the only scene: it gets the later half of it.
+#[test]
+fn an_idle_worker_gets_a_part_of_a_scene() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let place = place();
+    let recipe = std::fs::read_to_string(&place.recipe).unwrap();
+    let one = recipe
+        .replace("spp = 256", "spp = 65536")
+        .replace("{ sample = 3 }", "{ sample = 1 }")
+        .replace("[[split]]\nname = \"test\"\npairs = { sample = 1 }\n", "");
+    std::fs::write(&place.recipe, one).unwrap();
+    place.plan();
+    let coordinator = coordinator(&place, &server);
+    let busy = worker(&place, &server);
+    wait_for("a result", || results(&place.run) > 2);
+    let idle = worker(&place, &server);
+    end(coordinator).expect(0);
+    let busy = end(busy).expect(0).json();
+    let idle = end(idle).expect(0).json();
+    assert!(busy["spans_given"].as_u64().unwrap() > 0, "{busy}");
+    assert!(idle["shards_traced"].as_u64().unwrap() > 0, "{idle}");
+    assert_same(&tuples(&place.run), &alone(&place));
+    assert_finished(&place.run);
+}
+
+#[test]
+fn what_a_farm_is_told_wrongly_is_said() {
+    let place = place();
+    place.plan();
+    run(&["coordinate", text(&place.run)])
+        .expect(2)
+        .says(&["--queue"]);
+    run(&["work", text(&place.run), "--lease-s", "3"])
+        .expect(2)
+        .says(&["--queue"]);
+    run(&[
+        "work",
+        text(&place.run),
+        "--queue",
+        "nats://127.0.0.1:1",
+        "--queue-nkey",
+        "/nonexistent",
+    ])
+    .expect(2)
+    .says(&["/nonexistent"]);
+}
