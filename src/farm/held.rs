@@ -30,6 +30,9 @@ pub(super) struct Costs {
     pub(super) load_s: f64,
 }
 
+/// The next span is taken when the open ones last for so many loads at most.
+const LOADS_AHEAD: f64 = 2.0;
+
 /// Spans that were given away, as parts of open ones.
 pub(super) struct Given<'a> {
     /// Spans that were published.
@@ -130,6 +133,19 @@ impl<'a> HeldSpans<'a> {
             (*ticket, view)
         };
         spans.iter().map(view).collect()
+    }
+
+    /// Nothing should be taken yet: spans wait here already, or the open ones will last for longer than a load takes. Who
+    /// takes too early takes what it has just given away.
+    pub(super) fn has_enough(&self, ahead: usize, costs: Costs) -> bool {
+        let views = self.views(costs);
+        let waiting = views.iter().filter(|(_, v)| !v.opened).count();
+        let lasts_s: f64 = views
+            .iter()
+            .filter(|(_, v)| v.opened)
+            .map(|(_, v)| v.unbegun_s)
+            .sum();
+        waiting >= ahead || lasts_s > LOADS_AHEAD * costs.load_s
     }
 
     /// There is something that another worker could have.

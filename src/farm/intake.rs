@@ -20,6 +20,8 @@ pub(super) struct Loaded<'a> {
 
 /// How long one call waits for a span; a stop is noticed in between.
 const WAIT: Duration = Duration::from_millis(500);
+/// Between two looks whether another span is needed.
+const PAUSE: Duration = Duration::from_millis(5);
 /// Between two looks whether the run is over, when there is nothing to do.
 const LOOK: Duration = Duration::from_secs(1);
 /// Between two complaints about a queue that is away.
@@ -33,6 +35,10 @@ impl<'a> Shared<'a> {
         let (mut looked, mut complained) = (Instant::now(), None::<Instant>);
         let mut pause = ASK[0];
         while !self.must_stop() {
+            if self.shared.is_some() && self.held.has_enough(self.ahead(), self.costs()) {
+                std::thread::sleep(PAUSE);
+                continue;
+            }
             match self.queue.take(WAIT) {
                 Taken::Span(delivery) => {
                     (pause, complained) = (ASK[0], None);

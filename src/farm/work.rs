@@ -22,7 +22,7 @@ use super::queue::{LocalQueue, Queue, QueueKeeper, Waiting};
 use super::run_dir::Run;
 use super::span::Span;
 use super::sweep::sweep;
-use super::writer::{Order, What, write_tuple};
+use super::writer::{Order, What, remove_partials, write_tuple};
 use crate::ids::SceneId;
 use crate::manifest::SceneLine;
 use crate::merge::SrgbEncoder;
@@ -212,12 +212,7 @@ fn work_on(
     on_event: &(dyn Fn(Event) + Sync),
 ) -> Result<Outcome, FarmError> {
     let threads = options.threads.max(1);
-    // Beside others nothing is hoarded: one scene ahead for four threads.
-    let (sender, files) = bounded(if shared_queue.is_some() {
-        threads.div_ceil(4)
-    } else {
-        threads
-    });
+    let (sender, files) = bounded(threads);
     let (writer, orders) = bounded(threads);
     let deques: Vec<Worker<Band>> = (0..threads).map(|_| Worker::new_fifo()).collect();
     let shared = Shared {
@@ -326,6 +321,11 @@ impl<'a> Shared<'a> {
             || self.broken.load(Ordering::Relaxed)
     }
 
+    /// Spans to have read before they are needed. Beside other workers nothing is hoarded.
+    pub(super) fn ahead(&self) -> usize {
+        self.options.threads.div_ceil(4)
+    }
+
     /// What a shard and a scene cost this worker so far.
     pub(super) fn costs(&self) -> Costs {
         let seconds = self.seconds.all();
@@ -354,7 +354,12 @@ impl<'a> Shared<'a> {
             let start = Instant::now();
             self.step(&span, || match what {
                 What::Partial { shard, bytes } => {
-                    self.store.create(&keys::partial(&line.id, shard), &bytes)?;
+                    let put = self.store.create(&keys::partial(&line.id, shard), &bytes);
+                    if put.is_err() && self.is_done_elsewhere(&span)? {
+                        // Its folder went while this was being written.
+                        return Ok(());
+                    }
+                    put?;
                     self.seconds.add_checkpoint(start.elapsed());
                     if span.stored() {
                         self.end_in_part(&span)?;
@@ -384,10 +389,24 @@ impl<'a> Shared<'a> {
         let shards = there.iter().filter_map(|key| keys::shard_of(key)).count();
         if shards >= span.job.layout.len() as usize {
             self.to_complete.push(Arc::clone(span));
-        } else {
+        } else if !self.is_done_elsewhere(span)? {
             self.close(span.delivery.ticket);
         }
         Ok(())
+    }
+
+    /// Another worker has made the scene's tuple: this one slept, and what it still holds is of no use. True if so; the
+    /// span is closed then.
+    fn is_done_elsewhere(&self, span: &OpenSpan<'a>) -> Result<bool, FarmError> {
+        let line = span.job.line;
+        if self.shared.is_none() || !is_done(self.store, line)? {
+            return Ok(false);
+        }
+        if !span.job.failed().swap(true, Ordering::AcqRel) {
+            remove_partials(self.store, line);
+            self.close(span.delivery.ticket);
+        }
+        Ok(true)
     }
 
     /// An open span has ended.
