@@ -6,10 +6,11 @@ use super::output::Output;
 use super::progress::Progress;
 use super::queue_cmd;
 use super::signals::Signals;
-use crate::farm::{CoordinateOptions, Run, Watch, coordinate};
+use crate::farm::{CoordinateOptions, Run, Watch, WatchedRun, coordinate};
 use crate::manifest::Roots;
+use crate::serve::serve;
 use serde_json::json;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// Shortest time between two looks.
@@ -29,7 +30,19 @@ pub(super) fn run(
         stop: signals.stop(),
         every: EVERY,
     };
-    let watch = Mutex::new(Watch::default());
+    let watch = Arc::new(Mutex::new(Watch::default()));
+    let silent_s = 20.0 * args.queue.lease_s.as_secs_f64();
+    let page = args.listen.map(|address| {
+        let source = Arc::new(WatchedRun::new(&run, &store, &watch, silent_s));
+        serve(address, source, None).map_err(|e| Failure::new(Exit::Failed, e))
+    });
+    let page = page.transpose()?;
+    if let Some(page) = &page {
+        output.note(&format!(
+            "the run can be watched at http://{}/",
+            page.address()
+        ));
+    }
     let start = Instant::now();
     let ended = coordinate(&run, &store, &queue, &options, &watch, &|event| {
         progress.event(event, output);

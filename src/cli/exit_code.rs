@@ -42,6 +42,14 @@ impl Exit {
     }
 }
 
+impl Exit {
+    /// Ends the program here: for a thread that hangs and cannot be stopped otherwise.
+    #[allow(clippy::exit, reason = "this is the place where it is decided")]
+    pub(super) fn now(self) -> ! {
+        std::process::exit(self.code().into())
+    }
+}
+
 impl From<Exit> for ExitCode {
     fn from(exit: Exit) -> Self {
         Self::from(exit.code())

@@ -121,7 +121,7 @@ fn work_for(
     let queue = queue_cmd::worker(run, &args.queue, &name)?;
     let on_hung = |reason: &str| {
         output.warning(reason);
-        std::process::exit(Exit::Failed.code().into());
+        Exit::Failed.now();
     };
     let shared = SharedQueue {
         queue: &queue,

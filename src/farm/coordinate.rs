@@ -13,6 +13,7 @@ use super::run_dir::Run;
 use super::sweep::sweep_staged;
 use super::work::whole;
 use super::writer::remove_partials;
+use crate::ids::SceneId;
 use crate::store::Store;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -43,6 +44,57 @@ pub struct Watch {
     pub queue_lost: Option<String>,
     /// Nothing is left to do.
     pub finished: bool,
+    /// Scenes with a tuple, in the order in which they were seen.
+    pub tuples: Vec<SeenTuple>,
+    /// Scenes in quarantine (place in the manifest) with their reasons.
+    pub reasons: Vec<(usize, String)>,
+}
+
+/// A tuple that the coordinator saw.
+#[derive(Clone, Debug)]
+pub struct SeenTuple {
+    /// Its scene's place in the manifest.
+    pub scene: usize,
+    /// When it was seen first; not known of those that were there at the start.
+    pub at: Option<Instant>,
+    /// Who made it, by its receipt.
+    pub worker: Option<String>,
+    /// With which version.
+    pub version: Option<String>,
+}
+
+/// Over so long a time the rate is taken.
+const RATE_OVER: Duration = Duration::from_mins(5);
+
+impl Watch {
+    /// Scenes a second over the last minutes, if any were seen.
+    pub fn rate_scenes_per_s(&self) -> Option<f64> {
+        let ages: Vec<f64> = self
+            .tuples
+            .iter()
+            .rev()
+            .map_while(|tuple| tuple.at.map(|at| at.elapsed()))
+            .take_while(|age| *age < RATE_OVER)
+            .map(|age| age.as_secs_f64())
+            .collect();
+        let oldest = ages.last().copied().filter(|age| *age > 0.0)?;
+        Some(ages.len() as f64 / oldest)
+    }
+}
+
+/// What a receipt says of a tuple.
+fn seen(store: &Store, scene: usize, id: &SceneId, at: Option<Instant>) -> SeenTuple {
+    let receipt = store.get(&keys::receipt(id)).ok().flatten();
+    let receipt: serde_json::Value = receipt
+        .and_then(|bytes| serde_json::from_slice(&bytes).ok())
+        .unwrap_or_default();
+    let text = |key: &str| receipt[key].as_str().map(str::to_owned);
+    SeenTuple {
+        scene,
+        at,
+        worker: text("worker"),
+        version: text("version"),
+    }
 }
 
 /// How coordinating ended.
@@ -76,6 +128,7 @@ pub fn coordinate(
     let (mut published, mut complained) = (0, None::<Instant>);
     // Quiet at the last look, too: a message on its way from one to the other is in neither count for a moment.
     let mut was_quiet = false;
+    let mut first = true;
     on_event(Event::Started {
         shards: run.lines.len() as u64,
         scenes: run.lines.len() as u64,
@@ -87,13 +140,21 @@ pub fn coordinate(
         progress.update(run, store)?;
         for (scene, line) in run.lines.iter().enumerate() {
             if progress.done[scene] && !std::mem::replace(&mut told[scene], true) {
-                on_event(Event::ShardDone { resumed: false });
+                let at = (!first).then(Instant::now);
+                let tuple = seen(store, scene, &line.id, at);
+                watch
+                    .lock()
+                    .expect("no holder of this lock panics")
+                    .tuples
+                    .push(tuple);
+                on_event(Event::ShardDone { resumed: first });
                 on_event(Event::SceneMerged {
                     scene: line.id.clone(),
                     miss_share: 0.0,
                 });
             }
         }
+        first = false;
         let finished = progress.is_finished();
         {
             let mut watch = watch.lock().expect("no holder of this lock panics");
@@ -102,6 +163,8 @@ pub fn coordinate(
             watch.done = count(progress.done.iter().filter(|d| **d).count());
             watch.quarantined = count(progress.quarantined.iter().flatten().count());
             watch.finished = finished;
+            let reasons = progress.quarantined.iter().enumerate();
+            watch.reasons = reasons.filter_map(|(s, r)| Some((s, r.clone()?))).collect();
             match &looked {
                 Ok(state) => {
                     (watch.waiting, watch.held) = (state.waiting, state.held);

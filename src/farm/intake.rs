@@ -35,7 +35,7 @@ impl<'a> Shared<'a> {
         let (mut looked, mut complained) = (Instant::now(), None::<Instant>);
         let mut pause = ASK[0];
         while !self.must_stop() {
-            if self.shared.is_some() && self.held.has_enough(self.ahead(), self.costs()) {
+            if self.beside.is_some() && self.held.has_enough(self.ahead(), self.costs()) {
                 std::thread::sleep(PAUSE);
                 continue;
             }
@@ -56,7 +56,7 @@ impl<'a> Shared<'a> {
                     }
                 }
             }
-            if self.shared.is_none() {
+            if self.beside.is_none() {
                 continue;
             }
             if looked.elapsed() > LOOK {
@@ -83,7 +83,7 @@ impl<'a> Shared<'a> {
         let run: &'a _ = self.run;
         let line = &run.lines[delivery.waiting.span.scene as usize];
         self.held.add(&delivery);
-        if self.shared.is_some() {
+        if self.beside.is_some() {
             match is_done(self.store, line) {
                 Ok(true) => {
                     self.held.remove(ticket);

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 /// How long one look for questions waits.
 const WAIT: Duration = Duration::from_millis(20);
 
-impl<'a> Shared<'a> {
+impl Shared<'_> {
     /// Until the hands have gone home.
     pub(super) fn keep_leases(&self, shared: &SharedQueue) {
         let every = shared.lease / 3;

@@ -46,7 +46,7 @@ impl SpanMessage {
     /// The span, if it belongs to this run and its scene is one of `scenes`.
     pub(super) fn span(&self, run: [u8; 8], scenes: usize) -> Option<Span> {
         let valid = self.run == run && (self.scene as usize) < scenes && self.start < self.end;
-        valid.then(|| Span {
+        valid.then_some(Span {
             scene: self.scene,
             shards: self.start..self.end,
         })

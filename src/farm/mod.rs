@@ -26,10 +26,11 @@ mod run_dir;
 mod span;
 mod status;
 mod sweep;
+mod watch;
 mod work;
 mod writer;
 
-pub use coordinate::{CoordinateOptions, Coordinated, Watch, coordinate};
+pub use coordinate::{CoordinateOptions, Coordinated, SeenTuple, Watch, coordinate};
 pub use done::Progress;
 pub use error::FarmError;
 pub use events::{Event, StageSeconds};
@@ -40,4 +41,5 @@ pub use quarantine::{QUARANTINE_SCHEMA, QuarantineRecord};
 pub use run_dir::{Run, RunDir, RunError};
 pub use span::{HeldSpan, Span, what_to_give};
 pub use status::{RunStatus, run_status};
+pub use watch::WatchedRun;
 pub use work::{Outcome, SharedQueue, Stop, WorkOptions, work, work_shared};

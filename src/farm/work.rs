@@ -96,7 +96,8 @@ pub(super) struct Shared<'a> {
     pub(super) run: &'a Run,
     pub(super) store: &'a Store,
     pub(super) queue: &'a dyn Queue,
-    pub(super) shared: Option<&'a SharedQueue<'a>>,
+    /// Other workers are there.
+    pub(super) beside: Option<&'a SharedQueue<'a>>,
     pub(super) options: &'a WorkOptions<'a>,
     pub(super) on_event: &'a (dyn Fn(Event) + Sync),
     pub(super) files: Receiver<Loaded<'a>>,
@@ -219,7 +220,7 @@ fn work_on(
         run,
         store,
         queue,
-        shared: shared_queue,
+        beside: shared_queue,
         options,
         on_event,
         files,
@@ -245,7 +246,7 @@ fn work_on(
     std::thread::scope(|scope| {
         let shared = &shared;
         scope.spawn(move || shared.take_in(&sender));
-        if let Some(queue) = shared.shared {
+        if let Some(queue) = shared.beside {
             scope.spawn(move || shared.keep_leases(queue));
         }
         let writing = scope.spawn(move || shared.write(&orders));
@@ -399,7 +400,7 @@ impl<'a> Shared<'a> {
     /// span is closed then.
     fn is_done_elsewhere(&self, span: &OpenSpan<'a>) -> Result<bool, FarmError> {
         let line = span.job.line;
-        if self.shared.is_none() || !is_done(self.store, line)? {
+        if self.beside.is_none() || !is_done(self.store, line)? {
             return Ok(false);
         }
         if !span.job.failed().swap(true, Ordering::AcqRel) {
@@ -462,7 +463,7 @@ impl<'a> Shared<'a> {
 
     /// Beside other workers: who made the tuple. Nothing depends on it.
     fn leave_receipt(&self, line: &SceneLine) {
-        if let Some(shared) = self.shared {
+        if let Some(shared) = self.beside {
             let receipt = serde_json::json!({
                 "schema": "glasshouse.receipt/1",
                 "scene": line.id,

@@ -70,7 +70,7 @@ pub enum StoreError {
         /// The store.
         store: String,
         /// Why.
-        source: object_store::Error,
+        source: Box<object_store::Error>,
     },
     /// Another process put other bytes there.
     #[error(
@@ -106,8 +106,7 @@ impl Store {
     }
 
     fn key(&self, key: &str) -> Key {
-        key.split('/')
-            .fold(self.prefix.clone(), |path, part| path.join(part))
+        key.split('/').fold(self.prefix.clone(), Key::join)
     }
 
     fn failed(&self, what: &'static str, key: &str, source: object_store::Error) -> StoreError {
@@ -115,7 +114,7 @@ impl Store {
             what,
             key: key.to_owned(),
             store: self.name.clone(),
-            source,
+            source: Box::new(source),
         }
     }
 
@@ -293,7 +292,7 @@ mod tests {
     fn an_error_names_the_object_and_the_store() {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::local(dir.path()).unwrap();
-        std::fs::write(dir.path().join("tuples"), b"a file").unwrap();
+        crate::atomic_file::write(&dir.path().join("tuples"), b"a file").unwrap();
         let error = store
             .create("tuples/a/tuple.json", b"{}")
             .unwrap_err()

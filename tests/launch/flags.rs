@@ -8,13 +8,6 @@ use yaml_rust2::Yaml;
 
 /// What the program does not know yet: a command, or a flag of a command. To be deleted, with its one use below.
 const NOT_YET: &[&str] = &[
-    "coordinate",
-    "work --queue",
-    "work --queue-nkey",
-    "work --queue-ca",
-    "work --store",
-    "work --lease-s",
-    "work --name",
     "status --watch",
     "status --store",
     "pause",

@@ -118,10 +118,8 @@ impl Connection {
         let _runtime = RUNTIME.enter();
         let mut context = jetstream::new(client.clone());
         context.set_timeout(ANSWER);
-        let hex = run[..4]
-            .iter()
-            .map(|b| format!("{b:02x}"))
-            .collect::<String>();
+        let [a, b, c, d, ..] = run;
+        let hex = format!("{a:02x}{b:02x}{c:02x}{d:02x}");
         Ok(Self {
             client,
             context,
@@ -401,7 +399,7 @@ impl Queue for NatsWorker {
 }
 
 fn leave(message: &Message, reason: &str) -> Taken {
-    let delay = AckKind::Nak(Some(Duration::from_secs(60)));
+    let delay = AckKind::Nak(Some(Duration::from_mins(1)));
     let _ = RUNTIME.block_on(message.ack_with(delay));
     Taken::Lost(reason.to_owned())
 }
