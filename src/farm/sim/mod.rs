@@ -1,0 +1,3 @@
+//! A farm in virtual time.
+
+mod queue;
