@@ -163,10 +163,7 @@ impl<M> Holding<M> {
     }
 
     /// It would offer something.
-    pub fn has_something_to_give(
-        &self,
-        seconds: impl Fn(&Span, Range<u32>) -> (f64, f64),
-    ) -> bool {
+    pub fn has_something_to_give(&self, seconds: impl Fn(&Span, Range<u32>) -> (f64, f64)) -> bool {
         self.offered.is_empty() && !what_to_give(&self.view(seconds)).is_empty()
     }
 
@@ -293,7 +290,11 @@ mod tests {
         holding.open(first);
         holding.begin(first);
         holding.take(2, handed(1, 5..6));
-        let back: Vec<Range<u32>> = holding.hand_back().into_iter().map(|h| h.span.shards).collect();
+        let back: Vec<Range<u32>> = holding
+            .hand_back()
+            .into_iter()
+            .map(|h| h.span.shards)
+            .collect();
         assert_eq!(back, [1..4, 5..6]);
         holding.given();
         assert_eq!(holding.acknowledge(), Some(2));

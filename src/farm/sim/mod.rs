@@ -1,3 +1,5 @@
 //! A farm in virtual time.
 
+#[cfg(test)]
+mod interleavings;
 mod queue;

@@ -96,7 +96,10 @@ impl Queue {
         let same = |m: &Message| {
             m.start == shards.start && m.end == shards.end && m.handed_on == handed.handed_on
         };
-        if self.of_scene(scene).any(|k| same(&self.messages[k as usize])) {
+        if self
+            .of_scene(scene)
+            .any(|k| same(&self.messages[k as usize]))
+        {
             return false;
         }
         let sequence = self.messages.len() as Sequence;
@@ -173,7 +176,9 @@ impl Queue {
         if self.first_of_scene[scene] == sequence {
             self.first_of_scene[scene] = next;
         } else {
-            let before = self.of_scene(scene as u32).find(|&k| self.messages[k as usize].next == sequence);
+            let before = self
+                .of_scene(scene as u32)
+                .find(|&k| self.messages[k as usize].next == sequence);
             if let Some(before) = before {
                 self.messages[before as usize].next = next;
             }
@@ -234,20 +239,25 @@ impl Queue {
     /// Sequences of messages that are held.
     pub(super) fn all_held(&self) -> Vec<Sequence> {
         let is_held = |&k: &Sequence| self.messages[k as usize].state == State::Held;
-        (0..self.messages.len() as Sequence).filter(is_held).collect()
+        (0..self.messages.len() as Sequence)
+            .filter(is_held)
+            .collect()
     }
 
     /// Sequences of messages that were acknowledged.
     pub(super) fn all_gone(&self) -> Vec<Sequence> {
         let is_gone = |&k: &Sequence| self.messages[k as usize].state == State::Gone;
-        (0..self.messages.len() as Sequence).filter(is_gone).collect()
+        (0..self.messages.len() as Sequence)
+            .filter(is_gone)
+            .collect()
     }
 
     /// Puts an acknowledged message back, to be delivered again, or never.
     pub(super) fn resurrect(&mut self, sequence: Sequence, zombie: bool) {
         let message = &mut self.messages[sequence as usize];
         assert_eq!(message.state, State::Gone);
-        message.next = std::mem::replace(&mut self.first_of_scene[message.scene as usize], sequence);
+        message.next =
+            std::mem::replace(&mut self.first_of_scene[message.scene as usize], sequence);
         if zombie {
             message.state = State::Zombie;
             self.zombies += 1;
