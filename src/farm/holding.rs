@@ -105,6 +105,16 @@ impl<M> Holding<M> {
         self.find(id).map(|h| &h.span)
     }
 
+    /// Its shards that nobody has begun.
+    pub fn unbegun(&self, id: u64) -> Option<Range<u32>> {
+        self.find(id).map(Held::unbegun)
+    }
+
+    /// Number of spans that are offered.
+    pub fn offered_count(&self) -> u32 {
+        self.offered.len() as u32
+    }
+
     /// Its scene is loaded, or being loaded.
     pub fn is_opened(&self, id: u64) -> bool {
         self.find(id).is_some_and(|h| h.opened)
@@ -182,10 +192,12 @@ impl<M> Holding<M> {
         self.offered.clear();
     }
 
-    /// A span of which nothing is left, to be acknowledged: its shards are in the store or given away.
-    pub fn acknowledge(&mut self) -> Option<M> {
+    /// A span of which nothing is left, to be acknowledged: its shards are in the store or given away. With the span as it
+    /// is now, empty if it was given whole.
+    pub fn acknowledge(&mut self) -> Option<(M, Span)> {
         let k = self.held.iter().position(Held::is_settled)?;
-        Some(self.held.remove(k).message)
+        let held = self.held.remove(k);
+        Some((held.message, held.span))
     }
 
     /// Everything that is not begun, to be published before the worker ends; then [`given`](Self::given).
@@ -262,9 +274,9 @@ mod tests {
         assert_eq!(holding.begin(id), None);
         holding.finish(id);
         holding.finish(id);
-        assert_eq!(holding.acknowledge(), None);
+        assert!(holding.acknowledge().is_none());
         holding.finish(id);
-        assert_eq!(holding.acknowledge(), Some("first"));
+        assert_eq!(holding.acknowledge().unwrap().0, "first");
         assert!(holding.is_empty());
     }
 
@@ -279,7 +291,7 @@ mod tests {
         holding.kept();
         assert_eq!(holding.offer(a_second_a_shard)[0].span.scene, 1);
         holding.given();
-        assert_eq!(holding.acknowledge(), Some(2));
+        assert_eq!(holding.acknowledge().unwrap().0, 2);
         assert_eq!(holding.span(first).unwrap().shards, 0..4);
     }
 
@@ -297,9 +309,9 @@ mod tests {
             .collect();
         assert_eq!(back, [1..4, 5..6]);
         holding.given();
-        assert_eq!(holding.acknowledge(), Some(2));
-        assert_eq!(holding.acknowledge(), None);
+        assert_eq!(holding.acknowledge().unwrap().0, 2);
+        assert!(holding.acknowledge().is_none());
         holding.finish(first);
-        assert_eq!(holding.acknowledge(), Some(1));
+        assert_eq!(holding.acknowledge().unwrap().0, 1);
     }
 }

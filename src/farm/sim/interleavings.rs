@@ -301,7 +301,7 @@ impl Farm {
                 scene.partials = [false; SHARDS as usize];
             }
         }
-        if let Some(sequence) = self.workers[w].holding.acknowledge() {
+        if let Some((sequence, _)) = self.workers[w].holding.acknowledge() {
             self.packets.push(Packet::Acknowledge(sequence));
         }
     }

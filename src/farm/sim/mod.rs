@@ -1,5 +1,31 @@
-//! A farm in virtual time.
+//! A farm in virtual time: what the rules of sharing work cost, for any number of workers.
+//!
+//! Real are [`Span`](super::Span), [`Holding`](super::Holding), [`what_to_give`](super::what_to_give) and
+//! [`uncovered`](super::uncovered); modelled are the queue's server ([`queue`], as its behaviour was measured), the store
+//! (a bit for each shard), the tracer (time passes) and the network (a constant delay). Every number is drawn by a hash of
+//! the seed and a counter: equal cases have equal outcomes.
+//!
+//! ```text
+//! case -> engine (events, faults) -> worker | server -> queue | coordinator -> store -> outcome
+//! ```
 
+mod bound;
+mod case;
+mod coordinator;
+mod engine;
 #[cfg(test)]
 mod interleavings;
+mod outcome;
 mod queue;
+mod server;
+mod store;
+mod tally;
+mod worker;
+
+pub use bound::lower_bound_s;
+pub use case::{
+    Case, Fault, Fleet, IdlePull, ListFirst, Listing, Prefetch, Rules, Work, some_workers,
+};
+pub use engine::simulate;
+pub use outcome::{Messages, Outcome};
+pub use tally::{KINDS, Kind};

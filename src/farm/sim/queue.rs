@@ -19,6 +19,7 @@ const NONE: u32 = u32::MAX;
 enum State {
     Waiting,
     Held,
+    #[cfg_attr(not(test), expect(dead_code, reason = "only tests make one"))]
     /// In the stream, but the consumer never delivers it (seen after a restart of an old server).
     Zombie,
     Gone,
