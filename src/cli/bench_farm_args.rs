@@ -85,6 +85,12 @@ pub struct BenchFarmArgs {
     /// Workers look, before each shard of a span that was delivered before, whether the store has it
     #[arg(long)]
     pub look_again: bool,
+    /// Givers listen on one of so many subjects, by the seconds that they could give (1, 4, 16, ...); who asks begins with the most
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
+    pub give_levels: u32,
+    /// An idle worker's longest pause between two requests, seconds
+    #[arg(long, value_name = "S", default_value_t = 1.0, value_parser = parse_seconds)]
+    pub longest_pause_s: f64,
     /// Busy workers give nothing away
     #[arg(long)]
     pub no_giving: bool,

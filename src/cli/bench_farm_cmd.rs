@@ -67,6 +67,8 @@ fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
             window: args.window,
             look_again: args.look_again,
             no_giving: args.no_giving,
+            give_levels: args.give_levels,
+            pause_s: [Rules::default().pause_s[0], args.longest_pause_s],
             ..Rules::default()
         },
         faults: Vec::new(),

@@ -172,9 +172,14 @@ impl<M> Holding<M> {
         all
     }
 
-    /// It would offer something.
-    pub fn has_something_to_give(&self, seconds: impl Fn(&Span, Range<u32>) -> (f64, f64)) -> bool {
-        self.offered.is_empty() && !what_to_give(&self.view(seconds)).is_empty()
+    /// Estimated seconds of what it would give; none if it would give nothing.
+    pub fn could_give_s(&self, seconds: impl Fn(&Span, Range<u32>) -> (f64, f64)) -> Option<f64> {
+        if !self.offered.is_empty() {
+            return None;
+        }
+        let given = what_to_give(&self.view(&seconds));
+        let of = |span: &Span| seconds(span, span.shards.clone()).0;
+        (!given.is_empty()).then(|| given.iter().map(of).sum())
     }
 
     /// The queue has all that was offered: those shards are left alone, except the ones begun in the meantime.

@@ -116,6 +116,9 @@ pub struct Rules {
     pub prefetch: Prefetch,
     /// For [`Prefetch::NearTheEnd`].
     pub prefetch_s: f64,
+    /// Givers listen on one of so many subjects, by the seconds that they could give: at least 1, 4, 16, ..., the last one
+    /// below that. Who asks begins with the most. 1: one subject for all.
+    pub give_levels: u32,
     /// A worker that asked for something to do waits so long for an answer.
     pub give_answer_s: f64,
     /// Giving away is switched off.
@@ -208,6 +211,7 @@ impl Default for Rules {
             pull_s: 30.0,
             prefetch: Prefetch::Always,
             prefetch_s: 0.5,
+            give_levels: 1,
             give_answer_s: 1.0,
             no_giving: false,
             poll_s: 1.0,

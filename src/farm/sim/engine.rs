@@ -34,6 +34,7 @@ pub(super) enum Event {
     },
     Ask {
         worker: WorkerId,
+        level: u32,
     },
     LeaseEnds {
         sequence: Sequence,
@@ -63,6 +64,11 @@ pub(super) enum Event {
     Answered {
         worker: WorkerId,
         spans: u32,
+    },
+    /// Nobody listens at that level.
+    NoGiver {
+        worker: WorkerId,
+        level: u32,
     },
     /// What the worker computes is done.
     Computed {
@@ -100,8 +106,8 @@ pub(super) struct Sim<'a> {
     pub(super) away_until_us: u64,
     /// Pulls that wait at the server: worker, number of the pull.
     pub(super) waiting_pulls: VecDeque<(WorkerId, u32)>,
-    /// Workers that have something to give.
-    pub(super) listeners: Vec<WorkerId>,
+    /// Workers that have something to give, by level: the last one has the most.
+    pub(super) listeners: Vec<Vec<WorkerId>>,
     pub(super) store: Store,
     pub(super) coordinator: Coordinator,
     pub(super) tally: Tally,
@@ -146,7 +152,7 @@ impl<'a> Sim<'a> {
             stream_is_there: true,
             away_until_us: 0,
             waiting_pulls: VecDeque::new(),
-            listeners: Vec::new(),
+            listeners: vec![Vec::new(); case.rules.give_levels.max(1) as usize],
             store: Store::new(work.scenes, work.shards),
             coordinator: Coordinator::default(),
             tally: Tally::default(),
@@ -219,6 +225,7 @@ impl<'a> Sim<'a> {
             | E::Confirmed { worker }
             | E::NotConfirmed { worker }
             | E::Answered { worker, .. }
+            | E::NoGiver { worker, .. }
             | E::Asked { giver: worker, .. }
             | E::Computed { worker }
             | E::PauseEnds { worker, .. }
@@ -253,7 +260,7 @@ impl<'a> Sim<'a> {
             Fault::Slow { .. } => {}
             Fault::Kill { worker, .. } => {
                 // The server sees the connection end.
-                self.listen(worker, false);
+                self.listen(worker, None);
                 let worker = &mut self.workers[worker as usize];
                 worker.is_alive = false;
                 worker.holding = Default::default();

@@ -18,7 +18,7 @@ impl Sim<'_> {
                 }
             }
             Event::Renew { worker } => self.renewal_arrives(worker),
-            Event::Ask { worker } => self.request_arrives(worker),
+            Event::Ask { worker, level } => self.request_arrives(worker, level),
             Event::LeaseEnds { sequence, stream } if stream == self.stream => {
                 match self.queue.expire(sequence, self.now_us) {
                     Expiry::At(end_us) => self.after(end_us - self.now_us, event),
@@ -133,15 +133,15 @@ impl Sim<'_> {
     }
 
     /// One of those who listen gets it, whichever.
-    fn request_arrives(&mut self, worker: WorkerId) {
+    fn request_arrives(&mut self, worker: WorkerId, level: u32) {
         self.tally.count(Kind::Ask, self.now_us);
-        let event = if self.listeners.is_empty() {
+        let count = self.listeners[level as usize].len() as u64;
+        let event = if count == 0 {
             self.tally.count(Kind::Answer, self.now_us);
-            self.counts.asked_in_vain += 1;
-            Event::Answered { worker, spans: 0 }
+            Event::NoGiver { worker, level }
         } else {
-            let k = self.draw_below(self.listeners.len() as u64) as usize;
-            let giver = self.listeners[k];
+            let k = self.draw_below(count) as usize;
+            let giver = self.listeners[level as usize][k];
             Event::Asked {
                 giver,
                 asker: worker,
@@ -150,23 +150,27 @@ impl Sim<'_> {
         self.after(self.way_us(), event);
     }
 
-    /// A worker begins or ceases to listen.
-    pub(super) fn listen(&mut self, worker: WorkerId, listens: bool) {
-        let place = self.workers[worker as usize].listener_place;
-        match (place, listens) {
-            (None, true) => {
-                self.workers[worker as usize].listener_place = Some(self.listeners.len() as u32);
-                self.listeners.push(worker);
-            }
-            (Some(place), false) => {
-                self.workers[worker as usize].listener_place = None;
-                self.listeners.swap_remove(place as usize);
-                if let Some(&moved) = self.listeners.get(place as usize) {
-                    self.workers[moved as usize].listener_place = Some(place);
-                }
-            }
-            _ => return,
+    /// A worker begins to listen at a level, or ceases.
+    pub(super) fn listen(&mut self, worker: WorkerId, level: Option<u32>) {
+        let before = self.workers[worker as usize].listens;
+        if before.map(|(level, _)| level) == level {
+            return;
         }
-        self.tally.count(Kind::Listen, self.now_us);
+        if let Some((level, place)) = before {
+            let listeners = &mut self.listeners[level as usize];
+            listeners.swap_remove(place as usize);
+            if let Some(&moved) = listeners.get(place as usize) {
+                self.workers[moved as usize].listens = Some((level, place));
+            }
+            self.tally.count(Kind::Listen, self.now_us);
+        }
+        self.workers[worker as usize].listens = level.map(|level| {
+            let listeners = &mut self.listeners[level as usize];
+            listeners.push(worker);
+            (level, listeners.len() as u32 - 1)
+        });
+        if level.is_some() {
+            self.tally.count(Kind::Listen, self.now_us);
+        }
     }
 }

@@ -51,7 +51,8 @@ pub(super) struct Worker {
     pub(super) outbox: Vec<Handed>,
     /// Whom to answer when the queue has confirmed.
     asker: Option<WorkerId>,
-    pub(super) listener_place: Option<u32>,
+    /// At which level it listens, and its place there.
+    pub(super) listens: Option<(u32, u32)>,
     /// Number of the round of asking; an older timer says nothing.
     round: u32,
     /// How often it asked in vain.
@@ -78,7 +79,7 @@ impl Default for Worker {
             suspects: Vec::new(),
             outbox: Vec::new(),
             asker: None,
-            listener_place: None,
+            listens: None,
             round: 0,
             pauses: 0,
         }
@@ -116,6 +117,7 @@ impl Sim<'_> {
             Event::Confirmed { worker } => self.confirmed(worker, true),
             Event::NotConfirmed { worker } => self.confirmed(worker, false),
             Event::Asked { giver, asker } => self.asked(giver, asker),
+            Event::NoGiver { worker, level } => self.no_giver(worker, level),
             Event::Answered { worker, spans } => self.answered(worker, spans),
             Event::Computed { worker } => self.computed(worker),
             Event::PauseEnds { worker, round } => self.pause_ends(worker, round),
@@ -362,7 +364,22 @@ impl Sim<'_> {
         let round = w.round;
         let wait_us = us(self.case.rules.give_answer_s);
         self.after(wait_us, Event::PauseEnds { worker, round });
-        self.after(self.way_us(), Event::Ask { worker });
+        let level = self.listeners.len() as u32 - 1;
+        self.after(self.way_us(), Event::Ask { worker, level });
+    }
+
+    /// Tries those who have less.
+    fn no_giver(&mut self, worker: WorkerId, level: u32) {
+        if !self.is_idle(worker) {
+            return;
+        }
+        if level > 0 {
+            let level = level - 1;
+            self.after(self.way_us(), Event::Ask { worker, level });
+        } else {
+            self.counts.asked_in_vain += 1;
+            self.pause(worker);
+        }
     }
 
     fn answered(&mut self, worker: WorkerId, spans: u32) {
@@ -430,9 +447,10 @@ impl Sim<'_> {
         if w.asker.is_some() || self.case.rules.no_giving {
             return;
         }
-        let gives = w
-            .holding
-            .has_something_to_give(w.seconds(self.case.work.load_s));
-        self.listen(worker, gives);
+        let gives_s = w.holding.could_give_s(w.seconds(self.case.work.load_s));
+        let highest = self.listeners.len() as i32 - 1;
+        let level_of = |s: f64| (libm::log2(s.max(0.25)) / 2.0).floor() as i32 + 1;
+        let level = gives_s.map(|s| level_of(s).clamp(0, highest) as u32);
+        self.listen(worker, level);
     }
 }
