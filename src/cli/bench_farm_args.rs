@@ -71,10 +71,10 @@ pub struct BenchFarmArgs {
     #[arg(long, value_enum, default_value_t = Pull::Waits)]
     pub pull: Pull,
     /// When a busy worker takes its next span
-    #[arg(long, value_enum, default_value_t = Fetch::Always)]
+    #[arg(long, value_enum, default_value_t = Fetch::NearTheEnd)]
     pub prefetch: Fetch,
     /// What the coordinator lists
-    #[arg(long, value_enum, default_value_t = List::Tuples)]
+    #[arg(long, value_enum, default_value_t = List::ReceiptsFromFirstMissing)]
     pub list: List,
     /// What it lists first
     #[arg(long, value_enum, default_value_t = First::Queue)]
@@ -89,7 +89,7 @@ pub struct BenchFarmArgs {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
     pub give_levels: u32,
     /// An idle worker's longest pause between two requests, seconds
-    #[arg(long, value_name = "S", default_value_t = 1.0, value_parser = parse_seconds)]
+    #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = parse_seconds)]
     pub longest_pause_s: f64,
     /// Busy workers give nothing away
     #[arg(long)]

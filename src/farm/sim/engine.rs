@@ -8,6 +8,7 @@ use super::queue::{Queue, Sequence};
 use super::store::Store;
 use super::tally::Tally;
 use super::worker::Worker;
+use crate::farm::Holding;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 
@@ -63,7 +64,6 @@ pub(super) enum Event {
     },
     Answered {
         worker: WorkerId,
-        spans: u32,
     },
     /// Nobody listens at that level.
     NoGiver {
@@ -224,7 +224,7 @@ impl<'a> Sim<'a> {
             | E::Empty { worker }
             | E::Confirmed { worker }
             | E::NotConfirmed { worker }
-            | E::Answered { worker, .. }
+            | E::Answered { worker }
             | E::NoGiver { worker, .. }
             | E::Asked { giver: worker, .. }
             | E::Computed { worker }
@@ -263,7 +263,7 @@ impl<'a> Sim<'a> {
                 self.listen(worker, None);
                 let worker = &mut self.workers[worker as usize];
                 worker.is_alive = false;
-                worker.holding = Default::default();
+                worker.holding = Holding::default();
             }
             Fault::Stop { worker, for_s, .. } => {
                 let end_us = self.now_us + us(for_s);

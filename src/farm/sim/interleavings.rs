@@ -217,7 +217,7 @@ impl Farm {
                 farm.arrive(packet);
             }),
             Step::ArriveTwice(k) => {
-                self.with_packet(k, |farm, k| farm.arrive(farm.packets[k].clone()))
+                self.with_packet(k, |farm, k| farm.arrive(farm.packets[k].clone()));
             }
             Step::Lose(k) => self.with_packet(k, |farm, k| {
                 farm.packets.swap_remove(k);
@@ -375,9 +375,9 @@ impl Farm {
                 continue;
             }
             let gaps = match self.protocol.reconcile {
-                Reconcile::Uncovered => uncovered(SHARDS, ranges),
-                Reconcile::WholeScenes if ranges.is_empty() => vec![0..SHARDS],
-                Reconcile::WholeScenes => Vec::new(),
+                Reconcile::WholeScenes if !ranges.is_empty() => Vec::new(),
+                // Of a scene without messages that is all of it.
+                Reconcile::Uncovered | Reconcile::WholeScenes => uncovered(SHARDS, ranges),
             };
             for shards in gaps {
                 let span = Span {

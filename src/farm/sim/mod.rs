@@ -20,6 +20,8 @@ mod queue;
 mod server;
 mod store;
 mod tally;
+#[cfg(test)]
+mod tests;
 mod worker;
 
 pub use bound::lower_bound_s;

@@ -118,7 +118,7 @@ impl Sim<'_> {
             Event::NotConfirmed { worker } => self.confirmed(worker, false),
             Event::Asked { giver, asker } => self.asked(giver, asker),
             Event::NoGiver { worker, level } => self.no_giver(worker, level),
-            Event::Answered { worker, spans } => self.answered(worker, spans),
+            Event::Answered { worker } => self.answered(worker),
             Event::Computed { worker } => self.computed(worker),
             Event::PauseEnds { worker, round } => self.pause_ends(worker, round),
             Event::RenewTimer { worker } => {
@@ -146,7 +146,6 @@ impl Sim<'_> {
             w.suspects.push(id);
         }
         w.round += 1;
-        w.pauses = 0;
         self.go_on(worker);
     }
 
@@ -207,6 +206,8 @@ impl Sim<'_> {
             if load {
                 self.counts.loads += 1;
                 w.doing = Doing::Loads(id, what);
+                // Work is there: not a span that somebody finished long ago, nor one that went to another who waited.
+                w.pauses = 0;
                 let load_us = us(self.case.work.load_s * w.slowness);
                 self.after(load_us, Event::Computed { worker });
             } else {
@@ -382,12 +383,10 @@ impl Sim<'_> {
         }
     }
 
-    fn answered(&mut self, worker: WorkerId, spans: u32) {
+    /// Whether something was given or not: what was given comes by the pull that waits, or went to another one.
+    fn answered(&mut self, worker: WorkerId) {
         if !self.is_idle(worker) {
             return;
-        }
-        if spans > 0 {
-            self.workers[worker as usize].pauses = 0;
         }
         self.pause(worker);
     }
@@ -417,11 +416,7 @@ impl Sim<'_> {
         if spans == 0 {
             self.counts.asked_in_vain += 1;
         }
-        let event = Event::Answered {
-            worker: asker,
-            spans,
-        };
-        self.after(2 * self.way_us(), event);
+        self.after(2 * self.way_us(), Event::Answered { worker: asker });
     }
 
     fn confirmed(&mut self, worker: WorkerId, all: bool) {
