@@ -60,7 +60,7 @@ fn the_bound_is_that_of_the_prototype() {
     assert!((bound(stopped) - bound(vec![]) - 5.0).abs() < 1e-9);
 }
 
-/// One worker, nothing to share: the bound, one look into the store for each scene, and the way of the messages.
+/// One worker, nothing to share: the bound, and half a second until the coordinator has listed and published.
 #[test]
 fn one_worker_needs_the_sum() {
     let mut case = prototype(vec![]);
@@ -69,7 +69,7 @@ fn one_worker_needs_the_sum() {
     let outcome = run(&case);
     assert_eq!(outcome.loads, 50);
     assert_eq!((outcome.gives, outcome.shards_traced_again), (0, 0));
-    assert!(outcome.makespan_s < outcome.bound_s + 0.3, "{outcome:?}");
+    assert!(outcome.makespan_s < outcome.bound_s + 0.5, "{outcome:?}");
 }
 
 #[test]
