@@ -65,7 +65,7 @@ Without arguments the case is 8 workers, 50 scenes of 16 shards, costs 1:16, the
 Examples:
   glasshouse bench farm --simulate
   glasshouse bench farm --simulate --lease-s 2 --kill 0@3.1 --slow 1x4
-  glasshouse bench farm --simulate --workers 100 --scenes 2000 --shards 4 --kill 5% --stop 3@10+60 --wipe 20")]
+  glasshouse bench farm --simulate --workers 100 --scenes 2000 --kill 5% --wipe 20")]
     Farm(BenchFarmArgs),
 }
 
