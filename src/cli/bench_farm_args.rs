@@ -70,6 +70,9 @@ pub struct BenchFarmArgs {
     /// How idle workers wait: one pull at the server, or asking again and again
     #[arg(long, value_enum, default_value_t = Pull::Waits)]
     pub pull: Pull,
+    /// How long a pull waits at the server, seconds
+    #[arg(long, value_name = "S", default_value_t = 30.0, value_parser = parse_seconds)]
+    pub pull_s: f64,
     /// When a busy worker takes its next span
     #[arg(long, value_enum, default_value_t = Fetch::NearTheEnd)]
     pub prefetch: Fetch,
@@ -139,8 +142,10 @@ pub struct Stop {
 pub enum Pull {
     /// One pull waits at the server
     Waits,
-    /// Each round asks the queue once
+    /// Each round asks the queue once, then the givers
     Polls,
+    /// Each round waits at the server, then asks the givers; busy workers wait there too
+    InTurns,
 }
 
 /// `--prefetch`
@@ -179,6 +184,7 @@ impl From<Pull> for IdlePull {
         match pull {
             Pull::Waits => Self::Waits,
             Pull::Polls => Self::Polls,
+            Pull::InTurns => Self::InTurns,
         }
     }
 }

@@ -60,6 +60,7 @@ fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
         rules: Rules {
             lease_s: args.lease_s,
             idle_pull: args.pull.into(),
+            pull_s: args.pull_s,
             prefetch: args.prefetch.into(),
             reconcile_s: args.reconcile_s,
             listing: args.list.into(),

@@ -68,6 +68,9 @@ pub enum IdlePull {
     Waits,
     /// Each round asks the queue once, then the givers.
     Polls,
+    /// Each round waits at the server for [`Rules::pull_s`], then asks the givers; busy workers that take their next span
+    /// wait there too.
+    InTurns,
 }
 
 /// When a busy worker takes its next span.

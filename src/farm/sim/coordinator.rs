@@ -2,7 +2,8 @@
 
 use super::case::{ListFirst, Listing};
 use super::engine::{Event, Sim, us};
-use crate::farm::{Handed, Span, uncovered};
+use super::holding::Handed;
+use crate::farm::{Span, uncovered};
 use std::collections::VecDeque;
 
 /// Keys in a page of the store's listing.

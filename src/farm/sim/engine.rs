@@ -3,12 +3,12 @@
 use super::bound::lower_bound_s;
 use super::case::{Case, Fault, mix};
 use super::coordinator::Coordinator;
+use super::holding::Holding;
 use super::outcome::{Counts, Outcome};
 use super::queue::{Queue, Sequence};
 use super::store::Store;
 use super::tally::Tally;
 use super::worker::Worker;
-use crate::farm::Holding;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 
@@ -64,6 +64,7 @@ pub(super) enum Event {
     },
     Answered {
         worker: WorkerId,
+        spans: u32,
     },
     /// Nobody listens at that level.
     NoGiver {
@@ -224,7 +225,7 @@ impl<'a> Sim<'a> {
             | E::Empty { worker }
             | E::Confirmed { worker }
             | E::NotConfirmed { worker }
-            | E::Answered { worker }
+            | E::Answered { worker, .. }
             | E::NoGiver { worker, .. }
             | E::Asked { giver: worker, .. }
             | E::Computed { worker }

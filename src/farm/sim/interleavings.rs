@@ -8,8 +8,9 @@
 //! 3. What is finished stays finished.
 //! 4. From any state, when faults end, every scene gets its tuple and the queue runs empty.
 
+use super::holding::{Handed, Holding};
 use super::queue::{Delivery, Expiry, Queue, Sequence};
-use crate::farm::{Handed, Holding, Span, uncovered};
+use crate::farm::{Span, uncovered};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestCaseError, TestError, TestRng, TestRunner};
 use std::ops::Range;

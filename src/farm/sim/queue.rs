@@ -5,7 +5,8 @@
 //! ends puts the message before those that were never delivered. A stream that is made anew counts from the start again,
 //! so that an acknowledgement from before removes a message that it does not mean.
 
-use crate::farm::{Handed, Span};
+use super::holding::Handed;
+use crate::farm::Span;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 use std::ops::Range;

@@ -1,9 +1,9 @@
 //! The queue's server: pulls, messages, leases, requests to give.
 
 use super::engine::{Event, Sim, WorkerId, us};
+use super::holding::Handed;
 use super::queue::Expiry;
 use super::tally::Kind;
-use crate::farm::Handed;
 
 impl Sim<'_> {
     pub(super) fn at_server(&mut self, event: Event) {

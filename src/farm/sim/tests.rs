@@ -165,3 +165,23 @@ fn listing_the_store_first_publishes_what_is_done() {
     case.rules.list_first = ListFirst::Store;
     assert!(run(&case).published_though_done > 50);
 }
+
+/// Who waits for a span where busy workers wait too, and asks in turns with it, is served late: 20 cases on average.
+#[test]
+fn a_pull_that_waits_beside_the_requests_beats_taking_turns() {
+    let mean = |idle_pull, pull_s| {
+        let over_bound = |seed| {
+            let mut case = prototype(vec![]);
+            case.work.seed = seed;
+            case.rules.prefetch = Prefetch::Always;
+            case.rules.idle_pull = idle_pull;
+            case.rules.pull_s = pull_s;
+            let outcome = run(&case);
+            outcome.makespan_s / outcome.bound_s
+        };
+        (0..20).map(over_bound).sum::<f64>() / 20.0
+    };
+    let (beside, in_turns) = (mean(IdlePull::Waits, 30.0), mean(IdlePull::InTurns, 0.5));
+    assert!(beside < 1.10, "{beside}");
+    assert!(in_turns > beside + 0.05, "{in_turns}, {beside}");
+}

@@ -2,9 +2,10 @@
 
 use super::case::{IdlePull, Prefetch};
 use super::engine::{Event, Sim, WorkerId, us};
+use super::holding::{Handed, Holding};
 use super::queue::{Delivery, Sequence};
 use super::tally::Kind;
-use crate::farm::{Handed, Holding, Span};
+use crate::farm::Span;
 use std::ops::Range;
 
 /// What it computes.
@@ -118,7 +119,7 @@ impl Sim<'_> {
             Event::NotConfirmed { worker } => self.confirmed(worker, false),
             Event::Asked { giver, asker } => self.asked(giver, asker),
             Event::NoGiver { worker, level } => self.no_giver(worker, level),
-            Event::Answered { worker } => self.answered(worker),
+            Event::Answered { worker, spans } => self.answered(worker, spans),
             Event::Computed { worker } => self.computed(worker),
             Event::PauseEnds { worker, round } => self.pause_ends(worker, round),
             Event::RenewTimer { worker } => {
@@ -302,19 +303,18 @@ impl Sim<'_> {
             }
         };
         if is_time {
-            self.pull(worker, false);
+            self.pull(worker, rules.idle_pull == IdlePull::InTurns);
         }
     }
 
     /// The pull had no answer.
     fn empty(&mut self, worker: WorkerId) {
         self.workers[worker as usize].open_pull = None;
-        if !self.is_idle(worker) {
-            return;
-        }
         match self.case.rules.idle_pull {
+            IdlePull::InTurns if !self.is_idle(worker) => self.prefetch(worker),
+            _ if !self.is_idle(worker) => {}
             IdlePull::Waits => self.pull(worker, true),
-            IdlePull::Polls => self.ask(worker),
+            IdlePull::Polls | IdlePull::InTurns => self.ask(worker),
         }
     }
 
@@ -325,6 +325,7 @@ impl Sim<'_> {
                 self.pause(worker);
             }
             IdlePull::Polls => self.pull(worker, false),
+            IdlePull::InTurns => self.pull(worker, true),
         }
     }
 
@@ -352,6 +353,7 @@ impl Sim<'_> {
         match self.case.rules.idle_pull {
             IdlePull::Waits => self.ask(worker),
             IdlePull::Polls => self.pull(worker, false),
+            IdlePull::InTurns => self.pull(worker, true),
         }
     }
 
@@ -384,8 +386,12 @@ impl Sim<'_> {
     }
 
     /// Whether something was given or not: what was given comes by the pull that waits, or went to another one.
-    fn answered(&mut self, worker: WorkerId) {
+    fn answered(&mut self, worker: WorkerId, spans: u32) {
         if !self.is_idle(worker) {
+            return;
+        }
+        if spans > 0 && self.case.rules.idle_pull == IdlePull::InTurns {
+            self.pull(worker, true);
             return;
         }
         self.pause(worker);
@@ -416,7 +422,13 @@ impl Sim<'_> {
         if spans == 0 {
             self.counts.asked_in_vain += 1;
         }
-        self.after(2 * self.way_us(), Event::Answered { worker: asker });
+        self.after(
+            2 * self.way_us(),
+            Event::Answered {
+                worker: asker,
+                spans,
+            },
+        );
     }
 
     fn confirmed(&mut self, worker: WorkerId, all: bool) {

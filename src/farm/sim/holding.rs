@@ -4,19 +4,19 @@
 //! [`offer`](Holding::offer)s, publishes what it offered, and when the queue has confirmed all of it calls
 //! [`given`](Holding::given), which shrinks; or [`kept`](Holding::kept), which does not. A message comes out of
 //! [`acknowledge`](Holding::acknowledge) once every shard of the range that it was taken with is finished or given.
-//! The simulator and the property tests use this type.
+//! The rules are those of a worker's own `held.rs` and `open_span.rs`, without threads and files.
 
-use super::span::{HeldSpan, Span, what_to_give};
+use crate::farm::{HeldSpan, Span, what_to_give};
 use std::ops::Range;
 
 /// A span as it is published: with the number of hands it went through.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub struct Handed {
+pub(super) struct Handed {
     /// What is to be traced.
-    pub span: Span,
+    pub(super) span: Span,
     /// How often it was handed on; 0 from a coordinator. Part of a message's name in the queue, so that what a worker
     /// gives whole has another name than what it holds.
-    pub handed_on: u32,
+    pub(super) handed_on: u32,
 }
 
 /// One message and what is left of its span.
@@ -47,7 +47,7 @@ impl<M> Held<M> {
 
 /// What a worker holds; `M` is what it acknowledges a message with.
 #[derive(Clone, Debug)]
-pub struct Holding<M> {
+pub(super) struct Holding<M> {
     held: Vec<Held<M>>,
     /// What was offered, with the id of the span that it is a part of.
     offered: Vec<(u64, u32)>,
@@ -66,7 +66,7 @@ impl<M> Default for Holding<M> {
 
 impl<M> Holding<M> {
     /// A message was delivered. Returns the span's id.
-    pub fn take(&mut self, message: M, handed: Handed) -> u64 {
+    pub(super) fn take(&mut self, message: M, handed: Handed) -> u64 {
         self.ids += 1;
         self.held.push(Held {
             id: self.ids,
@@ -81,54 +81,54 @@ impl<M> Holding<M> {
     }
 
     /// Number of spans.
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.held.len()
     }
 
     /// It holds nothing.
-    pub fn is_empty(&self) -> bool {
+    pub(super) fn is_empty(&self) -> bool {
         self.held.is_empty()
     }
 
     /// Ids, in the order in which they were taken.
-    pub fn ids(&self) -> impl Iterator<Item = u64> {
+    pub(super) fn ids(&self) -> impl Iterator<Item = u64> {
         self.held.iter().map(|h| h.id)
     }
 
     /// What renews the leases.
-    pub fn messages(&self) -> impl Iterator<Item = &M> {
+    pub(super) fn messages(&self) -> impl Iterator<Item = &M> {
         self.held.iter().map(|h| &h.message)
     }
 
     /// The span as it is now: without what was given.
-    pub fn span(&self, id: u64) -> Option<&Span> {
+    pub(super) fn span(&self, id: u64) -> Option<&Span> {
         self.find(id).map(|h| &h.span)
     }
 
     /// Its shards that nobody has begun.
-    pub fn unbegun(&self, id: u64) -> Option<Range<u32>> {
+    pub(super) fn unbegun(&self, id: u64) -> Option<Range<u32>> {
         self.find(id).map(Held::unbegun)
     }
 
     /// Number of spans that are offered.
-    pub fn offered_count(&self) -> u32 {
+    pub(super) fn offered_count(&self) -> u32 {
         self.offered.len() as u32
     }
 
     /// Its scene is loaded, or being loaded.
-    pub fn is_opened(&self, id: u64) -> bool {
+    pub(super) fn is_opened(&self, id: u64) -> bool {
         self.find(id).is_some_and(|h| h.opened)
     }
 
     /// Its scene is being loaded from now on: no longer given whole.
-    pub fn open(&mut self, id: u64) {
+    pub(super) fn open(&mut self, id: u64) {
         if let Some(held) = self.find_mut(id) {
             held.opened = true;
         }
     }
 
     /// Begins the next shard of an opened span; none if there is none.
-    pub fn begin(&mut self, id: u64) -> Option<u32> {
+    pub(super) fn begin(&mut self, id: u64) -> Option<u32> {
         let held = self.find_mut(id).filter(|h| h.opened)?;
         let shard = held.unbegun().next()?;
         held.next += 1;
@@ -137,7 +137,7 @@ impl<M> Holding<M> {
     }
 
     /// One of the shards begun is in the store. Without effect on a span that is not held any more.
-    pub fn finish(&mut self, id: u64) {
+    pub(super) fn finish(&mut self, id: u64) {
         if let Some(held) = self.find_mut(id) {
             held.in_flight -= 1;
         }
@@ -147,7 +147,10 @@ impl<M> Holding<M> {
     ///
     /// `seconds` gives for a span and its shards that nobody has begun: seconds until those are done, and seconds that
     /// another worker needs to load the scene.
-    pub fn offer(&mut self, seconds: impl Fn(&Span, Range<u32>) -> (f64, f64)) -> Vec<Handed> {
+    pub(super) fn offer(
+        &mut self,
+        seconds: impl Fn(&Span, Range<u32>) -> (f64, f64),
+    ) -> Vec<Handed> {
         if !self.offered.is_empty() {
             return Vec::new();
         }
@@ -173,7 +176,10 @@ impl<M> Holding<M> {
     }
 
     /// Estimated seconds of what it would give; none if it would give nothing.
-    pub fn could_give_s(&self, seconds: impl Fn(&Span, Range<u32>) -> (f64, f64)) -> Option<f64> {
+    pub(super) fn could_give_s(
+        &self,
+        seconds: impl Fn(&Span, Range<u32>) -> (f64, f64),
+    ) -> Option<f64> {
         if !self.offered.is_empty() {
             return None;
         }
@@ -183,7 +189,7 @@ impl<M> Holding<M> {
     }
 
     /// The queue has all that was offered: those shards are left alone, except the ones begun in the meantime.
-    pub fn given(&mut self) {
+    pub(super) fn given(&mut self) {
         for (id, start) in std::mem::take(&mut self.offered) {
             if let Some(held) = self.find_mut(id) {
                 held.span.shards.end = start.max(held.next);
@@ -193,20 +199,21 @@ impl<M> Holding<M> {
 
     /// The queue did not confirm all that was offered: everything is kept. What the queue has got nevertheless is traced
     /// twice.
-    pub fn kept(&mut self) {
+    pub(super) fn kept(&mut self) {
         self.offered.clear();
     }
 
     /// A span of which nothing is left, to be acknowledged: its shards are in the store or given away. With the span as it
     /// is now, empty if it was given whole.
-    pub fn acknowledge(&mut self) -> Option<(M, Span)> {
+    pub(super) fn acknowledge(&mut self) -> Option<(M, Span)> {
         let k = self.held.iter().position(Held::is_settled)?;
         let held = self.held.remove(k);
         Some((held.message, held.span))
     }
 
+    #[cfg(test)]
     /// Everything that is not begun, to be published before the worker ends; then [`given`](Self::given).
-    pub fn hand_back(&mut self) -> Vec<Handed> {
+    pub(super) fn hand_back(&mut self) -> Vec<Handed> {
         self.offered.clear();
         let mut all = Vec::new();
         for held in self.held.iter().filter(|h| !h.unbegun().is_empty()) {
