@@ -115,6 +115,9 @@ pub(super) struct Sim<'a> {
     pub(super) counts: Counts,
 }
 
+/// Clients reconnect within so many seconds after their server is back.
+pub(super) const RECONNECT_S: f64 = 1.0;
+
 /// Seconds as whole microseconds.
 pub(super) fn us(seconds: f64) -> u64 {
     (seconds * 1e6).round() as u64
@@ -251,7 +254,7 @@ impl<'a> Sim<'a> {
     fn put_off_until_back(&mut self, event: Event) {
         let jitter_us = match event {
             Event::LeaseEnds { .. } => 0,
-            _ => self.draw_below(us(self.case.rules.pause_s[1]).max(1)),
+            _ => self.draw_below(us(RECONNECT_S)),
         };
         self.after(self.away_until_us - self.now_us + jitter_us, event);
     }
@@ -290,7 +293,7 @@ impl<'a> Sim<'a> {
     fn server_is_back(&mut self) {
         for (worker, pull) in std::mem::take(&mut self.waiting_pulls) {
             if self.pull_is_open(worker, pull) {
-                let jitter_us = self.draw_below(us(self.case.rules.pause_s[1]).max(1));
+                let jitter_us = self.draw_below(us(RECONNECT_S));
                 self.after(
                     jitter_us,
                     Event::Pull {

@@ -1,7 +1,7 @@
 //! A worker: takes, loads, traces, acknowledges, gives; asks when it has nothing.
 
 use super::case::{IdlePull, Prefetch};
-use super::engine::{Event, Sim, WorkerId, us};
+use super::engine::{Event, RECONNECT_S, Sim, WorkerId, us};
 use super::holding::{Handed, Holding};
 use super::queue::{Delivery, Sequence};
 use super::tally::Kind;
@@ -358,7 +358,10 @@ impl Sim<'_> {
     }
 
     fn ask(&mut self, worker: WorkerId) {
-        if self.case.rules.no_giving {
+        // Who has just reconnected hears from the queue first.
+        let is_new_connection =
+            self.away_until_us > 0 && self.now_us < self.away_until_us + us(RECONNECT_S);
+        if self.case.rules.no_giving || is_new_connection {
             self.pause(worker);
             return;
         }
