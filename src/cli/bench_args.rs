@@ -1,6 +1,7 @@
 //! What can be typed after `bench`.
 
 use super::args::{RootArgs, parse_spp};
+use super::bench_farm_args::BenchFarmArgs;
 use clap::{Args as ClapArgs, Subcommand};
 use std::path::PathBuf;
 
@@ -52,6 +53,20 @@ Examples:
   glasshouse bench trace
   glasshouse bench trace --scene scene.json --dump rays")]
     Trace(BenchTraceArgs),
+    /// A farm of any number of workers in virtual time: makespan against its lower bound, loads, messages, duplicated work
+    #[command(after_help = "\
+Nothing is traced and no server is asked: the rules by which workers share spans are the farm's own
+code, the queue's server, the store and the tracer are models. Equal arguments give equal numbers.
+  bound           (work + one load a scene) / speed that was there: no schedule can beat it
+  makespan        until the last tuple is in the store
+  known           until the coordinator, which lists the store, knows it
+Without arguments the case is 8 workers, 50 scenes of 16 shards, costs 1:16, the three dearest last.
+
+Examples:
+  glasshouse bench farm --simulate
+  glasshouse bench farm --simulate --lease-s 2 --kill 0@3.1 --slow 1x4
+  glasshouse bench farm --simulate --workers 100 --scenes 2000 --kill 5% --wipe 20")]
+    Farm(BenchFarmArgs),
 }
 
 /// `bench error`

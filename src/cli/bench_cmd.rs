@@ -1,10 +1,10 @@
-//! `bench`: what both benchmarks share.
+//! `bench`: what the benchmarks share.
 
 use super::args::Global;
 use super::bench_args::{BenchArgs, BenchCommand};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
-use super::{bench_error_cmd, bench_trace_cmd};
+use super::{bench_error_cmd, bench_farm_cmd, bench_trace_cmd};
 use crate::bench::{BenchError, BenchScene};
 use crate::manifest::{Roots, parse_scene};
 use crate::scene::{decode, read_files};
@@ -15,6 +15,7 @@ use std::path::Path;
 pub(super) fn run(args: &BenchArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     match &args.what {
         BenchCommand::Error(args) => bench_error_cmd::run(args, global, output),
+        BenchCommand::Farm(args) => bench_farm_cmd::run(args, output),
         BenchCommand::Trace(args) => bench_trace_cmd::run(args, global, output),
     }
 }

@@ -4,6 +4,8 @@ mod args;
 mod bench_args;
 mod bench_cmd;
 mod bench_error_cmd;
+mod bench_farm_args;
+mod bench_farm_cmd;
 mod bench_trace_cmd;
 mod coordinate_cmd;
 mod exit_code;

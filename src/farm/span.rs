@@ -66,6 +66,27 @@ fn later_half(shards: &Range<u32>) -> Range<u32> {
     shards.start + (shards.end - shards.start) / 2..shards.end
 }
 
+/// What of `0..shards` is in none of `covered`: in order, as long as possible.
+///
+/// A coordinator publishes this of a scene without tuple, `covered` being the ranges of its messages in the queue. A
+/// range that is finished may be among it: whoever takes it finds its partials and is done.
+pub fn uncovered(shards: u32, mut covered: Vec<Range<u32>>) -> Vec<Range<u32>> {
+    covered.sort_unstable_by_key(|r| r.start);
+    let mut gaps = Vec::new();
+    let mut reached = 0;
+    for range in covered {
+        if range.start > reached {
+            gaps.push(reached..range.start.min(shards));
+        }
+        reached = reached.max(range.end);
+        if reached >= shards {
+            return gaps;
+        }
+    }
+    gaps.push(reached..shards);
+    gaps
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -122,5 +143,61 @@ mod tests {
         assert_eq!(what_to_give(&all), []);
         assert_eq!(what_to_give(&[held(0, 0..4, Some(4))]), []);
         assert_eq!(what_to_give(&[]), []);
+    }
+
+    use proptest::prelude::*;
+
+    fn some_held() -> impl Strategy<Value = HeldSpan> {
+        let range = (0u32..40, 1u32..20, 0u32..20, any::<bool>());
+        (range, 0u32..5, 0.0..10.0, 0.0..10.0).prop_map(
+            |((start, count, begun, opened), scene, unbegun_s, load_s)| {
+                let begun = if opened { begun.min(count) } else { 0 };
+                HeldSpan {
+                    span: Span {
+                        scene,
+                        shards: start..start + count,
+                    },
+                    opened,
+                    unbegun: start + begun..start + count,
+                    unbegun_s,
+                    load_s,
+                }
+            },
+        )
+    }
+
+    proptest! {
+        /// What is given is whole spans that are not opened, or the end of one whose beginning the giver keeps or has begun.
+        #[test]
+        fn what_is_given_is_held_and_not_begun(held in prop::collection::vec(some_held(), 0..6)) {
+            let given = what_to_give(&held);
+            let waiting: Vec<_> = held.iter().filter(|h| !h.opened).collect();
+            if waiting.is_empty() {
+                prop_assert!(given.len() <= 1);
+                for span in &given {
+                    let from = held.iter().find(|h| h.span.scene == span.scene && h.unbegun.end == span.shards.end
+                        && h.unbegun.start <= span.shards.start && h.unbegun_s > WORTH_LOADS * h.load_s);
+                    prop_assert!(from.is_some());
+                    prop_assert!(span.shard_count() > 0);
+                    prop_assert!(2 * span.shard_count() <= from.unwrap().unbegun.len() as u32 + 1);
+                }
+            } else {
+                prop_assert_eq!(given.len(), waiting.len().div_ceil(2));
+                prop_assert!(given.iter().all(|g| waiting.iter().any(|h| h.span == *g)));
+            }
+        }
+
+        /// Gaps and cover together are the scene, gaps are apart, and no gap holds anything covered.
+        #[test]
+        fn gaps_are_the_rest(shards in 1u32..30, covered in prop::collection::vec((0u32..30, 1u32..10), 0..8)) {
+            let ranges: Vec<Range<u32>> = covered.iter().map(|&(a, n)| a..a + n).collect();
+            let gaps = uncovered(shards, ranges.clone());
+            for s in 0..shards {
+                let is_covered = ranges.iter().any(|r| r.contains(&s));
+                prop_assert_eq!(gaps.iter().filter(|g| g.contains(&s)).count(), usize::from(!is_covered));
+            }
+            prop_assert!(gaps.iter().all(|g| !g.is_empty() && g.end <= shards));
+            prop_assert!(gaps.windows(2).all(|g| g[0].end < g[1].start));
+        }
     }
 }

@@ -331,3 +331,79 @@ fn dumped_rays_hit_the_dumped_mesh() {
         assert!(worst < 1e-4, "{}: {worst} 1/m off the mesh", class["name"]);
     }
 }
+
+/// The simulated farm: equal arguments give equal numbers, faults are counted, and nothing is left undone.
+#[test]
+fn a_farm_is_simulated() {
+    let arguments = [
+        "bench",
+        "farm",
+        "--simulate",
+        "--json",
+        "--workers",
+        "40",
+        "--scenes",
+        "400",
+        "--shards",
+        "4",
+        "--seed",
+        "7",
+        "--lease-s",
+        "2",
+        "--kill",
+        "0@3.1",
+        "--kill",
+        "10%",
+        "--slow",
+        "1x4",
+        "--stop",
+        "2@1+5",
+        "--wipe",
+        "2",
+        "--away",
+        "4+1",
+    ];
+    let simulate = || {
+        let mut result = run(&arguments).expect(0).json();
+        let cpu_s = result.as_object_mut().unwrap().remove("cpu_s");
+        assert!(cpu_s.unwrap().as_f64().unwrap() >= 0.0);
+        result
+    };
+    let result = simulate();
+    assert_eq!(result, simulate());
+    assert_eq!(result["schema"], "glasshouse.bench_farm/1");
+    let number = |key: &str| result[key].as_f64().unwrap();
+    assert_eq!(
+        number("shards_traced") - number("shards_traced_again"),
+        1600.0
+    );
+    assert!(number("over_bound") >= 1.0);
+    assert!(number("known_s") >= number("makespan_s"));
+    assert!(result["faults"]["killed"].as_u64().unwrap() > 1);
+    assert_eq!(result["faults"]["wiped"], 1);
+
+    let table = run(&["bench", "farm", "--simulate"]).expect(0);
+    assert!(table.stdout.contains("| lower bound "), "{table:?}");
+}
+
+#[test]
+fn a_farm_that_cannot_be_simulated_is_refused() {
+    run(&["bench", "farm"]).expect(2).says(&["--simulate"]);
+    run(&["bench", "farm", "--simulate", "--kill", "8@1"])
+        .expect(2)
+        .says(&["no worker 8", "0 to 7"]);
+    run(&["bench", "farm", "--simulate", "--kill", "3"])
+        .expect(2)
+        .says(&["3@SECOND"]);
+    run(&[
+        "bench",
+        "farm",
+        "--simulate",
+        "--workers",
+        "1",
+        "--kill",
+        "0@1",
+    ])
+    .expect(1)
+    .says(&["no worker is left"]);
+}

@@ -4,7 +4,7 @@ use crate::program::{command, run};
 use crate::scenes::{photographs, scene};
 use std::path::Path;
 
-const COMMANDS: [&str; 11] = [
+const COMMANDS: [&str; 12] = [
     "run",
     "sample",
     "plan",
@@ -15,6 +15,7 @@ const COMMANDS: [&str; 11] = [
     "report",
     "bench",
     "bench error",
+    "bench farm",
     "bench trace",
 ];
 

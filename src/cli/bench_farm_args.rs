@@ -1,0 +1,298 @@
+//! What can be typed after `bench farm`.
+
+use crate::farm::sim::{IdlePull, ListFirst, Listing, Prefetch};
+use clap::{Args as ClapArgs, ValueEnum};
+
+/// `bench farm`
+#[derive(Debug, ClapArgs)]
+pub struct BenchFarmArgs {
+    /// In virtual time, without servers and tracer
+    #[arg(long)]
+    pub simulate: bool,
+
+    /// Workers; each does one thing at a time
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub workers: u32,
+    /// Scenes
+    #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    pub scenes: u32,
+    /// Shards a scene
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub shards: u32,
+    /// Draws the costs, the jitter, who gives; 0 has the costs of the prototype that was measured on a real queue
+    #[arg(long, value_name = "K", default_value_t = 0)]
+    pub seed: u64,
+    /// A shard of the cheapest scenes, seconds (25 % more or less)
+    #[arg(long, value_name = "S", default_value_t = 0.02, value_parser = parse_seconds)]
+    pub shard_s: f64,
+    /// Cost of the dearest scenes over that of the cheapest, a power of two; all powers below are equally frequent
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = parse_skew)]
+    pub skew: u32,
+    /// So many scenes, the last ones, are of the dearest: the worst order
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub dearest_last: u32,
+    /// Loading a scene, seconds
+    #[arg(long, value_name = "S", default_value_t = 0.2, value_parser = parse_seconds)]
+    pub load_s: f64,
+
+    /// Lease of a span, seconds; renewed every third of it
+    #[arg(long, value_name = "S", default_value_t = 30.0, value_parser = parse_seconds)]
+    pub lease_s: f64,
+    /// From a worker to the queue and back, milliseconds
+    #[arg(long, value_name = "MS", default_value_t = 1.0, value_parser = parse_seconds)]
+    pub round_trip_ms: f64,
+    /// A small request to the store, milliseconds
+    #[arg(long, value_name = "MS", default_value_t = 20.0, value_parser = parse_seconds)]
+    pub store_ms: f64,
+    /// A page of 1000 keys from the store, milliseconds
+    #[arg(long, value_name = "MS", default_value_t = 100.0, value_parser = parse_seconds)]
+    pub page_ms: f64,
+    /// The coordinator lists the store at least so often, seconds
+    #[arg(long, value_name = "S", default_value_t = 600.0, value_parser = parse_seconds)]
+    pub reconcile_s: f64,
+
+    /// Kill a worker at a second (0@3.1), or a share of them at times spread over the bound (5%); repeatable
+    #[arg(long, value_name = "W@S|N%", value_parser = parse_kill)]
+    pub kill: Vec<Kill>,
+    /// Make a worker, or a share of them, so many times slower (1x4, 10%x4); repeatable
+    #[arg(long, value_name = "WxF|N%xF", value_parser = parse_slow)]
+    pub slow: Vec<Slow>,
+    /// Stop a worker at a second for so many seconds, as SIGSTOP and SIGCONT do (2@5+60), or a share of them (1%+60); repeatable
+    #[arg(long, value_name = "W@S+S|N%+S", value_parser = parse_stop)]
+    pub stop: Vec<Stop>,
+    /// The queue forgets everything at that second; repeatable
+    #[arg(long, value_name = "S", value_parser = parse_seconds)]
+    pub wipe: Vec<f64>,
+    /// The queue's server is away from a second on for so many seconds (20+60); repeatable
+    #[arg(long, value_name = "S+S", value_parser = parse_away)]
+    pub away: Vec<(f64, f64)>,
+
+    /// How idle workers wait: one pull at the server, or asking again and again
+    #[arg(long, value_enum, default_value_t = Pull::Waits)]
+    pub pull: Pull,
+    /// How long a pull waits at the server, seconds
+    #[arg(long, value_name = "S", default_value_t = 30.0, value_parser = parse_seconds)]
+    pub pull_s: f64,
+    /// When a busy worker takes its next span
+    #[arg(long, value_enum, default_value_t = Fetch::NearTheEnd)]
+    pub prefetch: Fetch,
+    /// What the coordinator lists
+    #[arg(long, value_enum, default_value_t = List::ReceiptsFromFirstMissing)]
+    pub list: List,
+    /// What it lists first
+    #[arg(long, value_enum, default_value_t = First::Queue)]
+    pub list_first: First,
+    /// It keeps so many spans waiting in the queue; 0 is all of them
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub window: u32,
+    /// Workers look, before each shard of a span that was delivered before, whether the store has it
+    #[arg(long)]
+    pub look_again: bool,
+    /// Givers listen on one of so many subjects, by the seconds that they could give (1, 4, 16, ...); who asks begins with the most
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
+    pub give_levels: u32,
+    /// An idle worker's longest pause between two requests, seconds
+    #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = parse_seconds)]
+    pub longest_pause_s: f64,
+    /// Busy workers give nothing away
+    #[arg(long)]
+    pub no_giving: bool,
+}
+
+/// A worker's number, or a share of all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Which {
+    /// The number.
+    One(u32),
+    /// 0..=1.
+    Share(f64),
+}
+
+/// `--kill`; a share has its times drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kill {
+    /// Whom.
+    pub which: Which,
+    /// When.
+    pub at_s: Option<f64>,
+}
+
+/// `--slow`
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slow {
+    /// Whom.
+    pub which: Which,
+    /// How much.
+    pub times: f64,
+}
+
+/// `--stop`; a share has its times drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stop {
+    /// Whom.
+    pub which: Which,
+    /// When.
+    pub at_s: Option<f64>,
+    /// For how long.
+    pub for_s: f64,
+}
+
+/// `--pull`
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Pull {
+    /// One pull waits at the server
+    Waits,
+    /// Each round asks the queue once, then the givers
+    Polls,
+    /// Each round waits at the server, then asks the givers; busy workers wait there too
+    InTurns,
+}
+
+/// `--prefetch`
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Fetch {
+    /// When it has nothing
+    Never,
+    /// When half a second of its span is left
+    NearTheEnd,
+    /// As soon as it opens a span
+    Always,
+}
+
+/// `--list`
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum List {
+    /// The tuples' six keys a scene
+    Tuples,
+    /// One key a scene
+    Receipts,
+    /// One key a scene, from the first scene on that was not done
+    ReceiptsFromFirstMissing,
+}
+
+/// `--list-first`
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum First {
+    /// The queue, then the store
+    Queue,
+    /// The store, then the queue
+    Store,
+}
+
+impl From<Pull> for IdlePull {
+    fn from(pull: Pull) -> Self {
+        match pull {
+            Pull::Waits => Self::Waits,
+            Pull::Polls => Self::Polls,
+            Pull::InTurns => Self::InTurns,
+        }
+    }
+}
+
+impl From<Fetch> for Prefetch {
+    fn from(fetch: Fetch) -> Self {
+        match fetch {
+            Fetch::Never => Self::Never,
+            Fetch::NearTheEnd => Self::NearTheEnd,
+            Fetch::Always => Self::Always,
+        }
+    }
+}
+
+impl From<List> for Listing {
+    fn from(list: List) -> Self {
+        match list {
+            List::Tuples => Self::Tuples,
+            List::Receipts => Self::Receipts,
+            List::ReceiptsFromFirstMissing => Self::ReceiptsFromFirstMissing,
+        }
+    }
+}
+
+impl From<First> for ListFirst {
+    fn from(first: First) -> Self {
+        match first {
+            First::Queue => Self::Queue,
+            First::Store => Self::Store,
+        }
+    }
+}
+
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|s: &f64| (0.0..=1e7).contains(s))
+        .ok_or_else(|| format!("{text:?} is not a number from 0 to ten million"))
+}
+
+fn parse_skew(text: &str) -> Result<u32, String> {
+    text.parse()
+        .ok()
+        .filter(|n: &u32| n.is_power_of_two() && *n <= 1024)
+        .ok_or_else(|| "a power of two from 1 to 1024".to_owned())
+}
+
+fn parse_which(text: &str) -> Result<Which, String> {
+    if let Some(percent) = text.strip_suffix('%') {
+        let percent = parse_seconds(percent)?;
+        if percent > 100.0 {
+            return Err(format!("{text} is more than all workers"));
+        }
+        return Ok(Which::Share(percent / 100.0));
+    }
+    text.parse()
+        .map(Which::One)
+        .map_err(|_| format!("{text:?} is neither a worker's number, from 0, nor a share like 5%"))
+}
+
+/// A worker needs a time, a share must not have one.
+fn parse_which_at(text: &str) -> Result<(Which, Option<f64>), String> {
+    match text.split_once('@') {
+        Some((which, at)) => match parse_which(which)? {
+            Which::Share(_) => Err("the times of a share are drawn: write N% alone".to_owned()),
+            one @ Which::One(_) => Ok((one, Some(parse_seconds(at)?))),
+        },
+        None => match parse_which(text)? {
+            Which::One(_) => Err(format!("when? write {text}@SECOND")),
+            share @ Which::Share(_) => Ok((share, None)),
+        },
+    }
+}
+
+fn parse_kill(text: &str) -> Result<Kill, String> {
+    let (which, at_s) = parse_which_at(text)?;
+    Ok(Kill { which, at_s })
+}
+
+fn parse_slow(text: &str) -> Result<Slow, String> {
+    let (which, times) = text
+        .split_once('x')
+        .ok_or("how much slower? write WORKERxTIMES, like 1x4")?;
+    let times = parse_seconds(times)?;
+    if times < 1.0 {
+        return Err("1 or more times slower".to_owned());
+    }
+    Ok(Slow {
+        which: parse_which(which)?,
+        times,
+    })
+}
+
+fn parse_stop(text: &str) -> Result<Stop, String> {
+    let (which, for_s) = text
+        .rsplit_once('+')
+        .ok_or("for how long? write WORKER@SECOND+SECONDS, like 2@5+60")?;
+    let (which, at_s) = parse_which_at(which)?;
+    Ok(Stop {
+        which,
+        at_s,
+        for_s: parse_seconds(for_s)?,
+    })
+}
+
+fn parse_away(text: &str) -> Result<(f64, f64), String> {
+    let (at, how_long) = text
+        .split_once('+')
+        .ok_or("for how long? write SECOND+SECONDS, like 20+60")?;
+    Ok((parse_seconds(at)?, parse_seconds(how_long)?))
+}

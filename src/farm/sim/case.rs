@@ -1,0 +1,252 @@
+//! What is simulated: the work, the fleet, the rules, the faults.
+
+/// Mixes a 64-bit key (the finaliser of splitmix64).
+pub(super) fn mix(key: u64) -> u64 {
+    let mut z = key.wrapping_add(0x9E37_79B9_7F4A_7C15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}
+
+/// Scenes and what they cost.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Work {
+    /// Number of scenes.
+    pub scenes: u32,
+    /// Shards of each.
+    pub shards: u32,
+    /// Seconds of a worker of speed 1 for a shard of the cheapest scenes; a shard is 25 % more or less.
+    pub cheapest_shard_s: f64,
+    /// How often the cost doubles from the cheapest scenes to the dearest: 4 is 1:16. All are equally frequent.
+    pub doublings: u32,
+    /// So many scenes, the last ones, are of the dearest: the worst order.
+    pub dearest_last: u32,
+    /// Seconds of a worker of speed 1 to load a scene.
+    pub load_s: f64,
+    /// Draws the costs, the jitter, the choice among givers.
+    pub seed: u64,
+}
+
+impl Work {
+    /// Microseconds of a worker of speed 1. Seed 0 has the costs of the measured prototype.
+    pub(super) fn shard_us(&self, scene: u32, shard: u32) -> u64 {
+        let seed = if self.seed == 0 { 0 } else { mix(self.seed) };
+        let drawn = mix(u64::from(scene) ^ seed) % u64::from(self.doublings + 1);
+        let doublings = if scene + self.dearest_last >= self.scenes {
+            u64::from(self.doublings)
+        } else {
+            drawn
+        };
+        // The prototype's 100, or more where scenes have more shards.
+        let stride = u64::from(self.shards.max(100));
+        let key = (u64::from(scene) * stride + u64::from(shard) + 7) ^ seed;
+        let percent = 75 + mix(key) % 50;
+        let base_us = (self.cheapest_shard_s * 1e6) as u64;
+        ((base_us << doublings) * percent / 100).max(1)
+    }
+}
+
+/// Workers and what stands between them and the servers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fleet {
+    /// Number of workers; each does one thing at a time.
+    pub workers: u32,
+    /// Seconds from a worker to the queue's server and back.
+    pub round_trip_s: f64,
+    /// Seconds of a small request to the store: a look at what is there, a put.
+    pub store_s: f64,
+    /// Seconds that the store needs for a page of 1000 keys.
+    pub page_s: f64,
+    /// Messages that a publisher gets confirmed in a second.
+    pub publishes_per_s: f64,
+}
+
+/// How an idle worker gets to know of work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum IdlePull {
+    /// One pull waits at the server, for [`Rules::pull_s`]; requests to give are sent beside it.
+    Waits,
+    /// Each round asks the queue once, then the givers.
+    Polls,
+    /// Each round waits at the server for [`Rules::pull_s`], then asks the givers; busy workers that take their next span
+    /// wait there too.
+    InTurns,
+}
+
+/// When a busy worker takes its next span.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Prefetch {
+    /// When it has nothing any more.
+    Never,
+    /// When the rest of its span is worth less than [`Rules::prefetch_s`].
+    NearTheEnd,
+    /// As soon as it opens a span.
+    Always,
+}
+
+/// What a coordinator lists to know which scenes are done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Listing {
+    /// All keys of all tuples: six a scene.
+    Tuples,
+    /// One key a scene that is done.
+    Receipts,
+    /// One key a scene that is done, from the first scene on that was not done the last time.
+    ReceiptsFromFirstMissing,
+}
+
+/// Which listing comes first when reconciling.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ListFirst {
+    /// What is finished between the two is seen as finished.
+    Queue,
+    /// What is finished between the two is published again.
+    Store,
+}
+
+/// Times in seconds, and the choices that were to be measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rules {
+    /// A message whose holder is silent for so long goes to another one. Renewed every third of it.
+    pub lease_s: f64,
+    /// An idle worker's pauses double from the first to the second.
+    pub pause_s: [f64; 2],
+    /// How an idle worker gets to know of work.
+    pub idle_pull: IdlePull,
+    /// How long a pull waits at the server.
+    pub pull_s: f64,
+    /// When a busy worker takes its next span.
+    pub prefetch: Prefetch,
+    /// For [`Prefetch::NearTheEnd`].
+    pub prefetch_s: f64,
+    /// Givers listen on one of so many subjects, by the seconds that they could give: at least 1, 4, 16, ..., the last one
+    /// below that. Who asks begins with the most. 1: one subject for all.
+    pub give_levels: u32,
+    /// A worker that asked for something to do waits so long for an answer.
+    pub give_answer_s: f64,
+    /// Giving away is switched off.
+    pub no_giving: bool,
+    /// A coordinator looks at the queue's counts so often.
+    pub poll_s: f64,
+    /// A coordinator reconciles at least so often.
+    pub reconcile_s: f64,
+    /// What it lists.
+    pub listing: Listing,
+    /// In which order.
+    pub list_first: ListFirst,
+    /// It keeps so many messages waiting, and adds when half are gone; 0: all at once.
+    pub window: u32,
+    /// A worker looks, before each shard of a span that was delivered before, whether the store has it.
+    pub look_again: bool,
+}
+
+/// What happens to which worker, or to the servers, at what second.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Fault {
+    /// Ends at once and for good.
+    Kill {
+        /// Its number.
+        worker: u32,
+        /// When.
+        at_s: f64,
+    },
+    /// Is so many times slower throughout.
+    Slow {
+        /// Its number.
+        worker: u32,
+        /// 4: a quarter of the speed.
+        times: f64,
+    },
+    /// Is stopped, then goes on as if nothing had happened.
+    Stop {
+        /// Its number.
+        worker: u32,
+        /// When.
+        at_s: f64,
+        /// For how long.
+        for_s: f64,
+    },
+    /// The queue forgets everything; its stream is gone.
+    Wipe {
+        /// When.
+        at_s: f64,
+    },
+    /// The queue's server is not there; it keeps its messages, and leases go on ending.
+    Away {
+        /// When.
+        at_s: f64,
+        /// For how long.
+        for_s: f64,
+    },
+}
+
+/// All of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Case {
+    /// Scenes and what they cost.
+    pub work: Work,
+    /// Workers and servers.
+    pub fleet: Fleet,
+    /// Times and choices.
+    pub rules: Rules,
+    /// What goes wrong.
+    pub faults: Vec<Fault>,
+}
+
+impl Default for Fleet {
+    fn default() -> Self {
+        Self {
+            workers: 8,
+            round_trip_s: 0.001,
+            store_s: 0.02,
+            page_s: 0.1,
+            publishes_per_s: 100_000.0,
+        }
+    }
+}
+
+impl Default for Rules {
+    fn default() -> Self {
+        Self {
+            lease_s: 30.0,
+            pause_s: [0.02, 10.0],
+            idle_pull: IdlePull::Waits,
+            pull_s: 30.0,
+            prefetch: Prefetch::NearTheEnd,
+            prefetch_s: 0.5,
+            give_levels: 1,
+            give_answer_s: 1.0,
+            no_giving: false,
+            poll_s: 1.0,
+            reconcile_s: 600.0,
+            listing: Listing::ReceiptsFromFirstMissing,
+            list_first: ListFirst::Queue,
+            window: 0,
+            look_again: false,
+        }
+    }
+}
+
+impl Default for Work {
+    /// The measured case of the prototype: 50 scenes of 16 shards, costs 1:16, the dearest last.
+    fn default() -> Self {
+        Self {
+            scenes: 50,
+            shards: 16,
+            cheapest_shard_s: 0.02,
+            doublings: 4,
+            dearest_last: 3,
+            load_s: 0.2,
+            seed: 0,
+        }
+    }
+}
+
+/// Every one of `workers` with the probability `share`, drawn by `seed`, each with a number in 0..1.
+pub fn some_workers(workers: u32, share: f64, seed: u64) -> Vec<(u32, f64)> {
+    let unit = |key: u64| (mix(seed ^ mix(key)) >> 11) as f64 / (1u64 << 53) as f64;
+    (0..workers)
+        .filter(|&w| unit(2 * u64::from(w) + 1) < share)
+        .map(|w| (w, unit(2 * u64::from(w) + 2)))
+        .collect()
+}

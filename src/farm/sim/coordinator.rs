@@ -1,0 +1,161 @@
+//! The coordinator: looks at the queue's counts, lists, publishes what is missing.
+
+use super::case::{ListFirst, Listing};
+use super::engine::{Event, Sim, us};
+use super::holding::Handed;
+use crate::farm::{Span, uncovered};
+use std::collections::VecDeque;
+
+/// Keys in a page of the store's listing.
+const PAGE_KEYS: u64 = 1000;
+
+/// Subjects in a page of the stream's listing, and seconds for one (a few MB of JSON).
+const PAGE_SUBJECTS: u64 = 100_000;
+const PAGE_SUBJECTS_S: f64 = 0.2;
+
+/// Keys of a tuple: the EXR, four PNGs, tuple.json.
+const TUPLE_KEYS: u64 = 6;
+
+/// Seconds between two batches of what it publishes.
+const BATCH_S: f64 = 0.01;
+
+/// Its state: nothing that a new one would miss.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Coordinator {
+    is_listing: bool,
+    /// Of the listing that came first: by scene, whether messages leave something of it uncovered, or whether it is done.
+    first_listing: Vec<bool>,
+    /// Found missing, not published yet.
+    backlog: VecDeque<Span>,
+    is_publishing: bool,
+    reconciled_us: u64,
+    /// All scenes before it were done at the last listing.
+    first_missing: u32,
+    /// It knows that all is done.
+    pub(super) finished_us: Option<u64>,
+}
+
+impl Sim<'_> {
+    /// Every [`poll_s`](super::Rules::poll_s).
+    pub(super) fn poll(&mut self) {
+        self.after(us(self.case.rules.poll_s), Event::Poll);
+        if self.now_us < self.away_until_us {
+            return;
+        }
+        self.counts.coordinator_polls += 1;
+        let is_new = !self.stream_is_there;
+        self.stream_is_there = true;
+        if self.coordinator.is_listing {
+            return;
+        }
+        let rests = self.coordinator.backlog.is_empty() && !self.coordinator.is_publishing;
+        let is_quiet = rests && self.queue.waiting() == 0 && self.queue.held() == 0;
+        let since_us = self.now_us - self.coordinator.reconciled_us;
+        if is_new || is_quiet || since_us >= us(self.case.rules.reconcile_s) {
+            self.reconcile();
+        } else {
+            self.begin_publishing();
+        }
+    }
+
+    /// Lists the queue and the store, one after the other.
+    pub(super) fn reconcile(&mut self) {
+        let scenes = self.case.work.scenes;
+        let rules = &self.case.rules;
+        self.counts.reconciles += 1;
+        self.coordinator.is_listing = true;
+        self.coordinator.backlog.clear();
+        self.coordinator.first_listing = match rules.list_first {
+            ListFirst::Queue => (0..scenes).map(|s| self.leaves_uncovered(s)).collect(),
+            ListFirst::Store => (0..scenes).map(|s| self.store.has_tuple(s)).collect(),
+        };
+        let keys = match rules.listing {
+            Listing::Tuples => TUPLE_KEYS * u64::from(self.store.tuple_count()),
+            Listing::Receipts => u64::from(self.store.tuple_count()),
+            Listing::ReceiptsFromFirstMissing => {
+                let from = self.coordinator.first_missing;
+                let count = self.store.tuples_from(from, scenes);
+                self.coordinator.first_missing = self.store.first_missing(from, scenes);
+                u64::from(count)
+            }
+        };
+        let pages = keys / PAGE_KEYS + 1;
+        self.counts.coordinator_pages += pages;
+        let subject_pages = self.queue.len() as u64 / PAGE_SUBJECTS + 1;
+        self.counts.subject_pages += subject_pages;
+        let listing_s =
+            pages as f64 * self.case.fleet.page_s + subject_pages as f64 * PAGE_SUBJECTS_S;
+        self.after(us(listing_s), Event::Listed);
+    }
+
+    fn leaves_uncovered(&self, scene: u32) -> bool {
+        !uncovered(self.case.work.shards, self.queue.ranges(scene)).is_empty()
+    }
+
+    /// Both listings are there: merges what nobody merged, and publishes what is missing.
+    pub(super) fn listed(&mut self) {
+        let scenes = self.case.work.scenes;
+        self.coordinator.is_listing = false;
+        self.coordinator.reconciled_us = self.now_us;
+        let first_listing = std::mem::take(&mut self.coordinator.first_listing);
+        for scene in 0..scenes {
+            let (is_uncovered, is_done) = match self.case.rules.list_first {
+                ListFirst::Queue => (first_listing[scene as usize], self.store.has_tuple(scene)),
+                ListFirst::Store => (self.leaves_uncovered(scene), first_listing[scene as usize]),
+            };
+            if is_done || !is_uncovered {
+                continue;
+            }
+            if self.store.is_complete(scene) && !self.store.has_tuple(scene) {
+                self.store.put_tuple(scene);
+                self.counts.last_tuple_us = self.now_us;
+                continue;
+            }
+            let gaps = uncovered(self.case.work.shards, self.queue.ranges(scene));
+            let spans = gaps.into_iter().map(|shards| Span { scene, shards });
+            self.coordinator.backlog.extend(spans);
+        }
+        if self.store.tuple_count() == scenes && self.coordinator.backlog.is_empty() {
+            self.coordinator.finished_us = Some(self.now_us);
+        }
+        self.begin_publishing();
+    }
+
+    fn begin_publishing(&mut self) {
+        if !self.coordinator.is_publishing && self.wants_to_publish() {
+            self.coordinator.is_publishing = true;
+            self.after(us(BATCH_S), Event::PublishMore);
+        }
+    }
+
+    fn wants_to_publish(&self) -> bool {
+        let window = self.case.rules.window as usize;
+        !self.coordinator.backlog.is_empty() && (window == 0 || self.queue.waiting() < window)
+    }
+
+    /// A batch.
+    pub(super) fn publish_more(&mut self) {
+        if self.now_us < self.away_until_us {
+            self.after(self.away_until_us - self.now_us, Event::PublishMore);
+            return;
+        }
+        let count = (self.case.fleet.publishes_per_s * BATCH_S).ceil() as usize;
+        for _ in 0..count {
+            if !self.wants_to_publish() {
+                break;
+            }
+            if let Some(span) = self.coordinator.backlog.pop_front() {
+                if self.store.has_tuple(span.scene) {
+                    self.counts.published_though_done += 1;
+                }
+                self.store_message(&Handed { span, handed_on: 0 });
+                self.serve_waiting_pulls();
+            }
+        }
+        if self.wants_to_publish() {
+            self.after(us(BATCH_S), Event::PublishMore);
+        } else {
+            self.coordinator.is_publishing = false;
+        }
+    }
+}
