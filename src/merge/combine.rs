@@ -1,6 +1,6 @@
 //! Partials are combined in a fixed order, weighted by their sample counts, and gaps are refused.
 
-use super::moves::Moves;
+use super::moves::{Moves, SMOOTH, SMOOTH_OF_STOPPED};
 use super::tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord};
 use crate::manifest::SceneLine;
 use crate::partial::Partial;
@@ -140,7 +140,13 @@ pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<T
     let pixels = (width * height) as f64;
     let made = LAYERS.iter().enumerate().filter(|(k, _)| asked[*k]);
     let records = made.map(|(k, name)| {
-        let error_rms = (samples[k] > 1).then(|| moves[k].rms_error());
+        // R has no lens.
+        let tail = if sample_sums.is_some() && k != 3 {
+            SMOOTH_OF_STOPPED
+        } else {
+            SMOOTH
+        };
+        let error_rms = (samples[k] > 1).then(|| moves[k].rms_error(tail));
         let mut record = LayerRecord::new(&layers[k], samples[k], error_rms, paths[k], misses[k]);
         record.mean_samples = sample_sums.map(|sums| sums[k] as f64 / pixels);
         ((*name).to_owned(), record)

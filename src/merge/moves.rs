@@ -2,6 +2,12 @@
 
 use crate::trace::square_error;
 
+/// Tail of a smooth part that converges as samples^-1.4, in mean squares of its last move.
+pub(super) const SMOOTH: f64 = 1.0 / 6.0;
+/// As samples^-1. For what is seen through the lens by cells that stopped by themselves: they stop when their moves look
+/// small, and of so few samples a smooth part is not told well from edges that were not met yet.
+pub(super) const SMOOTH_OF_STOPPED: f64 = 1.0 / 3.0;
+
 /// Squares for each pixel, summed over its colours, row by row.
 pub(super) struct Moves {
     /// Of (first half - all).
@@ -24,9 +30,9 @@ impl Moves {
         self.before[pixel] += before * before;
     }
 
-    /// Estimated RMS error over the film and its colours.
-    pub(super) fn rms_error(&self) -> f64 {
+    /// Estimated RMS error over the film and its colours; `tail` of its smooth part.
+    pub(super) fn rms_error(&self, tail: f64) -> f64 {
         let mean = |squares: &[f64]| squares.iter().sum::<f64>() / (3 * squares.len()) as f64;
-        square_error(mean(&self.last), mean(&self.before)).sqrt()
+        square_error(mean(&self.last), mean(&self.before), tail).sqrt()
     }
 }

@@ -127,14 +127,14 @@ pub(super) fn means_of(sums: &Sums, count: u32) -> Means {
 /// by r at each doubling. Two kinds come together in a picture: edges seen through the lens, for which r is 1/2 as
 /// for independent samples, and what is smooth over a pixel, for which r lies between 2/11 and 1/7 (error ~
 /// samples^-1.2 to -1.4; measured for R of seven photographs). Their shares a and b of the last move follow from
-/// `last = a + b` and `before = 2 a + 11/2 b`, and the smooth part's tail is that of r = 1/7: the error is `a + b / 6`.
+/// `last = a + b` and `before = 2 a + 11/2 b`; the error is `a + tail b`, with `tail` 1/6 for r = 1/7.
 /// (Telling the shares apart by 7 in place of 11/2 takes a layer of r = 2/11 for a mixed one and states 1.4 times its error.)
-pub fn square_error(last: f64, before: f64) -> f64 {
+pub fn square_error(last: f64, before: f64, tail: f64) -> f64 {
     if before == 0.0 {
         return last;
     }
     let smooth = ((before - 2.0 * last) / 3.5).clamp(0.0, last);
-    (last - smooth) + smooth / 6.0
+    (last - smooth) + smooth * tail
 }
 
 #[cfg(test)]
@@ -165,17 +165,17 @@ mod tests {
     fn an_error_is_the_sum_of_the_moves_to_come() {
         let series = |r: f64| (1..200).map(|k| r.powi(k)).sum::<f64>();
         for (r, last) in [(0.5, 1.0), (1.0 / 7.0, 3.0)] {
-            let error = square_error(last, last / r);
+            let error = square_error(last, last / r, 1.0 / 6.0);
             assert!((error - last * series(r)).abs() < 1e-12);
         }
         // Smooth at the slower rate: within a seventh.
-        let slower = (square_error(1.0, 5.5) / series(2.0 / 11.0)).sqrt();
+        let slower = (square_error(1.0, 5.5, 1.0 / 6.0) / series(2.0 / 11.0)).sqrt();
         assert!((0.86..1.0).contains(&slower), "{slower}");
         // Both kinds at once, and moves that do not shrink: as of independent samples.
-        let mixed = square_error(1.0 + 2.0, 2.0 + 11.0);
+        let mixed = square_error(1.0 + 2.0, 2.0 + 11.0, 1.0 / 6.0);
         assert!((mixed - (series(0.5) + 2.0 * series(1.0 / 7.0))).abs() < 1e-12);
-        assert_eq!(square_error(1.0, 0.5), 1.0);
-        assert_eq!(square_error(4.0, 0.0), 4.0);
-        assert_eq!(square_error(0.0, 0.0), 0.0);
+        assert_eq!(square_error(1.0, 0.5, 0.2), 1.0);
+        assert_eq!(square_error(4.0, 0.0, 0.2), 4.0);
+        assert_eq!(square_error(0.0, 0.0, 0.2), 0.0);
     }
 }
