@@ -271,8 +271,8 @@ pub struct QueueArgs {
         hide_env_values = true
     )]
     pub queue: Option<String>,
-    /// Where the run's objects are: a folder, s3://bucket/prefix, ... [default: the run's folder]
-    #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE", requires = "queue")]
+    /// Folder of the run's objects, if not the run's own; all machines must see it
+    #[arg(long, value_name = "DIR", env = "GLASSHOUSE_STORE", requires = "queue")]
     pub store: Option<String>,
     /// What is held for longer without a sign of life goes to another worker; the same for all
     #[arg(long, value_name = "S", default_value = "30", value_parser = parse_duration, requires = "queue")]

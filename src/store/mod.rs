@@ -51,7 +51,7 @@ pub enum Put {
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// The address means nothing.
-    #[error("{address} is no store: {reason}; use a folder, or a URL such as s3://bucket/run")]
+    #[error("{address} is no store: {reason}; use a folder (buckets are not supported yet)")]
     Address {
         /// As given.
         address: String,
