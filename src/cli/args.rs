@@ -250,11 +250,42 @@ pub struct WorkArgs {
     #[command(flatten)]
     pub queue: QueueArgs,
     /// A scene without any progress for this time counts as hung: the worker ends and leaves it to others
-    #[arg(long, value_name = "S", default_value = "120", value_parser = parse_duration, requires = "queue", help_heading = FARM)]
+    #[arg(long, value_name = "S", default_value = "120", value_parser = parse_duration, help_heading = FARM)]
     pub hang_s: Duration,
     /// Name of this worker in messages and receipts [default: host and process]
-    #[arg(long, value_name = "NAME", requires = "queue", help_heading = FARM)]
+    #[arg(long, value_name = "NAME", help_heading = FARM)]
     pub name: Option<String>,
+    /// Only these shards of a scene, for a worker that fears them
+    #[arg(long, value_name = "SCENE:A-B", hide = true)]
+    pub only: Option<Only>,
+    /// Misbehave: abort:SCENE, hang:SCENE, wrong:SCENE, slow:FACTOR (repeatable)
+    #[arg(long = "fault", value_name = "FAULT", hide = true)]
+    pub faults: Vec<crate::farm::Fault>,
+}
+
+/// Shards of a scene, as `SCENE:A-B`: from A up to, not with, B.
+#[derive(Clone, Debug)]
+pub struct Only {
+    /// The scene.
+    pub scene: String,
+    /// The shards.
+    pub shards: std::ops::Range<u32>,
+}
+
+impl std::str::FromStr for Only {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once(':');
+        let parts = parts.and_then(|(scene, shards)| Some((scene, shards.split_once('-')?)));
+        match parts.map(|(scene, (a, b))| (scene, a.parse(), b.parse())) {
+            Some((scene, Ok(start), Ok(end))) if start < end => Ok(Self {
+                scene: scene.to_owned(),
+                shards: start..end,
+            }),
+            _ => Err(format!("{text:?} is not SCENE:A-B with A below B")),
+        }
+    }
 }
 
 const FARM: &str = "Many machines";

@@ -110,7 +110,9 @@ impl From<crate::farm::FarmError> for Failure {
         match error {
             E::Run(error) => error.into(),
             E::Golden { .. } => Self::new(Exit::Disagrees, error),
-            E::Write(_) | E::Store(_) | E::Queue(_) | E::Tuple(_) => Self::new(Exit::Failed, error),
+            E::Write(_) | E::Store(_) | E::Queue(_) | E::Tuple(_) | E::Isolated(_) => {
+                Self::new(Exit::Failed, error)
+            }
         }
     }
 }

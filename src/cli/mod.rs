@@ -9,6 +9,7 @@ mod bench_farm_cmd;
 mod bench_trace_cmd;
 mod coordinate_cmd;
 mod exit_code;
+mod isolate;
 mod merge_cmd;
 mod output;
 mod plan_cmd;

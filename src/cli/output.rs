@@ -57,6 +57,15 @@ impl Output {
         };
     }
 
+    /// A line for the process that started this one. Without that process there is nobody to work for.
+    pub(super) fn tell_parent(text: &str) {
+        let mut stdout = std::io::stdout().lock();
+        let told = writeln!(stdout, "{text}").and_then(|()| stdout.flush());
+        if told.is_err() {
+            Exit::Failed.now();
+        }
+    }
+
     /// Something a person may want to know.
     pub(super) fn note(&self, text: &str) {
         if !self.quiet {

@@ -161,6 +161,17 @@ impl Progress {
                     narrow.push((miss_share, scene.to_string()));
                 }
             }
+            Event::Isolated { scene } => self.suspend(|| {
+                output.note(&format!(
+                    "scene {scene} was lost with an earlier process: it is traced in one of its own"
+                ));
+            }),
+            Event::ChildLost { scene, reason } => self.suspend(|| {
+                output.warning(&format!(
+                    "scene {scene} was lost with its process: {reason}"
+                ));
+            }),
+            Event::Drained { reason } => self.suspend(|| output.warning(&reason)),
             Event::SceneQuarantined {
                 scene,
                 reason,

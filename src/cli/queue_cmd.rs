@@ -38,12 +38,13 @@ pub(super) fn fetch_run(run: &Path, args: &QueueArgs) -> Result<(), Failure> {
 
 /// Host and process.
 pub(super) fn worker_name() -> String {
+    format!("{}-{}", host_name(), std::process::id())
+}
+
+/// This machine.
+pub(super) fn host_name() -> String {
     let host = rustix::system::uname();
-    format!(
-        "{}-{}",
-        host.nodename().to_string_lossy(),
-        std::process::id()
-    )
+    host.nodename().to_string_lossy().into_owned()
 }
 
 fn options(args: &QueueArgs, name: &str) -> Result<NatsOptions, Failure> {

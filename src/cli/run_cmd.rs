@@ -4,7 +4,7 @@ use super::args::{Global, RunArgs};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::plan_cmd::{self, plan_with, run_folder};
-use super::work_cmd::{outcome_json, summary, work_on};
+use super::work_cmd::{How, outcome_json, summary, work_on};
 use crate::cases::{CaseFile, check, is_case_file, table};
 use crate::farm::Run;
 use crate::manifest::Roots;
@@ -22,7 +22,12 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     plan_with(args, global, output)?;
     let folder = run_folder(args);
     let run = Run::open(&folder, &Roots::parse(&args.roots.roots)?)?;
-    let (outcome, exit, wall) = work_on(&run, global, output, None)?;
+    let (outcome, exit, wall) = work_on(
+        &run,
+        &How::alone(&folder, &args.roots.roots),
+        global,
+        output,
+    )?;
     let report = write_report(&run)?;
     let mut object = outcome_json(&outcome, &folder, wall);
     object["report"] = json!(report);

@@ -1,17 +1,24 @@
 //! `work RUN`
 
-use super::args::{Global, IsaChoice, WorkArgs};
+use super::args::{Global, IsaChoice, Only, QueueArgs, WorkArgs};
 use super::exit_code::{Exit, Failure};
+use super::isolate::{self, Children};
 use super::output::Output;
 use super::progress::Progress;
 use super::queue_cmd;
 use super::signals::Signals;
-use crate::farm::{Outcome, Run, SharedQueue, Stop, WorkOptions, run_status, work, work_shared};
+use crate::farm::queue::{LocalQueue, Queue, Waiting};
+use crate::farm::{
+    Fault, Outcome, Run, SharedQueue, Span, Stop, WorkOptions, WorkerName, run_status, work,
+    work_shared, work_span,
+};
 use crate::manifest::Roots;
+use crate::store::Store;
 use crate::trace::Isa;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::Path;
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 /// Threads to use.
@@ -46,12 +53,21 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
         );
         return Ok(Exit::Done);
     }
-    let deadline = args
-        .time_limit
-        .and_then(|limit| Instant::now().checked_add(limit));
-    let (outcome, exit, wall) = match &args.queue.queue {
-        None => work_on(&run, global, output, deadline)?,
-        Some(_) => work_for(&run, args, global, output, deadline)?,
+    let how = How {
+        deadline: args
+            .time_limit
+            .and_then(|limit| Instant::now().checked_add(limit)),
+        run: &args.run,
+        roots: &args.roots.roots,
+        queue: Some(&args.queue),
+        hang: args.hang_s,
+        name: args.name.clone().unwrap_or_else(queue_cmd::worker_name),
+        faults: &args.faults,
+    };
+    let (outcome, exit, wall) = match (&args.only, &args.queue.queue) {
+        (Some(only), _) => work_only(&run, only, &how, global)?,
+        (None, None) => work_on(&run, &how, global, output)?,
+        (None, Some(_)) => work_for(&run, &args.queue, &how, global, output)?,
     };
     output.result(
         "glasshouse.work/1",
@@ -61,21 +77,79 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
     Ok(exit)
 }
 
+/// How to work on a run.
+pub(super) struct How<'a> {
+    pub(super) deadline: Option<Instant>,
+    /// Its folder.
+    pub(super) run: &'a Path,
+    pub(super) roots: &'a [String],
+    pub(super) queue: Option<&'a QueueArgs>,
+    pub(super) hang: Duration,
+    pub(super) name: String,
+    pub(super) faults: &'a [Fault],
+}
+
+impl<'a> How<'a> {
+    /// As `run` does.
+    pub(super) fn alone(run: &'a Path, roots: &'a [String]) -> Self {
+        Self {
+            deadline: None,
+            run,
+            roots,
+            queue: None,
+            hang: Duration::from_mins(2),
+            name: queue_cmd::worker_name(),
+            faults: &[],
+        }
+    }
+
+    fn options<'s>(&self, global: &Global, stop: &'s AtomicBool) -> Result<WorkOptions<'s>, Failure>
+    where
+        'a: 's,
+    {
+        let mut options = WorkOptions::new(threads(global), isa(global)?, stop);
+        options.deadline = self.deadline;
+        options.who = WorkerName {
+            worker: self.name.clone(),
+            host: queue_cmd::host_name(),
+        };
+        options.hang = self.hang;
+        options.faults = self.faults;
+        Ok(options)
+    }
+
+    fn children(&self, global: &Global) -> Children<'_> {
+        Children {
+            run: self.run,
+            roots: self.roots,
+            queue: self.queue,
+            threads: threads(global),
+            isa: match global.isa {
+                IsaChoice::Auto => "auto",
+                IsaChoice::Avx2 => "avx2",
+                IsaChoice::Baseline => "baseline",
+            },
+            hang: self.hang,
+            name: &self.name,
+            faults: self.faults,
+        }
+    }
+}
+
 /// Traces and merges with progress and signals. Also `run`'s middle part.
 pub(super) fn work_on(
     run: &Run,
+    how: &How,
     global: &Global,
     output: &Output,
-    deadline: Option<Instant>,
 ) -> Result<(Outcome, Exit, Duration), Failure> {
     let signals = Signals::catch();
     let progress = Progress::new(global, "shards", 0);
     let start = Instant::now();
+    let children = how.children(global);
     let options = WorkOptions {
-        threads: threads(global),
-        isa: isa(global)?,
-        stop: signals.stop(),
-        deadline,
+        isolate: Some(&children),
+        ..how.options(global, signals.stop())?
     };
     let outcome = work(run, &options, &|event| progress.event(event, output));
     progress.finish();
@@ -102,33 +176,31 @@ pub(super) fn work_on(
 /// Works for a farm until its run is over.
 fn work_for(
     run: &Run,
-    args: &WorkArgs,
+    args: &QueueArgs,
+    how: &How,
     global: &Global,
     output: &Output,
-    deadline: Option<Instant>,
 ) -> Result<(Outcome, Exit, Duration), Failure> {
     let signals = Signals::catch();
     let progress = Progress::new(global, "shards", 0);
     let start = Instant::now();
+    let children = how.children(global);
     let options = WorkOptions {
-        threads: threads(global),
-        isa: isa(global)?,
-        stop: signals.stop(),
-        deadline,
+        isolate: Some(&children),
+        ..how.options(global, signals.stop())?
     };
-    let store = queue_cmd::store(&args.run, &args.queue)?;
-    let name = args.name.clone().unwrap_or_else(queue_cmd::worker_name);
-    let queue = queue_cmd::worker(run, &args.queue, &name)?;
+    let store = queue_cmd::store(how.run, args)?;
+    let queue = queue_cmd::worker(run, args, &how.name)?;
     let on_hung = |reason: &str| {
         output.warning(reason);
         Exit::Failed.now();
     };
     let shared = SharedQueue {
         queue: &queue,
-        lease: args.queue.lease_s,
-        hang: args.hang_s,
+        lease: args.lease_s,
         on_hung: &on_hung,
-        worker: name,
+        on_sign: &|| {},
+        is_child: false,
     };
     let outcome = work_shared(run, &store, &shared, &options, &|event| {
         progress.event(event, output);
@@ -138,10 +210,58 @@ fn work_for(
     let exit = match outcome.stopped {
         Some(Stop::Asked) => signals.exit(),
         Some(Stop::TimeLimit) => Exit::TryAgain,
+        Some(Stop::Drained) => Exit::Failed,
         None => Exit::Done,
     };
     Ok((outcome, exit, start.elapsed()))
 }
+
+/// A child: works on one span, and says that it goes on (see [`super::isolate`]).
+fn work_only(
+    run: &Run,
+    only: &Only,
+    how: &How,
+    global: &Global,
+) -> Result<(Outcome, Exit, Duration), Failure> {
+    let scene = run.lines.iter().position(|l| l.id.as_str() == only.scene);
+    let scene = scene.ok_or_else(|| {
+        let error = anyhow::anyhow!("the run has no scene {}", only.scene);
+        Failure::new(Exit::Usage, error)
+    })?;
+    let signals = Signals::catch();
+    let start = Instant::now();
+    let options = how.options(global, signals.stop())?;
+    let store = match how.queue {
+        Some(args) => queue_cmd::store(how.run, args)?,
+        None => Store::local(how.run)?,
+    };
+    let queue = LocalQueue::new(None);
+    let span = Span {
+        scene: scene as u32,
+        shards: only.shards.clone(),
+    };
+    let worker = queue.worker();
+    worker.publish(&[Waiting { span, handed_on: 0 }])?;
+    let shared = SharedQueue {
+        queue: &worker,
+        lease: SIGNS_EVERY * 3,
+        on_hung: &|reason| {
+            Output::tell_parent(&format!("{}{reason}", isolate::HUNG));
+            Exit::Failed.now();
+        },
+        is_child: true,
+        on_sign: &|| Output::tell_parent(isolate::SIGN),
+    };
+    let outcome = work_span(run, &store, &shared, &options, &|_| {})?;
+    let exit = match outcome.stopped {
+        Some(_) => signals.exit(),
+        None => Exit::Done,
+    };
+    Ok((outcome, exit, start.elapsed()))
+}
+
+/// Between two signs of life of a child.
+const SIGNS_EVERY: Duration = Duration::from_millis(500);
 
 /// The outcome as JSON.
 pub(super) fn outcome_json(outcome: &Outcome, run: &Path, wall: Duration) -> Value {
@@ -167,6 +287,7 @@ pub(super) fn outcome_json(outcome: &Outcome, run: &Path, wall: Duration) -> Val
         "stopped": outcome.stopped.map(|stop| match stop {
             Stop::Asked => "signal",
             Stop::TimeLimit => "time_limit",
+            Stop::Drained => "drained",
         }),
         "wall_s": wall.as_secs_f64(),
         "thread_seconds": seconds,
@@ -196,6 +317,7 @@ pub(super) fn summary(outcome: &Outcome, wall: Duration) -> String {
     match outcome.stopped {
         Some(Stop::Asked) => text += "; stopped by a signal, the same command goes on",
         Some(Stop::TimeLimit) => text += "; time is up, the same command goes on",
+        Some(Stop::Drained) => text += "; ended because too many scenes failed here",
         None => {}
     }
     text

@@ -15,6 +15,7 @@ use super::work::whole;
 use super::writer::remove_partials;
 use crate::ids::SceneId;
 use crate::store::Store;
+use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -239,6 +240,21 @@ fn share_run(run: &Run, store: &Store) -> Result<(), FarmError> {
     Ok(())
 }
 
+/// Removes what is left of scenes that are done. What cannot be removed does no harm.
+fn clear_away(run: &Run, store: &Store, progress: &Progress) {
+    let done = || (0..run.lines.len()).filter(|&scene| progress.done[scene]);
+    if store.local_root().is_some() {
+        done().for_each(|scene| remove_partials(store, &run.lines[scene]));
+        return;
+    }
+    let done: BTreeSet<&str> = done().map(|scene| run.lines[scene].id.as_str()).collect();
+    for folder in [keys::PARTIALS, keys::ATTEMPTS] {
+        let mut left = store.list(folder).unwrap_or_default();
+        left.retain(|key| key.split('/').nth(1).is_some_and(|id| done.contains(id)));
+        let _ = store.delete(&left);
+    }
+}
+
 /// Says that the run is over, and clears away what nobody needs any more.
 fn finish(
     run: &Run,
@@ -246,11 +262,7 @@ fn finish(
     queue: &dyn QueueKeeper,
     progress: &Progress,
 ) -> Result<(), FarmError> {
-    for (scene, line) in run.lines.iter().enumerate() {
-        if progress.done[scene] {
-            remove_partials(store, line);
-        }
-    }
+    clear_away(run, store, progress);
     sweep_staged(run, store);
     let quarantined = progress.quarantined.iter().flatten().count();
     let note = serde_json::json!({

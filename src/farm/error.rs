@@ -23,6 +23,9 @@ pub enum FarmError {
     /// A tuple cannot be written.
     #[error("{0}")]
     Tuple(String),
+    /// A process for a span that may be dangerous could not work.
+    #[error("a child process could not work, which is no fault of its scene: {0}")]
+    Isolated(String),
     /// This machine computes other pixels.
     #[error(
         "this machine is refused: it computes other bits for the golden shard {scene} ({found}) than the run's spec holds \

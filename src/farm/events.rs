@@ -41,6 +41,23 @@ pub enum Event {
         /// Why.
         reason: String,
     },
+    /// A scene that was lost with an earlier process is traced in one of its own.
+    Isolated {
+        /// Which.
+        scene: SceneId,
+    },
+    /// That process was lost, too.
+    ChildLost {
+        /// With which scene.
+        scene: SceneId,
+        /// How.
+        reason: String,
+    },
+    /// Too many scenes failed on this worker: it ends.
+    Drained {
+        /// Which, and what to do.
+        reason: String,
+    },
     /// A scene cannot be done.
     SceneQuarantined {
         /// Which.

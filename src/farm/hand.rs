@@ -198,9 +198,16 @@ impl<'a> Hand<'_, 'a> {
             return Ok(());
         }
         let shard = job.layout.shard(band.shard);
+        for fault in farm.options.faults {
+            fault.before(&job.line.id);
+        }
         let start = Instant::now();
-        let result = job.trace_band(&shard, band.index, farm.options.isa);
-        farm.seconds.add_trace(start.elapsed());
+        let mut result = job.trace_band(&shard, band.index, farm.options.isa);
+        let took = start.elapsed();
+        farm.seconds.add_trace(took);
+        for fault in farm.options.faults {
+            fault.after(&job.line.id, took, result.as_mut());
+        }
         match result {
             Some(result) => self.finish(&band.span, &shard, result),
             None => Ok(()),

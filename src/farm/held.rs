@@ -1,8 +1,10 @@
 //! The spans that a worker holds: their leases, and what it gives away.
 
+use super::attempts::AttemptRecord;
 use super::open_span::OpenSpan;
 use super::queue::{Delivery, Queue, QueueError, Waiting};
 use super::span::{HeldSpan, Span, what_to_give};
+use crate::store::Store;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
@@ -15,9 +17,12 @@ pub(super) struct HeldSpans<'a> {
 
 struct Held<'a> {
     delivery: Delivery,
+    attempt: Option<AttemptRecord>,
     open: Option<Arc<OpenSpan<'a>>>,
     /// Its scene is being loaded.
     opening: bool,
+    /// It is not to be given away.
+    kept: bool,
     progress: Instant,
 }
 
@@ -39,6 +44,17 @@ pub(super) struct Given<'a> {
     pub(super) count: u32,
     /// Ended in part by it.
     pub(super) ended: Vec<Arc<OpenSpan<'a>>>,
+    /// Records of attempts that were never begun: of spans that were given away whole.
+    pub(super) unbegun: Vec<AttemptRecord>,
+}
+
+/// What is over by giving something away.
+enum Left<'a> {
+    Nothing,
+    /// An open span, in part.
+    Ended(Arc<OpenSpan<'a>>),
+    /// A span that was never begun.
+    Whole(Option<AttemptRecord>),
 }
 
 impl<'a> HeldSpans<'a> {
@@ -55,8 +71,10 @@ impl<'a> HeldSpans<'a> {
     pub(super) fn add(&self, delivery: &Delivery) {
         let held = Held {
             delivery: delivery.clone(),
+            attempt: None,
             open: None,
             opening: false,
+            kept: false,
             progress: Instant::now(),
         };
         self.spans().insert(delivery.ticket, held);
@@ -89,9 +107,28 @@ impl<'a> HeldSpans<'a> {
         }
     }
 
-    /// It is no longer this worker's.
-    pub(super) fn remove(&self, ticket: u64) {
-        self.spans().remove(&ticket);
+    /// From now on it is not given away. False: it was.
+    pub(super) fn keep(&self, ticket: u64) -> bool {
+        let mut spans = self.spans();
+        let held = spans.get_mut(&ticket);
+        held.map(|held| held.kept = true).is_some()
+    }
+
+    /// The attempt at it is recorded. False: it was given away.
+    pub(super) fn note(&self, ticket: u64, attempt: AttemptRecord) -> bool {
+        let mut spans = self.spans();
+        let held = spans.get_mut(&ticket);
+        held.map(|held| held.attempt = Some(attempt)).is_some()
+    }
+
+    /// The record of the attempt at it.
+    pub(super) fn attempt(&self, ticket: u64) -> Option<AttemptRecord> {
+        self.spans().get(&ticket)?.attempt.clone()
+    }
+
+    /// It is no longer this worker's. The record of the attempt, if there is one.
+    pub(super) fn remove(&self, ticket: u64) -> Option<AttemptRecord> {
+        self.spans().remove(&ticket)?.attempt
     }
 
     /// Renews all leases; or says which open span has made no progress for `hang`.
@@ -122,7 +159,7 @@ impl<'a> HeldSpans<'a> {
                 opened: held.opening,
                 unbegun_s: f64::from(unbegun.end - unbegun.start) * costs.shard_s,
                 // What is being loaded is nobody's yet.
-                unbegun: if held.opening && held.open.is_none() {
+                unbegun: if (held.opening || held.kept) && held.open.is_none() {
                     0..0
                 } else {
                     unbegun
@@ -162,6 +199,7 @@ impl<'a> HeldSpans<'a> {
         let mut given = Given {
             count: 0,
             ended: Vec::new(),
+            unbegun: Vec::new(),
         };
         for gift in gifts {
             let from = views.iter().find(|(_, v)| {
@@ -178,7 +216,11 @@ impl<'a> HeldSpans<'a> {
                 handed_on: handed_on + 1,
             }])?;
             given.count += 1;
-            given.ended.extend(self.leave(queue, *ticket, &gift));
+            match self.leave(queue, *ticket, &gift) {
+                Left::Nothing => {}
+                Left::Ended(span) => given.ended.push(span),
+                Left::Whole(attempt) => given.unbegun.extend(attempt),
+            }
         }
         Ok(given)
     }
@@ -190,28 +232,39 @@ impl<'a> HeldSpans<'a> {
     }
 
     /// The queue has `gift` for somebody else.
-    fn leave(&self, queue: &dyn Queue, ticket: u64, gift: &Span) -> Option<Arc<OpenSpan<'a>>> {
+    fn leave(&self, queue: &dyn Queue, ticket: u64, gift: &Span) -> Left<'a> {
         let open = {
             let mut spans = self.spans();
-            let held = spans.get(&ticket)?;
-            match &held.open {
-                Some(open) => Arc::clone(open),
+            match spans.get(&ticket) {
                 // Being loaded since: both do it.
-                None if held.opening => return None,
-                None => {
-                    spans.remove(&ticket);
+                None => return Left::Nothing,
+                Some(held) if (held.opening || held.kept) && held.open.is_none() => {
+                    return Left::Nothing;
+                }
+                Some(Held {
+                    open: Some(open), ..
+                }) => Arc::clone(open),
+                Some(_) => {
+                    let held = spans.remove(&ticket);
                     drop(spans);
                     queue.finish(ticket);
-                    return None;
+                    return Left::Whole(held.and_then(|held| held.attempt));
                 }
             }
         };
-        open.give(gift.shards.clone()).then_some(open)
+        if open.give(gift.shards.clone()) {
+            Left::Ended(open)
+        } else {
+            Left::Nothing
+        }
     }
 
     /// Publishes all that is not done, and gives up the rest. For who stops; nothing is lost if it fails.
-    pub(super) fn hand_back(&self, queue: &dyn Queue) -> Result<u32, QueueError> {
+    pub(super) fn hand_back(&self, queue: &dyn Queue, store: &Store) -> Result<u32, QueueError> {
         let held = std::mem::take(&mut *self.spans());
+        for attempt in held.values().filter_map(|held| held.attempt.as_ref()) {
+            attempt.forget(store);
+        }
         let mut count = 0;
         for (ticket, held) in held {
             let handed_on = held.delivery.waiting.handed_on + 1;

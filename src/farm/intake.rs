@@ -1,10 +1,9 @@
 //! The thread that takes spans from the queue and reads their scenes' files ahead of the hands.
 
-use super::done::is_done;
 use super::events::Event;
 use super::keys;
-use super::quarantine::QuarantineRecord;
 use super::queue::{Delivery, Taken};
+use super::suspect::Examined;
 use super::work::Shared;
 use crate::manifest::SceneLine;
 use crate::scene::{LoadError, SceneFiles, read_files};
@@ -77,34 +76,54 @@ impl<'a> Shared<'a> {
         }
     }
 
-    /// Reads a span's files and passes them on. False: nobody takes them any more.
+    /// Looks at a span, reads its files and passes them on. False: nobody takes them any more.
     fn pass_on(&self, sender: &Sender<Loaded<'a>>, delivery: Delivery) -> bool {
-        let ticket = delivery.ticket;
         let run: &'a _ = self.run;
         let line = &run.lines[delivery.waiting.span.scene as usize];
         self.held.add(&delivery);
-        if self.beside.is_some() {
-            match is_done(self.store, line) {
-                Ok(true) => {
-                    self.held.remove(ticket);
-                    self.queue.finish(ticket);
-                    return true;
-                }
-                Ok(false) => {}
-                Err(error) => {
-                    self.break_down(error);
-                    return false;
-                }
+        let told = match self.examine(line, &delivery) {
+            Ok(Examined::Over) => {
+                self.let_go(delivery.ticket);
+                Ok(())
             }
-            if let Ok(Some(_)) = QuarantineRecord::get(self.store, &line.id) {
-                self.held.remove(ticket);
-                self.queue.finish(ticket);
-                return true;
+            Ok(suspect) => match self.read(line) {
+                Err(error) if self.may_be_mine(&error) => {
+                    self.could_not_read(line, &delivery, &error.to_string())
+                }
+                Ok(_) if matches!(suspect, Examined::Suspect) => self.isolate(line, &delivery),
+                files => return self.send(sender, line, delivery, files),
+            },
+            Err(error) => Err(error),
+        };
+        match told {
+            Ok(()) => true,
+            Err(error) => {
+                self.break_down(error);
+                false
             }
         }
+    }
+
+    fn read(&self, line: &SceneLine) -> Result<SceneFiles, LoadError> {
         let start = Instant::now();
-        let files = read_files(line, &run.roots, run.dir.root());
+        let files = read_files(line, &self.run.roots, self.run.dir.root());
         self.seconds.add_read(start.elapsed());
+        files
+    }
+
+    /// Another machine may be able to read what this one cannot.
+    fn may_be_mine(&self, error: &LoadError) -> bool {
+        self.beside.is_some_and(|shared| !shared.is_child)
+            && matches!(error, LoadError::Read { .. } | LoadError::Root(_))
+    }
+
+    fn send(
+        &self,
+        sender: &Sender<Loaded<'a>>,
+        line: &'a SceneLine,
+        delivery: Delivery,
+        files: Result<SceneFiles, LoadError>,
+    ) -> bool {
         let mut message = Loaded {
             line,
             delivery,

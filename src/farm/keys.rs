@@ -13,14 +13,17 @@ pub const TUPLES: &str = "tuples";
 /// Folder of the reasons for quarantine.
 pub const QUARANTINE: &str = "quarantine";
 
+/// Folder of all partials.
+pub const PARTIALS: &str = "partials";
+
 /// Folder of a scene's partials.
 pub fn partials(scene: &SceneId) -> String {
-    format!("partials/{scene}")
+    format!("{PARTIALS}/{scene}")
 }
 
 /// A shard's partial.
 pub fn partial(scene: &SceneId, shard: u32) -> String {
-    format!("partials/{scene}/{shard:06}.exr")
+    format!("{PARTIALS}/{scene}/{shard:06}.exr")
 }
 
 /// The shard of a [`partial`]'s name.
@@ -36,6 +39,30 @@ pub fn tuple(scene: &SceneId, file: &str) -> String {
 /// A scene's reason for quarantine.
 pub fn quarantine(scene: &SceneId) -> String {
     format!("{QUARANTINE}/{scene}.json")
+}
+
+/// Folder of all attempts.
+pub const ATTEMPTS: &str = "attempts";
+
+/// Folder of the attempts at a scene.
+pub fn attempts(scene: &SceneId) -> String {
+    format!("{ATTEMPTS}/{scene}")
+}
+
+/// Attempt `n` at a scene's shards (first, and one past the last).
+pub fn attempt(scene: &SceneId, [start, end]: [u32; 2], n: u32) -> String {
+    format!("{ATTEMPTS}/{scene}/{start}-{end}.{n}.json")
+}
+
+/// The shards and the number of an [`attempt`]'s name.
+pub fn attempt_of(key: &str) -> Option<([u32; 2], u32)> {
+    let (shards, n) = key
+        .rsplit('/')
+        .next()?
+        .strip_suffix(".json")?
+        .split_once('.')?;
+    let (start, end) = shards.split_once('-')?;
+    Some(([start.parse().ok()?, end.parse().ok()?], n.parse().ok()?))
 }
 
 /// Who made a scene's tuple, when it was made by a farm; not part of what comes out.

@@ -22,12 +22,13 @@ impl Shared<'_> {
                 continue;
             }
             renewed = Instant::now();
-            if let Err(hung) = self.held.renew(shared.queue, shared.hang) {
+            (shared.on_sign)();
+            if let Err(hung) = self.held.renew(shared.queue, self.options.hang) {
                 let scene = &self.run.lines[hung.waiting.span.scene as usize].id;
                 shared.queue.offer(false);
                 (shared.on_hung)(&format!(
                     "scene {scene} made no progress for {} s: this worker hangs and leaves it to others; see --hang-s",
-                    shared.hang.as_secs_f64()
+                    self.options.hang.as_secs_f64()
                 ));
             }
         }
@@ -43,6 +44,9 @@ impl Shared<'_> {
         };
         self.given
             .fetch_add(u64::from(given.count), Ordering::Relaxed);
+        for attempt in given.unbegun {
+            attempt.forget(self.store);
+        }
         for span in given.ended {
             if let Err(error) = self.end_in_part(&span) {
                 self.break_down(error);

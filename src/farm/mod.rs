@@ -4,11 +4,13 @@
 //! there, do what is missing. A scene goes through `files -> shards -> partials -> tuple`; each arrow writes
 //! whole files or nothing, so a process may be killed at any instruction.
 
+mod attempts;
 mod bands;
 mod coordinate;
 mod done;
 mod error;
 mod events;
+mod fault;
 mod finished;
 mod hand;
 mod held;
@@ -26,15 +28,20 @@ mod run_dir;
 pub mod sim;
 mod span;
 mod status;
+mod suspect;
 mod sweep;
 mod watch;
 mod work;
 mod writer;
 
+pub use attempts::{
+    ATTEMPT_SCHEMA, AttemptRecord, EndKind, Ending, MOST_LOST, WorkerName, attempts,
+};
 pub use coordinate::{CoordinateOptions, Coordinated, SeenTuple, Watch, coordinate};
 pub use done::Progress;
 pub use error::FarmError;
 pub use events::{Event, StageSeconds};
+pub use fault::Fault;
 pub use job::{SceneJob, render_partials};
 pub use merge_run::{MergeOutcome, merge_run};
 pub use plan::{PlanError, PlanOptions, Planned, plan};
@@ -42,5 +49,6 @@ pub use quarantine::{QUARANTINE_SCHEMA, QuarantineRecord};
 pub use run_dir::{Run, RunDir, RunError};
 pub use span::{HeldSpan, Span, uncovered, what_to_give};
 pub use status::{RunStatus, run_status};
+pub use suspect::{Isolate, IsolatedEnd};
 pub use watch::WatchedRun;
-pub use work::{Outcome, SharedQueue, Stop, WorkOptions, work, work_shared};
+pub use work::{Outcome, SharedQueue, Stop, WorkOptions, work, work_shared, work_span};

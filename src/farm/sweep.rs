@@ -17,9 +17,11 @@ pub(super) fn sweep(run: &Run) {
     sweep_folder(&root.join("inputs"), 5);
     sweep_folder(&root.join("tuples"), 1);
     sweep_folder(&root.join("partials"), 1);
+    sweep_folder(&root.join("attempts"), 1);
     for line in &run.lines {
         if is_written(&run.dir.tuple(&line.id), line) {
             let _ = std::fs::remove_dir_all(run.dir.partials(&line.id));
+            let _ = std::fs::remove_dir_all(root.join(super::keys::attempts(&line.id)));
         }
     }
 }
@@ -31,6 +33,7 @@ pub(super) fn sweep_staged(run: &Run, store: &Store) {
         let root = run.dir.root();
         sweep_folder(&root.join("tuples"), 1);
         sweep_folder(&root.join("partials"), 1);
+        sweep_folder(&root.join("attempts"), 1);
         sweep_folder(&root.join("receipts"), 0);
     }
 }

@@ -8,9 +8,11 @@
 //! Of results there wait for the store at most one a thread in the channel, one with each thread and one with the
 //! writer, each a partial or a scene's tuple, encoded.
 
+use super::attempts::WorkerName;
 use super::done::is_done;
 use super::error::FarmError;
 use super::events::{Event, StageSeconds};
+use super::fault::Fault;
 use super::finished::FinishedScene;
 use super::hand::{Band, Hand};
 use super::held::{Costs, HeldSpans};
@@ -21,6 +23,7 @@ use super::quarantine::QuarantineRecord;
 use super::queue::{LocalQueue, Queue, QueueKeeper, Waiting};
 use super::run_dir::Run;
 use super::span::Span;
+use super::suspect::Isolate;
 use super::sweep::sweep;
 use super::writer::{Order, What, remove_partials, write_tuple};
 use crate::ids::SceneId;
@@ -31,12 +34,14 @@ use crate::store::Store;
 use crate::trace::Isa;
 use crossbeam::channel::{Receiver, bounded};
 use crossbeam::deque::{Injector, Stealer, Worker};
+use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 /// How to work.
+#[derive(Clone)]
 pub struct WorkOptions<'a> {
     /// Threads that decode, trace and encode. One more reads files and one writes them.
     pub threads: usize,
@@ -46,6 +51,33 @@ pub struct WorkOptions<'a> {
     pub stop: &'a AtomicBool,
     /// No shard is begun after this time.
     pub deadline: Option<Instant>,
+    /// Who works, for attempts and receipts.
+    pub who: WorkerName,
+    /// A span without any progress for this time counts as hung.
+    pub hang: Duration,
+    /// Traces spans that may be dangerous in another process; without it they are traced in this one.
+    pub isolate: Option<&'a dyn Isolate>,
+    /// How to misbehave.
+    pub faults: &'a [Fault],
+}
+
+impl<'a> WorkOptions<'a> {
+    /// Without a deadline, in one process.
+    pub fn new(threads: usize, isa: Isa, stop: &'a AtomicBool) -> Self {
+        Self {
+            threads,
+            isa,
+            stop,
+            deadline: None,
+            who: WorkerName {
+                worker: "local".to_owned(),
+                host: "local".to_owned(),
+            },
+            hang: Duration::from_mins(2),
+            isolate: None,
+            faults: &[],
+        }
+    }
 }
 
 /// A queue that other workers take from, too.
@@ -54,12 +86,12 @@ pub struct SharedQueue<'a> {
     pub queue: &'a dyn Queue,
     /// What is held for longer, and not renewed, is given to somebody else.
     pub lease: Duration,
-    /// A span without any progress for this time counts as hung.
-    pub hang: Duration,
-    /// Called when one does. It must end the process: the thread cannot be stopped.
+    /// Called when a span is hung. It must end the process: the thread cannot be stopped.
     pub on_hung: &'a (dyn Fn(&str) + Sync),
-    /// Who this is, for receipts.
-    pub worker: String,
+    /// Called before leases are renewed, three times a lease.
+    pub on_sign: &'a (dyn Fn() + Sync),
+    /// This process was started by a worker, which records what comes of it.
+    pub is_child: bool,
 }
 
 /// Why work ended before the end.
@@ -69,6 +101,8 @@ pub enum Stop {
     Asked,
     /// The deadline passed.
     TimeLimit,
+    /// Too many scenes failed here.
+    Drained,
 }
 
 /// How work ended.
@@ -117,6 +151,9 @@ pub(super) struct Shared<'a> {
     pub(super) given: AtomicU64,
     pub(super) loads: AtomicU64,
     pub(super) timed_out: AtomicBool,
+    pub(super) drained: AtomicBool,
+    /// Scenes that failed since the last one that did not.
+    failing: Mutex<BTreeSet<SceneId>>,
     pub(super) quarantined: Mutex<Vec<(SceneId, String)>>,
     pub(super) failure: Mutex<Option<FarmError>>,
     pub(super) broken: AtomicBool,
@@ -137,7 +174,8 @@ pub fn work(
     let store = Store::local(run.dir.root())?;
     let queue = LocalQueue::new(None);
     let (mut quarantined, mut already_merged) = (Vec::new(), 0);
-    let (mut shards, mut waiting) = (0, Vec::new());
+    let tried = scenes_tried(&store)?;
+    let (mut shards, mut waiting, mut suspects) = (0, Vec::new(), Vec::new());
     for (scene, line) in run.lines.iter().enumerate() {
         if is_done(&store, line)? {
             already_merged += 1;
@@ -147,14 +185,20 @@ pub fn work(
             // What stands there is no tuple of this scene, and nobody else works here.
             let _ = std::fs::remove_dir_all(run.dir.tuple(&line.id));
             shards += u64::from(run.layout(line).len());
-            waiting.push(whole(run, scene));
+            // Nobody else works here: an attempt that stands was lost.
+            if tried.contains(&line.id) {
+                suspects.push(whole(run, scene));
+            } else {
+                waiting.push(whole(run, scene));
+            }
         }
     }
     on_event(Event::Started {
         shards,
-        scenes: waiting.len() as u64,
+        scenes: (waiting.len() + suspects.len()) as u64,
     });
     queue.publish(&waiting)?;
+    queue.publish_suspects(&suspects);
     let worker = queue.worker();
     let mut outcome = work_on(run, &store, &worker, None, options, on_event)?;
     outcome.already_merged += already_merged;
@@ -178,6 +222,25 @@ pub fn work_shared(
         scenes: run.lines.len() as u64,
     });
     work_on(run, store, shared.queue, Some(shared), options, on_event)
+}
+
+/// Works on what is in a queue that this process has for itself, of a run on which others work, too. Nothing is recorded
+/// of it: that is for who started this process.
+pub fn work_span(
+    run: &Run,
+    store: &Store,
+    shared: &SharedQueue,
+    options: &WorkOptions,
+    on_event: &(dyn Fn(Event) + Sync),
+) -> Result<Outcome, FarmError> {
+    work_on(run, store, shared.queue, Some(shared), options, on_event)
+}
+
+/// Scenes with a record of an attempt.
+fn scenes_tried(store: &Store) -> Result<BTreeSet<SceneId>, FarmError> {
+    let there = store.list(keys::ATTEMPTS)?;
+    let scenes = there.iter().filter_map(|key| key.split('/').nth(1));
+    Ok(scenes.filter_map(|id| SceneId::new(id).ok()).collect())
 }
 
 /// All of a scene.
@@ -237,6 +300,8 @@ fn work_on(
         given: AtomicU64::new(0),
         loads: AtomicU64::new(0),
         timed_out: AtomicBool::new(false),
+        drained: AtomicBool::new(false),
+        failing: Mutex::default(),
         quarantined: Mutex::default(),
         failure: Mutex::new(None),
         broken: AtomicBool::new(false),
@@ -273,9 +338,9 @@ fn work_on(
         shared.over.store(true, Ordering::Release);
         assert!(!panicked, "a thread of the farm panicked");
     });
+    // If the server is away, the leases end by themselves.
+    let back = shared.held.hand_back(queue, store).unwrap_or(0);
     if shared_queue.is_some() {
-        // If the server is away, the leases end by themselves.
-        let back = shared.held.hand_back(queue).unwrap_or(0);
         shared.given.fetch_add(u64::from(back), Ordering::Relaxed);
     }
     shared.outcome()
@@ -287,7 +352,9 @@ impl<'a> Shared<'a> {
         if let Some(error) = failure.expect("no holder of this lock panics") {
             return Err(error);
         }
-        let stopped = if self.options.stop.load(Ordering::Relaxed) {
+        let stopped = if self.drained.into_inner() {
+            Some(Stop::Drained)
+        } else if self.options.stop.load(Ordering::Relaxed) {
             Some(Stop::Asked)
         } else {
             let timed_out = self.timed_out.load(Ordering::Relaxed);
@@ -319,6 +386,7 @@ impl<'a> Shared<'a> {
         }
         self.options.stop.load(Ordering::Relaxed)
             || self.timed_out.load(Ordering::Relaxed)
+            || self.drained.load(Ordering::Relaxed)
             || self.broken.load(Ordering::Relaxed)
     }
 
@@ -372,6 +440,7 @@ impl<'a> Shared<'a> {
                     self.leave_receipt(line);
                     self.seconds.add_merge(start.elapsed());
                     self.merged.fetch_add(1, Ordering::Relaxed);
+                    self.went_well();
                     (self.on_event)(Event::SceneMerged {
                         scene: line.id.clone(),
                         miss_share,
@@ -391,6 +460,7 @@ impl<'a> Shared<'a> {
         if shards >= span.job.layout.len() as usize {
             self.to_complete.push(Arc::clone(span));
         } else if !self.is_done_elsewhere(span)? {
+            self.went_well();
             self.close(span.delivery.ticket);
         }
         Ok(())
@@ -412,9 +482,12 @@ impl<'a> Shared<'a> {
 
     /// An open span has ended.
     pub(super) fn close(&self, ticket: u64) {
-        self.held.remove(ticket);
-        self.queue.finish(ticket);
+        self.let_go(ticket);
         self.open.fetch_sub(1, Ordering::AcqRel);
+    }
+
+    pub(super) fn failing(&self) -> MutexGuard<'_, BTreeSet<SceneId>> {
+        self.failing.lock().expect("no holder of this lock panics")
     }
 
     /// Does a piece of a span's work; a panic in it costs its scene, not the farm.
@@ -449,6 +522,10 @@ impl<'a> Shared<'a> {
             self.break_down(error.into());
             return;
         }
+        self.tell_quarantine(line, reason);
+    }
+
+    pub(super) fn tell_quarantine(&self, line: &SceneLine, reason: &str) {
         let entry = (line.id.clone(), reason.to_owned());
         self.quarantined
             .lock()
@@ -463,11 +540,11 @@ impl<'a> Shared<'a> {
 
     /// Beside other workers: who made the tuple. Nothing depends on it.
     fn leave_receipt(&self, line: &SceneLine) {
-        if let Some(shared) = self.beside {
+        if self.beside.is_some() {
             let receipt = serde_json::json!({
                 "schema": "glasshouse.receipt/1",
                 "scene": line.id,
-                "worker": shared.worker,
+                "worker": self.options.who.worker,
                 "version": env!("CARGO_PKG_VERSION"),
             });
             let _ = self

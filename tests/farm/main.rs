@@ -24,6 +24,7 @@ mod merging;
 mod mesh;
 mod outputs;
 mod planning;
+mod poison;
 mod program;
 mod quarantine;
 mod queues;

@@ -10,7 +10,7 @@ use std::process::Child;
 use std::time::{Duration, Instant};
 
 /// Scenes take a few tenths of a second each, so that there is time to kill somebody.
-fn slow_place() -> Place {
+pub(crate) fn slow_place() -> Place {
     let place = place();
     let recipe = std::fs::read_to_string(&place.recipe).unwrap();
     std::fs::write(&place.recipe, recipe.replace("spp = 256", "spp = 4096")).unwrap();
@@ -19,7 +19,7 @@ fn slow_place() -> Place {
 }
 
 /// The tuples of one process.
-fn alone(place: &Place) -> BTreeMap<PathBuf, Content> {
+pub(crate) fn alone(place: &Place) -> BTreeMap<PathBuf, Content> {
     let folder = place.folder.path().join("alone");
     run(&[
         "plan",
@@ -34,7 +34,7 @@ fn alone(place: &Place) -> BTreeMap<PathBuf, Content> {
     tuples(&folder)
 }
 
-fn start(verb: &str, place: &Place, server: &Server, more: &[&str]) -> Child {
+pub(crate) fn start(verb: &str, place: &Place, server: &Server, more: &[&str]) -> Child {
     let url = server.url();
     let mut arguments = vec![verb, text(&place.run), "--queue", &url, "--lease-s", "2"];
     arguments.extend(["--progress", "none", "--json"]);
@@ -42,17 +42,17 @@ fn start(verb: &str, place: &Place, server: &Server, more: &[&str]) -> Child {
     command(&arguments).spawn().unwrap()
 }
 
-fn coordinator(place: &Place, server: &Server) -> Child {
+pub(crate) fn coordinator(place: &Place, server: &Server) -> Child {
     start("coordinate", place, server, &[])
 }
 
-fn worker(place: &Place, server: &Server) -> Child {
+pub(crate) fn worker(place: &Place, server: &Server) -> Child {
     start("work", place, server, &["-j", "1"])
 }
 
 /// Waits for the end of a process, for at most two minutes.
 #[track_caller]
-fn end(mut child: Child) -> Ended {
+pub(crate) fn end(mut child: Child) -> Ended {
     let start = Instant::now();
     while child.try_wait().unwrap().is_none() {
         if start.elapsed() > Duration::from_mins(2) {
@@ -67,7 +67,7 @@ fn end(mut child: Child) -> Ended {
     child.wait_with_output().unwrap().into()
 }
 
-fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
+pub(crate) fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
     let start = Instant::now();
     while !is_so() {
         assert!(
@@ -79,12 +79,12 @@ fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
 }
 
 /// Partials that were written and tuples that are whole.
-fn results(run: &Path) -> usize {
+pub(crate) fn results(run: &Path) -> usize {
     files(&run.join("partials")).len() + files(&run.join("tuples")).len()
 }
 
 /// Nothing unfinished, no partial, no queue's leftovers.
-fn assert_finished(run: &Path) {
+pub(crate) fn assert_finished(run: &Path) {
     assert!(run.join("finished.json").is_file());
     assert_eq!(files(&run.join("partials")).len(), 0);
     let odd = files(&run.join("tuples"))

@@ -6,7 +6,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 /// One file's content: pixels of an EXR by channel (bits, half or float), else bytes.
-#[derive(PartialEq)]
+#[derive(PartialEq, Clone)]
 pub(crate) enum Content {
     Pixels(BTreeMap<String, (&'static str, Vec<u32>)>),
     Bytes(Vec<u8>),

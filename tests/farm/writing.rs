@@ -19,12 +19,7 @@ fn a_slow_writer_holds_the_tracers_back() {
     let opened = Run::open(&place.run, &Roots::default()).unwrap();
     let never = AtomicBool::new(false);
     for threads in [1, 2] {
-        let options = WorkOptions {
-            threads,
-            isa: Isa::detect(),
-            stop: &never,
-            deadline: None,
-        };
+        let options = WorkOptions::new(threads, Isa::detect(), &never);
         let (done, held) = (AtomicUsize::new(0), AtomicUsize::new(0));
         let hold_up = || {
             let before = done.load(Ordering::SeqCst);
@@ -97,12 +92,7 @@ fn a_begun_shard_is_finished_after_a_stop() {
     for slot in 0.. {
         assert!(slot < 50, "no progress");
         let stop = AtomicBool::new(false);
-        let options = WorkOptions {
-            threads: 2,
-            isa: Isa::detect(),
-            stop: &stop,
-            deadline: None,
-        };
+        let options = WorkOptions::new(2, Isa::detect(), &stop);
         let outcome = std::thread::scope(|scope| {
             let (opened_one, wait) = crossbeam::channel::unbounded();
             scope.spawn(|| {

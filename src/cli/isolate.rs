@@ -1,0 +1,217 @@
+//! A worker's child: a process for a span that was lost with an earlier one.
+//!
+//! The child is `work --only SCENE:A-B` on the same run and store. It prints a line when it renews its lease, a line
+//! with `hung` when it finds out that it makes no progress, and at last its outcome as JSON.
+
+use super::args::{Only, QueueArgs};
+use crate::farm::{EndKind, Ending, Fault, Isolate, IsolatedEnd, Span};
+use crate::ids::SceneId;
+use crossbeam::channel::{Receiver, RecvTimeoutError, unbounded};
+use serde_json::Value;
+use std::collections::VecDeque;
+use std::io::{BufRead, BufReader, Read};
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+/// What a child prints when all goes well.
+pub(super) const SIGN: &str = "goes on";
+/// What it prints before it ends because it hangs.
+pub(super) const HUNG: &str = "hung: ";
+/// Lines of a lost child's messages that are kept.
+const TAIL_LINES: usize = 20;
+
+/// Starts children.
+pub(super) struct Children<'a> {
+    pub(super) run: &'a Path,
+    pub(super) roots: &'a [String],
+    pub(super) queue: Option<&'a QueueArgs>,
+    pub(super) threads: usize,
+    pub(super) isa: &'static str,
+    pub(super) hang: Duration,
+    pub(super) name: &'a str,
+    pub(super) faults: &'a [Fault],
+}
+
+impl Children<'_> {
+    fn command(&self, only: &Only) -> std::io::Result<Command> {
+        let program: PathBuf = std::env::current_exe()?;
+        let mut command = Command::new(program);
+        command.arg("work").arg(self.run);
+        let Only { scene, shards } = only;
+        command.args([
+            "--only",
+            &format!("{scene}:{}-{}", shards.start, shards.end),
+        ]);
+        command.args(["--json", "--progress", "none", "--isa", self.isa]);
+        command.args(["-j", &self.threads.to_string(), "--name", self.name]);
+        command.args(["--hang-s", &self.hang.as_secs_f64().to_string()]);
+        for root in self.roots {
+            command.args(["--root", root]);
+        }
+        for fault in self.faults {
+            command.args(["--fault", &fault.to_string()]);
+        }
+        // Not on the command line, where others would see what may be in a URL.
+        command
+            .env_remove("GLASSHOUSE_QUEUE")
+            .env_remove("GLASSHOUSE_STORE");
+        if let Some(QueueArgs {
+            queue: Some(url),
+            store,
+            ..
+        }) = self.queue
+        {
+            command.env("GLASSHOUSE_QUEUE", url);
+            if let Some(store) = store {
+                command.env("GLASSHOUSE_STORE", store);
+            }
+        }
+        command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        Ok(command)
+    }
+}
+
+impl Isolate for Children<'_> {
+    fn trace(
+        &self,
+        scene: &SceneId,
+        span: &Span,
+        on_sign: &dyn Fn(),
+        must_stop: &dyn Fn() -> bool,
+    ) -> IsolatedEnd {
+        let only = Only {
+            scene: scene.to_string(),
+            shards: span.shards.clone(),
+        };
+        let started = self.command(&only).and_then(|mut command| command.spawn());
+        let mut child = match started {
+            Ok(child) => child,
+            Err(error) => return IsolatedEnd::Failed(format!("it cannot be started: {error}")),
+        };
+        let lines = lines(child.stdout.take());
+        let messages = lines_of_stderr(&mut child);
+        let mut last = String::new();
+        let mut hung = None;
+        let mut heard = Instant::now();
+        loop {
+            match lines.recv_timeout(Duration::from_millis(50)) {
+                Ok(line) => {
+                    heard = Instant::now();
+                    if let Some(reason) = line.strip_prefix(HUNG) {
+                        hung = Some(reason.to_owned());
+                    } else if line != SIGN {
+                        last.push_str(&line);
+                    }
+                    on_sign();
+                }
+                Err(RecvTimeoutError::Disconnected) => break,
+                Err(RecvTimeoutError::Timeout) if must_stop() => {
+                    end(&mut child);
+                    return IsolatedEnd::Stopped;
+                }
+                Err(RecvTimeoutError::Timeout) if heard.elapsed() > self.hang => {
+                    let reason = format!("it gave no sign for {} s", self.hang.as_secs_f64());
+                    hung = Some(reason);
+                    end(&mut child);
+                    break;
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+        }
+        let status = match child.wait() {
+            Ok(status) => status,
+            Err(error) => return IsolatedEnd::Failed(error.to_string()),
+        };
+        let log_tail = tail(&messages);
+        let lost = |kind, reason| {
+            let ending = Ending {
+                kind,
+                reason,
+                log_tail: log_tail.clone(),
+            };
+            IsolatedEnd::Lost(ending)
+        };
+        match (hung, status.code()) {
+            (Some(reason), _) => lost(EndKind::Hung, reason),
+            (None, None) => lost(EndKind::Crashed, signal(status)),
+            (None, Some(0 | 3)) => done(&last),
+            // A signal for all of a terminal's processes.
+            (None, Some(75 | 130 | 143)) => IsolatedEnd::Stopped,
+            (None, Some(code)) => {
+                IsolatedEnd::Failed(format!("it ended with {code}: {}", log_tail.trim_end()))
+            }
+        }
+    }
+}
+
+fn end(child: &mut Child) {
+    // What it has put is durable, the rest is traced again.
+    let _ = child.kill();
+    let _ = child.wait();
+}
+
+fn signal(status: ExitStatus) -> String {
+    let number = status.signal().unwrap_or(0);
+    let name = signal_hook::low_level::signal_name(number).unwrap_or("unknown");
+    let hint = if name == "SIGKILL" {
+        ": is there enough memory?"
+    } else {
+        ""
+    };
+    format!("its process was killed by signal {number} ({name}){hint}")
+}
+
+fn done(outcome: &str) -> IsolatedEnd {
+    let Ok(outcome) = serde_json::from_str::<Value>(outcome) else {
+        return IsolatedEnd::Failed("it ended without saying what it did".to_owned());
+    };
+    let count = |key: &str| outcome[key].as_u64().unwrap_or(0);
+    IsolatedEnd::Done {
+        merged: count("merged"),
+        traced: count("shards_traced"),
+        resumed: count("shards_resumed"),
+        quarantined: outcome["quarantined"][0]["reason"]
+            .as_str()
+            .map(str::to_owned),
+    }
+}
+
+/// A pipe's lines, from a thread that ends with the pipe.
+fn lines(pipe: Option<impl Read + Send + 'static>) -> Receiver<String> {
+    let (sender, lines) = unbounded();
+    if let Some(pipe) = pipe {
+        std::thread::spawn(move || {
+            let mut pipe = BufReader::new(pipe);
+            let mut line = Vec::new();
+            while matches!(pipe.read_until(b'\n', &mut line), Ok(1..)) {
+                let text = String::from_utf8_lossy(&line).trim_end().to_owned();
+                line.clear();
+                if sender.send(text).is_err() {
+                    return;
+                }
+            }
+        });
+    }
+    lines
+}
+
+fn lines_of_stderr(child: &mut Child) -> Receiver<String> {
+    lines(child.stderr.take())
+}
+
+fn tail(messages: &Receiver<String>) -> String {
+    let mut last = VecDeque::new();
+    for line in messages {
+        if last.len() == TAIL_LINES {
+            last.pop_front();
+        }
+        let line: String = line.chars().take(400).collect();
+        last.push_back(line + "\n");
+    }
+    last.into_iter().collect()
+}

@@ -1,0 +1,293 @@
+//! Scenes that kill whoever works on them, hang, or cannot be read; workers that are ill. The others' tuples are those
+//! of a run in which nothing went wrong.
+
+use crate::many::{assert_finished, coordinator, end, start, worker};
+use crate::outputs::{Content, assert_same, files, tuples};
+use crate::program::{Ended, command, run, text};
+use crate::scenes::{Place, SCENES, photographs, place, reference, scene, write_lines};
+use crate::server::Server;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Child;
+
+fn ids(run: &Path) -> Vec<String> {
+    let manifest = std::fs::read_to_string(run.join("manifest.jsonl")).unwrap();
+    let id = |line: &str| serde_json::from_str::<Value>(line).unwrap()["id"].clone();
+    let ids = manifest.lines().map(|l| id(l).as_str().unwrap().to_owned());
+    ids.collect()
+}
+
+fn reason(run: &Path, scene: &str) -> String {
+    let record = std::fs::read(run.join(format!("quarantine/{scene}.json"))).unwrap();
+    let record: Value = serde_json::from_slice(&record).unwrap();
+    record["reason"].as_str().unwrap().to_owned()
+}
+
+fn attempts(run: &Path, scene: &str) -> Vec<Value> {
+    let folder = run.join("attempts").join(scene);
+    let read = |path: PathBuf| std::fs::read(folder.join(path)).unwrap();
+    let records = files(&folder).into_iter().map(read);
+    records
+        .map(|bytes| serde_json::from_slice(&bytes).unwrap())
+        .collect()
+}
+
+/// All of the reference but one scene.
+fn without(scene: &str) -> BTreeMap<PathBuf, Content> {
+    let mut all = reference().clone();
+    all.retain(|path, _| !path.to_string_lossy().contains(scene));
+    assert_eq!(all.len(), (SCENES - 1) * 6);
+    all
+}
+
+#[track_caller]
+fn assert_aborted(ended: &Ended) {
+    assert_eq!(ended.code, None, "it did not abort: {ended:#?}");
+}
+
+#[test]
+fn a_scene_that_kills_its_process_is_set_aside_after_four() {
+    let place = place();
+    place.plan();
+    let poison = &ids(&place.run)[1];
+    let fault = format!("abort:{poison}");
+    let work = ["work", text(&place.run), "--fault", &fault];
+    assert_aborted(&run(&work));
+    assert_eq!(attempts(&place.run, poison).len(), 1);
+    // Three children die; this process goes on.
+    run(&work).expect(3).says(&[
+        "traced in one of its own",
+        "SIGABRT",
+        "as ordered",
+        "quarantine",
+    ]);
+    assert_same(&tuples(&place.run), &without(poison));
+    let records = attempts(&place.run, poison);
+    assert_eq!(records.len(), 4);
+    let crashed = records.iter().filter(|r| r["ended"]["kind"] == "crashed");
+    assert_eq!(crashed.count(), 3);
+    let reason = reason(&place.run, poison);
+    for word in ["4 processes", "SIGABRT", "aborts this process, as ordered"] {
+        assert!(reason.contains(word), "{reason}");
+    }
+    // Mended, it is done.
+    std::fs::remove_dir_all(place.run.join("quarantine")).unwrap();
+    std::fs::remove_dir_all(place.run.join("attempts")).unwrap();
+    run(&["work", text(&place.run)]).expect(0);
+    assert_same(&tuples(&place.run), reference());
+}
+
+/// A process that was killed from outside is no reason to suspect its scenes for long.
+#[test]
+fn a_suspect_that_is_innocent_is_done_in_a_child() {
+    let place = place();
+    place.plan();
+    let innocent = &ids(&place.run)[2];
+    let fault = format!("abort:{innocent}");
+    assert_aborted(&run(&["work", text(&place.run), "--fault", &fault]));
+    let ended = run(&["work", text(&place.run), "--json"]).expect(0);
+    let ended = ended.says(&[innocent, "traced in one of its own"]).json();
+    assert_eq!(ended["quarantined"], json!([]));
+    let (here, before) = (ended["merged"].as_u64(), ended["already_merged"].as_u64());
+    assert_eq!(here.unwrap() + before.unwrap(), SCENES as u64);
+    assert_same(&tuples(&place.run), reference());
+    assert_eq!(files(&place.run.join("attempts")).len(), 0);
+}
+
+/// The same on a farm: workers that die are started again, as by systemd.
+#[test]
+fn poison_costs_a_farm_four_processes_at_most() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let place = place();
+    place.plan();
+    let poison = ids(&place.run)[0].clone();
+    let fault = format!("abort:{poison}");
+    let more = ["-j", "1", "--fault", &fault];
+    let coordinator = coordinator(&place, &server);
+    let mut workers: Vec<Child> = (0..3)
+        .map(|_| start("work", &place, &server, &more))
+        .collect();
+    let mut deaths = 0;
+    let mut done = 0;
+    while let Some(worker) = workers.pop() {
+        let ended = end(worker);
+        if ended.code.is_none() {
+            deaths += 1;
+            workers.insert(0, start("work", &place, &server, &more));
+        } else {
+            ended.expect(0);
+            done += 1;
+        }
+    }
+    assert_eq!(done, 3);
+    let crashed = |record: &&Value| record["ended"]["kind"] == "crashed";
+    let crashes = attempts(&place.run, &poison).iter().filter(crashed).count();
+    assert!(deaths >= 1 && deaths + crashes <= 4, "{deaths} {crashes}");
+    let ended = end(coordinator).expect(3).json();
+    assert_eq!(ended["quarantined"], 1);
+    assert!(reason(&place.run, &poison).contains("SIGABRT"));
+    assert_same(&tuples(&place.run), &without(&poison));
+}
+
+/// Its lease keeper lives, its tracer does not: it loses its lease, and another does the work.
+#[test]
+fn a_worker_that_hangs_leaves_its_work_to_others() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let place = place();
+    place.plan();
+    let fault = format!("hang:{}", ids(&place.run)[0]);
+    let coordinator = coordinator(&place, &server);
+    let hung = start(
+        "work",
+        &place,
+        &server,
+        &["-j", "1", "--fault", &fault, "--hang-s", "1"],
+    );
+    end(hung).expect(1).says(&["made no progress for 1 s"]);
+    let healthy = worker(&place, &server);
+    end(coordinator).expect(0);
+    end(healthy).expect(0);
+    assert_same(&tuples(&place.run), reference());
+    assert_finished(&place.run);
+}
+
+/// It hangs everywhere: in children, from the second attempt on.
+#[test]
+fn a_scene_that_always_hangs_is_set_aside() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let place = place();
+    place.plan();
+    let poison = ids(&place.run)[3].clone();
+    let fault = format!("hang:{poison}");
+    let more = ["-j", "1", "--fault", &fault, "--hang-s", "1"];
+    let coordinator = coordinator(&place, &server);
+    end(start("work", &place, &server, &more)).expect(1);
+    let second = start("work", &place, &server, &more);
+    end(coordinator).expect(3);
+    end(second).expect(0).says(&["made no progress for 1 s"]);
+    let records = attempts(&place.run, &poison);
+    let hung = records.iter().filter(|r| r["ended"]["kind"] == "hung");
+    assert_eq!(hung.count(), 3, "{records:#?}");
+    assert_same(&tuples(&place.run), &without(&poison));
+}
+
+#[test]
+fn a_slow_worker_changes_nothing() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let place = place();
+    place.plan();
+    let coordinator = coordinator(&place, &server);
+    let slow = start("work", &place, &server, &["-j", "1", "--fault", "slow:20"]);
+    let workers = [worker(&place, &server), worker(&place, &server)];
+    end(coordinator).expect(0);
+    end(slow).expect(0);
+    for worker in workers {
+        end(worker).expect(0);
+    }
+    assert_same(&tuples(&place.run), reference());
+    assert_finished(&place.run);
+}
+
+/// Five scenes whose photographs lie in `folder`, planned.
+fn rooted(folder: &Path) -> Place {
+    photographs(folder);
+    let mut place = place();
+    let lines: Vec<Value> = (0..5).map(|n| scene(&format!("scene{n}"))).collect();
+    place.recipe = folder.join("scenes.jsonl");
+    write_lines(&place.recipe, &lines);
+    place.plan();
+    place
+}
+
+/// Its disk of photographs is not mounted: it says so and goes, having condemned nothing.
+#[test]
+fn a_machine_without_the_photographs_leaves_the_farm() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let place = rooted(folder.path());
+    let coordinator = coordinator(&place, &server);
+    let root = format!("manifest={}", text(&folder.path().join("not-mounted")));
+    let ill = start("work", &place, &server, &["-j", "1", "--root", &root]);
+    let ended = end(ill).expect(1);
+    assert_eq!(ended.json()["stopped"], "drained");
+    ended.says(&[
+        "3 scenes in a row failed here",
+        "leaves the rest to others",
+        "--root",
+    ]);
+    assert!(!place.run.join("quarantine").exists());
+    let healthy = worker(&place, &server);
+    end(coordinator).expect(0);
+    end(healthy).expect(0);
+    assert_eq!(tuples(&place.run).len(), 5 * 6);
+    assert_finished(&place.run);
+}
+
+/// One photograph is nowhere: four attempts later its scenes are set aside, and the rest is done.
+#[test]
+fn a_file_that_nobody_can_read_is_named() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    photographs(folder.path());
+    let mut missing = scene("missing");
+    missing["back"]["color"] = json!("nowhere.png");
+    let manifest = folder.path().join("scenes.jsonl");
+    write_lines(&manifest, &[scene("one"), missing, scene("two")]);
+    let mut place = place();
+    place.recipe = manifest;
+    place.plan();
+    let coordinator = coordinator(&place, &server);
+    let workers = [worker(&place, &server), worker(&place, &server)];
+    end(coordinator).expect(3);
+    for worker in workers {
+        end(worker).expect(0);
+    }
+    assert!(reason(&place.run, "missing").contains("nowhere.png"));
+    assert_eq!(tuples(&place.run).len(), 2 * 6);
+}
+
+/// An image whose header promises more pixels than there is memory for: a real poison, by a limit on the process.
+#[test]
+fn a_scene_too_large_for_the_memory_is_set_aside() {
+    let folder = tempfile::tempdir().unwrap();
+    photographs(folder.path());
+    let mut large = scene("large");
+    large["front"]["color"] = json!("large.ppm");
+    let side = 8192;
+    let mut ppm = format!("P6 {side} {side} 255\n").into_bytes();
+    ppm.resize(ppm.len() + side * side * 3, 90);
+    std::fs::write(folder.path().join("large.ppm"), ppm).unwrap();
+    let manifest = folder.path().join("scenes.jsonl");
+    write_lines(&manifest, &[scene("one"), large, scene("two")]);
+    let out = folder.path().join("run");
+    run(&["plan", text(&manifest), "--out", text(&out)]).expect(0);
+    let limited = || -> Ended {
+        let program = command::<&str>(&[]);
+        let program = program.get_program().to_string_lossy().into_owned();
+        let script = format!(
+            "ulimit -v 1000000; exec '{program}' work '{}' -j 1",
+            text(&out)
+        );
+        let output = std::process::Command::new("bash")
+            .args(["-c", &script])
+            .output();
+        output.unwrap().into()
+    };
+    assert_aborted(&limited());
+    limited().expect(3).says(&["SIGABRT", "memory allocation"]);
+    assert!(reason(&out, "large").contains("memory allocation"));
+    assert_eq!(tuples(&out).len(), 2 * 6);
+}
