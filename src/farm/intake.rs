@@ -8,6 +8,7 @@ use super::work::Shared;
 use crate::manifest::SceneLine;
 use crate::scene::{LoadError, SceneFiles, read_files};
 use crossbeam::channel::Sender;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 /// A span and its scene's files.
@@ -21,56 +22,60 @@ pub(super) struct Loaded<'a> {
 const WAIT: Duration = Duration::from_millis(500);
 /// Between two looks whether another span is needed.
 const PAUSE: Duration = Duration::from_millis(5);
+/// Between two calls that do not wait.
+const AGAIN: Duration = Duration::from_millis(50);
 /// Between two looks whether the run is over, when there is nothing to do.
 const LOOK: Duration = Duration::from_secs(1);
 /// Between two complaints about a queue that is away.
 const COMPLAIN: Duration = Duration::from_secs(30);
-/// Pauses between two questions for work, at least and at most.
-const ASK: [Duration; 2] = [Duration::from_millis(20), Duration::from_secs(1)];
 
 impl<'a> Shared<'a> {
     /// Takes spans until the queue ends, the run is over or work must stop.
     pub(super) fn take_in(&self, sender: &Sender<Loaded<'a>>) {
         let (mut looked, mut complained) = (Instant::now(), None::<Instant>);
-        let mut pause = ASK[0];
         while !self.must_stop() {
+            let idle = sender.is_empty() && self.is_idle();
             if self.beside.is_some() && self.held.has_enough(self.ahead(), self.costs()) {
                 std::thread::sleep(PAUSE);
                 continue;
             }
-            match self.queue.take(WAIT) {
+            // Who still has work does not wait at the queue: what is given for somebody idle would go there. Who is idle
+            // waits there all the time, and asks others beside it, but only after a first look.
+            let hungry = self.hungry.load(Ordering::Acquire);
+            let wait = if self.beside.is_none() || (idle && hungry) {
+                WAIT
+            } else {
+                Duration::ZERO
+            };
+            match self.queue.take(wait) {
                 Taken::Span(delivery) => {
-                    (pause, complained) = (ASK[0], None);
+                    self.hungry.store(false, Ordering::Release);
+                    complained = None;
                     if !self.pass_on(sender, delivery) {
                         return;
                     }
                     continue;
                 }
-                Taken::Nothing => complained = None,
+                Taken::Nothing => {
+                    complained = None;
+                    self.hungry.store(idle, Ordering::Release);
+                    if !idle && self.beside.is_some() {
+                        std::thread::sleep(AGAIN);
+                    }
+                }
                 Taken::Ended => return,
                 Taken::Lost(reason) => {
+                    self.hungry.store(false, Ordering::Release);
                     if complained.is_none_or(|at| at.elapsed() > COMPLAIN) {
                         complained = Some(Instant::now());
                         (self.on_event)(Event::QueueLost { reason });
                     }
                 }
             }
-            if self.beside.is_none() {
-                continue;
-            }
-            if looked.elapsed() > LOOK {
+            if self.beside.is_some() && looked.elapsed() > LOOK {
                 looked = Instant::now();
                 if let Ok(Some(_)) = self.store.get(keys::FINISHED) {
                     return;
-                }
-            }
-            // Only who has nothing left asks others.
-            if sender.is_empty() && self.is_idle() && complained.is_none() {
-                if self.queue.ask() > 0 {
-                    pause = ASK[0];
-                } else {
-                    std::thread::sleep(pause);
-                    pause = (pause * 2).min(ASK[1]);
                 }
             }
         }

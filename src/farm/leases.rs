@@ -1,9 +1,12 @@
-//! The thread that keeps a worker's leases while there is progress, and gives work to whoever asks.
+//! The thread that keeps a worker's leases while there is progress, gives work to whoever asks, and asks when there is
+//! nothing left.
 
 use super::work::{Shared, SharedQueue};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+/// Pauses between two questions for work, at least and at most. The simulator chose them.
+const ASK: [Duration; 2] = [Duration::from_millis(20), Duration::from_secs(10)];
 /// How long one look for questions waits.
 const WAIT: Duration = Duration::from_millis(20);
 
@@ -11,12 +14,21 @@ impl Shared<'_> {
     /// Until the hands have gone home.
     pub(super) fn keep_leases(&self, shared: &SharedQueue) {
         let every = shared.lease / 3;
-        let mut renewed = Instant::now();
+        let (mut renewed, mut asked) = (Instant::now(), Instant::now());
+        let mut pause = ASK[0];
         while !self.over.load(Ordering::Acquire) {
             let able = !self.must_stop() && self.held.has_something_to_give(self.costs());
             shared.queue.offer(able);
             if let Some(ask) = shared.queue.asked(WAIT) {
                 ask.answer(self.give(shared));
+            }
+            if !self.is_idle() {
+                pause = ASK[0];
+            } else if self.hungry.load(Ordering::Acquire) && asked.elapsed() > pause {
+                // What is given for it goes through the queue, where this worker waits.
+                shared.queue.ask();
+                asked = Instant::now();
+                pause = (pause * 2).min(ASK[1]);
             }
             if renewed.elapsed() < every {
                 continue;

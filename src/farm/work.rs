@@ -152,6 +152,8 @@ pub(super) struct Shared<'a> {
     pub(super) loads: AtomicU64,
     pub(super) timed_out: AtomicBool,
     pub(super) drained: AtomicBool,
+    /// There is nothing to do here, and nothing in the queue.
+    pub(super) hungry: AtomicBool,
     /// Scenes that failed since the last one that did not.
     failing: Mutex<BTreeSet<SceneId>>,
     pub(super) quarantined: Mutex<Vec<(SceneId, String)>>,
@@ -301,6 +303,7 @@ fn work_on(
         loads: AtomicU64::new(0),
         timed_out: AtomicBool::new(false),
         drained: AtomicBool::new(false),
+        hungry: AtomicBool::new(false),
         failing: Mutex::default(),
         quarantined: Mutex::default(),
         failure: Mutex::new(None),

@@ -66,7 +66,7 @@ pub struct QueueError(pub String);
 
 /// One worker's end of a queue.
 pub trait Queue: Send + Sync {
-    /// Takes a span, waiting for one up to `wait`.
+    /// Takes a span, waiting for one up to `wait`; with a `wait` of zero, one that is there now.
     fn take(&self, wait: Duration) -> Taken;
     /// Publishes spans. On return the queue has them; one that it has already is no error.
     fn publish(&self, waiting: &[Waiting]) -> Result<(), QueueError>;

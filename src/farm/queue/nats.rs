@@ -23,6 +23,8 @@ use tokio::task::JoinHandle;
 const CONSUMER: &str = "work";
 /// The server answers within this time, or counts as gone for now.
 const ANSWER: Duration = Duration::from_secs(5);
+/// Between two calls to a server that is away.
+const AWAY: Duration = Duration::from_millis(300);
 /// Messages on the way to the server at once.
 const IN_FLIGHT: usize = 256;
 
@@ -269,12 +271,12 @@ impl NatsWorker {
     async fn pull(&self, wait: Duration) -> Result<Option<Message>, QueueError> {
         let consumer = self.consumer().await?;
         let pull = async {
-            let mut batch = consumer
-                .batch()
-                .max_messages(1)
-                .expires(wait)
-                .messages()
-                .await?;
+            let mut batch = if wait.is_zero() {
+                consumer.fetch().max_messages(1).messages().await?
+            } else {
+                let batch = consumer.batch().max_messages(1);
+                batch.expires(wait).messages().await?
+            };
             match batch.next().await {
                 Some(Ok(message)) => Ok(Some(message)),
                 Some(Err(error)) => Err(error),
@@ -301,7 +303,7 @@ impl Queue for NatsWorker {
             Ok(None) => return Taken::Nothing,
             Err(error) => {
                 *self.consumer.lock().expect("no holder of this lock panics") = None;
-                std::thread::sleep(wait.min(Duration::from_millis(300)));
+                std::thread::sleep(AWAY);
                 return Taken::Lost(error.to_string());
             }
         };
@@ -351,7 +353,8 @@ impl Queue for NatsWorker {
     fn ask(&self) -> u32 {
         let subject = format!("{}.give", self.connection.subjects);
         let request = self.connection.client.request(subject, Vec::new().into());
-        let answer = within(ANSWER, request);
+        // Who asks keeps leases, too.
+        let answer = within(ANSWER.min(self.lease / 3), request);
         match answer {
             Some(Ok(answer)) => decode::<GiveReply>(&answer.payload).map_or(0, |reply| reply.spans),
             // Nobody may be asked, or the server is away.
