@@ -29,6 +29,7 @@ mod program;
 mod quarantine;
 mod queues;
 mod rendering;
+mod roles;
 mod same;
 mod scenes;
 mod serve;

@@ -2,8 +2,11 @@
 
 use crate::outputs::{Content, assert_same, files, tuples};
 use crate::program::{Ended, command, run, send, text};
-use crate::scenes::{Place, SCENES, place, reference};
+use crate::scenes::{Place, SCENES, SHARDS, place, reference};
 use crate::server::Server;
+use glasshouse::farm::queue::{NatsOptions, NatsWorker, Queue, Waiting};
+use glasshouse::farm::{Run, Span};
+use glasshouse::manifest::Roots;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Child;
@@ -238,6 +241,60 @@ fn an_idle_worker_gets_a_part_of_a_scene() {
     let idle = end(idle).expect(0).json();
     assert!(busy["spans_given"].as_u64().unwrap() > 0, "{busy}");
     assert!(idle["shards_traced"].as_u64().unwrap() > 0, "{idle}");
+    assert_same(&tuples(&place.run), &alone(&place));
+    assert_finished(&place.run);
+}
+
+/// Spans twice, cut otherwise, in any order, of scenes that are done; and messages of somebody else.
+#[test]
+fn repeated_reordered_and_foreign_messages_change_nothing() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let place = slow_place();
+    let coordinator = coordinator(&place, &server);
+    let workers = [worker(&place, &server), worker(&place, &server)];
+    wait_for("a result", || results(&place.run) > 2);
+    let run = Run::open(&place.run, &Roots::default()).unwrap();
+    let options = NatsOptions {
+        url: server.url(),
+        name: "mischief".to_owned(),
+        ..NatsOptions::default()
+    };
+    let mischief = NatsWorker::connect(&options, run.id(), SCENES, Duration::from_secs(2)).unwrap();
+    let shards = SHARDS as u32;
+    for round in 0..3 {
+        let mut again = Vec::new();
+        for scene in (0..SCENES as u32).rev() {
+            let cut = 3 + 5 * round;
+            for shards in [cut..shards, 0..shards, 0..cut, cut..cut + 1] {
+                let span = Span { scene, shards };
+                let handed_on = 7 + round;
+                again.push(Waiting { span, handed_on });
+            }
+        }
+        mischief.publish(&again).unwrap();
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let hex: String = run.id()[..4].iter().map(|b| format!("{b:02x}")).collect();
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(1)
+        .enable_all()
+        .build()
+        .unwrap();
+    runtime.block_on(async {
+        let client = async_nats::connect(server.url()).await.unwrap();
+        let foreign: [&[u8]; 4] = [b"", b"\x01short", b"\x63of another version", &[1; 24]];
+        for (number, payload) in foreign.into_iter().enumerate() {
+            let subject = format!("glasshouse.{hex}.span.{number}.0-9.{}", 90 + number);
+            client.publish(subject, payload.into()).await.unwrap();
+        }
+        client.flush().await.unwrap();
+    });
+    end(coordinator).expect(0);
+    for worker in workers {
+        end(worker).expect(0);
+    }
     assert_same(&tuples(&place.run), &alone(&place));
     assert_finished(&place.run);
 }

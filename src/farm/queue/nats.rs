@@ -16,13 +16,15 @@ use futures_util::{StreamExt, TryStreamExt};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::task::JoinHandle;
 
 /// The consumer that all workers share.
 const CONSUMER: &str = "work";
 /// The server answers within this time, or counts as gone for now.
 const ANSWER: Duration = Duration::from_secs(5);
+/// Between two connections tried by hand.
+const PROBE_EVERY: Duration = Duration::from_secs(20);
 /// Between two calls to a server that is away.
 const AWAY: Duration = Duration::from_millis(300);
 /// Messages on the way to the server at once.
@@ -43,6 +45,40 @@ pub struct NatsOptions {
     pub name: String,
 }
 
+fn invalid(what: &str, e: &dyn std::fmt::Display) -> QueueError {
+    QueueError(format!("{what}: {e}"))
+}
+
+impl NatsOptions {
+    fn servers(&self) -> Result<Vec<ServerAddr>, QueueError> {
+        let servers = self.url.split(',').map(str::parse);
+        let servers: Result<_, _> = servers.collect();
+        servers.map_err(|e: std::io::Error| invalid(&shown(&self.url), &e))
+    }
+
+    fn connect(&self) -> Result<ConnectOptions, QueueError> {
+        let mut connect = ConnectOptions::new()
+            .name(&self.name)
+            .connection_timeout(ANSWER);
+        if let Some(path) = &self.nkey {
+            let seed = std::fs::read_to_string(path)
+                .map_err(|e| invalid(&format!("the nkey {}", path.display()), &e))?;
+            connect = connect.nkey(seed.trim().to_owned());
+        }
+        if let Some(path) = &self.creds {
+            connect = RUNTIME
+                .block_on(connect.credentials_file(path))
+                .map_err(|e| invalid(&format!("the credentials {}", path.display()), &e))?;
+        }
+        if let Some(path) = &self.ca {
+            std::fs::metadata(path)
+                .map_err(|e| invalid(&format!("the certificates {}", path.display()), &e))?;
+            connect = connect.add_root_certificates(path.clone());
+        }
+        Ok(connect)
+    }
+}
+
 /// A connection that is made anew for ever.
 struct Connection {
     client: Client,
@@ -52,6 +88,9 @@ struct Connection {
     subjects: String,
     /// What the server complained of last.
     complaint: Arc<Mutex<Option<String>>>,
+    options: NatsOptions,
+    /// When a connection was tried by hand, and what came of it.
+    probed: Mutex<Option<(Instant, Option<String>)>>,
 }
 
 /// A worker's end.
@@ -75,18 +114,10 @@ impl Connection {
     fn open(options: &NatsOptions, run: [u8; 8]) -> Result<Self, QueueError> {
         let complaint: Arc<Mutex<Option<String>>> = Arc::default();
         let said = Arc::clone(&complaint);
-        let invalid = |what: &str, e: &dyn std::fmt::Display| QueueError(format!("{what}: {e}"));
-        let servers = options
-            .url
-            .split(',')
-            .map(str::parse)
-            .collect::<Result<Vec<ServerAddr>, _>>()
-            .map_err(|e| invalid(&shown(&options.url), &e))?;
-        let mut connect = ConnectOptions::new()
-            .name(&options.name)
+        let connect = options
+            .connect()?
             .retry_on_initial_connect()
             .max_reconnects(None)
-            .connection_timeout(ANSWER)
             .request_timeout(Some(ANSWER))
             .event_callback(move |event| {
                 let said = Arc::clone(&said);
@@ -98,21 +129,7 @@ impl Connection {
                     *said.lock().expect("no holder of this lock panics") = text;
                 }
             });
-        if let Some(path) = &options.nkey {
-            let seed = std::fs::read_to_string(path)
-                .map_err(|e| invalid(&format!("the nkey {}", path.display()), &e))?;
-            connect = connect.nkey(seed.trim().to_owned());
-        }
-        if let Some(path) = &options.creds {
-            connect = RUNTIME
-                .block_on(connect.credentials_file(path))
-                .map_err(|e| invalid(&format!("the credentials {}", path.display()), &e))?;
-        }
-        if let Some(path) = &options.ca {
-            std::fs::metadata(path)
-                .map_err(|e| invalid(&format!("the certificates {}", path.display()), &e))?;
-            connect = connect.add_root_certificates(path.clone());
-        }
+        let servers = options.servers()?;
         let client = RUNTIME
             .block_on(connect.connect(servers))
             .map_err(|e| invalid(&shown(&options.url), &e))?;
@@ -129,7 +146,46 @@ impl Connection {
             stream: format!("GLASSHOUSE_{hex}"),
             subjects: format!("glasshouse.{hex}"),
             complaint,
+            options: options.clone(),
+            probed: Mutex::new(None),
         })
+    }
+
+    /// The same error with its cause: the client that tries for ever says only "IO error" of a refused port, a name that
+    /// nobody knows and a certificate that nobody signed, so a connection is tried by hand.
+    fn explained(&self, error: QueueError) -> QueueError {
+        let connected = self.client.connection_state() == async_nats::connection::State::Connected;
+        if connected {
+            return error;
+        }
+        let mut probed = self.probed.lock().expect("no holder of this lock panics");
+        let cause = match &*probed {
+            Some((at, cause)) if at.elapsed() < PROBE_EVERY => cause.clone(),
+            _ => {
+                let cause = self.probe();
+                *probed = Some((Instant::now(), cause.clone()));
+                cause
+            }
+        };
+        cause.map_or(error, QueueError)
+    }
+
+    fn probe(&self) -> Option<String> {
+        let (connect, servers) = (self.options.connect().ok()?, self.options.servers().ok()?);
+        let error = match within(ANSWER, connect.connect(servers)) {
+            None => return Some(format!("no answer from {}", shown(&self.options.url))),
+            Some(Ok(_)) => return None,
+            Some(Err(error)) => error,
+        };
+        let mut text = format!("{}: {error}", shown(&self.options.url));
+        let mut next = std::error::Error::source(&error);
+        while let Some(cause) = next {
+            if !text.contains(&cause.to_string()) {
+                text += &format!(": {cause}");
+            }
+            next = cause.source();
+        }
+        Some(text)
     }
 
     /// An error with what the server said about it, if it said anything.
@@ -304,7 +360,7 @@ impl Queue for NatsWorker {
             Err(error) => {
                 *self.consumer.lock().expect("no holder of this lock panics") = None;
                 std::thread::sleep(AWAY);
-                return Taken::Lost(error.to_string());
+                return Taken::Lost(self.connection.explained(error).0);
             }
         };
         let (deliveries, ticket) = match message.info() {
@@ -449,10 +505,8 @@ impl NatsCoordinator {
             .await
             .map_err(|e| connection.lost(&e))
     }
-}
 
-impl QueueKeeper for NatsCoordinator {
-    fn ensure(&self) -> Result<(), QueueError> {
+    fn make(&self) -> Result<(), QueueError> {
         let connection = &self.connection;
         RUNTIME.block_on(async {
             let wanted = self.config();
@@ -503,6 +557,13 @@ impl QueueKeeper for NatsCoordinator {
             }
             Ok(())
         })
+    }
+}
+
+impl QueueKeeper for NatsCoordinator {
+    fn ensure(&self) -> Result<(), QueueError> {
+        self.make()
+            .map_err(|error| self.connection.explained(error))
     }
 
     fn look(&self) -> Result<QueueState, QueueError> {

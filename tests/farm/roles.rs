@@ -1,0 +1,248 @@
+//! The shipped server configuration with the shipped keys: the program works over TLS with each role's key, and no role
+//! can do more than it must.
+
+use crate::many::end;
+use crate::outputs::{assert_same, tuples};
+use crate::program::{command, text};
+use crate::scenes::{Place, place, reference};
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tempfile::TempDir;
+
+/// A nats-server with `workers/nats/server.conf`.
+struct SecureServer {
+    child: Child,
+    port: u16,
+    folder: TempDir,
+}
+
+impl Drop for SecureServer {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl SecureServer {
+    fn start() -> Option<Self> {
+        let folder = tempfile::tempdir().unwrap();
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("workers/nats/make-keys.sh");
+        let keys = folder.path().join("keys");
+        let made = Command::new("bash")
+            .arg(script)
+            .args([text(&keys), "localhost"])
+            .output()
+            .unwrap();
+        if !made.status.success() {
+            eprintln!(
+                "skipped: make-keys.sh: {}",
+                String::from_utf8_lossy(&made.stderr)
+            );
+            return None;
+        }
+        let started = Command::new("nats-server")
+            .args(["-a", "127.0.0.1", "-p", "-1", "-m", "-1", "-c"])
+            .arg(keys.join("server/server.conf"))
+            .stdin(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn();
+        let Ok(mut child) = started else {
+            eprintln!("skipped: nats-server is not installed");
+            return None;
+        };
+        let mut log = BufReader::new(child.stderr.take().unwrap()).lines();
+        let port = log.by_ref().find_map(|line| {
+            let line = line.unwrap();
+            let (_, address) = line.split_once("client connections on ")?;
+            address.trim().rsplit_once(':')?.1.parse().ok()
+        });
+        // Its log is read to the end, so that it never waits for a reader.
+        std::thread::spawn(move || log.for_each(drop));
+        Some(Self {
+            child,
+            port: port.expect("it says where it listens"),
+            folder,
+        })
+    }
+
+    fn url(&self) -> String {
+        format!("tls://localhost:{}", self.port)
+    }
+
+    fn key(&self, role: &str, file: &str) -> PathBuf {
+        self.folder.path().join("keys").join(role).join(file)
+    }
+
+    /// The program with a role's key.
+    fn start_as(&self, role: &str, verb: &str, place: &Place, more: &[&str]) -> Child {
+        let (key, ca) = (self.key(role, "nkey"), self.key(role, "ca.pem"));
+        let url = self.url();
+        let mut arguments = vec![verb, text(&place.run), "--queue", &url, "--lease-s", "2"];
+        arguments.extend(["--queue-nkey", text(&key), "--queue-ca", text(&ca)]);
+        arguments.extend(["--progress", "none", "--json"]);
+        arguments.extend(more);
+        command(&arguments).spawn().unwrap()
+    }
+}
+
+#[test]
+fn a_farm_over_tls_with_the_shipped_keys() {
+    let Some(server) = SecureServer::start() else {
+        return;
+    };
+    let place = place();
+    place.plan();
+    let coordinator = server.start_as("coordinator", "coordinate", &place, &[]);
+    let workers = [1, 2].map(|_| server.start_as("worker", "work", &place, &["-j", "1"]));
+    end(coordinator).expect(0);
+    for worker in workers {
+        end(worker).expect(0);
+    }
+    assert_same(&tuples(&place.run), reference());
+}
+
+/// Who may not is told why, and the seed is in no message.
+#[test]
+fn a_wrong_key_or_authority_is_told() {
+    let Some(server) = SecureServer::start() else {
+        return;
+    };
+    let place = place();
+    place.plan();
+    let url = server.url();
+    let seed = std::fs::read_to_string(server.key("observer", "nkey")).unwrap();
+    let says = |arguments: &[&str], words: &[&str]| {
+        let mut all = vec!["work", text(&place.run), "--queue", &url, "-j", "1"];
+        all.extend(["--progress", "none"]);
+        all.extend(arguments);
+        let mut child = command(&all).spawn().unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let line = lines.next().unwrap().unwrap();
+        child.kill().unwrap();
+        child.wait().unwrap();
+        for word in words {
+            assert!(line.contains(word), "no {word:?} in {line}");
+        }
+        assert!(!line.contains(seed.trim()), "{line}");
+    };
+    let (ca, key) = (
+        server.key("worker", "ca.pem"),
+        server.key("observer", "nkey"),
+    );
+    // Not the authority that signed the server.
+    says(
+        &["--queue-nkey", text(&key)],
+        &["waiting for the queue", "certificate"],
+    );
+    // No key at all.
+    says(
+        &["--queue-ca", text(&ca)],
+        &["waiting for the queue", "authorization"],
+    );
+}
+
+/// Publishes to each subject as a role, and tells which of them the server refused.
+fn refused(server: &SecureServer, role: &str, subjects: &[&str]) -> Vec<String> {
+    let seen: Arc<Mutex<Vec<String>>> = Arc::default();
+    let events = Arc::clone(&seen);
+    let seed = std::fs::read_to_string(server.key(role, "nkey")).unwrap();
+    let ca = server.key(role, "ca.pem");
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(1)
+        .enable_all()
+        .build()
+        .unwrap();
+    let _ = rustls::crypto::ring::default_provider().install_default();
+    let marker = "glasshouse.marker.nobody.may";
+    runtime.block_on(async {
+        let client = async_nats::ConnectOptions::new()
+            .nkey(seed.trim().to_owned())
+            .add_root_certificates(ca)
+            .event_callback(move |event| {
+                let events = Arc::clone(&events);
+                async move {
+                    events.lock().unwrap().push(event.to_string());
+                }
+            })
+            .connect(server.url())
+            .await
+            .unwrap();
+        for subject in subjects.iter().chain([&marker]) {
+            client
+                .publish((*subject).to_owned(), "".into())
+                .await
+                .unwrap();
+        }
+        client.flush().await.unwrap();
+        // The server answers in order: when it has refused the marker, it has judged all others.
+        let start = std::time::Instant::now();
+        while !seen.lock().unwrap().iter().any(|e| e.contains(marker)) {
+            assert!(start.elapsed() < Duration::from_secs(10), "no answer");
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    });
+    let seen: Vec<String> = seen
+        .lock()
+        .unwrap()
+        .iter()
+        .map(|e| e.to_lowercase())
+        .collect();
+    let is_refused = |subject: &&&str| {
+        let words = format!("publish to \"{}\"", subject.to_lowercase());
+        seen.iter().any(|event| event.contains(&words))
+    };
+    let refused = subjects.iter().filter(is_refused);
+    refused.map(|s| (*s).to_owned()).collect()
+}
+
+/// Subjects that each role needs, and those of the others, which it may not use.
+#[test]
+fn a_role_can_do_what_it_must_and_no_more() {
+    let Some(server) = SecureServer::start() else {
+        return;
+    };
+    let stream = "GLASSHOUSE_00112233";
+    let administration = [
+        "STREAM.CREATE.*",
+        "STREAM.UPDATE.*",
+        "STREAM.DELETE.*",
+        "STREAM.PURGE.*",
+        "STREAM.MSG.DELETE.*",
+        "CONSUMER.DELETE.*.work",
+        "CONSUMER.DURABLE.CREATE.*.work",
+    ]
+    .map(|call| format!("$JS.API.{}", call.replace('*', stream)));
+    let work = [
+        format!("$JS.API.CONSUMER.MSG.NEXT.{stream}.work"),
+        format!("$JS.ACK.{stream}.work.1.1.1.1.1"),
+        "glasshouse.00112233.span.0.0-4.0".to_owned(),
+        "glasshouse.00112233.give".to_owned(),
+    ];
+    let looking = [
+        format!("$JS.API.STREAM.INFO.{stream}"),
+        format!("$JS.API.CONSUMER.INFO.{stream}.work"),
+    ];
+    let foreign = [
+        "elsewhere.span".to_owned(),
+        "$SYS.REQ.SERVER.PING".to_owned(),
+        "$JS.ACK.OTHER.mine.1.1.1.1.1".to_owned(),
+    ];
+    let check = |role: &str, may: &[&[String]], may_not: &[&[String]]| {
+        let list = |groups: &[&[String]]| -> Vec<String> {
+            groups.iter().flat_map(|g| g.iter().cloned()).collect()
+        };
+        let (may, may_not) = (list(may), list(may_not));
+        let all: Vec<&str> = may.iter().chain(&may_not).map(String::as_str).collect();
+        assert_eq!(refused(&server, role, &all), may_not, "{role}");
+    };
+    check("worker", &[&work, &looking], &[&administration, &foreign]);
+    check("observer", &[&looking], &[&work, &administration, &foreign]);
+    check(
+        "coordinator",
+        &[&administration, &looking, &work[2..3]],
+        &[&work[1..2], &work[3..], &foreign],
+    );
+}
