@@ -136,7 +136,7 @@ pub enum Command {
     #[command(after_help = "Examples:
   glasshouse merge runs/smoke
   glasshouse merge runs/smoke -n --json")]
-    Merge(RunFolder),
+    Merge(MergeArgs),
     /// Say what is done and what is left of a run
     #[command(after_help = "Examples:
   glasshouse status runs/smoke
@@ -158,7 +158,7 @@ pub enum Command {
 /// A place for a named root.
 #[derive(Clone, Debug, ClapArgs)]
 pub struct RootArgs {
-    /// Folder of a named root, repeatable
+    /// Folder of a named root, or s3://BUCKET/PREFIX; repeatable
     #[arg(long = "root", value_name = "NAME=DIR")]
     pub roots: Vec<String>,
 }
@@ -235,6 +235,17 @@ pub struct RenderArgs {
     pub roots: RootArgs,
 }
 
+/// Where input files from object stores are kept.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct CacheArgs {
+    /// Folder for input files that come from an object store; workers may share it [default: RUN/cache]
+    #[arg(long, value_name = "DIR", env = "GLASSHOUSE_CACHE")]
+    pub cache: Option<PathBuf>,
+    /// Its size at most, about, in GB; 0 keeps nothing
+    #[arg(long, value_name = "GB", default_value = "20", value_parser = parse_gb)]
+    pub cache_gb: f64,
+}
+
 /// `work`
 #[derive(Debug, ClapArgs)]
 pub struct WorkArgs {
@@ -249,6 +260,9 @@ pub struct WorkArgs {
     /// The queue.
     #[command(flatten)]
     pub queue: QueueArgs,
+    /// Input files from object stores.
+    #[command(flatten)]
+    pub cache: CacheArgs,
     /// A scene without any progress for this time counts as hung: the worker ends and leaves it to others
     #[arg(long, value_name = "S", default_value = "120", value_parser = parse_duration, help_heading = FARM)]
     pub hang_s: Duration,
@@ -302,9 +316,12 @@ pub struct QueueArgs {
         hide_env_values = true
     )]
     pub queue: Option<String>,
-    /// Folder of the run's objects, if not the run's own; all machines must see it
-    #[arg(long, value_name = "DIR", env = "GLASSHOUSE_STORE", requires = "queue")]
+    /// Where the run's objects are, if not in the run's folder: a folder that all machines see, or s3://BUCKET/PREFIX
+    #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE", requires = "queue")]
     pub store: Option<String>,
+    /// Try again for so long when the store is away or busy; a worker then ends with 75
+    #[arg(long, value_name = "S", default_value = "45", value_parser = parse_duration, requires = "queue")]
+    pub store_patience_s: Duration,
     /// What is held for longer without a sign of life goes to another worker; the same for all
     #[arg(long, value_name = "S", default_value = "30", value_parser = parse_duration, requires = "queue")]
     pub lease_s: Duration,
@@ -347,6 +364,16 @@ pub struct CoordinateArgs {
     pub listen: Option<std::net::SocketAddr>,
 }
 
+/// `merge`
+#[derive(Debug, ClapArgs)]
+pub struct MergeArgs {
+    /// Folder of the run
+    pub run: PathBuf,
+    /// Where the run's objects are, if not in the run's folder: a folder, or s3://BUCKET/PREFIX
+    #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE", help_heading = FARM)]
+    pub store: Option<String>,
+}
+
 /// A run's folder.
 #[derive(Debug, ClapArgs)]
 pub struct RunFolder {
@@ -358,6 +385,13 @@ pub(super) fn parse_spp(text: &str) -> Result<u32, String> {
     match text.parse::<u32>() {
         Ok(n) if n.is_power_of_two() && n <= 65_536 => Ok(n),
         _ => Err("samples a pixel are a power of two from 1 to 65536".to_owned()),
+    }
+}
+
+fn parse_gb(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(gb) if (0.0..=1e6).contains(&gb) => Ok(gb),
+        _ => Err("write gigabytes, 0 to 1000000".to_owned()),
     }
 }
 

@@ -21,6 +21,7 @@ pub(super) fn run(
     global: &Global,
     output: &Output,
 ) -> Result<Exit, Failure> {
+    queue_cmd::fetch_run(&args.run, &args.queue)?;
     let run = Run::open(&args.run, &Roots::default())?;
     let signals = Signals::catch();
     let store = queue_cmd::store(&args.run, &args.queue)?;

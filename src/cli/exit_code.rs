@@ -110,7 +110,8 @@ impl From<crate::farm::FarmError> for Failure {
         match error {
             E::Run(error) => error.into(),
             E::Golden { .. } => Self::new(Exit::Disagrees, error),
-            E::Write(_) | E::Store(_) | E::Queue(_) | E::Tuple(_) | E::Isolated(_) => {
+            E::Store(error) => error.into(),
+            E::Write(_) | E::Queue(_) | E::Tuple(_) | E::Isolated(_) => {
                 Self::new(Exit::Failed, error)
             }
         }
@@ -122,6 +123,7 @@ impl From<crate::farm::PlanError> for Failure {
         use crate::farm::PlanError as E;
         match error {
             E::Run(error) => error.into(),
+            E::Store(error) => error.into(),
             E::Mismatch(_) => Self::new(Exit::Disagrees, error),
             E::Write(_) | E::Sample(_) => Self::new(Exit::Failed, error),
             _ => Self::new(Exit::InvalidInput, error),
@@ -145,6 +147,7 @@ impl From<crate::store::StoreError> for Failure {
     fn from(error: crate::store::StoreError) -> Self {
         let exit = match error {
             crate::store::StoreError::Address { .. } => Exit::Usage,
+            ref error if error.is_passing() => Exit::TryAgain,
             _ => Exit::Failed,
         };
         Self::new(exit, error)

@@ -3,7 +3,7 @@
 //! The child is `work --only SCENE:A-B` on the same run and store. It prints a line when it renews its lease, a line
 //! with `hung` when it finds out that it makes no progress, and at last its outcome as JSON.
 
-use super::args::{Only, QueueArgs};
+use super::args::{CacheArgs, Only, QueueArgs};
 use crate::farm::{EndKind, Ending, Fault, Isolate, IsolatedEnd, Span};
 use crate::ids::SceneId;
 use crossbeam::channel::{Receiver, RecvTimeoutError, unbounded};
@@ -26,6 +26,7 @@ const TAIL_LINES: usize = 20;
 pub(super) struct Children<'a> {
     pub(super) run: &'a Path,
     pub(super) roots: &'a [String],
+    pub(super) cache: Option<&'a CacheArgs>,
     pub(super) queue: Option<&'a QueueArgs>,
     pub(super) threads: usize,
     pub(super) isa: &'static str,
@@ -53,6 +54,12 @@ impl Children<'_> {
         for fault in self.faults {
             command.args(["--fault", &fault.to_string()]);
         }
+        if let Some(cache) = self.cache {
+            if let Some(folder) = &cache.cache {
+                command.arg("--cache").arg(folder);
+            }
+            command.args(["--cache-gb", &cache.cache_gb.to_string()]);
+        }
         // Not on the command line, where others would see what may be in a URL.
         command
             .env_remove("GLASSHOUSE_QUEUE")
@@ -60,9 +67,12 @@ impl Children<'_> {
         if let Some(QueueArgs {
             queue: Some(url),
             store,
+            store_patience_s,
             ..
         }) = self.queue
         {
+            let patience = store_patience_s.as_secs_f64().to_string();
+            command.args(["--store-patience-s", &patience]);
             command.env("GLASSHOUSE_QUEUE", url);
             if let Some(store) = store {
                 command.env("GLASSHOUSE_STORE", store);

@@ -1,20 +1,34 @@
 //! `merge RUN`
 
-use super::args::{Global, RunFolder};
+use super::args::{Global, MergeArgs};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
+use super::queue_cmd;
+use super::store_env;
 use crate::farm::{Run, merge_run};
 use crate::manifest::Roots;
+use crate::store::Store;
 use serde_json::json;
 
 /// Scenes whose reasons are printed.
 const SHOWN: usize = 10;
 
-pub(super) fn run(args: &RunFolder, global: &Global, output: &Output) -> Result<Exit, Failure> {
+pub(super) fn run(args: &MergeArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let options = store_env::store_options();
+    let store = args
+        .store
+        .as_ref()
+        .map(|address| Store::open(address, &options));
+    let store = store.transpose()?;
+    if let Some(store) = &store {
+        queue_cmd::fetch_run_from(&args.run, store)?;
+    }
     let run = Run::open(&args.run, &Roots::default())?;
     let progress = Progress::new(global, "scenes", run.lines.len() as u64);
-    let outcome = merge_run(&run, global.dry_run, &|| progress.add(1, false));
+    let outcome = merge_run(&run, store.as_ref(), global.dry_run, &|| {
+        progress.add(1, false);
+    });
     progress.finish();
     let outcome = outcome?;
     for (_, reason) in outcome.refused.iter().take(SHOWN) {

@@ -21,6 +21,7 @@ mod run_cmd;
 mod sample_cmd;
 mod signals;
 mod status_cmd;
+mod store_env;
 mod work_cmd;
 
 pub use args::{Args, Command};

@@ -4,6 +4,7 @@ use super::args::{Global, PlanArgs, RunArgs};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
+use super::store_env;
 use super::work_cmd::threads;
 use crate::farm::{PlanOptions, Planned, plan};
 use crate::manifest::Roots;
@@ -33,8 +34,10 @@ pub(super) fn plan_with(
     output: &Output,
 ) -> Result<Planned, Failure> {
     let roots = Roots::parse(&args.roots.roots)?;
+    let inputs = store_env::inputs();
     let options = PlanOptions {
         roots: &roots,
+        inputs: &inputs,
         tile_px: args.tile,
         dry_run: global.dry_run,
         threads: threads(global),

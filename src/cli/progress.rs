@@ -154,6 +154,11 @@ impl Progress {
                     output.note(&format!("waiting for the queue: {reason}"));
                 });
             }
+            Event::StoreLost { reason } => {
+                self.suspend(|| {
+                    output.note(&format!("waiting for the store: {reason}"));
+                });
+            }
             Event::SceneMerged { scene, miss_share } => {
                 self.message(format!("{scene} merged"));
                 if miss_share > NARROW_SHARE {

@@ -11,17 +11,31 @@ use std::path::Path;
 /// The run's store.
 pub(super) fn store(run: &Path, args: &QueueArgs) -> Result<Store, Failure> {
     Ok(match &args.store {
-        Some(address) => Store::open(address, &StoreOptions::default())?,
+        Some(address) => Store::open(address, &store_options(args))?,
         None => Store::local(run)?,
     })
 }
 
+fn store_options(args: &QueueArgs) -> StoreOptions {
+    StoreOptions {
+        patience: args.store_patience_s,
+        ..super::store_env::store_options()
+    }
+}
+
 /// Brings the run's rules to a machine that has only the store.
 pub(super) fn fetch_run(run: &Path, args: &QueueArgs) -> Result<(), Failure> {
-    if args.store.is_none() || run.join(keys::SPEC).exists() {
+    match &args.store {
+        None => Ok(()),
+        Some(_) => fetch_run_from(run, &store(run, args)?),
+    }
+}
+
+/// [`fetch_run`] from a store that is open.
+pub(super) fn fetch_run_from(run: &Path, store: &Store) -> Result<(), Failure> {
+    if run.join(keys::SPEC).exists() {
         return Ok(());
     }
-    let store = store(run, args)?;
     crate::atomic_file::create_dir(run)?;
     for key in [keys::MANIFEST, keys::SPEC] {
         let bytes = store.get(key)?.ok_or_else(|| {

@@ -5,6 +5,7 @@ use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
 use super::signals::Signals;
+use super::store_env;
 use super::work_cmd::{isa, threads};
 use crate::atomic_file;
 use crate::farm::{Run, SceneJob, render_partials};
@@ -12,7 +13,7 @@ use crate::manifest::{Roots, SceneLine, parse_scene};
 use crate::merge::{
     SrgbEncoder, TUPLE_SCHEMA, Tuple, TupleRecord, combine, encode_png, encode_rgb_exr,
 };
-use crate::scene::{load, read_files};
+use crate::scene::{load, read_files_by};
 use crate::shard::ShardLayout;
 use crate::trace::{LAYERS, TRACER_VERSION};
 use anyhow::{Context, anyhow};
@@ -35,8 +36,11 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     }
     let invalid = |e: anyhow::Error| Failure::new(Exit::InvalidInput, e.context(describe(args)));
     let clock = Instant::now();
-    let files =
-        read_files(&source.line, &source.roots, &source.base).map_err(|e| invalid(e.into()))?;
+    let inputs = store_env::inputs();
+    let files = read_files_by(&source.line, &source.roots, &source.base, &|path| {
+        inputs.read(path)
+    })
+    .map_err(|e| invalid(e.into()))?;
     let read_s = clock.elapsed().as_secs_f64();
     let clock = Instant::now();
     let loaded = load(&source.line, &files).map_err(|e| invalid(e.into()))?;

@@ -4,6 +4,7 @@ use super::args::{Global, RunArgs};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::plan_cmd::{self, plan_with, run_folder};
+use super::store_env;
 use super::work_cmd::{How, outcome_json, summary, work_on};
 use crate::cases::{CaseFile, check, is_case_file, table};
 use crate::farm::Run;
@@ -21,7 +22,8 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     }
     plan_with(args, global, output)?;
     let folder = run_folder(args);
-    let run = Run::open(&folder, &Roots::parse(&args.roots.roots)?)?;
+    let mut run = Run::open(&folder, &Roots::parse(&args.roots.roots)?)?;
+    run.inputs = store_env::inputs();
     let (outcome, exit, wall) = work_on(
         &run,
         &How::alone(&folder, &args.roots.roots),

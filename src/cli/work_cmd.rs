@@ -1,12 +1,13 @@
 //! `work RUN`
 
-use super::args::{Global, IsaChoice, Only, QueueArgs, WorkArgs};
+use super::args::{CacheArgs, Global, IsaChoice, Only, QueueArgs, WorkArgs};
 use super::exit_code::{Exit, Failure};
 use super::isolate::{self, Children};
 use super::output::Output;
 use super::progress::Progress;
 use super::queue_cmd;
 use super::signals::Signals;
+use super::store_env;
 use crate::farm::queue::{LocalQueue, Queue, Waiting};
 use crate::farm::{
     Fault, Outcome, Run, SharedQueue, Span, Stop, WorkOptions, WorkerName, run_status, work,
@@ -42,7 +43,9 @@ pub(super) fn isa(global: &Global) -> Result<Isa, Failure> {
 
 pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     queue_cmd::fetch_run(&args.run, &args.queue)?;
-    let run = Run::open(&args.run, &Roots::parse(&args.roots.roots)?)?;
+    let roots = Roots::parse(&args.roots.roots)?;
+    let mut run = Run::open(&args.run, &roots)?;
+    run.inputs = store_env::inputs_of(&run, &args.cache);
     if global.dry_run {
         let status = run_status(&run);
         let left = status.shards - status.shards_done;
@@ -59,15 +62,18 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
             .and_then(|limit| Instant::now().checked_add(limit)),
         run: &args.run,
         roots: &args.roots.roots,
+        cache: Some(&args.cache),
         queue: Some(&args.queue),
         hang: args.hang_s,
         name: args.name.clone().unwrap_or_else(queue_cmd::worker_name),
         faults: &args.faults,
     };
+    let store = queue_cmd::store(&args.run, &args.queue)?;
+    run.take_inputs_from(&store, &roots);
     let (outcome, exit, wall) = match (&args.only, &args.queue.queue) {
-        (Some(only), _) => work_only(&run, only, &how, global)?,
+        (Some(only), _) => work_only(&run, &store, only, &how, global)?,
         (None, None) => work_on(&run, &how, global, output)?,
-        (None, Some(_)) => work_for(&run, &args.queue, &how, global, output)?,
+        (None, Some(_)) => work_for(&run, &store, &args.queue, &how, global, output)?,
     };
     output.result(
         "glasshouse.work/1",
@@ -83,6 +89,7 @@ pub(super) struct How<'a> {
     /// Its folder.
     pub(super) run: &'a Path,
     pub(super) roots: &'a [String],
+    pub(super) cache: Option<&'a CacheArgs>,
     pub(super) queue: Option<&'a QueueArgs>,
     pub(super) hang: Duration,
     pub(super) name: String,
@@ -96,6 +103,7 @@ impl<'a> How<'a> {
             deadline: None,
             run,
             roots,
+            cache: None,
             queue: None,
             hang: Duration::from_mins(2),
             name: queue_cmd::worker_name(),
@@ -122,6 +130,7 @@ impl<'a> How<'a> {
         Children {
             run: self.run,
             roots: self.roots,
+            cache: self.cache,
             queue: self.queue,
             threads: threads(global),
             isa: match global.isa {
@@ -176,6 +185,7 @@ pub(super) fn work_on(
 /// Works for a farm until its run is over.
 fn work_for(
     run: &Run,
+    store: &Store,
     args: &QueueArgs,
     how: &How,
     global: &Global,
@@ -189,7 +199,6 @@ fn work_for(
         isolate: Some(&children),
         ..how.options(global, signals.stop())?
     };
-    let store = queue_cmd::store(how.run, args)?;
     let queue = queue_cmd::worker(run, args, &how.name)?;
     let on_hung = |reason: &str| {
         output.warning(reason);
@@ -202,7 +211,7 @@ fn work_for(
         on_sign: &|| {},
         is_child: false,
     };
-    let outcome = work_shared(run, &store, &shared, &options, &|event| {
+    let outcome = work_shared(run, store, &shared, &options, &|event| {
         progress.event(event, output);
     });
     progress.finish();
@@ -219,6 +228,7 @@ fn work_for(
 /// A child: works on one span, and says that it goes on (see [`super::isolate`]).
 fn work_only(
     run: &Run,
+    store: &Store,
     only: &Only,
     how: &How,
     global: &Global,
@@ -231,10 +241,6 @@ fn work_only(
     let signals = Signals::catch();
     let start = Instant::now();
     let options = how.options(global, signals.stop())?;
-    let store = match how.queue {
-        Some(args) => queue_cmd::store(how.run, args)?,
-        None => Store::local(how.run)?,
-    };
     let queue = LocalQueue::new(None);
     let span = Span {
         scene: scene as u32,
@@ -252,7 +258,7 @@ fn work_only(
         is_child: true,
         on_sign: &|| Output::tell_parent(isolate::SIGN),
     };
-    let outcome = work_span(run, &store, &shared, &options, &|_| {})?;
+    let outcome = work_span(run, store, &shared, &options, &|_| {})?;
     let exit = match outcome.stopped {
         Some(_) => signals.exit(),
         None => Exit::Done,

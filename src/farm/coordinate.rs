@@ -10,6 +10,7 @@ use super::events::Event;
 use super::keys;
 use super::queue::{QueueKeeper, Waiting};
 use super::run_dir::Run;
+use super::share::share_run;
 use super::sweep::sweep_staged;
 use super::work::whole;
 use super::writer::remove_partials;
@@ -127,6 +128,7 @@ pub fn coordinate(
     let mut progress = Progress::new(run.lines.len());
     let mut told = vec![false; run.lines.len()];
     let (mut published, mut complained) = (0, None::<Instant>);
+    let mut store_complained = None;
     // Quiet at the last look, too: a message on its way from one to the other is in neither count for a moment.
     let mut was_quiet = false;
     let mut first = true;
@@ -138,7 +140,14 @@ pub fn coordinate(
         let start = Instant::now();
         // First the queue, then the store: a scene that leaves the queue in between has its tuple by then.
         let looked = queue.ensure().and_then(|()| queue.look());
-        progress.update(run, store)?;
+        if let Err(error) = progress.update(run, store) {
+            wait_for_store(error, options, &mut store_complained, on_event)?;
+            if options.stop.load(Ordering::Relaxed) {
+                return Ok(ended(watch, published, true));
+            }
+            continue;
+        }
+        store_complained = None;
         for (scene, line) in run.lines.iter().enumerate() {
             if progress.done[scene] && !std::mem::replace(&mut told[scene], true) {
                 let at = (!first).then(Instant::now);
@@ -206,8 +215,35 @@ pub fn coordinate(
             std::thread::sleep(Duration::from_millis(20).min(pause));
         }
     }
-    finish(run, store, queue, &progress)?;
+    while let Err(error) = finish(run, store, queue, &progress) {
+        wait_for_store(error, options, &mut store_complained, on_event)?;
+        if options.stop.load(Ordering::Relaxed) {
+            return Ok(ended(watch, published, true));
+        }
+    }
     Ok(ended(watch, published, false))
+}
+
+/// Says that the store is away, and waits a little; any other error stays one.
+fn wait_for_store(
+    error: FarmError,
+    options: &CoordinateOptions,
+    complained: &mut Option<Instant>,
+    on_event: &(dyn Fn(Event) + Sync),
+) -> Result<(), FarmError> {
+    let FarmError::Store(error) = error else {
+        return Err(error);
+    };
+    if !error.is_passing() {
+        return Err(error.into());
+    }
+    if complained.is_none_or(|at| at.elapsed() > COMPLAIN) {
+        *complained = Some(Instant::now());
+        let reason = error.to_string();
+        on_event(Event::StoreLost { reason });
+    }
+    std::thread::sleep(options.every);
+    Ok(())
 }
 
 fn ended(watch: &Mutex<Watch>, published: u64, stopped: bool) -> Coordinated {
@@ -224,20 +260,6 @@ fn complain(last: &mut Option<Instant>, reason: String, on_event: &(dyn Fn(Event
         *last = Some(Instant::now());
         on_event(Event::QueueLost { reason });
     }
-}
-
-/// Puts the run's rules where workers find them, and takes back that an earlier round was finished.
-fn share_run(run: &Run, store: &Store) -> Result<(), FarmError> {
-    for (key, path) in [
-        (keys::MANIFEST, run.dir.manifest()),
-        (keys::SPEC, run.dir.spec()),
-    ] {
-        let bytes = std::fs::read(&path)
-            .map_err(|source| super::run_dir::RunError::Read { path, source })?;
-        store.create(key, &bytes)?;
-    }
-    store.delete(&[keys::FINISHED.to_owned()])?;
-    Ok(())
 }
 
 /// Removes what is left of scenes that are done. What cannot be removed does no harm.

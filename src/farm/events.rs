@@ -41,6 +41,11 @@ pub enum Event {
         /// Why.
         reason: String,
     },
+    /// The store is away; it is looked at again.
+    StoreLost {
+        /// Why.
+        reason: String,
+    },
     /// A scene that was lost with an earlier process is traced in one of its own.
     Isolated {
         /// Which.

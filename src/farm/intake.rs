@@ -6,8 +6,10 @@ use super::queue::{Delivery, Taken};
 use super::suspect::Examined;
 use super::work::Shared;
 use crate::manifest::SceneLine;
-use crate::scene::{LoadError, SceneFiles, read_files};
+use crate::scene::{LoadError, SceneFiles, read_files_by};
+use crate::store::StoreError;
 use crossbeam::channel::Sender;
+use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -92,11 +94,12 @@ impl<'a> Shared<'a> {
                 Ok(())
             }
             Ok(suspect) => match self.read(line) {
-                Err(error) if self.may_be_mine(&error) => {
+                Err(error) => Err(error.into()),
+                Ok(Err(error)) if self.may_be_mine(&error) => {
                     self.could_not_read(line, &delivery, &error.to_string())
                 }
-                Ok(_) if matches!(suspect, Examined::Suspect) => self.isolate(line, &delivery),
-                files => return self.send(sender, line, delivery, files),
+                Ok(Ok(_)) if matches!(suspect, Examined::Suspect) => self.isolate(line, &delivery),
+                Ok(files) => return self.send(sender, line, delivery, files),
             },
             Err(error) => Err(error),
         };
@@ -109,11 +112,16 @@ impl<'a> Shared<'a> {
         }
     }
 
-    fn read(&self, line: &SceneLine) -> Result<SceneFiles, LoadError> {
+    /// A store that is away or closed is an error of this worker's, and no fault of the scene.
+    fn read(&self, line: &SceneLine) -> Result<Result<SceneFiles, LoadError>, StoreError> {
         let start = Instant::now();
-        let files = read_files(line, &self.run.roots, self.run.dir.root());
+        let open = |path: &Path| self.run.inputs.read(path);
+        let files = read_files_by(line, &self.run.roots, self.run.dir.root(), &open);
         self.seconds.add_read(start.elapsed());
-        files
+        match files {
+            Ok(files) => Ok(Ok(files)),
+            Err(error) => without_store(error).map(Err),
+        }
     }
 
     /// Another machine may be able to read what this one cannot.
@@ -144,5 +152,16 @@ impl<'a> Shared<'a> {
                 Err(error) => message = error.into_inner(),
             }
         }
+    }
+}
+
+/// The error of a file, unless it is that of a store.
+fn without_store(error: LoadError) -> Result<LoadError, StoreError> {
+    match error {
+        LoadError::Read { path, source } => match source.downcast::<StoreError>() {
+            Ok(error) => Err(error),
+            Err(source) => Ok(LoadError::Read { path, source }),
+        },
+        error => Ok(error),
     }
 }

@@ -8,6 +8,8 @@ pub const SPEC: &str = "spec.json";
 pub const MANIFEST: &str = "manifest.jsonl";
 /// Written by the coordinator when nothing is left to do.
 pub const FINISHED: &str = "finished.json";
+/// Folder of the pictures that planning made, if it made any.
+pub const INPUTS: &str = "inputs";
 /// Folder of all tuples.
 pub const TUPLES: &str = "tuples";
 /// Folder of the reasons for quarantine.

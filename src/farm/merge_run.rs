@@ -1,14 +1,20 @@
 //! `merge RUN`: tuples from complete partials, without the scenes' input files.
 
+use super::done::is_done;
 use super::error::FarmError;
+use super::keys;
 use super::quarantine::QuarantineRecord;
 use super::run_dir::Run;
 use super::sweep::sweep;
-use super::writer::remove_partials;
+use super::writer::{self, remove_partials};
 use crate::ids::SceneId;
-use crate::merge::{MergeError, combine, is_written, write_tuple};
+use crate::manifest::SceneLine;
+use crate::merge::{
+    MergeError, SrgbEncoder, Tuple, combine, encode_tuple_file, tuple_files, write_tuple,
+};
 use crate::partial;
 use crate::store::Store;
+use std::path::Path;
 
 /// What merging did.
 #[derive(Debug, Default)]
@@ -21,37 +27,50 @@ pub struct MergeOutcome {
     pub refused: Vec<(SceneId, String)>,
 }
 
-/// Merges every scene whose partials are complete; with `dry_run` only says which.
-pub fn merge_run(run: &Run, dry_run: bool, on_scene: &dyn Fn()) -> Result<MergeOutcome, FarmError> {
-    // A dry run writes nothing, not even the lock's file.
-    let _lock = if dry_run { None } else { Some(run.lock()?) };
-    if !dry_run {
+/// Merges every scene whose partials are complete; with `dry_run` only says which. Results are in `elsewhere`, or in the
+/// run's folder.
+pub fn merge_run(
+    run: &Run,
+    elsewhere: Option<&Store>,
+    dry_run: bool,
+    on_scene: &dyn Fn(),
+) -> Result<MergeOutcome, FarmError> {
+    // A dry run writes nothing, not even the lock's file. Elsewhere nothing is overwritten, and nobody has to wait.
+    let _lock = if dry_run || elsewhere.is_some() {
+        None
+    } else {
+        let lock = run.lock()?;
         sweep(run);
-    }
-    let store = Store::local(run.dir.root())?;
+        Some(lock)
+    };
+    let store = match elsewhere {
+        Some(store) => store.clone(),
+        None => Store::local(run.dir.root())?,
+    };
     let mut outcome = MergeOutcome::default();
     for line in &run.lines {
         on_scene();
-        if is_written(&run.dir.tuple(&line.id), line) {
+        if is_done(&store, line)? {
             outcome.already_merged += 1;
             continue;
         }
-        if let Some(record) = QuarantineRecord::read(&run.dir, &line.id) {
+        if let Some(record) = QuarantineRecord::get(&store, &line.id)? {
             outcome.refused.push((
                 line.id.clone(),
                 format!("scene {} is in quarantine: {}", line.id, record.reason),
             ));
             continue;
         }
-        let layout = run.layout(line);
         let mut partials = Vec::new();
         let mut unusable = None;
-        for index in 0..layout.len() {
-            let path = run.dir.partial(&line.id, index);
-            let Ok(bytes) = std::fs::read(&path) else {
+        let mut there = store.list(&keys::partials(&line.id))?;
+        there.retain(|key| keys::shard_of(key).is_some_and(|s| s < run.layout(line).len()));
+        there.sort();
+        for (key, bytes) in there.iter().zip(store.get_all(&there)?) {
+            let Some(bytes) = bytes else {
                 continue;
             };
-            match partial::decode(&path, &bytes) {
+            match partial::decode(&Path::new(store.name()).join(key), &bytes) {
                 Ok(found) => partials.push(found),
                 Err(error) => unusable = Some(error.to_string()),
             }
@@ -59,9 +78,14 @@ pub fn merge_run(run: &Run, dry_run: bool, on_scene: &dyn Fn()) -> Result<MergeO
         match combine(line, run.spec.tile_px, &partials) {
             Ok(_) if dry_run => outcome.merged.push(line.id.clone()),
             Ok(tuple) => {
-                write_tuple(&tuple, &run.dir.tuple(&line.id))
-                    .map_err(|e| FarmError::Tuple(e.to_string()))?;
-                remove_partials(&store, line);
+                if elsewhere.is_some() {
+                    writer::write_tuple(&store, line, encoded(&tuple, line)?)?;
+                } else {
+                    // What stands there without being this scene's tuple is replaced.
+                    write_tuple(&tuple, &run.dir.tuple(&line.id))
+                        .map_err(|e| FarmError::Tuple(e.to_string()))?;
+                    remove_partials(&store, line);
+                }
                 outcome.merged.push(line.id.clone());
             }
             Err(error @ MergeError::Gaps { .. }) => {
@@ -73,4 +97,15 @@ pub fn merge_run(run: &Run, dry_run: bool, on_scene: &dyn Fn()) -> Result<MergeO
         }
     }
     Ok(outcome)
+}
+
+/// A tuple's files, in the order in which they are written.
+fn encoded(tuple: &Tuple, line: &SceneLine) -> Result<Vec<(String, Vec<u8>)>, FarmError> {
+    let encoder = SrgbEncoder::new();
+    let encode = |name: String| {
+        let bytes = encode_tuple_file(tuple, &encoder, &name)
+            .map_err(|e| FarmError::Tuple(e.to_string()))?;
+        Ok((name, bytes))
+    };
+    tuple_files(line).into_iter().map(encode).collect()
 }

@@ -25,6 +25,7 @@ mod plan;
 mod quarantine;
 pub mod queue;
 mod run_dir;
+mod share;
 pub mod sim;
 mod span;
 mod status;

@@ -5,10 +5,12 @@ use crate::atomic_file::{self, WriteError};
 use crate::cases::{CaseError, CaseFile, is_case_file};
 use crate::manifest::{
     Expansion, Index, IndexError, Layout, ManifestError, Recipe, RecipeError, RootError, Roots,
-    SceneLine, expand_counted, from_paths, index_source, parse_jsonl, to_jsonl,
+    SceneLine, expand_counted, from_paths, index_paths, index_source, is_url, parse_jsonl,
+    to_jsonl,
 };
 use crate::sample::{self, SampleError, SamplePhotograph};
 use crate::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
+use crate::store::{Inputs, StoreError};
 use crate::trace::{Isa, TRACER_VERSION};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use std::collections::{BTreeMap, BTreeSet};
@@ -21,6 +23,8 @@ const MANIFEST_ROOT: &str = "manifest";
 pub struct PlanOptions<'a> {
     /// `--root NAME=DIR`.
     pub roots: &'a Roots,
+    /// Lists roots that are in an object store.
+    pub inputs: &'a Inputs,
     /// Side of a tile, px; chosen if `None`.
     pub tile_px: Option<u32>,
     /// Write nothing.
@@ -92,6 +96,9 @@ pub enum PlanError {
     /// A source cannot be listed.
     #[error(transparent)]
     Index(#[from] IndexError),
+    /// A source's store cannot be listed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
     /// A root is wrong.
     #[error(transparent)]
     Root(#[from] RootError),
@@ -202,7 +209,11 @@ pub fn plan(
     })
 }
 
+/// A path that means the same from everywhere; URLs do.
 fn absolute(path: &Path) -> PathBuf {
+    if is_url(path) {
+        return path.to_owned();
+    }
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
@@ -243,7 +254,11 @@ fn from_recipe(path: &Path, text: &str, options: &PlanOptions) -> Result<Content
             from_paths(&paths)
         } else {
             let folder = folders.get(name).map_or_else(PathBuf::new, Path::to_owned);
-            index_source(name, source, &folder)?
+            if is_url(&folder) {
+                index_paths(name, source, &folder, &options.inputs.list(&folder)?)?
+            } else {
+                index_source(name, source, &folder)?
+            }
         };
         if let Some(first) = index.without_depth.first() {
             let count = index.without_depth.len();
@@ -334,7 +349,7 @@ fn from_manifest(path: &Path, text: &str, options: &PlanOptions) -> Result<Conte
                 let is_rooted = text
                     .split_once(':')
                     .is_some_and(|(name, _)| roots.contains_key(name));
-                if is_rooted || Path::new(text.as_str()).is_absolute() {
+                if is_rooted || is_url(&*text) || Path::new(text.as_str()).is_absolute() {
                     continue;
                 }
                 let inside = Path::new(text.as_str())

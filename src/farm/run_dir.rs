@@ -1,8 +1,9 @@
 //! A run directory: names of its files, and opening one.
 
 use crate::ids::SceneId;
-use crate::manifest::{ManifestError, RootError, Roots, SceneLine, parse_jsonl};
+use crate::manifest::{ManifestError, RootError, Roots, SceneLine, is_url, parse_jsonl};
 use crate::shard::{SPEC_SCHEMA, ShardLayout, Spec, manifest_digest};
+use crate::store::Inputs;
 use crate::trace::TRACER_VERSION;
 use std::fs::{File, TryLockError};
 use std::io;
@@ -136,6 +137,8 @@ pub struct Run {
     pub lines: Vec<SceneLine>,
     /// Named folders: the spec's, overridden by the user's.
     pub roots: Roots,
+    /// Reads its scenes' files.
+    pub inputs: Inputs,
 }
 
 impl Run {
@@ -200,7 +203,9 @@ impl Run {
         for (name, folder) in &spec.roots {
             if roots.get(name).is_none() {
                 // Relative folders are the run's own and move with it.
-                roots.insert(name, root.join(folder))?;
+                let is_own = !is_url(folder);
+                let folder = folder.clone();
+                roots.insert(name, if is_own { root.join(folder) } else { folder })?;
             }
         }
         Ok(Self {
@@ -208,6 +213,7 @@ impl Run {
             spec,
             lines,
             roots,
+            inputs: Inputs::default(),
         })
     }
 

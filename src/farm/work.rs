@@ -342,7 +342,9 @@ fn work_on(
         assert!(!panicked, "a thread of the farm panicked");
     });
     // If the server is away, the leases end by themselves.
-    let back = shared.held.hand_back(queue, store).unwrap_or(0);
+    // Nor is a store waited for that has just been in vain.
+    let hurried = store.with_patience(Duration::ZERO);
+    let back = shared.held.hand_back(queue, &hurried).unwrap_or(0);
     if shared_queue.is_some() {
         shared.given.fetch_add(u64::from(back), Ordering::Relaxed);
     }

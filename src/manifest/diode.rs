@@ -124,7 +124,23 @@ pub fn index_source(name: &str, source: &Source, folder: &Path) -> Result<Index,
         path,
         source,
     })?;
-    let index = from_paths(&paths);
+    index_paths(name, source, folder, &paths)
+}
+
+/// The photographs of the source `name` among `paths`, which are relative to its `folder`, with `/`.
+pub fn index_paths(
+    name: &str,
+    source: &Source,
+    folder: &Path,
+    paths: &[String],
+) -> Result<Index, IndexError> {
+    if source.layout == Layout::Places {
+        return Err(IndexError::NoReader {
+            name: name.to_owned(),
+            layout: source.layout,
+        });
+    }
+    let index = from_paths(paths);
     if index.images.is_empty() {
         return Err(IndexError::Empty {
             name: name.to_owned(),

@@ -28,7 +28,7 @@ mod roots;
 mod side;
 mod validate;
 
-pub use diode::{Index, IndexError, Place, SourceImage, from_paths, index_source};
+pub use diode::{Index, IndexError, Place, SourceImage, from_paths, index_paths, index_source};
 pub use draw::{Draw, scene_seed};
 pub use expand::{Expansion, expand, expand_counted};
 pub use focus::FocusRecipe;
@@ -41,6 +41,6 @@ pub use recipe::{
     RecipeError, Source, SplitRecipe,
 };
 pub use refuse::{MAX_INCIDENCE_DEG, refuse};
-pub use roots::{RootError, Roots};
+pub use roots::{RootError, Roots, is_url};
 pub use side::{MeshFile, MeshPose, Side};
 pub use validate::LineError;

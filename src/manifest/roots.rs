@@ -1,4 +1,4 @@
-//! Where the paths of a scene line lead: beside the manifest, or under a named root.
+//! Where the paths of a scene line lead: beside the manifest, under a named root, or into an object store.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
@@ -95,6 +95,11 @@ impl Roots {
         }
     }
 
+    /// Names `folder` in place of what had the name.
+    pub fn replace(&mut self, name: &str, folder: PathBuf) {
+        self.0.insert(name.to_owned(), folder);
+    }
+
     /// The folder of that name.
     pub fn get(&self, name: &str) -> Option<&Path> {
         self.0.get(name).map(PathBuf::as_path)
@@ -109,11 +114,13 @@ impl Roots {
 
     /// The file that `text`, a path of a scene line, means in a manifest that lies in `base`.
     ///
-    /// `NAME:rest` is below the root NAME, an absolute path is itself, all else is relative to `base`.
+    /// `NAME:rest` is below the root NAME, an absolute path and a URL ([`is_url`]) are themselves, all else is relative
+    /// to `base`. Below a root that is a URL lie URLs.
     /// A single letter before a colon is no root, so that Windows drives stay paths.
     pub fn resolve(&self, base: &Path, text: &str) -> Result<PathBuf, RootError> {
         let text_owned = || text.to_owned();
         match text.split_once(':') {
+            _ if is_url(text) => Ok(PathBuf::from(text)),
             Some((name, rest)) if is_root_name(name) => {
                 let root = self.get(name).ok_or_else(|| RootError::Unknown {
                     text: text_owned(),
@@ -135,6 +142,13 @@ impl Roots {
             _ => Ok(base.join(text)),
         }
     }
+}
+
+/// The address of something in an object store, `s3://BUCKET/KEY`, and no path of this machine.
+pub fn is_url(text: impl AsRef<Path>) -> bool {
+    let text = text.as_ref().to_str();
+    let scheme = text.and_then(|text| text.split_once("://"));
+    scheme.is_some_and(|(scheme, rest)| is_root_name(scheme) && !rest.is_empty())
 }
 
 /// Two or more of `[A-Za-z0-9_-]`.
@@ -163,8 +177,21 @@ mod tests {
             ("C:a.png", "/runs/m/C:a.png"),
             ("diode:val/indoors/a.png", "/data/diode/val/indoors/a.png"),
             ("my-set:a.png", "sets/a=b/a.png"),
+            ("s3://bucket/a.png", "s3://bucket/a.png"),
         ] {
             assert_eq!(resolve(text).unwrap(), Path::new(path), "{text}");
+        }
+    }
+
+    #[test]
+    fn below_a_url_lie_urls() {
+        let roots = Roots::parse(&["diode=s3://bucket/diode"]).unwrap();
+        let found = roots.resolve(Path::new("/runs/m"), "diode:val/a.png");
+        assert_eq!(found.unwrap(), Path::new("s3://bucket/diode/val/a.png"));
+        assert!(roots.resolve(Path::new("/x"), "diode:../a.png").is_err());
+        assert!(is_url("s3://bucket") && is_url(Path::new("gs://bucket/x")));
+        for path in ["/a/s3", "s3:/bucket", "s3://", "a.png", "C://x", "://x"] {
+            assert!(!is_url(path), "{path}");
         }
     }
 

@@ -76,9 +76,19 @@ pub struct LoadedScene {
 
 /// Reads all of a scene's files. Paths are relative to `base` or under a named root.
 pub fn read_files(line: &SceneLine, roots: &Roots, base: &Path) -> Result<SceneFiles, LoadError> {
-    let read = |text: &str| -> Result<NamedBytes, LoadError> {
+    read_files_by(line, roots, base, &|path| std::fs::read(path))
+}
+
+/// [`read_files`] for who reads from elsewhere, too: `read` is given what [`Roots::resolve`] makes of the line's paths.
+pub fn read_files_by(
+    line: &SceneLine,
+    roots: &Roots,
+    base: &Path,
+    read: &dyn Fn(&Path) -> std::io::Result<Vec<u8>>,
+) -> Result<SceneFiles, LoadError> {
+    let named = |text: &str| -> Result<NamedBytes, LoadError> {
         let path = roots.resolve(base, text)?;
-        match std::fs::read(&path) {
+        match read(&path) {
             Ok(bytes) => Ok(NamedBytes { path, bytes }),
             Err(source) => Err(LoadError::Read { path, source }),
         }
@@ -86,11 +96,11 @@ pub fn read_files(line: &SceneLine, roots: &Roots, base: &Path) -> Result<SceneF
     let side = |side: &Side| -> Result<SideFiles, LoadError> {
         Ok(match side {
             Side::Photograph(p) => SideFiles::Photograph(PhotographFiles {
-                color: read(&p.color)?,
-                depth: read(&p.depth)?,
-                mask: p.mask.as_deref().map(read).transpose()?,
+                color: named(&p.color)?,
+                depth: named(&p.depth)?,
+                mask: p.mask.as_deref().map(named).transpose()?,
             }),
-            Side::Mesh(p) => SideFiles::Mesh(read(&p.mesh)?),
+            Side::Mesh(p) => SideFiles::Mesh(named(&p.mesh)?),
         })
     };
     Ok(SceneFiles {

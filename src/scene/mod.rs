@@ -41,7 +41,7 @@ pub use error::SceneError;
 pub use files::{NamedBytes, PhotographFiles};
 pub use load::{
     DecodedScene, InputDigests, LoadError, LoadedScene, SceneFiles, SideFiles, decode, load,
-    read_files,
+    read_files, read_files_by,
 };
 pub use mesh::{Polygons, decode_mesh};
 pub use near::MAX_TOO_NEAR_SHARE;

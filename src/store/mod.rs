@@ -3,16 +3,26 @@
 //! Keys are the names of a run directory's files. What a run makes is put once and never changed: a put that finds the
 //! key taken compares, so that two machines that compute different bits are found out by the first object they share.
 
+mod cache;
+mod error;
+mod inputs;
 mod open;
+mod patience;
 
+pub use cache::Cache;
+pub use error::StoreError;
+pub use inputs::Inputs;
 pub use open::StoreOptions;
 
 use bytes::Bytes;
+use error::{describe, is_absent, is_passing};
 use futures_util::{StreamExt, TryStreamExt};
 use object_store::path::Path as Key;
 use object_store::{ObjectStore, ObjectStoreExt, PutMode, PutPayload};
+use patience::{Tries, with_patience};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock};
+use std::time::Duration;
 use tokio::runtime::Runtime;
 
 /// Runs everything that waits for a store, a queue or a browser. Two threads: they wait, they do not compute.
@@ -29,13 +39,22 @@ pub(crate) static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| {
 const CALLS_AT_ONCE: usize = 16;
 
 /// A run's objects.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Store {
     objects: Arc<dyn ObjectStore>,
     prefix: Key,
     /// What a user would call it.
     name: String,
     local: Option<PathBuf>,
+    /// How long a call is tried again.
+    patience: Duration,
+}
+
+impl std::fmt::Debug for Store {
+    /// Its name alone: what object_store shows of a store may hold a part of its credentials.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("Store").field(&self.name).finish()
+    }
 }
 
 /// What a put found.
@@ -45,48 +64,6 @@ pub enum Put {
     New,
     /// The same bytes were there.
     Same,
-}
-
-/// A store that cannot be used, or that holds other bytes.
-#[derive(Debug, thiserror::Error)]
-pub enum StoreError {
-    /// The address means nothing.
-    #[error("{address} is no store: {reason}; use a folder (buckets are not supported yet)")]
-    Address {
-        /// As given.
-        address: String,
-        /// Why.
-        reason: String,
-    },
-    /// A call failed, also when tried again.
-    #[error(
-        "cannot {what} {key} in {store}: {source}; check its space, its permissions and the way to it"
-    )]
-    Call {
-        /// `read`, `write`, ...
-        what: &'static str,
-        /// The object.
-        key: String,
-        /// The store.
-        store: String,
-        /// Why.
-        source: Box<object_store::Error>,
-    },
-    /// Another process put other bytes there.
-    #[error(
-        "{key} in {store} holds other bytes ({there}) than this process made ({here}): two machines computed different \
-         results, or the object was damaged; compare `glasshouse audit`, then remove the wrong one"
-    )]
-    Differs {
-        /// The object.
-        key: String,
-        /// The store.
-        store: String,
-        /// BLAKE3 of what was made here.
-        here: String,
-        /// BLAKE3 of what is there.
-        there: String,
-    },
 }
 
 impl Store {
@@ -100,6 +77,15 @@ impl Store {
         &self.name
     }
 
+    /// The same store, tried again for so long. For what is not worth waiting for.
+    #[must_use]
+    pub fn with_patience(&self, patience: Duration) -> Self {
+        Self {
+            patience,
+            ..self.clone()
+        }
+    }
+
     /// Its folder, if it is on a local disk.
     pub fn local_root(&self) -> Option<&Path> {
         self.local.as_deref()
@@ -109,12 +95,13 @@ impl Store {
         key.split('/').fold(self.prefix.clone(), Key::join)
     }
 
-    fn failed(&self, what: &'static str, key: &str, source: object_store::Error) -> StoreError {
+    fn failed(&self, what: &'static str, key: &str, error: &object_store::Error) -> StoreError {
         StoreError::Call {
             what,
             key: key.to_owned(),
             store: self.name.clone(),
-            source: Box::new(source),
+            reason: describe(error),
+            passing: is_passing(error),
         }
     }
 
@@ -136,47 +123,59 @@ impl Store {
     }
 
     async fn create_async(&self, key: &str, bytes: Bytes) -> Result<Put, StoreError> {
-        let payload = PutPayload::from_bytes(bytes.clone());
-        match self
-            .objects
-            .put_opts(&self.key(key), payload, PutMode::Create.into())
-            .await
-        {
-            Ok(_) => Ok(Put::New),
-            Err(
-                object_store::Error::AlreadyExists { .. }
-                | object_store::Error::Precondition { .. },
-            ) => {
-                let Some(there) = self.get_async(key).await? else {
-                    // Removed in between: by a merge, whose tuple holds it.
-                    return Ok(Put::Same);
-                };
-                if there == bytes {
-                    return Ok(Put::Same);
+        use object_store::Error as E;
+        let path = self.key(key);
+        let mut tries = Tries::new(self.patience);
+        loop {
+            let payload = PutPayload::from_bytes(bytes.clone());
+            let put = self
+                .objects
+                .put_opts(&path, payload, PutMode::Create.into());
+            let error = match put.await {
+                Ok(_) => return Ok(Put::New),
+                // The answer to a put may have been lost: the next one finds the key taken, by the same bytes.
+                Err(error) if is_passing(&error) => error,
+                Err(error @ (E::AlreadyExists { .. } | E::Precondition { .. })) => {
+                    match self.get_async(key).await? {
+                        Some(there) => return self.compare(key, &bytes, &there),
+                        // Removed in between, or (S3's 409) another put is on its way and may still fail.
+                        None => error,
+                    }
                 }
-                let digest = |bytes: &[u8]| blake3::hash(bytes).to_hex()[..16].to_owned();
-                Err(StoreError::Differs {
-                    key: key.to_owned(),
-                    store: self.name.clone(),
-                    here: digest(&bytes),
-                    there: digest(&there),
-                })
+                Err(error) => match self.get_async(key).await {
+                    // Somebody else was first, and swept the unfinished rest of this put away.
+                    Ok(Some(there)) if there == bytes => return Ok(Put::Same),
+                    _ => return Err(self.failed("write", key, &error)),
+                },
+            };
+            if !tries.wait().await {
+                return Err(self.failed("write", key, &error));
             }
-            Err(error) => match self.get_async(key).await {
-                // Somebody else was first, and swept the unfinished rest of this put away.
-                Ok(Some(there)) if there == bytes => Ok(Put::Same),
-                _ => Err(self.failed("write", key, error)),
-            },
         }
+    }
+
+    fn compare(&self, key: &str, here: &[u8], there: &[u8]) -> Result<Put, StoreError> {
+        if here == there {
+            return Ok(Put::Same);
+        }
+        let digest = |bytes: &[u8]| blake3::hash(bytes).to_hex()[..16].to_owned();
+        Err(StoreError::Differs {
+            key: key.to_owned(),
+            store: self.name.clone(),
+            here: digest(here),
+            there: digest(there),
+        })
     }
 
     /// Puts an object whatever is there: a note that changes, or one that is known to be damaged.
     pub fn replace(&self, key: &str, bytes: &[u8]) -> Result<(), StoreError> {
-        let payload = PutPayload::from_bytes(Bytes::copy_from_slice(bytes));
+        let (path, payload) = (self.key(key), PutPayload::from(bytes.to_vec()));
         RUNTIME
-            .block_on(self.objects.put(&self.key(key), payload))
+            .block_on(with_patience(self.patience, || {
+                self.objects.put(&path, payload.clone())
+            }))
             .map(|_| ())
-            .map_err(|e| self.failed("write", key, e))
+            .map_err(|e| self.failed("write", key, &e))
     }
 
     /// An object's bytes, if it is there.
@@ -185,11 +184,12 @@ impl Store {
     }
 
     async fn get_async(&self, key: &str) -> Result<Option<Bytes>, StoreError> {
-        let found = async { self.objects.get(&self.key(key)).await?.bytes().await };
-        match found.await {
+        let path = self.key(key);
+        let get = || async { self.objects.get(&path).await?.bytes().await };
+        match with_patience(self.patience, get).await {
             Ok(bytes) => Ok(Some(bytes)),
-            Err(object_store::Error::NotFound { .. }) => Ok(None),
-            Err(error) => Err(self.failed("read", key, error)),
+            Err(error) if is_absent(&error) => Ok(None),
+            Err(error) => Err(self.failed("read", key, &error)),
         }
     }
 
@@ -208,34 +208,37 @@ impl Store {
     pub fn list(&self, folder: &str) -> Result<Vec<String>, StoreError> {
         let prefix = self.key(folder);
         let skip = self.prefix.as_ref().len() + usize::from(!self.prefix.as_ref().is_empty());
+        let list = || {
+            let found = self.objects.list(Some(&prefix));
+            found
+                .map_ok(|meta| meta.location.as_ref()[skip..].to_owned())
+                .try_collect::<Vec<String>>()
+        };
         RUNTIME
-            .block_on(
-                self.objects
-                    .list(Some(&prefix))
-                    .map_ok(|meta| meta.location.as_ref()[skip..].to_owned())
-                    .try_collect::<Vec<String>>(),
-            )
-            .map_err(|e| self.failed("list", folder, e))
+            .block_on(with_patience(self.patience, list))
+            .map_err(|e| self.failed("list", folder, &e))
     }
 
     /// Removes objects; those that are gone already do not matter.
     pub fn delete(&self, keys: &[String]) -> Result<(), StoreError> {
-        let delete = |key: &String| {
-            let (path, name) = (self.key(key), key.clone());
-            async move {
-                match self.objects.delete(&path).await {
-                    Ok(()) | Err(object_store::Error::NotFound { .. }) => Ok(()),
-                    Err(error) => Err(self.failed("remove", &name, error)),
+        let paths: Vec<Key> = keys.iter().map(|key| self.key(key)).collect();
+        let delete = || async {
+            let paths = futures_util::stream::iter(paths.clone()).map(Ok);
+            let mut removed = self.objects.delete_stream(paths.boxed());
+            while let Some(result) = removed.next().await {
+                match result {
+                    Err(error) if !is_absent(&error) => return Err(error),
+                    _ => {}
                 }
             }
+            Ok(())
         };
-        RUNTIME.block_on(async {
-            futures_util::stream::iter(keys)
-                .map(delete)
-                .buffer_unordered(CALLS_AT_ONCE)
-                .try_for_each(|()| async { Ok(()) })
-                .await
-        })
+        RUNTIME
+            .block_on(with_patience(self.patience, delete))
+            .map_err(|e| {
+                let first = keys.first().map_or("nothing", String::as_str);
+                self.failed("remove", first, &e)
+            })
     }
 }
 

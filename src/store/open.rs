@@ -4,16 +4,40 @@ use super::{Key, Store, StoreError};
 use object_store::local::LocalFileSystem;
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Settings of a store that is not a folder.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone)]
 pub struct StoreOptions {
-    /// Names and values as object_store has them (`aws_endpoint`, ...).
+    /// Credentials and the like, by the names that object_store has for them, in any case: `AWS_ACCESS_KEY_ID`,
+    /// `AWS_ENDPOINT_URL`, `GOOGLE_SERVICE_ACCOUNT`, ... Those of other stores do no harm.
     pub settings: Vec<(String, String)>,
+    /// How long a call is tried again when the store is away or busy.
+    pub patience: Duration,
+}
+
+impl Default for StoreOptions {
+    fn default() -> Self {
+        Self {
+            settings: Vec::new(),
+            patience: Duration::from_secs(45),
+        }
+    }
+}
+
+impl std::fmt::Debug for StoreOptions {
+    /// Without the settings' values.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let names = self.settings.iter().map(|(name, _)| name);
+        f.debug_struct("StoreOptions")
+            .field("settings", &names.collect::<Vec<_>>())
+            .field("patience", &self.patience)
+            .finish()
+    }
 }
 
 impl Store {
-    /// A folder, `file:///…`, or a URL of an object store.
+    /// A folder, `file:///…`, or `s3://BUCKET/PREFIX` (`gs://`, `az://` with their features).
     pub fn open(address: &str, options: &StoreOptions) -> Result<Self, StoreError> {
         let invalid = |reason: String| StoreError::Address {
             address: address.to_owned(),
@@ -22,7 +46,7 @@ impl Store {
         let folder = match address.split_once("://") {
             None => address,
             Some(("file", path)) => path,
-            Some(_) => return Self::open_url(address, options),
+            Some((scheme, rest)) => return Self::open_url(scheme, rest, options),
         };
         let path = Path::new(folder);
         std::fs::create_dir_all(path).map_err(|e| invalid(e.to_string()))?;
@@ -35,22 +59,211 @@ impl Store {
             prefix: Key::default(),
             name: path.display().to_string(),
             local: Some(path.to_owned()),
+            patience: options.patience,
         })
     }
 
-    fn open_url(address: &str, options: &StoreOptions) -> Result<Self, StoreError> {
+    fn open_url(scheme: &str, rest: &str, options: &StoreOptions) -> Result<Self, StoreError> {
+        // What is before an @ or behind a ? may be a secret, and does not belong here.
+        let shown = rest.split(['?', '#']).next().unwrap_or_default();
+        let shown = shown.rsplit('@').next().unwrap_or_default();
+        let name = format!("{scheme}://{}", shown.trim_end_matches('/'));
         let invalid = |reason: String| StoreError::Address {
-            address: address.to_owned(),
+            address: name.clone(),
             reason,
         };
-        let url = url::Url::parse(address).map_err(|e| invalid(e.to_string()))?;
-        let (objects, prefix) = object_store::parse_url_opts(&url, options.settings.clone())
-            .map_err(|e| invalid(e.to_string()))?;
+        if rest.contains(['?', '#', '@']) {
+            return Err(invalid(
+                "an address holds no credentials and no settings, they come from the environment (AWS_ACCESS_KEY_ID, …)"
+                    .to_owned(),
+            ));
+        }
+        let (bucket, prefix) = shown.split_once('/').unwrap_or((shown, ""));
+        if bucket.is_empty() {
+            return Err(invalid("it names no bucket".to_owned()));
+        }
+        let prefix = Key::parse(prefix).map_err(|e| invalid(e.to_string()))?;
+        let objects = remote::open(scheme, &format!("{scheme}://{bucket}"), options);
         Ok(Self {
-            objects: Arc::from(objects),
+            objects: objects.map_err(invalid)?,
             prefix,
-            name: address.trim_end_matches('/').to_owned(),
+            name,
             local: None,
+            patience: options.patience,
         })
+    }
+}
+
+/// Stores behind HTTP.
+#[cfg(feature = "http-store")]
+mod remote {
+    use super::StoreOptions;
+    use object_store::{BackoffConfig, ClientOptions, ObjectStore, RetryConfig};
+    use std::sync::Arc;
+    use std::time::Duration;
+
+    /// object_store's own retries, quick ones: of what they do not catch (a put whose connection was cut is not among
+    /// the calls that it repeats), and of all that takes longer, [`super::super::patience`] takes care.
+    fn retries() -> RetryConfig {
+        RetryConfig {
+            backoff: BackoffConfig {
+                init_backoff: Duration::from_millis(50),
+                max_backoff: Duration::from_secs(1),
+                base: 2.0,
+            },
+            max_retries: 3,
+            retry_timeout: Duration::from_secs(8),
+        }
+    }
+
+    /// Longest time of one request: a tuple of 40 MB over 10 Mbit/s takes 32 s.
+    const REQUEST: Duration = Duration::from_mins(1);
+
+    fn client() -> ClientOptions {
+        let client = ClientOptions::new().with_timeout(REQUEST);
+        client.with_user_agent(object_store::HeaderValue::from_static(concat!(
+            "glasshouse/",
+            env!("CARGO_PKG_VERSION")
+        )))
+    }
+
+    /// Sets what of the settings the builder knows.
+    macro_rules! build {
+        ($builder:ty, $url:expr, $options:expr) => {{
+            let mut builder = <$builder>::new()
+                .with_client_options(client())
+                .with_retry(retries())
+                .with_url($url);
+            for (name, value) in &$options.settings {
+                if let Ok(key) = name.to_ascii_lowercase().parse() {
+                    builder = builder.with_config(key, value);
+                }
+            }
+            // No text of object_store's holds a setting's value, but for one that it cannot read.
+            builder
+                .build()
+                .map(|store| Arc::new(store) as Arc<dyn ObjectStore>)
+                .map_err(|e| e.to_string())
+        }};
+    }
+
+    /// The store at `url`, for whose scheme there is a feature.
+    pub(super) fn open(
+        scheme: &str,
+        url: &str,
+        options: &StoreOptions,
+    ) -> Result<Arc<dyn ObjectStore>, String> {
+        // Without a choice the first connection panics; who has chosen already keeps his choice.
+        let _ = rustls::crypto::ring::default_provider().install_default();
+        let mut options = options.clone();
+        // An address that begins with http:// is a wish to use it.
+        let plain = options.settings.iter().any(|(name, value)| {
+            name.to_ascii_lowercase().contains("endpoint") && value.starts_with("http://")
+        });
+        if plain {
+            let allow = ("allow_http".to_owned(), "true".to_owned());
+            options.settings.insert(0, allow);
+        }
+        match scheme {
+            #[cfg(feature = "s3")]
+            "s3" | "s3a" => build!(object_store::aws::AmazonS3Builder, url, options),
+            #[cfg(feature = "gcs")]
+            "gs" => build!(object_store::gcp::GoogleCloudStorageBuilder, url, options),
+            #[cfg(feature = "azure")]
+            "az" | "azure" | "abfs" | "abfss" => {
+                build!(object_store::azure::MicrosoftAzureBuilder, url, options)
+            }
+            _ => Err(super::unknown(scheme)),
+        }
+    }
+}
+
+/// No store behind HTTP.
+#[cfg(not(feature = "http-store"))]
+mod remote {
+    use super::StoreOptions;
+    use object_store::ObjectStore;
+    use std::sync::Arc;
+
+    pub(super) fn open(
+        scheme: &str,
+        _: &str,
+        _: &StoreOptions,
+    ) -> Result<Arc<dyn ObjectStore>, String> {
+        Err(super::unknown(scheme))
+    }
+}
+
+fn unknown(scheme: &str) -> String {
+    let feature = match scheme {
+        "s3" | "s3a" => "s3",
+        "gs" => "gcs",
+        "az" | "azure" | "abfs" | "abfss" => "azure",
+        _ => return format!("nothing is known about {scheme}:"),
+    };
+    format!("this program was built without the feature `{feature}`")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn secrets_are_not_repeated() {
+        for address in [
+            "s3://AKIA:hush@bucket/x",
+            "s3://bucket/x?secret=hush",
+            "ftp://hush@x/y",
+            "s3://bucket/x#hush",
+        ] {
+            let error = Store::open(address, &StoreOptions::default()).unwrap_err();
+            assert!(matches!(error, StoreError::Address { .. }), "{error:?}");
+            for text in [error.to_string(), format!("{error:?}")] {
+                assert!(!text.contains("hush"), "{text}");
+            }
+        }
+        let options = StoreOptions {
+            settings: vec![("AWS_SECRET_ACCESS_KEY".to_owned(), "hush".to_owned())],
+            ..StoreOptions::default()
+        };
+        assert!(!format!("{options:?}").contains("hush"));
+    }
+
+    #[test]
+    fn what_is_no_store_is_refused() {
+        for address in ["ftp://host/x", "memory://x", "s3://", "s3:///x"] {
+            let error = Store::open(address, &StoreOptions::default()).unwrap_err();
+            assert!(
+                matches!(error, StoreError::Address { .. }),
+                "{address}: {error:?}"
+            );
+        }
+    }
+
+    #[cfg(feature = "s3")]
+    #[test]
+    fn a_bucket_is_a_store_without_being_asked() {
+        let settings = [
+            ("AWS_ACCESS_KEY_ID", "a"),
+            ("aws_secret_access_key", "hush"),
+            ("AWS_ENDPOINT_URL", "http://127.0.0.1:1"),
+            ("AWS_UNKNOWN", "x"),
+            ("GOOGLE_APPLICATION_CREDENTIALS", "/x"),
+        ];
+        let options = StoreOptions {
+            settings: settings.map(|(k, v)| (k.to_owned(), v.to_owned())).into(),
+            patience: Duration::ZERO,
+        };
+        let store = Store::open("s3://bucket/runs/mine/", &options).unwrap();
+        assert_eq!(store.name(), "s3://bucket/runs/mine");
+        assert_eq!(store.local_root(), None);
+        let error = store.get("spec.json").unwrap_err();
+        assert!(error.is_passing(), "{error:?}");
+        let text = format!("{error} {error:?} {store:?}");
+        assert!(
+            text.contains("spec.json in s3://bucket/runs/mine"),
+            "{text}"
+        );
+        assert!(!text.contains("hush"), "{text}");
     }
 }

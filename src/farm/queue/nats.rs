@@ -171,6 +171,7 @@ impl Connection {
     }
 
     fn probe(&self) -> Option<String> {
+        use std::fmt::Write as _;
         let (connect, servers) = (self.options.connect().ok()?, self.options.servers().ok()?);
         let error = match within(ANSWER, connect.connect(servers)) {
             None => return Some(format!("no answer from {}", shown(&self.options.url))),
@@ -181,7 +182,7 @@ impl Connection {
         let mut next = std::error::Error::source(&error);
         while let Some(cause) = next {
             if !text.contains(&cause.to_string()) {
-                text += &format!(": {cause}");
+                let _ = write!(text, ": {cause}");
             }
             next = cause.source();
         }

@@ -1,0 +1,37 @@
+//! What the environment and the command line say about object stores.
+
+use super::args::CacheArgs;
+use crate::farm::Run;
+use crate::store::{Cache, Inputs, StoreOptions};
+
+/// How the names of settings begin that belong to object stores.
+const SETTINGS: [&str; 3] = ["AWS_", "GOOGLE_", "AZURE_"];
+/// Bytes of `--cache-gb`'s unit.
+const GB: f64 = 1e9;
+
+/// Credentials and the like, by the names that the stores' own tools use.
+pub(super) fn store_options() -> StoreOptions {
+    let settings = std::env::vars_os().filter_map(|(name, value)| {
+        let (name, value) = (name.into_string().ok()?, value.into_string().ok()?);
+        let known = SETTINGS.iter().any(|start| name.starts_with(start));
+        known.then_some((name, value))
+    });
+    StoreOptions {
+        settings: settings.collect(),
+        ..StoreOptions::default()
+    }
+}
+
+/// A reader of input files without a cache, for what reads each file once.
+pub(super) fn inputs() -> Inputs {
+    Inputs::new(store_options(), None)
+}
+
+/// A reader of a run's input files. Objects are kept in the run's folder unless `args` say where.
+pub(super) fn inputs_of(run: &Run, args: &CacheArgs) -> Inputs {
+    let folder = args.cache.clone();
+    let folder = folder.unwrap_or_else(|| run.dir.root().join("cache"));
+    let limit_bytes = (args.cache_gb * GB) as u64;
+    let cache = (limit_bytes > 0).then(|| Cache::new(folder, limit_bytes));
+    Inputs::new(store_options(), cache)
+}

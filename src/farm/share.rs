@@ -1,0 +1,80 @@
+//! What a coordinator puts into a store for workers that have nothing but the store.
+
+use super::error::FarmError;
+use super::keys;
+use super::run_dir::{Run, RunError};
+use crate::manifest::{Roots, is_url};
+use crate::store::{Store, StoreError};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// Objects put at once.
+const AT_ONCE: usize = 32;
+
+/// Puts the run's rules and its own pictures where workers find them, and takes back that an earlier round was finished.
+pub(super) fn share_run(run: &Run, store: &Store) -> Result<(), FarmError> {
+    share_inputs(run, store)?;
+    for (key, path) in [
+        (keys::MANIFEST, run.dir.manifest()),
+        (keys::SPEC, run.dir.spec()),
+    ] {
+        let bytes = std::fs::read(&path).map_err(|source| RunError::Read { path, source })?;
+        store.create(key, &bytes)?;
+    }
+    store.delete(&[keys::FINISHED.to_owned()])?;
+    Ok(())
+}
+
+/// The names of the run's own roots: those below its folder, for photographs that planning made.
+fn own_roots(run: &Run) -> impl Iterator<Item = (&String, &PathBuf)> {
+    let roots = run.spec.roots.iter();
+    roots.filter(|(_, folder)| folder.is_relative() && !is_url(folder))
+}
+
+/// Puts the files of the run's own roots that its scenes need. What is not here is not missed: another coordinator has
+/// put it, or workers bring it.
+fn share_inputs(run: &Run, store: &Store) -> Result<(), StoreError> {
+    let is_own = |root: &Path| root.canonicalize().ok() == run.dir.root().canonicalize().ok();
+    if store.local_root().is_some_and(is_own) {
+        return Ok(());
+    }
+    let own: BTreeMap<&String, &PathBuf> = own_roots(run).collect();
+    let mut wanted = BTreeSet::new();
+    for side in run.lines.iter().flat_map(|line| [&line.front, &line.back]) {
+        for (_, text) in side.paths() {
+            let folder = text.split_once(':').and_then(|(name, rest)| {
+                let folder = own.get(&name.to_owned())?;
+                Some(folder.join(rest))
+            });
+            wanted.extend(folder.as_deref().and_then(Path::to_str).map(str::to_owned));
+        }
+    }
+    if wanted.is_empty() {
+        return Ok(());
+    }
+    let there: BTreeSet<String> = store.list(keys::INPUTS)?.into_iter().collect();
+    let missing: Vec<String> = wanted.difference(&there).cloned().collect();
+    for keys in missing.chunks(AT_ONCE) {
+        let read =
+            |key: &String| Some((key.clone(), std::fs::read(run.dir.root().join(key)).ok()?));
+        store.create_all(keys.iter().filter_map(read).collect())?;
+    }
+    Ok(())
+}
+
+impl Run {
+    /// For a machine that has the run's rules alone: the run's own photographs are read from `store`, unless they are here
+    /// or `given` says where they are.
+    pub fn take_inputs_from(&mut self, store: &Store, given: &Roots) {
+        let own: Vec<(String, PathBuf)> = own_roots(self)
+            .filter(|(name, folder)| {
+                given.get(name).is_none() && !self.dir.root().join(folder).is_dir()
+            })
+            .map(|(name, folder)| (name.clone(), folder.clone()))
+            .collect();
+        for (name, folder) in own {
+            self.roots
+                .replace(&name, Path::new(store.name()).join(folder));
+        }
+    }
+}

@@ -1,0 +1,167 @@
+//! Scenes' input files, from this machine's folders or from object stores.
+
+use super::cache::{Cache, Entry};
+use super::error::is_absent;
+use super::patience::with_patience;
+use super::{Key, RUNTIME, Store, StoreError, StoreOptions};
+use bytes::Bytes;
+use futures_util::TryStreamExt;
+use object_store::{GetOptions, ObjectStore};
+use std::collections::BTreeMap;
+use std::io;
+use std::path::Path;
+use std::sync::Mutex;
+
+/// Reads input files by path or by URL.
+#[derive(Debug, Default)]
+pub struct Inputs {
+    options: StoreOptions,
+    cache: Option<Cache>,
+    /// Open stores, one a bucket.
+    buckets: Mutex<BTreeMap<String, Store>>,
+}
+
+/// What asking for an object gave.
+enum Fetched {
+    Absent,
+    /// It is as it was when this ETag was noted.
+    Unchanged,
+    Object(Bytes, Option<String>),
+}
+
+impl Inputs {
+    /// `options` are for all stores. Objects are kept in `cache`, if there is one.
+    pub fn new(options: StoreOptions, cache: Option<Cache>) -> Self {
+        Self {
+            options,
+            cache,
+            buckets: Mutex::default(),
+        }
+    }
+
+    /// A file's bytes, or an object's: what `path` is, is told by [`crate::manifest::is_url`].
+    ///
+    /// Errors of a store are [`StoreError`]s inside, but for an object that is not there, which is `NotFound`.
+    pub fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        let Some((url, bucket, key)) = parts(path) else {
+            return std::fs::read(path);
+        };
+        let store = self.bucket(bucket).map_err(io::Error::other)?;
+        let kept = self.cache.as_ref().and_then(|cache| cache.get(url));
+        let etag = kept.as_ref().map(|entry| entry.etag.clone());
+        match store.fetch(&key, etag).map_err(io::Error::other)? {
+            Fetched::Absent => Err(io::Error::new(
+                io::ErrorKind::NotFound,
+                "there is no such object",
+            )),
+            Fetched::Object(bytes, etag) => {
+                let bytes = Vec::from(bytes);
+                if let (Some(cache), Some(etag)) = (&self.cache, etag) {
+                    cache.put(url, &etag, &bytes);
+                }
+                Ok(bytes)
+            }
+            Fetched::Unchanged => match kept {
+                Some(Entry { bytes, .. }) => Ok(bytes),
+                None => Err(io::Error::other("the store gives no bytes")),
+            },
+        }
+    }
+
+    /// Names of all objects below `folder`, a URL, relative to it.
+    pub fn list(&self, folder: &Path) -> Result<Vec<String>, StoreError> {
+        let Some((_, bucket, key)) = parts(folder) else {
+            return Err(StoreError::Address {
+                address: folder.display().to_string(),
+                reason: "it is a folder".to_owned(),
+            });
+        };
+        let found = self.bucket(bucket)?.list(&key)?;
+        let skip = if key.is_empty() { 0 } else { key.len() + 1 };
+        Ok(found
+            .into_iter()
+            .map(|key| key[skip..].to_owned())
+            .collect())
+    }
+
+    fn bucket(&self, address: &str) -> Result<Store, StoreError> {
+        let mut buckets = self.buckets.lock().expect("no holder of this lock panics");
+        if let Some(store) = buckets.get(address) {
+            return Ok(store.clone());
+        }
+        let store = Store::open(address, &self.options)?;
+        buckets.insert(address.to_owned(), store.clone());
+        Ok(store)
+    }
+}
+
+/// A URL, its part up to the bucket, and the key; none of a path.
+fn parts(path: &Path) -> Option<(&str, &str, String)> {
+    let url = path.to_str().filter(|_| crate::manifest::is_url(path))?;
+    let start = url.find("://")? + 3;
+    let end = url[start..].find('/').map_or(url.len(), |n| start + n);
+    let names = url[end..].split('/');
+    let names: Vec<&str> = names.filter(|name| !matches!(*name, "" | ".")).collect();
+    Some((url, &url[..end], names.join("/")))
+}
+
+impl Store {
+    /// An object by its key as it is, unless it is still the one with this ETag.
+    fn fetch(&self, key: &str, etag: Option<String>) -> Result<Fetched, StoreError> {
+        use object_store::Error as E;
+        let path = Key::parse(key).map_err(|e| self.failed("read", key, &e.into()))?;
+        let options = GetOptions {
+            if_none_match: etag,
+            ..GetOptions::default()
+        };
+        let get = || async {
+            let found = self.objects.get_opts(&path, options.clone()).await?;
+            let etag = found.meta.e_tag.clone();
+            Ok((found.bytes().await?, etag))
+        };
+        match RUNTIME.block_on(with_patience(self.patience, get)) {
+            Ok((bytes, etag)) => Ok(Fetched::Object(bytes, etag)),
+            Err(E::NotModified { .. }) => Ok(Fetched::Unchanged),
+            Err(error) if is_absent(&error) => self.absent(key),
+            Err(error) => Err(self.failed("read", key, &error)),
+        }
+    }
+
+    /// Not there, if the bucket is: a wrong bucket is no fault of a scene.
+    fn absent(&self, key: &str) -> Result<Fetched, StoreError> {
+        let look = || async { self.objects.list(None).try_next().await };
+        match RUNTIME.block_on(with_patience(self.patience, look)) {
+            // Who may not list is told by the server that what is not there is forbidden, and does not come here.
+            Ok(_) | Err(object_store::Error::PermissionDenied { .. }) => Ok(Fetched::Absent),
+            Err(error) => Err(self.failed("read", key, &error)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_url_has_a_bucket_and_a_key() {
+        let parts = |text| parts(Path::new(text)).map(|(_, b, k)| (b.to_owned(), k));
+        let some = |b: &str, k: &str| Some((b.to_owned(), k.to_owned()));
+        assert_eq!(parts("s3://b/x/./a.png"), some("s3://b", "x/a.png"));
+        assert_eq!(parts("s3://b"), some("s3://b", ""));
+        assert_eq!(parts("s3://b/x/"), some("s3://b", "x"));
+        assert_eq!(parts("/data/a.png"), None);
+    }
+
+    #[test]
+    fn paths_are_read_from_the_disk() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a");
+        crate::atomic_file::write(&file, b"one").unwrap();
+        let inputs = Inputs::default();
+        assert_eq!(inputs.read(&file).unwrap(), b"one");
+        let error = inputs.read(&folder.path().join("b")).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::NotFound);
+        let error = inputs.read(Path::new("ftp://x/y")).unwrap_err();
+        assert!(error.get_ref().unwrap().is::<StoreError>(), "{error}");
+    }
+}

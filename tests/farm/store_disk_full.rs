@@ -1,0 +1,103 @@
+//! A disk that is really full: a small tmpfs in a mount namespace of its own.
+
+use crate::outputs::{assert_same, assert_tidy, files, tuples};
+use crate::program::{Ended, text};
+use crate::scenes::{place, reference};
+use crate::server::Server;
+use std::process::Command;
+
+/// `$1`: an empty folder, `$2`: a recipe, `$3`: where to copy what came out, `$4`: the program, `$5`: a queue or nothing.
+///
+/// The tmpfs has room for the plan and 0.6 MB besides, of about 2 MB that four scenes' tuples and partials need.
+const SCRIPT: &str = r#"
+set -eu
+disk=$1 recipe=$2 out=$3 glasshouse=$4 queue=$5
+mount -t tmpfs -o size=64m tmpfs "$disk"
+"$glasshouse" plan "$recipe" --out "$disk/run" --tile 16 -q
+used=$(df -k --output=used "$disk" | tail -1)
+mount -o "remount,size=$((used + 600))k" "$disk"
+work() {
+    if [ -n "$queue" ]; then
+        "$glasshouse" work "$disk/run" -q -j 2 --queue "$queue" --lease-s 2
+    else
+        "$glasshouse" work "$disk/run" -q -j 2
+    fi
+}
+if [ -n "$queue" ]; then
+    "$glasshouse" coordinate "$disk/run" -q --queue "$queue" --lease-s 2 &
+    coordinator=$!
+fi
+for try in 1 2; do
+    code=0
+    work || code=$?
+    echo "full: $code"
+done
+[ ! -e "$disk/run/quarantine" ] || { echo "quarantine"; exit 1; }
+mkdir "$out"
+cp -r "$disk/run" "$out/full"
+mount -o remount,size=64m "$disk"
+work
+[ -z "$queue" ] || wait "$coordinator"
+cp -r "$disk/run" "$out/run"
+"#;
+
+/// None, with a line that says so, where such a namespace is not to be had.
+fn fill_and_make_room(queue: &str) -> Option<(tempfile::TempDir, Ended)> {
+    let may = Command::new("unshare")
+        .args(["-Urm", "sh", "-c", "mount -t tmpfs tmpfs /mnt"])
+        .output();
+    if !may.is_ok_and(|ended| ended.status.success()) {
+        eprintln!("skipped: no mount namespace of one's own here (unshare -Urm)");
+        return None;
+    }
+    let place = place();
+    let disk = place.folder.path().join("disk");
+    std::fs::create_dir(&disk).unwrap();
+    let out = place.folder.path().join("out");
+    let ended: Ended = Command::new("unshare")
+        .args(["-Urm", "sh", "-c", SCRIPT, "sh"])
+        .args([text(&disk), text(&place.recipe), text(&out)])
+        .args([env!("CARGO_BIN_EXE_glasshouse"), queue])
+        .output()
+        .unwrap()
+        .into();
+    Some((place.folder, ended))
+}
+
+fn check(folder: &std::path::Path, ended: Ended) {
+    let disk = folder.join("disk/run");
+    let ended = ended.expect(0).says(&[
+        "cannot write",
+        text(&disk),
+        "No space left on device",
+        "check its space",
+    ]);
+    assert_eq!(ended.stdout.matches("full: 1\n").count(), 2, "{ended:#?}");
+    // When it was full, a part was done, and what had a tuple.json was whole.
+    let full = tuples(&folder.join("out/full"));
+    for (path, content) in &full {
+        assert!(reference()[path] == *content, "{}", path.display());
+    }
+    assert!(full.len() < reference().len());
+    assert_same(&tuples(&folder.join("out/run")), reference());
+    let run = folder.join("out/run");
+    assert_eq!(files(&run.join("partials")).len(), 0);
+    assert_tidy(&run);
+}
+
+#[test]
+fn a_full_disk_stops_the_run_and_room_lets_it_go_on() {
+    if let Some((folder, ended)) = fill_and_make_room("") {
+        check(folder.path(), ended);
+    }
+}
+
+#[test]
+fn a_full_disk_stops_a_farms_workers_and_room_lets_them_go_on() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    if let Some((folder, ended)) = fill_and_make_room(&server.url()) {
+        check(folder.path(), ended);
+    }
+}

@@ -1,0 +1,226 @@
+//! A farm whose store is a bucket: workers have nothing but its address, and the tuples are those of one process on a
+//! disk, whatever dies.
+
+use crate::many::{alone, end, slow_place, wait_for};
+use crate::outputs::{Content, assert_same, tuples};
+use crate::program::{Ended, command, text};
+use crate::s3_server::S3Server;
+use crate::scenes::{Place, SCENES, SHARDS, partials, place, reference};
+use crate::server::Server;
+use glasshouse::store::Store;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Child;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+const PREFIX: &str = "runs/mine";
+
+/// A coordinator or a worker. `run` need not exist for a worker.
+fn start(verb: &str, run: &Path, queue: &Server, bucket: &S3Server, more: &[&str]) -> Child {
+    let url = queue.url();
+    let mut arguments = vec![verb, text(run), "--queue", &url, "--lease-s", "2"];
+    arguments.extend(["--store", "s3://bucket/runs/mine"]);
+    arguments.extend(["--progress", "none", "--json"]);
+    arguments.extend(more);
+    let mut command = command(&arguments);
+    bucket.tell(&mut command);
+    command.spawn().unwrap()
+}
+
+fn coordinator(place: &Place, queue: &Server, bucket: &S3Server) -> Child {
+    let child = start("coordinate", &place.run, queue, bucket, &[]);
+    let store = bucket.store(PREFIX);
+    wait_for("the run's rules", || {
+        store.get("spec.json").unwrap().is_some()
+    });
+    child
+}
+
+/// With a folder of its own, which does not exist yet.
+fn worker(place: &Place, name: &str, queue: &Server, bucket: &S3Server, more: &[&str]) -> Child {
+    let run = place.folder.path().join(name);
+    let mut all = vec!["-j", "1"];
+    all.extend(more);
+    start("work", &run, queue, bucket, &all)
+}
+
+/// The tuples, brought here.
+fn fetched(store: &Store, to: &Path) -> BTreeMap<PathBuf, Content> {
+    let keys = store.list("tuples").unwrap();
+    for (key, bytes) in keys.iter().zip(store.get_all(&keys).unwrap()) {
+        let path = to.join(key);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, bytes.unwrap()).unwrap();
+    }
+    tuples(to)
+}
+
+fn results(store: &Store) -> usize {
+    store.list("partials").unwrap().len() + store.list("tuples").unwrap().len()
+}
+
+fn assert_finished(store: &Store) {
+    assert!(store.get("finished.json").unwrap().is_some());
+    assert_eq!(store.list("partials").unwrap(), [""; 0]);
+    assert_eq!(store.list("quarantine").unwrap(), [""; 0]);
+}
+
+#[test]
+fn workers_need_nothing_but_the_bucket() {
+    let Some(queue) = Server::start() else {
+        return;
+    };
+    let bucket = S3Server::start(11);
+    let place = place();
+    place.plan();
+    let coordinator = coordinator(&place, &queue, &bucket);
+    let workers = ["a", "b"].map(|name| worker(&place, name, &queue, &bucket, &[]));
+    let coordinated = end(coordinator).expect(0).json();
+    assert_eq!(coordinated["done"], SCENES);
+    for worker in workers {
+        end(worker).expect(0);
+    }
+    let store = bucket.store(PREFIX);
+    assert_same(
+        &fetched(&store, &place.folder.path().join("found")),
+        reference(),
+    );
+    assert_finished(&store);
+    // Nothing was written beside the rules and the cache, and not to the coordinator's folder.
+    assert!(!place.run.join("tuples").exists());
+    assert!(!place.folder.path().join("a/tuples").exists());
+    // Another coordinator, on a machine that has the bucket alone, finds that all is done.
+    let other = place.folder.path().join("elsewhere");
+    end(start("coordinate", &other, &queue, &bucket, &[])).expect(0);
+}
+
+/// Of 100 requests to the bucket 12 fail in one way or another, the bucket is away for some seconds, workers, coordinator
+/// and queue are killed, and the queue forgets everything.
+#[test]
+fn eight_workers_with_everything_failing_make_what_one_process_makes() {
+    let Some(mut queue) = Server::start() else {
+        return;
+    };
+    let bucket = S3Server::start(12);
+    bucket.faults.set(120);
+    let place = slow_place();
+    let store = bucket.store(PREFIX);
+    let mut first = coordinator(&place, &queue, &bucket);
+    let names = ["a", "b", "c", "d", "e", "f", "g", "h"];
+    let mut workers: Vec<Child> = names
+        .iter()
+        .map(|name| worker(&place, name, &queue, &bucket, &[]))
+        .collect();
+    wait_for("a result", || results(&store) > 6);
+    for (victim, name) in workers.iter_mut().zip(names).take(4) {
+        victim.kill().unwrap();
+        victim.wait().unwrap();
+        *victim = worker(&place, name, &queue, &bucket, &[]);
+    }
+    first.kill().unwrap();
+    first.wait().unwrap();
+    let second = coordinator(&place, &queue, &bucket);
+    let before = results(&store);
+    let is_over = || store.get("finished.json").unwrap().is_some();
+    wait_for("more", || results(&store) > before + 4 || is_over());
+    queue.kill_and_restart(true);
+    bucket.faults.set_away(true);
+    std::thread::sleep(Duration::from_secs(3));
+    bucket.faults.set_away(false);
+    end(second).expect(0);
+    for worker in workers {
+        end(worker).expect(0);
+    }
+    let happened = bucket
+        .faults
+        .happened
+        .iter()
+        .map(|n| n.load(Ordering::SeqCst));
+    let happened: Vec<u64> = happened.collect();
+    eprintln!("faults of the store by kind: {happened:?}");
+    assert!(happened.iter().all(|n| *n > 0), "{happened:?}");
+    bucket.faults.set(0);
+    assert_same(
+        &fetched(&store, &place.folder.path().join("found")),
+        &alone(&place),
+    );
+    assert_finished(&store);
+}
+
+#[test]
+fn a_worker_without_its_store_ends_with_75_and_costs_no_scene() {
+    let Some(queue) = Server::start() else {
+        return;
+    };
+    let bucket = S3Server::start(13);
+    let place = slow_place();
+    let store = bucket.store(PREFIX);
+    let patience = ["--store-patience-s", "1"];
+    let mut coordinator = start("coordinate", &place.run, &queue, &bucket, &patience);
+    wait_for("the run's rules", || {
+        store.get("spec.json").unwrap().is_some()
+    });
+    let leaving = worker(&place, "a", &queue, &bucket, &patience);
+    wait_for("a result", || results(&store) > 2);
+    bucket.faults.set_away(true);
+    end(leaving)
+        .expect(75)
+        .says(&["cannot", "in s3://bucket/runs/mine"]);
+    // The coordinator waits for it.
+    std::thread::sleep(Duration::from_secs(5));
+    assert!(coordinator.try_wait().unwrap().is_none());
+    bucket.faults.set_away(false);
+    let heir = worker(&place, "b", &queue, &bucket, &patience);
+    end(coordinator).expect(0).says(&["waiting for the store"]);
+    end(heir).expect(0);
+    assert_same(
+        &fetched(&store, &place.folder.path().join("found")),
+        &alone(&place),
+    );
+    assert_finished(&store);
+}
+
+#[test]
+fn partials_in_a_bucket_are_merged_without_a_queue() {
+    let bucket = S3Server::start(14);
+    bucket.faults.set(80);
+    let place = place();
+    place.plan();
+    let store = bucket.store(PREFIX);
+    for key in ["manifest.jsonl", "spec.json"] {
+        let bytes = std::fs::read(place.run.join(key)).unwrap();
+        store.create(key, &bytes).unwrap();
+    }
+    for scene in 0..SCENES {
+        let (id, partials) = partials(&place.run, scene);
+        // The last scene lacks a shard.
+        let lacks = usize::from(scene == SCENES - 1);
+        for partial in partials.iter().skip(lacks) {
+            let key = format!("partials/{id}/{:06}.exr", partial.header.shard);
+            let bytes = glasshouse::partial::encode(partial).unwrap();
+            store.create(&key, &bytes).unwrap();
+        }
+    }
+    let elsewhere = place.folder.path().join("elsewhere");
+    let merge = || {
+        let mut command = command(&[
+            "merge",
+            text(&elsewhere),
+            "--store",
+            "s3://bucket/runs/mine",
+            "--json",
+        ]);
+        bucket.tell(&mut command);
+        Ended::from(command.output().unwrap()).expect(3).json()
+    };
+    assert_eq!(merge()["merged"].as_array().unwrap().len(), SCENES - 1);
+    assert_eq!(merge()["already_merged"], SCENES - 1);
+    let found = fetched(&store, &place.folder.path().join("found"));
+    assert_eq!(found.len(), (SCENES - 1) * 6);
+    for (path, content) in &found {
+        assert!(reference()[path] == *content, "{}", path.display());
+    }
+    let left = store.list("partials").unwrap();
+    assert_eq!(left.len(), SHARDS - 1, "{left:?}");
+}

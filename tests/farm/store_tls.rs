@@ -1,0 +1,61 @@
+//! A bucket over TLS, with a private certificate authority: the program chooses its TLS provider before the first
+//! connection, and believes nobody whom it was not told to.
+
+use crate::moto::Moto;
+use crate::program::{Ended, command, text};
+use crate::scenes::{photographs, scene};
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+/// `ca/ca.pem`, `server/cert.pem` and `server/key.pem` in `folder`, by the farm's own script; none, with a line that says
+/// so, where there is no openssl.
+fn make_keys(folder: &Path) -> Option<()> {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("workers/nats/make-keys.sh");
+    let made = Command::new("bash")
+        .arg(script)
+        .args([text(folder), "localhost", "127.0.0.1"])
+        .output()
+        .unwrap();
+    if !made.status.success() {
+        eprintln!(
+            "skipped: make-keys.sh: {}",
+            String::from_utf8_lossy(&made.stderr)
+        );
+        return None;
+    }
+    Some(())
+}
+
+#[test]
+fn a_private_authority_is_trusted_when_it_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    if make_keys(&path("keys")).is_none() {
+        return;
+    }
+    let Some(server) = Moto::start_tls(&path("keys/server")) else {
+        return;
+    };
+    photographs(folder.path());
+    let mut line = scene("tls");
+    line["front"]["color"] = "s3://bucket/a.png".into();
+    std::fs::write(path("scene.json"), line.to_string()).unwrap();
+    let (scene, out) = (path("scene.json"), path("out"));
+    let render = |authority: Option<&Path>| -> (Ended, Duration) {
+        let mut command = command(&["render", text(&scene), "--out", text(&out)]);
+        command.envs(server.options().settings);
+        if let Some(file) = authority {
+            command.env("SSL_CERT_FILE", file);
+        }
+        let start = Instant::now();
+        (command.output().unwrap().into(), start.elapsed())
+    };
+    // There is an answer, and it is that of the server: the bucket is not there.
+    let (ended, _) = render(Some(&path("keys/ca/ca.pem")));
+    ended.expect(4).says(&["NoSuchBucket"]);
+    // Who is not trusted gets no second try.
+    let (ended, took) = render(None);
+    ended.expect(4).says(&["certificate"]);
+    assert!(took < Duration::from_secs(20), "{took:?}");
+}

@@ -1,0 +1,228 @@
+//! What the farm expects of a store, on a disk and behind S3, with a server that works and with one that often does not.
+
+use crate::moto::Moto;
+use crate::s3_server::{BUCKET, S3Server};
+use glasshouse::store::{Put, Store, StoreError, StoreOptions};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// Objects of a large listing: more than one page of S3.
+const MANY: usize = 1100;
+
+/// Runs a test on a disk, on S3 and on S3 with faults in 15 of 100 requests.
+fn on_all_stores(test: impl Fn(&str, &Store)) {
+    let folder = tempfile::tempdir().unwrap();
+    test("disk", &Store::local(folder.path()).unwrap());
+    let server = S3Server::start(1);
+    test("s3", &server.store("runs/mine"));
+    test("s3 without prefix", &server.store(""));
+    server.faults.set(150);
+    test("s3 with faults", &server.store("runs/faulty"));
+}
+
+#[test]
+fn objects_are_made_once_and_differences_are_named() {
+    on_all_stores(|name, store| {
+        assert_eq!(store.get("a/b.json").unwrap(), None, "{name}");
+        let put = store.create("a/b.json", b"one").unwrap();
+        // With a lost answer the put is repeated, and finds its own bytes.
+        assert!(put == Put::New || name.contains("faults"), "{name}");
+        assert_eq!(
+            store.create("a/b.json", b"one").unwrap(),
+            Put::Same,
+            "{name}"
+        );
+        let error = store.create("a/b.json", b"two").unwrap_err();
+        let StoreError::Differs { here, there, .. } = &error else {
+            panic!("{name}: {error}");
+        };
+        let digest = |bytes: &[u8]| blake3::hash(bytes).to_hex()[..16].to_owned();
+        assert_eq!((here, there), (&digest(b"two"), &digest(b"one")), "{name}");
+        assert!(error.to_string().contains(store.name()), "{error}");
+        assert_eq!(store.get("a/b.json").unwrap().unwrap(), "one", "{name}");
+        store.replace("a/b.json", b"two").unwrap();
+        assert_eq!(store.get("a/b.json").unwrap().unwrap(), "two", "{name}");
+        store.create("empty", b"").unwrap();
+        assert_eq!(store.get("empty").unwrap().unwrap(), "", "{name}");
+    });
+}
+
+#[test]
+fn listing_and_removing_many() {
+    on_all_stores(|name, store| {
+        assert_eq!(store.list("partials").unwrap(), [""; 0], "{name}");
+        let keys: Vec<String> = (0..MANY)
+            .map(|k| format!("partials/s/{k:06}.exr"))
+            .collect();
+        let objects = keys.iter().map(|k| (k.clone(), k.clone().into_bytes()));
+        store.create_all(objects.collect()).unwrap();
+        // A name that begins like a folder's is not in it.
+        store.create("partials/s2/000000.exr", b"t").unwrap();
+        store.create("partials/s/deep/x", b"t").unwrap();
+        let mut found = store.list("partials/s").unwrap();
+        found.sort();
+        assert_eq!(found.len(), MANY + 1, "{name}");
+        assert!(found[..MANY] == keys[..], "{name}");
+        assert_eq!(store.list("partials").unwrap().len(), MANY + 2, "{name}");
+        let bytes = store.get_all(&keys).unwrap();
+        let same = |(b, k): (&Option<bytes::Bytes>, &String)| b.as_ref().unwrap() == k.as_bytes();
+        assert!(bytes.iter().zip(&keys).all(same), "{name}");
+        store.delete(&keys).unwrap();
+        store.delete(&keys).unwrap();
+        store.delete(&[]).unwrap();
+        let mut left = store.list("partials").unwrap();
+        left.sort();
+        assert_eq!(
+            left,
+            ["partials/s/deep/x", "partials/s2/000000.exr"],
+            "{name}"
+        );
+    });
+}
+
+/// Bytes of a size that takes several packets, so that answers are cut in their middle, too.
+fn large(k: u8) -> Vec<u8> {
+    (0..300_000u32)
+        .flat_map(|n| (n * 7 + u32::from(k)).to_le_bytes())
+        .collect()
+}
+
+#[test]
+fn every_kind_of_fault_happens_and_none_is_seen() {
+    let server = S3Server::start(2);
+    server.faults.set(400);
+    let store = server.store("x");
+    for k in 0..24 {
+        let key = format!("tuples/{k}");
+        store.create(&key, &large(k)).unwrap();
+        assert!(store.get(&key).unwrap().unwrap() == large(k));
+    }
+    assert_eq!(store.list("tuples").unwrap().len(), 24);
+    for kind in &server.faults.happened {
+        assert!(
+            kind.load(Ordering::SeqCst) > 0,
+            "{:?}",
+            server.faults.happened
+        );
+    }
+}
+
+#[test]
+fn equal_puts_at_the_same_time_are_all_right() {
+    on_all_stores(|name, store| {
+        for round in 0..5 {
+            let key = format!("tuples/{round}");
+            std::thread::scope(|scope| {
+                for _ in 0..8 {
+                    scope.spawn(|| store.create(&key, &large(round)).unwrap());
+                }
+            });
+            assert!(store.get(&key).unwrap().unwrap() == large(round), "{name}");
+        }
+    });
+}
+
+/// Of sixteen puts with other bytes one wins, and all others are told.
+fn one_wins(store: &Store) {
+    for round in 0..10 {
+        let key = format!("race/{round}");
+        let made: Vec<_> = std::thread::scope(|scope| {
+            let put = |k: u8| store.create(&key, &[k; 5000]);
+            let puts: Vec<_> = (0..16).map(|k| scope.spawn(move || put(k))).collect();
+            puts.into_iter().map(|p| p.join().unwrap()).collect()
+        });
+        let new = made.iter().position(|m| matches!(m, Ok(Put::New))).unwrap();
+        let differ = made
+            .iter()
+            .filter(|m| matches!(m, Err(StoreError::Differs { .. })));
+        assert_eq!(differ.count(), 15, "{made:?}");
+        assert_eq!(store.get(&key).unwrap().unwrap(), vec![new as u8; 5000]);
+    }
+}
+
+#[test]
+fn of_different_puts_one_wins_on_a_disk() {
+    let folder = tempfile::tempdir().unwrap();
+    one_wins(&Store::local(folder.path()).unwrap());
+}
+
+#[test]
+fn of_different_puts_one_wins_on_moto() {
+    if let Some(server) = Moto::start() {
+        one_wins(&server.store("x"));
+    }
+}
+
+#[test]
+fn a_store_that_was_away_is_waited_for() {
+    let server = S3Server::start(3);
+    let store = server.store("x");
+    server.faults.set_away(true);
+    std::thread::scope(|scope| {
+        let put = scope.spawn(|| store.create("a", b"one"));
+        std::thread::sleep(Duration::from_secs(2));
+        assert!(!put.is_finished());
+        server.faults.set_away(false);
+        put.join().unwrap().unwrap();
+    });
+    assert_eq!(store.get("a").unwrap().unwrap(), "one");
+}
+
+#[test]
+fn a_store_that_stays_away_is_a_passing_error() {
+    let server = S3Server::start(4);
+    let address = format!("s3://{BUCKET}/x");
+    let store = Store::open(&address, &server.options(Duration::from_secs(1))).unwrap();
+    server.faults.set_away(true);
+    let start = Instant::now();
+    for error in [
+        store.create("a", b"one").unwrap_err(),
+        store.get("a").unwrap_err(),
+        store.list("a").unwrap_err(),
+        store.delete(&["a".to_owned()]).unwrap_err(),
+    ] {
+        assert!(error.is_passing(), "{error}");
+        assert!(error.to_string().contains("a in s3://bucket/x"), "{error}");
+    }
+    assert!(start.elapsed() < Duration::from_secs(40));
+}
+
+#[test]
+fn what_will_not_pass_is_said_at_once_and_without_secrets() {
+    let server = S3Server::start(5);
+    let mut options: StoreOptions = server.options(Duration::from_mins(5));
+    let start = Instant::now();
+    for (name, value) in &mut options.settings {
+        if name == "AWS_SECRET_ACCESS_KEY" {
+            "wrongwrongwrong".clone_into(value);
+        }
+    }
+    let refused = Store::open(&format!("s3://{BUCKET}/x"), &options).unwrap();
+    let error = refused.create("a", b"one").unwrap_err();
+    assert!(!error.is_passing(), "{error}");
+    let text = format!("{error} {error:?} {refused:?}");
+    assert!(text.contains("SignatureDoesNotMatch"), "{text}");
+    for secret in ["wrongwrongwrong", "hushhush", "AKIATEST"] {
+        assert!(!text.contains(secret), "{text}");
+    }
+    assert!(start.elapsed() < Duration::from_secs(30));
+}
+
+/// s3s-fs makes buckets as they are needed, so this is moto's.
+#[test]
+fn an_absent_bucket_is_said_at_once() {
+    let Some(server) = Moto::start() else {
+        return;
+    };
+    let start = Instant::now();
+    let store = server.store_at("s3://absent/x");
+    for error in [
+        store.create("a", b"one").unwrap_err(),
+        store.list("a").unwrap_err(),
+    ] {
+        assert!(!error.is_passing(), "{error}");
+        assert!(error.to_string().contains("NoSuchBucket"), "{error}");
+        assert!(error.to_string().contains("s3://absent/x"), "{error}");
+    }
+    assert!(start.elapsed() < Duration::from_secs(30));
+}
