@@ -66,6 +66,11 @@ impl Output {
         }
     }
 
+    /// A line of a result that is not JSON.
+    pub(super) fn text(&self, text: &str) {
+        let _ = writeln!(std::io::stdout().lock(), "{text}");
+    }
+
     /// Something a person may want to know.
     pub(super) fn note(&self, text: &str) {
         if !self.quiet {

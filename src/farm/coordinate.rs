@@ -4,6 +4,7 @@
 //! the queue, then at the store, publish what is in neither. Any number may run at once, for publishing twice does
 //! nothing and merging twice makes the same bytes.
 
+use super::control::{Control, ControlState};
 use super::done::Progress;
 use super::error::FarmError;
 use super::events::Event;
@@ -45,6 +46,8 @@ pub struct Watch {
     pub queue_lost: Option<String>,
     /// Nothing is left to do.
     pub finished: bool,
+    /// What the run has been told.
+    pub control: Control,
     /// Scenes with a tuple, in the order in which they were seen.
     pub tuples: Vec<SeenTuple>,
     /// Scenes in quarantine (place in the manifest) with their reasons.
@@ -107,6 +110,8 @@ pub struct Coordinated {
     pub published: u64,
     /// Ended by `stop`.
     pub stopped: bool,
+    /// Ended because the run is cancelled.
+    pub cancelled: bool,
 }
 
 /// A look must not cost more than a twentieth of the time.
@@ -130,6 +135,7 @@ pub fn coordinate(
     // Quiet at the last look, too: a message on its way from one to the other is in neither count for a moment.
     let mut was_quiet = false;
     let mut first = true;
+    let mut control = Control::default();
     on_event(Event::Started {
         shards: run.lines.len() as u64,
         scenes: run.lines.len() as u64,
@@ -157,6 +163,7 @@ pub fn coordinate(
         }
         first = false;
         let finished = progress.is_finished();
+        let told_to = Control::get(store)?;
         {
             let mut watch = watch.lock().expect("no holder of this lock panics");
             let count = |n: usize| n as u64;
@@ -164,6 +171,7 @@ pub fn coordinate(
             watch.done = count(progress.done.iter().filter(|d| **d).count());
             watch.quarantined = count(progress.quarantined.iter().flatten().count());
             watch.finished = finished;
+            watch.control = told_to.clone();
             let reasons = progress.quarantined.iter().enumerate();
             watch.reasons = reasons.filter_map(|(s, r)| Some((s, r.clone()?))).collect();
             match &looked {
@@ -174,13 +182,25 @@ pub fn coordinate(
                 Err(error) => watch.queue_lost = Some(error.to_string()),
             }
         }
+        if std::mem::replace(&mut control, told_to.clone()) != told_to {
+            on_event(Event::Controlled {
+                state: told_to.state,
+                reason: told_to.reason.clone(),
+            });
+        }
         if finished {
             break;
         }
         if options.stop.load(Ordering::Relaxed) {
             return Ok(ended(watch, published, true));
         }
+        if told_to.state == ControlState::Cancelled {
+            // One that cannot be removed does no harm: nobody takes from it.
+            let _ = queue.remove();
+            return Ok(ended(watch, published, false));
+        }
         match looked {
+            Ok(_) if told_to.state == ControlState::Paused => complained = None,
             Ok(state) => {
                 complained = None;
                 let quiet = state.is_quiet();
@@ -216,6 +236,7 @@ fn ended(watch: &Mutex<Watch>, published: u64, stopped: bool) -> Coordinated {
         watch: watch.clone(),
         published,
         stopped,
+        cancelled: !watch.finished && watch.control.state == ControlState::Cancelled,
     }
 }
 

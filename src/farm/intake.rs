@@ -21,6 +21,8 @@ pub(super) struct Loaded<'a> {
 const WAIT: Duration = Duration::from_millis(500);
 /// Between two looks whether another span is needed.
 const PAUSE: Duration = Duration::from_millis(5);
+/// Between two looks whether a pause is over.
+const HOLD: Duration = Duration::from_millis(50);
 /// Between two looks whether the run is over, when there is nothing to do.
 const LOOK: Duration = Duration::from_secs(1);
 /// Between two complaints about a queue that is away.
@@ -38,7 +40,7 @@ impl<'a> Shared<'a> {
                 std::thread::sleep(PAUSE);
                 continue;
             }
-            match self.queue.take(WAIT) {
+            match self.take() {
                 Taken::Span(delivery) => {
                     (pause, complained) = (ASK[0], None);
                     if !self.pass_on(sender, delivery) {
@@ -65,7 +67,8 @@ impl<'a> Shared<'a> {
                 }
             }
             // Only who has nothing left asks others.
-            if sender.is_empty() && self.is_idle() && complained.is_none() {
+            let may_ask = complained.is_none() && !self.control.is_paused();
+            if may_ask && sender.is_empty() && self.is_idle() {
                 if self.queue.ask() > 0 {
                     pause = ASK[0];
                 } else {
@@ -74,6 +77,15 @@ impl<'a> Shared<'a> {
                 }
             }
         }
+    }
+
+    /// The next span; while the run is paused none that another worker could have later.
+    fn take(&self) -> Taken {
+        if self.beside.is_none() || !self.control.is_paused() {
+            return self.queue.take(WAIT);
+        }
+        std::thread::sleep(HOLD);
+        Taken::Nothing
     }
 
     /// Looks at a span, reads its files and passes them on. False: nobody takes them any more.
