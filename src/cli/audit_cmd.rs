@@ -73,7 +73,7 @@ pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<
     let (same, differs) = (count(Verdict::Same), count(Verdict::Differs));
     let not_compared = count(Verdict::NotCompared);
     let mut text = format!(
-        "{} scenes traced again in {wall_s:.1} s: {same} are the same bit for bit, {differs} differ, {not_compared} could not be compared",
+        "scenes traced again in {wall_s:.1} s: {}; the same bit for bit: {same}, different: {differs}, not compared: {not_compared}",
         same + differs
     );
     if let Some(seed) = seed {
@@ -180,7 +180,7 @@ fn describe(audit: &SceneAudit) -> String {
 }
 
 fn amount(difference: &FileDifference) -> String {
-    let unit = if difference.file.ends_with(".png") {
+    let unit = if difference.file.rsplit('.').next() == Some("png") {
         "8-bit steps"
     } else {
         "linear"

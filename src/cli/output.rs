@@ -67,6 +67,7 @@ impl Output {
     }
 
     /// A line of a result that is not JSON.
+    #[allow(clippy::unused_self, reason = "who prints has an output")]
     pub(super) fn text(&self, text: &str) {
         let _ = writeln!(std::io::stdout().lock(), "{text}");
     }

@@ -6,6 +6,7 @@ use super::farm_args::RetryArgs;
 use super::output::Output;
 use super::target;
 use crate::farm::{RetryScenes, retry};
+use crate::ids::SceneId;
 use crate::manifest::Roots;
 use serde_json::json;
 
@@ -21,7 +22,7 @@ pub(super) fn run(args: &RetryArgs, global: &Global, output: &Output) -> Result<
         RetryScenes::These(&args.scenes)
     };
     let retried = retry(&store, &manifest, which, global.dry_run)?;
-    let names: Vec<&str> = retried.scenes.iter().map(|s| s.as_str()).collect();
+    let names: Vec<&str> = retried.scenes.iter().map(SceneId::as_str).collect();
     let text = if names.is_empty() {
         "nothing is in quarantine".to_owned()
     } else {

@@ -165,9 +165,10 @@ fn fields(made: &[u8], stored: &[u8]) -> String {
         n => format!(" and {n} more"),
     };
     found.truncate(FIELDS_NAMED);
-    match found.is_empty() {
-        true => "no field differs: it is only written otherwise".to_owned(),
-        false => format!("fields differ: {}{more}", found.join(", ")),
+    if found.is_empty() {
+        "no field differs: it is only written otherwise".to_owned()
+    } else {
+        format!("fields differ: {}{more}", found.join(", "))
     }
 }
 

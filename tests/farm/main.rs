@@ -12,8 +12,11 @@
     reason = "random moments are logged, and tests that cannot run here say so"
 )]
 
+mod audit;
 mod bench;
+mod control;
 mod damage;
+mod explain;
 mod hard_cases;
 mod help;
 mod json;
@@ -29,6 +32,7 @@ mod program;
 mod quarantine;
 mod queues;
 mod rendering;
+mod retry;
 mod same;
 mod scenes;
 mod serve;
@@ -36,4 +40,6 @@ mod serve_browser;
 mod serve_run;
 mod server;
 mod signals;
+mod status;
+mod token;
 mod writing;
