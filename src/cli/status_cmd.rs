@@ -146,8 +146,8 @@ impl Screen {
 
     #[allow(clippy::unused_self, reason = "only who holds the screen draws")]
     fn draw(&self, text: &str) {
-        // In one write, so that nothing flickers; the end of each line is the terminal's.
-        put(&format!("{HOME}{}\n", text.replace('\n', "\r\n")));
+        // In one write, so that nothing flickers.
+        put(&format!("{HOME}{text}\n"));
     }
 }
 
