@@ -80,7 +80,7 @@ fn attempts_and_quarantine_are_told_with_their_logs() {
         std::fs::write(folder.join(format!("0-12.{n}.json")), record.to_string()).unwrap();
     };
     let crash =
-        json!({"kind": "crash", "reason": "signal 6", "log_tail": "assertion failed\nlast words"});
+        json!({"kind": "crashed", "reason": "signal 6", "log_tail": "assertion failed\nlast words"});
     attempt(1, "alpha-1", crash);
     attempt(2, "beta-2", Value::Null);
     let (object, words) = explain(&place.run, "train-000000:3");
@@ -88,7 +88,7 @@ fn attempts_and_quarantine_are_told_with_their_logs() {
     assert_eq!(object["attempts"].as_array().unwrap().len(), 2);
     for part in [
         "alpha-1",
-        "crash signal 6",
+        "crashed: signal 6",
         "| last words",
         "attempt 2, beta-2",
         "in hand of beta-2",
