@@ -1,6 +1,7 @@
 //! What can be typed.
 
 use super::bench_args::BenchArgs;
+use super::farm_args::{AuditArgs, ExplainArgs, HoldArgs, ResumeArgs, RetryArgs, StatusArgs};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -137,11 +138,42 @@ pub enum Command {
   glasshouse merge runs/smoke
   glasshouse merge runs/smoke -n --json")]
     Merge(MergeArgs),
-    /// Say what is done and what is left of a run
+    /// Say what is done and what is left of a run, who works on it, and when it will be over
     #[command(after_help = "Examples:
   glasshouse status runs/smoke
-  glasshouse status runs/smoke --json")]
-    Status(RunFolder),
+  glasshouse status runs/smoke --json
+  glasshouse status runs/smoke --watch")]
+    Status(StatusArgs),
+    /// Let workers take nothing new until the run is resumed; they finish what they have opened
+    #[command(after_help = "Examples:
+  glasshouse pause runs/smoke
+  glasshouse pause runs/smoke --reason backup")]
+    Pause(HoldArgs),
+    /// Let a run go on that was paused or cancelled
+    #[command(after_help = "Examples:
+  glasshouse resume runs/smoke")]
+    Resume(ResumeArgs),
+    /// Give up what is left of a run: workers end after the shards in flight; what is done stays
+    #[command(after_help = "Examples:
+  glasshouse cancel runs/smoke
+  glasshouse cancel runs/smoke --json")]
+    Cancel(HoldArgs),
+    /// Take scenes out of quarantine, to be tried again
+    #[command(after_help = "Examples:
+  glasshouse retry runs/smoke --all
+  glasshouse retry runs/smoke --all --json   # or name the scenes")]
+    Retry(RetryArgs),
+    /// Say everything that is known of a scene or a shard, what happens next, and what you can do
+    #[command(after_help = "Examples:
+  glasshouse explain runs/smoke train-000000
+  glasshouse explain runs/smoke train-000000:0")]
+    Explain(ExplainArgs),
+    /// Trace some scenes again and compare every file with what the run holds, bit for bit
+    #[command(after_help = "Examples:
+  glasshouse audit runs/smoke
+  glasshouse audit runs/smoke --share 0.2 --seed 7
+  glasshouse audit runs/smoke --scene train-000000")]
+    Audit(AuditArgs),
     /// Write report/index.html: the run at a glance and a contact sheet
     #[command(after_help = "Examples:
   glasshouse report runs/smoke
@@ -302,7 +334,7 @@ impl std::str::FromStr for Only {
     }
 }
 
-const FARM: &str = "Many machines";
+pub(super) const FARM: &str = "Many machines";
 
 /// Where the queue and the store of a farm are.
 #[derive(Clone, Debug, ClapArgs)]
@@ -362,6 +394,9 @@ pub struct CoordinateArgs {
     /// Address of the status page; port 0 picks one and prints it
     #[arg(long, value_name = "ADDR:PORT", help_heading = FARM)]
     pub listen: Option<std::net::SocketAddr>,
+    /// File with the secret (16 characters or more) that opens the page's buttons; or GLASSHOUSE_TOKEN in the environment
+    #[arg(long, value_name = "FILE", requires = "listen", help_heading = FARM)]
+    pub token_file: Option<PathBuf>,
 }
 
 /// `merge`
@@ -395,7 +430,7 @@ fn parse_gb(text: &str) -> Result<f64, String> {
     }
 }
 
-fn parse_duration(text: &str) -> Result<Duration, String> {
+pub(super) fn parse_duration(text: &str) -> Result<Duration, String> {
     let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let scale = match &text[digits.len()..] {
         "" | "s" => 1.0,

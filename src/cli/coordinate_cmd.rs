@@ -8,11 +8,14 @@ use super::queue_cmd;
 use super::signals::Signals;
 use crate::farm::{CoordinateOptions, Run, Watch, WatchedRun, coordinate};
 use crate::manifest::Roots;
-use crate::serve::serve;
+use crate::serve::{ServeError, serve};
 use serde_json::json;
+use std::os::unix::fs::MetadataExt;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+/// Environment variable with the secret for the page's buttons.
+const TOKEN: &str = "GLASSHOUSE_TOKEN";
 /// Shortest time between two looks.
 const EVERY: Duration = Duration::from_secs(1);
 
@@ -32,10 +35,11 @@ pub(super) fn run(
         every: EVERY,
     };
     let watch = Arc::new(Mutex::new(Watch::default()));
+    let token = token(args, output)?;
     let silent_s = 20.0 * args.queue.lease_s.as_secs_f64();
     let page = args.listen.map(|address| {
         let source = Arc::new(WatchedRun::new(&run, &store, &watch, silent_s));
-        serve(address, source, None).map_err(|e| Failure::new(Exit::Failed, e))
+        serve(address, source, token.clone()).map_err(|e| Failure::new(serve_exit(&e), e))
     });
     let page = page.transpose()?;
     if let Some(page) = &page {
@@ -55,23 +59,57 @@ pub(super) fn run(
         "glasshouse.coordinate/1",
         json!({
             "run": args.run, "scenes": watch.scenes, "done": watch.done, "quarantined": watch.quarantined,
-            "spans_published": ended.published, "finished": watch.finished, "wall_s": start.elapsed().as_secs_f64(),
+            "spans_published": ended.published, "finished": watch.finished,
+            "cancelled": ended.cancelled, "wall_s": start.elapsed().as_secs_f64(),
         }),
         &format!(
             "{} of {} scenes are done, {} in quarantine{}",
             watch.done,
             watch.scenes,
             watch.quarantined,
-            if ended.stopped {
-                "; stopped by a signal, the same command goes on"
-            } else {
-                ""
+            match (ended.stopped, ended.cancelled) {
+                (true, _) => "; stopped by a signal, the same command goes on",
+                (_, true) =>
+                    "; the run is cancelled, after `glasshouse resume RUN` the same command goes on",
+                _ => "",
             }
         ),
     );
     Ok(match (ended.stopped, watch.quarantined) {
         (true, _) => signals.exit(),
-        (false, 0) => Exit::Done,
+        (false, 0) if !ended.cancelled => Exit::Done,
         (false, _) => Exit::Incomplete,
     })
+}
+
+/// The secret for the page's buttons, from a file or the environment: a command line is seen by every user of a machine.
+fn token(args: &CoordinateArgs, output: &Output) -> Result<Option<String>, Failure> {
+    let Some(path) = &args.token_file else {
+        #[allow(
+            clippy::disallowed_methods,
+            reason = "cli is where the environment is read"
+        )]
+        let token = std::env::var(TOKEN).ok();
+        return Ok(token.filter(|token| args.listen.is_some() && !token.is_empty()));
+    };
+    let cannot = |e: std::io::Error| {
+        let error = anyhow::anyhow!("cannot read the token in {}: {e}", path.display());
+        Failure::new(Exit::Usage, error)
+    };
+    let text = std::fs::read_to_string(path).map_err(cannot)?;
+    let others = std::fs::metadata(path).map_err(cannot)?.mode() & 0o077;
+    if others != 0 {
+        output.warning(&format!(
+            "{} can be read by others; `chmod 600` it",
+            path.display()
+        ));
+    }
+    Ok(Some(text.trim().to_owned()))
+}
+
+fn serve_exit(error: &ServeError) -> Exit {
+    match error {
+        ServeError::WeakToken => Exit::Usage,
+        _ => Exit::Failed,
+    }
 }

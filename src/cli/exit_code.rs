@@ -118,6 +118,36 @@ impl From<crate::farm::FarmError> for Failure {
     }
 }
 
+impl From<crate::farm::ControlError> for Failure {
+    fn from(error: crate::farm::ControlError) -> Self {
+        use crate::farm::ControlError as E;
+        match error {
+            E::Store(error) => error.into(),
+            E::Finished | E::Cancelled => Self::new(Exit::Failed, error),
+        }
+    }
+}
+
+impl From<crate::farm::ExplainError> for Failure {
+    fn from(error: crate::farm::ExplainError) -> Self {
+        use crate::farm::ExplainError as E;
+        match error {
+            E::Farm(error) => error.into(),
+            E::Unknown(_) => Self::new(Exit::Usage, error),
+        }
+    }
+}
+
+impl From<crate::farm::RetryError> for Failure {
+    fn from(error: crate::farm::RetryError) -> Self {
+        use crate::farm::RetryError as E;
+        match error {
+            E::Store(error) => error.into(),
+            E::Refused(_) => Self::new(Exit::Usage, error),
+        }
+    }
+}
+
 impl From<crate::farm::PlanError> for Failure {
     fn from(error: crate::farm::PlanError) -> Self {
         use crate::farm::PlanError as E;

@@ -4,8 +4,8 @@ use super::args::{Global, MergeArgs};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
-use super::queue_cmd;
-use super::store_env;
+use super::store_env::store_options;
+use super::target;
 use crate::farm::{Run, merge_run};
 use crate::manifest::Roots;
 use crate::store::Store;
@@ -15,14 +15,11 @@ use serde_json::json;
 const SHOWN: usize = 10;
 
 pub(super) fn run(args: &MergeArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
-    let options = store_env::store_options();
-    let store = args
-        .store
-        .as_ref()
-        .map(|address| Store::open(address, &options));
+    let address = args.store.as_ref();
+    let store = address.map(|address| Store::open(address, &store_options()));
     let store = store.transpose()?;
     if let Some(store) = &store {
-        queue_cmd::fetch_run_from(&args.run, store)?;
+        target::fetch(&args.run, store)?;
     }
     let run = Run::open(&args.run, &Roots::default())?;
     let progress = Progress::new(global, "scenes", run.lines.len() as u64);

@@ -1,14 +1,18 @@
 //! The command line: the only code that prints, reads the environment, catches signals or exits.
 
 mod args;
+mod audit_cmd;
 mod bench_args;
 mod bench_cmd;
 mod bench_error_cmd;
 mod bench_farm_args;
 mod bench_farm_cmd;
 mod bench_trace_cmd;
+mod control_cmd;
 mod coordinate_cmd;
 mod exit_code;
+mod explain_cmd;
+mod farm_args;
 mod isolate;
 mod merge_cmd;
 mod output;
@@ -17,11 +21,14 @@ mod progress;
 mod queue_cmd;
 mod render_cmd;
 mod report_cmd;
+mod retry_cmd;
 mod run_cmd;
 mod sample_cmd;
 mod signals;
 mod status_cmd;
+mod status_text;
 mod store_env;
+mod target;
 mod work_cmd;
 
 pub use args::{Args, Command};
@@ -65,6 +72,12 @@ pub fn main() -> ExitCode {
         Command::Coordinate(coordinate) => coordinate_cmd::run(coordinate, &args.global, &output),
         Command::Merge(merge) => merge_cmd::run(merge, &args.global, &output),
         Command::Status(status) => status_cmd::run(status, &args.global, &output),
+        Command::Pause(pause) => control_cmd::pause(pause, &args.global, &output),
+        Command::Resume(resume) => control_cmd::resume(resume, &args.global, &output),
+        Command::Cancel(cancel) => control_cmd::cancel(cancel, &args.global, &output),
+        Command::Retry(retry) => retry_cmd::run(retry, &args.global, &output),
+        Command::Explain(explain) => explain_cmd::run(explain, &args.global, &output),
+        Command::Audit(audit) => audit_cmd::run(audit, &args.global, &output),
         Command::Report(report) => report_cmd::run(report, &args.global, &output),
         Command::Bench(bench) => bench_cmd::run(bench, &args.global, &output),
     };

@@ -66,6 +66,12 @@ impl Output {
         }
     }
 
+    /// A line of a result that is not JSON.
+    #[allow(clippy::unused_self, reason = "who prints has an output")]
+    pub(super) fn text(&self, text: &str) {
+        let _ = writeln!(std::io::stdout().lock(), "{text}");
+    }
+
     /// Something a person may want to know.
     pub(super) fn note(&self, text: &str) {
         if !self.quiet {

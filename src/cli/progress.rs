@@ -2,7 +2,7 @@
 
 use super::args::{Global, ProgressHow};
 use super::output::Output;
-use crate::farm::Event;
+use crate::farm::{ControlState, Event};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
@@ -87,6 +87,11 @@ impl Progress {
         }
     }
 
+    /// Units that are done.
+    pub(super) fn done(&self) -> u64 {
+        self.done.load(Ordering::Relaxed)
+    }
+
     fn plain_line(&self) {
         let (done, length) = (
             self.done.load(Ordering::Relaxed),
@@ -157,6 +162,18 @@ impl Progress {
             Event::StoreLost { reason } => {
                 self.suspend(|| {
                     output.note(&format!("waiting for the store: {reason}"));
+                });
+            }
+            Event::Controlled { state, reason } => {
+                let reason = reason.map_or_else(String::new, |reason| format!(" ({reason})"));
+                self.suspend(|| match state {
+                    ControlState::Running => output.note("the run was resumed: going on"),
+                    ControlState::Paused => output.warning(&format!(
+                        "the run is paused{reason}: what is open is finished, nothing new is begun until `glasshouse resume RUN`"
+                    )),
+                    ControlState::Cancelled => output.warning(&format!(
+                        "the run is cancelled{reason}: ending after the shards in flight; `glasshouse resume RUN` takes that back"
+                    )),
                 });
             }
             Event::SceneMerged { scene, miss_share } => {

@@ -2,11 +2,12 @@
 
 use super::args::QueueArgs;
 use super::exit_code::{Exit, Failure};
+use super::farm_args::ServerArgs;
 use crate::farm::Run;
-use crate::farm::keys;
 use crate::farm::queue::{NatsCoordinator, NatsOptions, NatsWorker};
 use crate::store::{Store, StoreOptions};
 use std::path::Path;
+use std::time::Duration;
 
 /// The run's store.
 pub(super) fn store(run: &Path, args: &QueueArgs) -> Result<Store, Failure> {
@@ -27,27 +28,8 @@ fn store_options(args: &QueueArgs) -> StoreOptions {
 pub(super) fn fetch_run(run: &Path, args: &QueueArgs) -> Result<(), Failure> {
     match &args.store {
         None => Ok(()),
-        Some(_) => fetch_run_from(run, &store(run, args)?),
+        Some(_) => super::target::fetch(run, &store(run, args)?),
     }
-}
-
-/// [`fetch_run`] from a store that is open.
-pub(super) fn fetch_run_from(run: &Path, store: &Store) -> Result<(), Failure> {
-    if run.join(keys::SPEC).exists() {
-        return Ok(());
-    }
-    crate::atomic_file::create_dir(run)?;
-    for key in [keys::MANIFEST, keys::SPEC] {
-        let bytes = store.get(key)?.ok_or_else(|| {
-            let error = anyhow::anyhow!(
-                "{} holds no run yet (no {key}); start `glasshouse coordinate RUN --store …` first, then try again",
-                store.name()
-            );
-            Failure::new(Exit::TryAgain, error)
-        })?;
-        crate::atomic_file::write(&run.join(key), &bytes)?;
-    }
-    Ok(())
 }
 
 /// Host and process.
@@ -93,4 +75,24 @@ pub(super) fn worker(run: &Run, args: &QueueArgs, name: &str) -> Result<NatsWork
 pub(super) fn coordinator(run: &Run, args: &QueueArgs) -> Result<NatsCoordinator, Failure> {
     let options = options(args, "coordinator")?;
     Ok(NatsCoordinator::connect(&options, run.id(), args.lease_s)?)
+}
+
+/// The queue for who only looks; none if no server was given.
+pub(super) fn observer(run: &Run, args: &ServerArgs) -> Result<Option<NatsCoordinator>, Failure> {
+    let Some(url) = args.queue.clone() else {
+        return Ok(None);
+    };
+    let options = NatsOptions {
+        url,
+        nkey: args.queue_nkey.clone(),
+        creds: args.queue_creds.clone(),
+        ca: args.queue_ca.clone(),
+        name: "status".to_owned(),
+    };
+    // Nothing is made by it, so it needs no lease.
+    Ok(Some(NatsCoordinator::connect(
+        &options,
+        run.id(),
+        Duration::ZERO,
+    )?))
 }

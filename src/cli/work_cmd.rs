@@ -167,6 +167,7 @@ pub(super) fn work_on(
     let exit = match outcome.stopped {
         Some(Stop::Asked) => signals.exit(),
         Some(Stop::TimeLimit) if !run_status(run).is_finished() => Exit::TryAgain,
+        Some(Stop::Cancelled) => Exit::Incomplete,
         _ if !outcome.quarantined.is_empty() => Exit::Incomplete,
         _ => Exit::Done,
     };
@@ -220,6 +221,7 @@ fn work_for(
         Some(Stop::Asked) => signals.exit(),
         Some(Stop::TimeLimit) => Exit::TryAgain,
         Some(Stop::Drained) => Exit::Failed,
+        Some(Stop::Cancelled) => Exit::Incomplete,
         None => Exit::Done,
     };
     Ok((outcome, exit, start.elapsed()))
@@ -294,6 +296,7 @@ pub(super) fn outcome_json(outcome: &Outcome, run: &Path, wall: Duration) -> Val
             Stop::Asked => "signal",
             Stop::TimeLimit => "time_limit",
             Stop::Drained => "drained",
+            Stop::Cancelled => "cancelled",
         }),
         "wall_s": wall.as_secs_f64(),
         "thread_seconds": seconds,
@@ -316,7 +319,7 @@ pub(super) fn summary(outcome: &Outcome, wall: Duration) -> String {
     if !outcome.quarantined.is_empty() {
         let _ = write!(
             text,
-            "; {} scenes in quarantine, see quarantine/*.json in the run (delete a record to try its scene again)",
+            "; {} scenes in quarantine, see `glasshouse status RUN` (`glasshouse retry RUN SCENE` tries one again)",
             outcome.quarantined.len()
         );
     }
@@ -324,6 +327,10 @@ pub(super) fn summary(outcome: &Outcome, wall: Duration) -> String {
         Some(Stop::Asked) => text += "; stopped by a signal, the same command goes on",
         Some(Stop::TimeLimit) => text += "; time is up, the same command goes on",
         Some(Stop::Drained) => text += "; ended because too many scenes failed here",
+        Some(Stop::Cancelled) => {
+            text +=
+                "; the run is cancelled, after `glasshouse resume RUN` the same command goes on";
+        }
         None => {}
     }
     text

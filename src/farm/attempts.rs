@@ -104,6 +104,26 @@ impl AttemptRecord {
         }
     }
 
+    /// The record of a scene under `key`, if that is an attempt's name. One that cannot be read counts as lost.
+    pub(super) fn parse(scene: &SceneId, key: &str, bytes: &[u8]) -> Option<Self> {
+        let (shards, n) = keys::attempt_of(key)?;
+        let damaged = |e| Self {
+            schema: ATTEMPT_SCHEMA.to_owned(),
+            scene: scene.clone(),
+            shards,
+            n,
+            worker: "unknown".to_owned(),
+            host: "unknown".to_owned(),
+            found: 0,
+            ended: Some(Ending {
+                kind: EndKind::Crashed,
+                reason: format!("its record is damaged ({e})"),
+                log_tail: String::new(),
+            }),
+        };
+        Some(serde_json::from_slice(bytes).unwrap_or_else(damaged))
+    }
+
     fn key(&self) -> String {
         keys::attempt(&self.scene, self.shards, self.n)
     }
@@ -171,25 +191,7 @@ pub fn attempts(store: &Store, scene: &SceneId) -> Result<Vec<AttemptRecord>, St
     there.sort();
     let mut records = Vec::new();
     for (key, bytes) in there.iter().zip(store.get_all(&there)?) {
-        let (Some(bytes), Some((shards, n))) = (bytes, keys::attempt_of(key)) else {
-            continue;
-        };
-        records.push(
-            serde_json::from_slice(&bytes).unwrap_or_else(|e| AttemptRecord {
-                schema: ATTEMPT_SCHEMA.to_owned(),
-                scene: scene.clone(),
-                shards,
-                n,
-                worker: "unknown".to_owned(),
-                host: "unknown".to_owned(),
-                found: 0,
-                ended: Some(Ending {
-                    kind: EndKind::Crashed,
-                    reason: format!("its record is damaged ({e})"),
-                    log_tail: String::new(),
-                }),
-            }),
-        );
+        records.extend(bytes.and_then(|bytes| AttemptRecord::parse(scene, key, &bytes)));
     }
     records.sort_by_key(|record| (record.shards, record.n));
     Ok(records)

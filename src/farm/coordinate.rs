@@ -4,6 +4,7 @@
 //! the queue, then at the store, publish what is in neither. Any number may run at once, for publishing twice does
 //! nothing and merging twice makes the same bytes.
 
+use super::control::{Control, ControlState};
 use super::done::Progress;
 use super::error::FarmError;
 use super::events::Event;
@@ -46,6 +47,8 @@ pub struct Watch {
     pub queue_lost: Option<String>,
     /// Nothing is left to do.
     pub finished: bool,
+    /// What the run has been told.
+    pub control: Control,
     /// Scenes with a tuple, in the order in which they were seen.
     pub tuples: Vec<SeenTuple>,
     /// Scenes in quarantine (place in the manifest) with their reasons.
@@ -108,6 +111,8 @@ pub struct Coordinated {
     pub published: u64,
     /// Ended by `stop`.
     pub stopped: bool,
+    /// Ended because the run is cancelled.
+    pub cancelled: bool,
 }
 
 /// A look must not cost more than a twentieth of the time.
@@ -132,6 +137,7 @@ pub fn coordinate(
     // Quiet at the last look, too: a message on its way from one to the other is in neither count for a moment.
     let mut was_quiet = false;
     let mut first = true;
+    let mut control = Control::default();
     on_event(Event::Started {
         shards: run.lines.len() as u64,
         scenes: run.lines.len() as u64,
@@ -140,13 +146,17 @@ pub fn coordinate(
         let start = Instant::now();
         // First the queue, then the store: a scene that leaves the queue in between has its tuple by then.
         let looked = queue.ensure().and_then(|()| queue.look());
-        if let Err(error) = progress.update(run, store) {
-            wait_for_store(error, options, &mut store_complained, on_event)?;
-            if options.stop.load(Ordering::Relaxed) {
-                return Ok(ended(watch, published, true));
+        let updated = progress.update(run, store);
+        let told_to = match updated.and_then(|()| Ok(Control::get(store)?)) {
+            Ok(told_to) => told_to,
+            Err(error) => {
+                wait_for_store(error, options, &mut store_complained, on_event)?;
+                if options.stop.load(Ordering::Relaxed) {
+                    return Ok(ended(watch, published, true));
+                }
+                continue;
             }
-            continue;
-        }
+        };
         store_complained = None;
         for (scene, line) in run.lines.iter().enumerate() {
             if progress.done[scene] && !std::mem::replace(&mut told[scene], true) {
@@ -173,6 +183,7 @@ pub fn coordinate(
             watch.done = count(progress.done.iter().filter(|d| **d).count());
             watch.quarantined = count(progress.quarantined.iter().flatten().count());
             watch.finished = finished;
+            watch.control = told_to.clone();
             let reasons = progress.quarantined.iter().enumerate();
             watch.reasons = reasons.filter_map(|(s, r)| Some((s, r.clone()?))).collect();
             match &looked {
@@ -183,13 +194,25 @@ pub fn coordinate(
                 Err(error) => watch.queue_lost = Some(error.to_string()),
             }
         }
+        if std::mem::replace(&mut control, told_to.clone()) != told_to {
+            on_event(Event::Controlled {
+                state: told_to.state,
+                reason: told_to.reason.clone(),
+            });
+        }
         if finished {
             break;
         }
         if options.stop.load(Ordering::Relaxed) {
             return Ok(ended(watch, published, true));
         }
+        if told_to.state == ControlState::Cancelled {
+            // One that cannot be removed does no harm: nobody takes from it.
+            let _ = queue.remove();
+            return Ok(ended(watch, published, false));
+        }
         match looked {
+            Ok(_) if told_to.state == ControlState::Paused => complained = None,
             Ok(state) => {
                 complained = None;
                 let quiet = state.is_quiet();
@@ -252,6 +275,7 @@ fn ended(watch: &Mutex<Watch>, published: u64, stopped: bool) -> Coordinated {
         watch: watch.clone(),
         published,
         stopped,
+        cancelled: !watch.finished && watch.control.state == ControlState::Cancelled,
     }
 }
 

@@ -1,5 +1,6 @@
 //! What the farm tells whoever watches it.
 
+use super::control::ControlState;
 use crate::ids::SceneId;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -62,6 +63,13 @@ pub enum Event {
     Drained {
         /// Which, and what to do.
         reason: String,
+    },
+    /// The run was told to pause, to end, or to go on.
+    Controlled {
+        /// What it was told.
+        state: ControlState,
+        /// Why, if that was said.
+        reason: Option<String>,
     },
     /// A scene cannot be done.
     SceneQuarantined {

@@ -62,6 +62,10 @@ impl<'a> Hand<'_, 'a> {
             if farm.must_stop() {
                 return;
             }
+            if farm.control.is_paused() && !farm.files.is_empty() {
+                std::thread::sleep(Duration::from_millis(5));
+                continue;
+            }
             // Counted before it is taken, so that nobody goes home while a scene may still be shared out.
             farm.open.fetch_add(1, Ordering::AcqRel);
             match farm.files.try_recv() {

@@ -259,6 +259,15 @@ impl<'a> HeldSpans<'a> {
         }
     }
 
+    /// Leaves all of it to nobody, in order: of a run that is cancelled.
+    pub(super) fn forget(&self, store: &Store) {
+        for held in std::mem::take(&mut *self.spans()).into_values() {
+            if let Some(attempt) = held.attempt {
+                attempt.forget(store);
+            }
+        }
+    }
+
     /// Publishes all that is not done, and gives up the rest. For who stops; nothing is lost if it fails.
     pub(super) fn hand_back(&self, queue: &dyn Queue, store: &Store) -> Result<u32, QueueError> {
         let held = std::mem::take(&mut *self.spans());

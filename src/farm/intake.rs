@@ -26,6 +26,8 @@ const WAIT: Duration = Duration::from_millis(500);
 const PAUSE: Duration = Duration::from_millis(5);
 /// Between two calls that do not wait.
 const AGAIN: Duration = Duration::from_millis(50);
+/// Between two looks whether a pause is over.
+const HOLD: Duration = Duration::from_millis(50);
 /// Between two looks whether the run is over, when there is nothing to do.
 const LOOK: Duration = Duration::from_secs(1);
 /// Between two complaints about a queue that is away.
@@ -49,7 +51,7 @@ impl<'a> Shared<'a> {
             } else {
                 Duration::ZERO
             };
-            match self.queue.take(wait) {
+            match self.take(wait) {
                 Taken::Span(delivery) => {
                     self.hungry.store(false, Ordering::Release);
                     complained = None;
@@ -81,6 +83,15 @@ impl<'a> Shared<'a> {
                 }
             }
         }
+    }
+
+    /// The next span; while the run is paused none that another worker could have later.
+    fn take(&self, wait: Duration) -> Taken {
+        if self.beside.is_none() || !self.control.is_paused() {
+            return self.queue.take(wait);
+        }
+        std::thread::sleep(HOLD);
+        Taken::Nothing
     }
 
     /// Looks at a span, reads its files and passes them on. False: nobody takes them any more.

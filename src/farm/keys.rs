@@ -10,13 +10,18 @@ pub const MANIFEST: &str = "manifest.jsonl";
 pub const FINISHED: &str = "finished.json";
 /// Folder of the pictures that planning made, if it made any.
 pub const INPUTS: &str = "inputs";
+/// What the run has been told to do, if not simply to go on.
+pub const CONTROL: &str = "control.json";
 /// Folder of all tuples.
 pub const TUPLES: &str = "tuples";
 /// Folder of the reasons for quarantine.
 pub const QUARANTINE: &str = "quarantine";
-
 /// Folder of all partials.
 pub const PARTIALS: &str = "partials";
+/// Folder of the attempts that stand.
+pub const ATTEMPTS: &str = "attempts";
+/// Folder of who made what.
+pub const RECEIPTS: &str = "receipts";
 
 /// Folder of a scene's partials.
 pub fn partials(scene: &SceneId) -> String {
@@ -43,9 +48,6 @@ pub fn quarantine(scene: &SceneId) -> String {
     format!("{QUARANTINE}/{scene}.json")
 }
 
-/// Folder of all attempts.
-pub const ATTEMPTS: &str = "attempts";
-
 /// Folder of the attempts at a scene.
 pub fn attempts(scene: &SceneId) -> String {
     format!("{ATTEMPTS}/{scene}")
@@ -69,5 +71,5 @@ pub fn attempt_of(key: &str) -> Option<([u32; 2], u32)> {
 
 /// Who made a scene's tuple, when it was made by a farm; not part of what comes out.
 pub fn receipt(scene: &SceneId) -> String {
-    format!("receipts/{scene}.json")
+    format!("{RECEIPTS}/{scene}.json")
 }

@@ -24,7 +24,10 @@ impl Shared<'_> {
             }
             if !self.is_idle() {
                 pause = ASK[0];
-            } else if self.hungry.load(Ordering::Acquire) && asked.elapsed() > pause {
+            } else if self.hungry.load(Ordering::Acquire)
+                && !self.control.is_paused()
+                && asked.elapsed() > pause
+            {
                 // What is given for it goes through the queue, where this worker waits.
                 shared.queue.ask();
                 asked = Instant::now();

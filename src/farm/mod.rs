@@ -5,11 +5,15 @@
 //! whole files or nothing, so a process may be killed at any instruction.
 
 mod attempts;
+mod audit;
 mod bands;
+mod compare;
+mod control;
 mod coordinate;
 mod done;
 mod error;
 mod events;
+mod explain;
 mod fault;
 mod finished;
 mod hand;
@@ -21,9 +25,12 @@ mod leases;
 mod merge_run;
 mod message;
 mod open_span;
+mod overview;
 mod plan;
 mod quarantine;
 pub mod queue;
+mod receipt;
+mod retry;
 mod run_dir;
 mod share;
 pub mod sim;
@@ -38,18 +45,25 @@ mod writer;
 pub use attempts::{
     ATTEMPT_SCHEMA, AttemptRecord, EndKind, Ending, MOST_LOST, WorkerName, attempts,
 };
+pub use audit::{AuditOptions, SceneAudit, Verdict, audit_scene, check_auditor, draw_scenes};
+pub use compare::FileDifference;
+pub use control::{CONTROL_SCHEMA, Changed, Control, ControlError, ControlState, set_control};
 pub use coordinate::{CoordinateOptions, Coordinated, SeenTuple, Watch, coordinate};
 pub use done::Progress;
 pub use error::FarmError;
 pub use events::{Event, StageSeconds};
+pub use explain::{ExplainError, Explanation, SceneState, ShardFacts, explain};
 pub use fault::Fault;
 pub use job::{SceneJob, render_partials};
 pub use merge_run::{MergeOutcome, merge_run};
+pub use overview::{Observer, Overview, StandingAttempt, WorkerTuples};
 pub use plan::{PlanError, PlanOptions, Planned, plan};
 pub use quarantine::{QUARANTINE_SCHEMA, QuarantineRecord};
+pub use receipt::Receipt;
+pub use retry::{Retried, RetryError, RetryScenes, retry};
 pub use run_dir::{Run, RunDir, RunError};
 pub use span::{HeldSpan, Span, uncovered, what_to_give};
-pub use status::{RunStatus, run_status};
+pub use status::{Quarantined, RunStatus, run_status};
 pub use suspect::{Isolate, IsolatedEnd};
 pub use watch::WatchedRun;
 pub use work::{Outcome, SharedQueue, Stop, WorkOptions, work, work_shared, work_span};

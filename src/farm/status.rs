@@ -2,6 +2,7 @@
 
 use super::quarantine::QuarantineRecord;
 use super::run_dir::Run;
+use crate::manifest::SceneLine;
 use crate::merge::is_written;
 use serde::Serialize;
 
@@ -12,13 +13,13 @@ pub struct RunStatus {
     pub scenes: u64,
     /// Scenes with a tuple.
     pub merged: u64,
-    /// Scenes with some, not all, shards on disk.
+    /// Scenes with some shards done and no tuple yet.
     pub started: u64,
     /// Scenes of which nothing is there.
     pub waiting: u64,
     /// Shards of the manifest.
     pub shards: u64,
-    /// Shards done: those of merged scenes, and partials on disk.
+    /// Shards done: those of merged scenes, and partials.
     pub shards_done: u64,
     /// Scenes in quarantine.
     pub quarantined: Vec<Quarantined>,
@@ -42,6 +43,31 @@ impl RunStatus {
 
 /// Looks at a run's folder. Partials are counted, not checked.
 pub fn run_status(run: &Run) -> RunStatus {
+    count(run, |line| {
+        if is_written(&run.dir.tuple(&line.id), line) {
+            return Found::Tuple;
+        }
+        if let Some(record) = QuarantineRecord::read(&run.dir, &line.id) {
+            return Found::Quarantine(record.reason);
+        }
+        let shards = 0..run.layout(line).len();
+        let there = shards.filter(|&s| run.dir.partial(&line.id, s).is_file());
+        Found::Partials(there.count() as u64)
+    })
+}
+
+/// What there is of a scene.
+pub(super) enum Found {
+    /// Its tuple.
+    Tuple,
+    /// A record of quarantine, with its reason.
+    Quarantine(String),
+    /// So many partials.
+    Partials(u64),
+}
+
+/// Adds up what is found of each scene.
+pub(super) fn count(run: &Run, mut find: impl FnMut(&SceneLine) -> Found) -> RunStatus {
     let mut status = RunStatus {
         scenes: run.lines.len() as u64,
         merged: 0,
@@ -54,23 +80,19 @@ pub fn run_status(run: &Run) -> RunStatus {
     for line in &run.lines {
         let shards = u64::from(run.layout(line).len());
         status.shards += shards;
-        if is_written(&run.dir.tuple(&line.id), line) {
-            status.merged += 1;
-            status.shards_done += shards;
-        } else if let Some(record) = QuarantineRecord::read(&run.dir, &line.id) {
-            status.quarantined.push(Quarantined {
+        match find(line) {
+            Found::Tuple => {
+                status.merged += 1;
+                status.shards_done += shards;
+            }
+            Found::Quarantine(reason) => status.quarantined.push(Quarantined {
                 scene: line.id.to_string(),
-                reason: record.reason,
-            });
-        } else {
-            let done = (0..shards as u32)
-                .filter(|&s| run.dir.partial(&line.id, s).is_file())
-                .count();
-            status.shards_done += done as u64;
-            if done > 0 {
-                status.started += 1;
-            } else {
-                status.waiting += 1;
+                reason,
+            }),
+            Found::Partials(there) => {
+                status.shards_done += there;
+                status.started += u64::from(there > 0);
+                status.waiting += u64::from(there == 0);
             }
         }
     }

@@ -1,7 +1,9 @@
 //! What a coordinator shows of its run to whoever looks over HTTP.
 
+use super::control::{ControlState, set_control};
 use super::coordinate::Watch;
 use super::keys;
+use super::retry::{RetryScenes, retry};
 use super::run_dir::Run;
 use crate::ids::SceneId;
 use crate::serve::{
@@ -115,10 +117,11 @@ impl FarmSource for WatchedRun {
             name: self.name.clone(),
             run: self.id.clone(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            state: if watch.finished {
-                FarmState::Finished
-            } else {
-                FarmState::Running
+            state: match watch.control.state {
+                _ if watch.finished => FarmState::Finished,
+                ControlState::Running => FarmState::Running,
+                ControlState::Paused => FarmState::Paused,
+                ControlState::Cancelled => FarmState::Cancelled,
             },
             scenes: Count {
                 done: watch.done,
@@ -168,7 +171,24 @@ impl FarmSource for WatchedRun {
         Some(bytes.into_inner())
     }
 
-    fn act(&self, _: Action) -> Result<(), String> {
-        Err("this coordinator only shows its run".to_owned())
+    fn act(&self, action: Action) -> Result<(), String> {
+        let tell = |state| {
+            set_control(&self.store, state, None, false).map_err(|e| e.to_string())?;
+            // The coordinator sees it at its next look, the page that asked at once.
+            let mut watch = self.watch.lock().expect("no holder of this lock panics");
+            watch.control.state = state;
+            Ok(())
+        };
+        match action {
+            Action::Pause => tell(ControlState::Paused),
+            Action::Resume => tell(ControlState::Running),
+            Action::Cancel => tell(ControlState::Cancelled),
+            Action::Retry(scene) => {
+                let scenes = [scene];
+                let which = RetryScenes::These(&scenes);
+                let done = retry(&self.store, &self.scenes, which, false);
+                done.map(|_| ()).map_err(|e| e.to_string())
+            }
+        }
     }
 }

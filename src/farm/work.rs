@@ -9,6 +9,7 @@
 //! writer, each a partial or a scene's tuple, encoded.
 
 use super::attempts::WorkerName;
+use super::control::{ControlFlag, ControlLook};
 use super::done::is_done;
 use super::error::FarmError;
 use super::events::{Event, StageSeconds};
@@ -103,6 +104,8 @@ pub enum Stop {
     TimeLimit,
     /// Too many scenes failed here.
     Drained,
+    /// The run was cancelled.
+    Cancelled,
 }
 
 /// How work ended.
@@ -156,6 +159,8 @@ pub(super) struct Shared<'a> {
     pub(super) hungry: AtomicBool,
     /// Scenes that failed since the last one that did not.
     failing: Mutex<BTreeSet<SceneId>>,
+    /// What the run has been told.
+    pub(super) control: ControlFlag,
     pub(super) quarantined: Mutex<Vec<(SceneId, String)>>,
     pub(super) failure: Mutex<Option<FarmError>>,
     pub(super) broken: AtomicBool,
@@ -305,14 +310,19 @@ fn work_on(
         drained: AtomicBool::new(false),
         hungry: AtomicBool::new(false),
         failing: Mutex::default(),
+        control: ControlFlag::default(),
         quarantined: Mutex::default(),
         failure: Mutex::new(None),
         broken: AtomicBool::new(false),
         over: AtomicBool::new(false),
         seconds: StageSeconds::default(),
     };
+    let mut control = ControlLook::default();
+    shared.look_at_control(&mut control);
+    let (working, ended) = bounded(0);
     std::thread::scope(|scope| {
         let shared = &shared;
+        scope.spawn(move || shared.watch_control(control, &ended));
         scope.spawn(move || shared.take_in(&sender));
         if let Some(queue) = shared.beside {
             scope.spawn(move || shared.keep_leases(queue));
@@ -339,12 +349,19 @@ fn work_on(
             .filter(|p| *p);
         let panicked = panics.count() > 0 || writing.join().is_err();
         shared.over.store(true, Ordering::Release);
+        drop(working);
         assert!(!panicked, "a thread of the farm panicked");
     });
-    // If the server is away, the leases end by themselves.
-    // Nor is a store waited for that has just been in vain.
-    let hurried = store.with_patience(Duration::ZERO);
-    let back = shared.held.hand_back(queue, &hurried).unwrap_or(0);
+    let back = if shared.control.is_cancelled() {
+        // Nothing is wanted back.
+        shared.held.forget(store);
+        0
+    } else {
+        // If the server is away, the leases end by themselves.
+        // Nor is a store waited for that has just been in vain.
+        let hurried = store.with_patience(Duration::ZERO);
+        shared.held.hand_back(queue, &hurried).unwrap_or(0)
+    };
     if shared_queue.is_some() {
         shared.given.fetch_add(u64::from(back), Ordering::Relaxed);
     }
@@ -361,6 +378,8 @@ impl<'a> Shared<'a> {
             Some(Stop::Drained)
         } else if self.options.stop.load(Ordering::Relaxed) {
             Some(Stop::Asked)
+        } else if self.control.is_cancelled() {
+            Some(Stop::Cancelled)
         } else {
             let timed_out = self.timed_out.load(Ordering::Relaxed);
             timed_out.then_some(Stop::TimeLimit)
@@ -393,6 +412,7 @@ impl<'a> Shared<'a> {
             || self.timed_out.load(Ordering::Relaxed)
             || self.drained.load(Ordering::Relaxed)
             || self.broken.load(Ordering::Relaxed)
+            || self.control.is_cancelled()
     }
 
     /// Spans to have read before they are needed. Beside other workers nothing is hoarded.

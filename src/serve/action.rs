@@ -8,7 +8,7 @@ pub const MIN_TOKEN_CHARACTERS: usize = 16;
 /// Something to do with a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// Begin no more shards.
+    /// Let workers finish what they have opened and take nothing new.
     Pause,
     /// Go on after a pause.
     Resume,

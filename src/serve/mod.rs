@@ -10,7 +10,7 @@ mod metrics;
 mod page;
 mod routes;
 mod server;
-mod text;
+pub(crate) mod text;
 mod view;
 
 pub use action::{Action, MIN_TOKEN_CHARACTERS};

@@ -86,7 +86,12 @@ fn head(html: &mut String, view: &FarmView, can_act: bool) {
     );
     if can_act {
         match view.state {
-            FarmState::Running => button(html, "/api/pause", "Pause", "Begin no more shards?"),
+            FarmState::Running => button(
+                html,
+                "/api/pause",
+                "Pause",
+                "Begin nothing new? What is open is finished.",
+            ),
             FarmState::Paused => button(html, "/api/resume", "Resume", "Go on?"),
             FarmState::Cancelled | FarmState::Finished => {}
         }
@@ -96,7 +101,7 @@ fn head(html: &mut String, view: &FarmView, can_act: bool) {
                 html,
                 "/api/cancel",
                 "Cancel",
-                "Give up what is left of this run?",
+                "Give up what is left of this run? Its workers and its coordinator end.",
             );
         }
     }

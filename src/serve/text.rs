@@ -41,7 +41,7 @@ impl fmt::Display for Label<'_> {
 }
 
 /// `1,234,567`
-pub(super) fn grouped(count: u64) -> String {
+pub(crate) fn grouped(count: u64) -> String {
     let digits = count.to_string();
     let mut text = String::new();
     for (at, digit) in digits.char_indices() {
@@ -54,7 +54,7 @@ pub(super) fn grouped(count: u64) -> String {
 }
 
 /// `3 s`, `12 min`, `2 h 05 min`, `3 d 4 h`: what a glance needs, rounded down.
-pub(super) fn duration(seconds: f64) -> String {
+pub(crate) fn duration(seconds: f64) -> String {
     if !seconds.is_finite() {
         return "unknown".to_owned();
     }
@@ -69,7 +69,7 @@ pub(super) fn duration(seconds: f64) -> String {
 }
 
 /// A rate as a number and the unit that makes it readable: per second, minute or hour.
-pub(super) fn rate(per_s: f64) -> (String, &'static str) {
+pub(crate) fn rate(per_s: f64) -> (String, &'static str) {
     let (value, unit) = if per_s >= 1.0 {
         (per_s, "scenes a second")
     } else if per_s * 60.0 >= 1.0 {
@@ -86,7 +86,7 @@ pub(super) fn rate(per_s: f64) -> (String, &'static str) {
 }
 
 /// A share in percent with one decimal, rounded down: 100 % means all.
-pub(super) fn percent(done: u64, total: u64) -> f64 {
+pub(crate) fn percent(done: u64, total: u64) -> f64 {
     if total == 0 {
         return 100.0;
     }

@@ -57,7 +57,7 @@ pub struct Count {
 pub enum FarmState {
     /// Spans are handed out.
     Running,
-    /// No worker begins another shard until someone resumes.
+    /// Workers finish what they have opened; nothing new is begun until someone resumes.
     Paused,
     /// Given up; what is done stays.
     Cancelled,

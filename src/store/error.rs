@@ -33,7 +33,7 @@ pub enum StoreError {
     /// Another process put other bytes there.
     #[error(
         "{key} in {store} holds other bytes ({there}) than this process made ({here}): two machines computed different \
-         results, or the object was damaged; compare `glasshouse audit`, then remove the wrong one"
+         results, or the object was damaged; `glasshouse audit RUN --scene NAME` (the folder's name) tells which, then remove the wrong one"
     )]
     Differs {
         /// The object.

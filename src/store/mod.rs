@@ -8,6 +8,7 @@ mod error;
 mod inputs;
 mod open;
 mod patience;
+mod times;
 
 pub use cache::Cache;
 pub use error::StoreError;

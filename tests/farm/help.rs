@@ -4,7 +4,7 @@ use crate::program::{command, run};
 use crate::scenes::{photographs, scene};
 use std::path::Path;
 
-const COMMANDS: [&str; 12] = [
+const COMMANDS: [&str; 18] = [
     "run",
     "sample",
     "plan",
@@ -12,6 +12,12 @@ const COMMANDS: [&str; 12] = [
     "work",
     "merge",
     "status",
+    "pause",
+    "resume",
+    "cancel",
+    "retry",
+    "explain",
+    "audit",
     "report",
     "bench",
     "bench error",

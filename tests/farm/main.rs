@@ -12,8 +12,11 @@
     reason = "random moments are logged, and tests that cannot run here say so"
 )]
 
+mod audit;
 mod bench;
+mod control;
 mod damage;
+mod explain;
 mod hard_cases;
 mod help;
 mod json;
@@ -30,6 +33,7 @@ mod program;
 mod quarantine;
 mod queues;
 mod rendering;
+mod retry;
 mod roles;
 mod s3_server;
 mod same;
@@ -39,9 +43,11 @@ mod serve_browser;
 mod serve_run;
 mod server;
 mod signals;
+mod status;
 mod store_disk_full;
 mod store_farm;
 mod store_inputs;
 mod store_tls;
 mod stores;
+mod token;
 mod writing;

@@ -1,0 +1,139 @@
+//! `explain RUN SHARD`
+
+use super::args::Global;
+use super::exit_code::{Exit, Failure};
+use super::farm_args::ExplainArgs;
+use super::output::Output;
+use super::status_text::attempt;
+use super::target;
+use crate::farm::{Explanation, SceneState, explain};
+use crate::manifest::Roots;
+use crate::serve::text::grouped;
+use serde_json::json;
+use std::fmt::Write;
+
+/// Rows of shards that are printed.
+const ROWS: usize = 8;
+
+pub(super) fn run(args: &ExplainArgs, _: &Global, output: &Output) -> Result<Exit, Failure> {
+    let (run, store) = target::open(&args.run, args.store.store.as_deref(), &Roots::default())?;
+    let (scene, shard) = &args.shard;
+    let known = explain(&run, &store, scene, *shard)?;
+    let folder = args.run.display().to_string();
+    let mut object = serde_json::to_value(&known).unwrap_or_default();
+    object["run_state"] = object["run"].take();
+    object["run"] = json!(args.run);
+    let text = text(&known).replace(" RUN", &format!(" {folder}"));
+    output.result("glasshouse.explain/1", object, &text);
+    Ok(Exit::Done)
+}
+
+fn text(known: &Explanation) -> String {
+    let film = &known.line.film;
+    let state = match known.state {
+        SceneState::Done => "done",
+        SceneState::Quarantined => "in quarantine",
+        SceneState::Complete => "traced, not merged",
+        SceneState::Begun => "begun",
+        SceneState::Waiting => "waiting",
+    };
+    let mut text = format!(
+        "{}: {state}; scene {} of the manifest\n  film        {} x {} px, {} samples a pixel",
+        known.scene,
+        known.index,
+        film.width,
+        film.height,
+        grouped(film.spp.into())
+    );
+    if let Some(target) = film.target_error {
+        let _ = write!(text, " at most, cells within {target:.1e}");
+    }
+    row(&mut text, "front", known.line.front.name());
+    row(&mut text, "back", known.line.back.name());
+    let tiles = known.shards / known.ranges.max(1);
+    row(
+        &mut text,
+        "shards",
+        &format!(
+            "{} ({tiles} tiles of {} px, {} sample ranges each)",
+            known.shards, known.tile_px, known.ranges
+        ),
+    );
+    if known.state != SceneState::Done {
+        row(&mut text, "there", &rows(&known.there));
+        row(&mut text, "missing", &rows(&known.missing));
+    }
+    if let Some(shard) = &known.shard {
+        let t = shard.tile;
+        let pixels = format!(
+            "x {}-{}, y {}-{}",
+            t.x,
+            t.x + t.width - 1,
+            t.y,
+            t.y + t.height - 1
+        );
+        let samples = format!("samples {}-{}", shard.samples[0], shard.samples[1] - 1);
+        row(
+            &mut text,
+            &format!("shard {}", shard.index),
+            &format!("{pixels}, {samples}; {}", shard.result),
+        );
+    }
+    if let Some(receipt) = &known.receipt {
+        let worker = receipt.worker.as_deref().unwrap_or("unknown");
+        let version = receipt.version.as_deref().unwrap_or("unknown");
+        row(
+            &mut text,
+            "made by",
+            &format!("{worker}, version {version}"),
+        );
+    }
+    for (at, standing) in known.attempts.iter().enumerate() {
+        row(
+            &mut text,
+            if at == 0 { "attempts" } else { "" },
+            &attempt(standing),
+        );
+        let end = standing.note.ended.as_ref();
+        log(&mut text, end.map(|end| end.log_tail.as_str()));
+    }
+    if let Some(record) = &known.quarantine {
+        let reason = record["reason"].as_str().unwrap_or("no reason is given");
+        row(&mut text, "reason", reason);
+        log(&mut text, record["log_tail"].as_str());
+    }
+    for line in &known.next {
+        let _ = write!(text, "\n{line}");
+    }
+    text
+}
+
+fn row(text: &mut String, name: &str, value: &str) {
+    let _ = write!(text, "\n  {name:<11} {value}");
+}
+
+fn log(text: &mut String, tail: Option<&str>) {
+    for line in tail.unwrap_or_default().trim_end().lines() {
+        let line = line.replace(|c: char| c.is_control(), " ");
+        let _ = write!(text, "\n              | {line}");
+    }
+}
+
+fn rows(rows: &[[u32; 2]]) -> String {
+    let count: u32 = rows.iter().map(|[start, end]| end - start).sum();
+    let shown = rows.iter().take(ROWS).map(|[start, end]| {
+        if end - start == 1 {
+            start.to_string()
+        } else {
+            format!("{start}-{}", end - 1)
+        }
+    });
+    let mut shown: Vec<String> = shown.collect();
+    if rows.len() > ROWS {
+        shown.push("…".to_owned());
+    }
+    match count {
+        0 => "none".to_owned(),
+        _ => format!("{count}: {}", shown.join(" ")),
+    }
+}

@@ -1,0 +1,187 @@
+//! A run's state for people.
+
+use crate::farm::queue::QueueState;
+use crate::farm::{EndKind, Overview, StandingAttempt};
+use crate::serve::FarmState;
+use crate::serve::text::{duration, grouped, percent, rate};
+use std::fmt::Write;
+
+/// Characters of the bar.
+const BAR: usize = 40;
+/// Characters of a reason.
+const REASON: usize = 160;
+
+/// What is known of the queue.
+pub(super) enum Queue {
+    /// None was given, or none is needed any more.
+    None,
+    /// It answered.
+    There(QueueState),
+    /// It did not, for this reason.
+    Lost(String),
+}
+
+/// `1 scene`, `2 scenes`
+fn many(count: u64, what: &str) -> String {
+    let plural = if count == 1 { "" } else { "s" };
+    format!("{} {what}{plural}", grouped(count))
+}
+
+/// Rate and time left, as far as they are known.
+fn pace(view: &Overview) -> Vec<String> {
+    let mut parts = Vec::new();
+    if let Some(per_s) = view.rate_scenes_per_s {
+        let (number, unit) = rate(per_s);
+        parts.push(format!("{number} {unit}"));
+    }
+    if let Some(seconds) = view.eta_s {
+        parts.push(format!("{} left", duration(seconds)));
+    }
+    parts
+}
+
+/// One line, for logs.
+pub(super) fn line(name: &str, view: &Overview) -> String {
+    let counts = &view.counts;
+    let mut parts = vec![
+        format!("{} of {} scenes", counts.merged, counts.scenes),
+        format!("{} of {} shards", counts.shards_done, counts.shards),
+    ];
+    parts.extend(pace(view));
+    if !counts.quarantined.is_empty() {
+        parts.push(format!("{} in quarantine", counts.quarantined.len()));
+    }
+    format!("{name}: {}, {}", view.state.name(), parts.join(", "))
+}
+
+/// All of it; of each list at most `shown` entries.
+pub(super) fn page(name: &str, view: &Overview, queue: &Queue, shown: usize) -> String {
+    let counts = &view.counts;
+    let mut text = format!(
+        "{name}: {}, {} of {} scenes ({:.1} %)",
+        view.state.name(),
+        grouped(counts.merged),
+        grouped(counts.scenes),
+        percent(counts.merged, counts.scenes),
+    );
+    if let Some(reason) = &view.reason {
+        let _ = write!(text, "; {}", cut(reason));
+    }
+    let full = (counts.shards_done * BAR as u64 / counts.shards.max(1)) as usize;
+    let _ = write!(
+        text,
+        "\n  [{:<BAR$}]  {}",
+        "=".repeat(full),
+        pace(view).join(", ")
+    );
+    text.truncate(text.trim_end().len());
+    row(
+        &mut text,
+        "shards",
+        &format!(
+            "{} of {}",
+            grouped(counts.shards_done),
+            grouped(counts.shards)
+        ),
+    );
+    row(
+        &mut text,
+        "scenes",
+        &format!(
+            "{} begun, {} waiting, {} in quarantine",
+            grouped(counts.started),
+            grouped(counts.waiting),
+            counts.quarantined.len()
+        ),
+    );
+    if let Some(age) = view.last_tuple_s {
+        row(&mut text, "last tuple", &format!("{} ago", duration(age)));
+    }
+    match queue {
+        Queue::None => {}
+        Queue::There(state) => row(
+            &mut text,
+            "queue",
+            &format!(
+                "{} waiting, {} held",
+                many(state.waiting, "span"),
+                grouped(state.held)
+            ),
+        ),
+        Queue::Lost(reason) => row(&mut text, "queue", &cut(reason)),
+    }
+    let width = view.workers.iter().map(|w| w.worker.chars().count());
+    let width = width.max().unwrap_or(0);
+    let workers = view.workers.iter().map(|w| {
+        let ago = duration(w.last_tuple_s);
+        let tuples = many(w.tuples, "tuple");
+        format!("{:<width$}  {tuples}, the last {ago} ago", w.worker)
+    });
+    list(&mut text, "workers", workers, shown);
+    list(
+        &mut text,
+        "attempts",
+        view.attempts.iter().map(attempt),
+        shown,
+    );
+    let reasons = counts.quarantined.iter();
+    let reasons = reasons.map(|q| format!("{}: {}", q.scene, cut(&q.reason)));
+    list(&mut text, "quarantine", reasons, shown);
+    match view.state {
+        FarmState::Paused => text += "\n`glasshouse resume RUN` goes on",
+        FarmState::Cancelled => text += "\n`glasshouse resume RUN` takes that back",
+        FarmState::Running | FarmState::Finished => {}
+    }
+    if !counts.quarantined.is_empty() {
+        text += "\n`glasshouse retry RUN SCENE` tries a scene in quarantine again";
+    }
+    text
+}
+
+/// An attempt in a line.
+pub(super) fn attempt(attempt: &StandingAttempt) -> String {
+    let note = &attempt.note;
+    let [start, end] = note.shards;
+    let mut text = format!("{} shards {start}-{}", note.scene, end.saturating_sub(1));
+    if note.n > 1 {
+        let _ = write!(text, ", attempt {}", note.n);
+    }
+    let _ = write!(text, ", {}, {} ago", note.worker, duration(attempt.age_s));
+    if let Some(end) = &note.ended {
+        let kind = match end.kind {
+            EndKind::Lost => "lost",
+            EndKind::Crashed => "crashed",
+            EndKind::Hung => "hung",
+            EndKind::Unreadable => "unreadable",
+        };
+        let _ = write!(text, ", {kind}: {}", cut(&end.reason));
+    }
+    text
+}
+
+fn row(text: &mut String, name: &str, value: &str) {
+    let _ = write!(text, "\n  {name:<11} {value}");
+}
+
+fn list(text: &mut String, name: &str, rows: impl ExactSizeIterator<Item = String>, shown: usize) {
+    let more = rows.len().saturating_sub(shown);
+    for (index, value) in rows.take(shown).enumerate() {
+        row(text, if index == 0 { name } else { "" }, &value);
+    }
+    if more > 0 {
+        row(
+            text,
+            "",
+            &format!("and {} more; --json lists all", grouped(more as u64)),
+        );
+    }
+}
+
+/// A reason in a line, its first characters.
+fn cut(reason: &str) -> String {
+    let mut line: String = reason.chars().take(REASON).collect();
+    if line.len() < reason.len() {
+        line.push('…');
+    }
+    line.replace(|c: char| c.is_control(), " ")
+}

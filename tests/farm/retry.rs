@@ -1,0 +1,92 @@
+//! What was in quarantine is tried again, by a run that goes on and by one that is over.
+
+use crate::many::{alone, coordinator, end, results, slow_place, wait_for, worker};
+use crate::outputs::{assert_same, tuples};
+use crate::program::{run, text};
+use crate::scenes::{SCENES, photographs, scene, write_lines};
+use crate::server::Server;
+use serde_json::json;
+
+#[test]
+fn a_repaired_scene_is_made() {
+    let folder = tempfile::tempdir().unwrap();
+    photographs(folder.path());
+    let mut bad = scene("bad");
+    bad["back"]["color"] = json!("late.png");
+    let manifest = folder.path().join("scenes.jsonl");
+    write_lines(&manifest, &[scene("good"), bad]);
+    let out = folder.path().join("run");
+    let out = text(&out);
+    run(&["run", text(&manifest), "--out", out])
+        .expect(3)
+        .says(&["late.png"]);
+
+    let refused = run(&["retry", out, "bad", "good", "ugly", "--json"]).expect(2);
+    let error = refused.json()["error"].as_str().unwrap().to_owned();
+    for part in [
+        "good is not in quarantine: it is done",
+        "ugly is no scene",
+        "nothing was changed",
+    ] {
+        assert!(error.contains(part), "{error}");
+    }
+    let would = run(&["retry", out, "bad", "-n", "--json"]).expect(0).json();
+    assert_eq!(would["retried"], json!(["bad"]));
+    run(&["work", out]).expect(3);
+
+    std::fs::copy(folder.path().join("b.png"), folder.path().join("late.png")).unwrap();
+    let done = run(&["retry", out, "--all", "--json"]).expect(0).json();
+    assert_eq!(done["retried"], json!(["bad"]));
+    let ended = run(&["work", out, "--json"]).expect(0).json();
+    assert_eq!(ended["merged"], 1);
+    let nothing = run(&["retry", out, "--all", "--json"]).expect(0).json();
+    assert_eq!(nothing["retried"], json!([]));
+}
+
+#[test]
+fn a_coordinator_notices_and_a_finished_farm_starts_again() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let place = slow_place();
+    let quarantine = |scene: &str| {
+        let record =
+            json!({"schema": "glasshouse.quarantine/1", "scene": scene, "reason": "it rained"});
+        let attempts = place.run.join("attempts").join(scene);
+        std::fs::create_dir_all(place.run.join("quarantine")).unwrap();
+        std::fs::create_dir_all(&attempts).unwrap();
+        std::fs::write(
+            place.run.join(format!("quarantine/{scene}.json")),
+            record.to_string(),
+        )
+        .unwrap();
+        std::fs::write(attempts.join("0-384.1.json"), b"{}").unwrap();
+    };
+    quarantine("train-000000");
+    quarantine("test-000000");
+    let retry = |scene: &str| {
+        run(&["retry", text(&place.run), scene, "--json"])
+            .expect(0)
+            .json()
+    };
+    let first = coordinator(&place, &server);
+    let working = worker(&place, &server);
+    wait_for("a result", || results(&place.run) > 0);
+    let done = retry("train-000000");
+    assert_eq!(done["attempts_removed"], 1);
+    assert_eq!(done["was_finished"], false);
+    let ended = end(first).expect(3).json();
+    assert_eq!(
+        (&ended["done"], &ended["quarantined"]),
+        (&(SCENES - 1).into(), &1.into())
+    );
+    end(working).expect(0);
+
+    // The run is over, and is taken up again.
+    let done = retry("test-000000");
+    assert_eq!(done["was_finished"], true);
+    for one in [coordinator(&place, &server), worker(&place, &server)] {
+        end(one).expect(0);
+    }
+    assert_same(&tuples(&place.run), &alone(&place));
+}

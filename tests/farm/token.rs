@@ -1,0 +1,100 @@
+//! The status page's buttons: with the token they do what the commands do.
+
+use crate::many::{end, slow_place, start};
+use crate::program::{command, run, text};
+use crate::serve_run::{get, request};
+use crate::server::Server;
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read};
+use std::net::SocketAddr;
+use std::os::unix::fs::PermissionsExt;
+
+const TOKEN: &str = "0123456789abcdef-test";
+
+fn view(address: SocketAddr) -> Value {
+    serde_json::from_slice(&get(address, "/api/view").expect(200).body).unwrap()
+}
+
+#[test]
+fn the_pages_buttons_act_with_the_token_alone() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let place = slow_place();
+    let file = place.folder.path().join("token");
+    std::fs::write(&file, format!("{TOKEN}\n")).unwrap();
+    std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o600)).unwrap();
+    std::fs::create_dir(place.run.join("quarantine")).unwrap();
+    let record =
+        r#"{"schema":"glasshouse.quarantine/1","scene":"train-000001","reason":"it rained"}"#;
+    std::fs::write(place.run.join("quarantine/train-000001.json"), record).unwrap();
+    let more = ["--listen", "127.0.0.1:0", "--token-file", text(&file)];
+    let mut coordinator = start("coordinate", &place, &server, &more);
+    let mut stderr = BufReader::new(coordinator.stderr.take().unwrap());
+    let mut said = String::new();
+    stderr.read_line(&mut said).unwrap();
+    let address = said
+        .split("http://")
+        .nth(1)
+        .unwrap()
+        .trim_end()
+        .trim_end_matches('/');
+    let address: SocketAddr = address.parse().unwrap();
+
+    let post = |path: &str, token: &str| {
+        let header = format!("Authorization: Bearer {token}\r\n");
+        request(address, "POST", path, &header)
+    };
+    post("/api/pause", "0123456789abcdef-tesu").expect(403);
+    assert!(!place.run.join("control.json").exists());
+    post("/api/pause", TOKEN).expect(200);
+    assert_eq!(view(address)["state"], "paused");
+    let status = run(&["status", text(&place.run), "--json"]).json();
+    assert_eq!(status["state"], "paused");
+    assert!(get(address, "/").expect(200).text().contains("/api/resume"));
+    post("/api/resume", TOKEN).expect(200);
+    assert_eq!(view(address)["state"], "running");
+    assert!(!place.run.join("control.json").exists());
+    let refused = post("/api/retry/train-000000", TOKEN).expect(409);
+    assert!(
+        refused.text().contains("not in quarantine"),
+        "{}",
+        refused.text()
+    );
+    post("/api/retry/train-000001", TOKEN).expect(200);
+    assert!(!place.run.join("quarantine/train-000001.json").exists());
+    post("/api/cancel", TOKEN).expect(200);
+    stderr.read_to_string(&mut said).unwrap();
+    end(coordinator).expect(3);
+    assert!(
+        said.contains("cancelled") && !said.contains(TOKEN),
+        "{said}"
+    );
+}
+
+#[test]
+fn tokens_are_not_given_on_a_command_line_and_not_weak() {
+    let place = slow_place();
+    let folder = text(&place.run);
+    let coordinate = |more: &[&str]| {
+        let all = [
+            "coordinate",
+            folder,
+            "--queue",
+            "nats://127.0.0.1:1",
+            "--listen",
+            "127.0.0.1:0",
+        ];
+        command(&[&all[..], more].concat())
+    };
+    let ended =
+        |mut command: std::process::Command| crate::program::Ended::from(command.output().unwrap());
+    ended(coordinate(&["--token", TOKEN])).expect(2);
+    ended(coordinate(&["--token-file", "/nonexistent"]))
+        .expect(2)
+        .says(&["/nonexistent"]);
+    let mut weak = coordinate(&[]);
+    weak.env("GLASSHOUSE_TOKEN", "guess me");
+    let weak = ended(weak).expect(2).says(&["16 characters"]);
+    assert!(!weak.stderr.contains("guess me"));
+}
