@@ -158,7 +158,7 @@ pub enum Command {
   glasshouse cancel runs/smoke
   glasshouse cancel runs/smoke --json")]
     Cancel(HoldArgs),
-    /// Take scenes out of quarantine, to be tried again
+    /// Take scenes out of quarantine, to be tried again; or have some made anew
     #[command(after_help = "Examples:
   glasshouse retry runs/smoke --all
   glasshouse retry runs/smoke --all --json   # or name the scenes")]

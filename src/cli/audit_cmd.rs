@@ -9,7 +9,8 @@ use super::signals::Signals;
 use super::target;
 use super::work_cmd::{isa, threads};
 use crate::farm::{
-    AuditOptions, FileDifference, Run, SceneAudit, Verdict, audit_scene, check_auditor, draw_scenes,
+    AuditOptions, FileDifference, Receipt, Run, SceneAudit, Verdict, audit_scene, check_auditor,
+    draw_scenes,
 };
 use crate::ids::SceneId;
 use crate::manifest::Roots;
@@ -84,8 +85,8 @@ pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<
         let _ = write!(text, "\n{worker}: {bad} of {all} audited scenes differ");
     }
     if differs > 0 {
-        text += "\nTake out the machine that made them; remove their folders in tuples/ and receipts/ from the store (a farm's \
-                 finished.json, too), then work again makes them anew. `glasshouse audit RUN --share 1` looks at all others.";
+        text += "\nTake out the machine that made them, then `glasshouse retry RUN SCENE… --anew` and work again makes them anew. \
+                 `glasshouse audit RUN --share 1` looks at all others.";
     }
     if stopped {
         text += "\nstopped by a signal";
@@ -147,8 +148,8 @@ fn random_seed() -> Result<u64, Failure> {
 }
 
 /// By worker: scenes that differ, and all that were compared.
-fn workers(audits: &[SceneAudit]) -> BTreeMap<&str, [u64; 2]> {
-    let mut workers: BTreeMap<&str, [u64; 2]> = BTreeMap::new();
+fn workers(audits: &[SceneAudit]) -> BTreeMap<String, [u64; 2]> {
+    let mut workers: BTreeMap<String, [u64; 2]> = BTreeMap::new();
     for audit in audits.iter().filter(|a| a.verdict != Verdict::NotCompared) {
         let counts = workers.entry(maker(audit)).or_default();
         counts[0] += u64::from(audit.verdict == Verdict::Differs);
@@ -158,8 +159,9 @@ fn workers(audits: &[SceneAudit]) -> BTreeMap<&str, [u64; 2]> {
 }
 
 /// Without a farm nobody leaves a receipt.
-fn maker(audit: &SceneAudit) -> &str {
-    audit.worker.as_deref().unwrap_or("no receipt")
+fn maker(audit: &SceneAudit) -> String {
+    let receipt = audit.receipt.as_ref();
+    receipt.map_or_else(|| "no receipt".to_owned(), Receipt::makers)
 }
 
 fn describe(audit: &SceneAudit) -> String {

@@ -80,12 +80,11 @@ fn text(known: &Explanation) -> String {
         );
     }
     if let Some(receipt) = &known.receipt {
-        let worker = receipt.worker.as_deref().unwrap_or("unknown");
         let version = receipt.version.as_deref().unwrap_or("unknown");
         row(
             &mut text,
             "made by",
-            &format!("{worker}, version {version}"),
+            &format!("{}, version {version}", receipt.makers()),
         );
     }
     for (at, standing) in known.attempts.iter().enumerate() {

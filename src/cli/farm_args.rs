@@ -82,12 +82,15 @@ pub struct ResumeArgs {
 pub struct RetryArgs {
     /// Folder of the run
     pub run: PathBuf,
-    /// Scenes to take out of quarantine
+    /// Scenes to try again
     #[arg(value_name = "SCENE", value_parser = parse_scene, required_unless_present = "all")]
     pub scenes: Vec<SceneId>,
     /// All that are in quarantine
     #[arg(long, conflicts_with = "scenes")]
     pub all: bool,
+    /// The scenes named, also those that are done: what was made of them is removed, and they are traced from nothing
+    #[arg(long, conflicts_with = "all")]
+    pub anew: bool,
     /// The store.
     #[command(flatten)]
     pub store: StoreArgs,

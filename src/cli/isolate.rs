@@ -60,6 +60,8 @@ impl Children<'_> {
             }
             command.args(["--cache-gb", &cache.cache_gb.to_string()]);
         }
+        // Its last lines are to say what happened; where in the program is of less use.
+        command.env("RUST_BACKTRACE", "0");
         // Not on the command line, where others would see what may be in a URL.
         command
             .env_remove("GLASSHOUSE_QUEUE")

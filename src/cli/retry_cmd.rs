@@ -18,6 +18,8 @@ pub(super) fn run(args: &RetryArgs, global: &Global, output: &Output) -> Result<
     let manifest: Vec<_> = run.lines.iter().map(|line| line.id.clone()).collect();
     let which = if args.all {
         RetryScenes::All
+    } else if args.anew {
+        RetryScenes::Anew(&args.scenes)
     } else {
         RetryScenes::These(&args.scenes)
     };
@@ -35,8 +37,16 @@ pub(super) fn run(args: &RetryArgs, global: &Global, output: &Output) -> Result<
         } else {
             "a coordinator that runs publishes them within seconds, else start it again"
         };
+        let what = if args.anew {
+            format!(
+                "reset, with {} files of tuples, partials and receipts",
+                retried.results
+            )
+        } else {
+            "taken out of quarantine".to_owned()
+        };
         format!(
-            "{} {} taken out of quarantine, with {} records of attempts: {}{more}\n{next}",
+            "{} {} {what}, with {} records of attempts: {}{more}\n{next}",
             names.len(),
             if global.dry_run { "would be" } else { "were" },
             retried.attempts,
@@ -47,7 +57,7 @@ pub(super) fn run(args: &RetryArgs, global: &Global, output: &Output) -> Result<
         "glasshouse.retry/1",
         json!({
             "run": args.run, "dry_run": global.dry_run, "retried": retried.scenes,
-            "attempts_removed": retried.attempts, "was_finished": retried.was_finished,
+            "attempts_removed": retried.attempts, "results_removed": retried.results, "was_finished": retried.was_finished,
         }),
         &text,
     );

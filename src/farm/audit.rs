@@ -51,8 +51,8 @@ pub struct SceneAudit {
     pub scene: SceneId,
     /// What came out.
     pub verdict: Verdict,
-    /// Who made its tuple, by its receipt.
-    pub worker: Option<String>,
+    /// Who made its tuple.
+    pub receipt: Option<Receipt>,
     /// Files compared.
     pub files: u64,
     /// Those that differ.
@@ -131,13 +131,18 @@ pub fn audit_scene(
     let mut audit = SceneAudit {
         scene: line.id.clone(),
         verdict: Verdict::NotCompared,
-        worker: Receipt::get(store, &line.id)?.and_then(|receipt| receipt.worker),
+        receipt: Receipt::get(store, &line.id)?,
         files: 0,
         differences: Vec::new(),
         reason: None,
     };
     let mut there = store.list(&format!("{}/{}", keys::TUPLES, line.id))?;
-    there.extend(store.list(&keys::partials(&line.id))?);
+    let partials = store.list(&keys::partials(&line.id))?;
+    there.extend(
+        partials
+            .into_iter()
+            .filter(|key| keys::shard_of(key).is_some()),
+    );
     there.sort();
     if there.is_empty() {
         audit.reason = Some("the run holds nothing of it yet".to_owned());

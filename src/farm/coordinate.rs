@@ -9,13 +9,13 @@ use super::done::Progress;
 use super::error::FarmError;
 use super::events::Event;
 use super::keys;
-use super::queue::{QueueKeeper, Waiting};
+use super::queue::{QueueError, QueueKeeper, QueueState, Waiting};
+use super::receipt::Receipt;
 use super::run_dir::Run;
 use super::share::share_run;
 use super::sweep::sweep_staged;
 use super::work::whole;
 use super::writer::remove_partials;
-use crate::ids::SceneId;
 use crate::store::Store;
 use std::collections::BTreeSet;
 use std::sync::Mutex;
@@ -87,21 +87,6 @@ impl Watch {
     }
 }
 
-/// What a receipt says of a tuple.
-fn seen(store: &Store, scene: usize, id: &SceneId, at: Option<Instant>) -> SeenTuple {
-    let receipt = store.get(&keys::receipt(id)).ok().flatten();
-    let receipt: serde_json::Value = receipt
-        .and_then(|bytes| serde_json::from_slice(&bytes).ok())
-        .unwrap_or_default();
-    let text = |key: &str| receipt[key].as_str().map(str::to_owned);
-    SeenTuple {
-        scene,
-        at,
-        worker: text("worker"),
-        version: text("version"),
-    }
-}
-
 /// How coordinating ended.
 #[derive(Debug)]
 pub struct Coordinated {
@@ -117,10 +102,40 @@ pub struct Coordinated {
 
 /// A look must not cost more than a twentieth of the time.
 const LOOK_SHARE: u32 = 20;
+/// Between two looks at everything, if nothing makes one due before.
+const EVERYTHING: Duration = Duration::from_mins(10);
 /// Between two complaints about a queue that is away.
 const COMPLAIN: Duration = Duration::from_secs(30);
 
+/// What one look at the queue found.
+struct Looked {
+    state: QueueState,
+    /// It is another queue than at the last look.
+    other: bool,
+    /// Scenes in it, if it was a look at everything.
+    scenes: BTreeSet<u32>,
+}
+
+fn look(queue: &dyn QueueKeeper, everything: bool) -> Result<Looked, QueueError> {
+    let other = queue.ensure()?;
+    let state = queue.look()?;
+    let scenes = if everything {
+        queue.scenes()?
+    } else {
+        BTreeSet::new()
+    };
+    Ok(Looked {
+        state,
+        other,
+        scenes,
+    })
+}
+
 /// Looks and publishes until every scene is done or in quarantine. `watch` is kept up to date.
+///
+/// Most looks are at what changes: how much is in the queue, and receipts. Everything is looked at, and what is missing
+/// published, at the start, when nothing is in the queue, when it is another one, when something done or set aside was
+/// taken back, before the end, and now and then.
 pub fn coordinate(
     run: &Run,
     store: &Store,
@@ -136,6 +151,7 @@ pub fn coordinate(
     let mut store_complained = None;
     // Quiet at the last look, too: a message on its way from one to the other is in neither count for a moment.
     let mut was_quiet = false;
+    let (mut due, mut looked_at_all) = (true, Instant::now());
     let mut first = true;
     let mut control = Control::default();
     on_event(Event::Started {
@@ -144,11 +160,17 @@ pub fn coordinate(
     });
     loop {
         let start = Instant::now();
+        let everything = due || looked_at_all.elapsed() > EVERYTHING;
         // First the queue, then the store: a scene that leaves the queue in between has its tuple by then.
-        let looked = queue.ensure().and_then(|()| queue.look());
-        let updated = progress.update(run, store);
-        let told_to = match updated.and_then(|()| Ok(Control::get(store)?)) {
-            Ok(told_to) => told_to,
+        let looked = look(queue, everything);
+        let updated = if everything {
+            progress.look(run, store).map(|()| false)
+        } else {
+            progress.look_for_news(run, store)
+        };
+        let updated = updated.and_then(|taken_back| Ok((taken_back, Control::get(store)?)));
+        let (taken_back, told_to) = match updated {
+            Ok(found) => found,
             Err(error) => {
                 wait_for_store(error, options, &mut store_complained, on_event)?;
                 if options.stop.load(Ordering::Relaxed) {
@@ -158,24 +180,24 @@ pub fn coordinate(
             }
         };
         store_complained = None;
-        for (scene, line) in run.lines.iter().enumerate() {
-            if progress.done[scene] && !std::mem::replace(&mut told[scene], true) {
-                let at = (!first).then(Instant::now);
-                let tuple = seen(store, scene, &line.id, at);
-                watch
-                    .lock()
-                    .expect("no holder of this lock panics")
-                    .tuples
-                    .push(tuple);
-                on_event(Event::ShardDone { resumed: first });
-                on_event(Event::SceneMerged {
-                    scene: line.id.clone(),
-                    miss_share: 0.0,
-                });
-            }
+        due |= taken_back;
+        let new: Vec<usize> = (0..run.lines.len())
+            .filter(|&scene| progress.done[scene] && !std::mem::replace(&mut told[scene], true))
+            .collect();
+        see(run, store, &new, first, watch);
+        for &scene in &new {
+            on_event(Event::ShardDone { resumed: first });
+            on_event(Event::SceneMerged {
+                scene: run.lines[scene].id.clone(),
+                miss_share: 0.0,
+            });
         }
         first = false;
         let finished = progress.is_finished();
+        if finished && !everything {
+            due = true;
+            continue;
+        }
         {
             let mut watch = watch.lock().expect("no holder of this lock panics");
             let count = |n: usize| n as u64;
@@ -187,7 +209,7 @@ pub fn coordinate(
             let reasons = progress.quarantined.iter().enumerate();
             watch.reasons = reasons.filter_map(|(s, r)| Some((s, r.clone()?))).collect();
             match &looked {
-                Ok(state) => {
+                Ok(Looked { state, .. }) => {
                     (watch.waiting, watch.held) = (state.waiting, state.held);
                     watch.queue_lost = None;
                 }
@@ -212,25 +234,36 @@ pub fn coordinate(
             return Ok(ended(watch, published, false));
         }
         match looked {
-            Ok(_) if told_to.state == ControlState::Paused => complained = None,
-            Ok(state) => {
+            Ok(_) if told_to.state == ControlState::Paused => (complained, due) = (None, true),
+            Ok(looked) => {
                 complained = None;
-                let quiet = state.is_quiet();
-                // Nobody will get what is left in a quiet queue: leftovers of a server that was killed.
-                let dead = quiet && was_quiet && !state.scenes.is_empty();
-                was_quiet = quiet;
-                let missing: Vec<Waiting> = progress
-                    .missing()
-                    .filter(|&scene| dead || !state.scenes.contains(&(scene as u32)))
-                    .map(|scene| whole(run, scene))
-                    .collect();
-                let told = if dead { queue.purge() } else { Ok(()) };
-                match told.and_then(|()| queue.publish(&missing)) {
-                    Ok(()) => published += missing.len() as u64,
-                    Err(error) => complain(&mut complained, error.to_string(), on_event),
+                let quiet = looked.state.is_quiet();
+                if everything {
+                    // Nobody will get what is left in a quiet queue: leftovers of a server that was killed.
+                    let dead = quiet && was_quiet && !looked.scenes.is_empty();
+                    let missing: Vec<Waiting> = progress
+                        .missing()
+                        .filter(|&scene| dead || !looked.scenes.contains(&(scene as u32)))
+                        .map(|scene| whole(run, scene))
+                        .collect();
+                    let told = if dead { queue.purge() } else { Ok(()) };
+                    match told.and_then(|()| queue.publish(&missing)) {
+                        Ok(()) => {
+                            published += missing.len() as u64;
+                            (due, looked_at_all) = (false, Instant::now());
+                        }
+                        Err(error) => complain(&mut complained, error.to_string(), on_event),
+                    }
+                } else {
+                    due |= looked.other;
                 }
+                due |= quiet;
+                was_quiet = quiet;
             }
-            Err(error) => complain(&mut complained, error.to_string(), on_event),
+            Err(error) => {
+                due = true;
+                complain(&mut complained, error.to_string(), on_event);
+            }
         }
         let pause = options.every.max(start.elapsed() * LOOK_SHARE);
         let until = Instant::now() + pause;
@@ -245,6 +278,28 @@ pub fn coordinate(
         }
     }
     Ok(ended(watch, published, false))
+}
+
+/// Adds tuples to what is shown. What their receipts say is only shown: without them it is not known.
+fn see(run: &Run, store: &Store, scenes: &[usize], first: bool, watch: &Mutex<Watch>) {
+    let name = |&scene: &usize| keys::receipt(&run.lines[scene].id);
+    let names: Vec<String> = scenes.iter().map(name).collect();
+    let receipts = store.get_all(&names).unwrap_or_default();
+    let mut receipts = receipts.into_iter().map(|bytes| {
+        let receipt = bytes.map(|bytes| Receipt::parse(&bytes));
+        receipt.unwrap_or_default()
+    });
+    let at = (!first).then(Instant::now);
+    let mut watch = watch.lock().expect("no holder of this lock panics");
+    for &scene in scenes {
+        let receipt = receipts.next().unwrap_or_default();
+        watch.tuples.push(SeenTuple {
+            scene,
+            at,
+            worker: receipt.worker,
+            version: receipt.version,
+        });
+    }
 }
 
 /// Says that the store is away, and waits a little; any other error stays one.

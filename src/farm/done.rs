@@ -9,6 +9,11 @@ use crate::merge::{is_record_of, is_written, tuple_files};
 use crate::store::Store;
 use std::collections::BTreeSet;
 
+/// The file of a tuple that is put last.
+const LAST: &str = "tuple.json";
+/// Records in memory at once.
+const RECORDS_AT_ONCE: usize = 256;
+
 /// The scene's tuple is there, whole, and made from this line by this version of the tracer.
 pub(super) fn is_done(store: &Store, line: &SceneLine) -> Result<bool, FarmError> {
     if let Some(root) = store.local_root() {
@@ -36,6 +41,8 @@ pub struct Progress {
     pub done: Vec<bool>,
     /// By place in the manifest: in quarantine, for this reason.
     pub quarantined: Vec<Option<String>>,
+    /// Receipts at the last look.
+    receipts: BTreeSet<String>,
 }
 
 impl Progress {
@@ -44,6 +51,7 @@ impl Progress {
         Self {
             done: vec![false; scenes],
             quarantined: vec![None; scenes],
+            receipts: BTreeSet::new(),
         }
     }
 
@@ -57,20 +65,78 @@ impl Progress {
         (0..self.done.len()).filter(|&s| !self.done[s] && self.quarantined[s].is_none())
     }
 
-    /// Looks again. A scene that was done stays done: what is in the store is not taken back.
-    pub fn update(&mut self, run: &Run, store: &Store) -> Result<(), FarmError> {
-        let tuples: BTreeSet<String> = store.list(keys::TUPLES)?.into_iter().collect();
-        let quarantined: BTreeSet<String> = store.list(keys::QUARANTINE)?.into_iter().collect();
-        for (index, line) in run.lines.iter().enumerate() {
-            if !self.done[index] && tuples.contains(&keys::tuple(&line.id, "tuple.json")) {
-                self.done[index] = is_done(store, line)?;
+    /// Looks at everything: lists all tuples, several keys a scene.
+    pub fn look(&mut self, run: &Run, store: &Store) -> Result<(), FarmError> {
+        let tuples = set(store.list(keys::TUPLES)?);
+        let has_record = |line: &SceneLine| tuples.contains(&keys::tuple(&line.id, LAST));
+        let mut new = Vec::new();
+        for (scene, line) in run.lines.iter().enumerate() {
+            self.done[scene] &= has_record(line);
+            if !self.done[scene] && has_record(line) {
+                new.push(scene);
             }
-            self.quarantined[index] = if quarantined.contains(&keys::quarantine(&line.id)) {
-                QuarantineRecord::get(store, &line.id)?.map(|record| record.reason)
-            } else {
-                None
-            };
+        }
+        self.check(run, store, &new, &tuples)?;
+        self.receipts = set(store.list(keys::RECEIPTS)?);
+        self.look_at_quarantine(run, store).map(|_| ())
+    }
+
+    /// Looks for news: lists receipts, one key a scene, which workers of a farm put when a tuple is there. True if
+    /// something was taken back that had been there, so that [`Self::look`] is due.
+    pub fn look_for_news(&mut self, run: &Run, store: &Store) -> Result<bool, FarmError> {
+        let receipts = set(store.list(keys::RECEIPTS)?);
+        let gone = self.receipts.difference(&receipts).next().is_some();
+        for (scene, line) in run.lines.iter().enumerate() {
+            if !self.done[scene] && receipts.contains(&keys::receipt(&line.id)) {
+                self.done[scene] = is_done(store, line)?;
+            }
+        }
+        self.receipts = receipts;
+        Ok(self.look_at_quarantine(run, store)? || gone)
+    }
+
+    /// True if a scene was taken out.
+    fn look_at_quarantine(&mut self, run: &Run, store: &Store) -> Result<bool, FarmError> {
+        let there = set(store.list(keys::QUARANTINE)?);
+        let mut freed = false;
+        for (known, line) in self.quarantined.iter_mut().zip(&run.lines) {
+            if !there.contains(&keys::quarantine(&line.id)) {
+                freed |= known.take().is_some();
+            } else if known.is_none() {
+                *known = QuarantineRecord::get(store, &line.id)?.map(|record| record.reason);
+            }
+        }
+        Ok(freed)
+    }
+
+    /// Looks closer at scenes whose last file is listed among `tuples`.
+    fn check(
+        &mut self,
+        run: &Run,
+        store: &Store,
+        scenes: &[usize],
+        tuples: &BTreeSet<String>,
+    ) -> Result<(), FarmError> {
+        if store.local_root().is_some() {
+            for &scene in scenes {
+                self.done[scene] = is_done(store, &run.lines[scene])?;
+            }
+            return Ok(());
+        }
+        for scenes in scenes.chunks(RECORDS_AT_ONCE) {
+            let record = |&scene: &usize| keys::tuple(&run.lines[scene].id, LAST);
+            let records: Vec<String> = scenes.iter().map(record).collect();
+            for (&scene, record) in scenes.iter().zip(store.get_all(&records)?) {
+                let line = &run.lines[scene];
+                let mut files = tuple_files(line).into_iter();
+                self.done[scene] = record.is_some_and(|record| is_record_of(&record, line))
+                    && files.all(|file| tuples.contains(&keys::tuple(&line.id, &file)));
+            }
         }
         Ok(())
     }
+}
+
+fn set(keys: Vec<String>) -> BTreeSet<String> {
+    keys.into_iter().collect()
 }

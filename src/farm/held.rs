@@ -1,6 +1,7 @@
 //! The spans that a worker holds: their leases, and what it gives away.
 
-use super::attempts::AttemptRecord;
+use super::attempts::{AttemptRecord, WorkerName};
+use super::made_by::MadeBy;
 use super::open_span::OpenSpan;
 use super::queue::{Delivery, Queue, QueueError, Waiting};
 use super::span::{HeldSpan, Span, what_to_give};
@@ -269,10 +270,21 @@ impl<'a> HeldSpans<'a> {
     }
 
     /// Publishes all that is not done, and gives up the rest. For who stops; nothing is lost if it fails.
-    pub(super) fn hand_back(&self, queue: &dyn Queue, store: &Store) -> Result<u32, QueueError> {
+    pub(super) fn hand_back(
+        &self,
+        queue: &dyn Queue,
+        store: &Store,
+        who: &WorkerName,
+    ) -> Result<u32, QueueError> {
         let held = std::mem::take(&mut *self.spans());
-        for attempt in held.values().filter_map(|held| held.attempt.as_ref()) {
-            attempt.forget(store);
+        for held in held.values() {
+            if let Some(attempt) = &held.attempt {
+                attempt.forget(store);
+            }
+            if let Some(open) = &held.open {
+                let span = &held.delivery.waiting.span;
+                MadeBy::leave(store, &open.job.line.id, span, who);
+            }
         }
         let mut count = 0;
         for (ticket, held) in held {

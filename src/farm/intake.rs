@@ -70,6 +70,9 @@ impl<'a> Shared<'a> {
                 Taken::Ended => return,
                 Taken::Lost(reason) => {
                     self.hungry.store(false, Ordering::Release);
+                    if self.is_run_over() {
+                        return;
+                    }
                     if complained.is_none_or(|at| at.elapsed() > COMPLAIN) {
                         complained = Some(Instant::now());
                         (self.on_event)(Event::QueueLost { reason });
@@ -78,11 +81,17 @@ impl<'a> Shared<'a> {
             }
             if self.beside.is_some() && looked.elapsed() > LOOK {
                 looked = Instant::now();
-                if let Ok(Some(_)) = self.store.get(keys::FINISHED) {
+                if self.is_run_over() {
                     return;
                 }
             }
         }
+    }
+
+    /// As its coordinator says. A store that is away says nothing.
+    fn is_run_over(&self) -> bool {
+        let store = self.store.with_patience(Duration::ZERO);
+        matches!(store.get(keys::FINISHED), Ok(Some(_)))
     }
 
     /// The next span; while the run is paused none that another worker could have later.

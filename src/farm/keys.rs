@@ -20,6 +20,8 @@ pub const QUARANTINE: &str = "quarantine";
 pub const PARTIALS: &str = "partials";
 /// Folder of the attempts that stand.
 pub const ATTEMPTS: &str = "attempts";
+/// Folder of what was made otherwise than what is there.
+pub const CONFLICTS: &str = "conflicts";
 /// Folder of who made what.
 pub const RECEIPTS: &str = "receipts";
 
@@ -36,6 +38,16 @@ pub fn partial(scene: &SceneId, shard: u32) -> String {
 /// The shard of a [`partial`]'s name.
 pub fn shard_of(key: &str) -> Option<u32> {
     key.rsplit('/').next()?.strip_suffix(".exr")?.parse().ok()
+}
+
+/// Who made some of a scene's partials.
+pub fn made_by(scene: &SceneId, [start, end]: [u32; 2]) -> String {
+    format!("{PARTIALS}/{scene}/{start}-{end}.json")
+}
+
+/// What a worker made of the object under `key`, when another had put other bytes there.
+pub fn conflict(worker: &str, key: &str) -> String {
+    format!("{CONFLICTS}/{worker}/{key}")
 }
 
 /// A file of a scene's tuple.

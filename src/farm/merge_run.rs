@@ -14,6 +14,7 @@ use crate::merge::{
 };
 use crate::partial;
 use crate::store::Store;
+use bytes::Bytes;
 use std::path::Path;
 
 /// What merging did.
@@ -79,7 +80,8 @@ pub fn merge_run(
             Ok(_) if dry_run => outcome.merged.push(line.id.clone()),
             Ok(tuple) => {
                 if elsewhere.is_some() {
-                    writer::write_tuple(&store, line, encoded(&tuple, line)?)?;
+                    writer::write_tuple(&store, &encoded(&tuple, line)?)?;
+                    remove_partials(&store, line);
                 } else {
                     // What stands there without being this scene's tuple is replaced.
                     write_tuple(&tuple, &run.dir.tuple(&line.id))
@@ -99,13 +101,13 @@ pub fn merge_run(
     Ok(outcome)
 }
 
-/// A tuple's files, in the order in which they are written.
-fn encoded(tuple: &Tuple, line: &SceneLine) -> Result<Vec<(String, Vec<u8>)>, FarmError> {
+/// A tuple's objects, in the order in which they are written.
+fn encoded(tuple: &Tuple, line: &SceneLine) -> Result<Vec<(String, Bytes)>, FarmError> {
     let encoder = SrgbEncoder::new();
     let encode = |name: String| {
         let bytes = encode_tuple_file(tuple, &encoder, &name)
             .map_err(|e| FarmError::Tuple(e.to_string()))?;
-        Ok((name, bytes))
+        Ok((keys::tuple(&line.id, &name), bytes.into()))
     };
     tuple_files(line).into_iter().map(encode).collect()
 }

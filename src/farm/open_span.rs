@@ -24,6 +24,8 @@ struct State {
     unwritten: u32,
     /// It has ended in part.
     ended: bool,
+    /// Another process has had a part of the scene.
+    shared: bool,
 }
 
 impl<'a> OpenSpan<'a> {
@@ -33,6 +35,7 @@ impl<'a> OpenSpan<'a> {
             left: (shards.start..shards.end.min(job.layout.len())).collect(),
             unwritten: 0,
             ended: false,
+            shared: shards != (0..job.layout.len()),
         };
         Self {
             job,
@@ -52,8 +55,16 @@ impl<'a> OpenSpan<'a> {
 
     /// A shard was found in the store.
     pub(super) fn found(&self, shard: u32) {
-        self.state().left.remove(&shard);
+        let mut state = self.state();
+        state.left.remove(&shard);
+        state.shared = true;
         self.job.count_traced();
+    }
+
+    /// All of the scene was traced here.
+    pub(super) fn is_alone(&self) -> bool {
+        let state = self.state();
+        !state.shared && !state.ended
     }
 
     /// A shard is traced. True for the last one of a scene that is in memory as a whole: its partial need not be

@@ -12,6 +12,8 @@ pub enum RetryScenes<'a> {
     All,
     /// These, each of which must be.
     These(&'a [SceneId]),
+    /// These, whatever is there of them: it is removed, and they are made from nothing.
+    Anew(&'a [SceneId]),
 }
 
 /// What was done.
@@ -21,6 +23,8 @@ pub struct Retried {
     pub scenes: Vec<SceneId>,
     /// Records of lost attempts that were removed with them.
     pub attempts: u64,
+    /// Files of tuples, partials and receipts that were removed.
+    pub results: u64,
     /// The run counted as finished, so its coordinator and workers have gone home.
     pub was_finished: bool,
 }
@@ -31,13 +35,13 @@ pub enum RetryError {
     /// The store cannot be used.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// Some are not in quarantine.
+    /// Some are not what they should be.
     #[error("{0}; nothing was changed")]
     Refused(String),
 }
 
-/// Removes the records of quarantine and of attempts of `which`, of a run whose scenes are `manifest`; with `dry_run`
-/// only looks. If one of them is not in quarantine nothing is changed.
+/// Removes the records of quarantine and of attempts of `which`, of a run whose scenes are `manifest`, and of those that
+/// are to be made anew all results; with `dry_run` only looks. If one of them is not what it should be nothing is changed.
 pub fn retry(
     store: &Store,
     manifest: &[SceneId],
@@ -46,25 +50,35 @@ pub fn retry(
 ) -> Result<Retried, RetryError> {
     let there: BTreeSet<String> = store.list(keys::QUARANTINE)?.into_iter().collect();
     let is_in = |scene: &SceneId| there.contains(&keys::quarantine(scene));
-    if let RetryScenes::These(scenes) = which {
-        let wrong: Vec<&SceneId> = scenes.iter().filter(|scene| !is_in(scene)).collect();
-        if !wrong.is_empty() {
-            return Err(RetryError::Refused(refusal(store, manifest, &wrong)?));
-        }
+    let is_known = |scene: &SceneId| manifest.contains(scene);
+    let wrong: Vec<&SceneId> = match which {
+        RetryScenes::All => Vec::new(),
+        RetryScenes::These(scenes) => scenes.iter().filter(|scene| !is_in(scene)).collect(),
+        RetryScenes::Anew(scenes) => scenes.iter().filter(|scene| !is_known(scene)).collect(),
+    };
+    if !wrong.is_empty() {
+        return Err(RetryError::Refused(refusal(store, manifest, &wrong)?));
     }
     let asked = |scene: &SceneId| match which {
-        RetryScenes::All => true,
-        RetryScenes::These(scenes) => scenes.contains(scene),
+        RetryScenes::All => is_in(scene),
+        RetryScenes::These(scenes) | RetryScenes::Anew(scenes) => scenes.contains(scene),
     };
     let mut retried = Retried {
         was_finished: store.get(keys::FINISHED)?.is_some(),
         ..Retried::default()
     };
-    for scene in manifest.iter().filter(|s| is_in(s) && asked(s)) {
+    for scene in manifest.iter().filter(|s| asked(s)) {
         let attempts = store.list(&keys::attempts(scene))?;
+        let results = if matches!(which, RetryScenes::Anew(_)) {
+            results(store, scene)?
+        } else {
+            Vec::new()
+        };
         retried.attempts += attempts.len() as u64;
+        retried.results += results.len() as u64;
         retried.scenes.push(scene.clone());
         if !dry_run {
+            store.delete(&results)?;
             // In this order, so that who is killed in between leaves it in quarantine, not free with old attempts.
             store.delete(&attempts)?;
             store.delete(&[keys::quarantine(scene)])?;
@@ -74,6 +88,19 @@ pub fn retry(
         store.delete(&[keys::FINISHED.to_owned()])?;
     }
     Ok(retried)
+}
+
+/// All that was made of a scene: first what says that it is done.
+fn results(store: &Store, scene: &SceneId) -> Result<Vec<String>, StoreError> {
+    let record = keys::tuple(scene, "tuple.json");
+    let mut results = store.list(&format!("{}/{scene}", keys::TUPLES))?;
+    results.sort_by_key(|key| *key != record);
+    results.extend(store.list(&keys::partials(scene))?);
+    let receipt = keys::receipt(scene);
+    if store.get(&receipt)?.is_some() {
+        results.push(receipt);
+    }
+    Ok(results)
 }
 
 /// Says of each what it is instead.

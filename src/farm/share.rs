@@ -55,8 +55,12 @@ fn share_inputs(run: &Run, store: &Store) -> Result<(), StoreError> {
     let there: BTreeSet<String> = store.list(keys::INPUTS)?.into_iter().collect();
     let missing: Vec<String> = wanted.difference(&there).cloned().collect();
     for keys in missing.chunks(AT_ONCE) {
-        let read =
-            |key: &String| Some((key.clone(), std::fs::read(run.dir.root().join(key)).ok()?));
+        let read = |key: &String| {
+            Some((
+                key.clone(),
+                std::fs::read(run.dir.root().join(key)).ok()?.into(),
+            ))
+        };
         store.create_all(keys.iter().filter_map(read).collect())?;
     }
     Ok(())

@@ -278,7 +278,7 @@ impl Shared<'_> {
     }
 
     /// A scene failed here in a way that may be this machine's fault.
-    fn went_wrong(&self, line: &SceneLine) {
+    pub(super) fn went_wrong(&self, line: &SceneLine) {
         let mut failing = self.failing();
         failing.insert(line.id.clone());
         if self.beside.is_some() && failing.len() >= FAILURES_IN_A_ROW {

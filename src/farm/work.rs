@@ -19,14 +19,16 @@ use super::hand::{Band, Hand};
 use super::held::{Costs, HeldSpans};
 use super::intake::Loaded;
 use super::keys;
+use super::made_by::MadeBy;
 use super::open_span::OpenSpan;
 use super::quarantine::QuarantineRecord;
 use super::queue::{LocalQueue, Queue, QueueKeeper, Waiting};
+use super::receipt::Receipt;
 use super::run_dir::Run;
 use super::span::Span;
 use super::suspect::Isolate;
 use super::sweep::sweep;
-use super::writer::{Order, What, remove_partials, write_tuple};
+use super::writer::{Order, What, remove_partials};
 use crate::ids::SceneId;
 use crate::manifest::SceneLine;
 use crate::merge::SrgbEncoder;
@@ -262,7 +264,7 @@ pub(super) fn whole(run: &Run, scene: usize) -> Waiting {
     }
 }
 
-fn check_golden(run: &Run, options: &WorkOptions) -> Result<(), FarmError> {
+pub(super) fn check_golden(run: &Run, options: &WorkOptions) -> Result<(), FarmError> {
     let found = golden(options.isa, options.threads.max(1));
     if found == run.spec.golden {
         return Ok(());
@@ -360,7 +362,8 @@ fn work_on(
         // If the server is away, the leases end by themselves.
         // Nor is a store waited for that has just been in vain.
         let hurried = store.with_patience(Duration::ZERO);
-        shared.held.hand_back(queue, &hurried).unwrap_or(0)
+        let back = shared.held.hand_back(queue, &hurried, &options.who);
+        back.unwrap_or(0)
     };
     if shared_queue.is_some() {
         shared.given.fetch_add(u64::from(back), Ordering::Relaxed);
@@ -448,12 +451,14 @@ impl<'a> Shared<'a> {
             let start = Instant::now();
             self.step(&span, || match what {
                 What::Partial { shard, bytes } => {
-                    let put = self.store.create(&keys::partial(&line.id, shard), &bytes);
+                    let put = self.put_partial(&span, shard, &bytes.into());
                     if put.is_err() && self.is_done_elsewhere(&span)? {
                         // Its folder went while this was being written.
                         return Ok(());
                     }
-                    put?;
+                    if !put? {
+                        return Ok(());
+                    }
                     self.seconds.add_checkpoint(start.elapsed());
                     if span.stored() {
                         self.end_in_part(&span)?;
@@ -461,8 +466,11 @@ impl<'a> Shared<'a> {
                     Ok(())
                 }
                 What::Tuple { files, miss_share } => {
-                    write_tuple(self.store, line, files)?;
-                    self.leave_receipt(line);
+                    if !self.put_tuple(&span, files)? {
+                        return Ok(());
+                    }
+                    self.leave_receipt(&span);
+                    remove_partials(self.store, line);
                     self.seconds.add_merge(start.elapsed());
                     self.merged.fetch_add(1, Ordering::Relaxed);
                     self.went_well();
@@ -485,6 +493,8 @@ impl<'a> Shared<'a> {
         if shards >= span.job.layout.len() as usize {
             self.to_complete.push(Arc::clone(span));
         } else if !self.is_done_elsewhere(span)? {
+            let (store, mine) = (self.store, &span.delivery.waiting.span);
+            MadeBy::leave(store, &line.id, mine, &self.options.who);
             self.went_well();
             self.close(span.delivery.ticket);
         }
@@ -564,17 +574,11 @@ impl<'a> Shared<'a> {
     }
 
     /// Beside other workers: who made the tuple. Nothing depends on it.
-    fn leave_receipt(&self, line: &SceneLine) {
+    fn leave_receipt(&self, span: &OpenSpan) {
         if self.beside.is_some() {
-            let receipt = serde_json::json!({
-                "schema": "glasshouse.receipt/1",
-                "scene": line.id,
-                "worker": self.options.who.worker,
-                "version": env!("CARGO_PKG_VERSION"),
-            });
-            let _ = self
-                .store
-                .create(&keys::receipt(&line.id), format!("{receipt}\n").as_bytes());
+            let (scene, who) = (&span.job.line.id, &self.options.who);
+            let receipt = Receipt::new(self.store, scene, who, span.is_alone());
+            let _ = receipt.put(self.store, scene);
         }
     }
 }

@@ -1,11 +1,11 @@
 //! What the writer thread is given. It waits for the store, so that no thread that computes has to.
 
-use super::error::FarmError;
 use super::finished::Files;
 use super::keys;
 use super::open_span::OpenSpan;
 use crate::manifest::SceneLine;
-use crate::store::Store;
+use crate::store::{Store, StoreError};
+use bytes::Bytes;
 use std::sync::Arc;
 
 /// Something to write, encoded already.
@@ -22,20 +22,11 @@ pub(super) enum What {
     Tuple { files: Files, miss_share: f64 },
 }
 
-/// Writes a tuple durably, `tuple.json` last, then removes the scene's partials.
-pub(super) fn write_tuple(
-    store: &Store,
-    line: &SceneLine,
-    mut files: Files,
-) -> Result<(), FarmError> {
-    let (name, record) = files.pop().expect("a tuple has a tuple.json");
-    let objects = files
-        .into_iter()
-        .map(|(name, bytes)| (keys::tuple(&line.id, &name), bytes));
-    store.create_all(objects.collect())?;
-    store.create(&keys::tuple(&line.id, &name), &record)?;
-    remove_partials(store, line);
-    Ok(())
+/// Writes a tuple durably: what comes last, `tuple.json`, only when all else is there.
+pub(super) fn write_tuple(store: &Store, files: &[(String, Bytes)]) -> Result<(), StoreError> {
+    let (record, others) = files.split_last().expect("a tuple has a tuple.json");
+    store.create_all(others.to_vec())?;
+    store.create(&record.0, &record.1).map(|_| ())
 }
 
 /// The tuple is durable: its partials, and who tried, are of no more use. What cannot be removed does no harm.

@@ -113,10 +113,10 @@ impl Store {
     }
 
     /// [`Self::create`] of several, in no order, all at once.
-    pub fn create_all(&self, objects: Vec<(String, Vec<u8>)>) -> Result<(), StoreError> {
+    pub fn create_all(&self, objects: Vec<(String, Bytes)>) -> Result<(), StoreError> {
         RUNTIME.block_on(async {
             futures_util::stream::iter(objects)
-                .map(|(key, bytes)| async move { self.create_async(&key, bytes.into()).await })
+                .map(|(key, bytes)| async move { self.create_async(&key, bytes).await })
                 .buffer_unordered(CALLS_AT_ONCE)
                 .try_for_each(|_| async { Ok(()) })
                 .await
@@ -269,11 +269,7 @@ mod tests {
         assert!(store.list("partials").unwrap().is_empty());
         let keys: Vec<String> = (0..40).map(|k| format!("partials/s/{k:06}.exr")).collect();
         store
-            .create_all(
-                keys.iter()
-                    .map(|k| (k.clone(), k.clone().into_bytes()))
-                    .collect(),
-            )
+            .create_all(keys.iter().map(|k| (k.clone(), k.clone().into())).collect())
             .unwrap();
         store.create("partials/t/000000.exr", b"t").unwrap();
         let mut found = store.list("partials/s").unwrap();

@@ -14,6 +14,7 @@
 
 mod audit;
 mod bench;
+mod conflict;
 mod control;
 mod damage;
 mod explain;

@@ -276,7 +276,8 @@ fn repeated_reordered_and_foreign_messages_change_nothing() {
         mischief.publish(&again).unwrap();
         std::thread::sleep(Duration::from_millis(100));
     }
-    let hex: String = run.id()[..4].iter().map(|b| format!("{b:02x}")).collect();
+    let [a, b, c, d, ..] = run.id();
+    let hex = format!("{a:02x}{b:02x}{c:02x}{d:02x}");
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(1)
         .enable_all()

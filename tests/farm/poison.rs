@@ -278,7 +278,7 @@ fn a_scene_too_large_for_the_memory_is_set_aside() {
         let program = command::<&str>(&[]);
         let program = program.get_program().to_string_lossy().into_owned();
         let script = format!(
-            "ulimit -v 1000000; exec '{program}' work '{}' -j 1",
+            "ulimit -v 1300000; exec '{program}' work '{}' -j 1",
             text(&out)
         );
         let output = std::process::Command::new("bash")

@@ -54,7 +54,7 @@ fn listing_and_removing_many() {
         let keys: Vec<String> = (0..MANY)
             .map(|k| format!("partials/s/{k:06}.exr"))
             .collect();
-        let objects = keys.iter().map(|k| (k.clone(), k.clone().into_bytes()));
+        let objects = keys.iter().map(|k| (k.clone(), k.clone().into()));
         store.create_all(objects.collect()).unwrap();
         // A name that begins like a folder's is not in it.
         store.create("partials/s2/000000.exr", b"t").unwrap();

@@ -2,7 +2,7 @@
 
 use super::{Ask, Delivery, Queue, QueueError, QueueKeeper, QueueState, Taken, Waiting};
 use crossbeam::channel::{Receiver, Sender, bounded, unbounded};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
@@ -22,16 +22,33 @@ struct Shared {
 struct State {
     waiting: VecDeque<Message>,
     held: BTreeMap<u64, (Message, Option<Instant>)>,
+    /// All that waits or is held.
+    there: BTreeSet<Key>,
     next_ticket: u64,
     /// Workers that have something to give, by number.
     able: BTreeMap<u64, Sender<Ask>>,
     next_worker: u64,
     next_asked: u64,
+    /// A keeper has looked.
+    seen: bool,
 }
 
 struct Message {
     waiting: Waiting,
     deliveries: u32,
+}
+
+/// Scene, first shard, one past the last, times handed on.
+type Key = [u32; 4];
+
+fn key(waiting: &Waiting) -> Key {
+    let span = &waiting.span;
+    [
+        span.scene,
+        span.shards.start,
+        span.shards.end,
+        waiting.handed_on,
+    ]
 }
 
 /// One worker's end of it.
@@ -79,9 +96,7 @@ impl LocalQueue {
     fn put(&self, waiting: &[Waiting], deliveries: u32) {
         let mut state = self.state();
         for waiting in waiting {
-            let there = state.waiting.iter().any(|m| m.waiting == *waiting)
-                || state.held.values().any(|(m, _)| m.waiting == *waiting);
-            if !there {
+            if state.there.insert(key(waiting)) {
                 state.waiting.push_back(Message {
                     waiting: waiting.clone(),
                     deliveries,
@@ -159,7 +174,11 @@ impl Queue for LocalWorker {
     }
 
     fn finish(&self, ticket: u64) {
-        self.queue.state().held.remove(&ticket);
+        let mut state = self.queue.state();
+        if let Some((message, _)) = state.held.remove(&ticket) {
+            state.there.remove(&key(&message.waiting));
+        }
+        drop(state);
         self.queue.shared.changed.notify_all();
     }
 
@@ -212,20 +231,26 @@ impl Drop for LocalWorker {
 }
 
 impl QueueKeeper for LocalQueue {
-    fn ensure(&self) -> Result<(), QueueError> {
-        Ok(())
+    fn ensure(&self) -> Result<bool, QueueError> {
+        Ok(!std::mem::replace(&mut self.state().seen, true))
     }
 
     fn look(&self) -> Result<QueueState, QueueError> {
         let mut state = self.state();
         state.expire(Instant::now());
-        let waiting = state.waiting.iter();
-        let held = state.held.values().map(|(message, _)| message);
         Ok(QueueState {
-            scenes: waiting.chain(held).map(|m| m.waiting.span.scene).collect(),
             waiting: state.waiting.len() as u64,
             held: state.held.len() as u64,
         })
+    }
+
+    fn scenes(&self) -> Result<BTreeSet<u32>, QueueError> {
+        Ok(self
+            .state()
+            .there
+            .iter()
+            .map(|[scene, ..]| *scene)
+            .collect())
     }
 
     fn publish(&self, waiting: &[Waiting]) -> Result<(), QueueError> {
@@ -237,6 +262,7 @@ impl QueueKeeper for LocalQueue {
         let mut state = self.state();
         state.waiting.clear();
         state.held.clear();
+        state.there.clear();
         Ok(())
     }
 

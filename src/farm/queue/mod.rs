@@ -84,10 +84,12 @@ pub trait Queue: Send + Sync {
 
 /// The coordinator's end of a queue.
 pub trait QueueKeeper: Send + Sync {
-    /// Makes the queue if it is not there.
-    fn ensure(&self) -> Result<(), QueueError>;
-    /// What is in it.
+    /// Makes the queue if it is not there. True if it is another than at the last call, whoever made it.
+    fn ensure(&self) -> Result<bool, QueueError>;
+    /// How much is in it.
     fn look(&self) -> Result<QueueState, QueueError>;
+    /// Scenes of which a span waits or is held.
+    fn scenes(&self) -> Result<BTreeSet<u32>, QueueError>;
     /// Publishes spans. On return the queue has them; one that it has already is no error.
     fn publish(&self, waiting: &[Waiting]) -> Result<(), QueueError>;
     /// Forgets all spans.
@@ -96,11 +98,9 @@ pub trait QueueKeeper: Send + Sync {
     fn remove(&self) -> Result<(), QueueError>;
 }
 
-/// What is in a queue.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// How much is in a queue.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct QueueState {
-    /// Scenes of which a span waits or is held.
-    pub scenes: BTreeSet<u32>,
     /// Spans that wait.
     pub waiting: u64,
     /// Spans that are held.

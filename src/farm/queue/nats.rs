@@ -13,7 +13,7 @@ use async_nats::jetstream::{self, AckKind, Context, Message};
 use async_nats::{Client, ConnectOptions, ServerAddr};
 use crossbeam::channel::{Receiver, Sender, unbounded};
 use futures_util::{StreamExt, TryStreamExt};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -108,6 +108,8 @@ pub struct NatsWorker {
 pub struct NatsCoordinator {
     connection: Connection,
     lease: Duration,
+    /// When the stream was made that was seen last.
+    seen: Mutex<Option<i128>>,
 }
 
 impl Connection {
@@ -482,6 +484,7 @@ impl NatsCoordinator {
         Ok(Self {
             connection: Connection::open(options, run)?,
             lease,
+            seen: Mutex::new(None),
         })
     }
 
@@ -507,7 +510,8 @@ impl NatsCoordinator {
             .map_err(|e| connection.lost(&e))
     }
 
-    fn make(&self) -> Result<(), QueueError> {
+    /// When the stream was made.
+    fn make(&self) -> Result<i128, QueueError> {
         let connection = &self.connection;
         RUNTIME.block_on(async {
             let wanted = self.config();
@@ -516,6 +520,7 @@ impl NatsCoordinator {
                 .get_or_create_stream(wanted.clone())
                 .await
                 .map_err(|e| connection.lost(&e))?;
+            let made = stream.cached_info().created.unix_timestamp_nanos();
             // Older servers leave out what they do not know without a word.
             let got = &stream.cached_info().config;
             let same = got.retention == wanted.retention
@@ -556,15 +561,17 @@ impl NatsCoordinator {
                     self.lease.as_secs_f64()
                 )));
             }
-            Ok(())
+            Ok(made)
         })
     }
 }
 
 impl QueueKeeper for NatsCoordinator {
-    fn ensure(&self) -> Result<(), QueueError> {
-        self.make()
-            .map_err(|error| self.connection.explained(error))
+    fn ensure(&self) -> Result<bool, QueueError> {
+        let made = self.make();
+        let made = made.map_err(|error| self.connection.explained(error))?;
+        let mut seen = self.seen.lock().expect("no holder of this lock panics");
+        Ok(seen.replace(made) != Some(made))
     }
 
     fn look(&self) -> Result<QueueState, QueueError> {
@@ -575,27 +582,30 @@ impl QueueKeeper for NatsCoordinator {
                 .consumer_info(CONSUMER)
                 .await
                 .map_err(|e| connection.lost(&e))?;
-            let mut state = QueueState {
+            Ok(QueueState {
                 waiting: info.num_pending,
                 held: info.num_ack_pending as u64,
-                ..QueueState::default()
-            };
+            })
+        })
+    }
+
+    fn scenes(&self) -> Result<BTreeSet<u32>, QueueError> {
+        let connection = &self.connection;
+        RUNTIME.block_on(async {
+            let stream = self.stream().await?;
             let filter = format!("{}.span.>", connection.subjects);
             let mut subjects = stream
                 .info_with_subjects(filter)
                 .await
                 .map_err(|e| connection.lost(&e))?;
+            let mut scenes = BTreeSet::new();
             while let Some((subject, _)) =
                 subjects.try_next().await.map_err(|e| connection.lost(&e))?
             {
-                state.scenes.extend(
-                    subject
-                        .split('.')
-                        .nth(3)
-                        .and_then(|s| s.parse::<u32>().ok()),
-                );
+                let scene = subject.split('.').nth(3);
+                scenes.extend(scene.and_then(|scene| scene.parse::<u32>().ok()));
             }
-            Ok(state)
+            Ok(scenes)
         })
     }
 

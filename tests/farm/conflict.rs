@@ -1,0 +1,157 @@
+//! Two workers make different bytes of one shard: neither is believed, both are named, and the farm goes on.
+
+use crate::many::{alone, coordinator, end, slow_place, start, wait_for};
+use crate::outputs::{assert_same, tuples};
+use crate::program::{run, text};
+use crate::scenes::{Place, SCENES, SHARDS};
+use crate::server::Server;
+use glasshouse::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper, Waiting};
+use glasshouse::farm::{QuarantineRecord, Run, Span};
+use glasshouse::ids::SceneId;
+use glasshouse::manifest::Roots;
+use serde_json::json;
+use std::path::PathBuf;
+use std::process::Child;
+use std::time::Duration;
+
+const SCENE: &str = "train-000001";
+
+/// The queue of a planned run, with one scene in it twice and nothing else.
+fn twice(place: &Place, server: &Server) -> NatsCoordinator {
+    let options = NatsOptions {
+        url: server.url(),
+        name: "mischief".to_owned(),
+        ..NatsOptions::default()
+    };
+    let run = Run::open(&place.run, &Roots::default()).unwrap();
+    let scene = run.lines.iter().position(|line| line.id.as_str() == SCENE);
+    let queue = NatsCoordinator::connect(&options, run.id(), Duration::from_secs(2)).unwrap();
+    queue.ensure().unwrap();
+    let again = |handed_on| Waiting {
+        span: Span {
+            scene: scene.unwrap() as u32,
+            shards: 0..SHARDS as u32,
+        },
+        handed_on,
+    };
+    queue.publish(&[again(1), again(2)]).unwrap();
+    queue
+}
+
+fn named(place: &Place, server: &Server, name: &str, fault: &str) -> Child {
+    let more = [
+        "-j", "1", "--name", name, "--fault", "slow:2", "--fault", fault,
+    ];
+    start("work", place, server, &more)
+}
+
+fn reason(place: &Place) -> Option<String> {
+    let store = glasshouse::store::Store::local(&place.run).unwrap();
+    let record = QuarantineRecord::get(&store, &SceneId::new(SCENE).unwrap()).unwrap();
+    record.map(|record| record.reason)
+}
+
+/// What a worker kept of what it made otherwise.
+fn kept(place: &Place) -> Vec<(String, PathBuf)> {
+    let folder = place.run.join("conflicts");
+    let workers = std::fs::read_dir(folder).into_iter().flatten();
+    workers
+        .map(|worker| {
+            let path = worker.unwrap().path();
+            let name = path.file_name().unwrap().to_string_lossy().into_owned();
+            let mut files = crate::outputs::files(&path);
+            (name, files.remove(0))
+        })
+        .collect()
+}
+
+#[test]
+fn who_computes_other_bits_is_found_out() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let place = slow_place();
+    let queue = twice(&place, &server);
+    let workers = [
+        named(&place, &server, "liar", &format!("wrong:{SCENE}")),
+        named(&place, &server, "honest", "slow:1"),
+    ];
+    wait_for("a disagreement", || reason(&place).is_some());
+    drop(queue);
+    let coordinated = end(coordinator(&place, &server)).expect(3).json();
+    assert_eq!(coordinated["done"], SCENES - 1);
+    // Whoever was second found it out.
+    let found = workers.map(|worker| end(worker).expect(0).json()["quarantined"].clone());
+    let found: Vec<_> = found.iter().filter(|q| **q != json!([])).collect();
+    assert_eq!(found.len(), 1, "{found:?}");
+    let reason = reason(&place).unwrap();
+    for part in [
+        "two workers made different bytes of partials/train-000001/",
+        "liar",
+        "honest",
+        "glasshouse audit RUN --scene train-000001",
+        "glasshouse retry RUN train-000001 --anew",
+    ] {
+        assert!(reason.contains(part), "{part:?} is missing: {reason}");
+    }
+    // Both are there: what came first under its name, the other in its worker's folder.
+    let kept = kept(&place);
+    let (worker, path) = &kept[0];
+    assert!(
+        reason.contains(&format!("kept as conflicts/{worker}/")),
+        "{reason}"
+    );
+    let own = place.run.join("conflicts").join(worker).join(path);
+    let other = place.run.join(path);
+    assert_ne!(std::fs::read(own).unwrap(), std::fs::read(other).unwrap());
+    // A third process tells.
+    let folder = text(&place.run);
+    let audited = run(&["audit", folder, "--scene", SCENE, "--json"]);
+    let audited = audited.expect(1).json();
+    assert_eq!(audited["scenes"][0]["verdict"], "differs");
+    run(&["retry", folder, "nothing-like-it", "--anew"])
+        .expect(2)
+        .says(&["nothing-like-it is no scene of this run"]);
+    let retried = run(&["retry", folder, SCENE, "--anew", "--json"])
+        .expect(0)
+        .json();
+    assert_eq!(retried["retried"][0], SCENE);
+    assert!(retried["results_removed"].as_u64().unwrap() > 0);
+    let good = start("work", &place, &server, &["-j", "2"]);
+    end(coordinator(&place, &server)).expect(0);
+    end(good).expect(0);
+    assert_same(&tuples(&place.run), &alone(&place));
+}
+
+/// A scene that is done is made anew beside a coordinator that runs.
+#[test]
+fn a_done_scene_is_made_anew() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let place = slow_place();
+    let slow = ["-j", "1", "--fault", "slow:3"];
+    let worker = start("work", &place, &server, &slow);
+    let coordinator = coordinator(&place, &server);
+    let tuple = |id: &str| place.run.join(format!("tuples/{id}/tuple.json"));
+    let ids = [
+        "train-000000",
+        "train-000001",
+        "train-000002",
+        "test-000000",
+    ];
+    let mut first = None;
+    wait_for("a tuple", || {
+        first = ids.into_iter().find(|id| tuple(id).is_file());
+        first.is_some()
+    });
+    let first = first.unwrap();
+    let receipt = place.run.join(format!("receipts/{first}.json"));
+    wait_for("its receipt", || receipt.is_file());
+    run(&["retry", text(&place.run), first, "--anew"]).expect(0);
+    let coordinated = end(coordinator).expect(0).json();
+    assert_eq!(coordinated["done"], SCENES);
+    end(worker).expect(0);
+    assert!(tuple(first).is_file());
+    assert_same(&tuples(&place.run), &alone(&place));
+}
