@@ -21,11 +21,15 @@ use crate::shard::Shard;
 use crate::trace::TileResult;
 use crossbeam::channel::{Sender, TryRecvError};
 use crossbeam::deque::{Steal, Worker};
+use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
+
+/// Partials fetched from the store in one go.
+const FETCHED_AT_ONCE: usize = 32;
 
 /// One band of a shard of an open span.
 pub(super) struct Band<'a> {
@@ -151,21 +155,39 @@ impl<'a> Hand<'_, 'a> {
         }
         let mut there: Vec<String> = farm.store.list(&keys::partials(&job.line.id))?;
         there.sort();
-        for (key, bytes) in there.iter().zip(farm.store.get_all(&there)?) {
-            let (Some(shard), Some(bytes)) = (keys::shard_of(key), bytes) else {
-                continue;
-            };
-            if let Some(partial) = self.read(span, shard, key, &bytes)? {
-                farm.resumed.fetch_add(1, Ordering::Relaxed);
-                (farm.on_event)(Event::ShardDone { resumed: true });
-                span.found(shard);
-                if let Some(partials) = job.finish(partial) {
-                    self.merge(span, &partials);
-                }
+        self.fetch(span, &there, |partial| {
+            farm.resumed.fetch_add(1, Ordering::Relaxed);
+            (farm.on_event)(Event::ShardDone { resumed: true });
+            span.found(partial.header.shard);
+            if let Some(partials) = job.finish(partial) {
+                self.merge(span, &partials);
             }
-        }
+        })?;
         if span.settle() {
             farm.end_in_part(span)?;
+        }
+        Ok(())
+    }
+
+    /// Fetches partials, some at a time. What is not there, or is none of this scene's, is left out.
+    fn fetch(
+        &self,
+        span: &OpenSpan<'a>,
+        keys: &[String],
+        mut take: impl FnMut(Partial),
+    ) -> Result<(), FarmError> {
+        let farm = self.farm;
+        for keys in keys.chunks(FETCHED_AT_ONCE) {
+            for (key, bytes) in keys.iter().zip(farm.store.get_all(keys)?) {
+                let (Some(shard), Some(bytes)) = (keys::shard_of(key), bytes) else {
+                    continue;
+                };
+                if let Some(partial) = self.read(span, shard, key, &bytes)? {
+                    take(partial);
+                }
+            }
+            // A slow store is no hanging worker.
+            farm.held.touch(span.delivery.ticket);
         }
         Ok(())
     }
@@ -254,22 +276,18 @@ impl<'a> Hand<'_, 'a> {
     fn complete(&self, span: &Arc<OpenSpan<'a>>) -> Result<(), FarmError> {
         let (farm, job) = (self.farm, &span.job);
         let mut partials = job.take_results();
-        let mut damaged = Vec::new();
-        for shard in 0..job.layout.len() {
-            if partials.iter().any(|p| p.header.shard == shard) {
-                continue;
-            }
-            let key = keys::partial(&job.line.id, shard);
-            let found = match farm.store.get(&key)? {
-                Some(bytes) => self.read(span, shard, &key, &bytes)?,
-                // Merged by somebody else meanwhile, or removed.
-                None => None,
-            };
-            match found {
-                Some(partial) => partials.push(partial),
-                None => damaged.push(shard),
-            }
+        let mut missing: BTreeSet<u32> = (0..job.layout.len()).collect();
+        for partial in &partials {
+            missing.remove(&partial.header.shard);
         }
+        let key = |&shard: &u32| keys::partial(&job.line.id, shard);
+        let keys: Vec<String> = missing.iter().map(key).collect();
+        // What is not there was merged by somebody else meanwhile, or removed.
+        self.fetch(span, &keys, |partial| {
+            missing.remove(&partial.header.shard);
+            partials.push(partial);
+        })?;
+        let damaged = missing;
         if damaged.is_empty() {
             self.merge(span, &partials);
             return Ok(());

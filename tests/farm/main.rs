@@ -43,6 +43,7 @@ mod serve;
 mod serve_browser;
 mod serve_run;
 mod server;
+mod siege;
 mod signals;
 mod status;
 mod store_disk_full;

@@ -46,7 +46,7 @@ fn worker(place: &Place, name: &str, queue: &Server, bucket: &S3Server, more: &[
 }
 
 /// The tuples, brought here.
-fn fetched(store: &Store, to: &Path) -> BTreeMap<PathBuf, Content> {
+pub(crate) fn fetched(store: &Store, to: &Path) -> BTreeMap<PathBuf, Content> {
     let keys = store.list("tuples").unwrap();
     for (key, bytes) in keys.iter().zip(store.get_all(&keys).unwrap()) {
         let path = to.join(key);

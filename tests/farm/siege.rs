@@ -1,0 +1,405 @@
+//! Eight workers, and everything that can go wrong at once, drawn from a seed: what comes out is what one process makes.
+//!
+//! Workers are killed, put to sleep beyond their leases and waked, one is four times slower, one hangs with a live
+//! renewal, one computes wrong bits, and one scene aborts whoever traces it. The coordinator and the queue's server are
+//! killed, the server forgets everything, spans are published twice and in any order, and (in a bucket) requests fail.
+//! Whoever ends is started again, as a service manager would do it.
+
+use crate::many::alone;
+use crate::outputs::{assert_same, files, tuples};
+use crate::program::{Ended, command, send, text};
+use crate::s3_server::S3Server;
+use crate::scenes::{Place, place};
+use crate::server::Server;
+use crate::store_farm::fetched;
+use glasshouse::farm::keys::shard_of;
+use glasshouse::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper, Waiting};
+use glasshouse::farm::{Run, Span};
+use glasshouse::manifest::Roots;
+use glasshouse::store::Store;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::Child;
+use std::time::{Duration, Instant};
+
+/// Kills or hangs whoever traces it.
+const POISON: &str = "test-000000";
+const WORKERS: usize = 8;
+const SCENES: usize = 8;
+/// 24 tiles, 16 ranges of samples.
+const SHARDS: u32 = 384;
+/// The last three workers.
+const FAULTS: [&[&str]; 3] = [
+    &["slow:4"],
+    &["hang:train-000001", "hang:train-000002"],
+    &[
+        "wrong:train-000003",
+        "wrong:train-000004",
+        "wrong:train-000005",
+        "wrong:train-000006",
+    ],
+];
+const LIAR: usize = WORKERS - 1;
+const LONGEST: Duration = Duration::from_mins(4);
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Event {
+    KillWorker,
+    Sleep,
+    KillCoordinator,
+    KillServer,
+    ForgetAll,
+    Duplicates,
+    StoreAway,
+}
+
+/// How often each happens.
+const EVENTS: [(Event, usize); 7] = [
+    (Event::KillWorker, 6),
+    (Event::Sleep, 3),
+    (Event::KillCoordinator, 2),
+    (Event::KillServer, 2),
+    (Event::ForgetAll, 1),
+    (Event::Duplicates, 3),
+    (Event::StoreAway, 1),
+];
+
+struct Siege {
+    random: u64,
+    place: Place,
+    server: Server,
+    bucket: Option<S3Server>,
+    store: Store,
+    workers: Vec<Option<Child>>,
+    lives: Vec<usize>,
+    asleep: Vec<(usize, Instant)>,
+    ends: Vec<String>,
+}
+
+impl Siege {
+    fn new(seed: u64, in_bucket: bool) -> Option<Self> {
+        let server = Server::start()?;
+        let place = place();
+        let recipe = std::fs::read_to_string(&place.recipe).unwrap();
+        let recipe = recipe.replace("spp = 256", "spp = 4096");
+        let recipe = recipe.replace("{ sample = 3 }", "{ sample = 7 }");
+        std::fs::write(&place.recipe, recipe).unwrap();
+        place.plan();
+        let bucket = in_bucket.then(|| S3Server::start(seed));
+        let store = match &bucket {
+            Some(bucket) => bucket.store("runs/mine"),
+            None => Store::local(&place.run).unwrap(),
+        };
+        if let Some(bucket) = &bucket {
+            bucket.faults.set(40);
+        }
+        Some(Self {
+            random: seed,
+            place,
+            server,
+            bucket,
+            store,
+            workers: (0..WORKERS).map(|_| None).collect(),
+            lives: vec![0; WORKERS],
+            asleep: Vec::new(),
+            ends: Vec::new(),
+        })
+    }
+
+    /// SplitMix64, <https://prng.di.unimi.it/splitmix64.c>.
+    fn draw(&mut self, below: usize) -> usize {
+        self.random = self.random.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.random;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) % below as u64) as usize
+    }
+
+    fn events(&mut self) -> Vec<Event> {
+        let mut events: Vec<Event> = EVENTS
+            .iter()
+            .filter(|(event, _)| self.bucket.is_some() || *event != Event::StoreAway)
+            .flat_map(|(event, count)| vec![*event; *count])
+            .collect();
+        for last in (1..events.len()).rev() {
+            let other = self.draw(last + 1);
+            events.swap(last, other);
+        }
+        events
+    }
+
+    fn start(&self, verb: &str, run: &Path, more: &[&str]) -> Child {
+        let url = self.server.url();
+        let mut arguments = vec![verb, text(run), "--queue", &url, "--lease-s", "2"];
+        arguments.extend(["--progress", "none", "--json"]);
+        if self.bucket.is_some() {
+            arguments.extend(["--store", "s3://bucket/runs/mine"]);
+        }
+        arguments.extend(more);
+        let mut command = command(&arguments);
+        if let Some(bucket) = &self.bucket {
+            bucket.tell(&mut command);
+        }
+        command.spawn().unwrap()
+    }
+
+    fn coordinate(&self) -> Child {
+        self.start("coordinate", &self.place.run, &[])
+    }
+
+    /// In a bucket each worker has a folder of its own.
+    fn work(&self, name: &str, faults: &[&str]) -> Child {
+        let own = self.place.folder.path().join(name);
+        let run = if self.bucket.is_some() {
+            &own
+        } else {
+            &self.place.run
+        };
+        let mut more = vec!["-j", "1", "--name", name, "--hang-s"];
+        // A bucket that fails takes its time.
+        more.push(if self.bucket.is_some() { "8" } else { "3" });
+        more.extend(faults.iter().flat_map(|fault| ["--fault", fault]));
+        self.start("work", run, &more)
+    }
+
+    /// Starts a worker again. It hangs once.
+    fn start_worker(&mut self, number: usize) {
+        let poison = format!("abort:{POISON}");
+        let mut faults = vec![poison.as_str()];
+        let special = number.checked_sub(WORKERS - FAULTS.len());
+        let own = special.map_or(&[][..], |special| FAULTS[special]);
+        let hung = self.lives[number] > 0;
+        faults.extend(own.iter().filter(|f| !(hung && f.starts_with("hang"))));
+        let name = name(number);
+        self.workers[number] = Some(self.work(&name, &faults));
+        self.lives[number] += 1;
+    }
+
+    /// Looks after all workers, once.
+    fn look_after(&mut self) {
+        for (number, until) in std::mem::take(&mut self.asleep) {
+            if Instant::now() < until {
+                self.asleep.push((number, until));
+            } else if let Some(worker) = &self.workers[number] {
+                send(worker, "CONT");
+            }
+        }
+        for number in 0..WORKERS {
+            let ended = self.workers[number]
+                .as_mut()
+                .is_none_or(|worker| worker.try_wait().unwrap().is_some());
+            if !ended {
+                continue;
+            }
+            if let Some(worker) = self.workers[number].take() {
+                self.reap(number, worker);
+            }
+            self.start_worker(number);
+        }
+    }
+
+    fn reap(&mut self, number: usize, worker: Child) {
+        let ended: Ended = worker.wait_with_output().unwrap().into();
+        // Done, hung, no store, or dead by a signal: of nothing else.
+        let known = [Some(0), Some(1), Some(75), None];
+        assert!(known.contains(&ended.code), "{ended:#?}");
+        if ended.code == Some(1) {
+            let known = ["hangs", "leaves the rest to others"];
+            assert!(known.iter().any(|k| ended.stderr.contains(k)), "{ended:#?}");
+        }
+        self.ends
+            .push(format!("{}: {:?}", name(number), ended.code));
+    }
+
+    /// Shards whose results are there.
+    fn done(&self) -> usize {
+        let count = |folder: &str| self.store.list(folder).unwrap();
+        let tuples = count("receipts").len();
+        let partials = count("partials");
+        let partials = partials.iter().filter(|key| shard_of(key).is_some());
+        tuples * SHARDS as usize + partials.count()
+    }
+
+    fn is_over(&self) -> bool {
+        self.store.get("finished.json").unwrap().is_some()
+    }
+
+    fn happen(&mut self, event: Event, coordinator: &mut Child) {
+        let number = self.draw(WORKERS);
+        match event {
+            Event::KillWorker => {
+                if let Some(worker) = &mut self.workers[number] {
+                    worker.kill().unwrap();
+                }
+            }
+            Event::Sleep => {
+                if let Some(worker) = &self.workers[number] {
+                    send(worker, "STOP");
+                    let until = Instant::now() + Duration::from_secs(4);
+                    self.asleep.push((number, until));
+                }
+            }
+            Event::KillCoordinator => {
+                coordinator.kill().unwrap();
+                coordinator.wait().unwrap();
+                *coordinator = self.coordinate();
+            }
+            Event::KillServer => self.server.kill_and_restart(false),
+            Event::ForgetAll => self.server.kill_and_restart(true),
+            Event::Duplicates => self.publish_duplicates(),
+            Event::StoreAway => {
+                let bucket = self.bucket.as_ref().unwrap();
+                bucket.faults.set_away(true);
+                std::thread::sleep(Duration::from_secs(3));
+                bucket.faults.set_away(false);
+            }
+        }
+    }
+
+    /// Spans of all scenes, done or not, whole or cut anywhere.
+    fn publish_duplicates(&mut self) {
+        let options = NatsOptions {
+            url: self.server.url(),
+            name: "mischief".to_owned(),
+            ..NatsOptions::default()
+        };
+        let run = Run::open(&self.place.run, &Roots::default()).unwrap();
+        let queue = NatsCoordinator::connect(&options, run.id(), Duration::from_secs(2)).unwrap();
+        let again: Vec<Waiting> = (0..6)
+            .map(|_| {
+                let scene = self.draw(SCENES) as u32;
+                let start = self.draw(SHARDS as usize) as u32;
+                let length = 1 + self.draw((SHARDS - start) as usize) as u32;
+                let shards = start..start + length;
+                Waiting {
+                    span: Span { scene, shards },
+                    handed_on: 5 + self.draw(9) as u32,
+                }
+            })
+            .collect();
+        // The server may be on its way up.
+        let _ = queue.publish(&again);
+    }
+
+    /// Runs until the end. What is in quarantine then.
+    fn endure(&mut self) -> BTreeSet<String> {
+        let start = Instant::now();
+        let mut events = self.events();
+        let all = events.len() + 2;
+        let mut coordinator = self.coordinate();
+        let mut done = 0;
+        while !self.is_over() {
+            assert!(start.elapsed() < LONGEST, "{:#?}", self.ends);
+            if self.store.get("spec.json").unwrap().is_some() {
+                self.look_after();
+            }
+            // The store is counted without its faults, but the counting takes its time.
+            done = done.max(self.done());
+            let due = all - events.len() - 1;
+            let is_due = done * all > due * SCENES * SHARDS as usize;
+            if is_due && let Some(event) = events.pop() {
+                self.happen(event, &mut coordinator);
+            }
+            std::thread::sleep(Duration::from_millis(100));
+        }
+        let coordinated: Ended = coordinator.wait_with_output().unwrap().into();
+        coordinated.expect(3);
+        for number in 0..WORKERS {
+            if let Some(worker) = self.workers[number].take() {
+                // Who sleeps would not end.
+                send(&worker, "CONT");
+                self.reap(number, worker);
+            }
+        }
+        eprintln!(
+            "{:.0} s, {} workers started, events left: {events:?}, {:#?}",
+            start.elapsed().as_secs_f64(),
+            self.lives.iter().sum::<usize>(),
+            self.ends
+        );
+        assert!(events.len() < 4, "it ended too early: {events:?}");
+        let set_aside = self.store.list("quarantine").unwrap();
+        let scene = |key: &String| Some(key.rsplit('/').next()?.strip_suffix(".json")?.to_owned());
+        set_aside.iter().filter_map(scene).collect()
+    }
+
+    fn command(&self, arguments: &[&str]) -> Ended {
+        let mut command = command(arguments);
+        if let Some(bucket) = &self.bucket {
+            command.args(["--store", "s3://bucket/runs/mine"]);
+            bucket.tell(&mut command);
+        }
+        command.output().unwrap().into()
+    }
+
+    fn tuples_folder(&self) -> PathBuf {
+        self.place.folder.path().join("fetched")
+    }
+}
+
+fn name(number: usize) -> String {
+    format!("worker-{number}")
+}
+
+fn hold(seed: u64, in_bucket: bool) {
+    let Some(mut siege) = Siege::new(seed, in_bucket) else {
+        return;
+    };
+    let quarantined = siege.endure();
+    assert!(quarantined.contains(POISON), "{quarantined:?}");
+    // The poison killed four processes at most, children included.
+    let aborted = siege.ends.iter().filter(|end| end.ends_with("None"));
+    assert!(aborted.count() <= 4 + 6, "{:?}", siege.ends);
+    if let Some(bucket) = &siege.bucket {
+        bucket.faults.set(0);
+    }
+    let folder = siege.place.run.clone();
+    let folder = text(&folder);
+    // Whatever is wrong is found, and the liar is named.
+    let audited = siege
+        .command(&["audit", folder, "--share", "1", "--json"])
+        .json();
+    assert_eq!(audited["not_compared"], 0);
+    let mut wrong: BTreeSet<String> = quarantined;
+    for scene in audited["scenes"].as_array().unwrap() {
+        if scene["verdict"] == "differs" {
+            let receipt = scene["receipt"].to_string();
+            assert!(receipt.contains(&name(LIAR)), "{scene:#}");
+            wrong.insert(scene["scene"].as_str().unwrap().to_owned());
+        }
+    }
+    eprintln!("made anew: {wrong:?}");
+    let mut retry = vec!["retry", folder, "--anew"];
+    retry.extend(wrong.iter().map(String::as_str));
+    siege.command(&retry).expect(0);
+    let good = [siege.work("good-1", &[]), siege.work("good-2", &[])];
+    let last: Ended = siege.coordinate().wait_with_output().unwrap().into();
+    last.expect(0);
+    for worker in good {
+        let worker: Ended = worker.wait_with_output().unwrap().into();
+        worker.expect(0);
+    }
+    let found = if siege.bucket.is_some() {
+        fetched(&siege.store, &siege.tuples_folder())
+    } else {
+        assert_eq!(files(&siege.place.run.join("partials")).len(), 0);
+        tuples(&siege.place.run)
+    };
+    assert_same(&found, &alone(&siege.place));
+}
+
+/// Another seed, another siege: `GLASSHOUSE_SIEGE=7 cargo test --release --test farm siege`.
+fn seed() -> u64 {
+    let given = std::env::var("GLASSHOUSE_SIEGE").ok();
+    given.map_or(1, |text| text.parse().unwrap())
+}
+
+#[test]
+fn on_a_disk() {
+    hold(seed(), false);
+}
+
+#[test]
+fn in_a_bucket() {
+    hold(seed(), true);
+}
