@@ -7,13 +7,18 @@
 #![allow(dead_code, reason = "each fuzz target uses one of them")]
 
 use glasshouse::cases::CaseFile;
+use glasshouse::farm::queue::{read_waiting, write_waiting};
+use glasshouse::farm::{Control, QuarantineRecord, Receipt, attempts};
+use glasshouse::ids::SceneId;
 use glasshouse::manifest::{Photograph, Recipe, Side, parse_jsonl, parse_scene, refuse, to_jsonl};
 use glasshouse::merge::TupleRecord;
 use glasshouse::partial;
 use glasshouse::scene::limits::{MAX_PIXELS, MAX_SIDE};
 use glasshouse::scene::{NamedBytes, PhotographFiles, SceneError, decode_mesh, decode_photograph};
 use glasshouse::shard::Spec;
+use glasshouse::store::Store;
 use std::path::Path;
+use std::sync::OnceLock;
 
 /// A reader's name, that of its seeds' folder and of its fuzz target.
 pub(crate) type Reader = (&'static str, fn(&[u8]) -> bool);
@@ -31,6 +36,8 @@ pub(crate) const READERS: &[Reader] = &[
     ("partial", partial),
     ("spec", spec),
     ("tuple", tuple),
+    ("message", message),
+    ("record", record),
 ];
 
 /// Foreign decoders may panic on hostile bytes, and glasshouse contains that; libFuzzer's hook would abort first.
@@ -223,4 +230,41 @@ pub(crate) fn tuple(bytes: &[u8]) -> bool {
         record
     );
     true
+}
+
+/// A message of the queue: work that waits.
+pub(crate) fn message(bytes: &[u8]) -> bool {
+    let run = *b"8 bytes!";
+    let Ok(Some(waiting)) = read_waiting(bytes, run, 1000) else {
+        return false;
+    };
+    assert!(waiting.span.scene < 1000 && !waiting.span.shards.is_empty());
+    assert_eq!(write_waiting(run, &waiting), bytes);
+    true
+}
+
+/// A small record in the store of a farm: what a run was told, who tried, who made a tuple, why a scene is set aside. What
+/// is damaged counts as that, and is no error.
+pub(crate) fn record(bytes: &[u8]) -> bool {
+    static FOLDER: OnceLock<tempfile::TempDir> = OnceLock::new();
+    let folder = FOLDER.get_or_init(|| tempfile::tempdir().expect("a folder for records"));
+    let store = Store::local(folder.path()).expect("a folder is a store");
+    let scene = SceneId::new("a").expect("a name");
+    let keys = [
+        "control.json",
+        "attempts/a/0-4.1.json",
+        "receipts/a.json",
+        "quarantine/a.json",
+    ];
+    for key in keys {
+        store.replace(key, bytes).expect("a small file");
+    }
+    let is_json = serde_json::from_slice::<serde_json::Value>(bytes).is_ok();
+    let control = Control::get(&store).expect("it is there");
+    assert!(is_json || control.because().contains("damaged"));
+    assert_eq!(attempts(&store, &scene).expect("it is there").len(), 1);
+    let receipt = Receipt::get(&store, &scene).expect("it is there");
+    let _ = receipt.expect("it is there").makers();
+    let set_aside = QuarantineRecord::get(&store, &scene).expect("it is there");
+    set_aside.is_some() && is_json
 }

@@ -1,5 +1,6 @@
 //! Everything that goes over the wire between processes of a run, in one place: a version byte, then bincode.
 
+use super::queue::Waiting;
 use super::span::Span;
 use bincode::config::{Configuration, Fixint, LittleEndian};
 use bincode::{Decode, Encode};
@@ -12,17 +13,17 @@ const CONFIG: Configuration<LittleEndian, Fixint> =
 
 /// A message of the queue: work that waits.
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
-pub(super) struct SpanMessage {
+struct SpanMessage {
     /// First eight bytes of the BLAKE3 of the run's spec: a message of another run is refused.
-    pub(super) run: [u8; 8],
+    run: [u8; 8],
     /// Place of the scene in the manifest.
-    pub(super) scene: u32,
+    scene: u32,
     /// First shard.
-    pub(super) start: u32,
+    start: u32,
     /// One past the last.
-    pub(super) end: u32,
+    end: u32,
     /// How often it was handed on, whole or in part.
-    pub(super) handed_on: u32,
+    handed_on: u32,
 }
 
 /// Answer of a worker that was asked for work.
@@ -37,14 +38,38 @@ pub(super) struct GiveReply {
 #[error(
     "a message of {length} bytes is not understood ({reason}); are there workers of another version in this run?"
 )]
-pub(super) struct MessageError {
+pub struct MessageError {
     length: usize,
     reason: String,
 }
 
+/// The bytes that tell workers of `run` of work that waits.
+pub fn write_waiting(run: [u8; 8], waiting: &Waiting) -> Vec<u8> {
+    encode(&SpanMessage {
+        run,
+        scene: waiting.span.scene,
+        start: waiting.span.shards.start,
+        end: waiting.span.shards.end,
+        handed_on: waiting.handed_on,
+    })
+}
+
+/// Work that waits, from bytes that may come from anybody. None if it is of another run than `run`, which has so many
+/// `scenes`, or of no shard. A scene may have fewer shards than it says.
+pub fn read_waiting(
+    bytes: &[u8],
+    run: [u8; 8],
+    scenes: usize,
+) -> Result<Option<Waiting>, MessageError> {
+    let message: SpanMessage = decode(bytes)?;
+    let handed_on = message.handed_on;
+    let span = message.span(run, scenes);
+    Ok(span.map(|span| Waiting { span, handed_on }))
+}
+
 impl SpanMessage {
     /// The span, if it belongs to this run and its scene is one of `scenes`.
-    pub(super) fn span(&self, run: [u8; 8], scenes: usize) -> Option<Span> {
+    fn span(&self, run: [u8; 8], scenes: usize) -> Option<Span> {
         let valid = self.run == run && (self.scene as usize) < scenes && self.start < self.end;
         valid.then_some(Span {
             scene: self.scene,

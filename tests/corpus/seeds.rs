@@ -4,6 +4,8 @@ use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer,
     LayerAttributes, LineOrder, Vec2, WritableImage, f16,
 };
+use glasshouse::farm::Span;
+use glasshouse::farm::queue::{Waiting, write_waiting};
 use glasshouse::ids::SceneId;
 use glasshouse::manifest::{SceneLine, Side, parse_scene, to_jsonl};
 use glasshouse::merge::combine;
@@ -418,5 +420,46 @@ pub(crate) fn all() -> Vec<Seed> {
         "short.json".to_owned(),
         b"{\"schema\":\"glasshouse.tuple/1\"}".to_vec(),
     ));
+    seeds.extend(farm());
+    seeds
+}
+
+/// What the processes of a farm tell each other.
+fn farm() -> Vec<(&'static str, String, Vec<u8>)> {
+    let waiting = Waiting {
+        span: Span {
+            scene: 7,
+            shards: 16..32,
+        },
+        handed_on: 1,
+    };
+    let records = [
+        (
+            "attempt.json",
+            r#"{"schema":"glasshouse.attempt/1","scene":"a","shards":[0,4],"n":1,"worker":"w","host":"h","found":0,"ended":null}"#,
+        ),
+        (
+            "ended.json",
+            r#"{"schema":"glasshouse.attempt/1","scene":"a","shards":[0,4],"n":1,"worker":"w","host":"h","found":2,"ended":{"kind":"crashed","reason":"signal 6","log_tail":"out of memory"}}"#,
+        ),
+        (
+            "control.json",
+            r#"{"schema":"glasshouse.control/1","state":"paused","reason":"backup"}"#,
+        ),
+        (
+            "receipt.json",
+            r#"{"schema":"glasshouse.receipt/1","scene":"a","worker":"w","version":"0.1.0","with":["v"]}"#,
+        ),
+        (
+            "quarantine.json",
+            r#"{"schema":"glasshouse.quarantine/1","scene":"a","reason":"no depth"}"#,
+        ),
+    ];
+    let message = |run| write_waiting(run, &waiting);
+    let mut seeds = vec![
+        ("message", "mine.bin".to_owned(), message(*b"8 bytes!")),
+        ("message", "foreign.bin".to_owned(), message([0; 8])),
+    ];
+    seeds.extend(records.map(|(name, json)| ("record", name.to_owned(), json.as_bytes().to_vec())));
     seeds
 }

@@ -12,6 +12,7 @@ pub use local::{LocalQueue, LocalWorker};
 #[cfg(feature = "nats")]
 pub use nats::{NatsCoordinator, NatsOptions, NatsWorker};
 
+pub use super::message::{MessageError, read_waiting, write_waiting};
 use super::span::Span;
 use std::collections::BTreeSet;
 use std::time::Duration;

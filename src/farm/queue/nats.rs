@@ -4,7 +4,7 @@
 //! counts as done. Nothing is ever sent back (NAK): who cannot do a span publishes it anew under the next number of
 //! [`Waiting::handed_on`] and acknowledges the old one. A second delivery therefore always means a lost holder.
 
-use super::super::message::{GiveReply, SpanMessage, decode, encode};
+use super::super::message::{GiveReply, decode, encode, read_waiting, write_waiting};
 use super::{Ask, Delivery, Queue, QueueError, QueueKeeper, QueueState, Taken, Waiting};
 use crate::store::RUNTIME;
 use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
@@ -215,13 +215,7 @@ impl Connection {
     async fn publish(&self, waiting: &[Waiting]) -> Result<(), QueueError> {
         futures_util::stream::iter(waiting)
             .map(|waiting| async move {
-                let message = encode(&SpanMessage {
-                    run: self.run,
-                    scene: waiting.span.scene,
-                    start: waiting.span.shards.start,
-                    end: waiting.span.shards.end,
-                    handed_on: waiting.handed_on,
-                });
+                let message = write_waiting(self.run, waiting);
                 let sent = self
                     .context
                     .publish(self.subject(waiting), message.into())
@@ -370,13 +364,11 @@ impl Queue for NatsWorker {
             Ok(info) => (info.delivered, info.stream_sequence),
             Err(error) => return Taken::Lost(error.to_string()),
         };
-        let read: Result<SpanMessage, _> = decode(&message.payload);
-        let found = read.map(|m| (m.span(self.connection.run, self.scenes), m.handed_on));
-        match found {
-            Ok((Some(span), handed_on)) => {
+        match read_waiting(&message.payload, self.connection.run, self.scenes) {
+            Ok(Some(waiting)) => {
                 let delivery = Delivery {
                     ticket,
-                    waiting: Waiting { span, handed_on },
+                    waiting,
                     suspect: deliveries > 1,
                 };
                 let mut held = self.held.lock().expect("no holder of this lock panics");
@@ -384,7 +376,7 @@ impl Queue for NatsWorker {
                 Taken::Span(delivery)
             }
             // Of another version, or damaged: left for who knows it, out of the way for a while.
-            Ok((None, _)) => leave(&message, "a message does not belong to this run"),
+            Ok(None) => leave(&message, "a message does not belong to this run"),
             Err(error) => leave(&message, &error.to_string()),
         }
     }
