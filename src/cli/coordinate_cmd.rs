@@ -33,6 +33,7 @@ pub(super) fn run(
     let options = CoordinateOptions {
         stop: signals.stop(),
         every: EVERY,
+        watched: args.listen.is_some(),
     };
     let watch = Arc::new(Mutex::new(Watch::default()));
     let token = token(args, output)?;

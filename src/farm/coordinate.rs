@@ -10,8 +10,8 @@ use super::error::FarmError;
 use super::events::Event;
 use super::keys;
 use super::queue::{QueueError, QueueKeeper, QueueState, Waiting};
-use super::receipt::Receipt;
 use super::run_dir::Run;
+use super::seen::{Watch, see_attempts, see_tuples};
 use super::share::share_run;
 use super::sweep::sweep_staged;
 use super::work::whole;
@@ -28,63 +28,8 @@ pub struct CoordinateOptions<'a> {
     pub stop: &'a AtomicBool,
     /// Shortest time between two looks.
     pub every: Duration,
-}
-
-/// What a coordinator knows, for who watches. It is told anew at every look.
-#[derive(Clone, Debug, Default)]
-pub struct Watch {
-    /// Scenes with a tuple.
-    pub done: u64,
-    /// Scenes in quarantine.
-    pub quarantined: u64,
-    /// Scenes of the run.
-    pub scenes: u64,
-    /// Spans that wait in the queue.
-    pub waiting: u64,
-    /// Spans that workers hold.
-    pub held: u64,
-    /// Why the queue is away, if it is.
-    pub queue_lost: Option<String>,
-    /// Nothing is left to do.
-    pub finished: bool,
-    /// What the run has been told.
-    pub control: Control,
-    /// Scenes with a tuple, in the order in which they were seen.
-    pub tuples: Vec<SeenTuple>,
-    /// Scenes in quarantine (place in the manifest) with their reasons.
-    pub reasons: Vec<(usize, String)>,
-}
-
-/// A tuple that the coordinator saw.
-#[derive(Clone, Debug)]
-pub struct SeenTuple {
-    /// Its scene's place in the manifest.
-    pub scene: usize,
-    /// When it was seen first; not known of those that were there at the start.
-    pub at: Option<Instant>,
-    /// Who made it, by its receipt.
-    pub worker: Option<String>,
-    /// With which version.
-    pub version: Option<String>,
-}
-
-/// Over so long a time the rate is taken.
-const RATE_OVER: Duration = Duration::from_mins(5);
-
-impl Watch {
-    /// Scenes a second over the last minutes, if any were seen.
-    pub fn rate_scenes_per_s(&self) -> Option<f64> {
-        let ages: Vec<f64> = self
-            .tuples
-            .iter()
-            .rev()
-            .map_while(|tuple| tuple.at.map(|at| at.elapsed()))
-            .take_while(|age| *age < RATE_OVER)
-            .map(|age| age.as_secs_f64())
-            .collect();
-        let oldest = ages.last().copied().filter(|age| *age > 0.0)?;
-        Some(ages.len() as f64 / oldest)
-    }
+    /// Somebody may want to see who works on what.
+    pub watched: bool,
 }
 
 /// How coordinating ended.
@@ -184,7 +129,10 @@ pub fn coordinate(
         let new: Vec<usize> = (0..run.lines.len())
             .filter(|&scene| progress.done[scene] && !std::mem::replace(&mut told[scene], true))
             .collect();
-        see(run, store, &new, first, watch);
+        see_tuples(run, store, &new, first, watch);
+        if options.watched {
+            see_attempts(store, watch);
+        }
         for &scene in &new {
             on_event(Event::ShardDone { resumed: first });
             on_event(Event::SceneMerged {
@@ -278,28 +226,6 @@ pub fn coordinate(
         }
     }
     Ok(ended(watch, published, false))
-}
-
-/// Adds tuples to what is shown. What their receipts say is only shown: without them it is not known.
-fn see(run: &Run, store: &Store, scenes: &[usize], first: bool, watch: &Mutex<Watch>) {
-    let name = |&scene: &usize| keys::receipt(&run.lines[scene].id);
-    let names: Vec<String> = scenes.iter().map(name).collect();
-    let receipts = store.get_all(&names).unwrap_or_default();
-    let mut receipts = receipts.into_iter().map(|bytes| {
-        let receipt = bytes.map(|bytes| Receipt::parse(&bytes));
-        receipt.unwrap_or_default()
-    });
-    let at = (!first).then(Instant::now);
-    let mut watch = watch.lock().expect("no holder of this lock panics");
-    for &scene in scenes {
-        let receipt = receipts.next().unwrap_or_default();
-        watch.tuples.push(SeenTuple {
-            scene,
-            at,
-            worker: receipt.worker,
-            version: receipt.version,
-        });
-    }
 }
 
 /// Says that the store is away, and waits a little; any other error stays one.

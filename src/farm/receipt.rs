@@ -23,6 +23,9 @@ pub struct Receipt {
     /// Who.
     #[serde(default)]
     pub worker: Option<String>,
+    /// On which machine.
+    #[serde(default)]
+    pub host: Option<String>,
     /// With which version of the program.
     #[serde(default)]
     pub version: Option<String>,
@@ -38,6 +41,7 @@ impl Receipt {
             schema: RECEIPT_SCHEMA.to_owned(),
             scene: Some(scene.clone()),
             worker: Some(who.worker.clone()),
+            host: Some(who.host.clone()),
             version: Some(env!("CARGO_PKG_VERSION").to_owned()),
             with: if alone {
                 BTreeSet::new()

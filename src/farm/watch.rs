@@ -1,10 +1,10 @@
 //! What a coordinator shows of its run to whoever looks over HTTP.
 
 use super::control::{ControlState, set_control};
-use super::coordinate::Watch;
 use super::keys;
 use super::retry::{RetryScenes, retry};
 use super::run_dir::Run;
+use super::seen::{SeenAttempt, Watch};
 use crate::ids::SceneId;
 use crate::serve::{
     Action, Count, FARM_SCHEMA, FarmSource, FarmState, FarmView, QuarantinedScene, QueueView,
@@ -63,6 +63,20 @@ impl WatchedRun {
     }
 }
 
+/// A worker of which nothing is known yet but its name and machine.
+fn new_worker(name: &str, host: &str) -> WorkerView {
+    WorkerView {
+        name: name.to_owned(),
+        host: host.to_owned(),
+        version: String::new(),
+        state: WorkerState::Idle,
+        last_progress_s: f64::INFINITY,
+        scene: None,
+        shard: None,
+        shards_done: 0,
+    }
+}
+
 impl FarmSource for WatchedRun {
     fn view(&self) -> FarmView {
         let watch = self.watch.lock().expect("no holder of this lock panics");
@@ -73,24 +87,26 @@ impl FarmSource for WatchedRun {
         for tuple in &watch.tuples {
             let shards = u64::from(self.shards[tuple.scene]);
             shards_done += shards;
-            let (Some(worker), Some(at)) = (&tuple.worker, tuple.at) else {
+            let receipt = &tuple.receipt;
+            let (Some(worker), Some(at)) = (&receipt.worker, tuple.at) else {
                 continue;
             };
-            let view = workers.entry(worker).or_insert_with(|| WorkerView {
-                name: worker.clone(),
-                host: worker
-                    .rsplit_once('-')
-                    .map_or("", |(host, _)| host)
-                    .to_owned(),
-                version: tuple.version.clone().unwrap_or_default(),
-                state: WorkerState::Working,
-                last_progress_s: f64::INFINITY,
-                scene: None,
-                shard: None,
-                shards_done: 0,
-            });
+            let host = receipt.host.as_deref().unwrap_or_default();
+            let view = workers
+                .entry(worker)
+                .or_insert_with(|| new_worker(worker, host));
+            view.version = receipt.version.clone().unwrap_or_default();
             view.shards_done += shards;
             view.last_progress_s = view.last_progress_s.min(seconds(at));
+        }
+        let in_hand = |seen: &&SeenAttempt| seen.record.ended.is_none();
+        for SeenAttempt { record, at } in watch.attempts.values().filter(in_hand) {
+            let view = workers
+                .entry(&record.worker)
+                .or_insert_with(|| new_worker(&record.worker, &record.host));
+            view.state = WorkerState::Working;
+            view.scene.get_or_insert_with(|| record.scene.clone());
+            view.last_progress_s = view.last_progress_s.min(seconds(*at));
         }
         for worker in workers.values_mut() {
             if watch.finished {
@@ -107,7 +123,7 @@ impl FarmSource for WatchedRun {
             .map(|tuple| RecentTuple {
                 scene: self.scenes[tuple.scene].clone(),
                 age_s: tuple.at.map_or(0.0, seconds),
-                worker: tuple.worker.clone(),
+                worker: tuple.receipt.worker.clone(),
                 miss_share: None,
                 layers: self.layers[tuple.scene].clone(),
             });
