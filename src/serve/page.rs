@@ -289,7 +289,8 @@ fn worker_row(html: &mut String, worker: &WorkerView, version: &str) {
         "<tr{class} data-key=\"{name}\"><td>{name}<small>{}",
         Html(&worker.host)
     );
-    if worker.version != version {
+    // Of one that has made nothing yet it is not known.
+    if !worker.version.is_empty() && worker.version != version {
         let _ = write!(
             html,
             " <b class=\"bad\">version {}</b>",

@@ -100,7 +100,7 @@ pub struct WorkerView {
     pub name: String,
     /// The machine that it runs on.
     pub host: String,
-    /// Version of its program.
+    /// Version of its program; empty if it is not known yet.
     pub version: String,
     /// What it is doing.
     pub state: WorkerState,
