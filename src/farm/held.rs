@@ -269,6 +269,24 @@ impl<'a> HeldSpans<'a> {
         }
     }
 
+    /// Publishes what was never begun, and gives it up. For who hangs with something else.
+    pub(super) fn leave_unbegun(&self, queue: &dyn Queue, store: &Store) {
+        let unbegun: Vec<(u64, Held)> = self.spans().extract_if(.., |_, h| !h.opening).collect();
+        for (ticket, held) in unbegun {
+            let again = Waiting {
+                span: held.delivery.waiting.span,
+                handed_on: held.delivery.waiting.handed_on + 1,
+            };
+            // If the queue cannot be told, the lease ends.
+            if queue.publish(&[again]).is_ok() {
+                queue.finish(ticket);
+                if let Some(attempt) = held.attempt {
+                    attempt.forget(store);
+                }
+            }
+        }
+    }
+
     /// Publishes all that is not done, and gives up the rest. For who stops; nothing is lost if it fails.
     pub(super) fn hand_back(
         &self,
@@ -302,5 +320,40 @@ impl<'a> HeldSpans<'a> {
             queue.finish(ticket);
         }
         Ok(count)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::farm::queue::{LocalQueue, Taken};
+
+    #[test]
+    fn who_hangs_leaves_what_it_has_not_begun() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::local(folder.path()).unwrap();
+        let local = LocalQueue::new(Some(Duration::from_mins(1)));
+        let (worker, heir) = (local.worker(), local.worker());
+        let (held, mut tickets) = (HeldSpans::default(), Vec::new());
+        for scene in 0..2 {
+            let span = Span {
+                scene,
+                shards: 0..4,
+            };
+            worker.publish(&[Waiting { span, handed_on: 0 }]).unwrap();
+            let Taken::Span(delivery) = worker.take(Duration::ZERO) else {
+                panic!("it was published");
+            };
+            held.add(&delivery);
+            tickets.push(delivery.ticket);
+        }
+        assert!(held.may_open(tickets[0]));
+        held.leave_unbegun(&worker, &store);
+        let Taken::Span(left) = heir.take(Duration::ZERO) else {
+            panic!("it was left");
+        };
+        assert_eq!((left.waiting.span.scene, left.waiting.handed_on), (1, 1));
+        assert!(!left.suspect);
+        assert!(matches!(heir.take(Duration::ZERO), Taken::Nothing));
     }
 }

@@ -41,6 +41,8 @@ impl Shared<'_> {
             if let Err(hung) = self.held.renew(shared.queue, self.options.hang) {
                 let scene = &self.run.lines[hung.waiting.span.scene as usize].id;
                 shared.queue.offer(false);
+                let hurried = self.store.with_patience(Duration::ZERO);
+                self.held.leave_unbegun(shared.queue, &hurried);
                 (shared.on_hung)(&format!(
                     "scene {scene} made no progress for {} s: this worker hangs and leaves it to others; see --hang-s",
                     self.options.hang.as_secs_f64()
