@@ -22,6 +22,10 @@ pub struct PartialError {
 /// Name of the header attribute.
 const ATTRIBUTE: &str = "glasshouse";
 const COLOURS: [&str; 3] = ["R", "G", "B"];
+/// Pixels that are split into channels at once.
+const BLOCK_PIXELS: usize = 128;
+/// More than a file's header and line offsets take.
+const HEADER_BYTES: usize = 1 << 16;
 
 /// Channel name, and where its value stands in a pixel.
 fn channels() -> impl Iterator<Item = (String, usize, usize, usize)> {
@@ -45,17 +49,35 @@ fn value(pixel: &mut PixelMeans, part: usize, layer: usize, colour: usize) -> &m
     &mut means[layer][colour]
 }
 
+/// The channels' values, in the order of [`channels`].
+fn planes(pixels: &[PixelMeans]) -> Vec<Vec<f32>> {
+    let places: Vec<_> = channels()
+        .map(|(_, part, layer, c)| (part, layer, c))
+        .collect();
+    let mut planes: Vec<Vec<f32>> = places
+        .iter()
+        .map(|_| Vec::with_capacity(pixels.len()))
+        .collect();
+    // So few pixels at a time that they stay in the cache for all channels.
+    for block in pixels.chunks(BLOCK_PIXELS) {
+        for (plane, &(part, layer, c)) in planes.iter_mut().zip(&places) {
+            match part {
+                0 => plane.extend(block.iter().map(|pixel| pixel.mean[layer][c])),
+                1 => plane.extend(block.iter().map(|pixel| pixel.half[layer][c])),
+                _ => plane.extend(block.iter().map(|pixel| pixel.quarter[layer][c])),
+            }
+        }
+    }
+    planes
+}
+
 /// The file's bytes.
 pub fn encode(partial: &Partial) -> Result<Vec<u8>, exr::error::Error> {
     let header = &partial.header;
     let tile = header.tile;
-    let list = channels().map(|(name, part, layer, c)| {
-        let samples = partial
-            .pixels
-            .iter()
-            .map(|&pixel| *value(&mut { pixel }, part, layer, c));
-        AnyChannel::new(name.as_str(), FlatSamples::F32(samples.collect()))
-    });
+    let list = channels()
+        .zip(planes(&partial.pixels))
+        .map(|((name, ..), samples)| AnyChannel::new(name.as_str(), FlatSamples::F32(samples)));
     let mut attributes = LayerAttributes {
         layer_position: Vec2(tile.x as i32, tile.y as i32),
         ..LayerAttributes::default()
@@ -73,7 +95,8 @@ pub fn encode(partial: &Partial) -> Result<Vec<u8>, exr::error::Error> {
     let mut image = Image::from_layer(layer);
     image.attributes.display_window =
         IntegerBounds::from_dimensions((header.film[0] as usize, header.film[1] as usize));
-    let mut bytes = Cursor::new(Vec::new());
+    let length = partial.pixels.len() * size_of::<PixelMeans>() + HEADER_BYTES;
+    let mut bytes = Cursor::new(Vec::with_capacity(length));
     image.write().non_parallel().to_buffered(&mut bytes)?;
     Ok(bytes.into_inner())
 }

@@ -35,6 +35,9 @@ impl Partial {
     }
 }
 
+/// Pixels that are hashed at once.
+const HASHED_PIXELS: usize = 512;
+
 /// BLAKE3 (hex) of a header without its digest and of the pixels' bits.
 fn digest(header: &PartialHeader, pixels: &[PixelMeans]) -> String {
     let bare = PartialHeader {
@@ -43,12 +46,18 @@ fn digest(header: &PartialHeader, pixels: &[PixelMeans]) -> String {
     };
     let mut hasher = blake3::Hasher::new();
     hasher.update(bare.to_json().as_bytes());
-    let mut bytes = Vec::with_capacity(pixels.len() * 144);
-    for pixel in pixels {
-        for value in pixel.values() {
-            bytes.extend_from_slice(&value.to_le_bytes());
+    // So few pixels at a time that they stay in the cache, and enough for the hash to work on many blocks at once.
+    let mut bytes = Vec::with_capacity(HASHED_PIXELS * size_of::<PixelMeans>());
+    for block in pixels.chunks(HASHED_PIXELS) {
+        bytes.clear();
+        for pixel in block {
+            for part in [&pixel.mean, &pixel.half, &pixel.quarter] {
+                for value in part.as_flattened() {
+                    bytes.extend_from_slice(&value.to_le_bytes());
+                }
+            }
         }
+        hasher.update(&bytes);
     }
-    hasher.update(&bytes);
     hasher.finalize().to_hex().to_string()
 }
