@@ -6,7 +6,7 @@ use super::output::Output;
 use super::progress::Progress;
 use super::queue_cmd;
 use super::signals::Signals;
-use crate::farm::{CoordinateOptions, Run, Watch, WatchedRun, coordinate};
+use crate::farm::{CoordinateOptions, Run, Watch, WatchedRun, coordinate, process_cpu_s};
 use crate::manifest::Roots;
 use crate::serve::{ServeError, serve};
 use serde_json::json;
@@ -62,6 +62,7 @@ pub(super) fn run(
             "run": args.run, "scenes": watch.scenes, "done": watch.done, "quarantined": watch.quarantined,
             "spans_published": ended.published, "finished": watch.finished,
             "cancelled": ended.cancelled, "wall_s": start.elapsed().as_secs_f64(),
+            "cpu_s": process_cpu_s(),
         }),
         &format!(
             "{} of {} scenes are done, {} in quarantine{}",

@@ -12,6 +12,11 @@ use std::time::{Duration, Instant};
 /// Time between plain lines.
 const PLAIN_EVERY: Duration = Duration::from_secs(10);
 
+/// What `work -v` says first, when it is ready.
+pub(super) const BEGINS: &str = "work begins on ";
+/// How it ends what it says of a scene.
+pub(super) const LOADED: &str = " is loaded";
+
 /// One task's progress.
 pub(super) struct Progress {
     bar: Option<ProgressBar>,
@@ -146,8 +151,17 @@ impl Progress {
     /// Follows the farm.
     pub(super) fn event(&self, event: Event, output: &Output) {
         match event {
-            Event::Started { shards, .. } => self.set_length(shards),
-            Event::SceneOpened { .. } => {}
+            Event::Started { shards, scenes } => {
+                self.set_length(shards);
+                if output.verbose {
+                    self.suspend(|| output.note(&format!("{BEGINS}{scenes} scenes")));
+                }
+            }
+            Event::SceneOpened { scene } => {
+                if output.verbose {
+                    self.suspend(|| output.note(&format!("scene {scene}{LOADED}")));
+                }
+            }
             Event::ShardDone { resumed } => self.add(1, resumed),
             Event::PartialRejected { reason } => {
                 if output.verbose {

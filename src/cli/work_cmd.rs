@@ -273,12 +273,10 @@ const SIGNS_EVERY: Duration = Duration::from_millis(500);
 
 /// The outcome as JSON.
 pub(super) fn outcome_json(outcome: &Outcome, run: &Path, wall: Duration) -> Value {
-    let seconds: serde_json::Map<String, Value> = outcome
-        .seconds
-        .all()
-        .iter()
-        .map(|(stage, s)| ((*stage).to_owned(), json!(s)))
-        .collect();
+    let object = |seconds: &[(&str, f64)]| -> serde_json::Map<String, Value> {
+        let entry = |(stage, s): &(&str, f64)| ((*stage).to_owned(), json!(s));
+        seconds.iter().map(entry).collect()
+    };
     let quarantined: Vec<Value> = outcome
         .quarantined
         .iter()
@@ -290,6 +288,7 @@ pub(super) fn outcome_json(outcome: &Outcome, run: &Path, wall: Duration) -> Val
         "already_merged": outcome.already_merged,
         "shards_traced": outcome.traced,
         "shards_resumed": outcome.resumed,
+        "scenes_loaded": outcome.loaded,
         "spans_given": outcome.given,
         "quarantined": quarantined,
         "stopped": outcome.stopped.map(|stop| match stop {
@@ -299,7 +298,8 @@ pub(super) fn outcome_json(outcome: &Outcome, run: &Path, wall: Duration) -> Val
             Stop::Cancelled => "cancelled",
         }),
         "wall_s": wall.as_secs_f64(),
-        "thread_seconds": seconds,
+        "thread_seconds": object(&outcome.seconds.all()),
+        "cpu_seconds": object(&outcome.seconds.cpu()),
     })
 }
 

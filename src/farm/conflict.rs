@@ -22,12 +22,12 @@ impl<'a> Shared<'a> {
         bytes: &Bytes,
     ) -> Result<bool, FarmError> {
         let key = keys::partial(&span.job.line.id, shard);
-        let Err(mut error) = self.store.create(&key, bytes) else {
+        let Err(mut error) = self.store.create_bytes(&key, bytes.clone()) else {
             return Ok(true);
         };
         if self.is_damaged(span, shard, &key)? {
             self.store.delete(std::slice::from_ref(&key))?;
-            match self.store.create(&key, bytes) {
+            match self.store.create_bytes(&key, bytes.clone()) {
                 Ok(_) => return Ok(true),
                 Err(again) => error = again,
             }

@@ -97,6 +97,7 @@ pub fn coordinate(
     // Quiet at the last look, too: a message on its way from one to the other is in neither count for a moment.
     let mut was_quiet = false;
     let (mut due, mut looked_at_all) = (true, Instant::now());
+    let mut took_before = Duration::ZERO;
     let mut first = true;
     let mut control = Control::default();
     on_event(Event::Started {
@@ -213,7 +214,10 @@ pub fn coordinate(
                 complain(&mut complained, error.to_string(), on_event);
             }
         }
-        let pause = options.every.max(start.elapsed() * LOOK_SHARE);
+        // One look that waited for a server must not cost twenty times that: what the shorter of the last two took counts.
+        let took = start.elapsed();
+        let pause = options.every.max(took.min(took_before) * LOOK_SHARE);
+        took_before = took;
         let until = Instant::now() + pause;
         while Instant::now() < until && !options.stop.load(Ordering::Relaxed) {
             std::thread::sleep(Duration::from_millis(20).min(pause));

@@ -2,8 +2,9 @@
 
 use super::control::ControlState;
 use crate::ids::SceneId;
+use rustix::time::{ClockId, clock_gettime};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Something happened. Told from worker threads.
 #[derive(Clone, Debug)]
@@ -82,50 +83,165 @@ pub enum Event {
     },
 }
 
+/// Seconds of the clock, and of the thread that worked in them.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Spent {
+    pub(super) wall: Duration,
+    pub(super) cpu: Duration,
+}
+
+/// Measures a piece of one thread's work.
+pub(super) struct Stopwatch {
+    wall: Instant,
+    cpu: Duration,
+}
+
+impl Stopwatch {
+    pub(super) fn start() -> Self {
+        Self {
+            wall: Instant::now(),
+            cpu: cpu_so_far(ClockId::ThreadCPUTime),
+        }
+    }
+
+    pub(super) fn spent(&self) -> Spent {
+        Spent {
+            wall: self.wall.elapsed(),
+            cpu: cpu_so_far(ClockId::ThreadCPUTime).saturating_sub(self.cpu),
+        }
+    }
+}
+
+/// User and system time.
+fn cpu_so_far(clock: ClockId) -> Duration {
+    let time = clock_gettime(clock);
+    Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
+}
+
+/// User and system seconds of this process so far, of all its threads.
+pub fn process_cpu_s() -> f64 {
+    cpu_so_far(ClockId::ProcessCPUTime).as_secs_f64()
+}
+
 /// Where the threads' seconds went, summed over threads.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct StageSeconds {
-    read: AtomicU64,
-    decode: AtomicU64,
-    trace: AtomicU64,
-    checkpoint: AtomicU64,
-    merge: AtomicU64,
+    read: Counter,
+    decode: Counter,
+    trace: Counter,
+    checkpoint: Counter,
+    merge: Counter,
+    /// CPU time of the process before it began to work.
+    before: Duration,
+}
+
+/// Nanoseconds.
+#[derive(Debug, Default)]
+struct Counter {
+    wall: AtomicU64,
+    cpu: AtomicU64,
+}
+
+impl Counter {
+    fn add(&self, spent: Spent) {
+        let add = |to: &AtomicU64, time: Duration| {
+            to.fetch_add(time.as_nanos() as u64, Ordering::Relaxed);
+        };
+        add(&self.wall, spent.wall);
+        add(&self.cpu, spent.cpu);
+    }
+}
+
+fn seconds(counter: &AtomicU64) -> f64 {
+    counter.load(Ordering::Relaxed) as f64 * 1e-9
 }
 
 impl StageSeconds {
-    fn add(counter: &AtomicU64, time: Duration) {
-        counter.fetch_add(time.as_nanos() as u64, Ordering::Relaxed);
+    /// The process begins to work.
+    pub(super) fn begin() -> Self {
+        Self {
+            read: Counter::default(),
+            decode: Counter::default(),
+            trace: Counter::default(),
+            checkpoint: Counter::default(),
+            merge: Counter::default(),
+            before: cpu_so_far(ClockId::ProcessCPUTime),
+        }
     }
 
-    pub(super) fn add_read(&self, time: Duration) {
-        Self::add(&self.read, time);
+    pub(super) fn add_read(&self, spent: Spent) {
+        self.read.add(spent);
     }
 
-    pub(super) fn add_decode(&self, time: Duration) {
-        Self::add(&self.decode, time);
+    pub(super) fn add_decode(&self, spent: Spent) {
+        self.decode.add(spent);
     }
 
-    pub(super) fn add_trace(&self, time: Duration) {
-        Self::add(&self.trace, time);
+    pub(super) fn add_trace(&self, spent: Spent) {
+        self.trace.add(spent);
     }
 
-    pub(super) fn add_checkpoint(&self, time: Duration) {
-        Self::add(&self.checkpoint, time);
+    pub(super) fn add_checkpoint(&self, spent: Spent) {
+        self.checkpoint.add(spent);
     }
 
-    pub(super) fn add_merge(&self, time: Duration) {
-        Self::add(&self.merge, time);
+    pub(super) fn add_merge(&self, spent: Spent) {
+        self.merge.add(spent);
     }
 
-    /// Stage names and seconds, in pipeline order.
-    pub fn all(&self) -> [(&'static str, f64); 5] {
-        let seconds = |counter: &AtomicU64| counter.load(Ordering::Relaxed) as f64 * 1e-9;
+    fn stages(&self) -> [(&'static str, &Counter); 5] {
         [
-            ("read", seconds(&self.read)),
-            ("decode", seconds(&self.decode)),
-            ("trace", seconds(&self.trace)),
-            ("checkpoint", seconds(&self.checkpoint)),
-            ("merge", seconds(&self.merge)),
+            ("read", &self.read),
+            ("decode", &self.decode),
+            ("trace", &self.trace),
+            ("checkpoint", &self.checkpoint),
+            ("merge", &self.merge),
         ]
+    }
+
+    /// Stage names and seconds of the clock, in pipeline order.
+    pub fn all(&self) -> [(&'static str, f64); 5] {
+        self.stages()
+            .map(|(name, counter)| (name, seconds(&counter.wall)))
+    }
+
+    /// CPU seconds of the process so far: before it began to work, of the stages, and the rest, which is queue, leases
+    /// and what the store's own threads do.
+    pub fn cpu(&self) -> Vec<(&'static str, f64)> {
+        let before = self.before.as_secs_f64();
+        let mut all = vec![("before", before)];
+        let stages = self.stages();
+        all.extend(stages.map(|(name, counter)| (name, seconds(&counter.cpu))));
+        let known: f64 = all.iter().map(|(_, s)| s).sum();
+        let process = process_cpu_s();
+        all.push(("rest", (process - known).max(0.0)));
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cpu_seconds_are_of_the_thread_and_add_up() {
+        let stages = StageSeconds::begin();
+        let slept = Stopwatch::start();
+        std::thread::sleep(Duration::from_millis(60));
+        stages.add_trace(slept.spent());
+        let worked = Stopwatch::start();
+        let mut x = 1u64;
+        while worked.spent().cpu < Duration::from_millis(20) {
+            x = std::hint::black_box(x.wrapping_mul(3));
+        }
+        stages.add_merge(worked.spent());
+        let of = |name: &str, all: &[(&str, f64)]| all.iter().find(|(n, _)| *n == name).unwrap().1;
+        assert!(of("trace", &stages.all()) >= 0.06);
+        let cpu = stages.cpu();
+        assert!(of("trace", &cpu) < 0.03, "{cpu:?}");
+        assert!(of("merge", &cpu) >= 0.02, "{cpu:?}");
+        let sum: f64 = cpu.iter().map(|(_, s)| s).sum();
+        let process = process_cpu_s();
+        assert!(sum <= process + 1e-6, "{sum} of {process}");
     }
 }

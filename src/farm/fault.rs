@@ -1,5 +1,6 @@
 //! Misbehaviour on order, to rehearse and to test what a farm does when a worker misbehaves.
 
+use super::sim;
 use crate::ids::SceneId;
 use crate::trace::TileResult;
 use std::str::FromStr;
@@ -16,6 +17,8 @@ pub enum Fault {
     Slow(f64),
     /// One value of a pixel in each piece of this scene is wrong.
     Wrong(SceneId),
+    /// Loads and shards take, asleep, what they cost in a simulated farm.
+    Cost(sim::Work),
 }
 
 impl FromStr for Fault {
@@ -23,7 +26,10 @@ impl FromStr for Fault {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let invalid = || {
-            format!("{text:?} is no fault: use abort:SCENE, hang:SCENE, wrong:SCENE or slow:FACTOR")
+            format!(
+                "{text:?} is no fault: use abort:SCENE, hang:SCENE, wrong:SCENE, slow:FACTOR or \
+                 cost:SCENES,SHARDS,SHARD_S,DOUBLINGS,DEAREST_LAST,LOAD_S,SEED"
+            )
         };
         let (kind, of) = text.split_once(':').ok_or_else(invalid)?;
         let scene = || SceneId::new(of).map_err(|e| e.to_string());
@@ -35,9 +41,28 @@ impl FromStr for Fault {
                 Ok(factor) if (1.0..=1e6).contains(&factor) => Ok(Self::Slow(factor)),
                 _ => Err(invalid()),
             },
+            "cost" => cost(of).map(Self::Cost).ok_or_else(invalid),
             _ => Err(invalid()),
         }
     }
+}
+
+fn cost(text: &str) -> Option<sim::Work> {
+    let fields: Vec<&str> = text.split(',').collect();
+    let [scenes, shards, shard_s, doublings, last, load_s, seed] = fields.try_into().ok()?;
+    let seconds = |text: &str| {
+        let s = text.parse().ok();
+        s.filter(|s: &f64| (0.0..=1e6).contains(s))
+    };
+    Some(sim::Work {
+        scenes: scenes.parse().ok()?,
+        shards: shards.parse().ok()?,
+        cheapest_shard_s: seconds(shard_s)?,
+        doublings: doublings.parse().ok().filter(|d| *d <= 10)?,
+        dearest_last: last.parse().ok()?,
+        load_s: seconds(load_s)?,
+        seed: seed.parse().ok()?,
+    })
 }
 
 impl std::fmt::Display for Fault {
@@ -47,6 +72,17 @@ impl std::fmt::Display for Fault {
             Self::Hang(scene) => write!(f, "hang:{scene}"),
             Self::Slow(factor) => write!(f, "slow:{factor}"),
             Self::Wrong(scene) => write!(f, "wrong:{scene}"),
+            Self::Cost(work) => write!(
+                f,
+                "cost:{},{},{},{},{},{},{}",
+                work.scenes,
+                work.shards,
+                work.cheapest_shard_s,
+                work.doublings,
+                work.dearest_last,
+                work.load_s,
+                work.seed
+            ),
         }
     }
 }
@@ -70,16 +106,35 @@ impl Fault {
         }
     }
 
-    /// After a piece was traced in `took`.
-    pub(super) fn after(&self, scene: &SceneId, took: Duration, result: Option<&mut TileResult>) {
-        match self {
-            Self::Slow(factor) => std::thread::sleep(took.mul_f64(factor - 1.0)),
-            Self::Wrong(wrong) if wrong == scene => {
-                if let Some(pixel) = result.and_then(|result| result.pixels.first_mut()) {
-                    pixel.mean[0][0] += 0.25;
-                }
-            }
-            _ => {}
+    /// After a piece of `scene` was traced.
+    pub(super) fn after(&self, scene: &SceneId, result: Option<&mut TileResult>) {
+        if let Self::Wrong(wrong) = self
+            && wrong == scene
+            && let Some(pixel) = result.and_then(|result| result.pixels.first_mut())
+        {
+            pixel.mean[0][0] += 0.25;
+        }
+    }
+
+    /// After one of the `bands` of a shard was traced; `scene` is its place in the manifest.
+    pub(super) fn after_band(&self, scene: u32, shard: u32, bands: u32) {
+        if let Self::Cost(work) = self {
+            let whole = Duration::from_micros(work.shard_us(scene, shard));
+            std::thread::sleep(whole / bands.max(1));
+        }
+    }
+
+    /// After a scene was loaded.
+    pub(super) fn after_load(&self) {
+        if let Self::Cost(work) = self {
+            std::thread::sleep(Duration::from_secs_f64(work.load_s));
+        }
+    }
+
+    /// After something `took` so long, whatever else is ordered included.
+    pub(super) fn slow_down(&self, took: Duration) {
+        if let Self::Slow(factor) = self {
+            std::thread::sleep(took.mul_f64(factor - 1.0));
         }
     }
 }
@@ -90,10 +145,21 @@ mod tests {
 
     #[test]
     fn faults_as_text() {
-        for text in ["abort:train-00000", "hang:a", "wrong:a", "slow:4"] {
+        let cost = "cost:50,16,0.02,4,3,0.2,0";
+        assert_eq!(cost.parse(), Ok(Fault::Cost(sim::Work::default())));
+        for text in ["abort:train-00000", "hang:a", "wrong:a", "slow:4", cost] {
             assert_eq!(text.parse::<Fault>().unwrap().to_string(), text);
         }
-        for text in ["abort", "slow:0.5", "slow:NaN", "abort:../x", "wobble:a"] {
+        let wrong = [
+            "abort",
+            "slow:0.5",
+            "slow:NaN",
+            "abort:../x",
+            "wobble:a",
+            "cost:1,2",
+            "cost:1,1,-1,0,0,0,0",
+        ];
+        for text in wrong {
             assert!(text.parse::<Fault>().is_err(), "{text}");
         }
     }

@@ -3,7 +3,7 @@
 //! and fill its own deque.
 
 use super::error::FarmError;
-use super::events::Event;
+use super::events::{Event, Stopwatch};
 use super::finished::FinishedScene;
 use super::intake::Loaded;
 use super::job::SceneJob;
@@ -26,7 +26,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Partials fetched from the store in one go.
 const FETCHED_AT_ONCE: usize = 32;
@@ -114,11 +114,15 @@ impl<'a> Hand<'_, 'a> {
             farm.open.fetch_sub(1, Ordering::AcqRel);
             return;
         }
-        let start = Instant::now();
+        let start = Stopwatch::start();
         let loaded = catch_unwind(AssertUnwindSafe(|| {
             files.and_then(|files| load(line, &files))
         }));
-        farm.seconds.add_decode(start.elapsed());
+        for fault in farm.options.faults {
+            fault.after_load();
+        }
+        self.slow_down(&start);
+        farm.seconds.add_decode(start.spent());
         farm.loads.fetch_add(1, Ordering::Relaxed);
         let refuse = |reason: &str| {
             farm.quarantine(line, reason);
@@ -227,16 +231,27 @@ impl<'a> Hand<'_, 'a> {
         for fault in farm.options.faults {
             fault.before(&job.line.id);
         }
-        let start = Instant::now();
+        let start = Stopwatch::start();
         let mut result = job.trace_band(&shard, band.index, farm.options.isa);
-        let took = start.elapsed();
-        farm.seconds.add_trace(took);
+        let scene = band.span.delivery.waiting.span.scene;
         for fault in farm.options.faults {
-            fault.after(&job.line.id, took, result.as_mut());
+            fault.after(&job.line.id, result.as_mut());
+            fault.after_band(scene, band.shard, job.bands(band.shard));
         }
+        self.slow_down(&start);
+        let spent = start.spent();
+        band.span.spent(spent.wall);
+        farm.seconds.add_trace(spent);
         match result {
             Some(result) => self.finish(&band.span, &shard, result),
             None => Ok(()),
+        }
+    }
+
+    /// Takes as many times as long as a fault orders.
+    fn slow_down(&self, since: &Stopwatch) {
+        for fault in self.farm.options.faults {
+            fault.slow_down(since.spent().wall);
         }
     }
 
@@ -253,13 +268,13 @@ impl<'a> Hand<'_, 'a> {
         let partial = if span.traced(shard.index) {
             job.partial_in_memory(shard, result)
         } else {
-            let start = Instant::now();
+            let start = Stopwatch::start();
             let partial = job.partial(shard, result);
             let bytes = partial::encode(&partial).map_err(|e| {
                 let key = keys::partial(&job.line.id, shard.index);
                 FarmError::Tuple(format!("cannot encode {key}: {e}"))
             })?;
-            farm.seconds.add_checkpoint(start.elapsed());
+            farm.seconds.add_checkpoint(start.spent());
             let shard = shard.index;
             self.order(span, What::Partial { shard, bytes });
             partial
@@ -309,9 +324,9 @@ impl<'a> Hand<'_, 'a> {
     /// All shards are there: combines them and shares out the encoding.
     fn merge(&self, span: &Arc<OpenSpan<'a>>, partials: &[Partial]) {
         let farm = self.farm;
-        let start = Instant::now();
+        let start = Stopwatch::start();
         let combined = combine(span.job.line, farm.run.spec.tile_px, partials);
-        farm.seconds.add_merge(start.elapsed());
+        farm.seconds.add_merge(start.spent());
         match combined {
             Ok(tuple) => {
                 let scene = Arc::new(FinishedScene::new(Arc::clone(span), tuple));
@@ -325,9 +340,9 @@ impl<'a> Hand<'_, 'a> {
 
     fn encode(&self, scene: &FinishedScene<'a>, file: usize) -> Result<(), FarmError> {
         let farm = self.farm;
-        let start = Instant::now();
+        let start = Stopwatch::start();
         let files = scene.encode(file, &farm.encoder)?;
-        farm.seconds.add_merge(start.elapsed());
+        farm.seconds.add_merge(start.spent());
         if let Some(files) = files {
             let miss_share = scene.miss_share();
             self.order(&scene.span, What::Tuple { files, miss_share });

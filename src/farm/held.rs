@@ -30,11 +30,41 @@ struct Held<'a> {
 /// What this worker's work costs, for guessing what is left.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Costs {
-    /// Wall seconds of a shard with all threads at it.
+    /// A thread's seconds for a shard, of all scenes so far.
     pub(super) shard_s: f64,
+    /// Threads that share a span's shards.
+    pub(super) threads: f64,
     /// Seconds to load a scene.
     pub(super) load_s: f64,
+    /// It was measured, not guessed.
+    pub(super) load_is_known: bool,
 }
+
+impl Costs {
+    /// Unless it is guessed.
+    pub(super) fn known_load_s(self) -> Option<f64> {
+        self.load_is_known.then_some(self.load_s)
+    }
+
+    /// How much longer a worker needs for the same that loads a scene in `load_s`; 1 if it is not known, or hardly
+    /// different: loads differ, too.
+    pub(super) fn slowness(self, load_s: Option<f64>) -> f64 {
+        let times = match load_s {
+            Some(load_s) if self.load_is_known => load_s / self.load_s.max(1e-6),
+            _ => 1.0,
+        };
+        if (1.0 / ALIKE..ALIKE).contains(&times) {
+            1.0
+        } else {
+            times.clamp(1.0 / MOST_TIMES, MOST_TIMES)
+        }
+    }
+}
+
+/// Workers whose loads differ by less are equally fast.
+const ALIKE: f64 = 2.0;
+/// No worker is believed to be more often as fast as another one.
+const MOST_TIMES: f64 = 8.0;
 
 /// The next span is taken when the open ones last for so many loads at most.
 const LOADS_AHEAD: f64 = 2.0;
@@ -156,9 +186,11 @@ impl<'a> HeldSpans<'a> {
                 Some(open) => open.unbegun(),
                 None => span.shards.clone(),
             };
+            let of_scene = held.open.as_ref().and_then(|open| open.shard_s());
+            let shard_s = of_scene.unwrap_or(costs.shard_s) / costs.threads;
             let view = HeldSpan {
                 opened: held.opening,
-                unbegun_s: f64::from(unbegun.end - unbegun.start) * costs.shard_s,
+                unbegun_s: f64::from(unbegun.end - unbegun.start) * shard_s,
                 // What is being loaded is nobody's yet.
                 unbegun: if (held.opening || held.kept) && held.open.is_none() {
                     0..0
@@ -189,14 +221,23 @@ impl<'a> HeldSpans<'a> {
     /// There is something that another worker could have.
     pub(super) fn has_something_to_give(&self, costs: Costs) -> bool {
         let views: Vec<HeldSpan> = self.views(costs).into_iter().map(|(_, v)| v).collect();
-        !what_to_give(&views).is_empty()
+        !what_to_give(&views, 1.0).is_empty()
     }
 
-    /// Gives away what another worker should have: published first, left alone then.
-    pub(super) fn give(&self, queue: &dyn Queue, costs: Costs) -> Result<Given<'a>, QueueError> {
+    /// Gives away what another worker should have, which loads a scene in `load_s`: published first, left alone then.
+    pub(super) fn give(
+        &self,
+        queue: &dyn Queue,
+        costs: Costs,
+        load_s: Option<f64>,
+    ) -> Result<Given<'a>, QueueError> {
         let views = self.views(costs);
-        let held: Vec<HeldSpan> = views.iter().map(|(_, v)| v.clone()).collect();
-        let gifts = what_to_give(&held);
+        let view = |(_, view): &(u64, HeldSpan)| HeldSpan {
+            load_s: load_s.unwrap_or(view.load_s),
+            ..view.clone()
+        };
+        let held: Vec<HeldSpan> = views.iter().map(view).collect();
+        let gifts = what_to_give(&held, costs.slowness(load_s));
         let mut given = Given {
             count: 0,
             ended: Vec::new(),

@@ -1,6 +1,6 @@
 //! The thread that takes spans from the queue and reads their scenes' files ahead of the hands.
 
-use super::events::Event;
+use super::events::{Event, Stopwatch};
 use super::keys;
 use super::queue::{Delivery, Taken};
 use super::suspect::Examined;
@@ -37,24 +37,17 @@ impl<'a> Shared<'a> {
     /// Takes spans until the queue ends, the run is over or work must stop.
     pub(super) fn take_in(&self, sender: &Sender<Loaded<'a>>) {
         let (mut looked, mut complained) = (Instant::now(), None::<Instant>);
+        let mut hungry_since = None;
         while !self.must_stop() {
             let idle = sender.is_empty() && self.is_idle();
             if self.beside.is_some() && self.held.has_enough(self.ahead(), self.costs()) {
                 std::thread::sleep(PAUSE);
                 continue;
             }
-            // Who still has work does not wait at the queue: what is given for somebody idle would go there. Who is idle
-            // waits there all the time, and asks others beside it, but only after a first look.
-            let hungry = self.hungry.load(Ordering::Acquire);
-            let wait = if self.beside.is_none() || (idle && hungry) {
-                WAIT
-            } else {
-                Duration::ZERO
-            };
-            match self.take(wait) {
+            match self.take(self.wait(idle, hungry_since)) {
                 Taken::Span(delivery) => {
                     self.hungry.store(false, Ordering::Release);
-                    complained = None;
+                    (complained, hungry_since) = (None, None);
                     if !self.pass_on(sender, delivery) {
                         return;
                     }
@@ -63,8 +56,9 @@ impl<'a> Shared<'a> {
                 Taken::Nothing => {
                     complained = None;
                     self.hungry.store(idle, Ordering::Release);
-                    if !idle && self.beside.is_some() {
-                        std::thread::sleep(AGAIN);
+                    hungry_since = idle.then(|| hungry_since.unwrap_or_else(Instant::now));
+                    if self.beside.is_some() {
+                        self.pause_before_looking(idle);
                     }
                 }
                 Taken::Ended => return,
@@ -84,6 +78,39 @@ impl<'a> Shared<'a> {
                 if self.is_run_over() {
                     return;
                 }
+            }
+        }
+    }
+
+    /// How long to wait at the queue for a span.
+    ///
+    /// Who still has work does not wait there: what is given for somebody idle would go there. Nor does who is slower than
+    /// others: it would get what was given for those, and be the last. All others who are idle wait there all the time, and
+    /// ask beside it; but the first times not for long, until they know how fast others are.
+    fn wait(&self, idle: bool, hungry_since: Option<Instant>) -> Duration {
+        match hungry_since {
+            _ if self.beside.is_none() => WAIT,
+            Some(since) if idle && !self.is_slower() => since.elapsed().clamp(AGAIN, WAIT),
+            _ => Duration::ZERO,
+        }
+    }
+
+    fn is_slower(&self) -> bool {
+        self.slowness().is_some_and(|times| times > 1.0)
+    }
+
+    /// After a look at an empty queue. Who waits there looks again at once; who is slower looks when it was promised
+    /// something, and now and then.
+    fn pause_before_looking(&self, idle: bool) {
+        if !idle {
+            std::thread::sleep(AGAIN);
+        } else if self.is_slower() {
+            let since = Instant::now();
+            while since.elapsed() < WAIT
+                && !self.promised.swap(false, Ordering::AcqRel)
+                && !self.must_stop()
+            {
+                std::thread::sleep(PAUSE);
             }
         }
     }
@@ -134,10 +161,10 @@ impl<'a> Shared<'a> {
 
     /// A store that is away or closed is an error of this worker's, and no fault of the scene.
     fn read(&self, line: &SceneLine) -> Result<Result<SceneFiles, LoadError>, StoreError> {
-        let start = Instant::now();
+        let start = Stopwatch::start();
         let open = |path: &Path| self.run.inputs.read(path);
         let files = read_files_by(line, &self.run.roots, self.run.dir.root(), &open);
-        self.seconds.add_read(start.elapsed());
+        self.seconds.add_read(start.spent());
         match files {
             Ok(files) => Ok(Ok(files)),
             Err(error) => without_store(error).map(Err),

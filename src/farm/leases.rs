@@ -1,6 +1,7 @@
 //! The thread that keeps a worker's leases while there is progress, gives work to whoever asks, and asks when there is
 //! nothing left.
 
+use super::queue::Answer;
 use super::work::{Shared, SharedQueue};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -20,7 +21,10 @@ impl Shared<'_> {
             let able = !self.must_stop() && self.held.has_something_to_give(self.costs());
             shared.queue.offer(able);
             if let Some(ask) = shared.queue.asked(WAIT) {
-                ask.answer(self.give(shared));
+                self.hear_of(ask.load_s);
+                let spans = self.give(shared, ask.load_s);
+                let load_s = self.costs().known_load_s();
+                ask.answer(Answer { spans, load_s });
             }
             if !self.is_idle() {
                 pause = ASK[0];
@@ -29,7 +33,10 @@ impl Shared<'_> {
                 && asked.elapsed() > pause
             {
                 // What is given for it goes through the queue, where this worker waits.
-                shared.queue.ask();
+                let costs = self.costs();
+                shared
+                    .queue
+                    .ask(costs.load_is_known.then_some(costs.load_s));
                 asked = Instant::now();
                 pause = (pause * 2).min(ASK[1]);
             }
@@ -52,11 +59,11 @@ impl Shared<'_> {
         shared.queue.offer(false);
     }
 
-    fn give(&self, shared: &SharedQueue) -> u32 {
+    fn give(&self, shared: &SharedQueue, load_s: Option<f64>) -> u32 {
         if self.must_stop() {
             return 0;
         }
-        let Ok(given) = self.held.give(shared.queue, self.costs()) else {
+        let Ok(given) = self.held.give(shared.queue, self.costs(), load_s) else {
             return 0;
         };
         self.given
@@ -70,6 +77,27 @@ impl Shared<'_> {
             }
         }
         given.count
+    }
+
+    /// Another worker loads a scene in this time.
+    fn hear_of(&self, load_s: Option<f64>) {
+        let Some(load_s) = load_s else { return };
+        let known = self.others_load_us.load(Ordering::Relaxed);
+        let heard = (load_s * 1e6) as u64;
+        // Scenes differ, and so do those who ask: the mean of what was heard, the latest most.
+        let mean = if known == 0 {
+            heard
+        } else {
+            u64::midpoint(known, heard)
+        };
+        self.others_load_us.store(mean.max(1), Ordering::Relaxed);
+    }
+
+    /// How much longer than others this worker needs for the same, as far as is known.
+    pub(super) fn slowness(&self) -> Option<f64> {
+        let others_us = self.others_load_us.load(Ordering::Relaxed);
+        let load_s = (others_us > 0).then_some(others_us as f64 * 1e-6)?;
+        Some(1.0 / self.costs().slowness(Some(load_s)))
     }
 
     /// Nothing is held.

@@ -1,6 +1,6 @@
 //! Everything that goes over the wire between processes of a run, in one place: a version byte, then bincode.
 
-use super::queue::Waiting;
+use super::queue::{Answer, Waiting};
 use super::span::Span;
 use bincode::config::{Configuration, Fixint, LittleEndian};
 use bincode::{Decode, Encode};
@@ -26,11 +26,56 @@ struct SpanMessage {
     handed_on: u32,
 }
 
+/// Question of a worker that has nothing to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+pub(super) struct GiveRequest {
+    /// Microseconds in which it loads a scene; 0 if it has loaded none.
+    load_us: u32,
+}
+
+impl GiveRequest {
+    pub(super) fn new(load_s: Option<f64>) -> Self {
+        Self {
+            load_us: micros(load_s),
+        }
+    }
+
+    pub(super) fn load_s(self) -> Option<f64> {
+        seconds(self.load_us)
+    }
+}
+
+fn micros(seconds: Option<f64>) -> u32 {
+    seconds.map_or(0, |s| (s * 1e6).max(1.0) as u32)
+}
+
+fn seconds(micros: u32) -> Option<f64> {
+    (micros > 0).then(|| f64::from(micros) / 1e6)
+}
+
 /// Answer of a worker that was asked for work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
 pub(super) struct GiveReply {
     /// Spans that it published.
-    pub(super) spans: u32,
+    spans: u32,
+    /// Microseconds in which it loads a scene; 0 if it has loaded none.
+    load_us: u32,
+}
+
+impl GiveReply {
+    pub(super) fn new(answer: Answer) -> Self {
+        Self {
+            spans: answer.spans,
+            load_us: micros(answer.load_s),
+        }
+    }
+
+    pub(super) fn answer(self) -> Answer {
+        Answer {
+            spans: self.spans,
+            load_s: seconds(self.load_us),
+        }
+    }
 }
 
 /// Why a message is not understood.
@@ -127,7 +172,17 @@ mod tests {
         expected.extend([7, 0, 0, 0, 16, 0, 0, 0, 32, 0, 0, 0, 1, 0, 0, 0]);
         assert_eq!(bytes, expected);
         assert_eq!(decode::<SpanMessage>(&bytes).unwrap(), MESSAGE);
-        assert_eq!(encode(&GiveReply { spans: 3 }), [1, 3, 0, 0, 0]);
+        let answer = Answer {
+            spans: 3,
+            load_s: Some(0.2),
+        };
+        let reply = GiveReply::new(answer);
+        assert_eq!(encode(&reply), [1, 3, 0, 0, 0, 0x40, 0x0d, 3, 0]);
+        assert_eq!(reply.answer(), answer);
+        let request = GiveRequest::new(Some(0.2));
+        assert_eq!(encode(&request), [1, 0x40, 0x0d, 3, 0]);
+        assert_eq!(request.load_s(), Some(0.2));
+        assert_eq!(GiveRequest::new(None).load_s(), None);
     }
 
     #[test]

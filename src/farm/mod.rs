@@ -54,7 +54,7 @@ pub use control::{CONTROL_SCHEMA, Changed, Control, ControlError, ControlState, 
 pub use coordinate::{CoordinateOptions, Coordinated, coordinate};
 pub use done::Progress;
 pub use error::FarmError;
-pub use events::{Event, StageSeconds};
+pub use events::{Event, StageSeconds, process_cpu_s};
 pub use explain::{ExplainError, Explanation, SceneState, ShardFacts, explain};
 pub use fault::Fault;
 pub use job::{SceneJob, render_partials};

@@ -5,7 +5,9 @@ use super::queue::Delivery;
 use super::span::Span;
 use std::collections::BTreeSet;
 use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard};
+use std::time::Duration;
 
 /// A span that is being worked on.
 ///
@@ -15,6 +17,9 @@ pub(super) struct OpenSpan<'a> {
     pub(super) job: SceneJob<'a>,
     pub(super) delivery: Delivery,
     state: Mutex<State>,
+    /// Bands traced here, and the microseconds that threads spent on them.
+    bands: AtomicU64,
+    band_us: AtomicU64,
 }
 
 struct State {
@@ -41,7 +46,24 @@ impl<'a> OpenSpan<'a> {
             job,
             delivery,
             state: Mutex::new(state),
+            bands: AtomicU64::new(0),
+            band_us: AtomicU64::new(0),
         }
+    }
+
+    /// A thread traced a band of a shard in this time.
+    pub(super) fn spent(&self, time: Duration) {
+        self.band_us
+            .fetch_add(time.as_micros() as u64, Ordering::Relaxed);
+        self.bands.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// A thread's seconds for a shard of this scene, once a band of it was traced. Scenes differ by more than ten times:
+    /// what others cost says little of what is left of this one.
+    pub(super) fn shard_s(&self) -> Option<f64> {
+        let bands = self.bands.load(Ordering::Relaxed);
+        let band_s = self.band_us.load(Ordering::Relaxed) as f64 * 1e-6 / bands as f64;
+        (bands > 0).then(|| band_s * f64::from(self.job.bands(0)))
     }
 
     fn state(&self) -> MutexGuard<'_, State> {

@@ -40,9 +40,10 @@ pub struct HeldSpan {
 /// Giving a part of an opened span must save this many times what loading its scene again costs.
 const WORTH_LOADS: f64 = 2.0;
 
-/// What a worker publishes when another one has nothing to do: the later half of the spans that it has not opened, else
-/// the later half of the longest rest of an opened one; nothing if that is not worth loading its scene twice.
-pub fn what_to_give(held: &[HeldSpan]) -> Vec<Span> {
+/// What a worker publishes when another one has nothing to do, which needs `slowness` times as long for the same: the
+/// later half of the spans that it has not opened, else the end of the longest rest of an opened one, so much that both
+/// are done at the same time; nothing if that is not worth loading its scene twice.
+pub fn what_to_give(held: &[HeldSpan], slowness: f64) -> Vec<Span> {
     let waiting: Vec<&HeldSpan> = held.iter().filter(|h| !h.opened).collect();
     if !waiting.is_empty() {
         let kept = waiting.len() / 2;
@@ -53,17 +54,26 @@ pub fn what_to_give(held: &[HeldSpan]) -> Vec<Span> {
         .filter(|h| !h.unbegun.is_empty() && h.unbegun_s > WORTH_LOADS * h.load_s)
         .max_by(|a, b| a.unbegun_s.total_cmp(&b.unbegun_s));
     longest
-        .map(|h| Span {
-            scene: h.span.scene,
-            shards: later_half(&h.unbegun),
+        .and_then(|h| {
+            Some(Span {
+                scene: h.span.scene,
+                shards: later_share(h, slowness)?,
+            })
         })
         .into_iter()
         .collect()
 }
 
-/// The later half, the larger one if the count is odd.
-fn later_half(shards: &Range<u32>) -> Range<u32> {
-    shards.start + (shards.end - shards.start) / 2..shards.end
+/// The later half, the larger one if the count is odd; a smaller part for a slower worker, none if that would take longer
+/// there than all of it here.
+fn later_share(held: &HeldSpan, slowness: f64) -> Option<Range<u32>> {
+    let (shards, count) = (&held.unbegun, held.unbegun.len() as f64);
+    let given = (count / (1.0 + slowness) + 0.5).floor().min(count);
+    let shard_s = held.unbegun_s / count;
+    // The giver has a shard in hand besides.
+    let worth =
+        slowness <= 1.0 || held.load_s + given * shard_s * slowness < held.unbegun_s + shard_s;
+    (worth && given > 0.0).then(|| shards.end - given as u32..shards.end)
 }
 
 /// What of `0..shards` is in none of `covered`: in order, as long as possible.
@@ -110,15 +120,15 @@ mod tests {
             held(2, 0..4, None),
             held(3, 0..2, None),
         ];
-        let given = what_to_give(&all);
+        let given = what_to_give(&all, 1.0);
         assert_eq!(given, [all[2].span.clone(), all[3].span.clone()]);
-        assert_eq!(what_to_give(&all[..2]), [all[1].span.clone()]);
+        assert_eq!(what_to_give(&all[..2], 1.0), [all[1].span.clone()]);
     }
 
     #[test]
     fn the_later_half_of_what_is_not_begun_is_given() {
         let all = [held(0, 0..16, Some(6)), held(1, 4..8, Some(1))];
-        let given = what_to_give(&all);
+        let given = what_to_give(&all, 1.0);
         assert_eq!(
             given,
             [Span {
@@ -128,7 +138,7 @@ mod tests {
         );
         let one = [held(0, 3..5, Some(1))];
         assert_eq!(
-            what_to_give(&one),
+            what_to_give(&one, 1.0),
             [Span {
                 scene: 0,
                 shards: 4..5
@@ -140,9 +150,22 @@ mod tests {
     fn what_is_not_worth_a_load_is_kept() {
         let mut all = [held(0, 0..16, Some(6))];
         all[0].load_s = 5.0;
-        assert_eq!(what_to_give(&all), []);
-        assert_eq!(what_to_give(&[held(0, 0..4, Some(4))]), []);
-        assert_eq!(what_to_give(&[]), []);
+        assert_eq!(what_to_give(&all, 1.0), []);
+        assert_eq!(what_to_give(&[held(0, 0..4, Some(4))], 1.0), []);
+        assert_eq!(what_to_give(&[], 1.0), []);
+    }
+
+    #[test]
+    fn who_is_slower_gets_less() {
+        let all = [held(0, 0..16, Some(6))];
+        let given = |slowness| {
+            let given = what_to_give(&all, slowness);
+            given.first().map_or(0, Span::shard_count)
+        };
+        assert_eq!([given(1.0), given(2.0), given(4.0)], [5, 3, 2]);
+        // One shard would take longer there than all ten here.
+        assert_eq!(given(12.0), 0);
+        assert_eq!(given(0.25), 8);
     }
 
     use proptest::prelude::*;
@@ -169,8 +192,11 @@ mod tests {
     proptest! {
         /// What is given is whole spans that are not opened, or the end of one whose beginning the giver keeps or has begun.
         #[test]
-        fn what_is_given_is_held_and_not_begun(held in prop::collection::vec(some_held(), 0..6)) {
-            let given = what_to_give(&held);
+        fn what_is_given_is_held_and_not_begun(
+            held in prop::collection::vec(some_held(), 0..6),
+            slowness in prop_oneof![Just(1.0), 0.1..10.0],
+        ) {
+            let given = what_to_give(&held, slowness);
             let waiting: Vec<_> = held.iter().filter(|h| !h.opened).collect();
             if waiting.is_empty() {
                 prop_assert!(given.len() <= 1);
@@ -179,7 +205,9 @@ mod tests {
                         && h.unbegun.start <= span.shards.start && h.unbegun_s > WORTH_LOADS * h.load_s);
                     prop_assert!(from.is_some());
                     prop_assert!(span.shard_count() > 0);
-                    prop_assert!(2 * span.shard_count() <= from.unwrap().unbegun.len() as u32 + 1);
+                    if slowness >= 1.0 {
+                        prop_assert!(2 * span.shard_count() <= from.unwrap().unbegun.len() as u32 + 1);
+                    }
                 }
             } else {
                 prop_assert_eq!(given.len(), waiting.len().div_ceil(2));

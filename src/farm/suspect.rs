@@ -40,6 +40,8 @@ pub enum IsolatedEnd {
         traced: u64,
         /// Shards found.
         resumed: u64,
+        /// Scenes loaded: one, if it got so far.
+        loaded: u64,
         /// Why the scene is in quarantine, if it is.
         quarantined: Option<String>,
     },
@@ -148,8 +150,10 @@ impl Shared<'_> {
                 merged,
                 traced,
                 resumed,
+                loaded,
                 quarantined,
             } => {
+                self.isolated_loads.fetch_add(loaded, Ordering::Relaxed);
                 self.count(line, [merged, traced, resumed], quarantined);
                 self.let_go(ticket);
                 Ok(())

@@ -12,7 +12,7 @@ use super::attempts::WorkerName;
 use super::control::{ControlFlag, ControlLook};
 use super::done::is_done;
 use super::error::FarmError;
-use super::events::{Event, StageSeconds};
+use super::events::{Event, StageSeconds, Stopwatch};
 use super::fault::Fault;
 use super::finished::FinishedScene;
 use super::hand::{Band, Hand};
@@ -121,6 +121,8 @@ pub struct Outcome {
     pub traced: u64,
     /// Shards whose partials were found.
     pub resumed: u64,
+    /// Scenes loaded; one that several workers share is loaded by each.
+    pub loaded: u64,
     /// Spans given to other workers, while working or at the end.
     pub given: u64,
     /// Scenes in quarantine, those of earlier times included, with their reasons.
@@ -155,10 +157,16 @@ pub(super) struct Shared<'a> {
     pub(super) resumed: AtomicU64,
     pub(super) given: AtomicU64,
     pub(super) loads: AtomicU64,
+    /// Those of children, which did not cost this process anything.
+    pub(super) isolated_loads: AtomicU64,
     pub(super) timed_out: AtomicBool,
     pub(super) drained: AtomicBool,
     /// There is nothing to do here, and nothing in the queue.
     pub(super) hungry: AtomicBool,
+    /// Somebody has published something because this worker asked.
+    pub(super) promised: AtomicBool,
+    /// In which time other workers load a scene; 0 if none has told.
+    pub(super) others_load_us: AtomicU64,
     /// Scenes that failed since the last one that did not.
     failing: Mutex<BTreeSet<SceneId>>,
     /// What the run has been told.
@@ -308,16 +316,19 @@ fn work_on(
         resumed: AtomicU64::new(0),
         given: AtomicU64::new(0),
         loads: AtomicU64::new(0),
+        isolated_loads: AtomicU64::new(0),
         timed_out: AtomicBool::new(false),
         drained: AtomicBool::new(false),
         hungry: AtomicBool::new(false),
+        promised: AtomicBool::new(false),
+        others_load_us: AtomicU64::new(0),
         failing: Mutex::default(),
         control: ControlFlag::default(),
         quarantined: Mutex::default(),
         failure: Mutex::new(None),
         broken: AtomicBool::new(false),
         over: AtomicBool::new(false),
-        seconds: StageSeconds::default(),
+        seconds: StageSeconds::begin(),
     };
     let mut control = ControlLook::default();
     shared.look_at_control(&mut control);
@@ -395,6 +406,7 @@ impl<'a> Shared<'a> {
             already_merged: self.found_merged.into_inner(),
             traced: self.traced.into_inner(),
             resumed: self.resumed.into_inner(),
+            loaded: self.loads.into_inner() + self.isolated_loads.into_inner(),
             given: self.given.into_inner(),
             quarantined,
             stopped,
@@ -434,10 +446,11 @@ impl<'a> Shared<'a> {
             0 => guess,
             n => sum / n as f64,
         };
-        let threads = self.options.threads.max(1) as f64;
         Costs {
-            shard_s: mean(of("trace"), &self.traced, 0.4) / threads,
+            shard_s: mean(of("trace"), &self.traced, 0.4),
+            threads: self.options.threads.max(1) as f64,
             load_s: mean(of("read") + of("decode"), &self.loads, 0.1),
+            load_is_known: self.loads.load(Ordering::Relaxed) > 0,
         }
     }
 
@@ -448,7 +461,7 @@ impl<'a> Shared<'a> {
                 continue;
             }
             let line = span.job.line;
-            let start = Instant::now();
+            let start = Stopwatch::start();
             self.step(&span, || match what {
                 What::Partial { shard, bytes } => {
                     let put = self.put_partial(&span, shard, &bytes.into());
@@ -459,7 +472,7 @@ impl<'a> Shared<'a> {
                     if !put? {
                         return Ok(());
                     }
-                    self.seconds.add_checkpoint(start.elapsed());
+                    self.seconds.add_checkpoint(start.spent());
                     if span.stored() {
                         self.end_in_part(&span)?;
                     }
@@ -471,7 +484,7 @@ impl<'a> Shared<'a> {
                     }
                     self.leave_receipt(&span);
                     remove_partials(self.store, line);
-                    self.seconds.add_merge(start.elapsed());
+                    self.seconds.add_merge(start.spent());
                     self.merged.fetch_add(1, Ordering::Relaxed);
                     self.went_well();
                     (self.on_event)(Event::SceneMerged {

@@ -109,7 +109,12 @@ impl Store {
     /// Puts an object that is made once. On return it is durable. The same bytes may be there already; other bytes are
     /// an error and stay.
     pub fn create(&self, key: &str, bytes: &[u8]) -> Result<Put, StoreError> {
-        RUNTIME.block_on(self.create_async(key, Bytes::copy_from_slice(bytes)))
+        self.create_bytes(key, Bytes::copy_from_slice(bytes))
+    }
+
+    /// [`Self::create`] of bytes that need not be copied.
+    pub fn create_bytes(&self, key: &str, bytes: Bytes) -> Result<Put, StoreError> {
+        RUNTIME.block_on(self.create_async(key, bytes))
     }
 
     /// [`Self::create`] of several, in no order, all at once.

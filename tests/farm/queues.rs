@@ -3,8 +3,8 @@
 use crate::server::Server;
 use glasshouse::farm::Span;
 use glasshouse::farm::queue::{
-    Delivery, LocalQueue, NatsCoordinator, NatsOptions, NatsWorker, Queue, QueueKeeper, Taken,
-    Waiting,
+    Answer, Delivery, LocalQueue, NatsCoordinator, NatsOptions, NatsWorker, Queue, QueueKeeper,
+    Taken, Waiting,
 };
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
@@ -131,31 +131,36 @@ fn handing_on_is_no_loss_of_a_holder() {
 #[test]
 fn who_has_something_is_asked() {
     both(|_, idle, busy| {
-        assert_eq!(idle.ask(), 0, "nobody has anything");
+        assert_eq!(idle.ask(None).spans, 0, "nobody has anything");
         busy.offer(true);
+        let answer = Answer {
+            spans: 3,
+            load_s: Some(0.5),
+        };
         let answered = std::thread::scope(|scope| {
             let answering = scope.spawn(|| {
                 let start = Instant::now();
                 while start.elapsed() < Duration::from_secs(10) {
                     if let Some(ask) = busy.asked(Duration::from_millis(50)) {
-                        ask.answer(3);
+                        assert_eq!(ask.load_s, Some(0.25));
+                        ask.answer(answer);
                         return true;
                     }
                 }
                 false
             });
             let start = Instant::now();
-            let mut found = 0;
-            while found == 0 && start.elapsed() < Duration::from_secs(10) {
-                found = idle.ask();
+            let mut found = Answer::default();
+            while found.spans == 0 && start.elapsed() < Duration::from_secs(10) {
+                found = idle.ask(Some(0.25));
             }
-            assert_eq!(found, 3);
+            assert_eq!(found, answer);
             answering.join().unwrap()
         });
         assert!(answered);
         busy.offer(false);
         std::thread::sleep(Duration::from_millis(300));
-        assert_eq!(idle.ask(), 0, "it is not asked any more");
+        assert_eq!(idle.ask(None).spans, 0, "it is not asked any more");
     });
 }
 

@@ -1,6 +1,6 @@
 //! The queue of a single process: no server, and the same promises.
 
-use super::{Ask, Delivery, Queue, QueueError, QueueKeeper, QueueState, Taken, Waiting};
+use super::{Answer, Ask, Delivery, Queue, QueueError, QueueKeeper, QueueState, Taken, Waiting};
 use crossbeam::channel::{Receiver, Sender, bounded, unbounded};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
@@ -182,7 +182,7 @@ impl Queue for LocalWorker {
         self.queue.shared.changed.notify_all();
     }
 
-    fn ask(&self) -> u32 {
+    fn ask(&self, load_s: Option<f64>) -> Answer {
         let (sender, answer) = bounded(1);
         let asked = {
             let mut state = self.queue.state();
@@ -196,17 +196,21 @@ impl Queue for LocalWorker {
                 .map(|(_, asks)| asks)
                 .collect();
             let Some(asks) = others.get(turn as usize % others.len().max(1)) else {
-                return 0;
+                return Answer::default();
             };
-            let ask = Ask(Box::new(move |spans| {
-                let _ = sender.send(spans);
-            }));
+            let ask = Ask {
+                load_s,
+                tell: Box::new(move |answer| {
+                    let _ = sender.send(answer);
+                }),
+            };
             asks.send(ask).is_ok()
         };
         if asked {
-            answer.recv_timeout(Duration::from_secs(2)).unwrap_or(0)
+            let answer = answer.recv_timeout(Duration::from_secs(2));
+            answer.unwrap_or_default()
         } else {
-            0
+            Answer::default()
         }
     }
 

@@ -51,12 +51,25 @@ pub enum Taken {
 }
 
 /// Another worker has nothing to do.
-pub struct Ask(Box<dyn FnOnce(u32) + Send>);
+pub struct Ask {
+    /// Seconds in which it loads a scene, if it has loaded one.
+    pub load_s: Option<f64>,
+    tell: Box<dyn FnOnce(Answer) + Send>,
+}
+
+/// What a worker that was asked for work says.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Answer {
+    /// Spans that it published.
+    pub spans: u32,
+    /// Seconds in which it loads a scene, if it has loaded one.
+    pub load_s: Option<f64>,
+}
 
 impl Ask {
-    /// Tells it how many spans were published for it.
-    pub fn answer(self, spans: u32) {
-        (self.0)(spans);
+    /// Answers it.
+    pub fn answer(self, answer: Answer) {
+        (self.tell)(answer);
     }
 }
 
@@ -75,8 +88,8 @@ pub trait Queue: Send + Sync {
     fn renew(&self, ticket: u64);
     /// Gives a span up: all of it is done, or published again.
     fn finish(&self, ticket: u64);
-    /// Asks some busy worker for work; the number of spans that it published.
-    fn ask(&self) -> u32;
+    /// Asks some busy worker for work, telling in how many seconds this one loads a scene, if that is known.
+    fn ask(&self, load_s: Option<f64>) -> Answer;
     /// Says whether this worker may be asked.
     fn offer(&self, able: bool);
     /// Waits for another worker's question.

@@ -4,8 +4,8 @@
 //! counts as done. Nothing is ever sent back (NAK): who cannot do a span publishes it anew under the next number of
 //! [`Waiting::handed_on`] and acknowledges the old one. A second delivery therefore always means a lost holder.
 
-use super::super::message::{GiveReply, decode, encode, read_waiting, write_waiting};
-use super::{Ask, Delivery, Queue, QueueError, QueueKeeper, QueueState, Taken, Waiting};
+use super::super::message::{GiveReply, GiveRequest, decode, encode, read_waiting, write_waiting};
+use super::{Answer, Ask, Delivery, Queue, QueueError, QueueKeeper, QueueState, Taken, Waiting};
 use crate::store::RUNTIME;
 use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
 use async_nats::jetstream::stream::{Config, DiscardPolicy, RetentionPolicy, StorageType, Stream};
@@ -401,15 +401,19 @@ impl Queue for NatsWorker {
         }
     }
 
-    fn ask(&self) -> u32 {
+    fn ask(&self, load_s: Option<f64>) -> Answer {
         let subject = format!("{}.give", self.connection.subjects);
-        let request = self.connection.client.request(subject, Vec::new().into());
+        let question = encode(&GiveRequest::new(load_s));
+        let request = self.connection.client.request(subject, question.into());
         // Who asks keeps leases, too.
         let answer = within(ANSWER.min(self.lease / 3), request);
         match answer {
-            Some(Ok(answer)) => decode::<GiveReply>(&answer.payload).map_or(0, |reply| reply.spans),
+            Some(Ok(answer)) => {
+                let reply = decode::<GiveReply>(&answer.payload);
+                reply.map(GiveReply::answer).unwrap_or_default()
+            }
             // Nobody may be asked, or the server is away.
-            Some(Err(_)) | None => 0,
+            Some(Err(_)) | None => Answer::default(),
         }
     }
 
@@ -436,10 +440,14 @@ impl Queue for NatsWorker {
                     continue;
                 };
                 let client = client.clone();
-                let ask = Ask(Box::new(move |spans| {
-                    let answer = encode(&GiveReply { spans });
-                    let _ = RUNTIME.block_on(client.publish(reply, answer.into()));
-                }));
+                let request = decode::<GiveRequest>(&question.payload);
+                let ask = Ask {
+                    load_s: request.ok().and_then(GiveRequest::load_s),
+                    tell: Box::new(move |answer| {
+                        let answer = encode(&GiveReply::new(answer));
+                        let _ = RUNTIME.block_on(client.publish(reply, answer.into()));
+                    }),
+                };
                 if asks.send(ask).is_err() {
                     return;
                 }

@@ -29,7 +29,7 @@ pub struct Work {
 
 impl Work {
     /// Microseconds of a worker of speed 1. Seed 0 has the costs of the measured prototype.
-    pub(super) fn shard_us(&self, scene: u32, shard: u32) -> u64 {
+    pub fn shard_us(&self, scene: u32, shard: u32) -> u64 {
         let seed = if self.seed == 0 { 0 } else { mix(self.seed) };
         let drawn = mix(u64::from(scene) ^ seed) % u64::from(self.doublings + 1);
         let doublings = if scene + self.dearest_last >= self.scenes {

@@ -146,9 +146,10 @@ impl<M> Holding<M> {
     /// What [`what_to_give`] says; to be published. Nothing while another offer is out.
     ///
     /// `seconds` gives for a span and its shards that nobody has begun: seconds until those are done, and seconds that
-    /// another worker needs to load the scene.
+    /// another worker needs to load the scene. That worker takes `slowness` times as long for the same.
     pub(super) fn offer(
         &mut self,
+        slowness: f64,
         seconds: impl Fn(&Span, Range<u32>) -> (f64, f64),
     ) -> Vec<Handed> {
         if !self.offered.is_empty() {
@@ -156,7 +157,7 @@ impl<M> Holding<M> {
         }
         let view = self.view(seconds);
         let mut all = Vec::new();
-        for span in what_to_give(&view) {
+        for span in what_to_give(&view, slowness) {
             // Of two equal spans (its own, delivered again) any one.
             let is_from = |h: &&Held<M>| {
                 h.span.scene == span.scene
@@ -183,7 +184,7 @@ impl<M> Holding<M> {
         if !self.offered.is_empty() {
             return None;
         }
-        let given = what_to_give(&self.view(&seconds));
+        let given = what_to_give(&self.view(&seconds), 1.0);
         let of = |span: &Span| seconds(span, span.shards.clone()).0;
         (!given.is_empty()).then(|| given.iter().map(of).sum())
     }
@@ -274,13 +275,13 @@ mod tests {
         assert_eq!(holding.begin(id), None);
         holding.open(id);
         assert_eq!(holding.begin(id), Some(0));
-        let offered = holding.offer(a_second_a_shard);
+        let offered = holding.offer(1.0, a_second_a_shard);
         assert_eq!(offered[0].span.shards, 2..4);
         assert_eq!(offered[0].handed_on, 1);
         // While the queue has not confirmed, work goes on, into what is offered.
         assert_eq!(holding.begin(id), Some(1));
         assert_eq!(holding.begin(id), Some(2));
-        assert_eq!(holding.offer(a_second_a_shard), []);
+        assert_eq!(holding.offer(1.0, a_second_a_shard), []);
         holding.given();
         assert_eq!(holding.span(id).unwrap().shards, 0..3);
         assert_eq!(holding.begin(id), None);
@@ -299,9 +300,9 @@ mod tests {
         holding.open(first);
         holding.begin(first);
         holding.take(2, handed(1, 0..4));
-        assert_eq!(holding.offer(a_second_a_shard)[0].span.scene, 1);
+        assert_eq!(holding.offer(1.0, a_second_a_shard)[0].span.scene, 1);
         holding.kept();
-        assert_eq!(holding.offer(a_second_a_shard)[0].span.scene, 1);
+        assert_eq!(holding.offer(1.0, a_second_a_shard)[0].span.scene, 1);
         holding.given();
         assert_eq!(holding.acknowledge().unwrap().0, 2);
         assert_eq!(holding.span(first).unwrap().shards, 0..4);

@@ -200,7 +200,7 @@ impl Farm {
             Step::Give(w) => {
                 let all = self.workers[w]
                     .holding
-                    .offer(|_, unbegun| (unbegun.len() as f64, 0.1));
+                    .offer(1.0, |_, unbegun| (unbegun.len() as f64, 0.1));
                 self.publish(w, all);
             }
             Step::HandBack(w) => {

@@ -402,15 +402,18 @@ impl Sim<'_> {
 
     /// An idle worker asks for something.
     fn asked(&mut self, giver: WorkerId, asker: WorkerId) {
-        let load_s = self.case.work.load_s;
+        let slowness = self.workers[asker as usize].slowness;
+        // The one who asks says in which time it loads a scene.
+        let load_s = self.case.work.load_s * slowness;
         let w = &mut self.workers[giver as usize];
         if w.asker.is_some() {
             // One after the other.
             self.after(2 * self.way_us() + 1, Event::Asked { giver, asker });
             return;
         }
-        let seconds = w.seconds(load_s);
-        let offered = w.holding.offer(seconds);
+        let shard_s = w.shard_s();
+        let seconds = move |_: &Span, unbegun: Range<u32>| (unbegun.len() as f64 * shard_s, load_s);
+        let offered = w.holding.offer(slowness / w.slowness, seconds);
         if offered.is_empty() {
             self.answer(asker, 0);
             return;
