@@ -12,6 +12,7 @@ mod deviation;
 mod dump;
 mod error;
 mod fit;
+mod half_done;
 mod kernels;
 mod ladder;
 mod plot;
@@ -25,6 +26,7 @@ pub use deviation::{CELL_PX, Deviation, coded_srgb};
 pub use dump::RayDump;
 pub use error::BenchError;
 pub use fit::{Slope, log_log_slope};
+pub use half_done::{HalfDone, half_done};
 pub use kernels::{
     BuildRow, KernelRow, KernelTiming, OnClass, TracerRow, TracerTiming, grid_builds, kernels,
     tracer,

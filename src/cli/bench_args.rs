@@ -53,16 +53,33 @@ Examples:
   glasshouse bench trace
   glasshouse bench trace --scene scene.json --dump rays")]
     Trace(BenchTraceArgs),
-    /// A farm of any number of workers in virtual time: makespan against its lower bound, loads, messages, duplicated work
+    /// The farm: shards a second against workers, overhead a shard, makespan against its lower bound, time to resume
     #[command(after_help = "\
-Nothing is traced and no server is asked: the rules by which workers share spans are the farm's own
-code, the queue's server, the store and the tracer are models. Equal arguments give equal numbers.
+Without a mode, with --makespan and with --resume real processes of this program work on real runs in a
+temporary folder, with a nats-server that is started for them (or --queue): one coordinator, workers of
+one thread. Film and samples are so small that tracing costs nothing; where a shard should cost
+something it sleeps, so that many workers fit on few cores.
+  no mode         1, 2, 4, ... workers, on the queue and as threads of one process, with shards that cost
+                  nothing and with shards that sleep; then real shards of 256 px and 256 samples
+    CPU us        of workers, coordinator and server, without starting, reading, decoding, tracing and
+                  merging; what the store's threads do for tuples is in it
+    worker us     makespan x workers / shards, without the sleep
+  --makespan      8 workers, 50 scenes of 16 shards, costs 1:16, the three dearest last, leases of 2 s;
+                  then the same with one worker four times slower and one killed at a third of the time,
+                  unless --kill and --slow say otherwise. The tuples must be those of one process
+  --resume        5000 scenes of 64 shards: half of the scenes have tuples, the others half of their
+                  partials
+With --simulate nothing is traced and no server is asked: the rules by which workers share spans are the
+farm's own code, the queue's server, the store and the tracer are models. Equal arguments give equal
+numbers.
   bound           (work + one load a scene) / speed that was there: no schedule can beat it
   makespan        until the last tuple is in the store
   known           until the coordinator, which lists the store, knows it
-Without arguments the case is 8 workers, 50 scenes of 16 shards, costs 1:16, the three dearest last.
 
 Examples:
+  glasshouse bench farm
+  glasshouse bench farm --makespan
+  glasshouse bench farm --resume
   glasshouse bench farm --simulate
   glasshouse bench farm --simulate --lease-s 2 --kill 0@3.1 --slow 1x4
   glasshouse bench farm --simulate --workers 100 --scenes 2000 --kill 5% --wipe 20")]

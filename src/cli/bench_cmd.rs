@@ -15,7 +15,7 @@ use std::path::Path;
 pub(super) fn run(args: &BenchArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     match &args.what {
         BenchCommand::Error(args) => bench_error_cmd::run(args, global, output),
-        BenchCommand::Farm(args) => bench_farm_cmd::run(args, output),
+        BenchCommand::Farm(args) => bench_farm_cmd::run(args, global, output),
         BenchCommand::Trace(args) => bench_trace_cmd::run(args, global, output),
     }
 }

@@ -9,16 +9,29 @@ pub struct BenchFarmArgs {
     /// In virtual time, without servers and tracer
     #[arg(long)]
     pub simulate: bool,
+    /// Real workers, tasks that sleep: makespan over its lower bound, without faults and with one worker killed and one
+    /// four times slower
+    #[arg(long, conflicts_with_all = ["simulate", "resume"])]
+    pub makespan: bool,
+    /// Until a run of 320,000 shards that was left in the middle goes on
+    #[arg(long, conflicts_with = "simulate")]
+    pub resume: bool,
+    /// NATS server to measure with [default: one that is started for it, if nats-server is installed]
+    #[arg(long, value_name = "URL", conflicts_with = "simulate")]
+    pub queue: Option<String>,
+    /// --makespan, --resume: measure so often
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub passes: u32,
 
-    /// Workers; each does one thing at a time
+    /// Workers; each does one thing at a time. Real ones are doubled from 1 to this number
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub workers: u32,
-    /// Scenes
-    #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
-    pub scenes: u32,
-    /// Shards a scene
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=4096))]
-    pub shards: u32,
+    /// Scenes [default: 50; 5000 with --resume, 16 without any mode]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    pub scenes: Option<u32>,
+    /// Shards a scene [default: 16; 64 with --resume and without any mode]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub shards: Option<u32>,
     /// Draws the costs, the jitter, who gives; 0 has the costs of the prototype that was measured on a real queue
     #[arg(long, value_name = "K", default_value_t = 0)]
     pub seed: u64,
@@ -35,9 +48,9 @@ pub struct BenchFarmArgs {
     #[arg(long, value_name = "S", default_value_t = 0.2, value_parser = parse_seconds)]
     pub load_s: f64,
 
-    /// Lease of a span, seconds; renewed every third of it
-    #[arg(long, value_name = "S", default_value_t = 30.0, value_parser = parse_seconds)]
-    pub lease_s: f64,
+    /// Lease of a span, seconds; renewed every third of it [default: 30; 2 with --makespan]
+    #[arg(long, value_name = "S", value_parser = parse_seconds)]
+    pub lease_s: Option<f64>,
     /// From a worker to the queue and back, milliseconds
     #[arg(long, value_name = "MS", default_value_t = 1.0, value_parser = parse_seconds)]
     pub round_trip_ms: f64,

@@ -1,8 +1,10 @@
 //! `bench farm`
 
+use super::args::Global;
 use super::bench_farm_args::{BenchFarmArgs, Which};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
+use super::{bench_farm_makespan, bench_farm_measure, bench_farm_resume};
 use crate::bench::{align, thread_cpu_s};
 use crate::farm::sim::{
     Case, Fault, Fleet, KINDS, Kind, Outcome, Rules, Work, lower_bound_s, simulate, some_workers,
@@ -11,14 +13,45 @@ use anyhow::anyhow;
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
 
-const SCHEMA: &str = "glasshouse.bench_farm/1";
+pub(super) const SCHEMA: &str = "glasshouse.bench_farm/1";
 
-pub(super) fn run(args: &BenchFarmArgs, output: &Output) -> Result<Exit, Failure> {
-    if !args.simulate {
-        return Err(usage(
-            "bench farm measures in virtual time only: add --simulate",
-        ));
+/// Processes that are started at most.
+const MOST_WORKERS: u32 = 256;
+
+pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    if args.simulate {
+        return simulated(args, output);
     }
+    if args.workers > MOST_WORKERS {
+        let what = format!(
+            "at most {MOST_WORKERS} workers are started; more can be simulated (--simulate)"
+        );
+        return Err(usage(what));
+    }
+    let (mode, what) = match (args.makespan, args.resume) {
+        (true, _) => (
+            "makespan",
+            "real workers on a queue, tasks that sleep, twice",
+        ),
+        (_, true) => (
+            "resume",
+            "a run that is half done would be made and begun again",
+        ),
+        _ => ("overhead", "real workers on a queue and inside one process"),
+    };
+    if global.dry_run {
+        let object = json!({ "measured": true, "mode": mode, "dry_run": true });
+        output.result(SCHEMA, object, &format!("would measure: {what}"));
+        return Ok(Exit::Done);
+    }
+    match mode {
+        "makespan" => bench_farm_makespan::run(args, global, output),
+        "resume" => bench_farm_resume::run(args, global, output),
+        _ => bench_farm_measure::run(args, global, output),
+    }
+}
+
+fn simulated(args: &BenchFarmArgs, output: &Output) -> Result<Exit, Failure> {
     let case = case(args)?;
     let since_s = thread_cpu_s();
     let Some(outcome) = simulate(&case) else {
@@ -39,11 +72,15 @@ fn usage(what: impl Into<String>) -> Failure {
     Failure::new(Exit::Usage, anyhow!(what.into()))
 }
 
-fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
+/// The case of the arguments, to be simulated or done.
+pub(super) fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
+    let lease_s = args
+        .lease_s
+        .unwrap_or(if args.simulate { 30.0 } else { 2.0 });
     let mut case = Case {
         work: Work {
-            scenes: args.scenes,
-            shards: args.shards,
+            scenes: args.scenes.unwrap_or(50),
+            shards: args.shards.unwrap_or(16),
             cheapest_shard_s: args.shard_s,
             doublings: args.skew.ilog2(),
             dearest_last: args.dearest_last,
@@ -58,7 +95,7 @@ fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
             ..Fleet::default()
         },
         rules: Rules {
-            lease_s: args.lease_s,
+            lease_s,
             idle_pull: args.pull.into(),
             pull_s: args.pull_s,
             prefetch: args.prefetch.into(),

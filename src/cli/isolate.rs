@@ -187,6 +187,7 @@ fn done(outcome: &str) -> IsolatedEnd {
         merged: count("merged"),
         traced: count("shards_traced"),
         resumed: count("shards_resumed"),
+        loaded: count("scenes_loaded"),
         quarantined: outcome["quarantined"][0]["reason"]
             .as_str()
             .map(str::to_owned),
@@ -194,7 +195,7 @@ fn done(outcome: &str) -> IsolatedEnd {
 }
 
 /// A pipe's lines, from a thread that ends with the pipe.
-fn lines(pipe: Option<impl Read + Send + 'static>) -> Receiver<String> {
+pub(super) fn lines(pipe: Option<impl Read + Send + 'static>) -> Receiver<String> {
     let (sender, lines) = unbounded();
     if let Some(pipe) = pipe {
         std::thread::spawn(move || {

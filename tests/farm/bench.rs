@@ -388,7 +388,6 @@ fn a_farm_is_simulated() {
 
 #[test]
 fn a_farm_that_cannot_be_simulated_is_refused() {
-    run(&["bench", "farm"]).expect(2).says(&["--simulate"]);
     run(&["bench", "farm", "--simulate", "--kill", "8@1"])
         .expect(2)
         .says(&["no worker 8", "0 to 7"]);

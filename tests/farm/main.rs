@@ -14,6 +14,7 @@
 
 mod audit;
 mod bench;
+mod bench_farm;
 mod conflict;
 mod control;
 mod damage;

@@ -1,0 +1,42 @@
+//! The runs that a farm is measured with.
+
+/// What is to be planned: scenes of a few pixels of procedural photographs.
+pub(super) struct Recipe {
+    /// Makes the run's number different from all others': two measurements may share a server.
+    pub(super) name: String,
+    pub(super) scenes: u32,
+    pub(super) film_px: [u32; 2],
+    pub(super) spp: u32,
+    pub(super) tile_px: u32,
+    pub(super) photograph_px: [u32; 2],
+}
+
+impl Recipe {
+    /// Scenes of `shards` shards each, of 8 x 8 px and 4 samples: as good as nothing to trace.
+    pub(super) fn tiny(name: String, scenes: u32, shards: u32) -> Self {
+        let down = (1..=shards)
+            .take_while(|d| d * d <= shards)
+            .filter(|d| shards.is_multiple_of(*d));
+        let down = down.last().unwrap_or(1);
+        Self {
+            name,
+            scenes,
+            film_px: [shards / down * 8, down * 8],
+            spp: 4,
+            tile_px: 8,
+            photograph_px: [64, 48],
+        }
+    }
+
+    pub(super) fn text(&self) -> String {
+        // Ordered pairs of different photographs, for all scenes, from either kind.
+        let count = 16.max(2 * f64::from(self.scenes).sqrt().ceil() as u32 + 2);
+        let ([width, height], [across, down]) = (self.film_px, self.photograph_px);
+        format!(
+            "schema = \"glasshouse.recipe/1\"\nname = \"{}\"\nseed = 7\n[film]\nwidth = {width}\nheight = {height}\nspp = {}\n\
+             [sources.sample]\nlayout = \"sample\"\ncount = {count}\nwidth = {across}\nheight = {down}\n\
+             [[split]]\nname = \"train\"\npairs = {{ sample = {} }}\n",
+            self.name, self.spp, self.scenes
+        )
+    }
+}
