@@ -69,6 +69,11 @@ const MOST_TIMES: f64 = 8.0;
 /// The next span is taken when the open ones last for so many loads at most.
 const LOADS_AHEAD: f64 = 2.0;
 
+/// Without what is kept, and what is being loaded.
+fn givable(views: &[(u64, HeldSpan)]) -> impl Iterator<Item = &(u64, HeldSpan)> {
+    views.iter().filter(|(_, view)| !view.unbegun.is_empty())
+}
+
 /// Spans that were given away, as parts of open ones.
 pub(super) struct Given<'a> {
     /// Spans that were published.
@@ -220,8 +225,9 @@ impl<'a> HeldSpans<'a> {
 
     /// There is something that another worker could have.
     pub(super) fn has_something_to_give(&self, costs: Costs) -> bool {
-        let views: Vec<HeldSpan> = self.views(costs).into_iter().map(|(_, v)| v).collect();
-        !what_to_give(&views, 1.0).is_empty()
+        let views = self.views(costs);
+        let held: Vec<HeldSpan> = givable(&views).map(|(_, v)| v.clone()).collect();
+        !what_to_give(&held, 1.0).is_empty()
     }
 
     /// Gives away what another worker should have, which loads a scene in `load_s`: published first, left alone then.
@@ -236,7 +242,7 @@ impl<'a> HeldSpans<'a> {
             load_s: load_s.unwrap_or(view.load_s),
             ..view.clone()
         };
-        let held: Vec<HeldSpan> = views.iter().map(view).collect();
+        let held: Vec<HeldSpan> = givable(&views).map(view).collect();
         let gifts = what_to_give(&held, costs.slowness(load_s));
         let mut given = Given {
             count: 0,
@@ -244,10 +250,11 @@ impl<'a> HeldSpans<'a> {
             unbegun: Vec::new(),
         };
         for gift in gifts {
+            // By what nobody has begun: a part of a scene that is open here may wait here, too, having come back.
             let from = views.iter().find(|(_, v)| {
                 v.span.scene == gift.scene
-                    && v.span.shards.start <= gift.shards.start
-                    && gift.shards.end <= v.span.shards.end
+                    && v.unbegun.start <= gift.shards.start
+                    && gift.shards.end <= v.unbegun.end
             });
             let Some((ticket, _)) = from else { continue };
             let Some(handed_on) = self.handed_on(*ticket) else {
