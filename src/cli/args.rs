@@ -195,9 +195,9 @@ pub struct RootArgs {
     pub roots: Vec<String>,
 }
 
-/// `run`
+/// `plan`
 #[derive(Debug, ClapArgs)]
-pub struct RunArgs {
+pub struct PlanArgs {
     /// Recipe (.toml) or scenes (.jsonl)
     pub recipe: PathBuf,
     /// Folder of the run [default: runs/NAME]
@@ -209,6 +209,25 @@ pub struct RunArgs {
     /// Named roots.
     #[command(flatten)]
     pub roots: RootArgs,
+}
+
+/// How often what is traced is written down.
+#[derive(Clone, Copy, Debug, ClapArgs)]
+pub struct CheckpointArgs {
+    /// Partials of a scene that is open as a whole wait in memory for so long, for the rest of it: what a kill may cost
+    #[arg(long, value_name = "S", default_value = "5", value_parser = parse_duration, env = "GLASSHOUSE_CHECKPOINT_S")]
+    pub checkpoint_s: Duration,
+}
+
+/// `run`
+#[derive(Debug, ClapArgs)]
+pub struct RunArgs {
+    /// What to plan, and where.
+    #[command(flatten)]
+    pub plan: PlanArgs,
+    /// When to write partials.
+    #[command(flatten)]
+    pub checkpoint: CheckpointArgs,
 }
 
 /// `sample`
@@ -238,14 +257,6 @@ pub struct SampleArgs {
 pub enum SampleLayout {
     /// DIODE's.
     Diode,
-}
-
-/// `plan`
-#[derive(Debug, ClapArgs)]
-pub struct PlanArgs {
-    /// What to plan, and where.
-    #[command(flatten)]
-    pub run: RunArgs,
 }
 
 /// `render`
@@ -295,6 +306,9 @@ pub struct WorkArgs {
     /// Input files from object stores.
     #[command(flatten)]
     pub cache: CacheArgs,
+    /// When to write partials.
+    #[command(flatten)]
+    pub checkpoint: CheckpointArgs,
     /// A scene without any progress for this time counts as hung: the worker ends and leaves it to others
     #[arg(long, value_name = "S", default_value = "120", value_parser = parse_duration, help_heading = FARM)]
     pub hang_s: Duration,

@@ -48,6 +48,8 @@ impl Children<'_> {
         command.args(["--json", "--progress", "none", "--isa", self.isa]);
         command.args(["-j", &self.threads.to_string(), "--name", self.name]);
         command.args(["--hang-s", &self.hang.as_secs_f64().to_string()]);
+        // What it gets done before it dies counts, every shard of it.
+        command.args(["--checkpoint-s", "0"]);
         for root in self.roots {
             command.args(["--root", root]);
         }

@@ -1,6 +1,6 @@
 //! `plan RECIPE --out RUN`
 
-use super::args::{Global, PlanArgs, RunArgs};
+use super::args::{Global, PlanArgs};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
@@ -21,7 +21,7 @@ const TUPLE_BYTES: f64 = 26.0;
 const SECONDS_PER_SCENE: f64 = 0.1;
 
 /// The run's folder: as given, or `runs/NAME` by the recipe's file name.
-pub(super) fn run_folder(args: &RunArgs) -> PathBuf {
+pub(super) fn run_folder(args: &PlanArgs) -> PathBuf {
     args.out.clone().unwrap_or_else(|| {
         PathBuf::from("runs").join(args.recipe.file_stem().unwrap_or(args.recipe.as_os_str()))
     })
@@ -29,7 +29,7 @@ pub(super) fn run_folder(args: &RunArgs) -> PathBuf {
 
 /// Plans with progress and notes.
 pub(super) fn plan_with(
-    args: &RunArgs,
+    args: &PlanArgs,
     global: &Global,
     output: &Output,
 ) -> Result<Planned, Failure> {
@@ -60,8 +60,8 @@ pub(super) fn plan_with(
 }
 
 pub(super) fn run(args: &PlanArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
-    let planned = plan_with(&args.run, global, output)?;
-    let folder = run_folder(&args.run);
+    let planned = plan_with(args, global, output)?;
+    let folder = run_folder(args);
     let (mut shards, mut pixels, mut samples) = (0u64, 0.0, 0.0);
     for line in &planned.lines {
         shards += u64::from(ShardLayout::of(line, planned.spec.tile_px).len());

@@ -14,19 +14,17 @@ use serde_json::json;
 use std::path::Path;
 
 pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let plan = &args.plan;
     if global.dry_run {
-        let args = super::args::PlanArgs {
-            run: clone_args(args),
-        };
-        return plan_cmd::run(&args, global, output);
+        return plan_cmd::run(plan, global, output);
     }
-    plan_with(args, global, output)?;
-    let folder = run_folder(args);
-    let mut run = Run::open(&folder, &Roots::parse(&args.roots.roots)?)?;
+    plan_with(plan, global, output)?;
+    let folder = run_folder(plan);
+    let mut run = Run::open(&folder, &Roots::parse(&plan.roots.roots)?)?;
     run.inputs = store_env::inputs();
     let (outcome, exit, wall) = work_on(
         &run,
-        &How::alone(&folder, &args.roots.roots),
+        &How::alone(&folder, &plan.roots.roots, args.checkpoint.checkpoint_s),
         global,
         output,
     )?;
@@ -37,7 +35,7 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     let mut exit = exit;
     // A run that was stopped has nothing to compare yet.
     if matches!(exit, Exit::Done | Exit::Incomplete)
-        && let Some(file) = case_file(&args.recipe)?
+        && let Some(file) = case_file(&plan.recipe)?
     {
         let rows = check(&file, &run).map_err(|e| Failure::new(Exit::Failed, e))?;
         let failed = rows.iter().filter(|row| !row.ok).count();
@@ -71,13 +69,4 @@ fn case_file(path: &Path) -> Result<Option<CaseFile>, Failure> {
     CaseFile::parse(&text)
         .map(Some)
         .map_err(|e| wrong(e.into()))
-}
-
-fn clone_args(args: &RunArgs) -> RunArgs {
-    RunArgs {
-        recipe: args.recipe.clone(),
-        out: args.out.clone(),
-        tile: args.tile,
-        roots: args.roots.clone(),
-    }
 }

@@ -65,6 +65,7 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
         cache: Some(&args.cache),
         queue: Some(&args.queue),
         hang: args.hang_s,
+        checkpoint: args.checkpoint.checkpoint_s,
         name: args.name.clone().unwrap_or_else(queue_cmd::worker_name),
         faults: &args.faults,
     };
@@ -92,13 +93,14 @@ pub(super) struct How<'a> {
     pub(super) cache: Option<&'a CacheArgs>,
     pub(super) queue: Option<&'a QueueArgs>,
     pub(super) hang: Duration,
+    pub(super) checkpoint: Duration,
     pub(super) name: String,
     pub(super) faults: &'a [Fault],
 }
 
 impl<'a> How<'a> {
     /// As `run` does.
-    pub(super) fn alone(run: &'a Path, roots: &'a [String]) -> Self {
+    pub(super) fn alone(run: &'a Path, roots: &'a [String], checkpoint: Duration) -> Self {
         Self {
             deadline: None,
             run,
@@ -106,6 +108,7 @@ impl<'a> How<'a> {
             cache: None,
             queue: None,
             hang: Duration::from_mins(2),
+            checkpoint,
             name: queue_cmd::worker_name(),
             faults: &[],
         }
@@ -122,6 +125,7 @@ impl<'a> How<'a> {
             host: queue_cmd::host_name(),
         };
         options.hang = self.hang;
+        options.checkpoint = self.checkpoint;
         options.faults = self.faults;
         Ok(options)
     }

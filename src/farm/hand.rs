@@ -59,11 +59,18 @@ impl<'a> Hand<'_, 'a> {
                 farm.step(&span, || self.complete(&span));
                 continue;
             }
+            if let Some(span) = take(|| farm.to_checkpoint.steal()) {
+                farm.step(&span, || self.checkpoint(&span, &span.unwritten()));
+                continue;
+            }
             if let Some(band) = self.deque.pop().or_else(|| self.steal()) {
                 farm.step(&band.span, || self.trace(&band));
                 continue;
             }
             if farm.must_stop() {
+                for span in farm.held.opened() {
+                    farm.step(&span, || self.checkpoint(&span, &span.unwritten()));
+                }
                 return;
             }
             if farm.control.is_paused() && !farm.files.is_empty() {
@@ -255,9 +262,8 @@ impl<'a> Hand<'_, 'a> {
         }
     }
 
-    /// A shard is traced: its partial goes to the writer, but that of the last shard of a scene that is in memory as a
-    /// whole, since the tuple follows at once. A process that is killed in between has lost one shard, as if it were
-    /// killed in tracing it.
+    /// A shard is traced. Its partial waits in memory for the scene's other shards, for some seconds: whoever is killed
+    /// loses no more than that.
     fn finish(
         &self,
         span: &Arc<OpenSpan<'a>>,
@@ -265,24 +271,35 @@ impl<'a> Hand<'_, 'a> {
         result: TileResult,
     ) -> Result<(), FarmError> {
         let (farm, job) = (self.farm, &span.job);
-        let partial = if span.traced(shard.index) {
-            job.partial_in_memory(shard, result)
+        let complete = job.finish(job.partial_in_memory(shard, result));
+        let at_most = if farm.must_stop() {
+            Duration::ZERO
         } else {
-            let start = Stopwatch::start();
-            let partial = job.partial(shard, result);
-            let bytes = partial::encode(&partial).map_err(|e| {
-                let key = keys::partial(&job.line.id, shard.index);
-                FarmError::Tuple(format!("cannot encode {key}: {e}"))
-            })?;
-            farm.seconds.add_checkpoint(start.spent());
-            let shard = shard.index;
-            self.order(span, What::Partial { shard, bytes });
-            partial
+            farm.options.checkpoint
         };
+        self.checkpoint(span, &span.traced(shard.index, at_most))?;
         farm.traced.fetch_add(1, Ordering::Relaxed);
         (farm.on_event)(Event::ShardDone { resumed: false });
-        if let Some(partials) = job.finish(partial) {
+        if let Some(partials) = complete {
             self.merge(span, &partials);
+        }
+        Ok(())
+    }
+
+    /// Sends partials to the writer.
+    fn checkpoint(&self, span: &Arc<OpenSpan<'a>>, shards: &[u32]) -> Result<(), FarmError> {
+        for &shard in shards {
+            // Merged meanwhile.
+            let Some(partial) = span.job.result(shard) else {
+                continue;
+            };
+            let start = Stopwatch::start();
+            let bytes = partial.seal().map_err(|e| {
+                let key = keys::partial(&span.job.line.id, shard);
+                FarmError::Tuple(format!("cannot encode {key}: {e}"))
+            })?;
+            self.farm.seconds.add_checkpoint(start.spent());
+            self.order(span, What::Partial { shard, bytes });
         }
         Ok(())
     }
@@ -300,7 +317,7 @@ impl<'a> Hand<'_, 'a> {
         // What is not there was merged by somebody else meanwhile, or removed.
         self.fetch(span, &keys, |partial| {
             missing.remove(&partial.header.shard);
-            partials.push(partial);
+            partials.push(Arc::new(partial));
         })?;
         let damaged = missing;
         if damaged.is_empty() {
@@ -322,7 +339,7 @@ impl<'a> Hand<'_, 'a> {
     }
 
     /// All shards are there: combines them and shares out the encoding.
-    fn merge(&self, span: &Arc<OpenSpan<'a>>, partials: &[Partial]) {
+    fn merge(&self, span: &Arc<OpenSpan<'a>>, partials: &[Arc<Partial>]) {
         let farm = self.farm;
         let start = Stopwatch::start();
         let combined = combine(span.job.line, farm.run.spec.tile_px, partials);

@@ -80,6 +80,8 @@ pub(super) struct Given<'a> {
     pub(super) count: u32,
     /// Ended in part by it.
     pub(super) ended: Vec<Arc<OpenSpan<'a>>>,
+    /// Others are to have the rest of these.
+    pub(super) shared: Vec<Arc<OpenSpan<'a>>>,
     /// Records of attempts that were never begun: of spans that were given away whole.
     pub(super) unbegun: Vec<AttemptRecord>,
 }
@@ -87,6 +89,8 @@ pub(super) struct Given<'a> {
 /// What is over by giving something away.
 enum Left<'a> {
     Nothing,
+    /// An open span that goes on.
+    Shared(Arc<OpenSpan<'a>>),
     /// An open span, in part.
     Ended(Arc<OpenSpan<'a>>),
     /// A span that was never begun.
@@ -134,6 +138,15 @@ impl<'a> HeldSpans<'a> {
             held.open = Some(Arc::clone(span));
             held.progress = Instant::now();
         }
+    }
+
+    /// Spans whose scenes are loaded.
+    pub(super) fn opened(&self) -> Vec<Arc<OpenSpan<'a>>> {
+        let spans = self.spans();
+        spans
+            .values()
+            .filter_map(|held| held.open.clone())
+            .collect()
     }
 
     /// Something of it was done.
@@ -247,6 +260,7 @@ impl<'a> HeldSpans<'a> {
         let mut given = Given {
             count: 0,
             ended: Vec::new(),
+            shared: Vec::new(),
             unbegun: Vec::new(),
         };
         for gift in gifts {
@@ -267,6 +281,7 @@ impl<'a> HeldSpans<'a> {
             given.count += 1;
             match self.leave(queue, *ticket, &gift) {
                 Left::Nothing => {}
+                Left::Shared(span) => given.shared.push(span),
                 Left::Ended(span) => given.ended.push(span),
                 Left::Whole(attempt) => given.unbegun.extend(attempt),
             }
@@ -304,7 +319,7 @@ impl<'a> HeldSpans<'a> {
         if open.give(gift.shards.clone()) {
             Left::Ended(open)
         } else {
-            Left::Nothing
+            Left::Shared(open)
         }
     }
 

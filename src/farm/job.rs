@@ -18,7 +18,7 @@ pub struct SceneJob<'a> {
     loaded: LoadedScene,
     line_blake3: String,
     shards: Vec<BandedShard>,
-    results: Mutex<Vec<Partial>>,
+    results: Mutex<Vec<Arc<Partial>>>,
     untraced: AtomicU32,
     failed: Arc<AtomicBool>,
 }
@@ -70,7 +70,7 @@ impl<'a> SceneJob<'a> {
         Partial::new(self.header(shard, &result), result.pixels)
     }
 
-    /// A partial that never leaves memory: its digest is empty.
+    /// A partial in memory: its digest is empty.
     pub(super) fn partial_in_memory(&self, shard: &Shard, result: TileResult) -> Partial {
         Partial {
             header: self.header(shard, &result),
@@ -126,14 +126,21 @@ impl<'a> SceneJob<'a> {
     }
 
     /// Takes a finished shard; all of them for whoever completes the scene.
-    pub(super) fn finish(&self, partial: Partial) -> Option<Vec<Partial>> {
+    pub(super) fn finish(&self, partial: Partial) -> Option<Vec<Arc<Partial>>> {
         let mut results = self.results.lock().expect("no holder of this lock panics");
-        results.push(partial);
+        results.push(Arc::new(partial));
         (results.len() == self.layout.len() as usize).then(|| std::mem::take(&mut *results))
     }
 
+    /// A finished shard, unless the scene is complete already.
+    pub(super) fn result(&self, shard: u32) -> Option<Arc<Partial>> {
+        let results = self.results.lock().expect("no holder of this lock panics");
+        let mut results = results.iter();
+        results.find(|p| p.header.shard == shard).cloned()
+    }
+
     /// The finished shards so far.
-    pub(super) fn take_results(&self) -> Vec<Partial> {
+    pub(super) fn take_results(&self) -> Vec<Arc<Partial>> {
         std::mem::take(&mut *self.results.lock().expect("no holder of this lock panics"))
     }
 
@@ -182,7 +189,9 @@ pub fn render_partials(
             });
         }
     });
-    complete
+    let complete = complete
         .into_inner()
-        .expect("no holder of this lock panics")
+        .expect("no holder of this lock panics");
+    let own = |partials: Vec<_>| partials.into_iter().map(Arc::unwrap_or_clone).collect();
+    complete.map(own)
 }

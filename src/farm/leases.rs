@@ -71,6 +71,9 @@ impl Shared<'_> {
         for attempt in given.unbegun {
             attempt.forget(self.store);
         }
+        for span in given.shared {
+            self.to_checkpoint.push(span);
+        }
         for span in given.ended {
             if let Err(error) = self.end_in_part(&span) {
                 self.break_down(error);

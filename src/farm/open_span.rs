@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// A span that is being worked on.
 ///
@@ -25,12 +25,19 @@ pub(super) struct OpenSpan<'a> {
 struct State {
     /// Shards of the span that are neither traced nor found nor given away.
     left: BTreeSet<u32>,
-    /// Partials on their way to the store.
+    /// Partials that are not in the store yet: those that wait in memory, and those on their way.
     unwritten: u32,
+    /// Shards that wait in memory, and since when the first of them does.
+    in_memory: Vec<u32>,
+    since: Option<Instant>,
     /// It has ended in part.
     ended: bool,
     /// Another process has had a part of the scene.
     shared: bool,
+    /// Another process has a part of it now, and may wait for this one's.
+    awaited: bool,
+    /// The scene's tuple is in the store.
+    merged: bool,
 }
 
 impl<'a> OpenSpan<'a> {
@@ -39,8 +46,12 @@ impl<'a> OpenSpan<'a> {
         let state = State {
             left: (shards.start..shards.end.min(job.layout.len())).collect(),
             unwritten: 0,
+            in_memory: Vec::new(),
+            since: None,
             ended: false,
+            merged: false,
             shared: shards != (0..job.layout.len()),
+            awaited: shards != (0..job.layout.len()),
         };
         Self {
             job,
@@ -89,14 +100,38 @@ impl<'a> OpenSpan<'a> {
         !state.shared && !state.ended
     }
 
-    /// A shard is traced. True for the last one of a scene that is in memory as a whole: its partial need not be
-    /// written; of all others it must be.
-    pub(super) fn traced(&self, shard: u32) -> bool {
+    /// A shard is traced, and its result is with the job. Shards whose partials are to be written now: none while all of
+    /// the scene is here and `at_most` has not passed since the first that waits, for with luck the tuple comes first.
+    pub(super) fn traced(&self, shard: u32, at_most: Duration) -> Vec<u32> {
         let mut state = self.state();
         state.left.remove(&shard);
-        let last = self.job.count_traced();
-        state.unwritten += u32::from(!last);
-        last
+        if self.job.count_traced() {
+            state.in_memory.clear();
+            return Vec::new();
+        }
+        state.unwritten += 1;
+        state.in_memory.push(shard);
+        let since = *state.since.get_or_insert_with(Instant::now);
+        if state.awaited || since.elapsed() >= at_most {
+            take_waiting(&mut state)
+        } else {
+            Vec::new()
+        }
+    }
+
+    /// Shards that wait in memory, to be written now.
+    pub(super) fn unwritten(&self) -> Vec<u32> {
+        take_waiting(&mut self.state())
+    }
+
+    /// The tuple is in the store: partials are of no more use.
+    pub(super) fn merged(&self) {
+        self.state().merged = true;
+    }
+
+    /// A partial need not be written any more.
+    pub(super) fn is_merged(&self) -> bool {
+        self.state().merged
     }
 
     /// A partial is durable. True if the span has ended in part by this.
@@ -123,9 +158,10 @@ impl<'a> OpenSpan<'a> {
     }
 
     /// Leaves shards to another worker, which has them already; those that were begun meanwhile are finished here, too.
-    /// True if the span has ended in part by this.
+    /// True if the span has ended in part by this. What waits in memory is to be written then.
     pub(super) fn give(&self, shards: Range<u32>) -> bool {
         let mut state = self.state();
+        (state.shared, state.awaited) = (true, true);
         for shard in shards {
             if state.left.contains(&shard) && !self.job.may_trace(shard, true) {
                 state.left.remove(&shard);
@@ -158,4 +194,9 @@ impl<'a> OpenSpan<'a> {
         }
         spans
     }
+}
+
+fn take_waiting(state: &mut State) -> Vec<u32> {
+    state.since = None;
+    std::mem::take(&mut state.in_memory)
 }

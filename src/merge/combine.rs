@@ -6,6 +6,7 @@ use crate::manifest::SceneLine;
 use crate::partial::Partial;
 use crate::shard::{ShardLayout, scene_digest};
 use crate::trace::{LAYERS, TRACER_VERSION};
+use std::borrow::Borrow;
 use std::collections::BTreeMap;
 
 /// Why partials do not make a tuple.
@@ -48,10 +49,15 @@ pub enum MergeError {
 }
 
 /// Combines all partials of a scene, one for each shard of the layout, in any order.
-pub fn combine(line: &SceneLine, tile_px: u32, partials: &[Partial]) -> Result<Tuple, MergeError> {
+pub fn combine<P: Borrow<Partial>>(
+    line: &SceneLine,
+    tile_px: u32,
+    partials: &[P],
+) -> Result<Tuple, MergeError> {
     let scene = || line.id.to_string();
     let layout = ShardLayout::of(line, tile_px);
-    let by_shard: BTreeMap<u32, &Partial> = partials.iter().map(|p| (p.header.shard, p)).collect();
+    let partials = partials.iter().map(Borrow::borrow);
+    let by_shard: BTreeMap<u32, &Partial> = partials.map(|p| (p.header.shard, p)).collect();
     let missing: Vec<u32> = (0..layout.len())
         .filter(|index| !by_shard.contains_key(index))
         .collect();

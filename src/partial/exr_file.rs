@@ -73,10 +73,16 @@ fn planes(pixels: &[PixelMeans]) -> Vec<Vec<f32>> {
 
 /// The file's bytes.
 pub fn encode(partial: &Partial) -> Result<Vec<u8>, exr::error::Error> {
-    let header = &partial.header;
+    encode_as(&partial.header, &partial.pixels)
+}
+
+pub(super) fn encode_as(
+    header: &PartialHeader,
+    pixels: &[PixelMeans],
+) -> Result<Vec<u8>, exr::error::Error> {
     let tile = header.tile;
     let list = channels()
-        .zip(planes(&partial.pixels))
+        .zip(planes(pixels))
         .map(|((name, ..), samples)| AnyChannel::new(name.as_str(), FlatSamples::F32(samples)));
     let mut attributes = LayerAttributes {
         layer_position: Vec2(tile.x as i32, tile.y as i32),
@@ -95,7 +101,7 @@ pub fn encode(partial: &Partial) -> Result<Vec<u8>, exr::error::Error> {
     let mut image = Image::from_layer(layer);
     image.attributes.display_window =
         IntegerBounds::from_dimensions((header.film[0] as usize, header.film[1] as usize));
-    let length = partial.pixels.len() * size_of::<PixelMeans>() + HEADER_BYTES;
+    let length = size_of_val(pixels) + HEADER_BYTES;
     let mut bytes = Cursor::new(Vec::with_capacity(length));
     image.write().non_parallel().to_buffered(&mut bytes)?;
     Ok(bytes.into_inner())

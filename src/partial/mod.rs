@@ -29,6 +29,15 @@ impl Partial {
         Self { header, pixels }
     }
 
+    /// The file's bytes; whatever digest its header has, they hold the right one.
+    pub fn seal(&self) -> Result<Vec<u8>, exr::error::Error> {
+        let header = PartialHeader {
+            blake3: digest(&self.header, &self.pixels),
+            ..self.header.clone()
+        };
+        exr_file::encode_as(&header, &self.pixels)
+    }
+
     /// The digest fits the content.
     pub fn is_intact(&self) -> bool {
         self.header.blake3 == digest(&self.header, &self.pixels)

@@ -15,6 +15,7 @@
 mod audit;
 mod bench;
 mod bench_farm;
+mod checkpoint;
 mod conflict;
 mod control;
 mod damage;

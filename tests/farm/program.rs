@@ -6,11 +6,12 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// The program with `arguments`, all output piped.
+/// The program with `arguments`, all output piped. Partials are written at once: there is much to kill in a short time.
 pub(crate) fn command<S: AsRef<OsStr>>(arguments: &[S]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_glasshouse"));
     command
         .args(arguments)
+        .env("GLASSHOUSE_CHECKPOINT_S", "0")
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());

@@ -158,6 +158,10 @@ impl Siege {
         let mut more = vec!["-j", "1", "--name", name, "--hang-s"];
         // A bucket that fails takes its time.
         more.push(if self.bucket.is_some() { "8" } else { "3" });
+        // Some write their partials at once, others wait for the rest of the scene.
+        if name.ends_with(['1', '3', '5', '7']) {
+            more.extend(["--checkpoint-s", "1"]);
+        }
         more.extend(faults.iter().flat_map(|fault| ["--fault", fault]));
         self.start("work", run, &more)
     }
