@@ -215,7 +215,7 @@ pub struct PlanArgs {
 #[derive(Clone, Copy, Debug, ClapArgs)]
 pub struct CheckpointArgs {
     /// Partials of a scene that is open as a whole wait in memory for so long, for the rest of it: what a kill may cost
-    #[arg(long, value_name = "S", default_value = "5", value_parser = parse_duration, env = "GLASSHOUSE_CHECKPOINT_S")]
+    #[arg(long, value_name = "S", default_value = "20", value_parser = parse_duration, env = "GLASSHOUSE_CHECKPOINT_S")]
     pub checkpoint_s: Duration,
 }
 

@@ -66,10 +66,9 @@ pub struct WorkOptions<'a> {
     pub faults: &'a [Fault],
 }
 
-/// A partial of 9 MB costs some 0.04 s of a core and as much traffic, again and again; a worker that is killed once an
-/// hour loses half of this each time. The best is in the middle: the root of twice the one times the other, some seconds
-/// for several threads (Young, Communications of the ACM 17, 1974).
-const CHECKPOINT: Duration = Duration::from_secs(5);
+/// A partial of 9 MB costs some 0.04 s of a core; a worker that is killed once an hour loses half of this time each time.
+/// The best is the root of twice the one times the other (Young, Communications of the ACM 17, 1974), 17 s.
+const CHECKPOINT: Duration = Duration::from_secs(20);
 
 impl<'a> WorkOptions<'a> {
     /// Without a deadline, in one process.
