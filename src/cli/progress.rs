@@ -202,6 +202,9 @@ impl Progress {
                     "scene {scene} was lost with an earlier process: it is traced in one of its own"
                 ));
             }),
+            Event::Aborts { scene } => self.suspend(|| {
+                output.warning(&format!("scene {scene} aborts this process, as ordered"));
+            }),
             Event::ChildLost { scene, reason } => self.suspend(|| {
                 output.warning(&format!(
                     "scene {scene} was lost with its process: {reason}"

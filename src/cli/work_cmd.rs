@@ -10,7 +10,7 @@ use super::signals::Signals;
 use super::store_env;
 use crate::farm::queue::{LocalQueue, Queue, Waiting};
 use crate::farm::{
-    Fault, Outcome, Run, SharedQueue, Span, Stop, WorkOptions, WorkerName, run_status, work,
+    Event, Fault, Outcome, Run, SharedQueue, Span, Stop, WorkOptions, WorkerName, run_status, work,
     work_shared, work_span,
 };
 use crate::manifest::Roots;
@@ -72,7 +72,7 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
     let store = queue_cmd::store(&args.run, &args.queue)?;
     run.take_inputs_from(&store, &roots);
     let (outcome, exit, wall) = match (&args.only, &args.queue.queue) {
-        (Some(only), _) => work_only(&run, &store, only, &how, global)?,
+        (Some(only), _) => work_only(&run, &store, only, &how, global, output)?,
         (None, None) => work_on(&run, &how, global, output)?,
         (None, Some(_)) => work_for(&run, &store, &args.queue, &how, global, output)?,
     };
@@ -238,6 +238,7 @@ fn work_only(
     only: &Only,
     how: &How,
     global: &Global,
+    output: &Output,
 ) -> Result<(Outcome, Exit, Duration), Failure> {
     let scene = run.lines.iter().position(|l| l.id.as_str() == only.scene);
     let scene = scene.ok_or_else(|| {
@@ -264,7 +265,13 @@ fn work_only(
         is_child: true,
         on_sign: &|| Output::tell_parent(isolate::SIGN),
     };
-    let outcome = work_span(run, store, &shared, &options, &|_| {})?;
+    let progress = Progress::new(global, "shards", 0);
+    let last_words = |event: Event| {
+        if matches!(event, Event::Aborts { .. }) {
+            progress.event(event, output);
+        }
+    };
+    let outcome = work_span(run, store, &shared, &options, &last_words)?;
     let exit = match outcome.stopped {
         Some(_) => signals.exit(),
         None => Exit::Done,

@@ -60,6 +60,11 @@ pub enum Event {
         /// How.
         reason: String,
     },
+    /// This process is about to abort, as it was ordered to.
+    Aborts {
+        /// When it came to this scene.
+        scene: SceneId,
+    },
     /// Too many scenes failed on this worker: it ends.
     Drained {
         /// Which, and what to do.

@@ -1,5 +1,6 @@
 //! Misbehaviour on order, to rehearse and to test what a farm does when a worker misbehaves.
 
+use super::events::Event;
 use super::sim;
 use crate::ids::SceneId;
 use crate::trace::TileResult;
@@ -89,14 +90,12 @@ impl std::fmt::Display for Fault {
 
 impl Fault {
     /// Before a piece of `scene` is traced.
-    #[allow(
-        clippy::print_stderr,
-        reason = "last words of a process, as the allocator's are"
-    )]
-    pub(super) fn before(&self, scene: &SceneId) {
+    pub(super) fn before(&self, scene: &SceneId, on_event: &dyn Fn(Event)) {
         match self {
             Self::Abort(poison) if poison == scene => {
-                eprintln!("scene {scene} aborts this process, as ordered");
+                on_event(Event::Aborts {
+                    scene: scene.clone(),
+                });
                 std::process::abort();
             }
             Self::Hang(poison) if poison == scene => loop {

@@ -236,7 +236,7 @@ impl<'a> Hand<'_, 'a> {
         }
         let shard = job.layout.shard(band.shard);
         for fault in farm.options.faults {
-            fault.before(&job.line.id);
+            fault.before(&job.line.id, farm.on_event);
         }
         let start = Stopwatch::start();
         let mut result = job.trace_band(&shard, band.index, farm.options.isa);

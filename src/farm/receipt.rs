@@ -14,7 +14,7 @@ pub(super) const RECEIPT_SCHEMA: &str = "glasshouse.receipt/1";
 /// `receipts/<scene>.json`; of one that is damaged or of another version, what can be read of it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Receipt {
-    /// [`RECEIPT_SCHEMA`].
+    /// `glasshouse.receipt/1`.
     #[serde(default)]
     pub schema: String,
     /// The scene.
