@@ -18,7 +18,7 @@ use glasshouse::scene::{NamedBytes, PhotographFiles, SceneError, decode_mesh, de
 use glasshouse::shard::Spec;
 use glasshouse::store::Store;
 use std::path::Path;
-use std::sync::OnceLock;
+use tempfile::TempDir;
 
 /// A reader's name, that of its seeds' folder and of its fuzz target.
 pub(crate) type Reader = (&'static str, fn(&[u8]) -> bool);
@@ -246,9 +246,11 @@ pub(crate) fn message(bytes: &[u8]) -> bool {
 /// A small record in the store of a farm: what a run was told, who tried, who made a tuple, why a scene is set aside. What
 /// is damaged counts as that, and is no error.
 pub(crate) fn record(bytes: &[u8]) -> bool {
-    static FOLDER: OnceLock<tempfile::TempDir> = OnceLock::new();
-    let folder = FOLDER.get_or_init(|| tempfile::tempdir().expect("a folder for records"));
-    let store = Store::local(folder.path()).expect("a folder is a store");
+    thread_local! {
+        static FOLDER: TempDir = tempfile::tempdir().expect("a folder for records");
+    }
+    let folder = FOLDER.with(|folder| folder.path().to_owned());
+    let store = Store::local(&folder).expect("a folder is a store");
     let scene = SceneId::new("a").expect("a name");
     let keys = [
         "control.json",
