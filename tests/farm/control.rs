@@ -159,8 +159,8 @@ fn a_farm_pauses_goes_on_is_cancelled_and_taken_back() {
     for worker in workers {
         let ended = end(worker).expect(3).json();
         assert_eq!(ended["stopped"], "cancelled");
-        // Nobody will take it.
-        assert_eq!(ended["spans_given"], 0);
+        // What the other asked for before; nothing is handed back at the end, for nobody will take it.
+        assert!(ended["spans_given"].as_u64().unwrap() <= 1, "{ended}");
     }
     let cancelled = status(&place, &["--queue", &url]);
     assert!(cancelled["merged"].as_u64().unwrap() < SCENES as u64);
