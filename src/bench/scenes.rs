@@ -95,6 +95,7 @@ pub fn stress(film_px: u32) -> BenchScene {
             inverse_depth_per_m: (0..width * height).map(w).collect(),
             valid: vec![true; width * height],
             filled_share: 0.0,
+            relative: None,
             color_width: width,
             color_height: height,
             radiance,

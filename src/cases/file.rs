@@ -223,6 +223,7 @@ fn photograph(id: &SceneId, side: &str, picture: &Picture, apex: Option<Apex>) -
         transfer: Transfer::Linear,
         depth_unit_m: picture.depth_unit_m(),
         depth_kind: DepthKind::Z,
+        depth_range: None,
         intrinsics: Intrinsics {
             fx: nx / 2.0 / tx,
             fy: ny / 2.0 / ty,

@@ -4,9 +4,9 @@ use super::run_dir::{Run, RunDir, RunError};
 use crate::atomic_file::{self, WriteError};
 use crate::cases::{CaseError, CaseFile, is_case_file};
 use crate::manifest::{
-    Expansion, Index, IndexError, Layout, ManifestError, Recipe, RecipeError, RootError, Roots,
-    SceneLine, expand_counted, from_paths, index_paths, index_source, is_url, parse_jsonl,
-    to_jsonl,
+    Expansion, Index, IndexError, Layout, ManifestError, PlacesFolders, Recipe, RecipeError,
+    RootError, Roots, SceneLine, Source, expand_counted, from_paths, index_paths, index_places,
+    index_source, is_url, parse_jsonl, to_jsonl,
 };
 use crate::sample::{self, SampleError, SamplePhotograph};
 use crate::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
@@ -222,6 +222,30 @@ fn parent(path: &Path) -> PathBuf {
     absolute(parent.unwrap_or(Path::new(".")))
 }
 
+/// Lists a source of PLACES365, on disk or in a bucket.
+fn places(
+    name: &str,
+    source: &Source,
+    [color, depth]: [&Path; 2],
+    base: &Path,
+    options: &PlanOptions,
+) -> Result<Index, PlanError> {
+    let table = base.join(source.depth_ranges.as_deref().unwrap_or_default());
+    let folders = PlacesFolders {
+        color,
+        depth,
+        table: &table,
+    };
+    let mut listed = BTreeMap::new();
+    for folder in [color, depth] {
+        if is_url(folder) {
+            listed.insert(folder, options.inputs.list(folder)?);
+        }
+    }
+    let list = |folder: &Path| listed.get(folder).cloned();
+    Ok(index_places(name, &folders, &list)?)
+}
+
 fn from_recipe(path: &Path, text: &str, options: &PlanOptions) -> Result<Content, PlanError> {
     let wrong = |source| PlanError::Recipe {
         path: path.to_owned(),
@@ -253,11 +277,21 @@ fn from_recipe(path: &Path, text: &str, options: &PlanOptions) -> Result<Content
             roots.insert(name.clone(), Path::new("inputs").join(name));
             from_paths(&paths)
         } else {
-            let folder = folders.get(name).map_or_else(PathBuf::new, Path::to_owned);
-            if is_url(&folder) {
-                index_paths(name, source, &folder, &options.inputs.list(&folder)?)?
+            let folder_of =
+                |root: &str| folders.get(root).map_or_else(PathBuf::new, Path::to_owned);
+            let folder = folder_of(name);
+            if source.layout == Layout::Places {
+                places(
+                    name,
+                    source,
+                    [&folder, &folder_of(&format!("{name}-depth"))],
+                    &parent(path),
+                    options,
+                )?
+            } else if is_url(&folder) {
+                index_paths(name, &folder, &options.inputs.list(&folder)?)?
             } else {
-                index_source(name, source, &folder)?
+                index_source(name, &folder)?
             }
         };
         if let Some(first) = index.without_depth.first() {

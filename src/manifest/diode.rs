@@ -4,15 +4,17 @@
 //! [train|val/](indoors|outdoor)/scene_NNNNN/scan_NNNNN/NAME{.png,_depth.npy,_depth_mask.npy}
 //! ```
 
+use super::depth_range::DepthRange;
 use super::line::Intrinsics;
-use super::recipe::{Layout, Source};
+use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
 /// Indoors or outdoors.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Place {
     /// DIODE's `indoors`.
     Indoors,
@@ -21,12 +23,16 @@ pub enum Place {
 }
 
 /// An RGBD photograph of a source. Paths are relative to the source's root, with `/`.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SourceImage {
     /// The colour image.
     pub color: String,
     /// The depth image.
     pub depth: String,
+    /// The root that the depth image lies under, if it is not the source's.
+    pub depth_root: Option<String>,
+    /// Metres for a relative depth, if they are not the source's.
+    pub depth_range: Option<DepthRange>,
     /// The mask, if there is one.
     pub mask: Option<String>,
     /// Indoors or outdoors.
@@ -38,7 +44,7 @@ pub struct SourceImage {
 }
 
 /// What a folder holds.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Index {
     /// Photographs by path.
     pub images: Vec<SourceImage>,
@@ -77,16 +83,33 @@ pub enum IndexError {
         /// Colour images that were seen, but lack depth.
         without_depth: usize,
     },
-    /// A layout that recipes know, but that nothing reads.
+    /// No photograph of a wanted category there.
     #[error(
-        "source {name}: layout \"{layout}\" cannot be listed by this version, which lists \"diode\" and \
-         \"sample\": take the source out of the recipe"
+        "source {name}: {} holds no photograph of a category in {table} with a depth map below {}{}; pass --root {name}=DIR \
+         and --root {name}-depth=DIR",
+        path.display(), depth_path.display(), left_out(*without_depth)
     )]
-    NoReader {
+    NoPlaces {
         /// The source.
         name: String,
-        /// Its layout.
-        layout: Layout,
+        /// The folder of the photographs.
+        path: PathBuf,
+        /// The folder of the depth maps.
+        depth_path: PathBuf,
+        /// The table of categories.
+        table: String,
+        /// Colour images that were seen, but lack depth.
+        without_depth: usize,
+    },
+    /// The table of categories cannot be used.
+    #[error("source {name}: cannot use its depth_ranges {}: {reason}", path.display())]
+    Table {
+        /// The source.
+        name: String,
+        /// The table.
+        path: PathBuf,
+        /// Why not.
+        reason: String,
     },
 }
 
@@ -110,36 +133,19 @@ impl Intrinsics {
     }
 }
 
-/// Lists the photographs of the source `name` in `folder`.
-pub fn index_source(name: &str, source: &Source, folder: &Path) -> Result<Index, IndexError> {
-    if source.layout == Layout::Places {
-        return Err(IndexError::NoReader {
-            name: name.to_owned(),
-            layout: source.layout,
-        });
-    }
+/// Lists the photographs of the source `name`, in DIODE's layout, in `folder`.
+pub fn index_source(name: &str, folder: &Path) -> Result<Index, IndexError> {
     let mut paths = Vec::new();
     list(folder, "", &mut paths).map_err(|(path, source)| IndexError::Read {
         name: name.to_owned(),
         path,
         source,
     })?;
-    index_paths(name, source, folder, &paths)
+    index_paths(name, folder, &paths)
 }
 
 /// The photographs of the source `name` among `paths`, which are relative to its `folder`, with `/`.
-pub fn index_paths(
-    name: &str,
-    source: &Source,
-    folder: &Path,
-    paths: &[String],
-) -> Result<Index, IndexError> {
-    if source.layout == Layout::Places {
-        return Err(IndexError::NoReader {
-            name: name.to_owned(),
-            layout: source.layout,
-        });
-    }
+pub fn index_paths(name: &str, folder: &Path, paths: &[String]) -> Result<Index, IndexError> {
     let index = from_paths(paths);
     if index.images.is_empty() {
         return Err(IndexError::Empty {
@@ -224,6 +230,8 @@ pub fn from_paths(paths: &[String]) -> Index {
         index.images.push(SourceImage {
             color: (*path).to_owned(),
             depth,
+            depth_root: None,
+            depth_range: None,
             mask: sorted.contains(mask.as_str()).then_some(mask),
             place,
             scene: scene.to_owned(),
@@ -280,11 +288,8 @@ mod tests {
 
     #[test]
     fn a_folder_on_disk_is_walked_in_order() {
-        let source: Source = toml::from_str("layout = \"diode\"").unwrap();
         let dir = tempfile::tempdir().unwrap();
-        let error = index_source("diode", &source, dir.path())
-            .unwrap_err()
-            .to_string();
+        let error = index_source("diode", dir.path()).unwrap_err().to_string();
         assert!(error.contains("pass --root diode=DIR"), "{error}");
 
         for name in [
@@ -301,7 +306,7 @@ mod tests {
         }
         let archive = dir.path().join("indoors/scene_2/scan_1.zip");
         crate::atomic_file::write_relaxed(&archive, b"").unwrap();
-        let index = index_source("diode", &source, dir.path()).unwrap();
+        let index = index_source("diode", dir.path()).unwrap();
         let colors: Vec<_> = index.images.iter().map(|i| i.color.as_str()).collect();
         assert_eq!(
             colors,
@@ -312,18 +317,10 @@ mod tests {
         );
 
         let missing = dir.path().join("missing");
-        let error = index_source("diode", &source, &missing)
-            .unwrap_err()
-            .to_string();
+        let error = index_source("diode", &missing).unwrap_err().to_string();
         assert!(
             error.contains("missing") && error.contains("--root diode=DIR"),
             "{error}"
         );
-
-        let places: Source = toml::from_str("layout = \"places\"").unwrap();
-        let error = index_source("places", &places, dir.path())
-            .unwrap_err()
-            .to_string();
-        assert!(error.contains("lists \"diode\" and \"sample\""), "{error}");
     }
 }

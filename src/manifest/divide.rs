@@ -117,6 +117,8 @@ pub(super) mod tests {
     /// Photographs spread over scans of four.
     pub(in super::super) fn set(indoors: usize, outdoor: usize) -> Vec<SourceImage> {
         let image = |place: Place, folder: &str, n: usize| SourceImage {
+            depth_root: None,
+            depth_range: None,
             color: format!("{folder}/scene_{}/scan_{}/{n}.png", n / 8, n / 4),
             depth: format!("{folder}/scene_{}/scan_{}/{n}_depth.npy", n / 8, n / 4),
             mask: None,

@@ -5,7 +5,8 @@ use super::divide::divide;
 use super::draw::{Draw, scene_seed};
 use super::focus::FocusRecipe;
 use super::line::{
-    Apex, Camera, Film, Focus, FocusAt, Glass, Photograph, SCENE_SCHEMA, SceneLine, Split,
+    Apex, Camera, DepthKind, Film, Focus, FocusAt, Glass, Photograph, SCENE_SCHEMA, SceneLine,
+    Split,
 };
 use super::pair::{Pair, pairs};
 use super::param::Param;
@@ -250,11 +251,21 @@ fn photograph((name, source): (&str, &Source), image: &SourceImage, exposure: f6
     let rooted = |path: &String| format!("{name}:{path}");
     Photograph {
         color: rooted(&image.color),
-        depth: rooted(&image.depth),
+        depth: match &image.depth_root {
+            Some(root) => format!("{root}:{}", image.depth),
+            None => rooted(&image.depth),
+        },
         mask: image.mask.as_ref().map(rooted),
         transfer: source.transfer,
         depth_unit_m: source.depth_unit_m,
         depth_kind: source.depth_kind,
+        // A table of categories has them for estimates; metric depths need none.
+        depth_range: match source.depth_kind {
+            DepthKind::Relative | DepthKind::RelativeInverse => {
+                image.depth_range.or(source.depth_range)
+            }
+            DepthKind::Z | DepthKind::Distance => None,
+        },
         intrinsics: source.intrinsics,
         exposure,
         fill: source.fill,

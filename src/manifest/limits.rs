@@ -24,7 +24,8 @@ impl Limit {
     }
 }
 
-const ABOVE_0: Limit = Limit::new(Bound::Excluded(0.0), Bound::Unbounded, "finite and above 0");
+pub(super) const ABOVE_0: Limit =
+    Limit::new(Bound::Excluded(0.0), Bound::Unbounded, "finite and above 0");
 const FROM_0: Limit = Limit::new(
     Bound::Included(0.0),
     Bound::Unbounded,
@@ -65,6 +66,19 @@ pub(super) const TRANSLATION_M: Limit = Limit::new(
     Bound::Included(1.0e7),
     "-1e7 to 1e7",
 );
+/// The ends and the mean of a relative depth, m.
+pub(super) const RELATIVE_DEPTH_M: Limit = Limit::new(
+    Bound::Included(1.0e-3),
+    Bound::Included(1.0e6),
+    "0.001 to 1e6 m",
+);
+pub(super) const FAR_OVER_NEAR: Limit = Limit::new(
+    Bound::Excluded(1.0),
+    Bound::Included(1.0e6),
+    "above 1, and 1e6 at most",
+);
+pub(super) const PERCENT: Limit =
+    Limit::new(Bound::Included(0.0), Bound::Included(100.0), "0 to 100");
 pub(super) const EXPOSURE: Limit = FROM_0;
 /// fx and fy, px.
 pub(super) const FOCAL_LENGTH_PX: Limit = ABOVE_0;

@@ -1,5 +1,6 @@
 //! `glasshouse.scene/1`: one scene of a manifest, everything resolved, in metres and degrees.
 
+use super::depth_range::DepthRange;
 use super::layers::LayerSet;
 use super::side::Side;
 use crate::ids::SceneId;
@@ -201,6 +202,9 @@ pub struct Photograph {
     /// What the depth file measures.
     #[serde(default)]
     pub depth_kind: DepthKind,
+    /// Metres for a relative depth, which has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth_range: Option<DepthRange>,
     /// The capture camera.
     pub intrinsics: Intrinsics,
     /// Multiplies linear radiance.
@@ -242,6 +246,10 @@ pub enum DepthKind {
     Z,
     /// Distance along the ray.
     Distance,
+    /// An estimate of z up to scale and shift: larger is farther. `depth_range` gives metres.
+    Relative,
+    /// An estimate of 1/z up to scale and shift (MiDaS, Depth Anything): larger is nearer. `depth_range` gives metres.
+    RelativeInverse,
 }
 
 /// How holes in a depth image are filled.

@@ -10,6 +10,7 @@
 //!
 //! Pure, apart from the folder walk of `diode.rs`.
 
+mod depth_range;
 mod diode;
 mod divide;
 mod draw;
@@ -21,6 +22,7 @@ mod limits;
 mod line;
 mod pair;
 mod param;
+mod places;
 mod recipe;
 mod recipe_check;
 mod refuse;
@@ -28,6 +30,7 @@ mod roots;
 mod side;
 mod validate;
 
+pub use depth_range::DepthRange;
 pub use diode::{Index, IndexError, Place, SourceImage, from_paths, index_paths, index_source};
 pub use draw::{Draw, scene_seed};
 pub use expand::{Expansion, expand, expand_counted};
@@ -36,6 +39,9 @@ pub use jsonl::{ManifestError, parse_jsonl, parse_scene, to_jsonl};
 pub use layers::{LAYER_NAMES, LayerSet};
 pub use line::*;
 pub use param::{Normal, Param};
+pub use places::{
+    Category, DEPTH_RANGES_SCHEMA, DepthRanges, DepthRangesError, PlacesFolders, index_places,
+};
 pub use recipe::{
     BackRecipe, CameraRecipe, FilmRecipe, FrontRecipe, GlassRecipe, Layout, RECIPE_SCHEMA, Recipe,
     RecipeError, Source, SplitRecipe,

@@ -1,9 +1,11 @@
 //! `glasshouse.recipe/1`: what a set of scenes is drawn from. Defaults are the paper's constants.
 
+use super::depth_range::DepthRange;
 use super::focus::FocusRecipe;
 use super::layers::LayerSet;
 use super::line::{Apex, DepthKind, ExrPrecision, Fill, Film, Filter, Intrinsics, Split, Transfer};
 use super::param::Param;
+use super::places::depth_root;
 use super::roots::Roots;
 use super::validate::LineError;
 use crate::ids::SceneId;
@@ -295,6 +297,10 @@ pub struct Source {
     /// What the depth files measure. Default z.
     #[serde(default)]
     pub depth_kind: DepthKind,
+    /// Metres for relative depths; of `places` the table of categories has them.
+    pub depth_range: Option<DepthRange>,
+    /// `places`: folder of the depth maps, relative to the recipe; `NAME-depth` if missing.
+    pub depth_root: Option<String>,
     /// How holes are filled. Default smooth.
     #[serde(default)]
     pub fill: Fill,
@@ -341,6 +347,13 @@ impl Recipe {
                 roots
                     .insert(name, folder)
                     .expect("source names were checked, and this one has no root yet");
+            }
+            let depth = depth_root(name);
+            if source.layout == Layout::Places && given.get(&depth).is_none() {
+                let folder: PathBuf = base.join(source.depth_root.as_deref().unwrap_or(&depth));
+                roots
+                    .insert(&depth, folder)
+                    .expect("no source is called like the depths of another one");
             }
         }
         roots
@@ -394,6 +407,25 @@ pairs = { diode = 120, places = 80 }
     }
 
     #[test]
+    fn the_shipped_paper_recipe_is_the_paper_s() {
+        let paper = Recipe::parse(include_str!("../../manifests/paper.toml")).unwrap();
+        let constants = Recipe::parse(PAPER).unwrap();
+        assert_eq!(paper.film, constants.film);
+        assert_eq!(paper.camera, constants.camera);
+        assert_eq!(paper.glass, constants.glass);
+        assert_eq!(paper.splits, constants.splits);
+        assert_eq!(
+            (paper.seed, &paper.front, &paper.back),
+            (2020, &constants.front, &constants.back)
+        );
+        assert_eq!(
+            paper.sources["places"].depth_kind,
+            DepthKind::RelativeInverse
+        );
+        assert_eq!(paper.sources["diode"].intrinsics, Intrinsics::diode());
+    }
+
+    #[test]
     fn the_shipped_smoke_recipe_is_the_paper_s_but_for_plainer_panes() {
         let smoke = Recipe::parse(include_str!("../../manifests/smoke.toml")).unwrap();
         assert_eq!(smoke.film, FilmRecipe::default());
@@ -433,6 +465,8 @@ pairs = { diode = 120, places = 80 }
         let roots = recipe.roots(Path::new("/recipes"), &given);
         assert_eq!(roots.get("diode"), Some(Path::new("/big/diode")));
         assert_eq!(roots.get("places"), Some(Path::new("/recipes/places")));
+        let depths = roots.get("places-depth");
+        assert_eq!(depths, Some(Path::new("/recipes/places-depth")));
         assert_eq!(roots.get("other"), Some(Path::new("/o")));
     }
 }

@@ -3,6 +3,7 @@
 use super::focus::FocusRecipe;
 use super::limits::{self, Limit};
 use super::param::Param;
+use super::places::depth_root;
 use super::recipe::{Layout, RECIPE_SCHEMA, Recipe, RecipeError, Source};
 use super::roots::is_root_name;
 use crate::ids::SceneId;
@@ -105,6 +106,13 @@ impl Recipe {
                 return bad(&key, "must be named by two or more of [A-Za-z0-9_-]");
             }
             source.check(&key)?;
+            if source.layout == Layout::Places && self.sources.contains_key(&depth_root(name)) {
+                let taken = depth_root(name);
+                let problem = format!(
+                    "has its depth maps under the root {taken}, which is a source, too: rename one"
+                );
+                return bad(&key, problem);
+            }
             let photographs = match source.layout {
                 Layout::Sample => format!("seed {}", source.seed.unwrap_or(self.seed)),
                 Layout::Diode | Layout::Places => {
@@ -164,9 +172,11 @@ impl Source {
     /// `key` is where it stands in the recipe.
     fn check(&self, key: &str) -> Result<(), RecipeError> {
         use Layout::{Diode, Places, Sample};
-        let keys: [(&str, bool, &[Layout]); 6] = [
+        let keys: [(&str, bool, &[Layout]); 8] = [
             ("root", self.root.is_some(), &[Diode, Places]),
             ("depth_ranges", self.depth_ranges.is_some(), &[Places]),
+            ("depth_root", self.depth_root.is_some(), &[Places]),
+            ("depth_range", self.depth_range.is_some(), &[Diode, Sample]),
             ("count", self.count.is_some(), &[Sample]),
             ("seed", self.seed.is_some(), &[Sample]),
             ("width", self.width.is_some(), &[Sample]),
@@ -179,6 +189,12 @@ impl Source {
                     format!("does not belong to layout \"{}\": remove it", self.layout),
                 );
             }
+        }
+        if self.layout == Places && self.depth_ranges.is_none() {
+            return bad(
+                &format!("{key}.depth_ranges"),
+                "is missing: name the table of categories, such as \"depth-ranges.toml\"",
+            );
         }
         if self.layout == Sample {
             if self.count.is_none_or(|count| count < 2) {

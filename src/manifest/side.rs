@@ -1,5 +1,6 @@
 //! What one side of the pane shows: an RGBD photograph, or a triangle mesh in its place.
 
+use super::depth_range::DepthRange;
 use super::line::{Apex, DepthKind, Fill, Intrinsics, Photograph, Transfer, one};
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -161,6 +162,8 @@ struct AnySide {
     #[serde(default, deserialize_with = "given")]
     depth_kind: Option<DepthKind>,
     #[serde(default, deserialize_with = "given")]
+    depth_range: Option<DepthRange>,
+    #[serde(default, deserialize_with = "given")]
     intrinsics: Option<Intrinsics>,
     #[serde(default, deserialize_with = "given")]
     unit_m: Option<f64>,
@@ -197,6 +200,7 @@ impl AnySide {
             ("mask", self.mask.is_some()),
             ("depth_unit_m", self.depth_unit_m.is_some()),
             ("depth_kind", self.depth_kind.is_some()),
+            ("depth_range", self.depth_range.is_some()),
             ("intrinsics", self.intrinsics.is_some()),
             ("fill", self.fill.is_some()),
         ] {
@@ -225,7 +229,7 @@ impl AnySide {
             if is_given {
                 return Err(format!(
                     "`{key}` belongs to a `mesh`, which is not given; a photograph takes color, depth, mask, transfer, \
-                     depth_unit_m, depth_kind, intrinsics, exposure, fill and apex"
+                     depth_unit_m, depth_kind, depth_range, intrinsics, exposure, fill and apex"
                 ));
             }
         }
@@ -241,6 +245,7 @@ impl AnySide {
             transfer: self.transfer.unwrap_or_default(),
             depth_unit_m: self.depth_unit_m.unwrap_or_else(one),
             depth_kind: self.depth_kind.unwrap_or_default(),
+            depth_range: self.depth_range,
             intrinsics: self.intrinsics.ok_or_else(|| missing("intrinsics"))?,
             exposure: self.exposure.unwrap_or_else(one),
             fill: self.fill.unwrap_or_default(),

@@ -1,5 +1,6 @@
 //! Whether a scene line makes sense by itself: every number within its range, every path given.
 
+use super::depth_range;
 use super::limits::{self, Limit};
 use super::line::{Focus, Photograph, SCENE_SCHEMA, SceneLine};
 use super::side::{MeshFile, Side};
@@ -28,6 +29,21 @@ pub enum LineError {
     EmptyPath {
         /// The key, with dots.
         field: String,
+    },
+    /// A relative depth without metres, or metres twice.
+    #[error(
+        "{}",
+        if *given {
+            format!("{side}.depth_range is given, but only depth_kind \"relative\" and \"relative_inverse\" have one: remove it")
+        } else {
+            format!("{side}.depth_kind is relative, but {side}.depth_range is missing: give {{\"mean_m\": metres}}")
+        }
+    )]
+    DepthRange {
+        /// `front` or `back`.
+        side: String,
+        /// A range stands there.
+        given: bool,
     },
     /// `apex` says where the reflected side's camera stands; the front one's is the lens.
     #[error("front.apex is given, but only the back has an apex: move it to back")]
@@ -197,7 +213,7 @@ fn photograph(side: &str, photograph: &Photograph) -> Result<(), LineError> {
         let field = format!("{side}.intrinsics.size[{index}]");
         within(&field, pixels.into(), limits::IMAGE_SIDE)?;
     }
-    Ok(())
+    depth_range::check(side, photograph)
 }
 
 /// `Ok` if `limit` holds `value`.

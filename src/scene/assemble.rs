@@ -3,6 +3,7 @@
 use super::near::{MAX_TOO_NEAR_SHARE, Near};
 use super::photograph::Sheet;
 use super::place::{Decoded, MeshSides, Placed};
+use super::relative::RelativeSides;
 use crate::manifest::{Apex, Filter, Focus, FocusAt, LineError, SceneLine, refuse};
 use crate::trace::{
     FilmPlane, FilterTable, Grid, Lens, MAX_COORDINATE_M, Order, OrderPlan, Pose, Sampling, Scene,
@@ -118,6 +119,9 @@ pub struct SceneFacts {
     pub dropped_tail: Sides,
     /// Share of depth pixels that were holes and were filled.
     pub filled_share: Sides,
+    /// Of the sides whose depth is relative: the metres that it was given.
+    #[serde(default, skip_serializing_if = "RelativeSides::is_empty")]
+    pub relative_depth: RelativeSides,
     /// Share of valid depth pixels nearer than the pane (they are seen all the same).
     pub too_near_share: Sides,
     /// Largest linear radiance.
@@ -244,6 +248,10 @@ pub fn assemble(
         filled_share: Sides {
             front: front.filled_share(),
             back: back.filled_share(),
+        },
+        relative_depth: RelativeSides {
+            front: front.relative(),
+            back: back.relative(),
         },
         too_near_share,
         max_radiance,

@@ -5,10 +5,10 @@ use super::files::{FileFormat, NamedBytes};
 use super::npy::{Axes, NpyImage};
 use super::npy_header::Element;
 use super::raster::{self, Raster, Samples};
-use super::{openexr, transfer};
+use super::{openexr, pfm, transfer};
 use crate::manifest::Transfer;
 
-const FORMATS: &str = "a PNG, JPEG, PNM, EXR or .npy colour image";
+const FORMATS: &str = "a PNG, JPEG, PNM, EXR, Radiance HDR, PFM or .npy colour image";
 const NPY: &str = "(H,W), (H,W,1), (H,W,3) or (H,W,4) of u1, u2, f2, f4 or f8";
 
 /// Radiance of a photograph.
@@ -33,6 +33,7 @@ pub(super) fn decode(
     let raster = match file.format(FORMATS)? {
         FileFormat::Exr => openexr::decode_color(file)?,
         FileFormat::Npy => decode_npy(file)?,
+        FileFormat::Pfm => pfm::decode(file)?,
         format => raster::decode(file, format)?,
     };
     let Raster {
@@ -259,5 +260,33 @@ mod tests {
             SceneError::Radiance { count, x, y, .. } => assert_eq!((count, x, y), (1, 1, 0)),
             other => panic!("{other}"),
         }
+    }
+
+    #[test]
+    fn radiance_hdr_and_float_maps_are_light() {
+        let file = |bytes: &[u8]| NamedBytes {
+            path: "a".into(),
+            bytes: bytes.to_vec(),
+        };
+        // Ward's RGBE, Graphics Gems II: mantissa / 256 times 2 to the exponent less 128.
+        let rgbe = file(
+            b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 1\n\x80\x40\x20\x81\x10\x20\x30\x80",
+        );
+        let color = decode(&rgbe, Transfer::Linear, 2.0).unwrap();
+        assert_eq!((color.width, color.height), (1, 2));
+        assert_eq!(
+            color.radiance,
+            [[2.0, 1.0, 0.5, 0.0], [0.125, 0.25, 0.375, 0.0]]
+        );
+        let map = file(
+            &[
+                &b"PF\n1 1\n-1\n"[..],
+                bytemuck::cast_slice(&[1.5f32, 0.25, 40.0]),
+            ]
+            .concat(),
+        );
+        let color = decode(&map, Transfer::Linear, 1.0).unwrap();
+        assert_eq!(color.radiance, [[1.5, 0.25, 40.0, 0.0]]);
+        assert_eq!(color.max_radiance, 40.0);
     }
 }

@@ -4,11 +4,11 @@ use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
 use super::npy::{Axes, NpyImage};
 use super::npy_header::Element;
-use super::openexr;
 use super::raster::{self, Raster, Samples};
+use super::{openexr, pfm};
 use crate::manifest::{DepthKind, Intrinsics};
 
-const FORMATS: &str = "a .npy, grey PNG, grey PNM or EXR depth image";
+const FORMATS: &str = "a .npy, grey PNG, grey PNM, PFM or EXR depth image";
 const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers";
 
 /// Depth as published, before anything is called a hole.
@@ -24,6 +24,12 @@ pub(super) fn decode(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError
     let raster = match file.format(FORMATS)? {
         FileFormat::Npy => return decode_npy(file, unit_m),
         FileFormat::Exr => openexr::decode_depth(file)?,
+        FileFormat::Pfm => pfm::decode(file)?,
+        FileFormat::Hdr => {
+            return Err(
+                file.wrong_format("a Radiance HDR, which rounds depths".to_owned(), FORMATS)
+            );
+        }
         FileFormat::Jpeg => {
             return Err(file.wrong_format("JPEG, which alters depths".to_owned(), FORMATS));
         }
@@ -62,7 +68,7 @@ impl Depth {
     /// Turns distances along the rays into distances along the axis, if `kind` says that they are
     /// such. `intrinsics` are for this image's pixels.
     pub(super) fn project(&mut self, kind: DepthKind, intrinsics: &Intrinsics) {
-        if kind == DepthKind::Z {
+        if kind != DepthKind::Distance {
             return;
         }
         for (j, row) in self.z_m.chunks_exact_mut(self.width).enumerate() {

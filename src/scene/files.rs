@@ -15,9 +15,9 @@ pub struct NamedBytes {
 /// The files of one photograph.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PhotographFiles {
-    /// PNG, JPEG, PNM, EXR or `.npy`.
+    /// PNG, JPEG, PNM, EXR, Radiance HDR, PFM or `.npy`.
     pub color: NamedBytes,
-    /// PNG, PNM, EXR or `.npy`.
+    /// PNG, PNM, EXR, PFM or `.npy`.
     pub depth: NamedBytes,
     /// PNG, PNM or `.npy`; without it every finite depth above 0 is valid.
     pub mask: Option<NamedBytes>,
@@ -32,6 +32,8 @@ pub(super) enum FileFormat {
     Exr,
     Npy,
     Ply,
+    Pfm,
+    Hdr,
 }
 
 impl FileFormat {
@@ -44,6 +46,8 @@ impl FileFormat {
             Self::Exr => "EXR",
             Self::Npy => ".npy",
             Self::Ply => "PLY",
+            Self::Pfm => "PFM",
+            Self::Hdr => "Radiance HDR",
         }
     }
 }
@@ -58,6 +62,8 @@ impl NamedBytes {
             [0x89, b'P', b'N', b'G', ..] => Ok(FileFormat::Png),
             [0xff, 0xd8, 0xff, ..] => Ok(FileFormat::Jpeg),
             [b'P', b'1'..=b'7', b' ' | b'\t' | b'\r' | b'\n' | b'#', ..] => Ok(FileFormat::Pnm),
+            [b'P', b'f' | b'F', b' ' | b'\r' | b'\n', ..] => Ok(FileFormat::Pfm),
+            [b'#', b'?', b'R', ..] => Ok(FileFormat::Hdr),
             [0x76, 0x2f, 0x31, 0x01, ..] => Ok(FileFormat::Exr),
             [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Ok(FileFormat::Npy),
             [b'p', b'l', b'y', b'\r' | b'\n', ..] => Ok(FileFormat::Ply),

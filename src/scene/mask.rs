@@ -29,7 +29,7 @@ pub(super) fn decode(file: &NamedBytes) -> Result<Mask, SceneError> {
                 valid: image.nonzero(),
             });
         }
-        format @ (FileFormat::Jpeg | FileFormat::Exr) => {
+        format @ (FileFormat::Jpeg | FileFormat::Exr | FileFormat::Pfm | FileFormat::Hdr) => {
             return Err(file.wrong_format(format.name().to_owned(), FORMATS));
         }
         format => raster::decode(file, format)?,

@@ -29,11 +29,13 @@ mod near;
 mod npy;
 mod npy_header;
 mod openexr;
+mod pfm;
 mod photograph;
 mod place;
 mod ply;
 mod ply_header;
 mod raster;
+mod relative;
 mod transfer;
 
 pub use assemble::{AssembleError, OrderFact, SceneFacts, Sides, assemble};
@@ -47,3 +49,4 @@ pub use mesh::{Polygons, decode_mesh};
 pub use near::MAX_TOO_NEAR_SHARE;
 pub use photograph::{Sheet, decode_linear_image, decode_photograph};
 pub use place::{Decoded, MeshFacts, MeshSides};
+pub use relative::{RelativeEnds, RelativeSides};

@@ -2,6 +2,7 @@
 
 use super::error::SceneError;
 use super::files::{NamedBytes, PhotographFiles};
+use super::relative::{self, RelativeEnds};
 use super::{center, color, depth, fill, mask};
 use crate::manifest::{Fill, Intrinsics, Photograph, Transfer};
 use std::path::Path;
@@ -19,6 +20,8 @@ pub struct Sheet {
     pub valid: Vec<bool>,
     /// Filled vertices / all vertices.
     pub filled_share: f64,
+    /// The metres that a relative depth was given.
+    pub relative: Option<RelativeEnds>,
     /// Texels across: pixels of the colour image, which covers the same field of view.
     pub color_width: usize,
     /// Texels down.
@@ -46,6 +49,16 @@ pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<S
     depth.project(line.depth_kind, &intrinsics);
 
     let mut valid = read_mask(files, width, height)?;
+    let relative = match &line.depth_range {
+        Some(range) => Some(relative::scale(
+            &mut depth,
+            &mut valid,
+            line.depth_kind,
+            range,
+            &files.depth.path,
+        )?),
+        None => None,
+    };
     let mut inverse_depth_per_m = invert(&files.depth.path, &depth, &mut valid)?;
     let hole_count = valid.iter().filter(|&&valid| !valid).count();
     let front_center_z_m =
@@ -67,6 +80,7 @@ pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<S
         inverse_depth_per_m,
         valid,
         filled_share: hole_count as f64 / (width * height) as f64,
+        relative,
         color_width: color.width,
         color_height: color.height,
         radiance: color.radiance,

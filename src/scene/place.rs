@@ -3,6 +3,7 @@
 use super::assemble::AssembleError;
 use super::mesh::Polygons;
 use super::photograph::Sheet;
+use super::relative::RelativeEnds;
 use crate::trace::{MAX_COORDINATE_M, Mesh};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -136,6 +137,13 @@ impl Placed {
         match self {
             Self::Sheet(sheet) => sheet.filled_share,
             Self::Mesh(_) => 0.0,
+        }
+    }
+
+    pub(super) fn relative(&self) -> Option<RelativeEnds> {
+        match self {
+            Self::Sheet(sheet) => sheet.relative,
+            Self::Mesh(_) => None,
         }
     }
 

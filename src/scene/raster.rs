@@ -1,9 +1,9 @@
-//! PNG, JPEG and PNM files through the `image` crate, and what all colour formats decode to.
+//! PNG, JPEG, PNM and Radiance HDR files through the `image` crate, and what all colour formats decode to.
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
 use super::limits::{check_size, image_limits};
-use image::codecs::{jpeg::JpegDecoder, png::PngDecoder, pnm::PnmDecoder};
+use image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, pnm::PnmDecoder};
 use image::{ColorType, ImageDecoder};
 use std::io::Cursor;
 
@@ -28,7 +28,7 @@ pub(super) enum Samples {
     F32(Vec<f32>),
 }
 
-/// Decodes a PNG, JPEG or PNM file. Rotation tags, profiles and gamma chunks are ignored: the
+/// Decodes a PNG, JPEG, PNM or Radiance HDR file. Rotation tags, profiles and gamma chunks are ignored: the
 /// manifest line says what the values mean.
 ///
 /// The JPEG decoder picks its instructions by the machine; whether all of them agree to the bit is
@@ -56,7 +56,25 @@ pub(super) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, Sc
             "a PLY mesh".to_owned(),
             "an image here, or name the file as \"mesh\" in place of color and depth",
         )),
-        FileFormat::Exr | FileFormat::Npy => unreachable!("read by modules of their own"),
+        FileFormat::Hdr => {
+            let decoder = HdrDecoder::new(bytes).map_err(failed)?;
+            let (width, height) = decoder.dimensions();
+            check_size(&file.path, width as u64, height as u64)?;
+            let mut values = vec![0f32; width as usize * height as usize * 3];
+            decoder
+                .read_image(bytemuck::cast_slice_mut(&mut values))
+                .map_err(failed)?;
+            Ok(Raster {
+                width: width as usize,
+                height: height as usize,
+                channels: 3,
+                samples: Samples::F32(values),
+                rescaled: false,
+            })
+        }
+        FileFormat::Exr | FileFormat::Npy | FileFormat::Pfm => {
+            unreachable!("read by modules of their own")
+        }
     })
 }
 

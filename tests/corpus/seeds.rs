@@ -101,6 +101,19 @@ fn images() -> Vec<(String, Vec<u8>)> {
         ("grey16.pgm", b"P5 3 2 65535 abcdefghijkl".to_vec()),
         ("rgb.ppm", b"P6 3 2 255 abcdefghijklmnopqr".to_vec()),
         (
+            "grey.pfm",
+            [&b"Pf\n3 2\n-1.0\n"[..], &0.5f32.to_le_bytes().repeat(6)].concat(),
+        ),
+        (
+            "rgb.pfm",
+            [&b"PF\n1 2\n1\n"[..], &0.5f32.to_be_bytes().repeat(6)].concat(),
+        ),
+        (
+            "rgbe.hdr",
+            b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 1\n\x80\x40\x20\x81\x10\x20\x30\x80"
+                .to_vec(),
+        ),
+        (
             "any.pam",
             b"P7\nWIDTH 3\nHEIGHT 2\nDEPTH 1\nMAXVAL 255\nTUPLTYPE GRAYSCALE\nENDHDR\nabcdef"
                 .to_vec(),

@@ -30,6 +30,7 @@ mod merging;
 mod mesh;
 mod moto;
 mod outputs;
+mod places;
 mod planning;
 mod poison;
 mod program;

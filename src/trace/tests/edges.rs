@@ -37,6 +37,7 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
         transfer: Transfer::Linear,
         depth_unit_m: unit_m,
         depth_kind: crate::manifest::DepthKind::Z,
+        depth_range: None,
         intrinsics: crate::manifest::Intrinsics {
             fx: 500.0,
             fy: 500.0,
