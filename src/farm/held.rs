@@ -362,7 +362,7 @@ impl<'a> HeldSpans<'a> {
             if let Some(attempt) = &held.attempt {
                 attempt.forget(store);
             }
-            if let Some(open) = &held.open {
+            if let Some(open) = held.open.as_ref().filter(|open| open.has_stored()) {
                 let span = &held.delivery.waiting.span;
                 MadeBy::leave(store, &open.job.line.id, span, who);
             }

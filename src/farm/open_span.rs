@@ -36,6 +36,8 @@ struct State {
     shared: bool,
     /// Another process has a part of it now, and may wait for this one's.
     awaited: bool,
+    /// Some of its partials are in the store.
+    stored: bool,
     /// The scene's tuple is in the store.
     merged: bool,
 }
@@ -49,6 +51,7 @@ impl<'a> OpenSpan<'a> {
             in_memory: Vec::new(),
             since: None,
             ended: false,
+            stored: false,
             merged: false,
             shared: shards != (0..job.layout.len()),
             awaited: shards != (0..job.layout.len()),
@@ -138,7 +141,13 @@ impl<'a> OpenSpan<'a> {
     pub(super) fn stored(&self) -> bool {
         let mut state = self.state();
         state.unwritten -= 1;
+        state.stored = true;
         self.ends_in_part(&mut state)
+    }
+
+    /// Something of it is in the store by this worker.
+    pub(super) fn has_stored(&self) -> bool {
+        self.state().stored
     }
 
     /// True if nothing is left to do in a span of which something was found. For once all that was found is counted.

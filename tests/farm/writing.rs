@@ -82,6 +82,27 @@ fn a_disk_that_is_full_at_the_tuple_ends_with_1_and_can_be_resumed() {
     assert_tidy(&place.run);
 }
 
+/// Asked to stop when a scene is open and none of its shards is begun, nothing of it is in the store.
+#[test]
+fn a_scene_that_was_only_opened_leaves_nothing() {
+    let place = place();
+    let (recipe, folder) = (text(&place.recipe), text(&place.run));
+    run(&["plan", recipe, "--out", folder, "--tile", "32"]).expect(0);
+    let opened = Run::open(&place.run, &Roots::default()).unwrap();
+    let stop = AtomicBool::new(false);
+    let on_event = |event: Event| {
+        if matches!(event, Event::SceneOpened { .. }) {
+            stop.store(true, Ordering::SeqCst);
+        }
+    };
+    let options = WorkOptions::new(1, Isa::detect(), &stop);
+    let outcome = work(&opened, &options, &on_event).unwrap();
+    assert_eq!((outcome.traced, outcome.merged), (0, 0));
+    assert!(!place.run.join("partials").exists());
+    run(&["work", folder]).expect(0);
+    assert_same(&tuples(&place.run), reference());
+}
+
 /// Asked to stop in the middle of a shard, the threads finish it together: so that short slots get on, too.
 #[test]
 fn a_begun_shard_is_finished_after_a_stop() {
