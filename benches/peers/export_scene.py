@@ -1,7 +1,7 @@
 """Makes a folder that run.py takes from a scene of a finished run: copies its photographs, fills holes, fixes the focus.
 
     glasshouse run manifests/smoke.toml
-    benches/peers/export_scene.py runs/smoke train-000000 --out SCENE_DIR
+    benches/peers/export_scene.py runs/smoke train-sample-000000 --out SCENE_DIR
 
 Holes get the farthest valid depth (`fill = "far"`), so that every renderer is given the same sheet.
 """
@@ -59,7 +59,7 @@ def export(run: Path, scene_id: str, out: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", type=Path, help="folder of a finished run")
-    parser.add_argument("id", help="scene with an untilted pane, e.g. train-000000 of the smoke recipe")
+    parser.add_argument("id", help="scene with an untilted pane, e.g. train-sample-000000 of the smoke recipe")
     parser.add_argument("--out", type=Path, required=True)
     args = parser.parse_args()
     export(args.run, args.id, args.out)

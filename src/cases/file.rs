@@ -232,6 +232,7 @@ fn photograph(id: &SceneId, side: &str, picture: &Picture, apex: Option<Apex>) -
             size: None,
         },
         exposure: 1.0,
+        illuminant: [1.0; 3],
         fill: Fill::Smooth,
         apex,
     }

@@ -121,7 +121,7 @@ pub enum Command {
     /// Render one scene (a scene file, or a tuple.json to make again) to four EXRs and PNGs
     #[command(after_help = "Examples:
   glasshouse render scene.json --out out --spp 1024 -j 2
-  glasshouse render runs/smoke/tuples/train-000000/tuple.json --out again")]
+  glasshouse render runs/smoke/tuples/train-sample-000000/tuple.json --out again")]
     Render(RenderArgs),
     /// Trace shards of a planned run until none are left, merging scenes as they are done
     #[command(after_help = "Examples:
@@ -165,14 +165,14 @@ pub enum Command {
     Retry(RetryArgs),
     /// Say everything that is known of a scene or a shard, what happens next, and what you can do
     #[command(after_help = "Examples:
-  glasshouse explain runs/smoke train-000000
-  glasshouse explain runs/smoke train-000000:0")]
+  glasshouse explain runs/smoke train-sample-000000
+  glasshouse explain runs/smoke train-sample-000000:0")]
     Explain(ExplainArgs),
     /// Trace some scenes again and compare every file with what the run holds, bit for bit
     #[command(after_help = "Examples:
   glasshouse audit runs/smoke
   glasshouse audit runs/smoke --share 0.2 --seed 7
-  glasshouse audit runs/smoke --scene train-000000")]
+  glasshouse audit runs/smoke --scene train-sample-000000")]
     Audit(AuditArgs),
     /// Write report/index.html: the run at a glance and a contact sheet
     #[command(after_help = "Examples:

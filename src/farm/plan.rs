@@ -307,7 +307,7 @@ fn from_recipe(path: &Path, text: &str, options: &PlanOptions) -> Result<Content
         same_place,
         same_scan,
         redrawn,
-    } = expand_counted(&recipe, &images).map_err(wrong)?;
+    } = expand_counted(&recipe, &images, &BTreeSet::new()).map_err(wrong)?;
     for (count, what) in [
         (
             same_place,

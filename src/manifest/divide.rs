@@ -1,11 +1,12 @@
-//! Which split a photograph belongs to: each to one, in proportion to the pairs they need.
+//! Which split a photograph belongs to: each to one. How many go where depends on shares that the recipe states and never on
+//! how many scenes are made of them, so that a scene more moves no photograph to another split.
 
 use super::diode::{Place, SourceImage};
 use super::draw::shuffled;
 use super::recipe::RecipeError;
 use std::collections::BTreeSet;
 
-/// Divides the photographs of a source among splits that need `pairs` (all above 0) of it.
+/// Divides the photographs of a source among splits in proportion to `shares` (all above 0).
 ///
 /// Every split gets at least two, and some of each place where there are enough. The parts follow from
 /// the seed, the source's name and the paths alone.
@@ -13,7 +14,7 @@ pub(super) fn divide<'a>(
     dataset_seed: u64,
     source_name: &str,
     images: &'a [SourceImage],
-    pairs: &[u32],
+    shares: &[f64],
 ) -> Result<Vec<Vec<&'a SourceImage>>, RecipeError> {
     let mut seen = BTreeSet::new();
     if let Some(twice) = images.iter().find(|image| !seen.insert(&image.color)) {
@@ -22,7 +23,13 @@ pub(super) fn divide<'a>(
             color: twice.color.clone(),
         });
     }
-    let splits = pairs.len();
+    let splits = shares.len();
+    // In whole numbers, which round alike everywhere.
+    let weights: Vec<u32> = shares
+        .iter()
+        .map(|s| (s * 1e9).round().max(1.0) as u32)
+        .collect();
+    let weights = weights.as_slice();
     if images.len() < 2 * splits {
         return Err(RecipeError::TooFewImages {
             source_name: source_name.to_owned(),
@@ -43,15 +50,15 @@ pub(super) fn divide<'a>(
         std::mem::swap(&mut rare, &mut common);
     }
     let rare_sizes = if rare.len() >= splits {
-        apportion(rare.len(), pairs, &vec![1; splits])
+        apportion(rare.len(), weights, &vec![1; splits])
     } else {
-        one_each(rare.len(), pairs)
+        one_each(rare.len(), weights)
     };
     let least: Vec<usize> = rare_sizes
         .iter()
         .map(|n| 2usize.saturating_sub(*n).max(1))
         .collect();
-    let common_sizes = apportion(common.len(), pairs, &least);
+    let common_sizes = apportion(common.len(), weights, &least);
 
     let (mut rare, mut common) = (rare.into_iter(), common.into_iter());
     Ok(rare_sizes
@@ -98,12 +105,12 @@ fn apportion(total: usize, weights: &[u32], least: &[usize]) -> Vec<usize> {
     sizes
 }
 
-/// Gives `total`, fewer than there are splits, one each to those with the most pairs.
-fn one_each(total: usize, pairs: &[u32]) -> Vec<usize> {
-    let mut by_need: Vec<usize> = (0..pairs.len()).collect();
-    by_need.sort_by_key(|&k| std::cmp::Reverse(pairs[k]));
-    let mut sizes = vec![0; pairs.len()];
-    for &k in by_need.iter().take(total) {
+/// Gives `total`, fewer than there are splits, one each to those with the largest shares.
+fn one_each(total: usize, weights: &[u32]) -> Vec<usize> {
+    let mut by_share: Vec<usize> = (0..weights.len()).collect();
+    by_share.sort_by_key(|&k| std::cmp::Reverse(weights[k]));
+    let mut sizes = vec![0; weights.len()];
+    for &k in by_share.iter().take(total) {
         sizes[k] = 1;
     }
     sizes
@@ -134,24 +141,26 @@ pub(super) mod tests {
     #[test]
     fn parts_are_proportional() {
         let images = set(400, 600);
-        let parts = divide(1, "s", &images, &[3000, 120]).unwrap();
+        let parts = divide(1, "s", &images, &[0.96, 0.04]).unwrap();
         let sizes: Vec<_> = parts.iter().map(Vec::len).collect();
-        assert!((961..=962).contains(&sizes[0]), "{sizes:?}");
+        assert!(sizes[0] == 960, "{sizes:?}");
         let inside = parts[1]
             .iter()
             .filter(|i| i.place == Place::Indoors)
             .count();
-        assert!((15..=16).contains(&inside), "{inside}");
+        assert!(inside == 16, "{inside}");
     }
 
     #[test]
     fn too_few_photographs_are_refused() {
-        let error = divide(1, "s", &set(2, 1), &[6, 2]).unwrap_err().to_string();
+        let error = divide(1, "s", &set(2, 1), &[0.8, 0.2])
+            .unwrap_err()
+            .to_string();
         assert!(error.contains("has 3 photographs, but 2 splits"), "{error}");
         let mut twice = set(2, 2);
         twice.push(twice[0].clone());
         assert!(matches!(
-            divide(1, "s", &twice, &[1]),
+            divide(1, "s", &twice, &[1.0]),
             Err(RecipeError::ListedTwice { .. })
         ));
     }
@@ -160,12 +169,12 @@ pub(super) mod tests {
         #[test]
         fn every_photograph_has_one_split(
             indoors in 0usize..40, outdoor in 0usize..40, seed: u64,
-            pairs in prop::collection::vec(1u32..5000, 1..4),
+            shares in prop::collection::vec(0.001f64..1.0, 1..4),
         ) {
             let images = set(indoors, outdoor);
-            prop_assume!(images.len() >= 2 * pairs.len());
-            let parts = divide(seed, "s", &images, &pairs).unwrap();
-            prop_assert_eq!(parts.len(), pairs.len());
+            prop_assume!(images.len() >= 2 * shares.len());
+            let parts = divide(seed, "s", &images, &shares).unwrap();
+            prop_assert_eq!(parts.len(), shares.len());
             let mut seen = BTreeSet::new();
             for part in &parts {
                 prop_assert!(part.len() >= 2);
@@ -174,7 +183,7 @@ pub(super) mod tests {
                 }
                 for (place, count) in [(Place::Indoors, indoors), (Place::Outdoor, outdoor)] {
                     let has = part.iter().any(|image| image.place == place);
-                    prop_assert!(has || count < pairs.len());
+                    prop_assert!(has || count < shares.len());
                 }
             }
             prop_assert_eq!(seen.len(), images.len());

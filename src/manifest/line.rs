@@ -72,6 +72,9 @@ pub struct Film {
     /// below this (linear radiance). Without it every pixel takes `spp`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target_error: Option<f64>,
+    /// Which orders of the glass's reflection R~ holds; all if missing. I always holds all.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub glass_reflection_orders: ReflectionOrders,
     /// Layers that are made; all four if missing.
     #[serde(default, skip_serializing_if = "is_default")]
     pub layers: LayerSet,
@@ -97,6 +100,17 @@ impl Film {
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
 fn is_default_tolerance(value: &f64) -> bool {
     *value == Film::default_order_tolerance()
+}
+
+/// The orders of the glass's reflection that belong to R~.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ReflectionOrders {
+    /// All that are followed: the double image, so that I - R~ is the front through the glass.
+    #[default]
+    All,
+    /// The front face's alone: what is left of the reflection in I - R~ are its ghosts.
+    First,
 }
 
 /// Precision of `tuple.exr`.
@@ -131,6 +145,12 @@ pub struct Camera {
     pub aperture_radius_m: f64,
     /// Where it is sharp.
     pub focus: Focus,
+    /// Multiplies all four layers, as the exposure of a camera does.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub exposure: f64,
+    /// Multiplies red, green and blue of all four layers, as the white balance of a camera does.
+    #[serde(default = "white", skip_serializing_if = "is_white")]
+    pub white_balance: [f64; 3],
 }
 
 /// The plane that is sharp (without the glass, whose focus shift is not compensated).
@@ -160,6 +180,8 @@ pub enum FocusAt {
     /// Mean z of the four centre pixels of the front depth image, as published; of a mesh, z where the ray through
     /// the film's centre first meets it.
     FrontCenter,
+    /// Of the back, what `front_center` is of the front: the mirror image of its centre is sharp.
+    BackCenter,
     /// Infinitely far away.
     Infinity,
 }
@@ -210,6 +232,9 @@ pub struct Photograph {
     /// Multiplies linear radiance.
     #[serde(default = "one")]
     pub exposure: f64,
+    /// Multiplies red, green and blue of linear radiance: the colour of the light that falls on this side.
+    #[serde(default = "white", skip_serializing_if = "is_white")]
+    pub illuminant: [f64; 3],
     /// How holes of the depth image are filled.
     #[serde(default, skip_serializing_if = "is_default")]
     pub fill: Fill,
@@ -220,6 +245,19 @@ pub struct Photograph {
 
 pub(super) fn one() -> f64 {
     1.0
+}
+
+pub(super) const fn white() -> [f64; 3] {
+    [1.0; 3]
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+fn is_one(value: &f64) -> bool {
+    *value == 1.0
+}
+
+pub(super) fn is_white(value: &[f64; 3]) -> bool {
+    *value == white()
 }
 
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {

@@ -10,6 +10,7 @@
 //!
 //! Pure, apart from the folder walk of `diode.rs`.
 
+mod cast;
 mod depth_range;
 mod diode;
 mod divide;
@@ -30,6 +31,7 @@ mod roots;
 mod side;
 mod validate;
 
+pub use cast::photograph_name;
 pub use depth_range::DepthRange;
 pub use diode::{Index, IndexError, Place, SourceImage, from_paths, index_paths, index_source};
 pub use draw::{Draw, scene_seed};

@@ -14,6 +14,11 @@ pub(super) struct Pair<'a> {
 }
 
 impl Pair<'_> {
+    /// What two photographs from one standpoint have in common.
+    pub(super) fn scan_of(image: &SourceImage) -> (Place, &str, &str) {
+        scan_of(image)
+    }
+
     /// Whether both were taken from one standpoint.
     pub(super) fn is_of_one_scan(&self) -> bool {
         scan_of(self.front) == scan_of(self.back)
@@ -53,6 +58,29 @@ pub(super) fn pairs<'a>(
         }
         _ => within(dataset_seed, key, part, scans.len() > 1, count),
     }
+}
+
+/// Pairs the photographs of two sources `count` times: fronts of the one, backs of the other, each photograph as often as
+/// the next one of its source.
+pub(super) fn pairs_between<'a>(
+    dataset_seed: u64,
+    key: [&str; 2],
+    [front, back]: [&[&'a SourceImage]; 2],
+    count: u32,
+) -> Vec<Pair<'a>> {
+    let deck = |role| Deck {
+        dataset_seed,
+        key: [key[0], key[1], role],
+        round: 0,
+        left: Vec::new(),
+    };
+    let (mut fronts, mut backs) = (deck("front"), deck("back"));
+    (0..count)
+        .map(|_| Pair {
+            front: fronts.next(front),
+            back: backs.next(back),
+        })
+        .collect()
 }
 
 type Scan<'a> = (Place, &'a str, &'a str);

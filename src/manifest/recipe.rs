@@ -3,7 +3,10 @@
 use super::depth_range::DepthRange;
 use super::focus::FocusRecipe;
 use super::layers::LayerSet;
-use super::line::{Apex, DepthKind, ExrPrecision, Fill, Film, Filter, Intrinsics, Split, Transfer};
+use super::line::{
+    Apex, DepthKind, ExrPrecision, Fill, Film, Filter, Intrinsics, ReflectionOrders, Split,
+    Transfer,
+};
 use super::param::Param;
 use super::places::depth_root;
 use super::roots::Roots;
@@ -75,6 +78,19 @@ pub enum RecipeError {
         /// Why the last draw was refused.
         source: LineError,
     },
+    /// All photographs that could stand in for one that is left out are left out, too.
+    #[error(
+        "scene {id}: source {source_name} has no usable photograph left in split {split}: repair the files that \
+         are wrong, or add photographs"
+    )]
+    NoStandIn {
+        /// The scene.
+        id: SceneId,
+        /// The source.
+        source_name: String,
+        /// The split.
+        split: Split,
+    },
     /// A drawn line that is not sound.
     #[error("scene {id}: {source}")]
     Line {
@@ -140,6 +156,8 @@ pub struct FilmRecipe {
     pub exr: ExrPrecision,
     /// Adaptive sampling: RMS error (linear) at which a cell of 8 x 8 px is done. Default none: all take `spp`.
     pub target_error: Option<f64>,
+    /// Which orders of the glass's reflection R~ holds: `all` (default) or `first`.
+    pub glass_reflection_orders: ReflectionOrders,
     /// Layers that are made. Default all four.
     pub layers: LayerSet,
 }
@@ -154,6 +172,7 @@ impl Default for FilmRecipe {
             order_tolerance: Param::Constant(Film::default_order_tolerance()),
             exr: ExrPrecision::Half,
             target_error: None,
+            glass_reflection_orders: ReflectionOrders::All,
             layers: LayerSet::default(),
         }
     }
@@ -323,8 +342,21 @@ impl Source {
 pub struct SplitRecipe {
     /// `train` or `test`.
     pub name: Split,
-    /// Scenes to make from each source.
+    /// Scenes to make of each source, or of two as `FRONT/BACK`.
     pub pairs: BTreeMap<String, u32>,
+    /// Share of each source's photographs that belong to this split, against the other's. Default 0.9 for `train`, 0.1 for
+    /// `test`; a source that one split alone uses belongs to it whole.
+    pub photographs: Option<f64>,
+}
+
+impl SplitRecipe {
+    /// See the field.
+    pub fn photographs(&self) -> f64 {
+        self.photographs.unwrap_or(match self.name {
+            Split::Train => 0.9,
+            Split::Test => 0.1,
+        })
+    }
 }
 
 impl Recipe {

@@ -1,5 +1,6 @@
 //! Whether a recipe makes sense before anything is drawn: ranges, names, keys that go together.
 
+use super::cast::sides;
 use super::focus::FocusRecipe;
 use super::limits::{self, Limit};
 use super::param::Param;
@@ -141,17 +142,36 @@ impl Recipe {
                 return bad(&key, "stands there twice: merge the two into one [[split]]");
             }
             seen.push(split.name);
-            for name in split.pairs.keys() {
-                if !self.sources.contains_key(name) {
-                    let known: Vec<_> = self.sources.keys().map(String::as_str).collect();
+            let mut labels = BTreeMap::new();
+            for pair in split.pairs.keys() {
+                for name in sides(pair) {
+                    if !self.sources.contains_key(name) {
+                        let known: Vec<_> = self.sources.keys().map(String::as_str).collect();
+                        return bad(
+                            &format!("{key}, pairs.{pair}"),
+                            format!(
+                                "names no source: the recipe has {}, add [sources.{name}]; of two sources write FRONT/BACK",
+                                known.join(", ")
+                            ),
+                        );
+                    }
+                }
+                // Scenes are named by them.
+                if let Some(other) = labels.insert(pair.replace('/', "-"), pair) {
                     return bad(
-                        &format!("{key}, pairs.{name}"),
-                        format!(
-                            "names no source: the recipe has {}, add [sources.{name}]",
-                            known.join(", ")
-                        ),
+                        &format!("{key}, pairs.{pair}"),
+                        format!("would name its scenes like those of {other:?}: rename a source"),
                     );
                 }
+            }
+            if !(split.photographs() > 0.0 && split.photographs() <= 1.0) {
+                return bad(
+                    &format!("{key}, photographs"),
+                    format!(
+                        "is {}, but must be above 0 and at most 1",
+                        split.photographs()
+                    ),
+                );
             }
             let pairs: u64 = split.pairs.values().copied().map(u64::from).sum();
             if !(1..=MAX_PAIRS).contains(&pairs) {

@@ -1,7 +1,9 @@
 //! What one side of the pane shows: an RGBD photograph, or a triangle mesh in its place.
 
 use super::depth_range::DepthRange;
-use super::line::{Apex, DepthKind, Fill, Intrinsics, Photograph, Transfer, one};
+use super::line::{
+    Apex, Camera, DepthKind, Fill, Intrinsics, Photograph, Transfer, is_white, one, white,
+};
 use serde::{Deserialize, Deserializer, Serialize};
 
 /// One side of the pane. In JSON the key `mesh` tells them apart; a photograph has no such key.
@@ -25,6 +27,9 @@ pub struct MeshFile {
     pub unit_m: f64,
     /// Multiplies linear radiance.
     pub exposure: f64,
+    /// Multiplies red, green and blue of linear radiance: the colour of the light that falls on this side.
+    #[serde(skip_serializing_if = "is_white")]
+    pub illuminant: [f64; 3],
     /// Where the mesh stands; without it the file's axes are the capture camera's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pose: Option<MeshPose>,
@@ -85,6 +90,25 @@ impl Side {
             Self::Photograph(photograph) => &photograph.color,
             Self::Mesh(mesh) => &mesh.mesh,
         }
+    }
+
+    /// What multiplies its linear radiance, and the colour of its light.
+    pub fn light_mut(&mut self) -> (&mut f64, &mut [f64; 3]) {
+        match self {
+            Self::Photograph(photograph) => (&mut photograph.exposure, &mut photograph.illuminant),
+            Self::Mesh(mesh) => (&mut mesh.exposure, &mut mesh.illuminant),
+        }
+    }
+
+    /// The side with the camera's exposure and white balance in its own: light is linear, so both come to the same.
+    pub fn seen_by(&self, camera: &Camera) -> Self {
+        let mut side = self.clone();
+        let (exposure, illuminant) = side.light_mut();
+        *exposure *= camera.exposure;
+        for (channel, balance) in illuminant.iter_mut().zip(camera.white_balance) {
+            *channel *= balance;
+        }
+        side
     }
 
     /// Where the capture camera stands, if the line says so.
@@ -170,6 +194,8 @@ struct AnySide {
     #[serde(default, deserialize_with = "given")]
     exposure: Option<f64>,
     #[serde(default, deserialize_with = "given")]
+    illuminant: Option<[f64; 3]>,
+    #[serde(default, deserialize_with = "given")]
     fill: Option<Fill>,
     #[serde(default)]
     pose: Option<MeshPose>,
@@ -207,7 +233,7 @@ impl AnySide {
             if is_given {
                 return Err(format!(
                     "`{key}` belongs to a photograph and cannot stand beside `mesh`, which takes transfer, unit_m, \
-                     exposure, pose and apex"
+                     exposure, illuminant, pose and apex"
                 ));
             }
         }
@@ -216,6 +242,7 @@ impl AnySide {
             transfer: self.transfer.unwrap_or_default(),
             unit_m: self.unit_m.unwrap_or_else(one),
             exposure: self.exposure.unwrap_or_else(one),
+            illuminant: self.illuminant.unwrap_or_else(white),
             pose: self.pose,
             apex: self.apex,
         }))
@@ -229,7 +256,7 @@ impl AnySide {
             if is_given {
                 return Err(format!(
                     "`{key}` belongs to a `mesh`, which is not given; a photograph takes color, depth, mask, transfer, \
-                     depth_unit_m, depth_kind, depth_range, intrinsics, exposure, fill and apex"
+                     depth_unit_m, depth_kind, depth_range, intrinsics, exposure, illuminant, fill and apex"
                 ));
             }
         }
@@ -248,6 +275,7 @@ impl AnySide {
             depth_range: self.depth_range,
             intrinsics: self.intrinsics.ok_or_else(|| missing("intrinsics"))?,
             exposure: self.exposure.unwrap_or_else(one),
+            illuminant: self.illuminant.unwrap_or_else(white),
             fill: self.fill.unwrap_or_default(),
             apex: self.apex,
         })

@@ -127,6 +127,8 @@ impl SceneLine {
             camera.aperture_radius_m,
             limits::APERTURE_RADIUS_M,
         )?;
+        within("camera.exposure", camera.exposure, limits::EXPOSURE)?;
+        white("camera.white_balance", camera.white_balance)?;
         if let Focus::Distance { distance_m } = camera.focus {
             within(
                 "camera.focus.distance_m",
@@ -174,9 +176,18 @@ impl SceneLine {
 /// Largest deviation of `rotation` times its transpose from the unit matrix: five digits are enough to write one.
 const MAX_DISTORTION: f64 = 1e-4;
 
+/// Factors of red, green and blue.
+fn white(field: &str, factors: [f64; 3]) -> Result<(), LineError> {
+    for (index, factor) in factors.into_iter().enumerate() {
+        within(&format!("{field}[{index}]"), factor, limits::EXPOSURE)?;
+    }
+    Ok(())
+}
+
 fn mesh(side: &str, mesh: &MeshFile) -> Result<(), LineError> {
     within(&format!("{side}.unit_m"), mesh.unit_m, limits::MESH_UNIT_M)?;
     within(&format!("{side}.exposure"), mesh.exposure, limits::EXPOSURE)?;
+    white(&format!("{side}.illuminant"), mesh.illuminant)?;
     let Some(pose) = &mesh.pose else {
         return Ok(());
     };
@@ -209,6 +220,7 @@ fn photograph(side: &str, photograph: &Photograph) -> Result<(), LineError> {
     for (key, value, limit) in numbers {
         within(&format!("{side}.{key}"), value, limit)?;
     }
+    white(&format!("{side}.illuminant"), photograph.illuminant)?;
     for (index, &pixels) in intrinsics.size.iter().flatten().enumerate() {
         let field = format!("{side}.intrinsics.size[{index}]");
         within(&field, pixels.into(), limits::IMAGE_SIDE)?;

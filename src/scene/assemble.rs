@@ -4,7 +4,9 @@ use super::near::{MAX_TOO_NEAR_SHARE, Near};
 use super::photograph::Sheet;
 use super::place::{Decoded, MeshSides, Placed};
 use super::relative::RelativeSides;
-use crate::manifest::{Apex, Filter, Focus, FocusAt, LineError, SceneLine, refuse};
+use crate::manifest::{
+    Apex, Filter, Focus, FocusAt, LineError, ReflectionOrders, SceneLine, refuse,
+};
 use crate::trace::{
     FilmPlane, FilterTable, Grid, Lens, MAX_COORDINATE_M, Order, OrderPlan, Pose, Sampling, Scene,
     Slab, Texture, View,
@@ -78,10 +80,13 @@ pub enum AssembleError {
     },
     /// Nothing to focus on.
     #[error(
-        "camera.focus is front_center, but the ray through the film's centre meets nothing of the front mesh: write \
-         a distance_m, or check front.pose"
+        "camera.focus is {side}_center, but the ray through the film's centre meets nothing of the {side}: write a \
+         distance_m, or check {side}.pose"
     )]
-    NoFocus,
+    NoFocus {
+        /// `front` or `back`.
+        side: &'static str,
+    },
     /// A surface so near that a lens ray would cross millions of depth pixels.
     #[error(
         "{side} photograph: a surface {nearest_m:e} m from the capture camera makes lens rays cross {travel_px:.0} \
@@ -165,21 +170,6 @@ pub fn assemble(
     let lateral_m = line.camera.aperture_radius_m + line.glass.thickness_m;
     // The front's coordinates are the lens's: a mesh can be focused on before anything else is known.
     let front = front.place("front", |x| x, lateral_m)?;
-    let focus_distance_m = match line.camera.focus {
-        Focus::Distance { distance_m } => Some(distance_m),
-        Focus::At {
-            at: FocusAt::FrontCenter,
-        } => Some(front.center_z_m()?),
-        Focus::At {
-            at: FocusAt::Infinity,
-        } => None,
-    };
-    let lens = Lens {
-        aperture_radius_m: line.camera.aperture_radius_m,
-        inverse_focus_per_m: focus_distance_m.map_or(0.0, |z| 1.0 / z),
-    };
-    refuse(line, lens.inverse_focus_per_m)?;
-
     let normal = if line.glass.tilt_deg == [0.0, 0.0] {
         DVec3::Z
     } else {
@@ -192,6 +182,32 @@ pub fn assemble(
         ior: line.glass.ior,
         absorption_per_m: line.glass.absorption_per_m,
     };
+    let mirror = mirror(&slab);
+    let twice = slab.normal * (2.0 * slab.plane_distance_m);
+    let apex = line.back.apex().unwrap_or_default();
+    let into_mirrored_world = |x: DVec3| match apex {
+        Apex::Mirror => DVec3::new(-x.x, x.y, x.z),
+        Apex::Camera => mirror * DVec3::new(-x.x, x.y, -x.z) + twice,
+    };
+    let back = back.place("back", into_mirrored_world, lateral_m)?;
+    let focus_distance_m = match line.camera.focus {
+        Focus::Distance { distance_m } => Some(distance_m),
+        Focus::At {
+            at: FocusAt::FrontCenter,
+        } => Some(front.center_z_m("front", |x| x)?),
+        Focus::At {
+            at: FocusAt::BackCenter,
+        } => Some(back.center_z_m("back", into_mirrored_world)?),
+        Focus::At {
+            at: FocusAt::Infinity,
+        } => None,
+    };
+    let lens = Lens {
+        aperture_radius_m: line.camera.aperture_radius_m,
+        inverse_focus_per_m: focus_distance_m.map_or(0.0, |z| 1.0 / z),
+    };
+    refuse(line, lens.inverse_focus_per_m)?;
+
     let film = FilmPlane {
         width: line.film.width,
         height: line.film.height,
@@ -205,7 +221,6 @@ pub fn assemble(
             Filter::Gaussian => Some(FilterTable::gaussian()),
         },
     };
-    let apex = line.back.apex().unwrap_or_default();
     let directions = film_directions(&film, &lens);
     let cosines: Vec<f64> = directions
         .iter()
@@ -218,13 +233,6 @@ pub fn assemble(
         line.film.order_tolerance,
     );
 
-    let mirror = mirror(&slab);
-    let twice = slab.normal * (2.0 * slab.plane_distance_m);
-    let into_mirrored_world = |x: DVec3| match apex {
-        Apex::Mirror => DVec3::new(-x.x, x.y, x.z),
-        Apex::Camera => mirror * DVec3::new(-x.x, x.y, -x.z) + twice,
-    };
-    let back = back.place("back", into_mirrored_world, lateral_m)?;
     let near = Near {
         slab: &slab,
         distance_m: line.glass.distance_m,
@@ -291,6 +299,7 @@ pub fn assemble(
         spp: line.film.spp,
         target_error: line.film.target_error,
         layers: line.film.layers.asked(),
+        first_reflection_alone: line.film.glass_reflection_orders == ReflectionOrders::First,
         film,
         lens,
         slab,

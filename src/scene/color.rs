@@ -7,6 +7,7 @@ use super::npy_header::Element;
 use super::raster::{self, Raster, Samples};
 use super::{openexr, pfm, transfer};
 use crate::manifest::Transfer;
+use std::rc::Rc;
 
 const FORMATS: &str = "a PNG, JPEG, PNM, EXR, Radiance HDR, PFM or .npy colour image";
 const NPY: &str = "(H,W), (H,W,1), (H,W,3) or (H,W,4) of u1, u2, f2, f4 or f8";
@@ -24,11 +25,11 @@ pub(super) struct Color {
 ///
 /// Grey becomes three equal channels; alpha is ignored, not multiplied in. Integers are scaled by
 /// their maximum (EXR's are not), floats are taken as they are, in single precision; `transfer`
-/// holds for both alike. `exposure` multiplies the result.
+/// holds for both alike. `scale` multiplies red, green and blue of the result.
 pub(super) fn decode(
     file: &NamedBytes,
     transfer: Transfer,
-    exposure: f64,
+    scale: [f64; 3],
 ) -> Result<Color, SceneError> {
     let raster = match file.format(FORMATS)? {
         FileFormat::Exr => openexr::decode_color(file)?,
@@ -44,15 +45,15 @@ pub(super) fn decode(
     } = raster;
     let radiance = match &raster.samples {
         Samples::U8(codes) => {
-            let table = transfer::table_8(transfer, exposure);
-            pixels(codes, channels, |code| table[code as usize])
+            let tables = each(scale, |factor| transfer::table_8(transfer, factor));
+            pixels(codes, channels, |code, c| tables[c][code as usize])
         }
         Samples::U16(codes) => {
-            let table = transfer::table_16(transfer, exposure);
-            pixels(codes, channels, |code| table[code as usize])
+            let tables = each(scale, |factor| transfer::table_16(transfer, factor));
+            pixels(codes, channels, |code, c| tables[c][code as usize])
         }
-        Samples::F32(values) => pixels(values, channels, |value| {
-            (transfer::to_linear(transfer, value as f64) * exposure) as f32
+        Samples::F32(values) => pixels(values, channels, |value, c| {
+            (transfer::to_linear(transfer, value as f64) * scale[c]) as f32
         }),
     };
     let max_radiance = max_of_radiance(file, &radiance, width)?;
@@ -83,13 +84,28 @@ fn decode_npy(file: &NamedBytes) -> Result<Raster, SceneError> {
     })
 }
 
-/// Samples to pixels, each colour channel through `linear`.
-fn pixels<T: Copy>(samples: &[T], channels: usize, linear: impl Fn(T) -> f32) -> Vec<[f32; 4]> {
-    let grey = |value: T| {
-        let value = linear(value);
-        [value, value, value, 0.0]
+/// A table for each channel; one that all share where they are alike.
+fn each(scale: [f64; 3], table: impl Fn(f64) -> Vec<f32>) -> [Rc<Vec<f32>>; 3] {
+    let red = Rc::new(table(scale[0]));
+    let other = |factor: f64| {
+        if factor.to_bits() == scale[0].to_bits() {
+            Rc::clone(&red)
+        } else {
+            Rc::new(table(factor))
+        }
     };
-    let rgb = |r, g, b| [linear(r), linear(g), linear(b), 0.0];
+    let (green, blue) = (other(scale[1]), other(scale[2]));
+    [red, green, blue]
+}
+
+/// Samples to pixels, each colour channel through `linear`, which is told the channel.
+fn pixels<T: Copy>(
+    samples: &[T],
+    channels: usize,
+    linear: impl Fn(T, usize) -> f32,
+) -> Vec<[f32; 4]> {
+    let rgb = |r, g, b| [linear(r, 0), linear(g, 1), linear(b, 2), 0.0];
+    let grey = |value: T| rgb(value, value, value);
     match channels {
         1 => samples.iter().map(|&value| grey(value)).collect(),
         2 => samples
@@ -162,7 +178,7 @@ mod tests {
     use std::path::PathBuf;
 
     fn linear(file: &NamedBytes) -> Vec<[f32; 4]> {
-        decode(file, Transfer::Linear, 1.0).unwrap().radiance
+        decode(file, Transfer::Linear, [1.0; 3]).unwrap().radiance
     }
 
     #[test]
@@ -185,13 +201,13 @@ mod tests {
     #[test]
     fn srgb_comes_before_exposure() {
         let file = png(&[188, 188, 255], 1, 1, Png::Rgb8);
-        let color = decode(&file, Transfer::Srgb, 2.0).unwrap();
+        let color = decode(&file, Transfer::Srgb, [2.0; 3]).unwrap();
         let [r, g, b, zero] = color.radiance[0];
         assert!((r - 1.005773).abs() < 1e-6 && r == g);
         assert_eq!((b, zero, color.max_radiance), (2.0, 0.0, 2.0));
         // A float .npy follows the transfer as well.
         let file = npy("<f8", false, "(1, 1)", &(188.0f64 / 255.0).to_le_bytes());
-        let value = decode(&file, Transfer::Srgb, 2.0).unwrap().radiance[0][0];
+        let value = decode(&file, Transfer::Srgb, [2.0; 3]).unwrap().radiance[0][0];
         assert!((value - r).abs() < 1e-6);
     }
 
@@ -236,7 +252,7 @@ mod tests {
             [[0.5, 2.0, 0.0, 0.0]]
         );
         let refused = npy("<i4", false, "(1, 1)", &[0; 4]);
-        assert!(decode(&refused, Transfer::Linear, 1.0).is_err());
+        assert!(decode(&refused, Transfer::Linear, [1.0; 3]).is_err());
     }
 
     #[test]
@@ -247,7 +263,7 @@ mod tests {
             .flat_map(|value| value.to_le_bytes())
             .collect();
         for transfer in [Transfer::Linear, Transfer::Srgb] {
-            match decode(&npy("<f4", false, "(2, 3)", &data), transfer, 1.0)
+            match decode(&npy("<f4", false, "(2, 3)", &data), transfer, [1.0; 3])
                 .err()
                 .unwrap()
             {
@@ -256,7 +272,7 @@ mod tests {
             }
         }
         let dark = png(&[0, 255], 2, 1, Png::L8);
-        match decode(&dark, Transfer::Linear, 1e39).err().unwrap() {
+        match decode(&dark, Transfer::Linear, [1e39; 3]).err().unwrap() {
             SceneError::Radiance { count, x, y, .. } => assert_eq!((count, x, y), (1, 1, 0)),
             other => panic!("{other}"),
         }
@@ -272,7 +288,7 @@ mod tests {
         let rgbe = file(
             b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 1\n\x80\x40\x20\x81\x10\x20\x30\x80",
         );
-        let color = decode(&rgbe, Transfer::Linear, 2.0).unwrap();
+        let color = decode(&rgbe, Transfer::Linear, [2.0; 3]).unwrap();
         assert_eq!((color.width, color.height), (1, 2));
         assert_eq!(
             color.radiance,
@@ -285,7 +301,7 @@ mod tests {
             ]
             .concat(),
         );
-        let color = decode(&map, Transfer::Linear, 1.0).unwrap();
+        let color = decode(&map, Transfer::Linear, [1.0; 3]).unwrap();
         assert_eq!(color.radiance, [[1.5, 0.25, 40.0, 0.0]]);
         assert_eq!(color.max_radiance, 40.0);
     }

@@ -123,8 +123,8 @@ pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadErr
 /// The first half of [`load`], for who assembles several scenes from the same photographs.
 pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, LoadError> {
     Ok(DecodedScene {
-        front: decode_side(&line.front, &files.front)?,
-        back: decode_side(&line.back, &files.back)?,
+        front: decode_side(&line.front.seen_by(&line.camera), &files.front)?,
+        back: decode_side(&line.back.seen_by(&line.camera), &files.back)?,
         inputs: digests(files),
     })
 }

@@ -52,7 +52,8 @@ pub fn decode_mesh(line: &MeshFile, file: &NamedBytes) -> Result<Polygons, Scene
     for (index, color) in colors.iter().enumerate() {
         let mut pixel = [0.0f32; 4];
         for k in 0..3 {
-            let linear = transfer::to_linear(line.transfer, color[k]) * line.exposure;
+            let linear =
+                transfer::to_linear(line.transfer, color[k]) * (line.exposure * line.illuminant[k]);
             if !(0.0..=f64::from(f32::MAX)).contains(&linear) {
                 return Err(file.bad_element(
                     format!("vertex {index}"),

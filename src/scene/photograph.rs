@@ -73,7 +73,11 @@ pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<S
         Fill::Far => fill::far(&mut inverse_depth_per_m),
     }
 
-    let color = color::decode(&files.color, line.transfer, line.exposure)?;
+    let color = color::decode(
+        &files.color,
+        line.transfer,
+        line.illuminant.map(|c| line.exposure * c),
+    )?;
     Ok(Sheet {
         width,
         height,
@@ -93,7 +97,7 @@ pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<S
 /// Width, height and pixels of a linear image (EXR or `.npy`; others too, whose codes are then taken for light). Values
 /// must be finite and not negative.
 pub fn decode_linear_image(file: &NamedBytes) -> Result<(usize, usize, Vec<[f32; 3]>), SceneError> {
-    let color = color::decode(file, Transfer::Linear, 1.0)?;
+    let color = color::decode(file, Transfer::Linear, [1.0; 3])?;
     let pixels = color.radiance.iter().map(|&[r, g, b, _]| [r, g, b]);
     Ok((color.width, color.height, pixels.collect()))
 }
@@ -122,6 +126,18 @@ fn check_parameters(line: &Photograph, files: &PhotographFiles) -> Result<(), Sc
             "exposure",
             *exposure,
             "finite and not negative",
+        );
+    }
+    if let Some(factor) = line
+        .illuminant
+        .into_iter()
+        .find(|f| !(0.0..f64::INFINITY).contains(f))
+    {
+        return refuse(
+            &files.color.path,
+            "illuminant",
+            factor,
+            "three finite numbers, none negative",
         );
     }
     for (name, value) in [

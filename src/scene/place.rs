@@ -154,11 +154,18 @@ impl Placed {
         }
     }
 
-    /// What `front_center` focuses on.
-    pub(super) fn center_z_m(&self) -> Result<f64, AssembleError> {
-        match self {
-            Self::Sheet(sheet) => Ok(sheet.front_center_z_m),
-            Self::Mesh(placed) => placed.mesh.axis_depth_m().ok_or(AssembleError::NoFocus),
-        }
+    /// What `front_center` and `back_center` focus on: z before the lens. `transform` leads from a sheet's capture camera
+    /// to the lens; meshes are there already.
+    pub(super) fn center_z_m(
+        &self,
+        side: &'static str,
+        transform: impl Fn(DVec3) -> DVec3,
+    ) -> Result<f64, AssembleError> {
+        let z_m = match self {
+            Self::Sheet(sheet) => Some(transform(DVec3::Z * sheet.front_center_z_m).z),
+            Self::Mesh(placed) => placed.mesh.axis_depth_m(),
+        };
+        z_m.filter(|z| *z > 0.0)
+            .ok_or(AssembleError::NoFocus { side })
     }
 }

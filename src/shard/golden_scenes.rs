@@ -110,6 +110,7 @@ impl Words {
             spp: self.spp,
             target_error: self.target_error,
             layers: self.layers,
+            first_reflection_alone: false,
             film,
             lens: Lens {
                 aperture_radius_m: self.aperture_radius_m,

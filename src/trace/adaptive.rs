@@ -79,6 +79,7 @@ impl Cell {
         let nothing = Components {
             front: NOTHING,
             bare: NOTHING,
+            reflected: NOTHING,
             back: NOTHING,
             clean: NOTHING,
         };
@@ -124,6 +125,7 @@ impl Cell {
             for (total, new, is_new) in [
                 (&mut pixel.front, new.front, wanted.front),
                 (&mut pixel.bare, new.bare, wanted.bare),
+                (&mut pixel.reflected, new.reflected, wanted.back),
                 (&mut pixel.back, new.back, wanted.back),
                 (&mut pixel.clean, new.clean, wanted.clean),
             ] {
@@ -146,7 +148,7 @@ impl Cell {
         let above = |layer: usize| scene.layers[layer] && of(layer) > target;
         let is_input_above = above(0);
         // What I still lacks is sought where the larger share of its error comes from.
-        let (front, back) = (self.error(|c| c.front), self.error(|c| c.back));
+        let (front, back) = (self.error(|c| c.front), self.error(|c| c.reflected));
         let go_on = [
             above(1) || (is_input_above && front >= back),
             above(2) || (is_input_above && back > front),

@@ -176,10 +176,19 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
             }
             total
         };
+        let reflected = sum_of(&scene.orders.back, &self.back);
+        let back = match scene.orders.back.first() {
+            Some(first) if scene.first_reflection_alone && first.order == Order::Reflected(0) => {
+                sum_of(&scene.orders.back[..1], &self.back[..1])
+            }
+            _ if scene.first_reflection_alone => NOTHING,
+            _ => reflected,
+        };
         Components {
             front: sum_of(&scene.orders.front, &self.front),
             bare: means_of(&bare, count),
-            back: sum_of(&scene.orders.back, &self.back),
+            reflected,
+            back,
             clean: means_of(&pinhole, clean.max(1)),
         }
     }
@@ -287,6 +296,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
             (Some(Order::Transmitted(_)), Feeds::Both) => &[0, 1],
             (Some(Order::Transmitted(_)), Feeds::Bare) => &[1],
             (Some(Order::Transmitted(_)), Feeds::Order) => &[0],
+            (Some(Order::Reflected(1..)), _) if self.scene.first_reflection_alone => &[0],
             (Some(Order::Reflected(_)), _) => &[0, 2],
             (None, _) => &[3],
         };

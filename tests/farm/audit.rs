@@ -44,13 +44,13 @@ fn one_wrong_pixel_is_found() {
 
     // Pixel 500 of 96 a row.
     damage(
-        &place.run.join("tuples/train-000001/tuple.exr"),
+        &place.run.join("tuples/train-sample-000001/tuple.exr"),
         "input.G",
         500,
     );
     let bad = run(&all)
         .expect(1)
-        .says(&["train-000001", "tuple.exr", "1 of 6144 pixels"])
+        .says(&["train-sample-000001", "tuple.exr", "1 of 6144 pixels"])
         .json();
     assert_eq!(
         (&bad["same"], &bad["differ"]),
@@ -58,31 +58,34 @@ fn one_wrong_pixel_is_found() {
     );
     let scenes = bad["scenes"].as_array().unwrap();
     let scene = scenes.iter().find(|s| s["verdict"] == "differs").unwrap();
-    assert_eq!(scene["scene"], "train-000001");
+    assert_eq!(scene["scene"], "train-sample-000001");
     let differences = scene["differences"].as_array().unwrap();
     assert_eq!(differences.len(), 1);
-    assert_eq!(differences[0]["file"], "tuples/train-000001/tuple.exr");
+    assert_eq!(
+        differences[0]["file"],
+        "tuples/train-sample-000001/tuple.exr"
+    );
     assert_eq!(
         (&differences[0]["pixels"], &differences[0]["at"]),
         (&1.into(), &json!([20, 5]))
     );
     let largest = differences[0]["largest"].as_f64().unwrap();
     assert!((largest - 0.5).abs() < 1e-2, "{largest}");
-    run(&["audit", folder, "--scene", "train-000001"]).expect(1);
-    run(&["audit", folder, "--scene", "train-000000"]).expect(0);
+    run(&["audit", folder, "--scene", "train-sample-000001"]).expect(1);
+    run(&["audit", folder, "--scene", "train-sample-000000"]).expect(0);
 
     // A note that says something else, and a picture that is torn.
-    let path = place.run.join("tuples/train-000000/tuple.json");
+    let path = place.run.join("tuples/train-sample-000000/tuple.json");
     let record = std::fs::read_to_string(&path).unwrap();
     std::fs::write(
         &path,
         record.replacen("\"miss_share\": ", "\"miss_share\": 1", 1),
     )
     .unwrap();
-    let path = place.run.join("tuples/train-000000/input.png");
+    let path = place.run.join("tuples/train-sample-000000/input.png");
     let png = std::fs::read(&path).unwrap();
     std::fs::write(&path, &png[..png.len() / 2]).unwrap();
-    run(&["audit", folder, "--scene", "train-000000"])
+    run(&["audit", folder, "--scene", "train-sample-000000"])
         .expect(1)
         .says(&["layers.", "miss_share", "input.png: it cannot be read"]);
 }
@@ -176,7 +179,7 @@ fn the_worker_is_named() {
     end(coordinator).expect(0);
     end(named).expect(0);
     damage(
-        &Path::new(store).join("tuples/test-000000/tuple.exr"),
+        &Path::new(store).join("tuples/test-sample-000000/tuple.exr"),
         "clean_reflection.B",
         0,
     );
@@ -195,8 +198,8 @@ fn the_worker_is_named() {
         json!([{"worker": "crooked", "differ": 1, "audited": SCENES}])
     );
     // What the message asks for makes it good.
-    std::fs::remove_dir_all(Path::new(store).join("tuples/test-000000")).unwrap();
-    for path in ["receipts/test-000000.json", "finished.json"] {
+    std::fs::remove_dir_all(Path::new(store).join("tuples/test-sample-000000")).unwrap();
+    for path in ["receipts/test-sample-000000.json", "finished.json"] {
         std::fs::remove_file(Path::new(store).join(path)).unwrap();
     }
     let coordinator = start("coordinate", &place, &server, &["--store", store]);

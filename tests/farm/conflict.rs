@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use std::process::Child;
 use std::time::Duration;
 
-const SCENE: &str = "train-000001";
+const SCENE: &str = "train-sample-000001";
 
 /// The queue of a planned run, with one scene in it twice and nothing else.
 fn twice(place: &Place, server: &Server) -> NatsCoordinator {
@@ -86,11 +86,11 @@ fn who_computes_other_bits_is_found_out() {
     assert_eq!(found.len(), 1, "{found:?}");
     let reason = reason(&place).unwrap();
     for part in [
-        "two workers made different bytes of partials/train-000001/",
+        "two workers made different bytes of partials/train-sample-000001/",
         "liar",
         "honest",
-        "glasshouse audit RUN --scene train-000001",
-        "glasshouse retry RUN train-000001 --anew",
+        "glasshouse audit RUN --scene train-sample-000001",
+        "glasshouse retry RUN train-sample-000001 --anew",
     ] {
         assert!(reason.contains(part), "{part:?} is missing: {reason}");
     }
@@ -136,10 +136,10 @@ fn a_done_scene_is_made_anew() {
     let coordinator = coordinator(&place, &server);
     let tuple = |id: &str| place.run.join(format!("tuples/{id}/tuple.json"));
     let ids = [
-        "train-000000",
-        "train-000001",
-        "train-000002",
-        "test-000000",
+        "train-sample-000000",
+        "train-sample-000001",
+        "train-sample-000002",
+        "test-sample-000000",
     ];
     let mut first = None;
     wait_for("a tuple", || {

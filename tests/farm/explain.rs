@@ -17,7 +17,7 @@ fn explain(run_folder: &Path, shard: &str) -> (Value, String) {
 fn a_scene_on_its_way() {
     let place = place();
     place.plan();
-    let (object, words) = explain(&place.run, "train-000001");
+    let (object, words) = explain(&place.run, "train-sample-000001");
     assert_eq!(
         (&object["state"], &object["index"]),
         (&"waiting".into(), &1.into())
@@ -31,7 +31,7 @@ fn a_scene_on_its_way() {
     let (id, mut made) = partials(&place.run, 1);
     made.remove(5);
     let paths = put_partials(&place.run, &id, &made);
-    let (object, _) = explain(&place.run, "train-000001:5");
+    let (object, _) = explain(&place.run, "train-sample-000001:5");
     assert_eq!(object["state"], "begun");
     assert_eq!(object["there"], json!([[0, 5], [6, SHARDS]]));
     assert_eq!(object["missing"], json!([[5, 6]]));
@@ -40,7 +40,7 @@ fn a_scene_on_its_way() {
     assert_eq!(object["shard"]["tile"], tile);
     assert_eq!(object["shard"]["samples"], json!([0, 256]));
     assert_eq!(object["shard"]["result"], "not there");
-    let (object, _) = explain(&place.run, "train-000001:6");
+    let (object, _) = explain(&place.run, "train-sample-000001:6");
     assert!(
         object["shard"]["result"]
             .as_str()
@@ -51,18 +51,18 @@ fn a_scene_on_its_way() {
     let last = bytes.len() - 1;
     bytes[last] ^= 1;
     std::fs::write(&paths[5], bytes).unwrap();
-    let (_, words) = explain(&place.run, "train-000001:6");
+    let (_, words) = explain(&place.run, "train-sample-000001:6");
     assert!(words.contains("traced again"), "{words}");
 
     run(&["pause", text(&place.run), "--reason", "backup"]).expect(0);
-    let (_, words) = explain(&place.run, "train-000001");
+    let (_, words) = explain(&place.run, "train-sample-000001");
     assert!(
         words.contains("paused (backup)") && words.contains("glasshouse resume"),
         "{words}"
     );
     run(&["resume", text(&place.run)]).expect(0);
     run(&["work", text(&place.run)]).expect(0);
-    let (object, words) = explain(&place.run, "train-000001:6");
+    let (object, words) = explain(&place.run, "train-sample-000001:6");
     assert_eq!(object["state"], "done");
     assert_eq!(object["shard"]["result"], "in the tuple");
     assert!(words.contains("glasshouse audit"), "{words}");
@@ -72,17 +72,17 @@ fn a_scene_on_its_way() {
 fn attempts_and_quarantine_are_told_with_their_logs() {
     let place = place();
     place.plan();
-    let folder = place.run.join("attempts/train-000000");
+    let folder = place.run.join("attempts/train-sample-000000");
     std::fs::create_dir_all(&folder).unwrap();
     let attempt = |n: u32, worker: &str, ended: Value| {
-        let record = json!({"schema": "glasshouse.attempt/1", "scene": "train-000000", "shards": [0, 12], "n": n,
+        let record = json!({"schema": "glasshouse.attempt/1", "scene": "train-sample-000000", "shards": [0, 12], "n": n,
             "worker": worker, "host": "h", "found": 0, "ended": ended});
         std::fs::write(folder.join(format!("0-12.{n}.json")), record.to_string()).unwrap();
     };
     let crash = json!({"kind": "crashed", "reason": "signal 6", "log_tail": "assertion failed\nlast words"});
     attempt(1, "alpha-1", crash);
     attempt(2, "beta-2", Value::Null);
-    let (object, words) = explain(&place.run, "train-000000:3");
+    let (object, words) = explain(&place.run, "train-sample-000000:3");
     assert_eq!(object["state"], "begun");
     assert_eq!(object["attempts"].as_array().unwrap().len(), 2);
     for part in [
@@ -99,19 +99,19 @@ fn attempts_and_quarantine_are_told_with_their_logs() {
         .json();
     assert_eq!(status["attempts"][1]["worker"], "beta-2");
 
-    let record = json!({"schema": "glasshouse.quarantine/1", "scene": "train-000000", "reason": "it kills workers"});
+    let record = json!({"schema": "glasshouse.quarantine/1", "scene": "train-sample-000000", "reason": "it kills workers"});
     std::fs::create_dir(place.run.join("quarantine")).unwrap();
     std::fs::write(
-        place.run.join("quarantine/train-000000.json"),
+        place.run.join("quarantine/train-sample-000000.json"),
         record.to_string(),
     )
     .unwrap();
-    let (object, words) = explain(&place.run, "train-000000");
+    let (object, words) = explain(&place.run, "train-sample-000000");
     assert_eq!(object["state"], "quarantined");
     assert_eq!(object["quarantine"]["reason"], "it kills workers");
     assert!(
         words.contains(&format!(
-            "glasshouse retry {} train-000000",
+            "glasshouse retry {} train-sample-000000",
             text(&place.run)
         )),
         "{words}"
@@ -126,10 +126,10 @@ fn what_is_not_there_is_said() {
     run(&["explain", folder, "train-9"])
         .expect(2)
         .says(&["no scene", "manifest.jsonl"]);
-    run(&["explain", folder, "train-000000:24"])
+    run(&["explain", folder, "train-sample-000000:24"])
         .expect(2)
         .says(&["no shard 24", "24 shards"]);
-    run(&["explain", folder, "train-000000:x"])
+    run(&["explain", folder, "train-sample-000000:x"])
         .expect(2)
         .says(&["SCENE:NUMBER"]);
 }

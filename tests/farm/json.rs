@@ -55,7 +55,10 @@ fn every_command_prints_one_object() {
         ("cancel", vec!["cancel", run_folder]),
         ("resume", vec!["resume", run_folder]),
         ("retry", vec!["retry", run_folder, "--all"]),
-        ("explain", vec!["explain", run_folder, "train-000000:0"]),
+        (
+            "explain",
+            vec!["explain", run_folder, "train-sample-000000:0"],
+        ),
         ("audit", vec!["audit", run_folder]),
         ("report", vec!["report", run_folder]),
         ("render", vec!["render", scene_path, "--out", out]),

@@ -42,9 +42,9 @@ fn layers_left_out_are_not_written_and_the_others_stay_as_they_are() {
     run(&place.arguments("run", &[])).expect(0);
     let found = tuples(&place.run);
     let mut names: Vec<&str> = found.keys().map(|p| text(p)).collect();
-    names.retain(|name| name.starts_with("train-000000/"));
+    names.retain(|name| name.starts_with("train-sample-000000/"));
     let expected = ["input.png", "transmission.png", "tuple.exr", "tuple.json"];
-    assert_eq!(names, expected.map(|n| format!("train-000000/{n}")));
+    assert_eq!(names, expected.map(|n| format!("train-sample-000000/{n}")));
     assert_eq!(found.len(), SCENES * 4);
     for (path, content) in &found {
         let whole = &reference()[path];
@@ -61,7 +61,7 @@ fn layers_left_out_are_not_written_and_the_others_stay_as_they_are() {
             assert!(content == whole, "{}", path.display());
         }
     }
-    let record = record(&place.run, "train-000000");
+    let record = record(&place.run, "train-sample-000000");
     let layers: Vec<&String> = record["layers"].as_object().unwrap().keys().collect();
     assert_eq!(layers, ["input", "transmission"]);
 
@@ -84,7 +84,7 @@ fn layers_left_out_are_not_written_and_the_others_stay_as_they_are() {
     };
     assert_eq!(again(), 0);
     assert_same(&tuples(&place.run), &found);
-    std::fs::remove_file(place.run.join("tuples/train-000000/input.png")).unwrap();
+    std::fs::remove_file(place.run.join("tuples/train-sample-000000/input.png")).unwrap();
     assert_eq!(again(), SHARDS as u64);
     assert_same(&tuples(&place.run), &found);
     assert_tidy(&place.run);
@@ -114,10 +114,10 @@ fn adaptive_reference() -> &'static BTreeMap<PathBuf, Content> {
         run(&place.arguments("run", &["-j", "1"])).expect(0);
         let mut spared = false;
         for scene in [
-            "train-000000",
-            "train-000001",
-            "train-000002",
-            "test-000000",
+            "train-sample-000000",
+            "train-sample-000001",
+            "train-sample-000002",
+            "test-sample-000000",
         ] {
             let record = record(&place.run, scene);
             for (name, layer) in record["layers"].as_object().unwrap() {

@@ -125,7 +125,7 @@ fn photographs_of_places_become_tuples() {
     let out = folder.path().join("run");
     run(&["work", text(&out), "-q"]).expect(0);
     assert_eq!(tuples(&out).len(), 4 * 6);
-    let record = std::fs::read(out.join("tuples/test-000000/tuple.json")).unwrap();
+    let record = std::fs::read(out.join("tuples/test-places-000000/tuple.json")).unwrap();
     let record: Value = serde_json::from_slice(&record).unwrap();
     let relative = record["facts"]["relative_depth"].as_object().unwrap();
     for (name, ends) in relative {

@@ -113,7 +113,7 @@ fn a_tuple_can_be_made_again() {
     let place = place();
     run(&place.arguments("run", &[])).expect(0);
     assert_same(&tuples(&place.run), reference());
-    let folder = place.run.join("tuples/train-000001");
+    let folder = place.run.join("tuples/train-sample-000001");
     let record = folder.join("tuple.json");
     let out = place.folder.path().join("again");
     run(&["render", text(&record), "--out", text(&out), "--tile", "20"]).expect(0);

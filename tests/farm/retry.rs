@@ -62,8 +62,8 @@ fn a_coordinator_notices_and_a_finished_farm_starts_again() {
         .unwrap();
         std::fs::write(attempts.join("0-384.1.json"), b"{}").unwrap();
     };
-    quarantine("train-000000");
-    quarantine("test-000000");
+    quarantine("train-sample-000000");
+    quarantine("test-sample-000000");
     let retry = |scene: &str| {
         run(&["retry", text(&place.run), scene, "--json"])
             .expect(0)
@@ -72,7 +72,7 @@ fn a_coordinator_notices_and_a_finished_farm_starts_again() {
     let first = coordinator(&place, &server);
     let working = worker(&place, &server);
     wait_for("a result", || results(&place.run) > 0);
-    let done = retry("train-000000");
+    let done = retry("train-sample-000000");
     assert_eq!(done["attempts_removed"], 1);
     assert_eq!(done["was_finished"], false);
     let ended = end(first).expect(3).json();
@@ -83,7 +83,7 @@ fn a_coordinator_notices_and_a_finished_farm_starts_again() {
     end(working).expect(0);
 
     // The run is over, and is taken up again.
-    let done = retry("test-000000");
+    let done = retry("test-sample-000000");
     assert_eq!(done["was_finished"], true);
     for one in [coordinator(&place, &server), worker(&place, &server)] {
         end(one).expect(0);

@@ -23,7 +23,7 @@ use std::process::Child;
 use std::time::{Duration, Instant};
 
 /// Kills or hangs whoever traces it.
-const POISON: &str = "test-000000";
+const POISON: &str = "test-sample-000000";
 const WORKERS: usize = 8;
 const SCENES: usize = 8;
 /// 24 tiles, 16 ranges of samples.
@@ -31,12 +31,12 @@ const SHARDS: u32 = 384;
 /// The last three workers.
 const FAULTS: [&[&str]; 3] = [
     &["slow:4"],
-    &["hang:train-000001", "hang:train-000002"],
+    &["hang:train-sample-000001", "hang:train-sample-000002"],
     &[
-        "wrong:train-000003",
-        "wrong:train-000004",
-        "wrong:train-000005",
-        "wrong:train-000006",
+        "wrong:train-sample-000003",
+        "wrong:train-sample-000004",
+        "wrong:train-sample-000005",
+        "wrong:train-sample-000006",
     ],
 ];
 const LIAR: usize = WORKERS - 1;

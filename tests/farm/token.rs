@@ -25,9 +25,12 @@ fn the_pages_buttons_act_with_the_token_alone() {
     std::fs::write(&file, format!("{TOKEN}\n")).unwrap();
     std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o600)).unwrap();
     std::fs::create_dir(place.run.join("quarantine")).unwrap();
-    let record =
-        r#"{"schema":"glasshouse.quarantine/1","scene":"train-000001","reason":"it rained"}"#;
-    std::fs::write(place.run.join("quarantine/train-000001.json"), record).unwrap();
+    let record = r#"{"schema":"glasshouse.quarantine/1","scene":"train-sample-000001","reason":"it rained"}"#;
+    std::fs::write(
+        place.run.join("quarantine/train-sample-000001.json"),
+        record,
+    )
+    .unwrap();
     let more = ["--listen", "127.0.0.1:0", "--token-file", text(&file)];
     let mut coordinator = start("coordinate", &place, &server, &more);
     let mut stderr = BufReader::new(coordinator.stderr.take().unwrap());
@@ -55,14 +58,19 @@ fn the_pages_buttons_act_with_the_token_alone() {
     post("/api/resume", TOKEN).expect(200);
     assert_eq!(view(address)["state"], "running");
     assert!(!place.run.join("control.json").exists());
-    let refused = post("/api/retry/train-000000", TOKEN).expect(409);
+    let refused = post("/api/retry/train-sample-000000", TOKEN).expect(409);
     assert!(
         refused.text().contains("not in quarantine"),
         "{}",
         refused.text()
     );
-    post("/api/retry/train-000001", TOKEN).expect(200);
-    assert!(!place.run.join("quarantine/train-000001.json").exists());
+    post("/api/retry/train-sample-000001", TOKEN).expect(200);
+    assert!(
+        !place
+            .run
+            .join("quarantine/train-sample-000001.json")
+            .exists()
+    );
     post("/api/cancel", TOKEN).expect(200);
     stderr.read_to_string(&mut said).unwrap();
     end(coordinator).expect(3);

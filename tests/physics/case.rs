@@ -206,6 +206,7 @@ impl Case {
         let back = self.back.view(pose, true);
         let radiance = [&front, &back].map(|view: &View| f64::from(view.texture.max_radiance()));
         Scene {
+            first_reflection_alone: false,
             target_error: None,
             layers: [true; 4],
             seed: self.seed,

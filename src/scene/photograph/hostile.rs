@@ -142,7 +142,7 @@ fn the_seeds_themselves_are_good() {
             bytes: seed,
         };
         let line = crate::manifest::Transfer::Srgb;
-        let as_color = super::color::decode(&file, line, 1.0).is_ok();
+        let as_color = super::color::decode(&file, line, [1.0; 3]).is_ok();
         let as_depth = super::depth::decode(&file, 1.0).is_ok();
         assert!(
             as_color || as_depth || super::mask::decode(&file).is_ok(),

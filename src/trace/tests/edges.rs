@@ -46,6 +46,7 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
             size: None,
         },
         exposure: 1.0,
+        illuminant: [1.0; 3],
         fill: crate::manifest::Fill::Smooth,
         apex: None,
     };
