@@ -24,6 +24,7 @@ pub mod ids;
 pub mod manifest;
 pub mod merge;
 pub mod partial;
+pub mod preview;
 pub mod report;
 pub mod sample;
 pub mod scene;

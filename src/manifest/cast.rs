@@ -3,7 +3,8 @@
 use super::diode::SourceImage;
 use super::divide::divide;
 use super::draw::keyed;
-use super::line::Split;
+use super::expand::draw_line;
+use super::line::{SceneLine, Split};
 use super::pair::{Pair, pairs, pairs_between};
 use super::recipe::{Recipe, RecipeError};
 use crate::ids::SceneId;
@@ -13,9 +14,9 @@ use std::collections::{BTreeMap, BTreeSet};
 type Parts<'a> = BTreeMap<(Split, &'a str), Vec<&'a SourceImage>>;
 
 /// The scenes of a recipe, before anything is drawn.
-pub(super) struct Cast<'a> {
+pub struct Cast<'a> {
     /// Splits in the recipe's order, sources by name.
-    pub(super) roles: Vec<Role<'a>>,
+    roles: Vec<Role<'a>>,
     recipe: &'a Recipe,
     parts: Parts<'a>,
     excluded: &'a BTreeSet<String>,
@@ -31,6 +32,29 @@ pub(super) struct Role<'a> {
     pair: Pair<'a>,
 }
 
+impl Role<'_> {
+    pub(super) fn is_of_one_place(&self, pair: &Pair<'_>) -> bool {
+        self.sources[0] == self.sources[1] && pair.is_of_one_place()
+    }
+
+    pub(super) fn is_of_one_scan(&self, pair: &Pair<'_>) -> bool {
+        self.sources[0] == self.sources[1] && pair.is_of_one_scan()
+    }
+}
+
+/// A scene as it was drawn.
+#[derive(Clone, Debug)]
+pub struct Drawn {
+    /// The scene.
+    pub line: SceneLine,
+    /// The attempt that the geometry did not refuse.
+    pub attempt: u32,
+    /// Its photographs are both indoors or both outdoors, of one source.
+    pub same_place: bool,
+    /// Its photographs are from one scan.
+    pub same_scan: bool,
+}
+
 /// The name under which a photograph can be left out: `source:path of its colour image`.
 pub fn photograph_name(source: &str, image: &SourceImage) -> String {
     format!("{source}:{}", image.color)
@@ -39,7 +63,7 @@ pub fn photograph_name(source: &str, image: &SourceImage) -> String {
 impl<'a> Cast<'a> {
     /// Divides the photographs among the splits and pairs them. Those `excluded` (see [`photograph_name`]) keep their places
     /// until the end, so that leaving one out changes only the scenes that it is in.
-    pub(super) fn new(
+    pub fn new(
         recipe: &'a Recipe,
         sources: &'a BTreeMap<String, Vec<SourceImage>>,
         excluded: &'a BTreeSet<String>,
@@ -80,9 +104,32 @@ impl<'a> Cast<'a> {
         })
     }
 
+    /// How many scenes there are.
+    pub fn len(&self) -> usize {
+        self.roles.len()
+    }
+
+    /// True of a recipe without scenes, which is refused.
+    pub fn is_empty(&self) -> bool {
+        self.roles.is_empty()
+    }
+
+    /// Draws scene `number` from attempt `from` on, with its photographs or, with `change` above 0, with two others.
+    pub fn draw(&self, number: usize, change: u32, from: u32) -> Result<Drawn, RecipeError> {
+        let role = &self.roles[number];
+        let pair = self.pair(role, change)?;
+        let (line, attempt) = draw_line(self.recipe, role, pair, from)?;
+        Ok(Drawn {
+            line,
+            attempt,
+            same_place: role.is_of_one_place(&pair),
+            same_scan: role.is_of_one_scan(&pair),
+        })
+    }
+
     /// The photographs of a scene: those that the cast has for it, or with `change` above 0 two others. Photographs that
     /// are left out are stood in for, each by another of its part.
-    pub(super) fn pair(&self, role: &Role<'a>, change: u32) -> Result<Pair<'a>, RecipeError> {
+    fn pair(&self, role: &Role<'a>, change: u32) -> Result<Pair<'a>, RecipeError> {
         let is_out = |side: usize, image: &SourceImage| {
             self.excluded
                 .contains(&photograph_name(role.sources[side], image))

@@ -89,7 +89,8 @@ pub(super) fn shuffled<'a, T>(
     placed.into_iter().map(|(_, item)| item).collect()
 }
 
-fn nine_digits(value: f64) -> f64 {
+/// The value with nine significant digits: short in the manifest, and the same bits when its text is read again.
+pub fn nine_digits(value: f64) -> f64 {
     format!("{value:.8e}")
         .parse()
         .expect("a printed number can be read")

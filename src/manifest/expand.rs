@@ -2,8 +2,9 @@
 
 use super::cast::{Cast, Role};
 use super::diode::SourceImage;
-use super::draw::{Draw, scene_seed};
+use super::draw::{Draw, nine_digits, scene_seed};
 use super::focus::FocusRecipe;
+use super::light::{SideLight, illuminant};
 use super::line::{
     Apex, Camera, DepthKind, Film, Focus, FocusAt, Glass, Photograph, SCENE_SCHEMA, SceneLine,
 };
@@ -52,20 +53,18 @@ pub fn expand_counted(
         same_scan: 0,
         redrawn: 0,
     };
-    for role in &cast.roles {
-        let pair = cast.pair(role, 0)?;
-        let (line, attempt) = draw_line(recipe, role, pair, 0)?;
-        let is_of_one_source = role.sources[0] == role.sources[1];
-        expansion.same_place += u32::from(is_of_one_source && pair.is_of_one_place());
-        expansion.same_scan += u32::from(is_of_one_source && pair.is_of_one_scan());
-        expansion.redrawn += attempt;
-        expansion.lines.push(line);
+    for number in 0..cast.len() {
+        let drawn = cast.draw(number, 0, 0)?;
+        expansion.same_place += u32::from(drawn.same_place);
+        expansion.same_scan += u32::from(drawn.same_scan);
+        expansion.redrawn += drawn.attempt;
+        expansion.lines.push(drawn.line);
     }
     Ok(expansion)
 }
 
 /// Draws a scene from attempt number `from` on; also the number of the attempt that was not refused.
-fn draw_line(
+pub(super) fn draw_line(
     recipe: &Recipe,
     role: &Role<'_>,
     pair: Pair<'_>,
@@ -80,11 +79,10 @@ fn draw_line(
         attempt,
     };
     let first = draw_of(from);
-    let mut back = photograph(
-        back_source,
-        pair.back,
-        first.value("back.exposure", &recipe.back.exposure),
-    );
+    let mut back = photograph(back_source, pair.back);
+    light("back", recipe.back.light(), first, &mut back);
+    let mut front = photograph(front_source, pair.front);
+    light("front", recipe.front.light(), first, &mut front);
     back.apex = (recipe.back.apex != Apex::default()).then_some(recipe.back.apex);
     let mut line = SceneLine {
         schema: SCENE_SCHEMA.to_owned(),
@@ -94,12 +92,7 @@ fn draw_line(
         film: film(recipe, first),
         camera: camera(recipe, first),
         glass: glass(recipe, first),
-        front: photograph(
-            front_source,
-            pair.front,
-            first.value("front.exposure", &recipe.front.exposure),
-        )
-        .into(),
+        front: front.into(),
         back: back.into(),
     };
     let attempts = if deciding(recipe)
@@ -149,8 +142,13 @@ fn deciding(recipe: &Recipe) -> Vec<(&'static str, &Param)> {
         ("glass.tilt_deg[0]", &recipe.glass.tilt_deg[0]),
         ("glass.tilt_deg[1]", &recipe.glass.tilt_deg[1]),
     ];
-    if let FocusRecipe::DistanceM(param) = &recipe.camera.focus {
-        params.push(("camera.focus", param));
+    if let Some(param) = &recipe.camera.f_number {
+        params[1] = ("camera.f_number", param);
+    }
+    for focus in recipe.camera.focus.each() {
+        if let FocusRecipe::DistanceM(param) = focus {
+            params.push(("camera.focus", param));
+        }
     }
     params
 }
@@ -172,19 +170,37 @@ fn film(recipe: &Recipe, draw: Draw<'_>) -> Film {
 
 fn camera(recipe: &Recipe, draw: Draw<'_>) -> Camera {
     let camera = &recipe.camera;
+    let focal_length_mm = draw.value("camera.focal_length_mm", &camera.focal_length_mm);
+    let aperture_radius_m = match &camera.f_number {
+        Some(param) => {
+            let f_number = draw.value("camera.f_number", param);
+            nine_digits(focal_length_mm * 1e-3 / (2.0 * f_number))
+        }
+        None => draw.value("camera.aperture_radius_m", &camera.aperture_radius_m),
+    };
+    let choices = camera.focus.each();
+    let chosen = match choices {
+        [one] => one,
+        many => {
+            let place = (draw.unit("camera.focus") * many.len() as f64) as usize;
+            &many[place.min(many.len() - 1)]
+        }
+    };
+    let at = |at| Focus::At { at };
     Camera {
-        focal_length_mm: draw.value("camera.focal_length_mm", &camera.focal_length_mm),
-        aperture_radius_m: draw.value("camera.aperture_radius_m", &camera.aperture_radius_m),
-        focus: match &camera.focus {
-            FocusRecipe::FrontCenter => Focus::At {
-                at: FocusAt::FrontCenter,
-            },
-            FocusRecipe::Infinity => Focus::At {
-                at: FocusAt::Infinity,
+        focal_length_mm,
+        aperture_radius_m,
+        focus: match chosen {
+            FocusRecipe::FrontCenter => at(FocusAt::FrontCenter),
+            FocusRecipe::BackCenter => at(FocusAt::BackCenter),
+            FocusRecipe::Infinity => at(FocusAt::Infinity),
+            FocusRecipe::Glass => Focus::Distance {
+                distance_m: draw.value("glass.distance_m", &recipe.glass.distance_m),
             },
             FocusRecipe::DistanceM(param) => Focus::Distance {
                 distance_m: draw.value("camera.focus", param),
             },
+            FocusRecipe::Choice(_) => unreachable!("a recipe with a choice of choices is refused"),
         },
         exposure: 1.0,
         white_balance: [1.0; 3],
@@ -211,7 +227,20 @@ fn glass(recipe: &Recipe, draw: Draw<'_>) -> Glass {
     }
 }
 
-fn photograph((name, source): (&str, &Source), image: &SourceImage, exposure: f64) -> Photograph {
+/// Draws the light of a side.
+fn light(name: &str, recipe: SideLight<'_>, draw: Draw<'_>, side: &mut Photograph) {
+    side.exposure = draw.value(&format!("{name}.exposure"), recipe.exposure);
+    if let Some(param) = recipe.exposure_ev {
+        let ev = draw.value(&format!("{name}.exposure_ev"), param);
+        side.exposure = nine_digits(side.exposure * libm::exp2(ev));
+    }
+    if let Some(param) = recipe.illuminant_k {
+        let kelvin = draw.value(&format!("{name}.illuminant_k"), param);
+        side.illuminant = illuminant(kelvin).map(nine_digits);
+    }
+}
+
+fn photograph((name, source): (&str, &Source), image: &SourceImage) -> Photograph {
     let rooted = |path: &String| format!("{name}:{path}");
     Photograph {
         color: rooted(&image.color),
@@ -231,7 +260,7 @@ fn photograph((name, source): (&str, &Source), image: &SourceImage, exposure: f6
             DepthKind::Z | DepthKind::Distance => None,
         },
         intrinsics: source.intrinsics,
-        exposure,
+        exposure: 1.0,
         illuminant: [1.0; 3],
         fill: source.fill,
         apex: None,
@@ -291,7 +320,7 @@ mod tests {
         let digest = blake3::hash(to_jsonl(&lines).as_bytes()).to_hex();
         assert_eq!(
             (lines[0].seed, lines[0].glass.ior, &digest[..16]),
-            (2_673_717_074_845_612, 1.57465236, "3d97b5cc33ce61d0")
+            (2_673_717_074_845_612, 1.60614171, "d05b8d469912d095")
         );
     }
 

@@ -10,10 +10,26 @@ use std::fmt;
 pub enum FocusRecipe {
     /// `"front_center"`: the four centre pixels of the front depth image.
     FrontCenter,
+    /// `"back_center"`: the same of the back, as it is seen in the pane.
+    BackCenter,
+    /// `"glass"`: the pane's front face.
+    Glass,
     /// `"infinity"`
     Infinity,
+    /// `{ choice = [..] }` of such words: one of them, all equally likely.
+    Choice(Vec<FocusRecipe>),
     /// A distance from the lens, m.
     DistanceM(Param),
+}
+
+impl FocusRecipe {
+    /// All that it can be.
+    pub(super) fn each(&self) -> &[Self] {
+        match self {
+            Self::Choice(words) => words,
+            one => std::slice::from_ref(one),
+        }
+    }
 }
 
 impl<'de> Deserialize<'de> for FocusRecipe {
@@ -28,13 +44,17 @@ impl<'de> Visitor<'de> for FocusVisitor {
     type Value = FocusRecipe;
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("\"front_center\", \"infinity\", or metres as ")?;
+        f.write_str(
+            "\"front_center\", \"back_center\", \"glass\", \"infinity\", a choice of them, or metres as ",
+        )?;
         ParamVisitor.expecting(f)
     }
 
     fn visit_str<E: de::Error>(self, text: &str) -> Result<FocusRecipe, E> {
         match text {
             "front_center" => Ok(FocusRecipe::FrontCenter),
+            "back_center" => Ok(FocusRecipe::BackCenter),
+            "glass" => Ok(FocusRecipe::Glass),
             "infinity" => Ok(FocusRecipe::Infinity),
             _ => Err(E::invalid_value(de::Unexpected::Str(text), &self)),
         }
@@ -48,7 +68,27 @@ impl<'de> Visitor<'de> for FocusVisitor {
         ParamVisitor.visit_f64(value).map(FocusRecipe::DistanceM)
     }
 
-    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<FocusRecipe, A::Error> {
-        ParamVisitor.visit_map(map).map(FocusRecipe::DistanceM)
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<FocusRecipe, A::Error> {
+        let Some(kind) = map.next_key::<String>()? else {
+            return Err(de::Error::invalid_length(0, &self));
+        };
+        if kind != "choice" {
+            return ParamVisitor::visit_kind(&kind, map).map(FocusRecipe::DistanceM);
+        }
+        let words: Vec<FocusRecipe> = map.next_value()?;
+        let is_plain = |word: &FocusRecipe| match word {
+            FocusRecipe::Choice(_) => false,
+            FocusRecipe::DistanceM(param) => matches!(param, Param::Constant(_)),
+            _ => true,
+        };
+        if words.is_empty() || !words.iter().all(is_plain) {
+            return Err(de::Error::custom(
+                "choice must list one or more of the words and of plain metres",
+            ));
+        }
+        if let Some(second) = map.next_key::<String>()? {
+            return Err(de::Error::unknown_field(&second, &["choice"]));
+        }
+        Ok(FocusRecipe::Choice(words))
     }
 }

@@ -44,6 +44,24 @@ pub(super) const SPP: Limit = Limit::new(
     Bound::Included(65_536.0),
     "a power of two from 1 to 65536",
 );
+/// Stops.
+pub(super) const EXPOSURE_EV: Limit = Limit::new(
+    Bound::Included(-30.0),
+    Bound::Included(30.0),
+    "-30 to 30 stops",
+);
+/// Where the light of a black body has no negative channel and its formula holds.
+pub(super) const ILLUMINANT_K: Limit = Limit::new(
+    Bound::Included(2000.0),
+    Bound::Included(25_000.0),
+    "2000 to 25000 K",
+);
+pub(super) const F_NUMBER: Limit = ABOVE_0;
+pub(super) const PERCENTILE: Limit = Limit::new(
+    Bound::Excluded(0.0),
+    Bound::Included(100.0),
+    "above 0 and at most 100",
+);
 pub(super) const ORDER_TOLERANCE: Limit = FROM_0;
 pub(super) const TARGET_ERROR: Limit = ABOVE_0;
 pub(super) const FOCAL_LENGTH_MM: Limit = ABOVE_0;

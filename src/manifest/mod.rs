@@ -19,6 +19,7 @@ mod expand;
 mod focus;
 mod jsonl;
 mod layers;
+mod light;
 mod limits;
 mod line;
 mod pair;
@@ -31,14 +32,17 @@ mod roots;
 mod side;
 mod validate;
 
-pub use cast::photograph_name;
+pub use cast::{Cast, Drawn, photograph_name};
 pub use depth_range::DepthRange;
 pub use diode::{Index, IndexError, Place, SourceImage, from_paths, index_paths, index_source};
-pub use draw::{Draw, scene_seed};
+pub use draw::{Draw, nine_digits, scene_seed};
 pub use expand::{Expansion, expand, expand_counted};
 pub use focus::FocusRecipe;
 pub use jsonl::{ManifestError, parse_jsonl, parse_scene, to_jsonl};
 pub use layers::{LAYER_NAMES, LayerSet};
+pub use light::{
+    AutoExposure, LightRecipe, LuminanceScale, RejectRecipe, WhiteBalance, illuminant, luminance,
+};
 pub use line::*;
 pub use param::{Normal, Param};
 pub use places::{

@@ -177,11 +177,21 @@ impl<'de> Visitor<'de> for ParamVisitor {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Param, A::Error> {
-        const KINDS: &[&str] = &["uniform", "log_uniform", "normal", "choice"];
         let Some(kind) = map.next_key::<String>()? else {
             return Err(de::Error::invalid_length(0, &self));
         };
-        let param = match kind.as_str() {
+        Self::visit_kind(&kind, map)
+    }
+}
+
+impl ParamVisitor {
+    /// The rest of a distribution whose `kind` has been read.
+    pub(super) fn visit_kind<'de, A: MapAccess<'de>>(
+        kind: &str,
+        mut map: A,
+    ) -> Result<Param, A::Error> {
+        const KINDS: &[&str] = &["uniform", "log_uniform", "normal", "choice"];
+        let param = match kind {
             "uniform" => Param::Uniform(map.next_value()?),
             "log_uniform" => Param::LogUniform(map.next_value()?),
             "normal" => Param::Normal(map.next_value()?),

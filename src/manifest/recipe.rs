@@ -7,6 +7,7 @@ use super::line::{
     Apex, DepthKind, ExrPrecision, Fill, Film, Filter, Intrinsics, ReflectionOrders, Split,
     Transfer,
 };
+use super::light::{LightRecipe, LuminanceScale, RejectRecipe, SideLight, WhiteBalance};
 use super::param::Param;
 use super::places::depth_root;
 use super::roots::Roots;
@@ -91,6 +92,19 @@ pub enum RecipeError {
         /// The split.
         split: Split,
     },
+    /// Every draw of a scene was rejected.
+    #[error(
+        "scene {id}: none of {looks} draws, with different photographs, was kept, the last because {reason}; widen \
+         [reject], or narrow the distributions"
+    )]
+    NoneKept {
+        /// The scene.
+        id: String,
+        /// How often it was looked at.
+        looks: u32,
+        /// Why the last was not kept.
+        reason: String,
+    },
     /// A drawn line that is not sound.
     #[error("scene {id}: {source}")]
     Line {
@@ -127,6 +141,11 @@ pub struct Recipe {
     /// What is seen reflected.
     #[serde(default)]
     pub back: BackRecipe,
+    /// How bright the sides are, and what the camera makes of it.
+    #[serde(default)]
+    pub light: LightRecipe,
+    /// Bounds that scenes must keep to. Default none.
+    pub reject: Option<RejectRecipe>,
     /// Where photographs come from, by name. The name is also the named root of their paths.
     pub sources: BTreeMap<String, Source>,
     /// Parts of the set, which share no photograph.
@@ -186,6 +205,8 @@ pub struct CameraRecipe {
     pub focal_length_mm: Param,
     /// Radius of the lens opening. Default 0.00893.
     pub aperture_radius_m: Param,
+    /// In place of `aperture_radius_m`: the focal length / the diameter of the opening, of a lens for a 36 x 24 mm frame.
+    pub f_number: Option<Param>,
     /// What is sharp. Default `"front_center"`.
     pub focus: FocusRecipe,
 }
@@ -195,6 +216,7 @@ impl Default for CameraRecipe {
         Self {
             focal_length_mm: Param::Constant(55.0),
             aperture_radius_m: Param::Constant(0.00893),
+            f_number: None,
             focus: FocusRecipe::FrontCenter,
         }
     }
@@ -234,12 +256,19 @@ impl Default for GlassRecipe {
 pub struct FrontRecipe {
     /// Multiplies linear radiance. Default 1.
     pub exposure: Param,
+    /// The same in stops, on top: 2^EV. Default none.
+    pub exposure_ev: Option<Param>,
+    /// Temperature of a black body whose light falls on this side (see [`super::illuminant`]). Default none: light as it
+    /// was photographed.
+    pub illuminant_k: Option<Param>,
 }
 
 impl Default for FrontRecipe {
     fn default() -> Self {
         Self {
             exposure: Param::Constant(1.0),
+            exposure_ev: None,
+            illuminant_k: None,
         }
     }
 }
@@ -250,6 +279,10 @@ impl Default for FrontRecipe {
 pub struct BackRecipe {
     /// Multiplies linear radiance. Default 1.
     pub exposure: Param,
+    /// The same in stops, on top: 2^EV. Default none.
+    pub exposure_ev: Option<Param>,
+    /// Temperature of a black body whose light falls on this side. Default none.
+    pub illuminant_k: Option<Param>,
     /// Where the capture camera stands. Default mirror.
     pub apex: Apex,
 }
@@ -258,6 +291,8 @@ impl Default for BackRecipe {
     fn default() -> Self {
         Self {
             exposure: Param::Constant(1.0),
+            exposure_ev: None,
+            illuminant_k: None,
             apex: Apex::Mirror,
         }
     }
@@ -359,7 +394,36 @@ impl SplitRecipe {
     }
 }
 
+impl FrontRecipe {
+    pub(super) fn light(&self) -> SideLight<'_> {
+        SideLight {
+            exposure: &self.exposure,
+            exposure_ev: self.exposure_ev.as_ref(),
+            illuminant_k: self.illuminant_k.as_ref(),
+        }
+    }
+}
+
+impl BackRecipe {
+    pub(super) fn light(&self) -> SideLight<'_> {
+        SideLight {
+            exposure: &self.exposure,
+            exposure_ev: self.exposure_ev.as_ref(),
+            illuminant_k: self.illuminant_k.as_ref(),
+        }
+    }
+}
+
 impl Recipe {
+    /// Whether its scenes must be looked at to be settled: photographs are then read while it is planned.
+    pub fn needs_preview(&self) -> bool {
+        let light = &self.light;
+        self.reject.is_some()
+            || light.auto_exposure.is_some()
+            || light.scale == LuminanceScale::Metered
+            || light.white_balance == WhiteBalance::GreyWorld
+    }
+
     /// Reads and checks a recipe.
     pub fn parse(text: &str) -> Result<Self, RecipeError> {
         let recipe: Self = toml::from_str(text).map_err(Box::new)?;

@@ -5,7 +5,7 @@ use super::focus::FocusRecipe;
 use super::limits::{self, Limit};
 use super::param::Param;
 use super::places::depth_root;
-use super::recipe::{Layout, RECIPE_SCHEMA, Recipe, RecipeError, Source};
+use super::recipe::{CameraRecipe, Layout, RECIPE_SCHEMA, Recipe, RecipeError, Source};
 use super::roots::is_root_name;
 use crate::ids::SceneId;
 use std::collections::BTreeMap;
@@ -93,8 +93,61 @@ impl Recipe {
         for (key, param, limit) in params {
             within(key, param, limit)?;
         }
-        if let FocusRecipe::DistanceM(param) = &camera.focus {
-            within("camera.focus", param, limits::FOCUS_DISTANCE_M)?;
+        for focus in camera.focus.each() {
+            if let FocusRecipe::DistanceM(param) = focus {
+                within("camera.focus", param, limits::FOCUS_DISTANCE_M)?;
+            }
+        }
+        if let Some(f_number) = &camera.f_number {
+            within("camera.f_number", f_number, limits::F_NUMBER)?;
+            if camera.aperture_radius_m != CameraRecipe::default().aperture_radius_m {
+                return bad(
+                    "camera.f_number",
+                    "says what aperture_radius_m says: remove one of them",
+                );
+            }
+        }
+        self.check_light()
+    }
+
+    fn check_light(&self) -> Result<(), RecipeError> {
+        for (name, side) in [("front", self.front.light()), ("back", self.back.light())] {
+            for (key, param, limit) in [
+                ("exposure_ev", side.exposure_ev, limits::EXPOSURE_EV),
+                ("illuminant_k", side.illuminant_k, limits::ILLUMINANT_K),
+            ] {
+                if let Some(param) = param {
+                    within(&format!("{name}.{key}"), param, limit)?;
+                }
+            }
+        }
+        if let Some(auto) = &self.light.auto_exposure {
+            for (key, value, limit) in [
+                ("percentile", auto.percentile, limits::PERCENTILE),
+                ("level", auto.level, limits::ABOVE_0),
+            ] {
+                let key = format!("light.auto_exposure.{key}");
+                within(&key, &Param::Constant(value), limit)?;
+            }
+        }
+        let Some(reject) = &self.reject else {
+            return Ok(());
+        };
+        let clipped = reject.clipped_share.map(|most| [0.0, most]);
+        for (key, range) in [
+            ("reflected_share", reject.reflected_share),
+            ("contrast", reject.contrast),
+            ("clipped_share", clipped),
+            ("ssim", reject.ssim),
+        ] {
+            if let Some([least, most]) = range
+                && !(least.is_finite() && most.is_finite() && least <= most)
+            {
+                return bad(
+                    &format!("reject.{key}"),
+                    format!("is {least} to {most}: write the least and the most, finite"),
+                );
+            }
         }
         Ok(())
     }

@@ -1,0 +1,149 @@
+//! `[light]` and `[reject]` of a recipe: how bright the two sides are, what the camera makes of it, which scenes are kept.
+
+use super::param::Param;
+use serde::Deserialize;
+
+/// `[light]`
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LightRecipe {
+    /// What an exposure of 1 means. Default `stored`.
+    pub scale: LuminanceScale,
+    /// What the camera takes for white. Default `none`.
+    pub white_balance: WhiteBalance,
+    /// Default none: the camera's exposure is 1.
+    pub auto_exposure: Option<AutoExposure>,
+}
+
+/// What an exposure of 1 means.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LuminanceScale {
+    /// The values of the file.
+    #[default]
+    Stored,
+    /// A geometric mean luminance of 0.18: photographs have each been exposed for themselves, and only so brought to one
+    /// scale do the exposures of front and back say by how much the one is brighter.
+    Metered,
+}
+
+/// What the camera takes for white.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WhiteBalance {
+    /// Equal values.
+    #[default]
+    None,
+    /// The front's illuminant.
+    Front,
+    /// The back's illuminant.
+    Back,
+    /// The mean colour of I.
+    GreyWorld,
+}
+
+/// Exposure by a percentile of I.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AutoExposure {
+    /// Of the pixels' largest channels: above 0, at most 100.
+    pub percentile: f64,
+    /// What it is brought to, linear: above 0. 1 is where 8-bit pictures clip.
+    pub level: f64,
+}
+
+/// `[reject]`: bounds that a scene must keep to, looked at before it is farmed. Each is off unless given.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RejectRecipe {
+    /// Mean luminance of R~ / that of I: `[least, most]`.
+    pub reflected_share: Option<[f64; 2]>,
+    /// Standard deviation of R~'s luminance / mean luminance of I: `[least, most]`. A reflection without contrast is a veil.
+    pub contrast: Option<[f64; 2]>,
+    /// Most pixels of I with a channel of 1 or more, as a share.
+    pub clipped_share: Option<f64>,
+    /// Structural similarity of I and T (sRGB-coded grey, 7 x 7 px): `[least, most]`.
+    pub ssim: Option<[f64; 2]>,
+}
+
+/// Exposure and colour of one side's light, of `[front]` and `[back]`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SideLight<'a> {
+    pub(super) exposure: &'a Param,
+    pub(super) exposure_ev: Option<&'a Param>,
+    pub(super) illuminant_k: Option<&'a Param>,
+}
+
+/// Linear Rec.709 colour of a black body's light, of luminance 1.
+///
+/// The Planckian locus by Kim et al.'s cubic splines (US patent 7,024,034, 2006; 1,667 to 25,000 K, within 0.001 of x and y);
+/// below about 2,000 K blue would be negative. Photographs are taken to be balanced for D65, so a side's light of 6,504 K
+/// leaves them nearly as they are.
+pub fn illuminant(kelvin: f64) -> [f64; 3] {
+    let t = 1e3 / kelvin;
+    let x = if kelvin <= 4000.0 {
+        -0.266_123_9 * t * t * t - 0.234_358_9 * t * t + 0.877_695_6 * t + 0.179_910
+    } else {
+        -3.025_846_9 * t * t * t + 2.107_037_9 * t * t + 0.222_634_7 * t + 0.240_390
+    };
+    let y = if kelvin <= 2222.0 {
+        -1.106_381_4 * x * x * x - 1.348_110_2 * x * x + 2.185_558_32 * x - 0.202_196_83
+    } else if kelvin <= 4000.0 {
+        -0.954_947_6 * x * x * x - 1.374_185_93 * x * x + 2.091_370_15 * x - 0.167_488_67
+    } else {
+        3.081_758 * x * x * x - 5.873_386_7 * x * x + 3.751_129_97 * x - 0.370_014_83
+    };
+    let [big_x, big_z] = [x / y, (1.0 - x - y) / y];
+    // XYZ to linear Rec.709 (IEC 61966-2-1), for Y = 1.
+    [
+        3.240_970 * big_x - 1.537_383 - 0.498_611 * big_z,
+        -0.969_244 * big_x + 1.875_968 + 0.041_555 * big_z,
+        0.055_630 * big_x - 0.203_977 + 1.056_972 * big_z,
+    ]
+}
+
+/// Luminance of a linear Rec.709 colour.
+pub fn luminance([red, green, blue]: [f64; 3]) -> f64 {
+    0.2126 * red + 0.7152 * green + 0.0722 * blue
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn black_bodies_have_their_published_colours() {
+        // Chromaticities of the Planckian locus: CIE 15, table of (u, v) at 2856 K (illuminant A) and others.
+        for (kelvin, [x, y]) in [
+            (2856.0, [0.4476, 0.4074]),
+            (4000.0, [0.3805, 0.3768]),
+            (6500.0, [0.3135, 0.3237]),
+            (10000.0, [0.2807, 0.2884]),
+        ] {
+            let [r, g, b] = illuminant(kelvin);
+            let xyz = [
+                0.412_391 * r + 0.357_584 * g + 0.180_481 * b,
+                0.212_639 * r + 0.715_169 * g + 0.072_192 * b,
+                0.019_331 * r + 0.119_195 * g + 0.950_532 * b,
+            ];
+            let sum: f64 = xyz.iter().sum();
+            assert!((xyz[0] / sum - x).abs() < 1.2e-3, "{kelvin}: {}", xyz[0] / sum);
+            assert!((xyz[1] / sum - y).abs() < 1.2e-3, "{kelvin}: {}", xyz[1] / sum);
+            assert!((luminance([r, g, b]) - 1.0).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn the_spline_is_whole_and_no_light_is_negative() {
+        for seam in [2222.0, 4000.0] {
+            let (below, above) = (illuminant(seam), illuminant(seam + 1e-6));
+            for c in 0..3 {
+                assert!((below[c] - above[c]).abs() < 0.02, "{seam}: {below:?} {above:?}");
+            }
+        }
+        for step in 0..=230 {
+            let color = illuminant(2000.0 + 100.0 * f64::from(step));
+            assert!(color.iter().all(|c| *c > 0.0), "{step}: {color:?}");
+        }
+    }
+}
