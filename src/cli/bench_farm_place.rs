@@ -93,7 +93,7 @@ impl Place {
             dry_run: false,
             threads: 2,
         };
-        plan(&path, &run, &options, &|_, _| {})?;
+        plan(&path, &run, &options, &|_, _, _| {})?;
         Ok(run)
     }
 

@@ -10,8 +10,9 @@ use crate::farm::{PlanOptions, Planned, plan};
 use crate::manifest::Roots;
 use crate::shard::{SECONDS_PER_SAMPLE, ShardLayout};
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::OnceLock;
+use std::sync::Mutex;
 
 /// Bytes of a partial a pixel: 36 floats.
 const PARTIAL_BYTES: f64 = 144.0;
@@ -42,16 +43,24 @@ pub(super) fn plan_with(
         dry_run: global.dry_run,
         threads: threads(global),
     };
-    let progress: OnceLock<Progress> = OnceLock::new();
-    let planned = plan(&args.recipe, &run_folder(args), &options, &|done, all| {
-        let bar = progress.get_or_init(|| Progress::new(global, "photographs", all as u64));
-        if done > 0 {
-            bar.add(1, false);
-        }
-    });
-    if let Some(bar) = progress.get() {
-        bar.finish();
-    }
+    let bars: Mutex<BTreeMap<&'static str, Progress>> = Mutex::default();
+    let planned = plan(
+        &args.recipe,
+        &run_folder(args),
+        &options,
+        &|what, done, all| {
+            let mut bars = bars.lock().expect("no holder of this lock panics");
+            let bar = bars
+                .entry(what)
+                .or_insert_with(|| Progress::new(global, what, all as u64));
+            if done > 0 {
+                bar.add(1, false);
+            }
+            if done == all {
+                bar.finish();
+            }
+        },
+    );
     let planned = planned?;
     for note in &planned.notes {
         output.note(note);

@@ -1,14 +1,17 @@
 //! Scenes of a recipe that asks for it are looked at before they are farmed: their light is settled, and those that nobody
 //! would want are replaced.
 
-use crate::manifest::{Cast, Drawn, Recipe, RecipeError, Roots, SceneLine, SourceImage};
+use super::run_dir::RunDir;
+use crate::manifest::{
+    Cast, Drawn, Recipe, RecipeError, Roots, SceneLine, SourceImage, expand_counted,
+};
 use crate::preview::{SettleError, settle};
 use crate::scene::{SceneFiles, read_files_by};
 use crate::trace::Isa;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// How often a scene is drawn before its recipe is given up.
@@ -34,6 +37,20 @@ pub struct RejectedScene {
     pub back: String,
 }
 
+/// The lines of `RUN/rejected.jsonl`; none if there is no such file. An error names the file and says what is wrong.
+pub fn read_rejected(dir: &RunDir) -> Result<Vec<RejectedScene>, (PathBuf, String)> {
+    let path = dir.rejected();
+    let text = match std::fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err((path, error.to_string())),
+    };
+    let lines = text.lines().map(serde_json::from_str);
+    lines
+        .collect::<Result<_, _>>()
+        .map_err(|error| (path, error.to_string()))
+}
+
 /// What became of a recipe's scenes.
 pub(super) struct Looked {
     pub(super) lines: Vec<SceneLine>,
@@ -55,8 +72,34 @@ pub(super) struct Surroundings<'a> {
     pub(super) on_scene: &'a (dyn Fn(usize, usize) + Sync),
 }
 
+/// The lines of `RUN/rejected.jsonl`.
+pub(super) fn rejected_lines(rejected: &[RejectedScene]) -> String {
+    let line = |one| serde_json::to_string(one).expect("strings and numbers are JSON") + "\n";
+    rejected.iter().map(line).collect()
+}
+
+/// Draws every scene of a recipe; looks at it, too, where the recipe asks for what only a look can tell.
+pub(super) fn draw_all(
+    recipe: &Recipe,
+    images: &BTreeMap<String, Vec<SourceImage>>,
+    excluded: &BTreeSet<String>,
+    around: &Surroundings,
+) -> Result<Looked, RecipeError> {
+    if recipe.needs_preview() {
+        return look_at_all(recipe, images, excluded, around);
+    }
+    let drawn = expand_counted(recipe, images, excluded)?;
+    Ok(Looked {
+        lines: drawn.lines,
+        rejected: Vec::new(),
+        same_place: drawn.same_place,
+        same_scan: drawn.same_scan,
+        redrawn: drawn.redrawn,
+    })
+}
+
 /// Draws, looks at and settles every scene. The result depends on no number of threads: each scene is drawn for itself.
-pub(super) fn look_at_all(
+fn look_at_all(
     recipe: &Recipe,
     images: &BTreeMap<String, Vec<SourceImage>>,
     excluded: &BTreeSet<String>,
@@ -89,7 +132,11 @@ pub(super) fn look_at_all(
         redrawn: 0,
     };
     for kept in kept {
-        let Kept { drawn, rejected, redrawn } = kept?;
+        let Kept {
+            drawn,
+            rejected,
+            redrawn,
+        } = kept?;
         looked.same_place += u32::from(drawn.same_place);
         looked.same_scan += u32::from(drawn.same_scan);
         looked.redrawn += redrawn;
@@ -125,7 +172,11 @@ fn look_at(
             let read = read_files_by(&drawn.line, around.roots, around.base, around.read);
             // Files that cannot be read are quarantined when the scene is farmed, like any others.
             let Ok(read) = read else {
-                return Ok(Kept { drawn, rejected, redrawn });
+                return Ok(Kept {
+                    drawn,
+                    rejected,
+                    redrawn,
+                });
             };
             files = Some((change, read));
         }
@@ -135,11 +186,23 @@ fn look_at(
             Ok(settled) => {
                 drawn.line = settled.line;
                 match settled.rejected {
-                    None => return Ok(Kept { drawn, rejected, redrawn }),
+                    None => {
+                        return Ok(Kept {
+                            drawn,
+                            rejected,
+                            redrawn,
+                        });
+                    }
                     Some(bound) => (bound.measure.to_string(), bound.to_string()),
                 }
             }
-            Err(SettleError::Load(_)) => return Ok(Kept { drawn, rejected, redrawn }),
+            Err(SettleError::Load(_)) => {
+                return Ok(Kept {
+                    drawn,
+                    rejected,
+                    redrawn,
+                });
+            }
             Err(SettleError::Refused(error)) => ("scene".to_owned(), error.to_string()),
             Err(error @ SettleError::Black) => ("black".to_owned(), error.to_string()),
         };

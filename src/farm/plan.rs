@@ -1,12 +1,14 @@
 //! `plan`: a recipe or a `.jsonl` becomes `RUN/manifest.jsonl` and `RUN/spec.json`, frozen.
 
+use super::look::{Looked, RejectedScene, Surroundings, draw_all, rejected_lines};
 use super::run_dir::{Run, RunDir, RunError};
+use super::sample_bytes::SampleBytes;
 use crate::atomic_file::{self, WriteError};
 use crate::cases::{CaseError, CaseFile, is_case_file};
 use crate::manifest::{
-    Expansion, Index, IndexError, Layout, ManifestError, PlacesFolders, Recipe, RecipeError,
-    RootError, Roots, SceneLine, Source, expand_counted, from_paths, index_paths, index_places,
-    index_source, is_url, parse_jsonl, to_jsonl,
+    Index, IndexError, Layout, ManifestError, PlacesFolders, Recipe, RecipeError, RootError, Roots,
+    SceneLine, Source, from_paths, index_paths, index_places, index_source, is_url, parse_jsonl,
+    to_jsonl,
 };
 use crate::sample::{self, SampleError, SamplePhotograph};
 use crate::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
@@ -44,6 +46,8 @@ pub struct Planned {
     pub existed: bool,
     /// What a reader should know: images without depth, scenes paired less well than wished.
     pub notes: Vec<String>,
+    /// Draws that were looked at and not kept.
+    pub rejected: Vec<RejectedScene>,
 }
 
 /// A recipe that cannot be planned.
@@ -123,17 +127,18 @@ struct Content {
     /// Root folders for the spec; relative ones are the run's own.
     roots: BTreeMap<String, PathBuf>,
     notes: Vec<String>,
+    rejected: Vec<RejectedScene>,
     samples: Vec<(String, SamplePhotograph, [u32; 2])>,
     /// Pictures of hard cases: root, name, bytes.
     pictures: Vec<(&'static str, String, Vec<u8>)>,
 }
 
-/// Plans `source` into the folder `out`. `on_photograph` is told (done, all) as photographs are made.
+/// Plans `source` into the folder `out`. `on_progress` is told (what, done, all) as scenes are looked at and photographs made.
 pub fn plan(
     source: &Path,
     out: &Path,
     options: &PlanOptions,
-    on_photograph: &(dyn Fn(usize, usize) + Sync),
+    on_progress: &(dyn Fn(&'static str, usize, usize) + Sync),
 ) -> Result<Planned, PlanError> {
     let text = std::fs::read_to_string(source).map_err(|e| PlanError::Read {
         path: source.to_owned(),
@@ -141,7 +146,7 @@ pub fn plan(
     })?;
     let content = match source.extension().and_then(|e| e.to_str()) {
         Some("toml") if is_case_file(&text) => from_cases(source, &text)?,
-        Some("toml") => from_recipe(source, &text, options)?,
+        Some("toml") => from_recipe(source, &text, &RunDir::new(out), options, on_progress)?,
         Some("jsonl") => from_manifest(source, &text, options)?,
         _ => {
             return Err(PlanError::Kind {
@@ -191,8 +196,16 @@ pub fn plan(
             atomic_file::create_dir(&dir.inputs(root))?;
             atomic_file::write_relaxed(&dir.inputs(root).join(name), bytes)?;
         }
-        make_samples(&dir, &content.samples, options.threads, on_photograph)?;
+        make_samples(&dir, &content.samples, options.threads, &|done, all| {
+            on_progress("photographs", done, all);
+        })?;
         if existing.is_none() {
+            if !content.rejected.is_empty() {
+                atomic_file::write(
+                    &dir.rejected(),
+                    rejected_lines(&content.rejected).as_bytes(),
+                )?;
+            }
             atomic_file::write(&dir.manifest(), manifest.as_bytes())?;
             // Last: its presence says that the run is planned.
             let mut json = serde_json::to_string_pretty(&spec).expect("a spec is JSON");
@@ -206,6 +219,7 @@ pub fn plan(
         lines: content.lines,
         existed,
         notes: content.notes,
+        rejected: content.rejected,
     })
 }
 
@@ -246,7 +260,13 @@ fn places(
     Ok(index_places(name, &folders, &list)?)
 }
 
-fn from_recipe(path: &Path, text: &str, options: &PlanOptions) -> Result<Content, PlanError> {
+fn from_recipe(
+    path: &Path,
+    text: &str,
+    dir: &RunDir,
+    options: &PlanOptions,
+    on_progress: &(dyn Fn(&'static str, usize, usize) + Sync),
+) -> Result<Content, PlanError> {
     let wrong = |source| PlanError::Recipe {
         path: path.to_owned(),
         source: Box::new(source),
@@ -302,12 +322,34 @@ fn from_recipe(path: &Path, text: &str, options: &PlanOptions) -> Result<Content
         }
         images.insert(name.clone(), index.images);
     }
-    let Expansion {
+    let made = SampleBytes::new(dir, &listed);
+    let mut folders = Roots::default();
+    for (name, folder) in &roots {
+        folders.insert(name, dir.root().join(folder))?;
+    }
+    let around = Surroundings {
+        roots: &folders,
+        base: dir.root(),
+        read: &|path| made.read(path).unwrap_or_else(|| options.inputs.read(path)),
+        threads: options.threads,
+        on_scene: &|done, all| on_progress("scenes looked at", done, all),
+    };
+    let Looked {
         lines,
+        rejected,
         same_place,
         same_scan,
         redrawn,
-    } = expand_counted(&recipe, &images, &BTreeSet::new()).map_err(wrong)?;
+    } = draw_all(&recipe, &images, &BTreeSet::new(), &around).map_err(wrong)?;
+    drop(made);
+    if !rejected.is_empty() {
+        let looks = lines.len() + rejected.len();
+        notes.push(format!(
+            "{} of {looks} draws that were looked at were not kept ({:.1} %); others took their places",
+            rejected.len(),
+            100.0 * rejected.len() as f64 / looks as f64,
+        ));
+    }
     for (count, what) in [
         (
             same_place,
@@ -341,6 +383,7 @@ fn from_recipe(path: &Path, text: &str, options: &PlanOptions) -> Result<Content
         lines,
         roots,
         notes,
+        rejected,
         samples,
         pictures: Vec::new(),
     })
@@ -358,6 +401,7 @@ fn from_cases(path: &Path, text: &str) -> Result<Content, PlanError> {
         lines: file.cases.into_iter().map(|case| case.line).collect(),
         roots: [(root.to_owned(), Path::new("inputs").join(root))].into(),
         notes: Vec::new(),
+        rejected: Vec::new(),
         samples: Vec::new(),
         pictures: pictures
             .into_iter()
@@ -406,6 +450,7 @@ fn from_manifest(path: &Path, text: &str, options: &PlanOptions) -> Result<Conte
         lines,
         roots,
         notes: Vec::new(),
+        rejected: Vec::new(),
         samples: Vec::new(),
         pictures: Vec::new(),
     })

@@ -36,6 +36,11 @@ impl RunDir {
         self.root.join("manifest.jsonl")
     }
 
+    /// `rejected.jsonl`: draws that were looked at and not kept.
+    pub fn rejected(&self) -> PathBuf {
+        self.root.join("rejected.jsonl")
+    }
+
     /// Folder of a scene's partials.
     pub fn partials(&self, scene: &SceneId) -> PathBuf {
         self.root.join("partials").join(scene.as_str())

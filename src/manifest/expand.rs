@@ -4,7 +4,7 @@ use super::cast::{Cast, Role};
 use super::diode::SourceImage;
 use super::draw::{Draw, nine_digits, scene_seed};
 use super::focus::FocusRecipe;
-use super::light::{SideLight, illuminant};
+use super::light::{SideLight, WhiteBalance, gains_against, illuminant};
 use super::line::{
     Apex, Camera, DepthKind, Film, Focus, FocusAt, Glass, Photograph, SCENE_SCHEMA, SceneLine,
 };
@@ -103,9 +103,16 @@ pub(super) fn draw_line(
     } else {
         MAX_ATTEMPTS
     };
+    let white_balance = match recipe.light.white_balance {
+        WhiteBalance::Front => gains_against(line.front.illuminant()),
+        WhiteBalance::Back => gains_against(line.back.illuminant()),
+        // The mean colour is not known yet.
+        WhiteBalance::None | WhiteBalance::GreyWorld => [1.0; 3],
+    };
     let mut refusal = None;
     for attempt in from..from + attempts {
         line.camera = camera(recipe, draw_of(attempt));
+        line.camera.white_balance = white_balance;
         line.glass = glass(recipe, draw_of(attempt));
         line.validate().map_err(|source| RecipeError::Line {
             id: id.clone(),

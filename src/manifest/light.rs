@@ -1,5 +1,6 @@
 //! `[light]` and `[reject]` of a recipe: how bright the two sides are, what the camera makes of it, which scenes are kept.
 
+use super::draw::nine_digits;
 use super::param::Param;
 use serde::Deserialize;
 
@@ -102,6 +103,11 @@ pub fn illuminant(kelvin: f64) -> [f64; 3] {
     ]
 }
 
+/// Gains that make a colour grey and leave green as it is, as cameras do. All of `color` is above 0.
+pub fn gains_against(color: [f64; 3]) -> [f64; 3] {
+    color.map(|channel| nine_digits(color[1] / channel))
+}
+
 /// Luminance of a linear Rec.709 colour.
 pub fn luminance([red, green, blue]: [f64; 3]) -> f64 {
     0.2126 * red + 0.7152 * green + 0.0722 * blue
@@ -127,8 +133,16 @@ mod tests {
                 0.019_331 * r + 0.119_195 * g + 0.950_532 * b,
             ];
             let sum: f64 = xyz.iter().sum();
-            assert!((xyz[0] / sum - x).abs() < 1.2e-3, "{kelvin}: {}", xyz[0] / sum);
-            assert!((xyz[1] / sum - y).abs() < 1.2e-3, "{kelvin}: {}", xyz[1] / sum);
+            assert!(
+                (xyz[0] / sum - x).abs() < 1.2e-3,
+                "{kelvin}: {}",
+                xyz[0] / sum
+            );
+            assert!(
+                (xyz[1] / sum - y).abs() < 1.2e-3,
+                "{kelvin}: {}",
+                xyz[1] / sum
+            );
             assert!((luminance([r, g, b]) - 1.0).abs() < 1e-3);
         }
     }
@@ -138,7 +152,10 @@ mod tests {
         for seam in [2222.0, 4000.0] {
             let (below, above) = (illuminant(seam), illuminant(seam + 1e-6));
             for c in 0..3 {
-                assert!((below[c] - above[c]).abs() < 0.02, "{seam}: {below:?} {above:?}");
+                assert!(
+                    (below[c] - above[c]).abs() < 0.02,
+                    "{seam}: {below:?} {above:?}"
+                );
             }
         }
         for step in 0..=230 {

@@ -41,7 +41,8 @@ pub use focus::FocusRecipe;
 pub use jsonl::{ManifestError, parse_jsonl, parse_scene, to_jsonl};
 pub use layers::{LAYER_NAMES, LayerSet};
 pub use light::{
-    AutoExposure, LightRecipe, LuminanceScale, RejectRecipe, WhiteBalance, illuminant, luminance,
+    AutoExposure, LightRecipe, LuminanceScale, RejectRecipe, WhiteBalance, gains_against,
+    illuminant, luminance,
 };
 pub use line::*;
 pub use param::{Normal, Param};

@@ -3,11 +3,11 @@
 use super::depth_range::DepthRange;
 use super::focus::FocusRecipe;
 use super::layers::LayerSet;
+use super::light::{LightRecipe, LuminanceScale, RejectRecipe, SideLight, WhiteBalance};
 use super::line::{
     Apex, DepthKind, ExrPrecision, Fill, Film, Filter, Intrinsics, ReflectionOrders, Split,
     Transfer,
 };
-use super::light::{LightRecipe, LuminanceScale, RejectRecipe, SideLight, WhiteBalance};
 use super::param::Param;
 use super::places::depth_root;
 use super::roots::Roots;

@@ -92,6 +92,22 @@ impl Side {
         }
     }
 
+    /// Colour of its light.
+    pub fn illuminant(&self) -> [f64; 3] {
+        match self {
+            Self::Photograph(photograph) => photograph.illuminant,
+            Self::Mesh(mesh) => mesh.illuminant,
+        }
+    }
+
+    /// What multiplies its linear radiance.
+    pub fn exposure(&self) -> f64 {
+        match self {
+            Self::Photograph(photograph) => photograph.exposure,
+            Self::Mesh(mesh) => mesh.exposure,
+        }
+    }
+
     /// What multiplies its linear radiance, and the colour of its light.
     pub fn light_mut(&mut self) -> (&mut f64, &mut [f64; 3]) {
         match self {

@@ -45,7 +45,10 @@ impl fmt::Display for Bound {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [least, most] = self.allowed;
         let Self { measure, value, .. } = self;
-        write!(f, "{measure} is {value:.4}, but {least} to {most} is allowed")
+        write!(
+            f,
+            "{measure} is {value:.4}, but {least} to {most} is allowed"
+        )
     }
 }
 
@@ -54,7 +57,9 @@ pub fn reject(look: &Look, rules: &RejectRecipe) -> Option<Bound> {
     type Rule<'a> = (Measure, Option<[f64; 2]>, &'a dyn Fn() -> f64);
     let clipped = rules.clipped_share.map(|most| [0.0, most]);
     let rules: [Rule; 4] = [
-        (Measure::ReflectedShare, rules.reflected_share, &|| look.reflected_share()),
+        (Measure::ReflectedShare, rules.reflected_share, &|| {
+            look.reflected_share()
+        }),
         (Measure::Contrast, rules.contrast, &|| look.contrast()),
         (Measure::ClippedShare, clipped, &|| look.clipped_share()),
         (Measure::Ssim, rules.ssim, &|| look.ssim()),

@@ -90,7 +90,10 @@ impl Look {
 
     /// Mean luminance of R~ / that of I; 0 if I is black.
     pub fn reflected_share(&self) -> f64 {
-        ratio(mean(luminances(&self.glass_reflection)), mean(luminances(&self.input)))
+        ratio(
+            mean(luminances(&self.glass_reflection)),
+            mean(luminances(&self.input)),
+        )
     }
 
     /// Standard deviation of R~'s luminance / mean luminance of I; 0 if I is black.
@@ -102,7 +105,11 @@ impl Look {
 
     /// Share of I's pixels with a channel of 1 or more.
     pub fn clipped_share(&self) -> f64 {
-        mean(self.input.iter().map(|p| f64::from(u8::from(max_of(p) >= 1.0))))
+        mean(
+            self.input
+                .iter()
+                .map(|p| f64::from(u8::from(max_of(p) >= 1.0))),
+        )
     }
 
     /// Structural similarity of I and T, sRGB-coded in 8 bits, grey.
@@ -113,7 +120,12 @@ impl Look {
             let of = |[r, g, b]: &[f64; 3]| 0.299 * code(*r) + 0.587 * code(*g) + 0.114 * code(*b);
             layer.iter().map(|p| of(p).round()).collect()
         };
-        ssim_grey(&grey(&self.input), &grey(&self.transmission), self.width, self.height)
+        ssim_grey(
+            &grey(&self.input),
+            &grey(&self.transmission),
+            self.width,
+            self.height,
+        )
     }
 }
 

@@ -12,9 +12,7 @@ pub fn mean_luminance(side: &Decoded) -> f64 {
         Decoded::Sheet(sheet) => &sheet.radiance,
         Decoded::Mesh(mesh) => &mesh.radiance,
     };
-    let log = |&[r, g, b, _]: &[f32; 4]| {
-        libm::log2(luminance([r, g, b].map(f64::from)).max(FLOOR))
-    };
+    let log = |&[r, g, b, _]: &[f32; 4]| libm::log2(luminance([r, g, b].map(f64::from)).max(FLOOR));
     let sum: f64 = radiance.iter().map(log).sum();
     libm::exp2(sum / radiance.len().max(1) as f64)
 }

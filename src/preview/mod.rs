@@ -17,5 +17,5 @@ mod ssim;
 pub use judge::{Bound, Measure, reject};
 pub use look::{Look, PREVIEW_PX, PREVIEW_SPP};
 pub use meter::mean_luminance;
-pub use settle::{Settled, SettleError, settle};
+pub use settle::{SettleError, Settled, settle};
 pub use ssim::ssim_grey;

@@ -4,7 +4,7 @@ use super::judge::{Bound, reject};
 use super::look::Look;
 use super::meter::mean_luminance;
 use crate::manifest::{
-    LightRecipe, LuminanceScale, RejectRecipe, SceneLine, WhiteBalance, nine_digits,
+    LightRecipe, LuminanceScale, RejectRecipe, SceneLine, WhiteBalance, gains_against, nine_digits,
 };
 use crate::scene::{AssembleError, Decoded, LoadError, SceneFiles, decode};
 use crate::trace::Isa;
@@ -53,25 +53,28 @@ pub fn settle(
     plain.camera.exposure = 1.0;
     plain.camera.white_balance = [1.0; 3];
     let mut scene = decode(&plain, files)?;
-    let mut illuminants = [[1.0; 3]; 2];
     let sides = [
         (&mut line.front, &mut scene.front),
         (&mut line.back, &mut scene.back),
     ];
-    for ((side, decoded), kept) in sides.into_iter().zip(&mut illuminants) {
+    for (side, decoded) in sides {
         let (exposure, illuminant) = side.light_mut();
         if light.scale == LuminanceScale::Metered {
             *exposure = nine_digits(*exposure * MIDDLE_GREY / mean_luminance(decoded));
         }
-        *kept = *illuminant;
         scale(decoded, illuminant.map(|c| c * *exposure));
     }
     let look = Look::new(&plain_camera(&line), &scene, isa)?;
     let balance = match light.white_balance {
-        WhiteBalance::None => [1.0; 3],
-        WhiteBalance::Front => against(illuminants[0])?,
-        WhiteBalance::Back => against(illuminants[1])?,
-        WhiteBalance::GreyWorld => against(look.mean_color())?,
+        WhiteBalance::GreyWorld => {
+            let color = look.mean_color();
+            if color.iter().any(|c| *c <= 0.0) {
+                return Err(SettleError::Black);
+            }
+            gains_against(color)
+        }
+        // Known when it was drawn.
+        WhiteBalance::None | WhiteBalance::Front | WhiteBalance::Back => line.camera.white_balance,
     };
     line.camera.white_balance = balance;
     let look = look.times(balance);
@@ -96,14 +99,6 @@ fn plain_camera(line: &SceneLine) -> SceneLine {
     line
 }
 
-/// Gains that make this colour grey and leave green as it is, as cameras do.
-fn against(color: [f64; 3]) -> Result<[f64; 3], SettleError> {
-    if color.iter().any(|c| *c <= 0.0) {
-        return Err(SettleError::Black);
-    }
-    Ok(color.map(|c| nine_digits(color[1] / c)))
-}
-
 fn scale(side: &mut Decoded, factors: [f64; 3]) {
     let (radiance, max) = match side {
         Decoded::Sheet(sheet) => (&mut sheet.radiance, &mut sheet.max_radiance),
@@ -117,4 +112,3 @@ fn scale(side: &mut Decoded, factors: [f64; 3]) {
         }
     }
 }
-

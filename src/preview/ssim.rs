@@ -54,7 +54,9 @@ mod tests {
         let (width, height) = (23usize, 17usize);
         let at = |k: usize| ((k * k * 31 + k * 7) % 251) as f64;
         let a: Vec<f64> = (0..width * height).map(at).collect();
-        let b: Vec<f64> = (0..width * height).map(|k| ((at(k) * 3.0 + at(k + 5)) / 4.0).floor()).collect();
+        let b: Vec<f64> = (0..width * height)
+            .map(|k| ((at(k) * 3.0 + at(k + 5)) / 4.0).floor())
+            .collect();
         let found = ssim_grey(&a, &b, width, height);
         assert!((found - SKIMAGE).abs() < 1e-9, "{found}");
     }

@@ -1,7 +1,8 @@
 //! `report/index.html`: the run at a glance and a contact sheet of its tuples.
 
+use super::parameters::{parameters, rejections};
 use crate::atomic_file::{self, WriteError};
-use crate::farm::{Run, run_status};
+use crate::farm::{Run, read_rejected, run_status};
 use crate::merge::{SrgbEncoder, TupleRecord, srgb_to_linear};
 use crate::trace::LAYERS;
 use base64::Engine;
@@ -78,6 +79,10 @@ pub fn write_report(run: &Run) -> Result<PathBuf, ReportError> {
         }
         page += "</ul>\n";
     }
+    page += &parameters(&run.lines);
+    let rejected =
+        read_rejected(&run.dir).map_err(|(path, reason)| ReportError::Tuple { path, reason })?;
+    page += &rejections(run.lines.len(), &rejected);
     let _ = write!(
         page,
         "<h2>Contact sheet</h2>\n<p>{shown} of {} tuples. Linear light, sRGB-coded and clipped at white for the screen. \
@@ -99,6 +104,10 @@ h1{font-size:1.6rem;margin:.2rem 0}h2{font-size:1.1rem;margin:1.6rem 0 .4rem}.gl
 .tuple{border-top:1px solid var(--line);padding:.8rem 0}.tuple h3{font-size:1rem;margin:0 0 .3rem}\
 .tuple small{color:var(--dim);font-weight:normal}.strip{display:grid;grid-template-columns:repeat(5,1fr);gap:.5rem}\
 figure{margin:0}img{width:100%;display:block;border-radius:3px}figcaption{font-size:.8rem;color:var(--dim)}\
+.plots{display:grid;grid-template-columns:repeat(auto-fill,minmax(240px,1fr));gap:1rem}\
+.plot{width:100%;fill:currentColor;font-size:10px}.plot .name{font-size:12px;font-weight:600}.plot rect{fill:#4a86c8}\
+.plot path{stroke:currentColor;stroke-width:.7;fill:none}table{border-collapse:collapse;font-size:.9rem}\
+th,td{text-align:left;padding:.15rem .8rem .15rem 0;border-bottom:1px solid var(--line);vertical-align:top}\
 @media(max-width:640px){.strip{grid-template-columns:repeat(2,1fr)}}";
 
 const SYMBOLS: [&str; 4] = ["I", "T", "R&#771;", "R"];
@@ -222,7 +231,7 @@ fn encode(picture: &image::RgbImage) -> Result<Vec<u8>, image::ImageError> {
     Ok(bytes)
 }
 
-fn escape(text: &str) -> String {
+pub(super) fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")

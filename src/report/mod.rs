@@ -1,5 +1,7 @@
 //! What a person looks at: one self-contained HTML page.
 
+mod histogram;
 mod html;
+mod parameters;
 
 pub use html::{ReportError, write_report};

@@ -1,0 +1,107 @@
+//! What the scenes of a run were drawn from, as histograms; and what was rejected on the way.
+
+use super::histogram::histogram;
+use crate::farm::RejectedScene;
+use crate::manifest::{Focus, SceneLine};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// A number of each scene that has it: its name, its unit, how it is found.
+type Parameter = (&'static str, &'static str, fn(&SceneLine) -> Option<f64>);
+
+const PARAMETERS: [Parameter; 19] = [
+    ("glass thickness", "mm", |l| Some(l.glass.thickness_m * 1e3)),
+    ("index of refraction", "", |l| Some(l.glass.ior)),
+    ("glass distance", "m", |l| Some(l.glass.distance_m)),
+    ("pitch", "degrees", |l| Some(l.glass.tilt_deg[0])),
+    ("yaw", "degrees", |l| Some(l.glass.tilt_deg[1])),
+    ("absorption of red", "per m", |l| {
+        Some(l.glass.absorption_per_m[0])
+    }),
+    ("absorption of green", "per m", |l| {
+        Some(l.glass.absorption_per_m[1])
+    }),
+    ("absorption of blue", "per m", |l| {
+        Some(l.glass.absorption_per_m[2])
+    }),
+    ("focal length", "mm", |l| Some(l.camera.focal_length_mm)),
+    ("aperture radius", "mm", |l| {
+        Some(l.camera.aperture_radius_m * 1e3)
+    }),
+    ("f-number", "", |l| {
+        let diameter_mm = l.camera.aperture_radius_m * 2e3;
+        (diameter_mm > 0.0).then(|| l.camera.focal_length_mm / diameter_mm)
+    }),
+    ("focus distance, where drawn", "m", |l| {
+        match l.camera.focus {
+            Focus::Distance { distance_m } => Some(distance_m),
+            Focus::At { .. } => None,
+        }
+    }),
+    ("exposure of the front", "EV", |l| ev(l.front.exposure())),
+    ("exposure of the back", "EV", |l| ev(l.back.exposure())),
+    ("back against front", "EV", |l| {
+        Some(ev(l.back.exposure())? - ev(l.front.exposure())?)
+    }),
+    ("exposure of the camera", "EV", |l| ev(l.camera.exposure)),
+    ("white balance, red", "", |l| {
+        Some(l.camera.white_balance[0])
+    }),
+    ("white balance, blue", "", |l| {
+        Some(l.camera.white_balance[2])
+    }),
+    ("samples a pixel", "", |l| Some(f64::from(l.film.spp))),
+];
+
+fn ev(exposure: f64) -> Option<f64> {
+    (exposure > 0.0).then(|| exposure.log2())
+}
+
+/// A section with a histogram of every parameter that differs among `lines`; empty if none does.
+pub(super) fn parameters(lines: &[SceneLine]) -> String {
+    let plots: String = PARAMETERS
+        .iter()
+        .filter_map(|(name, unit, of)| {
+            let values: Vec<f64> = lines.iter().filter_map(of).collect();
+            histogram(name, unit, &values)
+        })
+        .collect();
+    if plots.is_empty() {
+        return String::new();
+    }
+    format!(
+        "<h2>Parameters</h2>\n<p>What {} scenes were drawn from, where they differ. Scenes a bar; the line is the \
+         median.</p>\n<div class=\"plots\">{plots}</div>\n",
+        lines.len()
+    )
+}
+
+/// A section about the draws that were not kept; empty if there were none.
+pub(super) fn rejections(scenes: usize, rejected: &[RejectedScene]) -> String {
+    if rejected.is_empty() {
+        return String::new();
+    }
+    let mut rules: BTreeMap<&str, (usize, &str)> = BTreeMap::new();
+    for one in rejected {
+        rules.entry(&one.rule).or_insert((0, &one.reason)).0 += 1;
+    }
+    let looks = scenes + rejected.len();
+    let share = |count: usize| 100.0 * count as f64 / looks as f64;
+    let mut html = format!(
+        "<h2>Rejected draws</h2>\n<p>{looks} draws were looked at for {scenes} scenes; {} of them ({:.1} %) were not kept, \
+         and other draws took their places. <code>rejected.jsonl</code> has each with its reason.</p>\n\
+         <table><tr><th>rule</th><th>draws</th><th>of all looks</th><th>for example</th></tr>\n",
+        rejected.len(),
+        share(rejected.len()),
+    );
+    for (rule, (count, reason)) in rules {
+        let _ = writeln!(
+            html,
+            "<tr><td>{}</td><td>{count}</td><td>{:.1} %</td><td>{}</td></tr>",
+            super::html::escape(rule),
+            share(count),
+            super::html::escape(reason),
+        );
+    }
+    html + "</table>\n"
+}
