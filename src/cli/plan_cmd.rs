@@ -99,6 +99,7 @@ pub(super) fn run(args: &PlanArgs, global: &Global, output: &Output) -> Result<E
             "tuple_bytes": tuples as u64,
             "core_seconds_estimate": core_s,
             "manifest_blake3": planned.spec.manifest_blake3,
+            "rejected": planned.rejected.len(),
             "notes": planned.notes,
         }),
         &format!(

@@ -9,8 +9,8 @@ const HEIGHT: f64 = 120.0;
 const FOOT: f64 = 30.0;
 const HEAD: f64 = 18.0;
 
-/// A histogram of `values`, which must be finite; `None` if they are all the same. Values that are all above 0 and reach
-/// over more than a factor of 30 get a logarithmic axis.
+/// A histogram of `values`, which must be finite; `None` if they are all the same. Values above 0 that reach over more than
+/// a factor of 30 get a logarithmic axis if it spreads them better.
 pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<String> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -19,14 +19,12 @@ pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<String
         return None;
     }
     let median = sorted[sorted.len() / 2];
-    let is_log = least > 0.0 && most / least > 30.0;
-    let place = |v: f64| {
-        if is_log {
-            (v / least).ln() / (most / least).ln()
-        } else {
-            (v - least) / (most - least)
-        }
-    };
+    let linear = |v: f64| (v - least) / (most - least);
+    let log = |v: f64| (v / least).ln() / (most / least).ln();
+    // Where the median stands tells which axis spreads the values better.
+    let is_off = |place: f64| (place - 0.5).abs();
+    let is_log = least > 0.0 && most / least > 30.0 && is_off(log(median)) < is_off(linear(median));
+    let place = |v: f64| if is_log { log(v) } else { linear(v) };
     let bins = ((values.len() as f64).sqrt() as usize).clamp(6, 24);
     let mut counts = vec![0u32; bins];
     for &value in values {
@@ -77,7 +75,7 @@ fn suffix(unit: &str) -> String {
 }
 
 /// Three significant digits.
-fn short(value: f64) -> String {
+pub(super) fn short(value: f64) -> String {
     let digits = if value == 0.0 {
         0
     } else {

@@ -1,5 +1,6 @@
 //! `report/index.html`: the run at a glance and a contact sheet of its tuples.
 
+use super::histogram::short;
 use super::parameters::{parameters, rejections};
 use crate::atomic_file::{self, WriteError};
 use crate::farm::{Run, read_rejected, run_status};
@@ -133,14 +134,14 @@ fn row(html: &mut String, folder: &Path, id: &str) -> Result<(), ReportError> {
         .collect();
     let _ = writeln!(
         html,
-        "<section class=\"tuple\"><h3>{} <small>{} &middot; {} spp &middot; focus {focus} &middot; glass {:.0} mm, n {} at \
+        "<section class=\"tuple\"><h3>{} <small>{} &middot; {} spp &middot; focus {focus} &middot; glass {} mm, n {} at \
          {} m &middot; orders {}</small></h3><div class=\"strip\">",
         escape(id),
         record.scene.split,
         record.scene.film.spp,
-        glass.thickness_m * 1e3,
-        glass.ior,
-        glass.distance_m,
+        short(glass.thickness_m * 1e3),
+        short(glass.ior),
+        short(glass.distance_m),
         orders.join(" "),
     );
     for (name, symbol) in LAYERS.iter().zip(SYMBOLS) {

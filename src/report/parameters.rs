@@ -32,11 +32,9 @@ const PARAMETERS: [Parameter; 19] = [
         let diameter_mm = l.camera.aperture_radius_m * 2e3;
         (diameter_mm > 0.0).then(|| l.camera.focal_length_mm / diameter_mm)
     }),
-    ("focus distance, where drawn", "m", |l| {
-        match l.camera.focus {
-            Focus::Distance { distance_m } => Some(distance_m),
-            Focus::At { .. } => None,
-        }
+    ("drawn focus distance", "m", |l| match l.camera.focus {
+        Focus::Distance { distance_m } => Some(distance_m),
+        Focus::At { .. } => None,
     }),
     ("exposure of the front", "EV", |l| ev(l.front.exposure())),
     ("exposure of the back", "EV", |l| ev(l.back.exposure())),

@@ -25,6 +25,7 @@ mod help;
 mod json;
 mod kill;
 mod layers;
+mod light;
 mod many;
 mod merging;
 mod mesh;
