@@ -7,8 +7,8 @@ use crate::atomic_file::{self, WriteError};
 use crate::cases::{CaseError, CaseFile, is_case_file};
 use crate::manifest::{
     Index, IndexError, Layout, ManifestError, PlacesFolders, Recipe, RecipeError, RootError, Roots,
-    SceneLine, Source, from_paths, index_paths, index_places, index_source, is_url, parse_jsonl,
-    to_jsonl,
+    SceneLine, Source, from_paths, index_list, index_paths, index_places, index_source, is_url,
+    parse_jsonl, to_jsonl,
 };
 use crate::sample::{self, SampleError, SamplePhotograph};
 use crate::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
@@ -308,6 +308,13 @@ fn from_recipe(
                     &parent(path),
                     options,
                 )?
+            } else if source.layout == Layout::List {
+                let list = parent(path).join(source.list.as_deref().unwrap_or_default());
+                let there = match is_url(&folder) {
+                    true => Some(options.inputs.list(&folder)?),
+                    false => None,
+                };
+                index_list(name, &list, &folder, there.as_deref())?
             } else if is_url(&folder) {
                 index_paths(name, &folder, &options.inputs.list(&folder)?)?
             } else {

@@ -6,8 +6,10 @@
 
 use super::depth_range::DepthRange;
 use super::line::Intrinsics;
+use super::list::ListError;
+use super::side::Side;
 use serde::Deserialize;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -41,6 +43,10 @@ pub struct SourceImage {
     pub scene: String,
     /// Folder of the scan: the views from one standpoint.
     pub scan: String,
+    /// Of a list: all keys of the side, in place of the source's and of the paths above but `color`, its name.
+    pub side: Option<Side>,
+    /// Of a list: numbers that go with the photograph, by the recipe's parameter.
+    pub values: BTreeMap<String, f64>,
 }
 
 /// What a folder holds.
@@ -110,6 +116,26 @@ pub enum IndexError {
         path: PathBuf,
         /// Why not.
         reason: String,
+    },
+    /// The list of photographs cannot be read.
+    #[error("source {name}: cannot read its list {}: {source}; check the path, which is relative to the recipe", path.display())]
+    NoList {
+        /// The source.
+        name: String,
+        /// The list.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+    /// The list of photographs cannot be used.
+    #[error("source {name}: list {}: {source}", path.display())]
+    List {
+        /// The source.
+        name: String,
+        /// The list.
+        path: PathBuf,
+        /// Why not.
+        source: ListError,
     },
 }
 
@@ -236,6 +262,8 @@ pub fn from_paths(paths: &[String]) -> Index {
             place,
             scene: scene.to_owned(),
             scan: scan.to_owned(),
+            side: None,
+            values: BTreeMap::new(),
         });
     }
     index

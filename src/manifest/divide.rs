@@ -132,6 +132,8 @@ pub(super) mod tests {
             place,
             scene: format!("scene_{}", n / 8),
             scan: format!("scan_{}", n / 4),
+            side: None,
+            values: std::collections::BTreeMap::new(),
         };
         let inside = (0..indoors).map(|n| image(Place::Indoors, "indoors", n));
         let outside = (0..outdoor).map(|n| image(Place::Outdoor, "outdoor", n));

@@ -8,10 +8,12 @@ use super::light::{SideLight, WhiteBalance, gains_against, illuminant};
 use super::line::{
     Apex, Camera, DepthKind, Film, Focus, FocusAt, Glass, Photograph, SCENE_SCHEMA, SceneLine,
 };
+use super::list;
 use super::pair::Pair;
 use super::param::Param;
 use super::recipe::{Recipe, RecipeError, Source};
 use super::refuse::refuse;
+use super::side::Side;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// How often a scene is drawn before its recipe is given up.
@@ -79,11 +81,13 @@ pub(super) fn draw_line(
         attempt,
     };
     let first = draw_of(from);
-    let mut back = photograph(back_source, pair.back);
+    let mut back = side(back_source, pair.back);
     light("back", recipe.back.light(), first, &mut back);
-    let mut front = photograph(front_source, pair.front);
+    let mut front = side(front_source, pair.front);
     light("front", recipe.front.light(), first, &mut front);
-    back.apex = (recipe.back.apex != Apex::default()).then_some(recipe.back.apex);
+    if recipe.back.apex != Apex::default() {
+        back.set_apex(recipe.back.apex);
+    }
     let mut line = SceneLine {
         schema: SCENE_SCHEMA.to_owned(),
         id: id.clone(),
@@ -92,8 +96,8 @@ pub(super) fn draw_line(
         film: film(recipe, first),
         camera: camera(recipe, first),
         glass: glass(recipe, first),
-        front: front.into(),
-        back: back.into(),
+        front,
+        back,
     };
     let attempts = if deciding(recipe)
         .iter()
@@ -234,16 +238,26 @@ fn glass(recipe: &Recipe, draw: Draw<'_>) -> Glass {
     }
 }
 
-/// Draws the light of a side.
-fn light(name: &str, recipe: SideLight<'_>, draw: Draw<'_>, side: &mut Photograph) {
-    side.exposure = draw.value(&format!("{name}.exposure"), recipe.exposure);
+/// Draws the light of a side, on top of what a list says of its photograph.
+fn light(name: &str, recipe: SideLight<'_>, draw: Draw<'_>, side: &mut Side) {
+    let (exposure, side_illuminant) = side.light_mut();
+    *exposure *= draw.value(&format!("{name}.exposure"), recipe.exposure);
     if let Some(param) = recipe.exposure_ev {
         let ev = draw.value(&format!("{name}.exposure_ev"), param);
-        side.exposure = nine_digits(side.exposure * libm::exp2(ev));
+        *exposure = nine_digits(*exposure * libm::exp2(ev));
     }
     if let Some(param) = recipe.illuminant_k {
         let kelvin = draw.value(&format!("{name}.illuminant_k"), param);
-        side.illuminant = illuminant(kelvin).map(nine_digits);
+        for (channel, drawn) in side_illuminant.iter_mut().zip(illuminant(kelvin)) {
+            *channel = nine_digits(*channel * drawn);
+        }
+    }
+}
+
+fn side((name, source): (&str, &Source), image: &SourceImage) -> Side {
+    match &image.side {
+        Some(side) => list::rooted(side, name),
+        None => photograph((name, source), image).into(),
     }
 }
 

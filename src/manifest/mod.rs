@@ -2,13 +2,14 @@
 //!
 //! ```text
 //! recipe.rs, param.rs     what a .toml says            jsonl.rs     manifests as text
-//! diode.rs               which photographs there are  validate.rs  which lines are sound
+//! diode.rs, places.rs,   which photographs there are  validate.rs  which lines are sound
+//! list.rs
 //! divide.rs -> pair.rs   who shares a scene           refuse.rs    which panes cannot be looked through
 //! draw.rs                every random number          roots.rs     where a line's paths lead
 //! expand.rs              all of it: recipe -> scene lines    side.rs       photograph or mesh
 //! ```
 //!
-//! Pure, apart from the folder walk of `diode.rs`.
+//! Pure, apart from the listings of `diode.rs`, `places.rs` and `list.rs`.
 
 mod cast;
 mod depth_range;
@@ -22,6 +23,7 @@ mod layers;
 mod light;
 mod limits;
 mod line;
+mod list;
 mod pair;
 mod param;
 mod places;
@@ -45,6 +47,7 @@ pub use light::{
     illuminant, luminance,
 };
 pub use line::*;
+pub use list::{ListError, PHOTOGRAPH_SCHEMA, index_list, parse_list};
 pub use param::{Normal, Param};
 pub use places::{
     Category, DEPTH_RANGES_SCHEMA, DepthRanges, DepthRangesError, PlacesFolders, index_places,

@@ -130,6 +130,8 @@ impl DepthRanges {
                 scene: name.to_owned(),
                 // No two photographs of the set are known to be of one place.
                 scan: stem.to_owned(),
+                side: None,
+                values: BTreeMap::new(),
             });
         }
         index

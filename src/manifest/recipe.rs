@@ -308,6 +308,8 @@ pub enum Layout {
     Sample,
     /// A PLACES365 folder with estimated depth.
     Places,
+    /// Photographs that a list names, one JSON object a line.
+    List,
 }
 
 impl fmt::Display for Layout {
@@ -316,6 +318,7 @@ impl fmt::Display for Layout {
             Self::Diode => "diode",
             Self::Sample => "sample",
             Self::Places => "places",
+            Self::List => "list",
         })
     }
 }
@@ -339,6 +342,8 @@ pub struct Source {
     pub height: Option<u32>,
     /// `places` alone: table of mean depths by category.
     pub depth_ranges: Option<String>,
+    /// `list` alone: the list, relative to the recipe. Its lines hold all that follows here.
+    pub list: Option<String>,
     /// Capture camera. Default: DIODE's, for images of the same field of view.
     #[serde(default = "Intrinsics::diode")]
     pub intrinsics: Intrinsics,

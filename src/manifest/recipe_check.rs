@@ -3,6 +3,7 @@
 use super::cast::sides;
 use super::focus::FocusRecipe;
 use super::limits::{self, Limit};
+use super::line::{DepthKind, Fill, Intrinsics, Transfer};
 use super::param::Param;
 use super::places::depth_root;
 use super::recipe::{CameraRecipe, Layout, RECIPE_SCHEMA, Recipe, RecipeError, Source};
@@ -169,7 +170,7 @@ impl Recipe {
             }
             let photographs = match source.layout {
                 Layout::Sample => format!("seed {}", source.seed.unwrap_or(self.seed)),
-                Layout::Diode | Layout::Places => {
+                Layout::Diode | Layout::Places | Layout::List => {
                     format!("root {:?}", source.root.as_deref().unwrap_or(name))
                 }
             };
@@ -244,9 +245,10 @@ impl Recipe {
 impl Source {
     /// `key` is where it stands in the recipe.
     fn check(&self, key: &str) -> Result<(), RecipeError> {
-        use Layout::{Diode, Places, Sample};
-        let keys: [(&str, bool, &[Layout]); 8] = [
-            ("root", self.root.is_some(), &[Diode, Places]),
+        use Layout::{Diode, List, Places, Sample};
+        let keys: [(&str, bool, &[Layout]); 9] = [
+            ("root", self.root.is_some(), &[Diode, Places, List]),
+            ("list", self.list.is_some(), &[List]),
             ("depth_ranges", self.depth_ranges.is_some(), &[Places]),
             ("depth_root", self.depth_root.is_some(), &[Places]),
             ("depth_range", self.depth_range.is_some(), &[Diode, Sample]),
@@ -268,6 +270,9 @@ impl Source {
                 &format!("{key}.depth_ranges"),
                 "is missing: name the table of categories, such as \"depth-ranges.toml\"",
             );
+        }
+        if self.layout == List {
+            self.check_list(key)?;
         }
         if self.layout == Sample {
             if self.count.is_none_or(|count| count < 2) {
@@ -295,6 +300,34 @@ impl Source {
         }
         for (name, value, limit) in numbers {
             within(&format!("{key}.{name}"), &Param::Constant(value), limit)?;
+        }
+        Ok(())
+    }
+}
+
+impl Source {
+    /// A list is named, and says of each photograph what a source says of all of its.
+    fn check_list(&self, key: &str) -> Result<(), RecipeError> {
+        if self.list.is_none() {
+            return bad(
+                &format!("{key}.list"),
+                "is missing: name the list, such as \"photographs.jsonl\"",
+            );
+        }
+        let keys = [
+            ("intrinsics", self.intrinsics != Intrinsics::diode()),
+            ("transfer", self.transfer != Transfer::default()),
+            ("depth_unit_m", self.depth_unit_m != 1.0),
+            ("depth_kind", self.depth_kind != DepthKind::default()),
+            ("fill", self.fill != Fill::default()),
+        ];
+        for (name, given) in keys {
+            if given {
+                return bad(
+                    &format!("{key}.{name}"),
+                    "does not belong to layout \"list\": write it in the lines of the list",
+                );
+            }
         }
         Ok(())
     }
@@ -374,6 +407,44 @@ mod tests {
             let error = error.unwrap_err();
             assert!(error.contains(message), "{source}: {error}");
         }
+    }
+
+    #[test]
+    fn a_list_says_itself_what_other_sources_say_of_all_photographs() {
+        let with = |keys: &str| {
+            let text = PAPER.replacen(
+                "layout = \"diode\"",
+                &format!("layout = \"list\"\n{keys}"),
+                1,
+            );
+            Recipe::parse(&text).map_err(|error| error.to_string())
+        };
+        let recipe = with("list = \"mine.jsonl\"").unwrap();
+        assert_eq!(recipe.sources["diode"].list.as_deref(), Some("mine.jsonl"));
+        for (keys, message) in [
+            ("", "sources.diode.list is missing"),
+            (
+                "list = \"m\"\ntransfer = \"linear\"",
+                "sources.diode.transfer does not belong to layout \"list\"",
+            ),
+            (
+                "list = \"m\"\ndepth_range = { mean_m = 3 }",
+                "sources.diode.depth_range does not belong",
+            ),
+            (
+                "list = \"m\"\ncount = 3",
+                "sources.diode.count does not belong",
+            ),
+        ] {
+            let error = with(keys).unwrap_err();
+            assert!(error.contains(message), "{keys}: {error}");
+        }
+        let other = PAPER.replacen("root = \"diode\"", "list = \"m\"", 1);
+        let error = Recipe::parse(&other).unwrap_err().to_string();
+        assert!(
+            error.contains("sources.diode.list does not belong"),
+            "{error}"
+        );
     }
 
     #[test]

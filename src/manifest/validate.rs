@@ -153,23 +153,27 @@ impl SceneLine {
             within(&format!("glass.tilt_deg[{index}]"), value, limits::TILT_DEG)?;
         }
 
-        for (name, side) in [("front", &self.front), ("back", &self.back)] {
-            for (key, path) in side.paths() {
-                if path.is_empty() {
-                    return Err(LineError::EmptyPath {
-                        field: format!("{name}.{key}"),
-                    });
-                }
-            }
-            match side {
-                Side::Photograph(side) => photograph(name, side)?,
-                Side::Mesh(side) => mesh(name, side)?,
-            }
-        }
+        side("front", &self.front)?;
+        side("back", &self.back)?;
         if self.front.apex().is_some() {
             return Err(LineError::ApexOfFront);
         }
         Ok(())
+    }
+}
+
+/// Checks the paths and numbers of one side, which errors call `name`.
+pub(super) fn side(name: &str, side: &Side) -> Result<(), LineError> {
+    for (key, path) in side.paths() {
+        if path.is_empty() {
+            return Err(LineError::EmptyPath {
+                field: format!("{name}.{key}"),
+            });
+        }
+    }
+    match side {
+        Side::Photograph(side) => photograph(name, side),
+        Side::Mesh(side) => mesh(name, side),
     }
 }
 

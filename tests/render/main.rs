@@ -9,5 +9,6 @@
 mod estimate;
 mod oracle;
 mod real;
+mod real_list;
 mod real_scenes;
 mod real_sets;

@@ -1,0 +1,280 @@
+//! A list of anybody's photographs: the layout of sets that have none of the known ones.
+//!
+//! One JSON object a line, `glasshouse.photograph/1`: the keys of a scene line's side, paths relative to the source's
+//! root, and where it was taken.
+
+use super::diode::{Index, IndexError, Place, SourceImage};
+use super::roots::is_url;
+use super::side::Side;
+use super::validate;
+use serde::Deserialize;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Component, Path};
+
+/// The schema name that a line of the list must carry.
+pub const PHOTOGRAPH_SCHEMA: &str = "glasshouse.photograph/1";
+
+/// A list that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ListError {
+    /// A line that is no photograph.
+    #[error("line {line}: {reason}; correct that line")]
+    Line {
+        /// Counted from 1.
+        line: usize,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// Nothing listed.
+    #[error("it holds no line: write one JSON object a photograph")]
+    Empty,
+    /// Files that are listed and not there.
+    #[error(
+        "{count} of its files are not there, the first is {first} (line {line}), looked for below the source's root: \
+         fetch them, correct the lines, or pass --root"
+    )]
+    Missing {
+        /// How many.
+        count: usize,
+        /// The first one's path, relative to the root.
+        first: String,
+        /// Its line, counted from 1.
+        line: usize,
+    },
+}
+
+/// One line. What is left in `side` are the keys of a scene line's side.
+#[derive(Deserialize)]
+struct Listed {
+    schema: String,
+    place: Place,
+    #[serde(default)]
+    scan: Option<String>,
+    #[serde(default)]
+    values: BTreeMap<String, f64>,
+    #[serde(flatten)]
+    side: serde_json::Map<String, serde_json::Value>,
+}
+
+/// Reads a list: order kept, blank lines skipped, every side checked by itself. Each photograph with its line, counted
+/// from 1.
+pub fn parse_list(text: &str) -> Result<Vec<(usize, SourceImage)>, ListError> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let mut images = Vec::new();
+    for (index, json) in text.lines().enumerate() {
+        if json.trim().is_empty() {
+            continue;
+        }
+        let line = index + 1;
+        let image = parse_line(json).map_err(|reason| ListError::Line { line, reason })?;
+        images.push((line, image));
+    }
+    if images.is_empty() {
+        return Err(ListError::Empty);
+    }
+    Ok(images)
+}
+
+fn parse_line(json: &str) -> Result<SourceImage, String> {
+    let listed: Listed = serde_json::from_str(json).map_err(|error| {
+        let text = error.to_string();
+        // serde_json counts lines within this one alone.
+        text.replace(" at line 1 column ", " at column ")
+    })?;
+    if listed.schema != PHOTOGRAPH_SCHEMA {
+        return Err(format!(
+            "its schema is {:?}, but must be {PHOTOGRAPH_SCHEMA:?}",
+            listed.schema
+        ));
+    }
+    let side = Side::deserialize(serde_json::Value::Object(listed.side))
+        .map_err(|error| error.to_string())?;
+    if side.apex().is_some() {
+        return Err("`apex` is not a photograph's: the recipe's back.apex says it".to_owned());
+    }
+    for (key, path) in side.paths() {
+        if is_url(path) || !stays_below(path) {
+            return Err(format!(
+                "{key} is {path:?}, but must be a path below the source's root, without \"..\""
+            ));
+        }
+    }
+    validate::side("photograph", &side).map_err(|error| error.to_string())?;
+    let color = side.name().to_owned();
+    // Names of scans are apart from paths, so that no photograph without one meets them.
+    let (scene, scan) = match listed.scan {
+        Some(scan) => ("scan".to_owned(), scan),
+        None => (String::new(), color.clone()),
+    };
+    Ok(SourceImage {
+        color,
+        depth: String::new(),
+        depth_root: None,
+        depth_range: None,
+        mask: None,
+        place: listed.place,
+        scene,
+        scan,
+        side: Some(side),
+        values: listed.values,
+    })
+}
+
+fn stays_below(path: &str) -> bool {
+    Path::new(path)
+        .components()
+        .all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
+}
+
+/// The listed side, its paths below the root `root`.
+pub(super) fn rooted(side: &Side, root: &str) -> Side {
+    let mut side = side.clone();
+    for path in side.paths_mut() {
+        *path = format!("{root}:{path}");
+    }
+    side
+}
+
+/// Reads the list of the source `name` and looks whether its files are below `folder`: among `there`, if that is given
+/// (a folder that is an address), else on this disk.
+pub fn index_list(
+    name: &str,
+    list: &Path,
+    folder: &Path,
+    there: Option<&[String]>,
+) -> Result<Index, IndexError> {
+    let failed = |source| IndexError::List {
+        name: name.to_owned(),
+        path: list.to_owned(),
+        source,
+    };
+    let text = fs::read_to_string(list).map_err(|source| IndexError::NoList {
+        name: name.to_owned(),
+        path: list.to_owned(),
+        source,
+    })?;
+    let images = parse_list(&text).map_err(failed)?;
+    let there: Option<BTreeSet<&str>> =
+        there.map(|paths| paths.iter().map(String::as_str).collect());
+    let is_there = |path: &str| match &there {
+        Some(paths) => paths.contains(path),
+        None => folder.join(path).is_file(),
+    };
+    let mut missing = images.iter().flat_map(|(line, image)| {
+        let paths = image.side.iter().flat_map(Side::paths);
+        paths.filter_map(|(_, path)| (!is_there(path)).then_some((*line, path)))
+    });
+    if let Some((line, first)) = missing.next() {
+        return Err(failed(ListError::Missing {
+            first: first.to_owned(),
+            line,
+            count: 1 + missing.count(),
+        }));
+    }
+    drop(missing);
+    Ok(Index {
+        images: images.into_iter().map(|(_, image)| image).collect(),
+        without_depth: Vec::new(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIDE: &str =
+        r#""color":"a.png","depth":"a.npy","intrinsics":{"fx":1,"fy":1,"cx":0,"cy":0}"#;
+
+    fn line(rest: &str) -> String {
+        format!(r#"{{"schema":"glasshouse.photograph/1","place":"indoors",{rest}}}"#)
+    }
+
+    fn parse(text: &str) -> Result<Vec<(usize, SourceImage)>, String> {
+        parse_list(text).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_line_is_a_side_and_where_it_was_taken() {
+        let text = format!(
+            "\n{}\r\n{}\n",
+            line(SIDE),
+            line(r#""scan":"a.png","mesh":"b.ply","exposure":2,"values":{"camera.gain":1.5}"#)
+                .replace("indoors", "outdoor")
+        );
+        let images = parse(&text).unwrap();
+        assert_eq!((images[0].0, images[1].0), (2, 3));
+        let [first, second] = [&images[0].1, &images[1].1];
+        assert_eq!(
+            (first.color.as_str(), first.place),
+            ("a.png", Place::Indoors)
+        );
+        assert_eq!(
+            (second.color.as_str(), second.place),
+            ("b.ply", Place::Outdoor)
+        );
+        // A scan that is called like a photograph is not that photograph's own.
+        assert_eq!(first.scan, second.scan);
+        assert_ne!(first.scene, second.scene);
+        assert_eq!(second.values["camera.gain"], 1.5);
+
+        let side = rooted(second.side.as_ref().unwrap(), "mine");
+        assert_eq!(side.paths(), [("mesh", "mine:b.ply")]);
+        assert_eq!(side.exposure(), 2.0);
+    }
+
+    #[test]
+    fn mistakes_are_named_with_their_line() {
+        for (rest, words) in [
+            (format!(r#"{SIDE},"colour":"x""#), "unknown field `colour`"),
+            (r#""color":"a.png""#.to_owned(), "missing field `depth`"),
+            (format!(r#"{SIDE},"apex":"mirror""#), "`apex` is not"),
+            (
+                format!(r#"{SIDE},"depth_unit_m":0"#),
+                "photograph.depth_unit_m is 0, but must be",
+            ),
+            (format!(r#"{SIDE},"scan":3"#), "invalid type: integer `3`"),
+            (SIDE.replace("a.png", "../a.png"), "color is \"../a.png\""),
+            (SIDE.replace("a.npy", "/a.npy"), "depth is \"/a.npy\""),
+            (SIDE.replace("a.npy", "s3://b/a"), "depth is \"s3://b/a\""),
+            (SIDE.replace("a.png", ""), "photograph.color is empty"),
+        ] {
+            let error = parse(&format!("{}\n{}", line(SIDE), line(&rest))).unwrap_err();
+            assert!(error.starts_with("line 2: "), "{error}");
+            assert!(error.contains(words), "{rest}: {error}");
+        }
+        let other = line(SIDE).replace("photograph/1", "photograph/2");
+        let error = parse(&other).unwrap_err();
+        assert!(
+            error.contains("must be \"glasshouse.photograph/1\""),
+            "{error}"
+        );
+        assert!(parse("{").unwrap_err().contains("at column 1"));
+        assert!(parse(" \n").unwrap_err().contains("holds no line"));
+    }
+
+    #[test]
+    fn files_that_are_not_there_are_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let list = folder.path().join("list.jsonl");
+        let text = format!("{}\n\n{}", line(SIDE), line(&SIDE.replace("a.", "b/c.")));
+        crate::atomic_file::write_relaxed(&list, text.as_bytes()).unwrap();
+        let index = |there: Option<&[String]>| {
+            index_list("mine", &list, folder.path(), there).map_err(|error| error.to_string())
+        };
+        for name in ["a.png", "a.npy"] {
+            crate::atomic_file::write_relaxed(&folder.path().join(name), b"").unwrap();
+        }
+        let error = index(None).unwrap_err();
+        assert!(error.contains("2 of its files are not there"), "{error}");
+        assert!(error.contains("the first is b/c.png (line 3)"), "{error}");
+        let there = ["a.png", "a.npy", "b/c.png", "b/c.npy"].map(str::to_owned);
+        assert_eq!(index(Some(&there)).unwrap().images.len(), 2);
+        let none = index_list("mine", &folder.path().join("no"), folder.path(), None);
+        let error = none.unwrap_err().to_string();
+        assert!(
+            error.contains("source mine: cannot read its list"),
+            "{error}"
+        );
+    }
+}
