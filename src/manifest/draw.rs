@@ -3,6 +3,7 @@
 //! A new scene, split, source or parameter therefore never changes what the others draw.
 
 use super::param::{Normal, Param};
+use std::collections::BTreeMap;
 
 /// Draws of one scene.
 #[derive(Clone, Copy, Debug)]
@@ -13,6 +14,8 @@ pub struct Draw<'a> {
     pub scene: &'a str,
     /// 0, or how often this scene's pane has been refused.
     pub attempt: u32,
+    /// What the photographs' records say, by parameter: for [`Param::FromSource`].
+    pub values: &'a BTreeMap<String, f64>,
 }
 
 impl Draw<'_> {
@@ -32,6 +35,8 @@ impl Draw<'_> {
         let (least, most) = param.bounds();
         let drawn = match param {
             Param::Constant(value) => return *value,
+            // Who draws has made sure that it is there; a line with this is refused.
+            Param::FromSource => return self.values.get(parameter).copied().unwrap_or(f64::NAN),
             Param::Choice(values) => {
                 let index = (self.unit(parameter) * values.len() as f64) as usize;
                 return values[index.min(values.len() - 1)];
@@ -210,6 +215,7 @@ mod tests {
             dataset_seed: 2020,
             scene,
             attempt: 0,
+            values: const { &BTreeMap::new() },
         }
     }
 
@@ -303,7 +309,7 @@ mod tests {
                 Param::LogUniform([a, a + width]),
                 Param::Normal(normal),
             ] {
-                let draw = Draw { dataset_seed: seed, scene: &scene, attempt: 0 };
+                let draw = Draw { dataset_seed: seed, scene: &scene, attempt: 0, values: &BTreeMap::new() };
                 let value = draw.value("x", &param);
                 let (least, most) = param.bounds();
                 prop_assert!((least..=most).contains(&value));

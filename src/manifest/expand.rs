@@ -14,6 +14,7 @@ use super::param::Param;
 use super::recipe::{Recipe, RecipeError, Source};
 use super::refuse::refuse;
 use super::side::Side;
+use super::source_values::source_values;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// How often a scene is drawn before its recipe is given up.
@@ -75,15 +76,22 @@ pub(super) fn draw_line(
     let id = &role.id;
     let [front_source, back_source] = role.sources.map(|name| (name, &recipe.sources[name]));
     let dataset_seed = recipe.seed;
-    let draw_of = |attempt| Draw {
+    let mut front = side(front_source, pair.front);
+    let mut back = side(back_source, pair.back);
+    let plain = Draw {
         dataset_seed,
         scene: id.as_str(),
+        attempt: from,
+        values: &BTreeMap::new(),
+    };
+    let values = source_values(recipe, id, pair, &front, &film(recipe, plain))?;
+    let draw_of = |attempt| Draw {
         attempt,
+        values: &values,
+        ..plain
     };
     let first = draw_of(from);
-    let mut back = side(back_source, pair.back);
     light("back", recipe.back.light(), first, &mut back);
-    let mut front = side(front_source, pair.front);
     light("front", recipe.front.light(), first, &mut front);
     if recipe.back.apex != Apex::default() {
         back.set_apex(recipe.back.apex);
@@ -403,6 +411,48 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(error.contains("has 3 photographs"), "{error}");
+    }
+
+    #[test]
+    fn parameters_can_come_from_the_photographs() {
+        let recipe = recipe("ior = \"from_source\"", 12, 4);
+        let mut sources = two_sources(6, 6);
+        let error = expand(&recipe, &sources).unwrap_err().to_string();
+        assert!(
+            error.contains("glass.ior is from_source, but") && error.contains("does not say it"),
+            "{error}"
+        );
+        for (number, image) in sources.get_mut("diode").unwrap().iter_mut().enumerate() {
+            let values = [
+                ("glass.ior", 1.3 + 0.01 * number as f64),
+                ("back.exposure", 2.0),
+            ];
+            image.values = values.map(|(name, value)| (name.to_owned(), value)).into();
+        }
+        let images = sources["diode"].clone();
+        for line in expand(&recipe, &sources).unwrap() {
+            let image = images
+                .iter()
+                .find(|i| line.front.name().ends_with(&i.color));
+            assert_eq!(line.glass.ior, image.unwrap().values["glass.ior"]);
+            assert_eq!(line.back.exposure(), 1.0);
+        }
+
+        // DIODE's cameras see 60 by 45 degrees: a square film sees as much as is high.
+        let own = PAPER.replace(
+            "focal_length_mm = 55.0",
+            "focal_length_mm = \"from_source\"",
+        );
+        let line = &expand(&Recipe::parse(&own).unwrap(), &sources).unwrap()[0];
+        let tan = 36f64.hypot(24.0) / 2.0 / line.camera.focal_length_mm / 2f64.sqrt();
+        assert!((tan - 384.0 / 927.06).abs() < 1e-8, "{tan}");
+        let wide = own
+            .replace("width = 256", "width = 1024")
+            .replace("height = 256", "height = 384");
+        let line = &expand(&Recipe::parse(&wide).unwrap(), &sources).unwrap()[0];
+        let tan =
+            36f64.hypot(24.0) / 2.0 / line.camera.focal_length_mm * 1024.0 / 1024f64.hypot(384.0);
+        assert!((tan - 512.0 / 886.81).abs() < 1e-8, "{tan}");
     }
 
     #[test]

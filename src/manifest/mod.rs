@@ -32,6 +32,7 @@ mod recipe_check;
 mod refuse;
 mod roots;
 mod side;
+mod source_values;
 mod validate;
 
 pub use cast::{Cast, Drawn, photograph_name};

@@ -19,6 +19,8 @@ pub enum Param {
     Normal(Normal),
     /// `{ choice = [a, b, c] }`: one of them, all equally likely.
     Choice(Vec<f64>),
+    /// `"from_source"`: what the photograph's own record says (the back's for `back.*`, else the front's).
+    FromSource,
 }
 
 /// A normal distribution, cut to `min` to `max` (what lies outside is not piled up at the ends).
@@ -56,12 +58,13 @@ impl Normal {
 }
 
 impl Param {
-    /// Least and largest value that can be drawn.
+    /// Least and largest value that can be drawn; of what a source says, nothing is known.
     pub fn bounds(&self) -> (f64, f64) {
         match self {
             Self::Constant(value) => (*value, *value),
             Self::Uniform([a, b]) | Self::LogUniform([a, b]) => (*a, *b),
             Self::Normal(normal) => (normal.min, normal.max),
+            Self::FromSource => (f64::NEG_INFINITY, f64::INFINITY),
             Self::Choice(values) => values
                 .iter()
                 .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), &v| {
@@ -78,6 +81,10 @@ impl Param {
 
     /// The first value that `limit` does not hold.
     pub(super) fn outside(&self, limit: Limit) -> Option<f64> {
+        if *self == Self::FromSource {
+            // Each scene line is checked again.
+            return None;
+        }
         let (least, most) = self.bounds();
         [least, most].into_iter().find(|&v| !limit.contains(v))
     }
@@ -97,7 +104,7 @@ impl Param {
             Self::Constant(value) if !value.is_finite() => {
                 return Err(format!("{value} is not finite"));
             }
-            Self::Constant(_) => {}
+            Self::Constant(_) | Self::FromSource => {}
             Self::Uniform(ends) => interval("uniform", *ends)?,
             Self::LogUniform(ends) => {
                 interval("log_uniform", *ends)?;
@@ -141,6 +148,7 @@ impl fmt::Display for Param {
             Self::LogUniform([a, b]) => write!(f, "log_uniform {a} to {b}"),
             Self::Normal(n) => write!(f, "normal {} to {}", n.min, n.max),
             Self::Choice(values) => write!(f, "choice of {values:?}"),
+            Self::FromSource => f.write_str("from_source"),
         }
     }
 }
@@ -160,8 +168,15 @@ impl<'de> Visitor<'de> for ParamVisitor {
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(
             "a number, { uniform = [a, b] }, { log_uniform = [a, b] }, { normal = { mean, std, min, \
-             max } } or { choice = [..] }",
+             max } }, { choice = [..] } or \"from_source\"",
         )
+    }
+
+    fn visit_str<E: de::Error>(self, text: &str) -> Result<Param, E> {
+        match text {
+            "from_source" => Ok(Param::FromSource),
+            _ => Err(E::invalid_value(de::Unexpected::Str(text), &self)),
+        }
     }
 
     fn visit_i64<E: de::Error>(self, value: i64) -> Result<Param, E> {
@@ -246,6 +261,7 @@ mod tests {
     fn wrong_forms_say_what_is_wrong() {
         for (text, message) in [
             ("\"a\"", "expected a number, { uniform"),
+            ("\"from_sources\"", "or \"from_source\""),
             ("true", "expected a number"),
             ("{}", "expected a number"),
             ("nan", "not finite"),

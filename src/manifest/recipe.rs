@@ -79,6 +79,19 @@ pub enum RecipeError {
         /// Why the last draw was refused.
         source: LineError,
     },
+    /// A photograph's record does not have what a recipe takes from it.
+    #[error(
+        "scene {id}: {parameter} is from_source, but {photograph} does not say it: give it under \"values\" in the \
+         source's list, or write a number or a distribution"
+    )]
+    NoValue {
+        /// The scene.
+        id: SceneId,
+        /// The recipe's key.
+        parameter: String,
+        /// The photograph.
+        photograph: String,
+    },
     /// All photographs that could stand in for one that is left out are left out, too.
     #[error(
         "scene {id}: source {source_name} has no usable photograph left in split {split}: repair the files that \
@@ -420,6 +433,51 @@ impl BackRecipe {
 }
 
 impl Recipe {
+    /// All numbers that scenes draw, with their keys.
+    pub fn params(&self) -> Vec<(String, &Param)> {
+        let (film, camera, glass) = (&self.film, &self.camera, &self.glass);
+        let mut params = vec![
+            ("film.width".to_owned(), &film.width),
+            ("film.height".to_owned(), &film.height),
+            ("film.spp".to_owned(), &film.spp),
+            ("film.order_tolerance".to_owned(), &film.order_tolerance),
+            ("camera.focal_length_mm".to_owned(), &camera.focal_length_mm),
+            (
+                "camera.aperture_radius_m".to_owned(),
+                &camera.aperture_radius_m,
+            ),
+            ("glass.distance_m".to_owned(), &glass.distance_m),
+            ("glass.thickness_m".to_owned(), &glass.thickness_m),
+            ("glass.ior".to_owned(), &glass.ior),
+        ];
+        if let Some(param) = &camera.f_number {
+            params.push(("camera.f_number".to_owned(), param));
+        }
+        for focus in camera.focus.each() {
+            if let FocusRecipe::DistanceM(param) = focus {
+                params.push(("camera.focus".to_owned(), param));
+            }
+        }
+        for (index, param) in glass.absorption_per_m.iter().enumerate() {
+            params.push((format!("glass.absorption_per_m[{index}]"), param));
+        }
+        for (index, param) in glass.tilt_deg.iter().enumerate() {
+            params.push((format!("glass.tilt_deg[{index}]"), param));
+        }
+        for (name, light) in [("front", self.front.light()), ("back", self.back.light())] {
+            params.push((format!("{name}.exposure"), light.exposure));
+            for (key, param) in [
+                ("exposure_ev", light.exposure_ev),
+                ("illuminant_k", light.illuminant_k),
+            ] {
+                if let Some(param) = param {
+                    params.push((format!("{name}.{key}"), param));
+                }
+            }
+        }
+        params
+    }
+
     /// Whether its scenes must be looked at to be settled: photographs are then read while it is planned.
     pub fn needs_preview(&self) -> bool {
         let light = &self.light;
@@ -514,7 +572,11 @@ pairs = { diode = 120, places = 80 }
         assert_eq!(paper.film, constants.film);
         assert_eq!(paper.camera, constants.camera);
         assert_eq!(paper.glass, constants.glass);
-        assert_eq!(paper.splits, constants.splits);
+        for (split, constant) in paper.splits.iter().zip(&constants.splits) {
+            assert_eq!((split.name, &split.pairs), (constant.name, &constant.pairs));
+        }
+        assert_eq!(paper.splits.len(), constants.splits.len());
+        assert_eq!((paper.needs_preview(), &paper.reject), (false, &None));
         assert_eq!(
             (paper.seed, &paper.front, &paper.back),
             (2020, &constants.front, &constants.back)
