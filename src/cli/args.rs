@@ -179,6 +179,11 @@ pub enum Command {
   glasshouse report runs/smoke
   glasshouse report runs/smoke --json")]
     Report(RunFolder),
+    /// Print the JSON Schema of recipes, for editors that check them while you write
+    #[command(after_help = "Examples:
+  glasshouse schema > recipe.schema.json
+  glasshouse schema --json")]
+    Schema,
     /// Measure speed and error on this machine; needs no data
     #[command(after_help = "Examples:
   glasshouse bench error

@@ -32,6 +32,7 @@ mod report_cmd;
 mod retry_cmd;
 mod run_cmd;
 mod sample_cmd;
+mod schema_cmd;
 mod signals;
 mod status_cmd;
 mod status_text;
@@ -87,6 +88,7 @@ pub fn main() -> ExitCode {
         Command::Explain(explain) => explain_cmd::run(explain, &args.global, &output),
         Command::Audit(audit) => audit_cmd::run(audit, &args.global, &output),
         Command::Report(report) => report_cmd::run(report, &args.global, &output),
+        Command::Schema => schema_cmd::run(&output),
         Command::Bench(bench) => bench_cmd::run(bench, &args.global, &output),
     };
     match result {

@@ -3,10 +3,11 @@
 use super::limits;
 use super::line::{DepthKind, Photograph};
 use super::validate::{LineError, within};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Where the nearest and the farthest pixels of a relative depth image are.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(
     untagged,
     deny_unknown_fields,

@@ -3,10 +3,11 @@
 use super::limits;
 use super::line::Transfer;
 use super::validate::{LineError, within};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// An inverse tone curve for sRGB images: values near 1 stand for more light than 1.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Highlights {
     /// Linear value of a pixel's largest channel from which on the curve rises above the diagonal.

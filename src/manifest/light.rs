@@ -2,10 +2,11 @@
 
 use super::draw::nine_digits;
 use super::param::Param;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// `[light]`
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct LightRecipe {
     /// What an exposure of 1 means. Default `stored`.
@@ -17,7 +18,7 @@ pub struct LightRecipe {
 }
 
 /// What an exposure of 1 means.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LuminanceScale {
     /// The values of the file.
@@ -29,7 +30,7 @@ pub enum LuminanceScale {
 }
 
 /// What the camera takes for white.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WhiteBalance {
     /// Equal values.
@@ -44,7 +45,7 @@ pub enum WhiteBalance {
 }
 
 /// Exposure by a percentile of I.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AutoExposure {
     /// Of the pixels' largest channels: above 0, at most 100.
@@ -54,7 +55,7 @@ pub struct AutoExposure {
 }
 
 /// `[reject]`: bounds that a scene must keep to, looked at before it is farmed. Each is off unless given.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct RejectRecipe {
     /// Mean luminance of R~ / that of I: `[least, most]`.

@@ -4,6 +4,7 @@ use super::depth_range::DepthRange;
 use super::layers::LayerSet;
 use super::side::Side;
 use crate::ids::SceneId;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -11,7 +12,9 @@ use std::fmt;
 pub const SCENE_SCHEMA: &str = "glasshouse.scene/1";
 
 /// Part of the set that a scene belongs to.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum Split {
     /// For training.
@@ -103,7 +106,7 @@ fn is_default_tolerance(value: &f64) -> bool {
 }
 
 /// The orders of the glass's reflection that belong to R~.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ReflectionOrders {
     /// All that are followed: the double image, so that I - R~ is the front through the glass.
@@ -114,7 +117,7 @@ pub enum ReflectionOrders {
 }
 
 /// Precision of `tuple.exr`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ExrPrecision {
     /// 16-bit floats; 32-bit ones where a value exceeds 65,504.
@@ -125,7 +128,7 @@ pub enum ExrPrecision {
 }
 
 /// Reconstruction filter of a pixel, applied by filter importance sampling.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Filter {
     /// The pixel's own square.
@@ -265,7 +268,7 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 }
 
 /// Coding of a colour image.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Transfer {
     /// IEC 61966-2-1.
@@ -276,7 +279,7 @@ pub enum Transfer {
 }
 
 /// What a depth value measures.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DepthKind {
     /// Distance along the optical axis.
@@ -291,7 +294,7 @@ pub enum DepthKind {
 }
 
 /// How holes in a depth image are filled.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Fill {
     /// Pull-push interpolation of inverse depth.
@@ -302,7 +305,7 @@ pub enum Fill {
 }
 
 /// Where the capture camera of the back photograph stands.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Apex {
     /// At the mirror image of the lens in the front face: R is the mirrored photograph itself.
@@ -314,7 +317,7 @@ pub enum Apex {
 
 /// A pinhole camera, in pixels with the image's top left corner at (0, 0): pixel (i, j) has its centre at
 /// (i + 0.5, j + 0.5).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Intrinsics {
     /// Focal length across, px.

@@ -29,6 +29,7 @@ mod param;
 mod places;
 mod recipe;
 mod recipe_check;
+mod recipe_schema;
 mod refuse;
 mod roots;
 mod side;
@@ -57,6 +58,7 @@ pub use recipe::{
     BackRecipe, CameraRecipe, FilmRecipe, FrontRecipe, GlassRecipe, Layout, RECIPE_SCHEMA, Recipe,
     RecipeError, Source, SplitRecipe,
 };
+pub use recipe_schema::recipe_schema;
 pub use refuse::{MAX_INCIDENCE_DEG, refuse};
 pub use roots::{RootError, Roots, is_url};
 pub use side::{MeshFile, MeshPose, Side};

@@ -2,6 +2,7 @@
 
 use super::draw::normal_cdf;
 use super::limits::Limit;
+use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::{self, Deserializer, MapAccess, Visitor};
 use std::fmt;
@@ -24,7 +25,7 @@ pub enum Param {
 }
 
 /// A normal distribution, cut to `min` to `max` (what lies outside is not piled up at the ends).
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Normal {
     /// Mean before the cut.

@@ -13,6 +13,7 @@ use super::places::depth_root;
 use super::roots::Roots;
 use super::validate::LineError;
 use crate::ids::SceneId;
+use schemars::JsonSchema;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -129,7 +130,7 @@ pub enum RecipeError {
 }
 
 /// A recipe.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {
     /// Always [`RECIPE_SCHEMA`].
@@ -171,7 +172,7 @@ fn default_seed() -> u64 {
 }
 
 /// `[film]`
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct FilmRecipe {
     /// Pixels across: a constant or a choice of whole numbers. Default 256.
@@ -211,7 +212,7 @@ impl Default for FilmRecipe {
 }
 
 /// `[camera]`
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CameraRecipe {
     /// Relative to the 43.267 mm diagonal of a 36 x 24 mm frame. Default 55.
@@ -236,7 +237,7 @@ impl Default for CameraRecipe {
 }
 
 /// `[glass]`
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct GlassRecipe {
     /// Front face from the lens along the axis. Default 0.30.
@@ -264,7 +265,7 @@ impl Default for GlassRecipe {
 }
 
 /// `[front]`
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct FrontRecipe {
     /// Multiplies linear radiance. Default 1.
@@ -287,7 +288,7 @@ impl Default for FrontRecipe {
 }
 
 /// `[back]`
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct BackRecipe {
     /// Multiplies linear radiance. Default 1.
@@ -312,7 +313,7 @@ impl Default for BackRecipe {
 }
 
 /// How a source's files are laid out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Layout {
     /// A DIODE folder.
@@ -337,7 +338,7 @@ impl fmt::Display for Layout {
 }
 
 /// `[sources.NAME]`
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Source {
     /// How the files are laid out.
@@ -390,7 +391,7 @@ impl Source {
 }
 
 /// `[[split]]`
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SplitRecipe {
     /// `train` or `test`.
