@@ -7,7 +7,7 @@
 
 use super::events::Event;
 use super::keys;
-use super::work::Shared;
+use super::shared::Shared;
 use crate::store::{Store, StoreError};
 use crossbeam::channel::{Receiver, RecvTimeoutError};
 use serde::{Deserialize, Serialize};

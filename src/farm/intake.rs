@@ -3,8 +3,8 @@
 use super::events::{Event, Stopwatch};
 use super::keys;
 use super::queue::{Delivery, Taken};
+use super::shared::Shared;
 use super::suspect::Examined;
-use super::work::Shared;
 use crate::manifest::SceneLine;
 use crate::scene::{LoadError, SceneFiles, read_files_by};
 use crate::store::StoreError;

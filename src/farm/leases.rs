@@ -2,7 +2,8 @@
 //! nothing left.
 
 use super::queue::Answer;
-use super::work::{Shared, SharedQueue};
+use super::shared::Shared;
+use super::work::SharedQueue;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 

@@ -38,6 +38,7 @@ mod run_dir;
 mod sample_bytes;
 mod seen;
 mod share;
+mod shared;
 pub mod sim;
 mod span;
 mod status;

@@ -8,8 +8,9 @@ use glasshouse::farm::queue::{NatsOptions, NatsWorker, Queue, Waiting};
 use glasshouse::farm::{Run, Span};
 use glasshouse::manifest::Roots;
 use std::collections::BTreeMap;
+use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::Child;
+use std::process::{Child, Output};
 use std::time::{Duration, Instant};
 
 /// Scenes take a few tenths of a second each, so that there is time to kill somebody.
@@ -53,21 +54,39 @@ pub(crate) fn worker(place: &Place, server: &Server) -> Child {
     start("work", place, server, &["-j", "1"])
 }
 
-/// Waits for the end of a process, for at most two minutes.
+/// Waits for the end of a process, for at most two minutes. What it says is read meanwhile: who fills a pipe waits for ever.
 #[track_caller]
 pub(crate) fn end(mut child: Child) -> Ended {
+    let pid = child.id();
+    let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
+    let read = |from: Option<Box<dyn Read + Send>>| {
+        std::thread::spawn(move || {
+            let mut bytes = Vec::new();
+            if let Some(mut from) = from {
+                from.read_to_end(&mut bytes).unwrap();
+            }
+            bytes
+        })
+    };
+    let stdout = read(stdout.map(|pipe| Box::new(pipe) as _));
+    let stderr = read(stderr.map(|pipe| Box::new(pipe) as _));
     let start = Instant::now();
-    while child.try_wait().unwrap().is_none() {
-        if start.elapsed() > Duration::from_mins(2) {
+    let (mut status, mut is_late) = (child.try_wait().unwrap(), false);
+    while status.is_none() {
+        if start.elapsed() > Duration::from_mins(2) && !is_late {
+            is_late = true;
             send(&child, "KILL");
-            panic!(
-                "it does not end: {:#?}",
-                Ended::from(child.wait_with_output().unwrap())
-            );
         }
         std::thread::sleep(Duration::from_millis(10));
+        status = child.try_wait().unwrap();
     }
-    child.wait_with_output().unwrap().into()
+    let ended = Ended::from(Output {
+        status: status.unwrap(),
+        stdout: stdout.join().unwrap(),
+        stderr: stderr.join().unwrap(),
+    });
+    assert!(!is_late, "process {pid} does not end: {ended:#?}");
+    ended
 }
 
 pub(crate) fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {

@@ -7,10 +7,18 @@
 mod local;
 #[cfg(feature = "nats")]
 mod nats;
+#[cfg(feature = "nats")]
+mod nats_coordinator;
+#[cfg(feature = "nats")]
+mod nats_worker;
 
 pub use local::{LocalQueue, LocalWorker};
 #[cfg(feature = "nats")]
-pub use nats::{NatsCoordinator, NatsOptions, NatsWorker};
+pub use nats::NatsOptions;
+#[cfg(feature = "nats")]
+pub use nats_coordinator::NatsCoordinator;
+#[cfg(feature = "nats")]
+pub use nats_worker::NatsWorker;
 
 pub use super::message::{MessageError, read_waiting, write_waiting};
 use super::span::Span;

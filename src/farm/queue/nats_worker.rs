@@ -1,0 +1,229 @@
+//! A worker's end of the queue on NATS JetStream.
+
+use super::super::message::{GiveReply, GiveRequest, decode, encode, read_waiting};
+use super::{Answer, Ask, Delivery, Queue, QueueError, Taken, Waiting};
+use crate::store::RUNTIME;
+use async_nats::jetstream::consumer::PullConsumer;
+use async_nats::jetstream::{AckKind, Message};
+use crossbeam::channel::{Receiver, Sender, unbounded};
+use futures_util::StreamExt;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio::task::JoinHandle;
+
+use super::nats::{ANSWER, AWAY, CONSUMER, Connection, NatsOptions, within};
+
+/// A worker's end.
+pub struct NatsWorker {
+    connection: Connection,
+    scenes: usize,
+    lease: Duration,
+    consumer: Mutex<Option<PullConsumer>>,
+    held: Mutex<BTreeMap<u64, Arc<Message>>>,
+    asks: (Sender<Ask>, Receiver<Ask>),
+    listener: Mutex<Option<JoinHandle<()>>>,
+}
+
+impl NatsWorker {
+    /// Connects, now or later. `run`: first bytes of the spec's digest; `scenes`: of the manifest.
+    pub fn connect(
+        options: &NatsOptions,
+        run: [u8; 8],
+        scenes: usize,
+        lease: Duration,
+    ) -> Result<Self, QueueError> {
+        Ok(Self {
+            connection: Connection::open(options, run)?,
+            scenes,
+            lease,
+            consumer: Mutex::default(),
+            held: Mutex::default(),
+            asks: unbounded(),
+            listener: Mutex::default(),
+        })
+    }
+
+    async fn consumer(&self) -> Result<PullConsumer, QueueError> {
+        let known = self
+            .consumer
+            .lock()
+            .expect("no holder of this lock panics")
+            .clone();
+        if let Some(consumer) = known {
+            return Ok(consumer);
+        }
+        let connection = &self.connection;
+        let stream = connection
+            .context
+            .get_stream_no_info(&connection.stream)
+            .await
+            .map_err(|e| connection.lost(&e))?;
+        let found: PullConsumer = stream
+            .get_consumer(CONSUMER)
+            .await
+            .map_err(|e| connection.lost(&format!("the run's queue is not there yet: {e}")))?;
+        let lease = found.cached_info().config.ack_wait;
+        if lease != self.lease {
+            return Err(QueueError(format!(
+                "its leases are {} s and this worker's {} s: give coordinator and workers the same --lease-s",
+                lease.as_secs_f64(),
+                self.lease.as_secs_f64()
+            )));
+        }
+        *self.consumer.lock().expect("no holder of this lock panics") = Some(found.clone());
+        Ok(found)
+    }
+
+    async fn pull(&self, wait: Duration) -> Result<Option<Message>, QueueError> {
+        let consumer = self.consumer().await?;
+        let pull = async {
+            let mut batch = if wait.is_zero() {
+                consumer.fetch().max_messages(1).messages().await?
+            } else {
+                let batch = consumer.batch().max_messages(1);
+                batch.expires(wait).messages().await?
+            };
+            match batch.next().await {
+                Some(Ok(message)) => Ok(Some(message)),
+                Some(Err(error)) => Err(error),
+                None => Ok(None),
+            }
+        };
+        match tokio::time::timeout(wait + ANSWER, pull).await {
+            Ok(Ok(message)) => Ok(message),
+            Ok(Err(error)) => Err(self.connection.lost(&error)),
+            Err(_) => Err(self.connection.lost(&"no answer")),
+        }
+    }
+
+    fn held(&self, ticket: u64) -> Option<Arc<Message>> {
+        let held = self.held.lock().expect("no holder of this lock panics");
+        held.get(&ticket).cloned()
+    }
+}
+
+impl Queue for NatsWorker {
+    fn take(&self, wait: Duration) -> Taken {
+        let message = match RUNTIME.block_on(self.pull(wait)) {
+            Ok(Some(message)) => message,
+            Ok(None) => return Taken::Nothing,
+            Err(error) => {
+                *self.consumer.lock().expect("no holder of this lock panics") = None;
+                std::thread::sleep(AWAY);
+                return Taken::Lost(self.connection.explained(error).0);
+            }
+        };
+        let (deliveries, ticket) = match message.info() {
+            Ok(info) => (info.delivered, info.stream_sequence),
+            Err(error) => return Taken::Lost(error.to_string()),
+        };
+        match read_waiting(&message.payload, self.connection.run, self.scenes) {
+            Ok(Some(waiting)) => {
+                let delivery = Delivery {
+                    ticket,
+                    waiting,
+                    suspect: deliveries > 1,
+                };
+                let mut held = self.held.lock().expect("no holder of this lock panics");
+                held.insert(ticket, Arc::new(message));
+                Taken::Span(delivery)
+            }
+            // Of another version, or damaged: left for who knows it, out of the way for a while.
+            Ok(None) => leave(&message, "a message does not belong to this run"),
+            Err(error) => leave(&message, &error.to_string()),
+        }
+    }
+
+    fn publish(&self, waiting: &[Waiting]) -> Result<(), QueueError> {
+        RUNTIME.block_on(self.connection.publish(waiting))
+    }
+
+    fn renew(&self, ticket: u64) {
+        if let Some(message) = self.held(ticket) {
+            // If it is lost the lease ends, which costs time alone.
+            let _ = RUNTIME.block_on(message.ack_with(AckKind::Progress));
+        }
+    }
+
+    fn finish(&self, ticket: u64) {
+        if let Some(message) = self.held(ticket) {
+            // Who cannot tell the server goes on: the span comes back and is found done.
+            let _ = within(ANSWER, message.double_ack());
+            let mut held = self.held.lock().expect("no holder of this lock panics");
+            held.remove(&ticket);
+        }
+    }
+
+    fn ask(&self, load_s: Option<f64>) -> Answer {
+        let subject = format!("{}.give", self.connection.subjects);
+        let question = encode(&GiveRequest::new(load_s));
+        let request = self.connection.client.request(subject, question.into());
+        // Who asks keeps leases, too.
+        let answer = within(ANSWER.min(self.lease / 3), request);
+        match answer {
+            Some(Ok(answer)) => {
+                let reply = decode::<GiveReply>(&answer.payload);
+                reply.map(GiveReply::answer).unwrap_or_default()
+            }
+            // Nobody may be asked, or the server is away.
+            Some(Err(_)) | None => Answer::default(),
+        }
+    }
+
+    fn offer(&self, able: bool) {
+        let mut listener = self.listener.lock().expect("no holder of this lock panics");
+        if !able {
+            if let Some(task) = listener.take() {
+                task.abort();
+            }
+            return;
+        }
+        if listener.as_ref().is_some_and(|task| !task.is_finished()) {
+            return;
+        }
+        let client = self.connection.client.clone();
+        let subject = format!("{}.give", self.connection.subjects);
+        let asks = self.asks.0.clone();
+        *listener = Some(RUNTIME.spawn(async move {
+            let Ok(mut questions) = client.queue_subscribe(subject, "give".to_owned()).await else {
+                return;
+            };
+            while let Some(question) = questions.next().await {
+                let Some(reply) = question.reply else {
+                    continue;
+                };
+                let client = client.clone();
+                let request = decode::<GiveRequest>(&question.payload);
+                let ask = Ask {
+                    load_s: request.ok().and_then(GiveRequest::load_s),
+                    tell: Box::new(move |answer| {
+                        let answer = encode(&GiveReply::new(answer));
+                        let _ = RUNTIME.block_on(client.publish(reply, answer.into()));
+                    }),
+                };
+                if asks.send(ask).is_err() {
+                    return;
+                }
+            }
+        }));
+    }
+
+    fn asked(&self, wait: Duration) -> Option<Ask> {
+        self.asks.1.recv_timeout(wait).ok()
+    }
+}
+
+fn leave(message: &Message, reason: &str) -> Taken {
+    let delay = AckKind::Nak(Some(Duration::from_mins(1)));
+    let _ = RUNTIME.block_on(message.ack_with(delay));
+    Taken::Lost(reason.to_owned())
+}
+
+impl Drop for NatsWorker {
+    fn drop(&mut self) {
+        self.offer(false);
+        let client = self.connection.client.clone();
+        let _ = within(Duration::from_secs(1), client.flush());
+    }
+}
