@@ -291,6 +291,7 @@ fn photograph((name, source): (&str, &Source), image: &SourceImage) -> Photograp
         intrinsics: source.intrinsics,
         exposure: 1.0,
         illuminant: [1.0; 3],
+        highlights: source.highlights,
         fill: source.fill,
         apex: None,
     }
