@@ -233,6 +233,7 @@ fn photograph(id: &SceneId, side: &str, picture: &Picture, apex: Option<Apex>) -
         },
         exposure: 1.0,
         illuminant: [1.0; 3],
+        highlights: None,
         fill: Fill::Smooth,
         apex,
     }

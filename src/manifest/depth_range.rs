@@ -1,7 +1,7 @@
 //! Metres for depths that are known only up to scale and shift.
 
 use super::limits;
-use super::line::{DepthKind, Photograph};
+use super::line::DepthKind;
 use super::validate::{LineError, within};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -91,12 +91,13 @@ impl DepthRange {
 }
 
 /// A relative depth needs a range, and no other depth has one.
-pub(super) fn check(side: &str, photograph: &Photograph) -> Result<(), LineError> {
-    let is_relative = matches!(
-        photograph.depth_kind,
-        DepthKind::Relative | DepthKind::RelativeInverse
-    );
-    match &photograph.depth_range {
+pub(super) fn check(
+    side: &str,
+    kind: DepthKind,
+    range: Option<&DepthRange>,
+) -> Result<(), LineError> {
+    let is_relative = matches!(kind, DepthKind::Relative | DepthKind::RelativeInverse);
+    match range {
         Some(range) if is_relative => range.validate(&format!("{side}.depth_range")),
         None if !is_relative => Ok(()),
         range => Err(LineError::DepthRange {

@@ -291,6 +291,7 @@ fn photograph((name, source): (&str, &Source), image: &SourceImage) -> Photograp
         intrinsics: source.intrinsics,
         exposure: 1.0,
         illuminant: [1.0; 3],
+        highlights: source.highlights,
         fill: source.fill,
         apex: None,
     }
@@ -351,6 +352,40 @@ mod tests {
             (lines[0].seed, lines[0].glass.ior, &digest[..16]),
             (2_673_717_074_845_612, 1.60614171, "d05b8d469912d095")
         );
+    }
+
+    #[test]
+    fn what_a_list_says_of_a_photograph_stands_and_light_comes_on_top() {
+        let listed = |n: usize| {
+            let place = if n.is_multiple_of(2) {
+                "indoors"
+            } else {
+                "outdoor"
+            };
+            format!(
+                r#"{{"schema":"glasshouse.photograph/1","place":"{place}","panorama":"{n}.exr","exposure":3,
+                "transfer":"linear","yaw_deg":{n}}}"#
+            )
+            .replace('\n', "")
+        };
+        let text: Vec<String> = (0..4).map(listed).collect();
+        let images = super::super::list::parse_list(&text.join("\n")).unwrap();
+        let images: Vec<_> = images.into_iter().map(|(_, image)| image).collect();
+        let sources = [("diode".to_owned(), images)].into();
+        let head = PAPER.split("[sources.diode]").next().unwrap();
+        let text = format!(
+            "{head}[front]\nexposure = 0.5\n[back]\napex = \"camera\"\n[sources.diode]\nlayout = \"list\"\n\
+             list = \"l\"\n[[split]]\nname = \"train\"\npairs = {{ diode = 6 }}\n"
+        );
+        let lines = expand(&Recipe::parse(&text).unwrap(), &sources).unwrap();
+        for line in &lines {
+            let (Side::Panorama(front), Side::Panorama(back)) = (&line.front, &line.back) else {
+                panic!("{line:?}")
+            };
+            assert_eq!((front.exposure, back.exposure), (1.5, 3.0));
+            assert_eq!((front.apex, back.apex), (None, Some(Apex::Camera)));
+            assert_eq!(front.panorama, format!("diode:{}.exr", front.yaw_deg));
+        }
     }
 
     #[test]

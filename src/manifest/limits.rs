@@ -98,6 +98,31 @@ pub(super) const FAR_OVER_NEAR: Limit = Limit::new(
 pub(super) const PERCENT: Limit =
     Limit::new(Bound::Included(0.0), Bound::Included(100.0), "0 to 100");
 pub(super) const EXPOSURE: Limit = FROM_0;
+/// Where the curve for clipped highlights begins, linear.
+pub(super) const BELOW_WHITE: Limit = Limit::new(
+    Bound::Included(0.0),
+    Bound::Excluded(1.0),
+    "0 or more and below 1",
+);
+/// What white becomes, linear.
+pub(super) const WHITE_BECOMES: Limit =
+    Limit::new(Bound::Included(1.0), Bound::Included(1.0e6), "1 to 1e6");
+/// The sphere of a panorama without a depth map, m.
+pub(super) const PANORAMA_DEPTH_M: Limit = Limit::new(
+    Bound::Included(1.0e-3),
+    Bound::Included(1.0e6),
+    "0.001 to 1e6 m",
+);
+pub(super) const YAW_DEG: Limit = Limit::new(
+    Bound::Included(-360.0),
+    Bound::Included(360.0),
+    "-360 to 360 degrees",
+);
+pub(super) const PITCH_DEG: Limit = Limit::new(
+    Bound::Included(-90.0),
+    Bound::Included(90.0),
+    "-90 to 90 degrees",
+);
 /// fx and fy, px.
 pub(super) const FOCAL_LENGTH_PX: Limit = ABOVE_0;
 /// cx and cy, px.

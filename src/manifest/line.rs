@@ -1,6 +1,7 @@
 //! `glasshouse.scene/1`: one scene of a manifest, everything resolved, in metres and degrees.
 
 use super::depth_range::DepthRange;
+use super::highlights::Highlights;
 use super::layers::LayerSet;
 use super::side::Side;
 use crate::ids::SceneId;
@@ -238,6 +239,9 @@ pub struct Photograph {
     /// Multiplies red, green and blue of linear radiance: the colour of the light that falls on this side.
     #[serde(default = "white", skip_serializing_if = "is_white")]
     pub illuminant: [f64; 3],
+    /// Light for clipped sRGB values; none if missing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub highlights: Option<Highlights>,
     /// How holes of the depth image are filled.
     #[serde(default, skip_serializing_if = "is_default")]
     pub fill: Fill,

@@ -6,7 +6,7 @@
 //! list.rs
 //! divide.rs -> pair.rs   who shares a scene           refuse.rs    which panes cannot be looked through
 //! draw.rs                every random number          roots.rs     where a line's paths lead
-//! expand.rs              all of it: recipe -> scene lines    side.rs       photograph or mesh
+//! expand.rs              all of it: recipe -> scene lines    side.rs       photograph, panorama or mesh
 //! ```
 //!
 //! Pure, apart from the listings of `diode.rs`, `places.rs` and `list.rs`.
@@ -18,6 +18,7 @@ mod divide;
 mod draw;
 mod expand;
 mod focus;
+mod highlights;
 mod jsonl;
 mod layers;
 mod light;
@@ -25,6 +26,7 @@ mod limits;
 mod line;
 mod list;
 mod pair;
+mod panorama;
 mod param;
 mod places;
 mod recipe;
@@ -42,6 +44,7 @@ pub use diode::{Index, IndexError, Place, SourceImage, from_paths, index_paths, 
 pub use draw::{Draw, nine_digits, scene_seed};
 pub use expand::{Expansion, expand, expand_counted};
 pub use focus::FocusRecipe;
+pub use highlights::Highlights;
 pub use jsonl::{ManifestError, parse_jsonl, parse_scene, to_jsonl};
 pub use layers::{LAYER_NAMES, LayerSet};
 pub use light::{
@@ -50,6 +53,7 @@ pub use light::{
 };
 pub use line::*;
 pub use list::{ListError, PHOTOGRAPH_SCHEMA, index_list, parse_list};
+pub use panorama::{DepthMap, PanoramaDepth, PanoramaFile};
 pub use param::{Normal, Param};
 pub use places::{
     Category, DEPTH_RANGES_SCHEMA, DepthRanges, DepthRangesError, PlacesFolders, index_places,

@@ -2,7 +2,7 @@
 
 use super::depth_range::DepthRange;
 use super::highlights::Highlights;
-use super::line::{Apex, DepthKind, Fill, Transfer};
+use super::line::{Apex, DepthKind, Fill, Transfer, is_white};
 use serde::Serialize;
 
 /// All directions around one point, seen from there: columns are longitude, rows latitude, the centre is +z.
@@ -16,6 +16,9 @@ pub struct PanoramaFile {
     pub transfer: Transfer,
     /// Multiplies linear radiance.
     pub exposure: f64,
+    /// Multiplies red, green and blue of linear radiance: the colour of the light that falls on this side.
+    #[serde(skip_serializing_if = "is_white")]
+    pub illuminant: [f64; 3],
     /// Light for clipped sRGB values.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub highlights: Option<Highlights>,

@@ -2,6 +2,7 @@
 
 use super::depth_range::DepthRange;
 use super::focus::FocusRecipe;
+use super::highlights::Highlights;
 use super::layers::LayerSet;
 use super::light::{LightRecipe, LuminanceScale, RejectRecipe, SideLight, WhiteBalance};
 use super::line::{
@@ -374,6 +375,8 @@ pub struct Source {
     pub depth_range: Option<DepthRange>,
     /// `places`: folder of the depth maps, relative to the recipe; `NAME-depth` if missing.
     pub depth_root: Option<String>,
+    /// Light for clipped sRGB values. Default none.
+    pub highlights: Option<Highlights>,
     /// How holes are filled. Default smooth.
     #[serde(default)]
     pub fill: Fill,

@@ -287,6 +287,12 @@ impl Source {
                 }
             }
         }
+        if let Some(highlights) = &self.highlights {
+            let is_sound = highlights.validate("highlights", self.transfer);
+            if let Err(error) = is_sound {
+                return bad(&format!("{key}.highlights"), format!("is wrong: {error}"));
+            }
+        }
         let camera = &self.intrinsics;
         let mut numbers = vec![
             ("depth_unit_m", self.depth_unit_m, limits::DEPTH_UNIT_M),
@@ -319,6 +325,7 @@ impl Source {
             ("transfer", self.transfer != Transfer::default()),
             ("depth_unit_m", self.depth_unit_m != 1.0),
             ("depth_kind", self.depth_kind != DepthKind::default()),
+            ("highlights", self.highlights.is_some()),
             ("fill", self.fill != Fill::default()),
         ];
         for (name, given) in keys {
@@ -448,6 +455,21 @@ mod tests {
     }
 
     #[test]
+    fn highlights_belong_to_srgb() {
+        let with = |keys: &str| {
+            let text = PAPER.replacen("root = \"diode\"", keys, 1);
+            Recipe::parse(&text).map_err(|error| error.to_string())
+        };
+        let recipe = with("highlights = { above = 0.9, to = 8 }").unwrap();
+        assert_eq!(recipe.sources["diode"].highlights.map(|h| h.to), Some(8.0));
+        assert_eq!(recipe.sources["places"].highlights, None);
+        let error = with("highlights = { above = 1.5, to = 8 }").unwrap_err();
+        assert!(error.contains("highlights.above is 1.5"), "{error}");
+        let light = with("highlights = { above = 0.9, to = 8 }\ntransfer = \"linear\"");
+        assert!(light.unwrap_err().contains("only images of transfer"));
+    }
+
+    #[test]
     fn mistakes_are_named_with_their_place() {
         for (from, to, message) in [
             ("ior = 1.6", "iro = 1.6", "unknown field `iro`"),
@@ -478,7 +500,7 @@ mod tests {
             (
                 "\"front_center\"",
                 "\"front\"",
-                "expected \"front_center\", \"infinity\"",
+                "expected \"front_center\", \"back_center\"",
             ),
             ("\"front_center\"", "-1", "camera.focus is -1"),
             (

@@ -1,17 +1,21 @@
-//! What one side of the pane shows: an RGBD photograph, or a triangle mesh in its place.
+//! What one side of the pane shows: an RGBD photograph, or a panorama or a triangle mesh in its place.
 
 use super::depth_range::DepthRange;
+use super::highlights::Highlights;
 use super::line::{
     Apex, Camera, DepthKind, Fill, Intrinsics, Photograph, Transfer, is_white, one, white,
 };
+use super::panorama::{DepthMap, PanoramaDepth, PanoramaFile};
 use serde::{Deserialize, Deserializer, Serialize};
 
-/// One side of the pane. In JSON the key `mesh` tells them apart; a photograph has no such key.
+/// One side of the pane. In JSON the keys `panorama` and `mesh` tell them apart; a photograph has neither.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Side {
     /// A colour and a depth image.
     Photograph(Photograph),
+    /// All directions around a point.
+    Panorama(PanoramaFile),
     /// A triangle mesh with vertex colours.
     Mesh(MeshFile),
 }
@@ -80,14 +84,15 @@ impl Side {
     pub fn photograph(&self) -> Option<&Photograph> {
         match self {
             Self::Photograph(photograph) => Some(photograph),
-            Self::Mesh(_) => None,
+            Self::Panorama(_) | Self::Mesh(_) => None,
         }
     }
 
-    /// The file that people know it by: the colour image, or the mesh.
+    /// The file that people know it by: the colour image, the panorama or the mesh.
     pub fn name(&self) -> &str {
         match self {
             Self::Photograph(photograph) => &photograph.color,
+            Self::Panorama(panorama) => &panorama.panorama,
             Self::Mesh(mesh) => &mesh.mesh,
         }
     }
@@ -96,6 +101,7 @@ impl Side {
     pub fn illuminant(&self) -> [f64; 3] {
         match self {
             Self::Photograph(photograph) => photograph.illuminant,
+            Self::Panorama(panorama) => panorama.illuminant,
             Self::Mesh(mesh) => mesh.illuminant,
         }
     }
@@ -104,6 +110,7 @@ impl Side {
     pub fn exposure(&self) -> f64 {
         match self {
             Self::Photograph(photograph) => photograph.exposure,
+            Self::Panorama(panorama) => panorama.exposure,
             Self::Mesh(mesh) => mesh.exposure,
         }
     }
@@ -112,6 +119,7 @@ impl Side {
     pub fn light_mut(&mut self) -> (&mut f64, &mut [f64; 3]) {
         match self {
             Self::Photograph(photograph) => (&mut photograph.exposure, &mut photograph.illuminant),
+            Self::Panorama(panorama) => (&mut panorama.exposure, &mut panorama.illuminant),
             Self::Mesh(mesh) => (&mut mesh.exposure, &mut mesh.illuminant),
         }
     }
@@ -131,6 +139,7 @@ impl Side {
     pub fn apex(&self) -> Option<Apex> {
         match self {
             Self::Photograph(photograph) => photograph.apex,
+            Self::Panorama(panorama) => panorama.apex,
             Self::Mesh(mesh) => mesh.apex,
         }
     }
@@ -139,6 +148,7 @@ impl Side {
     pub fn set_apex(&mut self, apex: Apex) {
         match self {
             Self::Photograph(photograph) => photograph.apex = Some(apex),
+            Self::Panorama(panorama) => panorama.apex = Some(apex),
             Self::Mesh(mesh) => mesh.apex = Some(apex),
         }
     }
@@ -154,6 +164,13 @@ impl Side {
             .into_iter()
             .filter_map(|(key, path)| Some((key, path?.as_str())))
             .collect(),
+            Self::Panorama(p) => {
+                let mut paths = vec![("panorama", p.panorama.as_str())];
+                if let PanoramaDepth::Map(map) = &p.depth {
+                    paths.push(("depth", &map.depth));
+                }
+                paths
+            }
             Self::Mesh(mesh) => vec![("mesh", &mesh.mesh)],
         }
     }
@@ -165,6 +182,13 @@ impl Side {
                 .into_iter()
                 .flatten()
                 .collect(),
+            Self::Panorama(p) => {
+                let mut paths = vec![&mut p.panorama];
+                if let PanoramaDepth::Map(map) = &mut p.depth {
+                    paths.push(&mut map.depth);
+                }
+                paths
+            }
             Self::Mesh(mesh) => vec![&mut mesh.mesh],
         }
     }
@@ -176,19 +200,27 @@ impl From<Photograph> for Side {
     }
 }
 
+impl From<PanoramaFile> for Side {
+    fn from(panorama: PanoramaFile) -> Self {
+        Self::Panorama(panorama)
+    }
+}
+
 impl From<MeshFile> for Side {
     fn from(mesh: MeshFile) -> Self {
         Self::Mesh(mesh)
     }
 }
 
-/// Every key that either kind may have. Deserialised as one struct, so that an error can say which keys go together
+/// Every key that any kind may have. Deserialised as one struct, so that an error can say which keys go together
 /// (serde's untagged enums only say that nothing matched).
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct AnySide {
     #[serde(default, deserialize_with = "given")]
     mesh: Option<String>,
+    #[serde(default, deserialize_with = "given")]
+    panorama: Option<String>,
     #[serde(default, deserialize_with = "given")]
     color: Option<String>,
     #[serde(default, deserialize_with = "given")]
@@ -197,6 +229,10 @@ struct AnySide {
     mask: Option<String>,
     #[serde(default, deserialize_with = "given")]
     transfer: Option<Transfer>,
+    #[serde(default, deserialize_with = "given")]
+    highlights: Option<Highlights>,
+    #[serde(default, deserialize_with = "given")]
+    depth_m: Option<f64>,
     #[serde(default, deserialize_with = "given")]
     depth_unit_m: Option<f64>,
     #[serde(default, deserialize_with = "given")]
@@ -215,6 +251,10 @@ struct AnySide {
     fill: Option<Fill>,
     #[serde(default)]
     pose: Option<MeshPose>,
+    #[serde(default, deserialize_with = "given")]
+    yaw_deg: Option<f64>,
+    #[serde(default, deserialize_with = "given")]
+    pitch_deg: Option<f64>,
     #[serde(default)]
     apex: Option<Apex>,
 }
@@ -231,54 +271,161 @@ impl<'de> Deserialize<'de> for Side {
     }
 }
 
+const PHOTOGRAPH_KEYS: &str = "color, depth, mask, transfer, highlights, depth_unit_m, depth_kind, depth_range, \
+                               intrinsics, exposure, illuminant, fill and apex";
+const PANORAMA_KEYS: &str = "transfer, highlights, exposure, illuminant, depth_m or depth (with depth_unit_m, depth_kind, \
+                             depth_range and fill), yaw_deg, pitch_deg and apex";
+const MESH_KEYS: &str = "transfer, unit_m, exposure, illuminant, pose and apex";
+
 impl AnySide {
     fn side(self) -> Result<Side, String> {
-        let Some(mesh) = self.mesh else {
-            return self.into_photograph().map(Side::Photograph);
-        };
-        for (key, is_given) in [
+        match (&self.mesh, &self.panorama) {
+            (None, None) => self.into_photograph().map(Side::Photograph),
+            (Some(_), None) => self.into_mesh().map(Side::Mesh),
+            (None, Some(_)) => self.into_panorama().map(Side::Panorama),
+            (Some(_), Some(_)) => {
+                Err("`mesh` and `panorama` are two sides: give one of them".to_owned())
+            }
+        }
+    }
+
+    /// The first key that is given and belongs to photographs alone.
+    fn of_photographs(&self) -> Option<&'static str> {
+        [
             ("color", self.color.is_some()),
-            ("depth", self.depth.is_some()),
             ("mask", self.mask.is_some()),
+            ("intrinsics", self.intrinsics.is_some()),
+        ]
+        .into_iter()
+        .find_map(|(key, is_given)| is_given.then_some(key))
+    }
+
+    /// The same of the keys that describe a depth image.
+    fn of_depth(&self) -> Option<&'static str> {
+        [
+            ("depth", self.depth.is_some()),
             ("depth_unit_m", self.depth_unit_m.is_some()),
             ("depth_kind", self.depth_kind.is_some()),
             ("depth_range", self.depth_range.is_some()),
-            ("intrinsics", self.intrinsics.is_some()),
             ("fill", self.fill.is_some()),
-        ] {
-            if is_given {
-                return Err(format!(
-                    "`{key}` belongs to a photograph and cannot stand beside `mesh`, which takes transfer, unit_m, \
-                     exposure, illuminant, pose and apex"
-                ));
-            }
+        ]
+        .into_iter()
+        .find_map(|(key, is_given)| is_given.then_some(key))
+    }
+
+    fn of_meshes(&self) -> Option<&'static str> {
+        [
+            ("unit_m", self.unit_m.is_some()),
+            ("pose", self.pose.is_some()),
+        ]
+        .into_iter()
+        .find_map(|(key, is_given)| is_given.then_some(key))
+    }
+
+    fn of_panoramas(&self) -> Option<&'static str> {
+        [
+            ("depth_m", self.depth_m.is_some()),
+            ("yaw_deg", self.yaw_deg.is_some()),
+            ("pitch_deg", self.pitch_deg.is_some()),
+        ]
+        .into_iter()
+        .find_map(|(key, is_given)| is_given.then_some(key))
+    }
+
+    fn into_mesh(self) -> Result<MeshFile, String> {
+        if let Some(key) = self.of_photographs().or(self.of_depth()) {
+            return Err(format!(
+                "`{key}` belongs to a photograph and cannot stand beside `mesh`, which takes {MESH_KEYS}"
+            ));
         }
-        Ok(Side::Mesh(MeshFile {
-            mesh,
+        if let Some(key) = self.of_panoramas() {
+            return Err(format!(
+                "`{key}` belongs to a panorama and cannot stand beside `mesh`, which takes {MESH_KEYS}"
+            ));
+        }
+        if self.highlights.is_some() {
+            return Err(format!(
+                "`highlights` belongs to an image and cannot stand beside `mesh`, which takes {MESH_KEYS}"
+            ));
+        }
+        Ok(MeshFile {
+            mesh: self.mesh.unwrap_or_default(),
             transfer: self.transfer.unwrap_or_default(),
             unit_m: self.unit_m.unwrap_or_else(one),
             exposure: self.exposure.unwrap_or_else(one),
             illuminant: self.illuminant.unwrap_or_else(white),
             pose: self.pose,
             apex: self.apex,
-        }))
+        })
+    }
+
+    fn into_panorama(self) -> Result<PanoramaFile, String> {
+        for (key, of) in [
+            (self.of_photographs(), "photograph"),
+            (self.of_meshes(), "mesh"),
+        ] {
+            if let Some(key) = key {
+                return Err(format!(
+                    "`{key}` belongs to a {of} and cannot stand beside `panorama`, which takes {PANORAMA_KEYS}"
+                ));
+            }
+        }
+        if self.depth.is_some() && self.depth_m.is_some() {
+            return Err("`depth_m` is a constant and cannot stand beside `depth`".to_owned());
+        }
+        let depth_key = self.of_depth();
+        let depth = match self.depth {
+            Some(depth) => PanoramaDepth::Map(DepthMap {
+                depth,
+                depth_unit_m: self.depth_unit_m.unwrap_or_else(one),
+                depth_kind: self.depth_kind.unwrap_or(DepthKind::Distance),
+                depth_range: self.depth_range,
+                fill: self.fill.unwrap_or_default(),
+            }),
+            None => match depth_key {
+                Some(key) => {
+                    return Err(format!("`{key}` describes a `depth`, which is not given"));
+                }
+                None => PanoramaDepth::Constant {
+                    depth_m: self.depth_m.unwrap_or(PanoramaDepth::DEFAULT_M),
+                },
+            },
+        };
+        if self.depth_kind == Some(DepthKind::Z) {
+            return Err(
+                "`depth_kind` of a panorama is \"distance\" (along the ray), \"relative\" or \"relative_inverse\": \
+                 it has no axis"
+                    .to_owned(),
+            );
+        }
+        Ok(PanoramaFile {
+            panorama: self.panorama.unwrap_or_default(),
+            transfer: self.transfer.unwrap_or_default(),
+            exposure: self.exposure.unwrap_or_else(one),
+            illuminant: self.illuminant.unwrap_or_else(white),
+            highlights: self.highlights,
+            depth,
+            yaw_deg: self.yaw_deg.unwrap_or(0.0),
+            pitch_deg: self.pitch_deg.unwrap_or(0.0),
+            apex: self.apex,
+        })
     }
 
     fn into_photograph(self) -> Result<Photograph, String> {
-        for (key, is_given) in [
-            ("unit_m", self.unit_m.is_some()),
-            ("pose", self.pose.is_some()),
+        for (key, of) in [
+            (self.of_meshes(), "mesh"),
+            (self.of_panoramas(), "panorama"),
         ] {
-            if is_given {
+            if let Some(key) = key {
                 return Err(format!(
-                    "`{key}` belongs to a `mesh`, which is not given; a photograph takes color, depth, mask, transfer, \
-                     depth_unit_m, depth_kind, depth_range, intrinsics, exposure, illuminant, fill and apex"
+                    "`{key}` belongs to a `{of}`, which is not given; a photograph takes {PHOTOGRAPH_KEYS}"
                 ));
             }
         }
         let missing = |key: &str| {
             format!(
-                "missing field `{key}`: give color, depth and intrinsics of a photograph, or the mesh of a PLY file"
+                "missing field `{key}`: give color, depth and intrinsics of a photograph, or a panorama, or the mesh of a PLY \
+                 file"
             )
         };
         Ok(Photograph {
@@ -292,6 +439,7 @@ impl AnySide {
             intrinsics: self.intrinsics.ok_or_else(|| missing("intrinsics"))?,
             exposure: self.exposure.unwrap_or_else(one),
             illuminant: self.illuminant.unwrap_or_else(white),
+            highlights: self.highlights,
             fill: self.fill.unwrap_or_default(),
             apex: self.apex,
         })
@@ -330,6 +478,83 @@ mod tests {
         let moved = read(r#"{"mesh":"b","pose":{"translation_m":[0,0,1]}}"#).unwrap();
         let Side::Mesh(mesh) = moved else { panic!() };
         assert_eq!(mesh.pose.unwrap().distortion(), 0.0);
+    }
+
+    #[test]
+    fn a_panorama_has_its_own_keys_and_defaults() {
+        let side = read(r#"{"panorama":"hall.exr"}"#).unwrap();
+        let text = serde_json::to_string(&side).unwrap();
+        assert_eq!(
+            text,
+            r#"{"panorama":"hall.exr","transfer":"srgb","exposure":1.0,"depth_m":10.0,"yaw_deg":0.0,"pitch_deg":0.0}"#
+        );
+        assert_eq!(read(&text).unwrap(), side);
+        let mut side = read(
+            r#"{"panorama":"a:hall.jpg","highlights":{"above":0.9,"to":8},"depth":"a:hall.npy","depth_kind":
+            "relative_inverse","depth_range":{"mean_m":3},"fill":"far","yaw_deg":-90,"pitch_deg":5,"apex":"camera"}"#,
+        )
+        .unwrap();
+        assert_eq!(
+            side.paths(),
+            [("panorama", "a:hall.jpg"), ("depth", "a:hall.npy")]
+        );
+        let text = serde_json::to_string(&side).unwrap();
+        assert_eq!(read(&text).unwrap(), side);
+        *side.light_mut().0 = 3.0;
+        side.paths_mut()[1].push('x');
+        let Side::Panorama(panorama) = &side else {
+            panic!("{side:?}")
+        };
+        let PanoramaDepth::Map(map) = &panorama.depth else {
+            panic!("{side:?}")
+        };
+        assert_eq!(
+            (panorama.exposure, map.depth.as_str()),
+            (3.0, "a:hall.npyx")
+        );
+        assert_eq!(map.depth_unit_m, 1.0);
+        for (json, words) in [
+            (r#"{"panorama":"p","mesh":"m"}"#, "give one of them"),
+            (
+                r#"{"panorama":"p","color":"c"}"#,
+                "`color` belongs to a photograph and cannot stand beside `panorama`",
+            ),
+            (
+                r#"{"panorama":"p","pose":{}}"#,
+                "`pose` belongs to a mesh and cannot stand beside `panorama`",
+            ),
+            (
+                r#"{"panorama":"p","depth":"d","depth_m":3}"#,
+                "`depth_m` is a constant and cannot stand beside `depth`",
+            ),
+            (
+                r#"{"panorama":"p","fill":"far"}"#,
+                "`fill` describes a `depth`, which is not given",
+            ),
+            (
+                r#"{"panorama":"p","depth":"d","depth_kind":"z"}"#,
+                "`depth_kind` of a panorama is \"distance\"",
+            ),
+            (
+                r#"{"mesh":"m","yaw_deg":3}"#,
+                "`yaw_deg` belongs to a panorama and cannot stand beside `mesh`",
+            ),
+            (
+                r#"{"mesh":"m","highlights":{"above":0.5,"to":2}}"#,
+                "`highlights` belongs to an image",
+            ),
+            (
+                r#"{"color":"c","depth":"d","depth_m":1}"#,
+                "`depth_m` belongs to a `panorama`, which is not given",
+            ),
+            (
+                r#"{"color":"c","depth":"d","highlights":{"above":0.5}}"#,
+                "missing field `to`",
+            ),
+        ] {
+            let error = read(json).unwrap_err();
+            assert!(error.contains(words), "{json}: {error}");
+        }
     }
 
     #[test]

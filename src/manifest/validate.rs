@@ -3,6 +3,7 @@
 use super::depth_range;
 use super::limits::{self, Limit};
 use super::line::{Focus, Photograph, SCENE_SCHEMA, SceneLine};
+use super::panorama::{PanoramaDepth, PanoramaFile};
 use super::side::{MeshFile, Side};
 
 /// A scene line that cannot be rendered, whatever its files hold.
@@ -44,6 +45,12 @@ pub enum LineError {
         side: String,
         /// A range stands there.
         given: bool,
+    },
+    /// Light has no clipped codes.
+    #[error("{field} is given, but only images of transfer \"srgb\" have clipped codes: remove it")]
+    HighlightsOfLight {
+        /// The key, with dots.
+        field: String,
     },
     /// `apex` says where the reflected side's camera stands; the front one's is the lens.
     #[error("front.apex is given, but only the back has an apex: move it to back")]
@@ -173,7 +180,37 @@ pub(super) fn side(name: &str, side: &Side) -> Result<(), LineError> {
     }
     match side {
         Side::Photograph(side) => photograph(name, side),
+        Side::Panorama(side) => panorama(name, side),
         Side::Mesh(side) => mesh(name, side),
+    }
+}
+
+fn panorama(side: &str, panorama: &PanoramaFile) -> Result<(), LineError> {
+    for (key, value, limit) in [
+        ("exposure", panorama.exposure, limits::EXPOSURE),
+        ("yaw_deg", panorama.yaw_deg, limits::YAW_DEG),
+        ("pitch_deg", panorama.pitch_deg, limits::PITCH_DEG),
+    ] {
+        within(&format!("{side}.{key}"), value, limit)?;
+    }
+    white(&format!("{side}.illuminant"), panorama.illuminant)?;
+    if let Some(highlights) = &panorama.highlights {
+        highlights.validate(&format!("{side}.highlights"), panorama.transfer)?;
+    }
+    match &panorama.depth {
+        PanoramaDepth::Constant { depth_m } => within(
+            &format!("{side}.depth_m"),
+            *depth_m,
+            limits::PANORAMA_DEPTH_M,
+        ),
+        PanoramaDepth::Map(map) => {
+            within(
+                &format!("{side}.depth_unit_m"),
+                map.depth_unit_m,
+                limits::DEPTH_UNIT_M,
+            )?;
+            depth_range::check(side, map.depth_kind, map.depth_range.as_ref())
+        }
     }
 }
 
@@ -229,7 +266,10 @@ fn photograph(side: &str, photograph: &Photograph) -> Result<(), LineError> {
         let field = format!("{side}.intrinsics.size[{index}]");
         within(&field, pixels.into(), limits::IMAGE_SIDE)?;
     }
-    depth_range::check(side, photograph)
+    if let Some(highlights) = &photograph.highlights {
+        highlights.validate(&format!("{side}.highlights"), photograph.transfer)?;
+    }
+    depth_range::check(side, photograph.depth_kind, photograph.depth_range.as_ref())
 }
 
 /// `Ok` if `limit` holds `value`.
@@ -276,7 +316,7 @@ pub(super) mod tests {
     pub(in super::super) fn photograph(side: &mut Side) -> &mut Photograph {
         match side {
             Side::Photograph(photograph) => photograph,
-            Side::Mesh(_) => panic!("a mesh"),
+            Side::Panorama(_) | Side::Mesh(_) => panic!("no photograph"),
         }
     }
 
@@ -323,6 +363,61 @@ pub(super) mod tests {
         let mut line = published();
         line.front = serde_json::from_str(r#"{"mesh":"m","apex":"mirror"}"#).unwrap();
         assert_eq!(line.validate().unwrap_err(), LineError::ApexOfFront);
+    }
+
+    #[test]
+    fn panoramas_and_highlights_have_ranges_too() {
+        let with = |side: &str| {
+            let mut line = published();
+            line.back = serde_json::from_str(side).unwrap();
+            line.validate().map_err(|error| error.to_string())
+        };
+        with(r#"{"panorama":"p","highlights":{"above":0.9,"to":8},"yaw_deg":-360,"pitch_deg":90}"#)
+            .unwrap();
+        with(r#"{"panorama":"p","depth":"d","depth_kind":"relative","depth_range":{"mean_m":3}}"#)
+            .unwrap();
+        for (side, message) in [
+            (r#"{"panorama":""}"#, "back.panorama is empty"),
+            (r#"{"panorama":"p","depth_m":0}"#, "back.depth_m is 0, but"),
+            (r#"{"panorama":"p","yaw_deg":361}"#, "back.yaw_deg is 361"),
+            (
+                r#"{"panorama":"p","pitch_deg":-91}"#,
+                "back.pitch_deg is -91",
+            ),
+            (
+                r#"{"panorama":"p","depth":"d","depth_unit_m":0}"#,
+                "back.depth_unit_m is 0",
+            ),
+            (
+                r#"{"panorama":"p","depth":"d","depth_kind":"relative"}"#,
+                "back.depth_kind is relative",
+            ),
+            (
+                r#"{"panorama":"p","highlights":{"above":1,"to":8}}"#,
+                "back.highlights.above is 1, but must be 0 or more and below 1",
+            ),
+            (
+                r#"{"panorama":"p","highlights":{"above":0.9,"to":0.95}}"#,
+                "back.highlights.to is 0.95, but must be 1 to 1e6",
+            ),
+            (
+                r#"{"panorama":"p","transfer":"linear","highlights":{"above":0.9,"to":8}}"#,
+                "back.highlights is given, but only images of transfer \"srgb\"",
+            ),
+        ] {
+            let error = with(side).unwrap_err();
+            assert!(error.starts_with(message), "{error} for {message}");
+        }
+        let mut line = published();
+        photograph(&mut line.front).highlights = Some(super::super::highlights::Highlights {
+            above: f64::NAN,
+            to: 2.0,
+        });
+        let error = line.validate().unwrap_err().to_string();
+        assert!(
+            error.starts_with("front.highlights.above is NaN"),
+            "{error}"
+        );
     }
 
     #[test]

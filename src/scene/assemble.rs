@@ -170,18 +170,8 @@ pub fn assemble(
     let lateral_m = line.camera.aperture_radius_m + line.glass.thickness_m;
     // The front's coordinates are the lens's: a mesh can be focused on before anything else is known.
     let front = front.place("front", |x| x, lateral_m)?;
-    let normal = if line.glass.tilt_deg == [0.0, 0.0] {
-        DVec3::Z
-    } else {
-        Slab::tilted_normal(line.glass.tilt_deg)
-    };
-    let slab = Slab {
-        normal,
-        plane_distance_m: line.glass.distance_m * normal.z,
-        thickness_m: line.glass.thickness_m,
-        ior: line.glass.ior,
-        absorption_per_m: line.glass.absorption_per_m,
-    };
+    let slab = slab(line);
+    let normal = slab.normal;
     let mirror = mirror(&slab);
     let twice = slab.normal * (2.0 * slab.plane_distance_m);
     let apex = line.back.apex().unwrap_or_default();
@@ -208,20 +198,8 @@ pub fn assemble(
     };
     refuse(line, lens.inverse_focus_per_m)?;
 
-    let film = FilmPlane {
-        width: line.film.width,
-        height: line.film.height,
-        tan_half_fov: FilmPlane::tan_half_fov(
-            line.film.width,
-            line.film.height,
-            line.camera.focal_length_mm,
-        ),
-        filter: match line.film.filter {
-            Filter::Box => None,
-            Filter::Gaussian => Some(FilterTable::gaussian()),
-        },
-    };
-    let directions = film_directions(&film, &lens);
+    let film = film_plane(line);
+    let directions = film_directions(film_reach(&film, &lens));
     let cosines: Vec<f64> = directions
         .iter()
         .map(|d| d.normalize().dot(normal))
@@ -310,8 +288,41 @@ pub fn assemble(
     Ok((scene, facts))
 }
 
+/// The pane of a line.
+pub(super) fn slab(line: &SceneLine) -> Slab {
+    let normal = if line.glass.tilt_deg == [0.0, 0.0] {
+        DVec3::Z
+    } else {
+        Slab::tilted_normal(line.glass.tilt_deg)
+    };
+    Slab {
+        normal,
+        plane_distance_m: line.glass.distance_m * normal.z,
+        thickness_m: line.glass.thickness_m,
+        ior: line.glass.ior,
+        absorption_per_m: line.glass.absorption_per_m,
+    }
+}
+
+/// The film of a line.
+pub(super) fn film_plane(line: &SceneLine) -> FilmPlane {
+    FilmPlane {
+        width: line.film.width,
+        height: line.film.height,
+        tan_half_fov: FilmPlane::tan_half_fov(
+            line.film.width,
+            line.film.height,
+            line.camera.focal_length_mm,
+        ),
+        filter: match line.film.filter {
+            Filter::Box => None,
+            Filter::Gaussian => Some(FilterTable::gaussian()),
+        },
+    }
+}
+
 /// Tangents of half the field of view, widened by the lens and the filter.
-fn film_reach(film: &FilmPlane, lens: &Lens) -> [f64; 2] {
+pub(super) fn film_reach(film: &FilmPlane, lens: &Lens) -> [f64; 2] {
     let spread = lens.aperture_radius_m * lens.inverse_focus_per_m;
     let beyond = film.filter.as_ref().map_or(0.0, FilterTable::radius_px);
     let pixel = film.pixel_tangent();
@@ -319,9 +330,8 @@ fn film_reach(film: &FilmPlane, lens: &Lens) -> [f64; 2] {
 }
 
 /// A dense set of camera directions: a grid over the film's reach.
-fn film_directions(film: &FilmPlane, lens: &Lens) -> Vec<DVec3> {
+pub(super) fn film_directions(reach: [f64; 2]) -> Vec<DVec3> {
     const STEPS: u32 = 32;
-    let reach = film_reach(film, lens);
     let at = |i: u32| 2.0 * f64::from(i) / f64::from(STEPS) - 1.0;
     (0..=STEPS)
         .flat_map(|j| (0..=STEPS).map(move |i| DVec3::new(at(i) * reach[0], at(j) * reach[1], 1.0)))
@@ -329,7 +339,7 @@ fn film_directions(film: &FilmPlane, lens: &Lens) -> Vec<DVec3> {
 }
 
 /// H = I - 2 n n^T.
-fn mirror(slab: &Slab) -> DMat3 {
+pub(super) fn mirror(slab: &Slab) -> DMat3 {
     let n = slab.normal;
     DMat3::IDENTITY - DMat3::from_cols(n * n.x, n * n.y, n * n.z) * 2.0
 }

@@ -5,11 +5,11 @@ use super::files::{FileFormat, NamedBytes};
 use super::npy::{Axes, NpyImage};
 use super::npy_header::Element;
 use super::raster::{self, Raster, Samples};
-use super::{openexr, pfm, transfer};
-use crate::manifest::Transfer;
+use super::{highlights, openexr, pfm, transfer};
+use crate::manifest::{Highlights, Transfer};
 use std::rc::Rc;
 
-const FORMATS: &str = "a PNG, JPEG, PNM, EXR, Radiance HDR, PFM or .npy colour image";
+pub(super) const FORMATS: &str = "a PNG, JPEG, PNM, EXR, Radiance HDR, PFM or .npy colour image";
 const NPY: &str = "(H,W), (H,W,1), (H,W,3) or (H,W,4) of u1, u2, f2, f4 or f8";
 
 /// Radiance of a photograph.
@@ -63,6 +63,22 @@ pub(super) fn decode(
         radiance,
         max_radiance,
     })
+}
+
+/// [`decode`], with light for clipped highlights if they are to have any, before `scale`.
+pub(super) fn decode_expanded(
+    file: &NamedBytes,
+    transfer: Transfer,
+    curve: Option<Highlights>,
+    scale: [f64; 3],
+) -> Result<Color, SceneError> {
+    let Some(curve) = curve else {
+        return decode(file, transfer, scale);
+    };
+    let mut color = decode(file, transfer, [1.0; 3])?;
+    highlights::expand(&mut color.radiance, curve, scale);
+    color.max_radiance = max_of_radiance(file, &color.radiance, color.width)?;
+    Ok(color)
 }
 
 fn decode_npy(file: &NamedBytes) -> Result<Raster, SceneError> {
@@ -275,6 +291,32 @@ mod tests {
         match decode(&dark, Transfer::Linear, [1e39; 3]).err().unwrap() {
             SceneError::Radiance { count, x, y, .. } => assert_eq!((count, x, y), (1, 1, 0)),
             other => panic!("{other}"),
+        }
+    }
+
+    #[test]
+    fn highlights_are_off_by_default_and_then_change_no_bit() {
+        let codes: Vec<u8> = (0..=255).collect();
+        let image = png(&codes, 16, 16, Png::L8);
+        let plain = decode(&image, Transfer::Srgb, [0.7; 3]).unwrap();
+        let off = decode_expanded(&image, Transfer::Srgb, None, [0.7; 3]).unwrap();
+        let bits = |color: &Color| {
+            let values = color.radiance.iter().flatten();
+            values.map(|value| value.to_bits()).collect::<Vec<_>>()
+        };
+        assert_eq!(bits(&off), bits(&plain));
+        let curve = Highlights {
+            above: 0.9,
+            to: 8.0,
+        };
+        let on = decode_expanded(&image, Transfer::Srgb, Some(curve), [0.5; 3]).unwrap();
+        assert_eq!(on.max_radiance, 4.0);
+        assert_eq!(on.radiance[255], [4.0, 4.0, 4.0, 0.0]);
+        // Code 243 is 0.896, 244 is 0.905.
+        let half = decode(&image, Transfer::Srgb, [0.5; 3]).unwrap();
+        for code in 0..255 {
+            let (on, off) = (on.radiance[code][0], half.radiance[code][0]);
+            assert!(if code < 244 { on == off } else { on > off }, "{code}");
         }
     }
 

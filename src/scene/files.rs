@@ -23,6 +23,15 @@ pub struct PhotographFiles {
     pub mask: Option<NamedBytes>,
 }
 
+/// The files of one panorama.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PanoramaFiles {
+    /// Equirectangular, in any format of a colour image.
+    pub panorama: NamedBytes,
+    /// Equirectangular distances, in any format of a depth image; without it all is at one distance.
+    pub depth: Option<NamedBytes>,
+}
+
 /// A file format, found by its magic bytes: extensions lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FileFormat {

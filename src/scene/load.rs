@@ -1,10 +1,12 @@
 //! The one place where a scene's files are read; decoding them is pure.
 
+use super::panorama::decode_panorama;
+use super::window::Sight;
 use super::{
-    AssembleError, Decoded, NamedBytes, PhotographFiles, SceneError, SceneFacts, assemble,
-    decode_mesh, decode_photograph,
+    AssembleError, Decoded, NamedBytes, PanoramaFiles, PhotographFiles, SceneError, SceneFacts,
+    assemble, decode_mesh, decode_photograph,
 };
-use crate::manifest::{RootError, Roots, SceneLine, Side};
+use crate::manifest::{PanoramaDepth, RootError, Roots, SceneLine, Side};
 use crate::trace::Scene;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -44,6 +46,8 @@ pub struct SceneFiles {
 pub enum SideFiles {
     /// Of a photograph.
     Photograph(PhotographFiles),
+    /// Of a panorama.
+    Panorama(PanoramaFiles),
     /// A PLY file.
     Mesh(NamedBytes),
 }
@@ -100,6 +104,13 @@ pub fn read_files_by(
                 depth: named(&p.depth)?,
                 mask: p.mask.as_deref().map(named).transpose()?,
             }),
+            Side::Panorama(p) => SideFiles::Panorama(PanoramaFiles {
+                panorama: named(&p.panorama)?,
+                depth: match &p.depth {
+                    PanoramaDepth::Constant { .. } => None,
+                    PanoramaDepth::Map(map) => Some(named(&map.depth)?),
+                },
+            }),
             Side::Mesh(p) => SideFiles::Mesh(named(&p.mesh)?),
         })
     };
@@ -120,19 +131,32 @@ pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadErr
     })
 }
 
-/// The first half of [`load`], for who assembles several scenes from the same photographs.
+/// The first half of [`load`], for who assembles several scenes from the same photographs (of a panorama only what this
+/// line sees of it is decoded).
 pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, LoadError> {
     Ok(DecodedScene {
-        front: decode_side(&line.front.seen_by(&line.camera), &files.front)?,
-        back: decode_side(&line.back.seen_by(&line.camera), &files.back)?,
+        front: decode_side(&line.front.seen_by(&line.camera), &files.front, || {
+            Sight::front(line)
+        })?,
+        back: decode_side(&line.back.seen_by(&line.camera), &files.back, || {
+            Sight::back(line)
+        })?,
         inputs: digests(files),
     })
 }
 
-fn decode_side(side: &Side, files: &SideFiles) -> Result<Decoded, SceneError> {
+/// `sight` is asked for by panoramas alone, of which a line needs a part.
+fn decode_side(
+    side: &Side,
+    files: &SideFiles,
+    sight: impl Fn() -> Sight,
+) -> Result<Decoded, SceneError> {
     Ok(match (side, files) {
         (Side::Photograph(line), SideFiles::Photograph(files)) => {
             decode_photograph(line, files)?.into()
+        }
+        (Side::Panorama(line), SideFiles::Panorama(files)) => {
+            decode_panorama(line, files, &sight())?.into()
         }
         (Side::Mesh(line), SideFiles::Mesh(file)) => decode_mesh(line, file)?.into(),
         _ => unreachable!("the files were read for this line"),
@@ -148,6 +172,9 @@ fn digests(files: &SceneFiles) -> InputDigests {
                 ("depth", Some(&p.depth)),
                 ("mask", p.mask.as_ref()),
             ],
+            SideFiles::Panorama(p) => {
+                vec![("panorama", Some(&p.panorama)), ("depth", p.depth.as_ref())]
+            }
             SideFiles::Mesh(file) => vec![("mesh", Some(file))],
         };
         for (part, file) in parts {

@@ -8,19 +8,22 @@
 //!                                                      -> fill, center -> photograph (Sheet)
 //! ```
 //!
+//! a panorama through `window` (what the film sees of it) and `equirect` to `panorama` (Sheet),
 //! and a mesh through `ply_header`, `ply`, `transfer` to `mesh` (Polygons); `assemble` takes either.
 //!
 //! Hostile bytes end in a [`SceneError`], never in a panic, and sizes are checked before anything
 //! of that size is allocated ([`limits`]). A sheet's bits are a function of the bytes and the
-//! manifest line: one thread, a fixed order, and [`libm`] for the one power function.
+//! manifest line: one thread, a fixed order, and [`libm`] for powers and angles.
 
 mod assemble;
 mod center;
 mod color;
 mod depth;
+mod equirect;
 mod error;
 mod files;
 mod fill;
+mod highlights;
 pub mod limits;
 mod load;
 mod mask;
@@ -29,6 +32,7 @@ mod near;
 mod npy;
 mod npy_header;
 mod openexr;
+mod panorama;
 mod pfm;
 mod photograph;
 mod place;
@@ -37,10 +41,11 @@ mod ply_header;
 mod raster;
 mod relative;
 mod transfer;
+mod window;
 
 pub use assemble::{AssembleError, OrderFact, SceneFacts, Sides, assemble};
 pub use error::SceneError;
-pub use files::{NamedBytes, PhotographFiles};
+pub use files::{NamedBytes, PanoramaFiles, PhotographFiles};
 pub use load::{
     DecodedScene, InputDigests, LoadError, LoadedScene, SceneFiles, SideFiles, decode, load,
     read_files, read_files_by,

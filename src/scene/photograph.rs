@@ -73,9 +73,10 @@ pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<S
         Fill::Far => fill::far(&mut inverse_depth_per_m),
     }
 
-    let color = color::decode(
+    let color = color::decode_expanded(
         &files.color,
         line.transfer,
+        line.highlights,
         line.illuminant.map(|c| line.exposure * c),
     )?;
     Ok(Sheet {
@@ -204,7 +205,11 @@ fn read_mask(
 }
 
 /// Inverse depth of the valid pixels, 0 in the holes; clears `valid` where there is no depth.
-fn invert(path: &Path, depth: &depth::Depth, valid: &mut [bool]) -> Result<Vec<f32>, SceneError> {
+pub(super) fn invert(
+    path: &Path,
+    depth: &depth::Depth,
+    valid: &mut [bool],
+) -> Result<Vec<f32>, SceneError> {
     let mut all_normal = true;
     let inverse_depth_per_m: Vec<f32> = depth
         .z_m

@@ -26,6 +26,7 @@ mod json;
 mod kill;
 mod layers;
 mod light;
+mod list;
 mod many;
 mod merging;
 mod mesh;

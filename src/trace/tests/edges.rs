@@ -47,6 +47,7 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
         },
         exposure: 1.0,
         illuminant: [1.0; 3],
+        highlights: None,
         fill: crate::manifest::Fill::Smooth,
         apex: None,
     };
