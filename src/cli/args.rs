@@ -118,7 +118,9 @@ pub enum Command {
     /// Turn a recipe or a .jsonl of scenes into a run's frozen manifest and spec
     #[command(after_help = "Examples:
   glasshouse plan manifests/smoke.toml -n
-  glasshouse plan my.toml --root diode=/data/diode --out runs/mine")]
+  glasshouse plan my.toml --root diode=/data/diode --out runs/mine
+  glasshouse plan my.toml --root diode=/data/diode -n --json             # what is wrong, what it costs
+  glasshouse plan my.toml --root diode=/data/diode --skip-invalid --out runs/mine")]
     Plan(PlanArgs),
     /// Render one scene (a scene file, or a tuple.json to make again) to four EXRs and PNGs
     #[command(after_help = "Examples:
@@ -213,6 +215,9 @@ pub struct PlanArgs {
     /// Side of a tile, px [default: such that a shard takes 0.2 s, 64 to 256]
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
     pub tile: Option<u32>,
+    /// Leave out photographs whose files cannot be used, and draw others in their place (of a .jsonl: leave out scenes)
+    #[arg(long)]
+    pub skip_invalid: bool,
     /// Named roots.
     #[command(flatten)]
     pub roots: RootArgs,

@@ -66,7 +66,7 @@ pub fn look_at_whole(role: FileRole, file: &NamedBytes) -> Result<Option<[usize;
     // Much of the work of decoding is spared where the format alone tells that the file is whole.
     if !(is_jpeg && raster::jpeg_is_whole(&file.bytes)) {
         match role {
-            FileRole::Color => drop(color::decode(file, Transfer::Linear, 1.0)?),
+            FileRole::Color => drop(color::decode(file, Transfer::Linear, [1.0; 3])?),
             FileRole::Depth => drop(depth::decode(file, 1.0)?),
             FileRole::Mask => drop(mask::decode(file)?),
             FileRole::Mesh => drop(ply::decode(file)?),
