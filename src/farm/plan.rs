@@ -7,6 +7,7 @@ use super::make::make_photographs;
 use super::run_dir::{Run, RunDir, RunError};
 use crate::atomic_file::{self, WriteError};
 use crate::cases::{CaseError, is_case_file};
+use crate::ids::SceneId;
 use crate::manifest::{
     IndexError, ManifestError, RecipeError, RootError, Roots, SceneLine, to_jsonl,
 };
@@ -14,7 +15,7 @@ use crate::sample::SampleError;
 use crate::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
 use crate::store::{Inputs, StoreError};
 use crate::trace::{Isa, TRACER_VERSION};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// How to plan.
@@ -306,16 +307,11 @@ pub fn plan(
 
 /// What is to be left out, so that the scenes do without the files `found`.
 fn names(content: &Content, lines: &[SceneLine], found: &[InvalidInput]) -> BTreeSet<String> {
-    let found: BTreeSet<&str> = found.iter().map(|input| input.path.as_str()).collect();
-    let mut names = BTreeSet::new();
-    for line in lines {
-        for side in [&line.front, &line.back] {
-            for (_, path) in side.paths() {
-                if found.contains(path) {
-                    names.extend(content.names_without(line, path));
-                }
-            }
-        }
-    }
-    names
+    let by_id: BTreeMap<&SceneId, &SceneLine> = lines.iter().map(|line| (&line.id, line)).collect();
+    let needs = found
+        .iter()
+        .flat_map(|input| input.scenes.iter().map(|id| (by_id[id], &input.path)));
+    needs
+        .flat_map(|(line, path)| content.names_without(line, path))
+        .collect()
 }

@@ -112,6 +112,7 @@ mod tests {
     use super::*;
     use ::exr::prelude::FlatSamples;
     use image::ExtendedColorType as Png;
+    use proptest::prelude::*;
 
     fn ends(file: &NamedBytes, start: usize) -> FileEnds {
         let bytes = &file.bytes;
@@ -247,5 +248,58 @@ mod tests {
             Look::Unsure
         );
         assert_eq!(look_at_whole(FileRole::Color, &file).unwrap(), Some([8, 8]));
+    }
+
+    fn is_decoded(role: FileRole, file: &NamedBytes) -> bool {
+        match role {
+            FileRole::Color => color::decode(file, Transfer::Linear, [1.0; 3]).is_ok(),
+            FileRole::Depth => depth::decode(file, 1.0).is_ok(),
+            FileRole::Mask => mask::decode(file).is_ok(),
+            FileRole::Mesh => ply::decode(file).is_ok(),
+        }
+    }
+
+    const MESH: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n\
+        property list uchar int vertex_indices\nend_header\n0 0 1 9 9 9\n1 0 1 9 9 9\n0 1 1 9 9 9\n3 0 1 2\n";
+
+    proptest! {
+        /// Nothing is refused that a scene could be made from, whatever has happened to the bytes.
+        #[test]
+        fn what_is_refused_cannot_be_decoded(
+            kind in 0usize..9,
+            role in prop::sample::select(vec![FileRole::Color, FileRole::Depth, FileRole::Mask, FileRole::Mesh]),
+            flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..3),
+            keep in prop::option::of(any::<prop::sample::Index>()),
+            behind in 0usize..40,
+            start in prop::sample::select(vec![20usize, 60, 200, usize::MAX]),
+        ) {
+            let mut file = match kind {
+                0 => png(&noise(8 * 6 * 3), 8, 6, Png::Rgb8),
+                1 => png(&noise(8 * 6 * 2), 8, 6, Png::L16),
+                2 => jpeg(&noise(8 * 8 * 3), 8, 8),
+                3 => npy("<f4", false, "(6, 8)", &[60; 192]),
+                4 => exr(8, 6, &[("Z", FlatSamples::F32(vec![1.0; 48]))]),
+                5 => NamedBytes { path: "a".into(), bytes: [&b"P5 8 6 255 "[..], &noise(48)].concat() },
+                6 => NamedBytes { path: "a".into(), bytes: [&b"Pf\n8 6\n-1\n"[..], &[60; 192]].concat() },
+                7 => NamedBytes { path: "a".into(), bytes: MESH.as_bytes().to_vec() },
+                _ => npy("|u1", true, "(6, 8, 3)", &noise(144)),
+            };
+            if let Some(keep) = keep {
+                let keep = keep.index(file.bytes.len());
+                file.bytes.truncate(keep);
+            }
+            for (at, value) in flips {
+                if !file.bytes.is_empty() {
+                    let at = at.index(file.bytes.len());
+                    file.bytes[at] = value;
+                }
+            }
+            file.bytes.resize(file.bytes.len() + behind, 0);
+            let looked = look(role, &ends(&file, start));
+            if looked.is_err() || look_at_whole(role, &file).is_err() {
+                prop_assert!(!is_decoded(role, &file), "{looked:?}");
+            }
+        }
     }
 }

@@ -304,7 +304,7 @@ fn the_paper_is_planned_from_folders_of_the_real_shape() {
     let planned = run(&arguments).expect(0).json();
     assert_eq!(planned["scenes"], 5200);
     assert_eq!(planned["notes"], json!([]));
-    assert_eq!(planned["shards"], 5200 * 16);
+    assert_eq!(planned["shards"], 5200);
     let number = |key: &str| planned[key].as_f64().unwrap_or_else(|| panic!("no {key}"));
     // 256 x 256 px of 36 floats a scene.
     assert_eq!(number("partial_bytes"), 5200.0 * 65_536.0 * 144.0);
