@@ -2,11 +2,13 @@
 //!
 //! ```text
 //! scenes -> kernels (-> dump)                     bench trace: rays a second
+//!        -> calibrate                               plan: seconds of a core that a run takes
 //!        -> reference, ladder -> deviation -> fit -> table, plot    bench error: error against CPU seconds
 //! ```
 //!
 //! Times are CPU seconds of the threads that worked ([`thread_cpu_s`]): machines are shared.
 
+mod calibrate;
 mod clock;
 mod deviation;
 mod dump;
@@ -21,6 +23,7 @@ mod render;
 mod scenes;
 mod table;
 
+pub use calibrate::{Calibration, calibrate};
 pub use clock::thread_cpu_s;
 pub use deviation::{CELL_PX, Deviation, coded_srgb};
 pub use dump::RayDump;

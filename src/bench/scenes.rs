@@ -146,7 +146,10 @@ fn procedural(
 }
 
 /// The files of a procedural photograph, in memory.
-fn photograph(which: &SamplePhotograph, size: [u32; 2]) -> Result<PhotographFiles, BenchError> {
+pub(super) fn photograph(
+    which: &SamplePhotograph,
+    size: [u32; 2],
+) -> Result<PhotographFiles, BenchError> {
     let files = sample::encode(which, size[0], size[1])?;
     let named = |path, bytes| NamedBytes { path, bytes };
     Ok(PhotographFiles {

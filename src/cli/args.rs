@@ -108,15 +108,19 @@ pub enum Command {
   glasshouse run manifests/smoke.toml
   glasshouse run manifests/smoke.toml --out runs/again -j 1")]
     Run(RunArgs),
-    /// Make procedural RGBD photographs (rooms and streets) in DIODE's layout
+    /// Make procedural RGBD photographs (rooms and streets) in the layout of DIODE or of PLACES365
     #[command(after_help = "Examples:
   glasshouse sample /tmp/rooms --count 8
-  glasshouse sample /tmp/rooms --count 8 --seed 7 --json")]
+  glasshouse sample /tmp/rooms --count 8 --seed 7 --json
+  glasshouse sample /tmp/places --layout places --count 68
+  glasshouse sample /tmp/many --layout places --count 4160 --width 32 --height 24   # to try planning")]
     Sample(SampleArgs),
     /// Turn a recipe or a .jsonl of scenes into a run's frozen manifest and spec
     #[command(after_help = "Examples:
   glasshouse plan manifests/smoke.toml -n
-  glasshouse plan my.toml --root diode=/data/diode --out runs/mine")]
+  glasshouse plan my.toml --root diode=/data/diode --out runs/mine
+  glasshouse plan my.toml --root diode=/data/diode -n --json             # what is wrong, what it costs
+  glasshouse plan my.toml --root diode=/data/diode --skip-invalid --out runs/mine")]
     Plan(PlanArgs),
     /// Render one scene (a scene file, or a tuple.json to make again) to four EXRs and PNGs
     #[command(after_help = "Examples:
@@ -211,6 +215,9 @@ pub struct PlanArgs {
     /// Side of a tile, px [default: such that a shard takes 0.2 s, 64 to 256]
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
     pub tile: Option<u32>,
+    /// Leave out photographs whose files cannot be used, and draw others in their place (of a .jsonl: leave out scenes)
+    #[arg(long)]
+    pub skip_invalid: bool,
     /// Named roots.
     #[command(flatten)]
     pub roots: RootArgs,
@@ -246,13 +253,13 @@ pub struct SampleArgs {
     /// Seed
     #[arg(long, default_value_t = 2020)]
     pub seed: u64,
-    /// Pixels across
-    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=16384))]
-    pub width: u32,
-    /// Pixels down
-    #[arg(long, default_value_t = 768, value_parser = clap::value_parser!(u32).range(1..=16384))]
-    pub height: u32,
-    /// Folder layout
+    /// Pixels across [default: 1024; 256 for places]
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub width: Option<u32>,
+    /// Pixels down [default: 768; 256 for places]
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub height: Option<u32>,
+    /// Folders and files
     #[arg(long, value_enum, default_value = "diode")]
     pub layout: SampleLayout,
 }
@@ -260,8 +267,20 @@ pub struct SampleArgs {
 /// `--layout`
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SampleLayout {
-    /// DIODE's.
+    /// DIODE's: PNG, depth in metres, mask.
     Diode,
+    /// PLACES365's: JPEG by category, relative inverse depth in a folder beside it.
+    Places,
+}
+
+impl SampleLayout {
+    /// As it is typed.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Diode => "diode",
+            Self::Places => "places",
+        }
+    }
 }
 
 /// `render`

@@ -91,6 +91,7 @@ impl Place {
             inputs: &Inputs::default(),
             tile_px: Some(recipe.tile_px),
             dry_run: false,
+            skip_invalid: false,
             threads: 2,
         };
         plan(&path, &run, &options, &|_, _, _| {})?;

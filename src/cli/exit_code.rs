@@ -63,6 +63,8 @@ pub(super) struct Failure {
     pub(super) exit: Exit,
     /// What happened.
     pub(super) error: anyhow::Error,
+    /// More of it for the object of --json.
+    pub(super) details: serde_json::Map<String, serde_json::Value>,
 }
 
 impl Failure {
@@ -71,6 +73,7 @@ impl Failure {
         Self {
             exit,
             error: error.into(),
+            details: serde_json::Map::new(),
         }
     }
 }
@@ -156,6 +159,12 @@ impl From<crate::farm::PlanError> for Failure {
             E::Store(error) => error.into(),
             E::Mismatch(_) => Self::new(Exit::Disagrees, error),
             E::Write(_) | E::Sample(_) => Self::new(Exit::Failed, error),
+            E::Invalid { ref invalid, .. } => {
+                let invalid = serde_json::json!(invalid);
+                let mut failure = Self::new(Exit::InvalidInput, error);
+                failure.details.insert("invalid".to_owned(), invalid);
+                failure
+            }
             _ => Self::new(Exit::InvalidInput, error),
         }
     }

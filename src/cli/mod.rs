@@ -25,6 +25,7 @@ mod isolate;
 mod merge_cmd;
 mod output;
 mod plan_cmd;
+mod plan_cost;
 mod progress;
 mod queue_cmd;
 mod render_cmd;

@@ -88,11 +88,11 @@ impl Output {
     pub(super) fn error(&self, failure: &Failure) {
         let text = failure.text();
         if self.json {
-            self.result(
-                ERROR_SCHEMA,
-                json!({ "error": text, "exit": failure.exit.code() }),
-                "",
-            );
+            let mut object = json!({ "error": text, "exit": failure.exit.code() });
+            if let Value::Object(object) = &mut object {
+                object.extend(failure.details.clone());
+            }
+            self.result(ERROR_SCHEMA, object, "");
         }
         self.line("error", "31", &text);
     }

@@ -3,23 +3,16 @@
 use super::args::{Global, PlanArgs};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
+use super::plan_cost::{Cost, bytes_text};
 use super::progress::Progress;
 use super::store_env;
 use super::work_cmd::threads;
 use crate::farm::{PlanOptions, Planned, plan};
 use crate::manifest::Roots;
-use crate::shard::{SECONDS_PER_SAMPLE, ShardLayout};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Mutex;
-
-/// Bytes of a partial a pixel: 36 floats.
-const PARTIAL_BYTES: f64 = 144.0;
-/// Bytes of a tuple a pixel, about: compressed half floats and four PNGs.
-const TUPLE_BYTES: f64 = 26.0;
-/// Seconds of one core a scene besides, about: reading, decoding, writing.
-const SECONDS_PER_SCENE: f64 = 0.1;
 
 /// The run's folder: as given, or `runs/NAME` by the recipe's file name.
 pub(super) fn run_folder(args: &PlanArgs) -> PathBuf {
@@ -28,7 +21,7 @@ pub(super) fn run_folder(args: &PlanArgs) -> PathBuf {
     })
 }
 
-/// Plans with progress and notes.
+/// Plans with progress, notes and warnings.
 pub(super) fn plan_with(
     args: &PlanArgs,
     global: &Global,
@@ -41,84 +34,103 @@ pub(super) fn plan_with(
         inputs: &inputs,
         tile_px: args.tile,
         dry_run: global.dry_run,
+        skip_invalid: args.skip_invalid,
         threads: threads(global),
     };
-    let bars: Mutex<BTreeMap<&'static str, Progress>> = Mutex::default();
+    let steps = Steps {
+        global,
+        bars: Mutex::default(),
+    };
     let planned = plan(
         &args.recipe,
         &run_folder(args),
         &options,
         &|what, done, all| {
-            let mut bars = bars.lock().expect("no holder of this lock panics");
-            let bar = bars
-                .entry(what)
-                .or_insert_with(|| Progress::new(global, what, all as u64));
-            if done > 0 {
-                bar.add(1, false);
-            }
-            if done == all {
-                bar.finish();
-            }
+            steps.tell(what, done, all);
         },
     );
+    steps.finish();
     let planned = planned?;
     for note in &planned.notes {
         output.note(note);
     }
+    if let Some(text) = planned.invalid_text() {
+        output.warning(&text);
+    }
     Ok(planned)
+}
+
+/// Progress of what planning does, a bar each.
+struct Steps<'a> {
+    global: &'a Global,
+    bars: Mutex<BTreeMap<&'static str, Progress>>,
+}
+
+impl Steps<'_> {
+    fn tell(&self, what: &'static str, done: usize, all: usize) {
+        let mut bars = self.bars.lock().expect("no holder of this lock panics");
+        let all = all as u64;
+        match bars.get(what) {
+            // A step that is taken again.
+            Some(bar) if done == 0 => bar.set_length(bar.done() + all),
+            Some(bar) => bar.add(1, false),
+            None => drop(bars.insert(what, Progress::new(self.global, what, all))),
+        }
+    }
+
+    fn finish(&self) {
+        let bars = self.bars.lock().expect("no holder of this lock panics");
+        bars.values().for_each(Progress::finish);
+    }
 }
 
 pub(super) fn run(args: &PlanArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let planned = plan_with(args, global, output)?;
     let folder = run_folder(args);
-    let (mut shards, mut pixels, mut samples) = (0u64, 0.0, 0.0);
-    for line in &planned.lines {
-        shards += u64::from(ShardLayout::of(line, planned.spec.tile_px).len());
-        let size = f64::from(line.film.width) * f64::from(line.film.height);
-        pixels += size;
-        samples += size * f64::from(line.film.spp);
+    let cost = Cost::of(&planned, &folder, global)?;
+    if cost.is_too_large() {
+        output.warning(&format!(
+            "the disk of {} has {} left, the run needs about {}: choose another with --out",
+            folder.display(),
+            bytes_text(cost.disk_available_bytes.unwrap_or(0) as f64),
+            bytes_text(cost.disk_needed_bytes)
+        ));
     }
-    let scenes = planned.lines.len();
-    let core_s = samples * SECONDS_PER_SAMPLE + scenes as f64 * SECONDS_PER_SCENE;
-    let (partials, tuples) = (pixels * PARTIAL_BYTES, pixels * TUPLE_BYTES);
     let verb = match (global.dry_run, planned.existed) {
-        (true, _) => "would plan",
-        (false, true) => "is planned already:",
+        (_, true) => "is planned already:",
+        (true, false) => "would plan",
         (false, false) => "planned",
+    };
+    let scenes = planned.lines.len();
+    let mut object = json!({
+        "run": folder,
+        "dry_run": global.dry_run,
+        "existed": planned.existed,
+        "scenes": scenes,
+        "tile_px": planned.spec.tile_px,
+    });
+    if let (Value::Object(object), Value::Object(cost)) = (&mut object, cost.json()) {
+        object.extend(cost);
+    }
+    object["manifest_blake3"] = json!(planned.spec.manifest_blake3);
+    object["invalid"] = json!(planned.invalid);
+    object["left_out"] = json!(planned.spec.left_out);
+    object["rejected"] = json!(planned.rejected.len());
+    object["notes"] = json!(planned.notes);
+    let left_out = match planned.spec.left_out.len() {
+        0 => String::new(),
+        n => format!("; {} left out: {n}", planned.parts),
     };
     output.result(
         "glasshouse.plan/1",
-        json!({
-            "run": folder,
-            "dry_run": global.dry_run,
-            "existed": planned.existed,
-            "scenes": scenes,
-            "shards": shards,
-            "tile_px": planned.spec.tile_px,
-            "partial_bytes": partials as u64,
-            "tuple_bytes": tuples as u64,
-            "core_seconds_estimate": core_s,
-            "manifest_blake3": planned.spec.manifest_blake3,
-            "rejected": planned.rejected.len(),
-            "notes": planned.notes,
-        }),
+        object,
         &format!(
-            "{} {verb} {scenes} scenes in {shards} shards (tile {} px); about {:.1} MB of tuples, up to {:.1} MB of \
-             partials on the way, and {} of one core",
+            "{} {verb} {scenes} scenes in {} shards (tile {} px){left_out}\n{}",
             folder.display(),
+            cost.shards,
             planned.spec.tile_px,
-            tuples / 1e6,
-            partials / 1e6,
-            span_text(core_s),
+            cost.text(),
         ),
     );
     Ok(Exit::Done)
-}
-
-fn span_text(seconds: f64) -> String {
-    match seconds {
-        s if s < 120.0 => format!("{s:.0} s"),
-        s if s < 7200.0 => format!("{:.0} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
-    }
 }

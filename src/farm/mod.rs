@@ -7,8 +7,10 @@
 mod attempts;
 mod audit;
 mod bands;
+mod check;
 mod compare;
 mod conflict;
+mod content;
 mod control;
 mod coordinate;
 mod done;
@@ -25,6 +27,7 @@ pub mod keys;
 mod leases;
 mod look;
 mod made_by;
+mod make;
 mod merge_run;
 mod message;
 mod open_span;
@@ -52,6 +55,7 @@ pub use attempts::{
     ATTEMPT_SCHEMA, AttemptRecord, EndKind, Ending, MOST_LOST, WorkerName, attempts,
 };
 pub use audit::{AuditOptions, SceneAudit, Verdict, audit_scene, check_auditor, draw_scenes};
+pub use check::InvalidInput;
 pub use compare::FileDifference;
 pub use control::{CONTROL_SCHEMA, Changed, Control, ControlError, ControlState, set_control};
 pub use coordinate::{CoordinateOptions, Coordinated, coordinate};

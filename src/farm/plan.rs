@@ -1,25 +1,22 @@
 //! `plan`: a recipe or a `.jsonl` becomes `RUN/manifest.jsonl` and `RUN/spec.json`, frozen.
 
-use super::look::{Looked, RejectedScene, Surroundings, draw_all, rejected_lines};
+use super::check::{Checker, InvalidInput, invalid_text};
+use super::content::{self, Content, Made};
+use super::look::{RejectedScene, rejected_lines};
+use super::make::make_photographs;
 use super::run_dir::{Run, RunDir, RunError};
-use super::sample_bytes::SampleBytes;
 use crate::atomic_file::{self, WriteError};
-use crate::cases::{CaseError, CaseFile, is_case_file};
+use crate::cases::{CaseError, is_case_file};
+use crate::ids::SceneId;
 use crate::manifest::{
-    Index, IndexError, Layout, ManifestError, PlacesFolders, Recipe, RecipeError, RootError, Roots,
-    SceneLine, Source, from_paths, index_list, index_paths, index_places, index_source, is_url,
-    parse_jsonl, to_jsonl,
+    IndexError, ManifestError, RecipeError, RootError, Roots, SceneLine, to_jsonl,
 };
-use crate::sample::{self, SampleError, SamplePhotograph};
+use crate::sample::SampleError;
 use crate::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
 use crate::store::{Inputs, StoreError};
 use crate::trace::{Isa, TRACER_VERSION};
-use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Component, Path, PathBuf};
-
-/// Name of the root under which a `.jsonl`'s own relative paths lie.
-const MANIFEST_ROOT: &str = "manifest";
+use std::path::{Path, PathBuf};
 
 /// How to plan.
 pub struct PlanOptions<'a> {
@@ -31,9 +28,14 @@ pub struct PlanOptions<'a> {
     pub tile_px: Option<u32>,
     /// Write nothing.
     pub dry_run: bool,
-    /// Threads that make procedural photographs.
+    /// Leave out photographs whose files cannot be used (of a manifest: scenes), and go on.
+    pub skip_invalid: bool,
+    /// Threads that look at input files and make procedural photographs.
     pub threads: usize,
 }
+
+/// Is told what is being done, and how much of it: (what, done, all).
+pub(super) type Tell<'a> = dyn Fn(&'static str, usize, usize) + Sync + 'a;
 
 /// A plan, written or not.
 #[derive(Debug)]
@@ -48,6 +50,35 @@ pub struct Planned {
     pub notes: Vec<String>,
     /// Draws that were looked at and not kept.
     pub rejected: Vec<RejectedScene>,
+    /// Files that cannot be used, by path.
+    pub invalid: Vec<InvalidInput>,
+    /// Input files that were looked at.
+    pub files: usize,
+    /// What is left out, in a word: photographs, or scenes.
+    pub parts: &'static str,
+    /// Size of the input files together; `None` where they were not looked at, as the run was there already.
+    pub input_bytes: Option<u64>,
+    /// About what procedural photographs take in the run's folder, bytes.
+    pub made_bytes: u64,
+}
+
+impl Planned {
+    /// What of the input files is wrong, as a table, and what was done about it; nothing if all is well.
+    pub fn invalid_text(&self) -> Option<String> {
+        if self.invalid.is_empty() {
+            return None;
+        }
+        let table = invalid_text(&self.invalid, self.files);
+        let (count, parts) = (self.spec.left_out.len(), self.parts);
+        let done = match self.parts {
+            _ if self.existed => {
+                "the run is planned and stays as it is: scenes that cannot be made will be set aside".to_owned()
+            }
+            "photographs" => format!("{parts} left out: {count}; others were drawn in their place"),
+            _ => format!("{parts} left out: {count}"),
+        };
+        Some(format!("{table}{done}"))
+    }
 }
 
 /// A recipe that cannot be planned.
@@ -106,6 +137,20 @@ pub enum PlanError {
     /// A root is wrong.
     #[error(transparent)]
     Root(#[from] RootError),
+    /// Input files cannot be used.
+    #[error(
+        "{}correct them, or go on without them: --skip-invalid leaves out these {parts}{}",
+        invalid_text(invalid, *files),
+        if *parts == "photographs" { " and draws others in their place" } else { "" }
+    )]
+    Invalid {
+        /// The files, by path.
+        invalid: Vec<InvalidInput>,
+        /// Files that were looked at.
+        files: usize,
+        /// What would be left out, in a word.
+        parts: &'static str,
+    },
     /// The run is another one.
     #[error(transparent)]
     Mismatch(#[from] SpecMismatch),
@@ -120,20 +165,8 @@ pub enum PlanError {
     Sample(#[from] SampleError),
 }
 
-/// What the recipe or manifest says, before anything is compared or written.
-struct Content {
-    name: String,
-    lines: Vec<SceneLine>,
-    /// Root folders for the spec; relative ones are the run's own.
-    roots: BTreeMap<String, PathBuf>,
-    notes: Vec<String>,
-    rejected: Vec<RejectedScene>,
-    samples: Vec<(String, SamplePhotograph, [u32; 2])>,
-    /// Pictures of hard cases: root, name, bytes.
-    pictures: Vec<(&'static str, String, Vec<u8>)>,
-}
-
-/// Plans `source` into the folder `out`. `on_progress` is told (what, done, all) as scenes are looked at and photographs made.
+/// Plans `source` into the folder `out`. `on_progress` is told (what, done, all) as files are checked, scenes looked at and
+/// photographs made.
 pub fn plan(
     source: &Path,
     out: &Path,
@@ -145,43 +178,87 @@ pub fn plan(
         source: e,
     })?;
     let content = match source.extension().and_then(|e| e.to_str()) {
-        Some("toml") if is_case_file(&text) => from_cases(source, &text)?,
-        Some("toml") => from_recipe(source, &text, &RunDir::new(out), options, on_progress)?,
-        Some("jsonl") => from_manifest(source, &text, options)?,
+        Some("toml") if is_case_file(&text) => content::from_cases(source, &text)?,
+        Some("toml") => content::from_recipe(source, &text, options)?,
+        Some("jsonl") => content::from_manifest(source, &text, options)?,
         _ => {
             return Err(PlanError::Kind {
                 path: source.to_owned(),
             });
         }
     };
-    if content.lines.is_empty() {
-        return Err(PlanError::Empty {
-            path: source.to_owned(),
-        });
-    }
     let dir = RunDir::new(out);
     let existing = match Run::open(out, options.roots) {
         Ok(run) => Some(run),
         Err(RunError::Missing { .. }) => None,
         Err(error) => return Err(error.into()),
     };
-    let manifest = to_jsonl(&content.lines);
+    // A run keeps what was left out of it, whatever has become of the files.
+    let left_out = existing.iter().flat_map(|run| run.spec.left_out.clone());
+    let mut left_out: BTreeSet<String> = left_out.collect();
+    let on_file = |done, all| on_progress("inputs checked", done, all);
+    let mut checker = Checker::new(&content, options, &on_file)?;
+    let is_checked = existing.is_none() || options.dry_run;
+    let mut invalid = Vec::new();
+    let draft = loop {
+        let mut check = |lines: &[SceneLine]| {
+            if is_checked {
+                checker.check(lines)
+            } else {
+                Ok(Vec::new())
+            }
+        };
+        // First as scenes are before they are looked at, which takes longer; then again, as others may be drawn by it.
+        let first = content.first_lines(&left_out)?;
+        if first.is_empty() && invalid.is_empty() {
+            return Err(PlanError::Empty {
+                path: source.to_owned(),
+            });
+        }
+        let mut found = check(&first)?;
+        let mut draft = None;
+        if found.is_empty() || existing.is_some() {
+            let drawn = content.draft(&left_out, &dir, options, on_progress)?;
+            found = check(&drawn.lines)?;
+            draft = Some(drawn);
+        }
+        let lines = draft.as_ref().map_or(&first, |draft| &draft.lines);
+        let names = names(&content, lines, &found);
+        let is_sound = found.is_empty();
+        invalid.extend(found);
+        match draft {
+            _ if !is_sound && !options.skip_invalid => break None,
+            Some(draft) if is_sound || existing.is_some() => break Some(draft),
+            _ => left_out.extend(names),
+        }
+    };
+    invalid.sort_by(|a, b| a.path.cmp(&b.path));
+    let Some(draft) = draft.filter(|draft| !draft.lines.is_empty()) else {
+        return Err(PlanError::Invalid {
+            invalid,
+            files: checker.files(),
+            parts: content.parts(),
+        });
+    };
+    let input_bytes = is_checked.then(|| checker.bytes(&draft.lines));
+    let manifest = to_jsonl(&draft.lines);
     let tile_px = options
         .tile_px
         .or(existing.as_ref().map(|run| run.spec.tile_px))
-        .unwrap_or_else(|| choose_tile_px(&content.lines));
+        .unwrap_or_else(|| choose_tile_px(&draft.lines));
     let spec = Spec {
         schema: SPEC_SCHEMA.to_owned(),
-        name: content.name,
-        scenes: content.lines.len() as u32,
+        name: content.name.clone(),
+        scenes: draft.lines.len() as u32,
         manifest_blake3: manifest_digest(&manifest),
         tile_px,
         tracer_version: TRACER_VERSION,
         golden: golden(Isa::detect(), options.threads),
-        roots: content.roots,
+        roots: content.roots.clone(),
+        left_out: left_out.into_iter().collect(),
     };
     if let Some(run) = &existing {
-        let diff = run.spec.diff(&run.lines, &spec, &content.lines);
+        let diff = run.spec.diff(&run.lines, &spec, &draft.lines);
         if !diff.is_empty() {
             return Err(SpecMismatch {
                 run: out.to_owned(),
@@ -196,15 +273,12 @@ pub fn plan(
             atomic_file::create_dir(&dir.inputs(root))?;
             atomic_file::write_relaxed(&dir.inputs(root).join(name), bytes)?;
         }
-        make_samples(&dir, &content.samples, options.threads, &|done, all| {
-            on_progress("photographs", done, all);
-        })?;
+        let on_photograph = |done, all| on_progress("photographs", done, all);
+        make_photographs(&dir, &draft.made, options.threads, &on_photograph)?;
         if existing.is_none() {
-            if !content.rejected.is_empty() {
-                atomic_file::write(
-                    &dir.rejected(),
-                    rejected_lines(&content.rejected).as_bytes(),
-                )?;
+            if !draft.rejected.is_empty() {
+                let lines = rejected_lines(&draft.rejected);
+                atomic_file::write(&dir.rejected(), lines.as_bytes())?;
             }
             atomic_file::write(&dir.manifest(), manifest.as_bytes())?;
             // Last: its presence says that the run is planned.
@@ -213,285 +287,31 @@ pub fn plan(
             atomic_file::write(&dir.spec(), json.as_bytes())?;
         }
     }
-    let existed = existing.is_some();
+    let pictures = content
+        .pictures
+        .iter()
+        .map(|(_, _, bytes)| bytes.len() as u64);
     Ok(Planned {
         spec,
-        lines: content.lines,
-        existed,
-        notes: content.notes,
-        rejected: content.rejected,
+        existed: existing.is_some(),
+        notes: draft.notes,
+        rejected: draft.rejected,
+        invalid,
+        files: checker.files(),
+        parts: content.parts(),
+        input_bytes,
+        made_bytes: draft.made.iter().map(Made::about_bytes).sum::<u64>() + pictures.sum::<u64>(),
+        lines: draft.lines,
     })
 }
 
-/// A path that means the same from everywhere; URLs do.
-fn absolute(path: &Path) -> PathBuf {
-    if is_url(path) {
-        return path.to_owned();
-    }
-    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
-}
-
-fn parent(path: &Path) -> PathBuf {
-    let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
-    absolute(parent.unwrap_or(Path::new(".")))
-}
-
-/// Lists a source of PLACES365, on disk or in a bucket.
-fn places(
-    name: &str,
-    source: &Source,
-    [color, depth]: [&Path; 2],
-    base: &Path,
-    options: &PlanOptions,
-) -> Result<Index, PlanError> {
-    let table = base.join(source.depth_ranges.as_deref().unwrap_or_default());
-    let folders = PlacesFolders {
-        color,
-        depth,
-        table: &table,
-    };
-    let mut listed = BTreeMap::new();
-    for folder in [color, depth] {
-        if is_url(folder) {
-            listed.insert(folder, options.inputs.list(folder)?);
-        }
-    }
-    let list = |folder: &Path| listed.get(folder).cloned();
-    Ok(index_places(name, &folders, &list)?)
-}
-
-fn from_recipe(
-    path: &Path,
-    text: &str,
-    dir: &RunDir,
-    options: &PlanOptions,
-    on_progress: &(dyn Fn(&'static str, usize, usize) + Sync),
-) -> Result<Content, PlanError> {
-    let wrong = |source| PlanError::Recipe {
-        path: path.to_owned(),
-        source: Box::new(source),
-    };
-    let recipe = Recipe::parse(text).map_err(wrong)?;
-    let folders = recipe.roots(&parent(path), options.roots);
-    let mut roots: BTreeMap<String, PathBuf> = folders
+/// What is to be left out, so that the scenes do without the files `found`.
+fn names(content: &Content, lines: &[SceneLine], found: &[InvalidInput]) -> BTreeSet<String> {
+    let by_id: BTreeMap<&SceneId, &SceneLine> = lines.iter().map(|line| (&line.id, line)).collect();
+    let needs = found
         .iter()
-        .map(|(name, folder)| (name.to_owned(), absolute(folder)))
-        .collect();
-    let mut images = BTreeMap::new();
-    let mut notes = Vec::new();
-    let mut listed = Vec::new();
-    for (name, source) in &recipe.sources {
-        let index: Index = if source.layout == Layout::Sample {
-            let seed = source.seed.unwrap_or(recipe.seed);
-            let photographs = sample::listing(source.count.unwrap_or(0) as usize, seed);
-            let paths: Vec<String> = photographs
-                .iter()
-                .flat_map(|p| [p.color_path(), p.depth_path(), p.mask_path()])
-                .map(|p| p.to_string_lossy().into_owned())
-                .collect();
-            listed.extend(
-                photographs
-                    .into_iter()
-                    .map(|p| (name.clone(), p, source.sample_size())),
-            );
-            roots.insert(name.clone(), Path::new("inputs").join(name));
-            from_paths(&paths)
-        } else {
-            let folder_of =
-                |root: &str| folders.get(root).map_or_else(PathBuf::new, Path::to_owned);
-            let folder = folder_of(name);
-            if source.layout == Layout::Places {
-                places(
-                    name,
-                    source,
-                    [&folder, &folder_of(&format!("{name}-depth"))],
-                    &parent(path),
-                    options,
-                )?
-            } else if source.layout == Layout::List {
-                let list = parent(path).join(source.list.as_deref().unwrap_or_default());
-                let there = match is_url(&folder) {
-                    true => Some(options.inputs.list(&folder)?),
-                    false => None,
-                };
-                index_list(name, &list, &folder, there.as_deref())?
-            } else if is_url(&folder) {
-                index_paths(name, &folder, &options.inputs.list(&folder)?)?
-            } else {
-                index_source(name, &folder)?
-            }
-        };
-        if let Some(first) = index.without_depth.first() {
-            let count = index.without_depth.len();
-            notes.push(format!(
-                "source {name}: {count} images have no depth and are left out (first: {first})"
-            ));
-        }
-        images.insert(name.clone(), index.images);
-    }
-    let made = SampleBytes::new(dir, &listed);
-    let mut folders = Roots::default();
-    for (name, folder) in &roots {
-        folders.insert(name, dir.root().join(folder))?;
-    }
-    let around = Surroundings {
-        roots: &folders,
-        base: dir.root(),
-        read: &|path| made.read(path).unwrap_or_else(|| options.inputs.read(path)),
-        threads: options.threads,
-        on_scene: &|done, all| on_progress("scenes looked at", done, all),
-    };
-    let Looked {
-        lines,
-        rejected,
-        same_place,
-        same_scan,
-        redrawn,
-    } = draw_all(&recipe, &images, &BTreeSet::new(), &around).map_err(wrong)?;
-    drop(made);
-    if !rejected.is_empty() {
-        let looks = lines.len() + rejected.len();
-        notes.push(format!(
-            "{} of {looks} draws that were looked at were not kept ({:.1} %); others took their places",
-            rejected.len(),
-            100.0 * rejected.len() as f64 / looks as f64,
-        ));
-    }
-    for (count, what) in [
-        (
-            same_place,
-            "scenes pair two photographs of the same kind of place: no others were left",
-        ),
-        (
-            same_scan,
-            "scenes pair two photographs of the same scan: no others were left",
-        ),
-        (
-            redrawn,
-            "draws were refused by the geometry and drawn again",
-        ),
-    ] {
-        if count > 0 {
-            notes.push(format!("{count} {what}"));
-        }
-    }
-    let used: BTreeSet<&str> = lines
-        .iter()
-        .flat_map(|l| [l.front.name(), l.back.name()])
-        .collect();
-    let samples = listed
-        .into_iter()
-        .filter(|(name, p, _)| {
-            used.contains(format!("{name}:{}", p.color_path().display()).as_str())
-        })
-        .collect();
-    Ok(Content {
-        name: recipe.name.clone(),
-        lines,
-        roots,
-        notes,
-        rejected,
-        samples,
-        pictures: Vec::new(),
-    })
-}
-
-fn from_cases(path: &Path, text: &str) -> Result<Content, PlanError> {
-    let file = CaseFile::parse(text).map_err(|source| PlanError::Cases {
-        path: path.to_owned(),
-        source: Box::new(source),
-    })?;
-    let root = file.root();
-    let pictures = file.files();
-    Ok(Content {
-        name: file.name,
-        lines: file.cases.into_iter().map(|case| case.line).collect(),
-        roots: [(root.to_owned(), Path::new("inputs").join(root))].into(),
-        notes: Vec::new(),
-        rejected: Vec::new(),
-        samples: Vec::new(),
-        pictures: pictures
-            .into_iter()
-            .map(|(name, bytes)| (root, name, bytes))
-            .collect(),
-    })
-}
-
-fn from_manifest(path: &Path, text: &str, options: &PlanOptions) -> Result<Content, PlanError> {
-    let mut lines = parse_jsonl(text).map_err(|source| PlanError::Manifest {
-        path: path.to_owned(),
-        source: Box::new(source),
-    })?;
-    let base = parent(path);
-    let mut roots: BTreeMap<String, PathBuf> = options
-        .roots
-        .iter()
-        .map(|(name, folder)| (name.to_owned(), absolute(folder)))
-        .collect();
-    for line in &mut lines {
-        for side in [&mut line.front, &mut line.back] {
-            for text in side.paths_mut() {
-                let is_rooted = text
-                    .split_once(':')
-                    .is_some_and(|(name, _)| roots.contains_key(name));
-                if is_rooted || is_url(&*text) || Path::new(text.as_str()).is_absolute() {
-                    continue;
-                }
-                let inside = Path::new(text.as_str())
-                    .components()
-                    .all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
-                *text = if inside {
-                    format!("{MANIFEST_ROOT}:{text}")
-                } else {
-                    base.join(text.as_str()).to_string_lossy().into_owned()
-                };
-            }
-        }
-    }
-    roots.entry(MANIFEST_ROOT.to_owned()).or_insert(base);
-    let name = path
-        .file_stem()
-        .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-    Ok(Content {
-        name,
-        lines,
-        roots,
-        notes: Vec::new(),
-        rejected: Vec::new(),
-        samples: Vec::new(),
-        pictures: Vec::new(),
-    })
-}
-
-/// Makes the procedural photographs that are not there yet.
-fn make_samples(
-    dir: &RunDir,
-    samples: &[(String, SamplePhotograph, [u32; 2])],
-    threads: usize,
-    on_photograph: &(dyn Fn(usize, usize) + Sync),
-) -> Result<(), PlanError> {
-    let missing: Vec<_> = samples
-        .iter()
-        .filter(|(name, photograph, _)| !sample::is_written(&dir.inputs(name), photograph))
-        .collect();
-    if missing.is_empty() {
-        return Ok(());
-    }
-    let done = std::sync::atomic::AtomicUsize::new(0);
-    on_photograph(0, missing.len());
-    let make = || {
-        missing
-            .par_iter()
-            .try_for_each(|(name, photograph, [width, height])| {
-                sample::write(&dir.inputs(name), photograph, *width, *height)?;
-                let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-                on_photograph(done, missing.len());
-                Ok(())
-            })
-    };
-    match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
-        Ok(pool) => pool.install(make),
-        // No thread to be had: the caller's own will do.
-        Err(_) => make(),
-    }
+        .flat_map(|input| input.scenes.iter().map(|id| (by_id[id], &input.path)));
+    needs
+        .flat_map(|(line, path)| content.names_without(line, path))
+        .collect()
 }

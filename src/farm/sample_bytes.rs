@@ -1,5 +1,6 @@
 //! Procedural photographs that are not on disk yet, for who looks at scenes while a run is planned.
 
+use super::content::Made;
 use super::run_dir::RunDir;
 use crate::sample::{self, SampleFiles, SamplePhotograph};
 use std::collections::BTreeMap;
@@ -20,10 +21,15 @@ pub(super) struct SampleBytes<'a> {
 
 impl<'a> SampleBytes<'a> {
     /// Of all photographs that a run may make.
-    pub(super) fn new(dir: &RunDir, listed: &'a [(String, SamplePhotograph, [u32; 2])]) -> Self {
+    pub(super) fn new(dir: &RunDir, all: &'a [Made]) -> Self {
         let (mut photographs, mut places) = (Vec::new(), BTreeMap::new());
-        for (name, photograph, size) in listed {
-            let folder = dir.inputs(name);
+        for Made {
+            root,
+            photograph,
+            size,
+        } in all
+        {
+            let folder = dir.inputs(root);
             let files = [
                 photograph.color_path(),
                 photograph.depth_path(),

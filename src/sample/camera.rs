@@ -15,6 +15,20 @@ pub fn intrinsics(width: u32, height: u32) -> Intrinsics {
     }
 }
 
+/// A field of view of 60 degrees across and down, as the paper's recipe assumes of PLACES365.
+pub fn places_intrinsics(width: u32, height: u32) -> Intrinsics {
+    let (w, h) = (f64::from(width), f64::from(height));
+    // 0.5 / tan(30 degrees)
+    let focal_length = 0.5 * 3f64.sqrt();
+    Intrinsics {
+        fx: focal_length * w,
+        fy: focal_length * h,
+        cx: 0.5 * w,
+        cy: 0.5 * h,
+        size: Some([width, height]),
+    }
+}
+
 /// A ray; `direction` need not have length 1.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ray {
@@ -62,8 +76,7 @@ pub(super) struct Camera {
 }
 
 impl Camera {
-    pub(super) fn new(pose: Pose, width: u32, height: u32) -> Self {
-        let i = intrinsics(width, height);
+    pub(super) fn new(pose: Pose, i: &Intrinsics) -> Self {
         Self {
             pose,
             fx: i.fx as f32,

@@ -16,9 +16,9 @@ pub enum SampleError {
     /// A file or folder could not be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// The colours could not be coded.
-    #[error("cannot code {} as PNG: {source}; choose a size of at least 1x1", path.display())]
-    Png {
+    /// An image could not be coded.
+    #[error("cannot code {}: {source}; choose another size", path.display())]
+    Code {
         /// The file that was to be written.
         path: PathBuf,
         /// Why it was not.
@@ -55,7 +55,7 @@ pub fn encode(
     height: u32,
 ) -> Result<SampleFiles, SampleError> {
     let rgbd = render(photograph, width, height);
-    let color = png(&rgbd).map_err(|source| SampleError::Png {
+    let color = png(&rgbd).map_err(|source| SampleError::Code {
         path: photograph.color_path(),
         source,
     })?;

@@ -5,7 +5,7 @@
 //! seed: no clock, no thread count and no system mathematics library takes part.
 //!
 //! ```text
-//! listing -> room | street -> model -> tiles -> light -> render -> layout
+//! listing -> room | street -> model -> tiles -> light -> render -> diode | places
 //! (which)    (what stands where)      (visible) (lit)   (picture)  (files)
 //! ```
 
@@ -25,6 +25,7 @@ mod model;
 mod noise;
 mod outdoors;
 mod pattern;
+mod places;
 mod random;
 mod render;
 mod room;
@@ -36,7 +37,8 @@ mod tiles;
 mod tone;
 mod tree;
 
-pub use camera::intrinsics;
+pub use camera::{intrinsics, places_intrinsics};
 pub use diode::{SampleError, SampleFiles, encode, is_written, write};
 pub use listing::{Place, SamplePhotograph, listing};
-pub use render::{Rgbd, render};
+pub use places::{PLACES_COLOR, PLACES_DEPTH, PlacesPhotograph, places_listing, write_places};
+pub use render::{Rgbd, render, render_through};

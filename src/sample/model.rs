@@ -5,6 +5,7 @@ use super::listing::{Place, SamplePhotograph};
 use super::shape::Solid;
 use super::sky::Sky;
 use super::{outdoors, room};
+use crate::manifest::Intrinsics;
 use glam::Vec3;
 
 /// A rectangle that shines to one side: an open window.
@@ -63,7 +64,7 @@ impl Model {
         }
     }
 
-    pub(super) fn camera(&self, width: u32, height: u32) -> Camera {
-        Camera::new(self.pose, width, height)
+    pub(super) fn camera(&self, intrinsics: &Intrinsics) -> Camera {
+        Camera::new(self.pose, intrinsics)
     }
 }

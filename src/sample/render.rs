@@ -1,7 +1,7 @@
 //! Photographing a model: visibility, light, antialiasing, depth.
 
 use super::bounds::Bounds;
-use super::camera::{Camera, Ray};
+use super::camera::{Camera, Ray, intrinsics};
 use super::hole::{self, Return};
 use super::light::{Point, SoftGrid, SoftLight};
 use super::listing::SamplePhotograph;
@@ -9,6 +9,7 @@ use super::model::Model;
 use super::shape::Shape;
 use super::tiles::{Hit, Tiles};
 use super::tone::Tone;
+use crate::manifest::Intrinsics;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -25,6 +26,8 @@ pub struct Rgbd {
     pub depth_m: Vec<f32>,
     /// Whether the pixel has a depth.
     pub valid: Vec<bool>,
+    /// 1/z of what each pixel shows, holes or not; 0 of the sky.
+    pub inverse_depth_per_m: Vec<f32>,
 }
 
 /// Offsets of the antialiasing samples from the pixel's centre.
@@ -46,11 +49,21 @@ struct Pixel {
     in_sun: bool,
 }
 
-/// Photographs the place. Pure: the same arguments give the same bytes on every machine.
+/// Photographs the place with DIODE's camera. Pure: the same arguments give the same bytes on every machine.
 pub fn render(photograph: &SamplePhotograph, width: u32, height: u32) -> Rgbd {
+    render_through(photograph, &intrinsics(width, height), width, height)
+}
+
+/// The same with another camera; its `intrinsics` are for pixels of this size.
+pub fn render_through(
+    photograph: &SamplePhotograph,
+    intrinsics: &Intrinsics,
+    width: u32,
+    height: u32,
+) -> Rgbd {
     let model = Model::new(photograph);
     let (w, h) = (width as usize, height as usize);
-    let camera = model.camera(width, height);
+    let camera = model.camera(intrinsics);
     let bounds = Bounds::new(&model.solids);
     let tiles = Tiles::new(&model.solids, &camera, w, h);
     let view = View {
@@ -86,6 +99,10 @@ pub fn render(photograph: &SamplePhotograph, width: u32, height: u32) -> Rgbd {
     let mut rgb = vec![0; 3 * w * h];
     let mut depth_m = vec![0.0; w * h];
     let mut valid = vec![false; w * h];
+    let inverse_depth_per_m = pixels
+        .iter()
+        .map(|pixel| pixel.map_or(0.0, |p| 1.0 / p.hit.depth_m))
+        .collect();
     rgb.par_chunks_mut(3 * w)
         .zip(depth_m.par_chunks_mut(w))
         .zip(valid.par_chunks_mut(w))
@@ -153,6 +170,7 @@ pub fn render(photograph: &SamplePhotograph, width: u32, height: u32) -> Rgbd {
         rgb,
         depth_m,
         valid,
+        inverse_depth_per_m,
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
-use super::npy::{Axes, NpyImage};
+use super::npy::{Axes, NpyHead, NpyImage};
 use super::npy_header::Element;
 use super::raster::{self, Raster, Samples};
 use super::{highlights, openexr, pfm, transfer};
@@ -81,6 +81,34 @@ pub(super) fn decode_expanded(
     Ok(color)
 }
 
+/// Width and height, from the header of a file of `length` bytes; `file` may hold the beginning alone.
+pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
+    match file.format(FORMATS)? {
+        FileFormat::Exr => openexr::color_size(file),
+        FileFormat::Npy => {
+            let head = NpyHead::parse(file, length, Axes::Color, NPY)?;
+            match head.element() {
+                Element::U8 | Element::U16 | Element::F16 | Element::F32 | Element::F64 => {
+                    Ok([head.width, head.height])
+                }
+                other => Err(wrong_element(file, other)),
+            }
+        }
+        FileFormat::Pfm => {
+            let head = pfm::head(file, length)?;
+            Ok([head.width, head.height])
+        }
+        format => {
+            let head = raster::head(file, format)?;
+            Ok([head.width, head.height])
+        }
+    }
+}
+
+fn wrong_element(file: &NamedBytes, element: Element) -> SceneError {
+    file.wrong_layout(format!("elements of type {}", element.code()), NPY)
+}
+
 fn decode_npy(file: &NamedBytes) -> Result<Raster, SceneError> {
     let image = NpyImage::parse(file, Axes::Color, NPY)?;
     let samples = match image.element {
@@ -89,7 +117,7 @@ fn decode_npy(file: &NamedBytes) -> Result<Raster, SceneError> {
         Element::F16 | Element::F32 | Element::F64 => {
             Samples::F32(image.values(|value| value as f32))
         }
-        other => return Err(file.wrong_layout(format!("elements of type {}", other.code()), NPY)),
+        other => return Err(wrong_element(file, other)),
     };
     Ok(Raster {
         width: image.width,

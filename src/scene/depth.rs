@@ -2,7 +2,7 @@
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
-use super::npy::{Axes, NpyImage};
+use super::npy::{Axes, NpyHead, NpyImage};
 use super::npy_header::Element;
 use super::raster::{self, Raster, Samples};
 use super::{openexr, pfm};
@@ -19,31 +19,60 @@ pub(super) struct Depth {
     pub(super) z_m: Vec<f64>,
 }
 
-/// Decodes a depth image; each value times `unit_m` is in metres.
-pub(super) fn decode(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError> {
-    let raster = match file.format(FORMATS)? {
-        FileFormat::Npy => return decode_npy(file, unit_m),
-        FileFormat::Exr => openexr::decode_depth(file)?,
-        FileFormat::Pfm => pfm::decode(file)?,
-        FileFormat::Hdr => {
-            return Err(
-                file.wrong_format("a Radiance HDR, which rounds depths".to_owned(), FORMATS)
-            );
-        }
-        FileFormat::Jpeg => {
-            return Err(file.wrong_format("JPEG, which alters depths".to_owned(), FORMATS));
-        }
-        format => raster::decode(file, format)?,
-    };
-    let Raster { width, height, .. } = raster;
-    if raster.channels != 1 {
-        let found = format!("{} channels", raster.channels);
+/// The file's format, if depths may be kept in it.
+fn format(file: &NamedBytes) -> Result<FileFormat, SceneError> {
+    let refuse = |found: &str| Err(file.wrong_format(found.to_owned(), FORMATS));
+    match file.format(FORMATS)? {
+        FileFormat::Hdr => refuse("a Radiance HDR, which rounds depths"),
+        FileFormat::Jpeg => refuse("JPEG, which alters depths"),
+        format => Ok(format),
+    }
+}
+
+fn check_layout(file: &NamedBytes, channels: usize, rescaled: bool) -> Result<(), SceneError> {
+    if channels != 1 {
+        let found = format!("{channels} channels");
         return Err(file.wrong_layout(found, "one grey channel of 8 or 16 bits"));
     }
-    if raster.rescaled {
+    if rescaled {
         let found = "codes of a range other than 0..=255 or 0..=65535".to_owned();
         return Err(file.wrong_layout(found, "8- or 16-bit grey with the whole range"));
     }
+    Ok(())
+}
+
+/// Width and height, from the header of a file of `length` bytes; `file` may hold the beginning alone.
+pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
+    let (width, height, channels, rescaled) = match format(file)? {
+        FileFormat::Npy => {
+            let head = NpyHead::parse(file, length, Axes::Single, NPY)?;
+            check_element(file, head.element())?;
+            return Ok([head.width, head.height]);
+        }
+        FileFormat::Exr => return openexr::depth_size(file),
+        FileFormat::Pfm => {
+            let head = pfm::head(file, length)?;
+            (head.width, head.height, head.channels, false)
+        }
+        format => {
+            let head = raster::head(file, format)?;
+            (head.width, head.height, head.channels, head.rescaled)
+        }
+    };
+    check_layout(file, channels, rescaled)?;
+    Ok([width, height])
+}
+
+/// Decodes a depth image; each value times `unit_m` is in metres.
+pub(super) fn decode(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError> {
+    let raster = match format(file)? {
+        FileFormat::Npy => return decode_npy(file, unit_m),
+        FileFormat::Exr => openexr::decode_depth(file)?,
+        FileFormat::Pfm => pfm::decode(file)?,
+        format => raster::decode(file, format)?,
+    };
+    let Raster { width, height, .. } = raster;
+    check_layout(file, raster.channels, raster.rescaled)?;
     let z_m = match raster.samples {
         Samples::U8(codes) => codes.iter().map(|&code| code as f64 * unit_m).collect(),
         Samples::U16(codes) => codes.iter().map(|&code| code as f64 * unit_m).collect(),
@@ -52,11 +81,16 @@ pub(super) fn decode(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError
     Ok(Depth { width, height, z_m })
 }
 
-fn decode_npy(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError> {
-    let image = NpyImage::parse(file, Axes::Single, NPY)?;
-    if image.element == Element::Bool {
+fn check_element(file: &NamedBytes, element: Element) -> Result<(), SceneError> {
+    if element == Element::Bool {
         return Err(file.wrong_layout("booleans".to_owned(), NPY));
     }
+    Ok(())
+}
+
+fn decode_npy(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError> {
+    let image = NpyImage::parse(file, Axes::Single, NPY)?;
+    check_element(file, image.element)?;
     Ok(Depth {
         width: image.width,
         height: image.height,

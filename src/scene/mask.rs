@@ -2,7 +2,7 @@
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
-use super::npy::{Axes, NpyImage};
+use super::npy::{Axes, NpyHead, NpyImage};
 use super::raster::{self, Samples};
 
 const FORMATS: &str = "a .npy, PNG or PNM mask";
@@ -17,10 +17,31 @@ pub(super) struct Mask {
     pub(super) valid: Vec<bool>,
 }
 
+/// The file's format, if masks may be kept in it.
+fn format(file: &NamedBytes) -> Result<FileFormat, SceneError> {
+    match file.format(FORMATS)? {
+        format @ (FileFormat::Jpeg | FileFormat::Exr | FileFormat::Pfm | FileFormat::Hdr) => {
+            Err(file.wrong_format(format.name().to_owned(), FORMATS))
+        }
+        format => Ok(format),
+    }
+}
+
+/// Width and height, from the header of a file of `length` bytes; `file` may hold the beginning alone.
+pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
+    let format = format(file)?;
+    if format == FileFormat::Npy {
+        let head = NpyHead::parse(file, length, Axes::Single, NPY)?;
+        return Ok([head.width, head.height]);
+    }
+    let head = raster::head(file, format)?;
+    Ok([head.width, head.height])
+}
+
 /// Decodes a mask: valid is what is neither 0 nor NaN. Of a PNG, any colour channel above 0;
 /// alpha is ignored.
 pub(super) fn decode(file: &NamedBytes) -> Result<Mask, SceneError> {
-    let raster = match file.format(FORMATS)? {
+    let raster = match format(file)? {
         FileFormat::Npy => {
             let image = NpyImage::parse(file, Axes::Single, NPY)?;
             return Ok(Mask {
@@ -28,9 +49,6 @@ pub(super) fn decode(file: &NamedBytes) -> Result<Mask, SceneError> {
                 height: image.height,
                 valid: image.nonzero(),
             });
-        }
-        format @ (FileFormat::Jpeg | FileFormat::Exr | FileFormat::Pfm | FileFormat::Hdr) => {
-            return Err(file.wrong_format(format.name().to_owned(), FORMATS));
         }
         format => raster::decode(file, format)?,
     };

@@ -9,7 +9,8 @@
 //! ```
 //!
 //! a panorama through `window` (what the film sees of it) and `equirect` to `panorama` (Sheet),
-//! and a mesh through `ply_header`, `ply`, `transfer` to `mesh` (Polygons); `assemble` takes either.
+//! and a mesh through `ply_header`, `ply`, `transfer` to `mesh` (Polygons); `assemble` takes either. Who checks many files has
+//! `look`, which reads little more than their headers.
 //!
 //! Hostile bytes end in a [`SceneError`], never in a panic, and sizes are checked before anything
 //! of that size is allocated ([`limits`]). A sheet's bits are a function of the bytes and the
@@ -26,6 +27,7 @@ mod fill;
 mod highlights;
 pub mod limits;
 mod load;
+mod look;
 mod mask;
 mod mesh;
 mod near;
@@ -50,6 +52,7 @@ pub use load::{
     DecodedScene, InputDigests, LoadError, LoadedScene, SceneFiles, SideFiles, decode, load,
     read_files, read_files_by,
 };
+pub use look::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
 pub use mesh::{Polygons, decode_mesh};
 pub use near::MAX_TOO_NEAR_SHARE;
 pub use photograph::{Sheet, decode_linear_image, decode_photograph};

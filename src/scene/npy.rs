@@ -28,10 +28,25 @@ pub(super) struct NpyImage<'a> {
     data: &'a [u8],
 }
 
-impl<'a> NpyImage<'a> {
-    /// Parses the header and checks shape, size and length.
+/// What the header says of the image.
+pub(super) struct NpyHead {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// 1, 3 or 4.
+    pub(super) channels: usize,
+    header: NpyHeader,
+}
+
+impl NpyHead {
+    /// Type of the elements.
+    pub(super) fn element(&self) -> Element {
+        self.header.element
+    }
+
+    /// Parses the header and checks shape, size and the file's length. `file` may hold the beginning alone.
     pub(super) fn parse(
-        file: &'a NamedBytes,
+        file: &NamedBytes,
+        length: u64,
         axes: Axes,
         expected: &'static str,
     ) -> Result<Self, SceneError> {
@@ -49,14 +64,34 @@ impl<'a> NpyImage<'a> {
         let (height, width) = (header.shape[height_axis], header.shape[height_axis + 1]);
         check_size(&file.path, width as u64, height as u64)?;
 
-        let data = &file.bytes[header.data_offset..];
-        let count = width * height * channels;
-        if count * header.element.size() != data.len() {
-            return Err(unreadable(NpyError::Length {
-                needed: count * header.element.size(),
-                found: data.len(),
-            }));
+        let needed = width * height * channels * header.element.size();
+        let found = (length as usize).saturating_sub(header.data_offset);
+        if needed != found {
+            return Err(unreadable(NpyError::Length { needed, found }));
         }
+        Ok(Self {
+            width,
+            height,
+            channels,
+            header,
+        })
+    }
+}
+
+impl<'a> NpyImage<'a> {
+    /// Parses the header and checks shape, size and length.
+    pub(super) fn parse(
+        file: &'a NamedBytes,
+        axes: Axes,
+        expected: &'static str,
+    ) -> Result<Self, SceneError> {
+        let NpyHead {
+            width,
+            height,
+            channels,
+            header,
+        } = NpyHead::parse(file, file.bytes.len() as u64, axes, expected)?;
+        let data = &file.bytes[header.data_offset..];
         // A missing channel axis has stride 1 in C order too: it is never stepped along.
         let strides = if header.fortran_order {
             [1, height, width * height]

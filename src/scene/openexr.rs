@@ -16,40 +16,64 @@ const DEPTH: &str = "a channel Z, Y or R, or a single channel, without subsampli
 /// the data window is the image.
 /// 16- and 32-bit floats and 32-bit integers are read as `f32`, unscaled.
 pub(super) fn decode_color(file: &NamedBytes) -> Result<Raster, SceneError> {
-    file.contain(FileFormat::Exr, || {
-        let headers = headers(file)?;
-        if headers
-            .iter()
-            .any(|header| ["R", "G", "B"].iter().all(|name| has(header, name)))
-        {
-            return read_rgb(file);
-        }
-        if headers
-            .iter()
-            .any(|header| has(header, "Y") && !has(header, "RY"))
-        {
-            return read_single(file, "Y");
-        }
-        Err(wrong_channels(file, &headers, COLOR))
+    file.contain(FileFormat::Exr, || match color_layer(file)? {
+        (Channels::Rgb, _) => read_rgb(file),
+        (Channels::Single(name), _) => read_single(file, name),
     })
+}
+
+/// Width and height of the colour image, from its header; `file` may hold the beginning alone.
+pub(super) fn color_size(file: &NamedBytes) -> Result<[usize; 2], SceneError> {
+    file.contain(FileFormat::Exr, || Ok(color_layer(file)?.1))
+}
+
+/// Width and height of the depth image, from its header; `file` may hold the beginning alone.
+pub(super) fn depth_size(file: &NamedBytes) -> Result<[usize; 2], SceneError> {
+    file.contain(FileFormat::Exr, || Ok(depth_layer(file)?.1))
+}
+
+/// What is read of a layer.
+enum Channels {
+    Rgb,
+    Single(&'static str),
+}
+
+fn color_layer(file: &NamedBytes) -> Result<(Channels, [usize; 2]), SceneError> {
+    let headers = headers(file)?;
+    let is_rgb = |header: &&Header| ["R", "G", "B"].iter().all(|name| has(header, name));
+    if let Some(header) = headers.iter().find(is_rgb) {
+        return Ok((Channels::Rgb, size(header)));
+    }
+    let is_grey = |header: &&Header| has(header, "Y") && !has(header, "RY");
+    match headers.iter().find(is_grey) {
+        Some(header) => Ok((Channels::Single("Y"), size(header))),
+        None => Err(wrong_channels(file, &headers, COLOR)),
+    }
+}
+
+fn depth_layer(file: &NamedBytes) -> Result<(String, [usize; 2]), SceneError> {
+    let headers = headers(file)?;
+    for name in ["Z", "Y", "R"] {
+        if let Some(header) = headers.iter().find(|header| has(header, name)) {
+            return Ok((name.to_owned(), size(header)));
+        }
+    }
+    if let [header] = headers.as_slice()
+        && let [channel] = header.channels.list.as_slice()
+    {
+        return Ok((channel.name.to_string(), size(header)));
+    }
+    Err(wrong_channels(file, &headers, DEPTH))
+}
+
+fn size(header: &Header) -> [usize; 2] {
+    let Vec2(width, height) = header.layer_size;
+    [width, height]
 }
 
 /// The first layer's Z, Y or R, tried in this order over all layers, or its only channel.
 pub(super) fn decode_depth(file: &NamedBytes) -> Result<Raster, SceneError> {
-    file.contain(FileFormat::Exr, || {
-        let headers = headers(file)?;
-        for name in ["Z", "Y", "R"] {
-            if headers.iter().any(|header| has(header, name)) {
-                return read_single(file, name);
-            }
-        }
-        if let [header] = headers.as_slice()
-            && let [channel] = header.channels.list.as_slice()
-        {
-            return read_single(file, &channel.name.to_string());
-        }
-        Err(wrong_channels(file, &headers, DEPTH))
-    })
+    file.contain(FileFormat::Exr, || read_single(file, &depth_layer(file)?.0))
 }
 
 /// The layers' headers, none of which asks for too much memory.

@@ -12,8 +12,19 @@ use super::raster::{Raster, Samples};
 /// Longest line of a header.
 const LINE_BYTES: usize = 64;
 
-/// Decodes a PFM file.
-pub(super) fn decode(file: &NamedBytes) -> Result<Raster, SceneError> {
+/// What the header says.
+pub(super) struct PfmHead {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// 1 or 3.
+    pub(super) channels: usize,
+    is_little: bool,
+    /// Bytes from the start of the file to the first number.
+    data_offset: usize,
+}
+
+/// Reads the header, and holds it against the file's length. `file` may hold the beginning alone.
+pub(super) fn head(file: &NamedBytes, length: u64) -> Result<PfmHead, SceneError> {
     let bad = |what: &str| file.unreadable(FileFormat::Pfm, what.to_owned());
     let mut rest = file.bytes.as_slice();
     let channels = match word(&mut rest) {
@@ -32,13 +43,33 @@ pub(super) fn decode(file: &NamedBytes) -> Result<Raster, SceneError> {
         Some(scale) if scale > 0.0 => false,
         _ => return Err(bad("its header has no scale")),
     };
-    let row_bytes = width as usize * channels * size_of::<f32>();
-    if rest.len() != row_bytes * height as usize {
-        let (found, expected) = (rest.len(), row_bytes * height as usize);
+    let data_offset = file.bytes.len() - rest.len();
+    let found = length.saturating_sub(data_offset as u64);
+    let expected = width * height * (channels * size_of::<f32>()) as u64;
+    if found != expected {
         return Err(bad(&format!(
             "its header is followed by {found} bytes, not by {expected}"
         )));
     }
+    Ok(PfmHead {
+        width: width as usize,
+        height: height as usize,
+        channels,
+        is_little,
+        data_offset,
+    })
+}
+
+/// Decodes a PFM file.
+pub(super) fn decode(file: &NamedBytes) -> Result<Raster, SceneError> {
+    let PfmHead {
+        width,
+        height,
+        channels,
+        is_little,
+        data_offset,
+    } = head(file, file.bytes.len() as u64)?;
+    let row_bytes = width * channels * size_of::<f32>();
     let float = |bytes: [u8; 4]| {
         if is_little {
             f32::from_le_bytes(bytes)
@@ -46,11 +77,11 @@ pub(super) fn decode(file: &NamedBytes) -> Result<Raster, SceneError> {
             f32::from_be_bytes(bytes)
         }
     };
-    let rows = rest.chunks_exact(row_bytes).rev();
+    let rows = file.bytes[data_offset..].chunks_exact(row_bytes).rev();
     let values = rows.flat_map(|row| row.as_chunks::<4>().0.iter().map(|&bytes| float(bytes)));
     Ok(Raster {
-        width: width as usize,
-        height: height as usize,
+        width,
+        height,
         channels,
         samples: Samples::F32(values.collect()),
         rescaled: false,

@@ -25,8 +25,8 @@ pub(super) struct Ply {
     pub(super) empty_faces: u64,
 }
 
-/// Decodes a PLY file.
-pub(super) fn decode(file: &NamedBytes) -> Result<Ply, SceneError> {
+/// Reads the header and holds it against the length of the file, of which `file` may hold the beginning alone.
+pub(super) fn head(file: &NamedBytes, length: u64) -> Result<Header, SceneError> {
     match file.format(USABLE)? {
         FileFormat::Ply => {}
         other => {
@@ -35,12 +35,19 @@ pub(super) fn decode(file: &NamedBytes) -> Result<Ply, SceneError> {
     }
     let torn = |reason: String| file.unreadable(FileFormat::Ply, reason);
     let header = Header::parse(&file.bytes).map_err(torn)?;
+    check_counts(file, length, &header)?;
+    Ok(header)
+}
+
+/// Decodes a PLY file.
+pub(super) fn decode(file: &NamedBytes) -> Result<Ply, SceneError> {
+    let torn = |reason: String| file.unreadable(FileFormat::Ply, reason);
+    let header = head(file, file.bytes.len() as u64)?;
     let mut body = Body {
         coding: header.coding,
         bytes: &file.bytes,
         at: header.body,
     };
-    check_counts(file, &header)?;
     let mut ply = Ply {
         vertices: Vec::new(),
         colors: Vec::new(),
@@ -92,7 +99,7 @@ pub(super) fn decode(file: &NamedBytes) -> Result<Ply, SceneError> {
 }
 
 /// Counts that the file's size and the limits allow, before anything is allocated.
-fn check_counts(file: &NamedBytes, header: &Header) -> Result<(), SceneError> {
+fn check_counts(file: &NamedBytes, length: u64, header: &Header) -> Result<(), SceneError> {
     let mut least_bytes = 0u64;
     for element in &header.elements {
         let limit = match element.name.as_str() {
@@ -113,7 +120,7 @@ fn check_counts(file: &NamedBytes, header: &Header) -> Result<(), SceneError> {
         least_bytes = least_bytes.saturating_add(bytes.unwrap_or(u64::MAX));
     }
     // The last number of an ASCII file needs no space behind it.
-    let there = (file.bytes.len() - header.body) as u64 + 1;
+    let there = length.saturating_sub(header.body as u64) + 1;
     if least_bytes > there {
         let reason = format!(
             "its header announces at least {least_bytes} bytes, but {} are left",

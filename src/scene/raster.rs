@@ -28,6 +28,76 @@ pub(super) enum Samples {
     F32(Vec<f32>),
 }
 
+/// Bytes of the shortest header of a binary PNM, `P5 1 1 1 `.
+const PNM_HEADER_BYTES: u64 = 9;
+
+/// What a header says of the pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Head {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// As in [`Raster`].
+    pub(super) channels: usize,
+    /// Samples have 16 bits, not 8.
+    is_wide: bool,
+    /// As in [`Raster`].
+    pub(super) rescaled: bool,
+}
+
+impl Head {
+    /// Bytes that a binary PNM of this header has at least; no file has those of another.
+    pub(super) fn pnm_bytes(&self, start: &[u8]) -> u64 {
+        if !matches!(start, [b'P', b'5' | b'6', ..]) {
+            return u64::MAX;
+        }
+        let samples = (self.width * self.height * self.channels) as u64;
+        samples * if self.is_wide { 2 } else { 1 } + PNM_HEADER_BYTES
+    }
+}
+
+/// Reads the header of a PNG, JPEG, PNM or Radiance HDR file, of which `file` may hold the beginning alone.
+pub(super) fn head(file: &NamedBytes, format: FileFormat) -> Result<Head, SceneError> {
+    let bytes = Cursor::new(file.bytes.as_slice());
+    let failed = |error: image::ImageError| file.unreadable(format, error);
+    file.contain(format, || match format {
+        FileFormat::Png => {
+            let decoder = PngDecoder::with_limits(bytes, image_limits()).map_err(failed)?;
+            head_of(file, format, &decoder, None)
+        }
+        FileFormat::Jpeg => {
+            let decoder = JpegDecoder::new(bytes).map_err(failed)?;
+            head_of(file, format, &decoder, None)
+        }
+        FileFormat::Pnm => {
+            let decoder = PnmDecoder::new(bytes).map_err(failed)?;
+            let original_max = decoder.header().maximal_sample();
+            head_of(file, format, &decoder, Some(original_max))
+        }
+        FileFormat::Hdr => {
+            let (width, height) = HdrDecoder::new(bytes).map_err(failed)?.dimensions();
+            check_size(&file.path, width as u64, height as u64)?;
+            Ok(Head {
+                width: width as usize,
+                height: height as usize,
+                channels: 3,
+                is_wide: false,
+                rescaled: false,
+            })
+        }
+        FileFormat::Ply => Err(mesh_in_place_of_image(file)),
+        FileFormat::Exr | FileFormat::Npy | FileFormat::Pfm => {
+            unreachable!("read by modules of their own")
+        }
+    })
+}
+
+fn mesh_in_place_of_image(file: &NamedBytes) -> SceneError {
+    file.wrong_format(
+        "a PLY mesh".to_owned(),
+        "an image here, or name the file as \"mesh\" in place of color and depth",
+    )
+}
+
 /// Decodes a PNG, JPEG, PNM or Radiance HDR file. Rotation tags, profiles and gamma chunks are ignored: the
 /// manifest line says what the values mean.
 ///
@@ -52,10 +122,7 @@ pub(super) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, Sc
             let original_max = decoder.header().maximal_sample();
             read(file, format, decoder, Some(original_max))
         }
-        FileFormat::Ply => Err(file.wrong_format(
-            "a PLY mesh".to_owned(),
-            "an image here, or name the file as \"mesh\" in place of color and depth",
-        )),
+        FileFormat::Ply => Err(mesh_in_place_of_image(file)),
         FileFormat::Hdr => {
             let decoder = HdrDecoder::new(bytes).map_err(failed)?;
             let (width, height) = decoder.dimensions();
@@ -78,14 +145,13 @@ pub(super) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, Sc
     })
 }
 
-/// Checks the size, then reads the pixels. `original_max` is the code that stands for 1, if not the
-/// type's maximum.
-fn read(
+/// Checks size and type. `original_max` is the code that stands for 1, if not the type's maximum.
+fn head_of(
     file: &NamedBytes,
     format: FileFormat,
-    decoder: impl ImageDecoder,
+    decoder: &impl ImageDecoder,
     original_max: Option<u32>,
-) -> Result<Raster, SceneError> {
+) -> Result<Head, SceneError> {
     let (width, height) = decoder.dimensions();
     check_size(&file.path, width as u64, height as u64)?;
     let color = decoder.color_type();
@@ -103,9 +169,29 @@ fn read(
             return Err(file.wrong_layout(found, "8- or 16-bit grey or RGB"));
         }
     };
-    let count = width as usize * height as usize * channels;
+    let is_partial = original_max.is_some_and(|max| max != if is_wide { 65535 } else { 255 });
+    // Bits a sample, in a PNG's first chunk; the decoder does not tell.
+    let is_narrow = format == FileFormat::Png && file.bytes[24] < 8;
+    Ok(Head {
+        width: width as usize,
+        height: height as usize,
+        channels,
+        is_wide,
+        rescaled: is_partial || is_narrow,
+    })
+}
+
+/// Checks the header, then reads the pixels.
+fn read(
+    file: &NamedBytes,
+    format: FileFormat,
+    decoder: impl ImageDecoder,
+    original_max: Option<u32>,
+) -> Result<Raster, SceneError> {
+    let head = head_of(file, format, &decoder, original_max)?;
+    let count = head.width * head.height * head.channels;
     let failed = |error| file.unreadable(format, error);
-    let samples = if is_wide {
+    let samples = if head.is_wide {
         let mut words = vec![0u16; count];
         decoder
             .read_image(bytemuck::cast_slice_mut(&mut words))
@@ -116,21 +202,18 @@ fn read(
         decoder.read_image(&mut bytes).map_err(failed)?;
         Samples::U8(bytes)
     };
-    let is_partial = original_max.is_some_and(|max| max != if is_wide { 65535 } else { 255 });
-    // Bits a sample, in a PNG's first chunk; the decoder does not tell.
-    let is_narrow = format == FileFormat::Png && file.bytes[24] < 8;
     Ok(Raster {
-        width: width as usize,
-        height: height as usize,
-        channels,
+        width: head.width,
+        height: head.height,
+        channels: head.channels,
         samples,
-        rescaled: is_partial || is_narrow,
+        rescaled: head.rescaled,
     })
 }
 
 /// Whether the last scan is closed by an end marker. The decoder would paint the missing rest of a
 /// cut file grey and say nothing. Neither marker can occur inside a scan.
-fn jpeg_is_whole(bytes: &[u8]) -> bool {
+pub(super) fn jpeg_is_whole(bytes: &[u8]) -> bool {
     let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xff, marker]);
     match (last(0xda), last(0xd9)) {
         (Some(scan), Some(end)) => scan < end,

@@ -30,6 +30,9 @@ pub struct Spec {
     pub golden: Golden,
     /// Folders of the named roots at planning; `--root NAME=DIR` overrides them on another machine.
     pub roots: BTreeMap<String, PathBuf>,
+    /// Photographs (of a manifest: scenes) that planning left out as their files could not be used.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<String>,
 }
 
 /// The golden shard: a machine that computes other bits is not let in.

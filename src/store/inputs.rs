@@ -6,11 +6,12 @@ use super::patience::with_patience;
 use super::{Key, RUNTIME, Store, StoreError, StoreOptions};
 use bytes::Bytes;
 use futures_util::TryStreamExt;
-use object_store::{GetOptions, ObjectStore};
+use object_store::{GetOptions, GetRange, ObjectStore};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
 use std::sync::Mutex;
+use std::time::Duration;
 
 /// Reads input files by path or by URL.
 #[derive(Debug, Default)]
@@ -65,6 +66,25 @@ impl Inputs {
                 Some(Entry { bytes, .. }) => Ok(bytes),
                 None => Err(io::Error::other("the store gives no bytes")),
             },
+        }
+    }
+
+    /// An object's first `count` bytes, all of it if it has no more, and its size. `path` is a URL. Nothing is kept.
+    pub fn read_start(&self, path: &Path, count: usize) -> io::Result<(Vec<u8>, u64)> {
+        let whole = || {
+            self.read(path).map(|bytes| {
+                let size = bytes.len() as u64;
+                (bytes, size)
+            })
+        };
+        let Some((_, bucket, key)) = parts(path) else {
+            return whole();
+        };
+        let store = self.bucket(bucket).map_err(io::Error::other)?;
+        match store.fetch_start(&key, count as u64) {
+            Some(found) => Ok(found),
+            // An empty object has no range; and what is wrong else, the plain question tells.
+            None => whole(),
         }
     }
 
@@ -125,6 +145,21 @@ impl Store {
             Err(error) if is_absent(&error) => self.absent(key),
             Err(error) => Err(self.failed("read", key, &error)),
         }
+    }
+
+    /// The first bytes of an object by its key, and its size; `None` if that cannot be had.
+    fn fetch_start(&self, key: &str, count: u64) -> Option<(Vec<u8>, u64)> {
+        let path = Key::parse(key).ok()?;
+        let options = GetOptions {
+            range: Some(GetRange::Bounded(0..count)),
+            ..GetOptions::default()
+        };
+        let get = || async {
+            let found = self.objects.get_opts(&path, options.clone()).await?;
+            let size = found.meta.size;
+            Ok((found.bytes().await?.to_vec(), size))
+        };
+        RUNTIME.block_on(with_patience(Duration::ZERO, get)).ok()
     }
 
     /// Not there, if the bucket is: a wrong bucket is no fault of a scene.

@@ -416,6 +416,7 @@ pub(crate) fn all() -> Vec<Seed> {
             blake3: "ff".to_owned(),
         },
         roots: [("data".to_owned(), "data".into())].into(),
+        left_out: Vec::new(),
     };
     seeds.push((
         "spec",

@@ -16,6 +16,7 @@ mod audit;
 mod bench;
 mod bench_farm;
 mod checkpoint;
+mod checks;
 mod conflict;
 mod control;
 mod damage;

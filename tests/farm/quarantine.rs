@@ -6,16 +6,29 @@ use crate::scenes::{npy, photographs, scene, write_lines};
 use serde_json::{Value, json};
 use std::path::Path;
 
+/// Files that a plan would tell at once, as they are before and after.
+fn damage(folder: &Path, is_done: bool) {
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).unwrap();
+    let png = std::fs::read(folder.join("a.png")).unwrap();
+    if !is_done {
+        for name in ["nowhere.png", "torn.png", "empty.png"] {
+            write(name, &png);
+        }
+        write("small_mask.npy", &npy("(48, 64)", &[1.0; 48 * 64]));
+        return;
+    }
+    std::fs::remove_file(folder.join("nowhere.png")).unwrap();
+    write("torn.png", &png[..png.len() / 2]);
+    write("empty.png", b"");
+    write("small_mask.npy", &npy("(24, 32)", &[1.0; 24 * 32]));
+}
+
 /// Scenes, and what their reasons must say.
 fn bad_scenes(folder: &Path) -> Vec<(Value, Vec<&'static str>)> {
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).unwrap();
     let depth = |value: f32| npy("(48, 64)", &[value; 48 * 64]);
-    let png = std::fs::read(folder.join("a.png")).unwrap();
-    write("torn.png", &png[..png.len() / 2]);
-    write("empty.png", b"");
     write("nan_depth.npy", &depth(f32::NAN));
     write("negative_depth.npy", &depth(-2.0));
-    write("small_mask.npy", &npy("(24, 32)", &[1.0; 24 * 32]));
     write("near_depth.npy", &depth(0.1));
     let mut radiance = vec![0.5; 48 * 64 * 3];
     radiance[3 * 65 + 1] = f32::NAN;
@@ -86,6 +99,9 @@ fn bad_scenes_are_set_aside_and_good_ones_done() {
     let manifest = folder.path().join("scenes.jsonl");
     write_lines(&manifest, &lines);
     let out = folder.path().join("run");
+    damage(folder.path(), false);
+    run(&["plan", text(&manifest), "--out", text(&out)]).expect(0);
+    damage(folder.path(), true);
     let ended = run(&["run", text(&manifest), "--out", text(&out), "--json"]).expect(3);
     assert_eq!(ended.json()["merged"], 1);
     assert_eq!(

@@ -140,6 +140,43 @@ fn a_photograph_that_is_gone_costs_its_scenes_and_a_bucket_that_is_away_none() {
     assert!(reason.contains(&format!("s3://bucket/{key}")), "{reason}");
 }
 
+#[test]
+fn objects_that_are_too_short_are_told_by_plan_and_left_out_if_wanted() {
+    let both = Both::new(23);
+    let store = both.bucket.store("diode");
+    let depths = files(&both.path("photographs"));
+    let depths: Vec<_> = depths
+        .iter()
+        .filter(|path| text(path).ends_with("_depth.npy"))
+        .collect();
+    let bytes = std::fs::read(both.path("photographs").join(depths[0])).unwrap();
+    store.replace(text(depths[0]), &bytes[..1000]).unwrap();
+    store.replace(text(depths[1]), b"").unwrap();
+    let recipe = both.path("bucket.toml");
+    let out = both.path("short");
+    let arguments = [
+        "plan",
+        text(&recipe),
+        "--out",
+        text(&out),
+        "--root",
+        "diode=s3://bucket/diode",
+        "--json",
+    ];
+    let ended = both.run(&arguments).expect(4).says(&[
+        "2 of 18 input files",
+        "needs 12288 bytes of data, the file has 872",
+        "it is empty",
+    ]);
+    assert_eq!(ended.json()["invalid"].as_array().unwrap().len(), 2);
+    assert!(!out.exists());
+    let planned = both.run(&[&arguments[..], &["--skip-invalid"]].concat());
+    let planned = planned.expect(0).json();
+    assert_eq!(planned["scenes"], 3);
+    // 64 x 48 px: depth and mask of a known size, and a PNG.
+    assert!(planned["input_bytes"].as_u64().unwrap() > 4 * 2 * 12_416);
+}
+
 /// s3s-fs answers every question with the whole object, so this is moto's.
 #[test]
 fn an_object_is_fetched_again_only_when_it_changed() {

@@ -1,0 +1,183 @@
+//! How long a run will take on this machine: some of its scenes are read, decoded and traced in part.
+//!
+//! The pixels that are traced get all their samples, so that what a pixel costs besides them is counted as in the run. The
+//! estimate is of one core; cores that share their arithmetic units are slower when all are busy.
+
+use super::clock::thread_cpu_s;
+use crate::ids::SceneId;
+use crate::manifest::SceneLine;
+use crate::scene::{LoadError, SceneFiles, load};
+use crate::shard::samples_per_range;
+use crate::trace::{CELL_PX, Isa, Tile, trace_tile};
+
+/// Scenes that are tried out.
+const SCENES: usize = 3;
+/// Scenes that are tried in all, if some cannot be loaded.
+const MOST_TRIED: usize = 8;
+/// Seconds of tracing a scene.
+const TRACING_S: f64 = 0.2;
+/// Pixels across a piece; its height is one cell's.
+const PIECE_PX: u32 = 32;
+
+/// What scenes cost.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    /// The scenes that were tried out.
+    pub scenes: Vec<SceneId>,
+    /// Seconds of one core a camera sample (of all that `film.spp` asks for).
+    pub seconds_per_sample: f64,
+    /// Seconds of one core for reading and decoding a scene's files.
+    pub seconds_per_load: f64,
+}
+
+/// Tries out scenes spread over `lines`, whose files `read` reads; `None` if none of them can be loaded.
+pub fn calibrate(
+    lines: &[SceneLine],
+    read: &dyn Fn(&SceneLine) -> Result<SceneFiles, LoadError>,
+    isa: Isa,
+) -> Option<Calibration> {
+    let mut scenes = Vec::new();
+    let (mut sample_s, mut load_s) = (0.0, 0.0);
+    for line in spread(lines) {
+        let start = thread_cpu_s();
+        let Some(loaded) = read(line).ok().and_then(|files| load(line, &files).ok()) else {
+            continue;
+        };
+        load_s += thread_cpu_s() - start;
+        let (mut seconds, mut pixels) = (0.0, 0u64);
+        // Of an adaptive scene a cell is traced to its end.
+        let samples = match line.film.target_error {
+            None => samples_per_range(line.film.spp),
+            Some(_) => line.film.spp,
+        };
+        for tile in pieces(line) {
+            let start = thread_cpu_s();
+            let traced = trace_tile(&loaded.scene, tile, 0..samples, isa);
+            seconds += thread_cpu_s() - start;
+            pixels += traced.pixels.len() as u64;
+            if seconds > TRACING_S {
+                break;
+            }
+        }
+        sample_s += seconds / (pixels as f64 * f64::from(samples));
+        scenes.push(line.id.clone());
+        if scenes.len() == SCENES {
+            break;
+        }
+    }
+    let count = scenes.len();
+    (count > 0).then(|| Calibration {
+        scenes,
+        seconds_per_sample: sample_s / count as f64,
+        seconds_per_load: load_s / count as f64,
+    })
+}
+
+/// Scenes from all over the manifest: the first three from its sixths, others between them.
+fn spread(lines: &[SceneLine]) -> impl Iterator<Item = &SceneLine> {
+    let mut at: Vec<usize> = [1, 3, 5, 0, 2, 4, 6, 7]
+        .iter()
+        .take(MOST_TRIED)
+        .map(|k| (k * lines.len() / 6).min(lines.len().saturating_sub(1)))
+        .collect();
+    let mut seen = std::collections::BTreeSet::new();
+    at.retain(|&index| index < lines.len() && seen.insert(index));
+    at.into_iter().map(|index| &lines[index])
+}
+
+/// The film in pieces, in an order that reaches all of its parts early.
+fn pieces(line: &SceneLine) -> Vec<Tile> {
+    let film = &line.film;
+    let columns = film.width.div_ceil(PIECE_PX);
+    let count = u64::from(columns) * u64::from(film.height.div_ceil(CELL_PX));
+    // A stride near the golden section of the count, and coprime to it, visits each once.
+    let mut stride = ((count as f64 * 0.618) as u64).max(1);
+    while gcd(stride, count) != 1 {
+        stride += 1;
+    }
+    let piece = |k: u64| {
+        let index = (k * stride % count) as u32;
+        let (x, y) = (index % columns * PIECE_PX, index / columns * CELL_PX);
+        Tile {
+            x,
+            y,
+            width: PIECE_PX.min(film.width - x),
+            height: CELL_PX.min(film.height - y),
+        }
+    };
+    (0..count).map(piece).collect()
+}
+
+fn gcd(a: u64, b: u64) -> u64 {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::scenes::{pair, photograph};
+    use super::*;
+    use crate::sample::listing;
+    use crate::scene::SideFiles;
+
+    fn line(width: u32, height: u32) -> SceneLine {
+        let mut line = pair([16, 12], 16).unwrap().line;
+        (line.film.width, line.film.height) = (width, height);
+        line
+    }
+
+    #[test]
+    fn pieces_cover_the_film_once() {
+        let mut line = line(1, 1);
+        for (width, height) in [(1, 1), (32, 8), (33, 9), (40, 24), (256, 256), (100, 7)] {
+            (line.film.width, line.film.height) = (width, height);
+            let mut covered = vec![0; (width * height) as usize];
+            for tile in pieces(&line) {
+                for y in tile.y..tile.y + tile.height {
+                    for x in tile.x..tile.x + tile.width {
+                        covered[(y * width + x) as usize] += 1;
+                    }
+                }
+            }
+            assert!(covered.iter().all(|&n| n == 1), "{width}x{height}");
+        }
+    }
+
+    #[test]
+    fn scenes_that_cannot_be_read_are_passed_over() {
+        let nowhere = || LoadError::Read {
+            path: "nowhere".into(),
+            source: std::io::Error::other("on purpose"),
+        };
+        let photographs = listing(2, 1).into_iter();
+        let photographs: Vec<_> = photographs
+            .map(|p| photograph(&p, [16, 12]).unwrap())
+            .collect();
+        let read = |line: &SceneLine| {
+            // What is in the middle is not there.
+            if line.seed == 6 {
+                return Err(nowhere());
+            }
+            let side = |k: usize| SideFiles::Photograph(photographs[k].clone());
+            Ok(SceneFiles {
+                front: side(0),
+                back: side(1),
+            })
+        };
+        let lines: Vec<SceneLine> = (0..12u32)
+            .map(|k| {
+                let mut line = line(16, 16);
+                line.seed = u64::from(k);
+                line.id = SceneId::new(format!("s-{k}")).unwrap();
+                line
+            })
+            .collect();
+        let found = calibrate(&lines, &read, Isa::detect()).unwrap();
+        let ids: Vec<&str> = found.scenes.iter().map(SceneId::as_str).collect();
+        assert_eq!(ids, ["s-2", "s-10", "s-0"]);
+        assert!(found.seconds_per_sample > 0.0 && found.seconds_per_load > 0.0);
+        let one = calibrate(&lines[..1], &read, Isa::detect()).unwrap();
+        assert_eq!(one.scenes.len(), 1);
+        assert_eq!(calibrate(&lines, &|_| Err(nowhere()), Isa::detect()), None);
+        assert_eq!(calibrate(&[], &read, Isa::detect()), None);
+    }
+}

@@ -1,0 +1,330 @@
+//! Input files are looked at before anything is traced; and the paper's recipe is planned over folders of the real shape.
+
+use crate::program::{Ended, run, text};
+use crate::scenes::{npy, photographs, scene, write_lines};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+const RECIPE: &str = r#"
+schema = "glasshouse.recipe/1"
+name = "few"
+seed = 5
+[film]
+width = 24
+height = 16
+spp = 16
+[sources.diode]
+layout = "diode"
+[[split]]
+name = "train"
+pairs = { diode = 12 }
+[[split]]
+name = "test"
+pairs = { diode = 4 }
+"#;
+
+/// A recipe and its photographs.
+struct Place {
+    folder: TempDir,
+}
+
+impl Place {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("few.toml"), RECIPE).unwrap();
+        let place = Self { folder };
+        let size = ["--width", "32", "--height", "24"];
+        run(&[
+            &["sample", text(&place.path("diode")), "--count", "20"][..],
+            &size,
+        ]
+        .concat())
+        .expect(0);
+        place
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// A file of the data set, by its path in a scene line.
+    fn file(&self, path: &str) -> PathBuf {
+        self.path("diode")
+            .join(path.strip_prefix("diode:").unwrap())
+    }
+
+    fn plan(&self, out: &str, more: &[&str]) -> Ended {
+        let (recipe, out) = (self.path("few.toml"), self.path(out));
+        let root = format!("diode={}", self.path("diode").display());
+        let arguments = [
+            "plan",
+            text(&recipe),
+            "--out",
+            text(&out),
+            "--root",
+            &root,
+            "--json",
+        ];
+        run(&[&arguments, more].concat())
+    }
+
+    fn manifest(&self, run: &str) -> String {
+        std::fs::read_to_string(self.path(run).join("manifest.jsonl")).unwrap()
+    }
+
+    /// The scenes of a planned run by their ids.
+    fn scenes(&self, run: &str) -> BTreeMap<String, Value> {
+        let manifest = self.manifest(run);
+        let lines = manifest
+            .lines()
+            .map(|line| serde_json::from_str::<Value>(line).unwrap());
+        lines
+            .map(|line| (line["id"].as_str().unwrap().to_owned(), line))
+            .collect()
+    }
+}
+
+fn cut(path: &Path, keep: usize) {
+    let bytes = std::fs::read(path).unwrap();
+    std::fs::write(path, &bytes[..keep.min(bytes.len())]).unwrap();
+}
+
+#[test]
+fn what_is_wrong_is_one_table_and_nothing_is_written() {
+    let place = Place::new();
+    let planned = place.plan("whole", &[]).expect(0).json();
+    assert_eq!(
+        (planned["scenes"].as_u64(), &planned["invalid"]),
+        (Some(16), &json!([]))
+    );
+    let whole = place.scenes("whole");
+    let used: Vec<&Value> = whole.values().map(|line| &line["front"]).collect();
+
+    // Of four photographs a file each.
+    let mut photographs: Vec<&Value> = Vec::new();
+    for front in used {
+        if photographs.len() < 4 && !photographs.iter().any(|p| p["color"] == front["color"]) {
+            photographs.push(front);
+        }
+    }
+    let path = |k: usize, key: &str| photographs[k][key].as_str().unwrap().to_owned();
+    let bad = [
+        (path(0, "color"), "cannot read it as PNG"),
+        (path(1, "depth"), "it is empty"),
+        (
+            path(2, "mask"),
+            "it has 16x12 pixels, the depth image has 32x24",
+        ),
+        (path(3, "depth"), "needs 3072 bytes of data"),
+    ];
+    cut(&place.file(&bad[0].0), 400);
+    cut(&place.file(&bad[1].0), 0);
+    std::fs::write(place.file(&bad[2].0), npy("(12, 16)", &[1.0; 192])).unwrap();
+    cut(&place.file(&bad[3].0), 3000);
+
+    for more in [&["-n"][..], &[]] {
+        let ended = place.plan("bad", more).expect(4).says(&[
+            "4 of ",
+            "input files cannot be used",
+            "--skip-invalid",
+        ]);
+        assert!(!place.path("bad").exists());
+        let error = ended.json();
+        assert_eq!(error["schema"], "glasshouse.error/1");
+        let invalid = error["invalid"].as_array().unwrap();
+        assert_eq!(invalid.len(), 4);
+        for (path, words) in &bad {
+            let input = invalid.iter().find(|input| input["path"] == *path).unwrap();
+            assert!(
+                input["problem"].as_str().unwrap().contains(words),
+                "{input}"
+            );
+            for id in input["scenes"].as_array().unwrap() {
+                assert!(whole[id.as_str().unwrap()].to_string().contains(path));
+            }
+            let mut rows = ended.stderr.lines().filter(|line| line.contains(path));
+            assert!(rows.next().unwrap().contains(words) && rows.next().is_none());
+        }
+    }
+    let run_folder = place.path("bad");
+    let root = format!("diode={}", place.path("diode").display());
+    let recipe = place.path("few.toml");
+    run(&[
+        "run",
+        text(&recipe),
+        "--out",
+        text(&run_folder),
+        "--root",
+        &root,
+    ])
+    .expect(4);
+
+    // Without them: others in their place, the same ones again, and no scene changed that did not need them.
+    let planned = place.plan("without", &["--skip-invalid"]).expect(0);
+    assert!(
+        planned.stderr.contains("photographs left out: 4"),
+        "{planned:?}"
+    );
+    let planned = planned.json();
+    assert_eq!(planned["scenes"], 16);
+    assert_eq!(planned["invalid"].as_array().unwrap().len(), 4);
+    let left_out = planned["left_out"].as_array().unwrap();
+    assert_eq!(left_out.len(), 4);
+    place
+        .plan("again", &["--skip-invalid", "-j", "1"])
+        .expect(0);
+    assert_eq!(place.manifest("without"), place.manifest("again"));
+    let without = place.scenes("without");
+    let needs = |line: &Value| {
+        let names = [&line["front"]["color"], &line["back"]["color"]];
+        names.iter().any(|name| left_out.contains(name))
+    };
+    assert!(without.values().all(|line| !needs(line)));
+    let mut changed = 0;
+    for (id, line) in &whole {
+        if needs(line) {
+            changed += 1;
+            assert_ne!(*line, without[id]);
+        } else {
+            assert_eq!(*line, without[id]);
+        }
+    }
+    assert!(changed >= 4);
+
+    // What was left out stays out, with the files whole again, and whoever asks.
+    let color = place.file(&bad[0].0);
+    std::fs::copy(place.file(left_out[1].as_str().unwrap()), color).unwrap();
+    for more in [&[][..], &["--skip-invalid"]] {
+        let again = place.plan("without", more).expect(0).json();
+        assert_eq!(
+            (&again["existed"], &again["left_out"]),
+            (&json!(true), &planned["left_out"])
+        );
+    }
+    let again = place.plan("without", &["-n"]).expect(0).json();
+    assert_eq!(again["invalid"], json!([]));
+    let out = place.path("without");
+    let done = run(&["work", text(&out), "--json"]).expect(0).json();
+    assert_eq!(done["merged"], 16);
+}
+
+#[test]
+fn a_run_that_is_planned_goes_on_and_a_look_at_it_tells() {
+    let place = Place::new();
+    place.plan("run", &[]).expect(0);
+    let front = &place.scenes("run")["train-diode-000000"]["front"];
+    let color = front["color"].as_str().unwrap();
+    cut(&place.file(color), 300);
+    assert_eq!(
+        place.plan("run", &[]).expect(0).json()["input_bytes"],
+        Value::Null
+    );
+    place.plan("run", &["-n"]).expect(4).says(&[color]);
+    let looked = place.plan("run", &["-n", "--skip-invalid"]).expect(0);
+    assert!(looked.stderr.contains("stays as it is"), "{looked:?}");
+    assert_eq!(looked.json()["invalid"][0]["path"], color);
+    assert_eq!(looked.json()["left_out"], json!([]));
+}
+
+#[test]
+fn scenes_of_a_manifest_are_left_out_by_themselves() {
+    let folder = tempfile::tempdir().unwrap();
+    photographs(folder.path());
+    let mut lines = [scene("good"), scene("bad"), scene("worse")];
+    lines[1]["back"]["mask"] = json!("nowhere.npy");
+    lines[2]["front"]["depth"] = json!("a.png");
+    let manifest = folder.path().join("scenes.jsonl");
+    write_lines(&manifest, &lines);
+    let out = folder.path().join("run");
+    let plan = |more: &[&str]| {
+        let arguments = ["plan", text(&manifest), "--out", text(&out), "--json"];
+        run(&[&arguments, more].concat())
+    };
+    let ended = plan(&[]).expect(4).says(&[
+        "2 of 7 input files",
+        "manifest:nowhere.npy",
+        "it cannot be read",
+        "manifest:a.png",
+        "3 channels",
+    ]);
+    assert_eq!(ended.json()["invalid"][1]["scenes"], json!(["bad"]));
+    assert!(!out.exists());
+    let planned = plan(&["--skip-invalid"])
+        .expect(0)
+        .says(&["scenes left out: 2"])
+        .json();
+    assert_eq!(
+        (&planned["scenes"], &planned["left_out"]),
+        (&json!(1), &json!(["bad", "worse"]))
+    );
+    assert_eq!(plan(&["--skip-invalid"]).expect(0).json()["existed"], true);
+    let done = run(&["work", text(&out), "--json"]).expect(0).json();
+    assert_eq!(done["merged"], 1);
+    // Nothing is left.
+    write_lines(&manifest, &lines[1..]);
+    let no = folder.path().join("no");
+    run(&[
+        "plan",
+        text(&manifest),
+        "--out",
+        text(&no),
+        "--skip-invalid",
+    ])
+    .expect(4)
+    .says(&["2 of "]);
+}
+
+#[test]
+fn the_paper_is_planned_from_folders_of_the_real_shape() {
+    let folder = tempfile::tempdir().unwrap();
+    let sample = |layout: &str, count: &str| {
+        let dir = folder.path().join(layout);
+        let arguments = ["sample", text(&dir), "--layout", layout, "--count", count];
+        let made = run(&[
+            &arguments[..],
+            &["--width", "16", "--height", "12", "--json"],
+        ]
+        .concat());
+        let roots = made.expect(0).json()["roots"].clone();
+        let roots = roots.as_object().unwrap().iter();
+        roots
+            .map(|(name, folder)| format!("{name}={}", folder.as_str().unwrap()))
+            .collect::<Vec<_>>()
+    };
+    let roots = [sample("diode", "120"), sample("places", "136")].concat();
+    assert_eq!(roots.len(), 3);
+    let recipe = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/paper.toml");
+    let out = folder.path().join("run");
+    let mut arguments = vec!["plan", text(&recipe), "--out", text(&out), "-n", "--json"];
+    for root in &roots {
+        arguments.extend(["--root", root]);
+    }
+    let planned = run(&arguments).expect(0).json();
+    assert_eq!(planned["scenes"], 5200);
+    assert_eq!(planned["notes"], json!([]));
+    assert_eq!(planned["shards"], 5200);
+    let number = |key: &str| planned[key].as_f64().unwrap_or_else(|| panic!("no {key}"));
+    // 256 x 256 px of 36 floats a scene.
+    assert_eq!(number("partial_bytes"), 5200.0 * 65_536.0 * 144.0);
+    assert!(number("disk_needed_bytes") > number("tuple_bytes"));
+    assert!(number("partial_bytes_at_a_time") < number("partial_bytes") / 4.0);
+    assert!(number("disk_available_bytes") > 0.0);
+    let all: u64 = crate::outputs::files(folder.path())
+        .iter()
+        .map(|path| std::fs::metadata(folder.path().join(path)).unwrap().len())
+        .sum();
+    // Every photograph is in some scene.
+    assert_eq!(planned["input_bytes"], all);
+    let calibration = &planned["calibration"];
+    assert_eq!(calibration["scenes"].as_array().unwrap().len(), 3);
+    let (a_sample, a_load) = (
+        &calibration["seconds_per_sample"],
+        &calibration["seconds_per_load"],
+    );
+    let traced_s = 5200.0 * 65_536.0 * 256.0 * a_sample.as_f64().unwrap();
+    let estimate = number("core_seconds_estimate");
+    assert!(estimate > traced_s + 5200.0 * a_load.as_f64().unwrap());
+    assert!(!out.exists());
+}
