@@ -231,7 +231,7 @@ fn files_of(line: &SceneLine) -> impl Iterator<Item = (&str, FileRole)> {
 /// A side's files.
 fn roles(side: &Side) -> Vec<(&str, FileRole)> {
     let role = |key| match key {
-        "color" => FileRole::Color,
+        "color" | "panorama" => FileRole::Color,
         "depth" => FileRole::Depth,
         "mask" => FileRole::Mask,
         _ => FileRole::Mesh,
