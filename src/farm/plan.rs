@@ -6,9 +6,9 @@ use super::sample_bytes::SampleBytes;
 use crate::atomic_file::{self, WriteError};
 use crate::cases::{CaseError, CaseFile, is_case_file};
 use crate::manifest::{
-    Index, IndexError, Layout, ManifestError, PlacesFolders, Recipe, RecipeError, RootError, Roots,
-    SceneLine, Source, from_paths, index_list, index_paths, index_places, index_source, is_url,
-    parse_jsonl, to_jsonl,
+    Index, IndexError, LIST_NAME, Layout, ManifestError, PlacesFolders, Recipe, RecipeError,
+    RootError, Roots, SceneLine, Source, from_paths, index_list, index_paths, index_places,
+    index_source, is_url, parse_jsonl, to_jsonl,
 };
 use crate::sample::{self, SampleError, SamplePhotograph};
 use crate::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
@@ -309,12 +309,16 @@ fn from_recipe(
                     options,
                 )?
             } else if source.layout == Layout::List {
-                let list = parent(path).join(source.list.as_deref().unwrap_or_default());
+                let list = match &source.list {
+                    Some(list) => parent(path).join(list),
+                    None => folder.join(LIST_NAME),
+                };
                 let there = match is_url(&folder) {
                     true => Some(options.inputs.list(&folder)?),
                     false => None,
                 };
-                index_list(name, &list, &folder, there.as_deref())?
+                let read = options.inputs.read(&list);
+                index_list(name, &list, read, &folder, there.as_deref())?
             } else if is_url(&folder) {
                 index_paths(name, &folder, &options.inputs.list(&folder)?)?
             } else {
