@@ -9,11 +9,14 @@ use super::side::Side;
 use super::validate;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
+use std::io;
 use std::path::{Component, Path};
 
 /// The schema name that a line of the list must carry.
 pub const PHOTOGRAPH_SCHEMA: &str = "glasshouse.photograph/1";
+
+/// The name of a list that lies in its source's root.
+pub const LIST_NAME: &str = "photographs.jsonl";
 
 /// A list that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -136,11 +139,12 @@ pub(super) fn rooted(side: &Side, root: &str) -> Side {
     side
 }
 
-/// Reads the list of the source `name` and looks whether its files are below `folder`: among `there`, if that is given
-/// (a folder that is an address), else on this disk.
+/// The photographs in the list of the source `name`, whose bytes (or why there are none) are in `read`. Looks whether
+/// its files are below `folder`: among `there`, if that is given (a folder that is an address), else on this disk.
 pub fn index_list(
     name: &str,
     list: &Path,
+    read: io::Result<Vec<u8>>,
     folder: &Path,
     there: Option<&[String]>,
 ) -> Result<Index, IndexError> {
@@ -149,11 +153,14 @@ pub fn index_list(
         path: list.to_owned(),
         source,
     };
-    let text = fs::read_to_string(list).map_err(|source| IndexError::NoList {
-        name: name.to_owned(),
-        path: list.to_owned(),
-        source,
-    })?;
+    let no_text = |_| io::Error::new(io::ErrorKind::InvalidData, "it is no UTF-8 text");
+    let text = read
+        .and_then(|bytes| String::from_utf8(bytes).map_err(no_text))
+        .map_err(|source| IndexError::NoList {
+            name: name.to_owned(),
+            path: list.to_owned(),
+            source,
+        })?;
     let images = parse_list(&text).map_err(failed)?;
     let there: Option<BTreeSet<&str>> =
         there.map(|paths| paths.iter().map(String::as_str).collect());
@@ -260,7 +267,8 @@ mod tests {
         let text = format!("{}\n\n{}", line(SIDE), line(&SIDE.replace("a.", "b/c.")));
         crate::atomic_file::write_relaxed(&list, text.as_bytes()).unwrap();
         let index = |there: Option<&[String]>| {
-            index_list("mine", &list, folder.path(), there).map_err(|error| error.to_string())
+            let read = std::fs::read(&list);
+            index_list("mine", &list, read, folder.path(), there).map_err(|error| error.to_string())
         };
         for name in ["a.png", "a.npy"] {
             crate::atomic_file::write_relaxed(&folder.path().join(name), b"").unwrap();
@@ -270,11 +278,17 @@ mod tests {
         assert!(error.contains("the first is b/c.png (line 3)"), "{error}");
         let there = ["a.png", "a.npy", "b/c.png", "b/c.npy"].map(str::to_owned);
         assert_eq!(index(Some(&there)).unwrap().images.len(), 2);
-        let none = index_list("mine", &folder.path().join("no"), folder.path(), None);
-        let error = none.unwrap_err().to_string();
-        assert!(
-            error.contains("source mine: cannot read its list"),
-            "{error}"
-        );
+        for (read, words) in [
+            (Err(io::ErrorKind::NotFound.into()), "entity not found"),
+            (Ok(vec![0xff]), "no UTF-8 text"),
+        ] {
+            let none = index_list("mine", &list, read, folder.path(), None);
+            let error = none.unwrap_err().to_string();
+            assert!(
+                error.contains("source mine: cannot read its list"),
+                "{error}"
+            );
+            assert!(error.contains(words), "{error}");
+        }
     }
 }
