@@ -194,6 +194,14 @@ impl Content {
         }
     }
 
+    /// The same, and what becomes of them.
+    pub(super) fn parts_replaced(&self) -> &'static str {
+        match self.scenes {
+            Scenes::Drawn { .. } => "photographs and draws others in their place",
+            Scenes::Lines(_) => "scenes",
+        }
+    }
+
     /// Roots whose files planning writes itself.
     pub(super) fn own_roots(&self) -> BTreeSet<&str> {
         let pictures = self.pictures.iter().map(|(root, _, _)| *root);

@@ -138,18 +138,14 @@ pub enum PlanError {
     #[error(transparent)]
     Root(#[from] RootError),
     /// Input files cannot be used.
-    #[error(
-        "{}correct them, or go on without them: --skip-invalid leaves out these {parts}{}",
-        invalid_text(invalid, *files),
-        if *parts == "photographs" { " and draws others in their place" } else { "" }
-    )]
+    #[error("{}{remedy}", invalid_text(invalid, *files))]
     Invalid {
         /// The files, by path.
         invalid: Vec<InvalidInput>,
         /// Files that were looked at.
         files: usize,
-        /// What would be left out, in a word.
-        parts: &'static str,
+        /// What to do.
+        remedy: String,
     },
     /// The run is another one.
     #[error(transparent)]
@@ -200,6 +196,10 @@ pub fn plan(
     let mut checker = Checker::new(&content, options, &on_file)?;
     let is_checked = existing.is_none() || options.dry_run;
     let mut invalid = Vec::new();
+    let mut remedy = format!(
+        "correct them, or go on without them: --skip-invalid leaves out these {}",
+        content.parts_replaced()
+    );
     let draft = loop {
         let mut check = |lines: &[SceneLine]| {
             if is_checked {
@@ -209,7 +209,13 @@ pub fn plan(
             }
         };
         // First as scenes are before they are looked at, which takes longer; then again, as others may be drawn by it.
-        let first = content.first_lines(&left_out)?;
+        let first = match content.first_lines(&left_out) {
+            Err(error) if !invalid.is_empty() => {
+                remedy = format!("correct them; without them it does not go: {error}");
+                break None;
+            }
+            first => first?,
+        };
         if first.is_empty() && invalid.is_empty() {
             return Err(PlanError::Empty {
                 path: source.to_owned(),
@@ -237,7 +243,7 @@ pub fn plan(
         return Err(PlanError::Invalid {
             invalid,
             files: checker.files(),
-            parts: content.parts(),
+            remedy,
         });
     };
     let input_bytes = is_checked.then(|| checker.bytes(&draft.lines));
