@@ -113,13 +113,13 @@ pub enum Command {
   glasshouse sample /tmp/rooms --count 8
   glasshouse sample /tmp/rooms --count 8 --seed 7 --json
   glasshouse sample /tmp/places --layout places --count 68
-  glasshouse sample /tmp/many --layout places --count 4160 --width 32 --height 24   # to try planning")]
+  glasshouse sample /tmp/many --layout places --count 4160 --width 32 --height 24")]
     Sample(SampleArgs),
     /// Turn a recipe or a .jsonl of scenes into a run's frozen manifest and spec
     #[command(after_help = "Examples:
   glasshouse plan manifests/smoke.toml -n
   glasshouse plan my.toml --root diode=/data/diode --out runs/mine
-  glasshouse plan my.toml --root diode=/data/diode -n --json             # what is wrong, what it costs
+  glasshouse plan my.toml --root diode=/data/diode -n --json   # files, bytes, hours
   glasshouse plan my.toml --root diode=/data/diode --skip-invalid --out runs/mine")]
     Plan(PlanArgs),
     /// Render one scene (a scene file, or a tuple.json to make again) to four EXRs and PNGs

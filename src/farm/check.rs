@@ -230,13 +230,15 @@ fn files_of(line: &SceneLine) -> impl Iterator<Item = (&str, FileRole)> {
 
 /// A side's files.
 fn roles(side: &Side) -> Vec<(&str, FileRole)> {
-    let role = |key| match key {
-        "color" | "panorama" => FileRole::Color,
-        "depth" => FileRole::Depth,
-        "mask" => FileRole::Mask,
-        _ => FileRole::Mesh,
-    };
     let paths = side.paths().into_iter();
+    let role = |key| match (side, key) {
+        (Side::Photograph(_), "depth") => FileRole::Depth,
+        (Side::Photograph(_), "mask") => FileRole::Mask,
+        (Side::Photograph(_), _) => FileRole::Color,
+        (Side::Panorama(_), "depth") => FileRole::PanoramaDepth,
+        (Side::Panorama(_), _) => FileRole::Panorama,
+        (Side::Mesh(_), _) => FileRole::Mesh,
+    };
     paths.map(|(key, path)| (path, role(key))).collect()
 }
 

@@ -6,9 +6,9 @@ use super::run_dir::RunDir;
 use super::sample_bytes::SampleBytes;
 use crate::cases::CaseFile;
 use crate::manifest::{
-    Index, Layout, PlacesFolders, Recipe, RecipeError, Roots, SceneLine, Source, SourceImage,
-    expand_counted, from_paths, index_list, index_paths, index_places, index_source, is_url,
-    parse_jsonl,
+    Index, LIST_NAME, Layout, PlacesFolders, Recipe, RecipeError, Roots, SceneLine, Source,
+    SourceImage, expand_counted, from_paths, index_list, index_paths, index_places, index_source,
+    is_url, parse_jsonl,
 };
 use crate::sample::{self, SamplePhotograph};
 use std::collections::{BTreeMap, BTreeSet};
@@ -194,6 +194,14 @@ impl Content {
         }
     }
 
+    /// The same, and what becomes of them.
+    pub(super) fn parts_replaced(&self) -> &'static str {
+        match self.scenes {
+            Scenes::Drawn { .. } => "photographs and draws others in their place",
+            Scenes::Lines(_) => "scenes",
+        }
+    }
+
     /// Roots whose files planning writes itself.
     pub(super) fn own_roots(&self) -> BTreeSet<&str> {
         let pictures = self.pictures.iter().map(|(root, _, _)| *root);
@@ -295,13 +303,16 @@ pub(super) fn from_recipe(
                     options,
                 )?
             } else if source.layout == Layout::List {
-                let list = parent(path).join(source.list.as_deref().unwrap_or_default());
-                let there = if is_url(&folder) {
-                    Some(options.inputs.list(&folder)?)
-                } else {
-                    None
+                let list = match &source.list {
+                    Some(list) => parent(path).join(list),
+                    None => folder.join(LIST_NAME),
                 };
-                index_list(name, &list, &folder, there.as_deref())?
+                let there = match is_url(&folder) {
+                    true => Some(options.inputs.list(&folder)?),
+                    false => None,
+                };
+                let read = options.inputs.read(&list);
+                index_list(name, &list, read, &folder, there.as_deref())?
             } else if is_url(&folder) {
                 index_paths(name, &folder, &options.inputs.list(&folder)?)?
             } else {

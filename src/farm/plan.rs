@@ -9,13 +9,7 @@ use crate::atomic_file::{self, WriteError};
 use crate::cases::{CaseError, is_case_file};
 use crate::ids::SceneId;
 use crate::manifest::{
-<<<<<<< HEAD
     IndexError, ManifestError, RecipeError, RootError, Roots, SceneLine, to_jsonl,
-=======
-    Index, IndexError, LIST_NAME, Layout, ManifestError, PlacesFolders, Recipe, RecipeError,
-    RootError, Roots, SceneLine, Source, from_paths, index_list, index_paths, index_places,
-    index_source, is_url, parse_jsonl, to_jsonl,
->>>>>>> pano
 };
 use crate::sample::SampleError;
 use crate::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
@@ -144,18 +138,14 @@ pub enum PlanError {
     #[error(transparent)]
     Root(#[from] RootError),
     /// Input files cannot be used.
-    #[error(
-        "{}correct them, or go on without them: --skip-invalid leaves out these {parts}{}",
-        invalid_text(invalid, *files),
-        if *parts == "photographs" { " and draws others in their place" } else { "" }
-    )]
+    #[error("{}{remedy}", invalid_text(invalid, *files))]
     Invalid {
         /// The files, by path.
         invalid: Vec<InvalidInput>,
         /// Files that were looked at.
         files: usize,
-        /// What would be left out, in a word.
-        parts: &'static str,
+        /// What to do.
+        remedy: String,
     },
     /// The run is another one.
     #[error(transparent)]
@@ -206,6 +196,10 @@ pub fn plan(
     let mut checker = Checker::new(&content, options, &on_file)?;
     let is_checked = existing.is_none() || options.dry_run;
     let mut invalid = Vec::new();
+    let mut remedy = format!(
+        "correct them, or go on without them: --skip-invalid leaves out these {}",
+        content.parts_replaced()
+    );
     let draft = loop {
         let mut check = |lines: &[SceneLine]| {
             if is_checked {
@@ -215,7 +209,13 @@ pub fn plan(
             }
         };
         // First as scenes are before they are looked at, which takes longer; then again, as others may be drawn by it.
-        let first = content.first_lines(&left_out)?;
+        let first = match content.first_lines(&left_out) {
+            Err(error) if !invalid.is_empty() => {
+                remedy = format!("correct them; without them it does not go: {error}");
+                break None;
+            }
+            first => first?,
+        };
         if first.is_empty() && invalid.is_empty() {
             return Err(PlanError::Empty {
                 path: source.to_owned(),
@@ -243,7 +243,7 @@ pub fn plan(
         return Err(PlanError::Invalid {
             invalid,
             files: checker.files(),
-            parts: content.parts(),
+            remedy,
         });
     };
     let input_bytes = is_checked.then(|| checker.bytes(&draft.lines));
@@ -316,234 +316,8 @@ fn names(content: &Content, lines: &[SceneLine], found: &[InvalidInput]) -> BTre
     let by_id: BTreeMap<&SceneId, &SceneLine> = lines.iter().map(|line| (&line.id, line)).collect();
     let needs = found
         .iter()
-<<<<<<< HEAD
         .flat_map(|input| input.scenes.iter().map(|id| (by_id[id], &input.path)));
     needs
         .flat_map(|(line, path)| content.names_without(line, path))
         .collect()
-=======
-        .map(|(name, folder)| (name.to_owned(), absolute(folder)))
-        .collect();
-    let mut images = BTreeMap::new();
-    let mut notes = Vec::new();
-    let mut listed = Vec::new();
-    for (name, source) in &recipe.sources {
-        let index: Index = if source.layout == Layout::Sample {
-            let seed = source.seed.unwrap_or(recipe.seed);
-            let photographs = sample::listing(source.count.unwrap_or(0) as usize, seed);
-            let paths: Vec<String> = photographs
-                .iter()
-                .flat_map(|p| [p.color_path(), p.depth_path(), p.mask_path()])
-                .map(|p| p.to_string_lossy().into_owned())
-                .collect();
-            listed.extend(
-                photographs
-                    .into_iter()
-                    .map(|p| (name.clone(), p, source.sample_size())),
-            );
-            roots.insert(name.clone(), Path::new("inputs").join(name));
-            from_paths(&paths)
-        } else {
-            let folder_of =
-                |root: &str| folders.get(root).map_or_else(PathBuf::new, Path::to_owned);
-            let folder = folder_of(name);
-            if source.layout == Layout::Places {
-                places(
-                    name,
-                    source,
-                    [&folder, &folder_of(&format!("{name}-depth"))],
-                    &parent(path),
-                    options,
-                )?
-            } else if source.layout == Layout::List {
-                let list = match &source.list {
-                    Some(list) => parent(path).join(list),
-                    None => folder.join(LIST_NAME),
-                };
-                let there = match is_url(&folder) {
-                    true => Some(options.inputs.list(&folder)?),
-                    false => None,
-                };
-                let read = options.inputs.read(&list);
-                index_list(name, &list, read, &folder, there.as_deref())?
-            } else if is_url(&folder) {
-                index_paths(name, &folder, &options.inputs.list(&folder)?)?
-            } else {
-                index_source(name, &folder)?
-            }
-        };
-        if let Some(first) = index.without_depth.first() {
-            let count = index.without_depth.len();
-            notes.push(format!(
-                "source {name}: {count} images have no depth and are left out (first: {first})"
-            ));
-        }
-        images.insert(name.clone(), index.images);
-    }
-    let made = SampleBytes::new(dir, &listed);
-    let mut folders = Roots::default();
-    for (name, folder) in &roots {
-        folders.insert(name, dir.root().join(folder))?;
-    }
-    let around = Surroundings {
-        roots: &folders,
-        base: dir.root(),
-        read: &|path| made.read(path).unwrap_or_else(|| options.inputs.read(path)),
-        threads: options.threads,
-        on_scene: &|done, all| on_progress("scenes looked at", done, all),
-    };
-    let Looked {
-        lines,
-        rejected,
-        same_place,
-        same_scan,
-        redrawn,
-    } = draw_all(&recipe, &images, &BTreeSet::new(), &around).map_err(wrong)?;
-    drop(made);
-    if !rejected.is_empty() {
-        let looks = lines.len() + rejected.len();
-        notes.push(format!(
-            "{} of {looks} draws that were looked at were not kept ({:.1} %); others took their places",
-            rejected.len(),
-            100.0 * rejected.len() as f64 / looks as f64,
-        ));
-    }
-    for (count, what) in [
-        (
-            same_place,
-            "scenes pair two photographs of the same kind of place: no others were left",
-        ),
-        (
-            same_scan,
-            "scenes pair two photographs of the same scan: no others were left",
-        ),
-        (
-            redrawn,
-            "draws were refused by the geometry and drawn again",
-        ),
-    ] {
-        if count > 0 {
-            notes.push(format!("{count} {what}"));
-        }
-    }
-    let used: BTreeSet<&str> = lines
-        .iter()
-        .flat_map(|l| [l.front.name(), l.back.name()])
-        .collect();
-    let samples = listed
-        .into_iter()
-        .filter(|(name, p, _)| {
-            used.contains(format!("{name}:{}", p.color_path().display()).as_str())
-        })
-        .collect();
-    Ok(Content {
-        name: recipe.name.clone(),
-        lines,
-        roots,
-        notes,
-        rejected,
-        samples,
-        pictures: Vec::new(),
-    })
-}
-
-fn from_cases(path: &Path, text: &str) -> Result<Content, PlanError> {
-    let file = CaseFile::parse(text).map_err(|source| PlanError::Cases {
-        path: path.to_owned(),
-        source: Box::new(source),
-    })?;
-    let root = file.root();
-    let pictures = file.files();
-    Ok(Content {
-        name: file.name,
-        lines: file.cases.into_iter().map(|case| case.line).collect(),
-        roots: [(root.to_owned(), Path::new("inputs").join(root))].into(),
-        notes: Vec::new(),
-        rejected: Vec::new(),
-        samples: Vec::new(),
-        pictures: pictures
-            .into_iter()
-            .map(|(name, bytes)| (root, name, bytes))
-            .collect(),
-    })
-}
-
-fn from_manifest(path: &Path, text: &str, options: &PlanOptions) -> Result<Content, PlanError> {
-    let mut lines = parse_jsonl(text).map_err(|source| PlanError::Manifest {
-        path: path.to_owned(),
-        source: Box::new(source),
-    })?;
-    let base = parent(path);
-    let mut roots: BTreeMap<String, PathBuf> = options
-        .roots
-        .iter()
-        .map(|(name, folder)| (name.to_owned(), absolute(folder)))
-        .collect();
-    for line in &mut lines {
-        for side in [&mut line.front, &mut line.back] {
-            for text in side.paths_mut() {
-                let is_rooted = text
-                    .split_once(':')
-                    .is_some_and(|(name, _)| roots.contains_key(name));
-                if is_rooted || is_url(&*text) || Path::new(text.as_str()).is_absolute() {
-                    continue;
-                }
-                let inside = Path::new(text.as_str())
-                    .components()
-                    .all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
-                *text = if inside {
-                    format!("{MANIFEST_ROOT}:{text}")
-                } else {
-                    base.join(text.as_str()).to_string_lossy().into_owned()
-                };
-            }
-        }
-    }
-    roots.entry(MANIFEST_ROOT.to_owned()).or_insert(base);
-    let name = path
-        .file_stem()
-        .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-    Ok(Content {
-        name,
-        lines,
-        roots,
-        notes: Vec::new(),
-        rejected: Vec::new(),
-        samples: Vec::new(),
-        pictures: Vec::new(),
-    })
-}
-
-/// Makes the procedural photographs that are not there yet.
-fn make_samples(
-    dir: &RunDir,
-    samples: &[(String, SamplePhotograph, [u32; 2])],
-    threads: usize,
-    on_photograph: &(dyn Fn(usize, usize) + Sync),
-) -> Result<(), PlanError> {
-    let missing: Vec<_> = samples
-        .iter()
-        .filter(|(name, photograph, _)| !sample::is_written(&dir.inputs(name), photograph))
-        .collect();
-    if missing.is_empty() {
-        return Ok(());
-    }
-    let done = std::sync::atomic::AtomicUsize::new(0);
-    on_photograph(0, missing.len());
-    let make = || {
-        missing
-            .par_iter()
-            .try_for_each(|(name, photograph, [width, height])| {
-                sample::write(&dir.inputs(name), photograph, *width, *height)?;
-                let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-                on_photograph(done, missing.len());
-                Ok(())
-            })
-    };
-    match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
-        Ok(pool) => pool.install(make),
-        // No thread to be had: the caller's own will do.
-        Err(_) => make(),
-    }
->>>>>>> pano
 }

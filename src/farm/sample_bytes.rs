@@ -2,7 +2,7 @@
 
 use super::content::Made;
 use super::run_dir::RunDir;
-use crate::sample::{self, SampleFiles, SamplePhotograph};
+use crate::sample::{self, SampleFiles};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -10,11 +10,7 @@ use std::sync::OnceLock;
 
 /// Makes each photograph once, when one of its files is first asked for.
 pub(super) struct SampleBytes<'a> {
-    photographs: Vec<(
-        &'a SamplePhotograph,
-        [u32; 2],
-        OnceLock<Option<SampleFiles>>,
-    )>,
+    photographs: Vec<(&'a Made, OnceLock<Option<SampleFiles>>)>,
     /// Which photograph a path belongs to, and which of its files it is.
     places: BTreeMap<PathBuf, (usize, usize)>,
 }
@@ -23,13 +19,8 @@ impl<'a> SampleBytes<'a> {
     /// Of all photographs that a run may make.
     pub(super) fn new(dir: &RunDir, all: &'a [Made]) -> Self {
         let (mut photographs, mut places) = (Vec::new(), BTreeMap::new());
-        for Made {
-            root,
-            photograph,
-            size,
-        } in all
-        {
-            let folder = dir.inputs(root);
+        for one in all {
+            let (folder, photograph) = (dir.inputs(&one.root), &one.photograph);
             let files = [
                 photograph.color_path(),
                 photograph.depth_path(),
@@ -38,7 +29,7 @@ impl<'a> SampleBytes<'a> {
             for (kind, file) in files.iter().enumerate() {
                 places.insert(folder.join(file), (photographs.len(), kind));
             }
-            photographs.push((photograph, *size, OnceLock::new()));
+            photographs.push((one, OnceLock::new()));
         }
         Self {
             photographs,
@@ -52,8 +43,9 @@ impl<'a> SampleBytes<'a> {
         if path.is_file() {
             return Some(std::fs::read(path));
         }
-        let (photograph, [width, height], made) = &self.photographs[index];
-        let files = made.get_or_init(|| sample::encode(photograph, *width, *height).ok());
+        let (one, made) = &self.photographs[index];
+        let [width, height] = one.size;
+        let files = made.get_or_init(|| sample::encode(&one.photograph, width, height).ok());
         Some(match files {
             Some(files) => Ok([&files.color, &files.depth, &files.mask][kind].clone()),
             None => Err(io::Error::other("the photograph cannot be coded")),

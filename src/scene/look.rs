@@ -5,7 +5,7 @@
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
-use super::{color, depth, mask, ply, raster};
+use super::{color, depth, mask, panorama, ply, raster};
 use crate::manifest::Transfer;
 
 /// Bytes of a file's beginning that show most headers; a JPEG may have a preview before its size.
@@ -22,6 +22,10 @@ pub enum FileRole {
     Depth,
     /// A mask.
     Mask,
+    /// The colours of a panorama.
+    Panorama,
+    /// The depth map of a panorama.
+    PanoramaDepth,
     /// A triangle mesh.
     Mesh,
 }
@@ -66,8 +70,10 @@ pub fn look_at_whole(role: FileRole, file: &NamedBytes) -> Result<Option<[usize;
     // Much of the work of decoding is spared where the format alone tells that the file is whole.
     if !(is_jpeg && raster::jpeg_is_whole(&file.bytes)) {
         match role {
-            FileRole::Color => drop(color::decode(file, Transfer::Linear, [1.0; 3])?),
-            FileRole::Depth => drop(depth::decode(file, 1.0)?),
+            FileRole::Color | FileRole::Panorama => {
+                drop(color::decode(file, Transfer::Linear, [1.0; 3])?);
+            }
+            FileRole::Depth | FileRole::PanoramaDepth => drop(depth::decode(file, 1.0)?),
             FileRole::Mask => drop(mask::decode(file)?),
             FileRole::Mesh => drop(ply::decode(file)?),
         }
@@ -80,11 +86,18 @@ fn size(role: FileRole, file: &NamedBytes, length: u64) -> Result<Option<[usize;
         FileRole::Color => Some(color::size(file, length)?),
         FileRole::Depth => Some(depth::size(file, length)?),
         FileRole::Mask => Some(mask::size(file, length)?),
+        FileRole::Panorama => Some(whole_sphere(file, color::size(file, length)?)?),
+        FileRole::PanoramaDepth => Some(whole_sphere(file, depth::size(file, length)?)?),
         FileRole::Mesh => {
             ply::head(file, length)?;
             None
         }
     })
+}
+
+fn whole_sphere(file: &NamedBytes, [width, height]: [usize; 2]) -> Result<[usize; 2], SceneError> {
+    panorama::check_aspect(file, width, height)?;
+    Ok([width, height])
 }
 
 /// Whether the file ends as its format does. True of those whose header was held against the length already, and of
@@ -145,6 +158,8 @@ mod tests {
         let color = png(&noise(64 * 48 * 3), 64, 48, Png::Rgb8);
         assert_eq!(sound(FileRole::Color, &color, 200), size);
         assert_eq!(sound(FileRole::Color, &color, usize::MAX), size);
+        let color = png(&noise(64 * 32 * 3), 64, 32, Png::Rgb8);
+        assert_eq!(sound(FileRole::Panorama, &color, 200), Some([64, 32]));
         let color = jpeg(&noise(64 * 48 * 3), 64, 48);
         assert_eq!(sound(FileRole::Color, &color, 1000), size);
         let depth = npy("<f4", false, "(48, 64, 1)", &[0; 64 * 48 * 4]);
@@ -191,6 +206,8 @@ mod tests {
             (FileRole::Color, &cube, "an array of shape"),
             (FileRole::Color, &empty, "is empty"),
             (FileRole::Mesh, &rgb, "a PNG file"),
+            (FileRole::Panorama, &rgb, "64x48 pixels"),
+            (FileRole::PanoramaDepth, &rgb, "3 channels"),
         ] {
             let error = look(role, &ends(file, 1000)).unwrap_err().to_string();
             assert!(error.contains(words), "{error}");
@@ -250,14 +267,30 @@ mod tests {
         assert_eq!(look_at_whole(FileRole::Color, &file).unwrap(), Some([8, 8]));
     }
 
+    /// The whole file is decoded, as for a scene.
     fn is_decoded(role: FileRole, file: &NamedBytes) -> bool {
+        let is_sphere = |w, h| panorama::check_aspect(file, w, h).is_ok();
+        let color = || color::decode(file, Transfer::Linear, [1.0; 3]);
         match role {
-            FileRole::Color => color::decode(file, Transfer::Linear, [1.0; 3]).is_ok(),
+            FileRole::Color => color().is_ok(),
             FileRole::Depth => depth::decode(file, 1.0).is_ok(),
             FileRole::Mask => mask::decode(file).is_ok(),
+            FileRole::Panorama => color().is_ok_and(|c| is_sphere(c.width, c.height)),
+            FileRole::PanoramaDepth => {
+                depth::decode(file, 1.0).is_ok_and(|d| is_sphere(d.width, d.height))
+            }
             FileRole::Mesh => ply::decode(file).is_ok(),
         }
     }
+
+    const ROLES: [FileRole; 6] = [
+        FileRole::Color,
+        FileRole::Depth,
+        FileRole::Mask,
+        FileRole::Panorama,
+        FileRole::PanoramaDepth,
+        FileRole::Mesh,
+    ];
 
     const MESH: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
         property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n\
@@ -267,8 +300,8 @@ mod tests {
         /// Nothing is refused that a scene could be made from, whatever has happened to the bytes.
         #[test]
         fn what_is_refused_cannot_be_decoded(
-            kind in 0usize..9,
-            role in prop::sample::select(vec![FileRole::Color, FileRole::Depth, FileRole::Mask, FileRole::Mesh]),
+            kind in 0usize..10,
+            role in prop::sample::select(ROLES.to_vec()),
             flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..3),
             keep in prop::option::of(any::<prop::sample::Index>()),
             behind in 0usize..40,
@@ -283,6 +316,7 @@ mod tests {
                 5 => NamedBytes { path: "a".into(), bytes: [&b"P5 8 6 255 "[..], &noise(48)].concat() },
                 6 => NamedBytes { path: "a".into(), bytes: [&b"Pf\n8 6\n-1\n"[..], &[60; 192]].concat() },
                 7 => NamedBytes { path: "a".into(), bytes: MESH.as_bytes().to_vec() },
+                8 => png(&noise(12 * 6), 12, 6, Png::L8),
                 _ => npy("|u1", true, "(6, 8, 3)", &noise(144)),
             };
             if let Some(keep) = keep {

@@ -144,7 +144,11 @@ pub(super) fn decode_panorama(
 }
 
 /// Full panoramas alone: twice as wide as high, within a percent.
-fn check_aspect(file: &NamedBytes, width: usize, height: usize) -> Result<(), SceneError> {
+pub(super) fn check_aspect(
+    file: &NamedBytes,
+    width: usize,
+    height: usize,
+) -> Result<(), SceneError> {
     let aspect = width as f64 / height as f64;
     if (aspect / 2.0 - 1.0).abs() <= 0.01 {
         return Ok(());

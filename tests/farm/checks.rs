@@ -100,7 +100,8 @@ fn what_is_wrong_is_one_table_and_nothing_is_written() {
         (Some(16), &json!([]))
     );
     let whole = place.scenes("whole");
-    let used: Vec<&Value> = whole.values().map(|line| &line["front"]).collect();
+    let train = whole.iter().filter(|(id, _)| id.starts_with("train"));
+    let used: Vec<&Value> = train.map(|(_, line)| &line["front"]).collect();
 
     // Of four photographs a file each.
     let mut photographs: Vec<&Value> = Vec::new();
@@ -208,6 +209,26 @@ fn what_is_wrong_is_one_table_and_nothing_is_written() {
     let out = place.path("without");
     let done = run(&["work", text(&out), "--json"]).expect(0).json();
     assert_eq!(done["merged"], 16);
+}
+
+#[test]
+fn where_too_little_is_left_the_table_is_still_told() {
+    let place = Place::new();
+    place.plan("whole", &[]).expect(0);
+    for (id, line) in place.scenes("whole") {
+        if id.starts_with("test") {
+            for side in ["front", "back"] {
+                cut(&place.file(line[side]["depth"].as_str().unwrap()), 100);
+            }
+        }
+    }
+    let ended = place.plan("out", &["--skip-invalid"]).expect(4);
+    let ended = ended.says(&[
+        "input files cannot be used",
+        "_depth.npy",
+        "without them it does not go",
+    ]);
+    assert!(!ended.json()["invalid"].as_array().unwrap().is_empty());
 }
 
 #[test]
