@@ -8,7 +8,8 @@ use super::plan::{PlanError, PlanOptions};
 use crate::ids::SceneId;
 use crate::manifest::{Roots, SceneLine, Side, is_url};
 use crate::scene::{
-    END_BYTES, FileEnds, FileRole, Look, NamedBytes, START_BYTES, look, look_at_whole,
+    END_BYTES, FileEnds, FileRole, Look, NamedBytes, START_BYTES, is_equirectangular, look,
+    look_at_whole,
 };
 use crate::store::{Inputs, StoreError};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
@@ -199,6 +200,23 @@ impl<'a> Checker<'a> {
                     problems.push((path, problem.clone()));
                 }
             }
+            if let Side::Panorama(_) = side {
+                for (path, role) in roles(side) {
+                    if let Some(Seen::Sound {
+                        size: Some([width, height]),
+                        ..
+                    }) = seen(path, role)
+                        && !is_equirectangular(*width, *height)
+                    {
+                        problems.push((
+                            path,
+                            format!(
+                                "it has {width}x{height} pixels; give an equirectangular image, twice as wide as high"
+                            ),
+                        ));
+                    }
+                }
+            }
             if let Side::Photograph(photograph) = side
                 && let Some(mask) = &photograph.mask
                 && let Some(Seen::Sound {
@@ -231,7 +249,7 @@ fn files_of(line: &SceneLine) -> impl Iterator<Item = (&str, FileRole)> {
 /// A side's files.
 fn roles(side: &Side) -> Vec<(&str, FileRole)> {
     let role = |key| match key {
-        "color" => FileRole::Color,
+        "color" | "panorama" => FileRole::Color,
         "depth" => FileRole::Depth,
         "mask" => FileRole::Mask,
         _ => FileRole::Mesh,

@@ -6,9 +6,9 @@ use super::run_dir::RunDir;
 use super::sample_bytes::SampleBytes;
 use crate::cases::CaseFile;
 use crate::manifest::{
-    Index, Layout, PlacesFolders, Recipe, RecipeError, Roots, SceneLine, Source, SourceImage,
-    expand_counted, from_paths, index_list, index_paths, index_places, index_source, is_url,
-    parse_jsonl,
+    Index, LIST_NAME, Layout, PlacesFolders, Recipe, RecipeError, Roots, SceneLine, Source,
+    SourceImage, expand_counted, from_paths, index_list, index_paths, index_places, index_source,
+    is_url, parse_jsonl,
 };
 use crate::sample::{self, SamplePhotograph};
 use std::collections::{BTreeMap, BTreeSet};
@@ -295,13 +295,11 @@ pub(super) fn from_recipe(
                     options,
                 )?
             } else if source.layout == Layout::List {
-                let list = parent(path).join(source.list.as_deref().unwrap_or_default());
-                let there = if is_url(&folder) {
-                    Some(options.inputs.list(&folder)?)
-                } else {
-                    None
+                let list = match &source.list {
+                    Some(list) => parent(path).join(list),
+                    None => folder.join(LIST_NAME),
                 };
-                index_list(name, &list, &folder, there.as_deref())?
+                index_list(name, &list, options.inputs.read(&list))?
             } else if is_url(&folder) {
                 index_paths(name, &folder, &options.inputs.list(&folder)?)?
             } else {

@@ -118,7 +118,8 @@ pub enum IndexError {
         reason: String,
     },
     /// The list of photographs cannot be read.
-    #[error("source {name}: cannot read its list {}: {source}; check the path, which is relative to the recipe", path.display())]
+    #[error("source {name}: cannot read its list {}: {source}; write `list` with a path relative to the recipe, or put \
+         photographs.jsonl into the source's root (--root {name}=DIR)", path.display())]
     NoList {
         /// The source.
         name: String,

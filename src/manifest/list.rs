@@ -8,12 +8,15 @@ use super::roots::is_url;
 use super::side::Side;
 use super::validate;
 use serde::Deserialize;
-use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
+use std::collections::BTreeMap;
+use std::io;
 use std::path::{Component, Path};
 
 /// The schema name that a line of the list must carry.
 pub const PHOTOGRAPH_SCHEMA: &str = "glasshouse.photograph/1";
+
+/// The name of a list that lies in its source's root.
+pub const LIST_NAME: &str = "photographs.jsonl";
 
 /// A list that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -29,19 +32,6 @@ pub enum ListError {
     /// Nothing listed.
     #[error("it holds no line: write one JSON object a photograph")]
     Empty,
-    /// Files that are listed and not there.
-    #[error(
-        "{count} of its files are not there, the first is {first} (line {line}), looked for below the source's root: \
-         fetch them, correct the lines, or pass --root"
-    )]
-    Missing {
-        /// How many.
-        count: usize,
-        /// The first one's path, relative to the root.
-        first: String,
-        /// Its line, counted from 1.
-        line: usize,
-    },
 }
 
 /// One line. What is left in `side` are the keys of a scene line's side.
@@ -57,9 +47,8 @@ struct Listed {
     side: serde_json::Map<String, serde_json::Value>,
 }
 
-/// Reads a list: order kept, blank lines skipped, every side checked by itself. Each photograph with its line, counted
-/// from 1.
-pub fn parse_list(text: &str) -> Result<Vec<(usize, SourceImage)>, ListError> {
+/// Reads a list: order kept, blank lines skipped, every side checked by itself.
+pub fn parse_list(text: &str) -> Result<Vec<SourceImage>, ListError> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut images = Vec::new();
     for (index, json) in text.lines().enumerate() {
@@ -67,8 +56,7 @@ pub fn parse_list(text: &str) -> Result<Vec<(usize, SourceImage)>, ListError> {
             continue;
         }
         let line = index + 1;
-        let image = parse_line(json).map_err(|reason| ListError::Line { line, reason })?;
-        images.push((line, image));
+        images.push(parse_line(json).map_err(|reason| ListError::Line { line, reason })?);
     }
     if images.is_empty() {
         return Err(ListError::Empty);
@@ -136,45 +124,24 @@ pub(super) fn rooted(side: &Side, root: &str) -> Side {
     side
 }
 
-/// Reads the list of the source `name` and looks whether its files are below `folder`: among `there`, if that is given
-/// (a folder that is an address), else on this disk.
-pub fn index_list(
-    name: &str,
-    list: &Path,
-    folder: &Path,
-    there: Option<&[String]>,
-) -> Result<Index, IndexError> {
-    let failed = |source| IndexError::List {
-        name: name.to_owned(),
-        path: list.to_owned(),
-        source,
-    };
-    let text = fs::read_to_string(list).map_err(|source| IndexError::NoList {
+/// The photographs in the list of the source `name`, whose bytes (or why there are none) are in `read`. Whether their files
+/// are there is seen when the run is planned, as for all sources.
+pub fn index_list(name: &str, list: &Path, read: io::Result<Vec<u8>>) -> Result<Index, IndexError> {
+    let no_text = |_| io::Error::new(io::ErrorKind::InvalidData, "it is no UTF-8 text");
+    let text = read
+        .and_then(|bytes| String::from_utf8(bytes).map_err(no_text))
+        .map_err(|source| IndexError::NoList {
+            name: name.to_owned(),
+            path: list.to_owned(),
+            source,
+        })?;
+    let images = parse_list(&text).map_err(|source| IndexError::List {
         name: name.to_owned(),
         path: list.to_owned(),
         source,
     })?;
-    let images = parse_list(&text).map_err(failed)?;
-    let there: Option<BTreeSet<&str>> =
-        there.map(|paths| paths.iter().map(String::as_str).collect());
-    let is_there = |path: &str| match &there {
-        Some(paths) => paths.contains(path),
-        None => folder.join(path).is_file(),
-    };
-    let mut missing = images.iter().flat_map(|(line, image)| {
-        let paths = image.side.iter().flat_map(Side::paths);
-        paths.filter_map(|(_, path)| (!is_there(path)).then_some((*line, path)))
-    });
-    if let Some((line, first)) = missing.next() {
-        return Err(failed(ListError::Missing {
-            first: first.to_owned(),
-            line,
-            count: 1 + missing.count(),
-        }));
-    }
-    drop(missing);
     Ok(Index {
-        images: images.into_iter().map(|(_, image)| image).collect(),
+        images,
         without_depth: Vec::new(),
     })
 }
@@ -190,7 +157,7 @@ mod tests {
         format!(r#"{{"schema":"glasshouse.photograph/1","place":"indoors",{rest}}}"#)
     }
 
-    fn parse(text: &str) -> Result<Vec<(usize, SourceImage)>, String> {
+    fn parse(text: &str) -> Result<Vec<SourceImage>, String> {
         parse_list(text).map_err(|error| error.to_string())
     }
 
@@ -203,8 +170,9 @@ mod tests {
                 .replace("indoors", "outdoor")
         );
         let images = parse(&text).unwrap();
-        assert_eq!((images[0].0, images[1].0), (2, 3));
-        let [first, second] = [&images[0].1, &images[1].1];
+        let [first, second] = images.as_slice() else {
+            panic!("{images:?}")
+        };
         assert_eq!(
             (first.color.as_str(), first.place),
             ("a.png", Place::Indoors)
@@ -254,26 +222,25 @@ mod tests {
     }
 
     #[test]
-    fn files_that_are_not_there_are_counted() {
-        let folder = tempfile::tempdir().unwrap();
-        let list = folder.path().join("list.jsonl");
-        let text = format!("{}\n\n{}", line(SIDE), line(&SIDE.replace("a.", "b/c.")));
-        crate::atomic_file::write_relaxed(&list, text.as_bytes()).unwrap();
-        let index = |there: Option<&[String]>| {
-            index_list("mine", &list, folder.path(), there).map_err(|error| error.to_string())
-        };
-        for name in ["a.png", "a.npy"] {
-            crate::atomic_file::write_relaxed(&folder.path().join(name), b"").unwrap();
+    fn a_list_that_is_no_text_or_not_there_is_named() {
+        let index =
+            |read| index_list("mine", Path::new("l.jsonl"), read).map_err(|e| e.to_string());
+        let there = index(Ok(line(SIDE).into_bytes())).unwrap();
+        assert_eq!(there.images.len(), 1);
+        for (read, words) in [
+            (Err(io::ErrorKind::NotFound.into()), "entity not found"),
+            (Ok(vec![0xff]), "no UTF-8 text"),
+        ] {
+            let error = index(read).unwrap_err();
+            assert!(
+                error.contains("source mine: cannot read its list l.jsonl"),
+                "{error}"
+            );
+            assert!(error.contains(words), "{error}");
         }
-        let error = index(None).unwrap_err();
-        assert!(error.contains("2 of its files are not there"), "{error}");
-        assert!(error.contains("the first is b/c.png (line 3)"), "{error}");
-        let there = ["a.png", "a.npy", "b/c.png", "b/c.npy"].map(str::to_owned);
-        assert_eq!(index(Some(&there)).unwrap().images.len(), 2);
-        let none = index_list("mine", &folder.path().join("no"), folder.path(), None);
-        let error = none.unwrap_err().to_string();
+        let error = index(Ok(b"{}".to_vec())).unwrap_err();
         assert!(
-            error.contains("source mine: cannot read its list"),
+            error.starts_with("source mine: list l.jsonl: line 1: missing"),
             "{error}"
         );
     }

@@ -52,7 +52,7 @@ pub use light::{
     illuminant, luminance,
 };
 pub use line::*;
-pub use list::{ListError, PHOTOGRAPH_SCHEMA, index_list, parse_list};
+pub use list::{LIST_NAME, ListError, PHOTOGRAPH_SCHEMA, index_list, parse_list};
 pub use panorama::{DepthMap, PanoramaDepth, PanoramaFile};
 pub use param::{Normal, Param};
 pub use places::{

@@ -357,7 +357,8 @@ pub struct Source {
     pub height: Option<u32>,
     /// `places` alone: table of mean depths by category.
     pub depth_ranges: Option<String>,
-    /// `list` alone: the list, relative to the recipe. Its lines hold all that follows here.
+    /// `list` alone: the list, relative to the recipe; `photographs.jsonl` in the root if missing. Its lines say what
+    /// the keys below say of all photographs of other sources.
     pub list: Option<String>,
     /// Capture camera. Default: DIODE's, for images of the same field of view.
     #[serde(default = "Intrinsics::diode")]

@@ -312,14 +312,8 @@ impl Source {
 }
 
 impl Source {
-    /// A list is named, and says of each photograph what a source says of all of its.
+    /// A list says of each photograph what other sources say of all of theirs.
     fn check_list(&self, key: &str) -> Result<(), RecipeError> {
-        if self.list.is_none() {
-            return bad(
-                &format!("{key}.list"),
-                "is missing: name the list, such as \"photographs.jsonl\"",
-            );
-        }
         let keys = [
             ("intrinsics", self.intrinsics != Intrinsics::diode()),
             ("transfer", self.transfer != Transfer::default()),
@@ -428,8 +422,8 @@ mod tests {
         };
         let recipe = with("list = \"mine.jsonl\"").unwrap();
         assert_eq!(recipe.sources["diode"].list.as_deref(), Some("mine.jsonl"));
+        assert_eq!(with("").unwrap().sources["diode"].list, None);
         for (keys, message) in [
-            ("", "sources.diode.list is missing"),
             (
                 "list = \"m\"\ntransfer = \"linear\"",
                 "sources.diode.transfer does not belong to layout \"list\"",

@@ -144,9 +144,13 @@ pub(super) fn decode_panorama(
 }
 
 /// Full panoramas alone: twice as wide as high, within a percent.
-fn check_aspect(file: &NamedBytes, width: usize, height: usize) -> Result<(), SceneError> {
+pub fn is_equirectangular(width: usize, height: usize) -> bool {
     let aspect = width as f64 / height as f64;
-    if (aspect / 2.0 - 1.0).abs() <= 0.01 {
+    (aspect / 2.0 - 1.0).abs() <= 0.01
+}
+
+fn check_aspect(file: &NamedBytes, width: usize, height: usize) -> Result<(), SceneError> {
+    if is_equirectangular(width, height) {
         return Ok(());
     }
     Err(file.wrong_layout(

@@ -79,7 +79,7 @@ fn estimates() -> [Value; 2] {
     ]
 }
 
-/// Writes `to/photographs.jsonl`, and `to/photos` with links to the sets and what had to be converted. Returns how many
+/// Writes `to/photos` with links to the sets, what had to be converted, and `photographs.jsonl`. Returns how many
 /// photographs there are.
 pub(crate) fn write_list(root: &Path, to: &Path) -> usize {
     let photos = to.join("photos");
@@ -99,7 +99,7 @@ pub(crate) fn write_list(root: &Path, to: &Path) -> usize {
     }));
     lines.extend(estimates());
     let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
-    atomic_file::write(&to.join("photographs.jsonl"), text.as_bytes()).unwrap();
+    atomic_file::write(&photos.join("photographs.jsonl"), text.as_bytes()).unwrap();
     lines.len()
 }
 
@@ -114,13 +114,12 @@ spp = 4
 tilt_deg = [0, { uniform = [-20, 20] }]
 [sources.photos]
 layout = "list"
-list = "photographs.jsonl"
 [[split]]
 name = "train"
 pairs = { photos = 12 }
 "#;
 
-/// Leaves `target/tmp/real-photographs/photographs.jsonl` behind for other recipes.
+/// Leaves `target/tmp/real-photographs/photos` behind for other recipes (`--root photos=...`).
 #[test]
 fn the_sets_are_farmed_from_a_list() {
     let Some(root) = find_sets() else { return };
