@@ -370,7 +370,6 @@ mod tests {
         };
         let text: Vec<String> = (0..4).map(listed).collect();
         let images = super::super::list::parse_list(&text.join("\n")).unwrap();
-        let images: Vec<_> = images.into_iter().map(|(_, image)| image).collect();
         let sources = [("diode".to_owned(), images)].into();
         let head = PAPER.split("[sources.diode]").next().unwrap();
         let text = format!(

@@ -32,19 +32,6 @@ pub enum ListError {
     /// Nothing listed.
     #[error("it holds no line: write one JSON object a photograph")]
     Empty,
-    /// Files that are listed and not there.
-    #[error(
-        "{count} of its files are not there, the first is {first} (line {line}), looked for below the source's root: \
-         fetch them, correct the lines, or pass --root"
-    )]
-    Missing {
-        /// How many.
-        count: usize,
-        /// The first one's path, relative to the root.
-        first: String,
-        /// Its line, counted from 1.
-        line: usize,
-    },
 }
 
 /// One line. What is left in `side` are the keys of a scene line's side.
@@ -60,9 +47,8 @@ struct Listed {
     side: serde_json::Map<String, serde_json::Value>,
 }
 
-/// Reads a list: order kept, blank lines skipped, every side checked by itself. Each photograph with its line, counted
-/// from 1.
-pub fn parse_list(text: &str) -> Result<Vec<(usize, SourceImage)>, ListError> {
+/// Reads a list: order kept, blank lines skipped, every side checked by itself.
+pub fn parse_list(text: &str) -> Result<Vec<SourceImage>, ListError> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut images = Vec::new();
     for (index, json) in text.lines().enumerate() {
@@ -70,8 +56,7 @@ pub fn parse_list(text: &str) -> Result<Vec<(usize, SourceImage)>, ListError> {
             continue;
         }
         let line = index + 1;
-        let image = parse_line(json).map_err(|reason| ListError::Line { line, reason })?;
-        images.push((line, image));
+        images.push(parse_line(json).map_err(|reason| ListError::Line { line, reason })?);
     }
     if images.is_empty() {
         return Err(ListError::Empty);
@@ -181,7 +166,7 @@ pub fn index_list(
     }
     drop(missing);
     Ok(Index {
-        images: images.into_iter().map(|(_, image)| image).collect(),
+        images,
         without_depth: Vec::new(),
     })
 }
@@ -197,7 +182,7 @@ mod tests {
         format!(r#"{{"schema":"glasshouse.photograph/1","place":"indoors",{rest}}}"#)
     }
 
-    fn parse(text: &str) -> Result<Vec<(usize, SourceImage)>, String> {
+    fn parse(text: &str) -> Result<Vec<SourceImage>, String> {
         parse_list(text).map_err(|error| error.to_string())
     }
 
@@ -210,8 +195,9 @@ mod tests {
                 .replace("indoors", "outdoor")
         );
         let images = parse(&text).unwrap();
-        assert_eq!((images[0].0, images[1].0), (2, 3));
-        let [first, second] = [&images[0].1, &images[1].1];
+        let [first, second] = images.as_slice() else {
+            panic!("{images:?}")
+        };
         assert_eq!(
             (first.color.as_str(), first.place),
             ("a.png", Place::Indoors)

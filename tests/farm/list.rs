@@ -155,9 +155,22 @@ fn mistakes_in_a_list_are_found_when_it_is_planned() {
         lines[1][key] = value;
         lines
     };
+    plan(&with("color", json!("c.png")), &["mine:c.png"]);
     plan(
-        &with("color", json!("c.png")),
-        &["1 of its files are not there, the first is c.png (line 2)"],
+        &with("mask", json!("sky.hdr")),
+        &["mine:sky.hdr", "Radiance HDR"],
+    );
+    let mut lines = good.clone();
+    lines[2]["panorama"] = json!("a.png");
+    lines[2].as_object_mut().unwrap().remove("transfer");
+    lines[0]["color"] = json!("b.png");
+    lines.remove(1);
+    plan(
+        &lines,
+        &[
+            "mine:a.png",
+            "it has 64x48 pixels; give an equirectangular image",
+        ],
     );
     plan(
         &with("colour", json!("b.png")),
