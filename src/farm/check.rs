@@ -8,8 +8,7 @@ use super::plan::{PlanError, PlanOptions};
 use crate::ids::SceneId;
 use crate::manifest::{Roots, SceneLine, Side, is_url};
 use crate::scene::{
-    END_BYTES, FileEnds, FileRole, Look, NamedBytes, START_BYTES, is_equirectangular, look,
-    look_at_whole,
+    END_BYTES, FileEnds, FileRole, Look, NamedBytes, START_BYTES, look, look_at_whole,
 };
 use crate::store::{Inputs, StoreError};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
@@ -198,23 +197,6 @@ impl<'a> Checker<'a> {
             for (path, role) in roles(side) {
                 if let Some(Seen::Wrong(problem)) = seen(path, role) {
                     problems.push((path, problem.clone()));
-                }
-            }
-            if let Side::Panorama(_) = side {
-                for (path, role) in roles(side) {
-                    if let Some(Seen::Sound {
-                        size: Some([width, height]),
-                        ..
-                    }) = seen(path, role)
-                        && !is_equirectangular(*width, *height)
-                    {
-                        problems.push((
-                            path,
-                            format!(
-                                "it has {width}x{height} pixels; give an equirectangular image, twice as wide as high"
-                            ),
-                        ));
-                    }
                 }
             }
             if let Side::Photograph(photograph) = side

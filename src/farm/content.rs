@@ -307,12 +307,7 @@ pub(super) fn from_recipe(
                     Some(list) => parent(path).join(list),
                     None => folder.join(LIST_NAME),
                 };
-                let there = match is_url(&folder) {
-                    true => Some(options.inputs.list(&folder)?),
-                    false => None,
-                };
-                let read = options.inputs.read(&list);
-                index_list(name, &list, read, &folder, there.as_deref())?
+                index_list(name, &list, options.inputs.read(&list))?
             } else if is_url(&folder) {
                 index_paths(name, &folder, &options.inputs.list(&folder)?)?
             } else {

@@ -8,7 +8,7 @@ use super::roots::is_url;
 use super::side::Side;
 use super::validate;
 use serde::Deserialize;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Component, Path};
 
@@ -124,20 +124,9 @@ pub(super) fn rooted(side: &Side, root: &str) -> Side {
     side
 }
 
-/// The photographs in the list of the source `name`, whose bytes (or why there are none) are in `read`. Looks whether
-/// its files are below `folder`: among `there`, if that is given (a folder that is an address), else on this disk.
-pub fn index_list(
-    name: &str,
-    list: &Path,
-    read: io::Result<Vec<u8>>,
-    folder: &Path,
-    there: Option<&[String]>,
-) -> Result<Index, IndexError> {
-    let failed = |source| IndexError::List {
-        name: name.to_owned(),
-        path: list.to_owned(),
-        source,
-    };
+/// The photographs in the list of the source `name`, whose bytes (or why there are none) are in `read`. Whether their files
+/// are there is seen when the run is planned, as for all sources.
+pub fn index_list(name: &str, list: &Path, read: io::Result<Vec<u8>>) -> Result<Index, IndexError> {
     let no_text = |_| io::Error::new(io::ErrorKind::InvalidData, "it is no UTF-8 text");
     let text = read
         .and_then(|bytes| String::from_utf8(bytes).map_err(no_text))
@@ -146,25 +135,11 @@ pub fn index_list(
             path: list.to_owned(),
             source,
         })?;
-    let images = parse_list(&text).map_err(failed)?;
-    let there: Option<BTreeSet<&str>> =
-        there.map(|paths| paths.iter().map(String::as_str).collect());
-    let is_there = |path: &str| match &there {
-        Some(paths) => paths.contains(path),
-        None => folder.join(path).is_file(),
-    };
-    let mut missing = images.iter().flat_map(|(line, image)| {
-        let paths = image.side.iter().flat_map(Side::paths);
-        paths.filter_map(|(_, path)| (!is_there(path)).then_some((*line, path)))
-    });
-    if let Some((line, first)) = missing.next() {
-        return Err(failed(ListError::Missing {
-            first: first.to_owned(),
-            line,
-            count: 1 + missing.count(),
-        }));
-    }
-    drop(missing);
+    let images = parse_list(&text).map_err(|source| IndexError::List {
+        name: name.to_owned(),
+        path: list.to_owned(),
+        source,
+    })?;
     Ok(Index {
         images,
         without_depth: Vec::new(),
@@ -247,34 +222,26 @@ mod tests {
     }
 
     #[test]
-    fn files_that_are_not_there_are_counted() {
-        let folder = tempfile::tempdir().unwrap();
-        let list = folder.path().join("list.jsonl");
-        let text = format!("{}\n\n{}", line(SIDE), line(&SIDE.replace("a.", "b/c.")));
-        crate::atomic_file::write_relaxed(&list, text.as_bytes()).unwrap();
-        let index = |there: Option<&[String]>| {
-            let read = std::fs::read(&list);
-            index_list("mine", &list, read, folder.path(), there).map_err(|error| error.to_string())
-        };
-        for name in ["a.png", "a.npy"] {
-            crate::atomic_file::write_relaxed(&folder.path().join(name), b"").unwrap();
-        }
-        let error = index(None).unwrap_err();
-        assert!(error.contains("2 of its files are not there"), "{error}");
-        assert!(error.contains("the first is b/c.png (line 3)"), "{error}");
-        let there = ["a.png", "a.npy", "b/c.png", "b/c.npy"].map(str::to_owned);
-        assert_eq!(index(Some(&there)).unwrap().images.len(), 2);
+    fn a_list_that_is_no_text_or_not_there_is_named() {
+        let index =
+            |read| index_list("mine", Path::new("l.jsonl"), read).map_err(|e| e.to_string());
+        let there = index(Ok(line(SIDE).into_bytes())).unwrap();
+        assert_eq!(there.images.len(), 1);
         for (read, words) in [
             (Err(io::ErrorKind::NotFound.into()), "entity not found"),
             (Ok(vec![0xff]), "no UTF-8 text"),
         ] {
-            let none = index_list("mine", &list, read, folder.path(), None);
-            let error = none.unwrap_err().to_string();
+            let error = index(read).unwrap_err();
             assert!(
-                error.contains("source mine: cannot read its list"),
+                error.contains("source mine: cannot read its list l.jsonl"),
                 "{error}"
             );
             assert!(error.contains(words), "{error}");
         }
+        let error = index(Ok(b"{}".to_vec())).unwrap_err();
+        assert!(
+            error.starts_with("source mine: list l.jsonl: line 1: missing"),
+            "{error}"
+        );
     }
 }

@@ -55,7 +55,6 @@ pub use load::{
 pub use look::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
 pub use mesh::{Polygons, decode_mesh};
 pub use near::MAX_TOO_NEAR_SHARE;
-pub use panorama::is_equirectangular;
 pub use photograph::{Sheet, decode_linear_image, decode_photograph};
 pub use place::{Decoded, MeshFacts, MeshSides};
 pub use relative::{RelativeEnds, RelativeSides};

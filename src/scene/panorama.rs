@@ -150,11 +150,7 @@ pub(super) fn check_aspect(
     height: usize,
 ) -> Result<(), SceneError> {
     let aspect = width as f64 / height as f64;
-    (aspect / 2.0 - 1.0).abs() <= 0.01
-}
-
-fn check_aspect(file: &NamedBytes, width: usize, height: usize) -> Result<(), SceneError> {
-    if is_equirectangular(width, height) {
+    if (aspect / 2.0 - 1.0).abs() <= 0.01 {
         return Ok(());
     }
     Err(file.wrong_layout(

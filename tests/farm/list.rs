@@ -165,13 +165,7 @@ fn mistakes_in_a_list_are_found_when_it_is_planned() {
     lines[2].as_object_mut().unwrap().remove("transfer");
     lines[0]["color"] = json!("b.png");
     lines.remove(1);
-    plan(
-        &lines,
-        &[
-            "mine:a.png",
-            "it has 64x48 pixels; give an equirectangular image",
-        ],
-    );
+    plan(&lines, &["mine:a.png", "twice as wide as high"]);
     plan(
         &with("colour", json!("b.png")),
         &["photographs.jsonl", "line 2: unknown field `colour`"],
