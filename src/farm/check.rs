@@ -39,9 +39,10 @@ pub struct InvalidInput {
 pub(super) fn invalid_text(invalid: &[InvalidInput], files: usize) -> String {
     let scenes: BTreeSet<&SceneId> = invalid.iter().flat_map(|input| &input.scenes).collect();
     let mut text = format!(
-        "{} of {files} input files cannot be used, in {} scenes:\n",
+        "{} of {files} input files cannot be used, in {} {}:\n",
         invalid.len(),
-        scenes.len()
+        scenes.len(),
+        if scenes.len() == 1 { "scene" } else { "scenes" },
     );
     let shown = &invalid[..invalid.len().min(SHOWN)];
     let width = shown.iter().map(|input| input.path.chars().count()).max();

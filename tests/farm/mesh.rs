@@ -120,7 +120,10 @@ fn a_run_takes_meshes_and_sets_bad_ones_aside() {
     photographs(folder);
     let room = room();
     std::fs::write(folder.join("room.ply"), &room).unwrap();
-    std::fs::write(folder.join("torn.ply"), &room[..room.len() / 2]).unwrap();
+    // These are well when the run is planned.
+    std::fs::write(folder.join("torn.ply"), &room).unwrap();
+    std::fs::write(folder.join("image.ply"), &room).unwrap();
+    std::fs::copy(folder.join("a.png"), folder.join("room.png")).unwrap();
     let mut nan = room.clone();
     let body = nan.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
     nan[body + 4..body + 8].copy_from_slice(&f32::NAN.to_le_bytes());
@@ -142,8 +145,8 @@ fn a_run_takes_meshes_and_sets_bad_ones_aside() {
             vec!["nan.ply", "vertex 0 has NaN as y", "repair"],
         ),
         (
-            with("image", &[("back", mesh("a.png"))]),
-            vec!["a.png is a PNG file", "give a PLY mesh"],
+            with("image", &[("back", mesh("image.ply"))]),
+            vec!["image.ply is a PNG file", "give a PLY mesh"],
         ),
         (
             with("behind", &[("back", behind)]),
@@ -160,10 +163,10 @@ fn a_run_takes_meshes_and_sets_bad_ones_aside() {
         (
             {
                 let mut scene = scene("color");
-                scene["front"]["color"] = json!("room.ply");
+                scene["front"]["color"] = json!("room.png");
                 scene
             },
-            vec!["room.ply is a PLY mesh", "in place of color and depth"],
+            vec!["room.png is a PLY mesh", "in place of color and depth"],
         ),
     ];
     let mut lines: Vec<Value> = bad.iter().map(|(line, _)| line.clone()).collect();
@@ -171,6 +174,18 @@ fn a_run_takes_meshes_and_sets_bad_ones_aside() {
     let manifest = folder.join("scenes.jsonl");
     write_lines(&manifest, &lines);
     let out = folder.join("run");
+    run(&["plan", text(&manifest), "--out", text(&out)]).expect(0);
+    std::fs::write(folder.join("torn.ply"), &room[..room.len() / 2]).unwrap();
+    std::fs::copy(folder.join("a.png"), folder.join("image.ply")).unwrap();
+    std::fs::write(folder.join("room.png"), &room).unwrap();
+    run(&["plan", text(&manifest), "--out", text(&out), "-n"])
+        .expect(4)
+        .says(&[
+            "3 of 11 input files",
+            "manifest:torn.ply",
+            "manifest:image.ply",
+            "manifest:room.png",
+        ]);
     let ended = run(&["run", text(&manifest), "--out", text(&out), "--json"]).expect(3);
     assert_eq!(ended.json()["merged"], 1);
     assert_eq!(files(&out.join("tuples/good")).len(), 6);

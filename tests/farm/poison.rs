@@ -248,7 +248,11 @@ fn a_file_that_nobody_can_read_is_named() {
     write_lines(&manifest, &[scene("one"), missing, scene("two")]);
     let mut place = place();
     place.recipe = manifest;
+    // It goes when the run is planned.
+    let nowhere = folder.path().join("nowhere.png");
+    std::fs::copy(folder.path().join("b.png"), &nowhere).unwrap();
     place.plan();
+    std::fs::remove_file(nowhere).unwrap();
     let coordinator = coordinator(&place, &server);
     let workers = [worker(&place, &server), worker(&place, &server)];
     end(coordinator).expect(3);

@@ -17,6 +17,11 @@ fn a_repaired_scene_is_made() {
     write_lines(&manifest, &[scene("good"), bad]);
     let out = folder.path().join("run");
     let out = text(&out);
+    // It goes when the run is planned.
+    let late = folder.path().join("late.png");
+    std::fs::copy(folder.path().join("b.png"), &late).unwrap();
+    run(&["plan", text(&manifest), "--out", out]).expect(0);
+    std::fs::remove_file(&late).unwrap();
     run(&["run", text(&manifest), "--out", out])
         .expect(3)
         .says(&["late.png"]);
@@ -34,7 +39,7 @@ fn a_repaired_scene_is_made() {
     assert_eq!(would["retried"], json!(["bad"]));
     run(&["work", out]).expect(3);
 
-    std::fs::copy(folder.path().join("b.png"), folder.path().join("late.png")).unwrap();
+    std::fs::copy(folder.path().join("b.png"), late).unwrap();
     let done = run(&["retry", out, "--all", "--json"]).expect(0).json();
     assert_eq!(done["retried"], json!(["bad"]));
     let ended = run(&["work", out, "--json"]).expect(0).json();
