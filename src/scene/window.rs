@@ -179,7 +179,7 @@ mod tests {
             ..line
         };
         let Window([across, down]) = Sight::back(&tilted).window(1e9);
-        let middle = (libm::atan(across[0]) + libm::atan(across[1])) / 2.0;
+        let middle = libm::atan(across[0]).midpoint(libm::atan(across[1]));
         assert!(
             (middle.abs().to_degrees() - 20.0).abs() < 1e-6,
             "{across:?}"

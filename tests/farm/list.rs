@@ -80,8 +80,8 @@ fn list(folder: &Path) -> Vec<Value> {
 }
 
 fn write(folder: &Path, lines: &[Value]) {
-    let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
-    std::fs::write(folder.join("photographs.jsonl"), text).unwrap();
+    let text: Vec<String> = lines.iter().map(Value::to_string).collect();
+    std::fs::write(folder.join("photographs.jsonl"), text.join("\n")).unwrap();
     std::fs::write(folder.join("recipe.toml"), RECIPE).unwrap();
 }
 

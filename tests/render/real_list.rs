@@ -98,8 +98,12 @@ pub(crate) fn write_list(root: &Path, to: &Path) -> usize {
         line(set, color, depth)
     }));
     lines.extend(estimates());
-    let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
-    atomic_file::write(&photos.join("photographs.jsonl"), text.as_bytes()).unwrap();
+    let text: Vec<String> = lines.iter().map(Value::to_string).collect();
+    atomic_file::write(
+        &photos.join("photographs.jsonl"),
+        text.join("\n").as_bytes(),
+    )
+    .unwrap();
     lines.len()
 }
 

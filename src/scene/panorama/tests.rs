@@ -134,7 +134,6 @@ fn t_shows_the_directions_function_also_across_the_border_and_at_the_poles() {
         let t = difference(&loaded, 1, seen);
         // R is the mirror image of the back.
         let r = difference(&loaded, 3, |ray| seen(DVec3::new(-ray.x, ray.y, 1.0)));
-        println!("yaw {yaw}, pitch {pitch}: T off by {t:.1e}, R by {r:.1e}");
         // Within a pixel of the film the function is not quite linear, and 64 samples are not its mean: 0.035 rad.
         assert!(
             t < 1e-4 && r < 1e-4,
@@ -168,7 +167,6 @@ fn a_constant_distance_is_a_sphere() {
     let off = difference(&loaded, 3, seen);
     // Without the parallax it would be off by far more: the test sees the distance.
     let flat = difference(&loaded, 3, |ray| color(DVec3::new(-ray.x, ray.y, 1.0)));
-    println!("R off by {off:.1e}, by {flat:.1e} from the sphere at infinity");
     assert!(off < 2e-4 && flat > 0.02, "{off:e} {flat:e}");
 }
 
