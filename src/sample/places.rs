@@ -181,7 +181,7 @@ mod tests {
         }
         assert_eq!(
             photographs[0].color_path(),
-            Path::new("b/bathroom/00000001.jpg")
+            Path::new("a/airport_terminal/00000001.jpg")
         );
     }
 
