@@ -202,6 +202,11 @@ impl Content {
         }
     }
 
+    /// It names scenes, and draws none.
+    pub(super) fn is_manifest(&self) -> bool {
+        matches!(self.scenes, Scenes::Lines(_))
+    }
+
     /// Roots whose files planning writes itself.
     pub(super) fn own_roots(&self) -> BTreeSet<&str> {
         let pictures = self.pictures.iter().map(|(root, _, _)| *root);

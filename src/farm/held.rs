@@ -244,12 +244,7 @@ impl<'a> HeldSpans<'a> {
     }
 
     /// Gives away what another worker should have, which loads a scene in `load_s`: published first, left alone then.
-    pub(super) fn give(
-        &self,
-        queue: &dyn Queue,
-        costs: Costs,
-        load_s: Option<f64>,
-    ) -> Result<Given<'a>, QueueError> {
+    pub(super) fn give(&self, queue: &dyn Queue, costs: Costs, load_s: Option<f64>) -> Given<'a> {
         let views = self.views(costs);
         let view = |(_, view): &(u64, HeldSpan)| HeldSpan {
             load_s: load_s.unwrap_or(view.load_s),
@@ -274,10 +269,14 @@ impl<'a> HeldSpans<'a> {
             let Some(handed_on) = self.handed_on(*ticket) else {
                 continue;
             };
-            queue.publish(&[Waiting {
+            let waiting = Waiting {
                 span: gift.clone(),
                 handed_on: handed_on + 1,
-            }])?;
+            };
+            // A queue that cannot be told: the rest stays here, and what was given before stays given.
+            if queue.publish(&[waiting]).is_err() {
+                break;
+            }
             given.count += 1;
             match self.leave(queue, *ticket, &gift) {
                 Left::Nothing => {}
@@ -286,7 +285,7 @@ impl<'a> HeldSpans<'a> {
                 Left::Whole(attempt) => given.unbegun.extend(attempt),
             }
         }
-        Ok(given)
+        given
     }
 
     fn handed_on(&self, ticket: u64) -> Option<u32> {

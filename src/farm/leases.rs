@@ -64,9 +64,7 @@ impl Shared<'_> {
         if self.must_stop() {
             return 0;
         }
-        let Ok(given) = self.held.give(shared.queue, self.costs(), load_s) else {
-            return 0;
-        };
+        let given = self.held.give(shared.queue, self.costs(), load_s);
         self.given
             .fetch_add(u64::from(given.count), Ordering::Relaxed);
         for attempt in given.unbegun {

@@ -74,6 +74,9 @@ impl Planned {
             _ if self.existed => {
                 "the run is planned and stays as it is: scenes that cannot be made will be set aside".to_owned()
             }
+            _ if count == 0 => {
+                "scenes that need them will be set aside with these reasons; --skip-invalid leaves them out".to_owned()
+            }
             "photographs" => format!("{parts} left out: {count}; others were drawn in their place"),
             _ => format!("{parts} left out: {count}"),
         };
@@ -200,6 +203,9 @@ pub fn plan(
         "correct them, or go on without them: --skip-invalid leaves out these {}",
         content.parts_replaced()
     );
+    // Whoever names scenes gets them, or for each that cannot be made a reason: the farm sets it aside. Of a recipe's
+    // photographs others can take the place.
+    let keeps = content.is_manifest() && !options.skip_invalid;
     let draft = loop {
         let mut check = |lines: &[SceneLine]| {
             if is_checked {
@@ -223,7 +229,7 @@ pub fn plan(
         }
         let mut found = check(&first)?;
         let mut draft = None;
-        if found.is_empty() || existing.is_some() {
+        if found.is_empty() || existing.is_some() || keeps {
             let drawn = content.draft(&left_out, &dir, options, on_progress)?;
             found = check(&drawn.lines)?;
             draft = Some(drawn);
@@ -233,6 +239,7 @@ pub fn plan(
         let is_sound = found.is_empty();
         invalid.extend(found);
         match draft {
+            Some(draft) if keeps => break Some(draft),
             _ if !is_sound && !options.skip_invalid => break None,
             Some(draft) if is_sound || existing.is_some() => break Some(draft),
             _ => left_out.extend(names),

@@ -158,7 +158,10 @@ impl Shared<'_> {
                 self.let_go(ticket);
                 Ok(())
             }
-            IsolatedEnd::Stopped => self.pass_to_others(delivery),
+            IsolatedEnd::Stopped => {
+                self.pass_to_others(delivery);
+                Ok(())
+            }
             IsolatedEnd::Lost(ending) => self.lost(line, delivery, ending),
             IsolatedEnd::Failed(reason) => {
                 self.let_go(ticket);
@@ -207,7 +210,7 @@ impl Shared<'_> {
                 self.quarantine(line, &reason);
                 self.give_up(delivery.ticket);
             }
-            Verdict::Fresh | Verdict::Suspect => self.publish_again(delivery)?,
+            Verdict::Fresh | Verdict::Suspect => self.publish_again(delivery),
         }
         self.went_wrong(line);
         Ok(())
@@ -236,20 +239,29 @@ impl Shared<'_> {
             self.quarantine(line, reason);
             self.give_up(delivery.ticket);
         } else {
-            self.publish_again(delivery)?;
+            self.publish_again(delivery);
         }
         self.went_wrong(line);
         Ok(())
     }
 
     /// Publishes a span again, as it was, and gives it up. Its record stays.
-    fn publish_again(&self, delivery: &Delivery) -> Result<(), FarmError> {
-        self.queue.publish(&[Waiting {
+    fn publish_again(&self, delivery: &Delivery) {
+        if self.tell_others(delivery) {
+            self.give_up(delivery.ticket);
+        } else {
+            self.held.remove(delivery.ticket);
+        }
+    }
+
+    /// Publishes a span again. False if the queue cannot be told: it is away or has lost everything. That is no fault of the
+    /// worker's; the lease ends, or the coordinator notices what is missing.
+    fn tell_others(&self, delivery: &Delivery) -> bool {
+        let again = Waiting {
             span: delivery.waiting.span.clone(),
             handed_on: delivery.waiting.handed_on + 1,
-        }])?;
-        self.give_up(delivery.ticket);
-        Ok(())
+        };
+        self.queue.publish(&[again]).is_ok()
     }
 
     /// A held span is no longer this worker's. The record of the attempt stays.
@@ -259,13 +271,12 @@ impl Shared<'_> {
     }
 
     /// The same for a span with which nothing is wrong.
-    fn pass_to_others(&self, delivery: &Delivery) -> Result<(), FarmError> {
-        self.queue.publish(&[Waiting {
-            span: delivery.waiting.span.clone(),
-            handed_on: delivery.waiting.handed_on + 1,
-        }])?;
-        self.let_go(delivery.ticket);
-        Ok(())
+    fn pass_to_others(&self, delivery: &Delivery) {
+        if self.tell_others(delivery) {
+            self.let_go(delivery.ticket);
+        } else if let Some(record) = self.held.remove(delivery.ticket) {
+            record.forget(self.store);
+        }
     }
 
     /// A held span has ended in order.

@@ -125,6 +125,7 @@ impl Side {
     }
 
     /// The side with the camera's exposure and white balance in its own: light is linear, so both come to the same.
+    #[must_use]
     pub fn seen_by(&self, camera: &Camera) -> Self {
         let mut side = self.clone();
         let (exposure, illuminant) = side.light_mut();

@@ -60,6 +60,7 @@ impl Look {
     }
 
     /// What a camera makes of it: red, green and blue of all layers times `gains`.
+    #[must_use]
     pub fn times(mut self, gains: [f64; 3]) -> Self {
         for layer in [
             &mut self.input,
@@ -82,7 +83,7 @@ impl Look {
 
     /// The value that `percentile` of I's pixels do not exceed in their largest channel.
     pub fn percentile(&self, percentile: f64) -> f64 {
-        let mut largest: Vec<f64> = self.input.iter().map(|p| max_of(p)).collect();
+        let mut largest: Vec<f64> = self.input.iter().map(max_of).collect();
         largest.sort_by(f64::total_cmp);
         let rank = (percentile / 100.0 * largest.len() as f64).ceil() as usize;
         largest[rank.clamp(1, largest.len()) - 1]

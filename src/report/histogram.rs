@@ -82,9 +82,10 @@ pub(super) fn short(value: f64) -> String {
         (2 - value.abs().log10().floor() as i32).clamp(0, 6)
     };
     let text = format!("{value:.*}", digits as usize);
-    match text.contains('.') {
-        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
-        false => text,
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
     }
 }
 

@@ -263,15 +263,25 @@ fn scenes_of_a_manifest_are_left_out_by_themselves() {
         let arguments = ["plan", text(&manifest), "--out", text(&out), "--json"];
         run(&[&arguments, more].concat())
     };
-    let ended = plan(&[]).expect(4).says(&[
-        "2 of 7 input files",
-        "manifest:nowhere.npy",
-        "it cannot be read",
-        "manifest:a.png",
-        "3 channels",
-    ]);
+    // Who names scenes gets them: those that cannot be made are set aside, the others go on.
+    let kept = folder.path().join("kept");
+    let ended = run(&["plan", text(&manifest), "--out", text(&kept), "--json"])
+        .expect(0)
+        .says(&[
+            "2 of 7 input files",
+            "manifest:nowhere.npy",
+            "it cannot be read",
+            "manifest:a.png",
+            "3 channels",
+            "--skip-invalid leaves them out",
+        ]);
     assert_eq!(ended.json()["invalid"][1]["scenes"], json!(["bad"]));
-    assert!(!out.exists());
+    let done = run(&["work", text(&kept), "--json"]).expect(3).json();
+    assert_eq!(done["merged"], 1);
+    assert!(
+        kept.join("quarantine/bad.json").is_file() && kept.join("quarantine/worse.json").is_file()
+    );
+
     let planned = plan(&["--skip-invalid"])
         .expect(0)
         .says(&["scenes left out: 2"])
