@@ -32,3 +32,5 @@ pub mod serve;
 pub mod shard;
 pub mod store;
 pub mod trace;
+#[cfg(feature = "train")]
+pub mod train;

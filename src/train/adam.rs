@@ -1,0 +1,97 @@
+//! Adam (Kingma and Ba, ICLR 2015) whose state can be saved. candle's hides its moments.
+
+use candle_core::backprop::GradStore;
+use candle_core::{Result, Tensor, Var};
+
+/// Settings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AdamOptions {
+    /// Step size.
+    pub learning_rate: f64,
+    /// Of the mean of the gradients.
+    pub beta1: f64,
+    /// Of the mean of their squares.
+    pub beta2: f64,
+    /// Added to the root of the second.
+    pub epsilon: f64,
+}
+
+impl Default for AdamOptions {
+    fn default() -> Self {
+        Self {
+            learning_rate: 1e-4,
+            beta1: 0.9,
+            beta2: 0.999,
+            epsilon: 1e-8,
+        }
+    }
+}
+
+/// A named variable with its moments.
+pub struct Moments {
+    /// Unique among the optimiser's.
+    pub name: String,
+    /// What is learned.
+    pub variable: Var,
+    /// Running mean of its gradients.
+    pub mean: Tensor,
+    /// Running mean of their squares.
+    pub square: Tensor,
+}
+
+/// The optimiser.
+pub struct Adam {
+    /// Settings.
+    pub options: AdamOptions,
+    /// Steps so far.
+    pub steps: u64,
+    /// In a fixed order.
+    pub moments: Vec<Moments>,
+}
+
+impl Adam {
+    /// For these variables, none of which has been learned yet.
+    pub fn new(variables: Vec<(String, Var)>, options: AdamOptions) -> Result<Self> {
+        let moments = variables
+            .into_iter()
+            .map(|(name, variable)| {
+                Ok(Moments {
+                    mean: variable.zeros_like()?,
+                    square: variable.zeros_like()?,
+                    name,
+                    variable,
+                })
+            })
+            .collect::<Result<_>>()?;
+        Ok(Self {
+            options,
+            steps: 0,
+            moments,
+        })
+    }
+
+    /// One step, as PyTorch takes it. Variables without a gradient stay.
+    pub fn step(&mut self, gradients: &GradStore) -> Result<()> {
+        self.steps += 1;
+        let AdamOptions {
+            learning_rate,
+            beta1,
+            beta2,
+            epsilon,
+        } = self.options;
+        let steps = self.steps as f64;
+        let (of_mean, of_square) = (1.0 - libm::pow(beta1, steps), 1.0 - libm::pow(beta2, steps));
+        for moments in &mut self.moments {
+            let Some(gradient) = gradients.get(&moments.variable) else {
+                continue;
+            };
+            // Detached, or the graph of all steps would be kept.
+            moments.mean = ((&moments.mean * beta1)? + (gradient * (1.0 - beta1))?)?.detach();
+            moments.square = ((&moments.square * beta2)? + (gradient.sqr()? * (1.0 - beta2))?)?.detach();
+            let deviation = ((&moments.square / of_square)?.sqrt()? + epsilon)?;
+            let change = ((&moments.mean * (learning_rate / of_mean))? / deviation)?;
+            moments.variable.set(&(moments.variable.as_tensor() - change)?)?;
+        }
+        Ok(())
+    }
+}

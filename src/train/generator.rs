@@ -1,0 +1,193 @@
+//! The generator of Zhang, Ng and Chen (CVPR 2018), which SP-net and BT-net share: hypercolumn, dilated convolutions, adaptive
+//! norm.
+
+use super::ops::{NormOptions, Window, bilinear, conv2d, norm_act};
+use super::random::Stream;
+use candle_core::{DType, Device, Result, Tensor, Var};
+
+/// From one of the kernel's pixels to the next in each 3 x 3 convolution.
+pub const DILATIONS: [usize; 8] = [1, 2, 4, 8, 16, 32, 64, 1];
+
+/// Zhang et al.'s.
+const NORM: NormOptions = NormOptions {
+    epsilon: 1e-3,
+    slope: 0.2,
+};
+
+/// How weights begin.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Start {
+    /// Each convolution passes its first channels on (Zhang et al.'s).
+    #[default]
+    Identity,
+    /// Normal numbers of deviation sqrt(2 / inputs) (He et al.'s).
+    Random,
+}
+
+/// Sizes of a generator.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GeneratorOptions {
+    /// Channels between: 64.
+    pub width: usize,
+    /// Channels of the result: 6 of SP-net (T*, R~*), 3 of BT-net (R*).
+    pub outputs: usize,
+    /// Channels of the features that it is given, the first finest; none without a feature network.
+    pub features: Vec<usize>,
+    /// How weights begin.
+    pub start: Start,
+}
+
+/// The network. All it learns is in [`Generator::variables`].
+pub struct Generator {
+    /// (width, all features from the coarsest on and red, green, blue, 1, 1), then (width, width, 3, 3).
+    kernels: Vec<Var>,
+    /// Adaptive norm: `by_itself x + by_norm (norm(x) + offset)`.
+    by_itself: Vec<Var>,
+    by_norm: Vec<Var>,
+    offsets: Vec<Var>,
+    last: Var,
+    last_bias: Var,
+}
+
+impl Generator {
+    /// With weights from a seed; `name` tells this network's numbers from those of others.
+    pub fn new(options: &GeneratorOptions, seed: u64, name: &str, device: &Device) -> Result<Self> {
+        let width = options.width;
+        let inputs = options.features.iter().sum::<usize>() + 3;
+        let mut generator = Self {
+            kernels: Vec::new(),
+            by_itself: Vec::new(),
+            by_norm: Vec::new(),
+            offsets: Vec::new(),
+            last: Var::zeros((options.outputs, width, 1, 1), DType::F32, device)?,
+            last_bias: Var::zeros(options.outputs, DType::F32, device)?,
+        };
+        for layer in 0..=DILATIONS.len() {
+            let (channels, size) = if layer == 0 { (inputs, 1) } else { (width, 3) };
+            let shape = [width, channels, size, size];
+            let kernel = match options.start {
+                Start::Identity => identity(shape, device)?,
+                Start::Random => {
+                    let deviation = (2.0 / (channels * size * size) as f64).sqrt();
+                    let mut stream = Stream::new(seed, &format!("{name} kernel.{layer}"));
+                    stream.normal_tensor(&shape, deviation, device)?
+                }
+            };
+            generator.kernels.push(Var::from_tensor(&kernel)?);
+            generator.by_itself.push(Var::ones(1, DType::F32, device)?);
+            generator.by_norm.push(Var::zeros(1, DType::F32, device)?);
+            generator.offsets.push(Var::zeros(width, DType::F32, device)?);
+        }
+        // Glorot and Bengio's, as Zhang et al. have it.
+        let deviation = (2.0 / (width + options.outputs) as f64).sqrt();
+        let mut stream = Stream::new(seed, &format!("{name} last"));
+        let last = stream.normal_tensor(&[options.outputs, width, 1, 1], deviation, device)?;
+        generator.last.set(&last)?;
+        Ok(generator)
+    }
+
+    /// Everything that is learned, by name, in a fixed order.
+    pub fn variables(&self) -> Vec<(String, Var)> {
+        let mut variables = Vec::new();
+        let lists = [
+            ("kernel", &self.kernels),
+            ("by_itself", &self.by_itself),
+            ("by_norm", &self.by_norm),
+            ("offset", &self.offsets),
+        ];
+        for (name, list) in lists {
+            let named = list.iter().enumerate();
+            variables.extend(named.map(|(layer, v)| (format!("{name}.{layer}"), v.clone())));
+        }
+        variables.push(("last".to_owned(), self.last.clone()));
+        variables.push(("last_bias".to_owned(), self.last_bias.clone()));
+        variables
+    }
+
+    /// Of sRGB-coded images (batch, 3, rows, columns) and their features, the finest first: (batch, outputs, rows, columns),
+    /// not clamped.
+    pub fn forward(&self, images: &Tensor, features: &[Tensor]) -> Result<Tensor> {
+        let mut x = self.first(images, features)?;
+        x = self.norm(0, &x)?;
+        for (layer, dilation) in DILATIONS.into_iter().enumerate() {
+            x = conv2d(&x, &self.kernels[layer + 1], Window::same(3, dilation))?;
+            x = self.norm(layer + 1, &x)?;
+        }
+        let out = conv2d(&x, &self.last, Window::same(1, 1))?;
+        out.broadcast_add(&self.last_bias.reshape((1, (), 1, 1))?)
+    }
+
+    /// The 1 x 1 convolution of the hypercolumn. It works on channels and resizing on pixels, so they can change places: each
+    /// feature is convolved at its own size, and the tensor of all channels at full size never exists.
+    fn first(&self, images: &Tensor, features: &[Tensor]) -> Result<Tensor> {
+        let (_, _, rows, columns) = images.dims4()?;
+        let mut start = 0;
+        let mut sum: Option<Tensor> = None;
+        for part in features.iter().rev().chain([images]) {
+            let channels = part.dim(1)?;
+            let kernel = self.kernels[0].narrow(1, start, channels)?;
+            start += channels;
+            let out = conv2d(part, &kernel, Window::same(1, 1))?;
+            let out = bilinear(&out, rows, columns)?;
+            sum = Some(match sum {
+                None => out,
+                Some(sum) => (sum + out)?,
+            });
+        }
+        sum.ok_or_else(|| candle_core::Error::Msg("generator: no image".to_owned()))
+    }
+
+    fn norm(&self, layer: usize, x: &Tensor) -> Result<Tensor> {
+        let channels = x.dim(1)?;
+        let by_itself = self.by_itself[layer].broadcast_as(channels)?;
+        let by_norm = self.by_norm[layer].broadcast_as(channels)?;
+        let offset = by_norm.mul(self.offsets[layer].as_tensor())?;
+        let coefficients = Tensor::stack(&[by_itself.contiguous()?, by_norm.contiguous()?, offset], 0)?;
+        norm_act(x, &coefficients, NORM)
+    }
+}
+
+/// The middle of the kernel passes channel i on to channel i.
+fn identity([outputs, inputs, rows, columns]: [usize; 4], device: &Device) -> Result<Tensor> {
+    let mut values = vec![0.0f32; outputs * inputs * rows * columns];
+    for channel in 0..outputs.min(inputs) {
+        let plane = (channel * inputs + channel) * rows * columns;
+        values[plane + rows / 2 * columns + columns / 2] = 1.0;
+    }
+    Tensor::from_vec(values, (outputs, inputs, rows, columns), device)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn options(outputs: usize, start: Start) -> GeneratorOptions {
+        GeneratorOptions {
+            width: 64,
+            outputs,
+            features: vec![64, 128, 256, 512, 512],
+            start,
+        }
+    }
+
+    #[test]
+    fn it_has_as_many_parameters_as_the_published_one() {
+        let count = |outputs| {
+            let generator = Generator::new(&options(outputs, Start::Identity), 1, "g", &Device::Cpu).unwrap();
+            let variables = generator.variables();
+            variables.iter().map(|(_, v)| v.elem_count()).sum::<usize>()
+        };
+        let layers = 64 * 1475 + 8 * 64 * 64 * 9 + 9 * (64 + 2);
+        assert_eq!(count(6), layers + 6 * 65);
+        assert_eq!(count(3), layers + 3 * 65);
+    }
+
+    #[test]
+    fn an_identity_passes_its_first_channels() {
+        let kernel = identity([2, 3, 3, 3], &Device::Cpu).unwrap();
+        let image = Stream::new(1, "image").normal_tensor(&[1, 3, 5, 6], 1.0, &Device::Cpu).unwrap();
+        let passed = conv2d(&image, &kernel, Window::same(3, 1)).unwrap();
+        let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        assert_eq!(numbers(&passed), numbers(&image.narrow(1, 0, 2).unwrap()));
+    }
+}

@@ -1,0 +1,247 @@
+//! Convolution of tensors, alone or with a bias and ReLU.
+
+use super::kernel::{forward, image_gradient, kernel_gradient};
+use super::values;
+use super::window::{Sizes, Window};
+use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor};
+use rayon::prelude::*;
+
+/// Convolution of `image` (batch, in, rows, columns) with `kernel` (out, in, rows, columns), both f32: (batch, out, ...).
+///
+/// Gradients that nothing asks for (of frozen kernels, of images that are data) are not computed.
+pub fn conv2d(image: &Tensor, kernel: &Tensor, window: Window) -> Result<Tensor> {
+    if image.device().is_cpu() {
+        let image = image.contiguous()?;
+        return image.apply_op2(&kernel.contiguous()?, Convolve(window));
+    }
+    by_products(image, kernel, window)
+}
+
+/// `relu(conv2d(image, kernel) + bias)`; `bias` has a number for each output. ReLU's gradient at 0 is 0.
+pub fn conv2d_bias_relu(
+    image: &Tensor,
+    kernel: &Tensor,
+    bias: &Tensor,
+    window: Window,
+) -> Result<Tensor> {
+    if image.device().is_cpu() {
+        let (image, kernel, bias) = (image.contiguous()?, kernel.contiguous()?, bias.contiguous()?);
+        return image.apply_op3(&kernel, &bias, ConvolveBiasRelu(window));
+    }
+    let biased = by_products(image, kernel, window)?.broadcast_add(&bias.reshape((1, (), 1, 1))?)?;
+    // candle's relu has the gradient 1 at 0.
+    let positive = biased.gt(0.0)?.to_dtype(biased.dtype())?;
+    biased * positive
+}
+
+/// The same from plain operations with right gradients, for devices without own kernels: one product for each of the kernel's
+/// pixels. candle's convolution has wrong or slow gradients.
+pub(super) fn by_products(image: &Tensor, kernel: &Tensor, window: Window) -> Result<Tensor> {
+    let sizes = Sizes::new(image.dims(), kernel.dims(), window)?;
+    let [rows, columns] = sizes.out;
+    let padded = image
+        .pad_with_zeros(2, window.padding, window.padding)?
+        .pad_with_zeros(3, window.padding, window.padding)?;
+    let mut sum: Option<Tensor> = None;
+    for y in 0..sizes.kernel[0] {
+        for x in 0..sizes.kernel[1] {
+            let seen = every(&padded, 2, y * window.dilation, window.stride, rows)?;
+            let seen = every(&seen, 3, x * window.dilation, window.stride, columns)?;
+            let seen = seen.contiguous()?.reshape((sizes.batch, sizes.channels_in, rows * columns))?;
+            let weights = kernel.narrow(2, y, 1)?.narrow(3, x, 1)?;
+            let weights = weights.reshape((1, sizes.channels_out, sizes.channels_in))?;
+            let part = weights.contiguous()?.broadcast_matmul(&seen)?;
+            sum = Some(match sum {
+                None => part,
+                Some(sum) => (sum + part)?,
+            });
+        }
+    }
+    let sum = sum.ok_or_else(|| candle_core::Error::Msg("conv2d: the kernel is empty".to_owned()))?;
+    sum.reshape((sizes.batch, sizes.channels_out, rows, columns))
+}
+
+/// `count` slices of a dimension, from `first` on, `step` apart.
+fn every(tensor: &Tensor, dimension: usize, first: usize, step: usize, count: usize) -> Result<Tensor> {
+    if step == 1 {
+        return tensor.narrow(dimension, first, count);
+    }
+    let places: Vec<u32> = (0..count).map(|k| (first + k * step) as u32).collect();
+    let places = Tensor::new(places, tensor.device())?;
+    tensor.index_select(&places, dimension)
+}
+
+struct Convolve(Window);
+
+impl CustomOp2 for Convolve {
+    fn name(&self) -> &'static str {
+        "conv2d"
+    }
+
+    fn cpu_fwd(
+        &self,
+        image: &CpuStorage,
+        image_layout: &Layout,
+        kernel: &CpuStorage,
+        kernel_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let sizes = Sizes::new(image_layout.dims(), kernel_layout.dims(), self.0)?;
+        let image = values("conv2d", image, image_layout)?;
+        let kernel = values("conv2d", kernel, kernel_layout)?;
+        Ok((CpuStorage::F32(forward(&sizes, image, kernel)), shape_of(&sizes)))
+    }
+
+    fn bwd(
+        &self,
+        image: &Tensor,
+        kernel: &Tensor,
+        _result: &Tensor,
+        gradient: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>)> {
+        gradients(self.0, image, kernel, &gradient.contiguous()?)
+    }
+}
+
+struct ConvolveBiasRelu(Window);
+
+impl CustomOp3 for ConvolveBiasRelu {
+    fn name(&self) -> &'static str {
+        "conv2d-bias-relu"
+    }
+
+    fn cpu_fwd(
+        &self,
+        image: &CpuStorage,
+        image_layout: &Layout,
+        kernel: &CpuStorage,
+        kernel_layout: &Layout,
+        bias: &CpuStorage,
+        bias_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let sizes = Sizes::new(image_layout.dims(), kernel_layout.dims(), self.0)?;
+        let image = values("conv2d", image, image_layout)?;
+        let kernel = values("conv2d", kernel, kernel_layout)?;
+        let bias = values("conv2d", bias, bias_layout)?;
+        if bias.len() != sizes.channels_out {
+            candle_core::bail!("conv2d: {} biases for {} outputs", bias.len(), sizes.channels_out);
+        }
+        let mut out = forward(&sizes, image, kernel);
+        let planes = out.par_chunks_exact_mut(sizes.out_len().max(1)).enumerate();
+        planes.for_each(|(plane, values)| {
+            let bias = bias[plane % sizes.channels_out];
+            for value in values {
+                *value = (*value + bias).max(0.0);
+            }
+        });
+        Ok((CpuStorage::F32(out), shape_of(&sizes)))
+    }
+
+    fn bwd(
+        &self,
+        image: &Tensor,
+        kernel: &Tensor,
+        bias: &Tensor,
+        result: &Tensor,
+        gradient: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
+        let passed = gradient.contiguous()?.apply_op2_no_bwd(result, &WherePositive)?;
+        let (of_image, of_kernel) = gradients(self.0, image, kernel, &passed)?;
+        let of_bias = bias
+            .track_op()
+            .then(|| passed.sum((0, 2, 3)))
+            .transpose()?;
+        Ok((of_image, of_kernel, of_bias))
+    }
+}
+
+/// Gradients of image and kernel, of those that somebody asks for.
+fn gradients(
+    window: Window,
+    image: &Tensor,
+    kernel: &Tensor,
+    gradient: &Tensor,
+) -> Result<(Option<Tensor>, Option<Tensor>)> {
+    let of_image = match image.track_op() {
+        true => Some(gradient.apply_op2_no_bwd(kernel, &ImageGradient(window, image.dims().to_vec()))?),
+        false => None,
+    };
+    let of_kernel = match kernel.track_op() {
+        true => Some(image.apply_op2_no_bwd(gradient, &KernelGradient(window, kernel.dims().to_vec()))?),
+        false => None,
+    };
+    Ok((of_image, of_kernel))
+}
+
+fn shape_of(sizes: &Sizes) -> Shape {
+    let [rows, columns] = sizes.out;
+    (sizes.batch, sizes.channels_out, rows, columns).into()
+}
+
+/// Of the result's gradient and the kernel: the image's gradient, which has these dimensions.
+struct ImageGradient(Window, Vec<usize>);
+
+impl CustomOp2 for ImageGradient {
+    fn name(&self) -> &'static str {
+        "conv2d-image-gradient"
+    }
+
+    fn cpu_fwd(
+        &self,
+        gradient: &CpuStorage,
+        gradient_layout: &Layout,
+        kernel: &CpuStorage,
+        kernel_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let sizes = Sizes::new(&self.1, kernel_layout.dims(), self.0)?;
+        let gradient = values("conv2d", gradient, gradient_layout)?;
+        let kernel = values("conv2d", kernel, kernel_layout)?;
+        let out = image_gradient(&sizes, kernel, gradient);
+        Ok((CpuStorage::F32(out), self.1.clone().into()))
+    }
+}
+
+/// Of the image and the result's gradient: the kernel's gradient, which has these dimensions.
+struct KernelGradient(Window, Vec<usize>);
+
+impl CustomOp2 for KernelGradient {
+    fn name(&self) -> &'static str {
+        "conv2d-kernel-gradient"
+    }
+
+    fn cpu_fwd(
+        &self,
+        image: &CpuStorage,
+        image_layout: &Layout,
+        gradient: &CpuStorage,
+        gradient_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let sizes = Sizes::new(image_layout.dims(), &self.1, self.0)?;
+        let image = values("conv2d", image, image_layout)?;
+        let gradient = values("conv2d", gradient, gradient_layout)?;
+        let out = kernel_gradient(&sizes, image, gradient);
+        Ok((CpuStorage::F32(out), self.1.clone().into()))
+    }
+}
+
+/// The first tensor where the second is above 0, else 0.
+struct WherePositive;
+
+impl CustomOp2 for WherePositive {
+    fn name(&self) -> &'static str {
+        "where-positive"
+    }
+
+    fn cpu_fwd(
+        &self,
+        gradient: &CpuStorage,
+        gradient_layout: &Layout,
+        result: &CpuStorage,
+        result_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let gradient = values("relu", gradient, gradient_layout)?;
+        let result = values("relu", result, result_layout)?;
+        let pairs = gradient.par_iter().zip(result).with_min_len(1 << 15);
+        let out = pairs.map(|(gradient, result)| if *result > 0.0 { *gradient } else { 0.0 });
+        Ok((CpuStorage::F32(out.collect()), gradient_layout.shape().clone()))
+    }
+}

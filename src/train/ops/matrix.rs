@@ -1,0 +1,160 @@
+//! Products of matrices in one thread, by the gemm crate.
+#![allow(unsafe_code, reason = "gemm takes pointers, and threads write columns of one matrix")]
+
+use std::marker::PhantomData;
+
+/// A matrix in a slice, with any strides.
+#[derive(Clone, Copy)]
+pub(super) struct Mat<'a> {
+    values: &'a [f32],
+    pub(super) rows: usize,
+    pub(super) columns: usize,
+    row_stride: usize,
+    column_stride: usize,
+}
+
+impl<'a> Mat<'a> {
+    /// Rows one after another, `row_stride` apart.
+    pub(super) fn by_rows(values: &'a [f32], rows: usize, columns: usize, row_stride: usize) -> Self {
+        let matrix = Self {
+            values,
+            rows,
+            columns,
+            row_stride,
+            column_stride: 1,
+        };
+        assert!(matrix.end() <= values.len(), "a matrix ends in its slice");
+        matrix
+    }
+
+    /// Rows and columns exchanged.
+    pub(super) fn transposed(self) -> Self {
+        Self {
+            rows: self.columns,
+            columns: self.rows,
+            row_stride: self.column_stride,
+            column_stride: self.row_stride,
+            ..self
+        }
+    }
+
+    /// One past the last element's place.
+    fn end(&self) -> usize {
+        if self.rows == 0 || self.columns == 0 {
+            return 0;
+        }
+        (self.rows - 1) * self.row_stride + (self.columns - 1) * self.column_stride + 1
+    }
+}
+
+/// A matrix to be written: some columns of a larger one, which are no other's.
+pub(super) struct MatMut<'a> {
+    start: *mut f32,
+    pub(super) rows: usize,
+    pub(super) columns: usize,
+    row_stride: usize,
+    _of: PhantomData<&'a mut f32>,
+}
+
+// SAFETY: it stands for an exclusive borrow of its own elements, which are plain numbers.
+unsafe impl Send for MatMut<'_> {}
+
+impl<'a> MatMut<'a> {
+    /// All of a slice, row by row.
+    pub(super) fn whole(values: &'a mut [f32], rows: usize, columns: usize) -> Self {
+        assert!(rows * columns <= values.len(), "a matrix ends in its slice");
+        Self {
+            start: values.as_mut_ptr(),
+            rows,
+            columns,
+            row_stride: columns,
+            _of: PhantomData,
+        }
+    }
+
+    /// A row-by-row matrix cut into blocks of `width` columns; the last may be narrower. Threads may write them at once.
+    pub(super) fn column_blocks(
+        values: &'a mut [f32],
+        rows: usize,
+        columns: usize,
+        width: usize,
+    ) -> Vec<Self> {
+        assert!(rows * columns <= values.len(), "a matrix ends in its slice");
+        let start = values.as_mut_ptr();
+        (0..columns)
+            .step_by(width.max(1))
+            .map(|first| Self {
+                // SAFETY: `first` is below `columns`, so it is inside of the slice (or there are no rows to write).
+                start: unsafe { start.add(if rows == 0 { 0 } else { first }) },
+                rows,
+                columns: width.max(1).min(columns - first),
+                row_stride: columns,
+                _of: PhantomData,
+            })
+            .collect()
+    }
+}
+
+/// `out = a b`, or `out += a b`. In one thread: the order of the sums depends on the shapes and the CPU's kernels alone.
+pub(super) fn product(out: &mut MatMut, a: Mat, b: Mat, add: bool) {
+    assert!(
+        out.rows == a.rows && a.columns == b.rows && b.columns == out.columns,
+        "matrices fit"
+    );
+    // SAFETY: every matrix ends within what it borrows (checked when it was made), `out` borrows its elements alone, and the
+    // strides are those of the borrowed slices.
+    unsafe {
+        gemm::gemm(
+            out.rows,
+            out.columns,
+            a.columns,
+            out.start,
+            1,
+            out.row_stride as isize,
+            add,
+            a.values.as_ptr(),
+            a.column_stride as isize,
+            a.row_stride as isize,
+            b.values.as_ptr(),
+            b.column_stride as isize,
+            b.row_stride as isize,
+            1.0,
+            1.0,
+            false,
+            false,
+            false,
+            gemm::Parallelism::None,
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn products_of_blocks_are_the_whole_product() {
+        let a: Vec<f32> = (0..6).map(|v| v as f32).collect();
+        let b: Vec<f32> = (0..15).map(|v| (v * v % 7) as f32).collect();
+        let mut whole = vec![0.0; 10];
+        product(
+            &mut MatMut::whole(&mut whole, 2, 5),
+            Mat::by_rows(&a, 2, 3, 3),
+            Mat::by_rows(&b, 3, 5, 5),
+            false,
+        );
+        for (row, column) in (0..2).flat_map(|r| (0..5).map(move |c| (r, c))) {
+            let sum: f32 = (0..3).map(|k| a[row * 3 + k] * b[k * 5 + column]).sum();
+            assert_eq!(whole[row * 5 + column], sum);
+        }
+        let mut blocks = vec![1.0; 10];
+        for (block, first) in MatMut::column_blocks(&mut blocks, 2, 5, 2).iter_mut().zip([0, 2, 4]) {
+            let part = Mat::by_rows(&b[first..], 3, block.columns, 5);
+            product(block, Mat::by_rows(&a, 2, 3, 3), part, true);
+        }
+        let one_more: Vec<f32> = whole.iter().map(|v| v + 1.0).collect();
+        assert_eq!(blocks, one_more);
+        let turned = Mat::by_rows(&a, 2, 3, 3).transposed();
+        assert_eq!((turned.rows, turned.columns), (3, 2));
+    }
+}

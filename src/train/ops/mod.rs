@@ -1,0 +1,44 @@
+//! Operations on tensors that candle computes slowly, with wrong gradients or not at all: convolution, pooling, resizing,
+//! norm with leaky ReLU, absolute value.
+//!
+//! ```text
+//! matrix.rs    products of matrices, by the gemm crate          convolve.rs   convolution op: tensors, gradients, fallback
+//! window.rs    which pixels a kernel sees; unfolding them       pool.rs       2 x 2 maximum
+//! kernel.rs    convolution and its two gradients on slices      resize.rs     bilinear resizing
+//!                                                               norm.rs       batch norm and leaky ReLU, absolute.rs  |x|
+//! ```
+//!
+//! On the CPU sums are taken in an order that does not depend on the number of threads. On other devices plain candle
+//! operations with right gradients take over.
+
+mod absolute;
+mod convolve;
+mod kernel;
+mod matrix;
+mod norm;
+mod pool;
+mod resize;
+mod window;
+
+pub use absolute::absolute;
+pub use convolve::{conv2d, conv2d_bias_relu};
+pub use norm::{NormOptions, norm_act};
+pub use pool::max_pool2;
+pub use resize::bilinear;
+pub use window::Window;
+
+use candle_core::{CpuStorage, Layout, Result};
+
+/// The values of a contiguous tensor of f32.
+fn values<'a>(op: &str, storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
+    let Some((start, end)) = layout.contiguous_offsets() else {
+        candle_core::bail!("{op}: the tensor is not contiguous");
+    };
+    match storage {
+        CpuStorage::F32(values) => Ok(&values[start..end]),
+        _ => candle_core::bail!("{op}: f32 is needed"),
+    }
+}
+
+#[cfg(test)]
+mod tests;

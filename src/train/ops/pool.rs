@@ -1,0 +1,100 @@
+//! The largest of 2 x 2 pixels.
+
+use super::values;
+use candle_core::{CpuStorage, CustomOp1, CustomOp2, Layout, Result, Shape, Tensor};
+use rayon::prelude::*;
+
+/// The largest of each 2 x 2 pixels of a (batch, channels, rows, columns) f32 tensor; an odd last row or column is left out.
+///
+/// The gradient goes to the first of the largest, as in PyTorch (candle's is four times too small).
+pub fn max_pool2(image: &Tensor) -> Result<Tensor> {
+    if image.device().is_cpu() {
+        return image.contiguous()?.apply_op1(MaxPool2);
+    }
+    let (batch, channels, rows, columns) = image.dims4()?;
+    let even = image.narrow(2, 0, rows / 2 * 2)?.narrow(3, 0, columns / 2 * 2)?;
+    let split = even
+        .contiguous()?
+        .reshape((batch * channels, rows / 2, 2, columns / 2, 2))?
+        .permute((0, 1, 3, 2, 4))?
+        .contiguous()?
+        .reshape((batch * channels * (rows / 2) * (columns / 2), 4))?;
+    // A choice is constant: the gradient goes through what was chosen.
+    let place = split.argmax_keepdim(1)?;
+    split.gather(&place, 1)?.reshape((batch, channels, rows / 2, columns / 2))
+}
+
+struct MaxPool2;
+
+impl CustomOp1 for MaxPool2 {
+    fn name(&self) -> &'static str {
+        "max-pool2"
+    }
+
+    fn cpu_fwd(&self, image: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
+        let (batch, channels, rows, columns) = layout.shape().dims4()?;
+        let image = values("max_pool2", image, layout)?;
+        let (down, across) = (rows / 2, columns / 2);
+        let mut out = vec![0.0; batch * channels * down * across];
+        if !out.is_empty() {
+            let planes = out.par_chunks_exact_mut(down * across);
+            planes.zip(image.par_chunks_exact(rows * columns)).for_each(|(out, plane)| {
+                for (place, largest) in out.iter_mut().enumerate() {
+                    *largest = plane[largest_of(plane, columns, place / across, place % across)];
+                }
+            });
+        }
+        Ok((CpuStorage::F32(out), (batch, channels, down, across).into()))
+    }
+
+    fn bwd(&self, image: &Tensor, _result: &Tensor, gradient: &Tensor) -> Result<Option<Tensor>> {
+        let gradient = gradient.contiguous()?;
+        Ok(Some(image.apply_op2_no_bwd(&gradient, &MaxPool2Gradient)?))
+    }
+}
+
+/// Where the first of the largest of four pixels is.
+fn largest_of(plane: &[f32], columns: usize, row: usize, column: usize) -> usize {
+    let first = 2 * row * columns + 2 * column;
+    let mut largest = first;
+    for place in [first + 1, first + columns, first + columns + 1] {
+        if plane[place] > plane[largest] {
+            largest = place;
+        }
+    }
+    largest
+}
+
+struct MaxPool2Gradient;
+
+impl CustomOp2 for MaxPool2Gradient {
+    fn name(&self) -> &'static str {
+        "max-pool2-gradient"
+    }
+
+    fn cpu_fwd(
+        &self,
+        image: &CpuStorage,
+        layout: &Layout,
+        gradient: &CpuStorage,
+        gradient_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let (_, _, rows, columns) = layout.shape().dims4()?;
+        let image = values("max_pool2", image, layout)?;
+        let gradient = values("max_pool2", gradient, gradient_layout)?;
+        let across = columns / 2;
+        let mut out = vec![0.0; image.len()];
+        if !gradient.is_empty() {
+            let planes = out.par_chunks_exact_mut(rows * columns);
+            let planes = planes.zip(image.par_chunks_exact(rows * columns));
+            planes.zip(gradient.par_chunks_exact(rows / 2 * across)).for_each(
+                |((out, plane), gradient)| {
+                    for (place, gradient) in gradient.iter().enumerate() {
+                        out[largest_of(plane, columns, place / across, place % across)] = *gradient;
+                    }
+                },
+            );
+        }
+        Ok((CpuStorage::F32(out), layout.shape().clone()))
+    }
+}

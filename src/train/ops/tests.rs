@@ -1,0 +1,142 @@
+//! Results and gradients against PyTorch's, computed in f64 (`tests/train/ops.py` makes them).
+
+use super::*;
+use candle_core::{Device, Tensor, Var};
+use std::collections::{BTreeMap, HashMap};
+
+type Case = BTreeMap<String, Tensor>;
+
+fn cases(prefix: &str) -> BTreeMap<String, Case> {
+    let bytes = include_bytes!("../../../tests/train/ops.safetensors");
+    let all: HashMap<String, Tensor> =
+        candle_core::safetensors::load_buffer(bytes, &Device::Cpu).unwrap();
+    let mut cases: BTreeMap<String, Case> = BTreeMap::new();
+    for (name, tensor) in all {
+        let (case, part) = name.rsplit_once('.').unwrap();
+        if case.starts_with(prefix) {
+            cases.entry(case.to_owned()).or_default().insert(part.to_owned(), tensor);
+        }
+    }
+    assert!(!cases.is_empty(), "{prefix}");
+    cases
+}
+
+/// Length of the difference over the length of what is expected.
+fn off(found: &Tensor, expected: &Tensor) -> f64 {
+    assert_eq!(found.dims(), expected.dims());
+    let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+    let length = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let expected: Vec<f64> = numbers(expected).into_iter().map(f64::from).collect();
+    let found = numbers(found).into_iter().map(f64::from);
+    let difference: Vec<f64> = found.zip(&expected).map(|(a, b)| a - b).collect();
+    length(&difference) / length(&expected).max(1e-30)
+}
+
+const CLOSE: f64 = 1e-5;
+
+/// Computes a case and compares the result and every gradient.
+fn compare(name: &str, case: &Case, parts: &[&str], compute: impl Fn(&[Tensor]) -> Tensor) {
+    let inputs: Vec<Var> = parts.iter().map(|p| Var::from_tensor(&case[*p]).unwrap()).collect();
+    let tensors: Vec<Tensor> = inputs.iter().map(|v| v.as_tensor().clone()).collect();
+    let y = compute(&tensors);
+    assert!(off(&y, &case["y"]) < CLOSE, "{name}: {}", off(&y, &case["y"]));
+    let gradients = (y * &case["g"]).unwrap().sum_all().unwrap().backward().unwrap();
+    for (part, input) in parts.iter().zip(&inputs) {
+        let found = gradients.get(input).unwrap();
+        let off = off(found, &case[&format!("d{part}")]);
+        assert!(off < CLOSE, "{name}, gradient of {part}: {off}");
+    }
+}
+
+fn window(name: &str) -> Window {
+    let number = |letter: char| {
+        let word = name.split(' ').find(|w| w.starts_with(letter) && w[1..].parse::<usize>().is_ok());
+        word.unwrap()[1..].parse().unwrap()
+    };
+    Window {
+        padding: number('p'),
+        stride: number('s'),
+        dilation: number('d'),
+    }
+}
+
+#[test]
+fn convolutions_are_pytorch_s() {
+    for (name, case) in cases("conv") {
+        compare(&name, &case, &["x", "w"], |t| conv2d(&t[0], &t[1], window(&name)).unwrap());
+    }
+}
+
+#[test]
+fn convolutions_by_products_are_too() {
+    for (name, case) in cases("conv") {
+        compare(&name, &case, &["x", "w"], |t| {
+            convolve::by_products(&t[0], &t[1], window(&name)).unwrap()
+        });
+    }
+}
+
+#[test]
+fn bias_and_relu_are_pytorch_s() {
+    for (name, case) in cases("relu") {
+        let window = Window::same(3, 1);
+        compare(&name, &case, &["x", "w", "b"], |t| {
+            conv2d_bias_relu(&t[0], &t[1], &t[2], window).unwrap()
+        });
+    }
+}
+
+#[test]
+fn pools_resizes_norms_and_absolutes_are_pytorch_s() {
+    for (name, case) in cases("pool") {
+        compare(&name, &case, &["x"], |t| max_pool2(&t[0]).unwrap());
+    }
+    for (name, case) in cases("resize") {
+        let (_, _, rows, columns) = case["y"].dims4().unwrap();
+        compare(&name, &case, &["x"], |t| bilinear(&t[0], rows, columns).unwrap());
+    }
+    for (name, case) in cases("norm") {
+        let is_straight = name.ends_with("straight");
+        let options = NormOptions {
+            epsilon: if is_straight { 1e-5 } else { 1e-3 },
+            slope: if is_straight { 1.0 } else { 0.2 },
+        };
+        compare(&name, &case, &["x", "c"], |t| norm_act(&t[0], &t[1], options).unwrap());
+    }
+    for (name, case) in cases("absolute") {
+        compare(&name, &case, &["x"], |t| absolute(&t[0]).unwrap());
+    }
+}
+
+#[test]
+fn what_nobody_asks_for_is_not_computed() {
+    let image = Tensor::ones((1, 2, 5, 5), candle_core::DType::F32, &Device::Cpu).unwrap();
+    let kernel = Var::ones((3, 2, 3, 3), candle_core::DType::F32, &Device::Cpu).unwrap();
+    let out = conv2d(&image, &kernel, Window::same(3, 1)).unwrap();
+    let gradients = out.sum_all().unwrap().backward().unwrap();
+    assert!(gradients.get(&image).is_none() && gradients.get(&kernel).is_some());
+}
+
+#[test]
+fn shapes_that_do_not_fit_are_named() {
+    let image = Tensor::zeros((1, 2, 5, 5), candle_core::DType::F32, &Device::Cpu).unwrap();
+    let kernel = Tensor::zeros((3, 4, 3, 3), candle_core::DType::F32, &Device::Cpu).unwrap();
+    let error = conv2d(&image, &kernel, Window::same(3, 1)).unwrap_err().to_string();
+    assert!(error.contains("a kernel of [3, 4, 3, 3] does not fit an image of [1, 2, 5, 5]"), "{error}");
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bits() {
+    let case = &cases("conv four 17x16")["conv four 17x16 p1 s2 d1"];
+    let of = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let [x, w] = ["x", "w"].map(|p| Var::from_tensor(&case[p]).unwrap());
+            let y = conv2d(&x, &w, window("p1 s2 d1")).unwrap();
+            let gradients = y.sqr().unwrap().sum_all().unwrap().backward().unwrap();
+            let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+            [numbers(&y), numbers(gradients.get(&x).unwrap()), numbers(gradients.get(&w).unwrap())]
+        })
+    };
+    assert_eq!(of(1), of(3));
+}

@@ -1,0 +1,132 @@
+//! VGG-19 up to conv5_2, frozen: features of images (Simonyan and Zisserman, ICLR 2015).
+
+use super::ops::{Window, conv2d_bias_relu, max_pool2};
+use super::random::Stream;
+use candle_core::{DType, Device, Result, Tensor};
+use std::collections::HashMap;
+
+/// Places of the convolutions in torchvision's `vgg19().features`; a ReLU follows each.
+pub const VGG_PLACES: [usize; 14] = [0, 2, 5, 7, 10, 12, 14, 16, 19, 21, 23, 25, 28, 30];
+
+/// Outputs of these convolutions.
+pub const VGG_WIDTHS: [usize; 14] = [
+    64, 64, 128, 128, 256, 256, 256, 256, 512, 512, 512, 512, 512, 512,
+];
+
+/// A pool stands before these.
+const POOLS: [usize; 4] = [2, 4, 8, 12];
+
+/// conv1_2, conv2_2, conv3_2, conv4_2, conv5_2.
+const TAPS: [usize; 5] = [1, 3, 5, 9, 13];
+
+/// Mean and deviation of ImageNet's red, green and blue, sRGB-coded in [0, 1], as torchvision's weights expect.
+const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
+const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
+
+/// Weights that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum VggError {
+    /// A tensor is not there.
+    #[error("{name} is missing: the file must hold torchvision's vgg19 (features.0 to features.30)")]
+    Missing {
+        /// Its name.
+        name: String,
+    },
+    /// A tensor has another shape.
+    #[error("{name} is {found:?}, but must be {expected:?}: these are not torchvision's vgg19 weights")]
+    Shape {
+        /// Its name.
+        name: String,
+        /// What it is.
+        found: Vec<usize>,
+        /// What it must be.
+        expected: Vec<usize>,
+    },
+    /// candle's.
+    #[error(transparent)]
+    Tensor(#[from] candle_core::Error),
+}
+
+/// The network.
+pub struct Vgg {
+    /// Kernel and bias of each convolution.
+    convolutions: Vec<(Tensor, Tensor)>,
+    mean: Tensor,
+    deviation: Tensor,
+}
+
+impl Vgg {
+    /// From tensors by torchvision's names. `narrow` divides all widths: 1 for the published weights.
+    pub fn new(weights: &HashMap<String, Tensor>, narrow: usize, device: &Device) -> std::result::Result<Self, VggError> {
+        let tensor = |name: String, expected: Vec<usize>| {
+            let Some(tensor) = weights.get(&name) else {
+                return Err(VggError::Missing { name });
+            };
+            if tensor.dims() != expected {
+                return Err(VggError::Shape {
+                    name,
+                    found: tensor.dims().to_vec(),
+                    expected,
+                });
+            }
+            Ok(tensor.to_device(device)?.to_dtype(DType::F32)?)
+        };
+        let mut channels = 3;
+        let mut convolutions = Vec::new();
+        for (place, width) in VGG_PLACES.into_iter().zip(VGG_WIDTHS) {
+            let width = width / narrow;
+            let kernel = tensor(format!("features.{place}.weight"), vec![width, channels, 3, 3])?;
+            let bias = tensor(format!("features.{place}.bias"), vec![width])?;
+            convolutions.push((kernel, bias));
+            channels = width;
+        }
+        Ok(Self::of(convolutions, device)?)
+    }
+
+    /// With random weights (He et al.'s, of deviation sqrt(2 / inputs)) from a seed: a loss nearly as good, features that mean
+    /// little.
+    pub fn random(seed: u64, narrow: usize, device: &Device) -> Result<Self> {
+        let mut channels = 3;
+        let mut convolutions = Vec::new();
+        for (place, width) in VGG_PLACES.into_iter().zip(VGG_WIDTHS) {
+            let width = width / narrow;
+            let deviation = (2.0 / (9 * channels) as f64).sqrt();
+            let mut stream = Stream::new(seed, &format!("vgg features.{place}"));
+            let kernel = stream.normal_tensor(&[width, channels, 3, 3], deviation, device)?;
+            convolutions.push((kernel, Tensor::zeros(width, DType::F32, device)?));
+            channels = width;
+        }
+        Self::of(convolutions, device)
+    }
+
+    fn of(convolutions: Vec<(Tensor, Tensor)>, device: &Device) -> Result<Self> {
+        let row = |values: [f32; 3]| Tensor::new(&values, device)?.reshape((1, 3, 1, 1));
+        Ok(Self {
+            convolutions,
+            mean: row(MEAN)?,
+            deviation: row(DEVIATION)?,
+        })
+    }
+
+    /// relu(conv1_2) to relu(conv5_2) of sRGB-coded images in [0, 1], (batch, 3, rows, columns): each half as wide and high as
+    /// the one before.
+    pub fn features(&self, images: &Tensor) -> Result<Vec<Tensor>> {
+        let mut features = Vec::with_capacity(TAPS.len());
+        let mut x = images.broadcast_sub(&self.mean)?.broadcast_div(&self.deviation)?;
+        for (index, (kernel, bias)) in self.convolutions.iter().enumerate() {
+            if POOLS.contains(&index) {
+                x = max_pool2(&x)?;
+            }
+            x = conv2d_bias_relu(&x, kernel, bias, Window::same(3, 1))?;
+            if TAPS.contains(&index) {
+                features.push(x.clone());
+            }
+        }
+        Ok(features)
+    }
+
+    /// Channels of [`Self::features`].
+    pub fn widths(&self) -> Vec<usize> {
+        TAPS.iter().map(|&tap| self.convolutions[tap].1.elem_count()).collect()
+    }
+}
