@@ -87,10 +87,13 @@ impl Adam {
             };
             // Detached, or the graph of all steps would be kept.
             moments.mean = ((&moments.mean * beta1)? + (gradient * (1.0 - beta1))?)?.detach();
-            moments.square = ((&moments.square * beta2)? + (gradient.sqr()? * (1.0 - beta2))?)?.detach();
+            moments.square =
+                ((&moments.square * beta2)? + (gradient.sqr()? * (1.0 - beta2))?)?.detach();
             let deviation = ((&moments.square / of_square)?.sqrt()? + epsilon)?;
             let change = ((&moments.mean * (learning_rate / of_mean))? / deviation)?;
-            moments.variable.set(&(moments.variable.as_tensor() - change)?)?;
+            moments
+                .variable
+                .set(&(moments.variable.as_tensor() - change)?)?;
         }
         Ok(())
     }

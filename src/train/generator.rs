@@ -76,7 +76,9 @@ impl Generator {
             generator.kernels.push(Var::from_tensor(&kernel)?);
             generator.by_itself.push(Var::ones(1, DType::F32, device)?);
             generator.by_norm.push(Var::zeros(1, DType::F32, device)?);
-            generator.offsets.push(Var::zeros(width, DType::F32, device)?);
+            generator
+                .offsets
+                .push(Var::zeros(width, DType::F32, device)?);
         }
         // Glorot and Bengio's, as Zhang et al. have it.
         let deviation = (2.0 / (width + options.outputs) as f64).sqrt();
@@ -142,7 +144,8 @@ impl Generator {
         let by_itself = self.by_itself[layer].broadcast_as(channels)?;
         let by_norm = self.by_norm[layer].broadcast_as(channels)?;
         let offset = by_norm.mul(self.offsets[layer].as_tensor())?;
-        let coefficients = Tensor::stack(&[by_itself.contiguous()?, by_norm.contiguous()?, offset], 0)?;
+        let coefficients =
+            Tensor::stack(&[by_itself.contiguous()?, by_norm.contiguous()?, offset], 0)?;
         norm_act(x, &coefficients, NORM)
     }
 }
@@ -173,7 +176,8 @@ mod tests {
     #[test]
     fn it_has_as_many_parameters_as_the_published_one() {
         let count = |outputs| {
-            let generator = Generator::new(&options(outputs, Start::Identity), 1, "g", &Device::Cpu).unwrap();
+            let generator =
+                Generator::new(&options(outputs, Start::Identity), 1, "g", &Device::Cpu).unwrap();
             let variables = generator.variables();
             variables.iter().map(|(_, v)| v.elem_count()).sum::<usize>()
         };
@@ -185,7 +189,9 @@ mod tests {
     #[test]
     fn an_identity_passes_its_first_channels() {
         let kernel = identity([2, 3, 3, 3], &Device::Cpu).unwrap();
-        let image = Stream::new(1, "image").normal_tensor(&[1, 3, 5, 6], 1.0, &Device::Cpu).unwrap();
+        let image = Stream::new(1, "image")
+            .normal_tensor(&[1, 3, 5, 6], 1.0, &Device::Cpu)
+            .unwrap();
         let passed = conv2d(&image, &kernel, Window::same(3, 1)).unwrap();
         let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
         assert_eq!(numbers(&passed), numbers(&image.narrow(1, 0, 2).unwrap()));

@@ -34,7 +34,7 @@ impl Stream {
 
     /// Uniform among 0 to `count - 1`; `count` is above 0.
     pub fn below(&mut self, count: usize) -> usize {
-        (u128::from(self.bits()) * count as u128 >> 64) as usize
+        ((u128::from(self.bits()) * count as u128) >> 64) as usize
     }
 
     /// Standard normal (Box and Muller).
@@ -44,9 +44,16 @@ impl Stream {
     }
 
     /// A tensor of normal numbers of mean 0 and this deviation.
-    pub fn normal_tensor(&mut self, shape: &[usize], deviation: f64, device: &Device) -> Result<Tensor> {
+    pub fn normal_tensor(
+        &mut self,
+        shape: &[usize],
+        deviation: f64,
+        device: &Device,
+    ) -> Result<Tensor> {
         let count: usize = shape.iter().product();
-        let values: Vec<f32> = (0..count).map(|_| (self.normal() * deviation) as f32).collect();
+        let values: Vec<f32> = (0..count)
+            .map(|_| (self.normal() * deviation) as f32)
+            .collect();
         Tensor::from_vec(values, shape, device)
     }
 
@@ -68,7 +75,10 @@ mod tests {
     fn streams_are_pinned_and_apart() {
         let mut stream = Stream::new(7, "init");
         assert_eq!(stream.clone().bits(), stream.bits());
-        assert_ne!(Stream::new(7, "init").bits(), Stream::new(7, "order").bits());
+        assert_ne!(
+            Stream::new(7, "init").bits(),
+            Stream::new(7, "order").bits()
+        );
         assert_ne!(Stream::new(7, "init").bits(), Stream::new(8, "init").bits());
     }
 
@@ -78,7 +88,10 @@ mod tests {
         let values: Vec<f64> = (0..40_000).map(|_| stream.normal()).collect();
         let mean = values.iter().sum::<f64>() / 40_000.0;
         let square = values.iter().map(|v| v * v).sum::<f64>() / 40_000.0;
-        assert!(mean.abs() < 0.02 && (square - 1.0).abs() < 0.03, "{mean} {square}");
+        assert!(
+            mean.abs() < 0.02 && (square - 1.0).abs() < 0.03,
+            "{mean} {square}"
+        );
         let mut counts = [0; 6];
         (0..6000).for_each(|_| counts[stream.below(6)] += 1);
         assert!(counts.iter().all(|c| (880..1120).contains(c)), "{counts:?}");

@@ -27,13 +27,17 @@ const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
 #[derive(Debug, thiserror::Error)]
 pub enum VggError {
     /// A tensor is not there.
-    #[error("{name} is missing: the file must hold torchvision's vgg19 (features.0 to features.30)")]
+    #[error(
+        "{name} is missing: the file must hold torchvision's vgg19 (features.0 to features.30)"
+    )]
     Missing {
         /// Its name.
         name: String,
     },
     /// A tensor has another shape.
-    #[error("{name} is {found:?}, but must be {expected:?}: these are not torchvision's vgg19 weights")]
+    #[error(
+        "{name} is {found:?}, but must be {expected:?}: these are not torchvision's vgg19 weights"
+    )]
     Shape {
         /// Its name.
         name: String,
@@ -57,7 +61,11 @@ pub struct Vgg {
 
 impl Vgg {
     /// From tensors by torchvision's names. `narrow` divides all widths: 1 for the published weights.
-    pub fn new(weights: &HashMap<String, Tensor>, narrow: usize, device: &Device) -> std::result::Result<Self, VggError> {
+    pub fn new(
+        weights: &HashMap<String, Tensor>,
+        narrow: usize,
+        device: &Device,
+    ) -> std::result::Result<Self, VggError> {
         let tensor = |name: String, expected: Vec<usize>| {
             let Some(tensor) = weights.get(&name) else {
                 return Err(VggError::Missing { name });
@@ -75,7 +83,10 @@ impl Vgg {
         let mut convolutions = Vec::new();
         for (place, width) in VGG_PLACES.into_iter().zip(VGG_WIDTHS) {
             let width = width / narrow;
-            let kernel = tensor(format!("features.{place}.weight"), vec![width, channels, 3, 3])?;
+            let kernel = tensor(
+                format!("features.{place}.weight"),
+                vec![width, channels, 3, 3],
+            )?;
             let bias = tensor(format!("features.{place}.bias"), vec![width])?;
             convolutions.push((kernel, bias));
             channels = width;
@@ -112,7 +123,9 @@ impl Vgg {
     /// the one before.
     pub fn features(&self, images: &Tensor) -> Result<Vec<Tensor>> {
         let mut features = Vec::with_capacity(TAPS.len());
-        let mut x = images.broadcast_sub(&self.mean)?.broadcast_div(&self.deviation)?;
+        let mut x = images
+            .broadcast_sub(&self.mean)?
+            .broadcast_div(&self.deviation)?;
         for (index, (kernel, bias)) in self.convolutions.iter().enumerate() {
             if POOLS.contains(&index) {
                 x = max_pool2(&x)?;
@@ -127,6 +140,8 @@ impl Vgg {
 
     /// Channels of [`Self::features`].
     pub fn widths(&self) -> Vec<usize> {
-        TAPS.iter().map(|&tap| self.convolutions[tap].1.elem_count()).collect()
+        TAPS.iter()
+            .map(|&tap| self.convolutions[tap].1.elem_count())
+            .collect()
     }
 }

@@ -25,10 +25,15 @@ pub fn conv2d_bias_relu(
     window: Window,
 ) -> Result<Tensor> {
     if image.device().is_cpu() {
-        let (image, kernel, bias) = (image.contiguous()?, kernel.contiguous()?, bias.contiguous()?);
+        let (image, kernel, bias) = (
+            image.contiguous()?,
+            kernel.contiguous()?,
+            bias.contiguous()?,
+        );
         return image.apply_op3(&kernel, &bias, ConvolveBiasRelu(window));
     }
-    let biased = by_products(image, kernel, window)?.broadcast_add(&bias.reshape((1, (), 1, 1))?)?;
+    let biased =
+        by_products(image, kernel, window)?.broadcast_add(&bias.reshape((1, (), 1, 1))?)?;
     // candle's relu has the gradient 1 at 0.
     let positive = biased.gt(0.0)?.to_dtype(biased.dtype())?;
     biased * positive
@@ -47,7 +52,9 @@ pub(super) fn by_products(image: &Tensor, kernel: &Tensor, window: Window) -> Re
         for x in 0..sizes.kernel[1] {
             let seen = every(&padded, 2, y * window.dilation, window.stride, rows)?;
             let seen = every(&seen, 3, x * window.dilation, window.stride, columns)?;
-            let seen = seen.contiguous()?.reshape((sizes.batch, sizes.channels_in, rows * columns))?;
+            let seen =
+                seen.contiguous()?
+                    .reshape((sizes.batch, sizes.channels_in, rows * columns))?;
             let weights = kernel.narrow(2, y, 1)?.narrow(3, x, 1)?;
             let weights = weights.reshape((1, sizes.channels_out, sizes.channels_in))?;
             let part = weights.contiguous()?.broadcast_matmul(&seen)?;
@@ -57,12 +64,19 @@ pub(super) fn by_products(image: &Tensor, kernel: &Tensor, window: Window) -> Re
             });
         }
     }
-    let sum = sum.ok_or_else(|| candle_core::Error::Msg("conv2d: the kernel is empty".to_owned()))?;
+    let sum =
+        sum.ok_or_else(|| candle_core::Error::Msg("conv2d: the kernel is empty".to_owned()))?;
     sum.reshape((sizes.batch, sizes.channels_out, rows, columns))
 }
 
 /// `count` slices of a dimension, from `first` on, `step` apart.
-fn every(tensor: &Tensor, dimension: usize, first: usize, step: usize, count: usize) -> Result<Tensor> {
+fn every(
+    tensor: &Tensor,
+    dimension: usize,
+    first: usize,
+    step: usize,
+    count: usize,
+) -> Result<Tensor> {
     if step == 1 {
         return tensor.narrow(dimension, first, count);
     }
@@ -88,7 +102,10 @@ impl CustomOp2 for Convolve {
         let sizes = Sizes::new(image_layout.dims(), kernel_layout.dims(), self.0)?;
         let image = values("conv2d", image, image_layout)?;
         let kernel = values("conv2d", kernel, kernel_layout)?;
-        Ok((CpuStorage::F32(forward(&sizes, image, kernel)), shape_of(&sizes)))
+        Ok((
+            CpuStorage::F32(forward(&sizes, image, kernel)),
+            shape_of(&sizes),
+        ))
     }
 
     fn bwd(
@@ -123,7 +140,11 @@ impl CustomOp3 for ConvolveBiasRelu {
         let kernel = values("conv2d", kernel, kernel_layout)?;
         let bias = values("conv2d", bias, bias_layout)?;
         if bias.len() != sizes.channels_out {
-            candle_core::bail!("conv2d: {} biases for {} outputs", bias.len(), sizes.channels_out);
+            candle_core::bail!(
+                "conv2d: {} biases for {} outputs",
+                bias.len(),
+                sizes.channels_out
+            );
         }
         let mut out = forward(&sizes, image, kernel);
         let planes = out.par_chunks_exact_mut(sizes.out_len().max(1)).enumerate();
@@ -144,12 +165,11 @@ impl CustomOp3 for ConvolveBiasRelu {
         result: &Tensor,
         gradient: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
-        let passed = gradient.contiguous()?.apply_op2_no_bwd(result, &WherePositive)?;
+        let passed = gradient
+            .contiguous()?
+            .apply_op2_no_bwd(result, &WherePositive)?;
         let (of_image, of_kernel) = gradients(self.0, image, kernel, &passed)?;
-        let of_bias = bias
-            .track_op()
-            .then(|| passed.sum((0, 2, 3)))
-            .transpose()?;
+        let of_bias = bias.track_op().then(|| passed.sum((0, 2, 3))).transpose()?;
         Ok((of_image, of_kernel, of_bias))
     }
 }
@@ -161,14 +181,16 @@ fn gradients(
     kernel: &Tensor,
     gradient: &Tensor,
 ) -> Result<(Option<Tensor>, Option<Tensor>)> {
-    let of_image = match image.track_op() {
-        true => Some(gradient.apply_op2_no_bwd(kernel, &ImageGradient(window, image.dims().to_vec()))?),
-        false => None,
-    };
-    let of_kernel = match kernel.track_op() {
-        true => Some(image.apply_op2_no_bwd(gradient, &KernelGradient(window, kernel.dims().to_vec()))?),
-        false => None,
-    };
+    let mut of_image = None;
+    if image.track_op() {
+        let op = ImageGradient(window, image.dims().to_vec());
+        of_image = Some(gradient.apply_op2_no_bwd(kernel, &op)?);
+    }
+    let mut of_kernel = None;
+    if kernel.track_op() {
+        let op = KernelGradient(window, kernel.dims().to_vec());
+        of_kernel = Some(image.apply_op2_no_bwd(gradient, &op)?);
+    }
     Ok((of_image, of_kernel))
 }
 
@@ -242,6 +264,9 @@ impl CustomOp2 for WherePositive {
         let result = values("relu", result, result_layout)?;
         let pairs = gradient.par_iter().zip(result).with_min_len(1 << 15);
         let out = pairs.map(|(gradient, result)| if *result > 0.0 { *gradient } else { 0.0 });
-        Ok((CpuStorage::F32(out.collect()), gradient_layout.shape().clone()))
+        Ok((
+            CpuStorage::F32(out.collect()),
+            gradient_layout.shape().clone(),
+        ))
     }
 }

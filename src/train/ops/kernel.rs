@@ -49,13 +49,21 @@ pub(super) fn forward(sizes: &Sizes, image: &[f32], kernel: &[f32]) -> Vec<f32> 
         .enumerate()
         .flat_map(|(item, out)| {
             let blocks = MatMut::column_blocks(out, sizes.channels_out, out_len, width);
-            blocks.into_iter().enumerate().map(move |(part, block)| (item, part, block))
+            blocks
+                .into_iter()
+                .enumerate()
+                .map(move |(part, block)| (item, part, block))
         })
         .collect();
     parts.into_par_iter().for_each(|(item, part, mut block)| {
         let image = &image[item * planes..][..planes];
         if sizes.is_pointwise() {
-            let seen = Mat::by_rows(&image[part * width..], sizes.channels_in, block.columns, out_len);
+            let seen = Mat::by_rows(
+                &image[part * width..],
+                sizes.channels_in,
+                block.columns,
+                out_len,
+            );
             product(&mut block, kernel, seen, false);
             return;
         }
@@ -90,10 +98,12 @@ pub(super) fn kernel_gradient(sizes: &Sizes, image: &[f32], gradient: &[f32]) ->
                 let places = rows.len() * sizes.out[1];
                 let start = item * sizes.channels_out * out_len + first * sizes.out[1];
                 let of_part = Mat::by_rows(&gradient[start..], sizes.channels_out, places, out_len);
-                let image = &image[item * sizes.channels_in * image_len..][..sizes.channels_in * image_len];
+                let image =
+                    &image[item * sizes.channels_in * image_len..][..sizes.channels_in * image_len];
                 let mut out = MatMut::whole(&mut sum, sizes.channels_out, seen);
                 if sizes.is_pointwise() {
-                    let seen = Mat::by_rows(&image[first * sizes.out[1]..], seen, places, image_len);
+                    let seen =
+                        Mat::by_rows(&image[first * sizes.out[1]..], seen, places, image_len);
                     product(&mut out, of_part, seen.transposed(), true);
                 } else {
                     with_buffer(seen * places, |buffer| {
@@ -109,7 +119,10 @@ pub(super) fn kernel_gradient(sizes: &Sizes, image: &[f32], gradient: &[f32]) ->
     let mut sums = sums.into_iter();
     let mut total = sums.next().unwrap_or_default();
     for sum in sums {
-        total.iter_mut().zip(sum).for_each(|(total, part)| *total += part);
+        total
+            .iter_mut()
+            .zip(sum)
+            .for_each(|(total, part)| *total += part);
     }
     total
 }
@@ -134,7 +147,11 @@ pub(super) fn image_gradient(sizes: &Sizes, kernel: &[f32], gradient: &[f32]) ->
         };
         return forward(&turned, gradient, &turn(sizes, kernel));
     }
-    let (image_len, out_len, size) = (sizes.image_len(), sizes.out_len(), sizes.kernel[0] * sizes.kernel[1]);
+    let (image_len, out_len, size) = (
+        sizes.image_len(),
+        sizes.out_len(),
+        sizes.kernel[0] * sizes.kernel[1],
+    );
     let mut out = vec![0.0; sizes.batch * sizes.channels_in * image_len];
     let channels_of = |group: usize| {
         let first = group * CHANNELS_AT_ONCE;
@@ -153,9 +170,19 @@ pub(super) fn image_gradient(sizes: &Sizes, kernel: &[f32], gradient: &[f32]) ->
         let rows = channels.len() * size;
         let gradient = &gradient[item * sizes.channels_out * out_len..];
         let gradient = Mat::by_rows(gradient, sizes.channels_out, out_len, out_len);
-        let weights = Mat::by_rows(&kernel[channels.start * size..], sizes.channels_out, rows, sizes.seen());
+        let weights = Mat::by_rows(
+            &kernel[channels.start * size..],
+            sizes.channels_out,
+            rows,
+            sizes.seen(),
+        );
         with_buffer(rows * out_len, |buffer| {
-            product(&mut MatMut::whole(buffer, rows, out_len), weights.transposed(), gradient, false);
+            product(
+                &mut MatMut::whole(buffer, rows, out_len),
+                weights.transposed(),
+                gradient,
+                false,
+            );
             sizes.fold(buffer, channels.len(), planes);
         });
     });

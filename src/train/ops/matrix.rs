@@ -1,5 +1,8 @@
 //! Products of matrices in one thread, by the gemm crate.
-#![allow(unsafe_code, reason = "gemm takes pointers, and threads write columns of one matrix")]
+#![allow(
+    unsafe_code,
+    reason = "gemm takes pointers, and threads write columns of one matrix"
+)]
 
 use std::marker::PhantomData;
 
@@ -15,7 +18,12 @@ pub(super) struct Mat<'a> {
 
 impl<'a> Mat<'a> {
     /// Rows one after another, `row_stride` apart.
-    pub(super) fn by_rows(values: &'a [f32], rows: usize, columns: usize, row_stride: usize) -> Self {
+    pub(super) fn by_rows(
+        values: &'a [f32],
+        rows: usize,
+        columns: usize,
+        row_stride: usize,
+    ) -> Self {
         let matrix = Self {
             values,
             rows,
@@ -148,7 +156,10 @@ mod tests {
             assert_eq!(whole[row * 5 + column], sum);
         }
         let mut blocks = vec![1.0; 10];
-        for (block, first) in MatMut::column_blocks(&mut blocks, 2, 5, 2).iter_mut().zip([0, 2, 4]) {
+        for (block, first) in MatMut::column_blocks(&mut blocks, 2, 5, 2)
+            .iter_mut()
+            .zip([0, 2, 4])
+        {
             let part = Mat::by_rows(&b[first..], 3, block.columns, 5);
             product(block, Mat::by_rows(&a, 2, 3, 3), part, true);
         }

@@ -42,8 +42,10 @@ pub(super) struct Sizes {
 impl Sizes {
     /// Of an image `(batch, channels, rows, columns)` and a kernel `(out, in, rows, columns)`.
     pub(super) fn new(image: &[usize], kernel: &[usize], window: Window) -> Result<Self> {
-        let (&[batch, channels_in, rows, columns], &[channels_out, of, kernel_rows, kernel_columns]) =
-            (image, kernel)
+        let (
+            &[batch, channels_in, rows, columns],
+            &[channels_out, of, kernel_rows, kernel_columns],
+        ) = (image, kernel)
         else {
             bail!("conv2d: image and kernel have four dimensions, not {image:?} and {kernel:?}");
         };
@@ -56,7 +58,9 @@ impl Sizes {
             && fits(rows, kernel_rows)
             && fits(columns, kernel_columns);
         if !is_sound {
-            bail!("conv2d: a kernel of {kernel:?} does not fit an image of {image:?} with {window:?}");
+            bail!(
+                "conv2d: a kernel of {kernel:?} does not fit an image of {image:?} with {window:?}"
+            );
         }
         let out = |size: usize, kernel: usize| {
             (size + 2 * window.padding - window.dilation * (kernel - 1) - 1) / window.stride + 1
@@ -102,7 +106,9 @@ impl Sizes {
         let (stride, width) = (self.window.stride, self.image[1] as isize);
         let first = (-offset).max(0) as usize;
         let first = first.div_ceil(stride);
-        let end = ((width - offset).max(0) as usize).div_ceil(stride).min(self.out[1]);
+        let end = ((width - offset).max(0) as usize)
+            .div_ceil(stride)
+            .min(self.out[1]);
         let first = first.min(end);
         let column = (first * stride) as isize + offset;
         (first..end, column.max(0) as usize)
@@ -132,11 +138,16 @@ impl Sizes {
         let places = rows.len() * self.out[1];
         let mut lines = into.chunks_exact_mut(places);
         self.each_pixel(0..self.channels_in, |channel, kernel_row, kernel_column| {
-            let line = lines.next().expect("a line for each of the kernel's pixels");
+            let line = lines
+                .next()
+                .expect("a line for each of the kernel's pixels");
             let (inside, column) = self.inside(kernel_column);
             let plane = &image[channel * self.image_len()..][..self.image_len()];
             for (part, row) in line.chunks_exact_mut(self.out[1]).zip(rows.clone()) {
-                let Some(row) = self.image_row(row, kernel_row).filter(|_| !inside.is_empty()) else {
+                let Some(row) = self
+                    .image_row(row, kernel_row)
+                    .filter(|_| !inside.is_empty())
+                else {
                     part.fill(0.0);
                     continue;
                 };
@@ -159,16 +170,22 @@ impl Sizes {
     pub(super) fn fold(&self, unfolded: &[f32], channels: usize, planes: &mut [f32]) {
         let mut lines = unfolded.chunks_exact(self.out_len());
         self.each_pixel(0..channels, |channel, kernel_row, kernel_column| {
-            let line = lines.next().expect("a line for each of the kernel's pixels");
+            let line = lines
+                .next()
+                .expect("a line for each of the kernel's pixels");
             let (inside, column) = self.inside(kernel_column);
             let plane = &mut planes[channel * self.image_len()..][..self.image_len()];
             for (part, row) in line.chunks_exact(self.out[1]).zip(0..self.out[0]) {
-                let Some(row) = self.image_row(row, kernel_row).filter(|_| !inside.is_empty()) else {
+                let Some(row) = self
+                    .image_row(row, kernel_row)
+                    .filter(|_| !inside.is_empty())
+                else {
                     continue;
                 };
                 let to = &mut plane[row * self.image[1]..][..self.image[1]];
                 let seen = to[column..].iter_mut().step_by(self.window.stride);
-                seen.zip(&part[inside.clone()]).for_each(|(to, from)| *to += from);
+                seen.zip(&part[inside.clone()])
+                    .for_each(|(to, from)| *to += from);
             }
         });
     }
