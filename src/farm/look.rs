@@ -161,22 +161,26 @@ fn look_at(
 ) -> Result<Kept, RecipeError> {
     let rules = recipe.reject.clone().unwrap_or_default();
     let mut rejected = Vec::new();
-    let (mut next, mut redrawn) = (0, 0);
+    let mut next = 0;
     let mut files: Option<(u32, SceneFiles)> = None;
     for look in 0..MAX_LOOKS {
         let change = look / LOOKS_A_PAIR;
         let mut drawn = cast.draw(number, change, next)?;
-        redrawn += drawn.attempt - next;
         next = drawn.attempt + 1;
+        let kept = |drawn: Drawn, rejected: Vec<RejectedScene>| {
+            // Every attempt before this one was refused by the geometry or rejected by a look.
+            let redrawn = drawn.attempt - rejected.len() as u32;
+            Ok(Kept {
+                drawn,
+                rejected,
+                redrawn,
+            })
+        };
         if files.as_ref().is_none_or(|(of, _)| *of != change) {
             let read = read_files_by(&drawn.line, around.roots, around.base, around.read);
             // Files that cannot be read are quarantined when the scene is farmed, like any others.
             let Ok(read) = read else {
-                return Ok(Kept {
-                    drawn,
-                    rejected,
-                    redrawn,
-                });
+                return kept(drawn, rejected);
             };
             files = Some((change, read));
         }
@@ -187,21 +191,13 @@ fn look_at(
                 drawn.line = settled.line;
                 match settled.rejected {
                     None => {
-                        return Ok(Kept {
-                            drawn,
-                            rejected,
-                            redrawn,
-                        });
+                        return kept(drawn, rejected);
                     }
                     Some(bound) => (bound.measure.to_string(), bound.to_string()),
                 }
             }
             Err(SettleError::Load(_)) => {
-                return Ok(Kept {
-                    drawn,
-                    rejected,
-                    redrawn,
-                });
+                return kept(drawn, rejected);
             }
             Err(SettleError::Refused(error)) => ("scene".to_owned(), error.to_string()),
             Err(error @ SettleError::Black) => ("black".to_owned(), error.to_string()),

@@ -6,7 +6,8 @@ use super::draw::keyed;
 use super::expand::draw_line;
 use super::line::{SceneLine, Split};
 use super::pair::{Pair, pairs, pairs_between};
-use super::recipe::{Recipe, RecipeError};
+use super::recipe::Recipe;
+use super::recipe_error::RecipeError;
 use crate::ids::SceneId;
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -3,7 +3,7 @@
 
 use super::diode::{Place, SourceImage};
 use super::draw::shuffled;
-use super::recipe::RecipeError;
+use super::recipe_error::RecipeError;
 use std::collections::BTreeSet;
 
 /// Divides the photographs of a source among splits in proportion to `shares` (all above 0).

@@ -11,9 +11,11 @@ use super::line::{
 use super::list;
 use super::pair::Pair;
 use super::param::Param;
-use super::recipe::{Recipe, RecipeError, Source};
+use super::recipe::Recipe;
+use super::recipe_error::RecipeError;
 use super::refuse::refuse;
 use super::side::Side;
+use super::source::Source;
 use super::source_values::source_values;
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,12 +1,14 @@
 //! Stage 1, *what*: a recipe (distributions) becomes a manifest (one resolved scene a line).
 //!
 //! ```text
-//! recipe.rs, param.rs     what a .toml says            jsonl.rs     manifests as text
-//! diode.rs, places.rs,   which photographs there are  validate.rs  which lines are sound
-//! list.rs
-//! divide.rs -> pair.rs   who shares a scene           refuse.rs    which panes cannot be looked through
-//! draw.rs                every random number          roots.rs     where a line's paths lead
-//! expand.rs              all of it: recipe -> scene lines    side.rs       photograph, panorama or mesh
+//! recipe.rs, source.rs, param.rs, light.rs   what a .toml says        recipe_check.rs, recipe_schema.rs   whether it may
+//! diode.rs, places.rs, list.rs               which photographs there are
+//! divide.rs -> pair.rs -> cast.rs            who is in which scene, who stands in for whom
+//! draw.rs, source_values.rs                  every random number, and what photographs say of themselves
+//! expand.rs                                  all of it: recipe -> scene lines
+//! line.rs, side.rs, side_json.rs             a scene line; photograph, panorama or mesh     jsonl.rs   manifests as text
+//! validate.rs, refuse.rs                     which lines are sound, which panes cannot be looked through
+//! roots.rs                                   where a line's paths lead
 //! ```
 //!
 //! Pure, apart from the listings of `diode.rs`, `places.rs` and `list.rs`.
@@ -31,10 +33,13 @@ mod param;
 mod places;
 mod recipe;
 mod recipe_check;
+mod recipe_error;
 mod recipe_schema;
 mod refuse;
 mod roots;
 mod side;
+mod side_json;
+mod source;
 mod source_values;
 mod validate;
 
@@ -59,11 +64,13 @@ pub use places::{
     Category, DEPTH_RANGES_SCHEMA, DepthRanges, DepthRangesError, PlacesFolders, index_places,
 };
 pub use recipe::{
-    BackRecipe, CameraRecipe, FilmRecipe, FrontRecipe, GlassRecipe, Layout, RECIPE_SCHEMA, Recipe,
-    RecipeError, Source, SplitRecipe,
+    BackRecipe, CameraRecipe, FilmRecipe, FrontRecipe, GlassRecipe, RECIPE_SCHEMA, Recipe,
+    SplitRecipe,
 };
+pub use recipe_error::RecipeError;
 pub use recipe_schema::recipe_schema;
 pub use refuse::{MAX_INCIDENCE_DEG, refuse};
 pub use roots::{RootError, Roots, is_url};
 pub use side::{MeshFile, MeshPose, Side};
+pub use source::{Layout, Source};
 pub use validate::LineError;

@@ -68,12 +68,7 @@ pub(super) fn pairs_between<'a>(
     [front, back]: [&[&'a SourceImage]; 2],
     count: u32,
 ) -> Vec<Pair<'a>> {
-    let deck = |role| Deck {
-        dataset_seed,
-        key: [key[0], key[1], role],
-        round: 0,
-        left: Vec::new(),
-    };
+    let deck = |role| Deck::new(dataset_seed, key, role);
     let (mut fronts, mut backs) = (deck("front"), deck("back"));
     (0..count)
         .map(|_| Pair {
@@ -101,12 +96,7 @@ fn across<'a>(
     other: &[&'a SourceImage],
     count: u32,
 ) -> Vec<Pair<'a>> {
-    let deck = |role| Deck {
-        dataset_seed,
-        key: [key[0], key[1], role],
-        round: 0,
-        left: Vec::new(),
-    };
+    let deck = |role| Deck::new(dataset_seed, key, role);
     let mut one_front = deck("first side, front");
     let mut one_back = deck("first side, back");
     let mut other_front = deck("second side, front");
@@ -138,7 +128,16 @@ struct Deck<'k, 'a> {
     left: Vec<&'a SourceImage>,
 }
 
-impl<'a> Deck<'_, 'a> {
+impl<'k, 'a> Deck<'k, 'a> {
+    fn new(dataset_seed: u64, key: [&'k str; 2], role: &'k str) -> Self {
+        Self {
+            dataset_seed,
+            key: [key[0], key[1], role],
+            round: 0,
+            left: Vec::new(),
+        }
+    }
+
     fn next(&mut self, images: &[&'a SourceImage]) -> &'a SourceImage {
         loop {
             if let Some(image) = self.left.pop() {

@@ -1,134 +1,21 @@
 //! `glasshouse.recipe/1`: what a set of scenes is drawn from. Defaults are the paper's constants.
 
-use super::depth_range::DepthRange;
 use super::focus::FocusRecipe;
-use super::highlights::Highlights;
 use super::layers::LayerSet;
 use super::light::{LightRecipe, LuminanceScale, RejectRecipe, SideLight, WhiteBalance};
-use super::line::{
-    Apex, DepthKind, ExrPrecision, Fill, Film, Filter, Intrinsics, ReflectionOrders, Split,
-    Transfer,
-};
+use super::line::{Apex, ExrPrecision, Film, Filter, ReflectionOrders, Split};
 use super::param::Param;
 use super::places::depth_root;
+use super::recipe_error::RecipeError;
 use super::roots::Roots;
-use super::validate::LineError;
-use crate::ids::SceneId;
+use super::source::{Layout, Source};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::fmt;
 use std::path::{Path, PathBuf};
 
 /// The schema name that a recipe must carry.
 pub const RECIPE_SCHEMA: &str = "glasshouse.recipe/1";
-
-/// A recipe that cannot be used, or that cannot be expanded with the photographs at hand.
-#[derive(Debug, thiserror::Error)]
-pub enum RecipeError {
-    /// Not TOML, an unknown key, or a value of the wrong kind; the source names the place.
-    #[error("the recipe cannot be read: {0}")]
-    Toml(#[from] Box<toml::de::Error>),
-    /// A value that a recipe may not have.
-    #[error("recipe key {key} {problem}")]
-    Key {
-        /// The key, with dots.
-        key: String,
-        /// Its value, what is wrong with it, and what is right.
-        problem: String,
-    },
-    /// `expand` was not told which photographs a source has.
-    #[error("source {source_name} has not been indexed: list its photographs before expanding")]
-    NotIndexed {
-        /// The source.
-        source_name: String,
-    },
-    /// A photograph listed twice could reach both splits.
-    #[error("source {source_name} lists {color} twice: list each colour image once")]
-    ListedTwice {
-        /// The source.
-        source_name: String,
-        /// The colour image.
-        color: String,
-    },
-    /// Splits may not share photographs, and a pair needs two.
-    #[error(
-        "source {source_name} has {found} photographs, but {splits} splits that share none need at \
-         least {needed}: add photographs, or take this source out of a split"
-    )]
-    TooFewImages {
-        /// The source.
-        source_name: String,
-        /// What there is.
-        found: usize,
-        /// Two a split.
-        needed: usize,
-        /// Splits that draw from this source.
-        splits: usize,
-    },
-    /// No pane drawn for this scene can be looked through.
-    #[error(
-        "scene {id}: {attempts} draws of {ranges} were all refused, at last because {source}; narrow \
-         these ranges"
-    )]
-    Refused {
-        /// The scene.
-        id: SceneId,
-        /// How often it was drawn.
-        attempts: u32,
-        /// The parameters that decide it, with their ranges.
-        ranges: String,
-        /// Why the last draw was refused.
-        source: LineError,
-    },
-    /// A photograph's record does not have what a recipe takes from it.
-    #[error(
-        "scene {id}: {parameter} is from_source, but {photograph} does not say it: give it under \"values\" in the \
-         source's list, or write a number or a distribution"
-    )]
-    NoValue {
-        /// The scene.
-        id: SceneId,
-        /// The recipe's key.
-        parameter: String,
-        /// The photograph.
-        photograph: String,
-    },
-    /// All photographs that could stand in for one that is left out are left out, too.
-    #[error(
-        "scene {id}: source {source_name} has no usable photograph left in split {split}: repair the files that \
-         are wrong, or add photographs"
-    )]
-    NoStandIn {
-        /// The scene.
-        id: SceneId,
-        /// The source.
-        source_name: String,
-        /// The split.
-        split: Split,
-    },
-    /// Every draw of a scene was rejected.
-    #[error(
-        "scene {id}: none of {looks} draws, with different photographs, was kept, the last because {reason}; widen \
-         [reject], or narrow the distributions"
-    )]
-    NoneKept {
-        /// The scene.
-        id: String,
-        /// How often it was looked at.
-        looks: u32,
-        /// Why the last was not kept.
-        reason: String,
-    },
-    /// A drawn line that is not sound.
-    #[error("scene {id}: {source}")]
-    Line {
-        /// The scene.
-        id: SceneId,
-        /// Which field.
-        source: LineError,
-    },
-}
 
 /// A recipe.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -313,87 +200,6 @@ impl Default for BackRecipe {
     }
 }
 
-/// How a source's files are laid out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Layout {
-    /// A DIODE folder.
-    Diode,
-    /// Procedural photographs in DIODE's layout, made on the fly.
-    Sample,
-    /// A PLACES365 folder with estimated depth.
-    Places,
-    /// Photographs that a list names, one JSON object a line.
-    List,
-}
-
-impl fmt::Display for Layout {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Diode => "diode",
-            Self::Sample => "sample",
-            Self::Places => "places",
-            Self::List => "list",
-        })
-    }
-}
-
-/// `[sources.NAME]`
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Source {
-    /// How the files are laid out.
-    pub layout: Layout,
-    /// Folder relative to the recipe, unless `--root NAME=DIR` says where. Default: the source's name.
-    /// Not for `sample`.
-    pub root: Option<String>,
-    /// `sample` alone: photographs to make.
-    pub count: Option<u32>,
-    /// `sample` alone: seed of the photographs. Default: the recipe's seed.
-    pub seed: Option<u64>,
-    /// `sample` alone: pixels across. Default 1024.
-    pub width: Option<u32>,
-    /// `sample` alone: pixels down. Default 768.
-    pub height: Option<u32>,
-    /// `places` alone: table of mean depths by category.
-    pub depth_ranges: Option<String>,
-    /// `list` alone: the list, relative to the recipe; `photographs.jsonl` in the root if missing. Its lines say what
-    /// the keys below say of all photographs of other sources.
-    pub list: Option<String>,
-    /// Capture camera. Default: DIODE's, for images of the same field of view.
-    #[serde(default = "Intrinsics::diode")]
-    pub intrinsics: Intrinsics,
-    /// Coding of the colour images. Default srgb.
-    #[serde(default)]
-    pub transfer: Transfer,
-    /// Metres per unit of the depth files. Default 1.
-    #[serde(default = "one")]
-    pub depth_unit_m: f64,
-    /// What the depth files measure. Default z.
-    #[serde(default)]
-    pub depth_kind: DepthKind,
-    /// Metres for relative depths; of `places` the table of categories has them.
-    pub depth_range: Option<DepthRange>,
-    /// `places`: folder of the depth maps, relative to the recipe; `NAME-depth` if missing.
-    pub depth_root: Option<String>,
-    /// Light for clipped sRGB values. Default none.
-    pub highlights: Option<Highlights>,
-    /// How holes are filled. Default smooth.
-    #[serde(default)]
-    pub fill: Fill,
-}
-
-fn one() -> f64 {
-    1.0
-}
-
-impl Source {
-    /// Size of a `sample` source's photographs, px.
-    pub fn sample_size(&self) -> [u32; 2] {
-        [self.width.unwrap_or(1024), self.height.unwrap_or(768)]
-    }
-}
-
 /// `[[split]]`
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -527,6 +333,7 @@ impl Recipe {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use crate::manifest::{DepthKind, Intrinsics};
 
     /// The paper's set, as on the design page.
     pub(in super::super) const PAPER: &str = r#"

@@ -6,8 +6,10 @@ use super::limits::{self, Limit};
 use super::line::{DepthKind, Fill, Intrinsics, Transfer};
 use super::param::Param;
 use super::places::depth_root;
-use super::recipe::{CameraRecipe, Layout, RECIPE_SCHEMA, Recipe, RecipeError, Source};
+use super::recipe::{CameraRecipe, RECIPE_SCHEMA, Recipe};
+use super::recipe_error::RecipeError;
 use super::roots::is_root_name;
+use super::source::{Layout, Source};
 use crate::ids::SceneId;
 use std::collections::BTreeMap;
 

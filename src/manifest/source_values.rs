@@ -3,7 +3,8 @@
 use super::line::Film;
 use super::pair::Pair;
 use super::param::Param;
-use super::recipe::{Recipe, RecipeError};
+use super::recipe::Recipe;
+use super::recipe_error::RecipeError;
 use super::side::Side;
 use crate::ids::SceneId;
 use std::collections::BTreeMap;
