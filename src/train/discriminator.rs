@@ -1,0 +1,115 @@
+//! The conditional PatchGAN discriminator of Isola et al. (CVPR 2017), as Zhang et al. use it on (I, T).
+
+use super::ops::{NormOptions, Window, conv2d, norm_act};
+use super::random::Stream;
+use candle_core::{DType, Device, Result, Tensor, Var};
+
+/// Channels of its five 4 x 4 convolutions for a width of 64.
+const WIDTHS: [usize; 4] = [1, 2, 4, 8];
+
+/// From one place to the next in each of them, px.
+const STRIDES: [usize; 5] = [2, 2, 2, 1, 1];
+
+const SLOPE: f32 = 0.2;
+
+/// The published one.
+const NORM: NormOptions = NormOptions {
+    epsilon: 1e-5,
+    slope: SLOPE,
+};
+
+/// The network: 256 px become 30 x 30 verdicts.
+pub struct Discriminator {
+    kernels: Vec<Var>,
+    /// Of the three layers in the middle.
+    gains: Vec<Var>,
+    offsets: Vec<Var>,
+}
+
+impl Discriminator {
+    /// With weights from a seed: of deviation 0.02, as published. `width` is 64 there.
+    pub fn new(width: usize, seed: u64, name: &str, device: &Device) -> Result<Self> {
+        let widths: Vec<usize> = WIDTHS.iter().map(|times| times * width).chain([1]).collect();
+        let mut inputs = 6;
+        let mut discriminator = Self {
+            kernels: Vec::new(),
+            gains: Vec::new(),
+            offsets: Vec::new(),
+        };
+        for (layer, &outputs) in widths.iter().enumerate() {
+            let mut stream = Stream::new(seed, &format!("{name} kernel.{layer}"));
+            let kernel = stream.normal_tensor(&[outputs, inputs, 4, 4], 0.02, device)?;
+            discriminator.kernels.push(Var::from_tensor(&kernel)?);
+            if is_normed(layer) {
+                let mut stream = Stream::new(seed, &format!("{name} gain.{layer}"));
+                let gain = (stream.normal_tensor(&[outputs], 0.02, device)? + 1.0)?;
+                discriminator.gains.push(Var::from_tensor(&gain)?);
+                discriminator.offsets.push(Var::zeros(outputs, DType::F32, device)?);
+            }
+            inputs = outputs;
+        }
+        Ok(discriminator)
+    }
+
+    /// Everything that is learned, by name, in a fixed order.
+    pub fn variables(&self) -> Vec<(String, Var)> {
+        let lists = [("kernel", &self.kernels), ("gain", &self.gains), ("offset", &self.offsets)];
+        let named = lists.into_iter().flat_map(|(name, list)| {
+            let numbered = list.iter().enumerate();
+            numbered.map(move |(layer, variable)| (format!("{name}.{layer}"), variable.clone()))
+        });
+        named.collect()
+    }
+
+    /// Verdicts (batch, 1, rows, columns) on what is shown beside what it is said to be a layer of, both (batch, 3, ...), as
+    /// logits: above 0 is believed.
+    pub fn forward(&self, image: &Tensor, layer_of_it: &Tensor) -> Result<Tensor> {
+        let mut x = Tensor::cat(&[image, layer_of_it], 1)?;
+        let mut normed = self.gains.iter().zip(&self.offsets);
+        for (layer, (kernel, stride)) in self.kernels.iter().zip(STRIDES).enumerate() {
+            let window = Window {
+                padding: 1,
+                stride,
+                dilation: 1,
+            };
+            x = conv2d(&x, kernel, window)?;
+            if is_normed(layer)
+                && let Some((gain, offset)) = normed.next()
+            {
+                let rows = [&gain.zeros_like()?, gain.as_tensor(), offset.as_tensor()];
+                x = norm_act(&x, &Tensor::stack(&rows, 0)?, NORM)?;
+            } else if layer == 0 {
+                x = leaky(&x)?;
+            }
+        }
+        Ok(x)
+    }
+}
+
+/// All but the first and the last.
+fn is_normed(layer: usize) -> bool {
+    (1..=3).contains(&layer)
+}
+
+/// Leaky ReLU with a right gradient at 0.
+fn leaky(x: &Tensor) -> Result<Tensor> {
+    let steep = x.gt(0.0)?.to_dtype(x.dtype())?;
+    x * ((steep * f64::from(1.0 - SLOPE))? + f64::from(SLOPE))?
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_is_the_published_one() {
+        let discriminator = Discriminator::new(64, 1, "d", &Device::Cpu).unwrap();
+        let variables = discriminator.variables();
+        let count: usize = variables.iter().map(|(_, v)| v.elem_count()).sum();
+        let kernels = 16 * (6 * 64 + 64 * 128 + 128 * 256 + 256 * 512 + 512);
+        assert_eq!(count, kernels + 2 * (128 + 256 + 512));
+        let narrow = Discriminator::new(4, 1, "d", &Device::Cpu).unwrap();
+        let image = Tensor::zeros((1, 3, 256, 256), DType::F32, &Device::Cpu).unwrap();
+        assert_eq!(narrow.forward(&image, &image).unwrap().dims(), [1, 1, 30, 30]);
+    }
+}
