@@ -4,6 +4,7 @@
 //! scenes -> kernels (-> dump)                     bench trace: rays a second
 //!        -> calibrate                               plan: seconds of a core that a run takes
 //!        -> reference, ladder -> deviation -> fit -> table, plot    bench error: error against CPU seconds
+//! train_step                                                   bench train: CPU seconds of a step and its parts
 //! ```
 //!
 //! Times are CPU seconds of the threads that worked ([`thread_cpu_s`]): machines are shared.
@@ -22,6 +23,8 @@ mod reference;
 mod render;
 mod scenes;
 mod table;
+#[cfg(feature = "train")]
+mod train_step;
 
 pub use calibrate::{Calibration, calibrate};
 pub use clock::thread_cpu_s;
@@ -40,3 +43,5 @@ pub use reference::{REFERENCE_SCHEMA, Reference, ReferenceRecord, own_reference,
 pub use render::{Rendering, Work, render};
 pub use scenes::{BenchScene, indoor, outdoor, pair, stress};
 pub use table::{align, csv};
+#[cfg(feature = "train")]
+pub use train_step::{TrainBench, TrainStep};

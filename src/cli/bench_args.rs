@@ -84,6 +84,41 @@ Examples:
   glasshouse bench farm --simulate --lease-s 2 --kill 0@3.1 --slow 1x4
   glasshouse bench farm --simulate --workers 100 --scenes 2000 --kill 5% --wipe 20")]
     Farm(BenchFarmArgs),
+    /// A training step: CPU seconds and their parts, images a second, memory
+    #[cfg(feature = "train")]
+    #[command(after_help = "\
+The step is the separation stage's with everything in it: the discriminator learns on (I, T); SP-net
+through l1 + 0.2 feature + 0.01 adversarial on T and l1 + 0.2 feature on R~; l1 + 0.2 feature of
+BT-net(R~*) against R; Adam on all three. Images are random numbers, VGG-19 has random weights, no
+feature is kept from one step to the next. CPU seconds are user + system of all threads.
+benches/peers/train_step.py is the same step in PyTorch.
+
+Examples:
+  glasshouse bench train -j 1
+  glasshouse bench train -j 1 --json --steps 3
+  glasshouse bench train --size 64 --width 16 --no-features")]
+    Train(BenchTrainArgs),
+}
+
+/// `bench train`
+#[cfg(feature = "train")]
+#[derive(Debug, ClapArgs)]
+pub struct BenchTrainArgs {
+    /// Side of the images, px
+    #[arg(long, value_name = "PX", default_value_t = 256, value_parser = clap::value_parser!(u32).range(32..=4096))]
+    pub size: u32,
+    /// Channels of the generators
+    #[arg(long, value_name = "N", default_value_t = 64)]
+    pub width: usize,
+    /// Images a step
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub batch: usize,
+    /// Without VGG-19: red, green and blue alone, and no feature losses
+    #[arg(long)]
+    pub no_features: bool,
+    /// Steps after the first, which warms up
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=10000))]
+    pub steps: u32,
 }
 
 /// `bench error`

@@ -17,6 +17,8 @@ pub(super) fn run(args: &BenchArgs, global: &Global, output: &Output) -> Result<
         BenchCommand::Error(args) => bench_error_cmd::run(args, global, output),
         BenchCommand::Farm(args) => bench_farm_cmd::run(args, global, output),
         BenchCommand::Trace(args) => bench_trace_cmd::run(args, global, output),
+        #[cfg(feature = "train")]
+        BenchCommand::Train(args) => super::bench_train_cmd::run(args, global, output),
     }
 }
 

@@ -16,6 +16,8 @@ mod bench_farm_process;
 mod bench_farm_recipe;
 mod bench_farm_resume;
 mod bench_trace_cmd;
+#[cfg(feature = "train")]
+mod bench_train_cmd;
 mod control_cmd;
 mod coordinate_cmd;
 mod exit_code;
@@ -39,6 +41,8 @@ mod status_cmd;
 mod status_text;
 mod store_env;
 mod target;
+#[cfg(feature = "train")]
+mod train_args;
 mod work_cmd;
 
 pub use args::{Args, Command};

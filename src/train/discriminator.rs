@@ -1,5 +1,6 @@
 //! The conditional PatchGAN discriminator of Isola et al. (CVPR 2017), as Zhang et al. use it on (I, T).
 
+use super::generator::SLOPE;
 use super::ops::{NormOptions, Window, conv2d, norm_act};
 use super::random::Stream;
 use candle_core::{DType, Device, Result, Tensor, Var};
@@ -10,13 +11,8 @@ const WIDTHS: [usize; 4] = [1, 2, 4, 8];
 /// From one place to the next in each of them, px.
 const STRIDES: [usize; 5] = [2, 2, 2, 1, 1];
 
-const SLOPE: f32 = 0.2;
-
 /// The published one.
-const NORM: NormOptions = NormOptions {
-    epsilon: 1e-5,
-    slope: SLOPE,
-};
+const EPSILON: f64 = 1e-5;
 
 /// The network: 256 px become 30 x 30 verdicts.
 pub struct Discriminator {
@@ -24,17 +20,23 @@ pub struct Discriminator {
     /// Of the three layers in the middle.
     gains: Vec<Var>,
     offsets: Vec<Var>,
+    slope: f32,
 }
 
 impl Discriminator {
     /// With weights from a seed: of deviation 0.02, as published. `width` is 64 there.
     pub fn new(width: usize, seed: u64, name: &str, device: &Device) -> Result<Self> {
-        let widths: Vec<usize> = WIDTHS.iter().map(|times| times * width).chain([1]).collect();
+        let widths: Vec<usize> = WIDTHS
+            .iter()
+            .map(|times| times * width)
+            .chain([1])
+            .collect();
         let mut inputs = 6;
         let mut discriminator = Self {
             kernels: Vec::new(),
             gains: Vec::new(),
             offsets: Vec::new(),
+            slope: SLOPE,
         };
         for (layer, &outputs) in widths.iter().enumerate() {
             let mut stream = Stream::new(seed, &format!("{name} kernel.{layer}"));
@@ -44,7 +46,9 @@ impl Discriminator {
                 let mut stream = Stream::new(seed, &format!("{name} gain.{layer}"));
                 let gain = (stream.normal_tensor(&[outputs], 0.02, device)? + 1.0)?;
                 discriminator.gains.push(Var::from_tensor(&gain)?);
-                discriminator.offsets.push(Var::zeros(outputs, DType::F32, device)?);
+                discriminator
+                    .offsets
+                    .push(Var::zeros(outputs, DType::F32, device)?);
             }
             inputs = outputs;
         }
@@ -53,7 +57,11 @@ impl Discriminator {
 
     /// Everything that is learned, by name, in a fixed order.
     pub fn variables(&self) -> Vec<(String, Var)> {
-        let lists = [("kernel", &self.kernels), ("gain", &self.gains), ("offset", &self.offsets)];
+        let lists = [
+            ("kernel", &self.kernels),
+            ("gain", &self.gains),
+            ("offset", &self.offsets),
+        ];
         let named = lists.into_iter().flat_map(|(name, list)| {
             let numbered = list.iter().enumerate();
             numbered.map(move |(layer, variable)| (format!("{name}.{layer}"), variable.clone()))
@@ -61,12 +69,45 @@ impl Discriminator {
         named.collect()
     }
 
+    /// With another slope of the leaky ReLU, for negative numbers.
+    #[must_use]
+    pub fn with_slope(self, slope: f32) -> Self {
+        Self { slope, ..self }
+    }
+
     /// Verdicts (batch, 1, rows, columns) on what is shown beside what it is said to be a layer of, both (batch, 3, ...), as
     /// logits: above 0 is believed.
     pub fn forward(&self, image: &Tensor, layer_of_it: &Tensor) -> Result<Tensor> {
+        let tensors =
+            |list: &[Var]| -> Vec<Tensor> { list.iter().map(|v| v.as_tensor().clone()).collect() };
+        let (kernels, gains) = (tensors(&self.kernels), tensors(&self.gains));
+        let offsets = tensors(&self.offsets);
+        self.with_weights(image, layer_of_it, &kernels, &gains, &offsets)
+    }
+
+    /// The same for whom it judges: gradients flow to the images, none to its own weights, whose products are spared.
+    pub fn forward_frozen(&self, image: &Tensor, layer_of_it: &Tensor) -> Result<Tensor> {
+        let frozen: Vec<Tensor> = self.variables().iter().map(|(_, v)| v.detach()).collect();
+        let (kernels, rest) = frozen.split_at(self.kernels.len());
+        let (gains, offsets) = rest.split_at(self.gains.len());
+        self.with_weights(image, layer_of_it, kernels, gains, offsets)
+    }
+
+    fn with_weights(
+        &self,
+        image: &Tensor,
+        layer_of_it: &Tensor,
+        kernels: &[Tensor],
+        gains: &[Tensor],
+        offsets: &[Tensor],
+    ) -> Result<Tensor> {
+        let norm = NormOptions {
+            epsilon: EPSILON,
+            slope: self.slope,
+        };
         let mut x = Tensor::cat(&[image, layer_of_it], 1)?;
-        let mut normed = self.gains.iter().zip(&self.offsets);
-        for (layer, (kernel, stride)) in self.kernels.iter().zip(STRIDES).enumerate() {
+        let mut normed = gains.iter().zip(offsets);
+        for (layer, (kernel, stride)) in kernels.iter().zip(STRIDES).enumerate() {
             let window = Window {
                 padding: 1,
                 stride,
@@ -76,10 +117,10 @@ impl Discriminator {
             if is_normed(layer)
                 && let Some((gain, offset)) = normed.next()
             {
-                let rows = [&gain.zeros_like()?, gain.as_tensor(), offset.as_tensor()];
-                x = norm_act(&x, &Tensor::stack(&rows, 0)?, NORM)?;
+                let rows = [&gain.zeros_like()?, gain, offset];
+                x = norm_act(&x, &Tensor::stack(&rows, 0)?, norm)?;
             } else if layer == 0 {
-                x = leaky(&x)?;
+                x = leaky(&x, self.slope)?;
             }
         }
         Ok(x)
@@ -92,9 +133,9 @@ fn is_normed(layer: usize) -> bool {
 }
 
 /// Leaky ReLU with a right gradient at 0.
-fn leaky(x: &Tensor) -> Result<Tensor> {
+fn leaky(x: &Tensor, slope: f32) -> Result<Tensor> {
     let steep = x.gt(0.0)?.to_dtype(x.dtype())?;
-    x * ((steep * f64::from(1.0 - SLOPE))? + f64::from(SLOPE))?
+    x * ((steep * f64::from(1.0 - slope))? + f64::from(slope))?
 }
 
 #[cfg(test)]
@@ -110,6 +151,9 @@ mod tests {
         assert_eq!(count, kernels + 2 * (128 + 256 + 512));
         let narrow = Discriminator::new(4, 1, "d", &Device::Cpu).unwrap();
         let image = Tensor::zeros((1, 3, 256, 256), DType::F32, &Device::Cpu).unwrap();
-        assert_eq!(narrow.forward(&image, &image).unwrap().dims(), [1, 1, 30, 30]);
+        assert_eq!(
+            narrow.forward(&image, &image).unwrap().dims(),
+            [1, 1, 30, 30]
+        );
     }
 }

@@ -4,18 +4,21 @@
 use super::ops::{NormOptions, Window, bilinear, conv2d, norm_act};
 use super::random::Stream;
 use candle_core::{DType, Device, Result, Tensor, Var};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// From one of the kernel's pixels to the next in each 3 x 3 convolution.
 pub const DILATIONS: [usize; 8] = [1, 2, 4, 8, 16, 32, 64, 1];
 
 /// Zhang et al.'s.
-const NORM: NormOptions = NormOptions {
-    epsilon: 1e-3,
-    slope: 0.2,
-};
+const EPSILON: f64 = 1e-3;
+
+/// Of the leaky ReLU, for negative numbers: Zhang et al.'s.
+pub const SLOPE: f32 = 0.2;
 
 /// How weights begin.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
 pub enum Start {
     /// Each convolution passes its first channels on (Zhang et al.'s).
     #[default]
@@ -25,7 +28,7 @@ pub enum Start {
 }
 
 /// Sizes of a generator.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct GeneratorOptions {
     /// Channels between: 64.
     pub width: usize,
@@ -35,6 +38,8 @@ pub struct GeneratorOptions {
     pub features: Vec<usize>,
     /// How weights begin.
     pub start: Start,
+    /// Of the leaky ReLU, for negative numbers: [`SLOPE`]. 1 makes the network linear but for its norms.
+    pub slope: f32,
 }
 
 /// The network. All it learns is in [`Generator::variables`].
@@ -47,6 +52,7 @@ pub struct Generator {
     offsets: Vec<Var>,
     last: Var,
     last_bias: Var,
+    norm: NormOptions,
 }
 
 impl Generator {
@@ -61,6 +67,10 @@ impl Generator {
             offsets: Vec::new(),
             last: Var::zeros((options.outputs, width, 1, 1), DType::F32, device)?,
             last_bias: Var::zeros(options.outputs, DType::F32, device)?,
+            norm: NormOptions {
+                epsilon: EPSILON,
+                slope: options.slope,
+            },
         };
         for layer in 0..=DILATIONS.len() {
             let (channels, size) = if layer == 0 { (inputs, 1) } else { (width, 3) };
@@ -146,7 +156,7 @@ impl Generator {
         let offset = by_norm.mul(self.offsets[layer].as_tensor())?;
         let coefficients =
             Tensor::stack(&[by_itself.contiguous()?, by_norm.contiguous()?, offset], 0)?;
-        norm_act(x, &coefficients, NORM)
+        norm_act(x, &coefficients, self.norm)
     }
 }
 
@@ -170,6 +180,7 @@ mod tests {
             outputs,
             features: vec![64, 128, 256, 512, 512],
             start,
+            slope: SLOPE,
         }
     }
 

@@ -1,7 +1,6 @@
 //! What the networks are trained by (Kim et al., section 4; Zhang et al. for what it takes from there).
 
-use super::ops::absolute;
-use super::vgg::Vgg;
+use super::ops::{absolute, mean_absolute_difference};
 use candle_core::{Result, Tensor};
 
 /// Divisors of the differences of conv1_2 to conv5_2 (Zhang et al.: 2.6, 4.8, 3.7, 5.6, and 1.5 with ten times the weight).
@@ -9,15 +8,14 @@ pub const FEATURE_DIVISORS: [f64; 5] = [2.6, 4.8, 3.7, 5.6, 0.15];
 
 /// Mean absolute difference.
 pub fn l1(a: &Tensor, b: &Tensor) -> Result<Tensor> {
-    absolute(&(a - b)?)?.mean_all()
+    mean_absolute_difference(a, b)
 }
 
-/// Differences of features, each over its divisor. Gradients flow into `image`, none into `target`.
-pub fn feature_loss(vgg: &Vgg, image: &Tensor, target: &Tensor) -> Result<Tensor> {
-    let (features, targets) = (vgg.features(image)?, vgg.features(&target.detach())?);
+/// Differences of features (see [`super::Vgg::features`]), each over its divisor.
+pub fn feature_difference(features: &[Tensor], targets: &[Tensor]) -> Result<Tensor> {
     let mut sum: Option<Tensor> = None;
-    for ((feature, target), divisor) in features.iter().zip(&targets).zip(FEATURE_DIVISORS) {
-        let part = (l1(feature, &target.detach())? / divisor)?;
+    for ((feature, target), divisor) in features.iter().zip(targets).zip(FEATURE_DIVISORS) {
+        let part = (l1(feature, target)? / divisor)?;
         sum = Some(match sum {
             None => part,
             Some(sum) => (sum + part)?,
@@ -55,11 +53,26 @@ mod tests {
         for x in [-200.0f32, -3.0, -1e-3, 0.0, 0.5, 4.0, 90.0] {
             let variable = Var::new(&[x], &Device::Cpu).unwrap();
             let y = softplus(&variable).unwrap();
-            let exact = if x > 30.0 { f64::from(x) } else { f64::from(x).exp().ln_1p() };
-            assert!((f64::from(y.to_scalar::<f32>().unwrap()) - exact).abs() < 1e-6 * (1.0 + exact));
-            let gradient = y.backward().unwrap().get(&variable).unwrap().to_vec1::<f32>().unwrap()[0];
+            let exact = if x > 30.0 {
+                f64::from(x)
+            } else {
+                f64::from(x).exp().ln_1p()
+            };
+            assert!(
+                (f64::from(y.to_scalar::<f32>().unwrap()) - exact).abs() < 1e-6 * (1.0 + exact)
+            );
+            let gradient = y
+                .backward()
+                .unwrap()
+                .get(&variable)
+                .unwrap()
+                .to_vec1::<f32>()
+                .unwrap()[0];
             let exact = 1.0 / (1.0 + (-f64::from(x)).exp());
-            assert!((f64::from(gradient) - exact).abs() < 1e-6, "{x}: {gradient} {exact}");
+            assert!(
+                (f64::from(gradient) - exact).abs() < 1e-6,
+                "{x}: {gradient} {exact}"
+            );
         }
     }
 }

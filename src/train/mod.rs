@@ -10,15 +10,23 @@
 pub mod ops;
 
 mod adam;
+mod batch;
 mod discriminator;
+mod example;
 mod generator;
+mod learner;
 mod loss;
 mod random;
+mod settings;
 mod vgg;
 
 pub use adam::{Adam, AdamOptions, Moments};
+pub use batch::Batch;
 pub use discriminator::Discriminator;
-pub use generator::{DILATIONS, Generator, GeneratorOptions, Start};
-pub use loss::{FEATURE_DIVISORS, believed, feature_loss, l1, told_apart};
+pub use example::{Cut, Example, Planes};
+pub use generator::{DILATIONS, Generator, GeneratorOptions, SLOPE, Start};
+pub use learner::{Lap, Learner, StepLosses, Term};
+pub use loss::{FEATURE_DIVISORS, believed, feature_difference, l1, told_apart};
 pub use random::Stream;
+pub use settings::{ExampleKind, FeatureSource, PixelSource, SettingError, Stage, TrainSettings};
 pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};

@@ -5,7 +5,7 @@
 //! matrix.rs    products of matrices, by the gemm crate          convolve.rs   convolution op: tensors, gradients, fallback
 //! window.rs    which pixels a kernel sees; unfolding them       pool.rs       2 x 2 maximum
 //! kernel.rs    convolution and its two gradients on slices      resize.rs     bilinear resizing
-//!                                                               norm.rs       batch norm and leaky ReLU, absolute.rs  |x|
+//! difference.rs   mean absolute difference                      norm.rs       batch norm and leaky ReLU, absolute.rs  |x|
 //! ```
 //!
 //! On the CPU sums are taken in an order that does not depend on the number of threads. On other devices plain candle
@@ -13,6 +13,7 @@
 
 mod absolute;
 mod convolve;
+mod difference;
 mod kernel;
 mod matrix;
 mod norm;
@@ -22,6 +23,7 @@ mod window;
 
 pub use absolute::absolute;
 pub use convolve::{conv2d, conv2d_bias_relu};
+pub use difference::mean_absolute_difference;
 pub use norm::{NormOptions, norm_act};
 pub use pool::max_pool2;
 pub use resize::bilinear;

@@ -1,0 +1,79 @@
+//! Seconds of a training step, and of its parts.
+
+use crate::farm::process_cpu_s;
+use crate::train::{Batch, FeatureSource, Learner, Stage, Stream, TrainSettings, Vgg};
+use candle_core::{Device, Result, Tensor};
+use std::time::Instant;
+
+/// One measured step.
+#[derive(Clone, Debug)]
+pub struct TrainStep {
+    /// User and system, of all threads.
+    pub cpu_s: f64,
+    /// On the wall.
+    pub wall_s: f64,
+    /// CPU seconds of its parts, in order of time; a name may stand more than once.
+    pub parts: Vec<(&'static str, f64)>,
+    /// What the generators minimised.
+    pub loss: f32,
+}
+
+/// The step of the separation stage as `bench train` measures it.
+pub struct TrainBench {
+    learner: Learner,
+    batch: Batch,
+}
+
+impl TrainBench {
+    /// SP-net, BT-net, a discriminator that learns in every step, a random VGG-19; random images of `size_px` squared.
+    /// `settings` say widths, batch, features.
+    pub fn new(settings: &TrainSettings, size_px: usize, device: &Device) -> Result<Self> {
+        let settings = TrainSettings {
+            discriminator_every: 1,
+            ..settings.clone()
+        };
+        let vgg = match settings.features {
+            FeatureSource::None => None,
+            _ => Some(Vgg::random(settings.seed, settings.vgg_divisor, device)?),
+        };
+        let mut stream = Stream::new(settings.seed, "bench images");
+        let mut image = || -> Result<Tensor> {
+            let shape = (settings.batch, 3, size_px, size_px);
+            let count = settings.batch * 3 * size_px * size_px;
+            let values: Vec<f32> = (0..count).map(|_| stream.unit() as f32).collect();
+            Tensor::from_vec(values, shape, device)
+        };
+        Ok(Self {
+            batch: Batch {
+                input: image()?,
+                transmission: image()?,
+                glass_reflection: Some(image()?),
+                clean_reflection: Some(image()?),
+            },
+            learner: Learner::new(Stage::Separation, &settings, vgg, device)?,
+        })
+    }
+
+    /// Numbers that are learned; VGG's are not among them.
+    pub fn parameters(&self) -> usize {
+        self.learner.parameters()
+    }
+
+    /// Takes a step.
+    pub fn step(&mut self) -> Result<TrainStep> {
+        let (wall, cpu) = (Instant::now(), process_cpu_s());
+        let mut parts = Vec::new();
+        let mut last = cpu;
+        let losses = self.learner.step(0, &self.batch, &mut |part| {
+            let now = process_cpu_s();
+            parts.push((part, now - last));
+            last = now;
+        })?;
+        Ok(TrainStep {
+            cpu_s: process_cpu_s() - cpu,
+            wall_s: wall.elapsed().as_secs_f64(),
+            parts,
+            loss: losses.total,
+        })
+    }
+}

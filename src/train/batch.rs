@@ -1,0 +1,43 @@
+//! Examples as tensors.
+
+use super::example::{Example, Planes};
+use candle_core::{Device, Result, Tensor};
+
+/// Images of a step, each (batch, 3, rows, columns).
+pub struct Batch {
+    /// I.
+    pub input: Tensor,
+    /// T.
+    pub transmission: Tensor,
+    /// R~, where it is known.
+    pub glass_reflection: Option<Tensor>,
+    /// R, where it is known.
+    pub clean_reflection: Option<Tensor>,
+}
+
+impl Batch {
+    /// Of examples of one size that have the same layers.
+    pub fn new(examples: &[Example], device: &Device) -> Result<Self> {
+        let Some(first) = examples.first() else {
+            candle_core::bail!("a batch of no examples");
+        };
+        let shape = (examples.len(), 3, first.rows, first.columns);
+        let stack = |layer: fn(&Example) -> Option<&Planes>| -> Result<Option<Tensor>> {
+            let planes: Option<Vec<&Planes>> = examples.iter().map(layer).collect();
+            let Some(planes) = planes else {
+                return Ok(None);
+            };
+            let values: Vec<f32> = planes.into_iter().flatten().copied().collect();
+            Tensor::from_vec(values, shape, device).map(Some)
+        };
+        let needed = |layer: Option<Tensor>| {
+            layer.ok_or_else(|| candle_core::Error::Msg("an example without its input".to_owned()))
+        };
+        Ok(Self {
+            input: needed(stack(|e| Some(&e.input))?)?,
+            transmission: needed(stack(|e| Some(&e.transmission))?)?,
+            glass_reflection: stack(|e| e.glass_reflection.as_ref())?,
+            clean_reflection: stack(|e| e.clean_reflection.as_ref())?,
+        })
+    }
+}

@@ -1,0 +1,311 @@
+//! The networks of a stage and one step of their training.
+
+use super::adam::Adam;
+use super::batch::Batch;
+use super::discriminator::Discriminator;
+use super::generator::{Generator, GeneratorOptions, SLOPE};
+use super::loss::{believed, feature_difference, l1, told_apart};
+use super::settings::{Stage, TrainSettings};
+use super::vgg::Vgg;
+use candle_core::backprop::GradStore;
+use candle_core::{Device, Result, Tensor, Var};
+
+/// The networks of a stage, and what their optimisers remember.
+pub struct Learner {
+    /// Which networks learn.
+    pub stage: Stage,
+    /// SP-net, of the separation stage.
+    pub separation: Option<Generator>,
+    /// BT-net.
+    pub backtrack: Generator,
+    /// Tells R from R* of an R~, or T from T* of an I.
+    pub discriminator: Option<Discriminator>,
+    /// Of the generators.
+    pub generator_adam: Adam,
+    /// Of the discriminator.
+    pub discriminator_adam: Option<Adam>,
+    settings: TrainSettings,
+    vgg: Option<Vgg>,
+}
+
+/// One term of a step's loss, weighted.
+pub struct Term {
+    /// `transmission_l1`, ...
+    pub name: &'static str,
+    /// Its part of the sum.
+    pub value: f32,
+}
+
+/// A step in numbers.
+pub struct StepLosses {
+    /// What the generators minimise.
+    pub total: f32,
+    /// Its terms.
+    pub terms: Vec<Term>,
+    /// What the discriminator minimises, in steps in which it learned.
+    pub discriminator: Option<f32>,
+}
+
+/// Calls when a part of a step is over, with its name.
+pub type Lap<'a> = &'a mut dyn FnMut(&'static str);
+
+/// Terms that are added up.
+#[derive(Default)]
+struct Sum {
+    terms: Vec<(&'static str, Tensor)>,
+}
+
+impl Sum {
+    fn add(&mut self, name: &'static str, weight: f64, value: &Tensor) -> Result<()> {
+        self.terms.push((name, (value * weight)?));
+        Ok(())
+    }
+
+    fn total(&self) -> Result<Tensor> {
+        let mut terms = self.terms.iter();
+        let Some((_, first)) = terms.next() else {
+            candle_core::bail!("every weight of the loss is 0: nothing can be learned");
+        };
+        terms.try_fold(first.clone(), |sum, (_, term)| sum + term)
+    }
+
+    fn numbers(&self) -> Result<Vec<Term>> {
+        let terms = self.terms.iter();
+        terms
+            .map(|(name, value)| {
+                Ok(Term {
+                    name,
+                    value: value.to_scalar()?,
+                })
+            })
+            .collect()
+    }
+}
+
+impl Learner {
+    /// New networks of a stage. `vgg` is there unless the settings have no features.
+    pub fn new(
+        stage: Stage,
+        settings: &TrainSettings,
+        vgg: Option<Vgg>,
+        device: &Device,
+    ) -> Result<Self> {
+        Self::with_slope(stage, settings, vgg, device, SLOPE)
+    }
+
+    /// The same with another slope of all leaky ReLUs.
+    pub(super) fn with_slope(
+        stage: Stage,
+        settings: &TrainSettings,
+        vgg: Option<Vgg>,
+        device: &Device,
+        slope: f32,
+    ) -> Result<Self> {
+        let options = |outputs| GeneratorOptions {
+            width: settings.width,
+            outputs,
+            features: vgg.as_ref().map(Vgg::widths).unwrap_or_default(),
+            start: settings.start,
+            slope,
+        };
+        let seed = settings.seed;
+        let backtrack = Generator::new(&options(3), seed, "backtrack", device)?;
+        let separation = match stage {
+            Stage::Backtrack => None,
+            Stage::Separation => Some(Generator::new(&options(6), seed, "separation", device)?),
+        };
+        let discriminator = (settings.adversarial_weight > 0.0)
+            .then(|| -> Result<Discriminator> {
+                let name = format!("{} discriminator", stage.name());
+                let width = settings.discriminator_width;
+                Ok(Discriminator::new(width, seed, &name, device)?.with_slope(slope))
+            })
+            .transpose()?;
+        let mut learned = Vec::new();
+        if let Some(separation) = &separation {
+            learned.extend(prefixed("separation", separation.variables()));
+        }
+        learned.extend(prefixed("backtrack", backtrack.variables()));
+        let discriminator_adam = discriminator
+            .as_ref()
+            .map(|d| Adam::new(prefixed("discriminator", d.variables()), settings.adam()))
+            .transpose()?;
+        Ok(Self {
+            stage,
+            generator_adam: Adam::new(learned, settings.adam())?,
+            discriminator_adam,
+            separation,
+            backtrack,
+            discriminator,
+            settings: settings.clone(),
+            vgg,
+        })
+    }
+
+    /// Everything that is learned, by name, in a fixed order.
+    pub fn variables(&self) -> Vec<(String, Var)> {
+        let adams = std::iter::once(&self.generator_adam).chain(&self.discriminator_adam);
+        adams
+            .flat_map(|adam| &adam.moments)
+            .map(|moments| (moments.name.clone(), moments.variable.clone()))
+            .collect()
+    }
+
+    /// Numbers that are learned.
+    pub fn parameters(&self) -> usize {
+        let variables = self.variables();
+        variables.iter().map(|(_, v)| v.elem_count()).sum()
+    }
+
+    /// One step, the `step`-th from 0: the discriminator first where it is its turn, then the generators.
+    ///
+    /// # Errors
+    ///
+    /// candle's, and a batch without the layers that the stage cannot do without.
+    pub fn step(&mut self, step: u64, batch: &Batch, lap: Lap) -> Result<StepLosses> {
+        let (given, made, truth, sum) = match self.stage {
+            Stage::Backtrack => self.backtrack_losses(batch, lap)?,
+            Stage::Separation => self.separation_losses(batch, lap)?,
+        };
+        let mut sum = sum;
+        let mut of_discriminator = None;
+        if let (Some(discriminator), Some(adam)) =
+            (&self.discriminator, &mut self.discriminator_adam)
+        {
+            if step.is_multiple_of(self.settings.discriminator_every) {
+                let real = discriminator.forward(&given, &truth)?;
+                let fake = discriminator.forward(&given, &made.detach())?;
+                let loss = told_apart(&real, &fake)?;
+                adam.step(&loss.backward()?)?;
+                of_discriminator = Some(loss.to_scalar()?);
+                lap("discriminator step");
+            }
+            let verdicts = discriminator.forward_frozen(&given, &made)?;
+            sum.add(
+                "adversarial",
+                self.settings.adversarial_weight,
+                &believed(&verdicts)?,
+            )?;
+            lap("losses");
+        }
+        let total = sum.total()?;
+        let gradients = total.backward()?;
+        lap("backward");
+        self.generator_adam.step(&gradients)?;
+        lap("Adam");
+        Ok(StepLosses {
+            total: total.to_scalar()?,
+            terms: sum.numbers()?,
+            discriminator: of_discriminator,
+        })
+    }
+
+    /// The separation stage's loss for these images, and its gradients: what [`Self::step`] minimises, without the steps.
+    pub(super) fn gradients(&self, batch: &Batch) -> Result<(Tensor, GradStore)> {
+        let (given, made, _, mut sum) = self.separation_losses(batch, &mut |_| {})?;
+        if let Some(discriminator) = &self.discriminator {
+            let verdicts = discriminator.forward_frozen(&given, &made)?;
+            let weight = self.settings.adversarial_weight;
+            sum.add("adversarial", weight, &believed(&verdicts)?)?;
+        }
+        let total = sum.total()?;
+        let gradients = total.backward()?;
+        Ok((total, gradients))
+    }
+
+    fn features(&self, image: &Tensor) -> Result<Vec<Tensor>> {
+        match &self.vgg {
+            Some(vgg) => vgg.features(image),
+            None => Ok(Vec::new()),
+        }
+    }
+
+    /// Adds what a made image is compared with its truth by. `features` are the made one's.
+    fn compare(
+        &self,
+        sum: &mut Sum,
+        names: [&'static str; 2],
+        made: &Tensor,
+        features: &[Tensor],
+        truth: &Tensor,
+    ) -> Result<()> {
+        if self.settings.pixel_weight > 0.0 {
+            sum.add(names[0], self.settings.pixel_weight, &l1(made, truth)?)?;
+        }
+        if self.settings.feature_weight > 0.0 && !features.is_empty() {
+            let difference = feature_difference(features, &self.features(&truth.detach())?)?;
+            sum.add(names[1], self.settings.feature_weight, &difference)?;
+        }
+        Ok(())
+    }
+
+    /// BT(R~) against R. Returns what the discriminator is shown: given, made, true.
+    fn backtrack_losses(&self, batch: &Batch, lap: Lap) -> Result<(Tensor, Tensor, Tensor, Sum)> {
+        let (Some(given), Some(truth)) = (&batch.glass_reflection, &batch.clean_reflection) else {
+            candle_core::bail!(
+                "BT-net learns from glass_reflection and clean_reflection, which these examples have not: trace them, or leave such examples to the separation stage"
+            );
+        };
+        let made = self.backtrack.forward(given, &self.features(given)?)?;
+        lap("forward");
+        let mut sum = Sum::default();
+        let features = self.loss_features(&made)?;
+        let names = ["clean_reflection_l1", "clean_reflection_feature"];
+        self.compare(&mut sum, names, &made, &features, truth)?;
+        lap("losses");
+        Ok((given.clone(), made, truth.clone(), sum))
+    }
+
+    /// Features of a made image, if the loss has them.
+    fn loss_features(&self, image: &Tensor) -> Result<Vec<Tensor>> {
+        if self.settings.feature_weight > 0.0 {
+            self.features(image)
+        } else {
+            Ok(Vec::new())
+        }
+    }
+
+    /// L_pst + L_pr of Kim et al.: SP(I) against T and R~, and BT(R~*) against R.
+    fn separation_losses(&self, batch: &Batch, lap: Lap) -> Result<(Tensor, Tensor, Tensor, Sum)> {
+        let Some(separation) = &self.separation else {
+            candle_core::bail!("there is no SP-net in the backtrack stage");
+        };
+        let input = &batch.input;
+        let made = separation.forward(input, &self.features(input)?)?;
+        let (t, r) = (made.narrow(1, 0, 3)?, made.narrow(1, 3, 3)?);
+        let (t, r) = (t.contiguous()?, r.contiguous()?);
+        lap("forward");
+        let mut sum = Sum::default();
+        let features = self.loss_features(&t)?;
+        let names = ["transmission_l1", "transmission_feature"];
+        self.compare(&mut sum, names, &t, &features, &batch.transmission)?;
+        // Where R~ itself is not known, as of real photographs, nothing is said of it.
+        let priori = batch
+            .clean_reflection
+            .as_ref()
+            .filter(|_| self.settings.a_priori);
+        if batch.glass_reflection.is_some() || priori.is_some() {
+            // BT-net sees the same features that R~* is compared by.
+            let features = self.features(&r)?;
+            if let Some(truth) = &batch.glass_reflection {
+                let names = ["glass_reflection_l1", "glass_reflection_feature"];
+                self.compare(&mut sum, names, &r, &features, truth)?;
+            }
+            if let Some(truth) = priori {
+                let tracked = self.backtrack.forward(&r, &features)?;
+                let features = self.loss_features(&tracked)?;
+                let names = ["clean_reflection_l1", "clean_reflection_feature"];
+                self.compare(&mut sum, names, &tracked, &features, truth)?;
+            }
+        }
+        lap("losses");
+        Ok((input.clone(), t, batch.transmission.clone(), sum))
+    }
+}
+
+fn prefixed(prefix: &str, variables: Vec<(String, Var)>) -> Vec<(String, Var)> {
+    let named = variables.into_iter();
+    named
+        .map(|(name, variable)| (format!("{prefix}.{name}"), variable))
+        .collect()
+}

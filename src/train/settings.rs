@@ -1,0 +1,287 @@
+//! What a training is made of: everything that changes its result.
+
+use super::adam::AdamOptions;
+use super::generator::Start;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Which networks learn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stage {
+    /// BT-net alone: R~ -> R.
+    Backtrack,
+    /// SP-net, I -> T, R~, with BT-net behind it, which goes on learning.
+    Separation,
+}
+
+impl Stage {
+    /// As it is typed, and the folder of its checkpoints.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Backtrack => "backtrack",
+            Self::Separation => "separation",
+        }
+    }
+}
+
+/// What images are described by, for hypercolumn and feature loss.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum FeatureSource {
+    /// Nothing: networks see red, green and blue, and there is no feature loss.
+    #[default]
+    None,
+    /// VGG-19 with random weights of a fixed seed: not what the paper has.
+    Random,
+    /// VGG-19 with weights from a file.
+    File,
+}
+
+/// Where training examples come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ExampleKind {
+    /// The run's tuples, rendered with glass and lens.
+    #[default]
+    Rendered,
+    /// The scenes' photographs, added as images by the recipe of Zhang, Ng and Chen (CVPR 2018).
+    Zhang,
+    /// The same by the recipe of Fan et al. (CEILNet, ICCV 2017).
+    Ceilnet,
+}
+
+/// From which of a tuple's files pixels are read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PixelSource {
+    /// `tuple.exr`: sRGB-coded, clamped to [0, 1], not rounded to 8 bit.
+    #[default]
+    Exr,
+    /// The 8-bit PNGs.
+    Png,
+}
+
+/// The settings. Frozen with the first checkpoint: another value is another training.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct TrainSettings {
+    /// Of first weights and of the order, crops and flips of examples.
+    pub seed: u64,
+    /// What images are described by.
+    pub features: FeatureSource,
+    /// Divides the widths of a random VGG-19; 1 for the published ones.
+    pub vgg_divisor: usize,
+    /// Channels of the generators.
+    pub width: usize,
+    /// Channels after the discriminators' first convolution.
+    pub discriminator_width: usize,
+    /// How generators begin.
+    pub start: Start,
+    /// Examples a step.
+    pub batch: usize,
+    /// Side of the square that is cut from an example, px.
+    pub crop_px: usize,
+    /// Mirror every other example.
+    pub flip: bool,
+    /// Adam's step size.
+    pub learning_rate: f64,
+    /// Weight of the mean absolute differences. The paper gives none.
+    pub pixel_weight: f64,
+    /// Weight of the feature losses (the paper's).
+    pub feature_weight: f64,
+    /// Weight of the adversarial losses (Zhang et al.: 100 times the others against 1 time this). 0: no discriminator.
+    pub adversarial_weight: f64,
+    /// Discriminators learn at every so many-th step (Zhang et al.).
+    pub discriminator_every: u64,
+    /// SP-net learns from what BT-net makes of its R~*, too.
+    pub a_priori: bool,
+    /// Where examples come from.
+    pub examples: ExampleKind,
+    /// From which files.
+    pub pixels: PixelSource,
+    /// Share of the steps that see real photographs.
+    pub real_share: f64,
+    /// The first epoch goes through the scenes in the manifest's order, as a farm makes them.
+    pub follow: bool,
+}
+
+impl Default for TrainSettings {
+    fn default() -> Self {
+        Self {
+            seed: 2020,
+            features: FeatureSource::None,
+            vgg_divisor: 1,
+            width: 64,
+            discriminator_width: 64,
+            start: Start::Identity,
+            batch: 1,
+            crop_px: 256,
+            flip: true,
+            learning_rate: 1e-4,
+            pixel_weight: 1.0,
+            feature_weight: 0.2,
+            adversarial_weight: 0.01,
+            discriminator_every: 2,
+            a_priori: true,
+            examples: ExampleKind::Rendered,
+            pixels: PixelSource::Exr,
+            real_share: 0.0,
+            follow: false,
+        }
+    }
+}
+
+/// A setting that cannot be.
+#[derive(Debug, PartialEq, thiserror::Error)]
+#[error("{name} is {value}, but must be {expected}")]
+pub struct SettingError {
+    /// Its name.
+    pub name: &'static str,
+    /// What it is.
+    pub value: String,
+    /// What it must be.
+    pub expected: &'static str,
+}
+
+impl TrainSettings {
+    /// Refuses what cannot be.
+    pub fn validate(&self) -> Result<(), SettingError> {
+        let refuse = |name, value: String, expected| {
+            Err(SettingError {
+                name,
+                value,
+                expected,
+            })
+        };
+        let sizes = [
+            ("width", self.width, 3..=1024, "from 3 to 1024"),
+            (
+                "discriminator_width",
+                self.discriminator_width,
+                1..=1024,
+                "from 1 to 1024",
+            ),
+            ("batch", self.batch, 1..=1024, "from 1 to 1024"),
+            ("crop_px", self.crop_px, 32..=8192, "from 32 to 8192"),
+            ("vgg_divisor", self.vgg_divisor, 1..=64, "from 1 to 64"),
+        ];
+        for (name, value, range, expected) in sizes {
+            if !range.contains(&value) {
+                return refuse(name, value.to_string(), expected);
+            }
+        }
+        if !self.vgg_divisor.is_power_of_two() {
+            return refuse(
+                "vgg_divisor",
+                self.vgg_divisor.to_string(),
+                "a power of two",
+            );
+        }
+        // Every comparison is false for NaN.
+        let rate = self.learning_rate;
+        if !(rate > 0.0 && rate < f64::INFINITY) {
+            return refuse("learning_rate", rate.to_string(), "above 0");
+        }
+        for (name, value) in [
+            ("pixel_weight", self.pixel_weight),
+            ("feature_weight", self.feature_weight),
+            ("adversarial_weight", self.adversarial_weight),
+        ] {
+            if !(value >= 0.0 && value < f64::INFINITY) {
+                return refuse(name, value.to_string(), "0 or above");
+            }
+        }
+        if !(0.0..=1.0).contains(&self.real_share) {
+            return refuse("real_share", self.real_share.to_string(), "from 0 to 1");
+        }
+        if self.discriminator_every == 0 {
+            return refuse("discriminator_every", "0".to_owned(), "1 or above");
+        }
+        Ok(())
+    }
+
+    /// The optimiser's settings.
+    pub fn adam(&self) -> AdamOptions {
+        AdamOptions {
+            learning_rate: self.learning_rate,
+            ..AdamOptions::default()
+        }
+    }
+
+    /// What differs from `other`, a line each: `name: its value -> the other's value`.
+    pub fn differences(&self, other: &Self) -> Vec<String> {
+        let fields = |settings: &Self| match serde_json::to_value(settings) {
+            Ok(serde_json::Value::Object(fields)) => fields,
+            _ => serde_json::Map::new(),
+        };
+        let (mine, others) = (fields(self), fields(other));
+        mine.iter()
+            .filter_map(|(name, value)| {
+                let other = others.get(name)?;
+                (value != other).then(|| format!("{name}: {value} -> {other}"))
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cannot_be_is_refused_and_differences_are_named() {
+        let settings = TrainSettings::default();
+        settings.validate().unwrap();
+        let bad = [
+            (
+                "width",
+                TrainSettings {
+                    width: 2,
+                    ..settings.clone()
+                },
+            ),
+            (
+                "learning_rate",
+                TrainSettings {
+                    learning_rate: f64::NAN,
+                    ..settings.clone()
+                },
+            ),
+            (
+                "feature_weight",
+                TrainSettings {
+                    feature_weight: -1.0,
+                    ..settings.clone()
+                },
+            ),
+            (
+                "real_share",
+                TrainSettings {
+                    real_share: 1.5,
+                    ..settings.clone()
+                },
+            ),
+            (
+                "vgg_divisor",
+                TrainSettings {
+                    vgg_divisor: 3,
+                    ..settings.clone()
+                },
+            ),
+        ];
+        for (name, settings) in bad {
+            assert_eq!(settings.validate().unwrap_err().name, name);
+        }
+        let other = TrainSettings {
+            width: 16,
+            a_priori: false,
+            ..settings.clone()
+        };
+        assert_eq!(
+            settings.differences(&other),
+            ["width: 64 -> 16", "a_priori: true -> false"]
+        );
+        assert!(settings.differences(&settings).is_empty());
+    }
+}
