@@ -7,6 +7,7 @@ use super::generator::{Generator, GeneratorOptions, SLOPE};
 use super::loss::{believed, feature_difference, l1, told_apart};
 use super::settings::{Stage, TrainSettings};
 use super::vgg::Vgg;
+#[cfg(test)]
 use candle_core::backprop::GradStore;
 use candle_core::{Device, Result, Tensor, Var};
 
@@ -201,6 +202,7 @@ impl Learner {
     }
 
     /// The separation stage's loss for these images, and its gradients: what [`Self::step`] minimises, without the steps.
+    #[cfg(test)]
     pub(super) fn gradients(&self, batch: &Batch) -> Result<(Tensor, GradStore)> {
         let (given, made, _, mut sum) = self.separation_losses(batch, &mut |_| {})?;
         if let Some(discriminator) = &self.discriminator {

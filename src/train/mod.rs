@@ -30,3 +30,6 @@ pub use loss::{FEATURE_DIVISORS, believed, feature_difference, l1, told_apart};
 pub use random::Stream;
 pub use settings::{ExampleKind, FeatureSource, PixelSource, SettingError, Stage, TrainSettings};
 pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};
+
+#[cfg(test)]
+mod step_tests;
