@@ -12,6 +12,8 @@
 //! (what)      (who)    (files)  (rays)   (disk)     (when)  (tuples) (look)
 //! ```
 //!
+//! Beside the pipeline stands [`evaluate`]: how near a network's pictures come to the truth.
+//!
 //! [`trace`] and the optics are pure functions: no file, clock, environment or thread pool. Only
 //! [`cli`] prints, exits and reads the environment.
 
@@ -19,6 +21,7 @@ pub mod atomic_file;
 pub mod bench;
 pub mod cases;
 pub mod cli;
+pub mod evaluate;
 pub mod farm;
 pub mod ids;
 pub mod manifest;

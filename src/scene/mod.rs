@@ -57,4 +57,5 @@ pub use mesh::{Polygons, decode_mesh};
 pub use near::MAX_TOO_NEAR_SHARE;
 pub use photograph::{Sheet, decode_linear_image, decode_photograph};
 pub use place::{Decoded, MeshFacts, MeshSides};
+pub(crate) use raster::jpeg_is_whole;
 pub use relative::{RelativeEnds, RelativeSides};

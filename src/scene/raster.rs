@@ -213,7 +213,7 @@ fn read(
 
 /// Whether the last scan is closed by an end marker. The decoder would paint the missing rest of a
 /// cut file grey and say nothing. Neither marker can occur inside a scan.
-pub(super) fn jpeg_is_whole(bytes: &[u8]) -> bool {
+pub(crate) fn jpeg_is_whole(bytes: &[u8]) -> bool {
     let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xff, marker]);
     match (last(0xda), last(0xd9)) {
         (Some(scan), Some(end)) => scan < end,

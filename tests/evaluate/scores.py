@@ -1,0 +1,31 @@
+"""Prints the numbers that src/evaluate/score.rs compares itself with.   pip install scikit-image numpy opencv-python-headless"""
+
+import cv2
+import numpy as np
+from skimage.metrics import peak_signal_noise_ratio as psnr
+from skimage.metrics import structural_similarity as ssim
+
+WIDTH, HEIGHT = 45, 31
+
+
+def at(x, y, c):
+    return (x * x * 3 + y * 7 + x * y * (c + 2) + c * 41) % 251
+
+
+y, x, c = np.meshgrid(np.arange(HEIGHT), np.arange(WIDTH), np.arange(3), indexing="ij")
+truth = at(x, y, c).astype(np.uint8)
+output = ((at(x, y, c) * 5 + at(x + 2, y + c, c)) // 6).astype(np.uint8)
+
+
+def grey(image):
+    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+
+
+def channels(metric):
+    return np.mean([metric(truth[..., c], output[..., c]) for c in range(3)])
+
+
+print("psnr_colour_db:", repr(psnr(truth, output)))
+print("ssim_grey:", repr(ssim(grey(truth), grey(output))))
+print("psnr_channels_db:", repr(channels(psnr)))
+print("ssim_channels:", repr(channels(ssim)))
