@@ -53,6 +53,45 @@ pub fn write_relaxed(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     })
 }
 
+/// Makes a folder whose files appear all at once: `fill` writes them into a temporary one, which is then renamed to `path`. A
+/// folder of that name is replaced.
+pub fn write_dir<E: From<WriteError>>(
+    path: &Path,
+    fill: impl FnOnce(&Path) -> Result<(), E>,
+) -> Result<(), E> {
+    let failed = |source| WriteError {
+        path: path.to_owned(),
+        source,
+    };
+    let parent = path.parent().unwrap_or(Path::new("."));
+    create_dir(parent)?;
+    let temporary = tempfile::Builder::new()
+        .prefix(TEMPORARY_PREFIX)
+        .tempdir_in(parent)
+        .map_err(failed)?;
+    fill(temporary.path())?;
+    let rename = || -> io::Result<()> {
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            fs::set_permissions(temporary.path(), fs::Permissions::from_mode(0o755))?;
+        }
+        sync_dir(temporary.path())?;
+        match fs::remove_dir_all(path) {
+            Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
+            _ => {}
+        }
+        fs::rename(temporary.path(), path)?;
+        sync_dir(parent)
+    };
+    let renamed = rename().map_err(failed);
+    // Its name is gone: there is nothing left to be cleared away.
+    if renamed.is_ok() {
+        let _ = temporary.keep();
+    }
+    Ok(renamed?)
+}
+
 fn write_inner(path: &Path, bytes: &[u8], durable: bool) -> io::Result<()> {
     let folder = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -92,6 +131,29 @@ mod tests {
         write(&path, b"one").unwrap();
         write(&path, b"two").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"two");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_folder_appears_whole_or_not_at_all() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("step-1");
+        for text in ["one", "two"] {
+            write_dir(&path, |folder| {
+                write(&folder.join("a"), text.as_bytes())?;
+                assert!(
+                    folder
+                        .file_name()
+                        .is_some_and(|n| is_temporary(Path::new(n)))
+                );
+                Ok::<(), WriteError>(())
+            })
+            .unwrap();
+            assert_eq!(fs::read_to_string(path.join("a")).unwrap(), text);
+        }
+        let failed = write_dir(&path, |folder| write(&folder.join("no/a"), b""));
+        assert!(failed.is_err());
+        assert_eq!(fs::read_to_string(path.join("a")).unwrap(), "two");
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
     }
 

@@ -1,10 +1,9 @@
 //! How two files of a tuple differ: bit for bit first, then by pixels or fields, so that a person can judge.
 
-use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, read};
+use crate::merge::decode_exr_channels;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeSet;
-use std::io::Cursor;
 
 /// Two files that are not the same.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -117,35 +116,18 @@ fn decode_png(bytes: &[u8]) -> Result<Pixels, String> {
 }
 
 fn decode_exr(bytes: &[u8]) -> Result<Pixels, String> {
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .non_parallel()
-        .from_buffered(Cursor::new(bytes))
-        .map_err(|e| e.to_string())?;
-    let layer = image.layer_data;
-    let list = layer.channel_data.list;
-    let (width, height) = (layer.size.width(), layer.size.height());
-    let mut values = vec![0.0; width * height * list.len()];
-    for (c, channel) in list.iter().enumerate() {
-        let samples = channel.sample_data.values_as_f32();
-        // What is not a float is compared as one, which is exact for halves; nothing here writes integers.
-        for (pixel, value) in samples.enumerate() {
-            if let Some(place) = values.get_mut(pixel * list.len() + c) {
-                *place = value;
-            }
-        }
-        if matches!(channel.sample_data, FlatSamples::U32(_)) {
-            return Err(format!("channel {} holds integers", channel.name));
+    let channels = decode_exr_channels(bytes)?;
+    let count = channels.list.len();
+    let mut values = vec![0.0; channels.width * channels.height * count];
+    for (c, (_, channel)) in channels.list.iter().enumerate() {
+        for (pixel, value) in values.chunks_exact_mut(count).zip(channel) {
+            pixel[c] = *value;
         }
     }
     Ok(Pixels {
-        width,
-        height,
-        channels: list.len(),
+        width: channels.width,
+        height: channels.height,
+        channels: count,
         values,
     })
 }

@@ -9,6 +9,7 @@
 //! line.rs, side.rs, side_json.rs             a scene line; photograph, panorama or mesh     jsonl.rs   manifests as text
 //! validate.rs, refuse.rs                     which lines are sound, which panes cannot be looked through
 //! roots.rs                                   where a line's paths lead
+//! training.rs                                what is trained on the tuples, and how
 //! ```
 //!
 //! Pure, apart from the listings of `diode.rs`, `places.rs` and `list.rs`.
@@ -41,6 +42,7 @@ mod side;
 mod side_json;
 mod source;
 mod source_values;
+mod training;
 mod validate;
 
 pub use cast::{Cast, Drawn, photograph_name};
@@ -73,4 +75,7 @@ pub use refuse::{MAX_INCIDENCE_DEG, refuse};
 pub use roots::{RootError, Roots, is_url};
 pub use side::{MeshFile, MeshPose, Side};
 pub use source::{Layout, Source};
+pub use training::{
+    ExampleKind, FeatureSource, PixelSource, SettingError, Stage, Start, TrainRecipe, TrainSettings,
+};
 pub use validate::LineError;

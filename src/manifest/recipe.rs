@@ -9,6 +9,7 @@ use super::places::depth_root;
 use super::recipe_error::RecipeError;
 use super::roots::Roots;
 use super::source::{Layout, Source};
+use super::training::TrainRecipe;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -53,6 +54,8 @@ pub struct Recipe {
     /// Parts of the set, which share no photograph.
     #[serde(rename = "split")]
     pub splits: Vec<SplitRecipe>,
+    /// What is trained on the tuples. Default nothing.
+    pub train: Option<TrainRecipe>,
 }
 
 fn default_seed() -> u64 {

@@ -1,7 +1,8 @@
 //! Partials are combined in a fixed order, weighted by their sample counts, and gaps are refused.
 
 use super::moves::{Moves, SMOOTH, SMOOTH_OF_STOPPED};
-use super::tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord};
+use super::tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord, layer_digest};
+use super::write::{halved, is_half};
 use crate::manifest::SceneLine;
 use crate::partial::Partial;
 use crate::shard::{ShardLayout, scene_digest};
@@ -144,6 +145,7 @@ pub fn combine<P: Borrow<Partial>>(
         }
     }
     let pixels = (width * height) as f64;
+    let half = is_half(line, &layers);
     let made = LAYERS.iter().enumerate().filter(|(k, _)| asked[*k]);
     let records = made.map(|(k, name)| {
         // R has no lens.
@@ -154,6 +156,7 @@ pub fn combine<P: Borrow<Partial>>(
         };
         let error_rms = (samples[k] > 1).then(|| moves[k].rms_error(tail));
         let mut record = LayerRecord::new(&layers[k], samples[k], error_rms, paths[k], misses[k]);
+        record.exr_blake3 = half.then(|| layer_digest(&halved(&layers[k])));
         record.mean_samples = sample_sums.map(|sums| sums[k] as f64 / pixels);
         ((*name).to_owned(), record)
     });

@@ -2,11 +2,13 @@
 
 mod combine;
 mod moves;
+mod read;
 mod srgb;
 mod tuple;
 mod write;
 
 pub use combine::{MergeError, combine};
+pub use read::{ExrChannels, decode_exr_channels, decode_tuple_exr};
 pub use srgb::{SrgbEncoder, srgb_to_linear};
 pub use tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord};
 pub use write::{

@@ -72,6 +72,9 @@ pub struct LayerRecord {
     pub miss_share: f64,
     /// BLAKE3 of the pixels as 32-bit floats (little endian, R G B, row by row).
     pub blake3: String,
+    /// The same of the pixels as they stand in `tuple.exr`, where half floats round them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exr_blake3: Option<String>,
 }
 
 impl LayerRecord {
@@ -94,11 +97,12 @@ impl LayerRecord {
             clipped_share: values.iter().filter(|&&v| v > 1.0).count() as f64 / count,
             miss_share: misses as f64 / paths.max(1) as f64,
             blake3: layer_digest(pixels),
+            exr_blake3: None,
         }
     }
 }
 
-fn layer_digest(pixels: &[[f32; 3]]) -> String {
+pub(super) fn layer_digest(pixels: &[[f32; 3]]) -> String {
     let values = pixels.as_flattened();
     let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
     blake3::hash(&bytes).to_hex().to_string()

@@ -136,21 +136,28 @@ pub fn encode_rgb_exr(
     encode_exr(list.collect(), width, height)
 }
 
+/// The layers are stored as half floats: the scene asks for it and their values allow it.
+pub(super) fn is_half(line: &SceneLine, layers: &[Vec<[f32; 3]>; 4]) -> bool {
+    let mut values = layers.iter().flatten().flatten();
+    line.film.exr == ExrPrecision::Half && values.all(|&v| v <= HALF_MAX)
+}
+
+/// The pixels as half floats hold them.
+pub(super) fn halved(pixels: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    let pixels = pixels.iter();
+    pixels
+        .map(|p| p.map(|v| f16::from_f32(v).to_f32()))
+        .collect()
+}
+
 /// All layers in one file, channels `input.R`, ...: half floats if the values allow it, else floats.
 pub fn encode_tuple_exr(tuple: &Tuple) -> Result<Vec<u8>, exr::error::Error> {
-    let half = tuple.record.scene.film.exr == ExrPrecision::Half;
-    let fits = half
-        && tuple
-            .layers
-            .iter()
-            .flatten()
-            .flatten()
-            .all(|&v| v <= HALF_MAX);
+    let half = is_half(&tuple.record.scene, &tuple.layers);
     let mut list = Vec::new();
     for (layer, name) in tuple.made() {
         for (c, colour) in ["R", "G", "B"].into_iter().enumerate() {
             let samples = layer.iter().map(|p| p[c]);
-            let samples = if fits {
+            let samples = if half {
                 FlatSamples::F16(samples.map(f16::from_f32).collect())
             } else {
                 FlatSamples::F32(samples.collect())

@@ -1,6 +1,6 @@
 //! The conditional PatchGAN discriminator of Isola et al. (CVPR 2017), as Zhang et al. use it on (I, T).
 
-use super::generator::SLOPE;
+use super::generator::{SLOPE, See, frozen, learning};
 use super::ops::{NormOptions, Window, conv2d, norm_act};
 use super::random::Stream;
 use candle_core::{DType, Device, Result, Tensor, Var};
@@ -78,46 +78,33 @@ impl Discriminator {
     /// Verdicts (batch, 1, rows, columns) on what is shown beside what it is said to be a layer of, both (batch, 3, ...), as
     /// logits: above 0 is believed.
     pub fn forward(&self, image: &Tensor, layer_of_it: &Tensor) -> Result<Tensor> {
-        let tensors =
-            |list: &[Var]| -> Vec<Tensor> { list.iter().map(|v| v.as_tensor().clone()).collect() };
-        let (kernels, gains) = (tensors(&self.kernels), tensors(&self.gains));
-        let offsets = tensors(&self.offsets);
-        self.with_weights(image, layer_of_it, &kernels, &gains, &offsets)
+        self.forward_by(image, layer_of_it, learning)
     }
 
     /// The same for whom it judges: gradients flow to the images, none to its own weights, whose products are spared.
     pub fn forward_frozen(&self, image: &Tensor, layer_of_it: &Tensor) -> Result<Tensor> {
-        let frozen: Vec<Tensor> = self.variables().iter().map(|(_, v)| v.detach()).collect();
-        let (kernels, rest) = frozen.split_at(self.kernels.len());
-        let (gains, offsets) = rest.split_at(self.gains.len());
-        self.with_weights(image, layer_of_it, kernels, gains, offsets)
+        self.forward_by(image, layer_of_it, frozen)
     }
 
-    fn with_weights(
-        &self,
-        image: &Tensor,
-        layer_of_it: &Tensor,
-        kernels: &[Tensor],
-        gains: &[Tensor],
-        offsets: &[Tensor],
-    ) -> Result<Tensor> {
+    fn forward_by(&self, image: &Tensor, layer_of_it: &Tensor, see: See) -> Result<Tensor> {
         let norm = NormOptions {
             epsilon: EPSILON,
             slope: self.slope,
         };
         let mut x = Tensor::cat(&[image, layer_of_it], 1)?;
-        let mut normed = gains.iter().zip(offsets);
-        for (layer, (kernel, stride)) in kernels.iter().zip(STRIDES).enumerate() {
+        let mut normed = self.gains.iter().zip(&self.offsets);
+        for (layer, (kernel, stride)) in self.kernels.iter().zip(STRIDES).enumerate() {
             let window = Window {
                 padding: 1,
                 stride,
                 dilation: 1,
             };
-            x = conv2d(&x, kernel, window)?;
+            x = conv2d(&x, &see(kernel), window)?;
             if is_normed(layer)
                 && let Some((gain, offset)) = normed.next()
             {
-                let rows = [&gain.zeros_like()?, gain, offset];
+                let gain = see(gain);
+                let rows = [&gain.zeros_like()?, &gain, &see(offset)];
                 x = norm_act(&x, &Tensor::stack(&rows, 0)?, norm)?;
             } else if layer == 0 {
                 x = leaky(&x, self.slope)?;

@@ -3,9 +3,8 @@
 
 use super::ops::{NormOptions, Window, bilinear, conv2d, norm_act};
 use super::random::Stream;
+use crate::manifest::Start;
 use candle_core::{DType, Device, Result, Tensor, Var};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 /// From one of the kernel's pixels to the next in each 3 x 3 convolution.
 pub const DILATIONS: [usize; 8] = [1, 2, 4, 8, 16, 32, 64, 1];
@@ -15,17 +14,6 @@ const EPSILON: f64 = 1e-3;
 
 /// Of the leaky ReLU, for negative numbers: Zhang et al.'s.
 pub const SLOPE: f32 = 0.2;
-
-/// How weights begin.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Start {
-    /// Each convolution passes its first channels on (Zhang et al.'s).
-    #[default]
-    Identity,
-    /// Normal numbers of deviation sqrt(2 / inputs) (He et al.'s).
-    Random,
-}
 
 /// Sizes of a generator.
 #[derive(Clone, Debug, PartialEq)]
@@ -119,25 +107,35 @@ impl Generator {
     /// Of sRGB-coded images (batch, 3, rows, columns) and their features, the finest first: (batch, outputs, rows, columns),
     /// not clamped.
     pub fn forward(&self, images: &Tensor, features: &[Tensor]) -> Result<Tensor> {
-        let mut x = self.first(images, features)?;
-        x = self.norm(0, &x)?;
+        self.forward_by(images, features, learning)
+    }
+
+    /// The same for who does not learn: nothing is kept for gradients.
+    pub fn forward_frozen(&self, images: &Tensor, features: &[Tensor]) -> Result<Tensor> {
+        self.forward_by(images, features, frozen)
+    }
+
+    fn forward_by(&self, images: &Tensor, features: &[Tensor], see: See) -> Result<Tensor> {
+        let mut x = self.first(images, features, see)?;
+        x = self.norm(0, &x, see)?;
         for (layer, dilation) in DILATIONS.into_iter().enumerate() {
-            x = conv2d(&x, &self.kernels[layer + 1], Window::same(3, dilation))?;
-            x = self.norm(layer + 1, &x)?;
+            let kernel = see(&self.kernels[layer + 1]);
+            x = conv2d(&x, &kernel, Window::same(3, dilation))?;
+            x = self.norm(layer + 1, &x, see)?;
         }
-        let out = conv2d(&x, &self.last, Window::same(1, 1))?;
-        out.broadcast_add(&self.last_bias.reshape((1, (), 1, 1))?)
+        let out = conv2d(&x, &see(&self.last), Window::same(1, 1))?;
+        out.broadcast_add(&see(&self.last_bias).reshape((1, (), 1, 1))?)
     }
 
     /// The 1 x 1 convolution of the hypercolumn. It works on channels and resizing on pixels, so they can change places: each
     /// feature is convolved at its own size, and the tensor of all channels at full size never exists.
-    fn first(&self, images: &Tensor, features: &[Tensor]) -> Result<Tensor> {
+    fn first(&self, images: &Tensor, features: &[Tensor], see: See) -> Result<Tensor> {
         let (_, _, rows, columns) = images.dims4()?;
         let mut start = 0;
         let mut sum: Option<Tensor> = None;
         for part in features.iter().rev().chain([images]) {
             let channels = part.dim(1)?;
-            let kernel = self.kernels[0].narrow(1, start, channels)?;
+            let kernel = see(&self.kernels[0]).narrow(1, start, channels)?;
             start += channels;
             let out = conv2d(part, &kernel, Window::same(1, 1))?;
             let out = bilinear(&out, rows, columns)?;
@@ -149,15 +147,28 @@ impl Generator {
         sum.ok_or_else(|| candle_core::Error::Msg("generator: no image".to_owned()))
     }
 
-    fn norm(&self, layer: usize, x: &Tensor) -> Result<Tensor> {
+    fn norm(&self, layer: usize, x: &Tensor, see: See) -> Result<Tensor> {
         let channels = x.dim(1)?;
-        let by_itself = self.by_itself[layer].broadcast_as(channels)?;
-        let by_norm = self.by_norm[layer].broadcast_as(channels)?;
-        let offset = by_norm.mul(self.offsets[layer].as_tensor())?;
+        let by_itself = see(&self.by_itself[layer]).broadcast_as(channels)?;
+        let by_norm = see(&self.by_norm[layer]).broadcast_as(channels)?;
+        let offset = by_norm.mul(&see(&self.offsets[layer]))?;
         let coefficients =
             Tensor::stack(&[by_itself.contiguous()?, by_norm.contiguous()?, offset], 0)?;
         norm_act(x, &coefficients, self.norm)
     }
+}
+
+/// How a pass through a network sees its weights.
+pub(super) type See = fn(&Var) -> Tensor;
+
+/// As what is learned: gradients flow to them.
+pub(super) fn learning(weight: &Var) -> Tensor {
+    weight.as_tensor().clone()
+}
+
+/// As constants.
+pub(super) fn frozen(weight: &Var) -> Tensor {
+    weight.detach()
 }
 
 /// The middle of the kernel passes channel i on to channel i.

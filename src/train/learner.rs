@@ -1,15 +1,16 @@
 //! The networks of a stage and one step of their training.
 
-use super::adam::Adam;
+use super::adam::{Adam, AdamOptions};
 use super::batch::Batch;
 use super::discriminator::Discriminator;
 use super::generator::{Generator, GeneratorOptions, SLOPE};
 use super::loss::{believed, feature_difference, l1, told_apart};
-use super::settings::{Stage, TrainSettings};
 use super::vgg::Vgg;
+use crate::manifest::{Stage, TrainSettings};
 #[cfg(test)]
 use candle_core::backprop::GradStore;
 use candle_core::{Device, Result, Tensor, Var};
+use std::collections::{BTreeMap, HashMap};
 
 /// The networks of a stage, and what their optimisers remember.
 pub struct Learner {
@@ -129,11 +130,16 @@ impl Learner {
         learned.extend(prefixed("backtrack", backtrack.variables()));
         let discriminator_adam = discriminator
             .as_ref()
-            .map(|d| Adam::new(prefixed("discriminator", d.variables()), settings.adam()))
+            .map(|d| {
+                Adam::new(
+                    prefixed("discriminator", d.variables()),
+                    adam_options(settings),
+                )
+            })
             .transpose()?;
         Ok(Self {
             stage,
-            generator_adam: Adam::new(learned, settings.adam())?,
+            generator_adam: Adam::new(learned, adam_options(settings))?,
             discriminator_adam,
             separation,
             backtrack,
@@ -156,6 +162,66 @@ impl Learner {
     pub fn parameters(&self) -> usize {
         let variables = self.variables();
         variables.iter().map(|(_, v)| v.elem_count()).sum()
+    }
+
+    /// What is learned, by name.
+    pub fn model(&self) -> BTreeMap<String, Tensor> {
+        let variables = self.variables().into_iter();
+        variables
+            .map(|(name, variable)| (name, variable.as_detached_tensor()))
+            .collect()
+    }
+
+    /// What the optimisers remember: `mean.NAME` and `square.NAME`.
+    pub fn moments(&self) -> BTreeMap<String, Tensor> {
+        let adams = std::iter::once(&self.generator_adam).chain(&self.discriminator_adam);
+        adams
+            .flat_map(|adam| &adam.moments)
+            .flat_map(|m| {
+                [
+                    (format!("mean.{}", m.name), m.mean.clone()),
+                    (format!("square.{}", m.name), m.square.clone()),
+                ]
+            })
+            .collect()
+    }
+
+    /// Puts weights in the place of those whose names begin with `prefix`.
+    ///
+    /// # Errors
+    ///
+    /// One that is missing, or has another shape.
+    pub fn set_model(&mut self, model: &HashMap<String, Tensor>, prefix: &str) -> Result<()> {
+        for (name, variable) in self.variables() {
+            if name.starts_with(prefix) {
+                variable.set(of_shape(model, &name, variable.dims())?)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Puts what optimisers remembered in place, with their numbers of steps.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Self::set_model`].
+    pub fn set_moments(
+        &mut self,
+        moments: &HashMap<String, Tensor>,
+        generator_steps: u64,
+        discriminator_steps: u64,
+    ) -> Result<()> {
+        self.generator_adam.steps = generator_steps;
+        if let Some(adam) = &mut self.discriminator_adam {
+            adam.steps = discriminator_steps;
+        }
+        let adams = std::iter::once(&mut self.generator_adam).chain(&mut self.discriminator_adam);
+        for m in adams.flat_map(|adam| &mut adam.moments) {
+            let dims = m.variable.dims();
+            m.mean = of_shape(moments, &format!("mean.{}", m.name), dims)?.clone();
+            m.square = of_shape(moments, &format!("square.{}", m.name), dims)?.clone();
+        }
+        Ok(())
     }
 
     /// One step, the `step`-th from 0: the discriminator first where it is its turn, then the generators.
@@ -213,6 +279,11 @@ impl Learner {
         let total = sum.total()?;
         let gradients = total.backward()?;
         Ok((total, gradients))
+    }
+
+    /// Describes images, if the settings have features.
+    pub fn vgg(&self) -> Option<&Vgg> {
+        self.vgg.as_ref()
     }
 
     fn features(&self, image: &Tensor) -> Result<Vec<Tensor>> {
@@ -302,6 +373,25 @@ impl Learner {
         }
         lap("losses");
         Ok((input.clone(), t, batch.transmission.clone(), sum))
+    }
+}
+
+fn adam_options(settings: &TrainSettings) -> AdamOptions {
+    AdamOptions {
+        learning_rate: settings.learning_rate,
+        ..AdamOptions::default()
+    }
+}
+
+fn of_shape<'a>(
+    tensors: &'a HashMap<String, Tensor>,
+    name: &str,
+    dims: &[usize],
+) -> Result<&'a Tensor> {
+    match tensors.get(name) {
+        Some(tensor) if tensor.dims() == dims => Ok(tensor),
+        Some(tensor) => candle_core::bail!("{name} is {:?}, not {dims:?}", tensor.dims()),
+        None => candle_core::bail!("{name} is missing"),
     }
 }
 

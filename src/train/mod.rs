@@ -1,34 +1,67 @@
-//! Stage 8: tuples become networks that take reflections away (begun: what networks are made of; no command uses it yet).
+//! Stage 8: tuples become networks that take reflections away.
 //!
 //! ```text
-//! ops/               what candle computes slowly or with wrong gradients, made right
-//! vgg.rs             frozen features of images         loss.rs     what is minimised
-//! generator.rs       what SP-net and BT-net share       adam.rs     the optimiser, its state in reach
-//! discriminator.rs   who tells real from made           random.rs   random numbers by seed and name
+//! source (tuples, photographs, pairs) -> lesson (which, cut how) -> loader (ahead) -> batch
+//!     -> learner (networks, losses, Adam: one step) -> session (all steps, watched, written down, resumed)
+//!
+//! ops/              what candle computes slowly or with wrong gradients, made right
+//! vgg               frozen features of images           checkpoint    a folder a step, whole or not at all
+//! generator         what SP-net and BT-net share        metrics, events, picture    for who watches
+//! discriminator     who tells real from made
+//! loss, adam        what is minimised, and how          inference     networks at work
+//! random            random numbers by seed and name     code          pixels as networks see them
+//! mixture, mix      photographs added as images, for comparison
 //! ```
+//!
+//! What is learned is a function of the settings, the scenes and the machine's kind of CPU: not of threads, of time, or of how
+//! often it was stopped.
 
 pub mod ops;
 
 mod adam;
 mod batch;
+mod checkpoint;
+mod code;
 mod discriminator;
+mod events;
 mod example;
 mod generator;
+mod inference;
 mod learner;
+mod lesson;
+mod loader;
 mod loss;
+mod metrics;
+mod mix;
+mod pair_tmp;
+mod picture;
 mod random;
-mod settings;
+mod session;
+mod source;
 mod vgg;
 
+pub use crate::manifest::{
+    ExampleKind, FeatureSource, PixelSource, SettingError, Stage, Start, TrainSettings,
+};
 pub use adam::{Adam, AdamOptions, Moments};
 pub use batch::Batch;
+pub use checkpoint::{
+    CHECKPOINT_SCHEMA, Checkpoint, CheckpointError, CheckpointState, Origin, checkpoint_folder,
+    clear, code_path, prune, steps, write_checkpoint,
+};
+pub use code::{bytes_of_planes, planes_of_bytes};
 pub use discriminator::Discriminator;
 pub use example::{Cut, Example, Planes};
-pub use generator::{DILATIONS, Generator, GeneratorOptions, SLOPE, Start};
+pub use generator::{DILATIONS, Generator, GeneratorOptions, SLOPE};
+pub use inference::{Networks, Picture};
 pub use learner::{Lap, Learner, StepLosses, Term};
+pub use lesson::{Lesson, SceneSource};
+pub use loader::Loader;
 pub use loss::{FEATURE_DIVISORS, believed, feature_difference, l1, told_apart};
+pub use metrics::{MetricsRow, read_metrics};
 pub use random::Stream;
-pub use settings::{ExampleKind, FeatureSource, PixelSource, SettingError, Stage, TrainSettings};
+pub use session::{Best, Schedule, Session, TrainError, Trained, Watcher};
+pub use source::{Base, ExampleError, PairSource, PhotographSource, TupleSource};
 pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};
 
 #[cfg(test)]

@@ -1,7 +1,5 @@
-//! What a training is made of: everything that changes its result.
+//! What a training is made of: everything that changes its result. `[train]` of a recipe.
 
-use super::adam::AdamOptions;
-use super::generator::Start;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -60,6 +58,30 @@ pub enum PixelSource {
     Exr,
     /// The 8-bit PNGs.
     Png,
+}
+
+/// How weights of generators begin.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Start {
+    /// Each convolution passes its first channels on (Zhang et al.'s).
+    #[default]
+    Identity,
+    /// Normal numbers of deviation sqrt(2 / inputs) (He et al.'s).
+    Random,
+}
+
+/// `[train]`: what `run` does when all tuples are there.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TrainRecipe {
+    /// Steps of BT-net alone.
+    pub backtrack_steps: u64,
+    /// Steps of SP-net and BT-net together.
+    pub separation_steps: u64,
+    /// The settings of both stages. Default the paper's and Zhang et al.'s.
+    #[serde(default)]
+    pub settings: TrainSettings,
 }
 
 /// The settings. Frozen with the first checkpoint: another value is another training.
@@ -199,14 +221,6 @@ impl TrainSettings {
             return refuse("discriminator_every", "0".to_owned(), "1 or above");
         }
         Ok(())
-    }
-
-    /// The optimiser's settings.
-    pub fn adam(&self) -> AdamOptions {
-        AdamOptions {
-            learning_rate: self.learning_rate,
-            ..AdamOptions::default()
-        }
     }
 
     /// What differs from `other`, a line each: `name: its value -> the other's value`.

@@ -1,0 +1,250 @@
+//! Checkpoints: a folder a step, `model.safetensors`, `optimizer.safetensors`, `state.json`, all there or none.
+
+use super::learner::Learner;
+use crate::atomic_file::{self, WriteError};
+use crate::manifest::{Stage, TrainSettings};
+use candle_core::{Device, Tensor};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+
+/// The schema name of `state.json`.
+pub const CHECKPOINT_SCHEMA: &str = "glasshouse.checkpoint/1";
+
+const MODEL: &str = "model.safetensors";
+const OPTIMIZER: &str = "optimizer.safetensors";
+const STATE: &str = "state.json";
+
+/// What a training was made of that no setting says.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Origin {
+    /// Digest of VGG's weights file (BLAKE3), where features are from a file.
+    pub vgg_blake3: Option<String>,
+    /// Digest of the scenes that examples are of, in the manifest's order.
+    pub scenes_blake3: String,
+    /// Digest of the names of the real pairs.
+    pub real_blake3: Option<String>,
+    /// The backtrack checkpoint that the separation stage began with: its step and the digest of its model.
+    pub backtrack: Option<(u64, String)>,
+}
+
+/// `state.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CheckpointState {
+    /// Always [`CHECKPOINT_SCHEMA`].
+    pub schema: String,
+    /// Which networks learn.
+    pub stage: Stage,
+    /// Steps so far. Order, crops and all other chance follow from this and the seed.
+    pub step: u64,
+    /// Steps of the generators' optimiser.
+    pub generator_steps: u64,
+    /// Steps of the discriminator's.
+    pub discriminator_steps: u64,
+    /// Numbers that are learned.
+    pub parameters: usize,
+    /// The settings.
+    pub settings: TrainSettings,
+    /// What else it was made of.
+    pub origin: Origin,
+    /// Instructions that products of matrices were computed with: others give other last bits.
+    pub code_path: String,
+    /// Mean PSNR of what was made of the validation scenes, dB, if there were any.
+    pub validation_psnr_db: Option<f64>,
+    /// Digests (BLAKE3) of the other two files, by name.
+    pub files: BTreeMap<String, String>,
+}
+
+/// A checkpoint that cannot be written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum CheckpointError {
+    /// The disk.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// It cannot be read.
+    #[error("the checkpoint {} cannot be used: {reason}", path.display())]
+    Damaged {
+        /// Its folder.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// candle's.
+    #[error(transparent)]
+    Tensor(#[from] candle_core::Error),
+}
+
+/// A checkpoint that was read and is as it was written.
+pub struct Checkpoint {
+    /// Its folder.
+    pub path: PathBuf,
+    /// `state.json`.
+    pub state: CheckpointState,
+    /// Weights, by name.
+    pub model: HashMap<String, Tensor>,
+    /// Moments, by name.
+    pub moments: HashMap<String, Tensor>,
+}
+
+/// `avx512f`, `fma` or `baseline`: what products of matrices are computed with here.
+pub fn code_path() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if std::arch::is_x86_feature_detected!("avx512f") {
+            return "avx512f";
+        }
+        if std::arch::is_x86_feature_detected!("fma") {
+            return "fma";
+        }
+    }
+    "baseline"
+}
+
+/// Folder of the checkpoint of a step.
+pub fn checkpoint_folder(stage_folder: &Path, step: u64) -> PathBuf {
+    stage_folder.join(format!("step-{step:07}"))
+}
+
+/// Writes a checkpoint, durably.
+pub fn write_checkpoint(
+    stage_folder: &Path,
+    step: u64,
+    learner: &Learner,
+    settings: &TrainSettings,
+    origin: &Origin,
+    validation_psnr_db: Option<f64>,
+) -> Result<PathBuf, CheckpointError> {
+    let path = checkpoint_folder(stage_folder, step);
+    let bytes = |tensors: BTreeMap<String, Tensor>| {
+        safetensors::serialize(tensors, None).map_err(|e| CheckpointError::Damaged {
+            path: path.clone(),
+            reason: e.to_string(),
+        })
+    };
+    let files = [
+        (MODEL, bytes(learner.model())?),
+        (OPTIMIZER, bytes(learner.moments())?),
+    ];
+    let state = CheckpointState {
+        schema: CHECKPOINT_SCHEMA.to_owned(),
+        stage: learner.stage,
+        step,
+        generator_steps: learner.generator_adam.steps,
+        discriminator_steps: learner
+            .discriminator_adam
+            .as_ref()
+            .map_or(0, |adam| adam.steps),
+        parameters: learner.parameters(),
+        settings: settings.clone(),
+        origin: origin.clone(),
+        code_path: code_path().to_owned(),
+        validation_psnr_db,
+        files: files
+            .iter()
+            .map(|(name, bytes)| ((*name).to_owned(), digest(bytes)))
+            .collect(),
+    };
+    let mut json = serde_json::to_string_pretty(&state).map_err(|e| CheckpointError::Damaged {
+        path: path.clone(),
+        reason: e.to_string(),
+    })?;
+    json.push('\n');
+    atomic_file::write_dir(&path, |folder| {
+        for (name, bytes) in &files {
+            atomic_file::write(&folder.join(name), bytes)?;
+        }
+        atomic_file::write(&folder.join(STATE), json.as_bytes())
+    })?;
+    Ok(path)
+}
+
+fn digest(bytes: &[u8]) -> String {
+    blake3::hash(bytes).to_hex().to_string()
+}
+
+impl Checkpoint {
+    /// Reads a checkpoint and holds its files against their digests.
+    pub fn read(path: &Path, device: &Device) -> Result<Self, CheckpointError> {
+        let damaged = |reason: String| CheckpointError::Damaged {
+            path: path.to_owned(),
+            reason,
+        };
+        let file = |name: &str| {
+            std::fs::read(path.join(name)).map_err(|e| damaged(format!("{name}: {e}")))
+        };
+        let state: CheckpointState =
+            serde_json::from_slice(&file(STATE)?).map_err(|e| damaged(format!("{STATE}: {e}")))?;
+        if state.schema != CHECKPOINT_SCHEMA {
+            let schema = &state.schema;
+            return Err(damaged(format!(
+                "its schema is {schema:?}, this program reads {CHECKPOINT_SCHEMA:?}"
+            )));
+        }
+        let tensors = |name: &str| {
+            let bytes = file(name)?;
+            if state.files.get(name) != Some(&digest(&bytes)) {
+                return Err(damaged(format!("{name} is not what was written")));
+            }
+            candle_core::safetensors::load_buffer(&bytes, device)
+                .map_err(|e| damaged(format!("{name}: {e}")))
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            model: tensors(MODEL)?,
+            moments: tensors(OPTIMIZER)?,
+            state,
+        })
+    }
+
+    /// The newest of a stage that can be used, and why newer ones cannot.
+    pub fn newest(stage_folder: &Path, device: &Device) -> (Option<Self>, Vec<CheckpointError>) {
+        let mut refused = Vec::new();
+        for step in steps(stage_folder).into_iter().rev() {
+            match Self::read(&checkpoint_folder(stage_folder, step), device) {
+                Ok(checkpoint) => return (Some(checkpoint), refused),
+                Err(error) => refused.push(error),
+            }
+        }
+        (None, refused)
+    }
+}
+
+/// Steps of the checkpoints in a stage's folder, in order.
+pub fn steps(stage_folder: &Path) -> Vec<u64> {
+    let Ok(entries) = std::fs::read_dir(stage_folder) else {
+        return Vec::new();
+    };
+    let names = entries.flatten().map(|entry| entry.file_name());
+    let mut steps: Vec<u64> = names
+        .filter_map(|name| name.to_str()?.strip_prefix("step-")?.parse().ok())
+        .collect();
+    steps.sort_unstable();
+    steps
+}
+
+/// Removes all but the newest `keep` checkpoints and the one of step `best`, and what killed writers left.
+pub fn prune(stage_folder: &Path, keep: usize, best: Option<u64>) -> std::io::Result<()> {
+    let steps = steps(stage_folder);
+    let old = steps.len().saturating_sub(keep.max(1));
+    for step in &steps[..old] {
+        if Some(*step) != best {
+            std::fs::remove_dir_all(checkpoint_folder(stage_folder, *step))?;
+        }
+    }
+    Ok(())
+}
+
+/// Removes what writers that were killed left. Only for who has the stage for itself.
+pub fn clear(stage_folder: &Path) -> std::io::Result<()> {
+    let Ok(entries) = std::fs::read_dir(stage_folder) else {
+        return Ok(());
+    };
+    for entry in entries.flatten() {
+        if atomic_file::is_temporary(&entry.path()) && entry.path().is_dir() {
+            std::fs::remove_dir_all(entry.path())?;
+        }
+    }
+    Ok(())
+}

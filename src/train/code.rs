@@ -1,0 +1,98 @@
+//! Pixels as networks see them: sRGB-coded, clamped to [0, 1], planar.
+
+use super::example::Planes;
+use exr::prelude::f16;
+use std::sync::LazyLock;
+
+/// Codes of all half floats from 0 to 1, by their bits: tuples are stored as such.
+static OF_HALVES: LazyLock<Vec<f32>> = LazyLock::new(|| {
+    let one = f16::ONE.to_bits();
+    (0..=one)
+        .map(|bits| coded(f16::from_bits(bits).to_f32()))
+        .collect()
+});
+
+/// The sRGB curve (IEC 61966-2-1) of a linear value, clamped to [0, 1].
+fn coded(value: f32) -> f32 {
+    let value = f64::from(value.clamp(0.0, 1.0));
+    let code = if value <= 0.003_130_8 {
+        12.92 * value
+    } else {
+        1.055 * libm::pow(value, 1.0 / 2.4) - 0.055
+    };
+    code as f32
+}
+
+/// Planes of linear pixels.
+pub(super) fn planes_of_linear(pixels: &[[f32; 3]]) -> Planes {
+    let table = &*OF_HALVES;
+    let mut planes = vec![0.0; 3 * pixels.len()];
+    for (channel, plane) in planes.chunks_exact_mut(pixels.len().max(1)).enumerate() {
+        for (out, pixel) in plane.iter_mut().zip(pixels) {
+            let value = pixel[channel].clamp(0.0, 1.0);
+            let half = f16::from_f32(value);
+            *out = if half.to_f32() == value {
+                table
+                    .get(usize::from(half.to_bits()))
+                    .copied()
+                    .unwrap_or(1.0)
+            } else {
+                coded(value)
+            };
+        }
+    }
+    planes
+}
+
+/// Planes of 8-bit sRGB pixels, R G B R G B.
+pub fn planes_of_bytes(bytes: &[u8]) -> Planes {
+    let pixels = bytes.len() / 3;
+    let mut planes = vec![0.0; 3 * pixels];
+    for (channel, plane) in planes.chunks_exact_mut(pixels.max(1)).enumerate() {
+        for (out, pixel) in plane.iter_mut().zip(bytes.chunks_exact(3)) {
+            *out = f32::from(pixel[channel]) / 255.0;
+        }
+    }
+    planes
+}
+
+/// The inverse of [`planes_of_bytes`]: clamped and rounded.
+pub fn bytes_of_planes(planes: &[f32]) -> Vec<u8> {
+    let pixels = planes.len() / 3;
+    let mut bytes = vec![0; 3 * pixels];
+    for (channel, plane) in planes.chunks_exact(pixels.max(1)).enumerate() {
+        for (out, value) in bytes.chunks_exact_mut(3).zip(plane) {
+            out[channel] = (value.clamp(0.0, 1.0) * 255.0).round() as u8;
+        }
+    }
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::merge::{SrgbEncoder, srgb_to_linear};
+
+    #[test]
+    fn codes_are_those_of_the_pictures() {
+        let encoder = SrgbEncoder::new();
+        let linear: Vec<[f32; 3]> = (0..=255u8)
+            .map(|code| {
+                [
+                    srgb_to_linear(code),
+                    f16::from_f32(srgb_to_linear(code)).to_f32(),
+                    1.5,
+                ]
+            })
+            .collect();
+        let planes = planes_of_linear(&linear);
+        let bytes = bytes_of_planes(&planes);
+        for (k, pixel) in linear.iter().enumerate() {
+            assert!((planes[k] - k as f32 / 255.0).abs() < 1e-6, "{k}");
+            assert_eq!(planes[256 + k], coded(pixel[1]));
+            assert_eq!(bytes[3 * k], encoder.encode(pixel[0]));
+            assert_eq!(bytes[3 * k + 2], 255);
+        }
+        assert_eq!(bytes_of_planes(&planes_of_bytes(&bytes)), bytes);
+    }
+}

@@ -1,0 +1,276 @@
+//! Which examples a step sees, and how: a function of the settings, the seed and the step's number.
+
+use super::example::{Cut, Example, Planes};
+use super::random::Stream;
+use super::source::{Base, ExampleError, PairSource, PhotographSource, TupleSource};
+use crate::manifest::TrainSettings;
+use crossbeam::channel::{Receiver, RecvTimeoutError};
+use image::{Rgb32FImage, imageops};
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+/// Largest short edge that real photographs are scaled to, over the crop (Zhang et al.: 479 over 256).
+const LARGEST: f64 = 479.0 / 256.0;
+
+/// Time between looks for a tuple that is not there yet.
+const LOOK_EVERY: Duration = Duration::from_secs(2);
+
+/// Where the scenes' examples come from.
+pub enum SceneSource {
+    /// Rendered.
+    Tuples(TupleSource),
+    /// Mixed as images.
+    Photographs(PhotographSource),
+}
+
+impl SceneSource {
+    fn len(&self) -> usize {
+        match self {
+            Self::Tuples(source) => source.lines.len(),
+            Self::Photographs(source) => source.lines.len(),
+        }
+    }
+}
+
+/// What [`Lesson`] remembers of what it has read, for the next epoch.
+struct Kept {
+    bytes: usize,
+    bases: HashMap<(bool, usize), Arc<Base>>,
+}
+
+/// The examples of every step.
+pub struct Lesson {
+    settings: TrainSettings,
+    scenes: SceneSource,
+    real: PairSource,
+    /// Memory for what was read, bytes. A set that fits is read once.
+    memory: usize,
+    kept: Mutex<Kept>,
+    /// The epoch last asked for, and its order.
+    order: Mutex<Option<(u64, Arc<Vec<usize>>)>>,
+    /// Closed when nobody waits for examples any longer.
+    stopped: Receiver<()>,
+}
+
+impl Lesson {
+    /// Of these sources. `memory` is in bytes.
+    ///
+    /// # Errors
+    ///
+    /// Where there is nothing to learn from.
+    pub fn new(
+        settings: &TrainSettings,
+        scenes: SceneSource,
+        real: PairSource,
+        memory: usize,
+        stopped: Receiver<()>,
+    ) -> Result<Self, ExampleError> {
+        if scenes.len() == 0 && settings.real_share < 1.0 {
+            return Err(ExampleError::None(
+                "the run has no scene in its split \"train\": give its recipe one".to_owned(),
+            ));
+        }
+        if real.pairs.is_empty() && settings.real_share > 0.0 {
+            return Err(ExampleError::None(
+                "a share of real photographs is asked for, but there is none: give a folder of pairs"
+                    .to_owned(),
+            ));
+        }
+        Ok(Self {
+            settings: settings.clone(),
+            scenes,
+            real,
+            memory,
+            kept: Mutex::new(Kept {
+                bytes: 0,
+                bases: HashMap::new(),
+            }),
+            order: Mutex::new(None),
+            stopped,
+        })
+    }
+
+    /// The examples of a step, all of one size and with the same layers.
+    pub fn examples(&self, step: u64) -> Result<Vec<Example>, ExampleError> {
+        let batch = self.settings.batch as u64;
+        let real_before = share_of(step, self.settings.real_share);
+        let is_real = share_of(step + 1, self.settings.real_share) > real_before;
+        let first = if is_real {
+            real_before
+        } else {
+            step - real_before
+        } * batch;
+        (0..batch)
+            .map(|item| {
+                let position = first + item;
+                let name = if is_real { "real" } else { "scene" };
+                let mut stream =
+                    Stream::new(self.settings.seed, &format!("{name} example {position}"));
+                let example = if is_real {
+                    let index = self.place(position, self.real.pairs.len(), "real order");
+                    let base = self.base((true, index), || self.real.read(index).map(Some))?;
+                    let Some(base) = base else {
+                        return Err(ExampleError::Stopped);
+                    };
+                    self.scaled(example_of(&base), &mut stream)
+                } else {
+                    self.scene_example(position, &mut stream)?
+                };
+                self.cut(&example, &mut stream)
+            })
+            .collect()
+    }
+
+    /// The scene at a position of the endless order, or, where it has no tuple and will get none, the next that has.
+    fn scene_example(&self, position: u64, stream: &mut Stream) -> Result<Example, ExampleError> {
+        let count = self.scenes.len();
+        for further in 0..count as u64 {
+            let index = self.place(position + further, count, "scene order");
+            let base = match &self.scenes {
+                SceneSource::Photographs(source) => {
+                    self.base((false, index), || source.read(index).map(Some))?
+                }
+                SceneSource::Tuples(source) => loop {
+                    let found = self.base((false, index), || source.read(index))?;
+                    if found.is_some() || !self.settings.follow || source.is_in_quarantine(index)? {
+                        break found;
+                    }
+                    // The farm is at it.
+                    match self.stopped.recv_timeout(LOOK_EVERY) {
+                        Err(RecvTimeoutError::Timeout) => {}
+                        _ => return Err(ExampleError::Stopped),
+                    }
+                },
+            };
+            match base.as_deref() {
+                None => {}
+                Some(Base::Example(example)) => return Ok(example.clone()),
+                Some(Base::Photographs { size, front, back }) => {
+                    let mixed = super::mix::mix(self.settings.examples, *size, front, back, stream);
+                    if let Some(example) = mixed {
+                        return Ok(example);
+                    }
+                    // The recipe refuses such pairs: the next.
+                }
+            }
+        }
+        Err(ExampleError::None(
+            "no scene of the split \"train\" can be learned from yet: `glasshouse work` makes their tuples"
+                .to_owned(),
+        ))
+    }
+
+    /// Which of `count` stands at a position: every epoch has its own order.
+    fn place(&self, position: u64, count: usize, name: &str) -> usize {
+        let (epoch, place) = (position / count as u64, (position % count as u64) as usize);
+        if self.settings.follow && epoch == 0 {
+            return place;
+        }
+        let of = |epoch: u64| {
+            let mut stream = Stream::new(self.settings.seed, &format!("{name} {epoch}"));
+            stream.permutation(count)
+        };
+        if name != "scene order" {
+            return of(epoch)[place];
+        }
+        let mut order = self.order.lock().expect("no holder of this lock panics");
+        match order.as_ref() {
+            Some((of_epoch, order)) if *of_epoch == epoch => order[place],
+            _ => {
+                let new = Arc::new(of(epoch));
+                *order = Some((epoch, Arc::clone(&new)));
+                new[place]
+            }
+        }
+    }
+
+    /// What was kept, or what `read` gives, which is kept while there is room.
+    fn base(
+        &self,
+        key: (bool, usize),
+        read: impl FnOnce() -> Result<Option<Base>, ExampleError>,
+    ) -> Result<Option<Arc<Base>>, ExampleError> {
+        let kept = || self.kept.lock().expect("no holder of this lock panics");
+        if let Some(base) = kept().bases.get(&key) {
+            return Ok(Some(Arc::clone(base)));
+        }
+        let Some(base) = read()?.map(Arc::new) else {
+            return Ok(None);
+        };
+        let mut kept = kept();
+        if kept.bytes + base.bytes() <= self.memory {
+            kept.bytes += base.bytes();
+            kept.bases.insert(key, Arc::clone(&base));
+        }
+        Ok(Some(base))
+    }
+
+    fn cut(&self, example: &Example, stream: &mut Stream) -> Result<Example, ExampleError> {
+        let size = self.settings.crop_px;
+        let cut = Cut::draw(
+            example.rows,
+            example.columns,
+            size,
+            self.settings.flip,
+            stream,
+        );
+        let cut = cut.ok_or_else(|| {
+            ExampleError::None(format!(
+                "an example has {} x {} px, but the crop is {size} px: make the crop smaller",
+                example.columns, example.rows
+            ))
+        })?;
+        Ok(example.cut(cut))
+    }
+
+    /// A real photograph at a size of chance, never enlarged, so that the crop sees a good part of it.
+    fn scaled(&self, example: Example, stream: &mut Stream) -> Example {
+        let crop = self.settings.crop_px as f64;
+        let wanted = (crop * (1.0 + (LARGEST - 1.0) * stream.unit())).round() as usize;
+        let short = example.rows.min(example.columns);
+        if short <= wanted {
+            return example;
+        }
+        let factor = wanted as f64 / short as f64;
+        let side = |length: usize| ((length as f64 * factor).round() as usize).max(wanted);
+        let (rows, columns) = (side(example.rows), side(example.columns));
+        let resized = |planes: &Planes| {
+            let pixels = example.rows * example.columns;
+            let picture =
+                Rgb32FImage::from_fn(example.columns as u32, example.rows as u32, |x, y| {
+                    let at = y as usize * example.columns + x as usize;
+                    image::Rgb([0, 1, 2].map(|c| planes[c * pixels + at]))
+                });
+            let cubic = imageops::FilterType::CatmullRom;
+            let small = imageops::resize(&picture, columns as u32, rows as u32, cubic);
+            let mut out = vec![0.0; 3 * rows * columns];
+            for (at, pixel) in small.pixels().enumerate() {
+                for (c, value) in pixel.0.into_iter().enumerate() {
+                    out[c * rows * columns + at] = value.clamp(0.0, 1.0);
+                }
+            }
+            out
+        };
+        Example {
+            rows,
+            columns,
+            input: resized(&example.input),
+            transmission: resized(&example.transmission),
+            glass_reflection: example.glass_reflection.as_ref().map(resized),
+            clean_reflection: example.clean_reflection.as_ref().map(resized),
+        }
+    }
+}
+
+/// Steps of the first `steps` that see real photographs: evenly spread.
+fn share_of(steps: u64, share: f64) -> u64 {
+    (steps as f64 * share).floor() as u64
+}
+
+fn example_of(base: &Base) -> Example {
+    match base {
+        Base::Example(example) => example.clone(),
+        Base::Photographs { .. } => unreachable!("pairs of real photographs are examples"),
+    }
+}

@@ -1,0 +1,112 @@
+//! Examples are read and cut ahead of the steps that need them, on threads of their own.
+
+use super::example::Example;
+use super::lesson::Lesson;
+use super::source::ExampleError;
+use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, bounded};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Steps that are ready, or being made so, at most.
+const AHEAD: usize = 8;
+
+/// Time between looks whether to stop.
+const LOOK_EVERY: Duration = Duration::from_millis(200);
+
+type Ready = (u64, Result<Vec<Example>, ExampleError>);
+
+/// Hands out the examples of step after step.
+pub struct Loader {
+    /// Dropped first, so that the threads end.
+    ready: Option<Receiver<Ready>>,
+    /// Allowance of the steps that may be begun.
+    tickets: Option<Sender<u64>>,
+    waiting: BTreeMap<u64, Result<Vec<Example>, ExampleError>>,
+    steps: Range<u64>,
+    asked: u64,
+    /// Closed when nobody waits any longer.
+    stop: Option<Sender<()>>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Loader {
+    /// Begins to read for `steps` on so many threads. `stop` is the other end of what the lesson watches.
+    pub fn start(lesson: Lesson, steps: Range<u64>, threads: usize, stop: Sender<()>) -> Self {
+        let lesson = Arc::new(lesson);
+        let (tickets, to_do) = bounded::<u64>(AHEAD);
+        let (done, ready) = bounded::<Ready>(AHEAD);
+        let threads = (0..threads.max(1)).map(|_| {
+            let (lesson, to_do, done) = (Arc::clone(&lesson), to_do.clone(), done.clone());
+            std::thread::spawn(move || {
+                for step in to_do {
+                    if done.send((step, lesson.examples(step))).is_err() {
+                        return;
+                    }
+                }
+            })
+        });
+        let mut loader = Self {
+            threads: threads.collect(),
+            ready: Some(ready),
+            tickets: Some(tickets),
+            waiting: BTreeMap::new(),
+            asked: steps.start,
+            steps,
+            stop: Some(stop),
+        };
+        loader.ask();
+        loader
+    }
+
+    /// Lets as many steps be begun as may be.
+    fn ask(&mut self) {
+        let Some(tickets) = &self.tickets else {
+            return;
+        };
+        while self.asked < self.steps.end.min(self.steps.start + AHEAD as u64) {
+            if tickets.try_send(self.asked).is_err() {
+                return;
+            }
+            self.asked += 1;
+        }
+    }
+
+    /// The examples of the next step; `None` after the last. Does not wait for longer than until `stop` is set.
+    pub fn next_step(&mut self, stop: &AtomicBool) -> Option<Result<Vec<Example>, ExampleError>> {
+        if self.steps.is_empty() {
+            return None;
+        }
+        let step = self.steps.start;
+        let examples = loop {
+            if let Some(examples) = self.waiting.remove(&step) {
+                break examples;
+            }
+            match self.ready.as_ref()?.recv_timeout(LOOK_EVERY) {
+                Ok((step, examples)) => {
+                    self.waiting.insert(step, examples);
+                }
+                Err(RecvTimeoutError::Timeout) if !stop.load(Ordering::Relaxed) => {}
+                Err(_) => return Some(Err(ExampleError::Stopped)),
+            }
+        };
+        self.steps.start += 1;
+        self.ask();
+        Some(examples)
+    }
+}
+
+impl Drop for Loader {
+    fn drop(&mut self) {
+        self.stop = None;
+        self.tickets = None;
+        self.ready = None;
+        for thread in self.threads.drain(..) {
+            // One that panicked has said so.
+            let _ = thread.join();
+        }
+    }
+}

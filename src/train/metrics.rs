@@ -1,0 +1,129 @@
+//! `metrics.csv`: a line a step.
+
+use super::learner::StepLosses;
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::Path;
+
+/// Terms of the loss, in the order of their columns.
+pub(super) const TERMS: [&str; 7] = [
+    "transmission_l1",
+    "transmission_feature",
+    "glass_reflection_l1",
+    "glass_reflection_feature",
+    "clean_reflection_l1",
+    "clean_reflection_feature",
+    "adversarial",
+];
+
+/// The open file.
+pub(super) struct Metrics {
+    file: File,
+}
+
+impl Metrics {
+    /// Opens the file of a training that goes on from `step`: lines of later steps, which will be taken again, go.
+    pub(super) fn open(path: &Path, step: u64) -> io::Result<Self> {
+        let mut text = format!(
+            "step,total,{},discriminator,validation_psnr_db,wall_s\n",
+            TERMS.join(",")
+        );
+        if let Ok(old) = fs::read_to_string(path) {
+            for line in old.lines().skip(1) {
+                let number = line.split(',').next().and_then(|s| s.parse::<u64>().ok());
+                if number.is_some_and(|n| n <= step) {
+                    text += line;
+                    text.push('\n');
+                }
+            }
+        }
+        crate::atomic_file::write_relaxed(path, text.as_bytes()).map_err(|e| e.source)?;
+        let file = File::options().append(true).open(path)?;
+        Ok(Self { file })
+    }
+
+    /// Adds a line. Where a number is not of this step, its place is empty.
+    pub(super) fn add(
+        &mut self,
+        step: u64,
+        losses: &StepLosses,
+        validation_psnr_db: Option<f64>,
+        wall_s: f64,
+    ) -> io::Result<()> {
+        let mut line = format!("{step},{}", losses.total);
+        let number = |value: Option<f64>| value.map_or_else(String::new, |v| format!("{v}"));
+        for name in TERMS {
+            let term = losses.terms.iter().find(|term| term.name == name);
+            line.push(',');
+            line += &term.map_or_else(String::new, |term| term.value.to_string());
+        }
+        line.push(',');
+        line += &losses
+            .discriminator
+            .map_or_else(String::new, |v| v.to_string());
+        line += &format!(",{},{wall_s:.4}\n", number(validation_psnr_db));
+        self.file.write_all(line.as_bytes())
+    }
+}
+
+/// A line of `metrics.csv` as it is read again: step, total, validation PSNR.
+pub struct MetricsRow {
+    /// Steps so far.
+    pub step: u64,
+    /// The generators' loss.
+    pub total: f64,
+    /// dB, where it was measured.
+    pub validation_psnr_db: Option<f64>,
+}
+
+/// Reads what [`Metrics`] wrote; lines that are none are left out.
+pub fn read_metrics(path: &Path) -> Vec<MetricsRow> {
+    let text = fs::read_to_string(path).unwrap_or_default();
+    let rows = text.lines().skip(1).filter_map(|line| {
+        let cells: Vec<&str> = line.split(',').collect();
+        Some(MetricsRow {
+            step: cells.first()?.parse().ok()?,
+            total: cells.get(1)?.parse().ok()?,
+            validation_psnr_db: cells.get(cells.len().checked_sub(2)?)?.parse().ok(),
+        })
+    });
+    rows.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::Term;
+
+    #[test]
+    fn lines_after_the_step_that_is_resumed_go() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("metrics.csv");
+        let losses = |total| StepLosses {
+            total,
+            terms: vec![Term {
+                name: "adversarial",
+                value: 0.5,
+            }],
+            discriminator: None,
+        };
+        let mut metrics = Metrics::open(&path, 0).unwrap();
+        for step in 1..=4 {
+            let psnr = (step == 4).then_some(20.5);
+            metrics.add(step, &losses(step as f32), psnr, 0.1).unwrap();
+        }
+        let rows = read_metrics(&path);
+        assert_eq!((rows.len(), rows[3].validation_psnr_db), (4, Some(20.5)));
+        let mut metrics = Metrics::open(&path, 2).unwrap();
+        metrics.add(3, &losses(9.0), None, 0.1).unwrap();
+        let rows = read_metrics(&path);
+        let totals: Vec<f64> = rows.iter().map(|row| row.total).collect();
+        assert_eq!(totals, [1.0, 2.0, 9.0]);
+        let head = fs::read_to_string(&path).unwrap();
+        let columns = |line: &str| line.split(',').count();
+        assert!(
+            head.lines()
+                .all(|line| columns(line) == columns(head.lines().next().unwrap()))
+        );
+    }
+}

@@ -1,0 +1,273 @@
+//! Where examples are read from: the run's tuples, its photographs, real photographs.
+
+use super::code::{planes_of_bytes, planes_of_linear};
+use super::example::{Example, Planes};
+use super::pair_tmp::Pair;
+use crate::evaluate::read_picture;
+use crate::farm::{QuarantineRecord, keys};
+use crate::manifest::PixelSource;
+use crate::manifest::{Roots, SceneLine};
+use crate::merge::{TUPLE_SCHEMA, TupleRecord, decode_tuple_exr, is_record_of};
+use crate::scene::{Decoded, decode, read_files_by};
+use crate::store::{Inputs, Store, StoreError};
+use image::{Rgb32FImage, imageops};
+use std::path::PathBuf;
+
+/// An example that cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum ExampleError {
+    /// A file of a tuple is damaged.
+    #[error(
+        "{file}: {reason}; `glasshouse audit` finds what else is damaged, `glasshouse retry` has it made anew"
+    )]
+    Damaged {
+        /// Its key in the store.
+        file: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A file of a scene or a pair cannot be used.
+    #[error("example {name}: {reason}")]
+    Unusable {
+        /// The scene, or the pair.
+        name: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// Nothing to train on.
+    #[error("{0}")]
+    None(String),
+    /// Told to stop while waiting.
+    #[error("stopped")]
+    Stopped,
+}
+
+/// What is read of an example, before chance has its say.
+pub enum Base {
+    /// The example itself.
+    Example(Example),
+    /// Two photographs of one size, sRGB-coded, to be mixed.
+    Photographs {
+        /// Pixels down and across.
+        size: [usize; 2],
+        /// Behind the glass.
+        front: Planes,
+        /// Reflected.
+        back: Planes,
+    },
+}
+
+impl Base {
+    /// Bytes of its numbers.
+    pub(super) fn bytes(&self) -> usize {
+        match self {
+            Self::Example(example) => example.bytes(),
+            Self::Photographs { front, back, .. } => (front.len() + back.len()) * size_of::<f32>(),
+        }
+    }
+}
+
+/// Tuples, by the scenes of a manifest.
+pub struct TupleSource {
+    /// The run's objects.
+    pub store: Store,
+    /// Scenes to read.
+    pub lines: Vec<SceneLine>,
+    /// From which files.
+    pub pixels: PixelSource,
+}
+
+impl TupleSource {
+    /// A scene's tuple; `None` if there is none (yet).
+    pub fn read(&self, index: usize) -> Result<Option<Base>, ExampleError> {
+        let line = &self.lines[index];
+        let Some(json) = self.store.get(&keys::tuple(&line.id, "tuple.json"))? else {
+            return Ok(None);
+        };
+        if !is_record_of(&json, line) {
+            // Of another plan, or of another version: the farm makes it again.
+            return Ok(None);
+        }
+        let file = keys::tuple(&line.id, "tuple.json");
+        let record: TupleRecord = serde_json::from_slice(&json).map_err(|e| damaged(&file, &e))?;
+        debug_assert_eq!(record.schema, TUPLE_SCHEMA);
+        let layers = match self.pixels {
+            PixelSource::Exr => self.read_exr(line, &record)?,
+            PixelSource::Png => self.read_pngs(line, &record)?,
+        };
+        let [input, transmission, glass_reflection, clean_reflection] = layers;
+        let (Some(input), Some(transmission)) = (input, transmission) else {
+            return Err(ExampleError::Unusable {
+                name: line.id.to_string(),
+                reason: "its tuple has no input or no transmission: plan the run with these layers"
+                    .to_owned(),
+            });
+        };
+        Ok(Some(Base::Example(Example {
+            rows: line.film.height as usize,
+            columns: line.film.width as usize,
+            input,
+            transmission,
+            glass_reflection,
+            clean_reflection,
+        })))
+    }
+
+    /// The scene will not get a tuple unless somebody retries it.
+    pub fn is_in_quarantine(&self, index: usize) -> Result<bool, ExampleError> {
+        let record = QuarantineRecord::get(&self.store, &self.lines[index].id)?;
+        Ok(record.is_some())
+    }
+
+    fn file(&self, line: &SceneLine, name: &str) -> Result<(String, bytes::Bytes), ExampleError> {
+        let key = keys::tuple(&line.id, name);
+        match self.store.get(&key)? {
+            Some(bytes) => Ok((key, bytes)),
+            None => Err(damaged(&key, &"it is gone, though its tuple.json is there")),
+        }
+    }
+
+    fn read_exr(
+        &self,
+        line: &SceneLine,
+        record: &TupleRecord,
+    ) -> Result<[Option<Planes>; 4], ExampleError> {
+        let (key, bytes) = self.file(line, "tuple.exr")?;
+        let layers = decode_tuple_exr(&bytes, record).map_err(|e| damaged(&key, &e))?;
+        Ok(layers.map(|pixels| (!pixels.is_empty()).then(|| planes_of_linear(&pixels))))
+    }
+
+    fn read_pngs(
+        &self,
+        line: &SceneLine,
+        record: &TupleRecord,
+    ) -> Result<[Option<Planes>; 4], ExampleError> {
+        let mut layers = [const { None }; 4];
+        for (layer, name) in layers.iter_mut().zip(crate::trace::LAYERS) {
+            if !record.layers.contains_key(name) {
+                continue;
+            }
+            let (key, bytes) = self.file(line, &format!("{name}.png"))?;
+            // Its checksums are PNG's own.
+            let picture = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png)
+                .map_err(|e| damaged(&key, &e))?
+                .into_rgb8();
+            if [picture.width(), picture.height()] != [line.film.width, line.film.height] {
+                return Err(damaged(&key, &"it has not the size of its scene's film"));
+            }
+            *layer = Some(planes_of_bytes(picture.as_raw()));
+        }
+        Ok(layers)
+    }
+}
+
+fn damaged(file: &str, reason: &dyn std::fmt::Display) -> ExampleError {
+    ExampleError::Damaged {
+        file: file.to_owned(),
+        reason: reason.to_string(),
+    }
+}
+
+/// The photographs of a manifest's scenes, without depth.
+pub struct PhotographSource {
+    /// Scenes to read.
+    pub lines: Vec<SceneLine>,
+    /// Named folders.
+    pub roots: Roots,
+    /// Folder that relative paths start from.
+    pub base: PathBuf,
+    /// Reads files.
+    pub inputs: Inputs,
+}
+
+impl PhotographSource {
+    /// A scene's two photographs at its film's size: the largest part in the middle that has its shape.
+    pub fn read(&self, index: usize) -> Result<Base, ExampleError> {
+        let line = &self.lines[index];
+        let unusable = |reason: String| ExampleError::Unusable {
+            name: line.id.to_string(),
+            reason,
+        };
+        let read = |path: &std::path::Path| self.inputs.read(path);
+        let files = read_files_by(line, &self.roots, &self.base, &read)
+            .map_err(|e| unusable(e.to_string()))?;
+        let decoded = decode(line, &files).map_err(|e| unusable(e.to_string()))?;
+        let size = [line.film.width, line.film.height];
+        let part = |side: &Decoded| match side {
+            Decoded::Sheet(sheet) => {
+                let size_px = [sheet.color_width as u32, sheet.color_height as u32];
+                Ok(fitted(&sheet.radiance, size_px, size))
+            }
+            Decoded::Mesh(_) => Err(unusable(
+                "it has a mesh, no photograph: mixtures are made of photographs".to_owned(),
+            )),
+        };
+        Ok(Base::Photographs {
+            size: [size[1] as usize, size[0] as usize],
+            front: part(&decoded.front)?,
+            back: part(&decoded.back)?,
+        })
+    }
+}
+
+/// The middle of a picture at another size, sRGB-coded.
+fn fitted(
+    radiance: &[[f32; 4]],
+    [width, height]: [u32; 2],
+    [to_width, to_height]: [u32; 2],
+) -> Planes {
+    let picture = Rgb32FImage::from_fn(width, height, |x, y| {
+        let [r, g, b, _] = radiance[(y * width + x) as usize];
+        image::Rgb([r, g, b])
+    });
+    let scale =
+        (f64::from(width) / f64::from(to_width)).min(f64::from(height) / f64::from(to_height));
+    let cut = [to_width, to_height].map(|side| (f64::from(side) * scale).round().max(1.0) as u32);
+    let (cut_width, cut_height) = (cut[0].min(width), cut[1].min(height));
+    let (x, y) = ((width - cut_width) / 2, (height - cut_height) / 2);
+    let middle = imageops::crop_imm(&picture, x, y, cut_width, cut_height).to_image();
+    let resized = imageops::resize(&middle, to_width, to_height, imageops::FilterType::Triangle);
+    let pixels: Vec<[f32; 3]> = resized.pixels().map(|p| p.0).collect();
+    planes_of_linear(&pixels)
+}
+
+/// Real photographs with what was behind the glass.
+pub struct PairSource {
+    /// Files.
+    pub pairs: Vec<Pair>,
+}
+
+impl PairSource {
+    /// A pair as it is on disk.
+    pub fn read(&self, index: usize) -> Result<Base, ExampleError> {
+        let pair = &self.pairs[index];
+        let unusable = |reason: String| ExampleError::Unusable {
+            name: pair.name.clone(),
+            reason,
+        };
+        let input = read_picture(&pair.blended).map_err(|e| unusable(e.to_string()))?;
+        let layer = |path: &PathBuf| -> Result<Planes, ExampleError> {
+            let picture = read_picture(path).map_err(|e| unusable(e.to_string()))?;
+            if picture.dimensions() != input.dimensions() {
+                return Err(unusable(format!(
+                    "{} is {:?} px, but its photograph {:?}",
+                    path.display(),
+                    picture.dimensions(),
+                    input.dimensions()
+                )));
+            }
+            Ok(planes_of_bytes(picture.as_raw()))
+        };
+        Ok(Base::Example(Example {
+            rows: input.height() as usize,
+            columns: input.width() as usize,
+            transmission: layer(&pair.transmission)?,
+            glass_reflection: pair.reflection.as_ref().map(layer).transpose()?,
+            clean_reflection: pair.clean_reflection.as_ref().map(layer).transpose()?,
+            input: planes_of_bytes(input.as_raw()),
+        }))
+    }
+}
