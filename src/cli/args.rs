@@ -2,6 +2,8 @@
 
 use super::bench_args::BenchArgs;
 use super::farm_args::{AuditArgs, ExplainArgs, HoldArgs, ResumeArgs, RetryArgs, StatusArgs};
+#[cfg(feature = "train")]
+use super::train_args::TrainArgs;
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -178,6 +180,20 @@ pub enum Command {
   glasshouse audit runs/smoke --share 0.2 --seed 7
   glasshouse audit runs/smoke --scene train-sample-000000")]
     Audit(AuditArgs),
+    /// Train BT-net or SP-net on a run's tuples; resumes from the newest checkpoint
+    #[cfg(feature = "train")]
+    #[command(after_help = "\
+Checkpoints stand in RUN/train/STAGE/step-NNNNNNN (model.safetensors, optimizer.safetensors, state.json),
+beside metrics.csv, TensorBoard's event files and pictures/ (validation scenes: I, T*, T, R~*, R~, R*, R).
+Stopping at any time loses the steps since the last checkpoint (Ctrl-C: none); the same command goes on,
+and ends with the same bits on the same kind of CPU, on any number of threads.
+
+Examples:
+  glasshouse train runs/smoke --stage backtrack --steps 200 --width 8 --crop 64
+  glasshouse train runs/smoke --stage separation --steps 200
+  glasshouse train runs/paper --stage backtrack --steps 100000 --features vgg19.safetensors
+  tensorboard --logdir runs/smoke/train")]
+    Train(TrainArgs),
     /// Write report/index.html: the run at a glance and a contact sheet
     #[command(after_help = "Examples:
   glasshouse report runs/smoke

@@ -43,6 +43,10 @@ mod store_env;
 mod target;
 #[cfg(feature = "train")]
 mod train_args;
+#[cfg(feature = "train")]
+mod train_cmd;
+#[cfg(feature = "train")]
+mod train_vgg;
 mod work_cmd;
 
 pub use args::{Args, Command};
@@ -92,6 +96,8 @@ pub fn main() -> ExitCode {
         Command::Retry(retry) => retry_cmd::run(retry, &args.global, &output),
         Command::Explain(explain) => explain_cmd::run(explain, &args.global, &output),
         Command::Audit(audit) => audit_cmd::run(audit, &args.global, &output),
+        #[cfg(feature = "train")]
+        Command::Train(train) => train_cmd::run(train, &args.global, &output),
         Command::Report(report) => report_cmd::run(report, &args.global, &output),
         Command::Schema => schema_cmd::run(&output),
         Command::Bench(bench) => bench_cmd::run(bench, &args.global, &output),

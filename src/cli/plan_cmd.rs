@@ -8,11 +8,14 @@ use super::progress::Progress;
 use super::store_env;
 use super::work_cmd::threads;
 use crate::farm::{PlanOptions, Planned, plan};
-use crate::manifest::Roots;
+use crate::manifest::{Recipe, Roots};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Mutex;
+
+/// Where a run keeps its recipe's `[train]`.
+pub(super) const TRAIN_RECIPE: &str = "train.json";
 
 /// The run's folder: as given, or `runs/NAME` by the recipe's file name.
 pub(super) fn run_folder(args: &PlanArgs) -> PathBuf {
@@ -51,6 +54,9 @@ pub(super) fn plan_with(
     );
     steps.finish();
     let planned = planned?;
+    if !global.dry_run {
+        keep_training(args)?;
+    }
     for note in &planned.notes {
         output.note(note);
     }
@@ -58,6 +64,20 @@ pub(super) fn plan_with(
         output.warning(&text);
     }
     Ok(planned)
+}
+
+/// Leaves the recipe's `[train]` in the run, for `train`.
+fn keep_training(args: &PlanArgs) -> Result<(), Failure> {
+    let text = std::fs::read_to_string(&args.recipe).unwrap_or_default();
+    // What is no recipe has been planned as scene lines.
+    let Some(train) = Recipe::parse(&text).ok().and_then(|recipe| recipe.train) else {
+        return Ok(());
+    };
+    let mut json =
+        serde_json::to_string_pretty(&train).map_err(|e| Failure::new(Exit::Failed, e))?;
+    json.push('\n');
+    crate::atomic_file::write(&run_folder(args).join(TRAIN_RECIPE), json.as_bytes())?;
+    Ok(())
 }
 
 /// Progress of what planning does, a bar each.

@@ -1,15 +1,198 @@
 //! What can be typed after `train`, `evaluate` and `separate`.
 
-use super::args::Global;
+use super::args::{Global, RootArgs};
 use super::exit_code::{Exit, Failure};
 use super::work_cmd::threads;
+use crate::manifest::{ExampleKind, FeatureSource, PixelSource, Stage, TrainSettings};
+use clap::{Args as ClapArgs, ValueEnum};
+use std::path::PathBuf;
 
 /// Makes the pool of threads that networks compute on, and says how many they are.
 pub(super) fn use_threads(global: &Global) -> Result<usize, Failure> {
     let threads = threads(global);
-    rayon::ThreadPoolBuilder::new()
+    // `run` may come here twice: the pool stands already.
+    let _ = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
-        .build_global()
-        .map_err(|e| Failure::new(Exit::Failed, e))?;
+        .build_global();
     Ok(threads)
+}
+
+/// `--stage`
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum StageName {
+    /// BT-net alone: R~ -> R.
+    Backtrack,
+    /// SP-net, I -> T and R~, with BT-net behind it.
+    Separation,
+}
+
+impl From<StageName> for Stage {
+    fn from(name: StageName) -> Self {
+        match name {
+            StageName::Backtrack => Self::Backtrack,
+            StageName::Separation => Self::Separation,
+        }
+    }
+}
+
+/// `--examples`
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ExampleName {
+    /// The run's tuples.
+    Rendered,
+    /// Its photographs, mixed as images by Zhang et al.'s recipe.
+    Zhang,
+    /// Its photographs, mixed as images by CEILNet's recipe.
+    Ceilnet,
+}
+
+/// `--pixels`
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PixelName {
+    /// tuple.exr: not rounded to 8 bit.
+    Exr,
+    /// The PNGs.
+    Png,
+}
+
+/// `train`
+#[derive(Debug, ClapArgs)]
+pub struct TrainArgs {
+    /// Folder of the run
+    pub run: PathBuf,
+    /// Which networks learn; separation begins with the newest checkpoint of backtrack
+    #[arg(long, value_enum)]
+    pub stage: StageName,
+    /// Steps in all; a training that has fewer goes on, whenever it was stopped
+    #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..))]
+    pub steps: u64,
+    /// What is learned from, and how.
+    #[command(flatten)]
+    pub settings: SettingArgs,
+    /// Folder of real pairs: blended/ and transmission_layer/, or as SIR2 and CEILNet name them
+    #[arg(long, value_name = "DIR", requires = "real_share")]
+    pub real: Option<PathBuf>,
+    /// Write a checkpoint every so many steps [default: a twentieth of --steps, 10 to 1000]
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(1..))]
+    pub checkpoint_every: Option<u64>,
+    /// Checkpoints to keep, besides the best
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub keep: usize,
+    /// Scenes of the split "test" to measure every checkpoint on; the first ones
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    pub validate: usize,
+    /// Write a grid of pictures every so many steps; 0 for none [default: as --checkpoint-every]
+    #[arg(long, value_name = "K")]
+    pub pictures_every: Option<u64>,
+    /// Memory for examples that were read, GB: a set that fits is read once
+    #[arg(long, value_name = "GB", default_value_t = 2.0)]
+    pub memory_gb: f64,
+    /// Where the run's tuples are, if not in its folder
+    #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE")]
+    pub store: Option<String>,
+    /// Named roots.
+    #[command(flatten)]
+    pub roots: RootArgs,
+}
+
+/// Settings: frozen with the first checkpoint, from then on they need not be given.
+#[derive(Debug, Default, ClapArgs)]
+#[command(next_help_heading = "Settings (frozen with the first checkpoint; left out, they stay)")]
+pub struct SettingArgs {
+    /// What images are described by: none, random (VGG-19 with random weights), or a file of torchvision's vgg19 weights
+    /// (.safetensors or .pth) [default: none]
+    #[arg(long, value_name = "none|random|FILE")]
+    pub features: Option<String>,
+    /// Divides the widths of a random VGG-19 [default: 1]
+    #[arg(long, value_name = "N")]
+    pub vgg_divisor: Option<usize>,
+    /// Channels of the generators [default: 64]
+    #[arg(long, value_name = "N")]
+    pub width: Option<usize>,
+    /// Channels after the discriminator's first convolution [default: 64]
+    #[arg(long, value_name = "N")]
+    pub discriminator_width: Option<usize>,
+    /// Examples a step [default: 1]
+    #[arg(long, value_name = "N")]
+    pub batch: Option<usize>,
+    /// Side of the square that is cut from an example, px [default: 256]
+    #[arg(long, value_name = "PX")]
+    pub crop: Option<usize>,
+    /// Do not mirror examples
+    #[arg(long)]
+    pub no_flip: bool,
+    /// Step size of Adam [default: 1e-4]
+    #[arg(long, value_name = "RATE")]
+    pub learning_rate: Option<f64>,
+    /// Weight of mean absolute differences [default: 1]
+    #[arg(long, value_name = "W")]
+    pub pixel_weight: Option<f64>,
+    /// Weight of feature losses [default: 0.2]
+    #[arg(long, value_name = "W")]
+    pub feature_weight: Option<f64>,
+    /// Weight of adversarial losses; 0: no discriminator [default: 0.01]
+    #[arg(long, value_name = "W")]
+    pub adversarial_weight: Option<f64>,
+    /// Without the a priori loss: SP-net does not learn through BT-net (the paper's ablation)
+    #[arg(long)]
+    pub no_a_priori: bool,
+    /// Where examples come from [default: rendered]
+    #[arg(long, value_enum)]
+    pub examples: Option<ExampleName>,
+    /// From which files of a tuple [default: exr]
+    #[arg(long, value_enum)]
+    pub pixels: Option<PixelName>,
+    /// Share of the steps that see pairs of --real [default: 0]
+    #[arg(long, value_name = "SHARE")]
+    pub real_share: Option<f64>,
+    /// Train while the farm still merges: the first epoch goes in the manifest's order and waits for tuples
+    #[arg(long)]
+    pub follow: bool,
+    /// Seed of weights, order, crops and flips [default: 2020]
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+}
+
+impl SettingArgs {
+    /// `base` with what was typed in its place.
+    pub(super) fn over(&self, base: &TrainSettings) -> TrainSettings {
+        let mut settings = base.clone();
+        fn put<T: Copy>(place: &mut T, typed: Option<T>) {
+            if let Some(value) = typed {
+                *place = value;
+            }
+        }
+        settings.features = match self.features.as_deref() {
+            None => settings.features,
+            Some("none") => FeatureSource::None,
+            Some("random") => FeatureSource::Random,
+            Some(_) => FeatureSource::File,
+        };
+        put(&mut settings.vgg_divisor, self.vgg_divisor);
+        put(&mut settings.width, self.width);
+        put(&mut settings.discriminator_width, self.discriminator_width);
+        put(&mut settings.batch, self.batch);
+        put(&mut settings.crop_px, self.crop);
+        put(&mut settings.learning_rate, self.learning_rate);
+        put(&mut settings.pixel_weight, self.pixel_weight);
+        put(&mut settings.feature_weight, self.feature_weight);
+        put(&mut settings.adversarial_weight, self.adversarial_weight);
+        put(&mut settings.real_share, self.real_share);
+        put(&mut settings.seed, self.seed);
+        let examples = self.examples.map(|name| match name {
+            ExampleName::Rendered => ExampleKind::Rendered,
+            ExampleName::Zhang => ExampleKind::Zhang,
+            ExampleName::Ceilnet => ExampleKind::Ceilnet,
+        });
+        put(&mut settings.examples, examples);
+        let pixels = self.pixels.map(|name| match name {
+            PixelName::Exr => PixelSource::Exr,
+            PixelName::Png => PixelSource::Png,
+        });
+        put(&mut settings.pixels, pixels);
+        settings.flip &= !self.no_flip;
+        settings.a_priori &= !self.no_a_priori;
+        settings.follow |= self.follow;
+        settings
+    }
 }

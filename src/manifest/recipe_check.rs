@@ -19,6 +19,12 @@ const MAX_PAIRS: u64 = 1_000_000;
 impl Recipe {
     /// Everything that the TOML reader cannot tell.
     pub(super) fn check(&self) -> Result<(), RecipeError> {
+        if let Some(train) = &self.train {
+            train.settings.validate().map_err(|e| RecipeError::Key {
+                key: format!("train.settings.{}", e.name),
+                problem: format!("is {}, but must be {}", e.value, e.expected),
+            })?;
+        }
         if self.schema != RECIPE_SCHEMA {
             return bad(
                 "schema",
