@@ -32,7 +32,7 @@ pub(super) fn run(
     };
     let usage = |e: crate::train::SettingError| Failure::new(Exit::Usage, e);
     settings.validate().map_err(usage)?;
-    let threads = use_threads(global)?;
+    let threads = use_threads(global);
     let failed = |e: candle_core::Error| Failure::new(Exit::Failed, e);
     let progress = Progress::new(global, "steps", u64::from(args.steps) + 1);
     let mut bench = TrainBench::new(&settings, args.size as usize, &Device::Cpu).map_err(failed)?;

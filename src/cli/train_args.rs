@@ -1,20 +1,19 @@
 //! What can be typed after `train`, `evaluate` and `separate`.
 
 use super::args::{Global, RootArgs};
-use super::exit_code::{Exit, Failure};
 use super::work_cmd::threads;
 use crate::manifest::{ExampleKind, FeatureSource, PixelSource, Stage, TrainSettings};
 use clap::{Args as ClapArgs, ValueEnum};
 use std::path::PathBuf;
 
 /// Makes the pool of threads that networks compute on, and says how many they are.
-pub(super) fn use_threads(global: &Global) -> Result<usize, Failure> {
+pub(super) fn use_threads(global: &Global) -> usize {
     let threads = threads(global);
-    // `run` may come here twice: the pool stands already.
+    // `run` comes here twice: the pool stands already.
     let _ = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build_global();
-    Ok(threads)
+    threads
 }
 
 /// `--stage`

@@ -122,7 +122,7 @@ pub(super) fn train(
         );
         return Err(Failure::new(Exit::InvalidInput, error));
     }
-    let threads = use_threads(global)?;
+    let threads = use_threads(global);
     let Features { vgg, blake3 } = features(&settings, args.settings.features.as_deref(), output)?;
 
     let lines_of = |split| -> Vec<SceneLine> {
@@ -205,7 +205,7 @@ pub(super) fn train(
             lines,
             roots: run.roots.clone(),
             base: run.dir.root().to_owned(),
-            inputs: run.inputs.clone(),
+            inputs: super::store_env::inputs(),
         }),
     };
     let memory = (args.memory_gb.max(0.0) * 1e9) as usize;

@@ -1,8 +1,8 @@
 //! How near the pictures of a network come to the truth: pictures with ground truth, found, read, scored and tabled.
 //!
 //! ```text
-//! folders -> pairs (which file is whose truth) -> picture (8-bit RGB) -> a network -> gain, score -> table
-//!                                                       `-> align (is the truth where the picture is?)
+//! folders -> layout, pairs (which file is whose truth) -> picture (8-bit RGB) -> a network -> gain, score -> table
+//!                                                               `-> align (is the truth where the picture is?)
 //! ```
 //!
 //! Papers measure in different ways, so that numbers compare only under one protocol; `score` computes the two that matter
@@ -13,12 +13,20 @@
 
 mod align;
 mod error;
+mod gain;
+mod layout;
+mod pairs;
 mod picture;
-#[cfg(test)]
-mod published;
 mod score;
+mod table;
 
 pub use align::{MAX_ALIGNED_SHIFT_PX, Shift, shift_px};
 pub use error::EvaluateError;
+pub use gain::{apply_gain, best_gain};
+pub use pairs::{Found, Pair, find_pairs};
 pub use picture::{decode_picture, read_picture};
 pub use score::{Scores, score};
+pub use table::{Row, means_table, per_image_csv};
+
+#[cfg(test)]
+mod tests;

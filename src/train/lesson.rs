@@ -1,6 +1,7 @@
 //! Which examples a step sees, and how: a function of the settings, the seed and the step's number.
 
 use super::example::{Cut, Example, Planes};
+use super::mix::mix;
 use super::random::Stream;
 use super::source::{Base, ExampleError, PairSource, PhotographSource, TupleSource};
 use crate::manifest::TrainSettings;
@@ -147,7 +148,8 @@ impl Lesson {
                 None => {}
                 Some(Base::Example(example)) => return Ok(example.clone()),
                 Some(Base::Photographs { size, front, back }) => {
-                    let mixed = super::mix::mix(self.settings.examples, *size, front, back, stream);
+                    let mixed = mix(self.settings.examples, *size, front, back, stream)
+                        .map_err(|e| ExampleError::None(e.to_string()))?;
                     if let Some(example) = mixed {
                         return Ok(example);
                     }

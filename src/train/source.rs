@@ -2,8 +2,7 @@
 
 use super::code::{planes_of_bytes, planes_of_linear};
 use super::example::{Example, Planes};
-use super::pair_tmp::Pair;
-use crate::evaluate::read_picture;
+use crate::evaluate::{Pair, read_picture};
 use crate::farm::{QuarantineRecord, keys};
 use crate::manifest::PixelSource;
 use crate::manifest::{Roots, SceneLine};

@@ -1,0 +1,123 @@
+//! What a file's name says of it, in the layouts in which pictures with ground truth are published.
+//!
+//! ```text
+//! layer folders   blended/NAME.*  transmission_layer/NAME.*  reflection_layer/NAME.*  clean_reflection_layer/NAME.*
+//! SIR2, folders   NAME/m.*  NAME/g.*  NAME/r.*               (mixed, ground truth, reflection)
+//! SIR2, files     A-m-B.*   A-g-B.*   A-r-B.*                 also without -B
+//! CEILNet         NAME-input.*  NAME-label1.*  NAME-label2.*
+//! ```
+//!
+//! Endings are `.jpg`, `.jpeg` or `.png` in any case, and may differ within a pair.
+
+/// What a picture is to its pair.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Role {
+    Blended,
+    Transmission,
+    Reflection,
+    CleanReflection,
+}
+
+/// How a file was recognised; files of different layouts are never of one pair.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Layout {
+    LayerFolders,
+    Sir2Folders,
+    Sir2Files,
+    CeilNet,
+}
+
+/// The role of all pictures of a folder of this name.
+pub(super) fn layer_folder(name: &str) -> Option<Role> {
+    match name {
+        "blended" => Some(Role::Blended),
+        "transmission_layer" => Some(Role::Transmission),
+        "reflection_layer" => Some(Role::Reflection),
+        "clean_reflection_layer" => Some(Role::CleanReflection),
+        _ => None,
+    }
+}
+
+/// The name without its ending, if that is a picture's.
+pub(super) fn picture_stem(name: &str) -> Option<&str> {
+    let (stem, ending) = name.rsplit_once('.')?;
+    let known = ["jpg", "jpeg", "png"];
+    known
+        .iter()
+        .any(|k| ending.eq_ignore_ascii_case(k))
+        .then_some(stem)
+}
+
+/// Whether a file is a picture in a form that is not read here.
+pub(super) fn is_other_picture(name: &str) -> bool {
+    let others = [
+        "bmp", "gif", "tif", "tiff", "webp", "ppm", "pgm", "exr", "hdr", "heic", "avif",
+    ];
+    name.rsplit_once('.')
+        .is_some_and(|(_, ending)| others.iter().any(|k| ending.eq_ignore_ascii_case(k)))
+}
+
+/// Layout and role of a picture outside layer folders, and its pair's name: empty if that is the folder's.
+pub(super) fn recognise(stem: &str) -> Option<(Layout, Role, String)> {
+    let letter = |letter: &str| match letter {
+        "m" => Some(Role::Blended),
+        "g" => Some(Role::Transmission),
+        "r" => Some(Role::Reflection),
+        _ => None,
+    };
+    if let Some(role) = letter(stem) {
+        return Some((Layout::Sir2Folders, role, String::new()));
+    }
+    for (ending, role) in [
+        ("-input", Role::Blended),
+        ("-label1", Role::Transmission),
+        ("-label2", Role::Reflection),
+    ] {
+        if let Some(name) = stem.strip_suffix(ending).filter(|name| !name.is_empty()) {
+            return Some((Layout::CeilNet, role, name.to_owned()));
+        }
+    }
+    // The last part that is one of the letters; what stands first is the picture's own.
+    let parts: Vec<&str> = stem.split('-').collect();
+    let (place, role) = (1..parts.len())
+        .rev()
+        .find_map(|place| Some((place, letter(parts[place])?)))?;
+    let name = [&parts[..place], &parts[place + 1..]].concat().join("-");
+    Some((Layout::Sir2Files, role, name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_tell_layout_and_role() {
+        let found = |stem: &str| recognise(stem).unwrap();
+        assert_eq!(
+            found("g"),
+            (Layout::Sir2Folders, Role::Transmission, String::new())
+        );
+        assert_eq!(
+            found("7-m-11"),
+            (Layout::Sir2Files, Role::Blended, "7-11".to_owned())
+        );
+        assert_eq!(
+            found("a-r-m-3"),
+            (Layout::Sir2Files, Role::Blended, "a-r-3".to_owned())
+        );
+        assert_eq!(
+            found("12-r"),
+            (Layout::Sir2Files, Role::Reflection, "12".to_owned())
+        );
+        assert_eq!(
+            found("2007_1-label2"),
+            (Layout::CeilNet, Role::Reflection, "2007_1".to_owned())
+        );
+        for stem in ["", "photo", "-input", "m-1", "a-mm-b"] {
+            assert_eq!(recognise(stem), None, "{stem}");
+        }
+        assert_eq!(picture_stem("a.b.JPeG"), Some("a.b"));
+        assert_eq!(picture_stem("png"), None);
+        assert!(is_other_picture("a.TIF") && !is_other_picture("index.csv"));
+    }
+}

@@ -1,0 +1,338 @@
+//! Which pictures of a folder have which truth.
+
+use super::EvaluateError;
+use super::layout::{Layout, Role, is_other_picture, layer_folder, picture_stem, recognise};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// How deep folders are searched; links that lead back end here.
+const MAX_DEPTH: usize = 16;
+
+/// A picture with its truth.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Pair {
+    /// The files' name in common, after the folders that lead to it: `real20/4`.
+    pub name: String,
+    /// The picture with the reflection (I).
+    pub blended: PathBuf,
+    /// The picture without it (T).
+    pub transmission: PathBuf,
+    /// The reflection as the glass shows it (R~).
+    pub reflection: Option<PathBuf>,
+    /// The reflected scene itself (R).
+    pub clean_reflection: Option<PathBuf>,
+}
+
+/// What a folder holds.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Found {
+    /// By name, in the order of its bytes: `103` before `22`.
+    pub pairs: Vec<Pair>,
+    /// Files and folders that are in no pair, by path, and why.
+    pub left_out: Vec<(PathBuf, String)>,
+}
+
+/// Finds the pairs of a folder and of all folders below it, in any of the layouts of [`super`]'s `layout.rs`, also mixed.
+///
+/// No picture is passed over in silence: those without a partner, of doubtful names or in other formats are left out with
+/// the reason. Files that are no pictures, outside of layer folders, and hidden files are not mentioned.
+pub fn find_pairs(dir: &Path) -> Result<Found, EvaluateError> {
+    let mut search = Search::default();
+    search.folder(dir, dir, "", 0)?;
+    let found = search.settle();
+    if found.pairs.is_empty() {
+        return Err(EvaluateError::NoPairs {
+            path: dir.to_owned(),
+            left_out_count: found.left_out.len(),
+        });
+    }
+    Ok(found)
+}
+
+/// Files by the pair that they belong to, each role's in a list of its own.
+#[derive(Default)]
+struct Search {
+    by_name: BTreeMap<(String, Layout), [Vec<PathBuf>; 4]>,
+    left_out: Vec<(PathBuf, String)>,
+}
+
+impl Search {
+    /// Looks at a folder whose pairs' names begin with `group`.
+    fn folder(
+        &mut self,
+        root: &Path,
+        dir: &Path,
+        group: &str,
+        depth: usize,
+    ) -> Result<(), EvaluateError> {
+        if depth > MAX_DEPTH {
+            self.leave_out(dir, &format!("lies more than {MAX_DEPTH} folders deep"));
+            return Ok(());
+        }
+        let within = |name: &str| match group {
+            "" => name.to_owned(),
+            _ => format!("{group}/{name}"),
+        };
+        for (name, path) in self.entries(dir)? {
+            if path.is_dir() {
+                match layer_folder(&name) {
+                    Some(role) => self.layer(&path, role, &within)?,
+                    None => self.folder(root, &path, &within(&name), depth + 1)?,
+                }
+            } else if let Some(stem) = picture_stem(&name) {
+                let Some((layout, role, own_name)) = recognise(stem) else {
+                    self.leave_out(&path, "its name does not say what it is; put it into blended/ or transmission_layer/, or name it NAME-input or NAME-label1");
+                    continue;
+                };
+                let own_name = match (own_name.as_str(), group) {
+                    ("", "") => last_part(root),
+                    ("", _) => group.to_owned(),
+                    (own_name, _) => within(own_name),
+                };
+                self.place(own_name, layout, role, path);
+            } else if is_other_picture(&name) {
+                self.leave_out(&path, NO_PICTURE);
+            }
+        }
+        Ok(())
+    }
+
+    /// Looks at a folder whose pictures all have one role.
+    fn layer(
+        &mut self,
+        dir: &Path,
+        role: Role,
+        within: &dyn Fn(&str) -> String,
+    ) -> Result<(), EvaluateError> {
+        for (name, path) in self.entries(dir)? {
+            if path.is_dir() {
+                self.leave_out(
+                    &path,
+                    "is a folder in a layer's folder; move its pictures up",
+                );
+            } else if let Some(stem) = picture_stem(&name) {
+                self.place(within(stem), Layout::LayerFolders, role, path);
+            } else {
+                self.leave_out(&path, NO_PICTURE);
+            }
+        }
+        Ok(())
+    }
+
+    /// Names and paths of a folder's entries but hidden ones.
+    fn entries(&mut self, dir: &Path) -> Result<Vec<(String, PathBuf)>, EvaluateError> {
+        let failed = |source| EvaluateError::Read {
+            path: dir.to_owned(),
+            source,
+        };
+        let mut entries = Vec::new();
+        for entry in fs::read_dir(dir).map_err(failed)? {
+            let path = entry.map_err(failed)?.path();
+            match path.file_name().and_then(|name| name.to_str()) {
+                Some(name) if name.starts_with('.') => {}
+                Some(name) => entries.push((name.to_owned(), path)),
+                None => self.leave_out(&path, "its name is not UTF-8; rename it"),
+            }
+        }
+        entries.sort();
+        Ok(entries)
+    }
+
+    fn place(&mut self, name: String, layout: Layout, role: Role, path: PathBuf) {
+        self.by_name.entry((name, layout)).or_default()[role as usize].push(path);
+    }
+
+    fn leave_out(&mut self, path: &Path, reason: &str) {
+        self.left_out.push((path.to_owned(), reason.to_owned()));
+    }
+
+    /// Files become pairs.
+    fn settle(mut self) -> Found {
+        let mut pairs = Vec::new();
+        for ((name, _), files) in std::mem::take(&mut self.by_name) {
+            let reason = if files.iter().any(|of_role| of_role.len() > 1) {
+                format!("several files stand for {name}; keep one of each kind")
+            } else if files[Role::Blended as usize].is_empty() {
+                format!("{name} has no blended picture; add it")
+            } else if files[Role::Transmission as usize].is_empty() {
+                format!("{name} has no transmission, which is its truth; add it")
+            } else {
+                pairs.push((name, files));
+                continue;
+            };
+            self.leave_all_out(files, &reason);
+        }
+        let mut found = Found::default();
+        // Two layouts in one folder can give one name twice.
+        for same in pairs.chunk_by(|a, b| a.0 == b.0) {
+            match same {
+                [(name, [blended, transmission, reflection, clean])] => found.pairs.push(Pair {
+                    name: name.clone(),
+                    blended: blended[0].clone(),
+                    transmission: transmission[0].clone(),
+                    reflection: reflection.first().cloned(),
+                    clean_reflection: clean.first().cloned(),
+                }),
+                _ => {
+                    for (name, files) in same {
+                        let reason = format!("several pairs are named {name}; rename one");
+                        self.leave_all_out(files.clone(), &reason);
+                    }
+                }
+            }
+        }
+        self.left_out.sort();
+        found.left_out = self.left_out;
+        found
+    }
+
+    fn leave_all_out(&mut self, files: [Vec<PathBuf>; 4], reason: &str) {
+        for path in files.into_iter().flatten() {
+            self.left_out.push((path, reason.to_owned()));
+        }
+    }
+}
+
+const NO_PICTURE: &str = "is no .jpg, .jpeg or .png; save it as one";
+
+/// The folder's own name, or `picture` where it has none.
+fn last_part(dir: &Path) -> String {
+    let name = dir.file_name().and_then(|name| name.to_str());
+    name.unwrap_or("picture").to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A folder with these empty files.
+    fn folder(files: &[&str]) -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        for file in files {
+            let path = dir.path().join(file);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::File::create(path).unwrap();
+        }
+        dir
+    }
+
+    fn names(found: &Found) -> Vec<&str> {
+        found.pairs.iter().map(|pair| pair.name.as_str()).collect()
+    }
+
+    fn left_out(dir: &Path, found: &Found) -> Vec<(String, String)> {
+        let relative = |path: &Path| path.strip_prefix(dir).unwrap().display().to_string();
+        found
+            .left_out
+            .iter()
+            .map(|(path, reason)| (relative(path), reason.clone()))
+            .collect()
+    }
+
+    #[test]
+    fn layer_folders_match_by_name() {
+        let dir = folder(&[
+            "blended/22.jpg",
+            "blended/103.JPG",
+            "blended/4.png",
+            "blended/4.jpeg",
+            "blended/alone.png",
+            "blended/notes.txt",
+            "transmission_layer/22.png",
+            "transmission_layer/103.jpeg",
+            "transmission_layer/4.png",
+            "transmission_layer/truth.png",
+            "reflection_layer/22.jpg",
+            "clean_reflection_layer/103.jpg",
+            ".hidden.png",
+            "README.md",
+            "stray.png",
+            "scan.tiff",
+        ]);
+        let found = find_pairs(dir.path()).unwrap();
+        assert_eq!(names(&found), ["103", "22"]);
+        assert!(found.pairs[0].reflection.is_none() && found.pairs[1].reflection.is_some());
+        assert!(
+            found.pairs[0]
+                .transmission
+                .ends_with("transmission_layer/103.jpeg")
+        );
+        assert!(found.pairs[0].clean_reflection.is_some());
+        let left_out = left_out(dir.path(), &found);
+        let expected = [
+            ("blended/4.jpeg", "several files stand for 4"),
+            ("blended/4.png", "several files"),
+            ("blended/alone.png", "no transmission"),
+            ("blended/notes.txt", "is no .jpg"),
+            ("scan.tiff", "is no .jpg"),
+            ("stray.png", "does not say what it is"),
+            ("transmission_layer/4.png", "several files"),
+            ("transmission_layer/truth.png", "no blended"),
+        ];
+        assert_eq!(left_out.len(), expected.len(), "{left_out:?}");
+        for ((path, reason), (expected_path, part)) in left_out.iter().zip(expected) {
+            assert!(
+                path == expected_path && reason.contains(part),
+                "{path} {reason}"
+            );
+        }
+    }
+
+    #[test]
+    fn other_layouts_and_groups() {
+        let dir = folder(&[
+            "wild/1/m.jpg",
+            "wild/1/g.png",
+            "wild/1/r.jpg",
+            "wild/2/m.jpg",
+            "post/3-m-7.png",
+            "post/3-g-7.png",
+            "post/3-r-7.png",
+            "post/4-m.png",
+            "post/4-g.png",
+            "ceil/a-input.png",
+            "ceil/a-label1.png",
+            "ceil/a-label2.png",
+            "own/blended/x.png",
+            "own/transmission_layer/x.png",
+        ]);
+        let found = find_pairs(dir.path()).unwrap();
+        assert_eq!(
+            names(&found),
+            ["ceil/a", "own/x", "post/3-7", "post/4", "wild/1"]
+        );
+        let with_reflection = found
+            .pairs
+            .iter()
+            .filter(|p| p.reflection.is_some())
+            .count();
+        assert_eq!(with_reflection, 3);
+        assert_eq!(left_out(dir.path(), &found)[0].0, "wild/2/m.jpg");
+        let one = find_pairs(&dir.path().join("wild/1")).unwrap();
+        assert_eq!(names(&one), ["1"]);
+    }
+
+    #[test]
+    fn one_name_in_two_layouts_is_doubtful() {
+        let dir = folder(&[
+            "blended/a.png",
+            "transmission_layer/a.png",
+            "a-input.png",
+            "a-label1.png",
+            "b-input.png",
+            "b-label1.png",
+        ]);
+        let found = find_pairs(dir.path()).unwrap();
+        assert_eq!((names(&found), found.left_out.len()), (vec!["b"], 4));
+    }
+
+    #[test]
+    fn folders_without_pairs_are_errors() {
+        let dir = folder(&["a.png", "b-input.png", "notes.txt"]);
+        let error = find_pairs(dir.path()).unwrap_err().to_string();
+        assert!(error.contains("(2 pictures without a partner)"), "{error}");
+        let error = find_pairs(&dir.path().join("none")).unwrap_err();
+        assert!(matches!(error, EvaluateError::Read { .. }), "{error}");
+    }
+}

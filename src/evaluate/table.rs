@@ -1,0 +1,194 @@
+//! Scores as a Markdown table of means and as a CSV file of all pictures.
+
+use super::align::MAX_ALIGNED_SHIFT_PX;
+use super::score::Scores;
+use std::fmt::Write;
+
+/// One picture's scores by one method.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// What made the picture: a network's name, `input` for the picture as it was.
+    pub method: String,
+    /// The pair's name.
+    pub image: String,
+    /// Columns, px.
+    pub width: u32,
+    /// Rows, px.
+    pub height: u32,
+    /// How far picture and truth are apart, px; nothing where it was not measured, as of rendered pairs, which lie on each
+    /// other by construction.
+    pub shift_px: Option<f64>,
+    /// The scores.
+    pub scores: Scores,
+}
+
+impl Row {
+    /// Whether picture and truth lie on each other; a pair that was not measured counts as such.
+    pub fn is_aligned(&self) -> bool {
+        self.shift_px
+            .is_none_or(|shift| shift <= MAX_ALIGNED_SHIFT_PX)
+    }
+}
+
+/// Means by method, in the order in which the methods come first. If some pairs do not lie on each other, a second table
+/// leaves them out, and a line below tells so.
+pub fn means_table(rows: &[Row]) -> String {
+    let all: Vec<&Row> = rows.iter().collect();
+    let aligned: Vec<&Row> = rows.iter().filter(|row| row.is_aligned()).collect();
+    let mut text = table(&all);
+    if aligned.len() == all.len() {
+        return text;
+    }
+    let mut shifted: Vec<&str> = Vec::new();
+    for row in rows.iter().filter(|row| !row.is_aligned()) {
+        if !shifted.contains(&row.image.as_str()) {
+            shifted.push(&row.image);
+        }
+    }
+    let _ = write!(
+        text,
+        "\nAll pairs, also those whose truth lies more than {MAX_ALIGNED_SHIFT_PX} px beside the picture: {}. Without them:\n\n{}",
+        shifted
+            .iter()
+            .map(|name| escaped(name))
+            .collect::<Vec<_>>()
+            .join(", "),
+        table(&aligned)
+    );
+    text
+}
+
+fn table(rows: &[&Row]) -> String {
+    let mut text = "| Method | Images | PSNR (dB, colour) | SSIM (grey) | PSNR (dB, channel mean) | SSIM (channel mean) |\n\
+         |---|---:|---:|---:|---:|---:|\n"
+        .to_owned();
+    let mut methods: Vec<&str> = Vec::new();
+    for row in rows {
+        if !methods.contains(&row.method.as_str()) {
+            methods.push(&row.method);
+        }
+    }
+    for method in methods {
+        let of_method = rows.iter().filter(|row| row.method == method);
+        let scores: Vec<Scores> = of_method.map(|row| row.scores).collect();
+        let mean = Scores::mean(&scores);
+        let _ = writeln!(
+            text,
+            "| {} | {} | {:.2} | {:.4} | {:.2} | {:.4} |",
+            escaped(method),
+            scores.len(),
+            mean.psnr_colour_db,
+            mean.ssim_grey,
+            mean.psnr_channels_db,
+            mean.ssim_channels
+        );
+    }
+    text
+}
+
+/// Every row, `\n` at line ends. PSNR of equal pictures is `inf`; cells of a shift that was not measured are empty.
+pub fn per_image_csv(rows: &[Row]) -> String {
+    let mut text = "method,image,width,height,aligned,shift_px,psnr_colour_db,ssim_grey,psnr_channels_db,ssim_channels\n".to_owned();
+    for row in rows {
+        let (aligned, shift_px) = match row.shift_px {
+            Some(shift) if row.is_aligned() => ("yes", format!("{shift:.2}")),
+            Some(shift) => ("no", format!("{shift:.2}")),
+            None => ("", String::new()),
+        };
+        let _ = writeln!(
+            text,
+            "{},{},{},{},{aligned},{shift_px},{:.4},{:.6},{:.4},{:.6}",
+            quoted(&row.method),
+            quoted(&row.image),
+            row.width,
+            row.height,
+            row.scores.psnr_colour_db,
+            row.scores.ssim_grey,
+            row.scores.psnr_channels_db,
+            row.scores.ssim_channels
+        );
+    }
+    text
+}
+
+/// A CSV cell (RFC 4180).
+fn quoted(cell: &str) -> String {
+    if cell.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", cell.replace('"', "\"\""))
+    } else {
+        cell.to_owned()
+    }
+}
+
+/// A cell of a Markdown table.
+fn escaped(cell: &str) -> String {
+    cell.replace('|', "\\|").replace(['\n', '\r'], " ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(method: &str, image: &str, shift_px: Option<f64>, psnr_db: f64) -> Row {
+        Row {
+            method: method.to_owned(),
+            image: image.to_owned(),
+            width: 4,
+            height: 3,
+            shift_px,
+            scores: Scores {
+                psnr_colour_db: psnr_db,
+                ssim_grey: psnr_db / 40.0,
+                psnr_channels_db: psnr_db + 1.0,
+                ssim_channels: 0.5,
+            },
+        }
+    }
+
+    const HEAD: &str = "| Method | Images | PSNR (dB, colour) | SSIM (grey) | PSNR (dB, channel mean) | SSIM (channel mean) |\n|---|---:|---:|---:|---:|---:|\n";
+
+    #[test]
+    fn means_are_by_method() {
+        let rows = [
+            row("ours", "b", Some(0.5), 20.0),
+            row("in|put", "a", None, 10.0),
+            row("ours", "a", Some(1.5), 30.0),
+        ];
+        let expected = format!(
+            "{HEAD}| ours | 2 | 25.00 | 0.6250 | 26.00 | 0.5000 |\n| in\\|put | 1 | 10.00 | 0.2500 | 11.00 | 0.5000 |\n"
+        );
+        assert_eq!(means_table(&rows), expected);
+    }
+
+    #[test]
+    fn pairs_beside_each_other_are_left_out_of_a_second_table() {
+        let rows = [
+            row("ours", "b", Some(0.5), f64::INFINITY),
+            row("ours", "a", Some(9.0), 30.0),
+        ];
+        let text = means_table(&rows);
+        assert_eq!(text.matches(HEAD).count(), 2);
+        assert!(text.contains("| ours | 2 | inf |"), "{text}");
+        assert!(text.contains("| ours | 1 | inf |"), "{text}");
+        assert!(text.contains("more than 1.5 px beside the picture: a. Without them:"));
+        assert_eq!(means_table(&[]), HEAD);
+        // Only such pairs: the second table is empty, and its head shows that.
+        assert!(means_table(&rows[1..]).ends_with(HEAD));
+    }
+
+    #[test]
+    fn csv_has_every_picture() {
+        let rows = [
+            row("a \"b\", c", "x", Some(2.0), f64::INFINITY),
+            row("d", "y", None, 20.0),
+            row("d", "z", Some(0.123), 20.0),
+        ];
+        assert_eq!(
+            per_image_csv(&rows),
+            "method,image,width,height,aligned,shift_px,psnr_colour_db,ssim_grey,psnr_channels_db,ssim_channels\n\
+             \"a \"\"b\"\", c\",x,4,3,no,2.00,inf,inf,inf,0.500000\n\
+             d,y,4,3,,,20.0000,0.500000,21.0000,0.500000\n\
+             d,z,4,3,yes,0.12,20.0000,0.500000,21.0000,0.500000\n"
+        );
+    }
+}

@@ -1,0 +1,118 @@
+//! Pictures mixed in the image plane, as earlier work made its training data, to compare rendered tuples with.
+//!
+//! ```text
+//! zhang.rs     Zhang, Ng and Chen, CVPR 2018: mixed in linear light, with a vignetted reflection
+//! ceilnet.rs   Fan et al., ICCV 2017: mixed in sRGB codes
+//! blur.rs      the Gaussian blur of both
+//! ```
+//!
+//! Each recipe is a pure function of two pictures and of what is drawn at random, and a function that draws.
+
+mod blur;
+mod ceilnet;
+mod zhang;
+
+pub use ceilnet::{CeilnetDraw, ceilnet};
+pub use zhang::{ZhangDraw, zhang};
+
+use super::{Picture, Stream};
+
+/// What a pair becomes; sRGB codes from 0 to 1.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mixture {
+    /// What a network sees.
+    pub input: Picture,
+    /// The front picture as given: both recipes have it, undimmed, as the network's target.
+    pub transmission: Picture,
+    /// The back picture as it stands in the input: blurred, darkened.
+    pub reflection: Picture,
+    /// The back picture as given, sharp.
+    pub clean_reflection: Picture,
+}
+
+/// Pictures that cannot be mixed.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum MixtureError {
+    /// Front and back are not of one size, or their values are not.
+    #[error(
+        "front has {} x {} px and {} values, back {} x {} px and {}; give two pictures of one size with three values a pixel",
+        front[0], front[1], front[2], back[0], back[1], back[2]
+    )]
+    Sizes {
+        /// Columns, rows, values.
+        front: [usize; 3],
+        /// Columns, rows, values.
+        back: [usize; 3],
+    },
+    /// Zhang's vignette has no room for it.
+    #[error(
+        "{columns} x {rows} px are too many for Zhang's mixtures; crop to less than 550 px a side"
+    )]
+    TooLarge {
+        /// Columns.
+        columns: usize,
+        /// Rows.
+        rows: usize,
+    },
+}
+
+/// How pictures are mixed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MixtureRecipe {
+    /// [`zhang`]
+    Zhang,
+    /// [`ceilnet`]
+    Ceilnet,
+}
+
+impl MixtureRecipe {
+    /// Draws and mixes; nothing if the recipe refuses such a pair, so that another is to be drawn. How many numbers are taken
+    /// from the stream does not depend on the pictures.
+    pub fn mix(
+        self,
+        front: &Picture,
+        back: &Picture,
+        stream: &mut Stream,
+    ) -> Result<Option<Mixture>, MixtureError> {
+        check(front, back)?;
+        match self {
+            Self::Zhang => zhang(
+                front,
+                back,
+                &ZhangDraw::draw(front.rows, front.columns, stream)?,
+            ),
+            Self::Ceilnet => ceilnet(front, back, &CeilnetDraw::draw(stream)).map(Some),
+        }
+    }
+}
+
+fn check(front: &Picture, back: &Picture) -> Result<(), MixtureError> {
+    let size = |planes: &Picture| [planes.columns, planes.rows, planes.planes.len()];
+    let [columns, rows, count] = size(front);
+    if size(front) != size(back) || count != 3 * columns * rows || count == 0 {
+        return Err(MixtureError::Sizes {
+            front: size(front),
+            back: size(back),
+        });
+    }
+    Ok(())
+}
+
+/// The values, clamped, in a picture of the size of `like`.
+fn planes(like: &Picture, values: impl IntoIterator<Item = f64>) -> Picture {
+    Picture {
+        rows: like.rows,
+        columns: like.columns,
+        planes: values
+            .into_iter()
+            .map(|v| v.clamp(0.0, 1.0) as f32)
+            .collect(),
+    }
+}
+
+fn doubles(planes: &Picture) -> impl Iterator<Item = f64> {
+    planes.planes.iter().map(|v| f64::from(*v))
+}
+
+#[cfg(test)]
+mod tests;
