@@ -188,11 +188,11 @@ beside metrics.csv, TensorBoard's event files and pictures/ (validation scenes: 
 Stopping at any time loses the steps since the last checkpoint (Ctrl-C: none); the same command goes on,
 and ends with the same bits on the same kind of CPU, on any number of threads.
 
+The separation stage comes second: the same with --stage separation.
+
 Examples:
   glasshouse train runs/smoke --stage backtrack --steps 200 --width 8 --crop 64
-  glasshouse train runs/smoke --stage separation --steps 200
-  glasshouse train runs/paper --stage backtrack --steps 100000 --features vgg19.safetensors
-  tensorboard --logdir runs/smoke/train")]
+  glasshouse train runs/smoke --stage backtrack --steps 200 --features random --json")]
     Train(TrainArgs),
     /// Write report/index.html: the run at a glance and a contact sheet
     #[command(after_help = "Examples:

@@ -32,6 +32,15 @@ pub(super) fn run(
     };
     let usage = |e: crate::train::SettingError| Failure::new(Exit::Usage, e);
     settings.validate().map_err(usage)?;
+    if global.dry_run {
+        let text = format!("would take {} steps and one before them", args.steps);
+        output.result(
+            SCHEMA,
+            json!({ "dry_run": true, "steps": args.steps }),
+            &text,
+        );
+        return Ok(Exit::Done);
+    }
     let threads = use_threads(global);
     let failed = |e: candle_core::Error| Failure::new(Exit::Failed, e);
     let progress = Progress::new(global, "steps", u64::from(args.steps) + 1);

@@ -33,7 +33,7 @@ mod loader;
 mod loss;
 mod metrics;
 mod mix;
-mod mixture;
+pub mod mixture;
 mod picture;
 mod random;
 mod session;

@@ -4,7 +4,7 @@ use crate::program::{command, run};
 use crate::scenes::{photographs, scene};
 use std::path::Path;
 
-const COMMANDS: [&str; 18] = [
+const COMMANDS: [&str; 20] = [
     "run",
     "sample",
     "plan",
@@ -23,6 +23,8 @@ const COMMANDS: [&str; 18] = [
     "bench error",
     "bench farm",
     "bench trace",
+    "bench train",
+    "train",
 ];
 
 /// The example command lines of a command's help, without comments.

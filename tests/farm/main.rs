@@ -58,4 +58,6 @@ mod store_inputs;
 mod store_tls;
 mod stores;
 mod token;
+#[cfg(feature = "train")]
+mod training;
 mod writing;
