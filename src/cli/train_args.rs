@@ -1,8 +1,12 @@
 //! What can be typed after `train`, `evaluate` and `separate`.
 
 use super::args::{Global, RootArgs};
+#[cfg(feature = "cuda")]
+use super::exit_code::Exit;
+use super::exit_code::Failure;
 use super::work_cmd::threads;
 use crate::manifest::{ExampleKind, FeatureSource, PixelSource, Stage, TrainSettings};
+use candle_core::Device;
 use clap::{Args as ClapArgs, ValueEnum};
 use std::path::PathBuf;
 
@@ -14,6 +18,33 @@ pub(super) fn use_threads(global: &Global) -> usize {
         .num_threads(threads)
         .build_global();
     threads
+}
+
+/// Where networks compute.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum DeviceName {
+    /// The processor.
+    #[default]
+    Cpu,
+    /// The first GPU.
+    #[cfg(feature = "cuda")]
+    Cuda,
+}
+
+impl DeviceName {
+    /// Opens it.
+    pub(super) fn open(self) -> Result<Device, Failure> {
+        match self {
+            Self::Cpu => Ok(Device::Cpu),
+            #[cfg(feature = "cuda")]
+            Self::Cuda => Device::new_cuda(0).map_err(|e| {
+                let error = anyhow::anyhow!(
+                    "no GPU can be used ({e}): see docs/training.md, or leave --device out"
+                );
+                Failure::new(Exit::Failed, error)
+            }),
+        }
+    }
 }
 
 /// `--stage`
@@ -86,6 +117,9 @@ pub struct TrainArgs {
     /// Memory for examples that were read, GB: a set that fits is read once
     #[arg(long, value_name = "GB", default_value_t = 2.0)]
     pub memory_gb: f64,
+    /// Where networks compute; on a GPU last bits differ from run to run
+    #[arg(long, value_enum, default_value = "cpu", hide = cfg!(not(feature = "cuda")))]
+    pub device: DeviceName,
     /// Where the run's tuples are, if not in its folder
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE")]
     pub store: Option<String>,

@@ -19,7 +19,6 @@ use crate::train::{
     code_path,
 };
 use anyhow::anyhow;
-use candle_core::Device;
 use crossbeam::channel::bounded;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -89,6 +88,7 @@ pub(super) fn train(
     output: &Output,
 ) -> Result<(Option<Trained>, Value, Exit), Failure> {
     let stage = Stage::from(args.stage);
+    let device = args.device.open()?;
     let folder = stage_folder(run.dir.root(), stage);
     let _lock = if global.dry_run {
         None
@@ -96,7 +96,7 @@ pub(super) fn train(
         Some(lock(&folder)?)
     };
     let newest = |folder: &Path| {
-        let (checkpoint, refused) = Checkpoint::newest(folder, &Device::Cpu);
+        let (checkpoint, refused) = Checkpoint::newest(folder, &device);
         for error in refused {
             let older = match &checkpoint {
                 Some(c) => format!("the one of step {} is taken", c.state.step),
@@ -123,7 +123,12 @@ pub(super) fn train(
         return Err(Failure::new(Exit::InvalidInput, error));
     }
     let threads = use_threads(global);
-    let Features { vgg, blake3 } = features(&settings, args.settings.features.as_deref(), output)?;
+    let Features { vgg, blake3 } = features(
+        &settings,
+        args.settings.features.as_deref(),
+        &device,
+        output,
+    )?;
 
     let lines_of = |split| -> Vec<SceneLine> {
         let lines = run.lines.iter().filter(|line| line.split == split);
@@ -168,7 +173,7 @@ pub(super) fn train(
         note_missing(&lines, store, &settings, output)?;
     }
     let failed = |e: candle_core::Error| Failure::new(Exit::Failed, e);
-    let mut learner = Learner::new(stage, &settings, vgg, &Device::Cpu).map_err(failed)?;
+    let mut learner = Learner::new(stage, &settings, vgg, &device).map_err(failed)?;
     if let Some(before) = &before {
         learner
             .set_model(&before.model, "backtrack.")

@@ -19,6 +19,7 @@ pub(super) struct Features {
 pub(super) fn features(
     settings: &TrainSettings,
     typed: Option<&str>,
+    device: &Device,
     output: &Output,
 ) -> Result<Features, Failure> {
     let invalid = |e: anyhow::Error| Failure::new(Exit::InvalidInput, e);
@@ -28,7 +29,7 @@ pub(super) fn features(
             blake3: None,
         }),
         FeatureSource::Random => {
-            let vgg = Vgg::random(settings.seed, settings.vgg_divisor, &Device::Cpu)
+            let vgg = Vgg::random(settings.seed, settings.vgg_divisor, device)
                 .map_err(|e| invalid(e.into()))?;
             Ok(Features {
                 vgg: Some(vgg),
@@ -48,7 +49,7 @@ pub(super) fn features(
             let blake3 = blake3::hash(&bytes).to_hex().to_string();
             let what = || format!("{} holds no VGG-19 that can be used", path.display());
             let weights = weights(path, &bytes).with_context(what).map_err(invalid)?;
-            let vgg = Vgg::new(&weights, settings.vgg_divisor, &Device::Cpu)
+            let vgg = Vgg::new(&weights, settings.vgg_divisor, device)
                 .with_context(what)
                 .map_err(invalid)?;
             output.note(&format!("VGG-19 from {}, BLAKE3 {blake3}", path.display()));

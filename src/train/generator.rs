@@ -86,6 +86,11 @@ impl Generator {
         Ok(generator)
     }
 
+    /// Where it computes.
+    pub fn device(&self) -> &Device {
+        self.last.device()
+    }
+
     /// Everything that is learned, by name, in a fixed order.
     pub fn variables(&self) -> Vec<(String, Var)> {
         let mut variables = Vec::new();

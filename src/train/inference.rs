@@ -3,7 +3,7 @@
 use super::example::Planes;
 use super::generator::Generator;
 use super::vgg::Vgg;
-use candle_core::{Device, Result, Tensor};
+use candle_core::{Result, Tensor};
 
 /// Pixels that neighbouring tiles share, at least: as far as the widest convolutions together see.
 const OVERLAP: usize = 128;
@@ -116,7 +116,7 @@ impl Networks<'_> {
                 values.extend_from_slice(&plane[y * image.columns + left..][..columns]);
             }
         }
-        let tensor = Tensor::from_vec(values, (1, 3, rows, columns), &Device::Cpu)?;
+        let tensor = Tensor::from_vec(values, (1, 3, rows, columns), network.device())?;
         let features = match self.vgg {
             Some(vgg) => vgg.features(&tensor)?,
             None => Vec::new(),
@@ -153,6 +153,7 @@ fn ramp(start: usize, size: usize, length: usize) -> Vec<f32> {
 mod tests {
     use super::*;
     use crate::train::{GeneratorOptions, SLOPE, Start, Stream};
+    use candle_core::Device;
 
     #[test]
     fn tiles_cover_everything() {

@@ -28,6 +28,7 @@ pub struct Learner {
     pub discriminator_adam: Option<Adam>,
     settings: TrainSettings,
     vgg: Option<Vgg>,
+    device: Device,
 }
 
 /// One term of a step's loss, weighted.
@@ -146,6 +147,7 @@ impl Learner {
             discriminator,
             settings: settings.clone(),
             vgg,
+            device: device.clone(),
         })
     }
 
@@ -279,6 +281,11 @@ impl Learner {
         let total = sum.total()?;
         let gradients = total.backward()?;
         Ok((total, gradients))
+    }
+
+    /// Where it computes.
+    pub fn device(&self) -> &Device {
+        &self.device
     }
 
     /// Describes images, if the settings have features.

@@ -15,7 +15,6 @@ use super::picture::{picture_grid, psnr_db};
 use super::source::ExampleError;
 use crate::atomic_file::{self, WriteError};
 use crate::manifest::{Stage, TrainSettings};
-use candle_core::Device;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -191,7 +190,7 @@ impl Session {
                     return Err(error.into());
                 }
             };
-            let batch = Batch::new(&examples, &Device::Cpu)?;
+            let batch = Batch::new(&examples, self.learner.device())?;
             let losses = self.learner.step(self.step, &batch, &mut |_| {})?;
             if !losses.total.is_finite() {
                 return Err(TrainError::NotFinite {
