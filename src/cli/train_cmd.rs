@@ -262,7 +262,7 @@ fn settings(
             .map(|r| r.settings)
             .unwrap_or_default(),
     };
-    let mut settings = args.settings.over(&base);
+    let settings = args.settings.over(&base);
     settings
         .validate()
         .map_err(|e| Failure::new(Exit::Usage, e))?;
@@ -297,9 +297,6 @@ fn settings(
             settings.real_share
         );
         return Err(Failure::new(Exit::Usage, error));
-    }
-    if args.real.is_none() {
-        settings.real_share = 0.0;
     }
     Ok(settings)
 }

@@ -248,7 +248,8 @@ fn other_settings_are_refused_with_what_differs() {
     run(&place.arguments("separation", "4", &["--width", "1"]))
         .expect(2)
         .says(&["from 3 to 1024"]);
-    run(&place.arguments("backtrack", "4", &["--real-share", "0.5"]))
+    let other = self::place();
+    run(&other.arguments("backtrack", "4", &["--real-share", "0.5"]))
         .expect(2)
         .says(&["--real"]);
 }
