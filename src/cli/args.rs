@@ -197,12 +197,12 @@ Examples:
     /// Score trained networks, and the pictures as they were, against the truth
     #[cfg(feature = "train")]
     #[command(after_help = "\
-The first row of the table is the input as it is; the second the input times the one factor of linear light
-that fits truths best, of train scenes: what comes of brightness alone. PSNR and SSIM are of 8-bit pictures
-at their own size, none resized. Real pairs whose truth lies beside the picture are named, and a second
-table leaves them out. In JSON the PSNR of equal pictures is the string \"inf\".
+The first row of the table is the input as it is; the second the input times one factor of linear
+light, the best for train scenes: what comes of brightness alone. PSNR and SSIM are of 8-bit
+pictures at their own size, none resized. Real pairs whose truth lies beside the picture are named,
+and a second table leaves them out. In JSON the PSNR of equal pictures is the string \"inf\".
 
-Exit code 3: some pairs are missing or cannot be read; `left_out` tells which. 4: there is nothing to score.
+Exit code 3: some pairs are missing or cannot be read, `left_out` tells which. 4: nothing to score.
 
 Examples:
   glasshouse evaluate runs/smoke
@@ -212,8 +212,9 @@ Examples:
     /// Take the reflections out of photographs with a trained network
     #[cfg(feature = "train")]
     #[command(after_help = "\
-Each picture becomes NAME.transmission.png (what is behind the glass) and NAME.glass_reflection.png (what
-the glass adds), 8-bit sRGB, as large as it is and turned as its EXIF data say.
+Each picture becomes NAME.transmission.png (what is behind the glass) and
+NAME.glass_reflection.png (what the glass adds): 8-bit sRGB, as large as the picture, turned as its
+EXIF data say.
 
 Exit code 3: some pictures cannot be read or are smaller than 16 px a side; the others are done.
 

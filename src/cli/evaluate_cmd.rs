@@ -116,7 +116,8 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global, output: &Output) -> Resu
         atomic_file::write(&markdown, evaluation.markdown(protocol).as_bytes())?;
         atomic_file::write(&csv, per_image_csv(&scored.rows).as_bytes())?;
         atomic_file::write(&json_file, pretty.as_bytes())?;
-        text += &format!("\n{}", files.join("\n"));
+        text.push('\n');
+        text += &files.join("\n");
     }
     object["threads"] = json!(threads);
     output.result(SCHEMA, object, text.trim_end());
@@ -150,14 +151,19 @@ fn subject(
         .left_out
         .into_iter()
         .map(|(path, reason)| LeftOut {
-            image: path.display().to_string(),
+            image: path
+                .strip_prefix(place)
+                .unwrap_or(&path)
+                .display()
+                .to_string(),
             reason,
         })
         .collect();
     if !left_out.is_empty() {
         output.note(&format!(
-            "{} files are in no pair; -v and the files tell why",
-            left_out.len()
+            "{} pictures are in no pair{}",
+            left_out.len(),
+            if output.verbose { ":" } else { "; -v says why" }
         ));
     }
     if output.verbose {

@@ -71,7 +71,10 @@ impl Evaluation<'_> {
             Some(split) => format!("{split} scenes of {}", self.place),
             None => format!("pairs of {}", self.place),
         };
-        format!("{images} {of}, {} left out.", self.left_out.len())
+        match self.left_out.len() {
+            0 => format!("{images} {of}."),
+            count => format!("{images} {of}; {count} pictures are left out."),
+        }
     }
 
     /// The object of `--json`, without the files. PSNR of equal pictures is the string `inf`; means of nothing are null.
