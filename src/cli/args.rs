@@ -3,7 +3,7 @@
 use super::bench_args::BenchArgs;
 use super::farm_args::{AuditArgs, ExplainArgs, HoldArgs, ResumeArgs, RetryArgs, StatusArgs};
 #[cfg(feature = "train")]
-use super::train_args::TrainArgs;
+use super::train_args::{EvaluateArgs, SeparateArgs, TrainArgs};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -194,6 +194,34 @@ Examples:
   glasshouse train runs/smoke --stage backtrack --steps 200 --width 8 --crop 64
   glasshouse train runs/smoke --stage backtrack --steps 200 --features random --json")]
     Train(TrainArgs),
+    /// Score trained networks, and the pictures as they were, against the truth
+    #[cfg(feature = "train")]
+    #[command(after_help = "\
+The first row of the table is the input as it is; the second the input times one factor of linear
+light, the best for train scenes: what comes of brightness alone. PSNR and SSIM are of 8-bit
+pictures at their own size, none resized. Real pairs whose truth lies beside the picture are named,
+and a second table leaves them out. In JSON the PSNR of equal pictures is the string \"inf\".
+
+Exit code 3: some pairs are missing or cannot be read, `left_out` tells which. 4: nothing to score.
+
+Examples:
+  glasshouse evaluate runs/smoke
+  glasshouse evaluate runs/smoke --split all --checkpoint runs/smoke/train/separation --json
+  glasshouse evaluate pairs --checkpoint ours=runs/smoke --fit-gain runs/smoke --out scores")]
+    Evaluate(EvaluateArgs),
+    /// Take the reflections out of photographs with a trained network
+    #[cfg(feature = "train")]
+    #[command(after_help = "\
+Each picture becomes NAME.transmission.png (what is behind the glass) and
+NAME.glass_reflection.png (what the glass adds): 8-bit sRGB, as large as the picture, turned as its
+EXIF data say.
+
+Exit code 3: some pictures cannot be read or are smaller than 16 px a side; the others are done.
+
+Examples:
+  glasshouse separate runs/smoke photo.jpg --out separated
+  glasshouse separate runs/smoke/train/separation photo.jpg --out separated --tile-px 512 --json")]
+    Separate(SeparateArgs),
     /// Write report/index.html: the run at a glance and a contact sheet
     #[command(after_help = "Examples:
   glasshouse report runs/smoke

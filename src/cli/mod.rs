@@ -20,11 +20,19 @@ mod bench_trace_cmd;
 mod bench_train_cmd;
 mod control_cmd;
 mod coordinate_cmd;
+#[cfg(feature = "train")]
+mod evaluate_cmd;
+#[cfg(feature = "train")]
+mod evaluate_rows;
+#[cfg(feature = "train")]
+mod evaluate_text;
 mod exit_code;
 mod explain_cmd;
 mod farm_args;
 mod isolate;
 mod merge_cmd;
+#[cfg(feature = "train")]
+mod network;
 mod output;
 mod plan_cmd;
 mod plan_cost;
@@ -36,6 +44,8 @@ mod retry_cmd;
 mod run_cmd;
 mod sample_cmd;
 mod schema_cmd;
+#[cfg(feature = "train")]
+mod separate_cmd;
 mod signals;
 mod status_cmd;
 mod status_text;
@@ -98,6 +108,10 @@ pub fn main() -> ExitCode {
         Command::Audit(audit) => audit_cmd::run(audit, &args.global, &output),
         #[cfg(feature = "train")]
         Command::Train(train) => train_cmd::run(train, &args.global, &output),
+        #[cfg(feature = "train")]
+        Command::Evaluate(evaluate) => evaluate_cmd::run(evaluate, &args.global, &output),
+        #[cfg(feature = "train")]
+        Command::Separate(separate) => separate_cmd::run(separate, &args.global, &output),
         Command::Report(report) => report_cmd::run(report, &args.global, &output),
         Command::Schema => schema_cmd::run(&output),
         Command::Bench(bench) => bench_cmd::run(bench, &args.global, &output),

@@ -5,7 +5,8 @@ use super::args::{Global, RootArgs};
 use super::exit_code::Exit;
 use super::exit_code::Failure;
 use super::work_cmd::threads;
-use crate::manifest::{ExampleKind, FeatureSource, PixelSource, Stage, TrainSettings};
+use crate::evaluate::Protocol;
+use crate::manifest::{ExampleKind, FeatureSource, PixelSource, Split, Stage, TrainSettings};
 use candle_core::Device;
 use clap::{Args as ClapArgs, ValueEnum};
 use std::path::PathBuf;
@@ -228,4 +229,115 @@ impl SettingArgs {
         settings.follow |= self.follow;
         settings
     }
+}
+
+/// How networks are taken to work.
+#[derive(Debug, ClapArgs)]
+pub struct NetworkArgs {
+    /// VGG-19 weights, for networks that were trained with features of a file: the same file
+    #[arg(long, value_name = "FILE")]
+    pub features: Option<String>,
+    /// Larger pictures are done in overlapping tiles of this side, px: less memory, and another norm for each tile
+    #[arg(long, value_name = "PX", default_value_t = 768, value_parser = clap::value_parser!(u32).range(272..=16384))]
+    pub tile_px: u32,
+}
+
+/// `separate`
+#[derive(Debug, ClapArgs)]
+pub struct SeparateArgs {
+    /// A checkpoint's folder; or a stage's or a run's, for its best checkpoint, or its newest where none was measured
+    pub checkpoint: PathBuf,
+    /// Pictures, JPEG or PNG
+    #[arg(required = true)]
+    pub images: Vec<PathBuf>,
+    /// Folder to write NAME.transmission.png and NAME.glass_reflection.png to
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// The networks.
+    #[command(flatten)]
+    pub network: NetworkArgs,
+}
+
+/// `--split`
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SplitName {
+    /// What no training saw.
+    Test,
+    /// What it was trained on.
+    Train,
+    /// Both.
+    All,
+}
+
+impl SplitName {
+    /// As it is typed.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Test => "test",
+            Self::Train => "train",
+            Self::All => "all",
+        }
+    }
+
+    /// Whether scenes of a split are among these.
+    pub(super) fn has(self, split: Split) -> bool {
+        match self {
+            Self::Test => split == Split::Test,
+            Self::Train => split == Split::Train,
+            Self::All => true,
+        }
+    }
+}
+
+/// `--protocol`
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ProtocolName {
+    /// Kim et al.'s: PSNR of all channels together, SSIM of the grey pictures.
+    Paper,
+    /// Of ERRNet and those after it: means over the channels.
+    Errnet,
+    /// Side by side.
+    Both,
+}
+
+impl From<ProtocolName> for Protocol {
+    fn from(name: ProtocolName) -> Self {
+        match name {
+            ProtocolName::Paper => Self::Paper,
+            ProtocolName::Errnet => Self::Errnet,
+            ProtocolName::Both => Self::Both,
+        }
+    }
+}
+
+/// `evaluate`
+#[derive(Debug, ClapArgs)]
+pub struct EvaluateArgs {
+    /// Folder of a run; or of pairs: blended/ and transmission_layer/, or as SIR2 and CEILNet name them
+    #[arg(value_name = "RUN|DIR")]
+    pub place: PathBuf,
+    /// Networks to score, named as here or by stage and step; a folder as of `separate`; repeatable [default: the run's own]
+    #[arg(long = "checkpoint", value_name = "[NAME=]FOLDER")]
+    pub checkpoints: Vec<String>,
+    /// Which scenes of a run
+    #[arg(long, value_enum, default_value = "test")]
+    pub split: SplitName,
+    /// Which scores the table shows; the files have all
+    #[arg(long, value_enum, default_value = "both")]
+    pub protocol: ProtocolName,
+    /// Folder to write evaluation.md, .csv and .json to [default: RUN/train/evaluation; of pairs: none]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Fit the input's gain to pairs of this folder, or to this run's train scenes [default: the run's own; of pairs: no gain]
+    #[arg(long, value_name = "RUN|DIR")]
+    pub fit_gain: Option<PathBuf>,
+    /// Score only the first N pairs
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub limit: Option<u32>,
+    /// The networks.
+    #[command(flatten)]
+    pub network: NetworkArgs,
+    /// Where the run's tuples are, if not in its folder
+    #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE")]
+    pub store: Option<String>,
 }

@@ -26,7 +26,7 @@ pub use gain::{apply_gain, best_gain};
 pub use pairs::{Found, Pair, find_pairs};
 pub use picture::{decode_picture, read_picture};
 pub use score::{Scores, score};
-pub use table::{Row, means_table, per_image_csv};
+pub use table::{Protocol, Row, means_table, per_image_csv};
 
 #[cfg(test)]
 mod tests;

@@ -30,12 +30,23 @@ impl Row {
     }
 }
 
+/// Which scores a table shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Protocol {
+    /// Kim et al.'s: colour PSNR, SSIM of grey.
+    Paper,
+    /// ERRNet's: means over the channels.
+    Errnet,
+    /// Side by side.
+    Both,
+}
+
 /// Means by method, in the order in which the methods come first. If some pairs do not lie on each other, a second table
 /// leaves them out, and a line below tells so.
-pub fn means_table(rows: &[Row]) -> String {
+pub fn means_table(rows: &[Row], protocol: Protocol) -> String {
     let all: Vec<&Row> = rows.iter().collect();
     let aligned: Vec<&Row> = rows.iter().filter(|row| row.is_aligned()).collect();
-    let mut text = table(&all);
+    let mut text = table(&all, protocol);
     if aligned.len() == all.len() {
         return text;
     }
@@ -53,15 +64,30 @@ pub fn means_table(rows: &[Row]) -> String {
             .map(|name| escaped(name))
             .collect::<Vec<_>>()
             .join(", "),
-        table(&aligned)
+        table(&aligned, protocol)
     );
     text
 }
 
-fn table(rows: &[&Row]) -> String {
-    let mut text = "| Method | Images | PSNR (dB, colour) | SSIM (grey) | PSNR (dB, channel mean) | SSIM (channel mean) |\n\
-         |---|---:|---:|---:|---:|---:|\n"
-        .to_owned();
+/// Cells are padded, so that the text is a table to the eye, too.
+fn table(rows: &[&Row], protocol: Protocol) -> String {
+    let scores_of = |[psnr, ssim, psnr_channels, ssim_channels]: [String; 4]| match protocol {
+        Protocol::Paper => vec![psnr, ssim],
+        Protocol::Errnet => vec![psnr_channels, ssim_channels],
+        Protocol::Both => vec![psnr, ssim, psnr_channels, ssim_channels],
+    };
+    let line = |method: &str, images: String, scores: [String; 4]| {
+        let mut cells = vec![escaped(method), images];
+        cells.extend(scores_of(scores));
+        cells
+    };
+    let head = [
+        "PSNR (dB, colour)",
+        "SSIM (grey)",
+        "PSNR (dB, channel mean)",
+        "SSIM (channel mean)",
+    ];
+    let mut lines = vec![line("Method", "Images".to_owned(), head.map(str::to_owned))];
     let mut methods: Vec<&str> = Vec::new();
     for row in rows {
         if !methods.contains(&row.method.as_str()) {
@@ -72,16 +98,35 @@ fn table(rows: &[&Row]) -> String {
         let of_method = rows.iter().filter(|row| row.method == method);
         let scores: Vec<Scores> = of_method.map(|row| row.scores).collect();
         let mean = Scores::mean(&scores);
-        let _ = writeln!(
-            text,
-            "| {} | {} | {:.2} | {:.4} | {:.2} | {:.4} |",
-            escaped(method),
-            scores.len(),
-            mean.psnr_colour_db,
-            mean.ssim_grey,
-            mean.psnr_channels_db,
-            mean.ssim_channels
-        );
+        let cells = [
+            format!("{:.2}", mean.psnr_colour_db),
+            format!("{:.4}", mean.ssim_grey),
+            format!("{:.2}", mean.psnr_channels_db),
+            format!("{:.4}", mean.ssim_channels),
+        ];
+        lines.push(line(method, scores.len().to_string(), cells));
+    }
+    let columns = lines[0].len();
+    let widths: Vec<usize> = (0..columns)
+        .map(|k| lines.iter().map(|line| line[k].chars().count()).max())
+        .map(Option::unwrap_or_default)
+        .collect();
+    let mut text = String::new();
+    for (index, line) in lines.iter().enumerate() {
+        for (k, (cell, width)) in line.iter().zip(&widths).enumerate() {
+            let _ = match k {
+                0 => write!(text, "| {cell:width$} |"),
+                _ => write!(text, " {cell:>width$} |"),
+            };
+        }
+        text.push('\n');
+        if index == 0 {
+            let _ = write!(text, "|{}|", "-".repeat(widths[0] + 2));
+            for width in &widths[1..] {
+                let _ = write!(text, "{}:|", "-".repeat(width + 1));
+            }
+            text.push('\n');
+        }
     }
     text
 }
@@ -145,7 +190,16 @@ mod tests {
         }
     }
 
-    const HEAD: &str = "| Method | Images | PSNR (dB, colour) | SSIM (grey) | PSNR (dB, channel mean) | SSIM (channel mean) |\n|---|---:|---:|---:|---:|---:|\n";
+    /// Without the padding.
+    fn packed(table: &str) -> String {
+        let mut text = table.to_owned();
+        while text.contains("  ") || text.contains("--") {
+            text = text.replace("  ", " ").replace("--", "-");
+        }
+        text.replace(" |", "|").replace("| ", "|")
+    }
+
+    const HEAD: &str = "|Method|Images|PSNR (dB, colour)|SSIM (grey)|PSNR (dB, channel mean)|SSIM (channel mean)|\n|-|-:|-:|-:|-:|-:|\n";
 
     #[test]
     fn means_are_by_method() {
@@ -154,10 +208,20 @@ mod tests {
             row("in|put", "a", None, 10.0),
             row("ours", "a", Some(1.5), 30.0),
         ];
+        let table = means_table(&rows, Protocol::Both);
         let expected = format!(
-            "{HEAD}| ours | 2 | 25.00 | 0.6250 | 26.00 | 0.5000 |\n| in\\|put | 1 | 10.00 | 0.2500 | 11.00 | 0.5000 |\n"
+            "{HEAD}|ours|2|25.00|0.6250|26.00|0.5000|\n|in\\|put|1|10.00|0.2500|11.00|0.5000|\n"
         );
-        assert_eq!(means_table(&rows), expected);
+        assert_eq!(packed(&table), expected);
+        let mut lengths: Vec<usize> = table.lines().map(str::len).collect();
+        lengths.dedup();
+        assert_eq!(lengths.len(), 1, "{table}");
+        assert!(
+            packed(&means_table(&rows, Protocol::Errnet)).ends_with("|in\\|put|1|11.00|0.5000|\n")
+        );
+        assert!(
+            packed(&means_table(&rows, Protocol::Paper)).ends_with("|in\\|put|1|10.00|0.2500|\n")
+        );
     }
 
     #[test]
@@ -166,14 +230,14 @@ mod tests {
             row("ours", "b", Some(0.5), f64::INFINITY),
             row("ours", "a", Some(9.0), 30.0),
         ];
-        let text = means_table(&rows);
+        let text = packed(&means_table(&rows, Protocol::Both));
         assert_eq!(text.matches(HEAD).count(), 2);
-        assert!(text.contains("| ours | 2 | inf |"), "{text}");
-        assert!(text.contains("| ours | 1 | inf |"), "{text}");
+        assert!(text.contains("|ours|2|inf|"), "{text}");
+        assert!(text.contains("|ours|1|inf|"), "{text}");
         assert!(text.contains("more than 1.5 px beside the picture: a. Without them:"));
-        assert_eq!(means_table(&[]), HEAD);
+        assert_eq!(packed(&means_table(&[], Protocol::Both)), HEAD);
         // Only such pairs: the second table is empty, and its head shows that.
-        assert!(means_table(&rows[1..]).ends_with(HEAD));
+        assert!(packed(&means_table(&rows[1..], Protocol::Both)).ends_with(HEAD));
     }
 
     #[test]

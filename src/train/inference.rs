@@ -9,7 +9,10 @@ use candle_core::{Result, Tensor};
 const OVERLAP: usize = 128;
 
 /// Least side of what VGG-19 and its four pools can describe, px.
-const LEAST: usize = 16;
+pub const LEAST_PX: usize = 16;
+
+/// Least side of a tile, px; smaller ones are made as large.
+pub const LEAST_TILE_PX: usize = 2 * OVERLAP + LEAST_PX;
 
 /// The networks of a checkpoint.
 #[derive(Clone, Copy)]
@@ -64,14 +67,14 @@ impl Networks<'_> {
         outputs: usize,
         tile_px: usize,
     ) -> Result<Planes> {
-        if image.rows < LEAST || image.columns < LEAST {
+        if image.rows < LEAST_PX || image.columns < LEAST_PX {
             candle_core::bail!(
-                "an image of {} x {} px is too small: {LEAST} px a side at least",
+                "an image of {} x {} px is too small: {LEAST_PX} px a side at least",
                 image.columns,
                 image.rows
             );
         }
-        let tile = tile_px.max(2 * OVERLAP + LEAST);
+        let tile = tile_px.max(LEAST_TILE_PX);
         let (down, across) = (starts(image.rows, tile), starts(image.columns, tile));
         let pixels = image.rows * image.columns;
         let mut sums = vec![0.0f32; outputs * pixels];

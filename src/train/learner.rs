@@ -4,6 +4,7 @@ use super::adam::{Adam, AdamOptions};
 use super::batch::Batch;
 use super::discriminator::Discriminator;
 use super::generator::{Generator, GeneratorOptions, SLOPE};
+use super::inference::Networks;
 use super::loss::{believed, feature_difference, l1, told_apart};
 use super::vgg::Vgg;
 use crate::manifest::{Stage, TrainSettings};
@@ -288,9 +289,13 @@ impl Learner {
         &self.device
     }
 
-    /// Describes images, if the settings have features.
-    pub fn vgg(&self) -> Option<&Vgg> {
-        self.vgg.as_ref()
+    /// The networks, to work with what they have learned so far.
+    pub fn networks(&self) -> Networks<'_> {
+        Networks {
+            vgg: self.vgg.as_ref(),
+            separation: self.separation.as_ref(),
+            backtrack: &self.backtrack,
+        }
     }
 
     fn features(&self, image: &Tensor) -> Result<Vec<Tensor>> {

@@ -11,6 +11,7 @@
 //! loss, adam        what is minimised, and how          inference     networks at work
 //! random            random numbers by seed and name     code          pixels as networks see them
 //! mixture, mix      photographs added as images, for comparison
+//! separator         the networks of a checkpoint, ready to work
 //! ```
 //!
 //! What is learned is a function of the settings, the scenes and the machine's kind of CPU: not of threads, of time, or of how
@@ -36,6 +37,7 @@ mod mix;
 pub mod mixture;
 mod picture;
 mod random;
+mod separator;
 mod session;
 mod source;
 mod vgg;
@@ -53,13 +55,14 @@ pub use code::{bytes_of_planes, planes_of_bytes};
 pub use discriminator::Discriminator;
 pub use example::{Cut, Example, Planes};
 pub use generator::{DILATIONS, Generator, GeneratorOptions, SLOPE};
-pub use inference::{Networks, Picture};
+pub use inference::{LEAST_PX, LEAST_TILE_PX, Networks, Picture};
 pub use learner::{Lap, Learner, StepLosses, Term};
 pub use lesson::{Lesson, SceneSource};
 pub use loader::Loader;
 pub use loss::{FEATURE_DIVISORS, believed, feature_difference, l1, told_apart};
 pub use metrics::{MetricsRow, read_metrics};
 pub use random::Stream;
+pub use separator::{Separator, SeparatorError};
 pub use session::{Best, Schedule, Session, TrainError, Trained, Watcher};
 pub use source::{Base, ExampleError, PairSource, PhotographSource, TupleSource};
 pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};

@@ -7,7 +7,7 @@ use super::checkpoint::{
 };
 use super::events::EventFile;
 use super::example::Example;
-use super::inference::{Networks, Picture};
+use super::inference::Picture;
 use super::learner::{Learner, StepLosses};
 use super::loader::Loader;
 use super::metrics::Metrics;
@@ -312,14 +312,6 @@ impl Session {
         Ok((count > 0).then(|| sum / f64::from(count)))
     }
 
-    fn networks(&self) -> Networks<'_> {
-        Networks {
-            vgg: self.learner.vgg(),
-            separation: self.learner.separation.as_ref(),
-            backtrack: &self.learner.backtrack,
-        }
-    }
-
     /// What the networks make of an example, beside what they were given and should have made.
     fn made(&self, example: &Example) -> Result<Made, TrainError> {
         let picture = |planes: &Vec<f32>| Picture {
@@ -327,7 +319,7 @@ impl Session {
             columns: example.columns,
             planes: planes.clone(),
         };
-        let networks = self.networks();
+        let networks = self.learner.networks();
         let whole = example.rows.max(example.columns);
         let mut made = Made::default();
         match self.learner.stage {

@@ -4,7 +4,7 @@ use crate::program::{command, run};
 use crate::scenes::{photographs, scene};
 use std::path::Path;
 
-const COMMANDS: [&str; 20] = [
+const COMMANDS: &[&str] = &[
     "run",
     "sample",
     "plan",
@@ -18,6 +18,10 @@ const COMMANDS: [&str; 20] = [
     "retry",
     "explain",
     "audit",
+    #[cfg(feature = "train")]
+    "evaluate",
+    #[cfg(feature = "train")]
+    "separate",
     "report",
     "bench",
     "bench error",
@@ -76,9 +80,30 @@ fn workplace(folder: &Path) {
         .current_dir(folder)
         .output();
     assert!(rendered.unwrap().status.success());
+    if cfg!(feature = "train") {
+        networks(folder);
+    }
     let mine = "schema = \"glasshouse.recipe/1\"\nname = \"mine\"\n[sources.diode]\nlayout = \"diode\"\n\
          [[split]]\nname = \"train\"\npairs = { diode = 1 }\n";
     std::fs::write(folder.join("my.toml"), mine).unwrap();
+}
+
+/// Networks of one step each in runs/smoke, a photograph and a pair.
+fn networks(folder: &Path) {
+    for stage in ["backtrack", "separation"] {
+        let mut train = vec!["train", "runs/smoke", "--steps", "1", "--stage", stage];
+        if stage == "backtrack" {
+            train.extend("--width 4 --crop 16 --adversarial-weight 0".split(' '));
+        }
+        let trained = command(&train).current_dir(folder).output().unwrap();
+        assert!(trained.status.success(), "{trained:?}");
+    }
+    std::fs::copy(folder.join("a.png"), folder.join("photo.jpg")).unwrap();
+    for (layer, picture) in [("blended", "a.png"), ("transmission_layer", "b.png")] {
+        let layer = folder.join("pairs").join(layer);
+        std::fs::create_dir_all(&layer).unwrap();
+        std::fs::copy(folder.join(picture), layer.join("1.png")).unwrap();
+    }
 }
 
 #[test]
@@ -86,7 +111,7 @@ fn examples_are_understood() {
     let folder = tempfile::tempdir().unwrap();
     workplace(folder.path());
     let mut count = 0;
-    for name in COMMANDS {
+    for &name in COMMANDS {
         for line in examples(name) {
             let mut arguments: Vec<&str> = line.split_whitespace().collect();
             arguments.push("-n");

@@ -102,6 +102,14 @@ fn errors_are_objects_too() {
         (&["audit", nowhere], 4),
         (&["audit", nowhere, "--share", "2"], 2),
         (&["report", nowhere], 4),
+        #[cfg(feature = "train")]
+        (&["evaluate", nowhere], 4),
+        #[cfg(feature = "train")]
+        (&["evaluate", nowhere, "--split", "both"], 2),
+        #[cfg(feature = "train")]
+        (&["separate", nowhere, "a.png", "--out", nowhere], 4),
+        #[cfg(feature = "train")]
+        (&["separate", nowhere, "--out", nowhere], 2),
         (&["render", nowhere, "--out", nowhere], 4),
         (&["render", nowhere, "--out", nowhere, "--spp", "3"], 2),
         (&["sample", nowhere], 2),

@@ -20,6 +20,8 @@ mod checks;
 mod conflict;
 mod control;
 mod damage;
+#[cfg(feature = "train")]
+mod evaluate;
 mod explain;
 mod hard_cases;
 mod help;

@@ -1,0 +1,199 @@
+//! The networks of a checkpoint, put together to work.
+
+use super::checkpoint::Checkpoint;
+use super::inference::{Networks, Picture};
+use super::learner::Learner;
+use super::vgg::Vgg;
+use crate::manifest::{SettingError, Stage, TrainSettings};
+use candle_core::{Device, Result};
+use image::RgbImage;
+use std::path::PathBuf;
+
+/// A checkpoint whose networks cannot work.
+#[derive(Debug, thiserror::Error)]
+pub enum SeparatorError {
+    /// It has no SP-net.
+    #[error(
+        "{} is of the backtrack stage: it holds BT-net alone, which separates nothing; give a checkpoint of the separation stage",
+        path.display()
+    )]
+    NoSeparation {
+        /// Its folder.
+        path: PathBuf,
+    },
+    /// Features come from other weights than those that the networks know.
+    #[error(
+        "{} was trained with features of VGG-19 weights of BLAKE3 {expected}, but those given have {found}; give the file that it was trained with",
+        path.display()
+    )]
+    OtherFeatures {
+        /// Its folder.
+        path: PathBuf,
+        /// Digest of the weights that it was trained with, or `none`.
+        expected: String,
+        /// Digest of those given, or `none`.
+        found: String,
+    },
+    /// Settings that no training has.
+    #[error("the settings of {} are damaged: {source}", path.display())]
+    Settings {
+        /// Its folder.
+        path: PathBuf,
+        /// Which.
+        source: SettingError,
+    },
+    /// Weights that do not fit its own settings.
+    #[error("the networks of {} do not fit its settings: {source}; take another checkpoint", path.display())]
+    Weights {
+        /// Its folder.
+        path: PathBuf,
+        /// What is missing, or of another shape.
+        source: candle_core::Error,
+    },
+}
+
+/// SP-net, BT-net and what describes images to them.
+pub struct Separator {
+    learner: Learner,
+}
+
+impl Separator {
+    /// Of a checkpoint of the separation stage. `vgg` is what its settings ask for, `vgg_blake3` the digest of its file, where
+    /// it is from one.
+    pub fn new(
+        checkpoint: &Checkpoint,
+        vgg: Option<Vgg>,
+        vgg_blake3: Option<&str>,
+    ) -> std::result::Result<Self, SeparatorError> {
+        let state = &checkpoint.state;
+        let path = || checkpoint.path.clone();
+        if state.stage == Stage::Backtrack {
+            return Err(SeparatorError::NoSeparation { path: path() });
+        }
+        let expected = state.origin.vgg_blake3.as_deref();
+        if expected != vgg_blake3 {
+            let digest = |of: Option<&str>| of.unwrap_or("none").to_owned();
+            return Err(SeparatorError::OtherFeatures {
+                path: path(),
+                expected: digest(expected),
+                found: digest(vgg_blake3),
+            });
+        }
+        let settings = TrainSettings {
+            // Who works needs no discriminator.
+            adversarial_weight: 0.0,
+            ..state.settings.clone()
+        };
+        settings
+            .validate()
+            .map_err(|source| SeparatorError::Settings {
+                path: path(),
+                source,
+            })?;
+        let learner = Learner::new(state.stage, &settings, vgg, &Device::Cpu);
+        let learner = learner.and_then(|mut learner| {
+            learner.set_model(&checkpoint.model, "")?;
+            Ok(learner)
+        });
+        match learner {
+            Ok(learner) => Ok(Self { learner }),
+            Err(source) => Err(SeparatorError::Weights {
+                path: path(),
+                source,
+            }),
+        }
+    }
+
+    /// The networks.
+    pub fn networks(&self) -> Networks<'_> {
+        self.learner.networks()
+    }
+
+    /// T* and R~* of a picture, in tiles of `tile_px` if it is larger. See [`Networks::separate`].
+    pub fn separate(&self, picture: &RgbImage, tile_px: usize) -> Result<[RgbImage; 2]> {
+        let made = self
+            .networks()
+            .separate(&Picture::from_rgb(picture), tile_px)?;
+        Ok(made.map(|picture| picture.to_rgb()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::{FeatureSource, Origin, write_checkpoint};
+
+    fn settings() -> TrainSettings {
+        TrainSettings {
+            width: 4,
+            discriminator_width: 2,
+            features: FeatureSource::Random,
+            vgg_divisor: 16,
+            ..TrainSettings::default()
+        }
+    }
+
+    fn vgg(settings: &TrainSettings) -> Option<Vgg> {
+        Some(Vgg::random(settings.seed, settings.vgg_divisor, &Device::Cpu).unwrap())
+    }
+
+    fn checkpoint(folder: &std::path::Path, stage: Stage, settings: &TrainSettings) -> Checkpoint {
+        let learner = Learner::new(stage, settings, vgg(settings), &Device::Cpu).unwrap();
+        let origin = Origin {
+            vgg_blake3: None,
+            scenes_blake3: String::new(),
+            real_blake3: None,
+            backtrack: None,
+        };
+        let path = write_checkpoint(folder, 3, &learner, settings, &origin, None).unwrap();
+        Checkpoint::read(&path, &Device::Cpu).unwrap()
+    }
+
+    #[test]
+    fn networks_work_as_they_learned() {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = settings();
+        let checkpoint = checkpoint(folder.path(), Stage::Separation, &settings);
+        let separator = Separator::new(&checkpoint, vgg(&settings), None).unwrap();
+        let learner = Learner::new(Stage::Separation, &settings, vgg(&settings), &Device::Cpu);
+        let picture = RgbImage::from_fn(37, 21, |x, y| {
+            image::Rgb([(x * 7) as u8, (y * 11) as u8, (x * y) as u8])
+        });
+        let expected = learner.unwrap();
+        let expected = expected
+            .networks()
+            .separate(&Picture::from_rgb(&picture), 300)
+            .unwrap();
+        let found = separator.separate(&picture, 300).unwrap();
+        assert_eq!(found, expected.map(|picture| picture.to_rgb()));
+        assert_eq!(found[0].dimensions(), (37, 21));
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = settings();
+        let text = |checkpoint: &Checkpoint, vgg, blake3| {
+            Separator::new(checkpoint, vgg, blake3)
+                .err()
+                .unwrap()
+                .to_string()
+        };
+        let alone = checkpoint(folder.path(), Stage::Backtrack, &settings);
+        assert!(text(&alone, vgg(&settings), None).contains("BT-net alone"));
+        let mut whole = checkpoint(folder.path(), Stage::Separation, &settings);
+        let other = text(&whole, vgg(&settings), Some("abc"));
+        assert!(
+            other.contains("BLAKE3 none") && other.contains("have abc"),
+            "{other}"
+        );
+        // Without what its first layer was made for.
+        let narrow = text(&whole, None, None);
+        assert!(narrow.contains("kernel.0 is [4, "), "{narrow}");
+        whole.model.remove("separation.last");
+        let missing = text(&whole, vgg(&settings), None);
+        assert!(missing.contains("separation.last is missing"), "{missing}");
+        whole.state.settings.width = 0;
+        assert!(text(&whole, vgg(&settings), None).contains("width"));
+    }
+}
