@@ -26,6 +26,26 @@ const SCHEMA: &str = "glasshouse.evaluate/1";
 const WARNINGS: usize = 8;
 
 pub(super) fn run(args: &EvaluateArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let evaluated = evaluate(args, global, output)?;
+    output.result(SCHEMA, evaluated.object, &evaluated.text);
+    Ok(evaluated.exit)
+}
+
+/// What came out.
+pub(super) struct Evaluated {
+    /// For --json.
+    pub(super) object: Value,
+    /// The tables.
+    pub(super) text: String,
+    pub(super) exit: Exit,
+}
+
+/// Scores, and writes what was scored.
+pub(super) fn evaluate(
+    args: &EvaluateArgs,
+    global: &Global,
+    output: &Output,
+) -> Result<Evaluated, Failure> {
     let threads = use_threads(global);
     let place = args.place.display().to_string();
     // A store may bring the run to where nothing is yet.
@@ -49,7 +69,7 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global, output: &Output) -> Resu
         (None, false) => None,
     };
     if global.dry_run {
-        return Ok(dry_run(args, &subject, &networks, folder, output));
+        return Ok(dry_run(args, &subject, &networks, folder));
     }
 
     let signals = Signals::catch();
@@ -120,8 +140,11 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global, output: &Output) -> Resu
         text += &files.join("\n");
     }
     object["threads"] = json!(threads);
-    output.result(SCHEMA, object, text.trim_end());
-    Ok(exit)
+    Ok(Evaluated {
+        object,
+        text: text.trim_end().to_owned(),
+        exit,
+    })
 }
 
 fn is_run(place: &Path) -> bool {
@@ -255,8 +278,7 @@ fn dry_run(
     subject: &Subject,
     networks: &[(String, Network)],
     folder: Option<PathBuf>,
-    output: &Output,
-) -> Exit {
+) -> Evaluated {
     let mut methods = vec!["input"];
     methods.extend(networks.iter().map(|(name, _)| name.as_str()));
     let text = format!(
@@ -268,8 +290,11 @@ fn dry_run(
         "where": args.place.display().to_string(), "dry_run": true, "images": subject.len(), "methods": methods,
         "out": folder.map(|folder| folder.display().to_string()),
     });
-    output.result(SCHEMA, object, &text);
-    Exit::Done
+    Evaluated {
+        object,
+        text,
+        exit: Exit::Done,
+    }
 }
 
 fn warn(incomplete: &[LeftOut], output: &Output) {

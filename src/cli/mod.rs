@@ -42,6 +42,8 @@ mod render_cmd;
 mod report_cmd;
 mod retry_cmd;
 mod run_cmd;
+#[cfg(feature = "train")]
+mod run_training;
 mod sample_cmd;
 mod schema_cmd;
 #[cfg(feature = "train")]

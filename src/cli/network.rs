@@ -36,7 +36,8 @@ impl Network {
                 checkpoint.path.display()
             ));
         }
-        let Features { vgg, blake3 } = features(settings, weights, &candle_core::Device::Cpu, output)?;
+        let Features { vgg, blake3 } =
+            features(settings, weights, &candle_core::Device::Cpu, output)?;
         let separator = Separator::new(&checkpoint, vgg, blake3.as_deref()).map_err(|error| {
             let exit = match error {
                 SeparatorError::OtherFeatures { .. } => Exit::Disagrees,

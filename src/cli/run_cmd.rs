@@ -28,11 +28,23 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
         global,
         output,
     )?;
-    let report = write_report(&run)?;
+    let mut report = write_report(&run)?;
     let mut object = outcome_json(&outcome, &folder, wall);
     object["report"] = json!(report);
     let mut text = format!("{}\nlook at {}", summary(&outcome, wall), report.display());
     let mut exit = exit;
+    #[cfg(feature = "train")]
+    if matches!(exit, Exit::Done | Exit::Incomplete)
+        && let Some(training) = super::run_training::training(&folder, &run, global, output)?
+    {
+        object["train"] = training.object;
+        text = format!("{}\n{text}", training.text);
+        if training.exit != Exit::Done {
+            exit = training.exit;
+        }
+        report = write_report(&run)?;
+        object["report"] = json!(report);
+    }
     // A run that was stopped has nothing to compare yet.
     if matches!(exit, Exit::Done | Exit::Incomplete)
         && let Some(file) = case_file(&plan.recipe)?

@@ -9,7 +9,16 @@ use crate::evaluate::Protocol;
 use crate::manifest::{ExampleKind, FeatureSource, PixelSource, Split, Stage, TrainSettings};
 use candle_core::Device;
 use clap::{Args as ClapArgs, ValueEnum};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+/// Checkpoints that are kept.
+const KEEP: usize = 3;
+/// Scenes that are validated on.
+const VALIDATE: usize = 8;
+/// Memory for examples.
+const MEMORY_GB: f64 = 2.0;
+/// Side of tiles.
+const TILE_PX: u32 = 768;
 
 /// Makes the pool of threads that networks compute on, and says how many they are.
 pub(super) fn use_threads(global: &Global) -> usize {
@@ -107,16 +116,16 @@ pub struct TrainArgs {
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(1..))]
     pub checkpoint_every: Option<u64>,
     /// Checkpoints to keep, besides the best
-    #[arg(long, value_name = "N", default_value_t = 3)]
+    #[arg(long, value_name = "N", default_value_t = KEEP)]
     pub keep: usize,
     /// Scenes of the split "test" to measure every checkpoint on; the first ones
-    #[arg(long, value_name = "N", default_value_t = 8)]
+    #[arg(long, value_name = "N", default_value_t = VALIDATE)]
     pub validate: usize,
     /// Write a grid of pictures every so many steps; 0 for none [default: as --checkpoint-every]
     #[arg(long, value_name = "K")]
     pub pictures_every: Option<u64>,
     /// Memory for examples that were read, GB: a set that fits is read once
-    #[arg(long, value_name = "GB", default_value_t = 2.0)]
+    #[arg(long, value_name = "GB", default_value_t = MEMORY_GB)]
     pub memory_gb: f64,
     /// Where networks compute; on a GPU last bits differ from run to run
     #[arg(long, value_enum, default_value = "cpu", hide = cfg!(not(feature = "cuda")))]
@@ -238,7 +247,7 @@ pub struct NetworkArgs {
     #[arg(long, value_name = "FILE")]
     pub features: Option<String>,
     /// Larger pictures are done in overlapping tiles of this side, px: less memory, and another norm for each tile
-    #[arg(long, value_name = "PX", default_value_t = 768, value_parser = clap::value_parser!(u32).range(272..=16384))]
+    #[arg(long, value_name = "PX", default_value_t = TILE_PX, value_parser = clap::value_parser!(u32).range(272..=16384))]
     pub tile_px: u32,
 }
 
@@ -340,4 +349,45 @@ pub struct EvaluateArgs {
     /// Where the run's tuples are, if not in its folder
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE")]
     pub store: Option<String>,
+}
+
+impl TrainArgs {
+    /// A stage of a recipe's `[train]`: the run's settings, everything else as nobody said otherwise.
+    pub(super) fn of_recipe(run: &Path, stage: StageName, steps: u64) -> Self {
+        Self {
+            run: run.to_owned(),
+            stage,
+            steps,
+            settings: SettingArgs::default(),
+            real: None,
+            checkpoint_every: None,
+            keep: KEEP,
+            validate: VALIDATE,
+            pictures_every: None,
+            memory_gb: MEMORY_GB,
+            device: DeviceName::Cpu,
+            store: None,
+            roots: RootArgs { roots: Vec::new() },
+        }
+    }
+}
+
+impl EvaluateArgs {
+    /// The networks of a run on its test scenes.
+    pub(super) fn of_run(run: &Path) -> Self {
+        Self {
+            place: run.to_owned(),
+            checkpoints: Vec::new(),
+            split: SplitName::Test,
+            protocol: ProtocolName::Both,
+            out: None,
+            fit_gain: None,
+            limit: None,
+            network: NetworkArgs {
+                features: None,
+                tile_px: TILE_PX,
+            },
+            store: None,
+        }
+    }
 }

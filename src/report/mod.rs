@@ -3,5 +3,6 @@
 mod histogram;
 mod html;
 mod parameters;
+mod training;
 
 pub use html::{ReportError, write_report};

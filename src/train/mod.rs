@@ -60,7 +60,6 @@ pub use learner::{Lap, Learner, StepLosses, Term};
 pub use lesson::{Lesson, SceneSource};
 pub use loader::Loader;
 pub use loss::{FEATURE_DIVISORS, believed, feature_difference, l1, told_apart};
-pub use metrics::{MetricsRow, read_metrics};
 pub use random::Stream;
 pub use separator::{Separator, SeparatorError};
 pub use session::{Best, Schedule, Session, TrainError, Trained, Watcher};
