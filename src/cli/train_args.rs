@@ -360,7 +360,8 @@ impl TrainArgs {
             steps,
             settings: SettingArgs::default(),
             real: None,
-            checkpoint_every: None,
+            // Validation takes longer than a step of small networks.
+            checkpoint_every: Some((steps / 4).max(1)),
             keep: KEEP,
             validate: VALIDATE,
             pictures_every: None,
