@@ -109,7 +109,8 @@ h1{font-size:1.6rem;margin:.2rem 0}h2{font-size:1.1rem;margin:1.6rem 0 .4rem}.gl
 figure{margin:0}img{width:100%;display:block;border-radius:3px}figcaption{font-size:.8rem;color:var(--dim)}\
 .plots{display:grid;grid-template-columns:repeat(auto-fill,minmax(240px,1fr));gap:1rem}\
 .plot{width:100%;fill:currentColor;font-size:10px}.plot .name{font-size:12px;font-weight:600}.plot rect{fill:#4a86c8}\
-.plot path{stroke:currentColor;stroke-width:.7;fill:none}.plot .line{stroke:#4a86c8;stroke-width:1.6}\
+.plot path{stroke:currentColor;stroke-width:.7;fill:none}.curves{grid-template-columns:repeat(auto-fit,minmax(min(100%,400px),1fr))}.grid img{width:auto;max-width:100%}\
+.plot .line{stroke:#4a86c8;stroke-width:1.6}\
 h3{font-size:1rem;margin:1rem 0 .3rem}table{border-collapse:collapse;font-size:.9rem}\
 th,td{text-align:left;padding:.15rem .8rem .15rem 0;border-bottom:1px solid var(--line);vertical-align:top}\
 @media(max-width:640px){.strip{grid-template-columns:repeat(2,1fr)}}";

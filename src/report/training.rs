@@ -34,7 +34,7 @@ pub(super) fn training(run: &Path) -> String {
         let Ok(csv) = fs::read_to_string(folder.join("metrics.csv")) else {
             continue;
         };
-        let _ = writeln!(html, "<h3>{title}</h3>\n<div class=\"plots\">");
+        let _ = writeln!(html, "<h3>{title}</h3>\n<div class=\"plots curves\">");
         html += &curve("loss", "", &column(&csv, "total"));
         html += &curve(
             "PSNR on validation scenes",
@@ -49,7 +49,7 @@ pub(super) fn training(run: &Path) -> String {
             };
             let _ = writeln!(
                 html,
-                "<figure><img loading=\"lazy\" alt=\"What the networks make of validation scenes at step {step}\" \
+                "<figure class=\"grid\"><img loading=\"lazy\" alt=\"What the networks make of validation scenes at step {step}\" \
                  src=\"data:image/png;base64,{}\"><figcaption>Validation scenes at step {step}: {columns}. \
                  * is what the networks make.</figcaption></figure>",
                 STANDARD.encode(png)

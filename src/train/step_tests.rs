@@ -150,3 +150,57 @@ fn without_a_priori_bt_net_stays() {
         "transmission_l1 glass_reflection_l1 clean_reflection_l1 adversarial"
     );
 }
+
+/// An image of waves; each phase another.
+fn waves(phase: f64, scale: f64) -> Vec<f32> {
+    let value = |channel: usize, y: usize, x: usize| {
+        let (x, y) = (x as f64 / 8.0, y as f64 / 11.0);
+        0.5 + 0.45 * libm::sin(phase + x * (1.0 + channel as f64 * 0.3) + y * phase)
+    };
+    let planes = (0..3).flat_map(|c| (0..40).flat_map(move |y| (0..48).map(move |x| (c, y, x))));
+    planes
+        .map(|(c, y, x)| (scale * value(c, y, x)) as f32)
+        .collect()
+}
+
+#[test]
+fn one_example_is_learned_by_heart() {
+    let (transmission, reflection) = (waves(0.4, 0.8), waves(2.1, 0.2));
+    let sum = transmission.iter().zip(&reflection);
+    let example = Example {
+        rows: 40,
+        columns: 48,
+        input: sum.map(|(t, r)| 0.9 * t + r).collect(),
+        clean_reflection: Some(waves(2.1, 1.0)),
+        transmission,
+        glass_reflection: Some(reflection),
+    };
+    let settings = TrainSettings {
+        width: 8,
+        discriminator_width: 2,
+        learning_rate: 3e-3,
+        ..TrainSettings::default()
+    };
+    let mut learner = Learner::new(Stage::Separation, &settings, None, &Device::Cpu).unwrap();
+    let batch = Batch::new(std::slice::from_ref(&example), &Device::Cpu).unwrap();
+    let mut term = |step| {
+        let losses = learner.step(step, &batch, &mut |_| {}).unwrap();
+        losses
+            .terms
+            .iter()
+            .find(|t| t.name == "transmission_l1")
+            .unwrap()
+            .value
+    };
+    let first = term(0);
+    let last = (1..400).map(term).collect::<Vec<_>>()[390..]
+        .iter()
+        .sum::<f32>()
+        / 9.0;
+    let input = example.input.iter().zip(&example.transmission);
+    let unprocessed = input.map(|(a, b)| (a - b).abs()).sum::<f32>() / example.input.len() as f32;
+    assert!(
+        last < 0.3 * unprocessed,
+        "from {first} to {last}; the input is {unprocessed} off"
+    );
+}

@@ -10,9 +10,14 @@ const AT_ONCE: usize = 1 << 15;
 /// Mean of |a - b| over two f32 tensors of one shape, summed in double precision. Where they are equal the gradient is 0.
 pub fn mean_absolute_difference(a: &Tensor, b: &Tensor) -> Result<Tensor> {
     if !a.device().is_cpu() {
-        return absolute(&(a - b)?)?.mean_all();
+        return plain(a, b);
     }
     a.contiguous()?.apply_op2(&b.contiguous()?, Difference)
+}
+
+/// The same from plain operations.
+pub(super) fn plain(a: &Tensor, b: &Tensor) -> Result<Tensor> {
+    absolute(&(a - b)?)?.mean_all()
 }
 
 struct Difference;

@@ -18,7 +18,7 @@ pub struct NormOptions {
 /// `norm(x) = (x - mean) / sqrt(variance + epsilon)`, both over all pixels of a channel in the batch. Zhang et al.'s adaptive
 /// norm has one a and one b for all channels; batch norm with gain and offset has a = 0.
 pub fn norm_act(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> Result<Tensor> {
-    let (batch, channels, rows, columns) = x.dims4()?;
+    let (_, channels, _, _) = x.dims4()?;
     if coefficients.dims() != [3, channels] {
         candle_core::bail!(
             "norm_act: {:?} coefficients for {channels} channels, but (3, {channels}) are needed",
@@ -30,6 +30,12 @@ pub fn norm_act(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> Resu
             .contiguous()?
             .apply_op2(&coefficients.contiguous()?, NormAct(options));
     }
+    plain(x, coefficients, options)
+}
+
+/// The same from plain operations with right gradients.
+pub(super) fn plain(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> Result<Tensor> {
+    let (batch, channels, rows, columns) = x.dims4()?;
     let pixels = batch * rows * columns;
     let flat = x
         .transpose(0, 1)?

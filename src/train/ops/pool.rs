@@ -11,6 +11,11 @@ pub fn max_pool2(image: &Tensor) -> Result<Tensor> {
     if image.device().is_cpu() {
         return image.contiguous()?.apply_op1(MaxPool2);
     }
+    plain(image)
+}
+
+/// The same from plain operations with right gradients.
+pub(super) fn plain(image: &Tensor) -> Result<Tensor> {
     let (batch, channels, rows, columns) = image.dims4()?;
     let even = image
         .narrow(2, 0, rows / 2 * 2)?

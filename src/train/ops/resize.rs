@@ -7,7 +7,7 @@ use rayon::prelude::*;
 /// A (batch, channels, rows, columns) f32 tensor at another size, bilinear, pixel centres at halves, clamped at the borders
 /// (PyTorch's `align_corners=False` without antialiasing).
 pub fn bilinear(image: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
-    let (batch, channels, from_rows, from_columns) = image.dims4()?;
+    let (_, _, from_rows, from_columns) = image.dims4()?;
     if [from_rows, from_columns] == [rows, columns] {
         return Ok(image.clone());
     }
@@ -16,6 +16,12 @@ pub fn bilinear(image: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
             to: [rows, columns],
         });
     }
+    plain(image, rows, columns)
+}
+
+/// The same as two products of matrices.
+pub(super) fn plain(image: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
+    let (batch, channels, from_rows, from_columns) = image.dims4()?;
     let planes = batch * channels;
     let across = matrix(from_columns, columns, image.device())?
         .t()?

@@ -109,11 +109,18 @@ fn bias_and_relu_are_pytorch_s() {
 fn pools_resizes_norms_and_absolutes_are_pytorch_s() {
     for (name, case) in cases("pool") {
         compare(&name, &case, &["x"], |t| max_pool2(&t[0]).unwrap());
+        // Of equal numbers another may be chosen there.
+        if !name.ends_with("ties") {
+            compare(&name, &case, &["x"], |t| pool::plain(&t[0]).unwrap());
+        }
     }
     for (name, case) in cases("resize") {
         let (_, _, rows, columns) = case["y"].dims4().unwrap();
         compare(&name, &case, &["x"], |t| {
             bilinear(&t[0], rows, columns).unwrap()
+        });
+        compare(&name, &case, &["x"], |t| {
+            resize::plain(&t[0], rows, columns).unwrap()
         });
     }
     for (name, case) in cases("norm") {
@@ -125,9 +132,42 @@ fn pools_resizes_norms_and_absolutes_are_pytorch_s() {
         compare(&name, &case, &["x", "c"], |t| {
             norm_act(&t[0], &t[1], options).unwrap()
         });
+        compare(&name, &case, &["x", "c"], |t| {
+            norm::plain(&t[0], &t[1], options).unwrap()
+        });
     }
     for (name, case) in cases("absolute") {
         compare(&name, &case, &["x"], |t| absolute(&t[0]).unwrap());
+    }
+}
+
+#[test]
+fn mean_absolute_differences_are_those_of_plain_operations() {
+    let case = &cases("conv four 17x16")["conv four 17x16 p1 s2 d1"];
+    let image = &case["x"];
+    let other = image.affine(0.5, 0.1).unwrap();
+    // Where they are equal the gradient is 0.
+    let first = image.narrow(0, 0, 1).unwrap();
+    let rest = other.narrow(0, 1, 1).unwrap();
+    let other = Tensor::cat(&[&first, &rest], 0).unwrap();
+    let of = |op: fn(&Tensor, &Tensor) -> Result<Tensor>| {
+        let (a, b) = (
+            Var::from_tensor(image).unwrap(),
+            Var::from_tensor(&other).unwrap(),
+        );
+        let y = op(&a, &b).unwrap();
+        let gradients = (&y * 3.0).unwrap().backward().unwrap();
+        [
+            y,
+            gradients.get(&a).unwrap().clone(),
+            gradients.get(&b).unwrap().clone(),
+        ]
+    };
+    for (ours, plain) in of(mean_absolute_difference)
+        .iter()
+        .zip(&of(difference::plain))
+    {
+        assert!(off(ours, plain) < 1e-6);
     }
 }
 
