@@ -114,6 +114,7 @@ pub(super) fn evaluate(
         rows: &scored.rows,
         gain: gain.as_ref(),
         networks: &networks,
+        tile_px: args.network.tile_px,
         left_out: &left_out,
     };
     let protocol = args.protocol.into();
@@ -252,12 +253,7 @@ fn gain(
     let is_own = *place == args.place;
     let store = args.store.as_deref().filter(|_| is_own);
     let (subject, _) = subject(place, of_run, store, SplitName::Train, output)?;
-    let fitted_to = format!(
-        "{} of {}",
-        if of_run { "train scenes" } else { "pairs" },
-        place.display()
-    );
-    let (gain, left_out) = fitted_gain(&subject, fitted_to, signals.stop())?;
+    let (gain, left_out) = fitted_gain(&subject, place.display().to_string(), signals.stop())?;
     if gain.is_none() {
         let reason = format!(
             "no gain can be fitted to {}: nothing there",

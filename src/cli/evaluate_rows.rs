@@ -246,8 +246,10 @@ pub(super) fn scored(
 #[derive(Clone, Debug)]
 pub(super) struct Gain {
     pub(super) factor: f64,
-    /// Whose truths, in words.
-    pub(super) fitted_to: String,
+    /// Whose truths it was fitted to.
+    pub(super) place: String,
+    /// What they are there: `pair`, `train scene`.
+    pub(super) kind: &'static str,
     /// Pairs.
     pub(super) images: usize,
 }
@@ -255,7 +257,7 @@ pub(super) struct Gain {
 /// Fits the gain to the first pairs that are there, and lists what cannot be read. `None` where there are none.
 pub(super) fn fitted_gain(
     subject: &Subject,
-    fitted_to: String,
+    place: String,
     stop: &AtomicBool,
 ) -> Result<(Option<Gain>, Vec<LeftOut>), Failure> {
     let (mut examples, mut left_out, mut pixels) = (Vec::new(), Vec::new(), 0);
@@ -282,7 +284,11 @@ pub(super) fn fitted_gain(
     let factor = best_gain(examples.iter().map(|e| (&e.input, &e.truth)));
     let gain = Gain {
         factor: factor.map_err(|e| Failure::new(Exit::Failed, anyhow!(e)))?,
-        fitted_to,
+        place,
+        kind: match subject {
+            Subject::Run(_) => "train scene",
+            Subject::Pairs(_) => "pair",
+        },
         images: examples.len(),
     };
     Ok((Some(gain), left_out))

@@ -17,6 +17,8 @@ pub(super) struct Evaluation<'a> {
     pub(super) gain: Option<&'a Gain>,
     /// With their rows' names.
     pub(super) networks: &'a [(String, Network)],
+    /// Side of the networks' tiles, px.
+    pub(super) tile_px: u32,
     pub(super) left_out: &'a [LeftOut],
 }
 
@@ -37,6 +39,16 @@ impl Evaluation<'_> {
         }
         for (name, network) in self.networks {
             let _ = writeln!(text, "{name}: {}.", network.path.display());
+        }
+        let tiled = |row: &&Row| row.width.max(row.height) > self.tile_px;
+        let tiled = self.of_method("input").filter(tiled).count();
+        if tiled > 0 && !self.networks.is_empty() {
+            let _ = writeln!(
+                text,
+                "Networks saw {} in overlapping tiles of {} px, each with a norm of its own.",
+                counted(tiled, "picture"),
+                self.tile_px,
+            );
         }
         text
     }
@@ -66,15 +78,16 @@ impl Evaluation<'_> {
     /// What was scored, in a line.
     pub(super) fn what(&self) -> String {
         let images = self.rows.len() / self.methods.len().max(1);
-        let of = match self.split {
-            Some("all") => format!("scenes of {}", self.place),
-            Some(split) => format!("{split} scenes of {}", self.place),
-            None => format!("pairs of {}", self.place),
+        let what = match self.split {
+            Some("all") => counted(images, "scene"),
+            Some(split) => counted(images, &format!("{split} scene")),
+            None => counted(images, "pair"),
         };
-        match self.left_out.len() {
-            0 => format!("{images} {of}."),
-            count => format!("{images} {of}; {count} pictures are left out."),
-        }
+        let left_out = match self.left_out.len() {
+            0 => String::new(),
+            count => format!("; left out: {}", counted(count, "picture")),
+        };
+        format!("{what} of {}{left_out}.", self.place)
     }
 
     /// The object of `--json`, without the files. PSNR of equal pictures is the string `inf`; means of nothing are null.
@@ -92,17 +105,21 @@ impl Evaluation<'_> {
         json!({
             "where": self.place, "split": self.split,
             "images": self.rows.len() / self.methods.len().max(1),
-            "resized": false, "bits": 8, "rows": rows,
+            "resized": false, "bits": 8, "tile_px": self.tile_px, "rows": rows,
             "gain": self.gain.map(|gain| json!({
-                "factor": gain.factor, "fitted_to": gain.fitted_to, "images": gain.images,
+                "factor": gain.factor, "fitted_to": gain.place, "images": gain.images,
             })),
             "checkpoints": networks.collect::<Vec<_>>(),
             "left_out": left_out.map(|l| json!({ "image": l.image, "reason": l.reason })).collect::<Vec<_>>(),
         })
     }
 
+    fn of_method(&self, method: &str) -> impl Iterator<Item = &Row> {
+        self.rows.iter().filter(move |row| row.method == method)
+    }
+
     fn row_json(&self, method: &str) -> Value {
-        let of_method = || self.rows.iter().filter(|row| row.method == method);
+        let of_method = || self.of_method(method);
         let scores: Vec<Scores> = of_method().map(|row| row.scores).collect();
         let mut object = mean_json(&scores);
         let measured = of_method().any(|row| row.shift_px.is_some());
@@ -132,6 +149,12 @@ fn mean_json(scores: &[Scores]) -> Value {
     })
 }
 
+/// `1 pair`, `2 pairs`.
+fn counted(count: usize, what: &str) -> String {
+    let plural = if count == 1 { "" } else { "s" };
+    format!("{count} {what}{plural}")
+}
+
 /// JSON has no infinite numbers.
 fn number(value: f64) -> Value {
     if value.is_infinite() {
@@ -148,6 +171,6 @@ impl Gain {
     }
 
     fn fitted_to(&self) -> String {
-        format!("{} {}", self.images, self.fitted_to)
+        format!("{} of {}", counted(self.images, self.kind), self.place)
     }
 }

@@ -107,7 +107,7 @@ fn a_run_is_scored() {
         "| input ",
         "(features none) |",
         "no resizing; scored as 8-bit",
-        "1 test scenes",
+        "1 test scene of",
     ] {
         assert!(markdown.contains(part), "no {part:?} in {markdown}");
     }

@@ -69,7 +69,7 @@ fn workplace(folder: &Path) {
     std::fs::write(folder.join("scene.json"), scene("one").to_string()).unwrap();
     let recipe = std::fs::read_to_string(folder.join("manifests/smoke.toml")).unwrap();
     let small = recipe
-        .replace("= 256", "= 16")
+        .replace("= 256", "= 32")
         .replace("count = 16", "count = 4\nwidth = 32\nheight = 24")
         .replace("sample = 6", "sample = 1")
         .replace("sample = 2 ", "sample = 1 ");
@@ -93,7 +93,7 @@ fn networks(folder: &Path) {
     for stage in ["backtrack", "separation"] {
         let mut train = vec!["train", "runs/smoke", "--steps", "1", "--stage", stage];
         if stage == "backtrack" {
-            train.extend("--width 4 --crop 16 --adversarial-weight 0".split(' '));
+            train.extend("--width 4 --crop 32 --adversarial-weight 0".split(' '));
         }
         let trained = command(&train).current_dir(folder).output().unwrap();
         assert!(trained.status.success(), "{trained:?}");
