@@ -4,7 +4,7 @@ use super::args::Global;
 use super::evaluate_rows::{Gain, LeftOut, Method, Subject, fitted_gain, scored};
 use super::evaluate_text::Evaluation;
 use super::exit_code::{Exit, Failure};
-use super::network::Network;
+use super::network::{Network, Which};
 use super::output::Output;
 use super::progress::Progress;
 use super::signals::Signals;
@@ -224,7 +224,12 @@ fn networks(
     }
     let mut networks: Vec<(String, Network)> = Vec::new();
     for (name, path) in places {
-        let network = Network::open(&path, args.network.features.as_deref(), output)?;
+        let network = Network::open(
+            &path,
+            Which::Newest,
+            args.network.features.as_deref(),
+            output,
+        )?;
         let name = network.row_name(name);
         if name == "input" || networks.iter().any(|(other, _)| *other == name) {
             let error = anyhow!(

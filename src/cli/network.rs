@@ -21,14 +21,24 @@ pub(super) struct Network {
     pub(super) state: CheckpointState,
 }
 
+/// Which of a stage's checkpoints.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Which {
+    /// The best on validation scenes, or the newest where none was measured.
+    Best,
+    /// The newest. Scores are taken of it: the best was chosen by scenes that would be scored.
+    Newest,
+}
+
 impl Network {
     /// Of a checkpoint's folder, a stage's or a run's. `weights` is VGG-19's file, if one was typed.
     pub(super) fn open(
         place: &Path,
+        which: Which,
         weights: Option<&str>,
         output: &Output,
     ) -> Result<Self, Failure> {
-        let checkpoint = checkpoint(place, output)?;
+        let checkpoint = checkpoint(place, which, output)?;
         let settings = &checkpoint.state.settings;
         if weights.is_some() && settings.features != FeatureSource::File {
             output.note(&format!(
@@ -67,7 +77,7 @@ impl Network {
     }
 }
 
-fn checkpoint(place: &Path, output: &Output) -> Result<Checkpoint, Failure> {
+fn checkpoint(place: &Path, which: Which, output: &Output) -> Result<Checkpoint, Failure> {
     let is_step = |name: &str| name.starts_with("step-");
     let name = place.file_name().map(std::ffi::OsStr::to_string_lossy);
     if place.join("state.json").is_file() || (place.is_dir() && name.is_some_and(|n| is_step(&n))) {
@@ -80,7 +90,9 @@ fn checkpoint(place: &Path, output: &Output) -> Result<Checkpoint, Failure> {
     } else {
         place.to_owned()
     };
-    if let Some(best) = Best::read(&folder) {
+    if which == Which::Best
+        && let Some(best) = Best::read(&folder)
+    {
         match Checkpoint::read(&checkpoint_folder(&folder, best.step), &Device::Cpu) {
             Ok(checkpoint) => return Ok(checkpoint),
             Err(error) => output.warning(&format!(

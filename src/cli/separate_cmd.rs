@@ -2,7 +2,7 @@
 
 use super::args::Global;
 use super::exit_code::{Exit, Failure};
-use super::network::Network;
+use super::network::{Network, Which};
 use super::output::Output;
 use super::progress::Progress;
 use super::signals::Signals;
@@ -27,7 +27,12 @@ const ENDINGS: [&str; 2] = ["transmission", "glass_reflection"];
 pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let targets = targets(&args.images, &args.out)?;
     use_threads(global);
-    let network = Network::open(&args.checkpoint, args.network.features.as_deref(), output)?;
+    let network = Network::open(
+        &args.checkpoint,
+        Which::Best,
+        args.network.features.as_deref(),
+        output,
+    )?;
     if !global.dry_run {
         atomic_file::create_dir(&args.out)?;
     }

@@ -43,6 +43,10 @@ pub enum DeviceName {
 
 impl DeviceName {
     /// Opens it.
+    #[cfg_attr(
+        not(feature = "cuda"),
+        allow(clippy::unnecessary_wraps, reason = "a GPU may not be there")
+    )]
     pub(super) fn open(self) -> Result<Device, Failure> {
         match self {
             Self::Cpu => Ok(Device::Cpu),
@@ -200,11 +204,6 @@ impl SettingArgs {
     /// `base` with what was typed in its place.
     pub(super) fn over(&self, base: &TrainSettings) -> TrainSettings {
         let mut settings = base.clone();
-        fn put<T: Copy>(place: &mut T, typed: Option<T>) {
-            if let Some(value) = typed {
-                *place = value;
-            }
-        }
         settings.features = match self.features.as_deref() {
             None => settings.features,
             Some("none") => FeatureSource::None,
@@ -237,6 +236,13 @@ impl SettingArgs {
         settings.a_priori &= !self.no_a_priori;
         settings.follow |= self.follow;
         settings
+    }
+}
+
+/// What was typed, in its place.
+fn put<T: Copy>(place: &mut T, typed: Option<T>) {
+    if let Some(value) = typed {
+        *place = value;
     }
 }
 

@@ -437,7 +437,7 @@ impl Watcher for Watch<'_> {
         if let (true, Some(db)) = (self.verbose, validation_psnr_db) {
             self.progress.suspend(|| {
                 self.output
-                    .note(&format!("step {step}: {db:.2} dB on validation scenes"))
+                    .note(&format!("step {step}: {db:.2} dB on validation scenes"));
             });
         }
     }

@@ -210,7 +210,7 @@ impl TrainSettings {
             ("feature_weight", self.feature_weight),
             ("adversarial_weight", self.adversarial_weight),
         ] {
-            if !(value >= 0.0 && value < f64::INFINITY) {
+            if !(0.0..f64::INFINITY).contains(&value) {
                 return refuse(name, value.to_string(), "0 or above");
             }
         }

@@ -206,7 +206,7 @@ mod tests {
         assert_eq!(training(dir.path()), "");
         let folder = dir.path().join("train/backtrack");
         fs::create_dir_all(&folder).unwrap();
-        fs::write(folder.join("metrics.csv"), "step,total\n1,0.5\n").unwrap();
+        crate::atomic_file::write(&folder.join("metrics.csv"), b"step,total\n1,0.5\n").unwrap();
         assert!(training(dir.path()).contains("BT-net alone"));
     }
 }

@@ -1,6 +1,7 @@
 //! `metrics.csv`: a line a step.
 
 use super::learner::StepLosses;
+use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::Path;
@@ -61,7 +62,8 @@ impl Metrics {
         line += &losses
             .discriminator
             .map_or_else(String::new, |v| v.to_string());
-        line += &format!(",{},{wall_s:.4}\n", number(validation_psnr_db));
+        let psnr = number(validation_psnr_db);
+        let _ = writeln!(line, ",{psnr},{wall_s:.4}");
         self.file.write_all(line.as_bytes())
     }
 }

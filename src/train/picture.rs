@@ -43,10 +43,15 @@ pub(super) fn psnr_db(a: &Picture, b: &Picture) -> f64 {
     10.0 * libm::log10(255.0 * 255.0 / mean)
 }
 
-/// A PNG of rows of pictures, and its width and height.
-pub(super) fn picture_grid(
-    rows: &[Vec<Picture>],
-) -> Result<(Vec<u8>, [u32; 2]), image::ImageError> {
+/// A PNG.
+pub(super) struct Grid {
+    pub(super) png: Vec<u8>,
+    /// Width and height, px.
+    pub(super) size: [u32; 2],
+}
+
+/// Rows of pictures in one.
+pub(super) fn picture_grid(rows: &[Vec<Picture>]) -> Result<Grid, image::ImageError> {
     let shrunk = |picture: &Picture| {
         let picture = picture.to_rgb();
         if picture.width() <= WIDEST {
@@ -81,5 +86,8 @@ pub(super) fn picture_grid(
     let mut png = Vec::new();
     PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive)
         .write_image(grid.as_raw(), width, height, image::ExtendedColorType::Rgb8)?;
-    Ok((png, [width, height]))
+    Ok(Grid {
+        png,
+        size: [width, height],
+    })
 }

@@ -133,12 +133,12 @@ mod tests {
         }
     }
 
-    fn vgg(settings: &TrainSettings) -> Option<Vgg> {
-        Some(Vgg::random(settings.seed, settings.vgg_divisor, &Device::Cpu).unwrap())
+    fn vgg(settings: &TrainSettings) -> Vgg {
+        Vgg::random(settings.seed, settings.vgg_divisor, &Device::Cpu).unwrap()
     }
 
     fn checkpoint(folder: &std::path::Path, stage: Stage, settings: &TrainSettings) -> Checkpoint {
-        let learner = Learner::new(stage, settings, vgg(settings), &Device::Cpu).unwrap();
+        let learner = Learner::new(stage, settings, Some(vgg(settings)), &Device::Cpu).unwrap();
         let origin = Origin {
             vgg_blake3: None,
             scenes_blake3: String::new(),
@@ -154,8 +154,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let settings = settings();
         let checkpoint = checkpoint(folder.path(), Stage::Separation, &settings);
-        let separator = Separator::new(&checkpoint, vgg(&settings), None).unwrap();
-        let learner = Learner::new(Stage::Separation, &settings, vgg(&settings), &Device::Cpu);
+        let separator = Separator::new(&checkpoint, Some(vgg(&settings)), None).unwrap();
+        let learner = Learner::new(
+            Stage::Separation,
+            &settings,
+            Some(vgg(&settings)),
+            &Device::Cpu,
+        );
         let picture = RgbImage::from_fn(37, 21, |x, y| {
             image::Rgb([(x * 7) as u8, (y * 11) as u8, (x * y) as u8])
         });
@@ -180,9 +185,9 @@ mod tests {
                 .to_string()
         };
         let alone = checkpoint(folder.path(), Stage::Backtrack, &settings);
-        assert!(text(&alone, vgg(&settings), None).contains("BT-net alone"));
+        assert!(text(&alone, Some(vgg(&settings)), None).contains("BT-net alone"));
         let mut whole = checkpoint(folder.path(), Stage::Separation, &settings);
-        let other = text(&whole, vgg(&settings), Some("abc"));
+        let other = text(&whole, Some(vgg(&settings)), Some("abc"));
         assert!(
             other.contains("BLAKE3 none") && other.contains("have abc"),
             "{other}"
@@ -191,9 +196,9 @@ mod tests {
         let narrow = text(&whole, None, None);
         assert!(narrow.contains("kernel.0 is [4, "), "{narrow}");
         whole.model.remove("separation.last");
-        let missing = text(&whole, vgg(&settings), None);
+        let missing = text(&whole, Some(vgg(&settings)), None);
         assert!(missing.contains("separation.last is missing"), "{missing}");
         whole.state.settings.width = 0;
-        assert!(text(&whole, vgg(&settings), None).contains("width"));
+        assert!(text(&whole, Some(vgg(&settings)), None).contains("width"));
     }
 }

@@ -11,7 +11,7 @@ use super::inference::Picture;
 use super::learner::{Learner, StepLosses};
 use super::loader::Loader;
 use super::metrics::Metrics;
-use super::picture::{picture_grid, psnr_db};
+use super::picture::{Grid, picture_grid, psnr_db};
 use super::source::ExampleError;
 use crate::atomic_file::{self, WriteError};
 use crate::manifest::{Stage, TrainSettings};
@@ -186,7 +186,9 @@ impl Session {
                 }
                 Some(Err(error)) => {
                     // What was learned until here is not lost.
-                    self.write(schedule, watcher)?;
+                    if taken > 0 {
+                        self.write(schedule, watcher)?;
+                    }
                     return Err(error.into());
                 }
             };
@@ -231,7 +233,7 @@ impl Session {
             if schedule.pictures_every > 0
                 && (self.step.is_multiple_of(schedule.pictures_every)
                     || self.step == schedule.until)
-                && let Some((png, size)) = self.pictures()?
+                && let Some(Grid { png, size }) = self.pictures()?
             {
                 let folder = self.folder.join("pictures");
                 atomic_file::create_dir(&folder)?;
@@ -354,7 +356,7 @@ impl Session {
     }
 
     /// A PNG with a row for each validation image: I, T*, T, R~*, R~, R*, R, or R~, R*, R.
-    fn pictures(&self) -> Result<Option<(Vec<u8>, [u32; 2])>, TrainError> {
+    fn pictures(&self) -> Result<Option<Grid>, TrainError> {
         let mut rows = Vec::new();
         for example in self.validation.iter().take(4) {
             let made = self.made(example)?;
