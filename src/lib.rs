@@ -8,11 +8,9 @@
 //! The modules stand in pipeline order:
 //!
 //! ```text
-//! manifest -> shard -> scene -> trace -> partial -> farm -> merge -> report, and cli
-//! (what)      (who)    (files)  (rays)   (disk)     (when)  (tuples) (look)
+//! manifest -> shard -> scene -> trace -> partial -> farm -> merge -> train -> evaluate -> report, and cli
+//! (what)      (who)    (files)  (rays)   (disk)     (when)  (tuples) (nets)   (scores)    (look)
 //! ```
-//!
-//! Beside the pipeline stands [`evaluate`]: how near a network's pictures come to the truth.
 //!
 //! [`trace`] and the optics are pure functions: no file, clock, environment or thread pool. Only
 //! [`cli`] prints, exits and reads the environment.
