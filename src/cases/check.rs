@@ -3,8 +3,8 @@
 use super::expect::Measured;
 use super::file::{Case, CaseFile};
 use crate::farm::{QuarantineRecord, Run};
+use crate::merge::decode_exr_channels;
 use crate::trace::LAYERS;
-use exr::prelude::{ReadChannels, ReadLayers, read};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -113,42 +113,14 @@ fn refusal(case: &Case, words: &str, reason: Option<&str>) -> CheckRow {
 }
 
 fn read_tuple(path: &std::path::Path, case: &Case) -> Result<Layers, String> {
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .non_parallel()
-        .from_file(path)
-        .map_err(|e| e.to_string())?;
+    let bytes = std::fs::read(path).map_err(|e| e.to_string())?;
+    let channels = decode_exr_channels(&bytes)?;
     let film = &case.line.film;
-    let count = film.width as usize * film.height as usize;
-    let channel = |name: String| -> Result<Vec<f32>, String> {
-        let mut list = image.layer_data.channel_data.list.iter();
-        let found = list.find(|channel| channel.name.eq(name.as_str()));
-        let values: Vec<f32> = found
-            .ok_or_else(|| format!("it has no channel {name}"))?
-            .sample_data
-            .values_as_f32()
-            .collect();
-        if values.len() == count {
-            Ok(values)
-        } else {
-            Err("it has another size than its film".to_owned())
-        }
-    };
-    let mut layers = Layers::new();
-    for name in LAYERS {
-        let mut pixels = vec![[0.0; 3]; count];
-        for (c, colour) in ["R", "G", "B"].into_iter().enumerate() {
-            for (pixel, value) in pixels.iter_mut().zip(channel(format!("{name}.{colour}"))?) {
-                pixel[c] = value;
-            }
-        }
-        layers.insert(name.to_owned(), pixels);
+    if [channels.width, channels.height] != [film.width as usize, film.height as usize] {
+        return Err("it has another size than its film".to_owned());
     }
-    Ok(layers)
+    let layer = |name: &str| Ok((name.to_owned(), channels.layer(name)?));
+    LAYERS.into_iter().map(layer).collect()
 }
 
 /// The rows as a table of text.

@@ -65,7 +65,7 @@ pub(super) fn evaluate(
     let networks = networks(args, is_run, output)?;
     let folder = match (&args.out, is_run) {
         (Some(folder), _) => Some(folder.clone()),
-        (None, true) => Some(args.place.join("train").join("evaluation")),
+        (None, true) => Some(evaluation_folder(&args.place)),
         (None, false) => None,
     };
     if global.dry_run {
@@ -146,6 +146,11 @@ pub(super) fn evaluate(
         text: text.trim_end().to_owned(),
         exit,
     })
+}
+
+/// Where a run's scores are kept.
+pub(super) fn evaluation_folder(run: &Path) -> PathBuf {
+    run.join("train").join("evaluation")
 }
 
 fn is_run(place: &Path) -> bool {

@@ -1,7 +1,7 @@
 //! `run`, after the tuples: what the recipe's `[train]` says.
 
 use super::args::Global;
-use super::evaluate_cmd::evaluate;
+use super::evaluate_cmd::{evaluate, evaluation_folder};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::train_args::{EvaluateArgs, StageName, TrainArgs};
@@ -34,6 +34,7 @@ pub(super) fn training(
         (StageName::Backtrack, recipe.backtrack_steps),
         (StageName::Separation, recipe.separation_steps),
     ];
+    let mut taken = 0;
     for (stage, steps) in stages {
         if steps == 0 {
             continue;
@@ -42,6 +43,7 @@ pub(super) fn training(
         let (trained, of_stage, exit) = train(&args, run, &store, global, output)?;
         let name = of_stage["stage"].as_str().unwrap_or_default().to_owned();
         object[name] = of_stage;
+        taken += trained.as_ref().map_or(0, |trained| trained.taken);
         if exit != Exit::Done {
             let step = trained.map_or(0, |trained| trained.step);
             return Ok(Some(Training {
@@ -51,6 +53,16 @@ pub(super) fn training(
             }));
         }
     }
+    if taken == 0
+        && let Some((evaluation, text)) = scored_before(folder)
+    {
+        object["evaluation"] = evaluation;
+        return Ok(Some(Training {
+            object,
+            text,
+            exit: Exit::Done,
+        }));
+    }
     let evaluated = evaluate(&EvaluateArgs::of_run(folder), global, output)?;
     object["evaluation"] = evaluated.object;
     Ok(Some(Training {
@@ -58,4 +70,21 @@ pub(super) fn training(
         text: evaluated.text,
         exit: evaluated.exit,
     }))
+}
+
+/// What was scored when the training ended.
+fn scored_before(run: &Path) -> Option<(Value, String)> {
+    let file = |ending: &str| {
+        std::fs::read_to_string(evaluation_folder(run).join(format!("evaluation.{ending}")))
+    };
+    let json: Value = serde_json::from_str(&file("json").ok()?).ok()?;
+    // What was left out may be there now.
+    if !json["left_out"].as_array()?.is_empty() {
+        return None;
+    }
+    let text = file("md").ok()?;
+    Some((
+        json,
+        text.trim_start_matches("# Evaluation").trim().to_owned(),
+    ))
 }

@@ -188,6 +188,18 @@ pub(super) fn train(
     if global.dry_run {
         return Ok((None, object, Exit::Done));
     }
+    if let Some(own) = own.as_ref().filter(|own| own.state.step >= args.steps) {
+        let trained = Trained {
+            step: own.state.step,
+            taken: 0,
+            checkpoint: own.path.clone(),
+            validation_psnr_db: own.state.validation_psnr_db,
+            loss: None,
+            stopped: false,
+        };
+        tell(&mut object, &trained);
+        return Ok((Some(trained), object, Exit::Done));
+    }
     clear(&folder).map_err(|e| Failure::new(Exit::Failed, e))?;
 
     let validation = validation(args, store, lines_of(Split::Test), &settings)?;
@@ -234,11 +246,7 @@ pub(super) fn train(
     let images_per_s = watch.images / watch.busy_s.max(1e-9);
     progress.finish();
     let trained = trained.map_err(train_failure)?;
-    object["step"] = json!(trained.step);
-    object["steps_taken"] = json!(trained.taken);
-    object["checkpoint"] = json!(trained.checkpoint);
-    object["loss"] = json!(trained.loss);
-    object["validation_psnr_db"] = json!(trained.validation_psnr_db);
+    tell(&mut object, &trained);
     object["wall_s"] = json!(clock.elapsed().as_secs_f64());
     object["images_per_s"] = json!((trained.taken > 0).then_some(images_per_s));
     let exit = if trained.stopped {
@@ -247,6 +255,15 @@ pub(super) fn train(
         Exit::Done
     };
     Ok((Some(trained), object, exit))
+}
+
+/// How a training ended, for --json.
+fn tell(object: &mut Value, trained: &Trained) {
+    object["step"] = json!(trained.step);
+    object["steps_taken"] = json!(trained.taken);
+    object["checkpoint"] = json!(trained.checkpoint);
+    object["loss"] = json!(trained.loss);
+    object["validation_psnr_db"] = json!(trained.validation_psnr_db);
 }
 
 /// What was typed, over what the checkpoint, the recipe or the paper says.

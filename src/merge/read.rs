@@ -15,6 +15,26 @@ pub struct ExrChannels {
     pub list: Vec<(String, Vec<f32>)>,
 }
 
+impl ExrChannels {
+    /// Pixels of the tuple's layer of that name, from `NAME.R`, `NAME.G`, `NAME.B`.
+    ///
+    /// # Errors
+    ///
+    /// Which channel is missing, in words.
+    pub fn layer(&self, name: &str) -> Result<Vec<[f32; 3]>, String> {
+        let of = |colour: &str| {
+            let name = format!("{name}.{colour}");
+            let found = self.list.iter().find(|(n, _)| *n == name);
+            found
+                .map(|(_, values)| values)
+                .ok_or(format!("it has no channel {name}"))
+        };
+        let (r, g, b) = (of("R")?, of("G")?, of("B")?);
+        let pixels = r.iter().zip(g).zip(b);
+        Ok(pixels.map(|((r, g), b)| [*r, *g, *b]).collect())
+    }
+}
+
 /// Decodes the first layer of an EXR whose channels are floats.
 ///
 /// # Errors
@@ -67,20 +87,7 @@ pub fn decode_tuple_exr(bytes: &[u8], record: &TupleRecord) -> Result<[Vec<[f32;
         let Some(facts) = record.layers.get(name) else {
             continue;
         };
-        let of = |colour: &str| {
-            let name = format!("{name}.{colour}");
-            let found = channels.list.iter().find(|(n, _)| *n == name);
-            found
-                .map(|(_, values)| values)
-                .ok_or(format!("it has no channel {name}"))
-        };
-        let (r, g, b) = (of("R")?, of("G")?, of("B")?);
-        *layer = r
-            .iter()
-            .zip(g)
-            .zip(b)
-            .map(|((r, g), b)| [*r, *g, *b])
-            .collect();
+        *layer = channels.layer(name)?;
         let expected = facts.exr_blake3.as_ref().unwrap_or(&facts.blake3);
         if super::tuple::layer_digest(layer) != *expected {
             return Err(format!(
