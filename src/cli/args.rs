@@ -191,8 +191,8 @@ and ends with the same bits on the same kind of CPU, on any number of threads.
 The separation stage comes second: the same with --stage separation.
 
 Examples:
-  glasshouse train runs/smoke --stage backtrack --steps 200 --width 8 --crop 64
-  glasshouse train runs/smoke --stage backtrack --steps 200 --features random --json")]
+  glasshouse train runs/smoke --stage backtrack --steps 200
+  glasshouse train runs/smoke --stage separation --steps 200 --json")]
     Train(TrainArgs),
     /// Score trained networks, and the pictures as they were, against the truth
     #[cfg(feature = "train")]

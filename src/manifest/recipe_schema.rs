@@ -107,6 +107,7 @@ mod tests {
             include_str!("../../manifests/smoke.toml"),
             include_str!("../../manifests/paper.toml"),
             include_str!("../../manifests/wild.toml"),
+            include_str!("../../manifests/learn.toml"),
         ];
         for recipe in recipes {
             Recipe::parse(recipe).unwrap();
