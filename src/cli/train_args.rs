@@ -110,9 +110,6 @@ pub struct TrainArgs {
     /// Steps in all; a training that has fewer goes on, whenever it was stopped
     #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..))]
     pub steps: u64,
-    /// What is learned from, and how.
-    #[command(flatten)]
-    pub settings: SettingArgs,
     /// Folder of real pairs: blended/ and transmission_layer/, or as SIR2 and CEILNet name them
     #[arg(long, value_name = "DIR", requires = "real_share")]
     pub real: Option<PathBuf>,
@@ -140,6 +137,9 @@ pub struct TrainArgs {
     /// Named roots.
     #[command(flatten)]
     pub roots: RootArgs,
+    /// What is learned from, and how. Last: its heading is for all that follows.
+    #[command(flatten)]
+    pub settings: SettingArgs,
 }
 
 /// Settings: frozen with the first checkpoint, from then on they need not be given.
