@@ -169,6 +169,13 @@ pub(super) fn train(
             ));
         }
     }
+    // BT-net knows the features of its own weights alone.
+    if let Some(before) = before
+        .as_ref()
+        .filter(|before| before.state.origin.vgg_blake3 != origin.vgg_blake3)
+    {
+        return Err(other_origin("VGG-19's weights", before));
+    }
     if settings.examples == ExampleKind::Rendered {
         note_missing(&lines, store, &settings, output)?;
     }
@@ -330,11 +337,15 @@ fn check_origin(own: &Checkpoint, origin: &Origin) -> Result<(), Failure> {
     } else {
         return Ok(());
     };
+    Err(other_origin(changed, own))
+}
+
+fn other_origin(changed: &str, checkpoint: &Checkpoint) -> Failure {
     let error = anyhow!(
         "{changed} are not those that {} was trained with; give the same, or train in a new run",
-        own.path.display()
+        checkpoint.path.display()
     );
-    Err(Failure::new(Exit::Disagrees, error))
+    Failure::new(Exit::Disagrees, error)
 }
 
 fn names_digest<'a>(names: impl Iterator<Item = &'a str>) -> String {

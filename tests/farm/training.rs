@@ -401,6 +401,14 @@ fn features_are_random_or_from_a_file_and_both_are_recorded() {
     run(&place.arguments("backtrack", "4", &["--features", text(&model)]))
         .expect(4)
         .says(&["features.0.weight", "torchvision"]);
+    // BT-net knows the features of these weights alone.
+    let changed = place.folder.path().join("changed.safetensors");
+    let mut bytes = std::fs::read(&weights).unwrap();
+    *bytes.last_mut().unwrap() ^= 1;
+    std::fs::write(&changed, bytes).unwrap();
+    run(&place.arguments("separation", "2", &["--features", text(&changed)]))
+        .expect(5)
+        .says(&["VGG-19's weights", "step-0000002"]);
     let other = self::place();
     let more = small(&["--features", "random", "--vgg-divisor", "32"]);
     run(&other.arguments("backtrack", "2", &more))
