@@ -1,5 +1,6 @@
 //! How far an image is from its reference, in several measures.
 
+use crate::merge::linear_to_srgb;
 use serde::Serialize;
 
 /// Side of a cell, px: the unit in which the worst place of an image is looked for.
@@ -25,16 +26,6 @@ pub struct Deviation {
     pub cell_rmse_p99: f64,
 }
 
-/// IEC 61966-2-1 code in [0, 1] of a linear value, clamped to [0, 1].
-pub fn coded_srgb(value: f32) -> f64 {
-    let value = f64::from(value.clamp(0.0, 1.0));
-    if value <= 0.003_130_8 {
-        12.92 * value
-    } else {
-        1.055 * libm::pow(value, 1.0 / 2.4) - 0.055
-    }
-}
-
 impl Deviation {
     /// Compares two images of `width` px a row. Panics if their sizes differ or are no multiple of `width`.
     pub fn between(image: &[[f32; 3]], reference: &[[f32; 3]], width: usize) -> Self {
@@ -54,7 +45,7 @@ impl Deviation {
                 square += squared;
                 relative += squared / (f64::from(b) * f64::from(b) + RELATIVE_FLOOR);
                 signed += difference;
-                coded += (coded_srgb(a) - coded_srgb(b)).abs() * 255.0;
+                coded += (linear_to_srgb(a) - linear_to_srgb(b)).abs() * 255.0;
                 cell.0 += squared;
                 cell.1 += 1;
             }
@@ -114,7 +105,7 @@ mod tests {
         close(d.relative_mse, 0.0625 / 0.26 * share);
         close(
             d.srgb_steps,
-            (coded_srgb(0.75) - coded_srgb(0.5)) * 255.0 * share,
+            (linear_to_srgb(0.75) - linear_to_srgb(0.5)) * 255.0 * share,
         );
         close(d.cell_rmse_worst, 0.25 / f64::sqrt(3.0));
         close(d.cell_rmse_p99, 0.25 / f64::sqrt(3.0));
@@ -137,8 +128,8 @@ mod tests {
 
     #[test]
     fn codes_are_srgb() {
-        assert_eq!(coded_srgb(-1.0), 0.0);
-        assert!((coded_srgb(1.5) - 1.0).abs() < 1e-12);
-        assert!((coded_srgb(0.214_041_14) - 0.5).abs() < 1e-7);
+        assert_eq!(linear_to_srgb(-1.0), 0.0);
+        assert!((linear_to_srgb(1.5) - 1.0).abs() < 1e-12);
+        assert!((linear_to_srgb(0.214_041_14) - 0.5).abs() < 1e-7);
     }
 }

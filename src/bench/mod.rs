@@ -28,7 +28,7 @@ mod train_step;
 
 pub use calibrate::{Calibration, calibrate};
 pub use clock::thread_cpu_s;
-pub use deviation::{CELL_PX, Deviation, coded_srgb};
+pub use deviation::{CELL_PX, Deviation};
 pub use dump::RayDump;
 pub use error::BenchError;
 pub use fit::{Slope, log_log_slope};

@@ -39,7 +39,7 @@ pub(super) fn training(
         if steps == 0 {
             continue;
         }
-        let args = TrainArgs::of_recipe(folder, stage, steps);
+        let args = TrainArgs::of_recipe(folder, stage, steps, &recipe.settings);
         let (trained, of_stage, exit) = train(&args, run, &store, global, output)?;
         let name = of_stage["stage"].as_str().unwrap_or_default().to_owned();
         object[name] = of_stage;

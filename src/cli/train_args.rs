@@ -140,6 +140,9 @@ pub struct TrainArgs {
     /// What is learned from, and how. Last: its heading is for all that follows.
     #[command(flatten)]
     pub settings: SettingArgs,
+    /// In place of `settings`: what the recipe of `run` says.
+    #[arg(skip)]
+    pub(super) recipe: Option<TrainSettings>,
 }
 
 /// Settings: frozen with the first checkpoint, from then on they need not be given.
@@ -359,12 +362,18 @@ pub struct EvaluateArgs {
 
 impl TrainArgs {
     /// A stage of a recipe's `[train]`: the run's settings, everything else as nobody said otherwise.
-    pub(super) fn of_recipe(run: &Path, stage: StageName, steps: u64) -> Self {
+    pub(super) fn of_recipe(
+        run: &Path,
+        stage: StageName,
+        steps: u64,
+        settings: &TrainSettings,
+    ) -> Self {
         Self {
             run: run.to_owned(),
             stage,
             steps,
             settings: SettingArgs::default(),
+            recipe: Some(settings.clone()),
             real: None,
             // Validation takes longer than a step of small networks.
             checkpoint_every: Some((steps / 4).max(1)),

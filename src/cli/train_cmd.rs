@@ -12,11 +12,12 @@ use super::train_vgg::{Features, features};
 use crate::evaluate::find_pairs;
 use crate::farm::{Run, keys};
 use crate::manifest::{ExampleKind, Roots, SceneLine, Split, Stage, TrainRecipe, TrainSettings};
+use crate::shard::scene_digest;
 use crate::store::Store;
 use crate::train::{
-    Base, Checkpoint, Example, Learner, Lesson, Loader, Origin, PairSource, PhotographSource,
-    SceneSource, Schedule, Session, StepLosses, TrainError, Trained, TupleSource, Watcher, clear,
-    code_path,
+    Base, Checkpoint, Example, ExampleSampler, Learner, Loader, Origin, PairSource,
+    PhotographSource, SceneSource, Schedule, Session, StepLosses, TrainError, Trained, TupleSource,
+    Watcher, clear, code_path,
 };
 use anyhow::anyhow;
 use crossbeam::channel::bounded;
@@ -49,14 +50,13 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
         0 => "was at".to_owned(),
         taken => format!("took {taken} steps to"),
     };
+    let checkpoint = trained
+        .checkpoint
+        .map_or(String::new(), |path| format!("\n{}", path.display()));
     output.result(
         SCHEMA,
         object,
-        &format!(
-            "{verb} step {}{loss}{psnr}\n{}",
-            trained.step,
-            trained.checkpoint.display()
-        ),
+        &format!("{verb} step {}{loss}{psnr}{checkpoint}", trained.step),
     );
     Ok(exit)
 }
@@ -147,9 +147,9 @@ pub(super) fn train(
     };
     let origin = Origin {
         vgg_blake3: blake3,
-        scenes_blake3: names_digest(lines.iter().map(|line| line.id.as_str())),
+        scenes_blake3: digest_of(lines.iter().map(scene_digest)),
         real_blake3: (!pairs.is_empty())
-            .then(|| names_digest(pairs.iter().map(|pair| pair.name.as_str()))),
+            .then(|| digest_of(pairs.iter().map(|pair| pair.name.clone()))),
         backtrack: match (&own, &before) {
             (Some(own), _) => own.state.origin.backtrack.clone(),
             (None, Some(before)) => {
@@ -199,7 +199,7 @@ pub(super) fn train(
         let trained = Trained {
             step: own.state.step,
             taken: 0,
-            checkpoint: own.path.clone(),
+            checkpoint: Some(own.path.clone()),
             validation_psnr_db: own.state.validation_psnr_db,
             loss: None,
             stopped: false,
@@ -233,9 +233,9 @@ pub(super) fn train(
         }),
     };
     let memory = (args.memory_gb.max(0.0) * 1e9) as usize;
-    let lesson = Lesson::new(&settings, scenes, PairSource { pairs }, memory, stopped)
+    let sampler = ExampleSampler::new(&settings, scenes, PairSource { pairs }, memory, stopped)
         .map_err(|e| train_failure(e.into()))?;
-    let mut loader = Loader::start(lesson, from..schedule.until, READERS, stop_sender);
+    let mut loader = Loader::start(sampler, from..schedule.until, READERS, stop_sender);
     let mut session = Session::new(&folder, learner, settings, origin, validation, own.as_ref())
         .map_err(train_failure)?;
     let signals = Signals::catch();
@@ -286,7 +286,10 @@ fn settings(
             .map(|r| r.settings)
             .unwrap_or_default(),
     };
-    let settings = args.settings.over(&base);
+    let settings = match &args.recipe {
+        Some(settings) => settings.clone(),
+        None => args.settings.over(&base),
+    };
     settings
         .validate()
         .map_err(|e| Failure::new(Exit::Usage, e))?;
@@ -300,9 +303,13 @@ fn settings(
         differences.retain(|line| !line.split(':').next().is_some_and(free));
         if !differences.is_empty() {
             let error = anyhow!(
-                "the settings differ from those of {}:\n  {}\nleave them out to go on with that training, or train in a new run",
+                "the settings differ from those of {}:\n  {}\n{} to go on with that training, or train in a new run",
                 checkpoint.path.display(),
-                differences.join("\n  ")
+                differences.join("\n  "),
+                match args.recipe {
+                    Some(_) => "undo the change of the recipe's [train]",
+                    None => "leave them out",
+                },
             );
             let mut failure = Failure::new(Exit::Disagrees, error);
             failure
@@ -348,10 +355,10 @@ fn other_origin(changed: &str, checkpoint: &Checkpoint) -> Failure {
     Failure::new(Exit::Disagrees, error)
 }
 
-fn names_digest<'a>(names: impl Iterator<Item = &'a str>) -> String {
+fn digest_of(parts: impl Iterator<Item = String>) -> String {
     let mut hasher = blake3::Hasher::new();
-    for name in names {
-        hasher.update(name.as_bytes());
+    for part in parts {
+        hasher.update(part.as_bytes());
         hasher.update(b"\n");
     }
     hasher.finalize().to_hex().to_string()

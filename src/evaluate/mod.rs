@@ -25,7 +25,7 @@ pub use error::EvaluateError;
 pub use gain::{apply_gain, best_gain};
 pub use pairs::{Found, Pair, find_pairs};
 pub use picture::{decode_picture, read_picture};
-pub use score::{Scores, score};
+pub use score::{Scores, psnr_colour_db, score};
 pub use table::{Protocol, Row, means_table, per_image_csv};
 
 #[cfg(test)]

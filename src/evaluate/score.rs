@@ -50,11 +50,18 @@ pub fn score(output: &RgbImage, truth: &RgbImage) -> Result<Scores, EvaluateErro
     let channel_psnrs_db = squares.map(|sum| psnr_db(sum as f64 / count));
     let channel_ssims = [0, 1, 2].map(|c| ssim(&|image| channel(image, c)));
     Ok(Scores {
-        psnr_colour_db: psnr_db(squares.iter().sum::<u64>() as f64 / (3.0 * count)),
+        psnr_colour_db: psnr_colour_db(output, truth)?,
         ssim_grey: ssim(&grey),
         psnr_channels_db: channel_psnrs_db.iter().sum::<f64>() / 3.0,
         ssim_channels: channel_ssims.iter().sum::<f64>() / 3.0,
     })
+}
+
+/// PSNR of all channels together, dB; infinite for equal pictures.
+pub fn psnr_colour_db(output: &RgbImage, truth: &RgbImage) -> Result<f64, EvaluateError> {
+    check_same_size(output, truth)?;
+    let sum: u64 = square_sums(output, truth).iter().sum();
+    Ok(psnr_db(sum as f64 / truth.as_raw().len() as f64))
 }
 
 /// Passes two pictures of one size that is not 0.

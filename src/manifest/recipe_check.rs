@@ -10,6 +10,7 @@ use super::recipe::{CameraRecipe, RECIPE_SCHEMA, Recipe};
 use super::recipe_error::RecipeError;
 use super::roots::is_root_name;
 use super::source::{Layout, Source};
+use super::training::{FeatureSource, TrainRecipe};
 use crate::ids::SceneId;
 use std::collections::BTreeMap;
 
@@ -19,12 +20,6 @@ const MAX_PAIRS: u64 = 1_000_000;
 impl Recipe {
     /// Everything that the TOML reader cannot tell.
     pub(super) fn check(&self) -> Result<(), RecipeError> {
-        if let Some(train) = &self.train {
-            train.settings.validate().map_err(|e| RecipeError::Key {
-                key: format!("train.settings.{}", e.name),
-                problem: format!("is {}, but must be {}", e.value, e.expected),
-            })?;
-        }
         if self.schema != RECIPE_SCHEMA {
             return bad(
                 "schema",
@@ -39,7 +34,44 @@ impl Recipe {
         }
         self.check_params()?;
         self.check_sources()?;
-        self.check_splits()
+        self.check_splits()?;
+        self.check_train()
+    }
+
+    /// What would end the training when all scenes have been traced is said before.
+    fn check_train(&self) -> Result<(), RecipeError> {
+        let Some(TrainRecipe { settings, .. }) = &self.train else {
+            return Ok(());
+        };
+        settings.validate().map_err(|e| RecipeError::Key {
+            key: format!("train.settings.{}", e.name),
+            problem: format!("is {}, but must be {}", e.value, e.expected),
+        })?;
+        if settings.features == FeatureSource::File {
+            return bad(
+                "train.settings.features",
+                "is \"file\", which a recipe cannot name: leave [train] away and give the file to `glasshouse train --features FILE`".to_owned(),
+            );
+        }
+        if settings.real_share > 0.0 {
+            return bad(
+                "train.settings.real_share",
+                "is above 0, but a recipe has no real pairs: leave [train] away and give them to `glasshouse train --real DIR`".to_owned(),
+            );
+        }
+        for (key, side) in [("width", &self.film.width), ("height", &self.film.height)] {
+            let (least, _) = side.bounds();
+            if least < settings.crop_px as f64 {
+                return bad(
+                    "train.settings.crop_px",
+                    format!(
+                        "is {}, but film.{key} may be {least}: make it as small",
+                        settings.crop_px
+                    ),
+                );
+            }
+        }
+        Ok(())
     }
 
     fn check_params(&self) -> Result<(), RecipeError> {

@@ -2,6 +2,7 @@
 
 use super::tuple::TupleRecord;
 use crate::trace::LAYERS;
+use exr::meta::MetaData;
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, read};
 use std::io::Cursor;
 
@@ -75,13 +76,19 @@ pub fn decode_exr_channels(bytes: &[u8]) -> Result<ExrChannels, String> {
 /// What is wrong, in words.
 pub fn decode_tuple_exr(bytes: &[u8], record: &TupleRecord) -> Result<[Vec<[f32; 3]>; 4], String> {
     let film = &record.scene.film;
-    let channels = decode_exr_channels(bytes)?;
-    if [channels.width, channels.height] != [film.width as usize, film.height as usize] {
-        return Err(format!(
-            "it has {} x {} px, its record says {} x {}",
-            channels.width, channels.height, film.width, film.height
-        ));
+    // Before anything is unpacked: a damaged header may claim any size.
+    let meta =
+        MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| e.to_string())?;
+    for header in &meta.headers {
+        let size = [header.layer_size.width(), header.layer_size.height()];
+        if size != [film.width as usize, film.height as usize] {
+            return Err(format!(
+                "it has {} x {} px, its record says {} x {}",
+                size[0], size[1], film.width, film.height
+            ));
+        }
     }
+    let channels = decode_exr_channels(bytes)?;
     let mut layers = [const { Vec::new() }; 4];
     for (layer, name) in layers.iter_mut().zip(LAYERS) {
         let Some(facts) = record.layers.get(name) else {

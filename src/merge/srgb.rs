@@ -24,6 +24,16 @@ fn linear(code: f64) -> f64 {
     }
 }
 
+/// The curve itself: linear value, clamped to [0, 1], to code value in [0, 1].
+pub fn linear_to_srgb(value: f32) -> f64 {
+    let value = f64::from(value.clamp(0.0, 1.0));
+    if value <= 0.003_130_8 {
+        12.92 * value
+    } else {
+        1.055 * libm::pow(value, 1.0 / 2.4) - 0.055
+    }
+}
+
 impl SrgbEncoder {
     /// Builds the tables.
     pub fn new() -> Self {

@@ -76,7 +76,7 @@ impl Discriminator {
     }
 
     /// Verdicts (batch, 1, rows, columns) on what is shown beside what it is said to be a layer of, both (batch, 3, ...), as
-    /// logits: above 0 is believed.
+    /// logits: above 0 is taken for real.
     pub fn forward(&self, image: &Tensor, layer_of_it: &Tensor) -> Result<Tensor> {
         self.forward_by(image, layer_of_it, learning)
     }

@@ -2,6 +2,7 @@
 
 use super::example::Planes;
 use super::generator::Generator;
+use super::picture::Picture;
 use super::vgg::Vgg;
 use candle_core::{Result, Tensor};
 
@@ -23,17 +24,6 @@ pub struct Networks<'a> {
     pub separation: Option<&'a Generator>,
     /// BT-net.
     pub backtrack: &'a Generator,
-}
-
-/// An image, sRGB-coded, planar.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Picture {
-    /// Pixels down.
-    pub rows: usize,
-    /// Pixels across.
-    pub columns: usize,
-    /// Three planes.
-    pub planes: Planes,
 }
 
 impl Networks<'_> {

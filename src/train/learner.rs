@@ -5,7 +5,7 @@ use super::batch::Batch;
 use super::discriminator::Discriminator;
 use super::generator::{Generator, GeneratorOptions, SLOPE};
 use super::inference::Networks;
-use super::loss::{believed, feature_difference, l1, told_apart};
+use super::loss::{adversarial_loss, discriminator_loss, feature_difference, l1};
 use super::vgg::Vgg;
 use crate::manifest::{Stage, TrainSettings};
 #[cfg(test)]
@@ -245,7 +245,7 @@ impl Learner {
             if step.is_multiple_of(self.settings.discriminator_every) {
                 let real = discriminator.forward(&given, &truth)?;
                 let fake = discriminator.forward(&given, &made.detach())?;
-                let loss = told_apart(&real, &fake)?;
+                let loss = discriminator_loss(&real, &fake)?;
                 adam.step(&loss.backward()?)?;
                 of_discriminator = Some(loss.to_scalar()?);
                 lap("discriminator step");
@@ -254,7 +254,7 @@ impl Learner {
             sum.add(
                 "adversarial",
                 self.settings.adversarial_weight,
-                &believed(&verdicts)?,
+                &adversarial_loss(&verdicts)?,
             )?;
             lap("losses");
         }
@@ -277,7 +277,7 @@ impl Learner {
         if let Some(discriminator) = &self.discriminator {
             let verdicts = discriminator.forward_frozen(&given, &made)?;
             let weight = self.settings.adversarial_weight;
-            sum.add("adversarial", weight, &believed(&verdicts)?)?;
+            sum.add("adversarial", weight, &adversarial_loss(&verdicts)?)?;
         }
         let total = sum.total()?;
         let gradients = total.backward()?;

@@ -1,7 +1,7 @@
 //! Examples are read and cut ahead of the steps that need them, on threads of their own.
 
 use super::example::Example;
-use super::lesson::Lesson;
+use super::example_sampler::ExampleSampler;
 use super::source::ExampleError;
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use std::collections::BTreeMap;
@@ -34,16 +34,21 @@ pub struct Loader {
 }
 
 impl Loader {
-    /// Begins to read for `steps` on so many threads. `stop` is the other end of what the lesson watches.
-    pub fn start(lesson: Lesson, steps: Range<u64>, threads: usize, stop: Sender<()>) -> Self {
-        let lesson = Arc::new(lesson);
+    /// Begins to read for `steps` on so many threads. `stop` is the other end of what the sampler watches.
+    pub fn start(
+        sampler: ExampleSampler,
+        steps: Range<u64>,
+        threads: usize,
+        stop: Sender<()>,
+    ) -> Self {
+        let sampler = Arc::new(sampler);
         let (tickets, to_do) = bounded::<u64>(AHEAD);
         let (done, ready) = bounded::<Ready>(AHEAD);
         let threads = (0..threads.max(1)).map(|_| {
-            let (lesson, to_do, done) = (Arc::clone(&lesson), to_do.clone(), done.clone());
+            let (sampler, to_do, done) = (Arc::clone(&sampler), to_do.clone(), done.clone());
             std::thread::spawn(move || {
                 for step in to_do {
-                    if done.send((step, lesson.examples(step))).is_err() {
+                    if done.send((step, sampler.examples(step))).is_err() {
                         return;
                     }
                 }
@@ -90,7 +95,11 @@ impl Loader {
                     self.waiting.insert(step, examples);
                 }
                 Err(RecvTimeoutError::Timeout) if !stop.load(Ordering::Relaxed) => {}
-                Err(_) => return Some(Err(ExampleError::Stopped)),
+                Err(RecvTimeoutError::Timeout) => return Some(Err(ExampleError::Stopped)),
+                Err(RecvTimeoutError::Disconnected) => {
+                    let text = "the thread that reads examples ended: what it said stands above";
+                    return Some(Err(ExampleError::None(text.to_owned())));
+                }
             }
         };
         self.steps.start += 1;

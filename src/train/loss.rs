@@ -34,12 +34,12 @@ fn softplus(x: &Tensor) -> Result<Tensor> {
 }
 
 /// The generator's loss for verdicts (logits) on what it made: -ln D.
-pub fn believed(verdicts: &Tensor) -> Result<Tensor> {
+pub fn adversarial_loss(verdicts: &Tensor) -> Result<Tensor> {
     softplus(&verdicts.neg()?)
 }
 
 /// The discriminator's loss: half of -ln D(real) - ln(1 - D(made)).
-pub fn told_apart(real: &Tensor, made: &Tensor) -> Result<Tensor> {
+pub fn discriminator_loss(real: &Tensor, made: &Tensor) -> Result<Tensor> {
     (softplus(&real.neg()?)? + softplus(made)?)? * 0.5
 }
 

@@ -43,6 +43,11 @@ impl Metrics {
         Ok(Self { file })
     }
 
+    /// On return all lines survive a power cut.
+    pub(super) fn sync(&self) -> io::Result<()> {
+        self.file.sync_data()
+    }
+
     /// Adds a line. Where a number is not of this step, its place is empty.
     pub(super) fn add(
         &mut self,

@@ -1,7 +1,7 @@
 //! Stage 8: tuples become networks that take reflections away.
 //!
 //! ```text
-//! source (tuples, photographs, pairs) -> lesson (which, cut how) -> loader (ahead) -> batch
+//! source (tuples, photographs, pairs) -> example_sampler (which, cut how) -> loader (ahead) -> batch
 //!     -> learner (networks, losses, Adam: one step) -> session (all steps, watched, written down, resumed)
 //!
 //! ops/              what candle computes slowly or with wrong gradients, made right
@@ -9,8 +9,8 @@
 //! generator         what SP-net and BT-net share        metrics, events, picture    for who watches
 //! discriminator     who tells real from made
 //! loss, adam        what is minimised, and how          inference     networks at work
-//! random            random numbers by seed and name     code          pixels as networks see them
-//! mixture, mix      photographs added as images, for comparison
+//! random            random numbers by seed and name     srgb_planes   pixels as networks see them
+//! mixture           photographs added as images, for comparison
 //! separator         the networks of a checkpoint, ready to work
 //! ```
 //!
@@ -22,24 +22,23 @@ pub mod ops;
 mod adam;
 mod batch;
 mod checkpoint;
-mod code;
 mod discriminator;
 mod events;
 mod example;
+mod example_sampler;
 mod generator;
 mod inference;
 mod learner;
-mod lesson;
 mod loader;
 mod loss;
 mod metrics;
-mod mix;
 pub mod mixture;
 mod picture;
 mod random;
 mod separator;
 mod session;
 mod source;
+mod srgb_planes;
 mod vgg;
 
 pub use crate::manifest::{
@@ -51,19 +50,20 @@ pub use checkpoint::{
     CHECKPOINT_SCHEMA, Checkpoint, CheckpointError, CheckpointState, Origin, checkpoint_folder,
     clear, code_path, prune, steps, write_checkpoint,
 };
-pub use code::{bytes_of_planes, planes_of_bytes};
 pub use discriminator::Discriminator;
 pub use example::{Cut, Example, Planes};
+pub use example_sampler::{ExampleSampler, SceneSource};
 pub use generator::{DILATIONS, Generator, GeneratorOptions, SLOPE};
-pub use inference::{LEAST_PX, LEAST_TILE_PX, Networks, Picture};
+pub use inference::{LEAST_PX, LEAST_TILE_PX, Networks};
 pub use learner::{Lap, Learner, StepLosses, Term};
-pub use lesson::{Lesson, SceneSource};
 pub use loader::Loader;
-pub use loss::{FEATURE_DIVISORS, believed, feature_difference, l1, told_apart};
+pub use loss::{FEATURE_DIVISORS, adversarial_loss, discriminator_loss, feature_difference, l1};
+pub use picture::Picture;
 pub use random::Stream;
 pub use separator::{Separator, SeparatorError};
 pub use session::{Best, Schedule, Session, TrainError, Trained, Watcher};
 pub use source::{Base, ExampleError, PairSource, PhotographSource, TupleSource};
+pub use srgb_planes::{bytes_of_planes, planes_of_bytes};
 pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};
 
 #[cfg(test)]

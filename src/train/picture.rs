@@ -1,7 +1,7 @@
-//! Pictures of a training for a person to look at.
+//! Pictures as networks take and make them, and grids of them for a person to look at.
 
-use super::code::bytes_of_planes;
-use super::inference::Picture;
+use super::example::Planes;
+use super::srgb_planes::bytes_of_planes;
 use crate::merge::SrgbEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ImageEncoder, RgbImage, imageops};
@@ -11,6 +11,17 @@ const GAP: u32 = 4;
 
 /// Widest picture of a grid, px.
 const WIDEST: u32 = 256;
+
+/// An image, sRGB-coded, planar.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// Pixels down.
+    pub rows: usize,
+    /// Pixels across.
+    pub columns: usize,
+    /// Three planes.
+    pub planes: Planes,
+}
 
 impl Picture {
     /// As 8-bit RGB.
@@ -26,21 +37,9 @@ impl Picture {
         Self {
             rows: picture.height() as usize,
             columns: picture.width() as usize,
-            planes: super::code::planes_of_bytes(picture.as_raw()),
+            planes: super::srgb_planes::planes_of_bytes(picture.as_raw()),
         }
     }
-}
-
-/// PSNR of two pictures of one size, as 8-bit RGB, dB; 100 where they are equal, so that means stay numbers.
-pub(super) fn psnr_db(a: &Picture, b: &Picture) -> f64 {
-    let (a, b) = (a.to_rgb(), b.to_rgb());
-    let pairs = a.as_raw().iter().zip(b.as_raw());
-    let sum: u64 = pairs.map(|(a, b)| u64::from(a.abs_diff(*b)).pow(2)).sum();
-    if sum == 0 {
-        return 100.0;
-    }
-    let mean = sum as f64 / a.as_raw().len() as f64;
-    10.0 * libm::log10(255.0 * 255.0 / mean)
 }
 
 /// A PNG.

@@ -1,8 +1,9 @@
 //! The networks of a checkpoint, put together to work.
 
 use super::checkpoint::Checkpoint;
-use super::inference::{Networks, Picture};
+use super::inference::Networks;
 use super::learner::Learner;
+use super::picture::Picture;
 use super::vgg::Vgg;
 use crate::manifest::{SettingError, Stage, TrainSettings};
 use candle_core::{Device, Result};

@@ -2,23 +2,25 @@
 
 use super::batch::Batch;
 use super::checkpoint::{
-    Checkpoint, CheckpointError, CheckpointState, Origin, checkpoint_folder, prune,
-    write_checkpoint,
+    Checkpoint, CheckpointError, CheckpointState, Origin, prune, write_checkpoint,
 };
 use super::events::EventFile;
 use super::example::Example;
-use super::inference::Picture;
 use super::learner::{Learner, StepLosses};
 use super::loader::Loader;
 use super::metrics::Metrics;
-use super::picture::{Grid, picture_grid, psnr_db};
+use super::picture::{Grid, Picture, picture_grid};
 use super::source::ExampleError;
 use crate::atomic_file::{self, WriteError};
+use crate::evaluate::psnr_colour_db;
 use crate::manifest::{Stage, TrainSettings};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
+
+/// PSNR of pictures that are equal, dB, so that means stay numbers.
+const MOST_DB: f64 = 100.0;
 
 /// A training that cannot go on.
 #[derive(Debug, thiserror::Error)]
@@ -75,8 +77,8 @@ pub struct Trained {
     pub step: u64,
     /// Steps that were taken now.
     pub taken: u64,
-    /// The newest checkpoint.
-    pub checkpoint: PathBuf,
+    /// The newest checkpoint, if a step was ever taken.
+    pub checkpoint: Option<PathBuf>,
     /// Its validation, dB.
     pub validation_psnr_db: Option<f64>,
     /// Loss of the last step that was taken now.
@@ -112,7 +114,14 @@ pub struct Session {
     /// Whole images that nothing is learned from.
     validation: Vec<Example>,
     step: u64,
-    last: Option<(u64, PathBuf, Option<f64>)>,
+    last: Option<Last>,
+}
+
+/// The newest checkpoint.
+struct Last {
+    step: u64,
+    path: PathBuf,
+    validation_psnr_db: Option<f64>,
 }
 
 impl Session {
@@ -134,15 +143,15 @@ impl Session {
                 state.generator_steps,
                 state.discriminator_steps,
             )?;
-            last = Some((
-                state.step,
-                checkpoint.path.clone(),
-                state.validation_psnr_db,
-            ));
+            last = Some(Last {
+                step: state.step,
+                path: checkpoint.path.clone(),
+                validation_psnr_db: state.validation_psnr_db,
+            });
         }
         Ok(Self {
             folder: folder.to_owned(),
-            step: last.as_ref().map_or(0, |(step, ..)| *step),
+            step: last.as_ref().map_or(0, |last| last.step),
             last,
             learner,
             settings,
@@ -186,9 +195,7 @@ impl Session {
                 }
                 Some(Err(error)) => {
                     // What was learned until here is not lost.
-                    if taken > 0 {
-                        self.write(schedule, watcher)?;
-                    }
+                    self.write_rest(&metrics, schedule, watcher)?;
                     return Err(error.into());
                 }
             };
@@ -204,15 +211,17 @@ impl Session {
             taken += 1;
             loss = Some(losses.total);
             let wall_s = clock.elapsed().as_secs_f64();
-            let mut validated = None;
-            if self.step.is_multiple_of(schedule.checkpoint_every.max(1))
-                || self.step == schedule.until
-            {
-                validated = self.write(schedule, watcher)?;
-            }
+            let is_due = self.step.is_multiple_of(schedule.checkpoint_every.max(1))
+                || self.step == schedule.until;
+            let validated = if is_due { self.validate()? } else { None };
             metrics
                 .add(self.step, &losses, validated, wall_s)
                 .map_err(write_error(csv.clone()))?;
+            if is_due {
+                // The line first, and durably: what a checkpoint holds is not taken, and so not noted, again.
+                metrics.sync().map_err(write_error(csv.clone()))?;
+                self.write(validated, schedule, watcher)?;
+            }
             let mut numbers: Vec<(&str, f32)> = vec![("loss/total", losses.total)];
             let tags: Vec<String> = losses
                 .terms
@@ -245,33 +254,42 @@ impl Session {
             }
             watcher.step(self.step, &losses, wall_s);
         }
-        self.write(schedule, watcher)?;
-        let (_, checkpoint, validation_psnr_db) = self
-            .last
-            .clone()
-            .unwrap_or_else(|| (self.step, checkpoint_folder(&self.folder, self.step), None));
+        self.write_rest(&metrics, schedule, watcher)?;
         Ok(Trained {
             step: self.step,
             taken,
-            checkpoint,
-            validation_psnr_db,
+            checkpoint: self.last.as_ref().map(|last| last.path.clone()),
+            validation_psnr_db: self.last.as_ref().and_then(|last| last.validation_psnr_db),
             loss,
             stopped,
         })
     }
 
-    /// Writes a checkpoint of now, if there is none yet, and removes old ones.
-    fn write(
+    /// Writes a checkpoint of the steps that none holds yet, if there are any.
+    fn write_rest(
         &mut self,
+        metrics: &Metrics,
         schedule: &Schedule,
         watcher: &mut dyn Watcher,
-    ) -> Result<Option<f64>, TrainError> {
-        if let Some((step, _, psnr)) = &self.last
-            && *step == self.step
-        {
-            return Ok(*psnr);
+    ) -> Result<(), TrainError> {
+        if self.step == self.last.as_ref().map_or(0, |last| last.step) {
+            return Ok(());
         }
+        let path = self.folder.join("metrics.csv");
+        metrics
+            .sync()
+            .map_err(|source| WriteError { path, source })?;
         let psnr = self.validate()?;
+        self.write(psnr, schedule, watcher)
+    }
+
+    /// Writes a checkpoint of now and removes old ones.
+    fn write(
+        &mut self,
+        psnr: Option<f64>,
+        schedule: &Schedule,
+        watcher: &mut dyn Watcher,
+    ) -> Result<(), TrainError> {
         let path = write_checkpoint(
             &self.folder,
             self.step,
@@ -296,8 +314,12 @@ impl Session {
             source,
         })?;
         watcher.checkpoint(self.step, &path, psnr);
-        self.last = Some((self.step, path, psnr));
-        Ok(psnr)
+        self.last = Some(Last {
+            step: self.step,
+            path,
+            validation_psnr_db: psnr,
+        });
+        Ok(())
     }
 
     /// Mean PSNR of what is made of the validation images, dB, as 8-bit pictures.
@@ -308,7 +330,9 @@ impl Session {
             let Some((made, truth)) = self.made(example)?.last_pair() else {
                 continue;
             };
-            sum += psnr_db(&made, &truth);
+            // Of equal pictures it is infinite.
+            let psnr_db = psnr_colour_db(&made.to_rgb(), &truth.to_rgb());
+            sum += psnr_db.map_err(candle_core::Error::wrap)?.min(MOST_DB);
             count += 1;
         }
         Ok((count > 0).then(|| sum / f64::from(count)))

@@ -1,12 +1,13 @@
 //! Where examples are read from: the run's tuples, its photographs, real photographs.
 
-use super::code::{planes_of_bytes, planes_of_linear};
 use super::example::{Example, Planes};
+use super::picture::Picture;
+use super::srgb_planes::{planes_of_bytes, planes_of_linear};
 use crate::evaluate::{Pair, read_picture};
 use crate::farm::{QuarantineRecord, keys};
 use crate::manifest::PixelSource;
 use crate::manifest::{Roots, SceneLine};
-use crate::merge::{TUPLE_SCHEMA, TupleRecord, decode_tuple_exr, is_record_of};
+use crate::merge::{TupleRecord, decode_tuple_exr, is_record_of};
 use crate::scene::{Decoded, decode, read_files_by};
 use crate::store::{Inputs, Store, StoreError};
 use image::{Rgb32FImage, imageops};
@@ -50,12 +51,10 @@ pub enum Base {
     Example(Example),
     /// Two photographs of one size, sRGB-coded, to be mixed.
     Photographs {
-        /// Pixels down and across.
-        size: [usize; 2],
         /// Behind the glass.
-        front: Planes,
+        front: Picture,
         /// Reflected.
-        back: Planes,
+        back: Picture,
     },
 }
 
@@ -64,7 +63,9 @@ impl Base {
     pub(super) fn bytes(&self) -> usize {
         match self {
             Self::Example(example) => example.bytes(),
-            Self::Photographs { front, back, .. } => (front.len() + back.len()) * size_of::<f32>(),
+            Self::Photographs { front, back } => {
+                (front.planes.len() + back.planes.len()) * size_of::<f32>()
+            }
         }
     }
 }
@@ -92,7 +93,6 @@ impl TupleSource {
         }
         let file = keys::tuple(&line.id, "tuple.json");
         let record: TupleRecord = serde_json::from_slice(&json).map_err(|e| damaged(&file, &e))?;
-        debug_assert_eq!(record.schema, TUPLE_SCHEMA);
         let layers = match self.pixels {
             PixelSource::Exr => self.read_exr(line, &record)?,
             PixelSource::Png => self.read_pngs(line, &record)?,
@@ -205,7 +205,6 @@ impl PhotographSource {
             )),
         };
         Ok(Base::Photographs {
-            size: [size[1] as usize, size[0] as usize],
             front: part(&decoded.front)?,
             back: part(&decoded.back)?,
         })
@@ -217,7 +216,7 @@ fn fitted(
     radiance: &[[f32; 4]],
     [width, height]: [u32; 2],
     [to_width, to_height]: [u32; 2],
-) -> Planes {
+) -> Picture {
     let picture = Rgb32FImage::from_fn(width, height, |x, y| {
         let [r, g, b, _] = radiance[(y * width + x) as usize];
         image::Rgb([r, g, b])
@@ -230,7 +229,11 @@ fn fitted(
     let middle = imageops::crop_imm(&picture, x, y, cut_width, cut_height).to_image();
     let resized = imageops::resize(&middle, to_width, to_height, imageops::FilterType::Triangle);
     let pixels: Vec<[f32; 3]> = resized.pixels().map(|p| p.0).collect();
-    planes_of_linear(&pixels)
+    Picture {
+        rows: to_height as usize,
+        columns: to_width as usize,
+        planes: planes_of_linear(&pixels),
+    }
 }
 
 /// Real photographs with what was behind the glass.
@@ -241,7 +244,7 @@ pub struct PairSource {
 
 impl PairSource {
     /// A pair as it is on disk.
-    pub fn read(&self, index: usize) -> Result<Base, ExampleError> {
+    pub fn read(&self, index: usize) -> Result<Example, ExampleError> {
         let pair = &self.pairs[index];
         let unusable = |reason: String| ExampleError::Unusable {
             name: pair.name.clone(),
@@ -260,13 +263,13 @@ impl PairSource {
             }
             Ok(planes_of_bytes(picture.as_raw()))
         };
-        Ok(Base::Example(Example {
+        Ok(Example {
             rows: input.height() as usize,
             columns: input.width() as usize,
             transmission: layer(&pair.transmission)?,
             glass_reflection: pair.reflection.as_ref().map(layer).transpose()?,
             clean_reflection: pair.clean_reflection.as_ref().map(layer).transpose()?,
             input: planes_of_bytes(input.as_raw()),
-        }))
+        })
     }
 }

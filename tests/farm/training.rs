@@ -255,6 +255,52 @@ fn other_settings_are_refused_with_what_differs() {
 }
 
 #[test]
+fn a_changed_recipe_is_refused_with_what_differs() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = folder.path().join("lesson.toml");
+    let out = folder.path().join("run");
+    let write = |steps: u32, rest: &str| {
+        let train = format!(
+            "[train]\nbacktrack_steps = 2\nseparation_steps = {steps}\n[train.settings]\nwidth = 4\n\
+             discriminator_width = 2\n{rest}\n"
+        );
+        std::fs::write(&recipe, format!("{RECIPE}{train}")).unwrap();
+    };
+    let arguments = ["run", text(&recipe), "--out", text(&out), "--json"];
+    // What could not be trained is said before anything is traced.
+    write(2, "crop_px = 64");
+    run(&arguments)
+        .expect(4)
+        .says(&["train.settings.crop_px is 64", "film.width may be 56"]);
+    write(2, "crop_px = 40\nreal_share = 0.5");
+    run(&arguments)
+        .expect(4)
+        .says(&["real_share", "--real DIR"]);
+    assert!(!out.exists());
+    write(2, "crop_px = 40");
+    let first = run(&arguments).expect(0).json();
+    assert_eq!(first["train"]["separation"]["step"].as_u64(), Some(2));
+    assert_eq!(first["train"]["evaluation"]["rows"][0]["method"], "input");
+    // Done is done; more steps go on; other settings are another training.
+    let again = run(&arguments).expect(0).json();
+    assert_eq!(
+        again["train"]["separation"]["steps_taken"].as_u64(),
+        Some(0)
+    );
+    assert_eq!(
+        again["train"]["evaluation"]["rows"],
+        first["train"]["evaluation"]["rows"]
+    );
+    write(3, "crop_px = 40");
+    let more = run(&arguments).expect(0).json();
+    assert_eq!(more["train"]["separation"]["steps_taken"].as_u64(), Some(1));
+    write(3, "crop_px = 40\nlearning_rate = 0.001");
+    run(&arguments)
+        .expect(5)
+        .says(&["learning_rate: 0.0001 -> 0.001", "recipe's [train]"]);
+}
+
+#[test]
 fn separation_needs_a_bt_net() {
     let place = place();
     run(&place.arguments("separation", "2", &small(&[])))

@@ -1,10 +1,10 @@
 //! Which examples a step sees, and how: a function of the settings, the seed and the step's number.
 
 use super::example::{Cut, Example, Planes};
-use super::mix::mix;
+use super::mixture::MixtureRecipe;
 use super::random::Stream;
 use super::source::{Base, ExampleError, PairSource, PhotographSource, TupleSource};
-use crate::manifest::TrainSettings;
+use crate::manifest::{ExampleKind, TrainSettings};
 use crossbeam::channel::{Receiver, RecvTimeoutError};
 use image::{Rgb32FImage, imageops};
 use std::collections::HashMap;
@@ -34,27 +34,27 @@ impl SceneSource {
     }
 }
 
-/// What [`Lesson`] remembers of what it has read, for the next epoch.
+/// What [`ExampleSampler`] remembers of what it has read, for the next epoch.
 struct Kept {
     bytes: usize,
     bases: HashMap<(bool, usize), Arc<Base>>,
 }
 
 /// The examples of every step.
-pub struct Lesson {
+pub struct ExampleSampler {
     settings: TrainSettings,
     scenes: SceneSource,
     real: PairSource,
     /// Memory for what was read, bytes. A set that fits is read once.
     memory: usize,
     kept: Mutex<Kept>,
-    /// The epoch last asked for, and its order.
-    order: Mutex<Option<(u64, Arc<Vec<usize>>)>>,
+    /// By name: the epoch last asked for, and its order.
+    orders: Mutex<HashMap<&'static str, (u64, Vec<usize>)>>,
     /// Closed when nobody waits for examples any longer.
     stopped: Receiver<()>,
 }
 
-impl Lesson {
+impl ExampleSampler {
     /// Of these sources. `memory` is in bytes.
     ///
     /// # Errors
@@ -87,7 +87,7 @@ impl Lesson {
                 bytes: 0,
                 bases: HashMap::new(),
             }),
-            order: Mutex::new(None),
+            orders: Mutex::new(HashMap::new()),
             stopped,
         })
     }
@@ -109,18 +109,50 @@ impl Lesson {
                 let mut stream =
                     Stream::new(self.settings.seed, &format!("{name} example {position}"));
                 let example = if is_real {
-                    let index = self.place(position, self.real.pairs.len(), "real order");
-                    let base = self.base((true, index), || self.real.read(index).map(Some))?;
-                    let Some(base) = base else {
-                        return Err(ExampleError::Stopped);
-                    };
-                    self.scaled(example_of(&base), &mut stream)
+                    self.real_example(position, &mut stream)?
                 } else {
                     self.scene_example(position, &mut stream)?
                 };
                 self.cut(&example, &mut stream)
             })
             .collect()
+    }
+
+    /// The real pair at a position of the endless order.
+    fn real_example(&self, position: u64, stream: &mut Stream) -> Result<Example, ExampleError> {
+        let index = self.place(position, self.real.pairs.len(), "real order");
+        let read = || Ok(Some(Base::Example(self.real.read(index)?)));
+        let example = self.drawn(self.base((true, index), read)?.as_deref(), stream)?;
+        let example = example.ok_or(ExampleError::Stopped)?;
+        Ok(self.scaled(example, stream))
+    }
+
+    /// What chance makes of what was read; `None` where nothing was, or where a recipe of mixtures refuses the pair.
+    fn drawn(
+        &self,
+        base: Option<&Base>,
+        stream: &mut Stream,
+    ) -> Result<Option<Example>, ExampleError> {
+        let (front, back) = match base {
+            None => return Ok(None),
+            Some(Base::Example(example)) => return Ok(Some(example.clone())),
+            Some(Base::Photographs { front, back }) => (front, back),
+        };
+        let recipe = match self.settings.examples {
+            ExampleKind::Ceilnet => MixtureRecipe::Ceilnet,
+            ExampleKind::Zhang | ExampleKind::Rendered => MixtureRecipe::Zhang,
+        };
+        let mixture = recipe
+            .mix(front, back, stream)
+            .map_err(|e| ExampleError::None(e.to_string()))?;
+        Ok(mixture.map(|mixture| Example {
+            rows: front.rows,
+            columns: front.columns,
+            input: mixture.input.planes,
+            transmission: mixture.transmission.planes,
+            glass_reflection: Some(mixture.reflection.planes),
+            clean_reflection: Some(mixture.clean_reflection.planes),
+        }))
     }
 
     /// The scene at a position of the endless order, or, where it has no tuple and will get none, the next that has.
@@ -144,17 +176,9 @@ impl Lesson {
                     }
                 },
             };
-            match base.as_deref() {
-                None => {}
-                Some(Base::Example(example)) => return Ok(example.clone()),
-                Some(Base::Photographs { size, front, back }) => {
-                    let mixed = mix(self.settings.examples, *size, front, back, stream)
-                        .map_err(|e| ExampleError::None(e.to_string()))?;
-                    if let Some(example) = mixed {
-                        return Ok(example);
-                    }
-                    // The recipe refuses such pairs: the next.
-                }
+            // Where a recipe of mixtures refuses the pair, the next is taken.
+            if let Some(example) = self.drawn(base.as_deref(), stream)? {
+                return Ok(example);
             }
         }
         Err(ExampleError::None(
@@ -164,7 +188,7 @@ impl Lesson {
     }
 
     /// Which of `count` stands at a position: every epoch has its own order.
-    fn place(&self, position: u64, count: usize, name: &str) -> usize {
+    fn place(&self, position: u64, count: usize, name: &'static str) -> usize {
         let (epoch, place) = (position / count as u64, (position % count as u64) as usize);
         if self.settings.follow && epoch == 0 {
             return place;
@@ -173,16 +197,14 @@ impl Lesson {
             let mut stream = Stream::new(self.settings.seed, &format!("{name} {epoch}"));
             stream.permutation(count)
         };
-        if name != "scene order" {
-            return of(epoch)[place];
-        }
-        let mut order = self.order.lock().expect("no holder of this lock panics");
-        match order.as_ref() {
+        let mut orders = self.orders.lock().expect("no holder of this lock panics");
+        match orders.get(name) {
             Some((of_epoch, order)) if *of_epoch == epoch => order[place],
             _ => {
-                let new = Arc::new(of(epoch));
-                *order = Some((epoch, Arc::clone(&new)));
-                new[place]
+                let order = of(epoch);
+                let index = order[place];
+                orders.insert(name, (epoch, order));
+                index
             }
         }
     }
@@ -268,11 +290,4 @@ impl Lesson {
 /// Steps of the first `steps` that see real photographs: evenly spread.
 fn share_of(steps: u64, share: f64) -> u64 {
     (steps as f64 * share).floor() as u64
-}
-
-fn example_of(base: &Base) -> Example {
-    match base {
-        Base::Example(example) => example.clone(),
-        Base::Photographs { .. } => unreachable!("pairs of real photographs are examples"),
-    }
 }

@@ -1,6 +1,7 @@
 //! Pixels as networks see them: sRGB-coded, clamped to [0, 1], planar.
 
 use super::example::Planes;
+use crate::merge::linear_to_srgb;
 use exr::prelude::f16;
 use std::sync::LazyLock;
 
@@ -8,20 +9,9 @@ use std::sync::LazyLock;
 static OF_HALVES: LazyLock<Vec<f32>> = LazyLock::new(|| {
     let one = f16::ONE.to_bits();
     (0..=one)
-        .map(|bits| coded(f16::from_bits(bits).to_f32()))
+        .map(|bits| linear_to_srgb(f16::from_bits(bits).to_f32()) as f32)
         .collect()
 });
-
-/// The sRGB curve (IEC 61966-2-1) of a linear value, clamped to [0, 1].
-fn coded(value: f32) -> f32 {
-    let value = f64::from(value.clamp(0.0, 1.0));
-    let code = if value <= 0.003_130_8 {
-        12.92 * value
-    } else {
-        1.055 * libm::pow(value, 1.0 / 2.4) - 0.055
-    };
-    code as f32
-}
 
 /// Planes of linear pixels.
 pub(super) fn planes_of_linear(pixels: &[[f32; 3]]) -> Planes {
@@ -37,7 +27,7 @@ pub(super) fn planes_of_linear(pixels: &[[f32; 3]]) -> Planes {
                     .copied()
                     .unwrap_or(1.0)
             } else {
-                coded(value)
+                linear_to_srgb(value) as f32
             };
         }
     }
@@ -89,7 +79,7 @@ mod tests {
         let bytes = bytes_of_planes(&planes);
         for (k, pixel) in linear.iter().enumerate() {
             assert!((planes[k] - k as f32 / 255.0).abs() < 1e-6, "{k}");
-            assert_eq!(planes[256 + k], coded(pixel[1]));
+            assert_eq!(planes[256 + k], linear_to_srgb(pixel[1]) as f32);
             assert_eq!(bytes[3 * k], encoder.encode(pixel[0]));
             assert_eq!(bytes[3 * k + 2], 255);
         }
