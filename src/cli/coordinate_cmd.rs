@@ -6,9 +6,10 @@ use super::output::Output;
 use super::progress::Progress;
 use super::queue_cmd;
 use super::signals::Signals;
-use crate::farm::{CoordinateOptions, Run, Watch, WatchedRun, coordinate, process_cpu_s};
+use crate::farm::{CoordinateOptions, Observer, Run, Watch, WatchedRun, coordinate, process_cpu_s};
 use crate::manifest::Roots;
 use crate::serve::{ServeError, serve};
+use crate::store::Store;
 use serde_json::json;
 use std::os::unix::fs::MetadataExt;
 use std::sync::{Arc, Mutex};
@@ -26,8 +27,11 @@ pub(super) fn run(
 ) -> Result<Exit, Failure> {
     queue_cmd::fetch_run(&args.run, &args.queue)?;
     let run = Run::open(&args.run, &Roots::default())?;
-    let signals = Signals::catch();
     let store = queue_cmd::store(&args.run, &args.queue)?;
+    if global.dry_run {
+        return dry_run(args, &run, &store, output);
+    }
+    let signals = Signals::catch();
     let queue = queue_cmd::coordinator(&run, &args.queue)?;
     let progress = Progress::new(global, "scenes", 0);
     let options = CoordinateOptions {
@@ -59,7 +63,7 @@ pub(super) fn run(
     output.result(
         "glasshouse.coordinate/1",
         json!({
-            "run": args.run, "scenes": watch.scenes, "done": watch.done, "quarantined": watch.quarantined,
+            "run": args.run, "dry_run": false, "scenes": watch.scenes, "done": watch.done, "quarantined": watch.quarantined,
             "spans_published": ended.published, "finished": watch.finished,
             "cancelled": ended.cancelled, "wall_s": start.elapsed().as_secs_f64(),
             "cpu_s": process_cpu_s(),
@@ -82,6 +86,27 @@ pub(super) fn run(
         (false, 0) if !ended.cancelled => Exit::Done,
         (false, _) => Exit::Incomplete,
     })
+}
+
+/// Looks at the store alone: a queue that is away would be waited for.
+fn dry_run(
+    args: &CoordinateArgs,
+    run: &Run,
+    store: &Store,
+    output: &Output,
+) -> Result<Exit, Failure> {
+    let status = Observer::new(run, store).look()?.counts;
+    let quarantined = status.quarantined.len() as u64;
+    let left = status.scenes - status.merged - quarantined;
+    output.result(
+        "glasshouse.coordinate/1",
+        json!({
+            "run": args.run, "dry_run": true, "scenes": status.scenes, "done": status.merged,
+            "quarantined": quarantined, "scenes_left": left,
+        }),
+        &format!("{left} of {} scenes would be published", status.scenes),
+    );
+    Ok(Exit::Done)
 }
 
 /// The secret for the page's buttons, from a file or the environment: a command line is seen by every user of a machine.

@@ -10,8 +10,8 @@ use super::signals::Signals;
 use super::store_env;
 use crate::farm::queue::{LocalQueue, Queue, Waiting};
 use crate::farm::{
-    Event, Fault, Outcome, Run, SharedQueue, Span, Stop, WorkOptions, WorkerName, run_status, work,
-    work_shared, work_span,
+    Event, Fault, Observer, Outcome, Run, SharedQueue, Span, Stop, WorkOptions, WorkerName,
+    run_status, work, work_shared, work_span,
 };
 use crate::manifest::Roots;
 use crate::store::Store;
@@ -47,7 +47,8 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
     let mut run = Run::open(&args.run, &roots)?;
     run.inputs = store_env::inputs_of(&run, &args.cache);
     if global.dry_run {
-        let status = run_status(&run);
+        let store = queue_cmd::store(&args.run, &args.queue)?;
+        let status = Observer::new(&run, &store).look()?.counts;
         let left = status.shards - status.shards_done;
         output.result(
             "glasshouse.work/1",

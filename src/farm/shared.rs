@@ -175,11 +175,16 @@ impl<'a> Shared<'a> {
                     Ok(())
                 }
                 What::Tuple { files, miss_share } => {
+                    // Made before the tuple is there: from then on others may take away the notes that it is made from.
+                    let receipt = self.receipt(&span);
                     if !self.put_tuple(&span, files)? {
                         return Ok(());
                     }
                     span.merged();
-                    self.leave_receipt(&span);
+                    if let Some(receipt) = receipt {
+                        // Nothing depends on it.
+                        let _ = receipt.put(self.store, &line.id);
+                    }
                     remove_partials(self.store, line);
                     self.seconds.add_merge(start.spent());
                     self.merged.fetch_add(1, Ordering::Relaxed);
@@ -283,13 +288,11 @@ impl<'a> Shared<'a> {
         });
     }
 
-    /// Beside other workers: who made the tuple. Nothing depends on it.
-    fn leave_receipt(&self, span: &OpenSpan) {
-        if self.beside.is_some() {
-            let (scene, who) = (&span.job.line.id, &self.options.who);
-            let receipt = Receipt::new(self.store, scene, who, span.is_alone());
-            let _ = receipt.put(self.store, scene);
-        }
+    /// Beside other workers: who makes the tuple.
+    fn receipt(&self, span: &OpenSpan) -> Option<Receipt> {
+        self.beside?;
+        let (scene, who) = (&span.job.line.id, &self.options.who);
+        Some(Receipt::new(self.store, scene, who, span.is_alone()))
     }
 }
 

@@ -340,3 +340,35 @@ fn what_a_farm_is_told_wrongly_is_said() {
     .expect(2)
     .says(&["/nonexistent"]);
 }
+
+/// A dry run asks the store alone: it neither waits for a queue that is away nor makes anything.
+#[test]
+fn a_dry_run_needs_no_queue_and_counts_what_is_in_the_store() {
+    let place = place();
+    place.plan();
+    let store = place.folder.path().join("store");
+    std::fs::create_dir(&store).unwrap();
+    let dry = |verb: &str| {
+        let all = [
+            verb,
+            text(&place.run),
+            "--queue",
+            "nats://127.0.0.1:9",
+            "--json",
+            "-n",
+        ];
+        let here = run(&all).expect(0).json();
+        let there = run(&[&all[..], &["--store", text(&store)]].concat());
+        (here, there)
+    };
+    let before = files(&place.run);
+    assert_eq!(dry("coordinate").0["scenes_left"], SCENES);
+    assert_eq!(dry("work").0["shards_left"], SCENES * SHARDS);
+    assert_eq!(files(&place.run), before);
+    run(&["work", text(&place.run), "-q"]).expect(0);
+    assert_eq!(dry("coordinate").0["scenes_left"], 0);
+    assert_eq!(dry("work").0["shards_left"], 0);
+    // The folder has all tuples, that store has none.
+    assert_eq!(dry("coordinate").1.expect(0).json()["scenes_left"], SCENES);
+    assert_eq!(dry("work").1.expect(0).json()["shards_left"], SCENES * SHARDS);
+}
