@@ -26,6 +26,20 @@ pub fn is_temporary(path: &Path) -> bool {
         .is_some_and(|name| name.to_string_lossy().starts_with(TEMPORARY_PREFIX))
 }
 
+/// Removes files that `is_leftover` from a folder and from those in it, `depth` deep. For whoever is alone there; what
+/// cannot be removed does no harm.
+pub fn sweep(folder: &Path, depth: u32, is_leftover: &dyn Fn(&Path) -> bool) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        match entry.file_type() {
+            Ok(kind) if kind.is_dir() && depth > 0 => sweep(&entry.path(), depth - 1, is_leftover),
+            Ok(kind) if kind.is_file() && is_leftover(&entry.path()) => {
+                let _ = fs::remove_file(entry.path());
+            }
+            _ => {}
+        }
+    }
+}
+
 /// Creates `dir` and its parents.
 pub fn create_dir(dir: &Path) -> Result<(), WriteError> {
     fs::create_dir_all(dir).map_err(|source| WriteError {

@@ -70,7 +70,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result
             )
         };
         output.result(SCHEMA, object(args, &plan, &exported, true), &text);
-        return Ok(Exit::Done);
+        return Ok(exit(&plan));
     }
     // Of what was begun a part is there already.
     if let (FolderState::Empty, Some(needed)) = (&state, foretold) {
@@ -114,11 +114,15 @@ pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result
     let mut object = object(args, &plan, &exported, false);
     object["wall_s"] = json!(wall_s);
     output.result(SCHEMA, object, &text);
-    Ok(if plan.request.left_out.is_empty() {
+    Ok(exit(&plan))
+}
+
+fn exit(plan: &ExportPlan) -> Exit {
+    if plan.request.left_out.is_empty() {
         Exit::Done
     } else {
         Exit::Incomplete
-    })
+    }
 }
 
 /// What a script reads.

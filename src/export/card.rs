@@ -43,7 +43,7 @@ fn header(plan: &ExportPlan, summary: &Summary) -> String {
     let size = SIZES
         .iter()
         .find(|(below, _)| summary.numbers.tuples < *below);
-    let size = size.map_or("n>1T", |(_, name)| name);
+    let size = size.map_or("", |(_, name)| name);
     // A JSON string is a YAML string, whatever the recipe's name holds.
     let mut text = format!(
         "---\nlicense: other\npretty_name: {}\ntask_categories:\n- image-to-image\ntags:\n- reflection-removal\n- \
@@ -138,7 +138,13 @@ fn mean_and_max(of: SumAndMax, count: u64) -> [String; 2] {
     if count == 0 {
         return ["not stated".to_owned(), "not stated".to_owned()];
     }
-    [of.sum / count as f64, of.max].map(|value| format!("{value:.2e}"))
+    [of.sum / count as f64, of.max].map(|value| {
+        if value == 0.0 {
+            "0".to_owned()
+        } else {
+            format!("{value:.2e}")
+        }
+    })
 }
 
 fn left_out(plan: &ExportPlan) -> String {

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 type Parameter = (&'static str, fn(&TupleRecord) -> f64);
 
 /// Parameters whose ranges the card shows, in its order.
-pub(super) const PARAMETERS: [Parameter; 12] = [
+pub(super) const PARAMETERS: [Parameter; 13] = [
     ("film width, px", |r| r.scene.film.width.into()),
     ("film height, px", |r| r.scene.film.height.into()),
     ("samples a pixel", |r| r.scene.film.spp.into()),
@@ -22,6 +22,9 @@ pub(super) const PARAMETERS: [Parameter; 12] = [
     ("glass: index of refraction", |r| r.scene.glass.ior),
     ("glass: absorption of red, 1/m", |r| {
         r.scene.glass.absorption_per_m[0]
+    }),
+    ("glass: absorption of green, 1/m", |r| {
+        r.scene.glass.absorption_per_m[1]
     }),
     ("glass: absorption of blue, 1/m", |r| {
         r.scene.glass.absorption_per_m[2]

@@ -8,6 +8,10 @@ use super::request::{ExportFormat, PixelEncoding};
 use crate::trace::LAYERS;
 use serde_json::{Value, json};
 
+/// The method's.
+const CITATION: &str = "S. Kim, Y. Huo, S.-E. Yoon. Single Image Reflection Removal with Physically-Based Training Images. \
+                        CVPR 2020.";
+
 /// The file's text.
 pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
     let is_tars = plan.request.format == ExportFormat::Webdataset;
@@ -100,8 +104,8 @@ pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
         "name": plan.request.name,
         "description": description,
         "conformsTo": "http://mlcommons.org/croissant/1.0",
-        "license": "README.md",
-        "url": "README.md",
+        "license": "other: the sources' own terms, see README.md",
+        "citeAs": CITATION,
         "version": "1.0.0",
         "distribution": distribution,
         "recordSet": record_sets,
@@ -169,7 +173,7 @@ fn columns() -> Vec<Value> {
     columns.into_iter().map(field).collect()
 }
 
-/// Croissant 1.0's own context.
+/// Croissant's own context, word by word: mlcroissant warns of any other.
 fn context() -> Value {
     json!({
         "@language": "en",
@@ -181,6 +185,7 @@ fn context() -> Value {
         "rai": "http://mlcommons.org/croissant/RAI/",
         "data": { "@id": "cr:data", "@type": "@json" },
         "dataType": { "@id": "cr:dataType", "@type": "@vocab" },
+        "equivalentProperty": "cr:equivalentProperty",
         "dct": "http://purl.org/dc/terms/",
         "examples": { "@id": "cr:examples", "@type": "@json" },
         "extract": "cr:extract",
@@ -201,6 +206,7 @@ fn context() -> Value {
         "regex": "cr:regex",
         "repeated": "cr:repeated",
         "replace": "cr:replace",
+        "samplingRate": "cr:samplingRate",
         "sc": "https://schema.org/",
         "separator": "cr:separator",
         "source": "cr:source",

@@ -153,7 +153,8 @@ impl ExportFolder {
             }
             Err(TryLockError::Error(source)) => return Err(unreadable(&path)(source)),
         }
-        sweep(root, 2);
+        // As deep as SPLIT/LAYER/.
+        atomic_file::sweep(root, 2, &is_temporary);
         Ok(Self {
             root: root.to_owned(),
             _lock: lock,
@@ -174,18 +175,5 @@ impl ExportFolder {
     pub(super) fn forget_state(&self) -> Result<(), ExportError> {
         let state = self.path(STATE_FOLDER);
         std::fs::remove_dir_all(&state).map_err(unreadable(&state))
-    }
-}
-
-/// Removes half-written files as deep as `SPLIT/LAYER/`; what cannot be removed does no harm.
-fn sweep(folder: &Path, depth: u32) {
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        match entry.file_type() {
-            Ok(kind) if kind.is_dir() && depth > 0 => sweep(&entry.path(), depth - 1),
-            Ok(kind) if kind.is_file() && is_temporary(&entry.path()) => {
-                let _ = std::fs::remove_file(entry.path());
-            }
-            _ => {}
-        }
     }
 }
