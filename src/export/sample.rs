@@ -1,11 +1,13 @@
 //! A tuple of the run as the files of an export: names, and bytes.
 
 use super::error::ExportError;
+use super::plan::ExportPlan;
 use super::request::{ExportFormat, PixelEncoding};
 use crate::farm::keys;
-use crate::manifest::{ExrPrecision, SceneLine};
+use crate::manifest::{ExrPrecision, SceneLine, Split};
 use crate::merge::{
-    TupleRecord, decode_tuple_exr, encode_parts_exr, encode_png16, is_record_of, tuple_files,
+    TupleRecord, check_png, decode_tuple_exr, encode_parts_exr, encode_png16, is_record_of,
+    tuple_files,
 };
 use crate::store::Store;
 use crate::trace::LAYERS;
@@ -49,11 +51,14 @@ pub(super) fn layer_file(
 }
 
 /// Folders that files of a split stand in, from the exported folder; none of tars.
-pub(super) fn layer_folders(format: ExportFormat, split: crate::manifest::Split) -> Vec<String> {
-    match format {
+pub(super) fn layer_folders(plan: &ExportPlan, split: Split) -> Vec<String> {
+    let layers = (0..LAYERS.len()).filter(|&layer| plan.layers[layer]);
+    match plan.request.format {
         ExportFormat::Webdataset => Vec::new(),
-        ExportFormat::Imagefolder => LAYERS.iter().map(|l| format!("{split}/{l}")).collect(),
-        ExportFormat::Pairs => PAIR_FOLDERS.map(|l| format!("{split}/{l}")).into(),
+        ExportFormat::Imagefolder => layers.map(|l| format!("{split}/{}", LAYERS[l])).collect(),
+        ExportFormat::Pairs => layers
+            .map(|l| format!("{split}/{}", PAIR_FOLDERS[l]))
+            .collect(),
         ExportFormat::Exr => vec![split.to_string()],
     }
 }
@@ -125,16 +130,9 @@ fn copies(
     for (layer, name) in made(line) {
         let file = format!("{name}.png");
         let bytes = tuple.take(line, &file)?;
-        // Its checksums are PNG's own: a file that was cut or changed must not be handed on.
-        let picture = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png)
+        // A file that was cut or changed must not be handed on.
+        check_png(&bytes, line.film.width, line.film.height)
             .map_err(|e| damaged(line, &file, &e))?;
-        if [picture.width(), picture.height()] != [line.film.width, line.film.height] {
-            return Err(damaged(
-                line,
-                &file,
-                &"it has not the size of its scene's film",
-            ));
-        }
         files.push((layer_file(format, PixelEncoding::Srgb8, line, layer), bytes));
     }
     Ok(files)

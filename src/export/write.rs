@@ -160,7 +160,7 @@ impl SplitWriter<'_> {
         if rest.is_empty() {
             return Ok((resumed, 0));
         }
-        for name in layer_folders(self.plan.request.format, split) {
+        for name in layer_folders(self.plan, split) {
             atomic_file::create_dir(&self.folder.path(&name))?;
         }
         let mut parts = Parts::new(self.plan, self.folder, split, number);
