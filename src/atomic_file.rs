@@ -3,8 +3,9 @@
 //! A reader therefore sees a whole file or none, also after a power cut.
 
 use std::fs::{self, File};
-use std::io::{self, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use tempfile::NamedTempFile;
 
 /// A file or folder could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -23,6 +24,20 @@ const TEMPORARY_PREFIX: &str = ".tmp-";
 pub fn is_temporary(path: &Path) -> bool {
     path.file_name()
         .is_some_and(|name| name.to_string_lossy().starts_with(TEMPORARY_PREFIX))
+}
+
+/// Removes files that `is_leftover` from a folder and from those in it, `depth` deep. For whoever is alone there; what
+/// cannot be removed does no harm.
+pub fn sweep(folder: &Path, depth: u32, is_leftover: &dyn Fn(&Path) -> bool) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        match entry.file_type() {
+            Ok(kind) if kind.is_dir() && depth > 0 => sweep(&entry.path(), depth - 1, is_leftover),
+            Ok(kind) if kind.is_file() && is_leftover(&entry.path()) => {
+                let _ = fs::remove_file(entry.path());
+            }
+            _ => {}
+        }
+    }
 }
 
 /// Creates `dir` and its parents.
@@ -49,6 +64,70 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
 pub fn write_relaxed(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     write_inner(path, bytes, false).map_err(|source| WriteError {
         path: path.to_owned(),
+        source,
+    })
+}
+
+/// A file that is written bit by bit, for what does not fit into memory: under a temporary name until [`Self::finish`].
+/// Dropped before that, it is gone.
+pub struct PendingFile {
+    writer: BufWriter<NamedTempFile>,
+    path: PathBuf,
+}
+
+impl PendingFile {
+    /// Begins the file that will be `path`. The folder must exist.
+    pub fn begin(path: &Path) -> Result<Self, WriteError> {
+        let file = temporary(path).map_err(|source| WriteError {
+            path: path.to_owned(),
+            source,
+        })?;
+        Ok(Self {
+            writer: BufWriter::with_capacity(1 << 18, file),
+            path: path.to_owned(),
+        })
+    }
+
+    /// Gives it its name, durably. A file of that name is replaced.
+    pub fn finish(self) -> Result<(), WriteError> {
+        let path = self.path;
+        let persist = || {
+            let file = self.writer.into_inner().map_err(|e| e.into_error())?;
+            persist(file, &path, true)
+        };
+        persist().map_err(|source| WriteError {
+            path: path.clone(),
+            source,
+        })
+    }
+}
+
+impl Write for PendingFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.writer.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.writer.flush()
+    }
+}
+
+/// Waits until the disk holds everything that was written to `folder`'s file system: one wait for many files of
+/// [`write_relaxed`].
+pub fn settle(folder: &Path) -> Result<(), WriteError> {
+    let sync = || -> io::Result<()> {
+        let folder = File::open(folder)?;
+        #[cfg(target_os = "linux")]
+        rustix::fs::syncfs(&folder)?;
+        #[cfg(not(target_os = "linux"))]
+        {
+            drop(folder);
+            rustix::fs::sync();
+        }
+        Ok(())
+    };
+    sync().map_err(|source| WriteError {
+        path: folder.to_owned(),
         source,
     })
 }
@@ -93,14 +172,26 @@ pub fn write_dir<E: From<WriteError>>(
 }
 
 fn write_inner(path: &Path, bytes: &[u8], durable: bool) -> io::Result<()> {
-    let folder = match path.parent() {
+    let mut file = temporary(path)?;
+    file.write_all(bytes)?;
+    persist(file, path, durable)
+}
+
+/// An empty file beside `path`.
+fn temporary(path: &Path) -> io::Result<NamedTempFile> {
+    tempfile::Builder::new()
+        .prefix(TEMPORARY_PREFIX)
+        .tempfile_in(folder_of(path))
+}
+
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
-    };
-    let mut file = tempfile::Builder::new()
-        .prefix(TEMPORARY_PREFIX)
-        .tempfile_in(folder)?;
-    file.write_all(bytes)?;
+    }
+}
+
+fn persist(file: NamedTempFile, path: &Path, durable: bool) -> io::Result<()> {
     // tempfile makes files that their owner alone can read; results are for the whole group.
     #[cfg(unix)]
     {
@@ -112,7 +203,11 @@ fn write_inner(path: &Path, bytes: &[u8], durable: bool) -> io::Result<()> {
         file.as_file().sync_all()?;
     }
     file.persist(path).map_err(|e| e.error)?;
-    if durable { sync_dir(folder) } else { Ok(()) }
+    if durable {
+        sync_dir(folder_of(path))
+    } else {
+        Ok(())
+    }
 }
 
 /// Makes a rename or removal inside `folder` durable.
@@ -154,6 +249,23 @@ mod tests {
         let failed = write_dir(&path, |folder| write(&folder.join("no/a"), b""));
         assert!(failed.is_err());
         assert_eq!(fs::read_to_string(path.join("a")).unwrap(), "two");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_pending_file_appears_when_it_is_finished() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.tar");
+        let mut pending = PendingFile::begin(&path).unwrap();
+        pending.write_all(b"one").unwrap();
+        drop(pending);
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
+        let mut pending = PendingFile::begin(&path).unwrap();
+        pending.write_all(b"two").unwrap();
+        assert!(!path.exists());
+        pending.finish().unwrap();
+        settle(dir.path()).unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"two");
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
     }
 

@@ -20,6 +20,7 @@ pub mod bench;
 pub mod cases;
 pub mod cli;
 pub mod evaluate;
+pub mod export;
 pub mod farm;
 pub mod ids;
 pub mod manifest;

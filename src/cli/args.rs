@@ -1,6 +1,7 @@
 //! What can be typed.
 
 use super::bench_args::BenchArgs;
+use super::export_args::ExportArgs;
 use super::farm_args::{AuditArgs, ExplainArgs, HoldArgs, ResumeArgs, RetryArgs, StatusArgs};
 #[cfg(feature = "train")]
 use super::train_args::{EvaluateArgs, SeparateArgs, TrainArgs};
@@ -222,6 +223,25 @@ Examples:
   glasshouse separate runs/smoke photo.jpg --out separated
   glasshouse separate runs/smoke/train/separation photo.jpg --out separated --tile-px 512 --json")]
     Separate(SeparateArgs),
+    /// Make a data set of a run's tuples, in a form that loaders know: tars, folders or OpenEXR files
+    #[command(after_help = "\
+webdataset   DIR/SPLIT-000000.tar with ID.LAYER.png and ID.json, for the WebDataset library
+imagefolder  DIR/SPLIT/metadata.jsonl and DIR/SPLIT/LAYER/ID.png, for Hugging Face's datasets
+pairs        DIR/SPLIT/blended/ID.png, transmission_layer/, reflection_layer/, clean_reflection_layer/
+exr          DIR/SPLIT/ID.exr: OpenEXR with a part for each layer, linear light
+
+Beside them a dataset card (README.md), croissant.json (of the first two), export.json and SHA256SUMS.
+Equal runs make equal bytes. An export that was stopped goes on with the same command; a folder that
+holds something else is refused. docs/datasets.md shows how to read each form in PyTorch.
+
+Exit code 3: scenes in quarantine, or (with --partial) not merged yet, are not in it. 75: the run is not
+finished.
+
+Examples:
+  glasshouse export runs/smoke --format webdataset --out smoke-webdataset
+  glasshouse export runs/smoke --format imagefolder --out smoke-imagefolder --split train
+  glasshouse export runs/smoke --format pairs --encoding srgb16 --out smoke-pairs --json")]
+    Export(ExportArgs),
     /// Write report/index.html: the run at a glance and a contact sheet
     #[command(after_help = "Examples:
   glasshouse report runs/smoke

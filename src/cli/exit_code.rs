@@ -170,6 +170,22 @@ impl From<crate::farm::PlanError> for Failure {
     }
 }
 
+impl From<crate::export::ExportError> for Failure {
+    fn from(error: crate::export::ExportError) -> Self {
+        use crate::export::ExportError as E;
+        let exit = match error {
+            E::Store(error) => return error.into(),
+            E::Farm(error) => return error.into(),
+            E::Request(_) => Exit::Usage,
+            E::Unfinished { .. } | E::Busy { .. } => Exit::TryAgain,
+            E::Nothing(_) => Exit::InvalidInput,
+            E::Foreign { .. } => Exit::Disagrees,
+            E::Write(_) | E::Read { .. } | E::Damaged { .. } | E::Encode { .. } => Exit::Failed,
+        };
+        Self::new(exit, error)
+    }
+}
+
 impl From<crate::atomic_file::WriteError> for Failure {
     fn from(error: crate::atomic_file::WriteError) -> Self {
         Self::new(Exit::Failed, error)

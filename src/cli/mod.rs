@@ -28,6 +28,8 @@ mod evaluate_rows;
 mod evaluate_text;
 mod exit_code;
 mod explain_cmd;
+mod export_args;
+mod export_cmd;
 mod farm_args;
 mod isolate;
 mod merge_cmd;
@@ -49,6 +51,7 @@ mod schema_cmd;
 #[cfg(feature = "train")]
 mod separate_cmd;
 mod signals;
+mod split_name;
 mod status_cmd;
 mod status_text;
 mod store_env;
@@ -114,6 +117,7 @@ pub fn main() -> ExitCode {
         Command::Evaluate(evaluate) => evaluate_cmd::run(evaluate, &args.global, &output),
         #[cfg(feature = "train")]
         Command::Separate(separate) => separate_cmd::run(separate, &args.global, &output),
+        Command::Export(export) => export_cmd::run(export, &args.global, &output),
         Command::Report(report) => report_cmd::run(report, &args.global, &output),
         Command::Schema => schema_cmd::run(&output),
         Command::Bench(bench) => bench_cmd::run(bench, &args.global, &output),

@@ -179,7 +179,7 @@ fn try_out(planned: &Planned, run: &Path, global: &Global) -> Result<Option<Cali
 }
 
 /// Bytes that may be written where `folder` is or will be.
-fn available_bytes(folder: &Path) -> Option<u64> {
+pub(super) fn available_bytes(folder: &Path) -> Option<u64> {
     let folder = std::path::absolute(folder).ok()?;
     let there = folder.ancestors().find(|folder| folder.is_dir())?;
     let disk = rustix::fs::statvfs(there).ok()?;

@@ -4,9 +4,10 @@ use super::args::{Global, RootArgs};
 #[cfg(feature = "cuda")]
 use super::exit_code::Exit;
 use super::exit_code::Failure;
+use super::split_name::SplitName;
 use super::work_cmd::threads;
 use crate::evaluate::Protocol;
-use crate::manifest::{ExampleKind, FeatureSource, PixelSource, Split, Stage, TrainSettings};
+use crate::manifest::{ExampleKind, FeatureSource, PixelSource, Stage, TrainSettings};
 use candle_core::Device;
 use clap::{Args as ClapArgs, ValueEnum};
 use std::path::{Path, PathBuf};
@@ -274,37 +275,6 @@ pub struct SeparateArgs {
     /// The networks.
     #[command(flatten)]
     pub network: NetworkArgs,
-}
-
-/// `--split`
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum SplitName {
-    /// What no training saw.
-    Test,
-    /// What it was trained on.
-    Train,
-    /// Both.
-    All,
-}
-
-impl SplitName {
-    /// As it is typed.
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Test => "test",
-            Self::Train => "train",
-            Self::All => "all",
-        }
-    }
-
-    /// Whether scenes of a split are among these.
-    pub(super) fn has(self, split: Split) -> bool {
-        match self {
-            Self::Test => split == Split::Test,
-            Self::Train => split == Split::Train,
-            Self::All => true,
-        }
-    }
 }
 
 /// `--protocol`

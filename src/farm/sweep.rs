@@ -2,7 +2,7 @@
 //! is merged already.
 
 use super::run_dir::Run;
-use crate::atomic_file::is_temporary;
+use crate::atomic_file::{self, is_temporary};
 use crate::merge::is_written;
 use crate::store::Store;
 use std::path::Path;
@@ -39,17 +39,7 @@ pub(super) fn sweep_staged(run: &Run, store: &Store) {
 }
 
 fn sweep_folder(folder: &Path, depth: u32) {
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        match entry.file_type() {
-            Ok(kind) if kind.is_dir() && depth > 0 => sweep_folder(&entry.path(), depth - 1),
-            Ok(kind)
-                if kind.is_file() && (is_temporary(&entry.path()) || is_staged(&entry.path())) =>
-            {
-                let _ = std::fs::remove_file(entry.path());
-            }
-            _ => {}
-        }
-    }
+    atomic_file::sweep(folder, depth, &|path| is_temporary(path) || is_staged(path));
 }
 
 /// The name of a put of the local store that was not finished: `tuple.exr#1`.

@@ -4,6 +4,7 @@ use super::tuple::TupleRecord;
 use crate::trace::LAYERS;
 use exr::meta::MetaData;
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, read};
+use image::{ImageFormat, ImageReader};
 use std::io::Cursor;
 
 /// An EXR's channels, by name.
@@ -66,6 +67,28 @@ pub fn decode_exr_channels(bytes: &[u8]) -> Result<ExrChannels, String> {
         height: layer.size.height(),
         list,
     })
+}
+
+/// Decodes a PNG to see whether it is whole (its checksums are PNG's own) and of this size.
+///
+/// # Errors
+///
+/// What is wrong with it, in words.
+pub fn check_png(bytes: &[u8], width: u32, height: u32) -> Result<(), String> {
+    let reader = || {
+        let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
+        // The size is known, and looked at before anything of that size is unpacked.
+        reader.no_limits();
+        reader
+    };
+    let size = reader().into_dimensions().map_err(|e| e.to_string())?;
+    if size != (width, height) {
+        return Err(format!(
+            "it has {} x {} px, its record says {width} x {height}",
+            size.0, size.1
+        ));
+    }
+    reader().decode().map(|_| ()).map_err(|e| e.to_string())
 }
 
 /// The layers I, T, R~, R of a tuple, linear, row by row; empty where the tuple has not that layer. Each is held against its

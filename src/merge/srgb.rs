@@ -34,6 +34,11 @@ pub fn linear_to_srgb(value: f32) -> f64 {
     }
 }
 
+/// The nearest 16-bit IEC 61966-2-1 code of a linear value, clamped to [0, 1]. Not-a-number becomes 0.
+pub fn linear_to_srgb16(value: f32) -> u16 {
+    (linear_to_srgb(value) * 65_535.0).round() as u16
+}
+
 impl SrgbEncoder {
     /// Builds the tables.
     pub fn new() -> Self {
@@ -66,6 +71,24 @@ impl Default for SrgbEncoder {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sixteen_bits_are_the_rounded_curve() {
+        for (value, code) in [
+            (0.0, 0),
+            (-1.0, 0),
+            (1.0, 65_535),
+            (3.0, 65_535),
+            (f32::NAN, 0),
+        ] {
+            assert_eq!(linear_to_srgb16(value), code, "{value}");
+        }
+        // 8-bit codes are every 257th.
+        for code in 0..=255u8 {
+            let linear = linear(f64::from(code) / 255.0) as f32;
+            assert_eq!(linear_to_srgb16(linear), u16::from(code) * 257);
+        }
+    }
 
     #[test]
     fn codes_are_the_rounded_curve() {

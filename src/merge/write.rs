@@ -1,13 +1,14 @@
 //! A tuple as files: `tuple.exr`, the layers' PNGs, `tuple.json` last, so that its presence means all are there.
 
-use super::srgb::SrgbEncoder;
+use super::srgb::{SrgbEncoder, linear_to_srgb16};
 use super::tuple::{Tuple, TupleRecord};
 use crate::atomic_file::{self, WriteError};
 use crate::manifest::{ExrPrecision, SceneLine};
 use crate::trace::TRACER_VERSION;
+use exr::image::write::layers::WritableLayers;
 use exr::prelude::{
-    AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
-    LineOrder, WritableImage, f16,
+    AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, ImageAttributes,
+    IntegerBounds, Layer, LayerAttributes, LineOrder, WritableImage, f16,
 };
 use image::ImageEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -123,17 +124,65 @@ pub fn encode_png(
     Ok(png)
 }
 
+/// A 16-bit sRGB PNG of a layer, values above 1 clipped.
+pub fn encode_png16(
+    pixels: &[[f32; 3]],
+    width: u32,
+    height: u32,
+) -> Result<Vec<u8>, image::ImageError> {
+    let values = pixels.as_flattened().iter();
+    // The encoder takes the machine's byte order and writes PNG's.
+    let bytes: Vec<u8> = values
+        .flat_map(|&v| linear_to_srgb16(v).to_ne_bytes())
+        .collect();
+    let mut png = Vec::new();
+    PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive)
+        .write_image(&bytes, width, height, image::ExtendedColorType::Rgb16)?;
+    Ok(png)
+}
+
 /// One layer as 32-bit float OpenEXR with channels R, G, B.
 pub fn encode_rgb_exr(
     pixels: &[[f32; 3]],
     width: u32,
     height: u32,
 ) -> Result<Vec<u8>, exr::error::Error> {
-    let list = (0..3).map(|c| {
-        let samples = pixels.iter().map(|p| p[c]).collect();
-        AnyChannel::new(["R", "G", "B"][c], FlatSamples::F32(samples))
+    encode_exr(rgb_channels(pixels, ExrPrecision::Float), width, height)
+}
+
+/// Layers as the parts of one OpenEXR file, each of its name, with channels R, G, B. With [`ExrPrecision::Half`] values are
+/// rounded to halves. A single layer without a name is a plain file of one part.
+pub fn encode_parts_exr(
+    parts: &[(&str, &[[f32; 3]])],
+    width: u32,
+    height: u32,
+    precision: ExrPrecision,
+) -> Result<Vec<u8>, exr::error::Error> {
+    if let [("", pixels)] = parts {
+        return encode_exr(rgb_channels(pixels, precision), width, height);
+    }
+    let layers = parts.iter().map(|(name, pixels)| {
+        layer_of(
+            LayerAttributes::named(*name),
+            rgb_channels(pixels, precision),
+            [width, height],
+        )
     });
-    encode_exr(list.collect(), width, height)
+    let layers: Vec<Layer<AnyChannels<FlatSamples>>> = layers.collect();
+    let bounds = IntegerBounds::new((0, 0), (width as usize, height as usize));
+    write_exr(&Image::from_layers(ImageAttributes::new(bounds), layers))
+}
+
+fn rgb_channels(pixels: &[[f32; 3]], precision: ExrPrecision) -> Vec<AnyChannel<FlatSamples>> {
+    let channel = |c: usize| {
+        let values = pixels.iter().map(|p| p[c]);
+        let samples = match precision {
+            ExrPrecision::Half => FlatSamples::F16(values.map(f16::from_f32).collect()),
+            ExrPrecision::Float => FlatSamples::F32(values.collect()),
+        };
+        AnyChannel::new(["R", "G", "B"][c], samples)
+    };
+    (0..3).map(channel).collect()
 }
 
 /// The layers are stored as half floats: the scene asks for it and their values allow it.
@@ -176,21 +225,35 @@ fn encode_exr(
     width: u32,
     height: u32,
 ) -> Result<Vec<u8>, exr::error::Error> {
+    write_exr(&Image::from_layer(layer_of(
+        LayerAttributes::default(),
+        channels,
+        [width, height],
+    )))
+}
+
+fn layer_of(
+    attributes: LayerAttributes,
+    channels: Vec<AnyChannel<FlatSamples>>,
+    [width, height]: [u32; 2],
+) -> Layer<AnyChannels<FlatSamples>> {
     let encoding = Encoding {
         compression: Compression::ZIP16,
         blocks: exr::image::Blocks::ScanLines,
         line_order: LineOrder::Increasing,
     };
-    let layer = Layer::new(
+    Layer::new(
         (width as usize, height as usize),
-        LayerAttributes::default(),
+        attributes,
         encoding,
         AnyChannels::sort(channels.into_iter().collect()),
-    );
+    )
+}
+
+fn write_exr<'image, Layers: WritableLayers<'image>>(
+    image: &'image Image<Layers>,
+) -> Result<Vec<u8>, exr::error::Error> {
     let mut bytes = Cursor::new(Vec::new());
-    Image::from_layer(layer)
-        .write()
-        .non_parallel()
-        .to_buffered(&mut bytes)?;
+    image.write().non_parallel().to_buffered(&mut bytes)?;
     Ok(bytes.into_inner())
 }

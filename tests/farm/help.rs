@@ -22,6 +22,7 @@ const COMMANDS: &[&str] = &[
     "evaluate",
     #[cfg(feature = "train")]
     "separate",
+    "export",
     "report",
     "bench",
     "bench error",

@@ -23,6 +23,8 @@ fn every_command_prints_one_object() {
         "--height",
         "24",
     ];
+    let exported = folder.join("exported");
+    let export = ["--format", "pairs", "--out", text(&exported)];
     let bench = folder.join("bench");
     let bench_error = [
         "bench",
@@ -45,7 +47,7 @@ fn every_command_prints_one_object() {
         "--passes",
         "1",
     ];
-    let commands: [(&str, Vec<&str>); 16] = [
+    let commands: [(&str, Vec<&str>); 17] = [
         ("plan", place.arguments("plan", &[])),
         ("work", vec!["work", run_folder]),
         ("run", place.arguments("run", &[])),
@@ -60,6 +62,7 @@ fn every_command_prints_one_object() {
             vec!["explain", run_folder, "train-sample-000000:0"],
         ),
         ("audit", vec!["audit", run_folder]),
+        ("export", [&["export", run_folder][..], &export].concat()),
         ("report", vec!["report", run_folder]),
         ("render", vec!["render", scene_path, "--out", out]),
         ("sample", sample.to_vec()),
@@ -101,6 +104,8 @@ fn errors_are_objects_too() {
         (&["explain", nowhere, "a"], 4),
         (&["audit", nowhere], 4),
         (&["audit", nowhere, "--share", "2"], 2),
+        (&["export", nowhere], 2),
+        (&["export", nowhere, "--format", "exr", "--out", nowhere], 4),
         (&["report", nowhere], 4),
         #[cfg(feature = "train")]
         (&["evaluate", nowhere], 4),

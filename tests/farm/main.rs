@@ -23,6 +23,8 @@ mod damage;
 #[cfg(feature = "train")]
 mod evaluate;
 mod explain;
+mod export;
+mod export_readers;
 mod hard_cases;
 mod help;
 mod json;

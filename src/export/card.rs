@@ -1,0 +1,226 @@
+//! `README.md`: the dataset card, with the header that Hugging Face's hub and `datasets` read.
+
+use super::card_numbers::{PARAMETERS, SumAndMax};
+use super::finish::Summary;
+use super::plan::ExportPlan;
+use super::request::{ExportFormat, PixelEncoding};
+use crate::farm::Run;
+use crate::trace::LAYERS;
+use serde_json::json;
+use std::fmt::Write;
+
+/// Sizes as the hub names them: below each number.
+const SIZES: [(u64, &str); 6] = [
+    (1_000, "n<1K"),
+    (10_000, "1K<n<10K"),
+    (100_000, "10K<n<100K"),
+    (1_000_000, "100K<n<1M"),
+    (10_000_000, "1M<n<10M"),
+    (u64::MAX, "10M<n<100M"),
+];
+
+/// Scenes in quarantine that the card lists; `export.json` lists all.
+const SHOWN: usize = 50;
+
+/// The card's text.
+pub(super) fn card(run: &Run, plan: &ExportPlan, summary: &Summary) -> String {
+    let mut text = header(plan, summary);
+    for section in [
+        what(plan, summary),
+        how(plan, summary),
+        errors(plan, summary),
+        left_out(plan),
+        terms(run, summary),
+        files(plan),
+    ] {
+        text.push('\n');
+        text += &section;
+    }
+    text
+}
+
+fn header(plan: &ExportPlan, summary: &Summary) -> String {
+    let size = SIZES
+        .iter()
+        .find(|(below, _)| summary.numbers.tuples < *below);
+    let size = size.map_or("", |(_, name)| name);
+    // A JSON string is a YAML string, whatever the recipe's name holds.
+    let mut text = format!(
+        "---\nlicense: other\npretty_name: {}\ntask_categories:\n- image-to-image\ntags:\n- reflection-removal\n- \
+         reflection-separation\n- synthetic\n- image\nsize_categories:\n- {size}\n",
+        json!(plan.request.name)
+    );
+    let pattern = match plan.request.format {
+        ExportFormat::Webdataset => "-*.tar",
+        ExportFormat::Imagefolder => "/**",
+        ExportFormat::Pairs | ExportFormat::Exr => "",
+    };
+    if !pattern.is_empty() {
+        text += "configs:\n- config_name: default\n  data_files:\n";
+        for split in summary.splits.keys() {
+            let _ = writeln!(text, "  - split: {split}\n    path: \"{split}{pattern}\"");
+        }
+    }
+    text + "---\n"
+}
+
+fn what(plan: &ExportPlan, summary: &Summary) -> String {
+    let mut text = format!(
+        "# {}\n\nPictures of scenes behind a pane of glass that reflects another scene, and their exact parts: for training and \
+         testing of single-image reflection removal. Made by Glasshouse after Kim, Huo and Yoon, \"Single Image Reflection Removal \
+         with Physically-Based Training Images\" (CVPR 2020).\n\n| split | tuples |\n|---|---|\n",
+        plan.request.name
+    );
+    for (split, tuples) in &summary.splits {
+        let _ = writeln!(text, "| {split} | {tuples} |");
+    }
+    text += "\nNo photograph is in two splits if the recipe drew them; a manifest that was written by hand may differ.\n";
+    text += "\n| layer | contents |\n|---|---|\n";
+    let contents = [
+        "I: the front scene through the glass and the back scene reflected by it, with the lens",
+        "T: the front scene on paths bent as by the glass, without its loss and ghosts, with the lens",
+        "R~: what the glass reflects of the back scene (double image, loss), with the lens",
+        "R: the back scene mirrored, without effects of glass and lens",
+    ];
+    for (layer, contents) in contents.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
+        let _ = writeln!(text, "| `{}` | {contents} |", LAYERS[layer]);
+    }
+    let pixels = match plan.request.encoding {
+        PixelEncoding::Srgb8 => "PNG of 8-bit sRGB codes; values above 1 are clipped",
+        PixelEncoding::Srgb16 => "PNG of 16-bit sRGB codes; values above 1 are clipped",
+        PixelEncoding::Linear => {
+            "OpenEXR, linear Rec.709, not clipped, half floats (32-bit floats where the tuple has them)"
+        }
+    };
+    let _ = write!(
+        text,
+        "\nPixels: {pixels}. `input - glass_reflection` is the front scene through the real glass in linear light alone, never \
+         in sRGB codes.\n"
+    );
+    text
+}
+
+fn how(plan: &ExportPlan, summary: &Summary) -> String {
+    let request = &plan.request;
+    let mut text = format!(
+        "## How it was made\n\nRecipe `{}`, manifest {} (BLAKE3), tracer version {}. Two RGBD photographs a scene become sheets in \
+         space, radiance as photographed; rays are followed through a thin lens and a plane-parallel pane whose orders of reflection \
+         are in closed form.\n\n| parameter | least | largest |\n|---|---|---|\n",
+        request.name, request.manifest_blake3, request.tracer_version
+    );
+    for ((name, _), [least, largest]) in PARAMETERS.iter().zip(&summary.numbers.ranges) {
+        let _ = writeln!(text, "| {name} | {least} | {largest} |");
+    }
+    text
+}
+
+fn errors(plan: &ExportPlan, summary: &Summary) -> String {
+    let mut text = "## Stated errors\n\nEach tuple states the RMS error of each layer, estimated from its own samples (linear light, \
+                    white is 1). Over all tuples, and the share of values above 1, which PNGs clip:\n\n\
+                    | layer | pictures | mean error | largest error | mean share clipped | largest share |\n|---|---|---|---|---|---|\n"
+        .to_owned();
+    for (_, name) in LAYERS.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
+        let Some(layer) = summary.numbers.layers.get(*name) else {
+            continue;
+        };
+        let [error, largest] = mean_and_max(layer.error, layer.stated);
+        let [clipped, most] = mean_and_max(layer.clipped, layer.images);
+        let _ = writeln!(
+            text,
+            "| `{name}` | {} | {error} | {largest} | {clipped} | {most} |",
+            layer.images
+        );
+    }
+    text
+}
+
+fn mean_and_max(of: SumAndMax, count: u64) -> [String; 2] {
+    if count == 0 {
+        return ["not stated".to_owned(), "not stated".to_owned()];
+    }
+    [of.sum / count as f64, of.max].map(|value| {
+        if value == 0.0 {
+            "0".to_owned()
+        } else {
+            format!("{value:.2e}")
+        }
+    })
+}
+
+fn left_out(plan: &ExportPlan) -> String {
+    let mut text = "## Scenes that are not in it\n\n".to_owned();
+    let missing = plan.missing();
+    if missing > 0 {
+        let _ = writeln!(
+            text,
+            "{missing} scenes of the manifest were not rendered yet when this was exported.\n"
+        );
+    }
+    let quarantined = plan.quarantined().count();
+    if quarantined == 0 {
+        text += "No scene is in quarantine.\n";
+        return text;
+    }
+    let _ = writeln!(
+        text,
+        "{quarantined} scenes are in quarantine: they could not be rendered.\n\n| scene | reason |\n|---|---|"
+    );
+    for (scene, reason) in plan.quarantined().take(SHOWN) {
+        let reason = reason.replace('|', "\\|").replace(['\n', '\r'], " ");
+        let _ = writeln!(text, "| `{scene}` | {reason} |");
+    }
+    if quarantined > SHOWN {
+        let _ = writeln!(text, "\n`export.json` lists all of them.");
+    }
+    text
+}
+
+fn terms(run: &Run, summary: &Summary) -> String {
+    let mut text = "## Sources and terms\n\nThe pictures show photographs of the sources below. **The sources' own terms apply to them**; \
+                    `license: other` above stands until whoever publishes this set names a licence that those terms allow.\n\n\
+                    | source | sides of scenes | |\n|---|---|---|\n"
+        .to_owned();
+    for (root, sides) in &summary.numbers.roots {
+        let name = if root.is_empty() {
+            "files without a named root".to_owned()
+        } else {
+            format!("`{root}`")
+        };
+        // Planning puts what it makes itself into the run's own folder.
+        let is_procedural = run
+            .spec
+            .roots
+            .get(root)
+            .is_some_and(|folder| folder.starts_with("inputs"));
+        let note = if is_procedural {
+            "procedural, made by Glasshouse: no photograph"
+        } else {
+            "photographs; see the terms of whoever published them"
+        };
+        let _ = writeln!(text, "| {name} | {sides} | {note} |");
+    }
+    text
+}
+
+fn files(plan: &ExportPlan) -> String {
+    let layout = match plan.request.format {
+        ExportFormat::Webdataset => {
+            "Shards `SPLIT-NNNNNN.tar` in the form of the WebDataset library, with `ID.LAYER.*` and `ID.json` (the whole record of the \
+             tuple) for each tuple; `croissant.json` describes them."
+        }
+        ExportFormat::Imagefolder => {
+            "`SPLIT/metadata.jsonl` and `SPLIT/LAYER/ID.png`, for `datasets.load_dataset`; `croissant.json` describes them."
+        }
+        ExportFormat::Pairs => {
+            "`SPLIT/blended/ID.*` (input), `SPLIT/transmission_layer/`, `SPLIT/reflection_layer/` (glass_reflection), \
+             `SPLIT/clean_reflection_layer/`."
+        }
+        ExportFormat::Exr => {
+            "`SPLIT/ID.exr`: a multi-part OpenEXR file a tuple, a part for each layer, of its name, with channels R, G, B."
+        }
+    };
+    format!(
+        "## Files\n\n{layout} `export.json` is what was asked for. `SHA256SUMS` has the digests of all files: `sha256sum -c \
+         SHA256SUMS` checks them.\n"
+    )
+}

@@ -1,0 +1,98 @@
+//! SHA-256 as `sha256sum` and Croissant write it.
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::fmt::Write as _;
+use std::io::{self, Write};
+
+/// A file of an export.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct FileRecord {
+    /// Path in the exported folder.
+    pub(super) path: String,
+    /// Its size.
+    pub(super) bytes: u64,
+    /// SHA-256, 64 hexadecimal digits.
+    pub(super) sha256: String,
+}
+
+impl FileRecord {
+    /// Of a file with these bytes.
+    pub(super) fn new(path: &str, bytes: &[u8]) -> Self {
+        Self {
+            path: path.to_owned(),
+            bytes: bytes.len() as u64,
+            sha256: hex(&Sha256::digest(bytes)),
+        }
+    }
+
+    /// Its line in `SHA256SUMS`.
+    pub(super) fn sum_line(&self) -> String {
+        format!("{}  {}\n", self.sha256, self.path)
+    }
+}
+
+fn hex(digest: &[u8]) -> String {
+    digest.iter().fold(String::new(), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+/// Digests and counts what passes through.
+pub(super) struct Digesting<W> {
+    inner: W,
+    sha256: Sha256,
+    bytes: u64,
+}
+
+impl<W: Write> Digesting<W> {
+    pub(super) fn new(inner: W) -> Self {
+        Self {
+            inner,
+            sha256: Sha256::new(),
+            bytes: 0,
+        }
+    }
+
+    /// What was written to, and what is to be said of it.
+    pub(super) fn finish(self, path: &str) -> (W, FileRecord) {
+        let record = FileRecord {
+            path: path.to_owned(),
+            bytes: self.bytes,
+            sha256: hex(&self.sha256.finalize()),
+        };
+        (self.inner, record)
+    }
+}
+
+impl<W: Write> Write for Digesting<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let count = self.inner.write(bytes)?;
+        self.sha256.update(&bytes[..count]);
+        self.bytes += count as u64;
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.inner.flush()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digests_are_sha256sums() {
+        let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+        let record = FileRecord::new("a/b.png", b"abc");
+        assert_eq!(record.sum_line(), format!("{expected}  a/b.png\n"));
+        let mut passing = Digesting::new(Vec::new());
+        passing.write_all(b"a").unwrap();
+        passing.write_all(b"bc").unwrap();
+        let (bytes, same) = passing.finish("a/b.png");
+        assert_eq!((bytes.as_slice(), same), (&b"abc"[..], record));
+    }
+}

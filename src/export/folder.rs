@@ -1,0 +1,179 @@
+//! The exported folder: whose it is, what of it is done, and what a killed process left in it.
+
+use super::error::{ExportError, unreadable};
+use super::request::{ExportRequest, REQUEST_FILE};
+use crate::atomic_file::{self, is_temporary};
+use std::fs::{File, TryLockError};
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+
+/// What is known of parts that are done; gone when the export is complete.
+pub(super) const STATE_FOLDER: &str = ".export";
+/// Digests of all files; written last, so that its presence means that the export is complete.
+pub(super) const SUMS_FILE: &str = "SHA256SUMS";
+/// The dataset card.
+pub(super) const CARD_FILE: &str = "README.md";
+/// Croissant's description.
+pub(super) const CROISSANT_FILE: &str = "croissant.json";
+
+/// What a folder holds.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FolderState {
+    /// Nothing.
+    Empty,
+    /// A part of the export that is asked for; its scenes are those of this request.
+    Begun(Box<ExportRequest>),
+    /// All of it.
+    Complete,
+}
+
+/// Looks into a folder and refuses one that holds something else. Reads only.
+pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportError> {
+    let foreign = |reason: String| ExportError::Foreign {
+        out: out.to_owned(),
+        reason,
+    };
+    if out.exists() && !out.is_dir() {
+        return Err(foreign("is a file".to_owned()));
+    }
+    let names = names(out)?;
+    if !names.iter().any(|name| name == REQUEST_FILE) {
+        // What a process leaves that was killed at once.
+        let is_ours = |name: &String| name == STATE_FOLDER || is_temporary(Path::new(name));
+        return match names.iter().find(|name| !is_ours(name)) {
+            None => Ok(FolderState::Empty),
+            Some(name) => Err(foreign(format!(
+                "is neither empty nor an export: it holds {name} and no {REQUEST_FILE}"
+            ))),
+        };
+    }
+    let path = out.join(REQUEST_FILE);
+    let text = std::fs::read(&path).map_err(unreadable(&path))?;
+    let there: ExportRequest = serde_json::from_slice(&text)
+        .map_err(|e| foreign(format!("has an {REQUEST_FILE} that is damaged: {e}")))?;
+    let diff = there.diff(request);
+    if !diff.is_empty() {
+        let diff = diff.join(", ");
+        return Err(foreign(format!("holds another export: {diff}")));
+    }
+    if !names.iter().any(|name| name == SUMS_FILE) {
+        if let Some(name) = names.iter().find(|name| !is_part(name, request)) {
+            return Err(foreign(format!(
+                "holds {name}, which is no part of the export that was begun there"
+            )));
+        }
+        return Ok(FolderState::Begun(Box::new(there)));
+    }
+    if there.left_out != request.left_out {
+        return Err(foreign(format!(
+            "holds a complete export without {} scenes of the run; now {} would be left out",
+            there.left_out.len(),
+            request.left_out.len()
+        )));
+    }
+    match lost(out)? {
+        None => Ok(FolderState::Complete),
+        Some(file) => Err(foreign(format!("was complete and has lost {file}"))),
+    }
+}
+
+/// Names in a folder, sorted; none of one that is not there.
+fn names(folder: &Path) -> Result<Vec<String>, ExportError> {
+    let mut names = Vec::new();
+    let entries = match std::fs::read_dir(folder) {
+        Ok(entries) => entries,
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(names),
+        Err(e) => return Err(unreadable(folder)(e)),
+    };
+    for entry in entries {
+        let entry = entry.map_err(unreadable(folder))?;
+        names.push(entry.file_name().to_string_lossy().into_owned());
+    }
+    names.sort();
+    Ok(names)
+}
+
+/// The name may stand in the folder of an export that is not complete.
+fn is_part(name: &str, request: &ExportRequest) -> bool {
+    let known = [STATE_FOLDER, REQUEST_FILE, CARD_FILE, CROISSANT_FILE];
+    known.contains(&name)
+        || is_temporary(Path::new(name))
+        || request.splits.iter().any(|split| {
+            let split = split.to_string();
+            let rest = name.strip_prefix(&split);
+            rest.is_some_and(|rest| rest.is_empty() || is_shard(rest))
+        })
+}
+
+/// `-000000.tar`
+fn is_shard(rest: &str) -> bool {
+    let number = rest.strip_prefix('-').and_then(|r| r.strip_suffix(".tar"));
+    number.is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
+}
+
+/// A file that `SHA256SUMS` names and that is not there.
+fn lost(out: &Path) -> Result<Option<String>, ExportError> {
+    let path = out.join(SUMS_FILE);
+    let sums = BufReader::new(File::open(&path).map_err(unreadable(&path))?);
+    for line in sums.lines() {
+        let line = line.map_err(unreadable(&path))?;
+        let name = line
+            .split_once("  ")
+            .map_or(line.as_str(), |(_, name)| name);
+        if !out.join(name).is_file() {
+            return Ok(Some(name.to_owned()));
+        }
+    }
+    Ok(None)
+}
+
+/// The folder, claimed for this process.
+pub(super) struct ExportFolder {
+    root: PathBuf,
+    _lock: File,
+}
+
+impl ExportFolder {
+    /// Claims it until this is dropped, and removes what a killed process left.
+    pub(super) fn claim(root: &Path) -> Result<Self, ExportError> {
+        let state = root.join(STATE_FOLDER);
+        atomic_file::create_dir(&state)?;
+        let path = state.join("lock");
+        let lock = File::options()
+            .create(true)
+            .append(true)
+            .open(&path)
+            .map_err(unreadable(&path))?;
+        match lock.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                return Err(ExportError::Busy {
+                    out: root.to_owned(),
+                });
+            }
+            Err(TryLockError::Error(source)) => return Err(unreadable(&path)(source)),
+        }
+        // As deep as SPLIT/LAYER/.
+        atomic_file::sweep(root, 2, &is_temporary);
+        Ok(Self {
+            root: root.to_owned(),
+            _lock: lock,
+        })
+    }
+
+    /// Path of a file.
+    pub(super) fn path(&self, name: &str) -> PathBuf {
+        self.root.join(name)
+    }
+
+    /// Where it is.
+    pub(super) fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Nothing is left to do: what was known of parts is not needed any more.
+    pub(super) fn forget_state(&self) -> Result<(), ExportError> {
+        let state = self.path(STATE_FOLDER);
+        std::fs::remove_dir_all(&state).map_err(unreadable(&state))
+    }
+}

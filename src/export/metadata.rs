@@ -1,0 +1,59 @@
+//! A line of imagefolder's `metadata.jsonl`: where a tuple's pictures are, and its parameters as columns.
+
+use super::plan::ExportPlan;
+use super::sample::layer_file;
+use crate::merge::TupleRecord;
+use crate::trace::LAYERS;
+use serde_json::{Map, Value, json};
+
+/// The file, in each split's folder.
+pub(super) const METADATA_FILE: &str = "metadata.jsonl";
+
+/// A scene's line. Every line of an export has the same keys with values of the same type, as Arrow wants it.
+pub(super) fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
+    let (scene, request) = (&record.scene, &plan.request);
+    let mut row = Map::new();
+    let mut put = |key: String, value: Value| row.insert(key, value);
+    put("id".to_owned(), json!(scene.id));
+    let asked = scene.film.layers.asked();
+    for (layer, name) in LAYERS.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
+        let file = layer_file(request.format, request.encoding, scene, layer);
+        // Relative to the metadata.
+        let file = file.split_once('/').map(|(_, rest)| rest.to_owned());
+        put(
+            format!("{name}_file_name"),
+            json!(file.filter(|_| asked[layer])),
+        );
+    }
+    let glass = &scene.glass;
+    let focus = record.facts.focus_distance_m;
+    for (key, value) in [
+        ("width_px", json!(scene.film.width)),
+        ("height_px", json!(scene.film.height)),
+        ("samples_per_pixel", json!(scene.film.spp)),
+        ("focal_length_mm", json!(scene.camera.focal_length_mm)),
+        ("aperture_radius_m", json!(scene.camera.aperture_radius_m)),
+        // 0 is infinity: a column of numbers without gaps.
+        (
+            "inverse_focus_distance_per_m",
+            json!(focus.map_or(0.0, |z| 1.0 / z)),
+        ),
+        ("glass_distance_m", json!(glass.distance_m)),
+        ("glass_thickness_m", json!(glass.thickness_m)),
+        ("glass_ior", json!(glass.ior)),
+        ("glass_absorption_per_m", json!(glass.absorption_per_m)),
+        ("glass_pitch_deg", json!(glass.tilt_deg[0])),
+        ("glass_yaw_deg", json!(glass.tilt_deg[1])),
+        ("front", json!(scene.front.name())),
+        ("back", json!(scene.back.name())),
+    ] {
+        put(key.to_owned(), value);
+    }
+    for (_, name) in LAYERS.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
+        let error = record.layers.get(*name).and_then(|layer| layer.error_rms);
+        put(format!("{name}_error_rms"), json!(error));
+    }
+    let mut line = Value::Object(row).to_string();
+    line.push('\n');
+    line
+}

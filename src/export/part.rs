@@ -1,0 +1,167 @@
+//! A part of an export: a shard, or some tuples' files. Once it is done, its record says so, and it is not made again.
+
+use super::card_numbers::Numbers;
+use super::digest::FileRecord;
+use super::error::{ExportError, unreadable};
+use super::folder::{ExportFolder, STATE_FOLDER};
+use super::metadata::metadata_line;
+use super::plan::ExportPlan;
+use super::request::ExportFormat;
+use super::sample::Sample;
+use super::shard::Shard;
+use crate::atomic_file;
+use crate::manifest::Split;
+use serde::{Deserialize, Serialize};
+
+/// Tuples of a part whose files stand by themselves.
+const TUPLES_A_PART: usize = 256;
+
+/// What is known of a part that is done.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PartRecord {
+    /// Its tuples, in numbers.
+    pub(super) numbers: Numbers,
+    /// Its files.
+    pub(super) files: Vec<FileRecord>,
+    /// Its lines of `metadata.jsonl`.
+    pub(super) lines: Vec<String>,
+}
+
+fn record_name(split: Split, number: usize) -> String {
+    format!("{STATE_FOLDER}/{split}-{number:06}.json")
+}
+
+impl PartRecord {
+    /// The record of part `number`, if that is done. Its files must be as it left them.
+    pub(super) fn read(
+        folder: &ExportFolder,
+        split: Split,
+        number: usize,
+    ) -> Result<Option<Self>, ExportError> {
+        let name = record_name(split, number);
+        let path = folder.path(&name);
+        let bytes = match std::fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(e) => return Err(unreadable(&path)(e)),
+        };
+        let foreign = |reason| ExportError::Foreign {
+            out: folder.root().to_owned(),
+            reason,
+        };
+        let record: Self = serde_json::from_slice(&bytes)
+            .map_err(|e| foreign(format!("has a damaged {name}: {e}")))?;
+        for file in &record.files {
+            let there = std::fs::metadata(folder.path(&file.path)).map(|meta| meta.len());
+            match there {
+                Ok(bytes) if bytes == file.bytes => {}
+                Ok(bytes) => {
+                    return Err(foreign(format!(
+                        "was changed: {} has {bytes} bytes, it was written with {}",
+                        file.path, file.bytes
+                    )));
+                }
+                Err(e) => return Err(foreign(format!("was changed: {}: {e}", file.path))),
+            }
+        }
+        Ok(Some(record))
+    }
+
+    fn write(&self, folder: &ExportFolder, split: Split, number: usize) -> Result<(), ExportError> {
+        let json = serde_json::to_vec(self).expect("strings and numbers are JSON");
+        atomic_file::write(&folder.path(&record_name(split, number)), &json)?;
+        Ok(())
+    }
+}
+
+/// A sample whose files are written already, unless they go into a shard.
+pub(super) struct Prepared {
+    pub(super) sample: Sample,
+    /// Of files that stand by themselves.
+    pub(super) written: Vec<FileRecord>,
+}
+
+/// The parts of a split, one after the other.
+pub(super) struct Parts<'a> {
+    plan: &'a ExportPlan,
+    folder: &'a ExportFolder,
+    split: Split,
+    number: usize,
+    open: Option<(PartRecord, Option<Shard>)>,
+}
+
+impl<'a> Parts<'a> {
+    /// Goes on with part `number`.
+    pub(super) fn new(
+        plan: &'a ExportPlan,
+        folder: &'a ExportFolder,
+        split: Split,
+        number: usize,
+    ) -> Self {
+        Self {
+            plan,
+            folder,
+            split,
+            number,
+            open: None,
+        }
+    }
+
+    /// Adds a tuple; begins another part where the open one is full.
+    pub(super) fn add(&mut self, prepared: Prepared) -> Result<(), ExportError> {
+        let request = &self.plan.request;
+        let limit_bytes = u64::from(request.shard_mb.unwrap_or(0)) * 1_000_000;
+        let is_full = self
+            .open
+            .as_ref()
+            .is_some_and(|(record, shard)| match shard {
+                Some(shard) => !shard.has_room(&prepared.sample.files, limit_bytes),
+                None => record.numbers.tuples >= TUPLES_A_PART as u64,
+            });
+        if is_full {
+            self.close()?;
+        }
+        if self.open.is_none() {
+            let record = PartRecord {
+                numbers: Numbers::default(),
+                files: Vec::new(),
+                lines: Vec::new(),
+            };
+            let shard = if request.format == ExportFormat::Webdataset {
+                let name = format!("{}-{:06}.tar", self.split, self.number);
+                Some(Shard::begin(self.folder.root(), name)?)
+            } else {
+                None
+            };
+            self.open = Some((record, shard));
+        }
+        let Some((record, shard)) = &mut self.open else {
+            return Ok(());
+        };
+        if let Some(shard) = shard {
+            shard.add(&prepared.sample.files)?;
+        }
+        record.files.extend(prepared.written);
+        record.numbers.add(&Numbers::of(&prepared.sample.record));
+        if request.format == ExportFormat::Imagefolder {
+            let line = metadata_line(self.plan, &prepared.sample.record);
+            record.lines.push(line);
+        }
+        Ok(())
+    }
+
+    /// Ends the open part, if there is one; on return it is durable.
+    pub(super) fn close(&mut self) -> Result<(), ExportError> {
+        let Some((mut record, shard)) = self.open.take() else {
+            return Ok(());
+        };
+        match shard {
+            Some(shard) => record.files.push(shard.finish()?),
+            None => atomic_file::settle(self.folder.root())?,
+        }
+        record.write(self.folder, self.split, self.number)?;
+        self.number += 1;
+        Ok(())
+    }
+}

@@ -1,0 +1,142 @@
+//! `export.json`: what was asked for. It is written first, and says whose folder it is.
+
+use super::error::ExportError;
+use super::plan::LeftOut;
+use crate::manifest::Split;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// The schema name of an export's request. Raised whenever the bytes of an export change.
+pub const EXPORT_REQUEST_SCHEMA: &str = "glasshouse.export_request/1";
+
+/// Its file in the exported folder.
+pub(super) const REQUEST_FILE: &str = "export.json";
+
+/// What reads the folder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ExportFormat {
+    /// Tars of the WebDataset library: `SPLIT-000000.tar` with `ID.LAYER.png` and `ID.json`.
+    Webdataset,
+    /// Hugging Face's imagefolder: `SPLIT/metadata.jsonl` and `SPLIT/LAYER/ID.png`.
+    Imagefolder,
+    /// Folders as published sets have them: `SPLIT/blended/ID.png`, ...
+    Pairs,
+    /// A multi-part OpenEXR file a tuple: `SPLIT/ID.exr`.
+    Exr,
+}
+
+/// How pixels are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PixelEncoding {
+    /// The tuple's own PNGs, byte by byte: 8-bit sRGB codes, clipped at 1.
+    Srgb8,
+    /// PNGs of 16-bit sRGB codes, clipped at 1.
+    Srgb16,
+    /// OpenEXR, linear, not clipped; half or float as in the tuple.
+    Linear,
+}
+
+/// What a folder is, or is to be.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExportRequest {
+    /// Always [`EXPORT_REQUEST_SCHEMA`].
+    pub schema: String,
+    /// Name of the recipe.
+    pub name: String,
+    /// BLAKE3 of the run's manifest.
+    pub manifest_blake3: String,
+    /// Version of the tracer.
+    pub tracer_version: u32,
+    /// What reads it.
+    pub format: ExportFormat,
+    /// How pixels are stored.
+    pub encoding: PixelEncoding,
+    /// Splits, in their order.
+    pub splits: Vec<Split>,
+    /// Of WebDataset alone: a shard has at most so many megabytes (1e6 bytes), or one tuple.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shard_mb: Option<u32>,
+    /// Scenes of the splits that are not in it.
+    pub left_out: Vec<LeftOut>,
+}
+
+impl ExportRequest {
+    /// The file's text.
+    pub(super) fn to_json(&self) -> String {
+        let mut json = serde_json::to_string_pretty(self).expect("strings and numbers are JSON");
+        json.push('\n');
+        json
+    }
+
+    /// Where `self` (in the folder) and `new` differ, in words; scenes left out do not count.
+    pub(super) fn diff(&self, new: &Self) -> Vec<String> {
+        let mut rows = Vec::new();
+        let mut row = |what: &str, old: &dyn fmt::Display, new: &dyn fmt::Display| {
+            let (old, new) = (old.to_string(), new.to_string());
+            if old != new {
+                rows.push(format!("{what} {old} there and {new} here"));
+            }
+        };
+        row("schema", &self.schema, &new.schema);
+        row("recipe", &self.name, &new.name);
+        row(
+            "manifest",
+            &short(&self.manifest_blake3),
+            &short(&new.manifest_blake3),
+        );
+        row("tracer_version", &self.tracer_version, &new.tracer_version);
+        row("--format", &self.format, &new.format);
+        row("--encoding", &self.encoding, &new.encoding);
+        row("--split", &names(&self.splits), &names(&new.splits));
+        let mb = |mb: Option<u32>| mb.map_or_else(|| "none".to_owned(), |mb| mb.to_string());
+        row("--shard-mb", &mb(self.shard_mb), &mb(new.shard_mb));
+        rows
+    }
+}
+
+/// Refuses what no reader could read.
+pub(super) fn check(format: ExportFormat, encoding: PixelEncoding) -> Result<(), ExportError> {
+    let reason = match (format, encoding) {
+        (ExportFormat::Imagefolder, PixelEncoding::Linear) => {
+            "imagefolder has no linear encoding, as `datasets` reads no OpenEXR: use --format webdataset, pairs or exr"
+        }
+        (ExportFormat::Exr, PixelEncoding::Srgb8 | PixelEncoding::Srgb16) => {
+            "OpenEXR files hold linear light: leave --encoding out, or use --format webdataset, imagefolder or pairs"
+        }
+        _ => return Ok(()),
+    };
+    Err(ExportError::Request(reason.to_owned()))
+}
+
+fn short(digest: &str) -> &str {
+    digest.get(..16).unwrap_or(digest)
+}
+
+fn names(splits: &[Split]) -> String {
+    let names: Vec<String> = splits.iter().map(ToString::to_string).collect();
+    names.join(" and ")
+}
+
+impl fmt::Display for ExportFormat {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Webdataset => "webdataset",
+            Self::Imagefolder => "imagefolder",
+            Self::Pairs => "pairs",
+            Self::Exr => "exr",
+        })
+    }
+}
+
+impl fmt::Display for PixelEncoding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Srgb8 => "srgb8",
+            Self::Srgb16 => "srgb16",
+            Self::Linear => "linear",
+        })
+    }
+}

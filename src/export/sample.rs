@@ -1,0 +1,199 @@
+//! A tuple of the run as the files of an export: names, and bytes.
+
+use super::error::ExportError;
+use super::plan::ExportPlan;
+use super::request::{ExportFormat, PixelEncoding};
+use crate::farm::keys;
+use crate::manifest::{ExrPrecision, SceneLine, Split};
+use crate::merge::{
+    TupleRecord, check_png, decode_tuple_exr, encode_parts_exr, encode_png16, is_record_of,
+    tuple_files,
+};
+use crate::store::Store;
+use crate::trace::LAYERS;
+use bytes::Bytes;
+use std::collections::BTreeMap;
+
+/// A tuple, ready to be written.
+pub(super) struct Sample {
+    /// Its files, sorted by name: paths in the exported folder, or members of a tar.
+    pub(super) files: Vec<(String, Bytes)>,
+    /// Its `tuple.json`.
+    pub(super) record: TupleRecord,
+}
+
+/// Folders of published sets of pairs, by layer.
+const PAIR_FOLDERS: [&str; 4] = [
+    "blended",
+    "transmission_layer",
+    "reflection_layer",
+    "clean_reflection_layer",
+];
+
+/// Where a layer of a scene is in an export. Of [`ExportFormat::Exr`] it is the file of all layers.
+pub(super) fn layer_file(
+    format: ExportFormat,
+    encoding: PixelEncoding,
+    line: &SceneLine,
+    layer: usize,
+) -> String {
+    let ending = match encoding {
+        PixelEncoding::Srgb8 | PixelEncoding::Srgb16 => "png",
+        PixelEncoding::Linear => "exr",
+    };
+    let (split, id, name) = (line.split, &line.id, LAYERS[layer]);
+    match format {
+        ExportFormat::Webdataset => format!("{id}.{name}.{ending}"),
+        ExportFormat::Imagefolder => format!("{split}/{name}/{id}.{ending}"),
+        ExportFormat::Pairs => format!("{split}/{}/{id}.{ending}", PAIR_FOLDERS[layer]),
+        ExportFormat::Exr => format!("{split}/{id}.{ending}"),
+    }
+}
+
+/// Folders that files of a split stand in, from the exported folder; none of tars.
+pub(super) fn layer_folders(plan: &ExportPlan, split: Split) -> Vec<String> {
+    let layers = (0..LAYERS.len()).filter(|&layer| plan.layers[layer]);
+    match plan.request.format {
+        ExportFormat::Webdataset => Vec::new(),
+        ExportFormat::Imagefolder => layers.map(|l| format!("{split}/{}", LAYERS[l])).collect(),
+        ExportFormat::Pairs => layers
+            .map(|l| format!("{split}/{}", PAIR_FOLDERS[l]))
+            .collect(),
+        ExportFormat::Exr => vec![split.to_string()],
+    }
+}
+
+/// Reads a scene's tuple from the run's store, checks it, and encodes its files.
+pub(super) fn sample(
+    store: &Store,
+    line: &SceneLine,
+    format: ExportFormat,
+    encoding: PixelEncoding,
+) -> Result<Sample, ExportError> {
+    let mut tuple = read(store, line, encoding)?;
+    let json = tuple.take(line, "tuple.json")?;
+    if !is_record_of(&json, line) {
+        return Err(damaged(
+            line,
+            "tuple.json",
+            &"it is of another plan or version",
+        ));
+    }
+    let record: TupleRecord =
+        serde_json::from_slice(&json).map_err(|e| damaged(line, "tuple.json", &e))?;
+    let mut files = match encoding {
+        PixelEncoding::Srgb8 => copies(&mut tuple, line, format)?,
+        PixelEncoding::Srgb16 | PixelEncoding::Linear => {
+            let exr = tuple.take(line, "tuple.exr")?;
+            encoded(&exr, &record, line, format, encoding)?
+        }
+    };
+    if format == ExportFormat::Webdataset {
+        files.push((format!("{}.json", line.id), json));
+    }
+    files.sort_by(|a, b| a.0.cmp(&b.0));
+    Ok(Sample { files, record })
+}
+
+/// Bytes of a tuple's files, by name.
+struct TupleBytes(BTreeMap<String, Option<Bytes>>);
+
+impl TupleBytes {
+    fn take(&mut self, line: &SceneLine, name: &str) -> Result<Bytes, ExportError> {
+        let bytes = self.0.get_mut(name).and_then(Option::take);
+        bytes.ok_or_else(|| damaged(line, name, &"it is gone, though the scene was merged"))
+    }
+}
+
+/// The record and what the encoding is made from.
+fn read(
+    store: &Store,
+    line: &SceneLine,
+    encoding: PixelEncoding,
+) -> Result<TupleBytes, ExportError> {
+    let mut names = tuple_files(line);
+    names.retain(|name| {
+        let is_exr = name == "tuple.exr";
+        name == "tuple.json" || is_exr == (encoding != PixelEncoding::Srgb8)
+    });
+    let keys: Vec<String> = names.iter().map(|n| keys::tuple(&line.id, n)).collect();
+    let bytes = store.get_all(&keys)?;
+    Ok(TupleBytes(names.into_iter().zip(bytes).collect()))
+}
+
+fn copies(
+    tuple: &mut TupleBytes,
+    line: &SceneLine,
+    format: ExportFormat,
+) -> Result<Vec<(String, Bytes)>, ExportError> {
+    let mut files = Vec::new();
+    for (layer, name) in made(line) {
+        let file = format!("{name}.png");
+        let bytes = tuple.take(line, &file)?;
+        // A file that was cut or changed must not be handed on.
+        check_png(&bytes, line.film.width, line.film.height)
+            .map_err(|e| damaged(line, &file, &e))?;
+        files.push((layer_file(format, PixelEncoding::Srgb8, line, layer), bytes));
+    }
+    Ok(files)
+}
+
+fn encoded(
+    exr: &[u8],
+    record: &TupleRecord,
+    line: &SceneLine,
+    format: ExportFormat,
+    encoding: PixelEncoding,
+) -> Result<Vec<(String, Bytes)>, ExportError> {
+    let layers = decode_tuple_exr(exr, record).map_err(|e| damaged(line, "tuple.exr", &e))?;
+    let (width, height) = (line.film.width, line.film.height);
+    // A layer has a digest of its halves where the file holds halves.
+    let is_half = record.layers.values().all(|l| l.exr_blake3.is_some());
+    let precision = if is_half {
+        ExrPrecision::Half
+    } else {
+        ExrPrecision::Float
+    };
+    let failed = |name: &str, reason: &dyn std::fmt::Display| ExportError::Encode {
+        name: name.to_owned(),
+        reason: reason.to_string(),
+    };
+    if format == ExportFormat::Exr {
+        let name = layer_file(format, encoding, line, 0);
+        let parts: Vec<(&str, &[[f32; 3]])> = made(line)
+            .map(|(layer, name)| (name, layers[layer].as_slice()))
+            .collect();
+        let bytes =
+            encode_parts_exr(&parts, width, height, precision).map_err(|e| failed(&name, &e))?;
+        return Ok(vec![(name, bytes.into())]);
+    }
+    let mut files = Vec::new();
+    for (layer, _) in made(line) {
+        let name = layer_file(format, encoding, line, layer);
+        let pixels = &layers[layer];
+        let bytes = if encoding == PixelEncoding::Linear {
+            encode_parts_exr(&[("", pixels)], width, height, precision)
+                .map_err(|e| failed(&name, &e))?
+        } else {
+            encode_png16(pixels, width, height).map_err(|e| failed(&name, &e))?
+        };
+        files.push((name, bytes.into()));
+    }
+    Ok(files)
+}
+
+/// Layers that a scene makes: places and names.
+pub(super) fn made(line: &SceneLine) -> impl Iterator<Item = (usize, &'static str)> {
+    let asked = line.film.layers.asked();
+    LAYERS
+        .into_iter()
+        .enumerate()
+        .filter(move |(layer, _)| asked[*layer])
+}
+
+fn damaged(line: &SceneLine, name: &str, reason: &dyn std::fmt::Display) -> ExportError {
+    ExportError::Damaged {
+        file: keys::tuple(&line.id, name),
+        reason: reason.to_string(),
+    }
+}

@@ -1,0 +1,233 @@
+//! Writes an export: tuples are read and encoded on all threads, and come out in their order, some at a time.
+
+use super::digest::FileRecord;
+use super::error::ExportError;
+use super::finish::finish;
+use super::folder::{ExportFolder, FolderState, look};
+use super::part::{PartRecord, Parts, Prepared};
+use super::plan::ExportPlan;
+use super::request::{ExportFormat, REQUEST_FILE};
+use super::sample::{layer_folders, sample};
+use crate::atomic_file;
+use crate::farm::Run;
+use crate::manifest::{SceneLine, Split};
+use crate::store::Store;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Tuples in a batch, for each thread.
+const BATCH: usize = 8;
+/// Pixels of a batch, more only for a single tuple: two batches are in memory.
+const BATCH_PIXELS: u64 = 1 << 23;
+/// Tuples that are encoded to foretell an export's size.
+const TRIALS: usize = 8;
+
+/// What came out.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Exported {
+    /// Tuples by split, those of an earlier start too.
+    pub tuples: BTreeMap<Split, u64>,
+    /// Tuples that an earlier start had written.
+    pub resumed: u64,
+    /// Files, without `SHA256SUMS`.
+    pub files: u64,
+    /// Their bytes.
+    pub bytes: u64,
+    /// All was there before.
+    pub already_complete: bool,
+    /// It was told to stop before the end; the same command goes on.
+    pub stopped: bool,
+}
+
+/// How an export is made; nothing of it changes its bytes.
+pub struct ExportWork<'a> {
+    /// Threads that read and encode.
+    pub threads: usize,
+    /// Ends it after the tuples in hand.
+    pub stop: &'a AtomicBool,
+    /// Told of tuples that are done, and whether they were found done.
+    pub on_tuples: &'a (dyn Fn(u64, bool) + Sync),
+}
+
+/// Exports a run into `out`, or goes on where an earlier start was stopped: then the scenes are those that were there
+/// when it began, which the plan returned names.
+pub fn export(
+    run: &Run,
+    store: &Store,
+    plan: ExportPlan,
+    out: &Path,
+    work: &ExportWork,
+) -> Result<(ExportPlan, Exported), ExportError> {
+    // Before anything is made there.
+    look(out, &plan.request)?;
+    let folder = ExportFolder::claim(out)?;
+    let plan = match look(out, &plan.request)? {
+        FolderState::Empty => {
+            let json = plan.request.to_json();
+            atomic_file::write(&folder.path(REQUEST_FILE), json.as_bytes())?;
+            plan
+        }
+        FolderState::Begun(request) => ExportPlan::of(run, *request),
+        FolderState::Complete => {
+            folder.forget_state()?;
+            let exported = Exported {
+                already_complete: true,
+                tuples: count(run, &plan),
+                ..Exported::default()
+            };
+            return Ok((plan, exported));
+        }
+    };
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(work.threads)
+        .build()
+        .map_err(|e| ExportError::Request(format!("{} threads: {e}", work.threads)))?;
+    let mut exported = Exported::default();
+    for &split in &plan.request.splits {
+        let of_split = |&scene: &usize| run.lines[scene].split == split;
+        let lines: Vec<&SceneLine> = plan
+            .scenes
+            .iter()
+            .filter(|scene| of_split(scene))
+            .map(|&scene| &run.lines[scene])
+            .collect();
+        let mut writer = SplitWriter {
+            store,
+            plan: &plan,
+            folder: &folder,
+            work,
+            pool: &pool,
+        };
+        let (resumed, written) = writer.write(split, &lines)?;
+        exported.resumed += resumed;
+        if resumed + written > 0 {
+            exported.tuples.insert(split, resumed + written);
+        }
+        if work.stop.load(Ordering::Relaxed) && resumed + written < lines.len() as u64 {
+            exported.stopped = true;
+            return Ok((plan, exported));
+        }
+    }
+    let total = finish(run, &plan, &folder)?;
+    exported.files = total.files;
+    exported.bytes = total.bytes;
+    Ok((plan, exported))
+}
+
+/// Tuples by split.
+fn count(run: &Run, plan: &ExportPlan) -> BTreeMap<Split, u64> {
+    let mut tuples = BTreeMap::new();
+    for &scene in &plan.scenes {
+        *tuples.entry(run.lines[scene].split).or_insert(0) += 1;
+    }
+    tuples
+}
+
+/// About how many bytes an export will have, from some of its tuples, encoded.
+pub fn foretell_bytes(run: &Run, store: &Store, plan: &ExportPlan) -> Result<u64, ExportError> {
+    let count = plan.scenes.len();
+    let trials = count.min(TRIALS);
+    let mut bytes = 0;
+    for trial in 0..trials {
+        let line = &run.lines[plan.scenes[trial * count / trials]];
+        let sample = sample(store, line, plan.request.format, plan.request.encoding)?;
+        bytes += sample.files.iter().map(|(_, b)| b.len()).sum::<usize>();
+    }
+    Ok((bytes as f64 / trials.max(1) as f64 * count as f64) as u64)
+}
+
+struct SplitWriter<'a> {
+    store: &'a Store,
+    plan: &'a ExportPlan,
+    folder: &'a ExportFolder,
+    work: &'a ExportWork<'a>,
+    pool: &'a rayon::ThreadPool,
+}
+
+impl SplitWriter<'_> {
+    /// Writes the tuples of a split, until told to stop. How many were there, and how many came.
+    fn write(&mut self, split: Split, lines: &[&SceneLine]) -> Result<(u64, u64), ExportError> {
+        let mut number = 0;
+        let mut resumed = 0;
+        while let Some(record) = PartRecord::read(self.folder, split, number)? {
+            number += 1;
+            resumed += record.numbers.tuples;
+        }
+        (self.work.on_tuples)(resumed, true);
+        let rest = lines.get(resumed as usize..).unwrap_or_default();
+        if rest.is_empty() {
+            return Ok((resumed, 0));
+        }
+        for name in layer_folders(self.plan, split) {
+            atomic_file::create_dir(&self.folder.path(&name))?;
+        }
+        let mut parts = Parts::new(self.plan, self.folder, split, number);
+        let mut written = 0;
+        let mut batches = batches(rest, self.work.threads * BATCH);
+        let mut ready: Vec<Prepared> = Vec::new();
+        // While a batch is written, the next one is prepared.
+        loop {
+            let is_stopped = self.work.stop.load(Ordering::Relaxed);
+            let batch = if is_stopped { None } else { batches.next() };
+            if ready.is_empty() && batch.is_none() {
+                break;
+            }
+            let (taken, next) = self.pool.join(
+                || -> Result<u64, ExportError> {
+                    let mut taken = 0;
+                    for prepared in ready.drain(..) {
+                        parts.add(prepared)?;
+                        taken += 1;
+                        (self.work.on_tuples)(1, false);
+                    }
+                    Ok(taken)
+                },
+                || -> Result<Vec<Prepared>, ExportError> {
+                    let batch = batch.unwrap_or_default().par_iter();
+                    batch.map(|line| self.prepare(line)).collect()
+                },
+            );
+            written += taken?;
+            ready = next?;
+        }
+        if written == rest.len() as u64 {
+            parts.close()?;
+        }
+        Ok((resumed, written))
+    }
+
+    fn prepare(&self, line: &SceneLine) -> Result<Prepared, ExportError> {
+        let request = &self.plan.request;
+        let mut sample = sample(self.store, line, request.format, request.encoding)?;
+        let mut written = Vec::new();
+        if request.format != ExportFormat::Webdataset {
+            for (name, bytes) in sample.files.drain(..) {
+                // The disk is waited for once a part.
+                atomic_file::write_relaxed(&self.folder.path(&name), &bytes)?;
+                written.push(FileRecord::new(&name, &bytes));
+            }
+        }
+        Ok(Prepared { sample, written })
+    }
+}
+
+/// Lines in pieces that fit into memory.
+fn batches<'a, 'b>(
+    lines: &'a [&'b SceneLine],
+    most: usize,
+) -> impl Iterator<Item = &'a [&'b SceneLine]> {
+    let mut rest = lines;
+    std::iter::from_fn(move || {
+        let mut pixels = 0;
+        let fits = |line: &&&SceneLine| {
+            pixels += u64::from(line.film.width) * u64::from(line.film.height);
+            pixels <= BATCH_PIXELS
+        };
+        let count = rest.iter().take(most).take_while(fits).count();
+        let (batch, later) = rest.split_at(count.max(1).min(rest.len()));
+        rest = later;
+        (!batch.is_empty()).then_some(batch)
+    })
+}
