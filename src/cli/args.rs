@@ -19,7 +19,7 @@ use std::time::Duration;
     after_help = "Examples:
   glasshouse doctor                       # is this machine fit for it?
   glasshouse run manifests/smoke.toml     # everything once, small, in seconds
-  glasshouse COMMAND --help               # every command has examples"
+  glasshouse run --help                   # every command has examples"
 )]
 pub struct Args {
     /// For every command.

@@ -51,6 +51,24 @@ fn of_file(folder: &Path, name: &str, kind: Kind) -> Inspection {
     let mut found = inspect_path(&folder.join(name));
     found.kind = kind;
     found.bytes = None;
+    if kind == Kind::TupleFolder {
+        for layer in crate::trace::LAYERS {
+            let path = folder.join(format!("{layer}.png"));
+            // One that is missing was told by the record.
+            let problems = if path.is_file() {
+                inspect_path(&path).problems
+            } else {
+                Vec::new()
+            };
+            for problem in problems {
+                found.wrong(problem.at(format!("{layer}.png")));
+            }
+        }
+    }
+    found.is_whole(match kind {
+        Kind::TupleFolder => "all files are there, and the digests in tuple.json fit every layer",
+        _ => "the digests in state.json fit weights and moments",
+    });
     found
 }
 

@@ -13,13 +13,15 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
         path: input.name.into(),
         bytes: input.bytes.to_vec(),
     };
+    let has_checksums = input.bytes.starts_with(b"\x89PNG");
     let read = match kind {
         Kind::Mesh => mesh(&mut found, &file),
         Kind::Array => array(&mut found, &file),
         _ => picture(&mut found, &file),
     };
     match read {
-        Ok(how) => found.is_whole(how),
+        Ok(how) if has_checksums => found.is_whole(how),
+        Ok(how) => found.may_be_whole(how),
         Err(error) => {
             let text = error.to_string();
             let reason = text
@@ -27,9 +29,6 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
                 .unwrap_or(&text);
             found.wrong(Problem::new(reason.to_owned(), AGAIN));
         }
-    }
-    if kind == Kind::Picture && found.is_sound() && !input.name.ends_with(".png") {
-        found.may_be_whole("it can be read to its end; the format has no checksum");
     }
     found
 }
@@ -50,7 +49,11 @@ fn picture(found: &mut Inspection, file: &NamedBytes) -> Result<&'static str, Sc
             json!([width, height]),
         );
     }
-    Ok("it can be decoded, and its checksums fit")
+    Ok(if file.bytes.starts_with(b"\x89PNG") {
+        "it can be decoded, and its checksums fit"
+    } else {
+        "it can be read to its end; the format has no checksum"
+    })
 }
 
 fn array(found: &mut Inspection, file: &NamedBytes) -> Result<&'static str, SceneError> {

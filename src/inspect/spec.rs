@@ -60,7 +60,7 @@ pub(super) fn read(input: &Input) -> Inspection {
     match (input.beside)("manifest.jsonl") {
         None => found.may_be_whole("manifest.jsonl, whose digest it holds, is not beside it"),
         Some(bytes) if manifest_digest(&String::from_utf8_lossy(&bytes)) == spec.manifest_blake3 => {
-            found.is_whole("its digest of manifest.jsonl fits the one beside it");
+            found.may_be_whole("it fits manifest.jsonl beside it; it has no digest of its own");
         }
         Some(_) => found.wrong(Problem::new(
             "its digest of manifest.jsonl does not fit the one beside it: one of the two was changed",

@@ -35,7 +35,9 @@ pub(super) fn read_state(input: &Input) -> Inspection {
             Some(_) => compared += 1,
         }
     }
-    found.is_whole(format!("its digests fit the {compared} files beside it"));
+    found.may_be_whole(format!(
+        "its digests fit the {compared} files beside it; it has no digest of its own"
+    ));
     found
 }
 

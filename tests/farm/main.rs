@@ -17,14 +17,18 @@ mod bench;
 mod bench_farm;
 mod checkpoint;
 mod checks;
+mod completions;
 mod conflict;
 mod control;
 mod damage;
+mod doctor;
 #[cfg(feature = "train")]
 mod evaluate;
 mod explain;
 mod hard_cases;
 mod help;
+mod inspect;
+mod inspect_damage;
 mod json;
 mod kill;
 mod layers;
@@ -62,4 +66,5 @@ mod stores;
 mod token;
 #[cfg(feature = "train")]
 mod training;
+mod workplace;
 mod writing;
