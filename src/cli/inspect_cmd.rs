@@ -58,7 +58,7 @@ fn text(path: &Path, found: &Inspection) -> String {
     );
     let (label, whole) = match &found.whole {
         Whole::Yes(how) => ("whole", format!("yes: {how}")),
-        Whole::Unknown(why) => ("whole", format!("cannot be told: {why}")),
+        Whole::Unknown(why) => ("whole", format!("as far as can be told: {why}")),
         Whole::No if found.kind == Kind::Unknown => ("", String::new()),
         Whole::No => ("whole", "no".to_owned()),
     };

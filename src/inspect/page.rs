@@ -26,11 +26,7 @@ pub(super) fn read(input: &Input) -> Inspection {
         pictures,
     );
     let outside = count("src=\"http") + count("href=\"http");
-    found.facts.fact(
-        "outside",
-        many(outside, "link or part outside of it"),
-        outside,
-    );
+    found.facts.fact("outside", many(outside, "link"), outside);
     if text.trim_end().ends_with("</html>") {
         found.may_be_whole("it ends as a page does; pages have no digest");
     } else {

@@ -259,11 +259,9 @@ fn croissant(found: &mut Inspection, input: &Input) -> Option<()> {
     }
     let count = |key: &str| object[key].as_array().map_or(0, Vec::len);
     let (files, sets) = (count("distribution"), count("recordSet"));
-    found.facts.fact(
-        "distribution",
-        many(files as u64, "file or pattern").replace("patterns", "patterns of files"),
-        files,
-    );
+    found
+        .facts
+        .fact("distribution", many(files as u64, "part"), files);
     found.facts.fact("record_sets", sets.to_string(), sets);
     if object["@type"].as_str().is_none() {
         found.wrong(Problem::new("it has no `@type`", AGAIN));

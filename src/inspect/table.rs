@@ -100,7 +100,8 @@ fn metrics(found: &mut Inspection, text: &str) {
     }
     found
         .facts
-        .fact("wall_s", crate::serve::text::duration(seconds), seconds);
+        .say("time", crate::serve::text::duration(seconds));
+    found.facts.put("wall_s", seconds);
 }
 
 fn scores(found: &mut Inspection, text: &str) {
@@ -159,11 +160,25 @@ fn means(found: &mut Inspection, text: &str) {
         many(rows.len().saturating_sub(2) as u64, "method"),
         rows.len().saturating_sub(2),
     );
-    for row in rows {
-        let row = row.trim_matches('|').replace('|', " ");
-        if !row.starts_with('-') {
-            found.facts.say("", row.trim().to_owned());
-        }
+    let cells = |row: &str| -> Vec<String> {
+        let cells = row.trim_matches('|').split('|');
+        cells.map(|cell| cell.trim().to_owned()).collect()
+    };
+    let mut rows = rows.into_iter();
+    let head = rows.next().map(cells).unwrap_or_default();
+    for row in rows
+        .map(cells)
+        .filter(|row| !row.iter().all(|cell| cell.starts_with('-')))
+    {
+        // Method and images come first; the first two scores do for a glance.
+        let scores = head.iter().zip(&row).skip(2).take(2);
+        let scores: Vec<String> = scores
+            .map(|(name, score)| format!("{name} {score}"))
+            .collect();
+        let method = row.first().map_or("", String::as_str);
+        found
+            .facts
+            .say("", format!("{method}: {}", scores.join(", ")));
     }
 }
 

@@ -146,6 +146,11 @@ pub(super) fn read(input: &Input) -> Inspection {
             ));
         }
     }
+    // The largest ones say most.
+    list.sort_by_key(|(name, tensor)| {
+        let numbers: usize = tensor.shape().iter().product();
+        (std::cmp::Reverse(numbers), *name)
+    });
     for (index, (name, tensor)) in list.iter().take(SHOWN).enumerate() {
         let text = format!("{name} {:?}", tensor.shape());
         found

@@ -24,10 +24,7 @@ pub(super) fn read_exr(input: &Input, head: &Head) -> Inspection {
         Ok(channels) => {
             let not_finite = say_layers(&mut found, &channels, "");
             if not_finite > 0 {
-                let what = format!(
-                    "{} not finite",
-                    many(not_finite, "value is").replace("value iss", "values are")
-                );
+                let what = format!("{} not finite", many(not_finite, "value"));
                 found.wrong(Problem::new(what, to_do(Kind::TupleExr)));
             }
         }
@@ -137,14 +134,26 @@ fn say(found: &mut Inspection, record: &TupleRecord) {
             .error_rms
             .map_or_else(|| "unknown".to_owned(), |e| format!("{e:.1e}"));
         let text = format!(
-            "mean {:.5}  max {:.4}  error {error}  clipped {:.2} %  missed {:.2} %",
-            layer.mean,
-            layer.max,
-            layer.clipped_share * 100.0,
-            layer.miss_share * 100.0
+            "mean {:.5}  max {:.4}  error {error}",
+            layer.mean, layer.max
         );
         facts.say(name, text);
     }
+    let shares = |of: fn(&crate::merge::LayerRecord) -> f64| {
+        let made = LAYERS.iter().filter_map(|name| record.layers.get(*name));
+        let shares: Vec<String> = made
+            .map(|layer| format!("{:.2} %", of(layer) * 100.0))
+            .collect();
+        shares.join(", ")
+    };
+    facts.say(
+        "clipped",
+        format!("{} of the values in the PNGs", shares(|l| l.clipped_share)),
+    );
+    facts.say(
+        "missed",
+        format!("{} of the paths", shares(|l| l.miss_share)),
+    );
     facts.put("layers", json!(record.layers));
     facts.fact(
         "inputs",
