@@ -3,6 +3,7 @@
 use super::bench_args::BenchArgs;
 use super::export_args::ExportArgs;
 use super::farm_args::{AuditArgs, ExplainArgs, HoldArgs, ResumeArgs, RetryArgs, StatusArgs};
+use super::look_args::{CompletionsArgs, DoctorArgs, InspectArgs, ManArgs};
 #[cfg(feature = "train")]
 use super::train_args::{EvaluateArgs, SeparateArgs, TrainArgs};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
@@ -15,7 +16,11 @@ use std::time::Duration;
     name = "glasshouse",
     version,
     max_term_width = 100,
-    arg_required_else_help = true
+    arg_required_else_help = true,
+    after_help = "Examples:
+  glasshouse doctor                       # is this machine fit for it?
+  glasshouse run manifests/smoke.toml     # everything once, small, in seconds
+  glasshouse run --help                   # every command has examples"
 )]
 pub struct Args {
     /// For every command.
@@ -247,6 +252,31 @@ Examples:
   glasshouse report runs/smoke
   glasshouse report runs/smoke --json")]
     Report(RunFolder),
+    /// Explain files: what each is, which scene it belongs to, whether it is whole
+    #[command(after_help = "\
+Kinds are told by content: partials, tuples, specs, manifests, recipes, records of the farm, checkpoints, curves, event
+files, scores, exported archives, report pages, input files; and folders of a run, a tuple, a checkpoint.
+
+Exit code 4: a file is damaged, unknown or not there; the text says what is wrong, where, and what to do.
+
+Examples:
+  glasshouse inspect runs/smoke
+  glasshouse inspect runs/smoke/tuples/train-sample-000000/tuple.exr
+  glasshouse inspect runs/smoke/spec.json runs/smoke/manifest.jsonl --json")]
+    Inspect(InspectArgs),
+    /// Check this machine, a run's disk, a store and a queue, and say what to do
+    #[command(after_help = "\
+Looks at processor and kernels, cores, memory, open files, clock, whether the right bits are computed, and the disk:
+space, speed, what names, links, renames and locks promise there. With --store and --queue also those.
+Small files, an object and a stream are made for it and removed.
+
+Exit code 1: something fails. Warnings alone end with 0.
+
+Examples:
+  glasshouse doctor
+  glasshouse doctor runs/smoke -j 2 --json
+  glasshouse doctor --store s3://bucket/runs/mine --queue nats://localhost:4222")]
+    Doctor(DoctorArgs),
     /// Print the JSON Schema of recipes, for editors that check them while you write
     #[command(after_help = "Examples:
   glasshouse schema > recipe.schema.json
@@ -258,6 +288,17 @@ Examples:
   glasshouse bench trace
   glasshouse bench error --help   # what is measured, and how")]
     Bench(BenchArgs),
+    /// Print a script that completes this program's command line in a shell
+    #[command(after_help = "Examples:
+  glasshouse completions bash > glasshouse.bash   # then: source glasshouse.bash
+  glasshouse completions zsh > _glasshouse        # into a folder of $fpath
+  glasshouse completions fish --json")]
+    Completions(CompletionsArgs),
+    /// Write a man page for every command, or print the main one
+    #[command(after_help = "Examples:
+  glasshouse man --out man      # then: man -l man/glasshouse-run.1
+  glasshouse man > glasshouse.1")]
+    Man(ManArgs),
 }
 
 /// A place for a named root.

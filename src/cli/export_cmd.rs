@@ -4,7 +4,7 @@ use super::args::Global;
 use super::exit_code::{Exit, Failure};
 use super::export_args::ExportArgs;
 use super::output::Output;
-use super::plan_cost::{available_bytes, bytes_text};
+use crate::doctor::{available_bytes, bytes_text};
 use super::progress::Progress;
 use super::signals::Signals;
 use super::target;

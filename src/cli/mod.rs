@@ -18,8 +18,10 @@ mod bench_farm_resume;
 mod bench_trace_cmd;
 #[cfg(feature = "train")]
 mod bench_train_cmd;
+mod completions_cmd;
 mod control_cmd;
 mod coordinate_cmd;
+mod doctor_cmd;
 #[cfg(feature = "train")]
 mod evaluate_cmd;
 #[cfg(feature = "train")]
@@ -31,7 +33,10 @@ mod explain_cmd;
 mod export_args;
 mod export_cmd;
 mod farm_args;
+mod inspect_cmd;
 mod isolate;
+mod look_args;
+mod man_cmd;
 mod merge_cmd;
 #[cfg(feature = "train")]
 mod network;
@@ -43,6 +48,7 @@ mod queue_cmd;
 mod render_cmd;
 mod report_cmd;
 mod retry_cmd;
+mod rows;
 mod run_cmd;
 #[cfg(feature = "train")]
 mod run_training;
@@ -121,6 +127,10 @@ pub fn main() -> ExitCode {
         Command::Report(report) => report_cmd::run(report, &args.global, &output),
         Command::Schema => schema_cmd::run(&output),
         Command::Bench(bench) => bench_cmd::run(bench, &args.global, &output),
+        Command::Inspect(inspect) => inspect_cmd::run(inspect, &output),
+        Command::Doctor(doctor) => doctor_cmd::run(doctor, &args.global, &output),
+        Command::Completions(completions) => completions_cmd::run(completions, &output),
+        Command::Man(man) => man_cmd::run(man, &args.global, &output),
     };
     match result {
         Ok(exit) => exit.into(),

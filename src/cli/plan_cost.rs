@@ -5,6 +5,8 @@ use super::exit_code::Failure;
 use super::store_env;
 use super::work_cmd::{isa, threads};
 use crate::bench::{Calibration, calibrate};
+use crate::doctor::available_bytes;
+pub(super) use crate::doctor::bytes_text;
 use crate::farm::Planned;
 use crate::manifest::{ExrPrecision, Roots, SceneLine, is_url};
 use crate::scene::read_files_by;
@@ -178,22 +180,6 @@ fn try_out(planned: &Planned, run: &Path, global: &Global) -> Result<Option<Cali
     Ok(calibrate(&planned.lines, &read, isa(global)?))
 }
 
-/// Bytes that may be written where `folder` is or will be.
-pub(super) fn available_bytes(folder: &Path) -> Option<u64> {
-    let folder = std::path::absolute(folder).ok()?;
-    let there = folder.ancestors().find(|folder| folder.is_dir())?;
-    let disk = rustix::fs::statvfs(there).ok()?;
-    Some(disk.f_bavail * disk.f_frsize)
-}
-
-pub(super) fn bytes_text(bytes: f64) -> String {
-    match bytes {
-        b if b < 1e6 => format!("{:.0} kB", b / 1e3),
-        b if b < 1e9 => format!("{:.1} MB", b / 1e6),
-        b => format!("{:.1} GB", b / 1e9),
-    }
-}
-
 fn span_text(seconds: f64) -> String {
     match seconds {
         s if s < 120.0 => format!("{s:.0} s"),
@@ -205,16 +191,6 @@ fn span_text(seconds: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_space_of_a_folder_to_be_is_that_of_the_one_above() {
-        let folder = tempfile::tempdir().unwrap();
-        let there = available_bytes(folder.path()).unwrap();
-        let to_be = available_bytes(&folder.path().join("a/b")).unwrap();
-        assert!(there > 0 && to_be > 0);
-        // Others write meanwhile.
-        assert!(there.abs_diff(to_be) < there / 2);
-    }
 
     #[test]
     fn numbers_have_units() {

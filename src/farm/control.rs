@@ -69,13 +69,18 @@ impl Control {
 
     /// Somebody meant to hold the run, so a damaged record holds it.
     fn parse(bytes: &[u8]) -> Self {
+        Self::read(bytes).unwrap_or_else(|reason| Self::damaged(&reason))
+    }
+
+    /// Reads the object's bytes; an error says in words what is wrong with them.
+    pub fn read(bytes: &[u8]) -> Result<Self, String> {
         match serde_json::from_slice::<Record>(bytes) {
-            Ok(record) if record.schema == CONTROL_SCHEMA => Self {
+            Ok(record) if record.schema == CONTROL_SCHEMA => Ok(Self {
                 state: record.state,
                 reason: record.reason,
-            },
-            Ok(record) => Self::damaged(&format!("its schema is {:?}", record.schema)),
-            Err(error) => Self::damaged(&error),
+            }),
+            Ok(record) => Err(format!("its schema is {:?}", record.schema)),
+            Err(error) => Err(error.to_string()),
         }
     }
 

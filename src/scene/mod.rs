@@ -55,7 +55,9 @@ pub use load::{
 pub use look::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
 pub use mesh::{Polygons, decode_mesh};
 pub use near::MAX_TOO_NEAR_SHARE;
+pub(crate) use npy_header::npy_facts;
 pub use photograph::{Sheet, decode_linear_image, decode_photograph};
 pub use place::{Decoded, MeshFacts, MeshSides};
+pub(crate) use ply::ply_counts;
 pub(crate) use raster::jpeg_is_whole;
 pub use relative::{RelativeEnds, RelativeSides};

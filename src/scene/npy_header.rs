@@ -4,6 +4,9 @@
 //! Python dict literal with exactly the keys `descr`, `fortran_order` and `shape`, here in any
 //! order and spacing.
 
+use super::error::SceneError;
+use super::files::{FileFormat, NamedBytes};
+
 /// Most axes that an image can have; more are refused while parsing.
 const MAX_AXES: usize = 8;
 
@@ -94,6 +97,24 @@ impl Element {
             "|" if element.size() == 1 => Some((element, false)),
             _ => None,
         }
+    }
+}
+
+/// Element type (`f4`) and shape of a `.npy` file, for who only looks at it.
+pub(crate) fn npy_facts(file: &NamedBytes) -> Result<(&'static str, Vec<usize>), SceneError> {
+    let failed = |error: NpyError| file.unreadable(FileFormat::Npy, error);
+    let header = NpyHeader::parse(&file.bytes).map_err(failed)?;
+    let product = header
+        .shape
+        .iter()
+        .try_fold(header.element.size(), |n, side| n.checked_mul(*side));
+    let found = file.bytes.len() - header.data_offset;
+    match product {
+        Some(needed) if needed <= found => Ok((header.element.code(), header.shape)),
+        needed => Err(failed(NpyError::Length {
+            needed: needed.unwrap_or(usize::MAX),
+            found,
+        })),
     }
 }
 

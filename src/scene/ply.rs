@@ -39,6 +39,16 @@ pub(super) fn head(file: &NamedBytes, length: u64) -> Result<Header, SceneError>
     Ok(header)
 }
 
+/// Names and counts of the elements of a PLY file, for who only looks at it.
+pub(crate) fn ply_counts(file: &NamedBytes) -> Result<Vec<(String, u64)>, SceneError> {
+    let header = head(file, file.bytes.len() as u64)?;
+    Ok(header
+        .elements
+        .into_iter()
+        .map(|e| (e.name, e.count))
+        .collect())
+}
+
 /// Decodes a PLY file.
 pub(super) fn decode(file: &NamedBytes) -> Result<Ply, SceneError> {
     let torn = |reason: String| file.unreadable(FileFormat::Ply, reason);

@@ -47,7 +47,8 @@ fn every_command_prints_one_object() {
         "--passes",
         "1",
     ];
-    let commands: [(&str, Vec<&str>); 17] = [
+    let man = folder.join("man");
+    let commands: [(&str, Vec<&str>); 21] = [
         ("plan", place.arguments("plan", &[])),
         ("work", vec!["work", run_folder]),
         ("run", place.arguments("run", &[])),
@@ -64,6 +65,10 @@ fn every_command_prints_one_object() {
         ("audit", vec!["audit", run_folder]),
         ("export", [&["export", run_folder][..], &export].concat()),
         ("report", vec!["report", run_folder]),
+        ("inspect", vec!["inspect", run_folder, scene_path]),
+        ("doctor", vec!["doctor", run_folder, "-j", "1"]),
+        ("completions", vec!["completions", "bash"]),
+        ("man", vec!["man", "--out", text(&man)]),
         ("render", vec!["render", scene_path, "--out", out]),
         ("sample", sample.to_vec()),
         ("bench_error", bench_error.to_vec()),
@@ -123,6 +128,9 @@ fn errors_are_objects_too() {
         (&["bench", "error", "--spp", "3"], 2),
         (&["bench", "trace", "--scene", nowhere], 4),
         (&["bench"], 2),
+        (&["inspect"], 2),
+        (&["completions", "tcsh"], 2),
+        (&["man", "--out", "/proc/x"], 1),
         (&["sample", "/dev/null/x", "--count", "1"], 1),
         (&["work", nowhere, "--root", "x"], 2),
         (&["paint"], 2),

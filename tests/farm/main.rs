@@ -17,9 +17,11 @@ mod bench;
 mod bench_farm;
 mod checkpoint;
 mod checks;
+mod completions;
 mod conflict;
 mod control;
 mod damage;
+mod doctor;
 #[cfg(feature = "train")]
 mod evaluate;
 mod explain;
@@ -27,6 +29,8 @@ mod export;
 mod export_readers;
 mod hard_cases;
 mod help;
+mod inspect;
+mod inspect_damage;
 mod json;
 mod kill;
 mod layers;
@@ -64,4 +68,5 @@ mod stores;
 mod token;
 #[cfg(feature = "train")]
 mod training;
+mod workplace;
 mod writing;

@@ -10,6 +10,8 @@ mod nats;
 #[cfg(feature = "nats")]
 mod nats_coordinator;
 #[cfg(feature = "nats")]
+mod nats_probe;
+#[cfg(feature = "nats")]
 mod nats_worker;
 
 pub use local::{LocalQueue, LocalWorker};
@@ -17,6 +19,8 @@ pub use local::{LocalQueue, LocalWorker};
 pub use nats::NatsOptions;
 #[cfg(feature = "nats")]
 pub use nats_coordinator::NatsCoordinator;
+#[cfg(feature = "nats")]
+pub use nats_probe::{NatsAccount, NatsFacts, probe_nats};
 #[cfg(feature = "nats")]
 pub use nats_worker::NatsWorker;
 

@@ -45,13 +45,13 @@ fn invalid(what: &str, e: &dyn std::fmt::Display) -> QueueError {
 }
 
 impl NatsOptions {
-    fn servers(&self) -> Result<Vec<ServerAddr>, QueueError> {
+    pub(super) fn servers(&self) -> Result<Vec<ServerAddr>, QueueError> {
         let servers = self.url.split(',').map(str::parse);
         let servers: Result<_, _> = servers.collect();
         servers.map_err(|e: std::io::Error| invalid(&shown(&self.url), &e))
     }
 
-    fn connect(&self) -> Result<ConnectOptions, QueueError> {
+    pub(super) fn connect(&self) -> Result<ConnectOptions, QueueError> {
         let mut connect = ConnectOptions::new()
             .name(&self.name)
             .connection_timeout(ANSWER);
@@ -149,22 +149,12 @@ impl Connection {
     }
 
     fn probe(&self) -> Option<String> {
-        use std::fmt::Write as _;
         let (connect, servers) = (self.options.connect().ok()?, self.options.servers().ok()?);
-        let error = match within(ANSWER, connect.connect(servers)) {
-            None => return Some(format!("no answer from {}", shown(&self.options.url))),
-            Some(Ok(_)) => return None,
-            Some(Err(error)) => error,
-        };
-        let mut text = format!("{}: {error}", shown(&self.options.url));
-        let mut next = std::error::Error::source(&error);
-        while let Some(cause) = next {
-            if !text.contains(&cause.to_string()) {
-                let _ = write!(text, ": {cause}");
-            }
-            next = cause.source();
+        match within(ANSWER, connect.connect(servers)) {
+            None => Some(format!("no answer from {}", shown(&self.options.url))),
+            Some(Ok(_)) => None,
+            Some(Err(error)) => Some(cause(&self.options.url, &error)),
         }
-        Some(text)
     }
 
     /// An error with what the server said about it, if it said anything.
@@ -218,8 +208,22 @@ pub(super) fn within<T>(limit: Duration, answer: impl Future<Output = T>) -> Opt
     RUNTIME.block_on(async { tokio::time::timeout(limit, answer).await.ok() })
 }
 
+/// Why a server cannot be reached, down to the last cause.
+pub(super) fn cause(url: &str, error: &dyn std::error::Error) -> String {
+    use std::fmt::Write as _;
+    let mut text = format!("{}: {error}", shown(url));
+    let mut next = error.source();
+    while let Some(cause) = next {
+        if !text.contains(&cause.to_string()) {
+            let _ = write!(text, ": {cause}");
+        }
+        next = cause.source();
+    }
+    text
+}
+
 /// A URL without its password.
-fn shown(url: &str) -> String {
+pub(super) fn shown(url: &str) -> String {
     let servers = url.split(',').map(|server| match server.rsplit_once('@') {
         Some((before, host)) => {
             let scheme = before

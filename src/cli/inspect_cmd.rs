@@ -1,0 +1,135 @@
+//! `inspect FILE...`
+
+use super::exit_code::{Exit, Failure};
+use super::look_args::InspectArgs;
+use super::output::Output;
+use super::plan_cost::bytes_text;
+use super::rows::{rows, wrapped};
+use crate::inspect::{Inspection, Kind, Problem, Whole, inspect_path};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Columns of a line.
+const WIDTH: usize = 80;
+
+pub(super) fn run(args: &InspectArgs, output: &Output) -> Result<Exit, Failure> {
+    // Foreign decoders may panic on hostile bytes; that is caught and said in words.
+    let hook = std::panic::take_hook();
+    std::panic::set_hook(Box::new(|_| {}));
+    let found: Vec<(&Path, Inspection)> = args
+        .files
+        .iter()
+        .map(|path| (path.as_path(), inspect_path(path)))
+        .collect();
+    std::panic::set_hook(hook);
+    let texts: Vec<String> = found
+        .iter()
+        .map(|(path, found)| text(path, found))
+        .collect();
+    let objects: Vec<Value> = found
+        .iter()
+        .map(|(path, found)| object(path, found))
+        .collect();
+    let sound = found.iter().filter(|(_, found)| found.is_sound()).count();
+    let object = json!({ "sound": sound, "unsound": found.len() - sound, "files": objects });
+    output.result("glasshouse.inspect/1", object, &texts.join("\n\n"));
+    Ok(if sound == found.len() {
+        Exit::Done
+    } else {
+        Exit::InvalidInput
+    })
+}
+
+/// What a person reads.
+fn text(path: &Path, found: &Inspection) -> String {
+    let mut text = title(path, found);
+    let size = found.bytes.map(|bytes| match bytes {
+        bytes if bytes < 10_000 => format!("{bytes} bytes"),
+        bytes => bytes_text(bytes as f64),
+    });
+    let mut lines: Vec<(&str, &str)> = Vec::new();
+    lines.extend(size.as_deref().map(|size| ("size", size)));
+    lines.extend(
+        found
+            .facts
+            .rows()
+            .iter()
+            .map(|(label, value)| (label.as_str(), value.as_str())),
+    );
+    let (label, whole) = match &found.whole {
+        Whole::Yes(how) => ("whole", format!("yes: {how}")),
+        Whole::Unknown(why) => ("whole", format!("as far as can be told: {why}")),
+        Whole::No if found.kind == Kind::Unknown => ("", String::new()),
+        Whole::No => ("whole", "no".to_owned()),
+    };
+    if !whole.is_empty() {
+        lines.push((label, &whole));
+    }
+    for Problem { what, place, to_do } in &found.problems {
+        lines.push(("wrong", what));
+        lines.extend(place.as_deref().map(|place| ("where", place)));
+        lines.push(("to do", to_do));
+    }
+    lines.extend(found.next.iter().map(|next| ("next", next.as_str())));
+    text += &rows(lines);
+    text
+}
+
+/// The path, and what it is.
+fn title(path: &Path, found: &Inspection) -> String {
+    let words = match found.kind {
+        Kind::Unknown => "nothing that is known here".to_owned(),
+        kind => {
+            let words = kind.words();
+            // Names of files stand for themselves.
+            let is_name = words
+                .split([' ', ','])
+                .next()
+                .is_some_and(|word| word.contains('.') && !word.starts_with('.'));
+            let first = words.chars().next().unwrap_or_default();
+            let article = match first {
+                _ if is_name
+                    || words.starts_with("scores")
+                    || words.starts_with("SHA")
+                    || words.starts_with("JSON") =>
+                {
+                    ""
+                }
+                'a' | 'e' | 'i' | 'o' | 'O' => "an ",
+                _ => "a ",
+            };
+            format!("{article}{words}")
+        }
+    };
+    let line = format!("{}: {words}", path.display());
+    if line.chars().count() <= WIDTH {
+        line
+    } else {
+        format!(
+            "{}:\n  {}",
+            path.display(),
+            wrapped(&words, WIDTH - 2).join("\n  ")
+        )
+    }
+}
+
+fn object(path: &Path, found: &Inspection) -> Value {
+    let (whole, how) = match &found.whole {
+        Whole::Yes(how) => (json!(true), json!(how)),
+        Whole::Unknown(why) => (json!(null), json!(why)),
+        Whole::No => (json!(false), json!(null)),
+    };
+    let problems = found.problems.iter();
+    let problems = problems.map(|p| json!({ "what": p.what, "where": p.place, "to_do": p.to_do }));
+    json!({
+        "file": path,
+        "kind": found.kind.name(),
+        "what": found.kind.words(),
+        "bytes": found.bytes,
+        "whole": whole,
+        "how": how,
+        "facts": found.facts.values(),
+        "problems": problems.collect::<Vec<_>>(),
+        "next": found.next,
+    })
+}

@@ -1,0 +1,253 @@
+//! The disk of a run: space, speed, and what renames, links and locks promise there.
+//!
+//! The probes write by themselves and not through [`crate::atomic_file`]: they measure what that relies on.
+
+use super::finding::{Finding, Level, bytes_text, seconds_text};
+use crate::atomic_file;
+use std::fs::{self, File, TryLockError};
+use std::io::{self, ErrorKind, Write};
+use std::path::Path;
+use std::time::Instant;
+
+/// Bytes of the file that is written.
+const WRITTEN: usize = 32 << 20;
+/// Files that are put durably one by one.
+const DURABLE_FILES: usize = 15;
+/// Files that are made, listed and removed.
+const SMALL_FILES: usize = 100;
+/// Less space hardly does for a run.
+const LITTLE_SPACE: u64 = 1_000_000_000;
+const NO_SPACE: u64 = 50_000_000;
+/// Slower is told.
+const SLOW_MB_PER_S: f64 = 20.0;
+const SLOW_DURABLE_S: f64 = 0.05;
+const SLOW_SMALL_S: f64 = 5.0;
+
+/// Bytes that may be written where `folder` is or will be.
+pub fn available_bytes(folder: &Path) -> Option<u64> {
+    let folder = std::path::absolute(folder).ok()?;
+    let there = folder.ancestors().find(|folder| folder.is_dir())?;
+    let disk = rustix::fs::statvfs(there).ok()?;
+    Some(disk.f_bavail * disk.f_frsize)
+}
+
+/// Measures in a temporary folder in `folder`, which is removed.
+pub fn check_disk(folder: &Path) -> Vec<Finding> {
+    let mut findings = vec![space(available_bytes(folder))];
+    let place = tempfile::Builder::new()
+        .prefix(".tmp-doctor-")
+        .tempdir_in(folder);
+    let probes: [fn(&Path) -> io::Result<Finding>; 4] = [speed, durable, small_files, promises];
+    match place {
+        Err(error) => findings.push(cannot("disk", &error)),
+        Ok(place) => {
+            for (probe, check) in probes.into_iter().zip([
+                "disk speed",
+                "durable files",
+                "small files",
+                "disk promises",
+            ]) {
+                findings.push(probe(place.path()).unwrap_or_else(|error| cannot(check, &error)));
+            }
+        }
+    }
+    findings
+}
+
+fn cannot(check: &'static str, error: &io::Error) -> Finding {
+    let to_do = match error.kind() {
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+            "let this user write there, or take another folder (`plan --out`, `--store`)"
+        }
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "make room, or take another disk",
+        _ => "take another folder, or see what is wrong with this disk",
+    };
+    Finding::fail(check, format!("cannot write: {error}"), to_do)
+}
+
+fn space(bytes: Option<u64>) -> Finding {
+    let Some(bytes) = bytes else {
+        return Finding::warn("disk space", "the system does not say", "`df` may know");
+    };
+    Finding::ok("disk space", format!("{} free", bytes_text(bytes as f64)))
+        .unless(
+            bytes >= NO_SPACE,
+            Level::Fail,
+            "make room, or take another disk",
+        )
+        .unless(
+            bytes >= LITTLE_SPACE,
+            Level::Warn,
+            "`glasshouse plan RECIPE -n` says what a run needs",
+        )
+        .with("free_bytes", bytes)
+}
+
+/// A long file, to the disk.
+fn speed(place: &Path) -> io::Result<Finding> {
+    // No two blocks alike, so that a disk that packs or shares them is not taken for a fast one.
+    let mut block: Vec<u8> = (0..1u32 << 20)
+        .map(|i| (i.wrapping_mul(0x9e37_79b1) >> 24) as u8)
+        .collect();
+    let start = Instant::now();
+    let mut file = File::create_new(place.join("long"))?;
+    for number in 0..WRITTEN >> 20 {
+        for byte in block.iter_mut().step_by(64) {
+            *byte ^= number as u8 + 1;
+        }
+        file.write_all(&block)?;
+    }
+    file.sync_all()?;
+    let rate = WRITTEN as f64 / start.elapsed().as_secs_f64() / 1e6;
+    drop(file);
+    fs::remove_file(place.join("long"))?;
+    let text = format!(
+        "{rate:.0} MB/s ({} written and synced)",
+        bytes_text(WRITTEN as f64)
+    );
+    Ok(Finding::ok("disk speed", text)
+        .unless(
+            rate >= SLOW_MB_PER_S,
+            Level::Warn,
+            "a run on a local disk, or fewer workers on this one",
+        )
+        .with("mb_per_s", rate))
+}
+
+/// What every partial and every file of a tuple costs.
+fn durable(place: &Path) -> io::Result<Finding> {
+    let mut seconds = Vec::new();
+    for number in 0..DURABLE_FILES {
+        let start = Instant::now();
+        let written = atomic_file::write(
+            &place.join(format!("durable-{number}")),
+            &[number as u8; 4096],
+        );
+        written.map_err(|error| error.source)?;
+        seconds.push(start.elapsed().as_secs_f64());
+    }
+    seconds.sort_by(f64::total_cmp);
+    let (median, worst) = (seconds[DURABLE_FILES / 2], seconds[DURABLE_FILES - 1]);
+    let text = format!(
+        "{} each, {} at most (written, synced, renamed)",
+        seconds_text(median),
+        seconds_text(worst)
+    );
+    let to_do = "results wait for this disk: a local one, or a bucket with --store, is faster";
+    Ok(Finding::ok("durable files", text)
+        .unless(median <= SLOW_DURABLE_S, Level::Warn, to_do)
+        .with("median_s", median)
+        .with("most_s", worst))
+}
+
+/// Names are slow on some network disks.
+fn small_files(place: &Path) -> io::Result<Finding> {
+    let folder = place.join("small");
+    let start = Instant::now();
+    fs::create_dir(&folder)?;
+    for number in 0..SMALL_FILES {
+        File::create_new(folder.join(number.to_string()))?.write_all(b"small")?;
+    }
+    let listed = fs::read_dir(&folder)?.count();
+    fs::remove_dir_all(&folder)?;
+    let seconds = start.elapsed().as_secs_f64();
+    let text = format!(
+        "{SMALL_FILES} made, listed and removed in {}",
+        seconds_text(seconds)
+    );
+    Ok(Finding::ok("small files", text)
+        .unless(
+            seconds <= SLOW_SMALL_S,
+            Level::Warn,
+            "names are slow on this disk: a local one, or a bucket with --store",
+        )
+        .unless(
+            listed == SMALL_FILES,
+            Level::Fail,
+            "a file that was made is not listed: no run can be on this disk",
+        )
+        .with("seconds", seconds)
+        .with("listed", listed))
+}
+
+/// What runs rely on: names that are taken once, renames that replace whole files, locks.
+fn promises(place: &Path) -> io::Result<Finding> {
+    let path = |name: &str| place.join(name);
+    let mut broken = Vec::new();
+    File::create_new(path("one"))?.write_all(b"one")?;
+    File::create_new(path("two"))?.write_all(b"two")?;
+    let is_taken = |result: io::Result<()>| {
+        result.is_err_and(|error| error.kind() == ErrorKind::AlreadyExists)
+    };
+    if !is_taken(File::create_new(path("one")).map(drop)) {
+        broken.push("a file can be made twice (O_EXCL)");
+    }
+    match fs::hard_link(path("one"), path("link")) {
+        // What makes an object that is put once.
+        Ok(()) if !is_taken(fs::hard_link(path("two"), path("link"))) => {
+            broken.push("a link replaces a file")
+        }
+        Ok(()) => {}
+        Err(_) => broken.push("there are no hard links"),
+    }
+    fs::rename(path("two"), path("one"))?;
+    if fs::read(path("one"))? != b"two" || path("two").exists() {
+        broken.push("a rename does not replace the file");
+    }
+    let locks = |file: &File| match file.try_lock() {
+        Ok(()) => Ok(true),
+        Err(TryLockError::WouldBlock) => Ok(false),
+        Err(TryLockError::Error(error)) => Err(error),
+    };
+    let open = || File::options().append(true).open(path("one"));
+    let (first, second) = (open()?, open()?);
+    if !matches!((locks(&first), locks(&second)), (Ok(true), Ok(false))) {
+        broken.push("locks do not hold, so that two programs could work on one run");
+    }
+    Ok(if broken.is_empty() {
+        Finding::ok(
+            "disk promises",
+            "names are taken once, renames replace, links and locks hold",
+        )
+    } else {
+        let to_do = "take another disk for runs; a bucket with --store needs none of this";
+        Finding::fail("disk promises", broken.join("; "), to_do)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_good_disk_is_good_and_left_as_it_was() {
+        let folder = tempfile::tempdir().unwrap();
+        let found = check_disk(folder.path());
+        assert_eq!(found.len(), 5);
+        assert!(found.iter().all(|f| f.level < Level::Fail), "{found:?}");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_place_that_cannot_be_written_fails() {
+        let found = check_disk(Path::new("/proc"));
+        let worst = found.iter().map(|f| f.level).max();
+        assert_eq!(worst, Some(Level::Fail), "{found:?}");
+        assert!(
+            found
+                .iter()
+                .filter(|f| f.level == Level::Fail)
+                .all(|f| f.to_do.is_some())
+        );
+    }
+
+    #[test]
+    fn the_space_of_a_folder_to_be_is_that_of_the_one_above() {
+        let folder = tempfile::tempdir().unwrap();
+        let there = available_bytes(folder.path()).unwrap();
+        let to_be = available_bytes(&folder.path().join("a/b")).unwrap();
+        assert!(there > 0 && to_be > 0);
+        // Others write meanwhile.
+        assert!(there.abs_diff(to_be) < there / 2);
+    }
+}

@@ -1,0 +1,106 @@
+//! What a check found.
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+/// How bad it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Level {
+    /// As it should be.
+    Ok,
+    /// It works, slower or less safely than it could.
+    Warn,
+    /// It will not work.
+    Fail,
+}
+
+impl Level {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::Warn => "warn",
+            Self::Fail => "fail",
+        }
+    }
+}
+
+/// One check's outcome.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finding {
+    /// What was looked at, in a word or two.
+    pub check: &'static str,
+    /// How bad it is.
+    pub level: Level,
+    /// What was measured, in words.
+    pub value: String,
+    /// What to do, where something should be done.
+    pub to_do: Option<String>,
+    /// What was measured, by name, with its unit in the name.
+    pub measured: Map<String, Value>,
+}
+
+impl Finding {
+    /// All is well.
+    pub fn ok(check: &'static str, value: impl Into<String>) -> Self {
+        Self {
+            check,
+            level: Level::Ok,
+            value: value.into(),
+            to_do: None,
+            measured: Map::new(),
+        }
+    }
+
+    /// It could be better.
+    pub fn warn(check: &'static str, value: impl Into<String>, to_do: impl Into<String>) -> Self {
+        Self::ok(check, value).but(Level::Warn, to_do)
+    }
+
+    /// It will not work.
+    pub fn fail(check: &'static str, value: impl Into<String>, to_do: impl Into<String>) -> Self {
+        Self::ok(check, value).but(Level::Fail, to_do)
+    }
+
+    /// The same, worse than it seemed; a level that is there and is as bad stays.
+    #[must_use]
+    pub fn but(mut self, level: Level, to_do: impl Into<String>) -> Self {
+        if level > self.level {
+            self.level = level;
+            self.to_do = Some(to_do.into());
+        }
+        self
+    }
+
+    /// The same if `is_so`, else worse.
+    #[must_use]
+    pub fn unless(self, is_so: bool, level: Level, to_do: impl Into<String>) -> Self {
+        if is_so { self } else { self.but(level, to_do) }
+    }
+
+    /// The same with a number.
+    #[must_use]
+    pub fn with(mut self, name: &str, value: impl Into<Value>) -> Self {
+        self.measured.insert(name.to_owned(), value.into());
+        self
+    }
+}
+
+/// `12 kB`, `3.4 MB`, `5.6 GB`: thousands, as disks are sold.
+pub(crate) fn bytes_text(bytes: f64) -> String {
+    match bytes {
+        b if b < 1e6 => format!("{:.0} kB", b / 1e3),
+        b if b < 1e9 => format!("{:.1} MB", b / 1e6),
+        b => format!("{:.1} GB", b / 1e9),
+    }
+}
+
+/// `0.3 ms`, `12 ms`, `1.4 s`
+pub(super) fn seconds_text(seconds: f64) -> String {
+    match seconds * 1e3 {
+        ms if ms < 10.0 => format!("{ms:.1} ms"),
+        ms if ms < 1000.0 => format!("{ms:.0} ms"),
+        _ => format!("{seconds:.1} s"),
+    }
+}

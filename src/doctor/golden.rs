@@ -1,0 +1,60 @@
+//! Whether this machine computes the bits that all machines must.
+
+use super::finding::{Finding, seconds_text};
+use crate::shard::{Golden, golden, pinned};
+use crate::trace::{Isa, TRACER_VERSION};
+use std::time::Instant;
+
+/// Traces the golden shard and compares its digest with the one that this version is known to make, and with a run's.
+pub fn check_golden(isa: Isa, threads: usize, run: Option<&Golden>) -> Finding {
+    let start = Instant::now();
+    let found = golden(isa, threads);
+    let text = format!(
+        "golden shard traced in {}",
+        seconds_text(start.elapsed().as_secs_f64())
+    );
+    judge(&found, &pinned(), run, &text)
+        .with("blake3", found.blake3)
+        .with("tracer_version", TRACER_VERSION)
+}
+
+fn judge(found: &Golden, pinned: &Golden, run: Option<&Golden>, text: &str) -> Finding {
+    if found != pinned {
+        return Finding::fail(
+            "right bits",
+            format!("{text}, and other bits came out than tracer version {TRACER_VERSION} makes"),
+            "never let this machine work on a run; please report its processor",
+        );
+    }
+    if run.is_some_and(|run| run != pinned) {
+        return Finding::fail(
+            "right bits",
+            format!("{text}: the bits of this version, but the run was planned with another"),
+            "finish the run with the version that planned it, or plan again into a new folder",
+        );
+    }
+    Finding::ok(
+        "right bits",
+        format!("{text}: every bit as in tracer version {TRACER_VERSION}"),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::finding::Level;
+    use super::*;
+
+    #[test]
+    fn other_bits_fail() {
+        let right = pinned();
+        let mut wrong = right.clone();
+        wrong.blake3.replace_range(..1, "x");
+        assert_eq!(judge(&right, &right, None, "").level, Level::Ok);
+        assert_eq!(judge(&wrong, &right, None, "").level, Level::Fail);
+        assert_eq!(judge(&right, &right, Some(&wrong), "").level, Level::Fail);
+        assert_eq!(
+            check_golden(Isa::Baseline, 2, Some(&right)).level,
+            Level::Ok
+        );
+    }
+}

@@ -1,0 +1,151 @@
+//! The store: put, read, list, compare and remove one small object.
+
+use super::clock::compare;
+use super::finding::{Finding, Level, seconds_text};
+use crate::store::{Put, Store, StoreError};
+use std::time::{Instant, SystemTime};
+
+/// Folder of the probe's object.
+const FOLDER: &str = "doctor-probe";
+/// Slower is told: every result is put.
+const SLOW_S: f64 = 1.0;
+/// A bucket tells whole seconds.
+const EXACT_S: f64 = 1.0;
+
+/// Makes one object of its own, `doctor-probe/NAME`, and removes it. `name` must be nobody else's.
+pub fn check_store(store: &Store, name: &str) -> Vec<Finding> {
+    let key = format!("{FOLDER}/{name}");
+    let mut findings = Vec::new();
+    let checked = probe(store, &key, &mut findings);
+    if let Err((what, error)) = checked {
+        findings.push(failed(what, &error));
+    }
+    // Also after a failure; what was never put is removed in vain.
+    let start = Instant::now();
+    match store.delete(std::slice::from_ref(&key)) {
+        Ok(()) if findings.iter().all(|f| f.level < Level::Fail) => {
+            let text = format!(
+                "the probe's object, in {}",
+                seconds_text(start.elapsed().as_secs_f64())
+            );
+            findings.push(Finding::ok("store remove", text));
+        }
+        Ok(()) => {}
+        Err(error) if findings.iter().all(|f| f.level < Level::Fail) => {
+            findings.push(Finding::fail(
+                "store remove",
+                error.to_string(),
+                format!("let this program remove objects (partials go when their tuple is there); remove {key} by hand"),
+            ));
+        }
+        Err(_) => {}
+    }
+    if let Some(root) = store.local_root() {
+        // Only if it is empty: another may be at it.
+        let _ = std::fs::remove_dir(root.join(FOLDER));
+    }
+    findings
+}
+
+type Failed = (&'static str, StoreError);
+
+fn probe(store: &Store, key: &str, findings: &mut Vec<Finding>) -> Result<(), Failed> {
+    let (start, before) = (Instant::now(), SystemTime::now());
+    let put = store.create(key, b"one").map_err(|e| ("store put", e))?;
+    let (seconds, after) = (start.elapsed().as_secs_f64(), SystemTime::now());
+    let text = format!(
+        "{} takes an object in {}",
+        store.name(),
+        seconds_text(seconds)
+    );
+    findings.push(
+        Finding::ok("store put", text)
+            .unless(
+                seconds < SLOW_S,
+                Level::Warn,
+                "results are slow to be kept: a nearer store",
+            )
+            .unless(
+                put == Put::New,
+                Level::Warn,
+                "an object of the probe's name was there: two doctors at once?",
+            )
+            .with("seconds", seconds),
+    );
+    let start = Instant::now();
+    let read = store.get(key).map_err(|e| ("store read", e))?;
+    let seconds = start.elapsed().as_secs_f64();
+    findings.push(
+        Finding::ok("store read", format!("in {}", seconds_text(seconds)))
+            .unless(
+                read.as_deref() == Some(b"one"),
+                Level::Fail,
+                "what was put a moment ago is not what is read: no run can be in this store",
+            )
+            .with("seconds", seconds),
+    );
+    let start = Instant::now();
+    let listed = store.list_times(FOLDER).map_err(|e| ("store list", e))?;
+    let seconds = start.elapsed().as_secs_f64();
+    let found = listed.iter().find(|(listed, _)| listed == key);
+    findings.push(
+        Finding::ok("store list", format!("in {}", seconds_text(seconds)))
+            .unless(
+                found.is_some(),
+                Level::Fail,
+                "what was put a moment ago is not listed: a run takes the list for the truth",
+            )
+            .with("seconds", seconds),
+    );
+    findings.push(once(store, key).map_err(|e| ("store put once", e))?);
+    if let (Some((_, there)), None) = (found, store.local_root()) {
+        findings.push(compare("store clock", *there, [before, after], EXACT_S));
+    }
+    Ok(())
+}
+
+/// A second put of other bytes must be refused, or two machines that disagree would not be found out.
+fn once(store: &Store, key: &str) -> Result<Finding, StoreError> {
+    let second = match store.create(key, b"two") {
+        Err(StoreError::Differs { .. }) => true,
+        Err(error) => return Err(error),
+        Ok(_) => false,
+    };
+    let same = store.create(key, b"one")? == Put::Same;
+    Ok(if second && same {
+        Finding::ok(
+            "store put once",
+            "a name that is taken is refused, and what was there stays",
+        )
+    } else {
+        Finding::fail(
+            "store put once",
+            "a second put replaced the first (no conditional put)",
+            "take a store that knows If-None-Match: S3 itself, MinIO, Ceph or R2 of the last years",
+        )
+    })
+}
+
+fn failed(check: &'static str, error: &StoreError) -> Finding {
+    let to_do = if error.is_passing() {
+        "is its address right, and does it run? AWS_ENDPOINT_URL is where a bucket that is not Amazon's is"
+    } else {
+        "are bucket, keys (AWS_ACCESS_KEY_ID, …), region and rights those that it wants?"
+    };
+    Finding::fail(check, error.to_string(), to_do)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_is_a_good_store_and_left_as_it_was() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::local(folder.path()).unwrap();
+        let found = check_store(&store, "x");
+        assert_eq!(found.len(), 5, "{found:?}");
+        assert!(found.iter().all(|f| f.level == Level::Ok), "{found:?}");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+}

@@ -1,0 +1,129 @@
+//! A server looked at from outside of any run: for `glasshouse doctor`.
+
+use super::QueueError;
+use super::nats::{ANSWER, NatsOptions, cause, shown, within};
+use async_nats::jetstream::context::{Context, GetStreamErrorKind};
+use async_nats::jetstream::stream::{Config, StorageType};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// What a server says of itself, and lets this user do.
+#[derive(Debug)]
+pub struct NatsFacts {
+    /// The server's.
+    pub version: String,
+    /// From a question to its answer.
+    pub answer: Duration,
+    /// Limits of the account, or why they are not told.
+    pub account: Result<NatsAccount, String>,
+    /// JetStream answers this user.
+    pub has_jetstream: bool,
+    /// Whether a stream could be made: when, by the server's clock, and this machine's clock before and after. Not
+    /// tried without limits.
+    pub made: Option<Result<(SystemTime, [SystemTime; 2]), String>>,
+}
+
+/// JetStream's limits of an account.
+#[derive(Debug)]
+pub struct NatsAccount {
+    /// Streams that there are.
+    pub streams: usize,
+    /// Streams that there may be.
+    pub max_streams: Option<i64>,
+    /// Bytes that streams have on the server's disk.
+    pub storage_bytes: u64,
+    /// Bytes that they may have there.
+    pub max_storage_bytes: Option<i64>,
+}
+
+/// Connects once and asks. A small stream in memory is made and removed, if that is allowed.
+pub fn probe_nats(options: &NatsOptions) -> Result<NatsFacts, QueueError> {
+    let (connect, servers) = (options.connect()?, options.servers()?);
+    let connect = connect.request_timeout(Some(ANSWER));
+    let client = match within(ANSWER, connect.connect(servers)) {
+        None => {
+            return Err(QueueError(format!(
+                "no answer from {}",
+                shown(&options.url)
+            )));
+        }
+        Some(Err(error)) => return Err(QueueError(cause(&options.url, &error))),
+        Some(Ok(client)) => client,
+    };
+    let start = Instant::now();
+    let flushed = within(ANSWER, client.flush());
+    if !matches!(flushed, Some(Ok(()))) {
+        return Err(QueueError(format!(
+            "no answer from {}",
+            shown(&options.url)
+        )));
+    }
+    let answer = start.elapsed();
+    let mut context = {
+        // It starts a task of its own.
+        let _runtime = crate::store::RUNTIME.enter();
+        async_nats::jetstream::new(client.clone())
+    };
+    context.set_timeout(ANSWER);
+    let account = account(&context);
+    let name = format!(
+        "GLASSHOUSE_DOCTOR_{}",
+        options
+            .name
+            .replace(|c: char| !c.is_ascii_alphanumeric(), "_")
+    );
+    Ok(NatsFacts {
+        version: client.server_info().version,
+        answer,
+        has_jetstream: account.is_ok() || knows_streams(&context, &name),
+        made: account.is_ok().then(|| make(&context, &name)),
+        account,
+    })
+}
+
+fn account(context: &Context) -> Result<NatsAccount, String> {
+    match within(ANSWER, context.query_account()) {
+        None => Err("no answer in time".to_owned()),
+        Some(Err(error)) => Err(error.to_string()),
+        Some(Ok(account)) => Ok(NatsAccount {
+            streams: account.streams,
+            max_streams: account.limits.max_streams,
+            storage_bytes: account.storage,
+            max_storage_bytes: account.limits.max_storage,
+        }),
+    }
+}
+
+/// A worker may ask for streams, if for nothing else: that one is not there is an answer.
+fn knows_streams(context: &Context, name: &str) -> bool {
+    match within(ANSWER, context.get_stream(name)) {
+        Some(Ok(_)) => true,
+        Some(Err(error)) => match error.kind() {
+            GetStreamErrorKind::JetStream(error) => error.code() == 404,
+            _ => false,
+        },
+        None => false,
+    }
+}
+
+fn make(context: &Context, name: &str) -> Result<(SystemTime, [SystemTime; 2]), String> {
+    let config = Config {
+        name: name.to_owned(),
+        subjects: vec![format!("glasshouse.doctor.{name}")],
+        storage: StorageType::Memory,
+        max_messages: 1,
+        max_bytes: 1024,
+        ..Config::default()
+    };
+    let before = SystemTime::now();
+    let stream = match within(ANSWER, context.create_stream(config)) {
+        None => return Err("no answer in time".to_owned()),
+        Some(Err(error)) => return Err(error.to_string()),
+        Some(Ok(stream)) => stream,
+    };
+    let after = SystemTime::now();
+    let nanoseconds = stream.cached_info().created.unix_timestamp_nanos();
+    let since = Duration::from_nanos(u64::try_from(nanoseconds).unwrap_or(0));
+    // One that stays holds nothing, and is made anew by the next doctor of this name.
+    let _ = within(ANSWER, context.delete_stream(name));
+    Ok((UNIX_EPOCH + since, [before, after]))
+}

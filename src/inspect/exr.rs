@@ -1,0 +1,238 @@
+//! OpenEXR files: partials, tuples, what `render` writes, and input images.
+
+use super::facts::{Inspection, Problem};
+use super::kind::Kind;
+use super::look::{AGAIN, Input};
+use super::{partial, tuple};
+use crate::merge::{ExrChannels, decode_exr_channels};
+use crate::scene::limits::{MAX_PIXELS, MAX_SIDE};
+use crate::trace::LAYERS;
+use exr::meta::MetaData;
+use exr::prelude::{AttributeValue, SampleType, Text, Vec2};
+use serde_json::json;
+use std::io::Cursor;
+
+/// Most channels that are looked at.
+const MAX_CHANNELS: usize = 256;
+/// Deflate makes at most 1,032 bytes of one; more is a lie of the header.
+const MOST_INFLATED: u64 = 1100;
+
+/// What the header of the first layer says.
+pub(super) struct Head {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// Names and types.
+    pub(super) channels: Vec<(String, &'static str)>,
+    pub(super) compression: String,
+    /// The text attribute of a partial.
+    pub(super) attribute: Option<String>,
+}
+
+impl Head {
+    /// `half`, `float`, or both.
+    pub(super) fn precision(&self) -> String {
+        let mut types: Vec<&str> = self.channels.iter().map(|(_, kind)| *kind).collect();
+        types.sort_unstable();
+        types.dedup();
+        types.join(" and ")
+    }
+
+    /// Whether there are channels `NAME.R`, ... of a layer.
+    fn has_layer(&self, layer: &str) -> bool {
+        let start = format!("{layer}.");
+        self.channels
+            .iter()
+            .any(|(name, _)| name.starts_with(&start))
+    }
+}
+
+/// Reads the header; nothing of a size that it claims is allocated.
+pub(super) fn head(bytes: &[u8]) -> Result<Head, String> {
+    let meta =
+        MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| e.to_string())?;
+    let first = meta.headers.first().ok_or("it has no layer")?;
+    let Vec2(width, height) = first.layer_size;
+    let list = &first.channels.list;
+    if !(1..=MAX_SIDE).contains(&width)
+        || !(1..=MAX_SIDE).contains(&height)
+        || width * height > MAX_PIXELS
+    {
+        return Err(format!("its header claims {width} x {height} px"));
+    }
+    if list.len() > MAX_CHANNELS || first.deep || list.iter().any(|c| c.sampling != Vec2(1, 1)) {
+        return Err("it has deep data, subsampled channels or more than 256 of them, which nothing here writes".to_owned());
+    }
+    let claimed = (width * height) as u64 * first.channels.bytes_per_pixel as u64;
+    if claimed / MOST_INFLATED > bytes.len() as u64 {
+        return Err(format!(
+            "it is cut: {width} x {height} px of {} channels do not fit {} bytes",
+            list.len(),
+            bytes.len()
+        ));
+    }
+    let attribute = match first.own_attributes.other.get(&Text::from("glasshouse")) {
+        Some(AttributeValue::Text(text)) => Some(text.to_string()),
+        _ => None,
+    };
+    let name = |kind| match kind {
+        SampleType::F16 => "half",
+        SampleType::F32 => "float",
+        SampleType::U32 => "integer",
+    };
+    Ok(Head {
+        width,
+        height,
+        channels: list
+            .iter()
+            .map(|c| (c.name.to_string(), name(c.sample_type)))
+            .collect(),
+        compression: first.compression.to_string(),
+        attribute,
+    })
+}
+
+/// Explains an OpenEXR file of any kind.
+pub(super) fn read(input: &Input) -> Inspection {
+    let head = match head(input.bytes) {
+        Ok(head) => head,
+        Err(reason) => {
+            let kind = super::kind::kind_by_name(input.name).unwrap_or(Kind::Exr);
+            let mut found = Inspection::new(kind);
+            found.wrong(Problem::new(
+                format!("its header cannot be read: {reason}"),
+                to_do(kind),
+            ));
+            return found;
+        }
+    };
+    if head.attribute.is_some() {
+        return partial::read(input, &head);
+    }
+    if LAYERS.iter().any(|layer| head.has_layer(layer)) {
+        return tuple::read_exr(input, &head);
+    }
+    plain(input, &head)
+}
+
+/// What to do about a damaged image.
+pub(super) fn to_do(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Partial => "nothing: `glasshouse work RUN` traces it again",
+        Kind::TupleExr => "`glasshouse retry RUN SCENE --anew`, then `glasshouse work RUN`",
+        _ => AGAIN,
+    }
+}
+
+/// An image without layers: of `render`, of a reference, or an input.
+fn plain(input: &Input, head: &Head) -> Inspection {
+    let mut found = Inspection::new(Kind::Exr);
+    say_size(&mut found, head);
+    let stem = input.name.strip_suffix(".exr").unwrap_or(input.name);
+    if LAYERS.contains(&stem) {
+        let text = format!("{stem}, linear radiance, as `glasshouse render` and `bench` write it");
+        found.facts.fact("layer", text, stem);
+    }
+    let names: Vec<&str> = head
+        .channels
+        .iter()
+        .map(|(name, _)| name.as_str())
+        .collect();
+    found
+        .facts
+        .fact("channels", super::facts::first_of(&names, 12), json!(names));
+    match decode_exr_channels(input.bytes) {
+        Ok(channels) => {
+            for (name, values) in &channels.list {
+                say_values(&mut found, name, values.iter());
+            }
+            found.may_be_whole("every pixel can be read; the file has no digest");
+        }
+        Err(reason) => {
+            let what = format!("its pixels cannot be read: {reason}");
+            found.wrong(Problem::new(what, to_do(Kind::Exr)));
+        }
+    }
+    found
+}
+
+/// Size, precision and compression.
+pub(super) fn say_size(found: &mut Inspection, head: &Head) {
+    let (width, height) = (head.width, head.height);
+    let text = format!(
+        "{width} x {height} px, {}, {}",
+        head.precision(),
+        head.compression
+    );
+    found.facts.say("image", text);
+    found.facts.put("width", width);
+    found.facts.put("height", height);
+    found.facts.put("precision", head.precision());
+}
+
+/// Smallest, mean and largest value of what is finite, and how much is not.
+pub(super) fn say_values<'a>(
+    found: &mut Inspection,
+    name: &str,
+    values: impl Iterator<Item = &'a f32>,
+) {
+    let (mut least, mut most, mut sum, mut count) = (f32::INFINITY, f32::NEG_INFINITY, 0.0, 0u64);
+    let (mut nan, mut infinite) = (0u64, 0u64);
+    for value in values {
+        if value.is_nan() {
+            nan += 1;
+        } else if value.is_infinite() {
+            infinite += 1;
+        } else {
+            (least, most) = (least.min(*value), most.max(*value));
+            sum += f64::from(*value);
+            count += 1;
+        }
+    }
+    let mut text = if count == 0 {
+        "no finite value".to_owned()
+    } else {
+        format!(
+            "min {least:.5}  mean {:.5}  max {most:.5}",
+            sum / count as f64
+        )
+    };
+    if nan + infinite > 0 {
+        text += &format!("; {nan} NaN, {infinite} infinite");
+    }
+    let finite = |value: f64| {
+        if count == 0 {
+            json!(null)
+        } else {
+            json!(value)
+        }
+    };
+    found.facts.put(
+        name,
+        json!({
+            "min": finite(least.into()), "mean": finite(sum / count.max(1) as f64), "max": finite(most.into()),
+            "nan": nan, "infinite": infinite,
+        }),
+    );
+    found.facts.say(name, text);
+}
+
+/// Layers by name, each with the values of its channels.
+pub(super) fn say_layers(found: &mut Inspection, channels: &ExrChannels, suffix: &str) -> u64 {
+    let mut not_finite = 0;
+    for layer in LAYERS {
+        let start = format!("{layer}{suffix}.");
+        let of = || {
+            channels
+                .list
+                .iter()
+                .filter(|(name, _)| name.starts_with(&start))
+        };
+        if of().next().is_none() {
+            continue;
+        }
+        let values = || of().flat_map(|(_, values)| values);
+        not_finite += values().filter(|value| !value.is_finite()).count() as u64;
+        say_values(found, layer, values());
+    }
+    not_finite
+}

@@ -1,0 +1,350 @@
+//! What kind of file it is: by its first bytes, and by its name where they tell nothing.
+
+/// A kind of file or folder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs, reason = "`words` says what each is")]
+pub enum Kind {
+    Partial,
+    TupleExr,
+    Exr,
+    TupleRecord,
+    Spec,
+    Manifest,
+    Scene,
+    Recipe,
+    HardCases,
+    DepthRanges,
+    PhotographList,
+    Rejected,
+    Quarantine,
+    Attempt,
+    Control,
+    Receipt,
+    MadeBy,
+    Finished,
+    TrainRecipe,
+    CheckpointState,
+    Tensors,
+    Best,
+    Metrics,
+    Events,
+    EvaluationRows,
+    EvaluationTable,
+    Output,
+    Archive,
+    Listing,
+    Croissant,
+    Sums,
+    Report,
+    Picture,
+    Array,
+    Mesh,
+    Lock,
+    Run,
+    TupleFolder,
+    CheckpointFolder,
+    StageFolder,
+    Unknown,
+}
+
+impl Kind {
+    /// Its name in JSON.
+    pub fn name(self) -> &'static str {
+        self.names().0
+    }
+
+    /// What it is, for a person.
+    pub fn words(self) -> &'static str {
+        self.names().1
+    }
+
+    fn names(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Partial => ("partial", "partial, the result of one shard"),
+            Self::TupleExr => ("tuple_exr", "tuple.exr, the layers of one scene"),
+            Self::Exr => ("exr", "OpenEXR image"),
+            Self::TupleRecord => (
+                "tuple_record",
+                "tuple.json, how one scene's tuple came to be",
+            ),
+            Self::Spec => ("spec", "spec.json, the frozen rules of a run"),
+            Self::Manifest => ("manifest", "manifest, one scene a line"),
+            Self::Scene => ("scene", "single scene, for `glasshouse render`"),
+            Self::Recipe => ("recipe", "recipe"),
+            Self::HardCases => ("hard_cases", "file of hard cases"),
+            Self::DepthRanges => ("depth_ranges", "table of depth ranges by category"),
+            Self::PhotographList => ("photograph_list", "list of photographs"),
+            Self::Rejected => ("rejected", "list of scenes that were drawn and not kept"),
+            Self::Quarantine => (
+                "quarantine",
+                "quarantine record: why a scene cannot be made",
+            ),
+            Self::Attempt => ("attempt", "record of an attempt at some shards"),
+            Self::Control => ("control", "control.json, by which a run is held"),
+            Self::Receipt => ("receipt", "receipt: who made a tuple"),
+            Self::MadeBy => ("made_by", "note: who made some partials"),
+            Self::Finished => (
+                "finished",
+                "finished.json, which says that nothing is left to do",
+            ),
+            Self::TrainRecipe => ("train_recipe", "train.json, the recipe's [train]"),
+            Self::CheckpointState => ("checkpoint_state", "state.json of a checkpoint"),
+            Self::Tensors => ("tensors", "safetensors file"),
+            Self::Best => ("best", "best.json, the best checkpoint of a stage"),
+            Self::Metrics => ("metrics", "metrics.csv, the losses of a training"),
+            Self::Events => ("events", "TensorBoard event file"),
+            Self::EvaluationRows => ("evaluation_rows", "scores, a picture a row"),
+            Self::EvaluationTable => ("evaluation_table", "table of mean scores"),
+            Self::Output => ("output", "JSON that a command of this program printed"),
+            Self::Archive => ("archive", "tar archive"),
+            Self::Listing => ("listing", "list of an exported set, one sample a line"),
+            Self::Croissant => (
+                "croissant",
+                "croissant.json, the description of an exported set",
+            ),
+            Self::Sums => ("sums", "SHA256SUMS, digests of the files beside it"),
+            Self::Report => ("report", "report page"),
+            Self::Picture => ("picture", "picture"),
+            Self::Array => ("array", ".npy array"),
+            Self::Mesh => ("mesh", "PLY mesh"),
+            Self::Lock => ("lock", "lock, empty on purpose; it may stay"),
+            Self::Run => ("run", "run"),
+            Self::TupleFolder => ("tuple", "tuple, all files of one scene"),
+            Self::CheckpointFolder => ("checkpoint", "checkpoint of a training"),
+            Self::StageFolder => ("stage", "training of one stage"),
+            Self::Unknown => ("unknown", "unknown"),
+        }
+    }
+}
+
+/// The schemas of JSON and TOML files.
+const SCHEMAS: &[(&str, Kind)] = &[
+    (crate::manifest::SCENE_SCHEMA, Kind::Scene),
+    (crate::manifest::RECIPE_SCHEMA, Kind::Recipe),
+    (crate::manifest::PHOTOGRAPH_SCHEMA, Kind::PhotographList),
+    (crate::manifest::DEPTH_RANGES_SCHEMA, Kind::DepthRanges),
+    ("glasshouse.cases/1", Kind::HardCases),
+    (crate::shard::SPEC_SCHEMA, Kind::Spec),
+    (crate::merge::TUPLE_SCHEMA, Kind::TupleRecord),
+    (crate::farm::QUARANTINE_SCHEMA, Kind::Quarantine),
+    (crate::farm::ATTEMPT_SCHEMA, Kind::Attempt),
+    (crate::farm::CONTROL_SCHEMA, Kind::Control),
+    ("glasshouse.receipt/1", Kind::Receipt),
+    ("glasshouse.made_by/1", Kind::MadeBy),
+    ("glasshouse.finished/1", Kind::Finished),
+    ("glasshouse.checkpoint/1", Kind::CheckpointState),
+];
+
+/// The schema that files of a kind carry, if they carry one.
+pub(super) fn schema_of(kind: Kind) -> Option<&'static str> {
+    let kind = if kind == Kind::Manifest {
+        Kind::Scene
+    } else {
+        kind
+    };
+    SCHEMAS
+        .iter()
+        .find(|(_, of)| *of == kind)
+        .map(|(schema, _)| *schema)
+}
+
+/// The kind by the first bytes of a file (some kilobytes, or all of it).
+pub(super) fn kind_of(name: &str, head: &[u8]) -> Option<Kind> {
+    Some(match head {
+        [] => return None,
+        [0x76, 0x2f, 0x31, 0x01, ..] => Kind::Exr,
+        [0x89, b'P', b'N', b'G', ..] | [0xff, 0xd8, 0xff, ..] | [b'#', b'?', b'R', ..] => {
+            Kind::Picture
+        }
+        [
+            b'P',
+            b'1'..=b'7' | b'f' | b'F',
+            b' ' | b'\t' | b'\r' | b'\n' | b'#',
+            ..,
+        ] => Kind::Picture,
+        [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Kind::Array,
+        [b'p', b'l', b'y', b'\r' | b'\n', ..] => Kind::Mesh,
+        _ if head.get(257..262) == Some(b"ustar") => Kind::Archive,
+        [_, _, _, _, _, 0, 0, 0, b'{', ..] => Kind::Tensors,
+        // A record's length, its checksum, the time, and the first event.
+        _ if head
+            .get(12..64)
+            .is_some_and(|start| contains(start, b"brain.Event:")) =>
+        {
+            Kind::Events
+        }
+        _ => return text_kind(name, text_of(head)?),
+    })
+}
+
+/// The head as text; none if it is binary. It may end within a character.
+fn text_of(head: &[u8]) -> Option<&str> {
+    if head.contains(&0) {
+        return None;
+    }
+    let text = match std::str::from_utf8(head) {
+        Ok(text) => text,
+        Err(error) if head.len() - error.valid_up_to() < 4 => {
+            std::str::from_utf8(&head[..error.valid_up_to()]).ok()?
+        }
+        Err(_) => return None,
+    };
+    Some(text.trim_start_matches('\u{feff}').trim_start())
+}
+
+fn text_kind(name: &str, text: &str) -> Option<Kind> {
+    let first = text.lines().next().unwrap_or_default();
+    if text.starts_with('{') {
+        return json_kind(name, text);
+    }
+    if let Some(start) = text.get(..9)
+        && start.eq_ignore_ascii_case("<!doctype")
+    {
+        return text
+            .contains(" - Glasshouse</title>")
+            .then_some(Kind::Report);
+    }
+    if first.starts_with("step,total,") {
+        return Some(Kind::Metrics);
+    }
+    if first.starts_with("method,image,width,height,") {
+        return Some(Kind::EvaluationRows);
+    }
+    if first.starts_with("| Method") || text.contains("\n| Method") {
+        return Some(Kind::EvaluationTable);
+    }
+    if super::sums::line(first).is_some() {
+        return Some(Kind::Sums);
+    }
+    // TOML: a key at the beginning of a line.
+    text.lines()
+        .find_map(|line| line.strip_prefix("schema").map(str::trim_start))
+        .and_then(|rest| by_schema(rest.strip_prefix('=')?.trim_start().strip_prefix('"')?))
+}
+
+/// The kind of the schema that `text` begins with; of another version, too.
+fn by_schema(text: &str) -> Option<Kind> {
+    let schema = text.split(['"', '\n']).next()?;
+    let stem = |schema: &'static str| schema.split('/').next().unwrap_or(schema);
+    let known = SCHEMAS
+        .iter()
+        .find(|(known, _)| Some(stem(known)) == schema.split('/').next());
+    match known {
+        Some((_, kind)) => Some(*kind),
+        None => schema.starts_with("glasshouse.").then_some(Kind::Output),
+    }
+}
+
+fn json_kind(name: &str, text: &str) -> Option<Kind> {
+    let schema = text.split_once("\"schema\"").and_then(|(_, rest)| {
+        by_schema(
+            rest.trim_start()
+                .strip_prefix(':')?
+                .trim_start()
+                .strip_prefix('"')?,
+        )
+    });
+    let mut lines = text.lines().filter(|line| !line.trim().is_empty());
+    let first = lines.next().unwrap_or_default();
+    let is_lines = name.ends_with(".jsonl")
+        || (first.ends_with('}') && lines.next().is_some_and(|l| l.starts_with('{')));
+    match schema {
+        Some(Kind::Scene) if is_lines => return Some(Kind::Manifest),
+        // A tuple's record holds its scene, whose schema may stand first in a text that is cut.
+        Some(kind) => return Some(kind),
+        None => {}
+    }
+    if text.contains("\"@context\"") {
+        return Some(Kind::Croissant);
+    }
+    if is_lines && first.contains("\"rule\"") && first.contains("\"attempt\"") {
+        return Some(Kind::Rejected);
+    }
+    if is_lines && first.contains("file_name\"") {
+        return Some(Kind::Listing);
+    }
+    match name {
+        "best.json" | "train.json" => kind_by_name(name),
+        _ => None,
+    }
+}
+
+/// The kind that files of this name have: what was expected of one whose bytes tell nothing.
+pub(super) fn kind_by_name(name: &str) -> Option<Kind> {
+    let ending = name.rsplit_once('.').map_or("", |(_, ending)| ending);
+    Some(match name {
+        "tuple.exr" => Kind::TupleExr,
+        "tuple.json" => Kind::TupleRecord,
+        "spec.json" => Kind::Spec,
+        "manifest.jsonl" => Kind::Manifest,
+        "rejected.jsonl" => Kind::Rejected,
+        "metadata.jsonl" => Kind::Listing,
+        "control.json" => Kind::Control,
+        "finished.json" => Kind::Finished,
+        "train.json" => Kind::TrainRecipe,
+        "state.json" => Kind::CheckpointState,
+        "best.json" => Kind::Best,
+        "metrics.csv" => Kind::Metrics,
+        "evaluation.csv" => Kind::EvaluationRows,
+        "evaluation.md" => Kind::EvaluationTable,
+        "croissant.json" => Kind::Croissant,
+        "SHA256SUMS" => Kind::Sums,
+        "work.lock" | "train.lock" => Kind::Lock,
+        _ if name.starts_with("events.out.tfevents") => Kind::Events,
+        _ if ending == "exr"
+            && name.len() == 10
+            && name.bytes().take(6).all(|b| b.is_ascii_digit()) =>
+        {
+            Kind::Partial
+        }
+        _ => match ending {
+            "exr" => Kind::Exr,
+            "png" | "jpg" | "jpeg" | "ppm" | "pgm" | "pfm" | "hdr" => Kind::Picture,
+            "npy" => Kind::Array,
+            "ply" => Kind::Mesh,
+            "tar" => Kind::Archive,
+            "safetensors" => Kind::Tensors,
+            "toml" => Kind::Recipe,
+            "jsonl" => Kind::Manifest,
+            _ => return None,
+        },
+    })
+}
+
+fn contains(bytes: &[u8], what: &[u8]) -> bool {
+    bytes.windows(what.len()).any(|window| window == what)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn content_goes_before_the_name() {
+        let of = |text: &str| kind_of("x.png", text.as_bytes());
+        assert_eq!(of(r#"{ "schema" : "glasshouse.spec/1"}"#), Some(Kind::Spec));
+        assert_eq!(of(r#"{"schema":"glasshouse.spec/9"}"#), Some(Kind::Spec));
+        assert_eq!(
+            of(r#"{"schema":"glasshouse.status/1"}"#),
+            Some(Kind::Output)
+        );
+        assert_eq!(
+            of("# words\nschema = \"glasshouse.recipe/1\"\n"),
+            Some(Kind::Recipe)
+        );
+        assert_eq!(of("\u{feff}step,total,a\n"), Some(Kind::Metrics));
+        let line = "{\"schema\":\"glasshouse.scene/1\"}\n";
+        assert_eq!(of(line), Some(Kind::Scene));
+        assert_eq!(of(&line.repeat(2)), Some(Kind::Manifest));
+        assert_eq!(kind_of("a.jsonl", line.as_bytes()), Some(Kind::Manifest));
+        for nothing in [
+            "",
+            "words",
+            "{\"a\":1}",
+            "<!doctype html><title>x</title>",
+            "\0\0",
+        ] {
+            assert_eq!(of(nothing), None, "{nothing:?}");
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! A partial: which shard, of which scene, and whether its digest fits.
+
+use super::exr::{Head, say_values, to_do};
+use super::facts::{Inspection, Problem, many};
+use super::kind::Kind;
+use super::look::Input;
+use crate::farm::keys;
+use crate::partial::{PARTIAL_SCHEMA, PartialHeader, decode};
+use crate::trace::{LAYERS, TRACER_VERSION};
+use serde_json::json;
+use std::path::Path;
+
+pub(super) fn read(input: &Input, head: &Head) -> Inspection {
+    let mut found = Inspection::new(Kind::Partial);
+    let json = head.attribute.as_deref().unwrap_or_default();
+    match serde_json::from_str::<PartialHeader>(json) {
+        Ok(header) => say(&mut found, &header, input.name),
+        Err(error) => {
+            let what = format!("its attribute `glasshouse` cannot be read: {error}");
+            found.wrong(Problem::new(what, to_do(Kind::Partial)));
+            return found;
+        }
+    }
+    match decode(Path::new(input.name), input.bytes) {
+        Ok(partial) => {
+            for (index, layer) in LAYERS.iter().enumerate() {
+                if partial.header.layer_samples[index] == 0 {
+                    found
+                        .facts
+                        .say(*layer, "not asked for, or no samples in this range");
+                    continue;
+                }
+                let values = partial
+                    .pixels
+                    .iter()
+                    .flat_map(|pixel| pixel.mean[index].iter());
+                say_values(&mut found, layer, values);
+            }
+            found.is_whole("its digest fits its header and every pixel");
+        }
+        Err(error) => found.wrong(Problem::new(error.reason, to_do(Kind::Partial))),
+    }
+    found
+}
+
+fn say(found: &mut Inspection, header: &PartialHeader, name: &str) {
+    let (tile, [start, end]) = (header.tile, header.samples);
+    found
+        .facts
+        .fact("scene", header.scene.as_str(), header.scene.as_str());
+    let film = format!("of a film of {} x {} px", header.film[0], header.film[1]);
+    let last = |start: u32, length: u32| u64::from(start) + u64::from(length.max(1)) - 1;
+    let text = format!(
+        "{}: x {}-{}, y {}-{} {film}",
+        header.shard,
+        tile.x,
+        last(tile.x, tile.width),
+        tile.y,
+        last(tile.y, tile.height)
+    );
+    found.facts.fact("shard", text, header.shard);
+    found.facts.put("tile", json!(tile));
+    found.facts.put("film", json!(header.film));
+    let text = format!("{start} to {} of each pixel", end.saturating_sub(1));
+    found.facts.fact("samples", text, json!(header.samples));
+    let layers: Vec<String> = header
+        .layer_samples
+        .iter()
+        .map(ToString::to_string)
+        .collect();
+    let text = format!("{} (I, T, R~, R)", layers.join(", "));
+    found
+        .facts
+        .fact("layer_samples", text, json!(header.layer_samples));
+    let misses: u64 = header
+        .misses
+        .iter()
+        .fold(0, |sum, n| sum.saturating_add(*n));
+    let paths: u64 = header.paths.iter().fold(0, |sum, n| sum.saturating_add(*n));
+    let text = format!(
+        "{}, {} of them off the photographs",
+        many(paths, "path"),
+        crate::serve::text::grouped(misses)
+    );
+    found.facts.say("paths", text);
+    found.facts.put("paths", json!(header.paths));
+    found.facts.put("misses", json!(header.misses));
+    let version = header.tracer_version;
+    found
+        .facts
+        .fact("tracer_version", version.to_string(), version);
+    found.facts.put("line_blake3", header.line_blake3.as_str());
+    if header.schema != PARTIAL_SCHEMA {
+        let what = format!(
+            "its schema is {:?}, this program reads {PARTIAL_SCHEMA:?}",
+            header.schema
+        );
+        found.wrong(Problem::new(what, to_do(Kind::Partial)));
+    }
+    if version != TRACER_VERSION {
+        found.next.push(format!(
+            "it was made by tracer version {version}, this program has {TRACER_VERSION}: a run takes one of the two alone"
+        ));
+    }
+    if keys::shard_of(name).is_some_and(|shard| shard != header.shard) {
+        let what = format!(
+            "its name is that of another shard than its header's, {}",
+            header.shard
+        );
+        found.wrong(Problem::new(what, to_do(Kind::Partial)));
+    }
+}

@@ -1,0 +1,505 @@
+//! `inspect`: every kind of file that a run, a training and an export leave.
+
+use crate::program::{Ended, text};
+use crate::scenes::{npy, partials, photographs, put_partials, scene, write_lines};
+use crate::workplace::{run_in, workplace};
+use glasshouse::farm::{AttemptRecord, EndKind, Ending};
+use glasshouse::ids::SceneId;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+/// A place with a file of every kind, and what each is: path, kind, whether it is whole, and words that are said of it.
+pub(crate) struct Files {
+    pub(crate) folder: TempDir,
+    pub(crate) list: Vec<Known>,
+}
+
+pub(crate) struct Known {
+    pub(crate) path: PathBuf,
+    pub(crate) kind: &'static str,
+    /// Nothing if that cannot be told.
+    pub(crate) whole: Option<bool>,
+    words: &'static [&'static str],
+}
+
+const SCENE: &str = "train-sample-000000";
+
+impl Files {
+    fn is(
+        &mut self,
+        path: &str,
+        kind: &'static str,
+        whole: Option<bool>,
+        words: &'static [&'static str],
+    ) {
+        let path = PathBuf::from(path);
+        assert!(
+            self.folder.path().join(&path).exists(),
+            "{}",
+            path.display()
+        );
+        self.list.push(Known {
+            path,
+            kind,
+            whole,
+            words,
+        });
+    }
+
+    fn put(&self, path: &str, bytes: impl AsRef<[u8]>) {
+        let path = self.folder.path().join(path);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, bytes).unwrap();
+    }
+}
+
+/// Makes one of everything.
+pub(crate) fn files() -> Files {
+    let mut files = Files {
+        folder: workplace(),
+        list: Vec::new(),
+    };
+    of_a_run(&mut files);
+    of_a_farm(&mut files);
+    of_inputs(&mut files);
+    of_an_export(&mut files);
+    #[cfg(feature = "train")]
+    of_a_training(&mut files);
+    files
+}
+
+fn of_a_run(files: &mut Files) {
+    let folder = files.folder.path().to_owned();
+    let (whole, unknown) = (Some(true), None);
+    // As an interrupted worker leaves them.
+    let (id, made) = partials(&folder.join("runs/smoke"), 0);
+    put_partials(&folder.join("runs/smoke"), &id, &made[..1]);
+    files.is("runs/smoke", "run", unknown, &["scenes", "smoke"]);
+    files.is(
+        "runs/smoke/spec.json",
+        "spec",
+        unknown,
+        &["tile px", "golden", "fits manifest.jsonl"],
+    );
+    files.is(
+        "runs/smoke/manifest.jsonl",
+        "manifest",
+        whole,
+        &["1 train, 1 test", "glass.tilt_deg yaw", "that of spec.json"],
+    );
+    files.is(
+        "manifests/smoke.toml",
+        "recipe",
+        unknown,
+        &["1 of sample", "layout sample", "plan"],
+    );
+    files.is(
+        "scene.json",
+        "scene",
+        unknown,
+        &["one, split train", "a.png"],
+    );
+    files.is(
+        &format!("runs/smoke/partials/{SCENE}/000000.exr"),
+        "partial",
+        whole,
+        &[
+            SCENE,
+            "x 0-63",
+            "0 to 63",
+            "digest fits",
+            "clean_reflection",
+        ],
+    );
+    let tuple = format!("runs/smoke/tuples/{SCENE}");
+    files.is(&tuple, "tuple", whole, &[SCENE, "fit every layer"]);
+    files.is(
+        &format!("{tuple}/tuple.exr"),
+        "tuple_exr",
+        whole,
+        &["64 x 64 px, half", SCENE, "mean", "fit all 4 layers"],
+    );
+    files.is(
+        &format!("{tuple}/tuple.json"),
+        "tuple_record",
+        unknown,
+        &["64 samples", "error", "render"],
+    );
+    files.is(
+        &format!("{tuple}/glass_reflection.png"),
+        "picture",
+        whole,
+        &["64 x 64 px", "checksums fit"],
+    );
+    files.is(
+        "runs/smoke/report/index.html",
+        "report",
+        unknown,
+        &["smoke", "pictures inside"],
+    );
+    files.is(
+        "out/input.exr",
+        "exr",
+        unknown,
+        &["40 x 24 px, float", "as `glasshouse render`"],
+    );
+    files.is("runs/smoke/work.lock", "lock", whole, &["empty on purpose"]);
+    let status = run_in(&folder, &["status", "runs/smoke", "--json"])
+        .expect(0)
+        .stdout;
+    files.put("status.json", status);
+    files.is("status.json", "output", unknown, &["glasshouse.status/1"]);
+}
+
+fn of_a_farm(files: &mut Files) {
+    let folder = files.folder.path().to_owned();
+    // A scene whose depth is no number is set aside.
+    files.put("nan_depth.npy", npy("(48, 64)", &[f32::NAN; 48 * 64]));
+    let mut bad = scene("bad");
+    bad["front"]["depth"] = json!("nan_depth.npy");
+    write_lines(&folder.join("bad.jsonl"), &[scene("good"), bad]);
+    run_in(&folder, &["plan", "bad.jsonl", "--out", "runs/bad"]).expect(0);
+    run_in(&folder, &["work", "runs/bad"]).expect(3);
+    run_in(&folder, &["pause", "runs/bad", "--reason", "backup"]).expect(0);
+    files.is("bad.jsonl", "manifest", None, &["2 train, 0 test"]);
+    files.is(
+        "runs/bad",
+        "run",
+        None,
+        &[
+            "1 in quarantine",
+            "nan_depth.npy",
+            "paused (backup)",
+            "retry",
+            "resume",
+        ],
+    );
+    files.is(
+        "runs/bad/quarantine/bad.json",
+        "quarantine",
+        None,
+        &["nan_depth.npy", "retry RUN bad"],
+    );
+    files.is(
+        "runs/bad/control.json",
+        "control",
+        None,
+        &["paused", "backup", "resume"],
+    );
+    let attempt = AttemptRecord {
+        schema: glasshouse::farm::ATTEMPT_SCHEMA.to_owned(),
+        scene: SceneId::new("good").unwrap(),
+        shards: [0, 4],
+        n: 2,
+        worker: "w-1".to_owned(),
+        host: "h".to_owned(),
+        found: 0,
+        ended: Some(Ending {
+            kind: EndKind::Crashed,
+            reason: "signal 9".to_owned(),
+            log_tail: "out of memory\n".to_owned(),
+        }),
+    };
+    files.put(
+        "runs/bad/attempts/good/0-4.2.json",
+        serde_json::to_vec(&attempt).unwrap(),
+    );
+    files.is(
+        "runs/bad/attempts/good/0-4.2.json",
+        "attempt",
+        None,
+        &["0 to 3, attempt 2", "crashed: signal 9", "out of memory"],
+    );
+    files.put("runs/bad/receipts/good.json", r#"{"schema":"glasshouse.receipt/1","scene":"good","worker":"w-1","host":"h","version":"0.1.0","with":["w-2"]}"#);
+    files.is(
+        "runs/bad/receipts/good.json",
+        "receipt",
+        None,
+        &["w-1 with w-2, on h"],
+    );
+    files.put(
+        "runs/bad/partials/good/0-4.json",
+        r#"{"schema":"glasshouse.made_by/1","shards":[0,4],"worker":"w-1","host":"h"}"#,
+    );
+    files.is(
+        "runs/bad/partials/good/0-4.json",
+        "made_by",
+        None,
+        &["0 to 3", "w-1 on h"],
+    );
+    files.put(
+        "finished.json",
+        r#"{"schema":"glasshouse.finished/1","scenes":2,"quarantined":1}"#,
+    );
+    files.is("finished.json", "finished", None, &["nothing is left"]);
+    files.put("rejected.jsonl", "{\"id\":\"a\",\"attempt\":1,\"rule\":\"black\",\"reason\":\"x\",\"front\":\"f\",\"back\":\"b\"}\n");
+    files.is("rejected.jsonl", "rejected", None, &["1 draw", "black: 1"]);
+}
+
+fn of_inputs(files: &mut Files) {
+    let repository = Path::new(env!("CARGO_MANIFEST_DIR"));
+    for name in ["hard-cases.toml", "depth-ranges.toml"] {
+        files.put(
+            name,
+            std::fs::read(repository.join("manifests").join(name)).unwrap(),
+        );
+    }
+    files.is("hard-cases.toml", "hard_cases", None, &["cases"]);
+    files.is("depth-ranges.toml", "depth_ranges", None, &["34"]);
+    let folder = files.folder.path().join("inputs");
+    std::fs::create_dir(&folder).unwrap();
+    photographs(&folder);
+    files.is("inputs/a.png", "picture", Some(true), &["64 x 48 px"]);
+    files.is(
+        "inputs/a_depth.npy",
+        "array",
+        None,
+        &["48 x 64 x 1 of f4", "depth image"],
+    );
+    let mesh = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n\
+        property list uchar int vertex_indices\nend_header\n0 0 1 9 9 9\n1 0 1 9 9 9\n0 1 1 9 9 9\n3 0 1 2\n";
+    files.put("inputs/a.ply", mesh);
+    files.is("inputs/a.ply", "mesh", None, &["3 vertex, 1 face"]);
+}
+
+/// As `export` names the members of a shard.
+fn of_an_export(files: &mut Files) {
+    let tuple = files.folder.path().join("runs/smoke/tuples").join(SCENE);
+    let mut shard = tar::Builder::new(Vec::new());
+    for id in ["a", "b"] {
+        for layer in glasshouse::trace::LAYERS {
+            let name = format!("{id}.{layer}.png");
+            shard
+                .append_path_with_name(tuple.join(format!("{layer}.png")), name)
+                .unwrap();
+        }
+        shard
+            .append_path_with_name(tuple.join("tuple.json"), format!("{id}.json"))
+            .unwrap();
+    }
+    let shard = shard.into_inner().unwrap();
+    let digest = {
+        use sha2::Digest;
+        let digest = sha2::Sha256::digest(&shard);
+        digest
+            .iter()
+            .map(|byte| format!("{byte:02x}"))
+            .collect::<String>()
+    };
+    files.put("set/train-000000.tar", shard);
+    files.put("set/SHA256SUMS", format!("{digest}  train-000000.tar\n"));
+    files.put("set/metadata.jsonl", "{\"id\":\"a\",\"input_file_name\":\"a.png\"}\n{\"id\":\"b\",\"input_file_name\":\"b.png\"}\n");
+    files.put(
+        "set/croissant.json",
+        r#"{"@context":{},"@type":"sc:Dataset","name":"smoke","distribution":[{}]}"#,
+    );
+    files.is(
+        "set/train-000000.tar",
+        "archive",
+        Some(true),
+        &[
+            "10 files",
+            "2 samples, 2 of them complete",
+            "a, b",
+            "that of SHA256SUMS",
+        ],
+    );
+    files.is("set/SHA256SUMS", "sums", Some(true), &["1 file"]);
+    files.is("set", "sums", Some(true), &["1 file"]);
+    files.is(
+        "set/metadata.jsonl",
+        "listing",
+        None,
+        &["2 samples", "input_file_name"],
+    );
+    files.is("set/croissant.json", "croissant", None, &["smoke"]);
+}
+
+#[cfg(feature = "train")]
+fn of_a_training(files: &mut Files) {
+    let (whole, unknown) = (Some(true), None);
+    files.is(
+        "runs/smoke/train.json",
+        "train_recipe",
+        unknown,
+        &["2 of BT-net, 2 of SP-net"],
+    );
+    files.is(
+        "runs/smoke/train/backtrack",
+        "stage",
+        whole,
+        &["step-0000002", "loss"],
+    );
+    let step = "runs/smoke/train/separation/step-0000002";
+    files.is(
+        step,
+        "checkpoint",
+        whole,
+        &["separation: SP-net and BT-net", "state.json fit"],
+    );
+    files.is(
+        &format!("{step}/state.json"),
+        "checkpoint_state",
+        unknown,
+        &["parameters", "learning rate"],
+    );
+    files.is(
+        &format!("{step}/model.safetensors"),
+        "tensors",
+        whole,
+        &[
+            "separation",
+            "backtrack",
+            "discriminator",
+            "that of state.json",
+        ],
+    );
+    files.is(
+        &format!("{step}/optimizer.safetensors"),
+        "tensors",
+        whole,
+        &["mean", "square"],
+    );
+    let stage = "runs/smoke/train/separation";
+    files.is(
+        &format!("{stage}/metrics.csv"),
+        "metrics",
+        unknown,
+        &["1 to 2, 2 lines", "at last"],
+    );
+    let events = std::fs::read_dir(files.folder.path().join(stage)).unwrap();
+    let events = events.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let events = events
+        .into_iter()
+        .find(|name| name.starts_with("events."))
+        .unwrap();
+    files.is(
+        &format!("{stage}/{events}"),
+        "events",
+        whole,
+        &["records", "loss/total"],
+    );
+    let scores = "runs/smoke/train/evaluation/evaluation";
+    files.is(
+        &format!("{scores}.csv"),
+        "evaluation_rows",
+        unknown,
+        &["rows", "input"],
+    );
+    files.is(
+        &format!("{scores}.md"),
+        "evaluation_table",
+        unknown,
+        &["PSNR"],
+    );
+    files.is(
+        &format!("{scores}.json"),
+        "output",
+        unknown,
+        &["glasshouse.evaluate/1"],
+    );
+}
+
+/// The one file of `inspect --json`.
+pub(crate) fn one(ended: &Ended) -> Value {
+    let object = ended.json();
+    assert_eq!(object["schema"], "glasshouse.inspect/1");
+    let [file] = object["files"].as_array().unwrap().as_slice() else {
+        panic!("{object:#}");
+    };
+    file.clone()
+}
+
+#[test]
+fn every_file_is_told_by_its_content() {
+    let files = files();
+    for known in &files.list {
+        let path = text(&known.path);
+        let ended = run_in(files.folder.path(), &["inspect", path, "--json"]).expect(0);
+        let file = one(&ended);
+        assert_eq!(file["kind"], known.kind, "{path}: {file:#}");
+        assert_eq!(file["whole"].as_bool(), known.whole, "{path}: {file:#}");
+        assert!(
+            file["how"].is_string() && file["problems"].as_array().unwrap().is_empty(),
+            "{file:#}"
+        );
+        let page = run_in(files.folder.path(), &["inspect", path]).expect(0);
+        assert!(page.stderr.is_empty(), "{page:?}");
+        for word in known.words {
+            let flat = page.stdout.split_whitespace().collect::<Vec<_>>().join(" ");
+            assert!(
+                flat.contains(word),
+                "{path}: no {word:?} in\n{}",
+                page.stdout
+            );
+        }
+        // It fits a terminal, but for names that have no space.
+        let is_long = |line: &&str| line.chars().count() > 80 && line.trim().contains("   ");
+        assert_eq!(page.stdout.lines().find(is_long), None, "{path}");
+    }
+}
+
+#[test]
+fn the_name_is_not_believed() {
+    let files = files();
+    let folder = files.folder.path();
+    for known in files
+        .list
+        .iter()
+        .filter(|known| folder.join(&known.path).is_file())
+    {
+        // Without a name these tell nothing.
+        if ["lock", "best", "train_recipe", "finished"].contains(&known.kind) {
+            continue;
+        }
+        std::fs::create_dir_all(folder.join("elsewhere")).unwrap();
+        std::fs::copy(folder.join(&known.path), folder.join("elsewhere/file.dat")).unwrap();
+        let ended = run_in(folder, &["inspect", "elsewhere/file.dat", "--json"]);
+        let kind = one(&ended)["kind"].clone();
+        let path = known.path.display();
+        // A list of one line is told from a scene by its ending, and digests need the files beside them.
+        if known.kind == "sums"
+            || known.kind == "manifest"
+            || known.kind == "checkpoint_state"
+            || known.kind == "rejected"
+            || known.kind == "listing"
+        {
+            continue;
+        }
+        assert_eq!(kind, known.kind, "{path}");
+    }
+}
+
+#[test]
+fn many_files_at_once_and_what_is_not_there() {
+    let place = workplace();
+    let arguments = [
+        "inspect",
+        "scene.json",
+        "nowhere.exr",
+        "words.txt",
+        ".",
+        "--json",
+    ];
+    std::fs::write(place.path().join("words.txt"), "only words\n").unwrap();
+    let object = run_in(place.path(), &arguments).expect(4).json();
+    assert_eq!(
+        (&object["sound"], &object["unsound"]),
+        (&json!(1), &json!(3))
+    );
+    let problem = |index: usize| {
+        object["files"][index]["problems"][0]["what"]
+            .as_str()
+            .unwrap()
+            .to_owned()
+    };
+    assert!(problem(1).contains("No such file"), "{object:#}");
+    assert!(problem(2).contains("only words"), "{object:#}");
+    assert!(problem(3).contains("neither a run"), "{object:#}");
+    run_in(place.path(), &["inspect"]).expect(2);
+    // A device may never end.
+    let device = run_in(place.path(), &["inspect", "/dev/zero"]).expect(4);
+    assert!(device.stdout.contains("neither a file"), "{device:?}");
+}
