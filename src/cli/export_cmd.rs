@@ -4,11 +4,11 @@ use super::args::Global;
 use super::exit_code::{Exit, Failure};
 use super::export_args::ExportArgs;
 use super::output::Output;
-use crate::doctor::{available_bytes, bytes_text};
 use super::progress::Progress;
 use super::signals::Signals;
 use super::target;
 use super::work_cmd::threads;
+use crate::doctor::{available_bytes, bytes_text};
 use crate::export::{
     ExportOptions, ExportPlan, ExportWork, Exported, FolderState, export, foretell_bytes, look,
 };

@@ -22,6 +22,8 @@ mod conflict;
 mod control;
 mod damage;
 mod doctor;
+mod document_pages;
+mod documents;
 #[cfg(feature = "train")]
 mod evaluate;
 mod explain;

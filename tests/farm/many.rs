@@ -370,5 +370,8 @@ fn a_dry_run_needs_no_queue_and_counts_what_is_in_the_store() {
     assert_eq!(dry("work").0["shards_left"], 0);
     // The folder has all tuples, that store has none.
     assert_eq!(dry("coordinate").1.expect(0).json()["scenes_left"], SCENES);
-    assert_eq!(dry("work").1.expect(0).json()["shards_left"], SCENES * SHARDS);
+    assert_eq!(
+        dry("work").1.expect(0).json()["shards_left"],
+        SCENES * SHARDS
+    );
 }

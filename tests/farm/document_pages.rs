@@ -1,0 +1,213 @@
+//! The repository's documents, and what stands in them: links, headings, command lines.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// What a line of a code block must begin with to be a command line.
+const PROGRAMS: &[&str] = &[
+    "glasshouse",
+    "cargo",
+    "python3",
+    "python3.11",
+    "pip",
+    "sbatch",
+    "scancel",
+    "kubectl",
+    "docker",
+    "systemctl",
+    "systemd-run",
+    "sudo",
+    "nats-server",
+    "nats",
+    "nohup",
+    "kill",
+    "while",
+    "rsync",
+    "scp",
+    "ssh",
+    "git",
+    "curl",
+    "cp",
+    "mkdir",
+    "sha256sum",
+    "benches/peers/run.py",
+    "benches/peers/export_scene.py",
+    "~/peers/bin/pip",
+    "~/peers/bin/python",
+    ".ci/run",
+    "benches/peers/train_step.py",
+    "docs/depth_maps.py",
+    "parallel",
+    "export",
+];
+
+/// A document.
+pub(crate) struct Page {
+    /// From the repository's folder on.
+    pub(crate) name: String,
+    pub(crate) text: String,
+}
+
+/// A row of the list of what no test runs.
+#[derive(Debug)]
+pub(crate) struct NotRun {
+    pub(crate) pattern: String,
+}
+
+impl NotRun {
+    /// A pattern that ends with ` …` stands for all that begin so.
+    pub(crate) fn is_of(&self, line: &str) -> bool {
+        match self.pattern.strip_suffix(" …") {
+            Some(start) => line == start || line.starts_with(&format!("{start} ")),
+            None => line == self.pattern,
+        }
+    }
+}
+
+pub(crate) fn page(name: &str) -> Page {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(name);
+    Page {
+        name: name.to_owned(),
+        text: std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{name}: {e}")),
+    }
+}
+
+/// All of them.
+pub(crate) fn pages() -> Vec<Page> {
+    let mut names: Vec<String> = [
+        "README.md",
+        "ARCHITECTURE.md",
+        "CHANGELOG.md",
+        "CONTRIBUTING.md",
+        "manifests/README.md",
+        "workers/README.md",
+        "benches/README.md",
+        "benches/peers/README.md",
+    ]
+    .map(str::to_owned)
+    .to_vec();
+    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs");
+    for entry in std::fs::read_dir(docs).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        if Path::new(&name).extension().is_some_and(|e| e == "md") {
+            names.push(format!("docs/{name}"));
+        }
+    }
+    names.sort();
+    names.iter().map(|name| page(name)).collect()
+}
+
+/// A line, and whether it stands in a block of code.
+fn lines(text: &str) -> Vec<(&str, bool)> {
+    let mut fenced = false;
+    let mut before_is_code = true;
+    let mut found = Vec::new();
+    for line in text.lines() {
+        if line.trim_start().starts_with("```") {
+            fenced = !fenced;
+            before_is_code = true;
+            continue;
+        }
+        // Four spaces make a block after an empty line, or within one.
+        let indented = line.starts_with("    ") && before_is_code;
+        before_is_code = line.is_empty() || indented;
+        found.push((line, fenced || indented));
+    }
+    found
+}
+
+/// What stands between backticks in a line of prose.
+fn spans(line: &str) -> impl Iterator<Item = &str> {
+    line.split('`').skip(1).step_by(2)
+}
+
+/// Without the prompt, and without what stands behind a ` #`.
+fn bare(line: &str) -> &str {
+    let line = line.trim();
+    let line = line.strip_prefix("$ ").unwrap_or(line);
+    let end = line.find(" #").unwrap_or(line.len());
+    line[..end].trim()
+}
+
+/// Words with one space between them.
+fn one_space(line: &str) -> String {
+    line.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+fn is_command(line: &str) -> bool {
+    let first = line.split_whitespace().next().unwrap_or_default();
+    PROGRAMS.contains(&first) && line.contains(' ') || first == ".ci/run"
+}
+
+impl Page {
+    /// The command lines, each in one line however many it takes on the page.
+    pub(crate) fn command_lines(&self) -> Vec<String> {
+        let mut found = Vec::new();
+        let mut open = String::new();
+        for (line, is_code) in lines(&self.text) {
+            if !is_code {
+                // Tables say which lines no test runs.
+                let own_list = self.name == "docs/commands.md" && line.starts_with("| ");
+                let in_prose = spans(line).filter(|s| !own_list && s.starts_with("glasshouse "));
+                found.extend(in_prose.map(one_space));
+                continue;
+            }
+            let part = bare(line);
+            if open.is_empty() && !is_command(part) {
+                continue;
+            }
+            open += part.trim_end_matches('\\');
+            if part.ends_with('\\') {
+                open.push(' ');
+            } else {
+                found.push(one_space(&std::mem::take(&mut open)));
+            }
+        }
+        found
+    }
+
+    /// Where its links lead.
+    pub(crate) fn links(&self) -> Vec<String> {
+        let prose = lines(&self.text).into_iter().filter(|(_, code)| !code);
+        let mut found = Vec::new();
+        for (line, _) in prose {
+            let words: String = line.split('`').step_by(2).collect();
+            for part in words.split("](").skip(1) {
+                if let Some((target, _)) = part.split_once(')') {
+                    found.push(target.to_owned());
+                }
+            }
+        }
+        found
+    }
+
+    /// The names by which its headings are linked to, as GitHub makes them.
+    pub(crate) fn anchors(&self) -> BTreeSet<String> {
+        let prose = lines(&self.text).into_iter().filter(|(_, code)| !code);
+        prose
+            .filter(|(line, _)| line.starts_with('#'))
+            .map(|(line, _)| {
+                let title = line.trim_start_matches('#').trim().to_lowercase();
+                title
+                    .chars()
+                    .filter(|c| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_'))
+                    .map(|c| if c == ' ' { '-' } else { c })
+                    .collect()
+            })
+            .collect()
+    }
+
+    /// The rows of the section "What no test runs".
+    pub(crate) fn not_run(&self) -> Vec<NotRun> {
+        let (_, section) = self.text.split_once("\n## What no test runs\n").unwrap();
+        let section = section.split("\n## ").next().unwrap();
+        let rows = section.lines().filter(|line| line.starts_with("| `"));
+        rows.map(|row| {
+            let pattern = spans(row).next().unwrap().to_owned();
+            let reason = row.trim_end_matches(" |").rsplit(" | ").next().unwrap();
+            assert!(reason.len() > 5, "no reason: {row}");
+            NotRun { pattern }
+        })
+        .collect()
+    }
+}
