@@ -35,4 +35,31 @@ impl Moves {
         let mean = |squares: &[f64]| squares.iter().sum::<f64>() / (3 * squares.len()) as f64;
         square_error(mean(&self.last), mean(&self.before), tail).sqrt()
     }
+
+    /// How far each pixel moved at the last doubling (RMS over its colours), times the factor that makes the RMS of all
+    /// `rms`.
+    pub(super) fn map(&self, rms: f64) -> Vec<f32> {
+        let mean = self.last.iter().sum::<f64>() / self.last.len() as f64;
+        let factor = if mean > 0.0 { rms / mean.sqrt() } else { 0.0 };
+        let values = self.last.iter();
+        values.map(|last| (last.sqrt() * factor) as f32).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_map_adds_up_to_the_stated_error() {
+        let mut moves = Moves::new(3);
+        for (pixel, last) in [(0, 0.5), (0, -0.25), (1, 0.125), (2, 0.0)] {
+            moves.add(pixel, last, 2.0 * last);
+        }
+        let map = moves.map(moves.rms_error(SMOOTH));
+        let mean = map.iter().map(|v| f64::from(v * v)).sum::<f64>() / 3.0;
+        assert!((mean.sqrt() - moves.rms_error(SMOOTH)).abs() < 1e-7);
+        assert!(map[0] > map[1] && map[1] > map[2] && map[2] == 0.0);
+        assert_eq!(Moves::new(2).map(0.0), [0.0; 2]);
+    }
 }
