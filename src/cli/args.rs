@@ -1,7 +1,7 @@
 //! What can be typed.
 
 use super::bench_args::BenchArgs;
-use super::farm_args::{AuditArgs, ExplainArgs, HoldArgs, ResumeArgs, RetryArgs, StatusArgs};
+use super::farm_args::{AuditArgs, ExplainArgs, HoldArgs, ResumeArgs, RetryArgs, StatusArgs, StoreArgs};
 #[cfg(feature = "train")]
 use super::train_args::{EvaluateArgs, SeparateArgs, TrainArgs};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
@@ -222,11 +222,19 @@ Examples:
   glasshouse separate runs/smoke photo.jpg --out separated
   glasshouse separate runs/smoke/train/separation photo.jpg --out separated --tile-px 512 --json")]
     Separate(SeparateArgs),
-    /// Write report/index.html: the run at a glance and a contact sheet
-    #[command(after_help = "Examples:
+    /// Write report/index.html: the whole run on one page that needs nothing else, to look at and to attach to a mail
+    #[command(after_help = "\
+On the page: the run at a glance, a contact sheet of up to 32 tuples with maps of their noise, stated
+errors and what they cost, where the seconds went, parameters, quarantine, training and scores. It
+has no script and fetches nothing; at most about 10 MB, whatever the size of the run. A run that is
+half done has a report, too. Training and scores are those of RUN, also where --store is given.
+
+Exit code 3: some tuples are damaged; the page and `damaged` tell which.
+
+Examples:
   glasshouse report runs/smoke
-  glasshouse report runs/smoke --json")]
-    Report(RunFolder),
+  glasshouse report runs/smoke --out smoke.html --json")]
+    Report(ReportArgs),
     /// Print the JSON Schema of recipes, for editors that check them while you write
     #[command(after_help = "Examples:
   glasshouse schema > recipe.schema.json
@@ -491,11 +499,17 @@ pub struct MergeArgs {
     pub store: Option<String>,
 }
 
-/// A run's folder.
+/// `report`
 #[derive(Debug, ClapArgs)]
-pub struct RunFolder {
+pub struct ReportArgs {
     /// Folder of the run
     pub run: PathBuf,
+    /// File to write [default: RUN/report/index.html]
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// The store.
+    #[command(flatten)]
+    pub store: StoreArgs,
 }
 
 pub(super) fn parse_spp(text: &str) -> Result<u32, String> {
