@@ -16,7 +16,7 @@ pub const CONTROL: &str = "control.json";
 pub const TUPLES: &str = "tuples";
 /// Folder of the reasons for quarantine.
 pub const QUARANTINE: &str = "quarantine";
-/// Folder of the maps of how uncertain each pixel of a tuple is; not part of what comes out.
+/// Folder of maps of where tuples are uncertain; not part of what comes out.
 pub const NOISE: &str = "noise";
 /// Folder of what workers wrote down of themselves when they ended; not part of what comes out.
 pub const LOGS: &str = "logs";

@@ -148,11 +148,7 @@ pub fn combine<P: Borrow<Partial>>(
     let pixels = (width * height) as f64;
     let half = is_half(line, &layers);
     let made = LAYERS.iter().enumerate().filter(|(k, _)| asked[*k]);
-    let mut noise = NoiseMap {
-        width: line.film.width,
-        height: line.film.height,
-        layers: Default::default(),
-    };
+    let mut noise = NoiseMap::of(&line.film);
     let mut records = BTreeMap::new();
     for (k, name) in made {
         // R has no lens.
@@ -166,7 +162,7 @@ pub fn combine<P: Borrow<Partial>>(
         record.exr_blake3 = half.then(|| layer_digest(&halved(&layers[k])));
         record.mean_samples = sample_sums.map(|sums| sums[k] as f64 / pixels);
         if let Some(error_rms) = error_rms {
-            noise.layers[k] = moves[k].map(error_rms);
+            noise.layers[k] = moves[k].map(width, error_rms);
         }
         records.insert((*name).to_owned(), record);
     }

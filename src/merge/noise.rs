@@ -1,9 +1,10 @@
-//! How uncertain each pixel of a tuple is: `RUN/noise/<scene>.exr`, for people who look.
+//! How uncertain a tuple is, and where: `RUN/noise/<scene>.exr`, for people who look.
 //!
-//! A pixel's value is how far its mean moved when its samples were doubled for the last time (first half against all, RMS
-//! over the colours), times one factor for the layer, such that the map's own RMS is the layer's stated error. One pixel
-//! alone is a single draw; many of them together show where a picture is noisy. The map is no part of the tuple: it may
-//! be missing, and nothing but the report reads it.
+//! A pixel's mean moved by some amount when its samples were doubled for the last time (first half against all). A value of
+//! the map is the RMS of these moves over the pixels of a cell and their colours, times one factor for the layer, such that
+//! the RMS over all pixels is the layer's stated error. A cell has 2 x 2 px: one pixel's move is a single draw and tells
+//! little of its own error, four tell more, and take a quarter of the room. The map is no part of the tuple: it
+//! may be missing, and nothing but the report reads it.
 
 use super::read::{check_headers, decode_exr_channels};
 use super::write::{HALF_MAX, encode_exr};
@@ -11,18 +12,30 @@ use crate::manifest::Film;
 use crate::trace::LAYERS;
 use exr::prelude::{AnyChannel, FlatSamples, f16};
 
-/// Estimated RMS error of each pixel.
+/// Side of a cell, px; those at the right and lower border may be smaller.
+pub(super) const CELL_PX: u32 = 2;
+
+/// Estimated RMS error of the pixels of each cell.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NoiseMap {
-    /// Pixels across.
+    /// Cells across.
     pub width: u32,
-    /// Pixels down.
+    /// Cells down.
     pub height: u32,
     /// I, T, R~, R; row by row, linear radiance. A layer that was not made, or of one sample, is empty.
     pub layers: [Vec<f32>; 4],
 }
 
 impl NoiseMap {
+    /// Without any layer, for this film.
+    pub fn of(film: &Film) -> Self {
+        Self {
+            width: film.width.div_ceil(CELL_PX),
+            height: film.height.div_ceil(CELL_PX),
+            layers: Default::default(),
+        }
+    }
+
     /// No layer has a map.
     pub fn is_empty(&self) -> bool {
         self.layers.iter().all(Vec::is_empty)
@@ -55,18 +68,15 @@ impl NoiseMap {
     ///
     /// What is wrong with the bytes, in words.
     pub fn decode(bytes: &[u8], film: &Film) -> Result<Self, String> {
+        let mut map = Self::of(film);
+        let size = [map.width, map.height];
         // The exr crate may panic on bytes that are no image.
         let decoded = std::panic::catch_unwind(|| {
-            check_headers(bytes, [film.width, film.height], LAYERS.len())?;
+            check_headers(bytes, size, LAYERS.len())?;
             decode_exr_channels(bytes)
         });
         let decoded =
             decoded.unwrap_or_else(|_| Err("the OpenEXR reader gave up on it".to_owned()))?;
-        let mut map = Self {
-            width: film.width,
-            height: film.height,
-            layers: Default::default(),
-        };
         for (name, values) in decoded.list {
             let place = LAYERS.iter().position(|layer| *layer == name);
             let place = place.ok_or_else(|| format!("{name:?} is no layer"))?;
@@ -97,9 +107,9 @@ mod tests {
     use super::*;
     use crate::manifest::parse_jsonl;
 
-    /// Some film of 5 x 3 px.
+    /// Some film of 9 x 6 px: 5 x 3 cells.
     fn film() -> Film {
-        let line = r#"{"schema":"glasshouse.scene/1","id":"a","seed":1,"film":{"width":5,"height":3,"spp":16},
+        let line = r#"{"schema":"glasshouse.scene/1","id":"a","seed":1,"film":{"width":9,"height":6,"spp":16},
             "camera":{"focal_length_mm":55,"aperture_radius_m":0,"focus":{"at":"infinity"}},
             "glass":{"distance_m":0.3,"thickness_m":0.01,"ior":1.6},
             "front":{"color":"a.png","depth":"a.npy","intrinsics":{"fx":1,"fy":1,"cx":1,"cy":1}},
@@ -110,9 +120,8 @@ mod tests {
     fn map() -> NoiseMap {
         let values = |scale: f32| (0..15).map(|k| k as f32 * scale).collect();
         NoiseMap {
-            width: 5,
-            height: 3,
             layers: [values(1e-4), Vec::new(), values(3e-3), values(0.0)],
+            ..NoiseMap::of(&film())
         }
     }
 
@@ -140,7 +149,7 @@ mod tests {
         let good = map().encode().unwrap();
         // Another size than the film's.
         let mut other = film.clone();
-        other.width = 6;
+        other.width = 11;
         let error = NoiseMap::decode(&good, &other).unwrap_err();
         assert!(error.contains("5 x 3 px"), "{error}");
         // A header that claims more than a file of its length can hold, for a film that is as large.
@@ -162,7 +171,7 @@ mod tests {
         }
         assert!(found >= 2);
         let mut film_of_it = film.clone();
-        (film_of_it.width, film_of_it.height) = (16_384, 16_384);
+        (film_of_it.width, film_of_it.height) = (32_768, 32_768);
         NoiseMap::decode(&bytes, &film_of_it).unwrap_err();
         // Cut off and with any one byte changed.
         for end in 0..good.len() {

@@ -87,7 +87,7 @@ pub(super) fn check_headers(bytes: &[u8], size: [u32; 2], most: usize) -> Result
         let found = [header.layer_size.width(), header.layer_size.height()];
         if found != size.map(|side| side as usize) {
             return Err(format!(
-                "it has {} x {} px, its film {} x {}",
+                "it has {} x {} px instead of {} x {}",
                 found[0], found[1], size[0], size[1]
             ));
         }

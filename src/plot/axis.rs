@@ -123,17 +123,18 @@ impl Axis {
             .collect()
     }
 
-    /// Every decade, and 2 and 5 where decades are few; where they are many, not each of them.
+    /// Every decade, and 2 and 5 where decades are few, all digits where there is hardly one; where they are many, not each
+    /// of them.
     fn log_ticks(&self) -> Vec<Tick> {
         let [lo, hi] = self.values;
         let (first, last) = (
             libm::log10(lo).floor() as i32,
             libm::log10(hi).ceil() as i32,
         );
-        let digits: &[i32] = if libm::log10(hi / lo) < 2.2 {
-            &[1, 2, 5]
-        } else {
-            &[1]
+        let digits: &[i32] = match libm::log10(hi / lo) {
+            decades if decades < 0.7 => &[1, 2, 3, 4, 5, 6, 7, 8, 9],
+            decades if decades < 2.2 => &[1, 2, 5],
+            _ => &[1],
         };
         let every = ((last - first) / 9 + 1) as usize;
         let is_plain = lo >= 0.005 && hi < 2000.0;
@@ -198,6 +199,7 @@ mod tests {
         let axis = |lo, hi| Axis::log_between([lo, hi], [0.0, 90.0]);
         assert_eq!(labels(&axis(1.0, 1000.0)), ["1", "10", "100", "1000"]);
         assert_eq!(labels(&axis(1.0, 10.0)), ["1", "2", "5", "10"]);
+        assert_eq!(labels(&axis(0.3, 0.63)), ["0.3", "0.4", "0.5", "0.6"]);
         let small = labels(&axis(1e-5, 1e-1));
         assert_eq!(small.len(), 5);
         assert!(small[0].starts_with("10<tspan") && small[0].contains("\u{2212}5<"));

@@ -9,5 +9,5 @@ mod panel;
 mod style;
 
 pub(crate) use axis::Axis;
-pub(crate) use panel::{Panel, Stroke, open};
+pub(crate) use panel::{Panel, Stroke, legend, open};
 pub(crate) use style::{LAYER_COLOURS, LAYER_SYMBOLS, number};

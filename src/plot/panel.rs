@@ -28,12 +28,28 @@ pub(crate) struct Stroke<'a> {
 
 /// Begins a plot of `size` px of its own coordinates, to stand in a page; `label` is read to who does not see it.
 pub(crate) fn open(size: [f64; 2], label: &str) -> String {
+    // A phone shows wide plots smaller.
+    let font = if size[0] > 400.0 { 13 } else { 11 };
     format!(
-        "<svg class=\"plot\" viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{}\" font-size=\"11\" fill=\"currentColor\">",
+        "<svg class=\"plot\" viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{}\" font-size=\"{font}\" fill=\"currentColor\">",
         size[0],
         size[1],
         Html(label)
     )
+}
+
+/// Names and colours in a row that ends at `x`, with their baseline at `y`.
+pub(crate) fn legend(svg: &mut String, [x, y]: [f64; 2], entries: &[(&str, &str)]) {
+    let mut right = x;
+    for (name, colour) in entries.iter().rev() {
+        let _ = writeln!(
+            svg,
+            "<text x=\"{right:.1}\" y=\"{y}\" text-anchor=\"end\" font-weight=\"bold\">\
+             <tspan fill=\"{colour}\">\u{25a0}</tspan> {}</text>",
+            Html(name)
+        );
+        right -= 9.0 * name.chars().count() as f64 + 26.0;
+    }
 }
 
 impl Panel<'_> {

@@ -4,15 +4,17 @@ use super::survey::{DoneScene, Survey};
 use super::text::{Exact, error, evenly, quantile, table};
 use crate::farm::Run;
 use crate::html::Html;
-use crate::plot::{Axis, LAYER_COLOURS, LAYER_SYMBOLS, Panel, Stroke, number, open};
+use crate::plot::{Axis, LAYER_COLOURS, LAYER_SYMBOLS, Panel, Stroke, legend, number, open};
 use crate::trace::LAYERS;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// Size of a plot, px of its own coordinates, and its area.
 const SIZE: [f64; 2] = [480.0, 270.0];
-const X_ENDS: [f64; 2] = [52.0, 446.0];
-const Y_ENDS: [f64; 2] = [222.0, 28.0];
+const X_ENDS: [f64; 2] = [60.0, 466.0];
+const Y_ENDS: [f64; 2] = [222.0, 46.0];
+/// Where the names of the layers end.
+const LEGEND: [f64; 2] = [466.0, 16.0];
 /// Steps of a curve, points of a cloud.
 const STEPS: usize = 200;
 const POINTS: usize = 800;
@@ -105,7 +107,7 @@ fn distribution(layers: &[Layer]) -> String {
     };
     let mut svg = open(SIZE, "Distribution of the stated errors of each layer");
     panel.frame(&mut svg);
-    let mut names = Vec::new();
+    let mut entries = Vec::new();
     for layer in layers {
         let count = layer.sorted.len();
         let (mut points, mut below) = (Vec::new(), 0.0);
@@ -127,16 +129,9 @@ fn distribution(layers: &[Layer]) -> String {
             dash: "",
         };
         Panel::line(&mut svg, &points, &stroke);
-        // Beside the middle of its curve, where curves are steep and stand apart.
-        let middle = layer.sorted[count / 2].0.max(panel.x.values[0]);
-        names.push((
-            panel.y.at(92.0 - 9.0 * layer.k as f64),
-            panel.x.at(middle).min(X_ENDS[1] - 24.0),
-            LAYER_SYMBOLS[layer.k],
-            colour,
-        ));
+        entries.push((LAYER_SYMBOLS[layer.k], colour));
     }
-    Panel::names(&mut svg, names);
+    legend(&mut svg, LEGEND, &entries);
     svg + "</svg>\n"
 }
 
@@ -172,19 +167,15 @@ fn cloud(
     };
     let mut svg = open(SIZE, label);
     panel.frame(&mut svg);
-    let mut names = Vec::new();
+    let mut entries = Vec::new();
     for (k, points) in layers.iter().enumerate() {
         let at: Vec<(f64, f64)> = points.iter().map(|point| panel.at(*point)).collect();
-        Panel::dots(&mut svg, &at, LAYER_COLOURS[k], 2.6);
-        // Beside the middle of what is farthest to the right.
-        if let Some(right) = at.iter().map(|(x, _)| *x).reduce(f64::max) {
-            let mut heights: Vec<f64> = at.iter().map(|(_, y)| *y).collect();
-            heights.sort_by(f64::total_cmp);
-            let middle = quantile(&heights, 0.5);
-            names.push((middle, right, LAYER_SYMBOLS[k], LAYER_COLOURS[k]));
+        Panel::dots(&mut svg, &at, LAYER_COLOURS[k], 2.8);
+        if !at.is_empty() {
+            entries.push((LAYER_SYMBOLS[k], LAYER_COLOURS[k]));
         }
     }
-    Panel::names(&mut svg, names);
+    legend(&mut svg, LEGEND, &entries);
     svg + "</svg>\n"
 }
 

@@ -101,13 +101,13 @@ fn at(place: f64) -> [u8; 3] {
 
 /// The scale of the colours, with its unit.
 pub(super) fn scale() -> String {
-    const SIZE: [f64; 2] = [460.0, 52.0];
+    const SIZE: [f64; 2] = [460.0, 56.0];
     let label = format!(
         "Colours of the noise maps: from {:e} (dark violet) to {:e} (yellow), logarithmic",
         ENDS[0], ENDS[1]
     );
     let mut svg = open(SIZE, &label);
-    let axis = Axis::log_between(ENDS, [12.0, SIZE[0] - 24.0]);
+    let axis = Axis::log_between(ENDS, [18.0, SIZE[0] - 24.0]);
     svg += "<defs><linearGradient id=\"viridis\">";
     for (k, [r, g, b]) in COLOURS.iter().enumerate() {
         let offset = k as f64 / (COLOURS.len() - 1) as f64;
@@ -125,13 +125,13 @@ pub(super) fn scale() -> String {
     for tick in axis.ticks() {
         let _ = write!(
             svg,
-            "<path d=\"M{0:.1} 14v4\" stroke=\"currentColor\"/><text x=\"{0:.1}\" y=\"31\" text-anchor=\"middle\">{1}</text>",
+            "<path d=\"M{0:.1} 14v4\" stroke=\"currentColor\"/><text x=\"{0:.1}\" y=\"33\" text-anchor=\"middle\">{1}</text>",
             tick.at, tick.label
         );
     }
     let _ = write!(
         svg,
-        "<text x=\"{right}\" y=\"47\" text-anchor=\"end\">estimated RMS error of a pixel, linear radiance (white is 1)</text></svg>\n"
+        "<text x=\"{right}\" y=\"52\" text-anchor=\"end\">estimated RMS error of a pixel, linear radiance (white is 1)</text></svg>\n"
     );
     svg
 }

@@ -1,8 +1,8 @@
 //! Where the seconds went, as workers wrote it down when they ended.
 
-use super::stages::{STAGES, Stage, bar};
+use super::stages::{BEFORE, STAGES, Stage, bar};
 use super::survey::Survey;
-use super::text::{seconds, table};
+use super::text::{counted, seconds, table};
 use crate::farm::WorkLog;
 use crate::html::{Html, cut};
 use crate::serve::text::grouped;
@@ -19,8 +19,8 @@ pub(super) fn seconds_of(survey: &Survey) -> String {
         let names: Vec<&str> = survey.damaged_logs.iter().map(String::as_str).collect();
         let _ = writeln!(
             html,
-            "<p class=\"bad\">{} logs cannot be read and are left out: {}</p>",
-            names.len(),
+            "<p class=\"bad\">{} cannot be read and left out: {}</p>",
+            counted(names.len() as u64, "log"),
             Html(&cut(&names.join(", "), 500))
         );
     }
@@ -34,6 +34,8 @@ pub(super) fn seconds_of(survey: &Survey) -> String {
     let stages = stages(logs);
     let total: f64 = stages.iter().map(|stage| stage.cpu_s).sum();
     let threads: f64 = stages.iter().map(|stage| stage.thread_s).sum();
+    let before = logs.iter().filter_map(|log| log.cpu_seconds.get(BEFORE));
+    let before: f64 = before.sum();
     let wall: f64 = logs.iter().map(|log| log.wall_s).sum();
     let a_tuple = if tuples > 0 {
         format!(
@@ -53,12 +55,14 @@ pub(super) fn seconds_of(survey: &Survey) -> String {
     };
     let _ = write!(
         html,
-        "<p>{} workers wrote {} tuples and traced {} shards in {} CPU seconds{a_tuple}. Their wall seconds add up to {}; \
-         thread seconds of the stages, waiting included, to {}.{missing}</p>\n",
-        grouped(logs.len() as u64),
-        grouped(tuples),
-        grouped(sum(|log| log.shards_traced)),
+        "<p>{} wrote {} and traced {} in {} CPU seconds{a_tuple}. Before they began to work (planning, and the golden shard \
+         that every machine traces first) they took {} more. Their wall seconds add up to {}; thread seconds of the stages, \
+         waiting included, to {}.{missing}</p>\n",
+        counted(logs.len() as u64, "worker"),
+        counted(tuples, "tuple"),
+        counted(sum(|log| log.shards_traced), "shard"),
         seconds(total),
+        seconds(before),
         seconds(wall),
         seconds(threads),
     );
@@ -73,7 +77,8 @@ pub(super) fn seconds_of(survey: &Survey) -> String {
 fn stages(logs: &[WorkLog]) -> Vec<Stage> {
     let mut stages: Vec<Stage> = STAGES.iter().map(|known| Stage::known(*known)).collect();
     for log in logs {
-        for (name, s) in &log.cpu_seconds {
+        let at_work = log.cpu_seconds.iter().filter(|(name, _)| *name != BEFORE);
+        for (name, s) in at_work {
             Stage::named(&mut stages, name).cpu_s += s;
         }
         for (name, s) in &log.thread_seconds {
@@ -124,7 +129,8 @@ fn workers(logs: &[WorkLog]) -> String {
     let mut rows = String::new();
     for log in logs.iter().take(WORKERS_SHOWN) {
         let child = if log.is_child { "a process for one scene" } else { "" };
-        let cpu: f64 = log.cpu_seconds.values().sum();
+        let cpu = log.cpu_seconds.iter().filter(|(name, _)| *name != BEFORE);
+        let cpu: f64 = cpu.map(|(_, s)| s).sum();
         let end = match log.stopped.as_deref() {
             None => "at the end",
             Some("signal") => "by a signal",

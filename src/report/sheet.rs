@@ -98,8 +98,8 @@ fn content(rows: &[&Row], done: usize, noise_maps: usize) -> String {
     if noise_maps > 0 {
         let _ = write!(
             html,
-            "<p>A <b>noise map</b> shows for each pixel how far its mean moved when its samples were doubled for the last \
-             time (RMS over its colours), scaled such that the RMS over the map is the layer's stated error.</p>\n\
+            "<p>A <b>noise map</b> shows how far the means of each 2 &times; 2 px moved when their samples were doubled for the \
+             last time (RMS over pixels and colours), scaled such that the RMS over all is the layer's stated error.</p>\n\
              <div class=\"scale\">{}</div>\n",
             scale()
         );

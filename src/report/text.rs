@@ -1,5 +1,6 @@
 //! Small pieces of HTML.
 
+use crate::serve::text::grouped;
 use std::fmt::{self, Display};
 
 /// A number as text, with its exact value for who reads the page by a program.
@@ -39,6 +40,12 @@ pub(super) fn table(label: &str, heads: &[&str], rows: &str) -> String {
         "<div class=\"box\" role=\"region\" aria-label=\"{label}\" tabindex=\"0\"><table>\
          <thead><tr>{head}</tr></thead><tbody>\n{rows}</tbody></table></div>\n"
     )
+}
+
+/// `1 log`, `1,234 logs`.
+pub(super) fn counted(count: u64, what: &str) -> String {
+    let s = if count == 1 { "" } else { "s" };
+    format!("{} {what}{s}", grouped(count))
 }
 
 /// At most `count` of `all`, evenly drawn: the places of those that are taken.

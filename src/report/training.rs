@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 /// Size of a curve, px of its own coordinates, and its area.
 const SIZE: [f64; 2] = [480.0, 230.0];
-const X_ENDS: [f64; 2] = [52.0, 446.0];
-const Y_ENDS: [f64; 2] = [182.0, 48.0];
+const X_ENDS: [f64; 2] = [60.0, 466.0];
+const Y_ENDS: [f64; 2] = [182.0, 30.0];
 
 /// Points of a curve at most; each is a mean.
 const POINTS: usize = 240;
@@ -93,7 +93,7 @@ fn curve(name: &str, unit: &str, points: &[Point]) -> String {
     };
     let y_label = match at_once {
         1 => format!("{name}{with_unit}"),
-        n => format!("{name}{with_unit}, means of {n} points"),
+        n => format!("{name}{with_unit}, means of {n} steps"),
     };
     let panel = Panel {
         x: Axis::linear([first.0, last.0].into_iter(), X_ENDS),
@@ -111,9 +111,9 @@ fn curve(name: &str, unit: &str, points: &[Point]) -> String {
     let mut svg = open(SIZE, &label);
     let _ = write!(
         svg,
-        "<text x=\"0\" y=\"14\" font-size=\"12\" font-weight=\"600\">{name}</text>\
-         <text x=\"{}\" y=\"14\" text-anchor=\"end\">last {}{}</text>",
+        "<text x=\"{}\" y=\"{}\" text-anchor=\"end\">last {}{}</text>",
         X_ENDS[1],
+        Y_ENDS[1] - 9.0,
         number(last.1),
         with_unit.replacen(',', "", 1),
     );
