@@ -1,7 +1,9 @@
 //! What can be typed.
 
 use super::bench_args::BenchArgs;
-use super::farm_args::{AuditArgs, ExplainArgs, HoldArgs, ResumeArgs, RetryArgs, StatusArgs, StoreArgs};
+use super::farm_args::{
+    AuditArgs, ExplainArgs, HoldArgs, ResumeArgs, RetryArgs, StatusArgs, StoreArgs,
+};
 #[cfg(feature = "train")]
 use super::train_args::{EvaluateArgs, SeparateArgs, TrainArgs};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};

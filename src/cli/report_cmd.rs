@@ -41,7 +41,9 @@ pub(super) fn warn(report: &Report, output: &Output) {
         ));
     }
     if let Some(more @ 1..) = report.damaged.len().checked_sub(SHOWN) {
-        output.warning(&format!("{more} more tuples are damaged; the page names them"));
+        output.warning(&format!(
+            "{more} more tuples are damaged; the page names them"
+        ));
     }
 }
 

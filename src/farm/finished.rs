@@ -29,7 +29,10 @@ impl<'a> FinishedScene<'a> {
         let names = tuple_files(span.job.line);
         Self {
             span,
-            encoded: Mutex::new(vec![None; names.len() + usize::from(!tuple.noise.is_empty())]),
+            encoded: Mutex::new(vec![
+                None;
+                names.len() + usize::from(!tuple.noise.is_empty())
+            ]),
             names,
             tuple,
         }

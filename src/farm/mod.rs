@@ -79,5 +79,5 @@ pub use span::{HeldSpan, Span, uncovered, what_to_give};
 pub use status::{Quarantined, RunStatus, run_status};
 pub use suspect::{Isolate, IsolatedEnd};
 pub use watch::WatchedRun;
-pub use work_log::{SceneTrace, WORK_LOG_SCHEMA, WorkLog, read_logs};
 pub use work::{Outcome, SharedQueue, Stop, WorkOptions, work, work_shared, work_span};
+pub use work_log::{SceneTrace, WORK_LOG_SCHEMA, WorkLog, read_logs};

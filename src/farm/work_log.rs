@@ -205,7 +205,10 @@ pub fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), StoreErro
 impl WorkLog {
     /// Its numbers can be added up.
     fn is_sound(&self) -> bool {
-        let seconds = self.thread_seconds.values().chain(self.cpu_seconds.values());
+        let seconds = self
+            .thread_seconds
+            .values()
+            .chain(self.cpu_seconds.values());
         let scenes = self.scenes.iter().map(|scene| &scene.cpu_s);
         let mut all = seconds.chain(scenes).chain([&self.wall_s]);
         all.all(|s| s.is_finite() && *s >= 0.0)

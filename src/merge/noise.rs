@@ -114,7 +114,9 @@ mod tests {
             "glass":{"distance_m":0.3,"thickness_m":0.01,"ior":1.6},
             "front":{"color":"a.png","depth":"a.npy","intrinsics":{"fx":1,"fy":1,"cx":1,"cy":1}},
             "back":{"color":"b.png","depth":"b.npy","intrinsics":{"fx":1,"fy":1,"cx":1,"cy":1}}}"#;
-        parse_jsonl(&line.replace('\n', " ")).unwrap()[0].film.clone()
+        parse_jsonl(&line.replace('\n', " ")).unwrap()[0]
+            .film
+            .clone()
     }
 
     fn map() -> NoiseMap {

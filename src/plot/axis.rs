@@ -188,7 +188,10 @@ mod tests {
         let axis = |lo, hi| Axis::linear([lo, hi].into_iter(), [0.0, 100.0]);
         assert_eq!(labels(&axis(0.0, 99.0)), ["0", "20", "40", "60", "80"]);
         assert_eq!(labels(&axis(1.3, 1.7)), ["1.3", "1.4", "1.5", "1.6", "1.7"]);
-        assert_eq!(labels(&axis(-1.0, 1.0)), ["-1.0", "-0.5", "0.0", "0.5", "1.0"]);
+        assert_eq!(
+            labels(&axis(-1.0, 1.0)),
+            ["-1.0", "-0.5", "0.0", "0.5", "1.0"]
+        );
         assert_eq!(labels(&axis(5.0, 5.0)).len(), 6);
         assert_eq!(labels(&axis(0.0, 0.0)).len(), 5);
         assert_eq!(axis(0.0, 50.0).at(25.0), 50.0);

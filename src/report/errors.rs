@@ -51,7 +51,9 @@ pub(super) fn errors(run: &Run, survey: &Survey) -> String {
     let known = match known {
         0 => "Workers have not told yet what single scenes cost.".to_owned(),
         n if n == survey.done.len() => String::new(),
-        n => format!("Of {n} scenes it is known what they cost; of the others a part was traced by who left no log."),
+        n => format!(
+            "Of {n} scenes it is known what they cost; of the others a part was traced by who left no log."
+        ),
     };
     format!(
         "<p>The stated error of a layer is the estimated RMS error over its film and colours, in linear radiance (white is \

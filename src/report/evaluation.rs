@@ -138,7 +138,11 @@ fn single(csv: &str) -> String {
     let mut rows = String::new();
     for place in evenly(images.len(), PICTURES_SHOWN) {
         let image = &images[place];
-        let _ = write!(rows, "<tr><td class=\"mono\">{}</td>", Html(&cut(image, 200)));
+        let _ = write!(
+            rows,
+            "<tr><td class=\"mono\">{}</td>",
+            Html(&cut(image, 200))
+        );
         for method in &methods {
             let value = values.get(&(image.clone(), method.clone()));
             let shown = value.and_then(|v| v.parse::<f64>().ok());

@@ -45,7 +45,10 @@ pub(super) fn glance(run: &Run, survey: &Survey) -> String {
 
 /// The size that all films have, or the range of their sizes.
 fn film(lines: &[SceneLine]) -> (String, &'static str) {
-    let sizes: BTreeSet<[u32; 2]> = lines.iter().map(|l| [l.film.width, l.film.height]).collect();
+    let sizes: BTreeSet<[u32; 2]> = lines
+        .iter()
+        .map(|l| [l.film.width, l.film.height])
+        .collect();
     let text = |size: Option<&[u32; 2]>| {
         size.map_or("none".to_owned(), |[w, h]| format!("{w} &times; {h}"))
     };

@@ -170,7 +170,10 @@ mod tests {
         map.layers[0].clear();
         map.layers[3].clear();
         let (picture, symbols) = noise_picture(&map);
-        assert_eq!((picture.dimensions(), symbols), ((258, 64), vec!["T", "R~"]));
+        assert_eq!(
+            (picture.dimensions(), symbols),
+            ((258, 64), vec!["T", "R~"])
+        );
         map.layers[1].clear();
         assert_eq!(noise_picture(&map).0.dimensions(), (256, 128));
         // Sides that do not divide, and thin ones.

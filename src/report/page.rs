@@ -17,7 +17,10 @@ use crate::store::{Store, StoreError};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-const STYLE: &str = concat!(include_str!("../serve/look.css"), include_str!("report.css"));
+const STYLE: &str = concat!(
+    include_str!("../serve/look.css"),
+    include_str!("report.css")
+);
 
 /// Nothing is fetched and nothing runs, whatever stands in the page.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'";

@@ -128,7 +128,11 @@ fn stage_table(stages: &[Stage], total: f64, tuples: u64) -> String {
 fn workers(logs: &[WorkLog]) -> String {
     let mut rows = String::new();
     for log in logs.iter().take(WORKERS_SHOWN) {
-        let child = if log.is_child { "a process for one scene" } else { "" };
+        let child = if log.is_child {
+            "a process for one scene"
+        } else {
+            ""
+        };
         let cpu = log.cpu_seconds.iter().filter(|(name, _)| *name != BEFORE);
         let cpu: f64 = cpu.map(|(_, s)| s).sum();
         let end = match log.stopped.as_deref() {

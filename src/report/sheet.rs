@@ -110,15 +110,12 @@ fn content(rows: &[&Row], done: usize, noise_maps: usize) -> String {
     html
 }
 
-fn row(
-    line: &SceneLine,
-    store: &Store,
-    has_map: bool,
-    encoder: &SrgbEncoder,
-) -> Result<Row, Lack> {
+fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) -> Result<Row, Lack> {
     let damaged = |reason: String| Lack::Damaged(line.id.clone(), reason);
     let get = |file: &str| -> Result<Vec<u8>, Lack> {
-        let bytes = store.get(&keys::tuple(&line.id, file)).map_err(Lack::Store)?;
+        let bytes = store
+            .get(&keys::tuple(&line.id, file))
+            .map_err(Lack::Store)?;
         let bytes = bytes.ok_or_else(|| damaged(format!("{file} is not there")))?;
         Ok(bytes.to_vec())
     };

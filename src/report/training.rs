@@ -45,7 +45,9 @@ pub(super) fn training(run: &Path) -> String {
             html += &grid(
                 &png,
                 &format!("What the networks make of validation scenes at step {step}"),
-                &format!("Validation scenes at step {step}: {columns}. * is what the networks make."),
+                &format!(
+                    "Validation scenes at step {step}: {columns}. * is what the networks make."
+                ),
             );
         }
     }

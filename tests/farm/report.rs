@@ -132,7 +132,9 @@ fn numbers_are_those_of_the_tuples() {
         ] {
             assert!(said.contains(&part), "no {part:?} in {said}");
         }
-        let pictures = tuple.select(&scraper::Selector::parse("img").unwrap()).count();
+        let pictures = tuple
+            .select(&scraper::Selector::parse("img").unwrap())
+            .count();
         assert_eq!(pictures, 6);
     }
     for (layer, mut errors) in LAYERS.iter().zip(errors) {
@@ -202,7 +204,10 @@ fn merging_and_making_anew_make_the_same_maps() {
     assert_eq!(files(&folder.join("logs")).len(), 2);
     // One scene was traced twice: what it cost cannot be told by adding up.
     let (page, _) = report(folder, 0, &[]);
-    assert_eq!(all(&strictly(&page), "#errors circle").len(), 4 * (SCENES - 1));
+    assert_eq!(
+        all(&strictly(&page), "#errors circle").len(),
+        4 * (SCENES - 1)
+    );
     run(&["audit", text(folder), "--share", "1", "-q"]).expect(0);
 }
 
@@ -210,7 +215,9 @@ fn merging_and_making_anew_make_the_same_maps() {
 fn a_worker_that_is_stopped_leaves_its_log() {
     let place = place();
     place.plan();
-    let mut child = command(&["work", text(&place.run), "-j", "1"]).spawn().unwrap();
+    let mut child = command(&["work", text(&place.run), "-j", "1"])
+        .spawn()
+        .unwrap();
     let partials = place.run.join("partials");
     if !wait_until(&mut child, || !files(&partials).is_empty()) {
         eprintln!("skipped: it ended before it could be stopped");
@@ -224,7 +231,11 @@ fn a_worker_that_is_stopped_leaves_its_log() {
         .map(|file| std::fs::read(place.run.join("logs").join(file)).unwrap())
         .map(|bytes| serde_json::from_slice(&bytes).unwrap())
         .collect();
-    let sum = |key: &str| logs.iter().map(|log| log[key].as_u64().unwrap()).sum::<u64>();
+    let sum = |key: &str| {
+        logs.iter()
+            .map(|log| log[key].as_u64().unwrap())
+            .sum::<u64>()
+    };
     assert_eq!(sum("merged"), SCENES as u64);
     assert_eq!(sum("shards_traced"), (SCENES * SHARDS) as u64);
     for log in &logs {
@@ -240,7 +251,10 @@ fn a_worker_that_is_stopped_leaves_its_log() {
     assert_eq!(logs[logs.len() - 1]["stopped"], Value::Null);
     let (page, _) = report(&place.run, 0, &[]);
     let html = strictly(&page);
-    let trace: f64 = logs.iter().map(|l| l["cpu_seconds"]["trace"].as_f64().unwrap()).sum();
+    let trace: f64 = logs
+        .iter()
+        .map(|l| l["cpu_seconds"]["trace"].as_f64().unwrap())
+        .sum();
     let shown = values(one(&html, "#stage-trace"))[0];
     assert!((shown - trace).abs() < 1e-9, "{shown} {trace}");
     // Both have traced a part of some scene, and all of it is known.
@@ -255,7 +269,14 @@ fn half_done_and_damaged_runs_have_a_report() {
     single["film"]["spp"] = json!(1);
     let mut some = scene("some");
     some["film"]["layers"] = json!(["transmission", "clean_reflection"]);
-    let lines = [scene("good"), single, some, scene("torn"), scene("empty"), scene("bad")];
+    let lines = [
+        scene("good"),
+        single,
+        some,
+        scene("torn"),
+        scene("empty"),
+        scene("bad"),
+    ];
     let manifest = folder.path().join("<b>&scenes.jsonl");
     write_lines(&manifest, &lines);
     let out = folder.path().join("run");
@@ -278,7 +299,10 @@ fn half_done_and_damaged_runs_have_a_report() {
     std::fs::write(out.join("quarantine/bad.json"), record.to_string()).unwrap();
     run(&["work", text(&out)]).expect(3);
     let (page, said) = report(&out, 0, &[]);
-    assert_eq!((&said["tuples"], &said["noise_maps"]), (&json!(5), &json!(4)));
+    assert_eq!(
+        (&said["tuples"], &said["noise_maps"]),
+        (&json!(5), &json!(4))
+    );
     let html = strictly(&page);
     assert_eq!(words(one(&html, "#quarantine td + td")), reason);
     assert!(page.contains("&lt;script&gt;alert(1)&lt;/script&gt; &amp; &quot;quotes&quot;"));
@@ -307,12 +331,22 @@ fn half_done_and_damaged_runs_have_a_report() {
     assert_eq!(damaged, ["empty", "torn"]);
     let html = strictly(&page);
     let named = words(one(&html, "#damaged"));
-    for part in ["torn", "transmission.png cannot be read", "empty", "tuple.json"] {
+    for part in [
+        "torn",
+        "transmission.png cannot be read",
+        "empty",
+        "tuple.json",
+    ] {
         assert!(named.contains(part), "no {part:?} in {named}");
     }
-    run(&["report", text(&out), "--out", text(&folder.path().join("a/b.html"))])
-        .expect(3)
-        .says(&["torn", "retry", "--anew"]);
+    run(&[
+        "report",
+        text(&out),
+        "--out",
+        text(&folder.path().join("a/b.html")),
+    ])
+    .expect(3)
+    .says(&["torn", "retry", "--anew"]);
     assert!(folder.path().join("a/b.html").is_file());
 }
 
@@ -330,7 +364,9 @@ fn a_run_in_a_store_has_the_same_page() {
     // Without --out the page is where one looks for it.
     let (_, said) = report(&here, 0, &more[..2]);
     assert_eq!(said["report"], text(&here.join("report/index.html")));
-    let would = run(&["report", text(&here), "-n", "--json"]).expect(0).json();
+    let would = run(&["report", text(&here), "-n", "--json"])
+        .expect(0)
+        .json();
     assert_eq!(would["dry_run"], true);
     let nowhere = place.path().join("nowhere");
     run(&["report", text(&nowhere)]).expect(4);
