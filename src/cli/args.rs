@@ -2,7 +2,9 @@
 
 use super::bench_args::BenchArgs;
 use super::export_args::ExportArgs;
-use super::farm_args::{AuditArgs, ExplainArgs, HoldArgs, ResumeArgs, RetryArgs, StatusArgs};
+use super::farm_args::{
+    AuditArgs, ExplainArgs, HoldArgs, ResumeArgs, RetryArgs, StatusArgs, StoreArgs,
+};
 use super::look_args::{CompletionsArgs, DoctorArgs, InspectArgs, ManArgs};
 #[cfg(feature = "train")]
 use super::train_args::{EvaluateArgs, SeparateArgs, TrainArgs};
@@ -247,11 +249,19 @@ Examples:
   glasshouse export runs/smoke --format imagefolder --out smoke-imagefolder --split train
   glasshouse export runs/smoke --format pairs --encoding srgb16 --out smoke-pairs --json")]
     Export(ExportArgs),
-    /// Write report/index.html: the run at a glance and a contact sheet
-    #[command(after_help = "Examples:
+    /// Write report/index.html: the whole run on one page that needs nothing else, to look at and to attach to a mail
+    #[command(after_help = "\
+On the page: the run at a glance, a contact sheet of up to 32 tuples with maps of their noise, stated
+errors and what they cost, where the seconds went, parameters, quarantine, training and scores. It
+has no script and fetches nothing; at most about 10 MB, whatever the size of the run. A run that is
+half done has a report, too. Training and scores are those of RUN, also where --store is given.
+
+Exit code 3: some tuples are damaged; the page and `damaged` tell which.
+
+Examples:
   glasshouse report runs/smoke
-  glasshouse report runs/smoke --json")]
-    Report(RunFolder),
+  glasshouse report runs/smoke --out smoke.html --json")]
+    Report(ReportArgs),
     /// Explain files: what each is, which scene it belongs to, whether it is whole
     #[command(after_help = "\
 Kinds are told by content: partials, tuples, specs, manifests, recipes, records of the farm, checkpoints, curves, event
@@ -552,11 +562,17 @@ pub struct MergeArgs {
     pub store: Option<String>,
 }
 
-/// A run's folder.
+/// `report`
 #[derive(Debug, ClapArgs)]
-pub struct RunFolder {
+pub struct ReportArgs {
     /// Folder of the run
     pub run: PathBuf,
+    /// File to write [default: RUN/report/index.html]
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// The store.
+    #[command(flatten)]
+    pub store: StoreArgs,
 }
 
 pub(super) fn parse_spp(text: &str) -> Result<u32, String> {

@@ -38,8 +38,13 @@ impl Measured {
     /// Checkpoints, queue, leases, coordinator, and whatever the store's threads do for tuples: at least what the farm
     /// costs, at most a little more.
     pub(super) fn farm_cpu_s(&self) -> f64 {
-        let own = ["read", "decode", "trace", "merge"].map(|stage| self.cpu_of(stage));
-        self.all_cpu_s() - own.iter().sum::<f64>()
+        self.all_cpu_s() - self.cpu_of("trace") - self.around_cpu_s()
+    }
+
+    /// From files to the tracer, and from there to tuples.
+    fn around_cpu_s(&self) -> f64 {
+        let stages = ["read", "decode", "merge", "encode", "write"];
+        stages.map(|stage| self.cpu_of(stage)).iter().sum()
     }
 
     pub(super) fn shards_per_s(&self) -> f64 {
@@ -118,7 +123,7 @@ pub(super) fn text(place: &Place, measured: &[Measured], real: &Measured) -> Str
         real.workers,
         real.all_cpu_s(),
         share(real.cpu_of("trace")),
-        share(real.cpu_of("read") + real.cpu_of("decode") + real.cpu_of("merge")),
+        share(real.around_cpu_s()),
         share(real.farm_cpu_s()),
         real.farm_cpu_us(),
     );

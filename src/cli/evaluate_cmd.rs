@@ -16,7 +16,7 @@ use crate::atomic_file;
 use crate::evaluate::{find_pairs, per_image_csv};
 use crate::farm::keys;
 use crate::manifest::{PixelSource, Roots, Stage};
-use crate::train::{TupleSource, steps};
+use crate::train::{TupleSource, rgb_grid, steps};
 use anyhow::anyhow;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -123,9 +123,10 @@ pub(super) fn evaluate(
     object["files"] = json!([]);
     let mut text = format!("{}\n\n{}", evaluation.what(), evaluation.text(protocol));
     if let Some(folder) = folder {
-        let [markdown, csv, json_file] =
-            ["md", "csv", "json"].map(|ending| folder.join(format!("evaluation.{ending}")));
-        let files = [&markdown, &csv, &json_file].map(|path| path.display().to_string());
+        let [markdown, csv, png, json_file] =
+            ["md", "csv", "png", "json"].map(|ending| folder.join(format!("evaluation.{ending}")));
+        let files = [&markdown, &csv, &png, &json_file].map(|path| path.display().to_string());
+        let grid = rgb_grid(&scored.kept).map_err(|e| Failure::new(Exit::Failed, e))?;
         object["files"] = json!(files);
         let mut full = json!({ "schema": SCHEMA });
         if let (Value::Object(full), Value::Object(object)) = (&mut full, object.clone()) {
@@ -137,6 +138,7 @@ pub(super) fn evaluate(
         atomic_file::create_dir(&folder)?;
         atomic_file::write(&markdown, evaluation.markdown(protocol).as_bytes())?;
         atomic_file::write(&csv, per_image_csv(&scored.rows).as_bytes())?;
+        atomic_file::write_relaxed(&png, &grid.png)?;
         atomic_file::write(&json_file, pretty.as_bytes())?;
         text.push('\n');
         text += &files.join("\n");

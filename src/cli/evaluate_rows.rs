@@ -3,7 +3,7 @@
 use super::exit_code::{Exit, Failure};
 use super::progress::Progress;
 use crate::evaluate::{Pair, Row, Scores, apply_gain, best_gain, read_picture, score, shift_px};
-use crate::train::{Base, ExampleError, LEAST_PX, Separator, TupleSource, bytes_of_planes};
+use crate::train::{Base, ExampleError, LEAST_PX, Separator, TupleSource, bytes_of_planes, shrunk};
 use anyhow::anyhow;
 use image::RgbImage;
 use rayon::prelude::*;
@@ -11,6 +11,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Pictures in memory at once, with what the methods made of them.
 const AT_ONCE: usize = 8;
+
+/// Pictures that are kept, to be looked at.
+const KEPT: usize = 4;
 
 /// The gain is fitted to so many pairs at most, and about so many pixels.
 const GAIN_PAIRS: usize = 64;
@@ -166,6 +169,8 @@ pub(super) struct Scored {
     /// By method, then by image.
     pub(super) rows: Vec<Row>,
     pub(super) left_out: Vec<LeftOut>,
+    /// Of some pictures, evenly drawn: what each method made, and the truth; small.
+    pub(super) kept: Vec<Vec<RgbImage>>,
     /// Told to stop before the end.
     pub(super) stopped: bool,
 }
@@ -183,6 +188,8 @@ pub(super) fn scored(
         .iter()
         .any(|(_, method)| matches!(method, Method::Networks(..)));
     let order: Vec<usize> = (0..subject.len()).collect();
+    let of_kept = subject.len().min(KEPT);
+    let kept: Vec<usize> = (0..of_kept).map(|k| k * subject.len() / of_kept).collect();
     for indices in order.chunks(AT_ONCE) {
         let read = |&index: &usize| {
             let example = subject.read(index)?;
@@ -225,7 +232,11 @@ pub(super) fn scored(
             .map(score_all)
             .collect::<Result<_, _>>()
             .map_err(|e| Failure::new(Exit::Failed, e))?;
-        for ((index, shift_px, truth, _), scores) in made.iter().zip(scores) {
+        for ((index, shift_px, truth, pictures), scores) in made.iter().zip(scores) {
+            if kept.contains(index) {
+                let row = pictures.iter().chain([truth]);
+                all.kept.push(row.map(|p| shrunk(p.clone())).collect());
+            }
             for (k, scores) in scores.into_iter().enumerate() {
                 by_method[k].push(Row {
                     method: methods[k].0.clone(),

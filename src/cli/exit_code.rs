@@ -194,7 +194,10 @@ impl From<crate::atomic_file::WriteError> for Failure {
 
 impl From<crate::report::ReportError> for Failure {
     fn from(error: crate::report::ReportError) -> Self {
-        Self::new(Exit::Failed, error)
+        match error {
+            crate::report::ReportError::Store(error) => error.into(),
+            error @ crate::report::ReportError::Write(_) => Self::new(Exit::Failed, error),
+        }
     }
 }
 

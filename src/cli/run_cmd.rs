@@ -4,12 +4,14 @@ use super::args::{Global, RunArgs};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::plan_cmd::{self, plan_with, run_folder};
+use super::report_cmd;
 use super::store_env;
 use super::work_cmd::{How, outcome_json, summary, work_on};
 use crate::cases::{CaseFile, check, is_case_file, table};
 use crate::farm::Run;
 use crate::manifest::Roots;
 use crate::report::write_report;
+use crate::store::Store;
 use serde_json::json;
 use std::path::Path;
 
@@ -31,10 +33,16 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
         global,
         output,
     )?;
-    let mut report = write_report(&run)?;
+    let store = Store::local(&folder)?;
+    let report = write_report(&run, &store, None)?;
+    report_cmd::warn(&report, output);
     let mut object = outcome_json(&outcome, &folder, wall);
-    object["report"] = json!(report);
-    let mut text = format!("{}\nlook at {}", summary(&outcome, wall), report.display());
+    object["report"] = json!(report.path);
+    let mut text = format!(
+        "{}\nlook at {}",
+        summary(&outcome, wall),
+        report.path.display()
+    );
     let mut exit = exit;
     #[cfg(feature = "train")]
     if matches!(exit, Exit::Done | Exit::Incomplete)
@@ -45,8 +53,8 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
         if training.exit != Exit::Done {
             exit = training.exit;
         }
-        report = write_report(&run)?;
-        object["report"] = json!(report);
+        // The same page, with the training.
+        write_report(&run, &store, None)?;
     }
     // A run that was stopped has nothing to compare yet.
     if matches!(exit, Exit::Done | Exit::Incomplete)

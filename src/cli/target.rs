@@ -13,16 +13,18 @@ pub(super) fn open(
     address: Option<&str>,
     roots: &Roots,
 ) -> Result<(Run, Store), Failure> {
-    let store = match address {
+    let elsewhere = match address {
         Some(address) => {
             let store = Store::open(address, &store_options())?;
             fetch(folder, &store)?;
-            store
+            Some(store)
         }
-        None => Store::local(folder)?,
+        None => None,
     };
     let mut run = Run::open(folder, roots)?;
     run.inputs = inputs();
+    // Opening a store makes its folder: not before there is a run in it.
+    let store = elsewhere.map_or_else(|| Store::local(folder), Ok)?;
     if address.is_some() {
         check(&run, &store)?;
     }

@@ -313,7 +313,7 @@ pub struct EvaluateArgs {
     /// Which scores the table shows; the files have all
     #[arg(long, value_enum, default_value = "both")]
     pub protocol: ProtocolName,
-    /// Folder to write evaluation.md, .csv and .json to [default: RUN/train/evaluation; of pairs: none]
+    /// Folder to write evaluation.md, .csv, .png (some pictures) and .json to [default: RUN/train/evaluation; of pairs: none]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Fit the input's gain to pairs of this folder, or to this run's train scenes [default: the run's own; of pairs: no gain]

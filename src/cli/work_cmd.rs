@@ -303,12 +303,7 @@ pub(super) fn outcome_json(outcome: &Outcome, run: &Path, wall: Duration) -> Val
         "scenes_loaded": outcome.loaded,
         "spans_given": outcome.given,
         "quarantined": quarantined,
-        "stopped": outcome.stopped.map(|stop| match stop {
-            Stop::Asked => "signal",
-            Stop::TimeLimit => "time_limit",
-            Stop::Drained => "drained",
-            Stop::Cancelled => "cancelled",
-        }),
+        "stopped": outcome.stopped.map(Stop::name),
         "wall_s": wall.as_secs_f64(),
         "thread_seconds": object(&outcome.seconds.all()),
         "cpu_seconds": object(&outcome.seconds.cpu()),

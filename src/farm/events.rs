@@ -128,6 +128,9 @@ pub fn process_cpu_s() -> f64 {
     cpu_so_far(ClockId::ProcessCPUTime).as_secs_f64()
 }
 
+/// Stages that are told apart.
+const STAGES: usize = 7;
+
 /// Where the threads' seconds went, summed over threads.
 #[derive(Debug)]
 pub struct StageSeconds {
@@ -136,6 +139,8 @@ pub struct StageSeconds {
     trace: Counter,
     checkpoint: Counter,
     merge: Counter,
+    encode: Counter,
+    write: Counter,
     /// CPU time of the process before it began to work.
     before: Duration,
 }
@@ -170,6 +175,8 @@ impl StageSeconds {
             trace: Counter::default(),
             checkpoint: Counter::default(),
             merge: Counter::default(),
+            encode: Counter::default(),
+            write: Counter::default(),
             before: cpu_so_far(ClockId::ProcessCPUTime),
         }
     }
@@ -194,18 +201,30 @@ impl StageSeconds {
         self.merge.add(spent);
     }
 
-    fn stages(&self) -> [(&'static str, &Counter); 5] {
+    /// A tuple's files became bytes.
+    pub(super) fn add_encode(&self, spent: Spent) {
+        self.encode.add(spent);
+    }
+
+    /// A tuple was put.
+    pub(super) fn add_write(&self, spent: Spent) {
+        self.write.add(spent);
+    }
+
+    fn stages(&self) -> [(&'static str, &Counter); STAGES] {
         [
             ("read", &self.read),
             ("decode", &self.decode),
             ("trace", &self.trace),
             ("checkpoint", &self.checkpoint),
             ("merge", &self.merge),
+            ("encode", &self.encode),
+            ("write", &self.write),
         ]
     }
 
     /// Stage names and seconds of the clock, in pipeline order.
-    pub fn all(&self) -> [(&'static str, f64); 5] {
+    pub fn all(&self) -> [(&'static str, f64); STAGES] {
         self.stages()
             .map(|(name, counter)| (name, seconds(&counter.wall)))
     }

@@ -249,6 +249,7 @@ impl<'a> Hand<'_, 'a> {
         let spent = start.spent();
         band.span.spent(spent.wall);
         farm.seconds.add_trace(spent);
+        farm.scene_seconds.add(scene, spent.cpu);
         match result {
             Some(result) => self.finish(&band.span, &shard, result),
             None => Ok(()),
@@ -279,6 +280,8 @@ impl<'a> Hand<'_, 'a> {
         };
         self.checkpoint(span, &span.traced(shard.index, at_most))?;
         farm.traced.fetch_add(1, Ordering::Relaxed);
+        let scene = span.delivery.waiting.span.scene;
+        farm.scene_seconds.add_shard(scene);
         (farm.on_event)(Event::ShardDone { resumed: false });
         if let Some(partials) = complete {
             self.merge(span, &partials);
@@ -358,11 +361,15 @@ impl<'a> Hand<'_, 'a> {
     fn encode(&self, scene: &FinishedScene<'a>, file: usize) -> Result<(), FarmError> {
         let farm = self.farm;
         let start = Stopwatch::start();
-        let files = scene.encode(file, &farm.encoder)?;
-        farm.seconds.add_merge(start.spent());
-        if let Some(files) = files {
+        let encoded = scene.encode(file, &farm.encoder)?;
+        farm.seconds.add_encode(start.spent());
+        if let Some(encoded) = encoded {
             let miss_share = scene.miss_share();
-            self.order(&scene.span, What::Tuple { files, miss_share });
+            let what = What::Tuple {
+                encoded,
+                miss_share,
+            };
+            self.order(&scene.span, what);
         }
         Ok(())
     }

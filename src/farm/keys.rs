@@ -16,6 +16,10 @@ pub const CONTROL: &str = "control.json";
 pub const TUPLES: &str = "tuples";
 /// Folder of the reasons for quarantine.
 pub const QUARANTINE: &str = "quarantine";
+/// Folder of maps of where tuples are uncertain; not part of what comes out.
+pub const NOISE: &str = "noise";
+/// Folder of what workers wrote down of themselves when they ended; not part of what comes out.
+pub const LOGS: &str = "logs";
 /// Folder of all partials.
 pub const PARTIALS: &str = "partials";
 /// Folder of the attempts that stand.
@@ -53,6 +57,11 @@ pub fn conflict(worker: &str, key: &str) -> String {
 /// A file of a scene's tuple.
 pub fn tuple(scene: &SceneId, file: &str) -> String {
     format!("{TUPLES}/{scene}/{file}")
+}
+
+/// The map of a scene's noise, beside its tuple.
+pub fn noise(scene: &SceneId) -> String {
+    format!("{NOISE}/{scene}.exr")
 }
 
 /// A scene's reason for quarantine.

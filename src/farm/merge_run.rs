@@ -2,11 +2,12 @@
 
 use super::done::is_done;
 use super::error::FarmError;
+use super::finished::encode_noise;
 use super::keys;
 use super::quarantine::QuarantineRecord;
 use super::run_dir::Run;
 use super::sweep::sweep;
-use super::writer::{self, remove_partials};
+use super::writer::{self, remove_partials, write_noise};
 use crate::ids::SceneId;
 use crate::manifest::SceneLine;
 use crate::merge::{
@@ -79,6 +80,9 @@ pub fn merge_run(
         match combine(line, run.spec.tile_px, &partials) {
             Ok(_) if dry_run => outcome.merged.push(line.id.clone()),
             Ok(tuple) => {
+                if !tuple.noise.is_empty() {
+                    write_noise(&store, line, &encode_noise(&tuple)?);
+                }
                 if elsewhere.is_some() {
                     writer::write_tuple(&store, &encoded(&tuple, line)?)?;
                     remove_partials(&store, line);

@@ -49,6 +49,7 @@ mod suspect;
 mod sweep;
 mod watch;
 mod work;
+mod work_log;
 mod writer;
 
 pub use attempts::{
@@ -79,3 +80,4 @@ pub use status::{Quarantined, RunStatus, run_status};
 pub use suspect::{Isolate, IsolatedEnd};
 pub use watch::WatchedRun;
 pub use work::{Outcome, SharedQueue, Stop, WorkOptions, work, work_shared, work_span};
+pub use work_log::{SceneTrace, WORK_LOG_SCHEMA, WorkLog, read_logs};

@@ -74,11 +74,16 @@ pub fn retry(
         } else {
             Vec::new()
         };
+        // Not counted: it is no result, and may be missing.
+        let noise = [keys::noise(scene)];
         retried.attempts += attempts.len() as u64;
         retried.results += results.len() as u64;
         retried.scenes.push(scene.clone());
         if !dry_run {
             store.delete(&results)?;
+            if matches!(which, RetryScenes::Anew(_)) {
+                store.delete(&noise)?;
+            }
             // In this order, so that who is killed in between leaves it in quarantine, not free with old attempts.
             store.delete(&attempts)?;
             store.delete(&[keys::quarantine(scene)])?;

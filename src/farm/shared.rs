@@ -16,7 +16,8 @@ use super::queue::Queue;
 use super::receipt::Receipt;
 use super::run_dir::Run;
 use super::work::{Outcome, SharedQueue, Stop, WorkOptions};
-use super::writer::{Order, What, remove_partials};
+use super::work_log::SceneSeconds;
+use super::writer::{Order, What, remove_partials, write_noise};
 use crate::ids::SceneId;
 use crate::manifest::SceneLine;
 use crate::merge::SrgbEncoder;
@@ -75,6 +76,8 @@ pub(super) struct Shared<'a> {
     /// The threads that compute have gone home.
     pub(super) over: AtomicBool,
     pub(super) seconds: StageSeconds,
+    /// What tracing cost here, by scene.
+    pub(super) scene_seconds: SceneSeconds,
 }
 
 impl<'a> Shared<'a> {
@@ -174,10 +177,16 @@ impl<'a> Shared<'a> {
                     }
                     Ok(())
                 }
-                What::Tuple { files, miss_share } => {
+                What::Tuple {
+                    encoded,
+                    miss_share,
+                } => {
                     // Made before the tuple is there: from then on others may take away the notes that it is made from.
                     let receipt = self.receipt(&span);
-                    if !self.put_tuple(&span, files)? {
+                    if let Some(noise) = encoded.noise {
+                        write_noise(self.store, line, &noise);
+                    }
+                    if !self.put_tuple(&span, encoded.files)? {
                         return Ok(());
                     }
                     span.merged();
@@ -186,7 +195,7 @@ impl<'a> Shared<'a> {
                         let _ = receipt.put(self.store, &line.id);
                     }
                     remove_partials(self.store, line);
-                    self.seconds.add_merge(start.spent());
+                    self.seconds.add_write(start.spent());
                     self.merged.fetch_add(1, Ordering::Relaxed);
                     self.went_well();
                     (self.on_event)(Event::SceneMerged {

@@ -13,6 +13,8 @@ pub(super) fn sweep(run: &Run) {
     sweep_folder(root, 0);
     sweep_folder(&root.join("quarantine"), 0);
     sweep_folder(&root.join("report"), 0);
+    sweep_folder(&root.join("noise"), 0);
+    sweep_folder(&root.join("logs"), 0);
     // As deep as DIODE's folders: source / train / indoors / scene / scan.
     sweep_folder(&root.join("inputs"), 5);
     sweep_folder(&root.join("tuples"), 1);
@@ -35,6 +37,7 @@ pub(super) fn sweep_staged(run: &Run, store: &Store) {
         sweep_folder(&root.join("partials"), 1);
         sweep_folder(&root.join("attempts"), 1);
         sweep_folder(&root.join("receipts"), 0);
+        sweep_folder(&root.join("noise"), 0);
     }
 }
 

@@ -24,6 +24,7 @@ use super::shared::Shared;
 use super::span::Span;
 use super::suspect::Isolate;
 use super::sweep::sweep;
+use super::work_log::{LogTime, SceneSeconds, WorkLog};
 use crate::ids::SceneId;
 use crate::merge::SrgbEncoder;
 use crate::shard::golden;
@@ -284,7 +285,9 @@ fn work_on(
         broken: AtomicBool::new(false),
         over: AtomicBool::new(false),
         seconds: StageSeconds::begin(),
+        scene_seconds: SceneSeconds::default(),
     };
+    let began = LogTime::now();
     let mut control = ControlLook::default();
     shared.look_at_control(&mut control);
     let (working, ended) = bounded(0);
@@ -334,5 +337,9 @@ fn work_on(
     if shared_queue.is_some() {
         shared.given.fetch_add(u64::from(back), Ordering::Relaxed);
     }
-    shared.outcome()
+    let scenes = shared.scene_seconds.of(run);
+    let outcome = shared.outcome()?;
+    let is_child = shared_queue.is_some_and(|queue| queue.is_child);
+    WorkLog::of(&outcome, options, scenes, is_child, &began).leave(store);
+    Ok(outcome)
 }

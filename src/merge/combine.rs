@@ -1,6 +1,7 @@
 //! Partials are combined in a fixed order, weighted by their sample counts, and gaps are refused.
 
 use super::moves::{Moves, SMOOTH, SMOOTH_OF_STOPPED};
+use super::noise::NoiseMap;
 use super::tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord, layer_digest};
 use super::write::{halved, is_half};
 use crate::manifest::SceneLine;
@@ -147,7 +148,9 @@ pub fn combine<P: Borrow<Partial>>(
     let pixels = (width * height) as f64;
     let half = is_half(line, &layers);
     let made = LAYERS.iter().enumerate().filter(|(k, _)| asked[*k]);
-    let records = made.map(|(k, name)| {
+    let mut noise = NoiseMap::of(&line.film);
+    let mut records = BTreeMap::new();
+    for (k, name) in made {
         // R has no lens.
         let tail = if sample_sums.is_some() && k != 3 {
             SMOOTH_OF_STOPPED
@@ -158,13 +161,16 @@ pub fn combine<P: Borrow<Partial>>(
         let mut record = LayerRecord::new(&layers[k], samples[k], error_rms, paths[k], misses[k]);
         record.exr_blake3 = half.then(|| layer_digest(&halved(&layers[k])));
         record.mean_samples = sample_sums.map(|sums| sums[k] as f64 / pixels);
-        ((*name).to_owned(), record)
-    });
+        if let Some(error_rms) = error_rms {
+            noise.layers[k] = moves[k].map(width, error_rms);
+        }
+        records.insert((*name).to_owned(), record);
+    }
     let record = TupleRecord {
         schema: TUPLE_SCHEMA.to_owned(),
         tracer_version: TRACER_VERSION,
         base: "../..".to_owned(),
-        layers: records.collect(),
+        layers: records,
         facts: first.facts.clone(),
         inputs: first.inputs.clone(),
         scene: line.clone(),
@@ -174,6 +180,7 @@ pub fn combine<P: Borrow<Partial>>(
         height: line.film.height,
         layers,
         record,
+        noise,
     })
 }
 

@@ -2,12 +2,14 @@
 
 mod combine;
 mod moves;
+mod noise;
 mod read;
 mod srgb;
 mod tuple;
 mod write;
 
 pub use combine::{MergeError, combine};
+pub use noise::NoiseMap;
 pub use read::{ExrChannels, check_png, decode_exr_channels, decode_tuple_exr};
 pub use srgb::{SrgbEncoder, linear_to_srgb, linear_to_srgb16, srgb_to_linear};
 pub use tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord};

@@ -2,7 +2,9 @@
 
 use super::tuple::TupleRecord;
 use crate::trace::LAYERS;
+use exr::math::Vec2;
 use exr::meta::MetaData;
+use exr::meta::attribute::ChannelDescription;
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, read};
 use image::{ImageFormat, ImageReader};
 use std::io::Cursor;
@@ -91,6 +93,40 @@ pub fn check_png(bytes: &[u8], width: u32, height: u32) -> Result<(), String> {
     reader().decode().map(|_| ()).map_err(|e| e.to_string())
 }
 
+/// Deflate makes nothing smaller than by this factor.
+const MOST_COMPRESSION: u128 = 1032;
+
+/// Looks at an EXR's headers before anything is unpacked: a damaged one may claim any size. Its pixels must be `size`, in at
+/// most so many channels, and no more of them than bytes of this length can hold.
+///
+/// # Errors
+///
+/// What is wrong, in words.
+pub(super) fn check_headers(bytes: &[u8], size: [u32; 2], most: usize) -> Result<(), String> {
+    let meta =
+        MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| e.to_string())?;
+    let mut claimed = 0;
+    for header in &meta.headers {
+        let found = [header.layer_size.width(), header.layer_size.height()];
+        if found != size.map(|side| side as usize) {
+            return Err(format!(
+                "it has {} x {} px instead of {} x {}",
+                found[0], found[1], size[0], size[1]
+            ));
+        }
+        let is_plain = |c: &ChannelDescription| c.sampling == Vec2(1, 1);
+        let channels = &header.channels;
+        if header.deep || channels.list.len() > most || !channels.list.iter().all(is_plain) {
+            return Err("it has other channels than were written".to_owned());
+        }
+        claimed += found[0] as u128 * found[1] as u128 * channels.bytes_per_pixel as u128;
+    }
+    if claimed > MOST_COMPRESSION * bytes.len() as u128 {
+        return Err("it is shorter than the image that its header describes".to_owned());
+    }
+    Ok(())
+}
+
 /// The layers I, T, R~, R of a tuple, linear, row by row; empty where the tuple has not that layer. Each is held against its
 /// digest in the record.
 ///
@@ -99,18 +135,7 @@ pub fn check_png(bytes: &[u8], width: u32, height: u32) -> Result<(), String> {
 /// What is wrong, in words.
 pub fn decode_tuple_exr(bytes: &[u8], record: &TupleRecord) -> Result<[Vec<[f32; 3]>; 4], String> {
     let film = &record.scene.film;
-    // Before anything is unpacked: a damaged header may claim any size.
-    let meta =
-        MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| e.to_string())?;
-    for header in &meta.headers {
-        let size = [header.layer_size.width(), header.layer_size.height()];
-        if size != [film.width as usize, film.height as usize] {
-            return Err(format!(
-                "it has {} x {} px, its record says {} x {}",
-                size[0], size[1], film.width, film.height
-            ));
-        }
-    }
+    check_headers(bytes, [film.width, film.height], 3 * LAYERS.len())?;
     let channels = decode_exr_channels(bytes)?;
     let mut layers = [const { Vec::new() }; 4];
     for (layer, name) in layers.iter_mut().zip(LAYERS) {

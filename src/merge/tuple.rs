@@ -1,5 +1,6 @@
 //! A tuple: the four images of a scene, and the record of how they came to be.
 
+use super::noise::NoiseMap;
 use crate::manifest::SceneLine;
 use crate::scene::{InputDigests, SceneFacts};
 use crate::trace::LAYERS;
@@ -20,6 +21,8 @@ pub struct Tuple {
     pub layers: [Vec<[f32; 3]>; 4],
     /// `tuple.json`.
     pub record: TupleRecord,
+    /// Written beside the tuple, and no part of it.
+    pub noise: NoiseMap,
 }
 
 impl Tuple {

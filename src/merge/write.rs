@@ -25,7 +25,7 @@ pub fn tuple_files(line: &SceneLine) -> Vec<String> {
 }
 
 /// Largest value of a half float.
-const HALF_MAX: f32 = 65_504.0;
+pub(super) const HALF_MAX: f32 = 65_504.0;
 
 /// A tuple could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -220,7 +220,7 @@ pub fn encode_tuple_exr(tuple: &Tuple) -> Result<Vec<u8>, exr::error::Error> {
     encode_exr(list, tuple.width, tuple.height)
 }
 
-fn encode_exr(
+pub(super) fn encode_exr(
     channels: Vec<AnyChannel<FlatSamples>>,
     width: u32,
     height: u32,

@@ -1,10 +1,15 @@
 //! What the scenes of a run were drawn from, as histograms; and what was rejected on the way.
 
 use super::histogram::histogram;
+use super::text::table;
 use crate::farm::RejectedScene;
+use crate::html::{Html, cut};
 use crate::manifest::{Focus, SceneLine};
 use std::collections::BTreeMap;
 use std::fmt::Write;
+
+/// Characters of a reason on the page.
+const REASON_SHOWN: usize = 500;
 
 /// A number of each scene that has it: its name, its unit, how it is found.
 type Parameter = (&'static str, &'static str, fn(&SceneLine) -> Option<f64>);
@@ -55,7 +60,7 @@ fn ev(exposure: f64) -> Option<f64> {
     (exposure > 0.0).then(|| exposure.log2())
 }
 
-/// A section with a histogram of every parameter that differs among `lines`; empty if none does.
+/// A histogram of every parameter that differs among `lines`.
 pub(super) fn parameters(lines: &[SceneLine]) -> String {
     let plots: String = PARAMETERS
         .iter()
@@ -65,16 +70,16 @@ pub(super) fn parameters(lines: &[SceneLine]) -> String {
         })
         .collect();
     if plots.is_empty() {
-        return String::new();
+        return "<p class=\"dim\">All scenes have the same parameters.</p>\n".to_owned();
     }
     format!(
-        "<h2>Parameters</h2>\n<p>What {} scenes were drawn from, where they differ. Scenes a bar; the line is the \
-         median.</p>\n<div class=\"plots\">{plots}</div>\n",
+        "<p>What {} scenes were drawn from, where they differ. The dashed line is the median.</p>\n\
+         <div class=\"plots\">{plots}</div>\n",
         lines.len()
     )
 }
 
-/// A section about the draws that were not kept; empty if there were none.
+/// About the draws that were not kept; empty if there were none.
 pub(super) fn rejections(scenes: usize, rejected: &[RejectedScene]) -> String {
     if rejected.is_empty() {
         return String::new();
@@ -85,21 +90,25 @@ pub(super) fn rejections(scenes: usize, rejected: &[RejectedScene]) -> String {
     }
     let looks = scenes + rejected.len();
     let share = |count: usize| 100.0 * count as f64 / looks as f64;
-    let mut html = format!(
-        "<h2>Rejected draws</h2>\n<p>{looks} draws were looked at for {scenes} scenes; {} of them ({:.1} %) were not kept, \
-         and other draws took their places. <code>rejected.jsonl</code> has each with its reason.</p>\n\
-         <table><tr><th>rule</th><th>draws</th><th>of all looks</th><th>for example</th></tr>\n",
-        rejected.len(),
-        share(rejected.len()),
-    );
+    let mut rows = String::new();
     for (rule, (count, reason)) in rules {
         let _ = writeln!(
-            html,
-            "<tr><td>{}</td><td>{count}</td><td>{:.1} %</td><td>{}</td></tr>",
-            super::html::escape(rule),
+            rows,
+            "<tr><td>{}</td><td class=\"n\">{count}</td><td class=\"n\">{:.1} %</td><td>{}</td></tr>",
+            Html(rule),
             share(count),
-            super::html::escape(reason),
+            Html(&cut(reason, REASON_SHOWN)),
         );
     }
-    html + "</table>\n"
+    format!(
+        "<h3>Rejected draws</h3>\n<p>{looks} draws were looked at for {scenes} scenes; {} of them ({:.1} %) were not kept, \
+         and other draws took their places. <code>rejected.jsonl</code> has each with its reason.</p>\n{}",
+        rejected.len(),
+        share(rejected.len()),
+        table(
+            "Rejected draws",
+            &["rule", "#draws", "#of all looks", "for example"],
+            &rows
+        ),
+    )
 }

@@ -1,20 +1,15 @@
-//! The training in the report: curves, scores, pictures.
+//! The training in the report: curves and pictures.
 
-use super::histogram::short;
-use super::html::escape;
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
-use serde_json::Value;
+use super::evaluation::grid;
+use crate::plot::{Axis, Panel, Stroke, number, open};
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Size of a curve, px of its own coordinates.
-const WIDTH: f64 = 480.0;
-const HEIGHT: f64 = 180.0;
-const LEFT: f64 = 46.0;
-const FOOT: f64 = 28.0;
-const HEAD: f64 = 20.0;
+/// Size of a curve, px of its own coordinates, and its area.
+const SIZE: [f64; 2] = [480.0, 230.0];
+const X_ENDS: [f64; 2] = [60.0, 466.0];
+const Y_ENDS: [f64; 2] = [182.0, 30.0];
 
 /// Points of a curve at most; each is a mean.
 const POINTS: usize = 240;
@@ -22,7 +17,7 @@ const POINTS: usize = 240;
 /// A number at a step.
 type Point = (f64, f64);
 
-/// The section; empty if nothing was trained.
+/// Curves and the newest pictures of both stages.
 pub(super) fn training(run: &Path) -> String {
     let folder = run.join("train");
     let mut html = String::new();
@@ -34,7 +29,7 @@ pub(super) fn training(run: &Path) -> String {
         let Ok(csv) = fs::read_to_string(folder.join("metrics.csv")) else {
             continue;
         };
-        let _ = writeln!(html, "<h3>{title}</h3>\n<div class=\"plots curves\">");
+        let _ = writeln!(html, "<h3>{title}</h3>\n<div class=\"plots wide\">");
         html += &curve("loss", "", &column(&csv, "total"));
         html += &curve(
             "PSNR on validation scenes",
@@ -47,24 +42,19 @@ pub(super) fn training(run: &Path) -> String {
                 "backtrack" => "R&#771;, R*, R",
                 _ => "I, T*, T, R&#771;*, R&#771;, R*, R",
             };
-            let _ = writeln!(
-                html,
-                "<figure class=\"grid\"><img loading=\"lazy\" alt=\"What the networks make of validation scenes at step {step}\" \
-                 src=\"data:image/png;base64,{}\"><figcaption>Validation scenes at step {step}: {columns}. \
-                 * is what the networks make.</figcaption></figure>",
-                STANDARD.encode(png)
+            html += &grid(
+                &png,
+                &format!("What the networks make of validation scenes at step {step}"),
+                &format!(
+                    "Validation scenes at step {step}: {columns}. * is what the networks make."
+                ),
             );
         }
     }
-    let evaluation = fs::read(folder.join("evaluation").join("evaluation.json")).ok();
-    let evaluation = evaluation.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
-    if let Some(evaluation) = evaluation {
-        html += &scores(&evaluation);
-    }
     if html.is_empty() {
-        return html;
+        return "<p class=\"dim\">Nothing was trained on this run in this folder.</p>\n".to_owned();
     }
-    format!("<h2>Training</h2>\n{html}")
+    html
 }
 
 /// What stands in a column of `metrics.csv`, by step.
@@ -99,39 +89,48 @@ fn curve(name: &str, unit: &str, points: &[Point]) -> String {
     let (Some(first), Some(last)) = (points.first(), points.last()) else {
         return String::new();
     };
-    let least = means.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
-    let most = means.iter().map(|p| p.1).fold(f64::NEG_INFINITY, f64::max);
-    let span = (most - least).max(1e-9);
-    let steps = (last.0 - first.0).max(1.0);
-    let floor = HEIGHT - FOOT;
-    let mut path = String::new();
-    for (k, (step, value)) in means.iter().enumerate() {
-        let x = LEFT + (WIDTH - LEFT - 4.0) * (step - first.0) / steps;
-        let y = floor - (floor - HEAD) * (value - least) / span;
-        let _ = write!(path, "{}{x:.1} {y:.1}", if k == 0 { "M" } else { "L" });
-    }
-    let unit_of = if unit.is_empty() {
-        String::new()
-    } else {
-        format!(", {unit}")
+    let with_unit = match unit {
+        "" => String::new(),
+        unit => format!(", {unit}"),
     };
-    format!(
-        "<svg class=\"plot curve\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{name} against steps\">\
-         <text x=\"0\" y=\"12\" class=\"name\">{name}{unit_of}</text>\
-         <text x=\"{WIDTH}\" y=\"12\" text-anchor=\"end\">last {}</text>\
-         <path d=\"M{LEFT} {HEAD}V{floor}H{WIDTH}\"/><path class=\"line\" d=\"{path}\"/>\
-         <text x=\"{x}\" y=\"{floor}\" text-anchor=\"end\">{}</text>\
-         <text x=\"{x}\" y=\"{}\" text-anchor=\"end\">{}</text>\
-         <text x=\"{LEFT}\" y=\"{foot}\">{}</text><text x=\"{WIDTH}\" y=\"{foot}\" text-anchor=\"end\">step {}</text></svg>\n",
-        short(last.1),
-        short(least),
-        HEAD + 8.0,
-        short(most),
+    let y_label = match at_once {
+        1 => format!("{name}{with_unit}"),
+        n => format!("{name}{with_unit}, means of {n} steps"),
+    };
+    let panel = Panel {
+        x: Axis::linear([first.0, last.0].into_iter(), X_ENDS),
+        y: Axis::linear(means.iter().map(|p| p.1), Y_ENDS),
+        x_label: "step",
+        y_label: &y_label,
+    };
+    let label = format!(
+        "{name}{with_unit} against steps: {} at step {}, {} at step {}",
+        number(first.1),
         first.0,
-        last.0,
-        x = LEFT - 4.0,
-        foot = floor + 14.0,
-    )
+        number(last.1),
+        last.0
+    );
+    let mut svg = open(SIZE, &label);
+    let _ = write!(
+        svg,
+        "<text x=\"{}\" y=\"{}\" text-anchor=\"end\">last {}{}</text>",
+        X_ENDS[1],
+        Y_ENDS[1] - 9.0,
+        number(last.1),
+        with_unit.replacen(',', "", 1),
+    );
+    panel.frame(&mut svg);
+    let line: Vec<Point> = means.iter().map(|point| panel.at(*point)).collect();
+    let stroke = Stroke {
+        colour: "var(--busy)",
+        width: 1.8,
+        dash: "",
+    };
+    Panel::line(&mut svg, &line, &stroke);
+    if line.len() < 30 {
+        Panel::dots(&mut svg, &line, "var(--busy)", 2.4);
+    }
+    svg + "</svg>\n"
 }
 
 /// The newest grid of pictures, with its step.
@@ -149,39 +148,6 @@ fn newest_picture(folder: &Path) -> Option<(u64, Vec<u8>)> {
     Some((step, fs::read(path).ok()?))
 }
 
-/// The rows of `evaluation.json`.
-fn scores(evaluation: &Value) -> String {
-    let Some(rows) = evaluation["rows"].as_array() else {
-        return String::new();
-    };
-    let mut html = format!(
-        "<h3>Scores on {} {} scenes</h3>\n<table><tr><th>method</th><th>PSNR, dB</th><th>SSIM, grey</th>\
-         <th>PSNR, mean of channels, dB</th><th>SSIM, mean of channels</th></tr>\n",
-        evaluation["images"],
-        escape(evaluation["split"].as_str().unwrap_or_default()),
-    );
-    for row in rows {
-        let number = |key: &str, digits: usize| {
-            row[key].as_f64().map_or_else(
-                || escape(row[key].as_str().unwrap_or("?")),
-                |value| format!("{value:.digits$}"),
-            )
-        };
-        let _ = writeln!(
-            html,
-            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-            escape(row["method"].as_str().unwrap_or_default()),
-            number("psnr_colour_db", 2),
-            number("ssim_grey", 4),
-            number("psnr_channels_db", 2),
-            number("ssim_channels", 4),
-        );
-    }
-    html += "</table>\n<p>T* against T, 8-bit sRGB, not resized. The input as it is comes first: what scores less makes pictures \
-             worse.</p>\n";
-    html
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -196,14 +162,14 @@ mod tests {
         );
         assert!(column(csv, "other").is_empty());
         let svg = curve("loss", "", &column(csv, "total"));
-        assert!(svg.contains("step 2") && svg.contains("0.5"), "{svg}");
+        assert!(svg.contains("0.5 at step 1, 0.25 at step 2"), "{svg}");
         assert_eq!(curve("loss", "", &[]), "");
     }
 
     #[test]
-    fn a_run_without_training_has_no_section() {
+    fn a_run_without_training_says_so() {
         let dir = tempfile::tempdir().unwrap();
-        assert_eq!(training(dir.path()), "");
+        assert!(training(dir.path()).contains("Nothing was trained"));
         let folder = dir.path().join("train/backtrack");
         fs::create_dir_all(&folder).unwrap();
         crate::atomic_file::write(&folder.join("metrics.csv"), b"step,total\n1,0.5\n").unwrap();

@@ -3,8 +3,9 @@
 //! It is whole without a script. The script fetches what changes every two seconds, drawn by the same code, and puts it
 //! into place. Lists are cut: a page of 500 workers is read by nobody.
 
-use super::text::{Html, duration, grouped, percent, rate};
+use super::text::{duration, grouped, percent, rate};
 use super::view::{FarmState, FarmView, QuarantinedScene, RecentTuple, WorkerState, WorkerView};
+use crate::html::{self, Html};
 use crate::trace::LAYERS;
 use std::fmt::Write;
 
@@ -17,7 +18,7 @@ const TUPLES_SHOWN: usize = 6;
 /// Characters of a reason and of a log's end on the page.
 const TEXT_SHOWN: usize = 2000;
 
-const STYLE: &str = include_str!("page.css");
+const STYLE: &str = concat!(include_str!("look.css"), include_str!("page.css"));
 const SCRIPT: &str = include_str!("page.js");
 /// The layers' symbols in the paper, in the order of [`LAYERS`].
 const SYMBOLS: [&str; 4] = ["I", "T", "R&#771;", "R"];
@@ -368,13 +369,10 @@ fn more(html: &mut String, all: u64, shown: usize, what: &str) {
 /// At most `limit` characters of a text, its first or its last.
 fn cut(text: &str, limit: usize, last: bool) -> String {
     let count = text.chars().count();
-    if count <= limit {
-        text.to_owned()
-    } else if last {
+    if last && count > limit {
         let rest: String = text.chars().skip(count - limit).collect();
         format!("…{rest}")
     } else {
-        let rest: String = text.chars().take(limit).collect();
-        format!("{rest}…")
+        html::cut(text, limit)
     }
 }

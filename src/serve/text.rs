@@ -1,27 +1,6 @@
-//! Numbers and names as people, HTML and Prometheus read them.
+//! Numbers and names as people and Prometheus read them.
 
 use std::fmt;
-
-/// Text inside HTML, between tags or in a quoted attribute.
-pub(super) struct Html<'a>(pub(super) &'a str);
-
-impl fmt::Display for Html<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for c in self.0.chars() {
-            match c {
-                '&' => f.write_str("&amp;")?,
-                '<' => f.write_str("&lt;")?,
-                '>' => f.write_str("&gt;")?,
-                '"' => f.write_str("&quot;")?,
-                '\'' => f.write_str("&#39;")?,
-                // Colours of a log, and what could hide other text.
-                c if c.is_control() && c != '\n' && c != '\t' => f.write_str("\u{fffd}")?,
-                c => fmt::Write::write_char(f, c)?,
-            }
-        }
-        Ok(())
-    }
-}
 
 /// The value of a label in Prometheus' text format, without its quotes.
 pub(super) struct Label<'a>(pub(super) &'a str);
@@ -133,9 +112,6 @@ mod tests {
 
     #[test]
     fn text_stays_text() {
-        let hostile = "<b a='\"'>&\x1b[31m\n";
-        let html = Html(hostile).to_string();
-        assert_eq!(html, "&lt;b a=&#39;&quot;&#39;&gt;&amp;\u{fffd}[31m\n");
         assert_eq!(Label("a\\b\"c\nd").to_string(), "a\\\\b\\\"c\\nd");
     }
 }

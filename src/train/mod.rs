@@ -59,7 +59,7 @@ pub use inference::{LEAST_PX, LEAST_TILE_PX, Networks};
 pub use learner::{Lap, Learner, StepLosses, Term};
 pub use loader::Loader;
 pub use loss::{FEATURE_DIVISORS, adversarial_loss, discriminator_loss, feature_difference, l1};
-pub use picture::Picture;
+pub use picture::{Grid, Picture, rgb_grid, shrunk};
 pub use random::Stream;
 pub use separator::{Separator, SeparatorError};
 pub use session::{Best, Schedule, Session, TrainError, Trained, Watcher};

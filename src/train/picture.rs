@@ -43,26 +43,37 @@ impl Picture {
 }
 
 /// A PNG.
-pub(super) struct Grid {
-    pub(super) png: Vec<u8>,
+pub struct Grid {
+    /// Its bytes.
+    pub png: Vec<u8>,
     /// Width and height, px.
-    pub(super) size: [u32; 2],
+    pub size: [u32; 2],
 }
 
 /// Rows of pictures in one.
 pub(super) fn picture_grid(rows: &[Vec<Picture>]) -> Result<Grid, image::ImageError> {
-    let shrunk = |picture: &Picture| {
-        let picture = picture.to_rgb();
-        if picture.width() <= WIDEST {
-            return picture;
-        }
-        let height = (picture.height() * WIDEST / picture.width()).max(1);
-        imageops::thumbnail(&picture, WIDEST, height)
-    };
     let rows: Vec<Vec<RgbImage>> = rows
         .iter()
-        .map(|row| row.iter().map(shrunk).collect())
+        .map(|row| row.iter().map(|picture| shrunk(picture.to_rgb())).collect())
         .collect();
+    rgb_grid(&rows)
+}
+
+/// A picture that is narrow enough for a grid.
+pub fn shrunk(picture: RgbImage) -> RgbImage {
+    if picture.width() <= WIDEST {
+        return picture;
+    }
+    let height = (picture.height() * WIDEST / picture.width()).max(1);
+    imageops::thumbnail(&picture, WIDEST, height)
+}
+
+/// Rows of pictures in one, each as large as it is.
+///
+/// # Errors
+///
+/// Of the encoder.
+pub fn rgb_grid(rows: &[Vec<RgbImage>]) -> Result<Grid, image::ImageError> {
     let width_of = |row: &Vec<RgbImage>| row.iter().map(|p| p.width() + GAP).sum::<u32>();
     let height_of = |row: &Vec<RgbImage>| row.iter().map(RgbImage::height).max().unwrap_or(0);
     let width = rows.iter().map(width_of).max().unwrap_or(1).max(1);
@@ -74,7 +85,7 @@ pub(super) fn picture_grid(rows: &[Vec<Picture>]) -> Result<Grid, image::ImageEr
     let grey = image::Rgb([SrgbEncoder::new().encode(0.2); 3]);
     let mut grid = RgbImage::from_pixel(width, height, grey);
     let mut y = 0;
-    for row in &rows {
+    for row in rows {
         let mut x = 0;
         for picture in row {
             imageops::replace(&mut grid, picture, x.into(), y.into());

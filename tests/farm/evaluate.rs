@@ -99,8 +99,13 @@ fn a_run_is_scored() {
         .iter()
         .map(|f| f.as_str().unwrap())
         .collect();
-    assert_eq!(files.len(), 3);
+    assert_eq!(files.len(), 4);
     let folder = place.run.join("train/evaluation");
+    // One test scene: the input, times a gain, what the network makes of it, the truth.
+    let pictures = image::open(folder.join("evaluation.png")).unwrap();
+    let first = image::open(tuples(&place.run, "test")[0].join("input.png")).unwrap();
+    assert_eq!(pictures.width(), 4 * (first.width() + 4));
+    assert_eq!(pictures.height(), first.height() + 4);
     let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
     let markdown = read("evaluation.md");
     for part in [

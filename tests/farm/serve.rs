@@ -1,5 +1,6 @@
 //! The coordinator's web server as a client sees it: bytes over a socket.
 
+use crate::markup::strictly;
 use crate::serve_run::{HOSTILE, Run, TOKEN, get, id, png, request, run, send, start, worker};
 use glasshouse::serve::{
     Action, FarmSource, FarmState, QuarantinedScene, ServeError, WorkerState, serve,
@@ -43,6 +44,7 @@ fn every_route_answers() {
     ] {
         assert!(page.text().contains(word), "no {word:?}");
     }
+    strictly(page.text());
     // Nothing is fetched from elsewhere, and only what has this answer's nonce is run.
     for elsewhere in ["http://", "https://", "\"//", "url(", "@import"] {
         assert!(!page.text().contains(elsewhere), "{elsewhere}");
@@ -404,6 +406,7 @@ fn hostile_text_stays_text() {
         assert!(!page.text().contains('\x1b'));
         assert!(page.text().contains("&lt;img src=x onerror=&quot;document"));
     }
+    strictly(get(server.address(), "/").expect(200).text());
     let view = get(server.address(), "/api/view").expect(200);
     let json: serde_json::Value = serde_json::from_slice(&view.body).unwrap();
     assert_eq!(json["name"], HOSTILE);

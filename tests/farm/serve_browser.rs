@@ -1,45 +1,8 @@
 //! The status page in a browser, where there is one: Debian's `chromium`.
 
+use crate::browser::browse;
 use crate::serve_run::{HOSTILE, run, start};
-use std::process::{Command, Stdio};
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
-
-/// The page as the browser has it after `virtual_ms` of its own time; `None` without a browser.
-fn dom(url: &str, virtual_ms: u32) -> Option<String> {
-    let profile = tempfile::tempdir().unwrap();
-    let out = profile.path().join("dom.html");
-    let child = Command::new("chromium")
-        .args([
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-background-networking",
-        ])
-        .arg(format!("--user-data-dir={}", profile.path().display()))
-        .arg(format!("--virtual-time-budget={virtual_ms}"))
-        .args(["--dump-dom", url])
-        .stdin(Stdio::null())
-        .stdout(std::fs::File::create(&out).unwrap())
-        .stderr(Stdio::null())
-        .spawn();
-    let mut child = match child {
-        Ok(child) => child,
-        Err(e) => {
-            eprintln!("skipped: chromium does not start ({e})");
-            return None;
-        }
-    };
-    let begun = Instant::now();
-    while child.try_wait().unwrap().is_none() {
-        if begun.elapsed() > Duration::from_mins(2) {
-            child.kill().unwrap();
-            panic!("the browser does not end");
-        }
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    Some(std::fs::read_to_string(out).unwrap())
-}
 
 fn between<'a>(text: &'a str, before: &str, after: &str) -> &'a str {
     let (_, rest) = text
@@ -60,9 +23,10 @@ fn the_script_puts_new_numbers_into_the_page() {
     run.goes_on.store(true, Ordering::Relaxed);
     let server = start(&run, None);
     let url = format!("http://{}/", server.address());
-    let Some(dom) = dom(&url, 9000) else {
+    let Some(browsed) = browse(&url, 9000, &[]) else {
         return;
     };
+    let dom = browsed.dom;
     let done: u64 = between(&dom, "<b id=\"done\">", "<")
         .replace(',', "")
         .parse()

@@ -1,0 +1,215 @@
+//! An axis: from values to positions, and where its ticks are.
+
+/// How values are spread over an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Scale {
+    Linear,
+    Log,
+}
+
+/// Ticks of an axis, about.
+const TICKS: f64 = 5.0;
+
+/// An axis of a plot.
+#[derive(Clone, Debug)]
+pub(crate) struct Axis {
+    scale: Scale,
+    /// Values at the ends.
+    pub(crate) values: [f64; 2],
+    /// Positions of the ends, px.
+    pub(crate) ends: [f64; 2],
+}
+
+/// A value that is written beside an axis.
+pub(crate) struct Tick {
+    /// Its position, px.
+    pub(crate) at: f64,
+    /// What stands in its `<text>`: characters and `<tspan>`s.
+    pub(crate) label: String,
+}
+
+impl Axis {
+    /// A logarithmic axis a little longer than its values, which are above 0, and at least from one half to double.
+    pub(crate) fn log(values: impl Iterator<Item = f64>, ends: [f64; 2]) -> Self {
+        let (lo, hi) = range(values);
+        let (lo, hi) = (lo.min(hi / 1.5) / 1.3, hi.max(lo * 1.5) * 1.3);
+        Self {
+            scale: Scale::Log,
+            values: [lo, hi],
+            ends,
+        }
+    }
+
+    /// A logarithmic axis between two values above 0.
+    pub(crate) fn log_between(values: [f64; 2], ends: [f64; 2]) -> Self {
+        Self {
+            scale: Scale::Log,
+            values,
+            ends,
+        }
+    }
+
+    /// An even axis that is as long as its values, or somewhat longer where they are all the same.
+    pub(crate) fn linear(values: impl Iterator<Item = f64>, ends: [f64; 2]) -> Self {
+        let (lo, hi) = range(values);
+        let values = if lo < hi {
+            [lo, hi]
+        } else {
+            let room = if lo == 0.0 { 1.0 } else { lo.abs() * 0.1 };
+            [lo - room, lo + room]
+        };
+        Self {
+            scale: Scale::Linear,
+            values,
+            ends,
+        }
+    }
+
+    /// Where a value stands.
+    pub(crate) fn at(&self, value: f64) -> f64 {
+        let [a, b] = self.ends;
+        a + (b - a) * self.place(value)
+    }
+
+    /// The same as a share of the axis's length.
+    pub(crate) fn place(&self, value: f64) -> f64 {
+        let [lo, hi] = self.values;
+        match self.scale {
+            Scale::Linear => (value - lo) / (hi - lo),
+            Scale::Log => libm::log10(value / lo) / libm::log10(hi / lo),
+        }
+    }
+
+    /// Equal steps are equal factors.
+    pub(crate) fn is_log(&self) -> bool {
+        self.scale == Scale::Log
+    }
+
+    /// Its ticks, from the first end.
+    pub(crate) fn ticks(&self) -> Vec<Tick> {
+        match self.scale {
+            Scale::Linear => self.linear_ticks(),
+            Scale::Log => self.log_ticks(),
+        }
+    }
+
+    /// Multiples of 1, 2 or 5 times a power of 10.
+    fn linear_ticks(&self) -> Vec<Tick> {
+        let [lo, hi] = self.values;
+        let rough = (hi - lo) / TICKS;
+        let exponent = libm::log10(rough).floor();
+        let unit = libm::pow(10.0, exponent);
+        let step = unit
+            * match rough / unit {
+                r if r < 1.5 => 1.0,
+                r if r < 3.5 => 2.0,
+                r if r < 7.5 => 5.0,
+                _ => 10.0,
+            };
+        let digits = (-libm::log10(step * 1.000001).floor()).clamp(0.0, 12.0) as usize;
+        let room = step * 1e-6;
+        let first = ((lo - room) / step).ceil();
+        let values = (0..20).map(|k| (first + f64::from(k)) * step);
+        values
+            .take_while(|value| *value <= hi + room)
+            .map(|value| {
+                // No minus before a zero.
+                let value = if value.abs() < room { 0.0 } else { value };
+                Tick {
+                    at: self.at(value),
+                    label: format!("{value:.digits$}"),
+                }
+            })
+            .collect()
+    }
+
+    /// Every decade, and 2 and 5 where decades are few, all digits where there is hardly one; where they are many, not each
+    /// of them.
+    fn log_ticks(&self) -> Vec<Tick> {
+        let [lo, hi] = self.values;
+        let (first, last) = (
+            libm::log10(lo).floor() as i32,
+            libm::log10(hi).ceil() as i32,
+        );
+        let digits: &[i32] = match libm::log10(hi / lo) {
+            decades if decades < 0.7 => &[1, 2, 3, 4, 5, 6, 7, 8, 9],
+            decades if decades < 2.2 => &[1, 2, 5],
+            _ => &[1],
+        };
+        let every = ((last - first) / 9 + 1) as usize;
+        let is_plain = lo >= 0.005 && hi < 2000.0;
+        let mut ticks = Vec::new();
+        for exponent in (first..=last).step_by(every) {
+            for &digit in digits {
+                let value = f64::from(digit) * libm::pow(10.0, f64::from(exponent));
+                if (lo * 0.999_999..=hi * 1.000_001).contains(&value) {
+                    ticks.push(Tick {
+                        at: self.at(value),
+                        label: power_label(digit, exponent, is_plain),
+                    });
+                }
+            }
+        }
+        ticks
+    }
+}
+
+/// A digit times a power of 10.
+fn power_label(digit: i32, exponent: i32, is_plain: bool) -> String {
+    if is_plain {
+        let value = f64::from(digit) * libm::pow(10.0, f64::from(exponent));
+        return format!("{value:.*}", (-exponent).max(0) as usize);
+    }
+    let factor = if digit == 1 {
+        String::new()
+    } else {
+        format!("{digit}\u{b7}")
+    };
+    let power = exponent.to_string().replace('-', "\u{2212}");
+    format!("{factor}10<tspan dy=\"-5\" font-size=\"9\">{power}</tspan>")
+}
+
+fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), v| {
+        (lo.min(v), hi.max(v))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn labels(axis: &Axis) -> Vec<String> {
+        axis.ticks().into_iter().map(|tick| tick.label).collect()
+    }
+
+    #[test]
+    fn even_axes_have_round_ticks() {
+        let axis = |lo, hi| Axis::linear([lo, hi].into_iter(), [0.0, 100.0]);
+        assert_eq!(labels(&axis(0.0, 99.0)), ["0", "20", "40", "60", "80"]);
+        assert_eq!(labels(&axis(1.3, 1.7)), ["1.3", "1.4", "1.5", "1.6", "1.7"]);
+        assert_eq!(
+            labels(&axis(-1.0, 1.0)),
+            ["-1.0", "-0.5", "0.0", "0.5", "1.0"]
+        );
+        assert_eq!(labels(&axis(5.0, 5.0)).len(), 6);
+        assert_eq!(labels(&axis(0.0, 0.0)).len(), 5);
+        assert_eq!(axis(0.0, 50.0).at(25.0), 50.0);
+    }
+
+    #[test]
+    fn logarithmic_axes_have_decades() {
+        let axis = |lo, hi| Axis::log_between([lo, hi], [0.0, 90.0]);
+        assert_eq!(labels(&axis(1.0, 1000.0)), ["1", "10", "100", "1000"]);
+        assert_eq!(labels(&axis(1.0, 10.0)), ["1", "2", "5", "10"]);
+        assert_eq!(labels(&axis(0.3, 0.63)), ["0.3", "0.4", "0.5", "0.6"]);
+        let small = labels(&axis(1e-5, 1e-1));
+        assert_eq!(small.len(), 5);
+        assert!(small[0].starts_with("10<tspan") && small[0].contains("\u{2212}5<"));
+        assert!(labels(&axis(1e-30, 1e30)).len() <= 10);
+        assert!((axis(1.0, 1000.0).at(10.0) - 30.0).abs() < 1e-9);
+        // Of one value there is an axis, too.
+        let one = Axis::log([3.0].into_iter(), [0.0, 1.0]);
+        assert!(one.ticks().len() > 1 && one.is_log());
+    }
+}

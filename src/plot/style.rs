@@ -1,0 +1,46 @@
+//! How layers look in plots, and how numbers are written there.
+
+/// Symbols of the layers, in the order in which everything stores them.
+pub(crate) const LAYER_SYMBOLS: [&str; 4] = ["I", "T", "R~", "R"];
+
+/// Their colours (Okabe and Ito's, which colour-blind eyes tell apart).
+pub(crate) const LAYER_COLOURS: [&str; 4] = ["#0072B2", "#D55E00", "#009E73", "#CC79A7"];
+
+/// Three significant digits; powers of 10 for what is very small or large.
+pub(crate) fn number(value: f64) -> String {
+    let size = value.abs();
+    if size != 0.0 && !(1e-4..1e7).contains(&size) {
+        return format!("{value:.2e}");
+    }
+    let digits = if value == 0.0 {
+        0
+    } else {
+        (2 - libm::log10(size).floor() as i32).clamp(0, 6)
+    };
+    let text = format!("{value:.*}", digits as usize);
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_short() {
+        for (value, text) in [
+            (0.3, "0.3"),
+            (1234.5, "1234"),
+            (0.00893, "0.00893"),
+            (-1.25, "-1.25"),
+            (0.0, "0"),
+            (0.000012345, "1.23e-5"),
+            (2e9, "2.00e9"),
+        ] {
+            assert_eq!(number(value), text);
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! Pictures inside the page: small, as data URIs.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use image::codecs::jpeg::JpegEncoder;
+use image::codecs::png::{CompressionType, FilterType, PngDecoder, PngEncoder};
+use image::{ExtendedColorType, ImageDecoder, ImageEncoder, Limits, RgbImage, imageops};
+use std::io::Cursor;
+
+/// Quality of JPEGs.
+pub(super) const QUALITY: u8 = 90;
+/// A JPEG stands for a PNG that is so many times as long.
+pub(super) const MUCH_SMALLER: usize = 2;
+
+/// A PNG of exactly this size, px; anything else is an error before its pixels are unpacked.
+pub(super) fn decode_png(bytes: &[u8], size: [u32; 2]) -> Result<RgbImage, String> {
+    let decoder =
+        PngDecoder::with_limits(Cursor::new(bytes), limits(size)).map_err(|e| e.to_string())?;
+    let (width, height) = decoder.dimensions();
+    if [width, height] != size {
+        return Err(format!(
+            "it has {width} x {height} px, its film {} x {}",
+            size[0], size[1]
+        ));
+    }
+    let image = image::DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
+    Ok(image.into_rgb8())
+}
+
+/// A PNG of at most `most` px a side.
+pub(super) fn decode_png_within(bytes: &[u8], most: u32) -> Result<RgbImage, String> {
+    let decoder = PngDecoder::with_limits(Cursor::new(bytes), limits([most, most]))
+        .map_err(|e| e.to_string())?;
+    let (width, height) = decoder.dimensions();
+    if width.max(height) > most {
+        return Err(format!(
+            "it has {width} x {height} px, more than {most} a side"
+        ));
+    }
+    let image = image::DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
+    Ok(image.into_rgb8())
+}
+
+fn limits([width, height]: [u32; 2]) -> Limits {
+    let mut limits = Limits::default();
+    // Four channels of 16 bits, and the decoder's own rows.
+    limits.max_alloc = Some(u64::from(width) * u64::from(height) * 8 + (64 << 20));
+    limits
+}
+
+/// The picture, or a smaller one that is at most `most` px wide and high.
+pub(super) fn shrunk(picture: RgbImage, most: u32) -> RgbImage {
+    let (width, height) = picture.dimensions();
+    let longest = width.max(height);
+    if longest <= most {
+        return picture;
+    }
+    let side = |side: u32| (u64::from(side) * u64::from(most) / u64::from(longest)).max(1) as u32;
+    imageops::thumbnail(&picture, side(width), side(height))
+}
+
+/// An `<img>`. A PNG, or where that is much smaller a JPEG.
+pub(super) fn img(picture: &RgbImage, alt: &str) -> Result<String, String> {
+    let png = png(picture)?;
+    let mut jpeg = Vec::new();
+    JpegEncoder::new_with_quality(&mut jpeg, QUALITY)
+        .encode_image(picture)
+        .map_err(|e| e.to_string())?;
+    let is_smaller = jpeg.len() * MUCH_SMALLER < png.len();
+    let (kind, bytes) = if is_smaller {
+        ("jpeg", jpeg)
+    } else {
+        ("png", png)
+    };
+    Ok(tag(picture, alt, kind, &bytes))
+}
+
+/// An `<img>` whose pixels are exact.
+pub(super) fn exact_img(picture: &RgbImage, alt: &str) -> Result<String, String> {
+    Ok(tag(picture, alt, "png", &png(picture)?))
+}
+
+/// `alt` is markup.
+fn tag(picture: &RgbImage, alt: &str, kind: &str, bytes: &[u8]) -> String {
+    format!(
+        "<img alt=\"{alt}\" width=\"{}\" height=\"{}\" src=\"data:image/{kind};base64,{}\">",
+        picture.width(),
+        picture.height(),
+        STANDARD.encode(bytes)
+    )
+}
+
+fn png(picture: &RgbImage) -> Result<Vec<u8>, String> {
+    let mut bytes = Vec::new();
+    PngEncoder::new_with_quality(&mut bytes, CompressionType::Default, FilterType::Adaptive)
+        .write_image(
+            picture.as_raw(),
+            picture.width(),
+            picture.height(),
+            ExtendedColorType::Rgb8,
+        )
+        .map_err(|e| e.to_string())?;
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_have_the_size_that_is_expected() {
+        let picture = RgbImage::from_fn(8, 6, |x, y| image::Rgb([x as u8 * 30, y as u8 * 40, 7]));
+        let bytes = png(&picture).unwrap();
+        assert_eq!(decode_png(&bytes, [8, 6]).unwrap(), picture);
+        let error = decode_png(&bytes, [8, 7]).unwrap_err();
+        assert!(error.contains("8 x 6 px"), "{error}");
+        decode_png(&bytes[..bytes.len() / 2], [8, 6]).unwrap_err();
+        assert_eq!(decode_png_within(&bytes, 8).unwrap(), picture);
+        decode_png_within(&bytes, 7).unwrap_err();
+        assert_eq!(shrunk(picture.clone(), 8), picture);
+        assert_eq!(shrunk(picture, 4).dimensions(), (4, 3));
+        let thin = RgbImage::new(1000, 2);
+        assert_eq!(shrunk(thin, 100).dimensions(), (100, 1));
+    }
+
+    #[test]
+    fn a_header_that_claims_gigabytes_is_refused() {
+        let mut bytes = png(&RgbImage::new(4, 4)).unwrap();
+        // Width and height in IHDR; its checksum is wrong then, and nothing is allocated in any case.
+        bytes[16..24].copy_from_slice(&[0, 0, 0x40, 0, 0, 0, 0x40, 0]);
+        decode_png(&bytes, [4, 4]).unwrap_err();
+    }
+
+    #[test]
+    fn what_compresses_badly_becomes_a_jpeg() {
+        let flat = RgbImage::from_pixel(64, 64, image::Rgb([9, 9, 9]));
+        assert!(img(&flat, "a").unwrap().contains("image/png"));
+        let waves = RgbImage::from_fn(128, 128, |x, y| {
+            let wave = |f: f64| (libm::sin(f64::from(x * y) * f * 1e-3) * 90.0 + 120.0) as u8;
+            image::Rgb([wave(1.0), wave(1.3), wave(1.7)])
+        });
+        let tag = img(&waves, "b").unwrap();
+        assert!(tag.contains("image/jpeg") && tag.contains("width=\"128\""));
+        assert!(exact_img(&waves, "b").unwrap().contains("image/png"));
+    }
+}

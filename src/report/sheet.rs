@@ -1,0 +1,246 @@
+//! The contact sheet: some tuples, evenly drawn over the run, each with a map of its noise.
+
+use super::noise_picture::{noise_picture, scale};
+use super::picture::{MUCH_SMALLER, QUALITY, decode_png, exact_img, img, shrunk};
+use super::survey::{Survey, parse};
+use super::text::{error, evenly};
+use crate::farm::{Run, keys};
+use crate::html::Html;
+use crate::ids::SceneId;
+use crate::manifest::SceneLine;
+use crate::merge::{NoiseMap, SrgbEncoder, TupleRecord, srgb_to_linear};
+use crate::plot::number;
+use crate::store::{Store, StoreError};
+use crate::trace::LAYERS;
+use image::RgbImage;
+use rayon::prelude::*;
+use std::fmt::Write;
+
+/// Tuples on the sheet.
+const SHOWN: usize = 32;
+/// Length of the sheet at most, bytes: of larger pictures there are fewer rows.
+const BUDGET: usize = 7 << 20;
+/// How much brighter the reflection is shown a second time.
+const GAIN: f32 = 8.0;
+/// Longest side of a picture on the page, px; larger ones are scaled down.
+const THUMBNAIL_PX: u32 = 256;
+/// The layers' symbols in the paper, in the order of [`LAYERS`].
+const SYMBOLS: [&str; 4] = ["I", "T", "R&#771;", "R"];
+
+/// What the sheet came to.
+pub(super) struct Sheet {
+    /// The section's content.
+    pub(super) html: String,
+    /// Tuples on it.
+    pub(super) shown: usize,
+    /// Of them, those with a map of their noise.
+    pub(super) noise_maps: usize,
+    /// Tuples whose pictures cannot be shown, with the reason.
+    pub(super) damaged: Vec<(SceneId, String)>,
+}
+
+/// A tuple on the sheet.
+struct Row {
+    html: String,
+    has_map: bool,
+}
+
+/// Why there is no row.
+enum Lack {
+    Store(StoreError),
+    Damaged(SceneId, String),
+}
+
+/// Reads and draws. What is damaged is left out and named.
+pub(super) fn sheet(run: &Run, store: &Store, survey: &Survey) -> Result<Sheet, StoreError> {
+    let drawn = evenly(survey.done.len(), SHOWN);
+    let encoder = SrgbEncoder::new();
+    let made: Vec<Result<Row, Lack>> = drawn
+        .par_iter()
+        .map(|&place| {
+            let line = &run.lines[survey.done[place].index];
+            row(line, store, survey.noise.contains(&line.id), &encoder)
+        })
+        .collect();
+    let (mut rows, mut damaged) = (Vec::new(), Vec::new());
+    for made in made {
+        match made {
+            Ok(row) => rows.push(row),
+            Err(Lack::Damaged(scene, reason)) => damaged.push((scene, reason)),
+            Err(Lack::Store(error)) => return Err(error),
+        }
+    }
+    let length: usize = rows.iter().map(|row| row.html.len()).sum();
+    let fitting = (rows.len() * BUDGET / length.max(1)).max(1);
+    let kept = evenly(rows.len(), fitting);
+    let rows: Vec<&Row> = kept.iter().map(|&k| &rows[k]).collect();
+    let noise_maps = rows.iter().filter(|row| row.has_map).count();
+    Ok(Sheet {
+        html: content(&rows, survey.done.len(), noise_maps),
+        shown: rows.len(),
+        noise_maps,
+        damaged,
+    })
+}
+
+fn content(rows: &[&Row], done: usize, noise_maps: usize) -> String {
+    if rows.is_empty() {
+        return "<p class=\"dim\">There is no tuple to show yet.</p>\n".to_owned();
+    }
+    let mut html = format!(
+        "<p>{} of {done} tuples, evenly drawn over the manifest. Linear light, sRGB-coded and clipped at white for the \
+         screen, at most {THUMBNAIL_PX} px a side; JPEG of quality {QUALITY} where that takes less than 1/{MUCH_SMALLER} of \
+         a PNG. <b>I</b> is what the camera sees; <b>T</b> the scene behind the glass, bent as by it; <b>R&#771;</b> the \
+         scene reflected by both faces of the glass, through the lens; <b>R</b> the same without glass and lens. The error \
+         beside a layer is its stated RMS error over the film and its colours, linear radiance.</p>\n",
+        rows.len(),
+    );
+    if noise_maps > 0 {
+        let _ = write!(
+            html,
+            "<p>A <b>noise map</b> shows how far the means of each 2 &times; 2 px moved when their samples were doubled for the \
+             last time (RMS over pixels and colours), scaled such that the RMS over all is the layer's stated error.</p>\n\
+             <div class=\"scale\">{}</div>\n",
+            scale()
+        );
+    }
+    for row in rows {
+        html += &row.html;
+    }
+    html
+}
+
+fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) -> Result<Row, Lack> {
+    let damaged = |reason: String| Lack::Damaged(line.id.clone(), reason);
+    let get = |file: &str| -> Result<Vec<u8>, Lack> {
+        let bytes = store
+            .get(&keys::tuple(&line.id, file))
+            .map_err(Lack::Store)?;
+        let bytes = bytes.ok_or_else(|| damaged(format!("{file} is not there")))?;
+        Ok(bytes.to_vec())
+    };
+    let record = parse(line, &get("tuple.json")?).map_err(damaged)?;
+    let id = line.id.as_str();
+    let (mut figures, mut count) = (String::new(), 0);
+    for (name, symbol) in LAYERS.iter().zip(SYMBOLS) {
+        let Some(layer) = record.layers.get(*name) else {
+            continue;
+        };
+        let file = format!("{name}.png");
+        let wrong = |reason: String| damaged(format!("{file} cannot be read: {reason}"));
+        let size = [line.film.width, line.film.height];
+        let picture = decode_png(&get(&file)?, size).map_err(wrong)?;
+        let picture = shrunk(picture, THUMBNAIL_PX);
+        let tag = img(&picture, &format!("{name} of {id}")).map_err(wrong)?;
+        let mut numbers = match layer.error_rms {
+            Some(rms) => format!("error {}", error(rms)),
+            None => "error unknown".to_owned(),
+        };
+        for (what, share) in [
+            ("missed", layer.miss_share),
+            ("clipped", layer.clipped_share),
+        ] {
+            if share > 0.0 {
+                let _ = write!(numbers, " &middot; {what} {:.2} %", share * 100.0);
+            }
+        }
+        figures += &figure(&tag, symbol, name, &numbers);
+        count += 1;
+        if *name == "glass_reflection" {
+            let alt = format!("{name} of {id}, {GAIN} times as bright");
+            let tag = img(&brightened(picture, encoder), &alt).map_err(wrong)?;
+            let symbol = format!("{symbol} &times; {GAIN}");
+            figures += &figure(&tag, &symbol, "to see it", "");
+            count += 1;
+        }
+    }
+    let noise = if has_map { noise(line, store)? } else { None };
+    let note = match &noise {
+        Some(Ok((tag, symbols))) => {
+            figures += &figure(tag, "noise map", symbols, "");
+            count += 1;
+            String::new()
+        }
+        Some(Err(reason)) => format!(
+            "<p class=\"dim\">Its noise map is of no use ({}), which harms nothing else.</p>",
+            Html(reason)
+        ),
+        None => "<p class=\"dim\">It has no noise map.</p>".to_owned(),
+    };
+    let html = format!(
+        "<section class=\"tuple\" id=\"tuple-{id}\"><h3>{id} <small>{}</small></h3>\
+         <div class=\"strip\" style=\"--n:{count}\">\n{figures}</div>{note}</section>\n",
+        parameters(&record),
+    );
+    Ok(Row {
+        html,
+        has_map: matches!(noise, Some(Ok(_))),
+    })
+}
+
+/// A map as `<img>` and the order of its parts, or what is wrong with it.
+type Map = Result<(String, String), String>;
+
+/// The scene's noise map, if it is still there.
+fn noise(line: &SceneLine, store: &Store) -> Result<Option<Map>, Lack> {
+    let bytes = store.get(&keys::noise(&line.id)).map_err(Lack::Store)?;
+    let draw = |bytes: &[u8]| {
+        let map = NoiseMap::decode(bytes, &line.film)?;
+        let (picture, symbols) = noise_picture(&map);
+        let symbols: Vec<&str> = symbols
+            .into_iter()
+            .map(|s| if s == "R~" { SYMBOLS[2] } else { s })
+            .collect();
+        let rows: Vec<String> = symbols.chunks(2).map(|row| row.join(" ")).collect();
+        let tag = exact_img(&picture, &format!("Noise map of {}", line.id))?;
+        Ok((tag, rows.join(" / ")))
+    };
+    Ok(bytes.map(|bytes| draw(&bytes)))
+}
+
+/// What the scene was made with.
+fn parameters(record: &TupleRecord) -> String {
+    let glass = &record.scene.glass;
+    let focus = record
+        .facts
+        .focus_distance_m
+        .map_or("infinity".to_owned(), |z| format!("{z:.2} m"));
+    let tilt = match glass.tilt_deg {
+        [0.0, 0.0] => "no tilt".to_owned(),
+        [pitch, yaw] => format!("tilt {}&deg;, {}&deg;", number(pitch), number(yaw)),
+    };
+    let orders: Vec<&str> = record
+        .facts
+        .orders
+        .iter()
+        .map(|o| o.order.as_str())
+        .collect();
+    format!(
+        "{} &middot; {} spp &middot; focus {focus} &middot; glass {} mm thick, ior {}, at {} m, {tilt} &middot; orders {}",
+        record.scene.split,
+        record.scene.film.spp,
+        number(glass.thickness_m * 1e3),
+        number(glass.ior),
+        number(glass.distance_m),
+        Html(&orders.join(" ")),
+    )
+}
+
+fn figure(tag: &str, symbol: &str, name: &str, numbers: &str) -> String {
+    let numbers = match numbers {
+        "" => String::new(),
+        numbers => format!("<br>{numbers}"),
+    };
+    format!("<figure>{tag}<figcaption><b>{symbol}</b> {name}{numbers}</figcaption></figure>\n")
+}
+
+/// The reflection as if the back scene were [`GAIN`] times as bright, from its 8-bit picture.
+fn brightened(mut picture: RgbImage, encoder: &SrgbEncoder) -> RgbImage {
+    let codes: Vec<u8> = (0..=255u8)
+        .map(|code| encoder.encode(srgb_to_linear(code) * GAIN))
+        .collect();
+    for value in picture.iter_mut() {
+        *value = codes[usize::from(*value)];
+    }
+    picture
+}

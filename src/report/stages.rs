@@ -1,0 +1,127 @@
+//! The stages of a worker's time: names, colours, a stacked bar.
+
+use crate::html::Html;
+use crate::plot::{Axis, open};
+use std::fmt::Write;
+
+/// A stage's name, colour (Okabe and Ito's and greys) and what it is.
+pub(super) const STAGES: [(&str, &str, &str); 8] = [
+    ("read", "#CC79A7", "input files"),
+    ("decode", "#E69F00", "pictures and depth become a scene"),
+    ("trace", "#0072B2", "samples become partials"),
+    ("checkpoint", "#D55E00", "partials that were written"),
+    ("merge", "#56B4E9", "partials become a tuple"),
+    ("encode", "#009E73", "EXR and PNGs, and the noise map"),
+    ("write", "#B8A800", "tuples into the store"),
+    ("rest", "#9A9A9A", "queue, leases, the store's own threads"),
+];
+
+/// What a process took before it began to work: starting, planning, the golden shard. No part of what tuples cost.
+pub(super) const BEFORE: &str = "before";
+
+/// Of what this version does not know.
+const OTHER: &str = "#555555";
+
+/// What a stage took.
+pub(super) struct Stage {
+    pub(super) name: String,
+    pub(super) colour: &'static str,
+    pub(super) what: &'static str,
+    pub(super) cpu_s: f64,
+    pub(super) thread_s: f64,
+}
+
+impl Stage {
+    pub(super) fn known((name, colour, what): (&str, &'static str, &'static str)) -> Self {
+        Self {
+            name: name.to_owned(),
+            colour,
+            what,
+            cpu_s: 0.0,
+            thread_s: 0.0,
+        }
+    }
+
+    /// The stage of that name, which is new if it is not there.
+    pub(super) fn named<'a>(stages: &'a mut Vec<Self>, name: &str) -> &'a mut Self {
+        let place = stages.iter().position(|stage| stage.name == name);
+        let place = place.unwrap_or_else(|| {
+            stages.push(Self::known((name, OTHER, "")));
+            stages.len() - 1
+        });
+        &mut stages[place]
+    }
+}
+
+/// CPU seconds as a bar of parts.
+pub(super) fn bar(stages: &[Stage], total: f64) -> String {
+    const SIZE: [f64; 2] = [480.0, 76.0];
+    const HEIGHT: f64 = 30.0;
+    let parts: Vec<String> = stages
+        .iter()
+        .filter(|stage| stage.cpu_s > 0.0)
+        .map(|stage| format!("{} {:.1} %", stage.name, 100.0 * stage.cpu_s / total))
+        .collect();
+    let label = format!("CPU seconds by stage: {}", parts.join(", "));
+    let mut svg = open(SIZE, &label);
+    let axis = Axis::linear([0.0, 100.0].into_iter(), [12.0, 462.0]);
+    let mut left = axis.ends[0];
+    for stage in stages {
+        let share = stage.cpu_s / total.max(f64::MIN_POSITIVE);
+        let width = (axis.ends[1] - axis.ends[0]) * share;
+        if width > 0.0 {
+            let _ = write!(
+                svg,
+                "<rect x=\"{left:.2}\" y=\"2\" width=\"{width:.2}\" height=\"{HEIGHT}\" fill=\"{}\"><title>{} {:.2} CPU s</title></rect>",
+                stage.colour,
+                Html(&stage.name),
+                stage.cpu_s
+            );
+        }
+        // Only where the name has room.
+        if width > 8.0 * stage.name.len() as f64 + 50.0 {
+            let _ = write!(
+                svg,
+                "<text x=\"{:.1}\" y=\"21\" text-anchor=\"middle\" fill=\"#fff\">{} {:.0} %</text>",
+                left + width / 2.0,
+                Html(&stage.name),
+                100.0 * share
+            );
+        }
+        left += width;
+    }
+    for tick in axis.ticks() {
+        let _ = write!(
+            svg,
+            "<path d=\"M{0:.1} {1}v4\" stroke=\"currentColor\"/><text x=\"{0:.1}\" y=\"50\" text-anchor=\"middle\">{2}</text>",
+            tick.at,
+            HEIGHT + 2.0,
+            tick.label
+        );
+    }
+    let _ = write!(
+        svg,
+        "<text x=\"{}\" y=\"70\" text-anchor=\"end\">% of the CPU seconds, without starting</text></svg>",
+        axis.ends[1]
+    );
+    format!("<div class=\"stack\">{svg}</div>\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_fill_the_bar() {
+        let mut stages: Vec<Stage> = STAGES.iter().map(|known| Stage::known(*known)).collect();
+        Stage::named(&mut stages, "trace").cpu_s += 3.0;
+        Stage::named(&mut stages, "<new>").cpu_s += 1.0;
+        assert_eq!(stages.len(), STAGES.len() + 1);
+        let svg = bar(&stages, 4.0);
+        assert!(svg.contains("width=\"337.50\"") && svg.contains("width=\"112.50\""));
+        assert!(svg.contains("trace 75 %") && svg.contains("&lt;new&gt; 25.0 %"));
+        assert!(!svg.contains("<new>"));
+        // Of nothing there is a bar without parts.
+        assert!(!bar(&stages[..1], 0.0).contains("<rect"));
+    }
+}

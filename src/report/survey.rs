@@ -1,0 +1,127 @@
+//! What a run's store holds, looked at once.
+
+use crate::farm::{Observer, Overview, Run, WorkLog, keys, read_logs};
+use crate::ids::SceneId;
+use crate::manifest::SceneLine;
+use crate::merge::{TupleRecord, tuple_files};
+use crate::store::{Store, StoreError};
+use crate::trace::{LAYERS, TRACER_VERSION};
+use std::collections::BTreeSet;
+
+/// Records in memory at once.
+const RECORDS_AT_ONCE: usize = 256;
+
+/// What there is.
+pub(super) struct Survey {
+    /// Counts, quarantine, state.
+    pub(super) overview: Overview,
+    /// Scenes whose tuples are there, in the manifest's order.
+    pub(super) done: Vec<DoneScene>,
+    /// Scenes whose tuples are of no use, with the reason.
+    pub(super) damaged: Vec<(SceneId, String)>,
+    /// Scenes with a noise map.
+    pub(super) noise: BTreeSet<SceneId>,
+    /// What workers wrote down of themselves, oldest first.
+    pub(super) logs: Vec<WorkLog>,
+    /// Names of logs that cannot be read.
+    pub(super) damaged_logs: Vec<String>,
+}
+
+/// A scene with a tuple.
+pub(super) struct DoneScene {
+    /// Its place in the manifest.
+    pub(super) index: usize,
+    /// Of I, T, R~, R: those that were made.
+    pub(super) layers: [Option<LayerFacts>; 4],
+}
+
+/// What `tuple.json` says of a layer, of all scenes in memory.
+pub(super) struct LayerFacts {
+    /// Samples a pixel; of an adaptive scene their mean.
+    pub(super) samples: f64,
+    /// Stated RMS error, linear; none of one sample.
+    pub(super) error_rms: Option<f64>,
+}
+
+impl Survey {
+    /// Reads every record, and no picture.
+    pub(super) fn of(run: &Run, store: &Store) -> Result<Self, StoreError> {
+        let overview = Observer::new(run, store).look()?;
+        let listed: BTreeSet<String> = store.list(keys::TUPLES)?.into_iter().collect();
+        let mut survey = Self {
+            overview,
+            done: Vec::new(),
+            damaged: Vec::new(),
+            noise: BTreeSet::new(),
+            logs: Vec::new(),
+            damaged_logs: Vec::new(),
+        };
+        let record = |line: &SceneLine| keys::tuple(&line.id, "tuple.json");
+        let lines = run.lines.iter().enumerate();
+        let recorded: Vec<(usize, String)> = lines
+            .map(|(index, line)| (index, record(line)))
+            .filter(|(_, key)| listed.contains(key))
+            .collect();
+        for some in recorded.chunks(RECORDS_AT_ONCE) {
+            let keys: Vec<String> = some.iter().map(|(_, key)| key.clone()).collect();
+            for ((index, _), bytes) in some.iter().zip(store.get_all(&keys)?) {
+                let line = &run.lines[*index];
+                // It may be taken back while this goes on.
+                let Some(bytes) = bytes else {
+                    continue;
+                };
+                match facts(line, &bytes, &listed) {
+                    Ok(layers) => survey.done.push(DoneScene {
+                        index: *index,
+                        layers,
+                    }),
+                    Err(reason) => survey.damaged.push((line.id.clone(), reason)),
+                }
+            }
+        }
+        let maps: BTreeSet<String> = store.list(keys::NOISE)?.into_iter().collect();
+        let ids = run.lines.iter().map(|line| &line.id);
+        let with_map = ids.filter(|id| maps.contains(&keys::noise(id)));
+        survey.noise = with_map.cloned().collect();
+        (survey.logs, survey.damaged_logs) = read_logs(store)?;
+        Ok(survey)
+    }
+}
+
+/// What the report needs of a scene's `tuple.json`, or what is wrong with its tuple.
+fn facts(
+    line: &SceneLine,
+    bytes: &[u8],
+    listed: &BTreeSet<String>,
+) -> Result<[Option<LayerFacts>; 4], String> {
+    let record = parse(line, bytes)?;
+    if let Some(file) = tuple_files(line)
+        .into_iter()
+        .find(|file| !listed.contains(&keys::tuple(&line.id, file)))
+    {
+        return Err(format!("{file} is not there"));
+    }
+    Ok(LAYERS.map(|name| {
+        let layer = record.layers.get(name)?;
+        Some(LayerFacts {
+            samples: layer.mean_samples.unwrap_or(f64::from(layer.samples)),
+            error_rms: layer.error_rms,
+        })
+    }))
+}
+
+/// The record of this line's tuple.
+pub(super) fn parse(line: &SceneLine, bytes: &[u8]) -> Result<TupleRecord, String> {
+    let record: TupleRecord = serde_json::from_slice(bytes)
+        .map_err(|e| format!("tuple.json cannot be understood: {e}"))?;
+    if record.scene != *line {
+        return Err("tuple.json is of another plan".to_owned());
+    }
+    if record.tracer_version != TRACER_VERSION {
+        return Err(format!(
+            "tuple.json is of version {} of the tracer, the run of {TRACER_VERSION}",
+            record.tracer_version
+        ));
+    }
+    Ok(record)
+}

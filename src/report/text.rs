@@ -1,0 +1,85 @@
+//! Small pieces of HTML.
+
+use crate::serve::text::grouped;
+use std::fmt::{self, Display};
+
+/// A number as text, with its exact value for who reads the page by a program.
+pub(super) struct Exact(pub(super) f64, pub(super) String);
+
+impl Display for Exact {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "<data value=\"{}\">{}</data>", self.0, self.1)
+    }
+}
+
+/// An error of linear radiance.
+pub(super) fn error(value: f64) -> Exact {
+    Exact(value, format!("{value:.2e}"))
+}
+
+/// Seconds with the digits that matter.
+pub(super) fn seconds(value: f64) -> Exact {
+    let digits = match value {
+        v if v < 1.0 => 3,
+        v if v < 100.0 => 2,
+        _ => 0,
+    };
+    Exact(value, format!("{value:.digits$}"))
+}
+
+/// A table inside a box of its own, which scrolls where the page is narrow. Heads that begin with `#` are of numbers.
+pub(super) fn table(label: &str, heads: &[&str], rows: &str) -> String {
+    let head: String = heads
+        .iter()
+        .map(|head| match head.strip_prefix('#') {
+            Some(head) => format!("<th scope=\"col\" class=\"n\">{head}</th>"),
+            None => format!("<th scope=\"col\">{head}</th>"),
+        })
+        .collect();
+    format!(
+        "<div class=\"box\" role=\"region\" aria-label=\"{label}\" tabindex=\"0\"><table>\
+         <thead><tr>{head}</tr></thead><tbody>\n{rows}</tbody></table></div>\n"
+    )
+}
+
+/// `1 log`, `1,234 logs`.
+pub(super) fn counted(count: u64, what: &str) -> String {
+    let s = if count == 1 { "" } else { "s" };
+    format!("{} {what}{s}", grouped(count))
+}
+
+/// At most `count` of `all`, evenly drawn: the places of those that are taken.
+pub(super) fn evenly(all: usize, count: usize) -> Vec<usize> {
+    let taken = all.min(count);
+    (0..taken).map(|k| k * all / taken).collect()
+}
+
+/// A share of values, 0 to 1, from below: the value there. They are sorted, and there is one.
+pub(super) fn quantile(sorted: &[f64], share: f64) -> f64 {
+    let last = sorted.len().saturating_sub(1);
+    let place = (share * last as f64).round() as usize;
+    sorted.get(place.min(last)).copied().unwrap_or(f64::NAN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn some_are_taken_evenly() {
+        assert_eq!(evenly(3, 8), [0, 1, 2]);
+        assert_eq!(evenly(10, 4), [0, 2, 5, 7]);
+        assert!(evenly(0, 4).is_empty());
+        let many = evenly(5200, 48);
+        assert_eq!((many.len(), many[0], many[47]), (48, 0, 5091));
+    }
+
+    #[test]
+    fn quantiles_are_values_that_are_there() {
+        let values = [1.0, 2.0, 3.0, 4.0, 50.0];
+        assert_eq!(quantile(&values, 0.5), 3.0);
+        assert_eq!(quantile(&values, 0.95), 50.0);
+        assert_eq!(quantile(&values[..1], 0.95), 1.0);
+        assert!(quantile(&[], 0.5).is_nan());
+    }
+}
