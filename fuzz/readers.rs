@@ -10,6 +10,7 @@ use glasshouse::cases::CaseFile;
 use glasshouse::farm::queue::{read_waiting, write_waiting};
 use glasshouse::farm::{Control, QuarantineRecord, Receipt, attempts};
 use glasshouse::ids::SceneId;
+use glasshouse::inspect::{Input, Whole, inspect_bytes};
 use glasshouse::manifest::{Photograph, Recipe, Side, parse_jsonl, parse_scene, refuse, to_jsonl};
 use glasshouse::merge::TupleRecord;
 use glasshouse::partial;
@@ -38,6 +39,7 @@ pub(crate) const READERS: &[Reader] = &[
     ("tuple", tuple),
     ("message", message),
     ("record", record),
+    ("inspect", inspect),
 ];
 
 /// Foreign decoders may panic on hostile bytes, and glasshouse contains that; libFuzzer's hook would abort first.
@@ -217,6 +219,18 @@ pub(crate) fn spec(bytes: &[u8]) -> bool {
     );
     assert_eq!(spec.diff(&[], &spec, &[]), "");
     true
+}
+
+/// `inspect` on a file of any kind, alone in its folder.
+pub(crate) fn inspect(bytes: &[u8]) -> bool {
+    let found = inspect_bytes(&Input {
+        name: "file",
+        bytes,
+        beside: &|_| None,
+    });
+    // What is wrong and what is whole exclude each other.
+    assert_eq!(found.whole == Whole::No, !found.is_sound());
+    found.is_sound()
 }
 
 /// `tuple.json`.

@@ -3,7 +3,7 @@
 //! A reader therefore sees a whole file or none, also after a power cut.
 
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, IntoInnerError, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
@@ -92,7 +92,10 @@ impl PendingFile {
     pub fn finish(self) -> Result<(), WriteError> {
         let path = self.path;
         let persist = || {
-            let file = self.writer.into_inner().map_err(|e| e.into_error())?;
+            let file = self
+                .writer
+                .into_inner()
+                .map_err(IntoInnerError::into_error)?;
             persist(file, &path, true)
         };
         persist().map_err(|source| WriteError {

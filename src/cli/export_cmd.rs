@@ -15,6 +15,7 @@ use crate::export::{
 use crate::manifest::{Roots, Split, is_url};
 use anyhow::anyhow;
 use serde_json::{Value, json};
+use std::fmt::Write;
 use std::time::Instant;
 
 const SCHEMA: &str = "glasshouse.export/1";
@@ -148,10 +149,13 @@ fn left_out_text(plan: &ExportPlan) -> String {
     let (quarantined, missing) = (plan.quarantined().count(), plan.missing());
     let mut text = String::new();
     if quarantined > 0 {
-        text += &format!("; {quarantined} scenes in quarantine are not in it");
+        let _ = write!(text, "; {quarantined} scenes in quarantine are not in it");
     }
     if missing > 0 {
-        text += &format!("; {missing} scenes that are not merged yet are not in it");
+        let _ = write!(
+            text,
+            "; {missing} scenes that are not merged yet are not in it"
+        );
     }
     text
 }

@@ -99,6 +99,7 @@ pub(crate) fn bytes_text(bytes: f64) -> String {
 /// `0.3 ms`, `12 ms`, `1.4 s`
 pub(super) fn seconds_text(seconds: f64) -> String {
     match seconds * 1e3 {
+        ms if ms < 0.1 => "under 0.1 ms".to_owned(),
         ms if ms < 10.0 => format!("{ms:.1} ms"),
         ms if ms < 1000.0 => format!("{ms:.0} ms"),
         _ => format!("{seconds:.1} s"),

@@ -41,13 +41,14 @@ pub fn check_queue(options: &NatsOptions) -> Vec<Finding> {
                 .with("max_streams", json!(account.max_streams))
                 .with("max_storage_bytes", json!(account.max_storage_bytes))
         }
-        (Err(_), true) => Finding::ok(
+        (Err(None), true) => Finding::ok(
             "JetStream",
             "enabled; limits are not told to this user, which a worker does not need",
         ),
+        (Err(Some(reason)), true) => Finding::ok("JetStream", format!("enabled; its limits cannot be read ({reason})")),
         (Err(reason), false) => Finding::fail(
             "JetStream",
-            format!("does not answer: {reason}"),
+            format!("does not answer: {}", reason.as_deref().unwrap_or("no answer in time")),
             "start the server with JetStream (`nats-server -js`), and enable it for this account",
         ),
     });

@@ -45,7 +45,7 @@ pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
         record_sets.push(record_set(
             "tuples",
             "Each tuple's record, tuple.json, as text.",
-            vec![
+            &[
                 id_field("tuples", "tuple-files", r"^(?:.*/)?([^/.]+)\.json$"),
                 field(
                     "tuples",
@@ -65,7 +65,7 @@ pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
         record_sets.push(record_set(
             "tuples",
             "Each tuple's parameters, a line of metadata.jsonl.",
-            columns(),
+            &columns(),
         ));
     }
     let is_png = plan.request.encoding != PixelEncoding::Linear;
@@ -86,7 +86,7 @@ pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
             record_sets.push(record_set(
                 layer,
                 "The layer's pictures; id is that of tuples.",
-                vec![
+                &[
                     id_field(layer, &files, id),
                     field(layer, "image", "sc:ImageObject", &files, &content),
                 ],
@@ -115,7 +115,7 @@ pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
     text
 }
 
-fn record_set(name: &str, description: &str, fields: Vec<Value>) -> Value {
+fn record_set(name: &str, description: &str, fields: &[Value]) -> Value {
     json!({
         "@type": "cr:RecordSet", "@id": name, "name": name, "description": description,
         "key": { "@id": format!("{name}/id") }, "field": fields,

@@ -174,6 +174,9 @@ impl ExportFolder {
     /// Nothing is left to do: what was known of parts is not needed any more.
     pub(super) fn forget_state(&self) -> Result<(), ExportError> {
         let state = self.path(STATE_FOLDER);
-        std::fs::remove_dir_all(&state).map_err(unreadable(&state))
+        match std::fs::remove_dir_all(&state) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(unreadable(&state)(e)),
+            _ => Ok(()),
+        }
     }
 }

@@ -3,7 +3,7 @@
 use super::digest::FileRecord;
 use super::error::ExportError;
 use super::finish::finish;
-use super::folder::{ExportFolder, FolderState, look};
+use super::folder::{ExportFolder, FolderState, STATE_FOLDER, look};
 use super::part::{PartRecord, Parts, Prepared};
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, REQUEST_FILE};
@@ -61,7 +61,9 @@ pub fn export(
     work: &ExportWork,
 ) -> Result<(ExportPlan, Exported), ExportError> {
     // Before anything is made there.
-    look(out, &plan.request)?;
+    if look(out, &plan.request)? == FolderState::Complete && !out.join(STATE_FOLDER).exists() {
+        return Ok(nothing_to_do(run, plan));
+    }
     let folder = ExportFolder::claim(out)?;
     let plan = match look(out, &plan.request)? {
         FolderState::Empty => {
@@ -72,12 +74,7 @@ pub fn export(
         FolderState::Begun(request) => ExportPlan::of(run, *request),
         FolderState::Complete => {
             folder.forget_state()?;
-            let exported = Exported {
-                already_complete: true,
-                tuples: count(run, &plan),
-                ..Exported::default()
-            };
-            return Ok((plan, exported));
+            return Ok(nothing_to_do(run, plan));
         }
     };
     let pool = rayon::ThreadPoolBuilder::new()
@@ -116,13 +113,16 @@ pub fn export(
     Ok((plan, exported))
 }
 
-/// Tuples by split.
-fn count(run: &Run, plan: &ExportPlan) -> BTreeMap<Split, u64> {
-    let mut tuples = BTreeMap::new();
+/// Of an export that is complete.
+fn nothing_to_do(run: &Run, plan: ExportPlan) -> (ExportPlan, Exported) {
+    let mut exported = Exported {
+        already_complete: true,
+        ..Exported::default()
+    };
     for &scene in &plan.scenes {
-        *tuples.entry(run.lines[scene].split).or_insert(0) += 1;
+        *exported.tuples.entry(run.lines[scene].split).or_insert(0) += 1;
     }
-    tuples
+    (plan, exported)
 }
 
 /// About how many bytes an export will have, from some of its tuples, encoded.

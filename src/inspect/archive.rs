@@ -12,6 +12,8 @@ use std::io::{self, Read};
 const EXPORT: &str = "`glasshouse export RUN --format webdataset` makes it again";
 /// Longest member that is looked into; longer ones are only counted.
 const MAX_MEMBER_BYTES: u64 = 1 << 28;
+/// An archive ends with two blocks of zeros.
+const END_ZEROS: u64 = 1024;
 /// Keys that are shown.
 const SHOWN: usize = 3;
 
@@ -20,6 +22,8 @@ struct Digested<R> {
     inner: R,
     digest: Sha256,
     bytes: u64,
+    /// Zeros in a row at the end of what was read.
+    zeros: u64,
 }
 
 impl<R: Read> Read for Digested<R> {
@@ -27,6 +31,16 @@ impl<R: Read> Read for Digested<R> {
         let count = self.inner.read(buffer)?;
         self.digest.update(&buffer[..count]);
         self.bytes += count as u64;
+        let zeros = buffer[..count]
+            .iter()
+            .rev()
+            .take_while(|byte| **byte == 0)
+            .count();
+        self.zeros = if zeros == count {
+            self.zeros + zeros as u64
+        } else {
+            zeros as u64
+        };
         Ok(count)
     }
 }
@@ -44,6 +58,7 @@ pub(super) fn read(
         inner: bytes,
         digest: Sha256::new(),
         bytes: 0,
+        zeros: 0,
     };
     let mut samples = Samples::default();
     if let Err(error) = members(&mut stream, &mut samples, &mut found) {
@@ -58,6 +73,10 @@ pub(super) fn read(
             format!("it cannot be read to its end: {error}"),
             EXPORT,
         ));
+    }
+    if stream.zeros < END_ZEROS && found.is_sound() {
+        let what = "it is cut between two members: it does not end with zeros, as archives do";
+        found.wrong(Problem::new(what, EXPORT));
     }
     let digest = sums::hex(&stream.digest.finalize());
     samples.say(&mut found);

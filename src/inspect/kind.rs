@@ -286,6 +286,8 @@ pub(super) fn kind_by_name(name: &str) -> Option<Kind> {
         "best.json" => Kind::Best,
         "metrics.csv" => Kind::Metrics,
         "evaluation.csv" => Kind::EvaluationRows,
+        "evaluation.json" => Kind::Output,
+        "index.html" => Kind::Report,
         "evaluation.md" => Kind::EvaluationTable,
         "croissant.json" => Kind::Croissant,
         "SHA256SUMS" => Kind::Sums,

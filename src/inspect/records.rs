@@ -128,7 +128,11 @@ fn attempt(found: &mut Inspection, input: &Input) -> Option<()> {
     facts.put("host", record.host.as_str());
     let text = match &record.ended {
         None => "not yet, or nobody knows better".to_owned(),
-        Some(end) => format!("{:?}: {}", end.kind, end.reason).to_lowercase(),
+        Some(end) => format!(
+            "{}: {}",
+            format!("{:?}", end.kind).to_lowercase(),
+            end.reason
+        ),
     };
     facts.fact("ended", text, json!(record.ended));
     if let Some(end) = record.ended.as_ref().filter(|end| !end.log_tail.is_empty()) {

@@ -355,6 +355,35 @@ fn meshes() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
+/// Kinds that `inspect` alone reads.
+fn of_an_export_and_a_training() -> Vec<(&'static str, Vec<u8>)> {
+    let mut shard = tar::Builder::new(vec![]);
+    let picture = png(&[7; 12], 2, 2, Png::Rgb8);
+    for (name, bytes) in [
+        ("a.input.png", &picture[..]),
+        ("a.json", b"{\"layers\":{\"input\":{}}}"),
+    ] {
+        let mut header = tar::Header::new_gnu();
+        header.set_size(bytes.len() as u64);
+        header.set_mode(0o644);
+        header.set_cksum();
+        shard.append_data(&mut header, name, bytes).unwrap();
+    }
+    let tensors = br#"{"separation.a":{"dtype":"F32","shape":[2],"data_offsets":[0,8]}}"#;
+    let mut weights = (tensors.len() as u64).to_le_bytes().to_vec();
+    weights.extend(tensors);
+    weights.extend([0; 8]);
+    vec![
+        ("shard.tar", shard.into_inner().unwrap()),
+        ("model.safetensors", weights),
+        (
+            "metrics.csv",
+            b"step,total,wall_s\n1,0.5,0.1\n2,0.25,0.1\n".to_vec(),
+        ),
+    ]
+}
+
+/// Seeds of all readers.
 pub(crate) fn all() -> Vec<Seed> {
     let mut seeds: Vec<Seed> = vec![];
     for (name, bytes) in images() {
@@ -364,6 +393,9 @@ pub(crate) fn all() -> Vec<Seed> {
     }
     for (name, bytes) in meshes() {
         seeds.push(("ply", name.to_owned(), bytes));
+    }
+    for (name, bytes) in of_an_export_and_a_training() {
+        seeds.push(("inspect", name.to_owned(), bytes));
     }
     let (line, partials, record) = traced();
     let lines = to_jsonl(&[line.clone(), {

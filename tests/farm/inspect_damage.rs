@@ -64,8 +64,14 @@ fn cut_and_changed_files_are_explained() {
                 bytes.truncate(bytes.len() * (part - 1) / part)
             });
             // Half a table in TOML or Markdown, or of a list, may be a whole one.
-            let is_text =
-                ["recipe", "hard_cases", "depth_ranges", "evaluation_table"].contains(&known.kind);
+            let is_text = [
+                "recipe",
+                "hard_cases",
+                "depth_ranges",
+                "evaluation_table",
+                "listing",
+            ]
+            .contains(&known.kind);
             if !is_text || cut.0 == Some(4) {
                 explained(path, &cut);
             }

@@ -2,7 +2,7 @@
 
 use super::QueueError;
 use super::nats::{ANSWER, NatsOptions, cause, shown, within};
-use async_nats::jetstream::context::{Context, GetStreamErrorKind};
+use async_nats::jetstream::context::{AccountErrorKind, Context, GetStreamErrorKind};
 use async_nats::jetstream::stream::{Config, StorageType};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -13,12 +13,12 @@ pub struct NatsFacts {
     pub version: String,
     /// From a question to its answer.
     pub answer: Duration,
-    /// Limits of the account, or why they are not told.
-    pub account: Result<NatsAccount, String>,
+    /// Limits of the account, or why they are not told: nothing where nobody answers, as to who may not ask.
+    pub account: Result<NatsAccount, Option<String>>,
     /// JetStream answers this user.
     pub has_jetstream: bool,
     /// Whether a stream could be made: when, by the server's clock, and this machine's clock before and after. Not
-    /// tried without limits.
+    /// tried by who may not ask for limits.
     pub made: Option<Result<(SystemTime, [SystemTime; 2]), String>>,
 }
 
@@ -75,15 +75,16 @@ pub fn probe_nats(options: &NatsOptions) -> Result<NatsFacts, QueueError> {
         version: client.server_info().version,
         answer,
         has_jetstream: account.is_ok() || knows_streams(&context, &name),
-        made: account.is_ok().then(|| make(&context, &name)),
+        made: (!matches!(account, Err(None))).then(|| make(&context, &name)),
         account,
     })
 }
 
-fn account(context: &Context) -> Result<NatsAccount, String> {
-    match within(ANSWER, context.query_account()) {
-        None => Err("no answer in time".to_owned()),
-        Some(Err(error)) => Err(error.to_string()),
+fn account(context: &Context) -> Result<NatsAccount, Option<String>> {
+    match within(ANSWER + ANSWER, context.query_account()) {
+        None => Err(None),
+        Some(Err(error)) if error.kind() == AccountErrorKind::TimedOut => Err(None),
+        Some(Err(error)) => Err(Some(error.to_string())),
         Some(Ok(account)) => Ok(NatsAccount {
             streams: account.streams,
             max_streams: account.limits.max_streams,
