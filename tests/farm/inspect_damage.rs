@@ -72,7 +72,9 @@ fn cut_and_changed_files_are_explained() {
                 "listing",
             ]
             .contains(&known.kind);
-            if !is_text || cut.0 == Some(4) {
+            // So may half a manifest that no spec holds the digest of.
+            let is_free = is_text || (known.kind == "manifest" && known.whole.is_none());
+            if !is_free || cut.0 == Some(4) {
                 explained(path, &cut);
             }
             assert_ne!(cut.1["whole"], true, "{}: {:#}", path.display(), cut.1);
