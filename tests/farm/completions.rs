@@ -30,13 +30,11 @@ fn accepts(program: &str, arguments: &[&str]) -> Option<bool> {
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .status();
-    match child {
-        Ok(status) => Some(status.success()),
-        Err(_) => {
-            eprintln!("skipped: {program} is not installed");
-            None
-        }
+    if let Ok(status) = child {
+        return Some(status.success());
     }
+    eprintln!("skipped: {program} is not installed");
+    None
 }
 
 #[test]
