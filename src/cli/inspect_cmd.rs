@@ -1,6 +1,6 @@
 //! `inspect FILE...`
 
-use super::exit_code::{Exit, Failure};
+use super::exit_code::Exit;
 use super::look_args::InspectArgs;
 use super::output::Output;
 use super::plan_cost::bytes_text;
@@ -12,7 +12,7 @@ use std::path::Path;
 /// Columns of a line.
 const WIDTH: usize = 80;
 
-pub(super) fn run(args: &InspectArgs, output: &Output) -> Result<Exit, Failure> {
+pub(super) fn run(args: &InspectArgs, output: &Output) -> Exit {
     // Foreign decoders may panic on hostile bytes; that is caught and said in words.
     let hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| {}));
@@ -33,11 +33,11 @@ pub(super) fn run(args: &InspectArgs, output: &Output) -> Result<Exit, Failure> 
     let sound = found.iter().filter(|(_, found)| found.is_sound()).count();
     let object = json!({ "sound": sound, "unsound": found.len() - sound, "files": objects });
     output.result("glasshouse.inspect/1", object, &texts.join("\n\n"));
-    Ok(if sound == found.len() {
+    if sound == found.len() {
         Exit::Done
     } else {
         Exit::InvalidInput
-    })
+    }
 }
 
 /// What a person reads.

@@ -18,7 +18,7 @@ pub struct InspectArgs {
 pub struct DoctorArgs {
     /// Folder of a run, or where one shall be [default: where you are]
     pub run: Option<PathBuf>,
-    /// A store to try: a folder, file:///…, or s3://BUCKET/PREFIX; one small object is put and removed
+    /// A store to try: a folder, file:///FOLDER, or s3://BUCKET/PREFIX; one small object is put and removed
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE", help_heading = FARM)]
     pub store: Option<String>,
     /// A NATS server to try: nats://host:4222, tls://host:4222, several with commas

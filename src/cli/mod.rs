@@ -127,7 +127,7 @@ pub fn main() -> ExitCode {
         Command::Report(report) => report_cmd::run(report, &args.global, &output),
         Command::Schema => schema_cmd::run(&output),
         Command::Bench(bench) => bench_cmd::run(bench, &args.global, &output),
-        Command::Inspect(inspect) => inspect_cmd::run(inspect, &output),
+        Command::Inspect(inspect) => Ok(inspect_cmd::run(inspect, &output)),
         Command::Doctor(doctor) => doctor_cmd::run(doctor, &args.global, &output),
         Command::Completions(completions) => completions_cmd::run(completions, &output),
         Command::Man(man) => man_cmd::run(man, &args.global, &output),

@@ -185,7 +185,7 @@ fn promises(place: &Path) -> io::Result<Finding> {
     match fs::hard_link(path("one"), path("link")) {
         // What makes an object that is put once.
         Ok(()) if !is_taken(fs::hard_link(path("two"), path("link"))) => {
-            broken.push("a link replaces a file")
+            broken.push("a link replaces a file");
         }
         Ok(()) => {}
         Err(_) => broken.push("there are no hard links"),

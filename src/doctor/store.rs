@@ -22,23 +22,20 @@ pub fn check_store(store: &Store, name: &str) -> Vec<Finding> {
     }
     // Also after a failure; what was never put is removed in vain.
     let start = Instant::now();
-    match store.delete(std::slice::from_ref(&key)) {
-        Ok(()) if findings.iter().all(|f| f.level < Level::Fail) => {
-            let text = format!(
-                "the probe's object, in {}",
-                seconds_text(start.elapsed().as_secs_f64())
-            );
-            findings.push(Finding::ok("store remove", text));
-        }
-        Ok(()) => {}
-        Err(error) if findings.iter().all(|f| f.level < Level::Fail) => {
-            findings.push(Finding::fail(
+    let removed = store.delete(std::slice::from_ref(&key));
+    // What cannot even be put need not be removed.
+    if findings.iter().all(|f| f.level < Level::Fail) {
+        findings.push(match removed {
+            Ok(()) => {
+                let seconds = seconds_text(start.elapsed().as_secs_f64());
+                Finding::ok("store remove", format!("the probe's object, in {seconds}"))
+            }
+            Err(error) => Finding::fail(
                 "store remove",
                 error.to_string(),
                 format!("let this program remove objects (partials go when their tuple is there); remove {key} by hand"),
-            ));
-        }
-        Err(_) => {}
+            ),
+        });
     }
     if let Some(root) = store.local_root() {
         // Only if it is empty: another may be at it.

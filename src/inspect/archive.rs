@@ -141,7 +141,8 @@ fn members(
 
 /// What is wrong with a member's bytes.
 fn wrong_with(path: &str, bytes: &[u8]) -> Option<String> {
-    if path.ends_with(".png") {
+    let ending = path.rsplit('.').next();
+    if ending == Some("png") {
         let image =
             image::ImageReader::with_format(io::Cursor::new(bytes), image::ImageFormat::Png);
         return image
@@ -149,7 +150,7 @@ fn wrong_with(path: &str, bytes: &[u8]) -> Option<String> {
             .err()
             .map(|error| format!("its PNG cannot be read: {error}"));
     }
-    if path.ends_with(".json") {
+    if ending == Some("json") {
         let read = serde_json::from_slice::<serde::de::IgnoredAny>(bytes);
         return read
             .err()

@@ -10,6 +10,7 @@ use crate::trace::LAYERS;
 use exr::meta::MetaData;
 use exr::prelude::{AttributeValue, SampleType, Text, Vec2};
 use serde_json::json;
+use std::fmt::Write;
 use std::io::Cursor;
 
 /// Most channels that are looked at.
@@ -197,7 +198,7 @@ pub(super) fn say_values<'a>(
         )
     };
     if nan + infinite > 0 {
-        text += &format!("; {nan} NaN, {infinite} infinite");
+        let _ = write!(text, "; {nan} NaN, {infinite} infinite");
     }
     let finite = |value: f64| {
         if count == 0 {

@@ -2,6 +2,7 @@
 
 use super::kind::Kind;
 use serde_json::{Map, Value};
+use std::fmt::Write;
 
 /// Something that is wrong with a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -149,7 +150,7 @@ pub(super) fn first_of<T: AsRef<str>>(names: &[T], shown: usize) -> String {
         .collect::<Vec<_>>()
         .join(", ");
     if names.len() > shown {
-        text += &format!(" and {} more", names.len() - shown);
+        let _ = write!(text, " and {} more", names.len() - shown);
     }
     text
 }

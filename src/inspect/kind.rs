@@ -246,7 +246,7 @@ fn json_kind(name: &str, text: &str) -> Option<Kind> {
     });
     let mut lines = text.lines().filter(|line| !line.trim().is_empty());
     let first = lines.next().unwrap_or_default();
-    let is_lines = name.ends_with(".jsonl")
+    let is_lines = name.rsplit('.').next() == Some("jsonl")
         || (first.ends_with('}') && lines.next().is_some_and(|l| l.starts_with('{')));
     match schema {
         Some(Kind::Scene) if is_lines => return Some(Kind::Manifest),

@@ -80,7 +80,7 @@ fn samples(found: &mut Inspection, text: &str) {
         .facts
         .fact("columns", first_of(&columns, 12), json!(columns));
     let odd = samples.iter().position(|sample| {
-        let keys = sample.as_object().map(|object| object.len());
+        let keys = sample.as_object().map(serde_json::Map::len);
         keys != Some(columns.len())
     });
     if let Some(odd) = odd {

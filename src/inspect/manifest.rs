@@ -62,7 +62,7 @@ fn hold(found: &mut Inspection, input: &Input, text: &str) {
     let spec = (input.beside)("spec.json").filter(|_| input.name == "manifest.jsonl");
     match spec.and_then(|bytes| serde_json::from_slice::<Spec>(&bytes).ok()) {
         None => {
-            found.may_be_whole("every line can be read; no spec.json beside it holds its digest")
+            found.may_be_whole("every line can be read; no spec.json beside it holds its digest");
         }
         Some(spec) if spec.manifest_blake3 == manifest_digest(text) => {
             found.is_whole("its digest is that of spec.json");

@@ -95,7 +95,7 @@ fn hold_exr(found: &mut Inspection, bytes: &[u8], record: &TupleRecord) {
     // Its size is held against the file before anything is unpacked.
     match exr::head(bytes).and_then(|_| decode_tuple_exr(bytes, record)) {
         Ok(_) => {
-            found.may_be_whole("its digests fit tuple.exr beside it; it has no digest of its own")
+            found.may_be_whole("its digests fit tuple.exr beside it; it has no digest of its own");
         }
         Err(reason) => {
             found.wrong(Problem::new(

@@ -6,6 +6,8 @@ use crate::workplace::{run_in, workplace};
 use glasshouse::farm::{AttemptRecord, EndKind, Ending};
 use glasshouse::ids::SceneId;
 use serde_json::{Value, json};
+use sha2::Digest;
+use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
@@ -280,14 +282,12 @@ fn of_an_export(files: &mut Files) {
             .unwrap();
     }
     let shard = shard.into_inner().unwrap();
-    let digest = {
-        use sha2::Digest;
-        let digest = sha2::Sha256::digest(&shard);
-        digest
-            .iter()
-            .map(|byte| format!("{byte:02x}"))
-            .collect::<String>()
-    };
+    let digest = sha2::Sha256::digest(&shard)
+        .iter()
+        .fold(String::new(), |mut text, byte| {
+            let _ = write!(text, "{byte:02x}");
+            text
+        });
     files.put("set/train-000000.tar", shard);
     files.put("set/SHA256SUMS", format!("{digest}  train-000000.tar\n"));
     files.put("set/metadata.jsonl", "{\"id\":\"a\",\"input_file_name\":\"a.png\"}\n{\"id\":\"b\",\"input_file_name\":\"b.png\"}\n");

@@ -61,7 +61,7 @@ fn cut_and_changed_files_are_explained() {
         }
         for part in [2, 3] {
             let cut = inspect(folder, path, |bytes| {
-                bytes.truncate(bytes.len() * (part - 1) / part)
+                bytes.truncate(bytes.len() * (part - 1) / part);
             });
             // Half a table in TOML or Markdown, or of a list, may be a whole one.
             let is_text = [
@@ -72,7 +72,9 @@ fn cut_and_changed_files_are_explained() {
                 "listing",
             ]
             .contains(&known.kind);
-            if !is_text || cut.0 == Some(4) {
+            // So may half a manifest that no spec holds the digest of.
+            let is_free = is_text || (known.kind == "manifest" && known.whole.is_none());
+            if !is_free || cut.0 == Some(4) {
                 explained(path, &cut);
             }
             assert_ne!(cut.1["whole"], true, "{}: {:#}", path.display(), cut.1);
@@ -117,7 +119,7 @@ fn where_it_is_wrong_is_said() {
     assert_eq!(file["facts"]["good_lines"], 1, "{file:#}");
     assert_eq!(file["problems"][0]["where"], "line 2", "{page}");
     let (_, file, _) = inspect(folder, Path::new("runs/smoke/spec.json"), |bytes| {
-        bytes.truncate(bytes.len() / 2)
+        bytes.truncate(bytes.len() / 2);
     });
     assert!(
         file["problems"][0]["where"]
