@@ -184,7 +184,7 @@ pub fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), StoreErro
     let mut keys = store.list(keys::LOGS)?;
     keys.retain(|key| {
         let name = key.rsplit('/').next().unwrap_or_default();
-        name.starts_with("work-") && name.ends_with(".json")
+        name.starts_with("work-") && name.strip_suffix(".json").is_some()
     });
     keys.sort();
     let (mut logs, mut damaged) = (Vec::new(), Vec::new());

@@ -40,7 +40,7 @@ pub(super) fn errors(run: &Run, survey: &Survey) -> String {
             |scene, _| costs.get(&scene.index).copied(),
         );
     }
-    if layers.iter().any(|layer| layer.samples_differ()) {
+    if layers.iter().any(Layer::samples_differ) {
         plots += &cloud(
             survey,
             "Stated error against samples a pixel",

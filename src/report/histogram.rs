@@ -77,9 +77,9 @@ pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<String
         );
     }
     panel.frame(&mut svg);
-    let _ = write!(
+    let _ = writeln!(
         svg,
-        "<path d=\"M{0:.1} {1}V{2}\" stroke=\"currentColor\" stroke-dasharray=\"3 2\"/></svg>\n",
+        "<path d=\"M{0:.1} {1}V{2}\" stroke=\"currentColor\" stroke-dasharray=\"3 2\"/></svg>",
         panel.x.at(median),
         Y_ENDS[1],
         Y_ENDS[0],

@@ -129,9 +129,9 @@ pub(super) fn scale() -> String {
             tick.at, tick.label
         );
     }
-    let _ = write!(
+    let _ = writeln!(
         svg,
-        "<text x=\"{right}\" y=\"52\" text-anchor=\"end\">estimated RMS error of a pixel, linear radiance (white is 1)</text></svg>\n"
+        "<text x=\"{right}\" y=\"52\" text-anchor=\"end\">estimated RMS error of a pixel, linear radiance (white is 1)</text></svg>"
     );
     svg
 }

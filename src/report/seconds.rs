@@ -53,11 +53,11 @@ pub(super) fn seconds_of(survey: &Survey) -> String {
             grouped(n)
         ),
     };
-    let _ = write!(
+    let _ = writeln!(
         html,
         "<p>{} wrote {} and traced {} in {} CPU seconds{a_tuple}. Before they began to work (planning, and the golden shard \
          that every machine traces first) they took {} more. Their wall seconds add up to {}; thread seconds of the stages, \
-         waiting included, to {}.{missing}</p>\n",
+         waiting included, to {}.{missing}</p>",
         counted(logs.len() as u64, "worker"),
         counted(tuples, "tuple"),
         counted(sum(|log| log.shards_traced), "shard"),

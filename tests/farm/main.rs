@@ -56,6 +56,7 @@ mod queues;
 mod rendering;
 mod report;
 mod report_browser;
+mod report_noise;
 mod retry;
 mod roles;
 mod s3_server;
