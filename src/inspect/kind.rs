@@ -248,11 +248,9 @@ fn json_kind(name: &str, text: &str) -> Option<Kind> {
     let first = lines.next().unwrap_or_default();
     let is_lines = name.rsplit('.').next() == Some("jsonl")
         || (first.ends_with('}') && lines.next().is_some_and(|l| l.starts_with('{')));
-    match schema {
-        Some(Kind::Scene) if is_lines => return Some(Kind::Manifest),
-        // A tuple's record holds its scene, whose schema may stand first in a text that is cut.
-        Some(kind) => return Some(kind),
-        None => {}
+    if let Some(kind) = schema {
+        let is_manifest = kind == Kind::Scene && is_lines;
+        return Some(if is_manifest { Kind::Manifest } else { kind });
     }
     if text.contains("\"@context\"") {
         return Some(Kind::Croissant);
