@@ -124,6 +124,7 @@ fn furnish(folder: &Path) {
         std::os::unix::fs::symlink(folder.join(from), to).unwrap();
     };
     link("runs/smoke", "RUN");
+    link("runs/smoke", "runs/many");
     link("runs/mine", "shared/runs/mine");
     link("runs/mine", "anywhere/mine");
     for to in ["shared/diode", "trial/diode"] {
