@@ -5,6 +5,16 @@ use crate::program::{Ended, command, run, send, wait_until};
 use std::path::PathBuf;
 use tempfile::TempDir;
 
+/// Many shards: of one megabyte each.
+const SHARDS: [&str; 6] = [
+    "--format",
+    "webdataset",
+    "--encoding",
+    "linear",
+    "--shard-mb",
+    "1",
+];
+
 /// Many tuples, several shards of 1 MB.
 fn many() -> (TempDir, PathBuf) {
     let recipe = RECIPE
@@ -18,16 +28,8 @@ fn many() -> (TempDir, PathBuf) {
 #[test]
 fn a_killed_export_goes_on_and_ends_with_the_same_bytes() {
     let (folder, made) = many();
-    let shards = [
-        "--format",
-        "webdataset",
-        "--encoding",
-        "linear",
-        "--shard-mb",
-        "1",
-    ];
     for (name, more, sign) in [
-        ("shards", &shards[..], ".export/train-000001.json"),
+        ("shards", &SHARDS[..], ".export/train-000001.json"),
         ("pairs", &["--format", "pairs"], "train/blended"),
         ("exr", &["--format", "exr"], "train"),
     ] {
@@ -69,19 +71,11 @@ fn a_killed_export_goes_on_and_ends_with_the_same_bytes() {
 #[test]
 fn a_signal_stops_it_and_it_can_be_gone_on_with() {
     let (folder, made) = many();
-    let shards = [
-        "--format",
-        "webdataset",
-        "--encoding",
-        "linear",
-        "--shard-mb",
-        "1",
-    ];
     let whole = folder.path().join("whole");
-    run(&arguments(&made, &whole, &shards)).expect(0);
+    run(&arguments(&made, &whole, &SHARDS)).expect(0);
     for attempt in 0..20 {
         let out = folder.path().join(format!("out-{attempt}"));
-        let mut line = arguments(&made, &out, &shards);
+        let mut line = arguments(&made, &out, &SHARDS);
         line.extend(["-j", "1"]);
         let mut child = command(&line).spawn().unwrap();
         if wait_until(&mut child, || {
