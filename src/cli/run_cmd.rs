@@ -34,15 +34,13 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
         output,
     )?;
     let store = Store::local(&folder)?;
-    let report = write_report(&run, &store, None)?;
-    report_cmd::warn(&report, output);
+    let mut report = None;
+    if outcome.merged > 0 {
+        // A training takes long: the tuples can be looked at meanwhile.
+        report = Some(write_report(&run, &store, None)?);
+    }
     let mut object = outcome_json(&outcome, &folder, wall);
-    object["report"] = json!(report.path);
-    let mut text = format!(
-        "{}\nlook at {}",
-        summary(&outcome, wall),
-        report.path.display()
-    );
+    let mut text = summary(&outcome, wall);
     let mut exit = exit;
     #[cfg(feature = "train")]
     if matches!(exit, Exit::Done | Exit::Incomplete)
@@ -54,8 +52,15 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
             exit = training.exit;
         }
         // The same page, with the training.
-        write_report(&run, &store, None)?;
+        report = None;
     }
+    let report = match report {
+        Some(report) => report,
+        None => write_report(&run, &store, None)?,
+    };
+    report_cmd::warn(&report, output);
+    object["report"] = json!(report.path);
+    text += &format!("\nlook at {}", report.path.display());
     // A run that was stopped has nothing to compare yet.
     if matches!(exit, Exit::Done | Exit::Incomplete)
         && let Some(file) = case_file(&plan.recipe)?
