@@ -60,7 +60,7 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     };
     report_cmd::warn(&report, output);
     object["report"] = json!(report.path);
-    text += &format!("\nlook at {}", report.path.display());
+    text = format!("{text}\nlook at {}", report.path.display());
     // A run that was stopped has nothing to compare yet.
     if matches!(exit, Exit::Done | Exit::Incomplete)
         && let Some(file) = case_file(&plan.recipe)?
