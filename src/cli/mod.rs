@@ -33,6 +33,7 @@ mod explain_cmd;
 mod export_args;
 mod export_cmd;
 mod farm_args;
+mod global_args;
 mod inspect_cmd;
 mod isolate;
 mod look_args;

@@ -17,6 +17,14 @@ pub(crate) struct Files {
     pub(crate) list: Vec<Known>,
 }
 
+impl Files {
+    /// Those that are no folders.
+    pub(crate) fn plain(&self) -> impl Iterator<Item = &Known> {
+        let is_file = |known: &&Known| self.folder.path().join(&known.path).is_file();
+        self.list.iter().filter(is_file)
+    }
+}
+
 pub(crate) struct Known {
     pub(crate) path: PathBuf,
     pub(crate) kind: &'static str,
@@ -448,11 +456,7 @@ fn every_file_is_told_by_its_content() {
 fn the_name_is_not_believed() {
     let files = files();
     let folder = files.folder.path();
-    for known in files
-        .list
-        .iter()
-        .filter(|known| folder.join(&known.path).is_file())
-    {
+    for known in files.plain() {
         // Without a name these tell nothing.
         if ["lock", "best", "train_recipe", "finished"].contains(&known.kind) {
             continue;

@@ -50,11 +50,7 @@ fn explained(path: &Path, (code, file, page): &(Option<i32>, Value, String)) {
 fn cut_and_changed_files_are_explained() {
     let files = files();
     let folder = files.folder.path();
-    for known in files
-        .list
-        .iter()
-        .filter(|known| folder.join(&known.path).is_file())
-    {
+    for known in files.plain() {
         let path = &known.path;
         if known.kind == "lock" {
             continue;
