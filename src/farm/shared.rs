@@ -232,6 +232,8 @@ impl<'a> Shared<'a> {
         if self.beside.is_none() || !is_done(self.store, line)? {
             return Ok(false);
         }
+        // Its partials that are still on their way to the writer would stay behind for good.
+        span.merged();
         if !span.job.failed().swap(true, Ordering::AcqRel) {
             remove_partials(self.store, line);
             self.close(span.delivery.ticket);

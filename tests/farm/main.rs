@@ -38,6 +38,7 @@ mod inspect;
 mod inspect_damage;
 mod json;
 mod kill;
+mod late;
 mod layers;
 mod light;
 mod list;

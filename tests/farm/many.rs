@@ -108,7 +108,7 @@ pub(crate) fn results(run: &Path) -> usize {
 /// Nothing unfinished, no partial, no queue's leftovers.
 pub(crate) fn assert_finished(run: &Path) {
     assert!(run.join("finished.json").is_file());
-    assert_eq!(files(&run.join("partials")).len(), 0);
+    assert_eq!(files(&run.join("partials")), Vec::<PathBuf>::new());
     let odd = files(&run.join("tuples"))
         .into_iter()
         .find(|p| p.to_string_lossy().contains('#'));

@@ -1,0 +1,59 @@
+//! A worker whose scene others have finished meanwhile.
+
+use crate::many::alone;
+use crate::outputs::files;
+use crate::scenes::place;
+use glasshouse::farm::queue::{LocalQueue, QueueKeeper, Waiting};
+use glasshouse::farm::{Event, Run, SharedQueue, Span, Stop, WorkOptions, work_shared};
+use glasshouse::manifest::Roots;
+use glasshouse::store::Store;
+use glasshouse::trace::Isa;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::Duration;
+
+const LEASE: Duration = Duration::from_mins(1);
+
+/// The folder of its partials goes away under a put of it, with more partials behind it: none of them may stay behind.
+#[test]
+fn partials_on_their_way_are_dropped_when_the_scene_is_done() {
+    let place = place();
+    place.plan();
+    let run = Run::open(&place.run, &Roots::default()).unwrap();
+    let scene = run.lines[0].id.as_str();
+    alone(&place);
+    let made_by_others = place.folder.path().join("alone/tuples").join(scene);
+
+    let store = Store::local(run.dir.root()).unwrap();
+    let queue = LocalQueue::new(Some(LEASE));
+    let span = Span {
+        scene: 0,
+        shards: 0..run.layout(&run.lines[0]).len(),
+    };
+    queue.publish(&[Waiting { span, handed_on: 0 }]).unwrap();
+    let worker = queue.worker();
+    let shared = SharedQueue {
+        queue: &worker,
+        lease: LEASE,
+        on_hung: &|what| panic!("{what}"),
+        on_sign: &|| {},
+        is_child: false,
+    };
+    let (stop, traced) = (AtomicBool::new(false), AtomicUsize::new(0));
+    let on_event = |event: Event| {
+        if matches!(event, Event::ShardDone { .. }) && traced.fetch_add(1, Ordering::SeqCst) == 3 {
+            // Four partials wait in memory, to be written by the stop. Nothing can be put under the first one's name.
+            let partials = place.run.join("partials");
+            std::fs::create_dir_all(&partials).unwrap();
+            std::os::unix::fs::symlink("/nonexistent/gone", partials.join(scene)).unwrap();
+            std::fs::create_dir_all(place.run.join("tuples")).unwrap();
+            std::fs::rename(&made_by_others, place.run.join("tuples").join(scene)).unwrap();
+            stop.store(true, Ordering::SeqCst);
+        }
+    };
+    let options = WorkOptions::new(1, Isa::detect(), &stop);
+    let outcome = work_shared(&run, &store, &shared, &options, &on_event).unwrap();
+    assert_eq!((outcome.stopped, outcome.merged), (Some(Stop::Asked), 0));
+    assert!(outcome.traced >= 4, "{outcome:?}");
+    assert_eq!(files(&place.run.join("partials")), Vec::<PathBuf>::new());
+}
