@@ -100,6 +100,16 @@ pub(super) fn is_absent(error: &object_store::Error) -> bool {
     }
 }
 
+/// Whether a put to a disk lost its folder, or its unfinished file, while it was being written: somebody cleared it away.
+pub(super) fn is_cleared_away(error: &object_store::Error) -> bool {
+    let is_gone = |cause: &(dyn std::error::Error + 'static)| {
+        let error = cause.downcast_ref::<io::Error>();
+        error.is_some_and(|error| error.kind() == io::ErrorKind::NotFound)
+    };
+    matches!(error, object_store::Error::Generic { store, .. } if *store == "LocalFileSystem")
+        && causes(error).any(is_gone)
+}
+
 /// Of errors of a disk, those of a server behind it that restarts. A full disk, a quota and a failing sector stay.
 fn may_pass(error: &io::Error) -> bool {
     use io::ErrorKind as K;

@@ -16,7 +16,7 @@ pub use inputs::Inputs;
 pub use open::StoreOptions;
 
 use bytes::Bytes;
-use error::{describe, is_absent, is_passing};
+use error::{describe, is_absent, is_cleared_away, is_passing};
 use futures_util::{StreamExt, TryStreamExt};
 use object_store::path::Path as Key;
 use object_store::{ObjectStore, ObjectStoreExt, PutMode, PutPayload};
@@ -38,6 +38,9 @@ pub(crate) static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| {
 
 /// Calls in flight at most, for one list of keys.
 const CALLS_AT_ONCE: usize = 16;
+
+/// A put whose unfinished file was cleared away is repeated so often.
+const CLEARED_AWAY: u32 = 3;
 
 /// A run's objects.
 #[derive(Clone)]
@@ -132,6 +135,7 @@ impl Store {
         use object_store::Error as E;
         let path = self.key(key);
         let mut tries = Tries::new(self.patience);
+        let mut cleared_away = 0;
         loop {
             let payload = PutPayload::from_bytes(bytes.clone());
             let put = self
@@ -151,6 +155,11 @@ impl Store {
                 Err(error) => match self.get_async(key).await {
                     // Somebody else was first, and swept the unfinished rest of this put away.
                     Ok(Some(there)) if there == bytes => return Ok(Put::Same),
+                    // A run that is over is cleared up once, and so is a scene by each who has finished it.
+                    Ok(None) if cleared_away < CLEARED_AWAY && is_cleared_away(&error) => {
+                        cleared_away += 1;
+                        continue;
+                    }
                     _ => return Err(self.failed("write", key, &error)),
                 },
             };

@@ -1,4 +1,5 @@
-//! Another S3 server (moto), in Python: slow, but of two puts of one key at the same instant it refuses one, as S3 does.
+//! Another S3 server (moto), in Python: it knows absent buckets, answers with parts of objects, and speaks TLS. It looks
+//! whether a key is taken and then writes, so of two puts at the same instant both may be told that theirs is new.
 
 use crate::program::text;
 use glasshouse::store::{Store, StoreOptions};

@@ -2,8 +2,8 @@
 //!
 //! Requests reach it over TCP from other processes. Faults are drawn from a seed: answers 500 and 503, connections cut
 //! before the server saw the request, after it did it (the put is there, its answer is lost) and in the middle of an
-//! answer, and slow answers. Two puts of one key at the same instant may both be told that theirs is new: s3s-fs looks,
-//! then writes. What needs better is tested on moto (`stores.rs`).
+//! answer, and slow answers. Puts that must not replace anything are done one at a time, so that of two at the same
+//! instant one is refused, as by S3: s3s-fs looks, then writes.
 
 use axum::body::Body;
 use futures_util::StreamExt;
@@ -30,6 +30,8 @@ pub(crate) struct Faults {
     /// Nothing is answered.
     away: AtomicBool,
     requests: AtomicU64,
+    /// Held by a put that must not replace anything.
+    creating: tokio::sync::Mutex<()>,
     /// Faults of each kind that happened.
     pub(crate) happened: [AtomicU64; 6],
 }
@@ -187,9 +189,15 @@ async fn answer(
         Some(Fault::Slow) => tokio::time::sleep(Duration::from_millis(400)).await,
         _ => {}
     }
+    let creating = if request.headers().contains_key("if-none-match") {
+        Some(faults.creating.lock().await)
+    } else {
+        None
+    };
     let answer = Service::call(&server, request)
         .await
         .map_err(io::Error::other)?;
+    drop(creating);
     match fault {
         Some(Fault::CutAfter) => Err(cut()),
         Some(Fault::CutAnswer) => Ok(answer.map(|body| {

@@ -47,6 +47,37 @@ fn objects_are_made_once_and_differences_are_named() {
     });
 }
 
+/// As by a coordinator that finds the run over while a worker still writes: the unfinished file goes, and its folder.
+#[test]
+fn a_put_that_is_cleared_away_is_made_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::local(folder.path()).unwrap();
+    let bytes = vec![7; 8 << 20];
+    let objects = 8;
+    let clear_away = |object: usize| {
+        let place = folder.path().join(format!("partials/s{object}"));
+        let there = |name: &str| place.join(name).exists();
+        let start = Instant::now();
+        while !there("x#1") && !there("x") && start.elapsed() < Duration::from_secs(10) {
+            std::thread::yield_now();
+        }
+        let is_gone = std::fs::remove_file(place.join("x#1")).is_ok();
+        // One that is complete stays.
+        is_gone && std::fs::remove_dir(&place).is_ok()
+    };
+    let mut cleared_away = 0;
+    for object in 0..objects {
+        std::thread::scope(|scope| {
+            let other = scope.spawn(|| clear_away(object));
+            let put = store.create(&format!("partials/s{object}/x"), &bytes);
+            cleared_away += u32::from(other.join().unwrap());
+            assert_eq!(put.unwrap(), Put::New);
+        });
+    }
+    assert!(cleared_away > 0, "nothing was cleared away in time");
+    assert_eq!(store.list("partials").unwrap().len(), objects);
+}
+
 #[test]
 fn listing_and_removing_many() {
     on_all_stores(|name, store| {
@@ -147,10 +178,8 @@ fn of_different_puts_one_wins_on_a_disk() {
 }
 
 #[test]
-fn of_different_puts_one_wins_on_moto() {
-    if let Some(server) = Moto::start() {
-        one_wins(&server.store("x"));
-    }
+fn of_different_puts_one_wins_on_s3() {
+    one_wins(&S3Server::start(6).store("x"));
 }
 
 #[test]
