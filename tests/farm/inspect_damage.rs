@@ -1,6 +1,7 @@
 //! `inspect` on damaged files: what is wrong, where, and what to do; never "whole", never a panic.
 
-use crate::inspect::{files, one};
+use crate::every_file::files;
+use crate::inspect::one;
 use crate::program::text;
 use crate::workplace::run_in;
 use serde_json::Value;

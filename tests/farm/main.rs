@@ -27,6 +27,8 @@ mod document_pages;
 mod documents;
 #[cfg(feature = "train")]
 mod evaluate;
+mod every_file;
+mod every_file_left;
 mod explain;
 mod export;
 mod export_killed;
