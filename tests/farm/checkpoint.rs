@@ -67,7 +67,7 @@ fn what_waits_is_written_for_who_gets_the_rest() {
     };
     let place = slow_place();
     let coordinator = coordinator(&place, &server);
-    let mut slow = vec!["-j", "1", "--fault", "slow:6"];
+    let mut slow = vec!["-j", "1", "--fault", "slow:20"];
     slow.extend(LATER);
     let one = start("work", &place, &server, &slow);
     wait_for("an attempt", || {

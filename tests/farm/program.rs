@@ -83,7 +83,7 @@ pub(crate) fn wait_until(child: &mut Child, mut is_so: impl FnMut() -> bool) -> 
         if is_so() {
             return true;
         }
-        assert!(start.elapsed() < Duration::from_mins(1), "nothing happens");
+        assert!(start.elapsed() < Duration::from_mins(5), "nothing happens");
         // There is nothing to wait on but the files that appear.
         std::thread::sleep(Duration::from_millis(1));
     }
