@@ -1,7 +1,7 @@
 //! Many workers on a real NATS server, with everything dying in turns: the tuples are those of one process.
 
 use crate::outputs::{Content, assert_same, files, tuples};
-use crate::program::{Ended, command, run, send, text};
+use crate::program::{Ended, LONGEST, command, run, send, text};
 use crate::scenes::{Place, SCENES, SHARDS, place, reference};
 use crate::server::Server;
 use glasshouse::farm::queue::{NatsOptions, NatsWorker, Queue, Waiting};
@@ -12,9 +12,6 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Output};
 use std::time::{Duration, Instant};
-
-/// Whatever takes longer hangs, however busy the machine is.
-pub(crate) const LONGEST: Duration = Duration::from_mins(5);
 
 /// Scenes take a few tenths of a second each, so that there is time to kill somebody.
 pub(crate) fn slow_place() -> Place {
@@ -43,9 +40,12 @@ pub(crate) fn alone(place: &Place) -> BTreeMap<PathBuf, Content> {
 
 pub(crate) fn start(verb: &str, place: &Place, server: &Server, more: &[&str]) -> Child {
     let url = server.url();
-    let mut arguments = vec![verb, text(&place.run), "--queue", &url, "--lease-s", "2"];
+    let mut arguments = vec![verb, text(&place.run), "--queue", &url];
     arguments.extend(["--progress", "none", "--json"]);
     arguments.extend(more);
+    if !more.contains(&"--lease-s") {
+        arguments.extend(["--lease-s", "2"]);
+    }
     command(&arguments).spawn().unwrap()
 }
 
@@ -57,7 +57,7 @@ pub(crate) fn worker(place: &Place, server: &Server) -> Child {
     start("work", place, server, &["-j", "1"])
 }
 
-/// Waits for the end of a process, for at most two minutes. What it says is read meanwhile: who fills a pipe waits for ever.
+/// Waits for the end of a process, no longer than [`LONGEST`]. What it says is read meanwhile: who fills a pipe waits for ever.
 #[track_caller]
 pub(crate) fn end(mut child: Child) -> Ended {
     let pid = child.id();
@@ -222,13 +222,15 @@ fn a_worker_that_is_told_to_stop_hands_its_work_back() {
         return;
     };
     let place = slow_place();
-    let coordinator = coordinator(&place, &server);
-    let leaving = worker(&place, &server);
+    // Whoever has to wait for the end of a lease of an hour does not end in time.
+    let work = ["-j", "1", "--lease-s", "3600"];
+    let coordinator = start("coordinate", &place, &server, &work[2..]);
+    let leaving = start("work", &place, &server, &work);
     wait_for("a result", || results(&place.run) > 2);
     send(&leaving, "TERM");
     let left = end(leaving).expect(143).json();
     assert!(left["spans_given"].as_u64().unwrap() > 0, "{left}");
-    let heir = worker(&place, &server);
+    let heir = start("work", &place, &server, &work);
     end(coordinator).expect(0);
     end(heir).expect(0);
     assert_same(&tuples(&place.run), &alone(&place));

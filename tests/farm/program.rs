@@ -76,6 +76,9 @@ pub(crate) fn send(child: &Child, signal: &str) {
     assert!(status.unwrap().success());
 }
 
+/// Whatever takes longer hangs, however busy the machine is.
+pub(crate) const LONGEST: Duration = Duration::from_mins(5);
+
 /// Waits until `is_so` or the child's end; true for the former.
 pub(crate) fn wait_until(child: &mut Child, mut is_so: impl FnMut() -> bool) -> bool {
     let start = Instant::now();
@@ -83,7 +86,7 @@ pub(crate) fn wait_until(child: &mut Child, mut is_so: impl FnMut() -> bool) -> 
         if is_so() {
             return true;
         }
-        assert!(start.elapsed() < Duration::from_mins(5), "nothing happens");
+        assert!(start.elapsed() < LONGEST, "nothing happens");
         // There is nothing to wait on but the files that appear.
         std::thread::sleep(Duration::from_millis(1));
     }
