@@ -271,4 +271,15 @@ fn of_inputs(files: &mut Files) {
         property list uchar int vertex_indices\nend_header\n0 0 1 9 9 9\n1 0 1 9 9 9\n0 1 1 9 9 9\n3 0 1 2\n";
     files.put("inputs/a.ply", mesh);
     files.is("inputs/a.ply", "mesh", None, &["3 vertex, 1 face"]);
+    let photograph = json!({
+        "schema": "glasshouse.photograph/1", "place": "indoors", "color": "a.png", "depth": "a_depth.npy",
+        "intrinsics": {"fx": 64, "fy": 64, "cx": 32, "cy": 24},
+    });
+    files.put("inputs/list.jsonl", format!("{photograph}\n"));
+    files.is(
+        "inputs/list.jsonl",
+        "photograph_list",
+        None,
+        &["1 photograph"],
+    );
 }

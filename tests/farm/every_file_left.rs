@@ -107,6 +107,12 @@ pub(crate) fn of_a_training(files: &mut Files) {
         unknown,
         &["1 to 2, 2 lines", "at last"],
     );
+    files.is(
+        &format!("{stage}/best.json"),
+        "best",
+        unknown,
+        &["step", "validation psnr db"],
+    );
     let events = std::fs::read_dir(files.folder.path().join(stage)).unwrap();
     let events = events.map(|entry| entry.unwrap().file_name().into_string().unwrap());
     let events = events
