@@ -11,6 +11,7 @@
 
 mod calibrate;
 mod clock;
+mod cpu;
 mod deviation;
 mod dump;
 mod error;
@@ -28,6 +29,7 @@ mod train_step;
 
 pub use calibrate::{Calibration, calibrate};
 pub use clock::thread_cpu_s;
+pub use cpu::{cpu_name, on_cpu};
 pub use deviation::{CELL_PX, Deviation};
 pub use dump::RayDump;
 pub use error::BenchError;

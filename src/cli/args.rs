@@ -9,6 +9,7 @@ pub(super) use super::global_args::{ColorWhen, Global, IsaChoice, ProgressHow};
 use super::look_args::{CompletionsArgs, DoctorArgs, InspectArgs, ManArgs};
 #[cfg(feature = "train")]
 use super::train_args::{EvaluateArgs, SeparateArgs, TrainArgs};
+use super::isolate::Only;
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -384,31 +385,6 @@ pub struct WorkArgs {
     /// Misbehave: abort:SCENE, hang:SCENE, wrong:SCENE, slow:FACTOR (repeatable)
     #[arg(long = "fault", value_name = "FAULT", hide = true)]
     pub faults: Vec<crate::farm::Fault>,
-}
-
-/// Shards of a scene, as `SCENE:A-B`: from A up to, not with, B.
-#[derive(Clone, Debug)]
-pub struct Only {
-    /// The scene.
-    pub scene: String,
-    /// The shards.
-    pub shards: std::ops::Range<u32>,
-}
-
-impl std::str::FromStr for Only {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parts = text.split_once(':');
-        let parts = parts.and_then(|(scene, shards)| Some((scene, shards.split_once('-')?)));
-        match parts.map(|(scene, (a, b))| (scene, a.parse(), b.parse())) {
-            Some((scene, Ok(start), Ok(end))) if start < end => Ok(Self {
-                scene: scene.to_owned(),
-                shards: start..end,
-            }),
-            _ => Err(format!("{text:?} is not SCENE:A-B with A below B")),
-        }
-    }
 }
 
 pub(super) const FARM: &str = "Many machines";

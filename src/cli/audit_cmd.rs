@@ -7,7 +7,7 @@ use super::output::Output;
 use super::progress::Progress;
 use super::signals::Signals;
 use super::target;
-use super::work_cmd::{isa, threads};
+use super::global_args::{isa, threads};
 use crate::farm::{
     AuditOptions, FileDifference, Receipt, Run, SceneAudit, Verdict, audit_scene, check_auditor,
     draw_scenes,

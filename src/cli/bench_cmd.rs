@@ -50,18 +50,6 @@ pub(super) fn isa_name(isa: Isa) -> &'static str {
     }
 }
 
-/// The machine's processor, if it says: figures are worth little without it.
-pub(super) fn cpu_name() -> Option<String> {
-    let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
-    let line = text.lines().find(|line| line.starts_with("model name"))?;
-    Some(line.split_once(':')?.1.trim().to_owned())
-}
-
-/// "on CPU", or nothing.
-pub(super) fn on_cpu() -> String {
-    cpu_name().map_or_else(String::new, |name| format!(" on {name}"))
-}
-
 impl From<BenchError> for Failure {
     fn from(error: BenchError) -> Self {
         use BenchError as E;

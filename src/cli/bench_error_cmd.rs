@@ -2,14 +2,14 @@
 
 use super::args::Global;
 use super::bench_args::BenchErrorArgs;
-use super::bench_cmd::{cpu_name, isa_name, on_cpu, read_scene};
+use super::bench_cmd::{isa_name, read_scene};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
 use super::signals::Signals;
-use super::work_cmd::{isa, threads};
+use super::global_args::{isa, threads};
 use crate::atomic_file;
-use crate::bench::{
+use crate::bench::{cpu_name, on_cpu, 
     BenchScene, Ladder, LayerRow, Reference, Slope, VARIANTS, Work, align, climb, csv, error_plot,
     own_reference, pair, read_reference, slopes,
 };

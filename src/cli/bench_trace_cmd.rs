@@ -2,12 +2,12 @@
 
 use super::args::{Global, IsaChoice};
 use super::bench_args::BenchTraceArgs;
-use super::bench_cmd::{cpu_name, isa_name, on_cpu, read_scene};
+use super::bench_cmd::{isa_name, read_scene};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
-use super::work_cmd::isa;
-use crate::bench::{
+use super::global_args::isa;
+use crate::bench::{cpu_name, on_cpu, 
     BenchScene, BuildRow, KernelRow, RayDump, TracerRow, align, grid_builds, indoor, kernels,
     outdoor, stress, tracer,
 };

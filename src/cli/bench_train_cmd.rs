@@ -2,12 +2,11 @@
 
 use super::args::Global;
 use super::bench_args::BenchTrainArgs;
-use super::bench_cmd::{cpu_name, on_cpu};
 use super::exit_code::{Exit, Failure};
+use super::network::use_threads;
 use super::output::Output;
 use super::progress::Progress;
-use super::train_args::use_threads;
-use crate::bench::{TrainBench, TrainStep, align};
+use crate::bench::{cpu_name, on_cpu, TrainBench, TrainStep, align};
 use crate::train::{FeatureSource, TrainSettings};
 use candle_core::Device;
 use serde_json::json;

@@ -7,7 +7,7 @@ use super::output::Output;
 use super::queue_cmd;
 use super::rows::rows;
 use super::store_env::store_options;
-use super::work_cmd::{isa, threads};
+use super::global_args::{isa, threads};
 use crate::doctor::{
     Finding, Level, check_clock, check_cpu, check_disk, check_golden, check_memory,
     check_open_files, check_store,

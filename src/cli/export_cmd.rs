@@ -7,7 +7,7 @@ use super::output::Output;
 use super::progress::Progress;
 use super::signals::Signals;
 use super::target;
-use super::work_cmd::threads;
+use super::global_args::threads;
 use crate::doctor::{available_bytes, bytes_text};
 use crate::export::{
     ExportOptions, ExportPlan, ExportWork, Exported, FolderState, export, foretell_bytes, look,

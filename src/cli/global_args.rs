@@ -1,5 +1,7 @@
 //! What can be typed with every command.
 
+use super::exit_code::{Exit, Failure};
+use crate::trace::Isa;
 use clap::{Args as ClapArgs, ValueEnum};
 
 /// Options of every command.
@@ -77,4 +79,23 @@ pub enum IsaChoice {
     Baseline,
     /// 256-bit vectors.
     Avx2,
+}
+
+/// Threads to use.
+pub(super) fn threads(global: &Global) -> usize {
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    global.threads.map_or_else(cores, usize::from)
+}
+
+/// Kernels to use.
+pub(super) fn isa(global: &Global) -> Result<Isa, Failure> {
+    match global.isa {
+        IsaChoice::Auto => Ok(Isa::detect()),
+        IsaChoice::Baseline => Ok(Isa::Baseline),
+        IsaChoice::Avx2 if Isa::detect() == Isa::Avx2 => Ok(Isa::Avx2),
+        IsaChoice::Avx2 => Err(Failure::new(
+            Exit::Usage,
+            anyhow::anyhow!("this machine has no AVX2; use --isa auto"),
+        )),
+    }
 }

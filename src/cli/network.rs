@@ -1,17 +1,28 @@
 //! The networks that a command works with: which checkpoint, with which features.
 
+use super::args::Global;
 use super::exit_code::{Exit, Failure};
+use super::global_args::threads;
 use super::output::Output;
-use super::train_cmd::stage_folder;
 use super::train_vgg::{Features, features};
 use crate::farm::keys;
 use crate::manifest::{FeatureSource, Stage};
 use crate::train::{
-    Best, Checkpoint, CheckpointState, Separator, SeparatorError, checkpoint_folder,
+    Best, Checkpoint, CheckpointState, Separator, SeparatorError, checkpoint_folder, stage_folder,
 };
 use anyhow::anyhow;
 use candle_core::Device;
 use std::path::{Path, PathBuf};
+
+/// Makes the pool of threads that networks compute on, and says how many they are.
+pub(super) fn use_threads(global: &Global) -> usize {
+    let threads = threads(global);
+    // `run` comes here twice: the pool stands already.
+    let _ = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build_global();
+    threads
+}
 
 /// Networks, ready to work.
 pub(super) struct Network {

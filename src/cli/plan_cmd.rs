@@ -6,7 +6,7 @@ use super::output::Output;
 use super::plan_cost::{Cost, bytes_text};
 use super::progress::Progress;
 use super::store_env;
-use super::work_cmd::threads;
+use super::global_args::threads;
 use crate::farm::{PlanOptions, Planned, plan};
 use crate::manifest::{Recipe, Roots};
 use serde_json::{Value, json};

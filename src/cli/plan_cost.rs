@@ -3,7 +3,7 @@
 use super::args::Global;
 use super::exit_code::Failure;
 use super::store_env;
-use super::work_cmd::{isa, threads};
+use super::global_args::{isa, threads};
 use crate::bench::{Calibration, calibrate};
 use crate::doctor::available_bytes;
 pub(super) use crate::doctor::bytes_text;

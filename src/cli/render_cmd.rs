@@ -6,7 +6,7 @@ use super::output::Output;
 use super::progress::Progress;
 use super::signals::Signals;
 use super::store_env;
-use super::work_cmd::{isa, threads};
+use super::global_args::{isa, threads};
 use crate::atomic_file;
 use crate::farm::{Run, SceneJob, render_partials};
 use crate::manifest::{Roots, SceneLine, parse_scene};

@@ -22,7 +22,7 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     }
     // Before anything computes: the pool of threads is made once.
     #[cfg(feature = "train")]
-    super::train_args::use_threads(global);
+    super::network::use_threads(global);
     plan_with(plan, global, output)?;
     let folder = run_folder(plan);
     let mut run = Run::open(&folder, &Roots::parse(&plan.roots.roots)?)?;

@@ -4,7 +4,7 @@ use super::args::{Global, SampleArgs, SampleLayout};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
-use super::work_cmd::threads;
+use super::global_args::threads;
 use crate::sample::{self, SampleError, SamplePhotograph};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde_json::json;

@@ -2,11 +2,11 @@
 
 use super::args::Global;
 use super::exit_code::{Exit, Failure};
-use super::network::{Network, Which};
+use super::network::{Network, Which, use_threads};
 use super::output::Output;
 use super::progress::Progress;
 use super::signals::Signals;
-use super::train_args::{SeparateArgs, use_threads};
+use super::train_args::SeparateArgs;
 use crate::atomic_file;
 use crate::evaluate::read_picture;
 use crate::train::LEAST_PX;

@@ -1,11 +1,10 @@
 //! What can be typed after `train`, `evaluate` and `separate`.
 
-use super::args::{Global, RootArgs};
+use super::args::RootArgs;
 #[cfg(feature = "cuda")]
 use super::exit_code::Exit;
 use super::exit_code::Failure;
 use super::split_name::SplitName;
-use super::work_cmd::threads;
 use crate::evaluate::Protocol;
 use crate::manifest::{ExampleKind, FeatureSource, PixelSource, Stage, TrainSettings};
 use candle_core::Device;
@@ -20,16 +19,6 @@ const VALIDATE: usize = 8;
 const MEMORY_GB: f64 = 2.0;
 /// Side of tiles.
 const TILE_PX: u32 = 768;
-
-/// Makes the pool of threads that networks compute on, and says how many they are.
-pub(super) fn use_threads(global: &Global) -> usize {
-    let threads = threads(global);
-    // `run` comes here twice: the pool stands already.
-    let _ = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build_global();
-    threads
-}
 
 /// Where networks compute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]

@@ -2,12 +2,13 @@
 
 use super::args::Global;
 use super::exit_code::{Exit, Failure};
+use super::network::use_threads;
 use super::output::Output;
 use super::plan_cmd::TRAIN_RECIPE;
 use super::progress::Progress;
 use super::signals::Signals;
 use super::target;
-use super::train_args::{TrainArgs, use_threads};
+use super::train_args::TrainArgs;
 use super::train_vgg::{Features, features};
 use crate::evaluate::find_pairs;
 use crate::farm::{Run, keys};
@@ -17,7 +18,7 @@ use crate::store::Store;
 use crate::train::{
     Base, Checkpoint, Example, ExampleSampler, Learner, Loader, Origin, PairSource,
     PhotographSource, SceneSource, Schedule, Session, StepLosses, TrainError, Trained, TupleSource,
-    Watcher, clear, code_path,
+    Watcher, clear, code_path, stage_folder,
 };
 use anyhow::anyhow;
 use crossbeam::channel::bounded;
@@ -59,11 +60,6 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
         &format!("{verb} step {}{loss}{psnr}{checkpoint}", trained.step),
     );
     Ok(exit)
-}
-
-/// Folder of a stage's checkpoints.
-pub(super) fn stage_folder(run: &Path, stage: Stage) -> PathBuf {
-    run.join("train").join(stage.name())
 }
 
 /// The recipe's `[train]`, if the run was planned with one.

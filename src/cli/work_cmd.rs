@@ -1,8 +1,9 @@
 //! `work RUN`
 
-use super::args::{CacheArgs, Global, IsaChoice, Only, QueueArgs, WorkArgs};
+use super::args::{CacheArgs, Global, IsaChoice, QueueArgs, WorkArgs};
+use super::global_args::{isa, threads};
 use super::exit_code::{Exit, Failure};
-use super::isolate::{self, Children};
+use super::isolate::{self, Children, Only};
 use super::output::Output;
 use super::progress::Progress;
 use super::queue_cmd;
@@ -15,31 +16,11 @@ use crate::farm::{
 };
 use crate::manifest::Roots;
 use crate::store::Store;
-use crate::trace::Isa;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
-
-/// Threads to use.
-pub(super) fn threads(global: &Global) -> usize {
-    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-    global.threads.map_or_else(cores, usize::from)
-}
-
-/// Kernels to use.
-pub(super) fn isa(global: &Global) -> Result<Isa, Failure> {
-    match global.isa {
-        IsaChoice::Auto => Ok(Isa::detect()),
-        IsaChoice::Baseline => Ok(Isa::Baseline),
-        IsaChoice::Avx2 if Isa::detect() == Isa::Avx2 => Ok(Isa::Avx2),
-        IsaChoice::Avx2 => Err(Failure::new(
-            Exit::Usage,
-            anyhow::anyhow!("this machine has no AVX2; use --isa auto"),
-        )),
-    }
-}
 
 pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     queue_cmd::fetch_run(&args.run, &args.queue)?;

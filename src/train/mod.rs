@@ -48,7 +48,7 @@ pub use adam::{Adam, AdamOptions, Moments};
 pub use batch::Batch;
 pub use checkpoint::{
     CHECKPOINT_SCHEMA, Checkpoint, CheckpointError, CheckpointState, Origin, checkpoint_folder,
-    clear, code_path, prune, steps, write_checkpoint,
+    clear, code_path, prune, stage_folder, steps, write_checkpoint,
 };
 pub use discriminator::Discriminator;
 pub(crate) use events::masked_crc;
