@@ -6,10 +6,10 @@ use super::farm_args::{
     AuditArgs, ExplainArgs, HoldArgs, ResumeArgs, RetryArgs, StatusArgs, StoreArgs,
 };
 pub(super) use super::global_args::{ColorWhen, Global, IsaChoice, ProgressHow};
+use super::isolate::Only;
 use super::look_args::{CompletionsArgs, DoctorArgs, InspectArgs, ManArgs};
 #[cfg(feature = "train")]
 use super::train_args::{EvaluateArgs, SeparateArgs, TrainArgs};
-use super::isolate::Only;
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;

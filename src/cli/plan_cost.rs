@@ -2,8 +2,8 @@
 
 use super::args::Global;
 use super::exit_code::Failure;
-use super::store_env;
 use super::global_args::{isa, threads};
+use super::store_env;
 use crate::bench::{Calibration, calibrate};
 use crate::doctor::available_bytes;
 pub(super) use crate::doctor::bytes_text;

@@ -1,16 +1,16 @@
 //! `bench trace`
 
-use super::args::{Global, IsaChoice};
-use super::bench_args::BenchTraceArgs;
-use super::bench_cmd::{isa_name, read_scene};
-use super::exit_code::{Exit, Failure};
-use super::output::Output;
-use super::progress::Progress;
-use super::global_args::isa;
-use crate::bench::{cpu_name, on_cpu, 
-    BenchScene, BuildRow, KernelRow, RayDump, TracerRow, align, grid_builds, indoor, kernels,
-    outdoor, stress, tracer,
+use crate::bench::{
+    BenchScene, BuildRow, KernelRow, RayDump, TracerRow, align, cpu_name, grid_builds, indoor,
+    kernels, on_cpu, outdoor, stress, tracer,
 };
+use crate::cli::args::{Global, IsaChoice};
+use crate::cli::bench_args::BenchTraceArgs;
+use crate::cli::commands::bench::{isa_name, read_scene};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::global_args::isa;
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
 use crate::manifest::Roots;
 use crate::trace::{Isa, TRACER_VERSION};
 use serde_json::json;

@@ -1,13 +1,13 @@
 //! `render SCENE.json --out DIR`
 
-use super::args::{Global, RenderArgs};
-use super::exit_code::{Exit, Failure};
-use super::output::Output;
-use super::progress::Progress;
-use super::signals::Signals;
-use super::store_env;
-use super::global_args::{isa, threads};
 use crate::atomic_file;
+use crate::cli::args::{Global, RenderArgs};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::global_args::{isa, threads};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::signals::Signals;
+use crate::cli::store_env;
 use crate::farm::{Run, SceneJob, render_partials};
 use crate::manifest::{Roots, SceneLine, parse_scene};
 use crate::merge::{

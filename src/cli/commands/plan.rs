@@ -1,12 +1,12 @@
 //! `plan RECIPE --out RUN`
 
-use super::args::{Global, PlanArgs};
-use super::exit_code::{Exit, Failure};
-use super::output::Output;
-use super::plan_cost::{Cost, bytes_text};
-use super::progress::Progress;
-use super::store_env;
-use super::global_args::threads;
+use crate::cli::args::{Global, PlanArgs};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::global_args::threads;
+use crate::cli::output::Output;
+use crate::cli::plan_cost::{Cost, bytes_text};
+use crate::cli::progress::Progress;
+use crate::cli::store_env;
 use crate::farm::{PlanOptions, Planned, plan};
 use crate::manifest::{Recipe, Roots};
 use serde_json::{Value, json};

@@ -1,7 +1,7 @@
 //! `schema`
 
-use super::exit_code::{Exit, Failure};
-use super::output::Output;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
 use crate::manifest::recipe_schema;
 use serde_json::json;
 

@@ -1,13 +1,13 @@
 //! `doctor [RUN]`
 
-use super::args::Global;
-use super::exit_code::{Exit, Failure};
-use super::look_args::DoctorArgs;
-use super::output::Output;
-use super::queue_cmd;
-use super::rows::rows;
-use super::store_env::store_options;
-use super::global_args::{isa, threads};
+use crate::cli::args::Global;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::global_args::{isa, threads};
+use crate::cli::look_args::DoctorArgs;
+use crate::cli::output::Output;
+use crate::cli::queue;
+use crate::cli::rows::rows;
+use crate::cli::store_env::store_options;
 use crate::doctor::{
     Finding, Level, check_clock, check_cpu, check_disk, check_golden, check_memory,
     check_open_files, check_store,
@@ -159,7 +159,7 @@ fn store(address: &str) -> Vec<Finding> {
         ..store_options()
     };
     match Store::open(address, &options) {
-        Ok(store) => check_store(&store, &queue_cmd::worker_name()),
+        Ok(store) => check_store(&store, &queue::worker_name()),
         Err(error) => vec![Finding::fail(
             "store",
             error.to_string(),
@@ -178,7 +178,7 @@ fn queue(args: &DoctorArgs) -> Vec<Finding> {
         nkey: args.queue_nkey.clone(),
         creds: args.queue_creds.clone(),
         ca: args.queue_ca.clone(),
-        name: format!("doctor-{}", queue_cmd::worker_name()),
+        name: format!("doctor-{}", queue::worker_name()),
     })
 }
 

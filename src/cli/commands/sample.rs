@@ -1,10 +1,10 @@
 //! `sample DIR --count N`
 
-use super::args::{Global, SampleArgs, SampleLayout};
-use super::exit_code::{Exit, Failure};
-use super::output::Output;
-use super::progress::Progress;
-use super::global_args::threads;
+use crate::cli::args::{Global, SampleArgs, SampleLayout};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::global_args::threads;
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
 use crate::sample::{self, SampleError, SamplePhotograph};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde_json::json;

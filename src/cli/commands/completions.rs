@@ -1,9 +1,9 @@
 //! `completions SHELL`
 
-use super::args::Args;
-use super::exit_code::{Exit, Failure};
-use super::look_args::CompletionsArgs;
-use super::output::Output;
+use crate::cli::args::Args;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::look_args::CompletionsArgs;
+use crate::cli::output::Output;
 use clap::CommandFactory;
 use serde_json::json;
 

@@ -1,11 +1,11 @@
 //! `run`, after the tuples: what the recipe's `[train]` says.
 
-use super::args::Global;
-use super::evaluate_cmd::{evaluate, evaluation_folder};
-use super::exit_code::{Exit, Failure};
-use super::output::Output;
-use super::train_args::{EvaluateArgs, StageName, TrainArgs};
-use super::train_cmd::{train, train_recipe};
+use crate::cli::args::Global;
+use crate::cli::commands::evaluate::{evaluate, evaluation_folder};
+use crate::cli::commands::train::{train, train_recipe};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::train_args::{EvaluateArgs, StageName, TrainArgs};
 use crate::farm::Run;
 use crate::store::Store;
 use serde_json::{Value, json};

@@ -1,10 +1,10 @@
 //! `pause RUN`, `resume RUN`, `cancel RUN`
 
-use super::args::Global;
-use super::exit_code::{Exit, Failure};
-use super::farm_args::{HoldArgs, ResumeArgs};
-use super::output::Output;
-use super::target;
+use crate::cli::args::Global;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::farm_args::{HoldArgs, ResumeArgs};
+use crate::cli::output::Output;
+use crate::cli::target;
 use crate::farm::{ControlState, set_control};
 use crate::manifest::Roots;
 use serde_json::json;

@@ -1,11 +1,11 @@
 //! `explain RUN SHARD`
 
-use super::args::Global;
-use super::exit_code::{Exit, Failure};
-use super::farm_args::ExplainArgs;
-use super::output::Output;
-use super::status_text::attempt;
-use super::target;
+use crate::cli::args::Global;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::farm_args::ExplainArgs;
+use crate::cli::output::Output;
+use crate::cli::status_text::attempt;
+use crate::cli::target;
 use crate::farm::{Explanation, SceneState, explain};
 use crate::manifest::Roots;
 use crate::serve::text::grouped;

@@ -1,10 +1,10 @@
 //! `retry RUN SCENE…`
 
-use super::args::Global;
-use super::exit_code::{Exit, Failure};
-use super::farm_args::RetryArgs;
-use super::output::Output;
-use super::target;
+use crate::cli::args::Global;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::farm_args::RetryArgs;
+use crate::cli::output::Output;
+use crate::cli::target;
 use crate::farm::{RetryScenes, retry};
 use crate::ids::SceneId;
 use crate::manifest::Roots;

@@ -1,12 +1,12 @@
 //! `bench train`
 
-use super::args::Global;
-use super::bench_args::BenchTrainArgs;
-use super::exit_code::{Exit, Failure};
-use super::network::use_threads;
-use super::output::Output;
-use super::progress::Progress;
-use crate::bench::{cpu_name, on_cpu, TrainBench, TrainStep, align};
+use crate::bench::{TrainBench, TrainStep, align, cpu_name, on_cpu};
+use crate::cli::args::Global;
+use crate::cli::bench_args::BenchTrainArgs;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::network::use_threads;
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
 use crate::train::{FeatureSource, TrainSettings};
 use candle_core::Device;
 use serde_json::json;

@@ -1,10 +1,10 @@
 //! `man`
 
-use super::args::{Args, Global};
-use super::exit_code::{Exit, Failure};
-use super::look_args::ManArgs;
-use super::output::Output;
 use crate::atomic_file;
+use crate::cli::args::{Args, Global};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::look_args::ManArgs;
+use crate::cli::output::Output;
 use clap::{Command, CommandFactory};
 use clap_mangen::Man;
 use serde_json::json;

@@ -1,11 +1,16 @@
 //! `bench`: what the benchmarks share.
 
-use super::args::Global;
-use super::bench_args::{BenchArgs, BenchCommand};
-use super::exit_code::{Exit, Failure};
-use super::output::Output;
-use super::{bench_error_cmd, bench_farm_cmd, bench_trace_cmd};
+mod error;
+mod trace;
+#[cfg(feature = "train")]
+mod train;
+
 use crate::bench::{BenchError, BenchScene};
+use crate::cli::args::Global;
+use crate::cli::bench_args::{BenchArgs, BenchCommand};
+use crate::cli::bench_farm_cmd;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
 use crate::manifest::{Roots, parse_scene};
 use crate::scene::{decode, read_files};
 use crate::trace::Isa;
@@ -14,11 +19,11 @@ use std::path::Path;
 
 pub(super) fn run(args: &BenchArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     match &args.what {
-        BenchCommand::Error(args) => bench_error_cmd::run(args, global, output),
+        BenchCommand::Error(args) => error::run(args, global, output),
         BenchCommand::Farm(args) => bench_farm_cmd::run(args, global, output),
-        BenchCommand::Trace(args) => bench_trace_cmd::run(args, global, output),
+        BenchCommand::Trace(args) => trace::run(args, global, output),
         #[cfg(feature = "train")]
-        BenchCommand::Train(args) => super::bench_train_cmd::run(args, global, output),
+        BenchCommand::Train(args) => train::run(args, global, output),
     }
 }
 

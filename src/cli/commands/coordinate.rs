@@ -1,11 +1,11 @@
 //! `coordinate RUN`
 
-use super::args::{CoordinateArgs, Global};
-use super::exit_code::{Exit, Failure};
-use super::output::Output;
-use super::progress::Progress;
-use super::queue_cmd;
-use super::signals::Signals;
+use crate::cli::args::{CoordinateArgs, Global};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::queue;
+use crate::cli::signals::Signals;
 use crate::farm::{CoordinateOptions, Observer, Run, Watch, WatchedRun, coordinate, process_cpu_s};
 use crate::manifest::Roots;
 use crate::serve::{ServeError, serve};
@@ -25,14 +25,14 @@ pub(super) fn run(
     global: &Global,
     output: &Output,
 ) -> Result<Exit, Failure> {
-    queue_cmd::fetch_run(&args.run, &args.queue)?;
+    queue::fetch_run(&args.run, &args.queue)?;
     let run = Run::open(&args.run, &Roots::default())?;
-    let store = queue_cmd::store(&args.run, &args.queue)?;
+    let store = queue::store(&args.run, &args.queue)?;
     if global.dry_run {
         return dry_run(args, &run, &store, output);
     }
     let signals = Signals::catch();
-    let queue = queue_cmd::coordinator(&run, &args.queue)?;
+    let queue = queue::coordinator(&run, &args.queue)?;
     let progress = Progress::new(global, "scenes", 0);
     let options = CoordinateOptions {
         stop: signals.stop(),

@@ -1,13 +1,13 @@
 //! `export RUN`
 
-use super::args::Global;
-use super::exit_code::{Exit, Failure};
-use super::export_args::ExportArgs;
-use super::output::Output;
-use super::progress::Progress;
-use super::signals::Signals;
-use super::target;
-use super::global_args::threads;
+use crate::cli::args::Global;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::export_args::ExportArgs;
+use crate::cli::global_args::threads;
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::signals::Signals;
+use crate::cli::target;
 use crate::doctor::{available_bytes, bytes_text};
 use crate::export::{
     ExportOptions, ExportPlan, ExportWork, Exported, FolderState, export, foretell_bytes, look,

@@ -1,9 +1,9 @@
 //! `report RUN`
 
-use super::args::{Global, ReportArgs};
-use super::exit_code::{Exit, Failure};
-use super::output::Output;
-use super::target;
+use crate::cli::args::{Global, ReportArgs};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::target;
 use crate::manifest::Roots;
 use crate::report::{Report, write_report};
 use serde_json::{Value, json};

@@ -1,13 +1,13 @@
 //! `separate CHECKPOINT IMAGES... --out DIR`
 
-use super::args::Global;
-use super::exit_code::{Exit, Failure};
-use super::network::{Network, Which, use_threads};
-use super::output::Output;
-use super::progress::Progress;
-use super::signals::Signals;
-use super::train_args::SeparateArgs;
 use crate::atomic_file;
+use crate::cli::args::Global;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::network::{Network, Which, use_threads};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::signals::Signals;
+use crate::cli::train_args::SeparateArgs;
 use crate::evaluate::read_picture;
 use crate::train::LEAST_PX;
 use anyhow::anyhow;

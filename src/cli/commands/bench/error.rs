@@ -1,18 +1,18 @@
 //! `bench error`
 
-use super::args::Global;
-use super::bench_args::BenchErrorArgs;
-use super::bench_cmd::{isa_name, read_scene};
-use super::exit_code::{Exit, Failure};
-use super::output::Output;
-use super::progress::Progress;
-use super::signals::Signals;
-use super::global_args::{isa, threads};
 use crate::atomic_file;
-use crate::bench::{cpu_name, on_cpu, 
-    BenchScene, Ladder, LayerRow, Reference, Slope, VARIANTS, Work, align, climb, csv, error_plot,
-    own_reference, pair, read_reference, slopes,
+use crate::bench::{
+    BenchScene, Ladder, LayerRow, Reference, Slope, VARIANTS, Work, align, climb, cpu_name, csv,
+    error_plot, on_cpu, own_reference, pair, read_reference, slopes,
 };
+use crate::cli::args::Global;
+use crate::cli::bench_args::BenchErrorArgs;
+use crate::cli::commands::bench::{isa_name, read_scene};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::global_args::{isa, threads};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::signals::Signals;
 use crate::manifest::Roots;
 use crate::trace::{LAYERS, TRACER_VERSION};
 use anyhow::anyhow;

@@ -1,13 +1,13 @@
 //! `run RECIPE`: everything, on this machine.
 
-use super::args::{Global, RunArgs};
-use super::exit_code::{Exit, Failure};
-use super::output::Output;
-use super::plan_cmd::{self, plan_with, run_folder};
-use super::report_cmd;
-use super::store_env;
-use super::work_cmd::{How, outcome_json, summary, work_on};
 use crate::cases::{CaseFile, check, is_case_file, table};
+use crate::cli::args::{Global, RunArgs};
+use crate::cli::commands::plan::{self, plan_with, run_folder};
+use crate::cli::commands::report;
+use crate::cli::commands::work::{How, outcome_json, summary, work_on};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::store_env;
 use crate::farm::Run;
 use crate::manifest::Roots;
 use crate::report::write_report;
@@ -18,11 +18,11 @@ use std::path::Path;
 pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let plan = &args.plan;
     if global.dry_run {
-        return plan_cmd::run(plan, global, output);
+        return plan::run(plan, global, output);
     }
     // Before anything computes: the pool of threads is made once.
     #[cfg(feature = "train")]
-    super::network::use_threads(global);
+    crate::cli::network::use_threads(global);
     plan_with(plan, global, output)?;
     let folder = run_folder(plan);
     let mut run = Run::open(&folder, &Roots::parse(&plan.roots.roots)?)?;
@@ -44,7 +44,8 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     let mut exit = exit;
     #[cfg(feature = "train")]
     if matches!(exit, Exit::Done | Exit::Incomplete)
-        && let Some(training) = super::run_training::training(&folder, &run, global, output)?
+        && let Some(training) =
+            crate::cli::commands::run_training::training(&folder, &run, global, output)?
     {
         object["train"] = training.object;
         text = format!("{}\n{text}", training.text);
@@ -58,7 +59,7 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
         Some(report) => report,
         None => write_report(&run, &store, None)?,
     };
-    report_cmd::warn(&report, output);
+    report::warn(&report, output);
     object["report"] = json!(report.path);
     text = format!("{text}\nlook at {}", report.path.display());
     // A run that was stopped has nothing to compare yet.

@@ -1,13 +1,13 @@
 //! `status RUN`, once or again and again.
 
-use super::args::Global;
-use super::exit_code::{Exit, Failure};
-use super::farm_args::StatusArgs;
-use super::output::Output;
-use super::queue_cmd;
-use super::signals::Signals;
-use super::status_text::{Queue, line, page};
-use super::target;
+use crate::cli::args::Global;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::farm_args::StatusArgs;
+use crate::cli::output::Output;
+use crate::cli::queue;
+use crate::cli::signals::Signals;
+use crate::cli::status_text::{Queue, line, page};
+use crate::cli::target;
 use crate::farm::queue::{NatsCoordinator, QueueKeeper};
 use crate::farm::{Observer, Overview, Run};
 use crate::manifest::Roots;
@@ -31,7 +31,7 @@ const HOME: &str = "\x1b[H\x1b[2J";
 
 pub(super) fn run(args: &StatusArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let (run, store) = target::open(&args.run, args.store.store.as_deref(), &Roots::default())?;
-    let server = queue_cmd::observer(&run, &args.server)?;
+    let server = queue::observer(&run, &args.server)?;
     let mut observer = Observer::new(&run, &store);
     match args.watch {
         None => {

@@ -1,10 +1,10 @@
 //! `inspect FILE...`
 
-use super::exit_code::Exit;
-use super::look_args::InspectArgs;
-use super::output::Output;
-use super::plan_cost::bytes_text;
-use super::rows::{rows, wrapped};
+use crate::cli::exit_code::Exit;
+use crate::cli::look_args::InspectArgs;
+use crate::cli::output::Output;
+use crate::cli::plan_cost::bytes_text;
+use crate::cli::rows::{rows, wrapped};
 use crate::inspect::{Inspection, Kind, Problem, Whole, inspect_path};
 use serde_json::{Value, json};
 use std::path::Path;

@@ -1,15 +1,15 @@
 //! `train RUN --stage STAGE --steps S`
 
-use super::args::Global;
-use super::exit_code::{Exit, Failure};
-use super::network::use_threads;
-use super::output::Output;
-use super::plan_cmd::TRAIN_RECIPE;
-use super::progress::Progress;
-use super::signals::Signals;
-use super::target;
-use super::train_args::TrainArgs;
-use super::train_vgg::{Features, features};
+use crate::cli::args::Global;
+use crate::cli::commands::plan::TRAIN_RECIPE;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::network::use_threads;
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::signals::Signals;
+use crate::cli::target;
+use crate::cli::train_args::TrainArgs;
+use crate::cli::train_vgg::{Features, features};
 use crate::evaluate::find_pairs;
 use crate::farm::{Run, keys};
 use crate::manifest::{ExampleKind, Roots, SceneLine, Split, Stage, TrainRecipe, TrainSettings};
@@ -225,7 +225,7 @@ pub(super) fn train(
             lines,
             roots: run.roots.clone(),
             base: run.dir.root().to_owned(),
-            inputs: super::store_env::inputs(),
+            inputs: crate::cli::store_env::inputs(),
         }),
     };
     let memory = (args.memory_gb.max(0.0) * 1e9) as usize;

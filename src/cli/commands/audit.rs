@@ -1,13 +1,13 @@
 //! `audit RUN`
 
-use super::args::Global;
-use super::exit_code::{Exit, Failure};
-use super::farm_args::AuditArgs;
-use super::output::Output;
-use super::progress::Progress;
-use super::signals::Signals;
-use super::target;
-use super::global_args::{isa, threads};
+use crate::cli::args::Global;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::farm_args::AuditArgs;
+use crate::cli::global_args::{isa, threads};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::signals::Signals;
+use crate::cli::target;
 use crate::farm::{
     AuditOptions, FileDifference, Receipt, Run, SceneAudit, Verdict, audit_scene, check_auditor,
     draw_scenes,

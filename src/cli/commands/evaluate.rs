@@ -1,17 +1,17 @@
 //! `evaluate RUN|DIR`
 
-use super::args::Global;
-use super::evaluate_rows::{Gain, LeftOut, Method, Subject, fitted_gain, scored};
-use super::evaluate_text::Evaluation;
-use super::exit_code::{Exit, Failure};
-use super::network::{Network, Which, use_threads};
-use super::output::Output;
-use super::progress::Progress;
-use super::signals::Signals;
-use super::split_name::SplitName;
-use super::target;
-use super::train_args::EvaluateArgs;
 use crate::atomic_file;
+use crate::cli::args::Global;
+use crate::cli::evaluate_rows::{Gain, LeftOut, Method, Subject, fitted_gain, scored};
+use crate::cli::evaluate_text::Evaluation;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::network::{Network, Which, use_threads};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::signals::Signals;
+use crate::cli::split_name::SplitName;
+use crate::cli::target;
+use crate::cli::train_args::EvaluateArgs;
 use crate::evaluate::{find_pairs, per_image_csv};
 use crate::farm::keys;
 use crate::manifest::{PixelSource, Roots, Stage};

@@ -1,11 +1,11 @@
 //! `merge RUN`
 
-use super::args::{Global, MergeArgs};
-use super::exit_code::{Exit, Failure};
-use super::output::Output;
-use super::progress::Progress;
-use super::store_env::store_options;
-use super::target;
+use crate::cli::args::{Global, MergeArgs};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::store_env::store_options;
+use crate::cli::target;
 use crate::farm::{Run, merge_run};
 use crate::manifest::Roots;
 use crate::store::Store;

@@ -1,14 +1,14 @@
 //! `work RUN`
 
-use super::args::{CacheArgs, Global, IsaChoice, QueueArgs, WorkArgs};
-use super::global_args::{isa, threads};
-use super::exit_code::{Exit, Failure};
-use super::isolate::{self, Children, Only};
-use super::output::Output;
-use super::progress::Progress;
-use super::queue_cmd;
-use super::signals::Signals;
-use super::store_env;
+use crate::cli::args::{CacheArgs, Global, IsaChoice, QueueArgs, WorkArgs};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::global_args::{isa, threads};
+use crate::cli::isolate::{self, Children, Only};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::queue;
+use crate::cli::signals::Signals;
+use crate::cli::store_env;
 use crate::farm::queue::{LocalQueue, Queue, Waiting};
 use crate::farm::{
     Event, Fault, Observer, Outcome, Run, SharedQueue, Span, Stop, WorkOptions, WorkerName,
@@ -23,12 +23,12 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
-    queue_cmd::fetch_run(&args.run, &args.queue)?;
+    queue::fetch_run(&args.run, &args.queue)?;
     let roots = Roots::parse(&args.roots.roots)?;
     let mut run = Run::open(&args.run, &roots)?;
     run.inputs = store_env::inputs_of(&run, &args.cache);
     if global.dry_run {
-        let store = queue_cmd::store(&args.run, &args.queue)?;
+        let store = queue::store(&args.run, &args.queue)?;
         let status = Observer::new(&run, &store).look()?.counts;
         let left = status.shards - status.shards_done;
         output.result(
@@ -48,10 +48,10 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
         queue: Some(&args.queue),
         hang: args.hang_s,
         checkpoint: args.checkpoint.checkpoint_s,
-        name: args.name.clone().unwrap_or_else(queue_cmd::worker_name),
+        name: args.name.clone().unwrap_or_else(queue::worker_name),
         faults: &args.faults,
     };
-    let store = queue_cmd::store(&args.run, &args.queue)?;
+    let store = queue::store(&args.run, &args.queue)?;
     run.take_inputs_from(&store, &roots);
     let (outcome, exit, wall) = match (&args.only, &args.queue.queue) {
         (Some(only), _) => work_only(&run, &store, only, &how, global, output)?,
@@ -91,7 +91,7 @@ impl<'a> How<'a> {
             queue: None,
             hang: Duration::from_mins(2),
             checkpoint,
-            name: queue_cmd::worker_name(),
+            name: queue::worker_name(),
             faults: &[],
         }
     }
@@ -104,7 +104,7 @@ impl<'a> How<'a> {
         options.deadline = self.deadline;
         options.who = WorkerName {
             worker: self.name.clone(),
-            host: queue_cmd::host_name(),
+            host: queue::host_name(),
         };
         options.hang = self.hang;
         options.checkpoint = self.checkpoint;
@@ -186,7 +186,7 @@ fn work_for(
         isolate: Some(&children),
         ..how.options(global, signals.stop())?
     };
-    let queue = queue_cmd::worker(run, args, &how.name)?;
+    let queue = queue::worker(run, args, &how.name)?;
     let on_hung = |reason: &str| {
         output.warning(reason);
         Exit::Failed.now();
@@ -213,7 +213,7 @@ fn work_for(
     Ok((outcome, exit, start.elapsed()))
 }
 
-/// A child: works on one span, and says that it goes on (see [`super::isolate`]).
+/// A child: works on one span, and says that it goes on (see [`crate::cli::isolate`]).
 fn work_only(
     run: &Run,
     store: &Store,
