@@ -3,6 +3,7 @@
 use super::exit_code::{Exit, Failure};
 use super::progress::Progress;
 use crate::evaluate::{Pair, Row, Scores, apply_gain, best_gain, read_picture, score, shift_px};
+use crate::store::StoreError;
 use crate::train::{Base, ExampleError, LEAST_PX, Separator, TupleSource, bytes_of_planes, shrunk};
 use anyhow::anyhow;
 use image::RgbImage;
@@ -109,7 +110,10 @@ impl Subject {
 /// A scene's input and transmission, as 8-bit pictures.
 fn tuple(source: &TupleSource, index: usize) -> Result<Example, Lack> {
     let fatal = |error: ExampleError| match error {
-        ExampleError::Store(error) => Lack::Fatal(error.into()),
+        ExampleError::Files(error) => Lack::Fatal(match error.downcast::<StoreError>() {
+            Ok(error) => (*error).into(),
+            Err(error) => Failure::new(Exit::Failed, anyhow!(error)),
+        }),
         ExampleError::Damaged { .. } | ExampleError::Unusable { .. } => {
             Lack::Unreadable(error.to_string())
         }

@@ -186,6 +186,36 @@ impl From<crate::export::ExportError> for Failure {
     }
 }
 
+#[cfg(feature = "train")]
+impl From<crate::train::TrainError> for Failure {
+    fn from(error: crate::train::TrainError) -> Self {
+        use crate::train::ExampleError as X;
+        use crate::train::TrainError as E;
+        let exit = match &error {
+            E::Busy { .. } => Exit::TryAgain,
+            E::Setting(_) | E::NoRealPairs { .. } => Exit::Usage,
+            E::Frozen { .. } | E::OtherOrigin { .. } => Exit::Disagrees,
+            E::NoBacktrack { .. }
+            | E::Features(_)
+            | E::Example(X::Unusable { .. } | X::None(_)) => Exit::InvalidInput,
+            E::Lock { .. }
+            | E::Example(_)
+            | E::Checkpoint(_)
+            | E::Write(_)
+            | E::Tensor(_)
+            | E::NotFinite { .. } => Exit::Failed,
+        };
+        let differences = match &error {
+            E::Frozen { differences, .. } => Some(serde_json::json!(differences)),
+            _ => None,
+        };
+        let mut failure = Self::new(exit, error);
+        let details = differences.map(|list| ("differences".to_owned(), list));
+        failure.details.extend(details);
+        failure
+    }
+}
+
 impl From<crate::atomic_file::WriteError> for Failure {
     fn from(error: crate::atomic_file::WriteError) -> Self {
         Self::new(Exit::Failed, error)

@@ -24,11 +24,11 @@ const TAIL_LINES: usize = 20;
 
 /// Shards of a scene, as `SCENE:A-B`: from A up to, not with, B.
 #[derive(Clone, Debug)]
-pub struct Only {
+pub(super) struct Only {
     /// The scene.
-    pub scene: String,
+    pub(super) scene: String,
     /// The shards.
-    pub shards: std::ops::Range<u32>,
+    pub(super) shards: std::ops::Range<u32>,
 }
 
 impl std::str::FromStr for Only {

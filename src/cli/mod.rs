@@ -1,7 +1,6 @@
 //! The command line: the only code that prints, reads the environment, catches signals or exits.
 
 mod args;
-mod bench_args;
 mod bench_farm_args;
 mod bench_farm_cmd;
 mod bench_farm_makespan;
@@ -18,11 +17,7 @@ mod evaluate_rows;
 #[cfg(feature = "train")]
 mod evaluate_text;
 mod exit_code;
-mod export_args;
-mod farm_args;
-mod global_args;
 mod isolate;
-mod look_args;
 #[cfg(feature = "train")]
 mod network;
 mod output;
@@ -31,14 +26,9 @@ mod progress;
 mod queue;
 mod rows;
 mod signals;
-mod split_name;
 mod status_text;
 mod store_env;
 mod target;
-#[cfg(feature = "train")]
-mod train_args;
-#[cfg(feature = "train")]
-mod train_vgg;
 
 /// What `bench farm` takes from here.
 mod bench_cmd {
@@ -46,10 +36,10 @@ mod bench_cmd {
 }
 /// The same.
 mod work_cmd {
-    pub(super) use super::global_args::isa;
+    pub(super) use super::args::isa;
 }
 
-pub use args::{Args, Command};
+pub use commands::Args;
 pub use exit_code::Exit;
 
 use clap::Parser;
@@ -81,7 +71,7 @@ pub fn main() -> ExitCode {
     let output = Output::new(&args.global);
     // Queue and store each bring a TLS provider: without a choice the first connection panics.
     let _ = rustls::crypto::ring::default_provider().install_default();
-    let result = commands::run(&args.command, &args.global, &output);
+    let result = args.run(&output);
     match result {
         Ok(exit) => exit.into(),
         Err(failure) => {

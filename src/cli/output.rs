@@ -2,7 +2,9 @@
 
 use super::args::{ColorWhen, Global};
 use super::exit_code::{Exit, Failure};
+use serde::Serialize;
 use serde_json::{Value, json};
+use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 
 /// The schema name of an error with --json.
@@ -41,6 +43,19 @@ impl Output {
             verbose: global.verbose,
             color,
         }
+    }
+
+    /// The command's result: with --json as an object that begins with its schema, else as text.
+    pub(super) fn show(&self, schema: &str, result: &(impl Serialize + Display)) {
+        let (object, text) = if self.json {
+            (
+                serde_json::to_value(result).unwrap_or_default(),
+                String::new(),
+            )
+        } else {
+            (Value::Null, result.to_string())
+        };
+        self.result(schema, object, &text);
     }
 
     /// The command's result: `object` with --json, else `text`. A closed pipe is no error.

@@ -1,8 +1,7 @@
 //! What a run will take: bytes on the disk, and hours of a core.
 
-use super::args::Global;
+use super::args::{Global, isa, threads};
 use super::exit_code::Failure;
-use super::global_args::{isa, threads};
 use super::store_env;
 use crate::bench::{Calibration, calibrate};
 use crate::doctor::available_bytes;

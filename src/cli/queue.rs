@@ -1,8 +1,7 @@
 //! From `--queue` and `--store` to a queue and a store.
 
-use super::args::QueueArgs;
+use super::args::{QueueArgs, ServerArgs};
 use super::exit_code::{Exit, Failure};
-use super::farm_args::ServerArgs;
 use crate::farm::Run;
 use crate::farm::queue::{NatsCoordinator, NatsOptions, NatsWorker};
 use crate::store::{Store, StoreOptions};

@@ -47,6 +47,8 @@ mod span;
 mod status;
 mod suspect;
 mod sweep;
+#[cfg(feature = "train")]
+mod tuple_files;
 mod watch;
 mod work;
 mod work_log;

@@ -12,6 +12,7 @@
 //! random            random numbers by seed and name     srgb_planes   pixels as networks see them
 //! mixture           photographs added as images, for comparison
 //! separator         the networks of a checkpoint, ready to work
+//! run, resume       a stage's training in a run's folder, from whatever was trained there before
 //! ```
 //!
 //! What is learned is a function of the settings, the scenes and the machine's kind of CPU: not of threads, of time, or of how
@@ -23,6 +24,7 @@ mod adam;
 mod batch;
 mod checkpoint;
 mod discriminator;
+mod error;
 mod events;
 mod example;
 mod example_sampler;
@@ -35,11 +37,15 @@ mod metrics;
 pub mod mixture;
 mod picture;
 mod random;
+mod resume;
+mod run;
 mod separator;
 mod session;
 mod source;
 mod srgb_planes;
+mod tuple_files;
 mod vgg;
+mod vgg_file;
 
 pub use crate::manifest::{
     ExampleKind, FeatureSource, PixelSource, SettingError, Stage, Start, TrainSettings,
@@ -51,6 +57,7 @@ pub use checkpoint::{
     clear, code_path, prune, stage_folder, steps, write_checkpoint,
 };
 pub use discriminator::Discriminator;
+pub use error::TrainError;
 pub(crate) use events::masked_crc;
 pub use example::{Cut, Example, Planes};
 pub use example_sampler::{ExampleSampler, SceneSource};
@@ -61,11 +68,14 @@ pub use loader::Loader;
 pub use loss::{FEATURE_DIVISORS, adversarial_loss, discriminator_loss, feature_difference, l1};
 pub use picture::{Grid, Picture, rgb_grid, shrunk};
 pub use random::Stream;
+pub use run::{Pace, TrainSummary, Training, run};
 pub use separator::{Separator, SeparatorError};
-pub use session::{Best, Schedule, Session, TrainError, Trained, Watcher};
-pub use source::{Base, ExampleError, PairSource, PhotographSource, TupleSource};
+pub use session::{Best, Schedule, Session, Trained, Watcher};
+pub use source::{Base, ExampleError, PairSource, PhotographSource, ReadFile, TupleSource};
 pub use srgb_planes::{bytes_of_planes, planes_of_bytes};
+pub use tuple_files::{TupleFiles, TupleFilesError};
 pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};
+pub use vgg_file::{Features, FeaturesError};
 
 #[cfg(test)]
 mod step_tests;

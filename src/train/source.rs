@@ -3,15 +3,15 @@
 use super::example::{Example, Planes};
 use super::picture::Picture;
 use super::srgb_planes::{planes_of_bytes, planes_of_linear};
+use super::tuple_files::{TupleFiles, TupleFilesError};
 use crate::evaluate::{Pair, read_picture};
-use crate::farm::{QuarantineRecord, keys};
-use crate::manifest::PixelSource;
-use crate::manifest::{Roots, SceneLine};
+use crate::manifest::{PixelSource, Roots, SceneLine};
 use crate::merge::{TupleRecord, decode_tuple_exr, is_record_of};
 use crate::scene::{Decoded, decode, read_files_by};
-use crate::store::{Inputs, Store, StoreError};
 use image::{Rgb32FImage, imageops};
-use std::path::PathBuf;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// An example that cannot be had.
 #[derive(Debug, thiserror::Error)]
@@ -21,7 +21,7 @@ pub enum ExampleError {
         "{file}: {reason}; `glasshouse audit` finds what else is damaged, `glasshouse retry` has it made anew"
     )]
     Damaged {
-        /// Its key in the store.
+        /// Its path in the run.
         file: String,
         /// What is wrong.
         reason: String,
@@ -34,9 +34,9 @@ pub enum ExampleError {
         /// What is wrong.
         reason: String,
     },
-    /// The store.
+    /// The place that holds the tuples.
     #[error(transparent)]
-    Store(#[from] StoreError),
+    Files(#[from] TupleFilesError),
     /// Nothing to train on.
     #[error("{0}")]
     None(String),
@@ -72,8 +72,8 @@ impl Base {
 
 /// Tuples, by the scenes of a manifest.
 pub struct TupleSource {
-    /// The run's objects.
-    pub store: Store,
+    /// Their files.
+    pub files: Arc<dyn TupleFiles>,
     /// Scenes to read.
     pub lines: Vec<SceneLine>,
     /// From which files.
@@ -84,15 +84,15 @@ impl TupleSource {
     /// A scene's tuple; `None` if there is none (yet).
     pub fn read(&self, index: usize) -> Result<Option<Base>, ExampleError> {
         let line = &self.lines[index];
-        let Some(json) = self.store.get(&keys::tuple(&line.id, "tuple.json"))? else {
+        let Some(json) = self.files.get(&line.id, "tuple.json")? else {
             return Ok(None);
         };
         if !is_record_of(&json, line) {
             // Of another plan, or of another version: the farm makes it again.
             return Ok(None);
         }
-        let file = keys::tuple(&line.id, "tuple.json");
-        let record: TupleRecord = serde_json::from_slice(&json).map_err(|e| damaged(&file, &e))?;
+        let record: TupleRecord =
+            serde_json::from_slice(&json).map_err(|e| damaged(&path(line, "tuple.json"), &e))?;
         let layers = match self.pixels {
             PixelSource::Exr => self.read_exr(line, &record)?,
             PixelSource::Png => self.read_pngs(line, &record)?,
@@ -117,15 +117,17 @@ impl TupleSource {
 
     /// The scene will not get a tuple unless somebody retries it.
     pub fn is_in_quarantine(&self, index: usize) -> Result<bool, ExampleError> {
-        let record = QuarantineRecord::get(&self.store, &self.lines[index].id)?;
-        Ok(record.is_some())
+        Ok(self.files.is_quarantined(&self.lines[index].id)?)
     }
 
     fn file(&self, line: &SceneLine, name: &str) -> Result<(String, bytes::Bytes), ExampleError> {
-        let key = keys::tuple(&line.id, name);
-        match self.store.get(&key)? {
-            Some(bytes) => Ok((key, bytes)),
-            None => Err(damaged(&key, &"it is gone, though its tuple.json is there")),
+        let path = path(line, name);
+        match self.files.get(&line.id, name)? {
+            Some(bytes) => Ok((path, bytes)),
+            None => Err(damaged(
+                &path,
+                &"it is gone, though its tuple.json is there",
+            )),
         }
     }
 
@@ -163,12 +165,20 @@ impl TupleSource {
     }
 }
 
+/// A file of a tuple, as seen from the run's folder.
+fn path(line: &SceneLine, file: &str) -> String {
+    format!("tuples/{}/{file}", line.id)
+}
+
 fn damaged(file: &str, reason: &dyn std::fmt::Display) -> ExampleError {
     ExampleError::Damaged {
         file: file.to_owned(),
         reason: reason.to_string(),
     }
 }
+
+/// Reads a file, from a disk or from elsewhere.
+pub type ReadFile = Box<dyn Fn(&Path) -> io::Result<Vec<u8>> + Send + Sync>;
 
 /// The photographs of a manifest's scenes, without depth.
 pub struct PhotographSource {
@@ -178,8 +188,8 @@ pub struct PhotographSource {
     pub roots: Roots,
     /// Folder that relative paths start from.
     pub base: PathBuf,
-    /// Reads files.
-    pub inputs: Inputs,
+    /// Reads a photograph.
+    pub read_file: ReadFile,
 }
 
 impl PhotographSource {
@@ -190,8 +200,7 @@ impl PhotographSource {
             name: line.id.to_string(),
             reason,
         };
-        let read = |path: &std::path::Path| self.inputs.read(path);
-        let files = read_files_by(line, &self.roots, &self.base, &read)
+        let files = read_files_by(line, &self.roots, &self.base, &*self.read_file)
             .map_err(|e| unusable(e.to_string()))?;
         let decoded = decode(line, &files).map_err(|e| unusable(e.to_string()))?;
         let size = [line.film.width, line.film.height];

@@ -1,9 +1,7 @@
 //! `audit RUN`
 
-use crate::cli::args::Global;
+use crate::cli::args::{Global, RootArgs, StoreArgs, isa, parse_scene_id, threads};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::farm_args::AuditArgs;
-use crate::cli::global_args::{isa, threads};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
@@ -16,11 +14,32 @@ use crate::ids::SceneId;
 use crate::manifest::Roots;
 use crate::store::Store;
 use anyhow::anyhow;
+use clap::Args as ClapArgs;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write;
+use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct AuditArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// Share of the scenes that are done, 0 to 1; at least one is traced again
+    #[arg(long, value_name = "SHARE", default_value_t = 0.005, value_parser = parse_share)]
+    share: f64,
+    /// Which ones: the same seed, share and run give the same scenes [default: random, and said]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// This scene instead, repeatable; one that is not done is audited as far as it is there
+    #[arg(long = "scene", value_name = "SCENE", value_parser = parse_scene_id, conflicts_with_all = ["share", "seed"])]
+    scenes: Vec<SceneId>,
+    #[command(flatten)]
+    roots: RootArgs,
+    #[command(flatten)]
+    store: StoreArgs,
+}
 
 pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let roots = Roots::parse(&args.roots.roots)?;
@@ -200,5 +219,25 @@ fn amount(difference: &FileDifference) -> String {
             format!("{pixels} of {all} pixels differ; at x {x}, y {y} a value is no number")
         }
         _ => difference.note.clone(),
+    }
+}
+
+fn parse_share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
+        _ => Err("a share is a number from 0 to 1".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_share_is_a_share() {
+        assert_eq!(parse_share("0.25"), Ok(0.25));
+        for bad in ["-0.1", "1.1", "nan", "x"] {
+            assert!(parse_share(bad).is_err(), "{bad}");
+        }
     }
 }

@@ -1,14 +1,24 @@
 //! `completions SHELL`
 
-use crate::cli::args::Args;
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::look_args::CompletionsArgs;
 use crate::cli::output::Output;
-use clap::CommandFactory;
+use clap::Args as ClapArgs;
+use clap::Command;
+use clap_complete::Shell;
 use serde_json::json;
 
-pub(super) fn run(args: &CompletionsArgs, output: &Output) -> Result<Exit, Failure> {
-    let mut command = Args::command();
+#[derive(Debug, ClapArgs)]
+pub(super) struct CompletionsArgs {
+    /// Whose
+    #[arg(value_enum)]
+    shell: Shell,
+}
+
+pub(super) fn run(
+    args: &CompletionsArgs,
+    mut command: Command,
+    output: &Output,
+) -> Result<Exit, Failure> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut command, "glasshouse", &mut script);
     let script = String::from_utf8(script).map_err(|e| Failure::new(Exit::Failed, e))?;

@@ -1,14 +1,35 @@
 //! `pause RUN`, `resume RUN`, `cancel RUN`
 
-use crate::cli::args::Global;
+use crate::cli::args::{Global, StoreArgs};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::farm_args::{HoldArgs, ResumeArgs};
 use crate::cli::output::Output;
 use crate::cli::target;
 use crate::farm::{ControlState, set_control};
 use crate::manifest::Roots;
+use clap::Args as ClapArgs;
 use serde_json::json;
 use std::path::Path;
+use std::path::PathBuf;
+
+/// `pause`, `cancel`
+#[derive(Debug, ClapArgs)]
+pub(super) struct HoldArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// Why, for who wonders; shown by workers, coordinator and status
+    #[arg(long, value_name = "TEXT")]
+    reason: Option<String>,
+    #[command(flatten)]
+    store: StoreArgs,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct ResumeArgs {
+    /// Folder of the run
+    run: PathBuf,
+    #[command(flatten)]
+    store: StoreArgs,
+}
 
 pub(super) fn pause(args: &HoldArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let (store, reason) = (args.store.store.as_deref(), args.reason.as_deref());

@@ -1,6 +1,6 @@
 //! `coordinate RUN`
 
-use crate::cli::args::{CoordinateArgs, Global};
+use crate::cli::args::{FARM, Global, QueueArgs};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
@@ -10,10 +10,26 @@ use crate::farm::{CoordinateOptions, Observer, Run, Watch, WatchedRun, coordinat
 use crate::manifest::Roots;
 use crate::serve::{ServeError, serve};
 use crate::store::Store;
+use clap::Args as ClapArgs;
 use serde_json::json;
 use std::os::unix::fs::MetadataExt;
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct CoordinateArgs {
+    /// Folder of the run
+    run: PathBuf,
+    #[command(flatten)]
+    queue: QueueArgs,
+    /// Address of the status page; port 0 picks one and prints it
+    #[arg(long, value_name = "ADDR:PORT", help_heading = FARM)]
+    listen: Option<std::net::SocketAddr>,
+    /// File with the secret (16 characters or more) that opens the page's buttons; or GLASSHOUSE_TOKEN in the environment
+    #[arg(long, value_name = "FILE", requires = "listen", help_heading = FARM)]
+    token_file: Option<PathBuf>,
+}
 
 /// Environment variable with the secret for the page's buttons.
 const TOKEN: &str = "GLASSHOUSE_TOKEN";

@@ -1,9 +1,7 @@
 //! `doctor [RUN]`
 
-use crate::cli::args::Global;
+use crate::cli::args::{FARM, Global, isa, threads};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::global_args::{isa, threads};
-use crate::cli::look_args::DoctorArgs;
 use crate::cli::output::Output;
 use crate::cli::queue;
 use crate::cli::rows::rows;
@@ -16,9 +14,31 @@ use crate::farm::{Run, RunError, keys};
 use crate::manifest::Roots;
 use crate::shard::{Golden, Spec};
 use crate::store::{Store, StoreOptions};
+use clap::Args as ClapArgs;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct DoctorArgs {
+    /// Folder of a run, or where one shall be [default: where you are]
+    run: Option<PathBuf>,
+    /// A store to try: a folder, file:///FOLDER, or s3://BUCKET/PREFIX; one small object is put and removed
+    #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE", help_heading = FARM)]
+    store: Option<String>,
+    /// A NATS server to try: nats://host:4222, tls://host:4222, several with commas
+    #[arg(long, value_name = "URL", env = "GLASSHOUSE_QUEUE", hide_env_values = true, help_heading = FARM)]
+    queue: Option<String>,
+    /// File with the seed of an nkey
+    #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_NKEY", requires = "queue", help_heading = FARM)]
+    queue_nkey: Option<PathBuf>,
+    /// File with NATS credentials, as nsc writes it
+    #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_CREDS", requires = "queue", help_heading = FARM)]
+    queue_creds: Option<PathBuf>,
+    /// File with certificates (PEM) to trust besides the system's
+    #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_CA", requires = "queue", help_heading = FARM)]
+    queue_ca: Option<PathBuf>,
+}
 
 /// A store that is away is said to be away after this time.
 const PATIENCE: Duration = Duration::from_secs(2);

@@ -1,24 +1,96 @@
 //! `evaluate RUN|DIR`
 
 use crate::atomic_file;
-use crate::cli::args::Global;
+use crate::cli::args::{Global, SplitName};
 use crate::cli::evaluate_rows::{Gain, LeftOut, Method, Subject, fitted_gain, scored};
 use crate::cli::evaluate_text::Evaluation;
 use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::network::NetworkArgs;
+use crate::cli::network::TILE_PX;
 use crate::cli::network::{Network, Which, use_threads};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
-use crate::cli::split_name::SplitName;
 use crate::cli::target;
-use crate::cli::train_args::EvaluateArgs;
+use crate::evaluate::Protocol;
 use crate::evaluate::{find_pairs, per_image_csv};
 use crate::farm::keys;
 use crate::manifest::{PixelSource, Roots, Stage};
 use crate::train::{TupleSource, rgb_grid, stage_folder, steps};
 use anyhow::anyhow;
+use clap::{Args as ClapArgs, ValueEnum};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct EvaluateArgs {
+    /// Folder of a run; or of pairs: blended/ and transmission_layer/, or as SIR2 and CEILNet name them
+    #[arg(value_name = "RUN|DIR")]
+    place: PathBuf,
+    /// Networks to score, named as here or by stage and step; a folder as of `separate`; repeatable [default: the run's own]
+    #[arg(long = "checkpoint", value_name = "[NAME=]FOLDER")]
+    checkpoints: Vec<String>,
+    /// Which scenes of a run
+    #[arg(long, value_enum, default_value = "test")]
+    split: SplitName,
+    /// Which scores the table shows; the files have all
+    #[arg(long, value_enum, default_value = "both")]
+    protocol: ProtocolName,
+    /// Folder to write evaluation.md, .csv, .png (some pictures) and .json to [default: RUN/train/evaluation; of pairs: none]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Fit the input's gain to pairs of this folder, or to this run's train scenes [default: the run's own; of pairs: no gain]
+    #[arg(long, value_name = "RUN|DIR")]
+    fit_gain: Option<PathBuf>,
+    /// Score only the first N pairs
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    limit: Option<u32>,
+    #[command(flatten)]
+    network: NetworkArgs,
+    /// Where the run's tuples are, if not in its folder
+    #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE")]
+    store: Option<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ProtocolName {
+    /// Kim et al.'s: PSNR of all channels together, SSIM of the grey pictures.
+    Paper,
+    /// Of ERRNet and those after it: means over the channels.
+    Errnet,
+    /// Side by side.
+    Both,
+}
+
+impl From<ProtocolName> for Protocol {
+    fn from(name: ProtocolName) -> Self {
+        match name {
+            ProtocolName::Paper => Self::Paper,
+            ProtocolName::Errnet => Self::Errnet,
+            ProtocolName::Both => Self::Both,
+        }
+    }
+}
+
+impl EvaluateArgs {
+    /// The networks of a run on its test scenes.
+    pub(super) fn of_run(run: &Path) -> Self {
+        Self {
+            place: run.to_owned(),
+            checkpoints: Vec::new(),
+            split: SplitName::Test,
+            protocol: ProtocolName::Both,
+            out: None,
+            fit_gain: None,
+            limit: None,
+            network: NetworkArgs {
+                features: None,
+                tile_px: TILE_PX,
+            },
+            store: None,
+        }
+    }
+}
 
 const SCHEMA: &str = "glasshouse.evaluate/1";
 
@@ -171,7 +243,7 @@ fn subject(
         let (run, store) = target::open(place, store, &Roots::default())?;
         let lines = run.lines.iter().filter(|line| split.has(line.split));
         let source = TupleSource {
-            store,
+            files: std::sync::Arc::new(store),
             lines: lines.cloned().collect(),
             pixels: PixelSource::Png,
         };

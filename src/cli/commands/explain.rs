@@ -1,21 +1,34 @@
 //! `explain RUN SHARD`
 
-use crate::cli::args::Global;
+use crate::cli::args::{StoreArgs, parse_scene_id};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::farm_args::ExplainArgs;
 use crate::cli::output::Output;
 use crate::cli::status_text::attempt;
 use crate::cli::target;
 use crate::farm::{Explanation, SceneState, explain};
+use crate::ids::SceneId;
 use crate::manifest::Roots;
 use crate::serve::text::grouped;
+use clap::Args as ClapArgs;
 use serde_json::json;
 use std::fmt::Write;
+use std::path::PathBuf;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct ExplainArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// A scene, or one of its shards: SCENE or SCENE:NUMBER
+    #[arg(value_name = "SHARD", value_parser = parse_shard)]
+    shard: (SceneId, Option<u32>),
+    #[command(flatten)]
+    store: StoreArgs,
+}
 
 /// Rows of shards that are printed.
 const ROWS: usize = 8;
 
-pub(super) fn run(args: &ExplainArgs, _: &Global, output: &Output) -> Result<Exit, Failure> {
+pub(super) fn run(args: &ExplainArgs, output: &Output) -> Result<Exit, Failure> {
     let (run, store) = target::open(&args.run, args.store.store.as_deref(), &Roots::default())?;
     let (scene, shard) = &args.shard;
     let known = explain(&run, &store, scene, *shard)?;
@@ -134,5 +147,33 @@ fn rows(rows: &[[u32; 2]]) -> String {
     match count {
         0 => "none".to_owned(),
         _ => format!("{count}: {}", shown.join(" ")),
+    }
+}
+
+fn parse_shard(text: &str) -> Result<(SceneId, Option<u32>), String> {
+    let (scene, shard) = match text.split_once(':') {
+        Some((scene, shard)) => {
+            let number = shard.parse().map_err(|_| {
+                format!("{shard:?} is no number of a shard: write SCENE or SCENE:NUMBER")
+            })?;
+            (scene, Some(number))
+        }
+        None => (text, None),
+    };
+    Ok((parse_scene_id(scene)?, shard))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shard_is_a_scene_and_a_number() {
+        let scene = SceneId::new("train-1").unwrap();
+        assert_eq!(parse_shard("train-1"), Ok((scene.clone(), None)));
+        assert_eq!(parse_shard("train-1:12"), Ok((scene, Some(12))));
+        for bad in ["", ":1", "train-1:", "train-1:x", "train-1:-1", "a b"] {
+            assert!(parse_shard(bad).is_err(), "{bad}");
+        }
     }
 }

@@ -1,22 +1,104 @@
 //! `export RUN`
 
-use crate::cli::args::Global;
+use crate::cli::args::{Global, SplitName, StoreArgs, threads};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::export_args::ExportArgs;
-use crate::cli::global_args::threads;
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::target;
 use crate::doctor::{available_bytes, bytes_text};
+use crate::export::ExportFormat;
+use crate::export::PixelEncoding;
 use crate::export::{
     ExportOptions, ExportPlan, ExportWork, Exported, FolderState, export, foretell_bytes, look,
 };
 use crate::manifest::{Roots, Split, is_url};
 use anyhow::anyhow;
+use clap::{Args as ClapArgs, ValueEnum};
 use serde_json::{Value, json};
 use std::fmt::Write;
+use std::path::PathBuf;
 use std::time::Instant;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct ExportArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// What is to read it
+    #[arg(long, value_enum)]
+    format: FormatName,
+    /// Folder of the export: a new one, or one in which this export was begun
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// How pixels are stored [default: srgb8; of exr: linear]
+    #[arg(long, value_enum)]
+    encoding: Option<EncodingName>,
+    /// Which scenes
+    #[arg(long, value_enum, default_value = "all")]
+    split: SplitName,
+    /// Largest WebDataset shard, MB (1e6 bytes); a larger tuple has one for itself
+    #[arg(long, value_name = "MB", default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    shard_mb: u32,
+    /// Export what is merged of a run that is not finished
+    #[arg(long)]
+    partial: bool,
+    #[command(flatten)]
+    store: StoreArgs,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum FormatName {
+    /// Tars for the WebDataset library.
+    Webdataset,
+    /// Hugging Face's imagefolder.
+    Imagefolder,
+    /// Folders of pictures as published sets of pairs have them.
+    Pairs,
+    /// A multi-part OpenEXR file a tuple.
+    Exr,
+}
+
+impl From<FormatName> for ExportFormat {
+    fn from(name: FormatName) -> Self {
+        match name {
+            FormatName::Webdataset => Self::Webdataset,
+            FormatName::Imagefolder => Self::Imagefolder,
+            FormatName::Pairs => Self::Pairs,
+            FormatName::Exr => Self::Exr,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum EncodingName {
+    /// The tuples' own PNGs, byte by byte.
+    Srgb8,
+    /// PNGs of 16-bit sRGB codes, from the tuples' EXRs.
+    Srgb16,
+    /// OpenEXR files, linear and not clipped.
+    Linear,
+}
+
+impl From<EncodingName> for PixelEncoding {
+    fn from(name: EncodingName) -> Self {
+        match name {
+            EncodingName::Srgb8 => Self::Srgb8,
+            EncodingName::Srgb16 => Self::Srgb16,
+            EncodingName::Linear => Self::Linear,
+        }
+    }
+}
+
+impl ExportArgs {
+    /// As typed, or what the format has.
+    fn encoding(&self) -> PixelEncoding {
+        match (self.encoding, self.format) {
+            (Some(encoding), _) => encoding.into(),
+            (None, FormatName::Exr) => PixelEncoding::Linear,
+            (None, _) => PixelEncoding::Srgb8,
+        }
+    }
+}
 
 const SCHEMA: &str = "glasshouse.export/1";
 

@@ -1,13 +1,21 @@
 //! `inspect FILE...`
 
 use crate::cli::exit_code::Exit;
-use crate::cli::look_args::InspectArgs;
 use crate::cli::output::Output;
 use crate::cli::plan_cost::bytes_text;
 use crate::cli::rows::{rows, wrapped};
 use crate::inspect::{Inspection, Kind, Problem, Whole, inspect_path};
+use clap::Args as ClapArgs;
 use serde_json::{Value, json};
 use std::path::Path;
+use std::path::PathBuf;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct InspectArgs {
+    /// Files that this program wrote or reads; folders of a run, a tuple, a checkpoint
+    #[arg(value_name = "FILE", required = true)]
+    files: Vec<PathBuf>,
+}
 
 /// Columns of a line.
 const WIDTH: usize = 80;

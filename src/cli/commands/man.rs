@@ -1,16 +1,29 @@
 //! `man`
 
 use crate::atomic_file;
-use crate::cli::args::{Args, Global};
+use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::look_args::ManArgs;
 use crate::cli::output::Output;
-use clap::{Command, CommandFactory};
+use clap::Args as ClapArgs;
+use clap::Command;
 use clap_mangen::Man;
 use serde_json::json;
+use std::path::PathBuf;
 
-pub(super) fn run(args: &ManArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
-    let mut command = Args::command().disable_help_subcommand(true);
+#[derive(Debug, ClapArgs)]
+pub(super) struct ManArgs {
+    /// Folder for a page of each command; without it the main page is printed
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+pub(super) fn run(
+    args: &ManArgs,
+    command: Command,
+    global: &Global,
+    output: &Output,
+) -> Result<Exit, Failure> {
+    let mut command = command.disable_help_subcommand(true);
     // Gives the commands inside of it their whole names.
     command.build();
     let Some(folder) = &args.out else {

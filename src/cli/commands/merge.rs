@@ -1,6 +1,6 @@
 //! `merge RUN`
 
-use crate::cli::args::{Global, MergeArgs};
+use crate::cli::args::{FARM, Global};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
@@ -9,7 +9,18 @@ use crate::cli::target;
 use crate::farm::{Run, merge_run};
 use crate::manifest::Roots;
 use crate::store::Store;
+use clap::Args as ClapArgs;
 use serde_json::json;
+use std::path::PathBuf;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct MergeArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// Where the run's objects are, if not in the run's folder: a folder, or s3://BUCKET/PREFIX
+    #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE", help_heading = FARM)]
+    store: Option<String>,
+}
 
 /// Scenes whose reasons are printed.
 const SHOWN: usize = 10;

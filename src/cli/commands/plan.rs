@@ -1,18 +1,35 @@
 //! `plan RECIPE --out RUN`
 
-use crate::cli::args::{Global, PlanArgs};
+use crate::cli::args::{Global, RootArgs, threads};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::global_args::threads;
 use crate::cli::output::Output;
 use crate::cli::plan_cost::{Cost, bytes_text};
 use crate::cli::progress::Progress;
 use crate::cli::store_env;
 use crate::farm::{PlanOptions, Planned, plan};
 use crate::manifest::{Recipe, Roots};
+use clap::Args as ClapArgs;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Mutex;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct PlanArgs {
+    /// Recipe (.toml) or scenes (.jsonl)
+    pub(super) recipe: PathBuf,
+    /// Folder of the run [default: runs/NAME]
+    #[arg(long, value_name = "RUN")]
+    pub(super) out: Option<PathBuf>,
+    /// Side of a tile, px [default: such that a shard takes 0.2 s, 64 to 256]
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub(super) tile: Option<u32>,
+    /// Leave out photographs whose files cannot be used, and draw others in their place (of a .jsonl: leave out scenes)
+    #[arg(long)]
+    pub(super) skip_invalid: bool,
+    #[command(flatten)]
+    pub(super) roots: RootArgs,
+}
 
 /// Where a run keeps its recipe's `[train]`.
 pub(super) const TRAIN_RECIPE: &str = "train.json";

@@ -1,9 +1,8 @@
 //! `render SCENE.json --out DIR`
 
 use crate::atomic_file;
-use crate::cli::args::{Global, RenderArgs};
+use crate::cli::args::{Global, RootArgs, isa, parse_spp, threads};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::global_args::{isa, threads};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
@@ -17,9 +16,27 @@ use crate::scene::{load, read_files_by};
 use crate::shard::ShardLayout;
 use crate::trace::{LAYERS, TRACER_VERSION};
 use anyhow::{Context, anyhow};
+use clap::Args as ClapArgs;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct RenderArgs {
+    /// Scene (glasshouse.scene/1), or a tuple.json
+    scene: PathBuf,
+    /// Folder to write to
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Samples a pixel, a power of two from 1 to 65536 [default: the scene's]
+    #[arg(long, value_name = "N", value_parser = parse_spp)]
+    spp: Option<u32>,
+    /// Side of a tile, px: how the work is cut, never what comes out
+    #[arg(long, value_name = "PX", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=16384))]
+    tile: u32,
+    #[command(flatten)]
+    roots: RootArgs,
+}
 
 /// A scene, the folder its paths start from, and the tuple's record it may come from.
 struct Source {

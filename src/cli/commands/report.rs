@@ -1,12 +1,25 @@
 //! `report RUN`
 
-use crate::cli::args::{Global, ReportArgs};
+use crate::cli::args::{Global, StoreArgs};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::target;
 use crate::manifest::Roots;
 use crate::report::{Report, write_report};
+use clap::Args as ClapArgs;
 use serde_json::{Value, json};
+use std::path::PathBuf;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct ReportArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// File to write [default: RUN/report/index.html]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    store: StoreArgs,
+}
 
 /// Damaged tuples that are named; the page and --json have all.
 const SHOWN: usize = 10;

@@ -1,14 +1,32 @@
 //! `retry RUN SCENE…`
 
-use crate::cli::args::Global;
+use crate::cli::args::{Global, StoreArgs, parse_scene_id};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::farm_args::RetryArgs;
 use crate::cli::output::Output;
 use crate::cli::target;
 use crate::farm::{RetryScenes, retry};
 use crate::ids::SceneId;
 use crate::manifest::Roots;
+use clap::Args as ClapArgs;
 use serde_json::json;
+use std::path::PathBuf;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct RetryArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// Scenes to try again
+    #[arg(value_name = "SCENE", value_parser = parse_scene_id, required_unless_present = "all")]
+    scenes: Vec<SceneId>,
+    /// All that are in quarantine
+    #[arg(long, conflicts_with = "scenes")]
+    all: bool,
+    /// The scenes named, also those that are done: what was made of them is removed, and they are traced from nothing
+    #[arg(long, conflicts_with = "all")]
+    anew: bool,
+    #[command(flatten)]
+    store: StoreArgs,
+}
 
 /// Scenes whose names are printed.
 const SHOWN: usize = 20;

@@ -1,8 +1,8 @@
 //! `run RECIPE`: everything, on this machine.
 
 use crate::cases::{CaseFile, check, is_case_file, table};
-use crate::cli::args::{Global, RunArgs};
-use crate::cli::commands::plan::{self, plan_with, run_folder};
+use crate::cli::args::{CheckpointArgs, Global};
+use crate::cli::commands::plan::{self, PlanArgs, plan_with, run_folder};
 use crate::cli::commands::report;
 use crate::cli::commands::work::{How, outcome_json, summary, work_on};
 use crate::cli::exit_code::{Exit, Failure};
@@ -12,8 +12,17 @@ use crate::farm::Run;
 use crate::manifest::Roots;
 use crate::report::write_report;
 use crate::store::Store;
+use clap::Args as ClapArgs;
 use serde_json::json;
 use std::path::Path;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct RunArgs {
+    #[command(flatten)]
+    plan: PlanArgs,
+    #[command(flatten)]
+    checkpoint: CheckpointArgs,
+}
 
 pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let plan = &args.plan;

@@ -1,18 +1,19 @@
 //! `run`, after the tuples: what the recipe's `[train]` says.
 
 use crate::cli::args::Global;
-use crate::cli::commands::evaluate::{evaluate, evaluation_folder};
-use crate::cli::commands::train::{train, train_recipe};
+use crate::cli::commands::evaluate::{EvaluateArgs, evaluate, evaluation_folder};
+use crate::cli::commands::train::{train, train_recipe, training_of};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
-use crate::cli::train_args::{EvaluateArgs, StageName, TrainArgs};
 use crate::farm::Run;
+use crate::manifest::{Stage, TrainSettings};
 use crate::store::Store;
+use crate::train::Training;
 use serde_json::{Value, json};
 use std::path::Path;
 
 /// What `run` says of its training.
-pub(super) struct Training {
+pub(super) struct Lesson {
     pub(super) object: Value,
     pub(super) text: String,
     pub(super) exit: Exit,
@@ -24,29 +25,36 @@ pub(super) fn training(
     run: &Run,
     global: &Global,
     output: &Output,
-) -> Result<Option<Training>, Failure> {
+) -> Result<Option<Lesson>, Failure> {
     let Some(recipe) = train_recipe(folder)? else {
         return Ok(None);
     };
     let store = Store::local(folder)?;
     let mut object = json!({});
     let stages = [
-        (StageName::Backtrack, recipe.backtrack_steps),
-        (StageName::Separation, recipe.separation_steps),
+        (Stage::Backtrack, recipe.backtrack_steps),
+        (Stage::Separation, recipe.separation_steps),
     ];
     let mut taken = 0;
     for (stage, steps) in stages {
         if steps == 0 {
             continue;
         }
-        let args = TrainArgs::of_recipe(folder, stage, steps, &recipe.settings);
-        let (trained, of_stage, exit) = train(&args, run, &store, global, output)?;
-        let name = of_stage["stage"].as_str().unwrap_or_default().to_owned();
-        object[name] = of_stage;
-        taken += trained.as_ref().map_or(0, |trained| trained.taken);
+        let settings = |_: Option<&TrainSettings>| recipe.settings.clone();
+        let training = Training {
+            // Validation takes longer than a step of small networks.
+            checkpoint_every: Some((steps / 4).max(1)),
+            ..training_of(run, &store, stage, steps, &settings)
+        };
+        let (summary, exit) = train(training, global, output)?;
+        let (step, of_stage) = summary
+            .trained
+            .as_ref()
+            .map_or((0, 0), |t| (t.step, t.taken));
+        object[stage.name()] = json!(summary);
+        taken += of_stage;
         if exit != Exit::Done {
-            let step = trained.map_or(0, |trained| trained.step);
-            return Ok(Some(Training {
+            return Ok(Some(Lesson {
                 object,
                 text: format!("training stopped at step {step}; the same command goes on"),
                 exit,
@@ -57,7 +65,7 @@ pub(super) fn training(
         && let Some((evaluation, text)) = scored_before(folder)
     {
         object["evaluation"] = evaluation;
-        return Ok(Some(Training {
+        return Ok(Some(Lesson {
             object,
             text,
             exit: Exit::Done,
@@ -65,7 +73,7 @@ pub(super) fn training(
     }
     let evaluated = evaluate(&EvaluateArgs::of_run(folder), global, output)?;
     object["evaluation"] = evaluated.object;
-    Ok(Some(Training {
+    Ok(Some(Lesson {
         object,
         text: evaluated.text,
         exit: evaluated.exit,

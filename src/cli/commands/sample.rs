@@ -1,15 +1,54 @@
 //! `sample DIR --count N`
 
-use crate::cli::args::{Global, SampleArgs, SampleLayout};
+use crate::cli::args::{Global, threads};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::global_args::threads;
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::sample::{self, SampleError, SamplePhotograph};
+use clap::{Args as ClapArgs, ValueEnum};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde_json::json;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct SampleArgs {
+    /// Folder to write to
+    dir: PathBuf,
+    /// Photographs to make
+    #[arg(long, value_name = "N")]
+    count: u32,
+    /// Seed
+    #[arg(long, default_value_t = 2020)]
+    seed: u64,
+    /// Pixels across [default: 1024; 256 for places]
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
+    width: Option<u32>,
+    /// Pixels down [default: 768; 256 for places]
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
+    height: Option<u32>,
+    /// Folders and files
+    #[arg(long, value_enum, default_value = "diode")]
+    layout: SampleLayout,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum SampleLayout {
+    /// DIODE's: PNG, depth in metres, mask.
+    Diode,
+    /// PLACES365's: JPEG by category, relative inverse depth in a folder beside it.
+    Places,
+}
+
+impl SampleLayout {
+    /// As it is typed.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Diode => "diode",
+            Self::Places => "places",
+        }
+    }
+}
 
 /// What the command line asks for, by layout.
 struct Plan {

@@ -3,14 +3,15 @@
 use crate::atomic_file;
 use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::network::NetworkArgs;
 use crate::cli::network::{Network, Which, use_threads};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
-use crate::cli::train_args::SeparateArgs;
 use crate::evaluate::read_picture;
 use crate::train::LEAST_PX;
 use anyhow::anyhow;
+use clap::Args as ClapArgs;
 use image::{ImageFormat, RgbImage};
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
@@ -18,6 +19,20 @@ use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Instant;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct SeparateArgs {
+    /// A checkpoint's folder; or a stage's or a run's, for its best checkpoint, or its newest where none was measured
+    checkpoint: PathBuf,
+    /// Pictures, JPEG or PNG
+    #[arg(required = true)]
+    images: Vec<PathBuf>,
+    /// Folder to write NAME.transmission.png and NAME.glass_reflection.png to
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    #[command(flatten)]
+    network: NetworkArgs,
+}
 
 const SCHEMA: &str = "glasshouse.separate/1";
 

@@ -1,8 +1,7 @@
 //! `status RUN`, once or again and again.
 
-use crate::cli::args::Global;
+use crate::cli::args::{Global, ServerArgs, StoreArgs, parse_duration};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::farm_args::StatusArgs;
 use crate::cli::output::Output;
 use crate::cli::queue;
 use crate::cli::signals::Signals;
@@ -12,10 +11,25 @@ use crate::farm::queue::{NatsCoordinator, QueueKeeper};
 use crate::farm::{Observer, Overview, Run};
 use crate::manifest::Roots;
 use crate::serve::FarmState;
+use clap::Args as ClapArgs;
 use serde_json::{Value, json};
 use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct StatusArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// Look again every S seconds [default: 2] until the run is over; with --json one object a line
+    #[arg(long, value_name = "S", num_args = 0..=1, default_missing_value = "2", value_parser = parse_duration)]
+    watch: Option<Duration>,
+    #[command(flatten)]
+    store: StoreArgs,
+    #[command(flatten)]
+    server: ServerArgs,
+}
 
 /// Entries shown of each list: at the end, and on a screen that has an end.
 const SHOWN: usize = 20;

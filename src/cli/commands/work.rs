@@ -1,8 +1,10 @@
 //! `work RUN`
 
-use crate::cli::args::{CacheArgs, Global, IsaChoice, QueueArgs, WorkArgs};
+use crate::cli::args::{
+    CacheArgs, CheckpointArgs, FARM, Global, IsaChoice, QueueArgs, RootArgs, isa, parse_duration,
+    threads,
+};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::global_args::{isa, threads};
 use crate::cli::isolate::{self, Children, Only};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
@@ -16,11 +18,42 @@ use crate::farm::{
 };
 use crate::manifest::Roots;
 use crate::store::Store;
+use clap::Args as ClapArgs;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::Path;
+use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct WorkArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// Begin no shard after this time (90, 90s, 55m, 2h), then exit with 75 if work is left
+    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+    time_limit: Option<Duration>,
+    #[command(flatten)]
+    roots: RootArgs,
+    #[command(flatten)]
+    queue: QueueArgs,
+    #[command(flatten)]
+    cache: CacheArgs,
+    #[command(flatten)]
+    checkpoint: CheckpointArgs,
+    /// A scene without any progress for this time counts as hung: the worker ends and leaves it to others
+    #[arg(long, value_name = "S", default_value = "120", value_parser = parse_duration, help_heading = FARM)]
+    hang_s: Duration,
+    /// Name of this worker in messages and receipts [default: host and process]
+    #[arg(long, value_name = "NAME", help_heading = FARM)]
+    name: Option<String>,
+    /// Only these shards of a scene, for a worker that fears them
+    #[arg(long, value_name = "SCENE:A-B", hide = true)]
+    only: Option<Only>,
+    /// Misbehave: abort:SCENE, hang:SCENE, wrong:SCENE, slow:FACTOR (repeatable)
+    #[arg(long = "fault", value_name = "FAULT", hide = true)]
+    faults: Vec<crate::farm::Fault>,
+}
 
 pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     queue::fetch_run(&args.run, &args.queue)?;

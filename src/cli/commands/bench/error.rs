@@ -5,19 +5,44 @@ use crate::bench::{
     BenchScene, Ladder, LayerRow, Reference, Slope, VARIANTS, Work, align, climb, cpu_name, csv,
     error_plot, on_cpu, own_reference, pair, read_reference, slopes,
 };
-use crate::cli::args::Global;
-use crate::cli::bench_args::BenchErrorArgs;
+use crate::cli::args::{Global, RootArgs, isa, parse_spp, threads};
 use crate::cli::commands::bench::{isa_name, read_scene};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::global_args::{isa, threads};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::manifest::Roots;
 use crate::trace::{LAYERS, TRACER_VERSION};
 use anyhow::anyhow;
+use clap::Args as ClapArgs;
 use serde_json::{Value, json};
 use std::fmt::Write;
+use std::path::PathBuf;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct BenchErrorArgs {
+    /// Scene (glasshouse.scene/1) [default: a built-in pair, 256 x 256 px]
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// Folder of four reference images (LAYER.exr as `render` writes them, or ref_LAYER.npy) [default: rendered]
+    #[arg(long, value_name = "DIR")]
+    reference: Option<PathBuf>,
+    /// Folder to write error.csv, error.json, error.svg and the own reference to
+    #[arg(long, value_name = "DIR", default_value = "runs/bench-error")]
+    out: PathBuf,
+    /// Samples a pixel of the ladder, powers of two
+    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = parse_spp,
+          default_value = "1,2,4,8,16,32,64,128,256,512,1024")]
+    spp: Vec<u32>,
+    /// Samples a pixel of the own reference, a power of two
+    #[arg(long, value_name = "N", value_parser = parse_spp, default_value = "16384", conflicts_with = "reference")]
+    reference_spp: u32,
+    /// Seeds to average over
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    seeds: u32,
+    #[command(flatten)]
+    roots: RootArgs,
+}
 
 const SCHEMA: &str = "glasshouse.bench_error/1";
 

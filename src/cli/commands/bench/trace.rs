@@ -4,17 +4,35 @@ use crate::bench::{
     BenchScene, BuildRow, KernelRow, RayDump, TracerRow, align, cpu_name, grid_builds, indoor,
     kernels, on_cpu, outdoor, stress, tracer,
 };
-use crate::cli::args::{Global, IsaChoice};
-use crate::cli::bench_args::BenchTraceArgs;
+use crate::cli::args::{Global, IsaChoice, RootArgs, isa};
 use crate::cli::commands::bench::{isa_name, read_scene};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::global_args::isa;
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::manifest::Roots;
 use crate::trace::{Isa, TRACER_VERSION};
+use clap::Args as ClapArgs;
 use serde_json::json;
 use std::fmt::Write;
+use std::path::PathBuf;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct BenchTraceArgs {
+    /// Scene (glasshouse.scene/1), repeatable; after the built-in ones
+    #[arg(long, value_name = "FILE")]
+    scene: Vec<PathBuf>,
+    /// Leave out the built-in scenes
+    #[arg(long, requires = "scene")]
+    no_builtin: bool,
+    /// Passes, of which the median and the best are shown
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    passes: u16,
+    /// Folder to write rays, hits and vertices to, for another ray tracer (rays.json lists them)
+    #[arg(long, value_name = "DIR")]
+    dump: Option<PathBuf>,
+    #[command(flatten)]
+    roots: RootArgs,
+}
 
 const SCHEMA: &str = "glasshouse.bench_trace/1";
 

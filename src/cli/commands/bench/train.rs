@@ -2,15 +2,35 @@
 
 use crate::bench::{TrainBench, TrainStep, align, cpu_name, on_cpu};
 use crate::cli::args::Global;
-use crate::cli::bench_args::BenchTrainArgs;
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::network::use_threads;
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::train::{FeatureSource, TrainSettings};
 use candle_core::Device;
+use clap::Args as ClapArgs;
 use serde_json::json;
 use std::collections::BTreeMap;
+
+#[cfg(feature = "train")]
+#[derive(Debug, ClapArgs)]
+pub(super) struct BenchTrainArgs {
+    /// Side of the images, px
+    #[arg(long, value_name = "PX", default_value_t = 256, value_parser = clap::value_parser!(u32).range(32..=4096))]
+    size: u32,
+    /// Channels of the generators
+    #[arg(long, value_name = "N", default_value_t = 64)]
+    width: usize,
+    /// Images a step
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    batch: usize,
+    /// Without VGG-19: red, green and blue alone, and no feature losses
+    #[arg(long)]
+    no_features: bool,
+    /// Steps after the first, which warms up
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=10000))]
+    steps: u32,
+}
 
 const SCHEMA: &str = "glasshouse.bench_train/1";
 
