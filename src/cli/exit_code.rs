@@ -186,6 +186,19 @@ impl From<crate::export::ExportError> for Failure {
     }
 }
 
+impl From<crate::evaluate::EvaluateError> for Failure {
+    fn from(error: crate::evaluate::EvaluateError) -> Self {
+        use crate::evaluate::EvaluateError as E;
+        match error {
+            E::Subject(error) => match error.downcast::<crate::store::StoreError>() {
+                Ok(error) => (*error).into(),
+                Err(error) => Self::new(Exit::Failed, E::Subject(error)),
+            },
+            error => Self::new(Exit::Failed, error),
+        }
+    }
+}
+
 #[cfg(feature = "train")]
 impl From<crate::train::TrainError> for Failure {
     fn from(error: crate::train::TrainError) -> Self {

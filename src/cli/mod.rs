@@ -12,10 +12,6 @@ mod bench_farm_process;
 mod bench_farm_recipe;
 mod bench_farm_resume;
 mod commands;
-#[cfg(feature = "train")]
-mod evaluate_rows;
-#[cfg(feature = "train")]
-mod evaluate_text;
 mod exit_code;
 mod isolate;
 #[cfg(feature = "train")]

@@ -25,6 +25,7 @@ mod batch;
 mod checkpoint;
 mod discriminator;
 mod error;
+mod evaluation;
 mod events;
 mod example;
 mod example_sampler;
@@ -39,6 +40,7 @@ mod picture;
 mod random;
 mod resume;
 mod run;
+mod scoring;
 mod separator;
 mod session;
 mod source;
@@ -58,6 +60,7 @@ pub use checkpoint::{
 };
 pub use discriminator::Discriminator;
 pub use error::TrainError;
+pub use evaluation::{EVALUATION_SCHEMA, Evaluation, EvaluationError, ScoredNetwork};
 pub(crate) use events::masked_crc;
 pub use example::{Cut, Example, Planes};
 pub use example_sampler::{ExampleSampler, SceneSource};
@@ -69,6 +72,7 @@ pub use loss::{FEATURE_DIVISORS, adversarial_loss, discriminator_loss, feature_d
 pub use picture::{Grid, Picture, rgb_grid, shrunk};
 pub use random::Stream;
 pub use run::{Pace, TrainSummary, Training, run};
+pub use scoring::Tiled;
 pub use separator::{Separator, SeparatorError};
 pub use session::{Best, Schedule, Session, Trained, Watcher};
 pub use source::{Base, ExampleError, PairSource, PhotographSource, ReadFile, TupleSource};
@@ -77,5 +81,7 @@ pub use tuple_files::{TupleFiles, TupleFilesError};
 pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};
 pub use vgg_file::{Features, FeaturesError};
 
+#[cfg(test)]
+mod run_tests;
 #[cfg(test)]
 mod step_tests;

@@ -1,26 +1,24 @@
 //! `evaluate RUN|DIR`
 
-use crate::atomic_file;
 use crate::cli::args::{Global, SplitName};
-use crate::cli::evaluate_rows::{Gain, LeftOut, Method, Subject, fitted_gain, scored};
-use crate::cli::evaluate_text::Evaluation;
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::network::NetworkArgs;
-use crate::cli::network::TILE_PX;
-use crate::cli::network::{Network, Which, use_threads};
+use crate::cli::network::{Network, NetworkArgs, TILE_PX, Which, use_threads};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::target;
-use crate::evaluate::Protocol;
-use crate::evaluate::{find_pairs, per_image_csv};
+use crate::evaluate::{self, Gain, LeftOut, Method, Pair, Protocol, Subject, find_pairs, fit_gain};
 use crate::farm::keys;
 use crate::manifest::{PixelSource, Roots, Stage};
-use crate::train::{TupleSource, rgb_grid, stage_folder, steps};
+use crate::train::{EVALUATION_SCHEMA, Evaluation, ScoredNetwork, Tiled, TupleSource};
+use crate::train::{shrunk, stage_folder, steps};
 use anyhow::anyhow;
 use clap::{Args as ClapArgs, ValueEnum};
-use serde_json::{Value, json};
+use serde::Serialize;
+use serde_json::json;
+use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct EvaluateArgs {
@@ -92,134 +90,245 @@ impl EvaluateArgs {
     }
 }
 
-const SCHEMA: &str = "glasshouse.evaluate/1";
-
 /// Warnings of one kind that are printed; the files list all.
 const WARNINGS: usize = 8;
 
 pub(super) fn run(args: &EvaluateArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
-    let evaluated = evaluate(args, global, output)?;
-    output.result(SCHEMA, evaluated.object, &evaluated.text);
-    Ok(evaluated.exit)
+    let task = Task::new(args, global, output)?;
+    if global.dry_run {
+        output.show(EVALUATION_SCHEMA, &task.planned());
+        return Ok(Exit::Done);
+    }
+    let (evaluation, exit) = task.score(global, output)?;
+    output.show(EVALUATION_SCHEMA, &evaluation);
+    Ok(exit)
 }
 
-/// What came out.
-pub(super) struct Evaluated {
-    /// For --json.
-    pub(super) object: Value,
-    /// The tables.
-    pub(super) text: String,
-    pub(super) exit: Exit,
-}
-
-/// Scores, and writes what was scored.
-pub(super) fn evaluate(
-    args: &EvaluateArgs,
+/// The networks of a run on its test scenes.
+pub(super) fn evaluate_run(
+    run: &Path,
     global: &Global,
     output: &Output,
-) -> Result<Evaluated, Failure> {
-    let threads = use_threads(global);
-    let place = args.place.display().to_string();
-    // A store may bring the run to where nothing is yet.
-    let is_run = is_run(&args.place) || (args.store.is_some() && !args.place.exists());
-    let store = args.store.as_deref();
-    let (mut subject, mut left_out) = subject(&args.place, is_run, store, args.split, output)?;
-    if let Some(limit) = args.limit {
-        subject.limit(limit as usize);
-    }
-    if subject.len() == 0 {
-        let error = anyhow!(
-            "{place} was planned without scenes of the split {0:?}; give another --split",
-            args.split.name()
-        );
-        return Err(Failure::new(Exit::InvalidInput, error));
-    }
-    let networks = networks(args, is_run, output)?;
-    let folder = match (&args.out, is_run) {
-        (Some(folder), _) => Some(folder.clone()),
-        (None, true) => Some(evaluation_folder(&args.place)),
-        (None, false) => None,
-    };
-    if global.dry_run {
-        return Ok(dry_run(args, &subject, &networks, folder));
-    }
+) -> Result<(Evaluation, Exit), Failure> {
+    Task::new(&EvaluateArgs::of_run(run), global, output)?.score(global, output)
+}
 
-    let signals = Signals::catch();
-    let (gain, of_gain) = gain(args, is_run, output, &signals)?;
-    let mut methods = vec![("input".to_owned(), Method::Input)];
-    if let Some(gain) = &gain {
-        methods.push((gain.row_name(), Method::Gain(gain.factor)));
-    }
-    let tile_px = args.network.tile_px as usize;
-    for (name, network) in &networks {
-        methods.push((name.clone(), Method::Networks(&network.separator, tile_px)));
-    }
-    let progress = Progress::new(global, "pictures", subject.len() as u64);
-    let scored = scored(&subject, &methods, &progress, signals.stop());
-    let done = progress.done();
-    progress.finish();
-    let scored = scored?;
-    if scored.stopped {
-        let error = anyhow!(
-            "stopped after {done} of {} pictures: nothing is written",
-            subject.len()
-        );
-        return Err(Failure::new(signals.exit(), error));
-    }
-    let incomplete: Vec<LeftOut> = of_gain.into_iter().chain(scored.left_out).collect();
-    warn(&incomplete, output);
-    let exit = if incomplete.is_empty() {
-        Exit::Done
-    } else {
-        Exit::Incomplete
-    };
-    left_out.extend(incomplete);
-    if scored.rows.is_empty() {
-        return Err(nothing(&place, is_run, &left_out));
-    }
+/// What to score.
+struct Task<'a> {
+    args: &'a EvaluateArgs,
+    place: Place<'a>,
+    pictures: Pictures,
+    networks: Vec<(String, Network)>,
+    threads: usize,
+}
 
-    let names: Vec<String> = methods.into_iter().map(|(name, _)| name).collect();
-    let evaluation = Evaluation {
-        place,
-        split: is_run.then(|| args.split.name()),
-        methods: &names,
-        rows: &scored.rows,
-        gain: gain.as_ref(),
-        networks: &networks,
-        tile_px: args.network.tile_px,
-        left_out: &left_out,
-    };
-    let protocol = args.protocol.into();
-    let mut object = evaluation.json();
-    object["files"] = json!([]);
-    let mut text = format!("{}\n\n{}", evaluation.what(), evaluation.text(protocol));
-    if let Some(folder) = folder {
-        let [markdown, csv, png, json_file] =
-            ["md", "csv", "png", "json"].map(|ending| folder.join(format!("evaluation.{ending}")));
-        let files = [&markdown, &csv, &png, &json_file].map(|path| path.display().to_string());
-        let grid = rgb_grid(&scored.kept).map_err(|e| Failure::new(Exit::Failed, e))?;
-        object["files"] = json!(files);
-        let mut full = json!({ "schema": SCHEMA });
-        if let (Value::Object(full), Value::Object(object)) = (&mut full, object.clone()) {
-            full.extend(object);
+impl<'a> Task<'a> {
+    fn new(args: &'a EvaluateArgs, global: &Global, output: &Output) -> Result<Self, Failure> {
+        let threads = use_threads(global);
+        let place = Place::new(args);
+        let mut pictures = place.pictures(args.split, output)?;
+        if let Some(limit) = args.limit {
+            pictures.keep_first(limit as usize);
         }
-        let mut pretty =
-            serde_json::to_string_pretty(&full).map_err(|e| Failure::new(Exit::Failed, e))?;
-        pretty.push('\n');
-        atomic_file::create_dir(&folder)?;
-        atomic_file::write(&markdown, evaluation.markdown(protocol).as_bytes())?;
-        atomic_file::write(&csv, per_image_csv(&scored.rows).as_bytes())?;
-        atomic_file::write_relaxed(&png, &grid.png)?;
-        atomic_file::write(&json_file, pretty.as_bytes())?;
-        text.push('\n');
-        text += &files.join("\n");
+        if pictures.subject().count() == 0 {
+            let error = anyhow!(
+                "{} was planned without scenes of the split {:?}; give another --split",
+                args.place.display(),
+                args.split.name()
+            );
+            return Err(Failure::new(Exit::InvalidInput, error));
+        }
+        let networks = networks(args, place.is_run, output)?;
+        Ok(Self {
+            args,
+            place,
+            pictures,
+            networks,
+            threads,
+        })
     }
-    object["threads"] = json!(threads);
-    Ok(Evaluated {
-        object,
-        text: text.trim_end().to_owned(),
-        exit,
-    })
+
+    fn planned(&self) -> Planned {
+        let names = self.networks.iter().map(|(name, _)| name.clone());
+        Planned {
+            place: self.args.place.clone(),
+            dry_run: true,
+            images: self.pictures.subject().count(),
+            methods: std::iter::once("input".to_owned()).chain(names).collect(),
+            out: self.place.out(self.args),
+        }
+    }
+
+    /// Scores, and writes the scores.
+    fn score(&self, global: &Global, output: &Output) -> Result<(Evaluation, Exit), Failure> {
+        let Self {
+            args,
+            place,
+            networks,
+            ..
+        } = self;
+        let subject = self.pictures.subject();
+        let signals = Signals::catch();
+        let (gain, of_gain) = gain(args, place, output, &signals)?;
+        let tile_px = args.network.tile_px;
+        let tiled: Vec<Tiled> = networks
+            .iter()
+            .map(|(_, network)| Tiled {
+                separator: &network.separator,
+                tile_px,
+            })
+            .collect();
+        let names = networks.iter().map(|(name, _)| name.clone());
+        let methods = tiled.iter().map(|tiled| tiled as &dyn Method);
+        let methods: Vec<(String, &dyn Method)> = names.zip(methods).collect();
+        let progress = Progress::new(global, "pictures", subject.count() as u64);
+        let on_picture = || progress.add(1, false);
+        let scored = evaluate::run(
+            subject,
+            gain.as_ref(),
+            &methods,
+            &shrunk,
+            &on_picture,
+            signals.stop(),
+        );
+        progress.finish();
+        let scored = scored?;
+        if scored.stopped {
+            let error = anyhow!(
+                "stopped after {} of {} pictures: nothing is written",
+                scored.done,
+                subject.count()
+            );
+            return Err(Failure::new(signals.exit(), error));
+        }
+        let incomplete: Vec<LeftOut> = of_gain.into_iter().chain(scored.left_out).collect();
+        warn(&incomplete, output);
+        let exit = if incomplete.is_empty() {
+            Exit::Done
+        } else {
+            Exit::Incomplete
+        };
+        let left_out: Vec<LeftOut> = self
+            .pictures
+            .left_out
+            .iter()
+            .cloned()
+            .chain(incomplete)
+            .collect();
+        let name = args.place.display().to_string();
+        if scored.rows.is_empty() {
+            return Err(nothing(&name, place.is_run, &left_out));
+        }
+        let protocol = args.protocol.into();
+        let mut evaluation = Evaluation::new(name, &scored.methods, scored.rows, protocol);
+        evaluation.split = place.is_run.then(|| args.split.name());
+        evaluation.tile_px = tile_px;
+        evaluation.gain = gain;
+        evaluation.left_out = left_out;
+        let network = |(name, network): &(String, Network)| {
+            ScoredNetwork::new(name.clone(), network.path.clone(), &network.state)
+        };
+        evaluation.networks = networks.iter().map(network).collect();
+        if let Some(folder) = place.out(args) {
+            evaluation
+                .write(&folder, &scored.kept)
+                .map_err(|e| Failure::new(Exit::Failed, e))?;
+        }
+        evaluation.threads = Some(self.threads);
+        Ok((evaluation, exit))
+    }
+}
+
+/// A run or a folder of pairs.
+struct Place<'a> {
+    folder: &'a Path,
+    store: Option<&'a str>,
+    is_run: bool,
+}
+
+/// The pictures of a place.
+struct Pictures {
+    of: Source,
+    /// Pictures that are in no pair.
+    left_out: Vec<LeftOut>,
+}
+
+enum Source {
+    Run(TupleSource),
+    Pairs(Vec<Pair>),
+}
+
+impl Pictures {
+    fn subject(&self) -> &dyn Subject {
+        match &self.of {
+            Source::Run(source) => source,
+            Source::Pairs(pairs) => pairs,
+        }
+    }
+
+    fn keep_first(&mut self, count: usize) {
+        match &mut self.of {
+            Source::Run(source) => source.lines.truncate(count),
+            Source::Pairs(pairs) => pairs.truncate(count),
+        }
+    }
+}
+
+impl<'a> Place<'a> {
+    fn new(args: &'a EvaluateArgs) -> Self {
+        let (folder, store) = (args.place.as_path(), args.store.as_deref());
+        Self {
+            folder,
+            store,
+            // A store may bring the run to where nothing is yet.
+            is_run: is_run(folder) || (store.is_some() && !folder.exists()),
+        }
+    }
+
+    /// Folder to write to.
+    fn out(&self, args: &EvaluateArgs) -> Option<PathBuf> {
+        let own = || self.is_run.then(|| evaluation_folder(self.folder));
+        args.out.clone().or_else(own)
+    }
+
+    fn pictures(&self, split: SplitName, output: &Output) -> Result<Pictures, Failure> {
+        if self.is_run {
+            let (run, store) = target::open(self.folder, self.store, &Roots::default())?;
+            let lines = run.lines.iter().filter(|line| split.has(line.split));
+            let source = TupleSource {
+                files: Arc::new(store),
+                lines: lines.cloned().collect(),
+                pixels: PixelSource::Png,
+            };
+            return Ok(Pictures {
+                of: Source::Run(source),
+                left_out: Vec::new(),
+            });
+        }
+        let found = find_pairs(self.folder).map_err(|e| Failure::new(Exit::InvalidInput, e))?;
+        let left_out = found.left_out.into_iter().map(|(path, reason)| {
+            let path = path.strip_prefix(self.folder).unwrap_or(&path);
+            let image = path.display().to_string();
+            LeftOut { image, reason }
+        });
+        let left_out: Vec<LeftOut> = left_out.collect();
+        if !left_out.is_empty() {
+            output.note(&format!(
+                "{} pictures are in no pair{}",
+                left_out.len(),
+                if output.verbose { ":" } else { "; -v says why" }
+            ));
+        }
+        if output.verbose {
+            for LeftOut { image, reason } in &left_out {
+                output.note(&format!("{image}: {reason}"));
+            }
+        }
+        Ok(Pictures {
+            of: Source::Pairs(found.pairs),
+            left_out,
+        })
+    }
 }
 
 /// Where a run's scores are kept.
@@ -229,52 +338,6 @@ pub(super) fn evaluation_folder(run: &Path) -> PathBuf {
 
 fn is_run(place: &Path) -> bool {
     place.join(keys::SPEC).is_file()
-}
-
-/// The pairs of a folder or the scenes of a run, and the pictures that are in no pair.
-fn subject(
-    place: &Path,
-    is_run: bool,
-    store: Option<&str>,
-    split: SplitName,
-    output: &Output,
-) -> Result<(Subject, Vec<LeftOut>), Failure> {
-    if is_run {
-        let (run, store) = target::open(place, store, &Roots::default())?;
-        let lines = run.lines.iter().filter(|line| split.has(line.split));
-        let source = TupleSource {
-            files: std::sync::Arc::new(store),
-            lines: lines.cloned().collect(),
-            pixels: PixelSource::Png,
-        };
-        return Ok((Subject::Run(source), Vec::new()));
-    }
-    let found = find_pairs(place).map_err(|e| Failure::new(Exit::InvalidInput, e))?;
-    let left_out: Vec<LeftOut> = found
-        .left_out
-        .into_iter()
-        .map(|(path, reason)| LeftOut {
-            image: path
-                .strip_prefix(place)
-                .unwrap_or(&path)
-                .display()
-                .to_string(),
-            reason,
-        })
-        .collect();
-    if !left_out.is_empty() {
-        output.note(&format!(
-            "{} pictures are in no pair{}",
-            left_out.len(),
-            if output.verbose { ":" } else { "; -v says why" }
-        ));
-    }
-    if output.verbose {
-        for LeftOut { image, reason } in &left_out {
-            output.note(&format!("{image}: {reason}"));
-        }
-    }
-    Ok((Subject::Pairs(found.pairs), left_out))
 }
 
 /// The networks to score, with the names of their rows; no two have the same.
@@ -325,24 +388,24 @@ fn networks(
 /// Fits the gain to what the user says, else to the run's own train scenes.
 fn gain(
     args: &EvaluateArgs,
-    is_run: bool,
+    own: &Place,
     output: &Output,
     signals: &Signals,
 ) -> Result<(Option<Gain>, Vec<LeftOut>), Failure> {
-    let (place, of_run) = match &args.fit_gain {
-        Some(place) => (place, self::is_run(place)),
-        None if is_run => (&args.place, true),
-        None => return Ok((None, Vec::new())),
+    let place = match &args.fit_gain {
+        None if !own.is_run => return Ok((None, Vec::new())),
+        Some(folder) if *folder != args.place => Place {
+            folder,
+            store: None,
+            is_run: is_run(folder),
+        },
+        Some(_) | None => Place { ..*own },
     };
-    let is_own = *place == args.place;
-    let store = args.store.as_deref().filter(|_| is_own);
-    let (subject, _) = subject(place, of_run, store, SplitName::Train, output)?;
-    let (gain, left_out) = fitted_gain(&subject, place.display().to_string(), signals.stop())?;
+    let name = place.folder.display().to_string();
+    let pictures = place.pictures(SplitName::Train, output)?;
+    let (gain, left_out) = fit_gain(pictures.subject(), name.clone(), signals.stop())?;
     if gain.is_none() {
-        let reason = format!(
-            "no gain can be fitted to {}: nothing there",
-            place.display()
-        );
+        let reason = format!("no gain can be fitted to {name}: nothing there");
         if args.fit_gain.is_some() {
             let error = anyhow!("{reason} can be read; `glasshouse work RUN` makes tuples");
             return Err(Failure::new(Exit::InvalidInput, error));
@@ -352,28 +415,25 @@ fn gain(
     Ok((gain, left_out))
 }
 
-/// Says what would be scored.
-fn dry_run(
-    args: &EvaluateArgs,
-    subject: &Subject,
-    networks: &[(String, Network)],
-    folder: Option<PathBuf>,
-) -> Evaluated {
-    let mut methods = vec!["input"];
-    methods.extend(networks.iter().map(|(name, _)| name.as_str()));
-    let text = format!(
-        "would score {} pictures by {}; nothing is written",
-        subject.len(),
-        methods.join(", ")
-    );
-    let object = json!({
-        "where": args.place.display().to_string(), "dry_run": true, "images": subject.len(), "methods": methods,
-        "out": folder.map(|folder| folder.display().to_string()),
-    });
-    Evaluated {
-        object,
-        text,
-        exit: Exit::Done,
+/// What would be scored.
+#[derive(Serialize)]
+struct Planned {
+    #[serde(rename = "where")]
+    place: PathBuf,
+    dry_run: bool,
+    images: usize,
+    methods: Vec<String>,
+    out: Option<PathBuf>,
+}
+
+impl fmt::Display for Planned {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let methods = self.methods.join(", ");
+        let images = self.images;
+        write!(
+            f,
+            "would score {images} pictures by {methods}; nothing is written"
+        )
     }
 }
 
@@ -394,11 +454,7 @@ fn nothing(place: &str, is_run: bool, left_out: &[LeftOut]) -> Failure {
     };
     let error = anyhow!("there is nothing to score in {place}: {what}");
     let mut failure = Failure::new(Exit::InvalidInput, error);
-    let list = left_out
-        .iter()
-        .map(|l| json!({ "image": l.image, "reason": l.reason }));
-    failure
-        .details
-        .insert("left_out".to_owned(), list.collect());
+    let left_out = json!(left_out);
+    failure.details.insert("left_out".to_owned(), left_out);
     failure
 }

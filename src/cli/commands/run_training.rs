@@ -1,7 +1,7 @@
 //! `run`, after the tuples: what the recipe's `[train]` says.
 
 use crate::cli::args::Global;
-use crate::cli::commands::evaluate::{EvaluateArgs, evaluate, evaluation_folder};
+use crate::cli::commands::evaluate::{evaluate_run, evaluation_folder};
 use crate::cli::commands::train::{train, train_recipe, training_of};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
@@ -71,12 +71,12 @@ pub(super) fn training(
             exit: Exit::Done,
         }));
     }
-    let evaluated = evaluate(&EvaluateArgs::of_run(folder), global, output)?;
-    object["evaluation"] = evaluated.object;
+    let (evaluation, exit) = evaluate_run(folder, global, output)?;
+    object["evaluation"] = json!(evaluation);
     Ok(Some(Lesson {
         object,
-        text: evaluated.text,
-        exit: evaluated.exit,
+        text: evaluation.to_string(),
+        exit,
     }))
 }
 
