@@ -169,3 +169,122 @@ fn readable(
         Err(error) => Err(Unread::Unreadable(error.to_string())),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluate::{MethodMeans, Pair, fit_gain};
+    use image::Rgb;
+    use std::cell::Cell;
+    use std::path::Path;
+
+    /// Copies what it is given but for its first pixel.
+    struct Spot;
+
+    impl Method for Spot {
+        fn least_px(&self) -> u32 {
+            16
+        }
+
+        fn make(&self, input: &RgbImage) -> Result<RgbImage, Box<dyn Error + Send + Sync>> {
+            let mut picture = input.clone();
+            picture.put_pixel(0, 0, Rgb([255, 0, 0]));
+            Ok(picture)
+        }
+    }
+
+    struct Broken;
+
+    impl Method for Broken {
+        fn make(&self, _: &RgbImage) -> Result<RgbImage, Box<dyn Error + Send + Sync>> {
+            Err("out of order".into())
+        }
+    }
+
+    fn save(
+        folder: &Path,
+        name: &str,
+        [width, height]: [u32; 2],
+        scale: f64,
+    ) -> std::path::PathBuf {
+        let path = folder.join(format!("{name}.png"));
+        let value = |v: u32| (f64::from(40 + v % 160) * scale) as u8;
+        RgbImage::from_fn(width, height, |x, y| Rgb([x * 7, y * 9, x * y].map(value)))
+            .save(&path)
+            .unwrap();
+        path
+    }
+
+    /// Equal pictures, darker ones, a small one, one whose truth has another size, one that is not there.
+    fn pairs(folder: &Path) -> Vec<Pair> {
+        let sizes = [
+            ("equal", [24, 20], [24, 20], 1.0),
+            ("dark", [24, 20], [24, 20], 0.8),
+            ("small", [24, 12], [24, 12], 1.0),
+            ("cropped", [24, 20], [23, 20], 1.0),
+            ("lost", [24, 20], [24, 20], 1.0),
+        ];
+        let pair = |(name, input, truth, scale): (&str, _, _, _)| Pair {
+            name: name.to_owned(),
+            blended: save(folder, &format!("{name}-input"), input, scale),
+            transmission: save(folder, &format!("{name}-truth"), truth, 1.0),
+            reflection: None,
+            clean_reflection: None,
+        };
+        let pairs: Vec<Pair> = sizes.into_iter().map(pair).collect();
+        std::fs::remove_file(&pairs[4].blended).unwrap();
+        pairs
+    }
+
+    #[test]
+    fn every_picture_is_scored_by_every_method() {
+        let folder = tempfile::tempdir().unwrap();
+        let pairs = pairs(folder.path());
+        let stop = AtomicBool::new(false);
+        let (gain, left_out) = fit_gain(&pairs, "here".to_owned(), &stop).unwrap();
+        let gain = gain.unwrap();
+        assert_eq!((gain.images, gain.kind, left_out.len()), (3, "pair", 2));
+        assert!((1.0..2.0).contains(&gain.factor), "{}", gain.factor);
+        let seen = Cell::new(0);
+        let on_picture = || seen.set(seen.get() + 1);
+        let named: [(String, &dyn Method); 1] = [("spot".to_owned(), &Spot)];
+        let shrink = |picture: RgbImage| picture;
+        let scored = run(&pairs, Some(&gain), &named, &shrink, &on_picture, &stop).unwrap();
+        assert_eq!(scored.methods, ["input", gain.row_name().as_str(), "spot"]);
+        let rows: Vec<(&str, &str)> = scored
+            .rows
+            .iter()
+            .map(|row| (row.method.as_str(), row.image.as_str()))
+            .collect();
+        assert_eq!(rows.len(), 3 * 2);
+        assert_eq!(rows[..2], [("input", "equal"), ("input", "dark")]);
+        let left_out: Vec<&str> = scored.left_out.iter().map(|l| l.image.as_str()).collect();
+        assert_eq!(left_out, ["small", "cropped", "lost"]);
+        assert!(scored.left_out[0].reason.contains("smaller than 16 px"));
+        assert_eq!((seen.get(), scored.done, scored.stopped), (5, 5, false));
+        // The methods' pictures and the truth.
+        assert!(scored.kept.iter().all(|row| row.len() == 4));
+        let json = serde_json::to_value(MethodMeans::of("input", &scored.rows)).unwrap();
+        assert_eq!(
+            (&json["images"], &json["psnr_colour_db"]),
+            (&2.into(), &"inf".into())
+        );
+        let spot = MethodMeans::of("spot", &scored.rows);
+        assert!(spot.all.psnr_colour_db.is_finite() && spot.aligned.is_some());
+    }
+
+    #[test]
+    fn a_method_that_fails_and_a_stop_end_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let pairs = pairs(folder.path());
+        let shrink = |picture: RgbImage| picture;
+        let broken: [(String, &dyn Method); 1] = [("broken".to_owned(), &Broken)];
+        let run = |named: &[(String, &dyn Method)], stop: bool| {
+            run(&pairs, None, named, &shrink, &|| {}, &AtomicBool::new(stop))
+        };
+        let error = run(&broken, false).err().unwrap();
+        assert_eq!(error.to_string(), "out of order");
+        let stopped = run(&[], true).unwrap();
+        assert!(stopped.stopped && stopped.rows.is_empty() && stopped.done == 0);
+    }
+}

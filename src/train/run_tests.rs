@@ -223,7 +223,7 @@ fn what_cannot_be_trained_is_refused_with_its_reason() {
 }
 
 #[test]
-fn a_training_that_is_told_to_stop_writes_what_it_learned() {
+fn a_stop_before_the_first_step_leaves_no_checkpoint() {
     let [photographs, folder] = [(); 2].map(|()| tempfile::tempdir().unwrap());
     let pairs = pairs(photographs.path());
     let fresh = |_: Option<&TrainSettings>| small();
