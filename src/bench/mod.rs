@@ -27,7 +27,7 @@ mod table;
 #[cfg(feature = "train")]
 mod train_step;
 
-pub use calibrate::{Calibration, calibrate};
+pub use calibrate::calibrate;
 pub use clock::thread_cpu_s;
 pub use cpu::{cpu_name, on_cpu};
 pub use deviation::{CELL_PX, Deviation};

@@ -17,7 +17,6 @@ mod isolate;
 #[cfg(feature = "train")]
 mod network;
 mod output;
-mod plan_cost;
 mod progress;
 mod queue;
 mod rows;

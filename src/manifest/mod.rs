@@ -9,12 +9,14 @@
 //! line.rs, side.rs, side_json.rs             a scene line; photograph, panorama or mesh     jsonl.rs   manifests as text
 //! validate.rs, refuse.rs                     which lines are sound, which panes cannot be looked through
 //! roots.rs                                   where a line's paths lead
+//! cost.rs                                    what the lines will take on a machine
 //! training.rs                                what is trained on the tuples, and how
 //! ```
 //!
 //! Pure, apart from the listings of `diode.rs`, `places.rs` and `list.rs`.
 
 mod cast;
+mod cost;
 mod depth_range;
 mod diode;
 mod divide;
@@ -46,6 +48,7 @@ mod training;
 mod validate;
 
 pub use cast::{Cast, Drawn, photograph_name};
+pub use cost::{Calibration, Cost, Estimate, cost};
 pub use depth_range::DepthRange;
 pub use diode::{Index, IndexError, Place, SourceImage, from_paths, index_paths, index_source};
 pub use draw::{Draw, nine_digits, scene_seed};

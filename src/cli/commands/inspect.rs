@@ -2,8 +2,8 @@
 
 use crate::cli::exit_code::Exit;
 use crate::cli::output::Output;
-use crate::cli::plan_cost::bytes_text;
 use crate::cli::rows::{rows, wrapped};
+use crate::doctor::bytes_text;
 use crate::inspect::{Inspection, Kind, Problem, Whole, inspect_path};
 use clap::Args as ClapArgs;
 use serde_json::{Value, json};

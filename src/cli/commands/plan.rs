@@ -1,17 +1,21 @@
 //! `plan RECIPE --out RUN`
 
-use crate::cli::args::{Global, RootArgs, threads};
+use crate::bench::calibrate;
+use crate::cli::args::{Global, RootArgs, isa, threads};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
-use crate::cli::plan_cost::{Cost, bytes_text};
 use crate::cli::progress::Progress;
 use crate::cli::store_env;
-use crate::farm::{PlanOptions, Planned, plan};
-use crate::manifest::{Recipe, Roots};
+use crate::doctor::{available_bytes, bytes_text};
+use crate::farm::{InvalidInput, PlanOptions, Planned, plan};
+use crate::manifest::{Calibration, Cost, Estimate, Recipe, Roots, SceneLine, cost, is_url};
+use crate::scene::read_files_by;
+use crate::trace::Isa;
 use clap::Args as ClapArgs;
-use serde_json::{Value, json};
+use serde::Serialize;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::fmt;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 #[derive(Debug, ClapArgs)]
@@ -124,50 +128,149 @@ impl Steps<'_> {
 pub(super) fn run(args: &PlanArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let planned = plan_with(args, global, output)?;
     let folder = run_folder(args);
-    let cost = Cost::of(&planned, &folder, global)?;
+    let cost = cost(Estimate {
+        lines: &planned.lines,
+        tile_px: planned.spec.tile_px,
+        threads: threads(global),
+        input_bytes: planned.input_bytes,
+        made_bytes: planned.made_bytes,
+        is_made: planned.existed,
+        disk_available_bytes: available_bytes(&folder),
+        calibration: try_out(&planned, &folder, isa(global)?)?,
+    });
     if cost.is_too_large() {
         output.warning(&format!(
             "the disk of {} has {} left, the run needs about {}: choose another with --out",
             folder.display(),
             bytes_text(cost.disk_available_bytes.unwrap_or(0) as f64),
-            bytes_text(cost.disk_needed_bytes)
+            bytes_text(cost.disk_needed_bytes as f64)
         ));
     }
-    let verb = match (global.dry_run, planned.existed) {
-        (_, true) => "is planned already:",
-        (true, false) => "would plan",
-        (false, false) => "planned",
+    let summary = Summary {
+        run: folder,
+        dry_run: global.dry_run,
+        existed: planned.existed,
+        scenes: planned.lines.len(),
+        tile_px: planned.spec.tile_px,
+        cost,
+        manifest_blake3: planned.spec.manifest_blake3,
+        invalid: planned.invalid,
+        left_out: planned.spec.left_out,
+        rejected: planned.rejected.len(),
+        notes: planned.notes,
+        parts: planned.parts,
     };
-    let scenes = planned.lines.len();
-    let mut object = json!({
-        "run": folder,
-        "dry_run": global.dry_run,
-        "existed": planned.existed,
-        "scenes": scenes,
-        "tile_px": planned.spec.tile_px,
-    });
-    if let (Value::Object(object), Value::Object(cost)) = (&mut object, cost.json()) {
-        object.extend(cost);
-    }
-    object["manifest_blake3"] = json!(planned.spec.manifest_blake3);
-    object["invalid"] = json!(planned.invalid);
-    object["left_out"] = json!(planned.spec.left_out);
-    object["rejected"] = json!(planned.rejected.len());
-    object["notes"] = json!(planned.notes);
-    let left_out = match planned.spec.left_out.len() {
-        0 => String::new(),
-        n => format!("; {} left out: {n}", planned.parts),
-    };
-    output.result(
-        "glasshouse.plan/1",
-        object,
-        &format!(
-            "{} {verb} {scenes} scenes in {} shards (tile {} px){left_out}\n{}",
-            folder.display(),
-            cost.shards,
-            planned.spec.tile_px,
-            cost.text(),
-        ),
-    );
+    output.show("glasshouse.plan/1", &summary);
     Ok(Exit::Done)
+}
+
+/// Reads, decodes and traces a part of some scenes.
+fn try_out(planned: &Planned, run: &Path, isa: Isa) -> Result<Option<Calibration>, Failure> {
+    let mut roots = Roots::default();
+    for (name, folder) in &planned.spec.roots {
+        // Relative folders are the run's own.
+        let folder = if is_url(folder) {
+            folder.clone()
+        } else {
+            run.join(folder)
+        };
+        roots.insert(name, folder)?;
+    }
+    let inputs = store_env::inputs();
+    let read = |line: &SceneLine| read_files_by(line, &roots, run, &|path| inputs.read(path));
+    Ok(calibrate(&planned.lines, &read, isa))
+}
+
+/// What was planned, and what it will take.
+#[derive(Serialize)]
+struct Summary {
+    run: PathBuf,
+    dry_run: bool,
+    existed: bool,
+    scenes: usize,
+    tile_px: u32,
+    #[serde(flatten)]
+    cost: Cost,
+    manifest_blake3: String,
+    invalid: Vec<InvalidInput>,
+    left_out: Vec<String>,
+    rejected: usize,
+    notes: Vec<String>,
+    /// What is left out: photographs, or scenes.
+    #[serde(skip)]
+    parts: &'static str,
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let verb = match (self.dry_run, self.existed) {
+            (_, true) => "is planned already:",
+            (true, false) => "would plan",
+            (false, false) => "planned",
+        };
+        let cost = &self.cost;
+        write!(
+            f,
+            "{} {verb} {} scenes in {} shards (tile {} px)",
+            self.run.display(),
+            self.scenes,
+            cost.shards,
+            self.tile_px
+        )?;
+        if !self.left_out.is_empty() {
+            write!(f, "; {} left out: {}", self.parts, self.left_out.len())?;
+        }
+        let inputs = cost.input_bytes.map_or_else(
+            || "not looked at: the run is planned".to_owned(),
+            |bytes| bytes_text(bytes as f64),
+        );
+        let available = cost.disk_available_bytes.map_or_else(String::new, |there| {
+            format!(", {} available", bytes_text(there as f64))
+        });
+        let how = match &cost.calibration {
+            Some(c) => format!(
+                "{} scenes tried out here: {:.1} ns a sample, {:.0} ms to load",
+                c.scenes.len(),
+                c.seconds_per_sample * 1e9,
+                c.seconds_per_load * 1e3
+            ),
+            None => "no scene can be tried out here yet: a typical machine's".to_owned(),
+        };
+        let size = |bytes: u64| bytes_text(bytes as f64);
+        write!(
+            f,
+            "\n  inputs    {inputs}\n  \
+             tuples    about {}\n  \
+             partials  up to {} at a time beside one worker here; {} if all were written\n  \
+             disk      about {} needed{available}\n  \
+             time      about {} of one core ({how})",
+            size(cost.tuple_bytes),
+            size(cost.partial_bytes_at_a_time),
+            size(cost.partial_bytes),
+            size(cost.disk_needed_bytes),
+            span_text(cost.core_s),
+        )
+    }
+}
+
+fn span_text(seconds: f64) -> String {
+    match seconds {
+        s if s < 120.0 => format!("{s:.0} s"),
+        s if s < 7200.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_units() {
+        assert_eq!(bytes_text(999.0), "1 kB");
+        assert_eq!(bytes_text(8.86e9), "8.9 GB");
+        assert_eq!(bytes_text(12_340_000.0), "12.3 MB");
+        assert_eq!(span_text(7199.0), "120 min");
+        assert_eq!(span_text(2.0 * 3600.0), "2.0 h");
+    }
 }
