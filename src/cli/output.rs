@@ -2,7 +2,8 @@
 
 use super::args::{ColorWhen, Global};
 use super::exit_code::{Exit, Failure};
-use serde::Serialize;
+use crate::ids::SceneId;
+use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
@@ -15,6 +16,23 @@ pub(super) fn usage_json(error: &str) {
     let object =
         json!({ "schema": ERROR_SCHEMA, "error": error.trim_end(), "exit": Exit::Usage.code() });
     let _ = writeln!(std::io::stdout().lock(), "{object}");
+}
+
+/// Scenes with reasons, as objects `{scene, reason}`.
+pub(super) fn reasons<S: Serializer>(
+    scenes: &[(SceneId, String)],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Reason<'a> {
+        scene: &'a SceneId,
+        reason: &'a str,
+    }
+    serializer.collect_seq(
+        scenes
+            .iter()
+            .map(|(scene, reason)| Reason { scene, reason }),
+    )
 }
 
 /// Where output goes, and how.

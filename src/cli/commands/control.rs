@@ -7,7 +7,8 @@ use crate::cli::target;
 use crate::farm::{ControlState, set_control};
 use crate::manifest::Roots;
 use clap::Args as ClapArgs;
-use serde_json::json;
+use serde::Serialize;
+use std::fmt;
 use std::path::Path;
 use std::path::PathBuf;
 
@@ -77,38 +78,62 @@ fn tell(
 ) -> Result<Exit, Failure> {
     let (run, store) = target::open(folder, store, &Roots::default())?;
     let changed = set_control(&store, state, reason, global.dry_run)?;
-    let name = &run.spec.name;
-    let would = if global.dry_run { "would be" } else { "is" };
-    let text = match (changed.before, state) {
-        (ControlState::Running, ControlState::Running) => {
-            format!("{name} was neither paused nor cancelled: nothing to resume")
-        }
-        (ControlState::Cancelled, ControlState::Running) => format!(
-            "{name} {would} no longer cancelled: start `glasshouse work` (and `coordinate`) again, they go on where it ended"
-        ),
-        (_, ControlState::Running) => {
-            format!("{name} {would} resumed: workers notice within seconds")
-        }
-        (_, ControlState::Paused) => format!(
-            "{name} {would} paused: workers notice within seconds, finish what they have opened and wait; `glasshouse resume` goes on"
-        ),
-        (_, ControlState::Cancelled) => format!(
-            "{name} {would} cancelled: workers end after the shards in flight, with exit code {}; what is done stays, and \
-             `glasshouse resume` takes it back",
-            Exit::Incomplete.code()
-        ),
-    };
     let command = match state {
         ControlState::Running => "resume",
         ControlState::Paused => "pause",
         ControlState::Cancelled => "cancel",
     };
-    output.result(
-        &format!("glasshouse.{command}/1"),
-        json!({
-            "run": folder, "dry_run": global.dry_run, "before": changed.before, "state": changed.now, "reason": reason,
-        }),
-        &text,
-    );
+    let told = Told {
+        run: folder,
+        dry_run: global.dry_run,
+        before: changed.before,
+        state: changed.now,
+        reason,
+        name: &run.spec.name,
+    };
+    output.show(&format!("glasshouse.{command}/1"), &told);
     Ok(Exit::Done)
+}
+
+#[derive(Serialize)]
+struct Told<'a> {
+    run: &'a Path,
+    dry_run: bool,
+    before: ControlState,
+    state: ControlState,
+    reason: Option<&'a str>,
+    #[serde(skip)]
+    name: &'a str,
+}
+
+impl fmt::Display for Told<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = self.name;
+        let would = if self.dry_run { "would be" } else { "is" };
+        match (self.before, self.state) {
+            (ControlState::Running, ControlState::Running) => {
+                write!(
+                    f,
+                    "{name} was neither paused nor cancelled: nothing to resume"
+                )
+            }
+            (ControlState::Cancelled, ControlState::Running) => write!(
+                f,
+                "{name} {would} no longer cancelled: start `glasshouse work` (and `coordinate`) again, they go on where it ended"
+            ),
+            (_, ControlState::Running) => {
+                write!(f, "{name} {would} resumed: workers notice within seconds")
+            }
+            (_, ControlState::Paused) => write!(
+                f,
+                "{name} {would} paused: workers notice within seconds, finish what they have opened and wait; `glasshouse resume` goes on"
+            ),
+            (_, ControlState::Cancelled) => write!(
+                f,
+                "{name} {would} cancelled: workers end after the shards in flight, with exit code {}; what is done stays, and \
+                 `glasshouse resume` takes it back",
+                Exit::Incomplete.code()
+            ),
+        }
+    }
 }

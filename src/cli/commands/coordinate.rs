@@ -11,9 +11,10 @@ use crate::manifest::Roots;
 use crate::serve::{ServeError, serve};
 use crate::store::Store;
 use clap::Args as ClapArgs;
-use serde_json::json;
+use serde::Serialize;
+use std::fmt;
 use std::os::unix::fs::MetadataExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -76,27 +77,20 @@ pub(super) fn run(
     progress.finish();
     let ended = ended?;
     let watch = &ended.watch;
-    output.result(
-        "glasshouse.coordinate/1",
-        json!({
-            "run": args.run, "dry_run": false, "scenes": watch.scenes, "done": watch.done, "quarantined": watch.quarantined,
-            "spans_published": ended.published, "finished": watch.finished,
-            "cancelled": ended.cancelled, "wall_s": start.elapsed().as_secs_f64(),
-            "cpu_s": process_cpu_s(),
-        }),
-        &format!(
-            "{} of {} scenes are done, {} in quarantine{}",
-            watch.done,
-            watch.scenes,
-            watch.quarantined,
-            match (ended.stopped, ended.cancelled) {
-                (true, _) => "; stopped by a signal, the same command goes on",
-                (_, true) =>
-                    "; the run is cancelled, after `glasshouse resume RUN` the same command goes on",
-                _ => "",
-            }
-        ),
-    );
+    let coordinated = Coordinated {
+        run: &args.run,
+        dry_run: false,
+        scenes: watch.scenes,
+        done: watch.done,
+        quarantined: watch.quarantined,
+        spans_published: ended.published,
+        finished: watch.finished,
+        cancelled: ended.cancelled,
+        wall_s: start.elapsed().as_secs_f64(),
+        cpu_s: process_cpu_s(),
+        stopped: ended.stopped,
+    };
+    output.show("glasshouse.coordinate/1", &coordinated);
     Ok(match (ended.stopped, watch.quarantined) {
         (true, _) => signals.exit(),
         (false, 0) if !ended.cancelled => Exit::Done,
@@ -113,15 +107,15 @@ fn dry_run(
 ) -> Result<Exit, Failure> {
     let status = Observer::new(run, store).look()?.counts;
     let quarantined = status.quarantined.len() as u64;
-    let left = status.scenes - status.merged - quarantined;
-    output.result(
-        "glasshouse.coordinate/1",
-        json!({
-            "run": args.run, "dry_run": true, "scenes": status.scenes, "done": status.merged,
-            "quarantined": quarantined, "scenes_left": left,
-        }),
-        &format!("{left} of {} scenes would be published", status.scenes),
-    );
+    let planned = Planned {
+        run: &args.run,
+        dry_run: true,
+        scenes: status.scenes,
+        done: status.merged,
+        quarantined,
+        scenes_left: status.scenes - status.merged - quarantined,
+    };
+    output.show("glasshouse.coordinate/1", &planned);
     Ok(Exit::Done)
 }
 
@@ -154,5 +148,56 @@ fn serve_exit(error: &ServeError) -> Exit {
     match error {
         ServeError::WeakToken => Exit::Usage,
         _ => Exit::Failed,
+    }
+}
+
+#[derive(Serialize)]
+struct Planned<'a> {
+    run: &'a Path,
+    dry_run: bool,
+    scenes: u64,
+    done: u64,
+    quarantined: u64,
+    scenes_left: u64,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (left, all) = (self.scenes_left, self.scenes);
+        write!(f, "{left} of {all} scenes would be published")
+    }
+}
+
+#[derive(Serialize)]
+struct Coordinated<'a> {
+    run: &'a Path,
+    dry_run: bool,
+    scenes: u64,
+    done: u64,
+    quarantined: u64,
+    spans_published: u64,
+    finished: bool,
+    cancelled: bool,
+    wall_s: f64,
+    cpu_s: f64,
+    #[serde(skip)]
+    stopped: bool,
+}
+
+impl fmt::Display for Coordinated<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} of {} scenes are done, {} in quarantine",
+            self.done, self.scenes, self.quarantined
+        )?;
+        if self.stopped {
+            f.write_str("; stopped by a signal, the same command goes on")?;
+        } else if self.cancelled {
+            f.write_str(
+                "; the run is cancelled, after `glasshouse resume RUN` the same command goes on",
+            )?;
+        }
+        Ok(())
     }
 }

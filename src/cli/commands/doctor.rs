@@ -15,7 +15,8 @@ use crate::manifest::Roots;
 use crate::shard::{Golden, Spec};
 use crate::store::{Store, StoreOptions};
 use clap::Args as ClapArgs;
-use serde_json::json;
+use serde::Serialize;
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -63,16 +64,16 @@ pub(super) fn run(args: &DoctorArgs, global: &Global, output: &Output) -> Result
         }
         findings.extend(queue(args));
     }
-    let object = json!({
-        "run": run,
-        "dry_run": global.dry_run,
-        "ok": count(&findings, Level::Ok),
-        "warn": count(&findings, Level::Warn),
-        "fail": count(&findings, Level::Fail),
-        "findings": findings,
-    });
-    output.result("glasshouse.doctor/1", object, &text(&findings));
-    Ok(if count(&findings, Level::Fail) == 0 {
+    let found = Found {
+        run,
+        dry_run: global.dry_run,
+        ok: count(&findings, Level::Ok),
+        warn: count(&findings, Level::Warn),
+        fail: count(&findings, Level::Fail),
+        findings,
+    };
+    output.show("glasshouse.doctor/1", &found);
+    Ok(if found.fail == 0 {
         Exit::Done
     } else {
         Exit::Failed
@@ -86,43 +87,50 @@ fn count(findings: &[Finding], level: Level) -> usize {
         .count()
 }
 
+#[derive(Serialize)]
+struct Found {
+    run: PathBuf,
+    dry_run: bool,
+    ok: usize,
+    warn: usize,
+    fail: usize,
+    findings: Vec<Finding>,
+}
+
 /// A line of marks and words for each check; what is to be done below it.
-fn text(findings: &[Finding]) -> String {
-    let (warn, fail) = (count(findings, Level::Warn), count(findings, Level::Fail));
-    let plural = |count: usize, what: &str| match count {
-        0 => format!("no {what}s"),
-        1 => format!("1 {what}"),
-        n => format!("{n} {what}s"),
-    };
-    let verdict = match (warn, fail) {
-        (0, 0) => "all is well",
-        (_, 0) => "it will work",
-        _ => "something must be done",
-    };
-    let mut text = format!(
-        "{verdict}: {}, {}, {}",
-        plural(findings.len(), "check"),
-        plural(warn, "warning"),
-        plural(fail, "failure")
-    );
-    let width = findings.iter().map(|f| f.check.len()).max().unwrap_or(0);
-    let mut lines: Vec<(String, String)> = Vec::new();
-    for finding in findings {
-        let label = format!("{:<4}  {:<width$}", finding.level.name(), finding.check);
-        lines.push((label, finding.value.clone()));
-        lines.extend(
-            finding
-                .to_do
-                .iter()
-                .map(|to_do| (String::new(), format!("-> {to_do}"))),
-        );
-    }
-    text += &rows(
-        lines
+impl fmt::Display for Found {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let verdict = match (self.warn, self.fail) {
+            (0, 0) => "all is well",
+            (_, 0) => "it will work",
+            _ => "something must be done",
+        };
+        let plural = |count: usize, what: &str| match count {
+            0 => format!("no {what}s"),
+            1 => format!("1 {what}"),
+            n => format!("{n} {what}s"),
+        };
+        write!(
+            f,
+            "{verdict}: {}, {}, {}",
+            plural(self.findings.len(), "check"),
+            plural(self.warn, "warning"),
+            plural(self.fail, "failure")
+        )?;
+        let width = self.findings.iter().map(|f| f.check.len()).max();
+        let width = width.unwrap_or(0);
+        let mut lines: Vec<(String, String)> = Vec::new();
+        for finding in &self.findings {
+            let label = format!("{:<4}  {:<width$}", finding.level.name(), finding.check);
+            lines.push((label, finding.value.clone()));
+            let to_do = finding.to_do.iter();
+            lines.extend(to_do.map(|to_do| (String::new(), format!("-> {to_do}"))));
+        }
+        let lines = lines
             .iter()
-            .map(|(label, value)| (label.as_str(), value.as_str())),
-    );
-    text
+            .map(|(label, value)| (label.as_str(), value.as_str()));
+        f.write_str(&rows(lines))
+    }
 }
 
 /// The golden shard of the run, if one is there, and whether it can be worked on.

@@ -10,9 +10,10 @@ use crate::ids::SceneId;
 use crate::manifest::Roots;
 use crate::serve::text::grouped;
 use clap::Args as ClapArgs;
-use serde_json::json;
-use std::fmt::Write;
-use std::path::PathBuf;
+use serde::ser::Error;
+use serde::{Serialize, Serializer};
+use std::fmt::{self, Write};
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct ExplainArgs {
@@ -32,13 +33,36 @@ pub(super) fn run(args: &ExplainArgs, output: &Output) -> Result<Exit, Failure> 
     let (run, store) = target::open(&args.run, args.store.store.as_deref(), &Roots::default())?;
     let (scene, shard) = &args.shard;
     let known = explain(&run, &store, scene, *shard)?;
-    let folder = args.run.display().to_string();
-    let mut object = serde_json::to_value(&known).unwrap_or_default();
-    object["run_state"] = object["run"].take();
-    object["run"] = json!(args.run);
-    let text = text(&known).replace(" RUN", &format!(" {folder}"));
-    output.result("glasshouse.explain/1", object, &text);
+    output.show(
+        "glasshouse.explain/1",
+        &Explained {
+            run: &args.run,
+            known,
+        },
+    );
     Ok(Exit::Done)
+}
+
+/// An explanation with the run's folder; the explanation's own `run` is the run's state.
+struct Explained<'a> {
+    run: &'a Path,
+    known: Explanation,
+}
+
+impl Serialize for Explained<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut object = serde_json::to_value(&self.known).map_err(S::Error::custom)?;
+        object["run_state"] = object["run"].take();
+        object["run"] = self.run.to_string_lossy().into();
+        object.serialize(serializer)
+    }
+}
+
+impl fmt::Display for Explained<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let folder = format!(" {}", self.run.display());
+        f.write_str(&text(&self.known).replace(" RUN", &folder))
+    }
 }
 
 fn text(known: &Explanation) -> String {

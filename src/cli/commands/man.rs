@@ -7,7 +7,8 @@ use crate::cli::output::Output;
 use clap::Args as ClapArgs;
 use clap::Command;
 use clap_mangen::Man;
-use serde_json::json;
+use serde::Serialize;
+use std::fmt;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
@@ -28,7 +29,7 @@ pub(super) fn run(
     command.build();
     let Some(folder) = &args.out else {
         let page = page(&command)?;
-        output.result("glasshouse.man/1", json!({ "page": page }), page.trim_end());
+        output.show("glasshouse.man/1", &Page { page });
         return Ok(Exit::Done);
     };
     let mut pages = Vec::new();
@@ -39,21 +40,45 @@ pub(super) fn run(
             atomic_file::write_relaxed(&folder.join(name), page.as_bytes())?;
         }
     }
-    let verb = if global.dry_run {
-        "would write"
-    } else {
-        "wrote"
+    let written = Written {
+        out: folder.clone(),
+        dry_run: global.dry_run,
+        pages: pages.into_iter().map(|(name, _)| name).collect(),
     };
-    let text = format!(
-        "{verb} {} pages to {}; `man -l {}` shows the first",
-        pages.len(),
-        folder.display(),
-        folder.join("glasshouse.1").display()
-    );
-    let names: Vec<&String> = pages.iter().map(|(name, _)| name).collect();
-    let object = json!({ "out": folder, "dry_run": global.dry_run, "pages": names });
-    output.result("glasshouse.man/1", object, &text);
+    output.show("glasshouse.man/1", &written);
     Ok(Exit::Done)
+}
+
+#[derive(Serialize)]
+struct Page {
+    page: String,
+}
+
+impl fmt::Display for Page {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.page.trim_end())
+    }
+}
+
+#[derive(Serialize)]
+struct Written {
+    out: PathBuf,
+    dry_run: bool,
+    pages: Vec<String>,
+}
+
+impl fmt::Display for Written {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let verb = if self.dry_run { "would write" } else { "wrote" };
+        let first = self.out.join("glasshouse.1");
+        write!(
+            f,
+            "{verb} {} pages to {}; `man -l {}` shows the first",
+            self.pages.len(),
+            self.out.display(),
+            first.display()
+        )
+    }
 }
 
 /// File names and pages of a command and of all inside it.

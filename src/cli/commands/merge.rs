@@ -2,15 +2,18 @@
 
 use crate::cli::args::{FARM, Global};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::output::Output;
+use crate::cli::output::{Output, reasons};
 use crate::cli::progress::Progress;
 use crate::cli::store_env::store_options;
 use crate::cli::target;
 use crate::farm::{Run, merge_run};
+use crate::ids::SceneId;
 use crate::manifest::Roots;
 use crate::store::Store;
 use clap::Args as ClapArgs;
-use serde_json::json;
+use serde::Serialize;
+use std::fmt;
+use std::path::Path;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
@@ -48,32 +51,40 @@ pub(super) fn run(args: &MergeArgs, global: &Global, output: &Output) -> Result<
             outcome.refused.len() - SHOWN
         ));
     }
-    let verb = if global.dry_run {
-        "would be merged"
-    } else {
-        "merged"
+    let merged = Merged {
+        run: &args.run,
+        dry_run: global.dry_run,
+        merged: &outcome.merged,
+        already_merged: outcome.already_merged,
+        refused: &outcome.refused,
     };
-    let refused: Vec<_> = outcome
-        .refused
-        .iter()
-        .map(|(s, r)| json!({ "scene": s, "reason": r }))
-        .collect();
-    output.result(
-        "glasshouse.merge/1",
-        json!({
-            "run": args.run, "dry_run": global.dry_run, "merged": outcome.merged,
-            "already_merged": outcome.already_merged, "refused": refused,
-        }),
-        &format!(
-            "{} scenes {verb}, {} were before, {} cannot be",
-            outcome.merged.len(),
-            outcome.already_merged,
-            outcome.refused.len()
-        ),
-    );
+    output.show("glasshouse.merge/1", &merged);
     Ok(if outcome.refused.is_empty() {
         Exit::Done
     } else {
         Exit::Incomplete
     })
+}
+
+#[derive(Serialize)]
+struct Merged<'a> {
+    run: &'a Path,
+    dry_run: bool,
+    merged: &'a [SceneId],
+    already_merged: u64,
+    #[serde(serialize_with = "reasons")]
+    refused: &'a [(SceneId, String)],
+}
+
+impl fmt::Display for Merged<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let would = if self.dry_run { "would be " } else { "" };
+        write!(
+            f,
+            "{} scenes {would}merged, {} were before, {} cannot be",
+            self.merged.len(),
+            self.already_merged,
+            self.refused.len()
+        )
+    }
 }

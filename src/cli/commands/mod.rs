@@ -281,7 +281,7 @@ impl Args {
             Command::Separate(args) => separate::run(args, global, output),
             Command::Export(args) => export::run(args, global, output),
             Command::Report(args) => report::run(args, global, output),
-            Command::Schema => schema::run(output),
+            Command::Schema => Ok(schema::run(output)),
             Command::Bench(args) => bench::run(args, global, output),
             Command::Inspect(args) => Ok(inspect::run(args, output)),
             Command::Doctor(args) => doctor::run(args, global, output),

@@ -2,13 +2,15 @@
 
 use crate::cli::args::{Global, StoreArgs};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::output::Output;
+use crate::cli::output::{Output, reasons};
 use crate::cli::target;
+use crate::ids::SceneId;
 use crate::manifest::Roots;
 use crate::report::{Report, write_report};
 use clap::Args as ClapArgs;
-use serde_json::{Value, json};
-use std::path::PathBuf;
+use serde::Serialize;
+use std::fmt;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct ReportArgs {
@@ -27,18 +29,18 @@ const SHOWN: usize = 10;
 pub(super) fn run(args: &ReportArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let (run, store) = target::open(&args.run, args.store.store.as_deref(), &Roots::default())?;
     if global.dry_run {
-        let path = args.out.clone();
-        let path = path.unwrap_or_else(|| run.dir.report().join("index.html"));
-        output.result(
-            "glasshouse.report/1",
-            json!({ "report": path, "dry_run": true }),
-            &format!("would write {}", path.display()),
-        );
+        let default = || run.dir.report().join("index.html");
+        let report = args.out.clone().unwrap_or_else(default);
+        let planned = Planned {
+            report,
+            dry_run: true,
+        };
+        output.show("glasshouse.report/1", &planned);
         return Ok(Exit::Done);
     }
     let report = write_report(&run, &store, args.out.as_deref())?;
     warn(&report, output);
-    output.result("glasshouse.report/1", object(&report), &text(&report));
+    output.show("glasshouse.report/1", &Written::new(&report));
     Ok(if report.damaged.is_empty() {
         Exit::Done
     } else {
@@ -60,26 +62,58 @@ pub(super) fn warn(report: &Report, output: &Output) {
     }
 }
 
-fn object(report: &Report) -> Value {
-    let damaged: Vec<Value> = report
-        .damaged
-        .iter()
-        .map(|(scene, reason)| json!({ "scene": scene, "reason": reason }))
-        .collect();
-    json!({
-        "report": report.path, "dry_run": false, "bytes": report.bytes, "scenes": report.scenes, "tuples": report.tuples,
-        "shown": report.shown, "noise_maps": report.noise_maps, "logs": report.logs, "damaged": damaged,
-    })
+#[derive(Serialize)]
+struct Planned {
+    report: PathBuf,
+    dry_run: bool,
 }
 
-/// What was written, in a line.
-pub(super) fn text(report: &Report) -> String {
-    format!(
-        "wrote {} ({:.2} MB; {} of {} tuples, {} of them shown)",
-        report.path.display(),
-        report.bytes as f64 * 1e-6,
-        report.tuples,
-        report.scenes,
-        report.shown
-    )
+impl fmt::Display for Planned {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "would write {}", self.report.display())
+    }
+}
+
+#[derive(Serialize)]
+struct Written<'a> {
+    report: &'a Path,
+    dry_run: bool,
+    bytes: u64,
+    scenes: u64,
+    tuples: u64,
+    shown: u64,
+    noise_maps: u64,
+    logs: u64,
+    #[serde(serialize_with = "reasons")]
+    damaged: &'a [(SceneId, String)],
+}
+
+impl<'a> Written<'a> {
+    fn new(report: &'a Report) -> Self {
+        Self {
+            report: &report.path,
+            dry_run: false,
+            bytes: report.bytes,
+            scenes: report.scenes,
+            tuples: report.tuples,
+            shown: report.shown,
+            noise_maps: report.noise_maps,
+            logs: report.logs,
+            damaged: &report.damaged,
+        }
+    }
+}
+
+impl fmt::Display for Written<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "wrote {} ({:.2} MB; {} of {} tuples, {} of them shown)",
+            self.report.display(),
+            self.bytes as f64 * 1e-6,
+            self.tuples,
+            self.scenes,
+            self.shown
+        )
+    }
 }

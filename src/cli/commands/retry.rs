@@ -4,11 +4,13 @@ use crate::cli::args::{Global, StoreArgs, parse_scene_id};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::target;
-use crate::farm::{RetryScenes, retry};
+use crate::farm::{Retried, RetryScenes, retry};
 use crate::ids::SceneId;
 use crate::manifest::Roots;
 use clap::Args as ClapArgs;
-use serde_json::json;
+use serde::Serialize;
+use std::fmt;
+use std::path::Path;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
@@ -42,42 +44,61 @@ pub(super) fn run(args: &RetryArgs, global: &Global, output: &Output) -> Result<
         RetryScenes::These(&args.scenes)
     };
     let retried = retry(&store, &manifest, which, global.dry_run)?;
-    let names: Vec<&str> = retried.scenes.iter().map(SceneId::as_str).collect();
-    let text = if names.is_empty() {
-        "nothing is in quarantine".to_owned()
-    } else {
-        let more = match names.len().saturating_sub(SHOWN) {
-            0 => String::new(),
-            n => format!(" and {n} more"),
-        };
-        let next = if retried.was_finished || args.store.store.is_none() {
-            "start `glasshouse work` (of a farm `coordinate`, too) again"
-        } else {
-            "a coordinator that runs publishes them within seconds, else start it again"
-        };
-        let what = if args.anew {
-            format!(
-                "reset, with {} files of tuples, partials and receipts",
-                retried.results
-            )
-        } else {
-            "taken out of quarantine".to_owned()
-        };
-        format!(
-            "{} {} {what}, with {} records of attempts: {}{more}\n{next}",
-            names.len(),
-            if global.dry_run { "would be" } else { "were" },
-            retried.attempts,
-            names[..names.len().min(SHOWN)].join(" "),
-        )
+    let shown = Shown {
+        run: &args.run,
+        dry_run: global.dry_run,
+        retried,
+        is_anew: args.anew,
+        is_local: args.store.store.is_none(),
     };
-    output.result(
-        "glasshouse.retry/1",
-        json!({
-            "run": args.run, "dry_run": global.dry_run, "retried": retried.scenes,
-            "attempts_removed": retried.attempts, "results_removed": retried.results, "was_finished": retried.was_finished,
-        }),
-        &text,
-    );
+    output.show("glasshouse.retry/1", &shown);
     Ok(Exit::Done)
+}
+
+#[derive(Serialize)]
+struct Shown<'a> {
+    run: &'a Path,
+    dry_run: bool,
+    #[serde(flatten)]
+    retried: Retried,
+    #[serde(skip)]
+    is_anew: bool,
+    #[serde(skip)]
+    is_local: bool,
+}
+
+impl fmt::Display for Shown<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Retried {
+            scenes,
+            attempts,
+            results,
+            was_finished,
+        } = &self.retried;
+        if scenes.is_empty() {
+            return f.write_str("nothing is in quarantine");
+        }
+        let were = if self.dry_run { "would be" } else { "were" };
+        write!(f, "{} {were} ", scenes.len())?;
+        if self.is_anew {
+            write!(
+                f,
+                "reset, with {results} files of tuples, partials and receipts"
+            )?;
+        } else {
+            f.write_str("taken out of quarantine")?;
+        }
+        write!(f, ", with {attempts} records of attempts:")?;
+        for scene in scenes.iter().take(SHOWN) {
+            write!(f, " {scene}")?;
+        }
+        if let Some(more @ 1..) = scenes.len().checked_sub(SHOWN) {
+            write!(f, " and {more} more")?;
+        }
+        f.write_str(if *was_finished || self.is_local {
+            "\nstart `glasshouse work` (of a farm `coordinate`, too) again"
+        } else {
+            "\na coordinator that runs publishes them within seconds, else start it again"
+        })
+    }
 }

@@ -7,8 +7,9 @@ use crate::cli::progress::Progress;
 use crate::sample::{self, SampleError, SamplePhotograph};
 use clap::{Args as ClapArgs, ValueEnum};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
-use serde_json::json;
-use std::fmt::Write;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, ClapArgs)]
@@ -58,7 +59,7 @@ struct Plan {
     /// What else each photograph has.
     with: &'static str,
     /// Named roots of a recipe that uses them.
-    roots: Vec<(&'static str, PathBuf)>,
+    roots: BTreeMap<&'static str, PathBuf>,
     /// Such a recipe, and its other roots.
     recipe: &'static str,
 }
@@ -80,7 +81,7 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
                     .map(SamplePhotograph::color_path)
                     .collect(),
                 with: "depth and mask",
-                roots: vec![("diode", dir.to_owned())],
+                roots: [("diode", dir.to_owned())].into(),
                 recipe: "my.toml",
             }
         }
@@ -98,37 +99,30 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
                     .map(|p| below.join(p.color_path()))
                     .collect(),
                 with: "relative inverse depth",
-                roots: vec![
+                roots: [
                     ("places", dir.join(sample::PLACES_COLOR)),
                     ("places-depth", dir.join(sample::PLACES_DEPTH)),
-                ],
+                ]
+                .into(),
                 recipe: "manifests/paper.toml --root diode=DIODE",
             }
         }
     };
     let [width, height] = plan.size;
-    let mut command = format!("glasshouse plan {}", plan.recipe);
-    for (name, folder) in &plan.roots {
-        let _ = write!(command, " --root {name}={}", folder.display());
-    }
-    let roots: serde_json::Map<_, _> = plan
-        .roots
-        .into_iter()
-        .map(|(name, folder)| (name.to_owned(), json!(folder)))
-        .collect();
-    let verb = if global.dry_run { "would make" } else { "made" };
-    output.result(
-        "glasshouse.sample/1",
-        json!({
-            "dir": dir, "layout": args.layout.name(), "count": count, "seed": seed, "dry_run": global.dry_run,
-            "width": width, "height": height, "color": plan.color, "roots": roots,
-        }),
-        &format!(
-            "{verb} {count} photographs of {width} x {height} px with {} in {}\nplan with them: {command}",
-            plan.with,
-            dir.display()
-        ),
-    );
+    let sample = Sample {
+        dir,
+        layout: args.layout.name(),
+        count,
+        seed,
+        dry_run: global.dry_run,
+        width,
+        height,
+        color: plan.color,
+        roots: plan.roots,
+        with: plan.with,
+        recipe: plan.recipe,
+    };
+    output.show("glasshouse.sample/1", &sample);
     Ok(Exit::Done)
 }
 
@@ -155,4 +149,41 @@ fn make<P: Sync>(
     });
     progress.finish();
     written.map_err(|e| Failure::new(Exit::Failed, e))
+}
+
+#[derive(Serialize)]
+struct Sample<'a> {
+    dir: &'a Path,
+    layout: &'static str,
+    count: usize,
+    seed: u64,
+    dry_run: bool,
+    width: u32,
+    height: u32,
+    color: Vec<PathBuf>,
+    roots: BTreeMap<&'static str, PathBuf>,
+    #[serde(skip)]
+    with: &'static str,
+    #[serde(skip)]
+    recipe: &'static str,
+}
+
+impl fmt::Display for Sample<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} {} photographs of {} x {} px with {} in {}\nplan with them: glasshouse plan {}",
+            if self.dry_run { "would make" } else { "made" },
+            self.count,
+            self.width,
+            self.height,
+            self.with,
+            self.dir.display(),
+            self.recipe
+        )?;
+        for (name, folder) in &self.roots {
+            write!(f, " --root {name}={}", folder.display())?;
+        }
+        Ok(())
+    }
 }

@@ -1,13 +1,25 @@
 //! `schema`
 
-use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::exit_code::Exit;
 use crate::cli::output::Output;
 use crate::manifest::recipe_schema;
-use serde_json::json;
+use serde::Serialize;
+use serde_json::Value;
+use std::fmt;
 
-pub(super) fn run(output: &Output) -> Result<Exit, Failure> {
-    let schema = recipe_schema();
-    let text = serde_json::to_string_pretty(&schema).map_err(|e| Failure::new(Exit::Failed, e))?;
-    output.result("glasshouse.schema/1", json!({ "recipe": schema }), &text);
-    Ok(Exit::Done)
+pub(super) fn run(output: &Output) -> Exit {
+    let recipe = recipe_schema();
+    output.show("glasshouse.schema/1", &Schema { recipe });
+    Exit::Done
+}
+
+#[derive(Serialize)]
+struct Schema {
+    recipe: Value,
+}
+
+impl fmt::Display for Schema {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:#}", self.recipe)
+    }
 }

@@ -12,9 +12,10 @@ use crate::farm::{Observer, Overview, Run};
 use crate::manifest::Roots;
 use crate::serve::FarmState;
 use clap::Args as ClapArgs;
-use serde_json::{Value, json};
+use serde::Serialize;
+use std::fmt;
 use std::io::{IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -118,21 +119,30 @@ fn look_at(server: Option<&NatsCoordinator>, view: &Overview) -> Queue {
 }
 
 fn tell(args: &StatusArgs, run: &Run, view: &Overview, queue: &Queue, output: &Output) {
-    let mut object = serde_json::to_value(view).unwrap_or_default();
-    object["run"] = json!(args.run);
-    object["name"] = json!(run.spec.name);
-    object["finished"] = json!(view.state == FarmState::Finished);
-    object["queue"] = match queue {
-        Queue::None => Value::Null,
-        Queue::There(state) => {
-            json!({ "spans_waiting": state.waiting, "spans_held": state.held, "reason": null })
-        }
-        Queue::Lost(reason) => {
-            json!({ "spans_waiting": null, "spans_held": null, "reason": reason })
-        }
+    let shown = Shown {
+        view,
+        run: &args.run,
+        name: &run.spec.name,
+        finished: view.state == FarmState::Finished,
+        queue,
     };
-    let text = page(&run.spec.name, view, queue, SHOWN);
-    output.result("glasshouse.status/1", object, &text);
+    output.show("glasshouse.status/1", &shown);
+}
+
+#[derive(Serialize)]
+struct Shown<'a> {
+    #[serde(flatten)]
+    view: &'a Overview,
+    run: &'a Path,
+    name: &'a str,
+    finished: bool,
+    queue: &'a Queue,
+}
+
+impl fmt::Display for Shown<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&page(self.name, self.view, self.queue, SHOWN))
+    }
 }
 
 fn exit(view: &Overview) -> Exit {
