@@ -1,15 +1,17 @@
 //! What a reader found out: lines for a person, values for a program, and what is wrong.
 
 use super::kind::Kind;
+use serde::Serialize;
 use serde_json::{Map, Value};
 use std::fmt::Write;
 
 /// Something that is wrong with a file.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Problem {
     /// What.
     pub what: String,
     /// At which line, byte, member, tensor, ... if that is known.
+    #[serde(rename = "where")]
     pub place: Option<String>,
     /// What to do about it.
     pub to_do: String,

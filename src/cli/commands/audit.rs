@@ -15,10 +15,10 @@ use crate::manifest::Roots;
 use crate::store::Store;
 use anyhow::anyhow;
 use clap::Args as ClapArgs;
-use serde_json::{Value, json};
+use serde::Serialize;
 use std::collections::BTreeMap;
-use std::fmt::Write;
-use std::path::PathBuf;
+use std::fmt::{self, Write};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
@@ -51,12 +51,13 @@ pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<
     }
     let shards = |index: &usize| u64::from(run.layout(&run.lines[*index]).len());
     if global.dry_run {
-        let names: Vec<&str> = places.iter().map(|&i| run.lines[i].id.as_str()).collect();
-        output.result(
-            "glasshouse.audit/1",
-            json!({ "run": args.run, "dry_run": true, "seed": seed, "scenes": names }),
-            &format!("would trace again: {}", names.join(" ")),
-        );
+        let planned = Planned {
+            run: &args.run,
+            dry_run: true,
+            seed,
+            scenes: places.iter().map(|&i| &run.lines[i].id).collect(),
+        };
+        output.show("glasshouse.audit/1", &planned);
         return Ok(Exit::Done);
     }
     let signals = Signals::catch();
@@ -90,39 +91,23 @@ pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<
     let stopped = options.stop.load(Ordering::Relaxed) && audits.len() < places.len();
     let wall_s = start.elapsed().as_secs_f64();
     let count = |verdict| audits.iter().filter(|a| a.verdict == verdict).count();
-    let (same, differs) = (count(Verdict::Same), count(Verdict::Differs));
+    let (same, differ) = (count(Verdict::Same), count(Verdict::Differs));
     let not_compared = count(Verdict::NotCompared);
-    let mut text = format!(
-        "scenes traced again in {wall_s:.1} s: {}; the same bit for bit: {same}, different: {differs}, not compared: {not_compared}",
-        same + differs
-    );
-    if let Some(seed) = seed {
-        let _ = write!(text, " (--seed {seed} --share {})", args.share);
-    }
-    let workers = workers(&audits);
-    for (worker, [bad, all]) in workers.iter().filter(|(_, [bad, _])| *bad > 0) {
-        let _ = write!(text, "\n{worker}: {bad} of {all} audited scenes differ");
-    }
-    if differs > 0 {
-        text += "\nTake out the machine that made them, then `glasshouse retry RUN SCENE… --anew` and work again makes them anew. \
-                 `glasshouse audit RUN --share 1` looks at all others.";
-    }
-    if stopped {
-        text += "\nstopped by a signal";
-    }
-    let workers: Vec<Value> = workers
-        .iter()
-        .map(|(worker, [bad, all])| json!({ "worker": worker, "differ": bad, "audited": all }))
-        .collect();
-    output.result(
-        "glasshouse.audit/1",
-        json!({
-            "run": args.run, "dry_run": false, "seed": seed, "same": same, "differ": differs, "not_compared": not_compared,
-            "scenes": audits, "workers": workers, "stopped": stopped, "wall_s": wall_s,
-        }),
-        &text,
-    );
-    Ok(if differs > 0 {
+    let audit = Audited {
+        run: &args.run,
+        dry_run: false,
+        seed,
+        same,
+        differ,
+        not_compared,
+        workers: workers(&audits),
+        scenes: audits,
+        stopped,
+        wall_s,
+        share: args.share,
+    };
+    output.show("glasshouse.audit/1", &audit);
+    Ok(if differ > 0 {
         Exit::Failed
     } else if stopped {
         signals.exit()
@@ -166,15 +151,98 @@ fn random_seed() -> Result<u64, Failure> {
     Ok(u64::from(u32::from_le_bytes(bytes)))
 }
 
-/// By worker: scenes that differ, and all that were compared.
-fn workers(audits: &[SceneAudit]) -> BTreeMap<String, [u64; 2]> {
+#[derive(Serialize)]
+struct Planned<'a> {
+    run: &'a Path,
+    dry_run: bool,
+    seed: Option<u64>,
+    scenes: Vec<&'a SceneId>,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("would trace again:")?;
+        self.scenes
+            .iter()
+            .try_for_each(|scene| write!(f, " {scene}"))
+    }
+}
+
+#[derive(Serialize)]
+struct Audited<'a> {
+    run: &'a Path,
+    dry_run: bool,
+    seed: Option<u64>,
+    same: usize,
+    differ: usize,
+    not_compared: usize,
+    scenes: Vec<SceneAudit>,
+    workers: Vec<WorkerAudit>,
+    stopped: bool,
+    wall_s: f64,
+    #[serde(skip)]
+    share: f64,
+}
+
+/// Scenes of a worker that differ, and all that were compared.
+#[derive(Serialize)]
+struct WorkerAudit {
+    worker: String,
+    differ: u64,
+    audited: u64,
+}
+
+impl fmt::Display for Audited<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            same,
+            differ,
+            not_compared,
+            wall_s,
+            ..
+        } = self;
+        write!(
+            f,
+            "scenes traced again in {wall_s:.1} s: {}; the same bit for bit: {same}, different: {differ}, not compared: {not_compared}",
+            same + differ
+        )?;
+        if let Some(seed) = self.seed {
+            write!(f, " (--seed {seed} --share {})", self.share)?;
+        }
+        for worker in self.workers.iter().filter(|worker| worker.differ > 0) {
+            let WorkerAudit {
+                worker,
+                differ,
+                audited,
+            } = worker;
+            write!(f, "\n{worker}: {differ} of {audited} audited scenes differ")?;
+        }
+        if *differ > 0 {
+            f.write_str(
+                "\nTake out the machine that made them, then `glasshouse retry RUN SCENE… --anew` and work again makes them anew. \
+                 `glasshouse audit RUN --share 1` looks at all others.",
+            )?;
+        }
+        if self.stopped {
+            f.write_str("\nstopped by a signal")?;
+        }
+        Ok(())
+    }
+}
+
+fn workers(audits: &[SceneAudit]) -> Vec<WorkerAudit> {
     let mut workers: BTreeMap<String, [u64; 2]> = BTreeMap::new();
     for audit in audits.iter().filter(|a| a.verdict != Verdict::NotCompared) {
         let counts = workers.entry(maker(audit)).or_default();
         counts[0] += u64::from(audit.verdict == Verdict::Differs);
         counts[1] += 1;
     }
-    workers
+    let worker = |(worker, [differ, audited]): (String, [u64; 2])| WorkerAudit {
+        worker,
+        differ,
+        audited,
+    };
+    workers.into_iter().map(worker).collect()
 }
 
 /// Without a farm nobody leaves a receipt.

@@ -2,7 +2,7 @@
 
 use crate::cli::args::{Global, SplitName, StoreArgs, threads};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::output::Output;
+use crate::cli::output::{Output, reasons};
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::target;
@@ -12,12 +12,13 @@ use crate::export::PixelEncoding;
 use crate::export::{
     ExportOptions, ExportPlan, ExportWork, Exported, FolderState, export, foretell_bytes, look,
 };
+use crate::ids::SceneId;
 use crate::manifest::{Roots, Split, is_url};
 use anyhow::anyhow;
 use clap::{Args as ClapArgs, ValueEnum};
-use serde_json::{Value, json};
-use std::fmt::Write;
-use std::path::PathBuf;
+use serde::Serialize;
+use std::fmt;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 #[derive(Debug, ClapArgs)]
@@ -138,21 +139,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result
             already_complete: state == FolderState::Complete,
             ..Exported::default()
         };
-        let text = if exported.already_complete {
-            format!(
-                "{} is complete: nothing would be written",
-                args.out.display()
-            )
-        } else {
-            format!(
-                "would export {} tuples to {}, about {}{}",
-                plan.scenes.len(),
-                args.out.display(),
-                bytes_text(exported.bytes as f64),
-                left_out_text(&plan)
-            )
-        };
-        output.result(SCHEMA, object(args, &plan, &exported, true), &text);
+        output.show(SCHEMA, &Export::new(args, &plan, exported, None));
         return Ok(exit(&plan));
     }
     // Of what was begun a part is there already.
@@ -180,23 +167,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result
         );
         return Err(Failure::new(signals.exit(), error));
     }
-    let text = if exported.already_complete {
-        format!(
-            "{} is complete, nothing to do ({total} tuples); `sha256sum -c SHA256SUMS` in it checks its files",
-            args.out.display()
-        )
-    } else {
-        format!(
-            "exported {total} tuples to {} in {wall_s:.1} s: {} files, {}{}",
-            args.out.display(),
-            exported.files,
-            bytes_text(exported.bytes as f64),
-            left_out_text(&plan)
-        )
-    };
-    let mut object = object(args, &plan, &exported, false);
-    object["wall_s"] = json!(wall_s);
-    output.result(SCHEMA, object, &text);
+    output.show(SCHEMA, &Export::new(args, &plan, exported, Some(wall_s)));
     Ok(exit(&plan))
 }
 
@@ -208,38 +179,79 @@ fn exit(plan: &ExportPlan) -> Exit {
     }
 }
 
-/// What a script reads.
-fn object(args: &ExportArgs, plan: &ExportPlan, exported: &Exported, dry_run: bool) -> Value {
-    let tuples: serde_json::Map<String, Value> = exported
-        .tuples
-        .iter()
-        .map(|(split, count)| (split.to_string(), json!(count)))
-        .collect();
-    let quarantined: Vec<Value> = plan
-        .quarantined()
-        .map(|(scene, reason)| json!({ "scene": scene, "reason": reason }))
-        .collect();
-    json!({
-        "run": args.run, "out": args.out, "dry_run": dry_run, "format": plan.request.format,
-        "encoding": plan.request.encoding, "tuples": tuples, "tuples_resumed": exported.resumed,
-        "files": exported.files, "bytes": exported.bytes, "already_complete": exported.already_complete,
-        "quarantined": quarantined, "missing": plan.missing(),
-    })
+#[derive(Serialize)]
+struct Export<'a> {
+    run: &'a Path,
+    out: &'a Path,
+    dry_run: bool,
+    format: ExportFormat,
+    encoding: PixelEncoding,
+    #[serde(flatten)]
+    exported: Exported,
+    #[serde(serialize_with = "reasons")]
+    quarantined: Vec<(SceneId, String)>,
+    missing: usize,
+    /// `None` in a dry run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    wall_s: Option<f64>,
 }
 
-fn left_out_text(plan: &ExportPlan) -> String {
-    let (quarantined, missing) = (plan.quarantined().count(), plan.missing());
-    let mut text = String::new();
-    if quarantined > 0 {
-        let _ = write!(text, "; {quarantined} scenes in quarantine are not in it");
+impl<'a> Export<'a> {
+    fn new(
+        args: &'a ExportArgs,
+        plan: &ExportPlan,
+        exported: Exported,
+        wall_s: Option<f64>,
+    ) -> Self {
+        let quarantined = plan.quarantined();
+        Self {
+            run: &args.run,
+            out: &args.out,
+            dry_run: wall_s.is_none(),
+            format: plan.request.format,
+            encoding: plan.request.encoding,
+            exported,
+            quarantined: quarantined
+                .map(|(s, reason)| (s.clone(), reason.to_owned()))
+                .collect(),
+            missing: plan.missing(),
+            wall_s,
+        }
     }
-    if missing > 0 {
-        let _ = write!(
-            text,
-            "; {missing} scenes that are not merged yet are not in it"
-        );
+}
+
+impl fmt::Display for Export<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (out, exported) = (self.out.display(), &self.exported);
+        let tuples: u64 = exported.tuples.values().sum();
+        let bytes = bytes_text(exported.bytes as f64);
+        match (self.wall_s, exported.already_complete) {
+            (None, true) => return write!(f, "{out} is complete: nothing would be written"),
+            (None, false) => write!(f, "would export {tuples} tuples to {out}, about {bytes}")?,
+            (Some(_), true) => {
+                return write!(
+                    f,
+                    "{out} is complete, nothing to do ({tuples} tuples); `sha256sum -c SHA256SUMS` in it checks its files"
+                );
+            }
+            (Some(wall_s), false) => write!(
+                f,
+                "exported {tuples} tuples to {out} in {wall_s:.1} s: {} files, {bytes}",
+                exported.files
+            )?,
+        }
+        let (quarantined, missing) = (self.quarantined.len(), self.missing);
+        if quarantined > 0 {
+            write!(f, "; {quarantined} scenes in quarantine are not in it")?;
+        }
+        if missing > 0 {
+            write!(
+                f,
+                "; {missing} scenes that are not merged yet are not in it"
+            )?;
+        }
+        Ok(())
     }
-    text
 }
 
 /// Refuses what the disk has no room for, as far as its file system tells.

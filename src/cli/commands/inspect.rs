@@ -6,7 +6,9 @@ use crate::cli::rows::{rows, wrapped};
 use crate::doctor::bytes_text;
 use crate::inspect::{Inspection, Kind, Problem, Whole, inspect_path};
 use clap::Args as ClapArgs;
-use serde_json::{Value, json};
+use serde::Serialize;
+use serde_json::{Map, Value};
+use std::fmt;
 use std::path::Path;
 use std::path::PathBuf;
 
@@ -30,17 +32,16 @@ pub(super) fn run(args: &InspectArgs, output: &Output) -> Exit {
         .map(|path| (path.as_path(), inspect_path(path)))
         .collect();
     std::panic::set_hook(hook);
-    let texts: Vec<String> = found
-        .iter()
-        .map(|(path, found)| text(path, found))
-        .collect();
-    let objects: Vec<Value> = found
-        .iter()
-        .map(|(path, found)| object(path, found))
-        .collect();
     let sound = found.iter().filter(|(_, found)| found.is_sound()).count();
-    let object = json!({ "sound": sound, "unsound": found.len() - sound, "files": objects });
-    output.result("glasshouse.inspect/1", object, &texts.join("\n\n"));
+    let inspected = Inspected {
+        sound,
+        unsound: found.len() - sound,
+        files: found
+            .iter()
+            .map(|(path, found)| File::new(path, found))
+            .collect(),
+    };
+    output.show("glasshouse.inspect/1", &inspected);
     if sound == found.len() {
         Exit::Done
     } else {
@@ -121,23 +122,53 @@ fn title(path: &Path, found: &Inspection) -> String {
     }
 }
 
-fn object(path: &Path, found: &Inspection) -> Value {
-    let (whole, how) = match &found.whole {
-        Whole::Yes(how) => (json!(true), json!(how)),
-        Whole::Unknown(why) => (json!(null), json!(why)),
-        Whole::No => (json!(false), json!(null)),
-    };
-    let problems = found.problems.iter();
-    let problems = problems.map(|p| json!({ "what": p.what, "where": p.place, "to_do": p.to_do }));
-    json!({
-        "file": path,
-        "kind": found.kind.name(),
-        "what": found.kind.words(),
-        "bytes": found.bytes,
-        "whole": whole,
-        "how": how,
-        "facts": found.facts.values(),
-        "problems": problems.collect::<Vec<_>>(),
-        "next": found.next,
-    })
+#[derive(Serialize)]
+struct Inspected<'a> {
+    sound: usize,
+    unsound: usize,
+    files: Vec<File<'a>>,
+}
+
+#[derive(Serialize)]
+struct File<'a> {
+    file: &'a Path,
+    kind: &'static str,
+    what: &'static str,
+    bytes: Option<u64>,
+    whole: Option<bool>,
+    how: Option<&'a str>,
+    facts: &'a Map<String, Value>,
+    problems: &'a [Problem],
+    next: &'a [String],
+    #[serde(skip)]
+    found: &'a Inspection,
+}
+
+impl<'a> File<'a> {
+    fn new(file: &'a Path, found: &'a Inspection) -> Self {
+        let (whole, how) = match &found.whole {
+            Whole::Yes(how) => (Some(true), Some(how.as_str())),
+            Whole::Unknown(why) => (None, Some(why.as_str())),
+            Whole::No => (Some(false), None),
+        };
+        Self {
+            file,
+            kind: found.kind.name(),
+            what: found.kind.words(),
+            bytes: found.bytes,
+            whole,
+            how,
+            facts: found.facts.values(),
+            problems: &found.problems,
+            next: &found.next,
+            found,
+        }
+    }
+}
+
+impl fmt::Display for Inspected<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let texts: Vec<String> = self.files.iter().map(|f| text(f.file, f.found)).collect();
+        f.write_str(&texts.join("\n\n"))
+    }
 }

@@ -18,8 +18,6 @@ mod render;
 mod report;
 mod retry;
 mod run;
-#[cfg(feature = "train")]
-mod run_training;
 mod sample;
 mod schema;
 #[cfg(feature = "train")]

@@ -8,16 +8,19 @@ use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::store_env;
 use crate::farm::{Run, SceneJob, render_partials};
+use crate::ids::SceneId;
 use crate::manifest::{Roots, SceneLine, parse_scene};
 use crate::merge::{
-    SrgbEncoder, TUPLE_SCHEMA, Tuple, TupleRecord, combine, encode_png, encode_rgb_exr,
+    LayerRecord, SrgbEncoder, TUPLE_SCHEMA, Tuple, TupleRecord, combine, encode_png, encode_rgb_exr,
 };
-use crate::scene::{load, read_files_by};
+use crate::scene::{SceneFacts, load, read_files_by};
 use crate::shard::ShardLayout;
 use crate::trace::{LAYERS, TRACER_VERSION};
 use anyhow::{Context, anyhow};
 use clap::Args as ClapArgs;
-use serde_json::json;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -70,15 +73,12 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
         );
     }
     if global.dry_run {
-        output.result(
-            "glasshouse.render/1",
-            json!({ "out": args.out, "dry_run": true, "scene": source.line.id }),
-            &format!(
-                "would render scene {} into {}",
-                source.line.id,
-                args.out.display()
-            ),
-        );
+        let planned = Planned {
+            out: &args.out,
+            dry_run: true,
+            scene: &source.line.id,
+        };
+        output.show("glasshouse.render/1", &planned);
         return Ok(Exit::Done);
     }
 
@@ -103,43 +103,21 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     write(&tuple, &args.out)?;
     let write_s = clock.elapsed().as_secs_f64();
 
-    let record = &tuple.record;
-    let symbols = LAYERS.into_iter().zip(["I", "T", "R~", "R"]);
-    let errors: Vec<String> = symbols
-        .filter_map(|(name, symbol)| Some((record.layers.get(name)?, symbol)))
-        .map(|(layer, symbol)| {
-            let error = layer
-                .error_rms
-                .map_or("?".to_owned(), |e| format!("{e:.1e}"));
-            format!("{symbol} {error}")
-        })
-        .collect();
-    let samples = match record.scene.film.target_error {
-        None => format!("{} samples a pixel", record.scene.film.spp),
-        Some(target) => {
-            let means = record
-                .layers
-                .values()
-                .filter_map(|layer| layer.mean_samples);
-            let most = means.fold(0.0, f64::max);
-            format!("{most:.0} samples a pixel on average for cells within {target:.1e}")
-        }
+    let rendered = Rendered {
+        out: &args.out,
+        scene: &source.line.id,
+        spp: source.line.film.spp,
+        layers: &tuple.record.layers,
+        facts: &tuple.record.facts,
+        seconds: Seconds {
+            read: read_s,
+            decode: decode_s,
+            trace: trace_s,
+            write: write_s,
+        },
+        target_error: tuple.record.scene.film.target_error,
     };
-    output.result(
-        "glasshouse.render/1",
-        json!({
-            "out": args.out, "scene": source.line.id, "spp": source.line.film.spp, "layers": record.layers,
-            "facts": record.facts,
-            "seconds": { "read": read_s, "decode": decode_s, "trace": trace_s, "write": write_s },
-        }),
-        &format!(
-            "{}: {samples}, estimated error {} (linear RMS); read {read_s:.3} s, decode {decode_s:.3} s, trace \
-             {trace_s:.3} s, write {write_s:.3} s\nlook at {}",
-            source.line.id,
-            errors.join(" "),
-            args.out.display(),
-        ),
-    );
+    output.show("glasshouse.render/1", &rendered);
     Ok(Exit::Done)
 }
 
@@ -204,4 +182,74 @@ fn write(tuple: &Tuple, out: &Path) -> Result<(), Failure> {
         atomic_file::write(&out.join(format!("{name}.png")), &png)?;
     }
     Ok(())
+}
+
+#[derive(Serialize)]
+struct Planned<'a> {
+    out: &'a Path,
+    dry_run: bool,
+    scene: &'a SceneId,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (scene, out) = (self.scene, self.out.display());
+        write!(f, "would render scene {scene} into {out}")
+    }
+}
+
+#[derive(Serialize)]
+struct Rendered<'a> {
+    out: &'a Path,
+    scene: &'a SceneId,
+    spp: u32,
+    layers: &'a BTreeMap<String, LayerRecord>,
+    facts: &'a SceneFacts,
+    seconds: Seconds,
+    #[serde(skip)]
+    target_error: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct Seconds {
+    read: f64,
+    decode: f64,
+    trace: f64,
+    write: f64,
+}
+
+impl fmt::Display for Rendered<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: ", self.scene)?;
+        match self.target_error {
+            None => write!(f, "{} samples a pixel", self.spp)?,
+            Some(target) => {
+                let means = self.layers.values().filter_map(|layer| layer.mean_samples);
+                let most = means.fold(0.0, f64::max);
+                write!(
+                    f,
+                    "{most:.0} samples a pixel on average for cells within {target:.1e}"
+                )?;
+            }
+        }
+        f.write_str(", estimated error")?;
+        for (name, symbol) in LAYERS.into_iter().zip(["I", "T", "R~", "R"]) {
+            match self.layers.get(name).map(|layer| layer.error_rms) {
+                None => {}
+                Some(None) => write!(f, " {symbol} ?")?,
+                Some(Some(error)) => write!(f, " {symbol} {error:.1e}")?,
+            }
+        }
+        let Seconds {
+            read,
+            decode,
+            trace,
+            write,
+        } = self.seconds;
+        write!(
+            f,
+            " (linear RMS); read {read:.3} s, decode {decode:.3} s, trace {trace:.3} s, write {write:.3} s\nlook at {}",
+            self.out.display()
+        )
+    }
 }

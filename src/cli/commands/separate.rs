@@ -9,12 +9,14 @@ use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::evaluate::read_picture;
+use crate::manifest::FeatureSource;
 use crate::train::LEAST_PX;
 use anyhow::anyhow;
 use clap::Args as ClapArgs;
 use image::{ImageFormat, RgbImage};
-use serde_json::json;
+use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -33,8 +35,6 @@ pub(super) struct SeparateArgs {
     #[command(flatten)]
     network: NetworkArgs,
 }
-
-const SCHEMA: &str = "glasshouse.separate/1";
 
 /// Endings of what is written: T* and R~*.
 const ENDINGS: [&str; 2] = ["transmission", "glass_reflection"];
@@ -66,48 +66,89 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
                 if !global.dry_run {
                     separate(&network, &picture, args.network.tile_px, targets)?;
                 }
-                let [transmission, glass_reflection] =
-                    targets.each_ref().map(|path| path.display().to_string());
-                images.push(json!({
-                    "image": path.display().to_string(), "width": picture.width(), "height": picture.height(),
-                    "transmission": transmission, "glass_reflection": glass_reflection,
-                }));
+                let [transmission, glass_reflection] = targets.clone();
+                images.push(Image {
+                    image: path.clone(),
+                    width: picture.width(),
+                    height: picture.height(),
+                    transmission,
+                    glass_reflection,
+                });
             }
             Err(reason) => {
                 progress.suspend(|| output.warning(&format!("{reason}; going on without it")));
-                failed.push(json!({ "image": path.display().to_string(), "reason": reason }));
+                let image = path.clone();
+                failed.push(Failed { image, reason });
             }
         }
         progress.add(1, false);
     }
     progress.finish();
-    let verb = if global.dry_run {
-        "would separate"
-    } else {
-        "separated"
-    };
-    let text = format!(
-        "{verb} {} of {} pictures into {} with {}",
-        images.len(),
-        args.images.len(),
-        args.out.display(),
-        network.row_name(None),
-    );
     let exit = match (stopped, failed.is_empty()) {
         (true, _) => signals.exit(),
         (false, true) => Exit::Done,
         (false, false) => Exit::Incomplete,
     };
-    output.result(
-        SCHEMA,
-        json!({
-            "checkpoint": network.path.display().to_string(), "step": network.state.step,
-            "features": network.state.settings.features, "dry_run": global.dry_run,
-            "images": images, "failed": failed, "wall_s": clock.elapsed().as_secs_f64(),
-        }),
-        &text,
-    );
+    let separated = Separated {
+        checkpoint: network.path.clone(),
+        step: network.state.step,
+        features: network.state.settings.features,
+        dry_run: global.dry_run,
+        images,
+        failed,
+        wall_s: clock.elapsed().as_secs_f64(),
+        given: args.images.len(),
+        out: args.out.clone(),
+        by: network.row_name(None),
+    };
+    output.show("glasshouse.separate/1", &separated);
     Ok(exit)
+}
+
+#[derive(Serialize)]
+struct Separated {
+    checkpoint: PathBuf,
+    step: u64,
+    features: FeatureSource,
+    dry_run: bool,
+    images: Vec<Image>,
+    failed: Vec<Failed>,
+    wall_s: f64,
+    /// Pictures that were to be separated.
+    #[serde(skip)]
+    given: usize,
+    #[serde(skip)]
+    out: PathBuf,
+    #[serde(skip)]
+    by: String,
+}
+
+#[derive(Serialize)]
+struct Image {
+    image: PathBuf,
+    width: u32,
+    height: u32,
+    transmission: PathBuf,
+    glass_reflection: PathBuf,
+}
+
+#[derive(Serialize)]
+struct Failed {
+    image: PathBuf,
+    reason: String,
+}
+
+impl fmt::Display for Separated {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let would = if self.dry_run {
+            "would separate"
+        } else {
+            "separated"
+        };
+        let (done, given) = (self.images.len(), self.given);
+        let (out, by) = (self.out.display(), &self.by);
+        write!(f, "{would} {done} of {given} pictures into {out} with {by}")
+    }
 }
 
 /// What is written for each image. No file may stand for two, and none for an image itself.

@@ -6,21 +6,22 @@ use crate::cli::args::{
 };
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::isolate::{self, Children, Only};
-use crate::cli::output::Output;
+use crate::cli::output::{Output, reasons};
 use crate::cli::progress::Progress;
 use crate::cli::queue;
 use crate::cli::signals::Signals;
 use crate::cli::store_env;
 use crate::farm::queue::{LocalQueue, Queue, Waiting};
 use crate::farm::{
-    Event, Fault, Observer, Outcome, Run, SharedQueue, Span, Stop, WorkOptions, WorkerName,
+    Event, Fault, Observer, Outcome, Quarantined, Run, SharedQueue, Span, Stop, WorkOptions, WorkerName,
     run_status, work, work_shared, work_span,
 };
+use crate::ids::SceneId;
 use crate::manifest::Roots;
 use crate::store::Store;
 use clap::Args as ClapArgs;
-use serde_json::{Value, json};
-use std::fmt::Write;
+use serde::{Serialize, Serializer};
+use std::fmt;
 use std::path::Path;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
@@ -63,12 +64,14 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
     if global.dry_run {
         let store = queue::store(&args.run, &args.queue)?;
         let status = Observer::new(&run, &store).look()?.counts;
-        let left = status.shards - status.shards_done;
-        output.result(
-            "glasshouse.work/1",
-            json!({ "run": args.run, "dry_run": true, "shards_left": left, "quarantined": status.quarantined }),
-            &format!("{left} of {} shards would be traced", status.shards),
-        );
+        let planned = Planned {
+            run: &args.run,
+            dry_run: true,
+            shards_left: status.shards - status.shards_done,
+            quarantined: &status.quarantined,
+            shards: status.shards,
+        };
+        output.show("glasshouse.work/1", &planned);
         return Ok(Exit::Done);
     }
     let how = How {
@@ -91,11 +94,7 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
         (None, None) => work_on(&run, &how, global, output)?,
         (None, Some(_)) => work_for(&run, &store, &args.queue, &how, global, output)?,
     };
-    output.result(
-        "glasshouse.work/1",
-        outcome_json(&outcome, &args.run, wall),
-        &summary(&outcome, wall),
-    );
+    output.show("glasshouse.work/1", &Worked::new(&outcome, &args.run, wall));
     Ok(exit)
 }
 
@@ -297,62 +296,98 @@ fn work_only(
 /// Between two signs of life of a child.
 const SIGNS_EVERY: Duration = Duration::from_millis(500);
 
-/// The outcome as JSON.
-pub(super) fn outcome_json(outcome: &Outcome, run: &Path, wall: Duration) -> Value {
-    let object = |seconds: &[(&str, f64)]| -> serde_json::Map<String, Value> {
-        let entry = |(stage, s): &(&str, f64)| ((*stage).to_owned(), json!(s));
-        seconds.iter().map(entry).collect()
-    };
-    let quarantined: Vec<Value> = outcome
-        .quarantined
-        .iter()
-        .map(|(scene, reason)| json!({ "scene": scene, "reason": reason }))
-        .collect();
-    json!({
-        "run": run,
-        "merged": outcome.merged,
-        "already_merged": outcome.already_merged,
-        "shards_traced": outcome.traced,
-        "shards_resumed": outcome.resumed,
-        "scenes_loaded": outcome.loaded,
-        "spans_given": outcome.given,
-        "quarantined": quarantined,
-        "stopped": outcome.stopped.map(Stop::name),
-        "wall_s": wall.as_secs_f64(),
-        "thread_seconds": object(&outcome.seconds.all()),
-        "cpu_seconds": object(&outcome.seconds.cpu()),
-    })
+#[derive(Serialize)]
+struct Planned<'a> {
+    run: &'a Path,
+    dry_run: bool,
+    shards_left: u64,
+    quarantined: &'a [Quarantined],
+    #[serde(skip)]
+    shards: u64,
 }
 
-/// The outcome in a sentence.
-pub(super) fn summary(outcome: &Outcome, wall: Duration) -> String {
-    let mut text = format!(
-        "{} tuples in {:.1} s ({} shards traced, {} taken up",
-        outcome.merged,
-        wall.as_secs_f64(),
-        outcome.traced,
-        outcome.resumed
-    );
-    if outcome.already_merged > 0 {
-        let _ = write!(text, "; {} tuples were there", outcome.already_merged);
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (left, all) = (self.shards_left, self.shards);
+        write!(f, "{left} of {all} shards would be traced")
     }
-    text += ")";
-    if !outcome.quarantined.is_empty() {
-        let _ = write!(
-            text,
-            "; {} scenes in quarantine, see `glasshouse status RUN` (`glasshouse retry RUN SCENE` tries one again)",
-            outcome.quarantined.len()
-        );
-    }
-    match outcome.stopped {
-        Some(Stop::Asked) => text += "; stopped by a signal, the same command goes on",
-        Some(Stop::TimeLimit) => text += "; time is up, the same command goes on",
-        Some(Stop::Drained) => text += "; ended because too many scenes failed here",
-        Some(Stop::Cancelled) => {
-            text +=
-                "; the run is cancelled, after `glasshouse resume RUN` the same command goes on";
+}
+
+/// What a worker did.
+#[derive(Serialize)]
+pub(super) struct Worked<'a> {
+    run: &'a Path,
+    merged: u64,
+    already_merged: u64,
+    shards_traced: u64,
+    shards_resumed: u64,
+    scenes_loaded: u64,
+    spans_given: u64,
+    #[serde(serialize_with = "reasons")]
+    quarantined: &'a [(SceneId, String)],
+    stopped: Option<&'static str>,
+    wall_s: f64,
+    #[serde(serialize_with = "by_stage")]
+    thread_seconds: Vec<(&'static str, f64)>,
+    #[serde(serialize_with = "by_stage")]
+    cpu_seconds: Vec<(&'static str, f64)>,
+    #[serde(skip)]
+    stop: Option<Stop>,
+}
+
+fn by_stage<S: Serializer>(
+    seconds: &[(&'static str, f64)],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(seconds.iter().copied())
+}
+
+impl<'a> Worked<'a> {
+    pub(super) fn new(outcome: &'a Outcome, run: &'a Path, wall: Duration) -> Self {
+        Self {
+            run,
+            merged: outcome.merged,
+            already_merged: outcome.already_merged,
+            shards_traced: outcome.traced,
+            shards_resumed: outcome.resumed,
+            scenes_loaded: outcome.loaded,
+            spans_given: outcome.given,
+            quarantined: &outcome.quarantined,
+            stopped: outcome.stopped.map(Stop::name),
+            wall_s: wall.as_secs_f64(),
+            thread_seconds: outcome.seconds.all().to_vec(),
+            cpu_seconds: outcome.seconds.cpu().to_vec(),
+            stop: outcome.stopped,
         }
-        None => {}
     }
-    text
+}
+
+impl fmt::Display for Worked<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} tuples in {:.1} s ({} shards traced, {} resumed",
+            self.merged, self.wall_s, self.shards_traced, self.shards_resumed
+        )?;
+        if self.already_merged > 0 {
+            write!(f, "; {} tuples were there", self.already_merged)?;
+        }
+        f.write_str(")")?;
+        if !self.quarantined.is_empty() {
+            write!(
+                f,
+                "; {} scenes in quarantine, see `glasshouse status RUN` (`glasshouse retry RUN SCENE` tries one again)",
+                self.quarantined.len()
+            )?;
+        }
+        f.write_str(match self.stop {
+            Some(Stop::Asked) => "; stopped by a signal, the same command goes on",
+            Some(Stop::TimeLimit) => "; time limit reached; run the same command to resume",
+            Some(Stop::Drained) => "; ended because too many scenes failed here",
+            Some(Stop::Cancelled) => {
+                "; the run is cancelled, after `glasshouse resume RUN` the same command goes on"
+            }
+            None => "",
+        })
+    }
 }

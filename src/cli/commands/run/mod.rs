@@ -1,10 +1,13 @@
 //! `run RECIPE`: everything, on this machine.
 
-use crate::cases::{CaseFile, check, is_case_file, table};
+#[cfg(feature = "train")]
+mod training;
+
+use crate::cases::{CaseFile, CheckRow, check, is_case_file, table};
 use crate::cli::args::{CheckpointArgs, Global};
 use crate::cli::commands::plan::{self, PlanArgs, plan_with, run_folder};
 use crate::cli::commands::report;
-use crate::cli::commands::work::{How, outcome_json, summary, work_on};
+use crate::cli::commands::work::{How, Worked, work_on};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::store_env;
@@ -13,8 +16,9 @@ use crate::manifest::Roots;
 use crate::report::write_report;
 use crate::store::Store;
 use clap::Args as ClapArgs;
-use serde_json::json;
-use std::path::Path;
+use serde::Serialize;
+use std::fmt;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct RunArgs {
@@ -48,19 +52,17 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
         // A training takes long: the tuples can be looked at meanwhile.
         report = Some(write_report(&run, &store, None)?);
     }
-    let mut object = outcome_json(&outcome, &folder, wall);
-    let mut text = summary(&outcome, wall);
     let mut exit = exit;
     #[cfg(feature = "train")]
+    let mut lesson = None;
+    #[cfg(feature = "train")]
     if matches!(exit, Exit::Done | Exit::Incomplete)
-        && let Some(training) =
-            crate::cli::commands::run_training::training(&folder, &run, global, output)?
+        && let Some(training) = training::training(&folder, &run, global, output)?
     {
-        object["train"] = training.object;
-        text = format!("{}\n{text}", training.text);
         if training.exit != Exit::Done {
             exit = training.exit;
         }
+        lesson = Some(training);
         // The same page, with the training.
         report = None;
     }
@@ -69,29 +71,71 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
         None => write_report(&run, &store, None)?,
     };
     report::warn(&report, output);
-    object["report"] = json!(report.path);
-    text = format!("{text}\nlook at {}", report.path.display());
+    let mut ran = Ran {
+        worked: Worked::new(&outcome, &folder, wall),
+        #[cfg(feature = "train")]
+        train: lesson,
+        report: report.path,
+        checks: None,
+    };
     // A run that was stopped has nothing to compare yet.
     if matches!(exit, Exit::Done | Exit::Incomplete)
         && let Some(file) = case_file(&plan.recipe)?
     {
         let rows = check(&file, &run).map_err(|e| Failure::new(Exit::Failed, e))?;
         let failed = rows.iter().filter(|row| !row.ok).count();
-        object["checks"] = json!(rows);
-        object["checks_failed"] = json!(failed);
-        text = format!(
-            "{}\n{} checks, {failed} failed\n{text}",
-            table(&rows),
-            rows.len()
-        );
         exit = if failed == 0 {
             Exit::Done
         } else {
             Exit::Failed
         };
+        ran.checks = Some(Checks {
+            checks: rows,
+            checks_failed: failed,
+        });
     }
-    output.result("glasshouse.run/1", object, &text);
+    output.show("glasshouse.run/1", &ran);
     Ok(exit)
+}
+
+#[derive(Serialize)]
+struct Ran<'a> {
+    #[serde(flatten)]
+    worked: Worked<'a>,
+    #[cfg(feature = "train")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    train: Option<training::Lesson>,
+    report: PathBuf,
+    #[serde(flatten)]
+    checks: Option<Checks>,
+}
+
+#[derive(Serialize)]
+struct Checks {
+    checks: Vec<CheckRow>,
+    checks_failed: usize,
+}
+
+impl fmt::Display for Ran<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(Checks {
+            checks,
+            checks_failed,
+        }) = &self.checks
+        {
+            writeln!(
+                f,
+                "{}\n{} checks, {checks_failed} failed",
+                table(checks),
+                checks.len()
+            )?;
+        }
+        #[cfg(feature = "train")]
+        if let Some(train) = &self.train {
+            writeln!(f, "{train}")?;
+        }
+        write!(f, "{}\nlook at {}", self.worked, self.report.display())
+    }
 }
 
 /// The hard cases in `path`, if it holds such.
