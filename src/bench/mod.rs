@@ -15,6 +15,7 @@ mod cpu;
 mod deviation;
 mod dump;
 mod error;
+mod error_report;
 mod fit;
 mod half_done;
 mod kernels;
@@ -33,6 +34,7 @@ pub use cpu::{cpu_name, on_cpu};
 pub use deviation::{CELL_PX, Deviation};
 pub use dump::RayDump;
 pub use error::BenchError;
+pub use error_report::{ERROR_SCHEMA, ErrorReport};
 pub use fit::{Slope, log_log_slope};
 pub use half_done::{HalfDone, half_done};
 pub use kernels::{

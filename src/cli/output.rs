@@ -35,6 +35,14 @@ pub(super) fn reasons<S: Serializer>(
     )
 }
 
+/// Names with numbers as an object, in their order.
+pub(super) fn as_map<S: Serializer>(
+    numbers: &[(&'static str, f64)],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(numbers.iter().copied())
+}
+
 /// Where output goes, and how.
 pub(super) struct Output {
     json: bool,

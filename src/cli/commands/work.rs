@@ -6,21 +6,21 @@ use crate::cli::args::{
 };
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::isolate::{self, Children, Only};
-use crate::cli::output::{Output, reasons};
+use crate::cli::output::{Output, as_map, reasons};
 use crate::cli::progress::Progress;
 use crate::cli::queue;
 use crate::cli::signals::Signals;
 use crate::cli::store_env;
 use crate::farm::queue::{LocalQueue, Queue, Waiting};
 use crate::farm::{
-    Event, Fault, Observer, Outcome, Quarantined, Run, SharedQueue, Span, Stop, WorkOptions, WorkerName,
-    run_status, work, work_shared, work_span,
+    Event, Fault, Observer, Outcome, Quarantined, Run, SharedQueue, Span, Stop, WorkOptions,
+    WorkerName, run_status, work, work_shared, work_span,
 };
 use crate::ids::SceneId;
 use crate::manifest::Roots;
 use crate::store::Store;
 use clap::Args as ClapArgs;
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 use std::fmt;
 use std::path::Path;
 use std::path::PathBuf;
@@ -327,19 +327,12 @@ pub(super) struct Worked<'a> {
     quarantined: &'a [(SceneId, String)],
     stopped: Option<&'static str>,
     wall_s: f64,
-    #[serde(serialize_with = "by_stage")]
+    #[serde(serialize_with = "as_map")]
     thread_seconds: Vec<(&'static str, f64)>,
-    #[serde(serialize_with = "by_stage")]
+    #[serde(serialize_with = "as_map")]
     cpu_seconds: Vec<(&'static str, f64)>,
     #[serde(skip)]
     stop: Option<Stop>,
-}
-
-fn by_stage<S: Serializer>(
-    seconds: &[(&'static str, f64)],
-    serializer: S,
-) -> Result<S::Ok, S::Error> {
-    serializer.collect_map(seconds.iter().copied())
 }
 
 impl<'a> Worked<'a> {

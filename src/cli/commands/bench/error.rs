@@ -1,9 +1,8 @@
 //! `bench error`
 
-use crate::atomic_file;
 use crate::bench::{
-    BenchScene, Ladder, LayerRow, Reference, Slope, VARIANTS, Work, align, climb, cpu_name, csv,
-    error_plot, on_cpu, own_reference, pair, read_reference, slopes,
+    BenchError, ERROR_SCHEMA, ErrorReport, Ladder, VARIANTS, Work, climb, cpu_name, own_reference,
+    pair, read_reference, slopes,
 };
 use crate::cli::args::{Global, RootArgs, isa, parse_spp, threads};
 use crate::cli::commands::bench::{isa_name, read_scene};
@@ -12,12 +11,13 @@ use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::manifest::Roots;
-use crate::trace::{LAYERS, TRACER_VERSION};
+use crate::trace::{Isa, TRACER_VERSION};
 use anyhow::anyhow;
 use clap::Args as ClapArgs;
-use serde_json::{Value, json};
-use std::fmt::Write;
-use std::path::PathBuf;
+use serde::Serialize;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct BenchErrorArgs {
@@ -43,8 +43,6 @@ pub(super) struct BenchErrorArgs {
     #[command(flatten)]
     roots: RootArgs,
 }
-
-const SCHEMA: &str = "glasshouse.bench_error/1";
 
 /// Photographs and film of the built-in scene, px.
 const BUILTIN_SIZE: [u32; 2] = [1024, 768];
@@ -76,22 +74,16 @@ pub(super) fn run(
         None => None,
     };
     if global.dry_run {
-        output.result(
-            SCHEMA,
-            json!({
-                "dry_run": true, "scene": scene.name, "out": args.out, "spp": ladder.spp, "seeds": ladder.seeds,
-                "reference": args.reference, "reference_spp": args.reference_spp,
-            }),
-            &format!(
-                "would render scene {} with {} sample counts, {} kinds of sampling and {} seeds, and write error.csv, error.json \
-                 and error.svg to {}",
-                scene.name,
-                ladder.spp.len(),
-                VARIANTS.len(),
-                ladder.seeds,
-                args.out.display()
-            ),
-        );
+        let planned = Planned {
+            dry_run: true,
+            scene: &scene.name,
+            out: &args.out,
+            spp: &ladder.spp,
+            seeds: ladder.seeds,
+            reference: args.reference.as_deref(),
+            reference_spp: args.reference_spp,
+        };
+        output.show(ERROR_SCHEMA, &planned);
         return Ok(Exit::Done);
     }
 
@@ -104,33 +96,20 @@ pub(super) fn run(
     };
     let isa = isa(global)?;
     let threads = threads(global);
-    let with_progress = |samples: u64, work: &mut dyn FnMut(&Work) -> Result<(), Failure>| {
-        let progress = Progress::new(global, "Msamples", samples.div_ceil(PROGRESS_UNIT));
-        let counted = std::sync::atomic::AtomicU64::new(0);
-        let on_samples = |count: u64| {
-            let before = counted.fetch_add(count, std::sync::atomic::Ordering::Relaxed);
-            let whole = (before + count) / PROGRESS_UNIT - before / PROGRESS_UNIT;
-            if whole > 0 {
-                progress.add(whole, false);
-            }
-        };
-        let result = work(&Work {
-            threads,
-            isa,
-            stop: signals.stop(),
-            on_samples: &on_samples,
-        });
-        progress.finish();
-        result
+    let bench = Bench {
+        global,
+        threads,
+        isa,
+        signals: &signals,
     };
     let film = &scene.line.film;
     let pixels = u64::from(film.width) * u64::from(film.height);
     let mut reference = given;
     if reference.is_none() {
         let dir = args.out.join("reference");
-        with_progress(pixels * u64::from(args.reference_spp), &mut |work| {
-            reference = own_reference(&scene, args.reference_spp, &dir, work)?;
-            Ok(())
+        let samples = pixels * u64::from(args.reference_spp);
+        reference = bench.with_progress(samples, |work| {
+            own_reference(&scene, args.reference_spp, &dir, work)
         })?;
     }
     let reference = reference.ok_or_else(stopped)?;
@@ -140,168 +119,85 @@ pub(super) fn run(
             reference.dir.display()
         ));
     }
-    let mut rows = None;
-    with_progress(ladder.samples(pixels), &mut |work| {
-        rows = climb(&scene, &ladder, &reference, work)?;
-        Ok(())
+    let rows = bench.with_progress(ladder.samples(pixels), |work| {
+        climb(&scene, &ladder, &reference, work)
     })?;
     let rows = rows.ok_or_else(stopped)?;
-    let slopes = slopes(&rows, &reference);
-
-    let mut object = json!({
-        "scene": scene.name, "film": [film.width, film.height], "tracer_version": TRACER_VERSION, "isa": isa_name(isa),
-        "threads": threads, "cpu": cpu_name(), "seeds": ladder.seeds, "spp": ladder.spp,
-        "reference": reference_json(&reference), "slopes": slopes, "rows": rows,
-    });
-    let title = format!(
-        "Scene {}: error against CPU time (reference: {})",
-        scene.name,
-        truth(&reference, "samples of another seed")
-    );
-    atomic_file::create_dir(&args.out)?;
-    let mut file = json!({ "schema": SCHEMA });
-    if let (Value::Object(file), Value::Object(object)) = (&mut file, &object) {
-        file.extend(object.clone());
-    }
-    let svg = args.out.join("error.svg");
-    atomic_file::write(&args.out.join("error.csv"), csv(&rows).as_bytes())?;
-    atomic_file::write(&svg, error_plot(&rows, &title).as_bytes())?;
-    atomic_file::write(
-        &args.out.join("error.json"),
-        format!("{file:#}\n").as_bytes(),
-    )?;
-    object["out"] = json!(args.out);
-    let mut text = text(&scene, &reference, &rows, &slopes);
-    let _ = write!(text, "look at {}", svg.display());
-    output.result(SCHEMA, object, &text);
+    let mut report = ErrorReport {
+        scene: &scene.name,
+        film: [film.width, film.height],
+        tracer_version: TRACER_VERSION,
+        isa: isa_name(isa),
+        threads,
+        cpu: cpu_name(),
+        seeds: ladder.seeds,
+        spp: &ladder.spp,
+        reference: &reference,
+        slopes: slopes(&rows, &reference),
+        rows,
+        out: None,
+    };
+    report.write(&args.out)?;
+    output.show(ERROR_SCHEMA, &report);
     Ok(Exit::Done)
 }
 
-fn reference_json(reference: &Reference) -> Value {
-    match &reference.record {
-        Some(record) => {
-            let errors: serde_json::Map<String, Value> = LAYERS
-                .iter()
-                .zip(record.error_rms)
-                .map(|(name, error)| ((*name).to_owned(), json!(error)))
-                .collect();
-            json!({
-                "dir": reference.dir, "spp": record.spp, "seed": record.seed, "stated_rmse": errors, "cpu_s": record.cpu_s,
-                "reused": reference.reused,
-            })
-        }
-        None => json!({ "dir": reference.dir }),
-    }
+/// How renderings are made, with progress.
+struct Bench<'a> {
+    global: &'a Global,
+    threads: usize,
+    isa: Isa,
+    signals: &'a Signals,
 }
 
-/// What the error is against, in words.
-fn truth(reference: &Reference, what: &str) -> String {
-    reference.record.as_ref().map_or_else(
-        || format!("the images in {}", reference.dir.display()),
-        |record| format!("{} {what}", record.spp),
-    )
-}
-
-/// The tables: one for each kind of sampling and layer.
-fn text(scene: &BenchScene, reference: &Reference, rows: &[LayerRow], slopes: &[Slope]) -> String {
-    let film = &scene.line.film;
-    let mut text = format!(
-        "{}, {} x {} px{}, against {}",
-        scene.name,
-        film.width,
-        film.height,
-        on_cpu(),
-        truth(reference, "samples of another seed")
-    );
-    if let Some(record) = &reference.record {
-        let stated: Vec<String> = LAYERS
-            .iter()
-            .zip(record.error_rms)
-            .map(|(name, error)| format!("{name} {}", optional(error, |e| format!("{e:.1e}"))))
-            .collect();
-        let _ = write!(text, " (its own stated error: {})", stated.join(", "));
-    }
-    text += "\n";
-    for slope in slopes {
-        let tail = slope.tail_slope.map_or_else(String::new, |s| {
-            format!(", samples^{s:.2} from 16 samples on")
-        });
-        let fitted = slope.slope.map_or_else(
-            || "too few rungs for a slope".to_owned(),
-            |s| format!("RMSE ~ samples^{s:.2} over {} rungs{tail}", slope.rungs),
-        );
-        let _ = writeln!(text, "\n{}, {}: {fitted}\n", slope.layer, slope.variant);
-        let head = [
-            "samples",
-            "CPU s",
-            "RMSE",
-            "relative MSE",
-            "bias",
-            "sRGB steps",
-            "worst 8x8",
-            "p99 8x8",
-            "stated/true",
-        ];
-        let mut table = vec![head.map(str::to_owned).to_vec()];
-        let of_slope = |row: &&LayerRow| row.variant == slope.variant && row.layer == slope.layer;
-        for row in rows.iter().filter(of_slope) {
-            let d = &row.deviation;
-            table.push(vec![
-                format!("{}", (row.samples * 10.0).round() / 10.0),
-                format!("{:.3}", row.cpu_s),
-                format!("{:.2e}", d.rmse),
-                format!("{:.2e}", d.relative_mse),
-                format!("{:+.1e}", d.bias),
-                format!("{:.3}", d.srgb_steps),
-                format!("{:.2e}", d.cell_rmse_worst),
-                format!("{:.2e}", d.cell_rmse_p99),
-                optional(row.stated_over_true, |ratio| format!("{ratio:.2}")),
-            ]);
-        }
-        text += &align(&table, 0);
-    }
-    text += "\n";
-    text += &summary(rows, slopes);
-    text += "\n";
-    text
-}
-
-/// One row for each layer: how each kind of sampling falls, and where it ends.
-fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
-    let top = rows.iter().map(|row| row.spp).max().unwrap_or(0);
-    let mut head = vec!["layer".to_owned()];
-    for variant in VARIANTS {
-        head.push(format!("{} slope", variant.name));
-        head.push("from 16".to_owned());
-        head.push(format!("RMSE at {top} spp"));
-        head.push("CPU s".to_owned());
-    }
-    let mut table = vec![head];
-    for layer in LAYERS {
-        let mut cells = vec![layer.to_owned()];
-        for variant in VARIANTS {
-            let slope = slopes
-                .iter()
-                .find(|s| s.variant == variant.name && s.layer == layer);
-            for fitted in [
-                slope.and_then(|s| s.slope),
-                slope.and_then(|s| s.tail_slope),
-            ] {
-                cells.push(optional(fitted, |s| format!("{s:.2}")));
+impl Bench<'_> {
+    fn with_progress<T>(
+        &self,
+        samples: u64,
+        work: impl FnOnce(&Work) -> Result<T, BenchError>,
+    ) -> Result<T, BenchError> {
+        let progress = Progress::new(self.global, "Msamples", samples.div_ceil(PROGRESS_UNIT));
+        let counted = AtomicU64::new(0);
+        let on_samples = |count: u64| {
+            let before = counted.fetch_add(count, Ordering::Relaxed);
+            let whole = (before + count) / PROGRESS_UNIT - before / PROGRESS_UNIT;
+            if whole > 0 {
+                progress.add(whole, false);
             }
-            let last = rows
-                .iter()
-                .find(|r| r.variant == variant.name && r.layer == layer && r.spp == top);
-            cells.push(optional(last.map(|r| r.deviation.rmse), |e| {
-                format!("{e:.2e}")
-            }));
-            cells.push(optional(last.map(|r| r.cpu_s), |s| format!("{s:.2}")));
-        }
-        table.push(cells);
+        };
+        let result = work(&Work {
+            threads: self.threads,
+            isa: self.isa,
+            stop: self.signals.stop(),
+            on_samples: &on_samples,
+        });
+        progress.finish();
+        result
     }
-    align(&table, 1)
 }
 
-fn optional(value: Option<f64>, print: impl Fn(f64) -> String) -> String {
-    value.map_or_else(|| "-".to_owned(), print)
+#[derive(Serialize)]
+struct Planned<'a> {
+    dry_run: bool,
+    scene: &'a str,
+    out: &'a Path,
+    spp: &'a [u32],
+    seeds: u32,
+    reference: Option<&'a Path>,
+    reference_spp: u32,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "would render scene {} with {} sample counts, {} kinds of sampling and {} seeds, and write error.csv, error.json \
+             and error.svg to {}",
+            self.scene,
+            self.spp.len(),
+            VARIANTS.len(),
+            self.seeds,
+            self.out.display()
+        )
+    }
 }

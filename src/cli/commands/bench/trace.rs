@@ -12,9 +12,9 @@ use crate::cli::progress::Progress;
 use crate::manifest::Roots;
 use crate::trace::{Isa, TRACER_VERSION};
 use clap::Args as ClapArgs;
-use serde_json::json;
-use std::fmt::Write;
-use std::path::PathBuf;
+use serde::Serialize;
+use std::fmt;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct BenchTraceArgs {
@@ -62,11 +62,12 @@ pub(super) fn run(
         if !args.no_builtin {
             names.splice(0..0, ["indoor", "outdoor", "stress"]);
         }
-        output.result(
-            SCHEMA,
-            json!({ "dry_run": true, "scenes": names, "dump": args.dump }),
-            &format!("would measure {}", names.join(", ")),
-        );
+        let planned = Planned {
+            dry_run: true,
+            scenes: names,
+            dump: args.dump.as_deref(),
+        };
+        output.show(SCHEMA, &planned);
         return Ok(Exit::Done);
     }
     if !args.no_builtin {
@@ -90,29 +91,63 @@ pub(super) fn run(
     let (kernels, tracers, builds) = measured?;
     let dumped = dump.map(RayDump::finish).transpose()?;
 
-    let mut text = format!(
-        "one core{}, {} passes\n\nIntersection alone, millions of rays a second: median (best)\n\n",
-        on_cpu(),
-        args.passes
-    );
-    text += &align(&kernel_table(&kernels, &isas), 2);
-    text += "\nWhole tracer, millions of camera samples a second (best), and of rays a second\n\n";
-    text += &align(&tracer_table(&tracers, &isas), 2);
-    text += "\nGrid and pyramid, milliseconds\n\n";
-    text += &align(&build_table(&builds), 2);
-    if let Some(path) = &dumped {
-        let _ = writeln!(text, "\nrays in {}", path.display());
-    }
-    let names: Vec<&str> = isas.iter().map(|isa| isa_name(*isa)).collect();
-    output.result(
-        SCHEMA,
-        json!({
-            "cpu": cpu_name(), "tracer_version": TRACER_VERSION, "passes": args.passes, "isas": names,
-            "kernels": kernels, "tracer": tracers, "grids": builds, "dump": dumped,
-        }),
-        text.trim_end(),
-    );
+    let report = Report {
+        cpu: cpu_name(),
+        tracer_version: TRACER_VERSION,
+        passes: args.passes,
+        isas: isas.iter().map(|isa| isa_name(*isa)).collect(),
+        kernels,
+        tracer: tracers,
+        grids: builds,
+        dump: dumped,
+    };
+    output.show(SCHEMA, &report);
     Ok(Exit::Done)
+}
+
+#[derive(Serialize)]
+struct Planned<'a> {
+    dry_run: bool,
+    scenes: Vec<&'a str>,
+    dump: Option<&'a Path>,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "would measure {}", self.scenes.join(", "))
+    }
+}
+
+#[derive(Serialize)]
+struct Report {
+    cpu: Option<String>,
+    tracer_version: u32,
+    passes: u16,
+    isas: Vec<&'static str>,
+    kernels: Vec<KernelRow>,
+    tracer: Vec<TracerRow>,
+    grids: Vec<BuildRow>,
+    dump: Option<PathBuf>,
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "one core{}, {} passes\n\nIntersection alone, millions of rays a second: median (best)\n\n{}\n\
+             Whole tracer, millions of camera samples a second (best), and of rays a second\n\n{}\n\
+             Grid and pyramid, milliseconds\n\n{}",
+            on_cpu(),
+            self.passes,
+            align(&kernel_table(&self.kernels, &self.isas), 2),
+            align(&tracer_table(&self.tracer, &self.isas), 2),
+            align(&build_table(&self.grids), 2).trim_end(),
+        )?;
+        match &self.dump {
+            Some(path) => write!(f, "\n\nrays in {}", path.display()),
+            None => Ok(()),
+        }
+    }
 }
 
 type Measured = (Vec<KernelRow>, Vec<TracerRow>, Vec<BuildRow>);
@@ -149,9 +184,9 @@ fn words(cells: &[&str]) -> Vec<String> {
     cells.iter().map(|cell| (*cell).to_owned()).collect()
 }
 
-fn kernel_table(rows: &[KernelRow], isas: &[Isa]) -> Vec<Vec<String>> {
+fn kernel_table(rows: &[KernelRow], isas: &[&str]) -> Vec<Vec<String>> {
     let mut head = words(&["scene", "kernel", "cells a ray", "rounds of 16 rays"]);
-    head.extend(isas.iter().map(|isa| isa_name(*isa).to_owned()));
+    head.extend(isas.iter().map(|isa| (*isa).to_owned()));
     let mut table = vec![head];
     for row in rows {
         let kernel = row.apex.map_or_else(
@@ -174,11 +209,11 @@ fn kernel_table(rows: &[KernelRow], isas: &[Isa]) -> Vec<Vec<String>> {
     table
 }
 
-fn tracer_table(rows: &[TracerRow], isas: &[Isa]) -> Vec<Vec<String>> {
+fn tracer_table(rows: &[TracerRow], isas: &[&str]) -> Vec<Vec<String>> {
     let mut head = words(&["scene", "apex", "rays a sample"]);
     for isa in isas {
-        head.push(format!("{} samples", isa_name(*isa)));
-        head.push(format!("{} rays", isa_name(*isa)));
+        head.push(format!("{isa} samples"));
+        head.push(format!("{isa} rays"));
     }
     let mut table = vec![head];
     for row in rows {

@@ -4,13 +4,14 @@ use crate::bench::{TrainBench, TrainStep, align, cpu_name, on_cpu};
 use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::network::use_threads;
-use crate::cli::output::Output;
+use crate::cli::output::{Output, as_map};
 use crate::cli::progress::Progress;
 use crate::train::{FeatureSource, TrainSettings};
 use candle_core::Device;
 use clap::Args as ClapArgs;
-use serde_json::json;
+use serde::Serialize;
 use std::collections::BTreeMap;
+use std::fmt;
 
 #[cfg(feature = "train")]
 #[derive(Debug, ClapArgs)]
@@ -52,12 +53,11 @@ pub(super) fn run(
     let usage = |e: crate::train::SettingError| Failure::new(Exit::Usage, e);
     settings.validate().map_err(usage)?;
     if global.dry_run {
-        let text = format!("would take {} steps and one before them", args.steps);
-        output.result(
-            SCHEMA,
-            json!({ "dry_run": true, "steps": args.steps }),
-            &text,
-        );
+        let planned = Planned {
+            dry_run: true,
+            steps: args.steps,
+        };
+        output.show(SCHEMA, &planned);
         return Ok(Exit::Done);
     }
     let threads = use_threads(global);
@@ -81,52 +81,96 @@ pub(super) fn run(
         let error = anyhow::anyhow!("no step was taken");
         return Err(Failure::new(Exit::Usage, error));
     };
-    let wall = fastest.wall_s;
-    let images_per_s = settings.batch as f64 / wall;
-    let peak = peak_memory_bytes();
-    let mut parts: BTreeMap<&str, f64> = BTreeMap::new();
+    let mut parts: BTreeMap<&'static str, f64> = BTreeMap::new();
     for (name, seconds) in &best.parts {
         *parts.entry(name).or_default() += seconds;
     }
-    let mut order: Vec<(&str, f64)> = parts.into_iter().collect();
-    order.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let mut rows = vec![["part", "CPU s", "share"].map(str::to_owned).to_vec()];
-    rows.extend(order.iter().map(|(name, seconds)| {
-        let share = 100.0 * seconds / best.cpu_s;
-        vec![
-            (*name).to_owned(),
-            format!("{seconds:.3}"),
-            format!("{share:.0} %"),
-        ]
-    }));
+    let mut parts: Vec<(&'static str, f64)> = parts.into_iter().collect();
+    parts.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut cpu: Vec<f64> = steps.iter().map(|s| s.cpu_s).collect();
     cpu.sort_by(f64::total_cmp);
-    let median = cpu[cpu.len() / 2];
-    let text = format!(
-        "one step, {size} x {size} px, batch {batch}, width {width}, {threads} threads{cpu}: {cpu_s:.3} CPU s (best of {n}; median {median:.3}), \
-         {wall:.3} s, {images_per_s:.2} images/s, {parameters} parameters, peak memory {peak}\n{table}",
-        size = args.size,
-        batch = settings.batch,
-        width = settings.width,
-        cpu = on_cpu(),
-        cpu_s = best.cpu_s,
-        n = steps.len(),
-        parameters = bench.parameters(),
-        peak = peak.map_or("?".to_owned(), |b| format!("{:.2} GB", b as f64 / 1e9)),
-        table = align(&rows, 1),
-    );
-    output.result(
-        SCHEMA,
-        json!({
-            "step_cpu_seconds": best.cpu_s, "step_cpu_seconds_median": median, "step_wall_seconds": wall,
-            "images_per_second": images_per_s, "params": bench.parameters(), "peak_memory_bytes": peak,
-            "parts_cpu_seconds": order.iter().map(|(n, s)| ((*n).to_owned(), json!(s))).collect::<serde_json::Map<_, _>>(),
-            "steps": steps.len(), "size_px": args.size, "batch": settings.batch, "width": settings.width,
-            "features": settings.features, "threads": threads, "cpu": cpu_name(),
-        }),
-        &text,
-    );
+    let report = Report {
+        step_cpu_seconds: best.cpu_s,
+        step_cpu_seconds_median: cpu[cpu.len() / 2],
+        step_wall_seconds: fastest.wall_s,
+        images_per_second: settings.batch as f64 / fastest.wall_s,
+        params: bench.parameters(),
+        peak_memory_bytes: peak_memory_bytes(),
+        parts_cpu_seconds: parts,
+        steps: steps.len(),
+        size_px: args.size,
+        batch: settings.batch,
+        width: settings.width,
+        features: settings.features,
+        threads,
+        cpu: cpu_name(),
+    };
+    output.show(SCHEMA, &report);
     Ok(Exit::Done)
+}
+
+#[derive(Serialize)]
+struct Planned {
+    dry_run: bool,
+    steps: u32,
+}
+
+impl fmt::Display for Planned {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "would take {} steps and one before them", self.steps)
+    }
+}
+
+#[derive(Serialize)]
+struct Report {
+    step_cpu_seconds: f64,
+    step_cpu_seconds_median: f64,
+    step_wall_seconds: f64,
+    images_per_second: f64,
+    params: usize,
+    peak_memory_bytes: Option<u64>,
+    #[serde(serialize_with = "as_map")]
+    parts_cpu_seconds: Vec<(&'static str, f64)>,
+    steps: usize,
+    size_px: u32,
+    batch: usize,
+    width: usize,
+    features: FeatureSource,
+    threads: usize,
+    cpu: Option<String>,
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut rows = vec![["part", "CPU s", "share"].map(str::to_owned).to_vec()];
+        rows.extend(self.parts_cpu_seconds.iter().map(|(name, seconds)| {
+            let share = 100.0 * seconds / self.step_cpu_seconds;
+            vec![
+                (*name).to_owned(),
+                format!("{seconds:.3}"),
+                format!("{share:.0} %"),
+            ]
+        }));
+        let peak = self.peak_memory_bytes;
+        write!(
+            f,
+            "one step, {size} x {size} px, batch {batch}, width {width}, {threads} threads{cpu}: {cpu_s:.3} CPU s (best of {n}; median {median:.3}), \
+             {wall:.3} s, {images_per_s:.2} images/s, {parameters} parameters, peak memory {peak}\n{table}",
+            size = self.size_px,
+            batch = self.batch,
+            width = self.width,
+            threads = self.threads,
+            cpu = on_cpu(),
+            cpu_s = self.step_cpu_seconds,
+            n = self.steps,
+            median = self.step_cpu_seconds_median,
+            wall = self.step_wall_seconds,
+            images_per_s = self.images_per_second,
+            parameters = self.params,
+            peak = peak.map_or("?".to_owned(), |b| format!("{:.2} GB", b as f64 / 1e9)),
+            table = align(&rows, 1),
+        )
+    }
 }
 
 /// The step with the least of a measure.
