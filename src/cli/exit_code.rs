@@ -79,6 +79,14 @@ impl Failure {
 }
 
 impl Failure {
+    /// An error of what the library reads from: a store, as the program calls it.
+    fn of_store(error: Box<dyn std::error::Error + Send + Sync>) -> Self {
+        match error.downcast::<crate::store::StoreError>() {
+            Ok(error) => (*error).into(),
+            Err(error) => Self::new(Exit::Failed, anyhow::Error::from_boxed(error)),
+        }
+    }
+
     /// What happened, in one line: each cause once. The library's errors hold their causes in their own text.
     pub(super) fn text(&self) -> String {
         let mut text = String::new();
@@ -190,10 +198,7 @@ impl From<crate::evaluate::EvaluateError> for Failure {
     fn from(error: crate::evaluate::EvaluateError) -> Self {
         use crate::evaluate::EvaluateError as E;
         match error {
-            E::Subject(error) => match error.downcast::<crate::store::StoreError>() {
-                Ok(error) => (*error).into(),
-                Err(error) => Self::new(Exit::Failed, E::Subject(error)),
-            },
+            E::Subject(error) => Self::of_store(error),
             error => Self::new(Exit::Failed, error),
         }
     }
@@ -204,6 +209,10 @@ impl From<crate::train::TrainError> for Failure {
     fn from(error: crate::train::TrainError) -> Self {
         use crate::train::ExampleError as X;
         use crate::train::TrainError as E;
+        let error = match error {
+            E::Tuples(error) => return Self::of_store(error),
+            error => error,
+        };
         let exit = match &error {
             E::Busy { .. } => Exit::TryAgain,
             E::Setting(_) | E::NoRealPairs { .. } => Exit::Usage,
@@ -216,6 +225,7 @@ impl From<crate::train::TrainError> for Failure {
             | E::Checkpoint(_)
             | E::Write(_)
             | E::Tensor(_)
+            | E::Tuples(_)
             | E::NotFinite { .. } => Exit::Failed,
         };
         let differences = match &error {

@@ -2,6 +2,7 @@
 
 use super::checkpoint::CheckpointError;
 use super::source::ExampleError;
+use super::tuple_files::TupleFilesError;
 use super::vgg_file::FeaturesError;
 use crate::atomic_file::WriteError;
 use crate::manifest::SettingError;
@@ -68,6 +69,9 @@ pub enum TrainError {
     /// VGG-19.
     #[error(transparent)]
     Features(#[from] FeaturesError),
+    /// The place that holds the tuples does not list them.
+    #[error(transparent)]
+    Tuples(TupleFilesError),
     /// An example.
     #[error(transparent)]
     Example(#[from] ExampleError),

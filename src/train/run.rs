@@ -241,7 +241,7 @@ fn warn_of_missing(
     watcher: &mut dyn Watcher,
 ) -> Result<(), TrainError> {
     let ids: Vec<_> = lines.iter().map(|line| line.id.clone()).collect();
-    let there = tuples.count(&ids).map_err(ExampleError::Files)?;
+    let there = tuples.count(&ids).map_err(TrainError::Tuples)?;
     let (missing, all) = (lines.len() - there, lines.len());
     if missing > 0 {
         watcher.warning(&if follow {
