@@ -1,9 +1,9 @@
 //! What can go wrong while something is measured.
 
-use crate::atomic_file::WriteError;
-use crate::merge::MergeError;
-use crate::sample::SampleError;
-use crate::scene::{AssembleError, LoadError, SceneError};
+use render::atomic_file::WriteError;
+use render::merge::MergeError;
+use procedural::SampleError;
+use render::scene::{AssembleError, LoadError, SceneError};
 use std::path::PathBuf;
 
 /// Why a benchmark could not be done.

@@ -1,13 +1,10 @@
 //! What is measured: scenes built in, so that a benchmark runs anywhere, and scenes from files.
 
 use super::error::BenchError;
-use crate::manifest::{SceneLine, parse_scene};
-use crate::sample::{self, Place, SamplePhotograph};
-use crate::scene::{
-    DecodedScene, InputDigests, LoadedScene, NamedBytes, PhotographFiles, SceneFiles, Sheet,
-    SideFiles, assemble, decode,
-};
-use crate::trace::Sampling;
+use render::line::{SceneLine, parse_scene};
+use procedural::{self, Place, SamplePhotograph};
+use render::scene::{DecodedScene, InputDigests, LoadedScene, NamedBytes, PhotographFiles, SceneFiles, Sheet, SideFiles, assemble, decode};
+use render::trace::Sampling;
 use serde_json::json;
 
 /// Seed of the built-in photographs.
@@ -71,7 +68,7 @@ pub fn stress(film_px: u32) -> BenchScene {
     // Its field of view is a little wider than the film's.
     let intrinsics = json!({"fx": 1365.0, "fy": 1365.0, "cx": 512.0, "cy": 384.0});
     let mut line = line("stress", film_px, [&intrinsics; 2], [false; 2]);
-    line.camera.focus = crate::manifest::Focus::Distance { distance_m: 0.8 };
+    line.camera.focus = render::line::Focus::Distance { distance_m: 0.8 };
     let sheet_intrinsics = serde_json::from_value(intrinsics).expect("intrinsics are numbers");
     let hash = |mut x: u32| {
         x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);

@@ -1,7 +1,7 @@
 //! Seconds of a training step, and of its parts.
 
-use crate::farm::process_cpu_s;
-use crate::train::{Batch, FeatureSource, Learner, Stage, Stream, TrainSettings, Vgg};
+use crate::run::process_cpu_s;
+use train::{Batch, FeatureSource, Learner, Stage, Stream, TrainSettings, Vgg};
 use candle_core::{Device, Result, Tensor};
 use std::time::Instant;
 

@@ -2,9 +2,9 @@
 
 use super::expect::Measured;
 use super::file::{Case, CaseFile};
-use crate::farm::{QuarantineRecord, Run};
-use crate::merge::decode_exr_channels;
-use crate::trace::LAYERS;
+use crate::run::{QuarantineRecord, Run};
+use render::merge::decode_exr_channels;
+use render::trace::LAYERS;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;

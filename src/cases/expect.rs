@@ -1,7 +1,7 @@
 //! What is expected of a layer: a number, another layer, or one of two formulas.
 
 use super::file::Case;
-use crate::trace::{FilmPlane, LAYERS};
+use render::trace::{FilmPlane, LAYERS};
 use serde::Deserialize;
 
 /// One expectation: exactly one of the fields after `bound`.

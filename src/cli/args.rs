@@ -1,9 +1,9 @@
 //! Arguments that commands share. This file imports no command.
 
 use super::exit_code::{Exit, Failure};
-use crate::ids::SceneId;
-use crate::manifest::Split;
-use crate::trace::Isa;
+use render::ids::SceneId;
+use render::line::Split;
+use render::trace::Isa;
 use clap::{Args as ClapArgs, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;

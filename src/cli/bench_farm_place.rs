@@ -4,8 +4,8 @@ use super::bench_farm_process::{Process, Server};
 use super::bench_farm_recipe::Recipe;
 use super::exit_code::{Exit, Failure};
 use super::signals::Signals;
-use crate::farm::{PlanOptions, Run, plan};
-use crate::manifest::Roots;
+use crate::run::{PlanOptions, Run, plan};
+use render::line::Roots;
 use crate::store::Inputs;
 use anyhow::{Context, anyhow};
 use std::path::{Path, PathBuf};
@@ -84,7 +84,7 @@ impl Place {
     /// Plans a run.
     pub(super) fn plan(&self, recipe: &Recipe) -> Result<PathBuf, Failure> {
         let path = self.folder.path().join(format!("{}.toml", recipe.name));
-        crate::atomic_file::write_relaxed(&path, recipe.text().as_bytes())?;
+        render::atomic_file::write_relaxed(&path, recipe.text().as_bytes())?;
         let run = self.folder.path().join(&recipe.name);
         let options = PlanOptions {
             roots: &Roots::default(),
@@ -147,7 +147,7 @@ pub(super) fn tuples(run: &Path) -> Result<(SystemTime, String), Failure> {
     let mut digest = blake3::Hasher::new();
     for line in &open.lines {
         let folder = open.dir.tuple(&line.id);
-        for name in crate::merge::tuple_files(line) {
+        for name in render::merge::tuple_files(line) {
             let path = folder.join(name);
             let bytes = std::fs::read(&path);
             let bytes = bytes

@@ -102,8 +102,8 @@ impl Failure {
     }
 }
 
-impl From<crate::farm::RunError> for Failure {
-    fn from(error: crate::farm::RunError) -> Self {
+impl From<crate::run::RunError> for Failure {
+    fn from(error: crate::run::RunError) -> Self {
         use crate::farm::RunError as E;
         let exit = match error {
             E::Missing { .. } | E::Manifest { .. } | E::Root(_) => Exit::InvalidInput,
@@ -129,8 +129,8 @@ impl From<crate::farm::FarmError> for Failure {
     }
 }
 
-impl From<crate::farm::ControlError> for Failure {
-    fn from(error: crate::farm::ControlError) -> Self {
+impl From<crate::run::ControlError> for Failure {
+    fn from(error: crate::run::ControlError) -> Self {
         use crate::farm::ControlError as E;
         match error {
             E::Store(error) => error.into(),
@@ -139,8 +139,8 @@ impl From<crate::farm::ControlError> for Failure {
     }
 }
 
-impl From<crate::farm::ExplainError> for Failure {
-    fn from(error: crate::farm::ExplainError) -> Self {
+impl From<crate::run::ExplainError> for Failure {
+    fn from(error: crate::run::ExplainError) -> Self {
         use crate::farm::ExplainError as E;
         match error {
             E::Farm(error) => error.into(),
@@ -149,8 +149,8 @@ impl From<crate::farm::ExplainError> for Failure {
     }
 }
 
-impl From<crate::farm::RetryError> for Failure {
-    fn from(error: crate::farm::RetryError) -> Self {
+impl From<crate::run::RetryError> for Failure {
+    fn from(error: crate::run::RetryError) -> Self {
         use crate::farm::RetryError as E;
         match error {
             E::Store(error) => error.into(),
@@ -159,8 +159,8 @@ impl From<crate::farm::RetryError> for Failure {
     }
 }
 
-impl From<crate::farm::PlanError> for Failure {
-    fn from(error: crate::farm::PlanError) -> Self {
+impl From<crate::run::PlanError> for Failure {
+    fn from(error: crate::run::PlanError) -> Self {
         use crate::farm::PlanError as E;
         match error {
             E::Run(error) => error.into(),
@@ -194,9 +194,9 @@ impl From<crate::export::ExportError> for Failure {
     }
 }
 
-impl From<crate::evaluate::EvaluateError> for Failure {
-    fn from(error: crate::evaluate::EvaluateError) -> Self {
-        use crate::evaluate::EvaluateError as E;
+impl From<compose::EvaluateError> for Failure {
+    fn from(error: compose::EvaluateError) -> Self {
+        use compose::EvaluateError as E;
         match error {
             E::Subject(error) => Self::of_store(error),
             error => Self::new(Exit::Failed, error),
@@ -205,10 +205,10 @@ impl From<crate::evaluate::EvaluateError> for Failure {
 }
 
 #[cfg(feature = "train")]
-impl From<crate::train::TrainError> for Failure {
-    fn from(error: crate::train::TrainError) -> Self {
-        use crate::train::ExampleError as X;
-        use crate::train::TrainError as E;
+impl From<train::TrainError> for Failure {
+    fn from(error: train::TrainError) -> Self {
+        use train::ExampleError as X;
+        use train::TrainError as E;
         let error = match error {
             E::Tuples(error) => return Self::of_store(error),
             error => error,
@@ -239,8 +239,8 @@ impl From<crate::train::TrainError> for Failure {
     }
 }
 
-impl From<crate::atomic_file::WriteError> for Failure {
-    fn from(error: crate::atomic_file::WriteError) -> Self {
+impl From<render::atomic_file::WriteError> for Failure {
+    fn from(error: render::atomic_file::WriteError) -> Self {
         Self::new(Exit::Failed, error)
     }
 }
@@ -271,8 +271,8 @@ impl From<crate::farm::queue::QueueError> for Failure {
     }
 }
 
-impl From<crate::manifest::RootError> for Failure {
-    fn from(error: crate::manifest::RootError) -> Self {
+impl From<render::line::RootError> for Failure {
+    fn from(error: render::line::RootError) -> Self {
         Self::new(Exit::Usage, error)
     }
 }

@@ -4,8 +4,9 @@
 //! with `hung` when it finds out that it makes no progress, and at last its outcome as JSON.
 
 use super::args::{CacheArgs, QueueArgs};
-use crate::farm::{EndKind, Ending, Fault, Isolate, IsolatedEnd, Span};
-use crate::ids::SceneId;
+use crate::run::{EndKind, Ending, Span};
+use crate::farm::{Fault, Isolate, IsolatedEnd};
+use render::ids::SceneId;
 use crossbeam::channel::{Receiver, RecvTimeoutError, unbounded};
 use serde_json::Value;
 use std::collections::VecDeque;

@@ -3,12 +3,9 @@
 use super::args::{Global, threads};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
-use crate::farm::keys;
-use crate::manifest::{FeatureSource, Stage};
-use crate::train::{
-    Best, Checkpoint, CheckpointState, Features, Separator, SeparatorError, checkpoint_folder,
-    stage_folder,
-};
+use crate::run::keys;
+use plan::{FeatureSource, Stage};
+use train::{Best, Checkpoint, CheckpointState, Features, Separator, SeparatorError, checkpoint_folder, stage_folder};
 use anyhow::anyhow;
 use candle_core::Device;
 use clap::{Args as ClapArgs, ValueEnum};

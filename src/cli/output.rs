@@ -2,7 +2,7 @@
 
 use super::args::{ColorWhen, Global};
 use super::exit_code::{Exit, Failure};
-use crate::ids::SceneId;
+use render::ids::SceneId;
 use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
 use std::fmt::Display;

@@ -2,7 +2,7 @@
 
 use super::args::{QueueArgs, ServerArgs};
 use super::exit_code::{Exit, Failure};
-use crate::farm::Run;
+use crate::run::Run;
 use crate::farm::queue::{NatsCoordinator, NatsOptions, NatsWorker};
 use crate::store::{Store, StoreOptions};
 use std::path::Path;

@@ -5,7 +5,7 @@
 
 use super::EvaluateError;
 use super::score::{check_same_size, psnr_db};
-use crate::merge::{SrgbEncoder, srgb_to_linear};
+use render::merge::{SrgbEncoder, srgb_to_linear};
 use image::{Rgb, RgbImage};
 
 /// Least and greatest factor that are tried, in hundredths.
@@ -116,7 +116,7 @@ impl CodeSums {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluate::score;
+    use compose::score;
 
     fn picture(salt: u32) -> RgbImage {
         RgbImage::from_fn(64, 48, |x, y| {

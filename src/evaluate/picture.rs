@@ -4,8 +4,8 @@
 //! are compared with.
 
 use super::EvaluateError;
-use crate::scene::jpeg_is_whole;
-use crate::scene::limits::{MAX_PIXELS, MAX_SIDE};
+use render::scene::jpeg_is_whole;
+use render::scene::limits::{MAX_PIXELS, MAX_SIDE};
 use image::codecs::{jpeg::JpegDecoder, png::PngDecoder};
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageError, RgbImage};

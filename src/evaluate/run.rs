@@ -173,7 +173,7 @@ fn readable(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluate::{MethodMeans, Pair, fit_gain};
+    use compose::{MethodMeans, Pair, fit_gain};
     use image::Rgb;
     use std::cell::Cell;
     use std::path::Path;

@@ -1,6 +1,6 @@
 //! Why an export ends early.
 
-use crate::atomic_file::WriteError;
+use render::atomic_file::WriteError;
 use crate::farm::FarmError;
 use crate::store::StoreError;
 use std::io;

@@ -2,7 +2,7 @@
 
 use super::digest::{Digesting, FileRecord};
 use super::error::ExportError;
-use crate::atomic_file::{PendingFile, WriteError};
+use render::atomic_file::{PendingFile, WriteError};
 use bytes::Bytes;
 use std::io;
 use std::path::{Path, PathBuf};

@@ -5,9 +5,9 @@
 //! out again has lost its holder. What was lost once is tried in a child process, whose death costs nobody else, and what
 //! was lost four times is set aside.
 
-use super::keys;
+use crate::run::keys;
 use super::span::Span;
-use crate::ids::SceneId;
+use render::ids::SceneId;
 use crate::store::{Store, StoreError};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;

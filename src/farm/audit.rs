@@ -3,20 +3,20 @@
 //! The golden shard refuses machines that compute other bits always; an audit finds those that do so now and then, or
 //! objects that were damaged later, and names who made them.
 
-use super::compare::{FileDifference, compare};
+use crate::run::compare::{FileDifference, compare};
 use super::error::FarmError;
-use super::job::{SceneJob, render_partials};
-use super::keys;
-use super::receipt::Receipt;
-use super::run_dir::Run;
-use crate::ids::SceneId;
-use crate::manifest::SceneLine;
-use crate::merge::{SrgbEncoder, TupleRecord, combine, encode_tuple_file, tuple_files};
-use crate::partial::{self, Partial};
-use crate::scene::{InputDigests, load, read_files_by};
-use crate::shard::golden;
+use render::job::{SceneJob, render_partials};
+use crate::run::keys;
+use crate::run::receipt::Receipt;
+use crate::run::run_dir::Run;
+use render::ids::SceneId;
+use render::line::SceneLine;
+use render::merge::{SrgbEncoder, TupleRecord, combine, encode_tuple_file, tuple_files};
+use render::partial::{self, Partial};
+use render::scene::{InputDigests, load, read_files_by};
+use render::shard::golden;
 use crate::store::{Store, StoreError};
-use crate::trace::Isa;
+use render::trace::Isa;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -210,7 +210,7 @@ fn other_inputs(
 /// What was made now, to be encoded file by file.
 struct Made<'p> {
     partials: &'p [Partial],
-    tuple: crate::merge::Tuple,
+    tuple: render::merge::Tuple,
     encoder: SrgbEncoder,
     line: SceneLine,
 }

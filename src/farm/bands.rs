@@ -3,7 +3,7 @@
 //! Pixels do not depend on the tile they are traced in, and paths, misses and samples are whole numbers: so a shard put
 //! together from bands, in whatever order they come, has the bits of the shard traced in one piece.
 
-use crate::trace::{CELL_PX, PixelMeans, Tile, TileResult};
+use render::trace::{CELL_PX, PixelMeans, Tile, TileResult};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU8, Ordering};
 
@@ -104,8 +104,8 @@ impl BandedShard {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shard::golden_scenes;
-    use crate::trace::{Isa, trace_tile};
+    use render::shard::golden_scenes;
+    use render::trace::{Isa, trace_tile};
 
     /// Fixed and adaptive scenes, every branch of the tracer; films of 16 x 10 px, so the last band is cut off. Bands come
     /// last first.

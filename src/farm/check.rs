@@ -3,13 +3,11 @@
 //! A file's beginning and end are read, no more (of an object in a store the beginning alone). What is wrong with the
 //! pixels themselves is told when the scene is loaded, and costs that scene.
 
-use super::content::Content;
-use super::plan::{PlanError, PlanOptions};
-use crate::ids::SceneId;
-use crate::manifest::{Roots, SceneLine, Side, is_url};
-use crate::scene::{
-    END_BYTES, FileEnds, FileRole, Look, NamedBytes, START_BYTES, look, look_at_whole,
-};
+use plan::content::Content;
+use crate::run::plan::{PlanError, PlanOptions};
+use render::ids::SceneId;
+use render::line::{Roots, SceneLine, Side, is_url};
+use render::scene::{END_BYTES, FileEnds, FileRole, Look, NamedBytes, START_BYTES, look, look_at_whole};
 use crate::store::{Inputs, StoreError};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use std::collections::{BTreeMap, BTreeSet};
@@ -314,7 +312,7 @@ fn ends(path: &Path, inputs: &Inputs) -> io::Result<FileEnds> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::atomic_file;
+    use render::atomic_file;
 
     fn seen(path: &Path, role: FileRole) -> Seen {
         look_at(path, role, &Inputs::default()).unwrap()

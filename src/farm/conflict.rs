@@ -3,13 +3,13 @@
 
 use super::error::FarmError;
 use super::finished::Files;
-use super::keys;
-use super::made_by::who_else;
+use crate::run::keys;
+use crate::run::made_by::who_else;
 use super::open_span::OpenSpan;
 use super::shared::Shared;
 use super::work::check_golden;
 use super::writer::write_tuple;
-use crate::partial;
+use render::partial;
 use crate::store::StoreError;
 use bytes::Bytes;
 use std::path::PathBuf;

@@ -5,8 +5,8 @@
 //! new; coordinators publish nothing. *Cancelled*: workers finish the shards in flight and end without handing anything
 //! back; coordinators remove the queue and end. Either is taken back by removing the object; what is done stays done.
 
-use super::events::Event;
-use super::keys;
+use crate::run::events::Event;
+use crate::run::keys;
 use super::shared::Shared;
 use crate::store::{Store, StoreError};
 use crossbeam::channel::{Receiver, RecvTimeoutError};

@@ -5,13 +5,13 @@
 //! nothing and merging twice makes the same bytes.
 
 use super::control::{Control, ControlState};
-use super::done::Progress;
+use crate::run::done::Progress;
 use super::error::FarmError;
-use super::events::Event;
-use super::keys;
+use crate::run::events::Event;
+use crate::run::keys;
 use super::queue::{QueueError, QueueKeeper, QueueState, Waiting};
-use super::run_dir::Run;
-use super::seen::{Watch, see_attempts, see_tuples};
+use crate::run::run_dir::Run;
+use crate::run::seen::{Watch, see_attempts, see_tuples};
 use super::share::share_run;
 use super::sweep::sweep_staged;
 use super::work::whole;

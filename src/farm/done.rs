@@ -1,11 +1,11 @@
 //! What of a run is done, as its store tells.
 
 use super::error::FarmError;
-use super::keys;
-use super::quarantine::QuarantineRecord;
-use super::run_dir::Run;
-use crate::manifest::SceneLine;
-use crate::merge::{is_record_of, is_written, tuple_files};
+use crate::run::keys;
+use crate::run::quarantine::QuarantineRecord;
+use crate::run::run_dir::Run;
+use render::line::SceneLine;
+use render::merge::{is_record_of, is_written, tuple_files};
 use crate::store::Store;
 use std::collections::BTreeSet;
 

@@ -1,8 +1,8 @@
 //! What breaks the farm itself, not a scene.
 
 use super::queue::QueueError;
-use super::run_dir::RunError;
-use crate::atomic_file::WriteError;
+use crate::run::run_dir::RunError;
+use render::atomic_file::WriteError;
 use crate::store::StoreError;
 
 /// The farm itself broke (not a scene).

@@ -1,7 +1,7 @@
 //! What the farm tells whoever watches it.
 
 use super::control::ControlState;
-use crate::ids::SceneId;
+use render::ids::SceneId;
 use rustix::time::{ClockId, clock_gettime};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};

@@ -1,18 +1,18 @@
 //! Everything that is known of one scene, or one of its shards, and what happens next.
 
-use super::attempts::{AttemptRecord, MOST_LOST};
+use crate::run::attempts::{AttemptRecord, MOST_LOST};
 use super::control::{Control, ControlState};
-use super::done::is_done;
+use crate::run::done::is_done;
 use super::error::FarmError;
-use super::keys;
-use super::overview::StandingAttempt;
-use super::receipt::Receipt;
-use super::run_dir::Run;
-use crate::ids::SceneId;
-use crate::manifest::SceneLine;
-use crate::partial;
+use crate::run::keys;
+use crate::run::overview::StandingAttempt;
+use crate::run::receipt::Receipt;
+use crate::run::run_dir::Run;
+use render::ids::SceneId;
+use render::line::SceneLine;
+use render::partial;
 use crate::store::{Store, StoreError};
-use crate::trace::Tile;
+use render::trace::Tile;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;

@@ -1,9 +1,9 @@
 //! A scene whose shards are all there: its files are encoded one by one, by whoever is free.
 
 use super::error::FarmError;
-use super::keys;
+use crate::run::keys;
 use super::open_span::OpenSpan;
-use crate::merge::{SrgbEncoder, Tuple, encode_tuple_file, tuple_files};
+use render::merge::{SrgbEncoder, Tuple, encode_tuple_file, tuple_files};
 use std::sync::{Arc, Mutex};
 
 /// A tuple in memory and those of its files that are encoded.

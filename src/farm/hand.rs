@@ -3,22 +3,22 @@
 //! and fill its own deque.
 
 use super::error::FarmError;
-use super::events::{Event, Stopwatch};
+use crate::run::events::{Event, Stopwatch};
 use super::finished::FinishedScene;
 use super::intake::Loaded;
-use super::job::SceneJob;
-use super::keys;
+use render::job::SceneJob;
+use crate::run::keys;
 use super::open_span::OpenSpan;
 use super::queue::Waiting;
 use super::shared::{Shared, panic_reason};
 use super::span::Span;
 use super::writer::{Order, What};
-use crate::manifest::SceneLine;
-use crate::merge::combine;
-use crate::partial::{self, Partial};
-use crate::scene::{LoadError, load};
-use crate::shard::Shard;
-use crate::trace::TileResult;
+use render::line::SceneLine;
+use render::merge::combine;
+use render::partial::{self, Partial};
+use render::scene::{LoadError, load};
+use render::shard::Shard;
+use render::trace::TileResult;
 use crossbeam::channel::{Sender, TryRecvError};
 use crossbeam::deque::{Steal, Worker};
 use std::collections::BTreeSet;

@@ -1,11 +1,11 @@
 //! A loaded scene on its way to a tuple.
 
-use super::bands::{BandedShard, bands};
-use crate::manifest::SceneLine;
-use crate::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
-use crate::scene::LoadedScene;
-use crate::shard::{Shard, ShardLayout, scene_digest};
-use crate::trace::{Isa, TRACER_VERSION, TileResult, trace_tile};
+use render::bands::{BandedShard, bands};
+use render::line::SceneLine;
+use render::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
+use render::scene::LoadedScene;
+use render::shard::{Shard, ShardLayout, scene_digest};
+use render::trace::{Isa, TRACER_VERSION, TileResult, trace_tile};
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 

@@ -1,13 +1,12 @@
 //! Scenes of a recipe that asks for it are looked at before they are farmed: their light is settled, and those that nobody
 //! would want are replaced.
 
-use super::run_dir::RunDir;
-use crate::manifest::{
-    Cast, Drawn, Recipe, RecipeError, Roots, SceneLine, SourceImage, expand_counted,
-};
-use crate::preview::{SettleError, settle};
-use crate::scene::{SceneFiles, read_files_by};
-use crate::trace::Isa;
+use crate::run::run_dir::RunDir;
+use plan::{Cast, Drawn, Recipe, RecipeError, SourceImage, expand_counted};
+use render::line::{Roots, SceneLine};
+use plan::preview::{SettleError, settle};
+use render::scene::{SceneFiles, read_files_by};
+use render::trace::Isa;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};

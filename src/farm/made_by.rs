@@ -1,11 +1,11 @@
 //! Who made the partials of a scene that several workers share: a note beside them, to name who was wrong if two workers
 //! disagree. It goes when they go, and nothing depends on it.
 
-use super::attempts::{WorkerName, attempts};
-use super::keys;
-use super::receipt::Receipt;
+use crate::run::attempts::{WorkerName, attempts};
+use crate::run::keys;
+use crate::run::receipt::Receipt;
 use super::span::Span;
-use crate::ids::SceneId;
+use render::ids::SceneId;
 use crate::store::{Store, StoreError};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;

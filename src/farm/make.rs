@@ -1,8 +1,8 @@
 //! Procedural photographs that a recipe asks for, made in the run's folder.
 
-use super::content::Made;
-use super::run_dir::RunDir;
-use crate::sample::{self, SampleError};
+use plan::content::Made;
+use crate::run::run_dir::RunDir;
+use procedural::{self, SampleError};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use std::sync::atomic::{AtomicUsize, Ordering};
 

@@ -1,19 +1,17 @@
 //! `merge RUN`: tuples from complete partials, without the scenes' input files.
 
-use super::done::is_done;
+use crate::run::done::is_done;
 use super::error::FarmError;
 use super::finished::encode_noise;
-use super::keys;
-use super::quarantine::QuarantineRecord;
-use super::run_dir::Run;
+use crate::run::keys;
+use crate::run::quarantine::QuarantineRecord;
+use crate::run::run_dir::Run;
 use super::sweep::sweep;
 use super::writer::{self, remove_partials, write_noise};
-use crate::ids::SceneId;
-use crate::manifest::SceneLine;
-use crate::merge::{
-    MergeError, SrgbEncoder, Tuple, combine, encode_tuple_file, tuple_files, write_tuple,
-};
-use crate::partial;
+use render::ids::SceneId;
+use render::line::SceneLine;
+use render::merge::{MergeError, SrgbEncoder, Tuple, combine, encode_tuple_file, tuple_files, write_tuple};
+use render::partial;
 use crate::store::Store;
 use bytes::Bytes;
 use std::path::Path;

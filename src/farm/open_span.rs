@@ -1,6 +1,6 @@
 //! A held span whose scene is loaded: which of its shards are left, and how it ends.
 
-use super::job::SceneJob;
+use render::job::SceneJob;
 use super::queue::Delivery;
 use super::span::Span;
 use std::collections::BTreeSet;

@@ -3,16 +3,16 @@
 //! Objects are counted by their names; that a tuple is of this plan and version is checked where that costs nothing, in
 //! a folder. Times are the store's own, and are shown, nothing else.
 
-use super::attempts::AttemptRecord;
+use crate::run::attempts::AttemptRecord;
 use super::control::{Control, ControlState};
-use super::keys;
-use super::quarantine::QuarantineRecord;
-use super::receipt::Receipt;
-use super::run_dir::Run;
-use super::status::{Found, RunStatus, count};
-use crate::ids::SceneId;
-use crate::manifest::SceneLine;
-use crate::merge::{is_written, tuple_files};
+use crate::run::keys;
+use crate::run::quarantine::QuarantineRecord;
+use crate::run::receipt::Receipt;
+use crate::run::run_dir::Run;
+use crate::run::status::{Found, RunStatus, count};
+use render::ids::SceneId;
+use render::line::SceneLine;
+use render::merge::{is_written, tuple_files};
 use crate::serve::FarmState;
 use crate::store::{Store, StoreError};
 use serde::Serialize;

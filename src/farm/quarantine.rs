@@ -1,8 +1,8 @@
 //! Scenes that cannot be done, each with its reason; the farm goes on without them.
 
-use super::keys;
-use super::run_dir::RunDir;
-use crate::ids::SceneId;
+use crate::run::keys;
+use crate::run::run_dir::RunDir;
+use render::ids::SceneId;
 use crate::store::{Store, StoreError};
 use serde::{Deserialize, Serialize};
 

@@ -1,9 +1,9 @@
 //! Who made a tuple, as its worker wrote it down. To show; nothing depends on it.
 
-use super::attempts::WorkerName;
-use super::keys;
-use super::made_by::who_else;
-use crate::ids::SceneId;
+use crate::run::attempts::WorkerName;
+use crate::run::keys;
+use crate::run::made_by::who_else;
+use render::ids::SceneId;
 use crate::store::{Store, StoreError};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;

@@ -1,8 +1,8 @@
 //! Procedural photographs that are not on disk yet, for who looks at scenes while a run is planned.
 
-use super::content::Made;
-use super::run_dir::RunDir;
-use crate::sample::{self, SampleFiles};
+use plan::content::Made;
+use crate::run::run_dir::RunDir;
+use procedural::{self, SampleFiles};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};

@@ -1,11 +1,11 @@
 //! What a coordinator has seen of its run, for who watches.
 
-use super::attempts::AttemptRecord;
+use crate::run::attempts::AttemptRecord;
 use super::control::Control;
-use super::keys;
-use super::receipt::Receipt;
-use super::run_dir::Run;
-use crate::ids::SceneId;
+use crate::run::keys;
+use crate::run::receipt::Receipt;
+use crate::run::run_dir::Run;
+use render::ids::SceneId;
 use crate::store::Store;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Mutex;

@@ -1,26 +1,26 @@
 //! What the threads of a worker share, and how what they have made gets into the store.
 
 use super::control::ControlFlag;
-use super::done::is_done;
+use crate::run::done::is_done;
 use super::error::FarmError;
-use super::events::{Event, StageSeconds, Stopwatch};
+use crate::run::events::{Event, StageSeconds, Stopwatch};
 use super::finished::FinishedScene;
 use super::hand::Band;
 use super::held::{Costs, HeldSpans};
 use super::intake::Loaded;
-use super::keys;
-use super::made_by::MadeBy;
+use crate::run::keys;
+use crate::run::made_by::MadeBy;
 use super::open_span::OpenSpan;
-use super::quarantine::QuarantineRecord;
+use crate::run::quarantine::QuarantineRecord;
 use super::queue::Queue;
-use super::receipt::Receipt;
-use super::run_dir::Run;
+use crate::run::receipt::Receipt;
+use crate::run::run_dir::Run;
 use super::work::{Outcome, SharedQueue, Stop, WorkOptions};
 use super::work_log::SceneSeconds;
 use super::writer::{Order, What, remove_partials, write_noise};
-use crate::ids::SceneId;
-use crate::manifest::SceneLine;
-use crate::merge::SrgbEncoder;
+use render::ids::SceneId;
+use render::line::SceneLine;
+use render::merge::SrgbEncoder;
 use crate::store::Store;
 use crossbeam::channel::Receiver;
 use crossbeam::deque::{Injector, Stealer};

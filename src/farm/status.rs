@@ -1,9 +1,9 @@
 //! What is done of a run, read from its folder.
 
-use super::quarantine::QuarantineRecord;
-use super::run_dir::Run;
-use crate::manifest::SceneLine;
-use crate::merge::is_written;
+use crate::run::quarantine::QuarantineRecord;
+use crate::run::run_dir::Run;
+use render::line::SceneLine;
+use render::merge::is_written;
 use serde::Serialize;
 
 /// Counts of a run.

@@ -1,10 +1,10 @@
 //! A run's tuples as the trainer asks for them.
 
-use super::keys;
-use super::quarantine::QuarantineRecord;
-use crate::ids::SceneId;
+use crate::run::keys;
+use crate::run::quarantine::QuarantineRecord;
+use render::ids::SceneId;
 use crate::store::Store;
-use crate::train::{TupleFiles, TupleFilesError};
+use train::{TupleFiles, TupleFilesError};
 use bytes::Bytes;
 use std::collections::BTreeSet;
 

@@ -8,28 +8,28 @@
 //! Of results there wait for the store at most one a thread in the channel, one with each thread and one with the
 //! writer, each a partial or a scene's tuple, encoded.
 
-use super::attempts::WorkerName;
+use crate::run::attempts::WorkerName;
 use super::control::{ControlFlag, ControlLook};
-use super::done::is_done;
+use crate::run::done::is_done;
 use super::error::FarmError;
-use super::events::{Event, StageSeconds};
+use crate::run::events::{Event, StageSeconds};
 use super::fault::Fault;
 use super::hand::{Band, Hand};
 use super::held::HeldSpans;
-use super::keys;
-use super::quarantine::QuarantineRecord;
+use crate::run::keys;
+use crate::run::quarantine::QuarantineRecord;
 use super::queue::{LocalQueue, Queue, QueueKeeper, Waiting};
-use super::run_dir::Run;
+use crate::run::run_dir::Run;
 use super::shared::Shared;
 use super::span::Span;
 use super::suspect::Isolate;
 use super::sweep::sweep;
 use super::work_log::{LogTime, SceneSeconds, WorkLog};
-use crate::ids::SceneId;
-use crate::merge::SrgbEncoder;
-use crate::shard::golden;
+use render::ids::SceneId;
+use render::merge::SrgbEncoder;
+use render::shard::golden;
 use crate::store::Store;
-use crate::trace::Isa;
+use render::trace::Isa;
 use crossbeam::channel::bounded;
 use crossbeam::deque::{Injector, Worker};
 use std::collections::BTreeSet;

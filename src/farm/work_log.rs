@@ -1,13 +1,13 @@
 //! What a worker writes down of itself when it ends: `RUN/logs/work-*.json`. The report adds these up. Nothing depends on
 //! them, and who is killed leaves none.
 
-use super::events::StageSeconds;
-use super::keys;
-use super::run_dir::Run;
+use crate::run::events::StageSeconds;
+use crate::run::keys;
+use crate::run::run_dir::Run;
 use super::work::{Outcome, Stop, WorkOptions};
-use crate::ids::SceneId;
+use render::ids::SceneId;
 use crate::store::{Store, StoreError};
-use crate::trace::TRACER_VERSION;
+use render::trace::TRACER_VERSION;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Mutex;

@@ -1,9 +1,9 @@
 //! What the writer thread is given. It waits for the store, so that no thread that computes has to.
 
 use super::finished::Encoded;
-use super::keys;
+use crate::run::keys;
 use super::open_span::OpenSpan;
-use crate::manifest::SceneLine;
+use render::line::SceneLine;
 use crate::store::{Store, StoreError};
 use bytes::Bytes;
 use std::sync::Arc;

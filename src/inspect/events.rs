@@ -3,7 +3,7 @@
 use super::facts::{Inspection, Problem, first_of, many};
 use super::kind::Kind;
 use super::look::Input;
-use crate::train::masked_crc;
+use train::masked_crc;
 use serde_json::json;
 use std::collections::BTreeSet;
 

@@ -8,7 +8,7 @@ use super::line::{SceneLine, Split};
 use super::pair::{Pair, pairs, pairs_between};
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
-use crate::ids::SceneId;
+use render::ids::SceneId;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The photographs of each split and source that has pairs.

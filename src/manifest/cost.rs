@@ -1,8 +1,8 @@
 //! What a run will take: bytes on the disk, and hours of a core.
 
 use super::line::{ExrPrecision, SceneLine};
-use crate::ids::SceneId;
-use crate::shard::{SECONDS_PER_SAMPLE, ShardLayout};
+use render::ids::SceneId;
+use render::shard::{SECONDS_PER_SAMPLE, ShardLayout};
 use serde::Serialize;
 
 /// Bytes of a partial a pixel: 36 floats, which hardly shrink.

@@ -330,11 +330,11 @@ mod tests {
             fs::create_dir_all(stem.parent().unwrap()).unwrap();
             for ending in [".png", "_depth.npy", "_depth_mask.npy"] {
                 let file = format!("{}{ending}", stem.display());
-                crate::atomic_file::write_relaxed(Path::new(&file), b"").unwrap();
+                render::atomic_file::write_relaxed(Path::new(&file), b"").unwrap();
             }
         }
         let archive = dir.path().join("indoors/scene_2/scan_1.zip");
-        crate::atomic_file::write_relaxed(&archive, b"").unwrap();
+        render::atomic_file::write_relaxed(&archive, b"").unwrap();
         let index = index_source("diode", dir.path()).unwrap();
         let colors: Vec<_> = index.images.iter().map(|i| i.color.as_str()).collect();
         assert_eq!(

@@ -2,7 +2,7 @@
 
 use super::line::SceneLine;
 use super::validate::LineError;
-use crate::ids::SceneId;
+use render::ids::SceneId;
 use std::collections::BTreeMap;
 
 /// A manifest or scene file that cannot be used.

@@ -72,7 +72,7 @@ mod tests {
         assert_eq!(set.asked(), [true, false, true, false]);
         let text = serde_json::to_string(&set).unwrap();
         assert_eq!(text, r#"["input","glass_reflection"]"#);
-        assert_eq!(crate::trace::LAYERS, LAYER_NAMES);
+        assert_eq!(render::trace::LAYERS, LAYER_NAMES);
     }
 
     #[test]

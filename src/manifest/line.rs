@@ -4,7 +4,7 @@ use super::depth_range::DepthRange;
 use super::highlights::Highlights;
 use super::layers::LayerSet;
 use super::side::Side;
-use crate::ids::SceneId;
+use render::ids::SceneId;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::fmt;

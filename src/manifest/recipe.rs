@@ -336,7 +336,7 @@ impl Recipe {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::manifest::{DepthKind, Intrinsics};
+    use render::line::{DepthKind, Intrinsics};
 
     /// The paper's set, as on the design page.
     pub(in super::super) const PAPER: &str = r#"

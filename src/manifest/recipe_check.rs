@@ -11,7 +11,7 @@ use super::recipe_error::RecipeError;
 use super::roots::is_root_name;
 use super::source::{Layout, Source};
 use super::training::{FeatureSource, TrainRecipe};
-use crate::ids::SceneId;
+use render::ids::SceneId;
 use std::collections::BTreeMap;
 
 /// Most pairs of one split: ids have six digits.

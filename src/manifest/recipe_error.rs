@@ -2,7 +2,7 @@
 
 use super::line::Split;
 use super::validate::LineError;
-use crate::ids::SceneId;
+use render::ids::SceneId;
 
 /// A recipe that cannot be used, or that cannot be expanded with the photographs at hand.
 #[derive(Debug, thiserror::Error)]

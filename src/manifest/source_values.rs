@@ -6,7 +6,7 @@ use super::param::Param;
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
 use super::side::Side;
-use crate::ids::SceneId;
+use render::ids::SceneId;
 use std::collections::BTreeMap;
 
 /// The values of all parameters that are from the source: `back.*` from the back's record, others from the front's. A focal

@@ -4,10 +4,10 @@ use super::moves::{Moves, SMOOTH, SMOOTH_OF_STOPPED};
 use super::noise::NoiseMap;
 use super::tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord, layer_digest};
 use super::write::{halved, is_half};
-use crate::manifest::SceneLine;
-use crate::partial::Partial;
-use crate::shard::{ShardLayout, scene_digest};
-use crate::trace::{LAYERS, TRACER_VERSION};
+use render::line::SceneLine;
+use render::partial::Partial;
+use render::shard::{ShardLayout, scene_digest};
+use render::trace::{LAYERS, TRACER_VERSION};
 use std::borrow::Borrow;
 use std::collections::BTreeMap;
 

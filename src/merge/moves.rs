@@ -1,7 +1,7 @@
 //! How far each pixel of a layer moved at the last two doublings of its samples: what the stated error is made of.
 
 use super::noise::CELL_PX;
-use crate::trace::square_error;
+use render::trace::square_error;
 
 /// Tail of a smooth part that converges as samples^-1.4, in mean squares of its last move.
 pub(super) const SMOOTH: f64 = 1.0 / 6.0;

@@ -8,8 +8,8 @@
 
 use super::read::{check_headers, decode_exr_channels};
 use super::write::{HALF_MAX, encode_exr};
-use crate::manifest::Film;
-use crate::trace::LAYERS;
+use render::line::Film;
+use render::trace::LAYERS;
 use exr::prelude::{AnyChannel, FlatSamples, f16};
 
 /// Side of a cell, px; those at the right and lower border may be smaller.
@@ -105,7 +105,7 @@ fn coarse(value: f32) -> f16 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::manifest::parse_jsonl;
+    use render::line::parse_jsonl;
 
     /// Some film of 9 x 6 px: 5 x 3 cells.
     fn film() -> Film {

@@ -1,7 +1,7 @@
 //! A tuple's `tuple.exr` read back, and held against its record.
 
 use super::tuple::TupleRecord;
-use crate::trace::LAYERS;
+use render::trace::LAYERS;
 use exr::math::Vec2;
 use exr::meta::MetaData;
 use exr::meta::attribute::ChannelDescription;

@@ -1,9 +1,9 @@
 //! A tuple: the four images of a scene, and the record of how they came to be.
 
 use super::noise::NoiseMap;
-use crate::manifest::SceneLine;
-use crate::scene::{InputDigests, SceneFacts};
-use crate::trace::LAYERS;
+use render::line::SceneLine;
+use render::scene::{InputDigests, SceneFacts};
+use render::trace::LAYERS;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -62,7 +62,7 @@ pub struct LayerRecord {
     /// Of an adaptive scene: mean over the pixels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mean_samples: Option<f64>,
-    /// Estimated RMS error of the layer, linear (see [`crate::trace::square_error`]); `null` where one sample has no
+    /// Estimated RMS error of the layer, linear (see [`render::trace::square_error`]); `null` where one sample has no
     /// halves.
     pub error_rms: Option<f64>,
     /// Mean of all pixels and colours, linear.

@@ -2,9 +2,9 @@
 
 use super::srgb::{SrgbEncoder, linear_to_srgb16};
 use super::tuple::{Tuple, TupleRecord};
-use crate::atomic_file::{self, WriteError};
-use crate::manifest::{ExrPrecision, SceneLine};
-use crate::trace::TRACER_VERSION;
+use render::atomic_file::{self, WriteError};
+use render::line::{ExrPrecision, SceneLine};
+use render::trace::TRACER_VERSION;
 use exr::image::write::layers::WritableLayers;
 use exr::prelude::{
     AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, ImageAttributes,

@@ -1,7 +1,7 @@
 //! Partials as OpenEXR bytes.
 
 use super::{Partial, PartialHeader};
-use crate::trace::{LAYERS, PixelMeans};
+use render::trace::{LAYERS, PixelMeans};
 use exr::prelude::{
     AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, IntegerBounds, Layer,
     LayerAttributes, MetaData, ReadChannels, ReadLayers, Text, Vec2, WritableImage, read,

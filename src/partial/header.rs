@@ -1,8 +1,8 @@
 //! The JSON attribute of a partial.
 
-use crate::ids::SceneId;
-use crate::scene::{InputDigests, SceneFacts};
-use crate::trace::Tile;
+use render::ids::SceneId;
+use render::scene::{InputDigests, SceneFacts};
+use render::trace::Tile;
 use serde::{Deserialize, Serialize};
 
 /// The schema name of a partial's header.

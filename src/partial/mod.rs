@@ -2,7 +2,7 @@
 //!
 //! An uncompressed OpenEXR file: its data window is the shard's tile, its display window the film; 36 float
 //! channels hold each layer's mean and the means of the first half and the first quarter of its samples (the error
-//! estimate's, see [`crate::trace::square_error`]); one header attribute, `glasshouse`, holds the rest as JSON. A partial is believed only if its
+//! estimate's, see [`render::trace::square_error`]); one header attribute, `glasshouse`, holds the rest as JSON. A partial is believed only if its
 //! own digest fits its bits: a torn or foreign file is traced again.
 
 mod exr_file;
@@ -11,7 +11,7 @@ mod header;
 pub use exr_file::{PartialError, decode, encode};
 pub use header::{PARTIAL_SCHEMA, PartialHeader};
 
-use crate::trace::PixelMeans;
+use render::trace::PixelMeans;
 
 /// A shard's result.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,7 +1,7 @@
 //! Whether a scene keeps to a recipe's bounds.
 
 use super::look::Look;
-use crate::manifest::RejectRecipe;
+use plan::RejectRecipe;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 

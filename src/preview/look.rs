@@ -1,10 +1,11 @@
 //! The small pictures of a scene, and what is measured of them.
 
 use super::ssim::ssim_grey;
-use crate::manifest::{SceneLine, luminance};
-use crate::merge::SrgbEncoder;
-use crate::scene::{AssembleError, DecodedScene, assemble};
-use crate::trace::{Isa, Tile, trace_tile};
+use render::line::SceneLine;
+use plan::luminance;
+use render::merge::SrgbEncoder;
+use render::scene::{AssembleError, DecodedScene, assemble};
+use render::trace::{Isa, Tile, trace_tile};
 
 /// Longer side of the preview, px.
 pub const PREVIEW_PX: u32 = 64;
@@ -38,7 +39,7 @@ impl Look {
         small.film.height = side(line.film.height);
         small.film.spp = line.film.spp.min(PREVIEW_SPP);
         small.film.target_error = None;
-        small.film.layers = crate::manifest::LayerSet::default();
+        small.film.layers = render::line::LayerSet::default();
         let (scene, _) = assemble(&small, scene.front.clone(), scene.back.clone())?;
         let tile = Tile {
             x: 0,

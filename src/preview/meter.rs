@@ -1,7 +1,7 @@
 //! How bright a photograph is.
 
-use crate::manifest::luminance;
-use crate::scene::Decoded;
+use plan::luminance;
+use render::scene::Decoded;
 
 /// Luminance below which a pixel counts as this dark: black has no logarithm. About a quarter of an 8-bit step.
 const FLOOR: f64 = 7.6e-5;

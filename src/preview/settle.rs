@@ -3,11 +3,10 @@
 use super::judge::{Bound, reject};
 use super::look::Look;
 use super::meter::mean_luminance;
-use crate::manifest::{
-    LightRecipe, LuminanceScale, RejectRecipe, SceneLine, WhiteBalance, gains_against, nine_digits,
-};
-use crate::scene::{AssembleError, Decoded, LoadError, SceneFiles, decode};
-use crate::trace::Isa;
+use plan::{LightRecipe, LuminanceScale, RejectRecipe, WhiteBalance, gains_against, nine_digits};
+use render::line::SceneLine;
+use render::scene::{AssembleError, Decoded, LoadError, SceneFiles, decode};
+use render::trace::Isa;
 
 /// Geometric mean luminance of a metered photograph: middle grey.
 const MIDDLE_GREY: f64 = 0.18;

@@ -2,9 +2,9 @@
 
 use super::survey::Survey;
 use super::text::table;
-use crate::farm::Run;
+use crate::run::Run;
 use crate::html::Html;
-use crate::manifest::{SceneLine, Split};
+use render::line::{SceneLine, Split};
 use crate::plot::number;
 use crate::serve::text::grouped;
 use std::collections::{BTreeMap, BTreeSet};

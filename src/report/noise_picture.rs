@@ -1,6 +1,6 @@
 //! A noise map as a picture, and what its colours mean.
 
-use crate::merge::NoiseMap;
+use render::merge::NoiseMap;
 use crate::plot::{Axis, LAYER_SYMBOLS, open};
 use image::{Rgb, RgbImage, imageops};
 use std::fmt::Write;

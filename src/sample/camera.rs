@@ -1,6 +1,6 @@
 //! The capture camera: DIODE's intrinsics and a pose.
 
-use crate::manifest::Intrinsics;
+use render::line::Intrinsics;
 use glam::Vec3;
 
 /// DIODE's intrinsics, scaled from 1024 x 768 to this size.

@@ -2,7 +2,7 @@
 
 use super::listing::SamplePhotograph;
 use super::render::{Rgbd, render};
-use crate::atomic_file::{self, WriteError};
+use render::atomic_file::{self, WriteError};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use std::path::{Path, PathBuf};
@@ -110,7 +110,7 @@ fn npy(shape: &str, values: &[f32]) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::listing;
+    use procedural::listing;
     use std::fs;
 
     #[test]

@@ -5,7 +5,7 @@ use super::listing::{Place, SamplePhotograph};
 use super::shape::Solid;
 use super::sky::Sky;
 use super::{outdoors, room};
-use crate::manifest::Intrinsics;
+use render::line::Intrinsics;
 use glam::Vec3;
 
 /// A rectangle that shines to one side: an open window.

@@ -9,8 +9,9 @@ use super::camera::places_intrinsics;
 use super::diode::SampleError;
 use super::listing::{self, Place, SamplePhotograph};
 use super::render::{Rgbd, render_through};
-use crate::atomic_file;
-use crate::manifest::{self, DepthRanges};
+use render::atomic_file;
+use crate::manifest::{self};
+use plan::DepthRanges;
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
@@ -154,7 +155,7 @@ fn png(rgbd: &Rgbd) -> Result<Vec<u8>, image::ImageError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::manifest::{PlacesFolders, index_places};
+    use plan::{PlacesFolders, index_places};
     use std::collections::{BTreeMap, BTreeSet};
 
     #[test]

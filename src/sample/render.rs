@@ -9,7 +9,7 @@ use super::model::Model;
 use super::shape::Shape;
 use super::tiles::{Hit, Tiles};
 use super::tone::Tone;
-use crate::manifest::Intrinsics;
+use render::line::Intrinsics;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 

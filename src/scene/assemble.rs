@@ -4,13 +4,8 @@ use super::near::{MAX_TOO_NEAR_SHARE, Near};
 use super::photograph::Sheet;
 use super::place::{Decoded, MeshSides, Placed};
 use super::relative::RelativeSides;
-use crate::manifest::{
-    Apex, Filter, Focus, FocusAt, LineError, ReflectionOrders, SceneLine, refuse,
-};
-use crate::trace::{
-    FilmPlane, FilterTable, Grid, Lens, MAX_COORDINATE_M, Order, OrderPlan, Pose, Sampling, Scene,
-    Slab, Texture, View,
-};
+use render::line::{Apex, Filter, Focus, FocusAt, LineError, ReflectionOrders, SceneLine, refuse};
+use render::trace::{FilmPlane, FilterTable, Grid, Lens, MAX_COORDINATE_M, Order, OrderPlan, Pose, Sampling, Scene, Slab, Texture, View};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -409,7 +404,7 @@ fn view(
 }
 
 fn order_facts(orders: &OrderPlan, spp: u32) -> Vec<OrderFact> {
-    let block = spp.min(crate::trace::BLOCK as u32);
+    let block = spp.min(render::trace::BLOCK as u32);
     let all = orders.front.iter().chain(&orders.back);
     all.map(|followed| OrderFact {
         order: match followed.order {

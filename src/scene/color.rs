@@ -6,7 +6,7 @@ use super::npy::{Axes, NpyHead, NpyImage};
 use super::npy_header::Element;
 use super::raster::{self, Raster, Samples};
 use super::{highlights, openexr, pfm, transfer};
-use crate::manifest::{Highlights, Transfer};
+use render::line::{Highlights, Transfer};
 use std::rc::Rc;
 
 pub(super) const FORMATS: &str = "a PNG, JPEG, PNM, EXR, Radiance HDR, PFM or .npy colour image";

@@ -6,7 +6,7 @@ use super::npy::{Axes, NpyHead, NpyImage};
 use super::npy_header::Element;
 use super::raster::{self, Raster, Samples};
 use super::{openexr, pfm};
-use crate::manifest::{DepthKind, Intrinsics};
+use render::line::{DepthKind, Intrinsics};
 
 const FORMATS: &str = "a .npy, grey PNG, grey PNM, PFM or EXR depth image";
 const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers";

@@ -6,8 +6,8 @@ use super::{
     AssembleError, Decoded, NamedBytes, PanoramaFiles, PhotographFiles, SceneError, SceneFacts,
     assemble, decode_mesh, decode_photograph,
 };
-use crate::manifest::{PanoramaDepth, RootError, Roots, SceneLine, Side};
-use crate::trace::Scene;
+use render::line::{PanoramaDepth, RootError, Roots, SceneLine, Side};
+use render::trace::Scene;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -6,7 +6,7 @@
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
 use super::{color, depth, mask, panorama, ply, raster};
-use crate::manifest::Transfer;
+use render::line::Transfer;
 
 /// Bytes of a file's beginning that show most headers; a JPEG may have a preview before its size.
 pub const START_BYTES: usize = 1 << 14;

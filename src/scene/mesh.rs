@@ -3,8 +3,8 @@
 use super::error::SceneError;
 use super::files::NamedBytes;
 use super::{ply, transfer};
-use crate::manifest::MeshFile;
-use crate::trace::MAX_COORDINATE_M;
+use render::line::MeshFile;
+use render::trace::MAX_COORDINATE_M;
 use glam::{DMat3, DVec3};
 
 /// A triangle mesh that carries radiance at its vertices.

@@ -3,7 +3,7 @@
 use super::assemble::AssembleError;
 use super::photograph::Sheet;
 use super::place::Placed;
-use crate::trace::{NEAR_M, Slab};
+use render::trace::{NEAR_M, Slab};
 use glam::DVec3;
 
 /// Share of the valid depth pixels, or of the vertices in the field of view, that may lie nearer than the pane.

@@ -189,7 +189,7 @@ pub(super) mod tests {
     use std::path::PathBuf;
 
     /// A file of format version 1.0 with the given type, order, shape and data.
-    pub(in crate::scene) fn npy(
+    pub(in render::scene) fn npy(
         descr: &str,
         fortran: bool,
         shape: &str,

@@ -210,7 +210,7 @@ pub(super) mod tests {
     use std::path::PathBuf;
 
     /// An EXR file of one layer.
-    pub(in crate::scene) fn exr(
+    pub(in render::scene) fn exr(
         width: usize,
         height: usize,
         channels: &[(&str, FlatSamples)],
@@ -219,7 +219,7 @@ pub(super) mod tests {
     }
 
     /// The same with blocks and compression of choice.
-    pub(in crate::scene) fn exr_coded(
+    pub(in render::scene) fn exr_coded(
         width: usize,
         height: usize,
         channels: &[(&str, FlatSamples)],

@@ -10,7 +10,7 @@ use super::files::{FileFormat, NamedBytes, PanoramaFiles};
 use super::photograph::{Sheet, invert};
 use super::window::{Sight, Window};
 use super::{center, color, depth, fill, relative};
-use crate::manifest::{DepthMap, Fill, Intrinsics, PanoramaDepth, PanoramaFile, Transfer};
+use render::line::{DepthMap, Fill, Intrinsics, PanoramaDepth, PanoramaFile, Transfer};
 use glam::{DMat3, DVec3};
 use std::f64::consts::TAU;
 

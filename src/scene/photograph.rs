@@ -4,7 +4,7 @@ use super::error::SceneError;
 use super::files::{NamedBytes, PhotographFiles};
 use super::relative::{self, RelativeEnds};
 use super::{center, color, depth, fill, mask};
-use crate::manifest::{Fill, Intrinsics, Photograph, Transfer};
+use render::line::{Fill, Intrinsics, Photograph, Transfer};
 use std::path::Path;
 
 /// A continuous surface that carries radiance: one vertex at each pixel centre of the depth image.

@@ -4,7 +4,7 @@ use super::assemble::AssembleError;
 use super::mesh::Polygons;
 use super::photograph::Sheet;
 use super::relative::RelativeEnds;
-use crate::trace::{MAX_COORDINATE_M, Mesh};
+use render::trace::{MAX_COORDINATE_M, Mesh};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 

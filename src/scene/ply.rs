@@ -359,4 +359,4 @@ fn read_faces(
 }
 
 #[cfg(test)]
-pub(in crate::scene) mod tests;
+pub(in render::scene) mod tests;

@@ -228,7 +228,7 @@ pub(super) mod tests {
     use std::path::PathBuf;
 
     /// A PNG file of the given pixels; 16-bit samples in native order.
-    pub(in crate::scene) fn png(
+    pub(in render::scene) fn png(
         pixels: &[u8],
         width: u32,
         height: u32,
@@ -245,7 +245,7 @@ pub(super) mod tests {
     }
 
     /// A JPEG file.
-    pub(in crate::scene) fn jpeg(pixels: &[u8], width: u32, height: u32) -> NamedBytes {
+    pub(in render::scene) fn jpeg(pixels: &[u8], width: u32, height: u32) -> NamedBytes {
         let mut bytes = Vec::new();
         image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 95)
             .write_image(pixels, width, height, ExtendedColorType::Rgb8)
@@ -257,7 +257,7 @@ pub(super) mod tests {
     }
 
     /// Makes the checksums of a damaged PNG's chunks right, so that the damage reaches the decoder.
-    pub(in crate::scene) fn repair_png(bytes: &mut [u8]) {
+    pub(in render::scene) fn repair_png(bytes: &mut [u8]) {
         let mut at = 8;
         while let Some(&[a, b, c, d]) = bytes.get(at..at + 4) {
             let length = u32::from_be_bytes([a, b, c, d]) as usize;

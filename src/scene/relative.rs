@@ -7,7 +7,7 @@
 
 use super::depth::Depth;
 use super::error::SceneError;
-use crate::manifest::{DepthKind, DepthRange};
+use render::line::{DepthKind, DepthRange};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

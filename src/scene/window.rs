@@ -1,13 +1,13 @@
 //! Which part of a side the film can see: what a panorama's view must cover.
 //!
 //! Every order of the glass is the camera's ray, or the one mirrored in the front face, shifted along the normal
-//! ([`crate::trace::Slab::kappa_m`]). Seen from the side's capture camera such a line runs from where it enters the sphere
+//! ([`render::trace::Slab::kappa_m`]). Seen from the side's capture camera such a line runs from where it enters the sphere
 //! of the nearest surface to infinity, and its image is monotone in between: the two ends of the outermost lines bound
 //! all that can be hit.
 
 use super::assemble::{film_directions, film_plane, film_reach, mirror, slab};
-use crate::manifest::{Apex, Focus, FocusAt, SceneLine};
-use crate::trace::{Lens, Order, Slab};
+use render::line::{Apex, Focus, FocusAt, SceneLine};
+use render::trace::{Lens, Order, Slab};
 use glam::{DMat3, DVec3};
 
 /// Round trips inside the glass that are reckoned with; further ones are as good as black.
@@ -172,7 +172,7 @@ mod tests {
         assert!((across[1] - expected).abs() < 1e-9, "{across:?} {expected}");
         // Turned by 10 degrees, the reflection turns by 20.
         let tilted = SceneLine {
-            glass: crate::manifest::Glass {
+            glass: render::line::Glass {
                 tilt_deg: [0.0, 10.0],
                 ..line.glass.clone()
             },

@@ -3,7 +3,7 @@
 use super::golden_scenes::{GoldenScene, golden_scenes};
 use super::layout::samples_per_range;
 use super::spec::Golden;
-use crate::trace::{Isa, Scene, Tile, trace_tile};
+use render::trace::{Isa, Scene, Tile, trace_tile};
 use std::ops::Range;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -110,7 +110,7 @@ fn digest(golden: &GoldenScene, isa: Isa) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trace::TRACER_VERSION;
+    use render::trace::TRACER_VERSION;
     use std::fmt::Write;
 
     /// If this fails, pixels have changed: raise `TRACER_VERSION`, say so in CHANGELOG, then paste the printed table.

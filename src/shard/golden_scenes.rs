@@ -3,9 +3,7 @@
 //! To add one: a row in [`golden_scenes`], its digest in the table of `golden.rs` (the test prints it), its reference
 //! image (see `tests/physics/golden.rs`), and a new [`super::golden::SET`] name.
 
-use crate::trace::{
-    FilmPlane, FilterTable, Grid, Lens, OrderPlan, Pose, Sampling, Scene, Slab, Texture, View,
-};
+use render::trace::{FilmPlane, FilterTable, Grid, Lens, OrderPlan, Pose, Sampling, Scene, Slab, Texture, View};
 use glam::{DMat3, DVec3};
 
 /// A scene of the golden set.
@@ -273,7 +271,7 @@ pub fn golden_scenes() -> Vec<GoldenScene> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trace::Surface;
+    use render::trace::Surface;
 
     /// The set is worth its name only while it covers what the tracer can do.
     #[test]

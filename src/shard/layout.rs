@@ -1,7 +1,7 @@
 //! How a scene is cut: tiles (the film's size need not divide) times sample ranges, numbered from 0.
 
-use crate::manifest::SceneLine;
-use crate::trace::Tile;
+use render::line::SceneLine;
+use render::trace::Tile;
 use std::ops::Range;
 
 /// Samples that one shard takes of each pixel: all up to 256, later a sixteenth of them (at least 256).
@@ -76,7 +76,7 @@ impl ShardLayout {
     /// The cut of a manifest line. Adaptive scenes have one range: a cell decides from all of its samples. Their tiles
     /// are whole cells: `tile_px` is rounded up to that.
     pub fn of(line: &SceneLine, tile_px: u32) -> Self {
-        let (film, cell) = (&line.film, crate::trace::CELL_PX);
+        let (film, cell) = (&line.film, render::trace::CELL_PX);
         if film.target_error.is_none() {
             return Self::new(film.width, film.height, film.spp, tile_px);
         }

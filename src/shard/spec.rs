@@ -1,6 +1,6 @@
 //! `RUN/spec.json`: what a run may not change under way.
 
-use crate::manifest::{SceneLine, to_jsonl};
+use render::line::{SceneLine, to_jsonl};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
@@ -24,7 +24,7 @@ pub struct Spec {
     pub manifest_blake3: String,
     /// Side of a tile, px.
     pub tile_px: u32,
-    /// [`crate::trace::TRACER_VERSION`] at planning.
+    /// [`render::trace::TRACER_VERSION`] at planning.
     pub tracer_version: u32,
     /// A shard that every machine traces before it joins.
     pub golden: Golden,

@@ -40,7 +40,7 @@ impl Inputs {
         }
     }
 
-    /// A file's bytes, or an object's: what `path` is, is told by [`crate::manifest::is_url`].
+    /// A file's bytes, or an object's: what `path` is, is told by [`render::line::is_url`].
     ///
     /// Errors of a store are [`StoreError`]s inside, but for an object that is not there, which is `NotFound`.
     pub fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
@@ -117,7 +117,7 @@ impl Inputs {
 
 /// A URL, its part up to the bucket, and the key; none of a path.
 fn parts(path: &Path) -> Option<(&str, &str, String)> {
-    let url = path.to_str().filter(|_| crate::manifest::is_url(path))?;
+    let url = path.to_str().filter(|_| render::line::is_url(path))?;
     let start = url.find("://")? + 3;
     let end = url[start..].find('/').map_or(url.len(), |n| start + n);
     let names = url[end..].split('/');
@@ -191,7 +191,7 @@ mod tests {
     fn paths_are_read_from_the_disk() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a");
-        crate::atomic_file::write(&file, b"one").unwrap();
+        render::atomic_file::write(&file, b"one").unwrap();
         let inputs = Inputs::default();
         assert_eq!(inputs.read(&file).unwrap(), b"one");
         let error = inputs.read(&folder.path().join("b")).unwrap_err();

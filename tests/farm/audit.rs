@@ -5,7 +5,7 @@ use crate::program::{run, text};
 use crate::scenes::{SCENES, partials, place, put_partials};
 use crate::server::Server;
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, WritableImage, f16, read};
-use glasshouse::partial::Partial;
+use render::partial::Partial;
 use serde_json::json;
 use std::path::Path;
 

@@ -5,7 +5,7 @@ use crate::serve_run::{HOSTILE, Run, TOKEN, get, id, png, request, run, send, st
 use glasshouse::serve::{
     Action, FarmSource, FarmState, QuarantinedScene, ServeError, WorkerState, serve,
 };
-use glasshouse::trace::LAYERS;
+use render::trace::LAYERS;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};

@@ -12,8 +12,8 @@ use crate::export::PixelEncoding;
 use crate::export::{
     ExportOptions, ExportPlan, ExportWork, Exported, FolderState, export, foretell_bytes, look,
 };
-use crate::ids::SceneId;
-use crate::manifest::{Roots, Split, is_url};
+use render::ids::SceneId;
+use render::line::{Roots, Split, is_url};
 use anyhow::anyhow;
 use clap::{Args as ClapArgs, ValueEnum};
 use serde::Serialize;

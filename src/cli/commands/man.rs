@@ -1,6 +1,6 @@
 //! `man`
 
-use crate::atomic_file;
+use render::atomic_file;
 use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;

@@ -7,10 +7,12 @@ use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::store_env;
 use crate::doctor::{available_bytes, bytes_text};
-use crate::farm::{InvalidInput, PlanOptions, Planned, plan};
-use crate::manifest::{Calibration, Cost, Estimate, Recipe, Roots, SceneLine, cost, is_url};
-use crate::scene::read_files_by;
-use crate::trace::Isa;
+use plan::InvalidInput;
+use crate::run::{PlanOptions, Planned, plan};
+use plan::{Calibration, Cost, Estimate, Recipe, cost};
+use render::line::{Roots, SceneLine, is_url};
+use render::scene::read_files_by;
+use render::trace::Isa;
 use clap::Args as ClapArgs;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -97,7 +99,7 @@ fn keep_training(args: &PlanArgs) -> Result<(), Failure> {
     let mut json =
         serde_json::to_string_pretty(&train).map_err(|e| Failure::new(Exit::Failed, e))?;
     json.push('\n');
-    crate::atomic_file::write(&run_folder(args).join(TRAIN_RECIPE), json.as_bytes())?;
+    render::atomic_file::write(&run_folder(args).join(TRAIN_RECIPE), json.as_bytes())?;
     Ok(())
 }
 

@@ -4,7 +4,7 @@ use crate::cli::args::{Global, threads};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
-use crate::sample::{self, SampleError, SamplePhotograph};
+use procedural::{self, SampleError, SamplePhotograph};
 use clap::{Args as ClapArgs, ValueEnum};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;

@@ -2,7 +2,7 @@
 
 use crate::cli::exit_code::Exit;
 use crate::cli::output::Output;
-use crate::manifest::recipe_schema;
+use plan::recipe_schema;
 use serde::Serialize;
 use serde_json::Value;
 use std::fmt;

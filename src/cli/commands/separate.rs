@@ -1,6 +1,6 @@
 //! `separate CHECKPOINT IMAGES... --out DIR`
 
-use crate::atomic_file;
+use render::atomic_file;
 use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::network::NetworkArgs;
@@ -8,9 +8,9 @@ use crate::cli::network::{Network, Which, use_threads};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
-use crate::evaluate::read_picture;
-use crate::manifest::FeatureSource;
-use crate::train::LEAST_PX;
+use compose::read_picture;
+use plan::FeatureSource;
+use train::LEAST_PX;
 use anyhow::anyhow;
 use clap::Args as ClapArgs;
 use image::{ImageFormat, RgbImage};

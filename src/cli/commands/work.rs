@@ -12,12 +12,10 @@ use crate::cli::queue;
 use crate::cli::signals::Signals;
 use crate::cli::store_env;
 use crate::farm::queue::{LocalQueue, Queue, Waiting};
-use crate::farm::{
-    Event, Fault, Observer, Outcome, Quarantined, Run, SharedQueue, Span, Stop, WorkOptions,
-    WorkerName, run_status, work, work_shared, work_span,
-};
-use crate::ids::SceneId;
-use crate::manifest::Roots;
+use crate::run::{Event, Observer, Quarantined, Run, Span, Stop, WorkerName, run_status};
+use crate::farm::{Fault, Outcome, SharedQueue, WorkOptions, work, work_shared, work_span};
+use render::ids::SceneId;
+use render::line::Roots;
 use crate::store::Store;
 use clap::Args as ClapArgs;
 use serde::Serialize;

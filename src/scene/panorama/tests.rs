@@ -3,8 +3,8 @@ use super::super::openexr::tests::exr;
 use super::super::raster::tests::png;
 use super::super::{LoadedScene, SceneFiles, SideFiles, load};
 use super::*;
-use crate::manifest::{SceneLine, Side};
-use crate::trace::{Isa, Tile, TileResult, trace_tile};
+use render::line::{SceneLine, Side};
+use render::trace::{Isa, Tile, TileResult, trace_tile};
 use ::exr::prelude::FlatSamples;
 use std::f64::consts::PI;
 

@@ -3,8 +3,8 @@
 use super::super::npy::tests::npy;
 use super::super::raster::tests::png;
 use super::*;
-use crate::manifest::{DepthKind, Fill, SceneLine, Side, Transfer};
-use crate::scene::NamedBytes;
+use render::line::{DepthKind, Fill, SceneLine, Side, Transfer};
+use render::scene::NamedBytes;
 use image::ExtendedColorType as Png;
 use std::path::PathBuf;
 

@@ -1,6 +1,6 @@
 use super::*;
-use crate::manifest::MeshFile;
-use crate::scene::decode_mesh;
+use render::line::MeshFile;
+use render::scene::decode_mesh;
 use std::path::PathBuf;
 
 /// Two squares and a triangle that share corners, with what other programs add; the body in any coding.
@@ -71,7 +71,7 @@ fn file(coding: &str, colour: &str) -> NamedBytes {
 const CODINGS: [&str; 3] = ["ascii", "binary_little_endian", "binary_big_endian"];
 
 fn mesh_line(json: &str) -> MeshFile {
-    let crate::manifest::Side::Mesh(line) = serde_json::from_str(json).unwrap() else {
+    let render::line::Side::Mesh(line) = serde_json::from_str(json).unwrap() else {
         panic!("a photograph")
     };
     line

@@ -6,12 +6,12 @@
 //! of a surface either side is right.) A *stray* is a hit that does not lie on the mesh.
 
 use super::{LANES, full_span, random};
-use crate::manifest::{Photograph, Transfer};
-use crate::sample::{listing, render};
-use crate::scene::{NamedBytes, PhotographFiles, decode_photograph};
-use crate::trace::lanes::Lane;
-use crate::trace::walk::{Lines, Span, walk};
-use crate::trace::{Grid, Isa};
+use render::line::{Photograph, Transfer};
+use procedural::{listing, render};
+use render::scene::{NamedBytes, PhotographFiles, decode_photograph};
+use render::trace::lanes::Lane;
+use render::trace::walk::{Lines, Span, walk};
+use render::trace::{Grid, Isa};
 use std::path::Path;
 
 /// Coordinates relative to a bundle's base are rounded by 1e-6 px; a few operations follow.
@@ -36,9 +36,9 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
         mask: None,
         transfer: Transfer::Linear,
         depth_unit_m: unit_m,
-        depth_kind: crate::manifest::DepthKind::Z,
+        depth_kind: render::line::DepthKind::Z,
         depth_range: None,
-        intrinsics: crate::manifest::Intrinsics {
+        intrinsics: render::line::Intrinsics {
             fx: 500.0,
             fy: 500.0,
             cx: width as f64 / 2.0,
@@ -48,7 +48,7 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
         exposure: 1.0,
         illuminant: [1.0; 3],
         highlights: None,
-        fill: crate::manifest::Fill::Smooth,
+        fill: render::line::Fill::Smooth,
         apex: None,
     };
     let named = |bytes: Vec<u8>| NamedBytes {
@@ -93,8 +93,8 @@ fn terrains() -> Vec<Terrain> {
     let places = listing(8, 11);
     let find = |place| places.iter().position(|p| p.place == place).unwrap();
     let (indoors, outdoors) = (
-        find(crate::sample::Place::Indoors),
-        find(crate::sample::Place::Outdoor),
+        find(procedural::Place::Indoors),
+        find(procedural::Place::Outdoor),
     );
     let mut terrains = vec![
         Terrain {

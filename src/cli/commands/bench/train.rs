@@ -6,7 +6,7 @@ use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::network::use_threads;
 use crate::cli::output::{Output, as_map};
 use crate::cli::progress::Progress;
-use crate::train::{FeatureSource, TrainSettings};
+use train::{FeatureSource, TrainSettings};
 use candle_core::Device;
 use clap::Args as ClapArgs;
 use serde::Serialize;
@@ -50,7 +50,7 @@ pub(super) fn run(
         batch: args.batch,
         ..TrainSettings::default()
     };
-    let usage = |e: crate::train::SettingError| Failure::new(Exit::Usage, e);
+    let usage = |e: train::SettingError| Failure::new(Exit::Usage, e);
     settings.validate().map_err(usage)?;
     if global.dry_run {
         let planned = Planned {
