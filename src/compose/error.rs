@@ -1,6 +1,6 @@
 //! Why pictures cannot be evaluated.
 
-use crate::scene::limits::{MAX_PIXELS, MAX_SIDE};
+use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
 use std::io;
 use std::path::PathBuf;
 

@@ -5,8 +5,8 @@
 
 use super::EvaluateError;
 use super::score::{check_same_size, psnr_db};
-use crate::merge::{SrgbEncoder, srgb_to_linear};
 use image::{Rgb, RgbImage};
+use render::merge::{SrgbEncoder, srgb_to_linear};
 
 /// Least and greatest factor that are tried, in hundredths.
 const HUNDREDTHS: std::ops::RangeInclusive<u32> = 50..=200;
@@ -116,7 +116,7 @@ impl CodeSums {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluate::score;
+    use crate::score;
 
     fn picture(salt: u32) -> RgbImage {
         RgbImage::from_fn(64, 48, |x, y| {

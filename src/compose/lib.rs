@@ -18,6 +18,7 @@ mod layout;
 mod pairs;
 mod picture;
 mod score;
+mod ssim;
 mod table;
 
 pub use align::{MAX_ALIGNED_SHIFT_PX, Shift, shift_px};
@@ -26,6 +27,7 @@ pub use gain::{apply_gain, best_gain};
 pub use pairs::{Found, Pair, find_pairs};
 pub use picture::{decode_picture, read_picture};
 pub use score::{Scores, psnr_colour_db, score};
+pub use ssim::ssim_grey;
 pub use table::{Protocol, Row, means_table, per_image_csv};
 
 #[cfg(test)]

@@ -4,11 +4,11 @@
 //! are compared with.
 
 use super::EvaluateError;
-use crate::scene::jpeg_is_whole;
-use crate::scene::limits::{MAX_PIXELS, MAX_SIDE};
 use image::codecs::{jpeg::JpegDecoder, png::PngDecoder};
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageError, RgbImage};
+use render::formats::jpeg_is_whole;
+use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
 use std::fs;
 use std::io::Cursor;
 use std::path::Path;

@@ -8,7 +8,7 @@
 //! Both: range 255, SSIM as [`ssim_grey`] has it (scikit-image's defaults).
 
 use super::EvaluateError;
-use crate::preview::ssim_grey;
+use crate::ssim_grey;
 use image::{Rgb, RgbImage};
 
 /// How near a picture is to the truth. Equal pictures have an infinite PSNR (`f64::INFINITY`, written `inf`), and so has

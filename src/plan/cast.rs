@@ -4,11 +4,11 @@ use super::diode::SourceImage;
 use super::divide::divide;
 use super::draw::keyed;
 use super::expand::draw_line;
-use super::line::{SceneLine, Split};
 use super::pair::{Pair, pairs, pairs_between};
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
-use crate::ids::SceneId;
+use render::ids::SceneId;
+use render::line::{SceneLine, Split};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The photographs of each split and source that has pairs.

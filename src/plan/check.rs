@@ -4,14 +4,13 @@
 //! pixels themselves is told when the scene is loaded, and costs that scene.
 
 use super::content::Content;
-use super::plan::{PlanError, PlanOptions};
-use crate::ids::SceneId;
-use crate::manifest::{Roots, SceneLine, Side, is_url};
-use crate::scene::{
-    END_BYTES, FileEnds, FileRole, Look, NamedBytes, START_BYTES, look, look_at_whole,
-};
-use crate::store::{Inputs, StoreError};
+use super::drafting::{DraftError, Request};
+use super::inputs::{InputFiles, StoreUnavailable};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use render::formats::NamedBytes;
+use render::ids::SceneId;
+use render::line::{Roots, SceneLine, Side, is_url};
+use render::scene::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::fs::File;
@@ -36,7 +35,7 @@ pub struct InvalidInput {
 }
 
 /// A table of what is wrong, of at most twenty rows, after a line that counts.
-pub(super) fn invalid_text(invalid: &[InvalidInput], files: usize) -> String {
+pub fn invalid_text(invalid: &[InvalidInput], files: usize) -> String {
     let scenes: BTreeSet<&SceneId> = invalid.iter().flat_map(|input| &input.scenes).collect();
     let mut text = format!(
         "{} of {files} input files cannot be used, in {} {}:\n",
@@ -79,7 +78,7 @@ pub(super) struct Checker<'a> {
     roots: Roots,
     /// Roots whose files planning writes itself: they are not looked at.
     own: BTreeSet<&'a str>,
-    inputs: &'a Inputs,
+    inputs: &'a dyn InputFiles,
     threads: usize,
     on_file: &'a (dyn Fn(usize, usize) + Sync),
     seen: BTreeMap<(String, FileRole), Seen>,
@@ -89,9 +88,9 @@ impl<'a> Checker<'a> {
     /// Of the content's files; `on_file` is told (done, all).
     pub(super) fn new(
         content: &'a Content,
-        options: &'a PlanOptions,
+        request: &'a Request,
         on_file: &'a (dyn Fn(usize, usize) + Sync),
-    ) -> Result<Self, PlanError> {
+    ) -> Result<Self, DraftError> {
         let mut roots = Roots::default();
         for (name, folder) in &content.roots {
             roots.insert(name, folder.clone())?;
@@ -99,8 +98,8 @@ impl<'a> Checker<'a> {
         Ok(Self {
             roots,
             own: content.own_roots(),
-            inputs: options.inputs,
-            threads: options.threads,
+            inputs: request.inputs,
+            threads: request.threads,
             on_file,
             seen: BTreeMap::new(),
         })
@@ -127,7 +126,10 @@ impl<'a> Checker<'a> {
     /// Looks at the scenes' files, as far as that was not done before; those that cannot be used, by path.
     ///
     /// An error is one of a store, not of a file.
-    pub(super) fn check(&mut self, lines: &[SceneLine]) -> Result<Vec<InvalidInput>, StoreError> {
+    pub(super) fn check(
+        &mut self,
+        lines: &[SceneLine],
+    ) -> Result<Vec<InvalidInput>, StoreUnavailable> {
         let wanted: BTreeSet<(&str, FileRole)> = lines.iter().flat_map(files_of).collect();
         let is_new = |(path, role): &(&str, FileRole)| {
             let root = path.split_once(':').map(|(root, _)| root);
@@ -155,7 +157,7 @@ impl<'a> Checker<'a> {
         Ok(invalid.into_values().collect())
     }
 
-    fn look_at_all(&self, files: &[(&str, FileRole)]) -> Result<Vec<Seen>, StoreError> {
+    fn look_at_all(&self, files: &[(&str, FileRole)]) -> Result<Vec<Seen>, StoreUnavailable> {
         let paths: Vec<_> = files
             .iter()
             .map(|(path, role)| (self.roots.resolve(Path::new(""), path), *role))
@@ -244,17 +246,17 @@ fn roles(side: &Side) -> Vec<(&str, FileRole)> {
 }
 
 /// Looks at one file or object.
-fn look_at(path: &Path, role: FileRole, inputs: &Inputs) -> Result<Seen, StoreError> {
+fn look_at(path: &Path, role: FileRole, inputs: &dyn InputFiles) -> Result<Seen, StoreUnavailable> {
     let ends = match ends(path, inputs) {
         Ok(ends) => ends,
-        Err(error) => return unreadable(error),
+        Err(error) => return unreadable(error, inputs),
     };
     let bytes = ends.length;
     let seen = match look(role, &ends) {
         Ok(Look::Sound(size)) => Ok(size),
         Ok(Look::Unsure) => match inputs.read(path) {
             Ok(bytes) => look_at_whole(role, &named(bytes)),
-            Err(error) => return unreadable(error),
+            Err(error) => return unreadable(error, inputs),
         },
         Err(error) => Err(error),
     };
@@ -265,8 +267,8 @@ fn look_at(path: &Path, role: FileRole, inputs: &Inputs) -> Result<Seen, StoreEr
 }
 
 /// A store that cannot be asked says nothing of its objects.
-fn unreadable(error: io::Error) -> Result<Seen, StoreError> {
-    match error.downcast::<StoreError>() {
+fn unreadable(error: io::Error, inputs: &dyn InputFiles) -> Result<Seen, StoreUnavailable> {
+    match inputs.store_failure(error) {
         Ok(error) => Err(error),
         Err(error) => Ok(Seen::Wrong(format!("it cannot be read: {error}"))),
     }
@@ -280,7 +282,7 @@ fn named(bytes: Vec<u8>) -> NamedBytes {
     }
 }
 
-fn ends(path: &Path, inputs: &Inputs) -> io::Result<FileEnds> {
+fn ends(path: &Path, inputs: &dyn InputFiles) -> io::Result<FileEnds> {
     if is_url(path) {
         let (start, length) = inputs.read_start(path, START_BYTES)?;
         return Ok(FileEnds {
@@ -314,10 +316,11 @@ fn ends(path: &Path, inputs: &Inputs) -> io::Result<FileEnds> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::atomic_file;
+    use crate::inputs::LocalFiles;
+    use render::atomic_file;
 
     fn seen(path: &Path, role: FileRole) -> Seen {
-        look_at(path, role, &Inputs::default()).unwrap()
+        look_at(path, role, &LocalFiles).unwrap()
     }
 
     #[test]

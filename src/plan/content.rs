@@ -1,16 +1,15 @@
 //! What a recipe, a manifest or a file of hard cases says: scenes, where their files are, and what can be left out of it.
 
-use super::look::{Looked, RejectedScene, Surroundings, draw_all};
-use super::plan::{PlanError, PlanOptions, Tell};
-use super::run_dir::RunDir;
+use super::drafting::{DraftError, Request, Tell};
+use super::draw_scenes::{Looked, RejectedScene, Surroundings, draw_all};
 use super::sample_bytes::SampleBytes;
 use crate::cases::CaseFile;
-use crate::manifest::{
-    Index, LIST_NAME, Layout, PlacesFolders, Recipe, RecipeError, Roots, SceneLine, Source,
-    SourceImage, expand_counted, from_paths, index_list, index_paths, index_places, index_source,
-    is_url, parse_jsonl,
+use crate::{
+    Index, LIST_NAME, Layout, PlacesFolders, Recipe, RecipeError, Source, SourceImage,
+    expand_counted, from_paths, index_list, index_paths, index_places, index_source,
 };
-use crate::sample::{self, SamplePhotograph};
+use procedural::SamplePhotograph;
+use render::line::{Roots, SceneLine, is_url, parse_jsonl};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
@@ -19,13 +18,13 @@ const MANIFEST_ROOT: &str = "manifest";
 
 /// A procedural photograph that planning makes.
 #[derive(Clone, Debug)]
-pub(super) struct Made {
+pub struct Made {
     /// The root that it lies under.
-    pub(super) root: String,
-    /// Which.
-    pub(super) photograph: SamplePhotograph,
+    pub root: String,
+    /// The photograph.
+    pub photograph: SamplePhotograph,
     /// Pixels across and down.
-    pub(super) size: [u32; 2],
+    pub size: [u32; 2],
 }
 
 /// What the recipe or manifest says, before anything is compared or written.
@@ -68,7 +67,7 @@ impl Content {
     pub(super) fn first_lines(
         &self,
         left_out: &BTreeSet<String>,
-    ) -> Result<Vec<SceneLine>, PlanError> {
+    ) -> Result<Vec<SceneLine>, DraftError> {
         match &self.scenes {
             Scenes::Drawn {
                 path,
@@ -89,10 +88,9 @@ impl Content {
     pub(super) fn draft(
         &self,
         left_out: &BTreeSet<String>,
-        dir: &RunDir,
-        options: &PlanOptions,
+        request: &Request,
         on_progress: &Tell,
-    ) -> Result<Draft, PlanError> {
+    ) -> Result<Draft, DraftError> {
         let mut notes = self.notes.clone();
         let Scenes::Drawn {
             path,
@@ -108,20 +106,20 @@ impl Content {
                 made: Vec::new(),
             });
         };
-        let bytes = SampleBytes::new(dir, made);
+        let bytes = SampleBytes::new(request.run, made);
         let mut folders = Roots::default();
         for (name, folder) in &self.roots {
-            folders.insert(name, dir.root().join(folder))?;
+            folders.insert(name, request.run.join(folder))?;
         }
         let around = Surroundings {
             roots: &folders,
-            base: dir.root(),
+            base: request.run,
             read: &|path| {
                 bytes
                     .read(path)
-                    .unwrap_or_else(|| options.inputs.read(path))
+                    .unwrap_or_else(|| request.inputs.read(path))
             },
-            threads: options.threads,
+            threads: request.threads,
             on_scene: &|done, all| on_progress("scenes looked at", done, all),
         };
         let Looked {
@@ -221,8 +219,8 @@ impl Content {
 }
 
 /// Of the recipe in the file `path`.
-fn wrong(path: &Path, source: RecipeError) -> PlanError {
-    PlanError::Recipe {
+fn wrong(path: &Path, source: RecipeError) -> DraftError {
+    DraftError::Recipe {
         path: path.to_owned(),
         source: Box::new(source),
     }
@@ -247,8 +245,8 @@ fn places(
     source: &Source,
     [color, depth]: [&Path; 2],
     base: &Path,
-    options: &PlanOptions,
-) -> Result<Index, PlanError> {
+    request: &Request,
+) -> Result<Index, DraftError> {
     let table = base.join(source.depth_ranges.as_deref().unwrap_or_default());
     let folders = PlacesFolders {
         color,
@@ -258,7 +256,7 @@ fn places(
     let mut listed = BTreeMap::new();
     for folder in [color, depth] {
         if is_url(folder) {
-            listed.insert(folder, options.inputs.list(folder)?);
+            listed.insert(folder, request.inputs.list(folder)?);
         }
     }
     let list = |folder: &Path| listed.get(folder).cloned();
@@ -268,10 +266,10 @@ fn places(
 pub(super) fn from_recipe(
     path: &Path,
     text: &str,
-    options: &PlanOptions,
-) -> Result<Content, PlanError> {
+    request: &Request,
+) -> Result<Content, DraftError> {
     let recipe = Recipe::parse(text).map_err(|source| wrong(path, source))?;
-    let folders = recipe.roots(&parent(path), options.roots);
+    let folders = recipe.roots(&parent(path), request.roots);
     let mut roots: BTreeMap<String, PathBuf> = folders
         .iter()
         .map(|(name, folder)| (name.to_owned(), absolute(folder)))
@@ -282,7 +280,7 @@ pub(super) fn from_recipe(
     for (name, source) in &recipe.sources {
         let index: Index = if source.layout == Layout::Sample {
             let seed = source.seed.unwrap_or(recipe.seed);
-            let photographs = sample::listing(source.count.unwrap_or(0) as usize, seed);
+            let photographs = procedural::listing(source.count.unwrap_or(0) as usize, seed);
             let paths: Vec<String> = photographs
                 .iter()
                 .flat_map(|p| [p.color_path(), p.depth_path(), p.mask_path()])
@@ -305,16 +303,16 @@ pub(super) fn from_recipe(
                     source,
                     [&folder, &folder_of(&format!("{name}-depth"))],
                     &parent(path),
-                    options,
+                    request,
                 )?
             } else if source.layout == Layout::List {
                 let list = match &source.list {
                     Some(list) => parent(path).join(list),
                     None => folder.join(LIST_NAME),
                 };
-                index_list(name, &list, options.inputs.read(&list))?
+                index_list(name, &list, request.inputs.read(&list))?
             } else if is_url(&folder) {
-                index_paths(name, &folder, &options.inputs.list(&folder)?)?
+                index_paths(name, &folder, &request.inputs.list(&folder)?)?
             } else {
                 index_source(name, &folder)?
             }
@@ -341,8 +339,8 @@ pub(super) fn from_recipe(
     })
 }
 
-pub(super) fn from_cases(path: &Path, text: &str) -> Result<Content, PlanError> {
-    let file = CaseFile::parse(text).map_err(|source| PlanError::Cases {
+pub(super) fn from_cases(path: &Path, text: &str) -> Result<Content, DraftError> {
+    let file = CaseFile::parse(text).map_err(|source| DraftError::Cases {
         path: path.to_owned(),
         source: Box::new(source),
     })?;
@@ -363,14 +361,14 @@ pub(super) fn from_cases(path: &Path, text: &str) -> Result<Content, PlanError> 
 pub(super) fn from_manifest(
     path: &Path,
     text: &str,
-    options: &PlanOptions,
-) -> Result<Content, PlanError> {
-    let mut lines = parse_jsonl(text).map_err(|source| PlanError::Manifest {
+    request: &Request,
+) -> Result<Content, DraftError> {
+    let mut lines = parse_jsonl(text).map_err(|source| DraftError::Manifest {
         path: path.to_owned(),
         source: Box::new(source),
     })?;
     let base = parent(path);
-    let mut roots: BTreeMap<String, PathBuf> = options
+    let mut roots: BTreeMap<String, PathBuf> = request
         .roots
         .iter()
         .map(|(name, folder)| (name.to_owned(), absolute(folder)))

@@ -4,10 +4,9 @@
 //! [train|val/](indoors|outdoor)/scene_NNNNN/scan_NNNNN/NAME{.png,_depth.npy,_depth_mask.npy}
 //! ```
 
-use super::depth_range::DepthRange;
-use super::line::Intrinsics;
 use super::list::ListError;
-use super::side::Side;
+use render::line::DepthRange;
+use render::line::Side;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -144,19 +143,6 @@ fn left_out(without_depth: usize) -> String {
     match without_depth {
         0 => String::new(),
         n => format!(" ({n} without depth)"),
-    }
-}
-
-impl Intrinsics {
-    /// DIODE's capture camera, the same for every image (intrinsics.txt of its devkit).
-    pub fn diode() -> Self {
-        Self {
-            fx: 886.81,
-            fy: 927.06,
-            cx: 512.0,
-            cy: 384.0,
-            size: Some([1024, 768]),
-        }
     }
 }
 
@@ -330,11 +316,11 @@ mod tests {
             fs::create_dir_all(stem.parent().unwrap()).unwrap();
             for ending in [".png", "_depth.npy", "_depth_mask.npy"] {
                 let file = format!("{}{ending}", stem.display());
-                crate::atomic_file::write_relaxed(Path::new(&file), b"").unwrap();
+                render::atomic_file::write_relaxed(Path::new(&file), b"").unwrap();
             }
         }
         let archive = dir.path().join("indoors/scene_2/scan_1.zip");
-        crate::atomic_file::write_relaxed(&archive, b"").unwrap();
+        render::atomic_file::write_relaxed(&archive, b"").unwrap();
         let index = index_source("diode", dir.path()).unwrap();
         let colors: Vec<_> = index.images.iter().map(|i| i.color.as_str()).collect();
         assert_eq!(

@@ -1,14 +1,12 @@
 //! Scenes of a recipe that asks for it are looked at before they are farmed: their light is settled, and those that nobody
 //! would want are replaced.
 
-use super::run_dir::RunDir;
-use crate::manifest::{
-    Cast, Drawn, Recipe, RecipeError, Roots, SceneLine, SourceImage, expand_counted,
-};
 use crate::preview::{SettleError, settle};
-use crate::scene::{SceneFiles, read_files_by};
-use crate::trace::Isa;
+use crate::{Cast, Drawn, Recipe, RecipeError, SourceImage, expand_counted};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use render::line::{Roots, SceneLine};
+use render::scene::{SceneFiles, read_files_by};
+use render::trace::Isa;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -37,9 +35,9 @@ pub struct RejectedScene {
     pub back: String,
 }
 
-/// The lines of `RUN/rejected.jsonl`; none if there is no such file. An error names the file and says what is wrong.
-pub fn read_rejected(dir: &RunDir) -> Result<Vec<RejectedScene>, (PathBuf, String)> {
-    let path = dir.rejected();
+/// The lines of the file `path`, a `RUN/rejected.jsonl`; none if there is no such file. An error names the file and says
+/// what is wrong.
+pub fn read_rejected(path: PathBuf) -> Result<Vec<RejectedScene>, (PathBuf, String)> {
     let text = match std::fs::read_to_string(&path) {
         Ok(text) => text,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -73,7 +71,7 @@ pub(super) struct Surroundings<'a> {
 }
 
 /// The lines of `RUN/rejected.jsonl`.
-pub(super) fn rejected_lines(rejected: &[RejectedScene]) -> String {
+pub fn rejected_lines(rejected: &[RejectedScene]) -> String {
     let line = |one| serde_json::to_string(one).expect("strings and numbers are JSON") + "\n";
     rejected.iter().map(line).collect()
 }

@@ -5,18 +5,18 @@ use super::diode::SourceImage;
 use super::draw::{Draw, nine_digits, scene_seed};
 use super::focus::FocusRecipe;
 use super::light::{SideLight, WhiteBalance, gains_against, illuminant};
-use super::line::{
-    Apex, Camera, DepthKind, Film, Focus, FocusAt, Glass, Photograph, SCENE_SCHEMA, SceneLine,
-};
 use super::list;
 use super::pair::Pair;
 use super::param::Param;
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
-use super::refuse::refuse;
-use super::side::Side;
 use super::source::Source;
 use super::source_values::source_values;
+use render::line::Side;
+use render::line::refuse;
+use render::line::{
+    Apex, Camera, DepthKind, Film, Focus, FocusAt, Glass, Photograph, SCENE_SCHEMA, SceneLine,
+};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// How often a scene is drawn before its recipe is given up.
@@ -302,11 +302,11 @@ fn photograph((name, source): (&str, &Source), image: &SourceImage) -> Photograp
 #[cfg(test)]
 mod tests {
     use super::super::divide::tests::set;
-    use super::super::jsonl::{parse_jsonl, to_jsonl};
-    use super::super::line::Split;
     use super::super::recipe::tests::PAPER;
     use super::*;
     use proptest::prelude::*;
+    use render::line::Split;
+    use render::line::{parse_jsonl, to_jsonl};
     use std::collections::BTreeSet;
 
     fn two_sources(indoors: usize, outdoor: usize) -> BTreeMap<String, Vec<SourceImage>> {

@@ -14,53 +14,50 @@
 //!
 //! Pure, apart from the listings of `diode.rs`, `places.rs` and `list.rs`.
 
+pub mod cases;
 mod cast;
-mod depth_range;
+mod check;
+mod content;
 mod diode;
 mod divide;
+mod drafting;
 mod draw;
+mod draw_scenes;
 mod expand;
 mod focus;
-mod highlights;
-mod jsonl;
-mod layers;
+mod inputs;
 mod light;
-mod limits;
-mod line;
 mod list;
+mod make;
 mod pair;
-mod panorama;
 mod param;
 mod places;
+mod preview;
 mod recipe;
 mod recipe_check;
 mod recipe_error;
 mod recipe_schema;
-mod refuse;
-mod roots;
-mod side;
-mod side_json;
+mod sample_bytes;
 mod source;
 mod source_values;
 mod training;
-mod validate;
 
 pub use cast::{Cast, Drawn, photograph_name};
-pub use depth_range::DepthRange;
+pub use check::{InvalidInput, invalid_text};
+pub use content::Made;
 pub use diode::{Index, IndexError, Place, SourceImage, from_paths, index_paths, index_source};
+pub use drafting::{DraftError, Drafted, Request, Tell, draft};
 pub use draw::{Draw, nine_digits, scene_seed};
+pub use draw_scenes::{RejectedScene, read_rejected, rejected_lines};
 pub use expand::{Expansion, expand, expand_counted};
 pub use focus::FocusRecipe;
-pub use highlights::Highlights;
-pub use jsonl::{ManifestError, parse_jsonl, parse_scene, to_jsonl};
-pub use layers::{LAYER_NAMES, LayerSet};
+pub use inputs::{InputFiles, LocalFiles, StoreUnavailable};
 pub use light::{
     AutoExposure, LightRecipe, LuminanceScale, RejectRecipe, WhiteBalance, gains_against,
     illuminant, luminance,
 };
-pub use line::*;
 pub use list::{LIST_NAME, ListError, PHOTOGRAPH_SCHEMA, index_list, parse_list};
-pub use panorama::{DepthMap, PanoramaDepth, PanoramaFile};
+pub use make::{inputs_folder, make_photographs};
 pub use param::{Normal, Param};
 pub use places::{
     Category, DEPTH_RANGES_SCHEMA, DepthRanges, DepthRangesError, PlacesFolders, index_places,
@@ -71,11 +68,7 @@ pub use recipe::{
 };
 pub use recipe_error::RecipeError;
 pub use recipe_schema::recipe_schema;
-pub use refuse::{MAX_INCIDENCE_DEG, refuse};
-pub use roots::{RootError, Roots, is_url};
-pub use side::{MeshFile, MeshPose, Side};
 pub use source::{Layout, Source};
 pub use training::{
     ExampleKind, FeatureSource, PixelSource, SettingError, Stage, Start, TrainRecipe, TrainSettings,
 };
-pub use validate::LineError;

@@ -4,9 +4,9 @@
 //! root, and where it was taken.
 
 use super::diode::{Index, IndexError, Place, SourceImage};
-use super::roots::is_url;
-use super::side::Side;
-use super::validate;
+use render::line::Side;
+use render::line::is_url;
+use render::line::validate_side;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::io;
@@ -88,7 +88,7 @@ fn parse_line(json: &str) -> Result<SourceImage, String> {
             ));
         }
     }
-    validate::side("photograph", &side).map_err(|error| error.to_string())?;
+    validate_side("photograph", &side).map_err(|error| error.to_string())?;
     let color = side.name().to_owned();
     // Names of scans are apart from paths, so that no photograph without one meets them.
     let (scene, scan) = match listed.scan {

@@ -1,7 +1,7 @@
 //! A number of a recipe: a constant, or a distribution that each scene draws from.
 
 use super::draw::normal_cdf;
-use super::limits::Limit;
+use render::line::limits::Limit;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::{self, Deserializer, MapAccess, Visitor};

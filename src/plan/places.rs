@@ -7,8 +7,8 @@
 //!
 //! Which categories are wanted, and how far such places reach, is a table of its own.
 
-use super::depth_range::DepthRange;
 use super::diode::{Index, IndexError, Place, SourceImage};
+use render::line::DepthRange;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -56,10 +56,22 @@ pub enum DepthRangesError {
     Empty,
     /// A range that no depth can have.
     #[error("{0}")]
-    Range(#[from] super::validate::LineError),
+    Range(#[from] render::line::LineError),
 }
 
 impl DepthRanges {
+    /// The table that ships with the program, `manifests/depth-ranges.toml`: the paper's 34 categories.
+    pub fn shipped() -> Self {
+        Self::parse(include_str!("../../manifests/depth-ranges.toml"))
+            .expect("the shipped table is tested")
+    }
+
+    /// Names of the categories of one kind of place, in the table's order.
+    pub fn categories_of(&self, place: Place) -> Vec<&str> {
+        let wanted = self.category.iter().filter(|(_, c)| c.place == place);
+        wanted.map(|(name, _)| name.as_str()).collect()
+    }
+
     /// Reads and checks a table.
     pub fn parse(text: &str) -> Result<Self, DepthRangesError> {
         let table: Self = toml::from_str(text).map_err(Box::new)?;
@@ -240,6 +252,11 @@ fn map_of<'m>(maps: &BTreeMap<&'m str, Vec<&'m str>>, stem: &str) -> Option<&'m 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use procedural::{
+        PLACES_COLOR, PLACES_DEPTH, PlacesPhotograph, places_intrinsics, places_listing,
+        render_through, write_places,
+    };
+    use std::collections::BTreeSet;
 
     const TABLE: &str = r#"
 schema = "glasshouse.depth_ranges/1"
@@ -346,5 +363,88 @@ why = "a guess"
             DepthRange::Mean { mean_m: 4.0, .. }
         ));
         assert!(table.category.values().all(|c| c.why.len() > 10));
+    }
+
+    /// A procedural set in the shipped table's categories.
+    fn listing(count: usize, seed: u64) -> Vec<PlacesPhotograph> {
+        let table = DepthRanges::shipped();
+        let [indoors, outdoors] = [Place::Indoors, Place::Outdoor].map(|p| table.categories_of(p));
+        places_listing(count, seed, &indoors, &outdoors)
+    }
+
+    #[test]
+    fn categories_take_turns_within_their_kind_of_place() {
+        let photographs = listing(4080, 1);
+        assert_eq!(listing(100, 1), photographs[..100]);
+        let mut counts = BTreeMap::new();
+        let mut paths = BTreeSet::new();
+        for p in &photographs {
+            *counts.entry(p.category.as_str()).or_insert(0) += 1;
+            assert!(paths.insert(p.color_path()));
+        }
+        assert_eq!(counts.len(), 34);
+        let table = DepthRanges::shipped();
+        for (category, count) in counts {
+            let expected = match table.category[category].place {
+                Place::Indoors => 102,
+                Place::Outdoor => 145,
+            };
+            assert!(
+                (expected..=expected + 1).contains(&count),
+                "{category}: {count}"
+            );
+        }
+        assert_eq!(
+            photographs[0].color_path(),
+            Path::new("a/airport_terminal/00000001.jpg")
+        );
+    }
+
+    #[test]
+    fn the_files_are_those_that_the_indexer_looks_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let photographs = listing(6, 3);
+        for photograph in &photographs {
+            write_places(folder.path(), photograph, 48, 40).unwrap();
+        }
+        let table = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../manifests/depth-ranges.toml");
+        let folders = PlacesFolders {
+            color: &folder.path().join(PLACES_COLOR),
+            depth: &folder.path().join(PLACES_DEPTH),
+            table: &table,
+        };
+        let index = index_places("places", &folders, &|_| None).unwrap();
+        assert!(index.without_depth.is_empty());
+        let found: BTreeSet<_> = index.images.iter().map(|i| i.color.clone()).collect();
+        let made = photographs.iter().map(PlacesPhotograph::color_path);
+        assert_eq!(
+            found,
+            made.map(|p| p.to_string_lossy().into_owned()).collect()
+        );
+
+        let photograph = &photographs[1];
+        let rgbd = render_through(&photograph.photograph, &places_intrinsics(48, 40), 48, 40);
+        let depth = image::open(folders.depth.join(photograph.depth_path())).unwrap();
+        let codes = depth.as_luma16().expect("16-bit grey").as_raw().clone();
+        assert_eq!(
+            (codes.iter().min(), codes.iter().max()),
+            (Some(&0), Some(&65535))
+        );
+        // The nearer, the larger; no holes.
+        let mut order: Vec<usize> = (0..codes.len()).collect();
+        order.sort_by_key(|&i| codes[i]);
+        for pair in order.windows(2) {
+            let [a, b] = [pair[0], pair[1]].map(|i| rgbd.inverse_depth_per_m[i]);
+            assert!(codes[pair[0]] == codes[pair[1]] || a < b, "{a} {b}");
+        }
+        let color = image::open(folders.color.join(photograph.color_path())).unwrap();
+        let off = color
+            .into_rgb8()
+            .into_raw()
+            .iter()
+            .zip(&rgbd.rgb)
+            .map(|(a, b)| u32::from(a.abs_diff(*b)))
+            .sum::<u32>();
+        assert!(f64::from(off) / f64::from(48 * 40 * 3) < 8.0, "{off}");
     }
 }

@@ -1,15 +1,15 @@
 //! `glasshouse.recipe/1`: what a set of scenes is drawn from. Defaults are the paper's constants.
 
 use super::focus::FocusRecipe;
-use super::layers::LayerSet;
 use super::light::{LightRecipe, LuminanceScale, RejectRecipe, SideLight, WhiteBalance};
-use super::line::{Apex, ExrPrecision, Film, Filter, ReflectionOrders, Split};
 use super::param::Param;
 use super::places::depth_root;
 use super::recipe_error::RecipeError;
-use super::roots::Roots;
 use super::source::{Layout, Source};
 use super::training::TrainRecipe;
+use render::line::LayerSet;
+use render::line::Roots;
+use render::line::{Apex, ExrPrecision, Film, Filter, ReflectionOrders, Split};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -336,7 +336,7 @@ impl Recipe {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::manifest::{DepthKind, Intrinsics};
+    use render::line::{DepthKind, Intrinsics};
 
     /// The paper's set, as on the design page.
     pub(in super::super) const PAPER: &str = r#"

@@ -2,16 +2,16 @@
 
 use super::cast::sides;
 use super::focus::FocusRecipe;
-use super::limits::{self, Limit};
-use super::line::{DepthKind, Fill, Intrinsics, Transfer};
 use super::param::Param;
 use super::places::depth_root;
 use super::recipe::{CameraRecipe, RECIPE_SCHEMA, Recipe};
 use super::recipe_error::RecipeError;
-use super::roots::is_root_name;
 use super::source::{Layout, Source};
 use super::training::{FeatureSource, TrainRecipe};
-use crate::ids::SceneId;
+use render::ids::SceneId;
+use render::line::is_root_name;
+use render::line::limits::{self, Limit};
+use render::line::{DepthKind, Fill, Intrinsics, Transfer};
 use std::collections::BTreeMap;
 
 /// Most pairs of one split: ids have six digits.

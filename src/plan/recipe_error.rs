@@ -1,8 +1,8 @@
 //! What can be wrong with a recipe, or with the photographs at hand.
 
-use super::line::Split;
-use super::validate::LineError;
-use crate::ids::SceneId;
+use render::ids::SceneId;
+use render::line::LineError;
+use render::line::Split;
 
 /// A recipe that cannot be used, or that cannot be expanded with the photographs at hand.
 #[derive(Debug, thiserror::Error)]

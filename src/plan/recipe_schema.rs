@@ -1,7 +1,6 @@
 //! JSON Schema of a recipe, for editors: `manifests/recipe.schema.json`, made from the types that read recipes.
 
 use super::focus::FocusRecipe;
-use super::layers::{LAYER_NAMES, LayerSet};
 use super::param::{Normal, Param};
 use super::recipe::{RECIPE_SCHEMA, Recipe};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -66,19 +65,6 @@ impl JsonSchema for FocusRecipe {
                     "additionalProperties": false,
                 },
             ],
-        })
-    }
-}
-
-impl JsonSchema for LayerSet {
-    fn schema_name() -> Cow<'static, str> {
-        "Layers".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({
-            "description": "Layers that are made.",
-            "type": "array", "items": { "enum": LAYER_NAMES }, "minItems": 1, "uniqueItems": true,
         })
     }
 }

@@ -1,8 +1,8 @@
 //! Procedural photographs that are not on disk yet, for who looks at scenes while a run is planned.
 
 use super::content::Made;
-use super::run_dir::RunDir;
-use crate::sample::{self, SampleFiles};
+use super::make::inputs_folder;
+use procedural::SampleFiles;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -17,10 +17,10 @@ pub(super) struct SampleBytes<'a> {
 
 impl<'a> SampleBytes<'a> {
     /// Of all photographs that a run may make.
-    pub(super) fn new(dir: &RunDir, all: &'a [Made]) -> Self {
+    pub(super) fn new(run: &Path, all: &'a [Made]) -> Self {
         let (mut photographs, mut places) = (Vec::new(), BTreeMap::new());
         for one in all {
-            let (folder, photograph) = (dir.inputs(&one.root), &one.photograph);
+            let (folder, photograph) = (inputs_folder(run, &one.root), &one.photograph);
             let files = [
                 photograph.color_path(),
                 photograph.depth_path(),
@@ -45,7 +45,7 @@ impl<'a> SampleBytes<'a> {
         }
         let (one, made) = &self.photographs[index];
         let [width, height] = one.size;
-        let files = made.get_or_init(|| sample::encode(&one.photograph, width, height).ok());
+        let files = made.get_or_init(|| procedural::encode(&one.photograph, width, height).ok());
         Some(match files {
             Some(files) => Ok([&files.color, &files.depth, &files.mask][kind].clone()),
             None => Err(io::Error::other("the photograph cannot be coded")),

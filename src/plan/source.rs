@@ -1,8 +1,8 @@
 //! `[sources.NAME]` of a recipe: where photographs come from.
 
-use super::depth_range::DepthRange;
-use super::highlights::Highlights;
-use super::line::{DepthKind, Fill, Intrinsics, Transfer, one};
+use render::line::DepthRange;
+use render::line::Highlights;
+use render::line::{DepthKind, Fill, Intrinsics, Transfer, one};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::fmt;

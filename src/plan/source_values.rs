@@ -1,12 +1,12 @@
 //! What photographs say of themselves, for parameters that are `"from_source"`.
 
-use super::line::Film;
 use super::pair::Pair;
 use super::param::Param;
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
-use super::side::Side;
-use crate::ids::SceneId;
+use render::ids::SceneId;
+use render::line::Film;
+use render::line::Side;
 use std::collections::BTreeMap;
 
 /// The values of all parameters that are from the source: `back.*` from the back's record, others from the front's. A focal
@@ -50,7 +50,7 @@ pub(super) fn source_values(
 /// A film's half field of view is `hypot(36, 24) / (2 f) * side / diagonal` in tangents, a photograph's the distance of its
 /// nearer border from the principal point over its focal length. Intrinsics without a size are taken to have the principal
 /// point in the middle.
-fn focal_length_mm(photograph: &super::line::Photograph, film: &Film) -> f64 {
+fn focal_length_mm(photograph: &render::line::Photograph, film: &Film) -> f64 {
     let camera = &photograph.intrinsics;
     let size = camera
         .size

@@ -1,7 +1,7 @@
 //! The capture camera: DIODE's intrinsics and a pose.
 
-use crate::manifest::Intrinsics;
 use glam::Vec3;
+use render::line::Intrinsics;
 
 /// DIODE's intrinsics, scaled from 1024 x 768 to this size.
 pub fn intrinsics(width: u32, height: u32) -> Intrinsics {

@@ -2,9 +2,9 @@
 
 use super::listing::SamplePhotograph;
 use super::render::{Rgbd, render};
-use crate::atomic_file::{self, WriteError};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
+use render::atomic_file::{self, WriteError};
 use std::path::{Path, PathBuf};
 
 /// Bytes before the data of a `.npy` file.
@@ -110,7 +110,7 @@ fn npy(shape: &str, values: &[f32]) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::listing;
+    use crate::listing;
     use std::fs;
 
     #[test]

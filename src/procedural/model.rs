@@ -5,8 +5,8 @@ use super::listing::{Place, SamplePhotograph};
 use super::shape::Solid;
 use super::sky::Sky;
 use super::{outdoors, room};
-use crate::manifest::Intrinsics;
 use glam::Vec3;
+use render::line::Intrinsics;
 
 /// A rectangle that shines to one side: an open window.
 #[derive(Clone, Copy, Debug)]

@@ -9,20 +9,16 @@ use super::camera::places_intrinsics;
 use super::diode::SampleError;
 use super::listing::{self, Place, SamplePhotograph};
 use super::render::{Rgbd, render_through};
-use crate::atomic_file;
-use crate::manifest::{self, DepthRanges};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
+use render::atomic_file;
 use std::path::{Path, PathBuf};
 
 /// Folder of the photographs below the set's.
 pub const PLACES_COLOR: &str = "data_256";
 /// Folder of the depth maps below the set's.
 pub const PLACES_DEPTH: &str = "depth";
-
-/// The shipped table: its categories are those of the set.
-const TABLE: &str = include_str!("../../manifests/depth-ranges.toml");
 
 /// Of 100.
 const JPEG_QUALITY: u8 = 92;
@@ -56,20 +52,21 @@ impl PlacesPhotograph {
     }
 }
 
-/// The first `count` photographs of the set with this seed: those of [`listing::listing`], rooms in the indoor categories of
-/// `manifests/depth-ranges.toml` in turn, streets and gardens in the outdoor ones.
-pub fn places_listing(count: usize, seed: u64) -> Vec<PlacesPhotograph> {
-    let table = DepthRanges::parse(TABLE).expect("the shipped table is tested");
-    let of = |place| {
-        let wanted = table.category.iter().filter(move |(_, c)| c.place == place);
-        wanted.map(|(name, _)| name.as_str()).collect::<Vec<_>>()
-    };
-    let (indoors, outdoor) = (of(manifest::Place::Indoors), of(manifest::Place::Outdoor));
+/// The first `count` photographs of the set with this seed: those of [`listing::listing`], rooms in the `indoors` categories
+/// in turn, streets and gardens in the `outdoors` ones.
+///
+/// Categories are names of the official list. Panics if a list is empty.
+pub fn places_listing(
+    count: usize,
+    seed: u64,
+    indoors: &[&str],
+    outdoors: &[&str],
+) -> Vec<PlacesPhotograph> {
     let mut passed = [0, 0];
     let place_of = |photograph: SamplePhotograph| {
         let (categories, passed) = match photograph.place {
-            Place::Indoors => (&indoors, &mut passed[0]),
-            Place::Outdoor => (&outdoor, &mut passed[1]),
+            Place::Indoors => (indoors, &mut passed[0]),
+            Place::Outdoor => (outdoors, &mut passed[1]),
         };
         let at = *passed;
         *passed += 1;
@@ -154,84 +151,6 @@ fn png(rgbd: &Rgbd) -> Result<Vec<u8>, image::ImageError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::manifest::{PlacesFolders, index_places};
-    use std::collections::{BTreeMap, BTreeSet};
-
-    #[test]
-    fn categories_take_turns_within_their_kind_of_place() {
-        let photographs = places_listing(4080, 1);
-        assert_eq!(places_listing(100, 1), photographs[..100]);
-        let mut counts = BTreeMap::new();
-        let mut paths = BTreeSet::new();
-        for p in &photographs {
-            *counts.entry(p.category.as_str()).or_insert(0) += 1;
-            assert!(paths.insert(p.color_path()));
-        }
-        assert_eq!(counts.len(), 34);
-        let table = DepthRanges::parse(TABLE).unwrap();
-        for (category, count) in counts {
-            let expected = match table.category[category].place {
-                manifest::Place::Indoors => 102,
-                manifest::Place::Outdoor => 145,
-            };
-            assert!(
-                (expected..=expected + 1).contains(&count),
-                "{category}: {count}"
-            );
-        }
-        assert_eq!(
-            photographs[0].color_path(),
-            Path::new("a/airport_terminal/00000001.jpg")
-        );
-    }
-
-    #[test]
-    fn the_files_are_those_that_the_indexer_looks_for() {
-        let folder = tempfile::tempdir().unwrap();
-        let photographs = places_listing(6, 3);
-        for photograph in &photographs {
-            write_places(folder.path(), photograph, 48, 40).unwrap();
-        }
-        let table = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/depth-ranges.toml");
-        let folders = PlacesFolders {
-            color: &folder.path().join(PLACES_COLOR),
-            depth: &folder.path().join(PLACES_DEPTH),
-            table: &table,
-        };
-        let index = index_places("places", &folders, &|_| None).unwrap();
-        assert!(index.without_depth.is_empty());
-        let found: BTreeSet<_> = index.images.iter().map(|i| i.color.clone()).collect();
-        let made = photographs.iter().map(PlacesPhotograph::color_path);
-        assert_eq!(
-            found,
-            made.map(|p| p.to_string_lossy().into_owned()).collect()
-        );
-
-        let photograph = &photographs[1];
-        let rgbd = render_through(&photograph.photograph, &places_intrinsics(48, 40), 48, 40);
-        let depth = image::open(folders.depth.join(photograph.depth_path())).unwrap();
-        let codes = depth.as_luma16().expect("16-bit grey").as_raw().clone();
-        assert_eq!(
-            (codes.iter().min(), codes.iter().max()),
-            (Some(&0), Some(&65535))
-        );
-        // The nearer, the larger; no holes.
-        let mut order: Vec<usize> = (0..codes.len()).collect();
-        order.sort_by_key(|&i| codes[i]);
-        for pair in order.windows(2) {
-            let [a, b] = [pair[0], pair[1]].map(|i| rgbd.inverse_depth_per_m[i]);
-            assert!(codes[pair[0]] == codes[pair[1]] || a < b, "{a} {b}");
-        }
-        let color = image::open(folders.color.join(photograph.color_path())).unwrap();
-        let off = color
-            .into_rgb8()
-            .into_raw()
-            .iter()
-            .zip(&rgbd.rgb)
-            .map(|(a, b)| u32::from(a.abs_diff(*b)))
-            .sum::<u32>();
-        assert!(f64::from(off) / f64::from(48 * 40 * 3) < 8.0, "{off}");
-    }
 
     #[test]
     fn a_flat_picture_has_a_flat_map() {

@@ -9,9 +9,9 @@ use super::model::Model;
 use super::shape::Shape;
 use super::tiles::{Hit, Tiles};
 use super::tone::Tone;
-use crate::manifest::Intrinsics;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
+use render::line::Intrinsics;
 
 /// A photograph with depth, row by row from the top left corner.
 #[derive(Clone, Debug, PartialEq)]

@@ -8,10 +8,10 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU8, Ordering};
 
 /// Rows of a band. Whole cells, for adaptive scenes; few, so that no thread waits long for the last one.
-pub(super) const BAND_ROWS: u32 = CELL_PX;
+pub(crate) const BAND_ROWS: u32 = CELL_PX;
 
 /// Bands of a tile.
-pub(super) fn bands(tile: Tile) -> u32 {
+pub(crate) fn bands(tile: Tile) -> u32 {
     tile.height.div_ceil(BAND_ROWS)
 }
 
@@ -31,7 +31,7 @@ const DROPPED: u8 = 2;
 
 /// A shard whose bands are traced by whoever is free.
 #[derive(Default)]
-pub(super) struct BandedShard {
+pub(crate) struct BandedShard {
     state: AtomicU8,
     joined: Mutex<Joined>,
 }
@@ -46,7 +46,7 @@ struct Joined {
 impl BandedShard {
     /// Asks whether to trace one of its bands. Who is told to stop begins no shard; but a shard that is begun is
     /// finished, and all threads get the same answer.
-    pub(super) fn may_trace(&self, must_stop: bool) -> bool {
+    pub(crate) fn may_trace(&self, must_stop: bool) -> bool {
         let wanted = if must_stop { DROPPED } else { BEGUN };
         let change =
             self.state
@@ -58,12 +58,12 @@ impl BandedShard {
     }
 
     /// Nobody has begun it, and it was not dropped.
-    pub(super) fn is_waiting(&self) -> bool {
+    pub(crate) fn is_waiting(&self) -> bool {
         self.state.load(Ordering::Acquire) == WAITING
     }
 
     /// Traces band `index` of the shard's `tile` with `trace`; the whole shard's result for whoever does the last band.
-    pub(super) fn trace(
+    pub(crate) fn trace(
         &self,
         tile: Tile,
         index: u32,

@@ -1,7 +1,7 @@
 //! A loaded scene on its way to a tuple.
 
-use super::bands::{BandedShard, bands};
-use crate::manifest::SceneLine;
+use crate::bands::{BandedShard, bands};
+use crate::line::SceneLine;
 use crate::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
 use crate::scene::LoadedScene;
 use crate::shard::{Shard, ShardLayout, scene_digest};
@@ -44,17 +44,17 @@ impl<'a> SceneJob<'a> {
     }
 
     /// Bands of a shard.
-    pub(super) fn bands(&self, shard: u32) -> u32 {
+    pub fn bands(&self, shard: u32) -> u32 {
         bands(self.layout.shard(shard).tile)
     }
 
     /// Whether to trace a band of `shard`; see [`BandedShard::may_trace`].
-    pub(super) fn may_trace(&self, shard: u32, must_stop: bool) -> bool {
+    pub fn may_trace(&self, shard: u32, must_stop: bool) -> bool {
         self.shards[shard as usize].may_trace(must_stop)
     }
 
     /// Traces one band of a shard; the whole shard's result for whoever does its last band.
-    pub(super) fn trace_band(&self, shard: &Shard, band: u32, isa: Isa) -> Option<TileResult> {
+    pub fn trace_band(&self, shard: &Shard, band: u32, isa: Isa) -> Option<TileResult> {
         self.shards[shard.index as usize].trace(shard.tile, band, |tile| {
             trace_tile(&self.loaded.scene, tile, shard.samples.clone(), isa)
         })
@@ -71,7 +71,7 @@ impl<'a> SceneJob<'a> {
     }
 
     /// A partial in memory: its digest is empty.
-    pub(super) fn partial_in_memory(&self, shard: &Shard, result: TileResult) -> Partial {
+    pub fn partial_in_memory(&self, shard: &Shard, result: TileResult) -> Partial {
         Partial {
             header: self.header(shard, &result),
             pixels: result.pixels,
@@ -111,41 +111,41 @@ impl<'a> SceneJob<'a> {
     }
 
     /// Nobody has begun the shard, and it was not dropped.
-    pub(super) fn is_waiting(&self, shard: u32) -> bool {
+    pub fn is_waiting(&self, shard: u32) -> bool {
         self.shards[shard as usize].is_waiting()
     }
 
     /// All shards of the scene are traced here or were found.
-    pub(super) fn is_whole(&self) -> bool {
+    pub fn is_whole(&self) -> bool {
         self.untraced.load(Ordering::Acquire) == 0
     }
 
     /// Counts a shard that is traced, or found in the store; true for the scene's last one.
-    pub(super) fn count_traced(&self) -> bool {
+    pub fn count_traced(&self) -> bool {
         self.untraced.fetch_sub(1, Ordering::AcqRel) == 1
     }
 
     /// Takes a finished shard; all of them for whoever completes the scene.
-    pub(super) fn finish(&self, partial: Partial) -> Option<Vec<Arc<Partial>>> {
+    pub fn finish(&self, partial: Partial) -> Option<Vec<Arc<Partial>>> {
         let mut results = self.results.lock().expect("no holder of this lock panics");
         results.push(Arc::new(partial));
         (results.len() == self.layout.len() as usize).then(|| std::mem::take(&mut *results))
     }
 
     /// A finished shard, unless the scene is complete already.
-    pub(super) fn result(&self, shard: u32) -> Option<Arc<Partial>> {
+    pub fn result(&self, shard: u32) -> Option<Arc<Partial>> {
         let results = self.results.lock().expect("no holder of this lock panics");
         let mut results = results.iter();
         results.find(|p| p.header.shard == shard).cloned()
     }
 
     /// The finished shards so far.
-    pub(super) fn take_results(&self) -> Vec<Arc<Partial>> {
+    pub fn take_results(&self) -> Vec<Arc<Partial>> {
         std::mem::take(&mut *self.results.lock().expect("no holder of this lock panics"))
     }
 
     /// Set once the scene has failed; for what outlives this job.
-    pub(super) fn failed(&self) -> &Arc<AtomicBool> {
+    pub fn failed(&self) -> &Arc<AtomicBool> {
         &self.failed
     }
 

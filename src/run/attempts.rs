@@ -7,8 +7,8 @@
 
 use super::keys;
 use super::span::Span;
-use crate::ids::SceneId;
 use crate::store::{Store, StoreError};
+use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -81,7 +81,7 @@ pub struct WorkerName {
 
 /// What earlier attempts say of a span.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Verdict {
+pub(crate) enum Verdict {
     /// Nothing.
     Fresh,
     /// It may have killed whoever worked on it.
@@ -91,7 +91,7 @@ pub(super) enum Verdict {
 }
 
 impl AttemptRecord {
-    pub(super) fn new(scene: &SceneId, span: &Span, who: &WorkerName, found: u32) -> Self {
+    pub(crate) fn new(scene: &SceneId, span: &Span, who: &WorkerName, found: u32) -> Self {
         Self {
             schema: ATTEMPT_SCHEMA.to_owned(),
             scene: scene.clone(),
@@ -105,7 +105,7 @@ impl AttemptRecord {
     }
 
     /// The record of a scene under `key`, if that is an attempt's name. One that cannot be read counts as lost.
-    pub(super) fn parse(scene: &SceneId, key: &str, bytes: &[u8]) -> Option<Self> {
+    pub(crate) fn parse(scene: &SceneId, key: &str, bytes: &[u8]) -> Option<Self> {
         let (shards, n) = keys::attempt_of(key)?;
         let damaged = |e| Self {
             schema: ATTEMPT_SCHEMA.to_owned(),
@@ -135,7 +135,7 @@ impl AttemptRecord {
     }
 
     /// Puts the record under the next number that is free.
-    pub(super) fn begin(&mut self, store: &Store, earlier: &[Self]) -> Result<(), StoreError> {
+    pub(crate) fn begin(&mut self, store: &Store, earlier: &[Self]) -> Result<(), StoreError> {
         let same = earlier.iter().filter(|r| r.shards == self.shards);
         self.n = 1 + same.map(|r| r.n).max().unwrap_or(0);
         loop {
@@ -149,19 +149,19 @@ impl AttemptRecord {
     }
 
     /// Says how it ended.
-    pub(super) fn end(mut self, store: &Store, ending: Ending) -> Result<Self, StoreError> {
+    pub(crate) fn end(mut self, store: &Store, ending: Ending) -> Result<Self, StoreError> {
         self.ended = Some(ending);
         store.replace(&self.key(), &self.json())?;
         Ok(self)
     }
 
     /// Its span has ended in order. What cannot be removed counts when the span's next holder is lost, too.
-    pub(super) fn forget(&self, store: &Store) {
+    pub(crate) fn forget(&self, store: &Store) {
         let _ = store.delete(&[self.key()]);
     }
 
     /// The scene's files could not be read on this machine.
-    pub(super) fn could_not_read(&self, host: &str) -> bool {
+    pub(crate) fn could_not_read(&self, host: &str) -> bool {
         let kind = self.ended.as_ref().map(|ending| ending.kind);
         self.host == host && kind == Some(EndKind::Unreadable)
     }
@@ -199,7 +199,7 @@ pub fn attempts(store: &Store, scene: &SceneId) -> Result<Vec<AttemptRecord>, St
 
 /// The queue gives a span out again: whoever has tried it has lost its lease. It counts, unless it wakes up and ends in
 /// order.
-pub(super) fn mark_lost(
+pub(crate) fn mark_lost(
     store: &Store,
     records: Vec<AttemptRecord>,
     span: &Span,
@@ -222,7 +222,7 @@ pub(super) fn mark_lost(
 }
 
 /// What the records of a scene say of a span of which `found` shards are in the store.
-pub(super) fn verdict(records: &[AttemptRecord], span: &Span, found: u32) -> Verdict {
+pub(crate) fn verdict(records: &[AttemptRecord], span: &Span, found: u32) -> Verdict {
     let lost: Vec<&AttemptRecord> = records
         .iter()
         .filter(|record| record.was_lost(span))
@@ -254,7 +254,7 @@ pub(super) fn verdict(records: &[AttemptRecord], span: &Span, found: u32) -> Ver
 }
 
 /// Whether enough machines have tried in vain to read the scene's files; with `MOST_LOST` attempts one is enough.
-pub(super) fn is_unreadable(records: &[AttemptRecord]) -> bool {
+pub(crate) fn is_unreadable(records: &[AttemptRecord]) -> bool {
     let told: Vec<&AttemptRecord> = records
         .iter()
         .filter(|r| {

@@ -4,19 +4,19 @@
 //! objects that were damaged later, and names who made them.
 
 use super::compare::{FileDifference, compare};
-use super::error::FarmError;
-use super::job::{SceneJob, render_partials};
+use super::error::AccessError;
 use super::keys;
 use super::receipt::Receipt;
 use super::run_dir::Run;
-use crate::ids::SceneId;
-use crate::manifest::SceneLine;
-use crate::merge::{SrgbEncoder, TupleRecord, combine, encode_tuple_file, tuple_files};
-use crate::partial::{self, Partial};
-use crate::scene::{InputDigests, load, read_files_by};
-use crate::shard::golden;
 use crate::store::{Store, StoreError};
-use crate::trace::Isa;
+use render::ids::SceneId;
+use render::job::{SceneJob, render_partials};
+use render::line::SceneLine;
+use render::merge::{SrgbEncoder, TupleRecord, combine, encode_tuple_file, tuple_files};
+use render::partial::{self, Partial};
+use render::scene::{InputDigests, load, read_files_by};
+use render::shard::golden;
+use render::trace::Isa;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -62,12 +62,12 @@ pub struct SceneAudit {
 }
 
 /// This machine must compute the golden shard's bits, or its verdicts mean nothing.
-pub fn check_auditor(run: &Run, options: &AuditOptions) -> Result<(), FarmError> {
+pub fn check_auditor(run: &Run, options: &AuditOptions) -> Result<(), AccessError> {
     let found = golden(options.isa, options.threads.max(1));
     if found == run.spec.golden {
         return Ok(());
     }
-    Err(FarmError::Golden {
+    Err(AccessError::Golden {
         scene: run.spec.golden.scene.clone(),
         found: found.blake3,
         expected: run.spec.golden.blake3.clone(),
@@ -126,7 +126,7 @@ pub fn audit_scene(
     index: usize,
     options: &AuditOptions,
     on_shard: &(dyn Fn() + Sync),
-) -> Result<Option<SceneAudit>, FarmError> {
+) -> Result<Option<SceneAudit>, AccessError> {
     let line = &run.lines[index];
     let mut audit = SceneAudit {
         scene: line.id.clone(),
@@ -210,26 +210,26 @@ fn other_inputs(
 /// What was made now, to be encoded file by file.
 struct Made<'p> {
     partials: &'p [Partial],
-    tuple: crate::merge::Tuple,
+    tuple: render::merge::Tuple,
     encoder: SrgbEncoder,
     line: SceneLine,
 }
 
 impl<'p> Made<'p> {
-    fn new(run: &Run, line: &SceneLine, partials: &'p [Partial]) -> Result<Self, FarmError> {
+    fn new(run: &Run, line: &SceneLine, partials: &'p [Partial]) -> Result<Self, AccessError> {
         let tuple = combine(line, run.spec.tile_px, partials);
         Ok(Self {
             partials,
-            tuple: tuple.map_err(|e| FarmError::Tuple(e.to_string()))?,
+            tuple: tuple.map_err(|e| AccessError::Tuple(e.to_string()))?,
             encoder: SrgbEncoder::new(),
             line: line.clone(),
         })
     }
 
     /// The bytes that belong under `key`; none if nothing does.
-    fn file(&self, key: &str) -> Result<Option<Vec<u8>>, FarmError> {
+    fn file(&self, key: &str) -> Result<Option<Vec<u8>>, AccessError> {
         let cannot =
-            |e: &dyn std::fmt::Display| FarmError::Tuple(format!("cannot encode {key}: {e}"));
+            |e: &dyn std::fmt::Display| AccessError::Tuple(format!("cannot encode {key}: {e}"));
         if key.starts_with(keys::PARTIALS) {
             let shard = keys::shard_of(key);
             let found = shard.and_then(|s| self.partials.iter().find(|p| p.header.shard == s));

@@ -1,10 +1,9 @@
 //! A finished run of hard cases against what is expected of it: one row for each expectation.
 
-use super::expect::Measured;
-use super::file::{Case, CaseFile};
-use crate::farm::{QuarantineRecord, Run};
-use crate::merge::decode_exr_channels;
-use crate::trace::LAYERS;
+use crate::run::{QuarantineRecord, Run};
+use plan::cases::{Case, CaseFile, Measured};
+use render::merge::decode_exr_channels;
+use render::trace::LAYERS;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;

@@ -1,6 +1,6 @@
 //! How two files of a tuple differ: bit for bit first, then by pixels or fields, so that a person can judge.
 
-use crate::merge::decode_exr_channels;
+use render::merge::decode_exr_channels;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -34,7 +34,7 @@ struct Pixels {
 const FIELDS_NAMED: usize = 8;
 
 /// How what is `stored` under `file` differs from what was `made` now; nothing if it does not.
-pub(super) fn compare(file: &str, made: &[u8], stored: &[u8]) -> Option<FileDifference> {
+pub(crate) fn compare(file: &str, made: &[u8], stored: &[u8]) -> Option<FileDifference> {
     if made == stored {
         return None;
     }
@@ -181,7 +181,7 @@ fn walk(path: &str, a: &Value, b: &Value, found: &mut Vec<String>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::merge::{SrgbEncoder, encode_png, encode_rgb_exr};
+    use render::merge::{SrgbEncoder, encode_png, encode_rgb_exr};
 
     const PIXELS: [[f32; 3]; 6] = [[0.25, 0.5, 0.75]; 6];
 

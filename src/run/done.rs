@@ -1,12 +1,12 @@
 //! What of a run is done, as its store tells.
 
-use super::error::FarmError;
+use super::error::AccessError;
 use super::keys;
 use super::quarantine::QuarantineRecord;
 use super::run_dir::Run;
-use crate::manifest::SceneLine;
-use crate::merge::{is_record_of, is_written, tuple_files};
 use crate::store::Store;
+use render::line::SceneLine;
+use render::merge::{is_record_of, is_written, tuple_files};
 use std::collections::BTreeSet;
 
 /// The file of a tuple that is put last.
@@ -15,7 +15,7 @@ const LAST: &str = "tuple.json";
 const RECORDS_AT_ONCE: usize = 256;
 
 /// The scene's tuple is there, whole, and made from this line by this version of the tracer.
-pub(super) fn is_done(store: &Store, line: &SceneLine) -> Result<bool, FarmError> {
+pub(crate) fn is_done(store: &Store, line: &SceneLine) -> Result<bool, AccessError> {
     if let Some(root) = store.local_root() {
         return Ok(is_written(
             &root.join(keys::TUPLES).join(line.id.as_str()),
@@ -66,7 +66,7 @@ impl Progress {
     }
 
     /// Looks at everything: lists all tuples, several keys a scene.
-    pub fn look(&mut self, run: &Run, store: &Store) -> Result<(), FarmError> {
+    pub fn look(&mut self, run: &Run, store: &Store) -> Result<(), AccessError> {
         let tuples = set(store.list(keys::TUPLES)?);
         let has_record = |line: &SceneLine| tuples.contains(&keys::tuple(&line.id, LAST));
         let mut new = Vec::new();
@@ -83,7 +83,7 @@ impl Progress {
 
     /// Looks for news: lists receipts, one key a scene, which workers of a farm put when a tuple is there. True if
     /// something was taken back that had been there, so that [`Self::look`] is due.
-    pub fn look_for_news(&mut self, run: &Run, store: &Store) -> Result<bool, FarmError> {
+    pub fn look_for_news(&mut self, run: &Run, store: &Store) -> Result<bool, AccessError> {
         let receipts = set(store.list(keys::RECEIPTS)?);
         let gone = self.receipts.difference(&receipts).next().is_some();
         for (scene, line) in run.lines.iter().enumerate() {
@@ -96,7 +96,7 @@ impl Progress {
     }
 
     /// True if a scene was taken out.
-    fn look_at_quarantine(&mut self, run: &Run, store: &Store) -> Result<bool, FarmError> {
+    fn look_at_quarantine(&mut self, run: &Run, store: &Store) -> Result<bool, AccessError> {
         let there = set(store.list(keys::QUARANTINE)?);
         let mut freed = false;
         for (known, line) in self.quarantined.iter_mut().zip(&run.lines) {
@@ -116,7 +116,7 @@ impl Progress {
         store: &Store,
         scenes: &[usize],
         tuples: &BTreeSet<String>,
-    ) -> Result<(), FarmError> {
+    ) -> Result<(), AccessError> {
         if store.local_root().is_some() {
             for &scene in scenes {
                 self.done[scene] = is_done(store, &run.lines[scene])?;

@@ -1,7 +1,7 @@
 //! What the farm tells whoever watches it.
 
 use super::control::ControlState;
-use crate::ids::SceneId;
+use render::ids::SceneId;
 use rustix::time::{ClockId, clock_gettime};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -90,26 +90,26 @@ pub enum Event {
 
 /// Seconds of the clock, and of the thread that worked in them.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Spent {
-    pub(super) wall: Duration,
-    pub(super) cpu: Duration,
+pub(crate) struct Spent {
+    pub(crate) wall: Duration,
+    pub(crate) cpu: Duration,
 }
 
 /// Measures a piece of one thread's work.
-pub(super) struct Stopwatch {
+pub(crate) struct Stopwatch {
     wall: Instant,
     cpu: Duration,
 }
 
 impl Stopwatch {
-    pub(super) fn start() -> Self {
+    pub(crate) fn start() -> Self {
         Self {
             wall: Instant::now(),
             cpu: cpu_so_far(ClockId::ThreadCPUTime),
         }
     }
 
-    pub(super) fn spent(&self) -> Spent {
+    pub(crate) fn spent(&self) -> Spent {
         Spent {
             wall: self.wall.elapsed(),
             cpu: cpu_so_far(ClockId::ThreadCPUTime).saturating_sub(self.cpu),
@@ -168,7 +168,7 @@ fn seconds(counter: &AtomicU64) -> f64 {
 
 impl StageSeconds {
     /// The process begins to work.
-    pub(super) fn begin() -> Self {
+    pub(crate) fn begin() -> Self {
         Self {
             read: Counter::default(),
             decode: Counter::default(),
@@ -181,33 +181,33 @@ impl StageSeconds {
         }
     }
 
-    pub(super) fn add_read(&self, spent: Spent) {
+    pub(crate) fn add_read(&self, spent: Spent) {
         self.read.add(spent);
     }
 
-    pub(super) fn add_decode(&self, spent: Spent) {
+    pub(crate) fn add_decode(&self, spent: Spent) {
         self.decode.add(spent);
     }
 
-    pub(super) fn add_trace(&self, spent: Spent) {
+    pub(crate) fn add_trace(&self, spent: Spent) {
         self.trace.add(spent);
     }
 
-    pub(super) fn add_checkpoint(&self, spent: Spent) {
+    pub(crate) fn add_checkpoint(&self, spent: Spent) {
         self.checkpoint.add(spent);
     }
 
-    pub(super) fn add_merge(&self, spent: Spent) {
+    pub(crate) fn add_merge(&self, spent: Spent) {
         self.merge.add(spent);
     }
 
     /// A tuple's files became bytes.
-    pub(super) fn add_encode(&self, spent: Spent) {
+    pub(crate) fn add_encode(&self, spent: Spent) {
         self.encode.add(spent);
     }
 
     /// A tuple was put.
-    pub(super) fn add_write(&self, spent: Spent) {
+    pub(crate) fn add_write(&self, spent: Spent) {
         self.write.add(spent);
     }
 

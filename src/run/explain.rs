@@ -3,16 +3,16 @@
 use super::attempts::{AttemptRecord, MOST_LOST};
 use super::control::{Control, ControlState};
 use super::done::is_done;
-use super::error::FarmError;
+use super::error::AccessError;
 use super::keys;
 use super::overview::StandingAttempt;
 use super::receipt::Receipt;
 use super::run_dir::Run;
-use crate::ids::SceneId;
-use crate::manifest::SceneLine;
-use crate::partial;
 use crate::store::{Store, StoreError};
-use crate::trace::Tile;
+use render::ids::SceneId;
+use render::line::SceneLine;
+use render::partial;
+use render::trace::Tile;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -87,7 +87,7 @@ pub struct ShardFacts {
 pub enum ExplainError {
     /// The store cannot be used.
     #[error(transparent)]
-    Farm(#[from] FarmError),
+    Access(#[from] AccessError),
     /// No such scene, or no such shard.
     #[error("{0}")]
     Unknown(String),
@@ -95,7 +95,7 @@ pub enum ExplainError {
 
 impl From<StoreError> for ExplainError {
     fn from(error: StoreError) -> Self {
-        Self::Farm(error.into())
+        Self::Access(error.into())
     }
 }
 

@@ -1,6 +1,6 @@
 //! Names of a run's objects: files of the run directory, keys of an object store.
 
-use crate::ids::SceneId;
+use render::ids::SceneId;
 
 /// Frozen rules.
 pub const SPEC: &str = "spec.json";

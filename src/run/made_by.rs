@@ -5,17 +5,17 @@ use super::attempts::{WorkerName, attempts};
 use super::keys;
 use super::receipt::Receipt;
 use super::span::Span;
-use crate::ids::SceneId;
 use crate::store::{Store, StoreError};
+use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// The schema name of a note.
-pub(super) const MADE_BY_SCHEMA: &str = "glasshouse.made_by/1";
+pub(crate) const MADE_BY_SCHEMA: &str = "glasshouse.made_by/1";
 
 /// `partials/<scene>/<start>-<end>.json`: this worker had these shards and left some of them in the store.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct MadeBy {
+pub(crate) struct MadeBy {
     /// Always [`MADE_BY_SCHEMA`].
     pub schema: String,
     /// First shard, and one past the last.
@@ -28,7 +28,7 @@ pub(super) struct MadeBy {
 
 impl MadeBy {
     /// Leaves the note. One that cannot be left is missed only by who asks.
-    pub(super) fn leave(store: &Store, scene: &SceneId, span: &Span, who: &WorkerName) {
+    pub(crate) fn leave(store: &Store, scene: &SceneId, span: &Span, who: &WorkerName) {
         let shards = [span.shards.start, span.shards.end];
         let note = Self {
             schema: MADE_BY_SCHEMA.to_owned(),
@@ -42,7 +42,7 @@ impl MadeBy {
     }
 
     /// The notes among the names of a scene's partials.
-    pub(super) fn read(store: &Store, partials: &[String]) -> Result<Vec<Self>, StoreError> {
+    pub(crate) fn read(store: &Store, partials: &[String]) -> Result<Vec<Self>, StoreError> {
         let mut notes: Vec<String> = partials.to_vec();
         notes.retain(|key| keys::shard_of(key).is_none());
         notes.sort();
@@ -54,7 +54,7 @@ impl MadeBy {
 }
 
 /// Workers other than `me` that may have put a shard's partial, or (without a shard) a scene's tuple.
-pub(super) fn who_else(
+pub(crate) fn who_else(
     store: &Store,
     scene: &SceneId,
     shard: Option<u32>,

@@ -2,8 +2,8 @@
 
 use super::keys;
 use super::run_dir::RunDir;
-use crate::ids::SceneId;
 use crate::store::{Store, StoreError};
+use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
 
 /// The schema name of a quarantine record.

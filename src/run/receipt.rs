@@ -3,13 +3,13 @@
 use super::attempts::WorkerName;
 use super::keys;
 use super::made_by::who_else;
-use crate::ids::SceneId;
 use crate::store::{Store, StoreError};
+use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// The schema name of a receipt.
-pub(super) const RECEIPT_SCHEMA: &str = "glasshouse.receipt/1";
+pub(crate) const RECEIPT_SCHEMA: &str = "glasshouse.receipt/1";
 
 /// `receipts/<scene>.json`; of one that is damaged or of another version, what can be read of it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -36,7 +36,7 @@ pub struct Receipt {
 
 impl Receipt {
     /// For a tuple that `who` made, alone or with others, whose partials are still there.
-    pub(super) fn new(store: &Store, scene: &SceneId, who: &WorkerName, alone: bool) -> Self {
+    pub(crate) fn new(store: &Store, scene: &SceneId, who: &WorkerName, alone: bool) -> Self {
         Self {
             schema: RECEIPT_SCHEMA.to_owned(),
             scene: Some(scene.clone()),
@@ -52,7 +52,7 @@ impl Receipt {
     }
 
     /// Puts it. If another worker has made the same tuple, its receipt stands.
-    pub(super) fn put(&self, store: &Store, scene: &SceneId) -> Result<(), StoreError> {
+    pub(crate) fn put(&self, store: &Store, scene: &SceneId) -> Result<(), StoreError> {
         let mut json = serde_json::to_vec(self).expect("strings are JSON");
         json.push(b'\n');
         match store.create(&keys::receipt(scene), &json) {
@@ -77,7 +77,7 @@ impl Receipt {
         }
     }
 
-    pub(super) fn parse(bytes: &[u8]) -> Self {
+    pub(crate) fn parse(bytes: &[u8]) -> Self {
         serde_json::from_slice(bytes).unwrap_or_default()
     }
 

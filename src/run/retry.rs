@@ -1,8 +1,8 @@
 //! Takes scenes out of quarantine, to be tried again from the start of their attempts.
 
 use super::keys;
-use crate::ids::SceneId;
 use crate::store::{Store, StoreError};
+use render::ids::SceneId;
 use std::collections::BTreeSet;
 
 /// Which scenes to try again.
@@ -126,7 +126,7 @@ fn refusal(store: &Store, manifest: &[SceneId], wrong: &[&SceneId]) -> Result<St
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::farm::QuarantineRecord;
+    use crate::run::QuarantineRecord;
 
     #[test]
     fn only_what_is_in_quarantine_is_taken_out() {

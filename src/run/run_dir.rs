@@ -1,10 +1,10 @@
 //! A run directory: names of its files, and opening one.
 
-use crate::ids::SceneId;
-use crate::manifest::{ManifestError, RootError, Roots, SceneLine, is_url, parse_jsonl};
-use crate::shard::{SPEC_SCHEMA, ShardLayout, Spec, manifest_digest};
 use crate::store::Inputs;
-use crate::trace::TRACER_VERSION;
+use render::ids::SceneId;
+use render::line::{ManifestError, RootError, Roots, SceneLine, is_url, parse_jsonl};
+use render::shard::{SPEC_SCHEMA, ShardLayout, Spec, manifest_digest};
+use render::trace::TRACER_VERSION;
 use std::fs::{File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};

@@ -5,8 +5,8 @@ use super::control::Control;
 use super::keys;
 use super::receipt::Receipt;
 use super::run_dir::Run;
-use crate::ids::SceneId;
 use crate::store::Store;
+use render::ids::SceneId;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -78,7 +78,7 @@ impl Watch {
 }
 
 /// Adds tuples to what is shown. What their receipts say is only shown: without them it is not known.
-pub(super) fn see_tuples(
+pub(crate) fn see_tuples(
     run: &Run,
     store: &Store,
     scenes: &[usize],
@@ -104,7 +104,7 @@ pub(super) fn see_tuples(
 }
 
 /// Looks who works on what. A store that does not answer changes nothing.
-pub(super) fn see_attempts(store: &Store, watch: &Mutex<Watch>) {
+pub(crate) fn see_attempts(store: &Store, watch: &Mutex<Watch>) {
     let Ok(listed) = store.list(keys::ATTEMPTS) else {
         return;
     };

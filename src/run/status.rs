@@ -2,8 +2,8 @@
 
 use super::quarantine::QuarantineRecord;
 use super::run_dir::Run;
-use crate::manifest::SceneLine;
-use crate::merge::is_written;
+use render::line::SceneLine;
+use render::merge::is_written;
 use serde::Serialize;
 
 /// Counts of a run.
@@ -57,7 +57,7 @@ pub fn run_status(run: &Run) -> RunStatus {
 }
 
 /// What there is of a scene.
-pub(super) enum Found {
+pub(crate) enum Found {
     /// Its tuple.
     Tuple,
     /// A record of quarantine, with its reason.
@@ -67,7 +67,7 @@ pub(super) enum Found {
 }
 
 /// Adds up what is found of each scene.
-pub(super) fn count(run: &Run, mut find: impl FnMut(&SceneLine) -> Found) -> RunStatus {
+pub(crate) fn count(run: &Run, mut find: impl FnMut(&SceneLine) -> Found) -> RunStatus {
     let mut status = RunStatus {
         scenes: run.lines.len() as u64,
         merged: 0,

@@ -1,16 +1,16 @@
 //! What a coordinator shows of its run to whoever looks over HTTP.
 
-use super::control::{ControlState, set_control};
-use super::keys;
-use super::retry::{RetryScenes, retry};
-use super::run_dir::Run;
-use super::seen::{SeenAttempt, Watch};
-use crate::ids::SceneId;
+use crate::run::control::{ControlState, set_control};
+use crate::run::keys;
+use crate::run::retry::{RetryScenes, retry};
+use crate::run::run_dir::Run;
+use crate::run::seen::{SeenAttempt, Watch};
 use crate::serve::{
     Action, Count, FARM_SCHEMA, FarmSource, FarmState, FarmView, QuarantinedScene, QueueView,
     RecentTuple, WorkerState, WorkerView,
 };
 use crate::store::Store;
+use render::ids::SceneId;
 use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::sync::{Arc, Mutex};
@@ -37,7 +37,7 @@ pub struct WatchedRun {
 impl WatchedRun {
     /// `watch` is what [`super::coordinate()`] keeps up to date.
     pub fn new(run: &Run, store: &Store, watch: &Arc<Mutex<Watch>>, silent_s: f64) -> Self {
-        let names = |line: &crate::manifest::SceneLine| {
+        let names = |line: &render::line::SceneLine| {
             let names = line.film.layers.names();
             names.map(str::to_owned).collect()
         };

@@ -41,9 +41,14 @@ mod source;
 mod srgb_planes;
 mod vgg;
 
-pub use crate::manifest::{
+/// Tensors and devices of this crate's interface.
+pub use candle_core;
+pub use plan::{
     ExampleKind, FeatureSource, PixelSource, SettingError, Stage, Start, TrainSettings,
 };
+/// The files that networks are kept in.
+pub use safetensors;
+
 pub use adam::{Adam, AdamOptions, Moments};
 pub use batch::Batch;
 pub use checkpoint::{
@@ -51,7 +56,7 @@ pub use checkpoint::{
     clear, code_path, prune, steps, write_checkpoint,
 };
 pub use discriminator::Discriminator;
-pub(crate) use events::masked_crc;
+pub use events::masked_crc;
 pub use example::{Cut, Example, Planes};
 pub use example_sampler::{ExampleSampler, SceneSource};
 pub use generator::{DILATIONS, Generator, GeneratorOptions, SLOPE};
@@ -63,7 +68,9 @@ pub use picture::{Grid, Picture, rgb_grid, shrunk};
 pub use random::Stream;
 pub use separator::{Separator, SeparatorError};
 pub use session::{Best, Schedule, Session, TrainError, Trained, Watcher};
-pub use source::{Base, ExampleError, PairSource, PhotographSource, TupleSource};
+pub use source::{
+    Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleFilesError, TupleSource,
+};
 pub use srgb_planes::{bytes_of_planes, planes_of_bytes};
 pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};
 

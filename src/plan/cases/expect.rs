@@ -1,7 +1,7 @@
 //! What is expected of a layer: a number, another layer, or one of two formulas.
 
 use super::file::Case;
-use crate::trace::{FilmPlane, LAYERS};
+use render::trace::{FilmPlane, LAYERS};
 use serde::Deserialize;
 
 /// One expectation: exactly one of the fields after `bound`.
@@ -31,13 +31,13 @@ pub struct Expect {
 }
 
 /// A measured quantity.
-pub(super) struct Measured {
+pub struct Measured {
     /// On paper; of many pixels, at the one that is farthest off.
-    pub(super) expected: f64,
+    pub expected: f64,
     /// In the tuple.
-    pub(super) got: f64,
+    pub got: f64,
     /// How far it is off.
-    pub(super) error: f64,
+    pub error: f64,
 }
 
 impl Measured {
@@ -54,7 +54,7 @@ impl Measured {
 const STEPS: u32 = 8;
 
 impl Expect {
-    pub(super) fn validate(&self) -> Result<(), String> {
+    pub(crate) fn validate(&self) -> Result<(), String> {
         let quantities = [
             self.value.is_some(),
             self.at_most.is_some(),
@@ -84,7 +84,7 @@ impl Expect {
     }
 
     /// Its name in the table.
-    pub(super) fn quantity(&self) -> String {
+    pub fn quantity(&self) -> String {
         match self {
             Self { value: Some(_), .. } => "value".to_owned(),
             Self {
@@ -101,7 +101,7 @@ impl Expect {
     }
 
     /// Measures `layer` of the case; `other` is the layer of `same_as`.
-    pub(super) fn measure(
+    pub fn measure(
         &self,
         case: &Case,
         layer: &[[f32; 3]],

@@ -2,12 +2,12 @@
 
 use super::expect::Expect;
 use super::picture::Picture;
-use crate::ids::SceneId;
-use crate::manifest::{
+use render::ids::SceneId;
+use render::line::{
     Apex, Camera, DepthKind, ExrPrecision, Fill, Film, Glass, Intrinsics, LineError, Photograph,
     SCENE_SCHEMA, SceneLine, Split, Transfer,
 };
-use crate::trace::FilmPlane;
+use render::trace::FilmPlane;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 

@@ -70,7 +70,7 @@ pub enum FileKind {
 }
 
 impl FileKind {
-    pub(super) fn ending(self) -> &'static str {
+    pub(crate) fn ending(self) -> &'static str {
         match self {
             Self::Npy => "npy",
             Self::Exr => "exr",
@@ -91,7 +91,7 @@ fn four_by_four() -> [usize; 2] {
 const MAX_SIDE: usize = 256;
 
 impl Picture {
-    pub(super) fn validate(&self) -> Result<(), String> {
+    pub(crate) fn validate(&self) -> Result<(), String> {
         let shown = [
             self.radiance.is_some(),
             self.checker,
@@ -119,7 +119,7 @@ impl Picture {
         Ok(())
     }
 
-    pub(super) fn depth_unit_m(&self) -> f64 {
+    pub(crate) fn depth_unit_m(&self) -> f64 {
         match self.depth_file {
             FileKind::Png => 1e-3,
             _ => 1.0,
@@ -156,7 +156,7 @@ impl Picture {
     }
 
     /// The colour image's file.
-    pub(super) fn color_bytes(&self) -> Vec<u8> {
+    pub fn color_bytes(&self) -> Vec<u8> {
         let values = self.values();
         let [nx, ny] = self.texels;
         match self.color_file {
@@ -176,7 +176,7 @@ impl Picture {
     }
 
     /// The depth image's file.
-    pub(super) fn depth_bytes(&self) -> Vec<u8> {
+    pub fn depth_bytes(&self) -> Vec<u8> {
         let [nx, ny] = self.depth_px;
         let mut depths = vec![self.depth_m; nx * ny];
         for &(i, j, depth_m) in &self.depth_points {

@@ -1,14 +1,14 @@
 //! Whether a scene keeps to a recipe's bounds.
 
 use super::look::Look;
-use crate::manifest::RejectRecipe;
+use crate::RejectRecipe;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// What is measured of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Measure {
+pub(crate) enum Measure {
     /// Mean luminance of R~ / that of I.
     ReflectedShare,
     /// Standard deviation of R~'s luminance / mean luminance of I.
@@ -32,7 +32,7 @@ impl fmt::Display for Measure {
 
 /// A bound that a scene does not keep to.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Bound {
+pub(crate) struct Bound {
     /// What was measured.
     pub measure: Measure,
     /// Its value.
@@ -53,7 +53,7 @@ impl fmt::Display for Bound {
 }
 
 /// The first bound that a scene does not keep to.
-pub fn reject(look: &Look, rules: &RejectRecipe) -> Option<Bound> {
+pub(crate) fn reject(look: &Look, rules: &RejectRecipe) -> Option<Bound> {
     type Rule<'a> = (Measure, Option<[f64; 2]>, &'a dyn Fn() -> f64);
     let clipped = rules.clipped_share.map(|most| [0.0, most]);
     let rules: [Rule; 4] = [

@@ -1,20 +1,21 @@
 //! The small pictures of a scene, and what is measured of them.
 
-use super::ssim::ssim_grey;
-use crate::manifest::{SceneLine, luminance};
-use crate::merge::SrgbEncoder;
-use crate::scene::{AssembleError, DecodedScene, assemble};
-use crate::trace::{Isa, Tile, trace_tile};
+use crate::luminance;
+use compose::ssim_grey;
+use render::line::SceneLine;
+use render::merge::SrgbEncoder;
+use render::scene::{AssembleError, DecodedScene, assemble};
+use render::trace::{Isa, Tile, trace_tile};
 
 /// Longer side of the preview, px.
-pub const PREVIEW_PX: u32 = 64;
+pub(crate) const PREVIEW_PX: u32 = 64;
 
 /// Samples a pixel of the preview.
-pub const PREVIEW_SPP: u32 = 16;
+pub(crate) const PREVIEW_SPP: u32 = 16;
 
 /// A scene's I, T and R~, small, in linear light.
 #[derive(Clone, Debug)]
-pub struct Look {
+pub(crate) struct Look {
     width: usize,
     height: usize,
     input: Vec<[f64; 3]>,
@@ -24,7 +25,11 @@ pub struct Look {
 
 impl Look {
     /// Traces the preview of `line` from what its files became, with the light that is in them.
-    pub fn new(line: &SceneLine, scene: &DecodedScene, isa: Isa) -> Result<Self, AssembleError> {
+    pub(crate) fn new(
+        line: &SceneLine,
+        scene: &DecodedScene,
+        isa: Isa,
+    ) -> Result<Self, AssembleError> {
         let mut small = line.clone();
         let longer = line.film.width.max(line.film.height);
         let side = |px: u32| {
@@ -38,7 +43,7 @@ impl Look {
         small.film.height = side(line.film.height);
         small.film.spp = line.film.spp.min(PREVIEW_SPP);
         small.film.target_error = None;
-        small.film.layers = crate::manifest::LayerSet::default();
+        small.film.layers = render::line::LayerSet::default();
         let (scene, _) = assemble(&small, scene.front.clone(), scene.back.clone())?;
         let tile = Tile {
             x: 0,
@@ -61,7 +66,7 @@ impl Look {
 
     /// What a camera makes of it: red, green and blue of all layers times `gains`.
     #[must_use]
-    pub fn times(mut self, gains: [f64; 3]) -> Self {
+    pub(crate) fn times(mut self, gains: [f64; 3]) -> Self {
         for layer in [
             &mut self.input,
             &mut self.transmission,
@@ -77,12 +82,12 @@ impl Look {
     }
 
     /// Mean red, green and blue of I.
-    pub fn mean_color(&self) -> [f64; 3] {
+    pub(crate) fn mean_color(&self) -> [f64; 3] {
         [0, 1, 2].map(|c| mean(self.input.iter().map(|pixel| pixel[c])))
     }
 
     /// The value that `percentile` of I's pixels do not exceed in their largest channel.
-    pub fn percentile(&self, percentile: f64) -> f64 {
+    pub(crate) fn percentile(&self, percentile: f64) -> f64 {
         let mut largest: Vec<f64> = self.input.iter().map(max_of).collect();
         largest.sort_by(f64::total_cmp);
         let rank = (percentile / 100.0 * largest.len() as f64).ceil() as usize;
@@ -90,7 +95,7 @@ impl Look {
     }
 
     /// Mean luminance of R~ / that of I; 0 if I is black.
-    pub fn reflected_share(&self) -> f64 {
+    pub(crate) fn reflected_share(&self) -> f64 {
         ratio(
             mean(luminances(&self.glass_reflection)),
             mean(luminances(&self.input)),
@@ -98,14 +103,14 @@ impl Look {
     }
 
     /// Standard deviation of R~'s luminance / mean luminance of I; 0 if I is black.
-    pub fn contrast(&self) -> f64 {
+    pub(crate) fn contrast(&self) -> f64 {
         let middle = mean(luminances(&self.glass_reflection));
         let square = mean(luminances(&self.glass_reflection).map(|v| (v - middle) * (v - middle)));
         ratio(square.sqrt(), mean(luminances(&self.input)))
     }
 
     /// Share of I's pixels with a channel of 1 or more.
-    pub fn clipped_share(&self) -> f64 {
+    pub(crate) fn clipped_share(&self) -> f64 {
         mean(
             self.input
                 .iter()
@@ -114,7 +119,7 @@ impl Look {
     }
 
     /// Structural similarity of I and T, sRGB-coded in 8 bits, grey.
-    pub fn ssim(&self) -> f64 {
+    pub(crate) fn ssim(&self) -> f64 {
         let encoder = SrgbEncoder::new();
         let grey = |layer: &[[f64; 3]]| -> Vec<f64> {
             let code = |v: f64| f64::from(encoder.encode(v as f32));

@@ -1,13 +1,13 @@
 //! How bright a photograph is.
 
-use crate::manifest::luminance;
-use crate::scene::Decoded;
+use crate::luminance;
+use render::scene::Decoded;
 
 /// Luminance below which a pixel counts as this dark: black has no logarithm. About a quarter of an 8-bit step.
 const FLOOR: f64 = 7.6e-5;
 
 /// Geometric mean of the luminance of one side's pixels (of a mesh, its vertices), as light meters weigh it.
-pub fn mean_luminance(side: &Decoded) -> f64 {
+pub(crate) fn mean_luminance(side: &Decoded) -> f64 {
     let radiance = match side {
         Decoded::Sheet(sheet) => &sheet.radiance,
         Decoded::Mesh(mesh) => &mesh.radiance,

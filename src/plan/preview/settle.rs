@@ -3,18 +3,17 @@
 use super::judge::{Bound, reject};
 use super::look::Look;
 use super::meter::mean_luminance;
-use crate::manifest::{
-    LightRecipe, LuminanceScale, RejectRecipe, SceneLine, WhiteBalance, gains_against, nine_digits,
-};
-use crate::scene::{AssembleError, Decoded, LoadError, SceneFiles, decode};
-use crate::trace::Isa;
+use crate::{LightRecipe, LuminanceScale, RejectRecipe, WhiteBalance, gains_against, nine_digits};
+use render::line::SceneLine;
+use render::scene::{AssembleError, Decoded, LoadError, SceneFiles, decode};
+use render::trace::Isa;
 
 /// Geometric mean luminance of a metered photograph: middle grey.
 const MIDDLE_GREY: f64 = 0.18;
 
 /// A scene that cannot be looked at.
 #[derive(Debug, thiserror::Error)]
-pub enum SettleError {
+pub(crate) enum SettleError {
     /// Its files cannot be used.
     #[error(transparent)]
     Load(#[from] LoadError),
@@ -28,7 +27,7 @@ pub enum SettleError {
 
 /// A scene whose light is settled.
 #[derive(Clone, Debug)]
-pub struct Settled {
+pub(crate) struct Settled {
     /// The line with its exposures and white balance.
     pub line: SceneLine,
     /// Why the scene is not wanted, if it is not.
@@ -36,7 +35,7 @@ pub struct Settled {
 }
 
 /// Settles the light of a drawn line, whose sides' exposures and illuminants are the recipe's.
-pub fn settle(
+pub(crate) fn settle(
     line: &SceneLine,
     files: &SceneFiles,
     light: &LightRecipe,

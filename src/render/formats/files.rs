@@ -34,7 +34,7 @@ pub struct PanoramaFiles {
 
 /// A file format, found by its magic bytes: extensions lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum FileFormat {
+pub(crate) enum FileFormat {
     Png,
     Jpeg,
     Pnm,
@@ -47,7 +47,7 @@ pub(super) enum FileFormat {
 
 impl FileFormat {
     /// What people call it.
-    pub(super) fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Png => "PNG",
             Self::Jpeg => "JPEG",
@@ -63,7 +63,7 @@ impl FileFormat {
 
 impl NamedBytes {
     /// The format of the file, or an error that says what is `expected`.
-    pub(super) fn format(&self, expected: &'static str) -> Result<FileFormat, SceneError> {
+    pub(crate) fn format(&self, expected: &'static str) -> Result<FileFormat, SceneError> {
         match self.bytes.as_slice() {
             [] => Err(SceneError::Empty {
                 path: self.path.clone(),
@@ -92,7 +92,7 @@ impl NamedBytes {
     }
 
     /// The file is of a kind that may not stand here.
-    pub(super) fn wrong_format(&self, found: String, expected: &'static str) -> SceneError {
+    pub(crate) fn wrong_format(&self, found: String, expected: &'static str) -> SceneError {
         SceneError::Format {
             path: self.path.clone(),
             found,
@@ -101,7 +101,7 @@ impl NamedBytes {
     }
 
     /// The file's contents do not fit its use.
-    pub(super) fn wrong_layout(&self, found: String, expected: &'static str) -> SceneError {
+    pub(crate) fn wrong_layout(&self, found: String, expected: &'static str) -> SceneError {
         SceneError::Layout {
             path: self.path.clone(),
             found,
@@ -110,7 +110,7 @@ impl NamedBytes {
     }
 
     /// A mesh's vertex, face or table that cannot be used: `what` of the file, what is wrong, and what to do.
-    pub(super) fn bad_element(
+    pub(crate) fn bad_element(
         &self,
         what: String,
         problem: String,
@@ -125,7 +125,7 @@ impl NamedBytes {
     }
 
     /// The file's bytes do not decode.
-    pub(super) fn unreadable(
+    pub(crate) fn unreadable(
         &self,
         format: FileFormat,
         source: impl Into<Box<dyn std::error::Error + Send + Sync>>,
@@ -138,7 +138,7 @@ impl NamedBytes {
     }
 
     /// Runs a decoder that is not ours; its panic on hostile bytes becomes an error.
-    pub(super) fn contain<T>(
+    pub(crate) fn contain<T>(
         &self,
         format: FileFormat,
         decode: impl FnOnce() -> Result<T, SceneError>,

@@ -16,10 +16,10 @@ pub const MAX_VERTICES: usize = 1 << 24;
 pub const MAX_TRIANGLES: usize = 1 << 24;
 
 /// Most channels of all layers of one EXR file; renderers write some dozens.
-pub(super) const MAX_EXR_CHANNELS: usize = 256;
+pub(crate) const MAX_EXR_CHANNELS: usize = 256;
 
 /// Passes sizes of 1 to [`MAX_SIDE`] a side with at most [`MAX_PIXELS`] pixels.
-pub(super) fn check_size(path: &Path, width: u64, height: u64) -> Result<(), SceneError> {
+pub(crate) fn check_size(path: &Path, width: u64, height: u64) -> Result<(), SceneError> {
     let side = 1..=MAX_SIDE as u64;
     // The product cannot overflow once both sides are within theirs.
     if side.contains(&width) && side.contains(&height) && width * height <= MAX_PIXELS as u64 {
@@ -33,7 +33,7 @@ pub(super) fn check_size(path: &Path, width: u64, height: u64) -> Result<(), Sce
 }
 
 /// The same for the `image` crate, with room for 4 channels of 16 bits and the decoder's own rows.
-pub(super) fn image_limits() -> image::Limits {
+pub(crate) fn image_limits() -> image::Limits {
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(MAX_SIDE as u32);
     limits.max_image_height = Some(MAX_SIDE as u32);

@@ -8,7 +8,7 @@ use ::exr::prelude::f16;
 
 /// What an array's axes mean.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Axes {
+pub(crate) enum Axes {
     /// (H,W), (H,W,1), (1,H,W): a depth image or mask. (1,N,1) is one row of N pixels.
     Single,
     /// (H,W), (H,W,1), (H,W,3), (H,W,4).
@@ -16,12 +16,12 @@ pub(super) enum Axes {
 }
 
 /// An image inside the bytes of a `.npy` file; nothing is copied.
-pub(super) struct NpyImage<'a> {
-    pub(super) width: usize,
-    pub(super) height: usize,
+pub(crate) struct NpyImage<'a> {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
     /// 1, 3 or 4.
-    pub(super) channels: usize,
-    pub(super) element: Element,
+    pub(crate) channels: usize,
+    pub(crate) element: Element,
     big_endian: bool,
     /// Elements from a pixel to the one below, to the one to the right, and to the next channel.
     strides: [usize; 3],
@@ -29,22 +29,22 @@ pub(super) struct NpyImage<'a> {
 }
 
 /// What the header says of the image.
-pub(super) struct NpyHead {
-    pub(super) width: usize,
-    pub(super) height: usize,
+pub(crate) struct NpyHead {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
     /// 1, 3 or 4.
-    pub(super) channels: usize,
+    pub(crate) channels: usize,
     header: NpyHeader,
 }
 
 impl NpyHead {
     /// Type of the elements.
-    pub(super) fn element(&self) -> Element {
+    pub(crate) fn element(&self) -> Element {
         self.header.element
     }
 
     /// Parses the header and checks shape, size and the file's length. `file` may hold the beginning alone.
-    pub(super) fn parse(
+    pub(crate) fn parse(
         file: &NamedBytes,
         length: u64,
         axes: Axes,
@@ -80,7 +80,7 @@ impl NpyHead {
 
 impl<'a> NpyImage<'a> {
     /// Parses the header and checks shape, size and length.
-    pub(super) fn parse(
+    pub(crate) fn parse(
         file: &'a NamedBytes,
         axes: Axes,
         expected: &'static str,
@@ -111,7 +111,7 @@ impl<'a> NpyImage<'a> {
 
     /// All values, row by row, channels together, each through `convert`. 64-bit integers beyond
     /// 2^53 are rounded.
-    pub(super) fn values<T>(&self, convert: impl Fn(f64) -> T) -> Vec<T> {
+    pub(crate) fn values<T>(&self, convert: impl Fn(f64) -> T) -> Vec<T> {
         match self.element {
             Element::Bool | Element::U8 => self.decode(|[byte]| convert(byte as f64)),
             Element::U16 => self.decode(|bytes| convert(u16::from_le_bytes(bytes) as f64)),
@@ -128,7 +128,7 @@ impl<'a> NpyImage<'a> {
     }
 
     /// Which values are neither 0 nor NaN.
-    pub(super) fn nonzero(&self) -> Vec<bool> {
+    pub(crate) fn nonzero(&self) -> Vec<bool> {
         match self.element {
             Element::Bool | Element::U8 | Element::I8 => self.decode(|[byte]| byte != 0),
             Element::U16 | Element::I16 => self.decode(|bytes: [u8; 2]| bytes != [0; 2]),
@@ -141,12 +141,12 @@ impl<'a> NpyImage<'a> {
     }
 
     /// 8-bit values as they are.
-    pub(super) fn bytes(&self) -> Vec<u8> {
+    pub(crate) fn bytes(&self) -> Vec<u8> {
         self.decode(|[byte]| byte)
     }
 
     /// 16-bit values as they are.
-    pub(super) fn words(&self) -> Vec<u16> {
+    pub(crate) fn words(&self) -> Vec<u16> {
         self.decode(u16::from_le_bytes)
     }
 
@@ -183,18 +183,13 @@ fn is_nonzero(value: f64) -> bool {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use super::*;
     use npyz::WriterBuilder;
     use std::path::PathBuf;
 
     /// A file of format version 1.0 with the given type, order, shape and data.
-    pub(in crate::scene) fn npy(
-        descr: &str,
-        fortran: bool,
-        shape: &str,
-        data: &[u8],
-    ) -> NamedBytes {
+    pub(crate) fn npy(descr: &str, fortran: bool, shape: &str, data: &[u8]) -> NamedBytes {
         let fortran = if fortran { "True" } else { "False" };
         let text =
             format!("{{'descr': '{descr}', 'fortran_order': {fortran}, 'shape': {shape}, }}\n");

@@ -12,7 +12,7 @@ const MAX_AXES: usize = 8;
 
 /// Why bytes are no array that can be read.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
-pub(super) enum NpyError {
+pub(crate) enum NpyError {
     #[error("the file ends within the header")]
     ShortHeader,
     #[error("format version {0}.{1} is not known")]
@@ -29,18 +29,18 @@ pub(super) enum NpyError {
 
 /// What an array's bytes mean.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct NpyHeader {
-    pub(super) element: Element,
-    pub(super) big_endian: bool,
-    pub(super) fortran_order: bool,
-    pub(super) shape: Vec<usize>,
+pub(crate) struct NpyHeader {
+    pub(crate) element: Element,
+    pub(crate) big_endian: bool,
+    pub(crate) fortran_order: bool,
+    pub(crate) shape: Vec<usize>,
     /// Bytes from the start of the file to the first element.
-    pub(super) data_offset: usize,
+    pub(crate) data_offset: usize,
 }
 
 /// Type of an array's elements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Element {
+pub(crate) enum Element {
     Bool,
     U8,
     U16,
@@ -57,7 +57,7 @@ pub(super) enum Element {
 
 impl Element {
     /// Bytes of one element.
-    pub(super) fn size(self) -> usize {
+    pub(crate) fn size(self) -> usize {
         match self {
             Self::Bool | Self::U8 | Self::I8 => 1,
             Self::U16 | Self::I16 | Self::F16 => 2,
@@ -67,7 +67,7 @@ impl Element {
     }
 
     /// NumPy's code without the byte order: `f4`.
-    pub(super) fn code(self) -> &'static str {
+    pub(crate) fn code(self) -> &'static str {
         match self {
             Self::Bool => "b1",
             Self::U8 => "u1",
@@ -101,7 +101,7 @@ impl Element {
 }
 
 /// Element type (`f4`) and shape of a `.npy` file, for who only looks at it.
-pub(crate) fn npy_facts(file: &NamedBytes) -> Result<(&'static str, Vec<usize>), SceneError> {
+pub fn npy_facts(file: &NamedBytes) -> Result<(&'static str, Vec<usize>), SceneError> {
     let failed = |error: NpyError| file.unreadable(FileFormat::Npy, error);
     let header = NpyHeader::parse(&file.bytes).map_err(failed)?;
     let product = header
@@ -120,7 +120,7 @@ pub(crate) fn npy_facts(file: &NamedBytes) -> Result<(&'static str, Vec<usize>),
 
 impl NpyHeader {
     /// Reads the header at the start of a file.
-    pub(super) fn parse(bytes: &[u8]) -> Result<Self, NpyError> {
+    pub(crate) fn parse(bytes: &[u8]) -> Result<Self, NpyError> {
         let (length, start) = match bytes {
             [0x93, b'N', b'U', b'M', b'P', b'Y', 1, 0, a, b, ..] => {
                 (u16::from_le_bytes([*a, *b]) as usize, 10)

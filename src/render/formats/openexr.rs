@@ -15,7 +15,7 @@ const DEPTH: &str = "a channel Z, Y or R, or a single channel, without subsampli
 /// The first layer with R, G and B, else the first with Y and no chroma; other channels are ignored;
 /// the data window is the image.
 /// 16- and 32-bit floats and 32-bit integers are read as `f32`, unscaled.
-pub(super) fn decode_color(file: &NamedBytes) -> Result<Raster, SceneError> {
+pub(crate) fn decode_color(file: &NamedBytes) -> Result<Raster, SceneError> {
     file.contain(FileFormat::Exr, || match color_layer(file)? {
         (Channels::Rgb, _) => read_rgb(file),
         (Channels::Single(name), _) => read_single(file, name),
@@ -23,12 +23,12 @@ pub(super) fn decode_color(file: &NamedBytes) -> Result<Raster, SceneError> {
 }
 
 /// Width and height of the colour image, from its header; `file` may hold the beginning alone.
-pub(super) fn color_size(file: &NamedBytes) -> Result<[usize; 2], SceneError> {
+pub(crate) fn color_size(file: &NamedBytes) -> Result<[usize; 2], SceneError> {
     file.contain(FileFormat::Exr, || Ok(color_layer(file)?.1))
 }
 
 /// Width and height of the depth image, from its header; `file` may hold the beginning alone.
-pub(super) fn depth_size(file: &NamedBytes) -> Result<[usize; 2], SceneError> {
+pub(crate) fn depth_size(file: &NamedBytes) -> Result<[usize; 2], SceneError> {
     file.contain(FileFormat::Exr, || Ok(depth_layer(file)?.1))
 }
 
@@ -72,7 +72,7 @@ fn size(header: &Header) -> [usize; 2] {
 }
 
 /// The first layer's Z, Y or R, tried in this order over all layers, or its only channel.
-pub(super) fn decode_depth(file: &NamedBytes) -> Result<Raster, SceneError> {
+pub(crate) fn decode_depth(file: &NamedBytes) -> Result<Raster, SceneError> {
     file.contain(FileFormat::Exr, || read_single(file, &depth_layer(file)?.0))
 }
 
@@ -201,7 +201,7 @@ impl Pixels {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use super::*;
     use ::exr::prelude::{
         AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes,
@@ -210,16 +210,12 @@ pub(super) mod tests {
     use std::path::PathBuf;
 
     /// An EXR file of one layer.
-    pub(in crate::scene) fn exr(
-        width: usize,
-        height: usize,
-        channels: &[(&str, FlatSamples)],
-    ) -> NamedBytes {
+    pub(crate) fn exr(width: usize, height: usize, channels: &[(&str, FlatSamples)]) -> NamedBytes {
         exr_coded(width, height, channels, Encoding::SMALL_LOSSLESS)
     }
 
     /// The same with blocks and compression of choice.
-    pub(in crate::scene) fn exr_coded(
+    pub(crate) fn exr_coded(
         width: usize,
         height: usize,
         channels: &[(&str, FlatSamples)],

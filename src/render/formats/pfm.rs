@@ -13,18 +13,18 @@ use super::raster::{Raster, Samples};
 const LINE_BYTES: usize = 64;
 
 /// What the header says.
-pub(super) struct PfmHead {
-    pub(super) width: usize,
-    pub(super) height: usize,
+pub(crate) struct PfmHead {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
     /// 1 or 3.
-    pub(super) channels: usize,
+    pub(crate) channels: usize,
     is_little: bool,
     /// Bytes from the start of the file to the first number.
     data_offset: usize,
 }
 
 /// Reads the header, and holds it against the file's length. `file` may hold the beginning alone.
-pub(super) fn head(file: &NamedBytes, length: u64) -> Result<PfmHead, SceneError> {
+pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<PfmHead, SceneError> {
     let bad = |what: &str| file.unreadable(FileFormat::Pfm, what.to_owned());
     let mut rest = file.bytes.as_slice();
     let channels = match word(&mut rest) {
@@ -61,7 +61,7 @@ pub(super) fn head(file: &NamedBytes, length: u64) -> Result<PfmHead, SceneError
 }
 
 /// Decodes a PFM file.
-pub(super) fn decode(file: &NamedBytes) -> Result<Raster, SceneError> {
+pub(crate) fn decode(file: &NamedBytes) -> Result<Raster, SceneError> {
     let PfmHead {
         width,
         height,

@@ -14,19 +14,19 @@ const USABLE: &str = "a PLY mesh with vertex x, y, z, red, green, blue and face 
 
 /// A mesh as in its file.
 #[derive(Debug)]
-pub(super) struct Ply {
+pub(crate) struct Ply {
     /// In the file's units.
-    pub(super) vertices: Vec<DVec3>,
+    pub(crate) vertices: Vec<DVec3>,
     /// Coded red, green, blue; integers divided by their type's maximum.
-    pub(super) colors: Vec<[f64; 3]>,
+    pub(crate) colors: Vec<[f64; 3]>,
     /// Polygons as fans of triangles.
-    pub(super) triangles: Vec<[u32; 3]>,
+    pub(crate) triangles: Vec<[u32; 3]>,
     /// Faces of fewer than three corners.
-    pub(super) empty_faces: u64,
+    pub(crate) empty_faces: u64,
 }
 
 /// Reads the header and holds it against the length of the file, of which `file` may hold the beginning alone.
-pub(super) fn head(file: &NamedBytes, length: u64) -> Result<Header, SceneError> {
+pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<Header, SceneError> {
     match file.format(USABLE)? {
         FileFormat::Ply => {}
         other => {
@@ -40,7 +40,7 @@ pub(super) fn head(file: &NamedBytes, length: u64) -> Result<Header, SceneError>
 }
 
 /// Names and counts of the elements of a PLY file, for who only looks at it.
-pub(crate) fn ply_counts(file: &NamedBytes) -> Result<Vec<(String, u64)>, SceneError> {
+pub fn ply_counts(file: &NamedBytes) -> Result<Vec<(String, u64)>, SceneError> {
     let header = head(file, file.bytes.len() as u64)?;
     Ok(header
         .elements
@@ -50,7 +50,7 @@ pub(crate) fn ply_counts(file: &NamedBytes) -> Result<Vec<(String, u64)>, SceneE
 }
 
 /// Decodes a PLY file.
-pub(super) fn decode(file: &NamedBytes) -> Result<Ply, SceneError> {
+pub(crate) fn decode(file: &NamedBytes) -> Result<Ply, SceneError> {
     let torn = |reason: String| file.unreadable(FileFormat::Ply, reason);
     let header = head(file, file.bytes.len() as u64)?;
     let mut body = Body {
@@ -359,4 +359,4 @@ fn read_faces(
 }
 
 #[cfg(test)]
-pub(in crate::scene) mod tests;
+pub(crate) mod tests;

@@ -9,7 +9,7 @@ const MAX_PARTS: usize = 256;
 
 /// How the numbers of the body are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Coding {
+pub(crate) enum Coding {
     Ascii,
     LittleEndian,
     BigEndian,
@@ -17,7 +17,7 @@ pub(super) enum Coding {
 
 /// Type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Scalar {
+pub(crate) enum Scalar {
     I8,
     U8,
     I16,
@@ -44,7 +44,7 @@ impl Scalar {
     }
 
     /// Bytes of one in a binary file.
-    pub(super) fn size(self) -> usize {
+    pub(crate) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 => 2,
@@ -53,14 +53,14 @@ impl Scalar {
         }
     }
 
-    pub(super) fn is_integer(self) -> bool {
+    pub(crate) fn is_integer(self) -> bool {
         !matches!(self, Self::F32 | Self::F64)
     }
 }
 
 /// What one property of an element holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(crate) enum Kind {
     Scalar(Scalar),
     /// A count, then as many items.
     List {
@@ -71,27 +71,27 @@ pub(super) enum Kind {
 
 /// A property of an element.
 #[derive(Debug)]
-pub(super) struct Property {
-    pub(super) name: String,
-    pub(super) kind: Kind,
+pub(crate) struct Property {
+    pub(crate) name: String,
+    pub(crate) kind: Kind,
 }
 
 /// A table of the file.
 #[derive(Debug)]
-pub(super) struct Element {
-    pub(super) name: String,
-    pub(super) count: u64,
-    pub(super) properties: Vec<Property>,
+pub(crate) struct Element {
+    pub(crate) name: String,
+    pub(crate) count: u64,
+    pub(crate) properties: Vec<Property>,
 }
 
 impl Element {
     /// Place of the property of that name.
-    pub(super) fn find(&self, name: &str) -> Option<usize> {
+    pub(crate) fn find(&self, name: &str) -> Option<usize> {
         self.properties.iter().position(|p| p.name == name)
     }
 
     /// Fewest bytes of one item in the body: a count alone for a list, a digit and a space for a number in ASCII.
-    pub(super) fn least_bytes(&self, coding: Coding) -> u64 {
+    pub(crate) fn least_bytes(&self, coding: Coding) -> u64 {
         let of = |property: &Property| match (coding, property.kind) {
             (Coding::Ascii, _) => 2,
             (_, Kind::Scalar(scalar) | Kind::List { count: scalar, .. }) => scalar.size() as u64,
@@ -102,16 +102,16 @@ impl Element {
 
 /// A PLY file's header.
 #[derive(Debug)]
-pub(super) struct Header {
-    pub(super) coding: Coding,
-    pub(super) elements: Vec<Element>,
+pub(crate) struct Header {
+    pub(crate) coding: Coding,
+    pub(crate) elements: Vec<Element>,
     /// Where the body starts.
-    pub(super) body: usize,
+    pub(crate) body: usize,
 }
 
 impl Header {
     /// Reads the header; an error in words if it is none.
-    pub(super) fn parse(bytes: &[u8]) -> Result<Self, String> {
+    pub(crate) fn parse(bytes: &[u8]) -> Result<Self, String> {
         let mut coding = None;
         let mut elements: Vec<Element> = Vec::new();
         let mut at = 0;

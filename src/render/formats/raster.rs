@@ -9,20 +9,20 @@ use std::io::Cursor;
 
 /// An image as decoded, row by row, channels together.
 #[derive(Debug)]
-pub(super) struct Raster {
-    pub(super) width: usize,
-    pub(super) height: usize,
+pub(crate) struct Raster {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
     /// 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha.
-    pub(super) channels: usize,
-    pub(super) samples: Samples,
+    pub(crate) channels: usize,
+    pub(crate) samples: Samples,
     /// The decoder spread codes of another range over the whole range of the type: right for
     /// colour, wrong for depth.
-    pub(super) rescaled: bool,
+    pub(crate) rescaled: bool,
 }
 
 /// Samples of the types that files have.
 #[derive(Debug)]
-pub(super) enum Samples {
+pub(crate) enum Samples {
     U8(Vec<u8>),
     U16(Vec<u16>),
     F32(Vec<f32>),
@@ -33,20 +33,20 @@ const PNM_HEADER_BYTES: u64 = 9;
 
 /// What a header says of the pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Head {
-    pub(super) width: usize,
-    pub(super) height: usize,
+pub(crate) struct Head {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
     /// As in [`Raster`].
-    pub(super) channels: usize,
+    pub(crate) channels: usize,
     /// Samples have 16 bits, not 8.
     is_wide: bool,
     /// As in [`Raster`].
-    pub(super) rescaled: bool,
+    pub(crate) rescaled: bool,
 }
 
 impl Head {
     /// Bytes that a binary PNM of this header has at least; no file has those of another.
-    pub(super) fn pnm_bytes(&self, start: &[u8]) -> u64 {
+    pub(crate) fn pnm_bytes(&self, start: &[u8]) -> u64 {
         if !matches!(start, [b'P', b'5' | b'6', ..]) {
             return u64::MAX;
         }
@@ -56,7 +56,7 @@ impl Head {
 }
 
 /// Reads the header of a PNG, JPEG, PNM or Radiance HDR file, of which `file` may hold the beginning alone.
-pub(super) fn head(file: &NamedBytes, format: FileFormat) -> Result<Head, SceneError> {
+pub(crate) fn head(file: &NamedBytes, format: FileFormat) -> Result<Head, SceneError> {
     let bytes = Cursor::new(file.bytes.as_slice());
     let failed = |error: image::ImageError| file.unreadable(format, error);
     file.contain(format, || match format {
@@ -103,7 +103,7 @@ fn mesh_in_place_of_image(file: &NamedBytes) -> SceneError {
 ///
 /// The JPEG decoder picks its instructions by the machine; whether all of them agree to the bit is
 /// not tested here.
-pub(super) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, SceneError> {
+pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, SceneError> {
     let bytes = Cursor::new(file.bytes.as_slice());
     let failed = |error: image::ImageError| file.unreadable(format, error);
     file.contain(format, || match format {
@@ -213,7 +213,7 @@ fn read(
 
 /// Whether the last scan is closed by an end marker. The decoder would paint the missing rest of a
 /// cut file grey and say nothing. Neither marker can occur inside a scan.
-pub(crate) fn jpeg_is_whole(bytes: &[u8]) -> bool {
+pub fn jpeg_is_whole(bytes: &[u8]) -> bool {
     let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xff, marker]);
     match (last(0xda), last(0xd9)) {
         (Some(scan), Some(end)) => scan < end,
@@ -222,13 +222,13 @@ pub(crate) fn jpeg_is_whole(bytes: &[u8]) -> bool {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use super::*;
     use image::{ExtendedColorType, ImageEncoder};
     use std::path::PathBuf;
 
     /// A PNG file of the given pixels; 16-bit samples in native order.
-    pub(in crate::scene) fn png(
+    pub(crate) fn png(
         pixels: &[u8],
         width: u32,
         height: u32,
@@ -245,7 +245,7 @@ pub(super) mod tests {
     }
 
     /// A JPEG file.
-    pub(in crate::scene) fn jpeg(pixels: &[u8], width: u32, height: u32) -> NamedBytes {
+    pub(crate) fn jpeg(pixels: &[u8], width: u32, height: u32) -> NamedBytes {
         let mut bytes = Vec::new();
         image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 95)
             .write_image(pixels, width, height, ExtendedColorType::Rgb8)
@@ -257,7 +257,7 @@ pub(super) mod tests {
     }
 
     /// Makes the checksums of a damaged PNG's chunks right, so that the damage reaches the decoder.
-    pub(in crate::scene) fn repair_png(bytes: &mut [u8]) {
+    pub(crate) fn repair_png(bytes: &mut [u8]) {
         let mut at = 8;
         while let Some(&[a, b, c, d]) = bytes.get(at..at + 4) {
             let length = u32::from_be_bytes([a, b, c, d]) as usize;

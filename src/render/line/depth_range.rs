@@ -1,7 +1,7 @@
 //! Metres for depths that are known only up to scale and shift.
 
 use super::limits;
-use super::line::DepthKind;
+use super::scene_line::DepthKind;
 use super::validate::{LineError, within};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -56,7 +56,8 @@ impl DepthRange {
         }
     }
 
-    pub(super) fn validate(&self, field: &str) -> Result<(), LineError> {
+    /// An error names `field`, the value and what it must be.
+    pub fn validate(&self, field: &str) -> Result<(), LineError> {
         let in_metres =
             |key: &str, value| within(&format!("{field}.{key}"), value, limits::RELATIVE_DEPTH_M);
         let (ratio_key, ratio) = match *self {
@@ -91,7 +92,7 @@ impl DepthRange {
 }
 
 /// A relative depth needs a range, and no other depth has one.
-pub(super) fn check(
+pub(crate) fn check(
     side: &str,
     kind: DepthKind,
     range: Option<&DepthRange>,

@@ -1,7 +1,7 @@
 //! Light for what a photograph clipped.
 
 use super::limits;
-use super::line::Transfer;
+use super::scene_line::Transfer;
 use super::validate::{LineError, within};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -18,7 +18,8 @@ pub struct Highlights {
 
 impl Highlights {
     /// Checks the numbers, which errors find under `field`, and that there are codes to expand.
-    pub(super) fn validate(&self, field: &str, transfer: Transfer) -> Result<(), LineError> {
+    /// An error names `field`, the value and what it must be.
+    pub fn validate(&self, field: &str, transfer: Transfer) -> Result<(), LineError> {
         within(&format!("{field}.above"), self.above, limits::BELOW_WHITE)?;
         within(&format!("{field}.to"), self.to, limits::WHITE_BECOMES)?;
         if transfer == Transfer::Srgb {

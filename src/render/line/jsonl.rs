@@ -1,6 +1,6 @@
 //! Manifests as text: one scene line a line of JSON, in order; and single scenes.
 
-use super::line::SceneLine;
+use super::scene_line::SceneLine;
 use super::validate::LineError;
 use crate::ids::SceneId;
 use std::collections::BTreeMap;
@@ -108,7 +108,9 @@ fn parse_at(json: &str, first_line: usize) -> Result<SceneLine, ManifestError> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::line::{Apex, DepthKind, Fill, Filter, Focus, FocusAt, Split, Transfer};
+    use super::super::scene_line::{
+        Apex, DepthKind, Fill, Filter, Focus, FocusAt, Split, Transfer,
+    };
     use super::super::validate::tests::{photograph, published};
     use super::*;
     use proptest::prelude::*;

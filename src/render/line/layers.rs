@@ -1,7 +1,9 @@
 //! Which of the four layers a scene makes: what is not asked for is not traced.
 
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{self, Deserializer};
 use serde::{Deserialize, Serialize, Serializer};
+use std::borrow::Cow;
 
 /// The layers' names, in the order in which everything stores them: I, T, R~, R.
 pub const LAYER_NAMES: [&str; 4] = [
@@ -59,6 +61,19 @@ impl<'de> Deserialize<'de> for LayerSet {
             return Err(de::Error::custom("layers is empty: name at least one"));
         }
         Ok(Self(set))
+    }
+}
+
+impl JsonSchema for LayerSet {
+    fn schema_name() -> Cow<'static, str> {
+        "Layers".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "description": "Layers that are made.",
+            "type": "array", "items": { "enum": LAYER_NAMES }, "minItems": 1, "uniqueItems": true,
+        })
     }
 }
 

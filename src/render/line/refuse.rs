@@ -1,6 +1,6 @@
 //! Panes that cannot be looked through: met at a grazing angle, or cutting the lens.
 
-use super::line::{Filter, SceneLine};
+use super::scene_line::{Filter, SceneLine};
 use super::validate::LineError;
 
 /// Largest angle between a camera ray and the pane's normal.

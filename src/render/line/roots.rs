@@ -152,7 +152,7 @@ pub fn is_url(text: impl AsRef<Path>) -> bool {
 }
 
 /// Two or more of `[A-Za-z0-9_-]`.
-pub(super) fn is_root_name(name: &str) -> bool {
+pub fn is_root_name(name: &str) -> bool {
     let allowed = |b: u8| b.is_ascii_alphanumeric() || b == b'_' || b == b'-';
     name.len() >= 2 && name.bytes().all(allowed)
 }

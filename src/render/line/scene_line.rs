@@ -250,11 +250,12 @@ pub struct Photograph {
     pub apex: Option<Apex>,
 }
 
-pub(super) fn one() -> f64 {
+/// The default of factors: serde takes a function.
+pub fn one() -> f64 {
     1.0
 }
 
-pub(super) const fn white() -> [f64; 3] {
+pub(crate) const fn white() -> [f64; 3] {
     [1.0; 3]
 }
 
@@ -263,7 +264,7 @@ fn is_one(value: &f64) -> bool {
     *value == 1.0
 }
 
-pub(super) fn is_white(value: &[f64; 3]) -> bool {
+pub(crate) fn is_white(value: &[f64; 3]) -> bool {
     *value == white()
 }
 
@@ -335,4 +336,17 @@ pub struct Intrinsics {
     /// Size `[width, height]` of the image that the four numbers are for; the depth image's if missing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub size: Option<[u32; 2]>,
+}
+
+impl Intrinsics {
+    /// DIODE's capture camera, the same for every image (intrinsics.txt of its devkit).
+    pub fn diode() -> Self {
+        Self {
+            fx: 886.81,
+            fy: 927.06,
+            cx: 512.0,
+            cy: 384.0,
+            size: Some([1024, 768]),
+        }
+    }
 }

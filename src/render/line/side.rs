@@ -1,7 +1,7 @@
 //! What one side of the pane shows: an RGBD photograph, or a panorama or a triangle mesh in its place.
 
-use super::line::{Apex, Camera, Photograph, Transfer, is_white};
 use super::panorama::{PanoramaDepth, PanoramaFile};
+use super::scene_line::{Apex, Camera, Photograph, Transfer, is_white};
 use serde::{Deserialize, Serialize};
 
 /// One side of the pane. In JSON the keys `panorama` and `mesh` tell them apart; a photograph has neither.
@@ -59,7 +59,7 @@ impl MeshPose {
 
     /// Largest difference of `rotation` times its transpose from the unit matrix; infinite for a reflection and
     /// for what is no number.
-    pub(super) fn distortion(&self) -> f64 {
+    pub(crate) fn distortion(&self) -> f64 {
         let r = &self.rotation;
         let row = |a: usize, b: usize| (0..3).map(|k| r[a][k] * r[b][k]).sum::<f64>();
         let minor = |a: usize, b: usize| r[1][a] * r[2][b] - r[1][b] * r[2][a];

@@ -2,8 +2,8 @@
 
 use super::depth_range::DepthRange;
 use super::highlights::Highlights;
-use super::line::{Apex, DepthKind, Fill, Intrinsics, Photograph, Transfer, one, white};
 use super::panorama::{DepthMap, PanoramaDepth, PanoramaFile};
+use super::scene_line::{Apex, DepthKind, Fill, Intrinsics, Photograph, Transfer, one, white};
 use super::side::{MeshFile, MeshPose, Side};
 use serde::{Deserialize, Deserializer};
 

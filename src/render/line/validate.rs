@@ -2,8 +2,8 @@
 
 use super::depth_range;
 use super::limits::{self, Limit};
-use super::line::{Focus, Photograph, SCENE_SCHEMA, SceneLine};
 use super::panorama::{PanoramaDepth, PanoramaFile};
+use super::scene_line::{Focus, Photograph, SCENE_SCHEMA, SceneLine};
 use super::side::{MeshFile, Side};
 
 /// A scene line that cannot be rendered, whatever its files hold.
@@ -170,7 +170,7 @@ impl SceneLine {
 }
 
 /// Checks the paths and numbers of one side, which errors call `name`.
-pub(super) fn side(name: &str, side: &Side) -> Result<(), LineError> {
+pub fn side(name: &str, side: &Side) -> Result<(), LineError> {
     for (key, path) in side.paths() {
         if path.is_empty() {
             return Err(LineError::EmptyPath {
@@ -273,7 +273,7 @@ fn photograph(side: &str, photograph: &Photograph) -> Result<(), LineError> {
 }
 
 /// `Ok` if `limit` holds `value`.
-pub(super) fn within(field: &str, value: f64, limit: Limit) -> Result<(), LineError> {
+pub(crate) fn within(field: &str, value: f64, limit: Limit) -> Result<(), LineError> {
     if limit.contains(value) {
         Ok(())
     } else {
@@ -291,7 +291,7 @@ fn out_of_range(field: &str, value: f64, limit: Limit) -> LineError {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::super::line::Apex;
+    use super::super::scene_line::Apex;
     use super::*;
 
     /// The scene line of the design page.

@@ -4,7 +4,7 @@ use super::moves::{Moves, SMOOTH, SMOOTH_OF_STOPPED};
 use super::noise::NoiseMap;
 use super::tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord, layer_digest};
 use super::write::{halved, is_half};
-use crate::manifest::SceneLine;
+use crate::line::SceneLine;
 use crate::partial::Partial;
 use crate::shard::{ShardLayout, scene_digest};
 use crate::trace::{LAYERS, TRACER_VERSION};

@@ -8,7 +8,7 @@
 
 use super::read::{check_headers, decode_exr_channels};
 use super::write::{HALF_MAX, encode_exr};
-use crate::manifest::Film;
+use crate::line::Film;
 use crate::trace::LAYERS;
 use exr::prelude::{AnyChannel, FlatSamples, f16};
 
@@ -105,7 +105,7 @@ fn coarse(value: f32) -> f16 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::manifest::parse_jsonl;
+    use crate::line::parse_jsonl;
 
     /// Some film of 9 x 6 px: 5 x 3 cells.
     fn film() -> Film {

@@ -1,7 +1,7 @@
 //! A tuple: the four images of a scene, and the record of how they came to be.
 
 use super::noise::NoiseMap;
-use crate::manifest::SceneLine;
+use crate::line::SceneLine;
 use crate::scene::{InputDigests, SceneFacts};
 use crate::trace::LAYERS;
 use serde::{Deserialize, Serialize};

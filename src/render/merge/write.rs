@@ -3,7 +3,7 @@
 use super::srgb::{SrgbEncoder, linear_to_srgb16};
 use super::tuple::{Tuple, TupleRecord};
 use crate::atomic_file::{self, WriteError};
-use crate::manifest::{ExrPrecision, SceneLine};
+use crate::line::{ExrPrecision, SceneLine};
 use crate::trace::TRACER_VERSION;
 use exr::image::write::layers::WritableLayers;
 use exr::prelude::{

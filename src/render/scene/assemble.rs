@@ -4,9 +4,7 @@ use super::near::{MAX_TOO_NEAR_SHARE, Near};
 use super::photograph::Sheet;
 use super::place::{Decoded, MeshSides, Placed};
 use super::relative::RelativeSides;
-use crate::manifest::{
-    Apex, Filter, Focus, FocusAt, LineError, ReflectionOrders, SceneLine, refuse,
-};
+use crate::line::{Apex, Filter, Focus, FocusAt, LineError, ReflectionOrders, SceneLine, refuse};
 use crate::trace::{
     FilmPlane, FilterTable, Grid, Lens, MAX_COORDINATE_M, Order, OrderPlan, Pose, Sampling, Scene,
     Slab, Texture, View,

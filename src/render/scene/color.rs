@@ -1,12 +1,13 @@
 //! The colour image: decoded to linear Rec.709 radiance, before anything interpolates it.
 
-use super::error::SceneError;
-use super::files::{FileFormat, NamedBytes};
-use super::npy::{Axes, NpyHead, NpyImage};
-use super::npy_header::Element;
-use super::raster::{self, Raster, Samples};
-use super::{highlights, openexr, pfm, transfer};
-use crate::manifest::{Highlights, Transfer};
+use super::{highlights, transfer};
+use crate::formats::error::SceneError;
+use crate::formats::files::{FileFormat, NamedBytes};
+use crate::formats::npy::{Axes, NpyHead, NpyImage};
+use crate::formats::npy_header::Element;
+use crate::formats::raster::{self, Raster, Samples};
+use crate::formats::{openexr, pfm};
+use crate::line::{Highlights, Transfer};
 use std::rc::Rc;
 
 pub(super) const FORMATS: &str = "a PNG, JPEG, PNM, EXR, Radiance HDR, PFM or .npy colour image";

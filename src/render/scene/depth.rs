@@ -1,12 +1,12 @@
 //! The depth image: decoded to distances along the optical axis, in metres.
 
-use super::error::SceneError;
-use super::files::{FileFormat, NamedBytes};
-use super::npy::{Axes, NpyHead, NpyImage};
-use super::npy_header::Element;
-use super::raster::{self, Raster, Samples};
-use super::{openexr, pfm};
-use crate::manifest::{DepthKind, Intrinsics};
+use crate::formats::error::SceneError;
+use crate::formats::files::{FileFormat, NamedBytes};
+use crate::formats::npy::{Axes, NpyHead, NpyImage};
+use crate::formats::npy_header::Element;
+use crate::formats::raster::{self, Raster, Samples};
+use crate::formats::{openexr, pfm};
+use crate::line::{DepthKind, Intrinsics};
 
 const FORMATS: &str = "a .npy, grey PNG, grey PNM, PFM or EXR depth image";
 const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers";

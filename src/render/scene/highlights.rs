@@ -11,7 +11,7 @@
 //! saturation stay. It is a guess, as what was clipped is lost; Banterle et al., "Inverse tone mapping" (GRAPHITE 2006),
 //! expand the range in the same spirit.
 
-use crate::manifest::Highlights;
+use crate::line::Highlights;
 
 /// f(v): the light of a largest channel `v`, linear.
 fn expanded(curve: Highlights, v: f64) -> f64 {

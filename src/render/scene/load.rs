@@ -2,11 +2,9 @@
 
 use super::panorama::decode_panorama;
 use super::window::Sight;
-use super::{
-    AssembleError, Decoded, NamedBytes, PanoramaFiles, PhotographFiles, SceneError, SceneFacts,
-    assemble, decode_mesh, decode_photograph,
-};
-use crate::manifest::{PanoramaDepth, RootError, Roots, SceneLine, Side};
+use super::{AssembleError, Decoded, SceneFacts, assemble, decode_mesh, decode_photograph};
+use crate::formats::{NamedBytes, PanoramaFiles, PhotographFiles, SceneError};
+use crate::line::{PanoramaDepth, RootError, Roots, SceneLine, Side};
 use crate::trace::Scene;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

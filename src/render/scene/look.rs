@@ -3,10 +3,11 @@
 //! Nothing is refused here that a scene could be made from: where a header alone does not settle it, the file is read as
 //! a scene's files are. What is wrong with the pixels themselves (NaN, no valid depth) is not looked for.
 
-use super::error::SceneError;
-use super::files::{FileFormat, NamedBytes};
-use super::{color, depth, mask, panorama, ply, raster};
-use crate::manifest::Transfer;
+use super::{color, depth, mask, panorama};
+use crate::formats::error::SceneError;
+use crate::formats::files::{FileFormat, NamedBytes};
+use crate::formats::{ply, raster};
+use crate::line::Transfer;
 
 /// Bytes of a file's beginning that show most headers; a JPEG may have a preview before its size.
 pub const START_BYTES: usize = 1 << 14;

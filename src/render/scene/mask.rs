@@ -1,9 +1,9 @@
 //! The mask: which pixels of the depth image were measured.
 
-use super::error::SceneError;
-use super::files::{FileFormat, NamedBytes};
-use super::npy::{Axes, NpyHead, NpyImage};
-use super::raster::{self, Samples};
+use crate::formats::error::SceneError;
+use crate::formats::files::{FileFormat, NamedBytes};
+use crate::formats::npy::{Axes, NpyHead, NpyImage};
+use crate::formats::raster::{self, Samples};
 
 const FORMATS: &str = "a .npy, PNG or PNM mask";
 const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers or booleans";

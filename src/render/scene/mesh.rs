@@ -1,9 +1,10 @@
 //! A triangle mesh: its file becomes polygons in the capture camera's coordinates.
 
-use super::error::SceneError;
-use super::files::NamedBytes;
-use super::{ply, transfer};
-use crate::manifest::MeshFile;
+use super::transfer;
+use crate::formats::error::SceneError;
+use crate::formats::files::NamedBytes;
+use crate::formats::ply;
+use crate::line::MeshFile;
 use crate::trace::MAX_COORDINATE_M;
 use glam::{DMat3, DVec3};
 

@@ -21,33 +21,21 @@ mod center;
 mod color;
 mod depth;
 mod equirect;
-mod error;
-mod files;
 mod fill;
 mod highlights;
-pub mod limits;
 mod load;
 mod look;
 mod mask;
 mod mesh;
 mod near;
-mod npy;
-mod npy_header;
-mod openexr;
 mod panorama;
-mod pfm;
 mod photograph;
 mod place;
-mod ply;
-mod ply_header;
-mod raster;
 mod relative;
 mod transfer;
 mod window;
 
 pub use assemble::{AssembleError, OrderFact, SceneFacts, Sides, assemble};
-pub use error::SceneError;
-pub use files::{NamedBytes, PanoramaFiles, PhotographFiles};
 pub use load::{
     DecodedScene, InputDigests, LoadError, LoadedScene, SceneFiles, SideFiles, decode, load,
     read_files, read_files_by,
@@ -55,9 +43,6 @@ pub use load::{
 pub use look::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
 pub use mesh::{Polygons, decode_mesh};
 pub use near::MAX_TOO_NEAR_SHARE;
-pub(crate) use npy_header::npy_facts;
 pub use photograph::{Sheet, decode_linear_image, decode_photograph};
 pub use place::{Decoded, MeshFacts, MeshSides};
-pub(crate) use ply::ply_counts;
-pub(crate) use raster::jpeg_is_whole;
 pub use relative::{RelativeEnds, RelativeSides};

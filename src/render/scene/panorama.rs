@@ -5,12 +5,12 @@
 //! fewer, within [`MAX_VIEW_SIDE`]. Colour is interpolated in linear light, depth as inverse distance along the ray.
 
 use super::equirect::{Taps, rotation};
-use super::error::SceneError;
-use super::files::{FileFormat, NamedBytes, PanoramaFiles};
 use super::photograph::{Sheet, invert};
 use super::window::{Sight, Window};
 use super::{center, color, depth, fill, relative};
-use crate::manifest::{DepthMap, Fill, Intrinsics, PanoramaDepth, PanoramaFile, Transfer};
+use crate::formats::error::SceneError;
+use crate::formats::files::{FileFormat, NamedBytes, PanoramaFiles};
+use crate::line::{DepthMap, Fill, Intrinsics, PanoramaDepth, PanoramaFile, Transfer};
 use glam::{DMat3, DVec3};
 use std::f64::consts::TAU;
 

@@ -1,10 +1,10 @@
 //! One photograph: its files become a sheet.
 
-use super::error::SceneError;
-use super::files::{NamedBytes, PhotographFiles};
 use super::relative::{self, RelativeEnds};
 use super::{center, color, depth, fill, mask};
-use crate::manifest::{Fill, Intrinsics, Photograph, Transfer};
+use crate::formats::error::SceneError;
+use crate::formats::files::{NamedBytes, PhotographFiles};
+use crate::line::{Fill, Intrinsics, Photograph, Transfer};
 use std::path::Path;
 
 /// A continuous surface that carries radiance: one vertex at each pixel centre of the depth image.

@@ -6,8 +6,8 @@
 //! depth (Marigold). Where only a mean is given, the ends follow from it: z scales with them.
 
 use super::depth::Depth;
-use super::error::SceneError;
-use crate::manifest::{DepthKind, DepthRange};
+use crate::formats::error::SceneError;
+use crate::line::{DepthKind, DepthRange};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

@@ -1,6 +1,6 @@
 //! Transfer curves: from coded values to linear Rec.709 radiance.
 
-use crate::manifest::Transfer;
+use crate::line::Transfer;
 use std::sync::LazyLock;
 
 /// Inverse of the sRGB curve (IEC 61966-2-1), continued above 1; negative values and NaN stay so.

@@ -6,7 +6,7 @@
 //! all that can be hit.
 
 use super::assemble::{film_directions, film_plane, film_reach, mirror, slab};
-use crate::manifest::{Apex, Focus, FocusAt, SceneLine};
+use crate::line::{Apex, Focus, FocusAt, SceneLine};
 use crate::trace::{Lens, Order, Slab};
 use glam::{DMat3, DVec3};
 
@@ -172,7 +172,7 @@ mod tests {
         assert!((across[1] - expected).abs() < 1e-9, "{across:?} {expected}");
         // Turned by 10 degrees, the reflection turns by 20.
         let tilted = SceneLine {
-            glass: crate::manifest::Glass {
+            glass: crate::line::Glass {
                 tilt_deg: [0.0, 10.0],
                 ..line.glass.clone()
             },

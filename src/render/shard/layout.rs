@@ -1,6 +1,6 @@
 //! How a scene is cut: tiles (the film's size need not divide) times sample ranges, numbered from 0.
 
-use crate::manifest::SceneLine;
+use crate::line::SceneLine;
 use crate::trace::Tile;
 use std::ops::Range;
 

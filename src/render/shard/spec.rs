@@ -1,6 +1,6 @@
 //! `RUN/spec.json`: what a run may not change under way.
 
-use crate::manifest::{SceneLine, to_jsonl};
+use crate::line::{SceneLine, to_jsonl};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};

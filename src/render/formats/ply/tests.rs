@@ -1,5 +1,5 @@
 use super::*;
-use crate::manifest::MeshFile;
+use crate::line::MeshFile;
 use crate::scene::decode_mesh;
 use std::path::PathBuf;
 
@@ -71,7 +71,7 @@ fn file(coding: &str, colour: &str) -> NamedBytes {
 const CODINGS: [&str; 3] = ["ascii", "binary_little_endian", "binary_big_endian"];
 
 fn mesh_line(json: &str) -> MeshFile {
-    let crate::manifest::Side::Mesh(line) = serde_json::from_str(json).unwrap() else {
+    let crate::line::Side::Mesh(line) = serde_json::from_str(json).unwrap() else {
         panic!("a photograph")
     };
     line

@@ -1,9 +1,9 @@
-use super::super::npy::tests::npy;
-use super::super::openexr::tests::exr;
-use super::super::raster::tests::png;
 use super::super::{LoadedScene, SceneFiles, SideFiles, load};
 use super::*;
-use crate::manifest::{SceneLine, Side};
+use crate::formats::npy::tests::npy;
+use crate::formats::openexr::tests::exr;
+use crate::formats::raster::tests::png;
+use crate::line::{SceneLine, Side};
 use crate::trace::{Isa, Tile, TileResult, trace_tile};
 use ::exr::prelude::FlatSamples;
 use std::f64::consts::PI;

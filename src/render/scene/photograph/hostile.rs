@@ -1,10 +1,10 @@
 //! Damaged and made-up files in every slot of a photograph: an error or a sheet, never a panic.
 
-use super::super::npy::tests::npy;
-use super::super::openexr::tests::{exr, exr_coded};
-use super::super::raster::tests::{jpeg, png, repair_png};
 use super::*;
-use crate::scene::NamedBytes;
+use crate::formats::NamedBytes;
+use crate::formats::npy::tests::npy;
+use crate::formats::openexr::tests::{exr, exr_coded};
+use crate::formats::raster::tests::{jpeg, png, repair_png};
 use ::exr::prelude::{Blocks, Compression, Encoding, FlatSamples, LineOrder, Vec2};
 use image::ExtendedColorType as Png;
 use proptest::prelude::*;
@@ -141,7 +141,7 @@ fn the_seeds_themselves_are_good() {
             path: format!("seed {index}").into(),
             bytes: seed,
         };
-        let line = crate::manifest::Transfer::Srgb;
+        let line = crate::line::Transfer::Srgb;
         let as_color = super::color::decode(&file, line, [1.0; 3]).is_ok();
         let as_depth = super::depth::decode(&file, 1.0).is_ok();
         assert!(

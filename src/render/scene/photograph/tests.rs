@@ -1,10 +1,10 @@
 //! Whole photographs: geometry of the sheet, holes, limits, and the shared oracle scene.
 
-use super::super::npy::tests::npy;
-use super::super::raster::tests::png;
 use super::*;
-use crate::manifest::{DepthKind, Fill, SceneLine, Side, Transfer};
-use crate::scene::NamedBytes;
+use crate::formats::NamedBytes;
+use crate::formats::npy::tests::npy;
+use crate::formats::raster::tests::png;
+use crate::line::{DepthKind, Fill, SceneLine, Side, Transfer};
 use image::ExtendedColorType as Png;
 use std::path::PathBuf;
 

@@ -6,12 +6,13 @@
 //! of a surface either side is right.) A *stray* is a hit that does not lie on the mesh.
 
 use super::{LANES, full_span, random};
-use crate::manifest::{Photograph, Transfer};
-use crate::sample::{listing, render};
-use crate::scene::{NamedBytes, PhotographFiles, decode_photograph};
+use crate::formats::{NamedBytes, PhotographFiles};
+use crate::line::{Photograph, Transfer};
+use crate::scene::decode_photograph;
 use crate::trace::lanes::Lane;
 use crate::trace::walk::{Lines, Span, walk};
 use crate::trace::{Grid, Isa};
+use procedural::{listing, render};
 use std::path::Path;
 
 /// Coordinates relative to a bundle's base are rounded by 1e-6 px; a few operations follow.
@@ -36,9 +37,9 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
         mask: None,
         transfer: Transfer::Linear,
         depth_unit_m: unit_m,
-        depth_kind: crate::manifest::DepthKind::Z,
+        depth_kind: crate::line::DepthKind::Z,
         depth_range: None,
-        intrinsics: crate::manifest::Intrinsics {
+        intrinsics: crate::line::Intrinsics {
             fx: 500.0,
             fy: 500.0,
             cx: width as f64 / 2.0,
@@ -48,7 +49,7 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
         exposure: 1.0,
         illuminant: [1.0; 3],
         highlights: None,
-        fill: crate::manifest::Fill::Smooth,
+        fill: crate::line::Fill::Smooth,
         apex: None,
     };
     let named = |bytes: Vec<u8>| NamedBytes {
@@ -93,8 +94,8 @@ fn terrains() -> Vec<Terrain> {
     let places = listing(8, 11);
     let find = |place| places.iter().position(|p| p.place == place).unwrap();
     let (indoors, outdoors) = (
-        find(crate::sample::Place::Indoors),
-        find(crate::sample::Place::Outdoor),
+        find(procedural::Place::Indoors),
+        find(procedural::Place::Outdoor),
     );
     let mut terrains = vec![
         Terrain {
