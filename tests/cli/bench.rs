@@ -1,7 +1,7 @@
 //! `bench`: what it measures is measured, and what it writes is what it says.
 
-use crate::program::{run, text};
-use crate::scenes::{photographs, scene};
+use crate::support::program::{run, text};
+use crate::support::scenes::{photographs, scene};
 use glasshouse::bench::{Ladder, Slope, Work, climb, own_reference, pair, slopes};
 use glasshouse::trace::{Isa, LAYERS};
 use serde_json::{Value, json};

@@ -1,9 +1,9 @@
 //! `doctor`: on a good place, on a bad one, with stores and queues that are there or not.
 
-use crate::program::{command, run, text};
-use crate::s3_server::S3Server;
-use crate::server::Server;
-use crate::workplace::{run_in, workplace};
+use crate::support::nats_server::Server;
+use crate::support::program::{command, run, text};
+use crate::support::s3_server::S3Server;
+use crate::support::workplace::{run_in, workplace};
 use serde_json::Value;
 use std::path::Path;
 
@@ -28,7 +28,7 @@ fn entries(folder: &Path) -> usize {
 fn a_good_place_is_well_and_left_as_it_was() {
     let place = workplace();
     let smoke = place.path().join("runs/smoke");
-    let before = crate::outputs::files(&smoke);
+    let before = crate::support::outputs::files(&smoke);
     let doctor = run(&["doctor", text(&smoke), "-j", "1", "--json"])
         .expect(0)
         .json();
@@ -62,7 +62,7 @@ fn a_good_place_is_well_and_left_as_it_was() {
             .unwrap()
             > 0.0
     );
-    assert_eq!(crate::outputs::files(&smoke), before);
+    assert_eq!(crate::support::outputs::files(&smoke), before);
     assert_eq!(level(&doctor, "right bits"), "ok");
     // A person's page fits a terminal.
     let page = run_in(place.path(), &["doctor", "runs/smoke", "-j", "1"])
@@ -182,7 +182,7 @@ fn a_bucket_is_a_store() {
     let doctor = |address: &str, code| {
         let mut command = command(&["doctor", text(folder.path()), "--store", address, "--json"]);
         bucket.tell(&mut command);
-        let ended: crate::program::Ended = command.output().unwrap().into();
+        let ended: crate::support::program::Ended = command.output().unwrap().into();
         assert!(!ended.stdout.contains("hush"), "{ended:?}");
         ended.expect(code).json()
     };

@@ -1,7 +1,7 @@
 //! Every command's help ends with examples, and every example does what it says.
 
-use crate::program::run;
-use crate::workplace::{run_in, workplace};
+use crate::support::program::run;
+use crate::support::workplace::{run_in, workplace};
 use clap::{CommandFactory, Parser};
 use glasshouse::cli::Args;
 use std::path::Path;

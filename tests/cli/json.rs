@@ -1,7 +1,7 @@
 //! What scripts read: one JSON object on stdout, progress and notes on stderr.
 
-use crate::program::{run, text};
-use crate::scenes::{photographs, place, scene};
+use crate::support::program::{run, text};
+use crate::support::scenes::{photographs, place, scene};
 
 #[test]
 fn every_command_prints_one_object() {

@@ -1,8 +1,8 @@
 //! Stopped politely, out of time, busy, out of space: what is done stays done, and the exit code says why.
 
-use crate::outputs::{assert_same, assert_tidy, files, tuples};
-use crate::program::{Ended, command, run, send, text, wait_until};
-use crate::scenes::{SCENES, SHARDS, place, reference};
+use crate::support::outputs::{assert_same, assert_tidy, files, tuples};
+use crate::support::program::{Ended, command, run, send, text, wait_until};
+use crate::support::scenes::{SCENES, SHARDS, place, reference};
 use glasshouse::farm::Run;
 use glasshouse::manifest::Roots;
 use std::process::Command;

@@ -2,8 +2,8 @@
 //! command, and every command line is run, or stands in a list with the reason why not.
 
 use crate::document_pages::{page, pages};
-use crate::program::run;
-use crate::workplace::{run_in, workplace};
+use crate::support::program::run;
+use crate::support::workplace::{run_in, workplace};
 use std::collections::BTreeSet;
 use std::path::Path;
 

@@ -1,8 +1,8 @@
 //! A file of every kind that the program writes or reads, for `inspect`.
 
 use crate::every_file_left as left;
-use crate::scenes::{npy, partials, photographs, put_partials, scene, write_lines};
-use crate::workplace::{run_in, workplace};
+use crate::support::scenes::{npy, partials, photographs, put_partials, scene, write_lines};
+use crate::support::workplace::{run_in, workplace};
 use glasshouse::farm::{AttemptRecord, EndKind, Ending};
 use glasshouse::ids::SceneId;
 use serde_json::json;

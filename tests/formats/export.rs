@@ -1,8 +1,8 @@
 //! Exported data sets: names, bytes, values, and where the tuples may be.
 
-use crate::outputs::files;
-use crate::program::{Ended, command, run, text};
-use crate::s3_server::{BUCKET, S3Server};
+use crate::support::outputs::files;
+use crate::support::program::{Ended, command, run, text};
+use crate::support::s3_server::{BUCKET, S3Server};
 use glasshouse::merge::{TupleRecord, decode_exr_channels, decode_tuple_exr, linear_to_srgb16};
 use glasshouse::trace::LAYERS;
 use serde_json::{Value, json};
@@ -287,7 +287,7 @@ fn other_encodings_hold_the_values_of_the_exr() {
                     "{id} {name}"
                 );
             }
-            let kinds: BTreeSet<&str> = crate::outputs::exr_channels(&path)
+            let kinds: BTreeSet<&str> = crate::support::outputs::exr_channels(&path)
                 .values()
                 .map(|(kind, _)| *kind)
                 .collect();

@@ -1,7 +1,7 @@
 //! Exports that are killed or stopped go on where they were.
 
 use crate::export::{RECIPE, arguments, assert_equal, finished};
-use crate::program::{Ended, command, run, send, wait_until};
+use crate::support::program::{Ended, command, run, send, wait_until};
 use std::path::PathBuf;
 use tempfile::TempDir;
 

@@ -3,7 +3,7 @@
 //! The Python that has them is `GLASSHOUSE_PYTHON`, else `python3`; what it has not is skipped, with a line that says so.
 
 use crate::export::{RECIPE, finished};
-use crate::program::{Ended, command, run, text};
+use crate::support::program::{Ended, command, run, text};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -17,7 +17,7 @@ fn python() -> Command {
 
 /// Reads `out` back, or says that this cannot be done here.
 fn read_back(what: &str, run: &Path, out: &Path) {
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/export/read_back.py");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/formats/read_back.py");
     let output = python().arg(script).arg(what).args([run, out]).output();
     let Ok(output) = output else {
         eprintln!("skipped: {what}: there is no Python here");

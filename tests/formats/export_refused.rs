@@ -1,8 +1,8 @@
 //! What an export refuses, and what it says of scenes that it has not.
 
 use crate::export::{RECIPE, arguments, content, finished, ids};
-use crate::outputs::files;
-use crate::program::{run, text};
+use crate::support::outputs::files;
+use crate::support::program::{run, text};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 

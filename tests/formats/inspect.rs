@@ -1,8 +1,8 @@
 //! `inspect`: every kind of file that a run, a training and an export leave.
 
 use crate::every_file::files;
-use crate::program::{Ended, text};
-use crate::workplace::{run_in, workplace};
+use crate::support::program::{Ended, text};
+use crate::support::workplace::{run_in, workplace};
 use serde_json::{Value, json};
 
 /// The one file of `inspect --json`.

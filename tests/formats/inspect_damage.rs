@@ -2,8 +2,8 @@
 
 use crate::every_file::files;
 use crate::inspect::one;
-use crate::program::text;
-use crate::workplace::run_in;
+use crate::support::program::text;
+use crate::support::workplace::run_in;
 use serde_json::Value;
 use std::path::Path;
 

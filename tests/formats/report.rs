@@ -1,9 +1,9 @@
 //! The report of small runs: well formed, whole, and with the numbers of the tuples.
 
-use crate::markup::{all, one, strictly, values, words};
-use crate::outputs::{exr_channels, files};
-use crate::program::{command, run, send, text, wait_until};
-use crate::scenes::{SCENES, SHARDS, photographs, place, scene, write_lines};
+use crate::support::markup::{all, one, strictly, values, words};
+use crate::support::outputs::{exr_channels, files};
+use crate::support::program::{command, run, send, text, wait_until};
+use crate::support::scenes::{SCENES, SHARDS, photographs, place, scene, write_lines};
 use scraper::{ElementRef, Html};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};

@@ -1,8 +1,8 @@
 //! The report in a browser, where there is one: nothing is wider than a phone, and both colour schemes can be read.
 
-use crate::browser::browse;
-use crate::program::{run, text};
-use crate::scenes::place;
+use crate::support::browser::browse;
+use crate::support::program::{run, text};
+use crate::support::scenes::place;
 use serde_json::Value;
 
 /// Measures the report in frames of several widths, and says what it found in an element.

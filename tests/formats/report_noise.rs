@@ -1,10 +1,10 @@
 //! Noise maps beside tuples: what they add up to, and that nothing depends on them.
 
-use crate::markup::{all, strictly};
-use crate::outputs::{exr_channels, files};
-use crate::program::{run, text};
 use crate::report::{LAYERS, finished, record, report};
-use crate::scenes::SCENES;
+use crate::support::markup::{all, strictly};
+use crate::support::outputs::{exr_channels, files};
+use crate::support::program::{run, text};
+use crate::support::scenes::SCENES;
 use serde_json::json;
 
 #[test]

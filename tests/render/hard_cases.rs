@@ -1,6 +1,6 @@
 //! `run manifests/hard-cases.toml` as a user would, and with expectations that are wrong.
 
-use crate::program::{run, text};
+use crate::support::program::{run, text};
 use std::path::Path;
 
 const TWO: &str = r#"

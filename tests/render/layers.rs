@@ -1,8 +1,8 @@
 //! `film.layers` and `film.target_error` through the program: what is left out, and that nothing else changes.
 
-use crate::outputs::{Content, assert_same, assert_tidy, tuples};
-use crate::program::{command, run, text, wait_until};
-use crate::scenes::{Place, RECIPE, SCENES, SHARDS, place, put_partials, reference};
+use crate::support::outputs::{Content, assert_same, assert_tidy, tuples};
+use crate::support::program::{command, run, text, wait_until};
+use crate::support::scenes::{Place, RECIPE, SCENES, SHARDS, place, put_partials, reference};
 use glasshouse::farm::{Run, SceneJob, render_partials};
 use glasshouse::manifest::Roots;
 use glasshouse::scene::{load, read_files};

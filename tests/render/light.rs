@@ -1,8 +1,8 @@
 //! Light: exposures, illuminants and white balance of scene lines, and how planning settles them by a look at each scene.
 
-use crate::outputs::exr_channels;
-use crate::program::{run, text};
-use crate::scenes::{photographs, scene};
+use crate::support::outputs::exr_channels;
+use crate::support::program::{run, text};
+use crate::support::scenes::{photographs, scene};
 use serde_json::{Value, json};
 use std::path::Path;
 

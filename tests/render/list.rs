@@ -1,7 +1,7 @@
 //! Recipes over a list of photographs, panoramas among them: from files to tuples.
 
-use crate::program::{run, text};
-use crate::scenes::photographs;
+use crate::support::program::{run, text};
+use crate::support::scenes::photographs;
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;

@@ -1,8 +1,8 @@
 //! Scenes with triangle meshes, from PLY files to tuples.
 
-use crate::outputs::{exr_channels, files};
-use crate::program::{run, text};
-use crate::scenes::{photographs, scene, write_lines};
+use crate::support::outputs::{exr_channels, files};
+use crate::support::program::{run, text};
+use crate::support::scenes::{photographs, scene, write_lines};
 use serde_json::{Value, json};
 use std::path::Path;
 

@@ -1,7 +1,7 @@
 //! Photographs in the layout of PLACES365, with relative depth: from folders to tuples.
 
-use crate::outputs::{files, tuples};
-use crate::program::{run, text};
+use crate::support::outputs::{files, tuples};
+use crate::support::program::{run, text};
 use serde_json::Value;
 use std::path::Path;
 

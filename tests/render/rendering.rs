@@ -1,8 +1,8 @@
 //! `render`: one scene, the farm's pixels.
 
-use crate::outputs::{assert_same, exr_channels, files, tuples};
-use crate::program::{run, text};
-use crate::scenes::{photographs, place, reference, scene};
+use crate::support::outputs::{assert_same, exr_channels, files, tuples};
+use crate::support::program::{run, text};
+use crate::support::scenes::{photographs, place, reference, scene};
 use exr::prelude::f16;
 use serde_json::Value;
 use std::collections::BTreeMap;

@@ -1,8 +1,8 @@
 //! Outputs do not depend on threads, tiles, kernels or places.
 
-use crate::outputs::{assert_same, tuples};
-use crate::program::{command, run, text, wait_until};
-use crate::scenes::{place, reference};
+use crate::support::outputs::{assert_same, tuples};
+use crate::support::program::{command, run, text, wait_until};
+use crate::support::scenes::{place, reference};
 
 #[test]
 fn threads_and_tiles_change_nothing() {

@@ -1,7 +1,7 @@
 //! Another S3 server (moto), in Python: it knows absent buckets, answers with parts of objects, and speaks TLS. It looks
 //! whether a key is taken and then writes, so of two puts at the same instant both may be told that theirs is new.
 
-use crate::program::text;
+use super::program::text;
 use glasshouse::store::{Store, StoreOptions};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! Recipes, photographs and scene lines to work on, and the run that all others are compared with.
 
-use crate::outputs::{Content, tuples};
-use crate::program::{run, text};
+use super::outputs::{Content, tuples};
+use super::program::{run, text};
 use glasshouse::farm::{Run, SceneJob, render_partials};
 use glasshouse::manifest::Roots;
 use glasshouse::partial::Partial;

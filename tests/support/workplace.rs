@@ -1,8 +1,8 @@
 //! A folder in which the files that the examples of `--help` name are there: made once, copied for each use.
 
-use crate::outputs::files;
-use crate::program::{Ended, command};
-use crate::scenes::{photographs, scene};
+use super::outputs::files;
+use super::program::{Ended, command};
+use super::scenes::{photographs, scene};
 use std::path::Path;
 use std::sync::OnceLock;
 use tempfile::TempDir;

@@ -1,8 +1,8 @@
 //! Training by the program: killed and resumed, changed, damaged, fed from everywhere, and the same bits where they are
 //! promised.
 
-use crate::outputs::files;
-use crate::program::{command, run, text, wait_until};
+use crate::support::outputs::files;
+use crate::support::program::{command, run, text, wait_until};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::hash::{BuildHasher, RandomState};

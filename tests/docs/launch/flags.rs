@@ -1,7 +1,7 @@
 //! Every command and flag that a launch file or its page passes to the program is one that the program knows.
 
-use crate::yaml::documents;
-use crate::{launch_files, repository};
+use super::yaml::documents;
+use super::{launch_files, repository};
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 use yaml_rust2::Yaml;

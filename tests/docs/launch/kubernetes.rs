@@ -1,7 +1,7 @@
 //! Kubernetes and compose: what they must say for nothing to run as root, and for a worker to have time to hand back.
 
-use crate::launch;
-use crate::yaml::{argument, at, documents, strings};
+use super::launch;
+use super::yaml::{argument, at, documents, strings};
 use yaml_rust2::Yaml;
 
 /// Every workload with its name.

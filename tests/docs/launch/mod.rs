@@ -1,13 +1,4 @@
 //! The launch files of `workers/`: understood by the tools they are for, as far as these are at hand, and by the program.
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that cannot go on may panic, outside of its #[test] function too"
-)]
-#![allow(
-    clippy::disallowed_methods,
-    reason = "copies for a test's own folder need not be atomic"
-)]
-#![allow(clippy::print_stderr, reason = "tests that cannot run here say so")]
 
 mod flags;
 mod kubernetes;

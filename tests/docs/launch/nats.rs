@@ -1,6 +1,6 @@
 //! The queue's server: keys are made, the configuration starts a server that asks for TLS and a key.
 
-use crate::{content, launch, tool};
+use super::{content, launch, tool};
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
 use std::os::unix::fs::PermissionsExt;

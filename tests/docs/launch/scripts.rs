@@ -1,6 +1,6 @@
 //! Shell scripts and the files that shells read.
 
-use crate::{content, launch_files, tool};
+use super::{content, launch_files, tool};
 use std::process::Command;
 
 #[test]

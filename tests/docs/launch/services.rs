@@ -1,6 +1,6 @@
 //! systemd's units.
 
-use crate::{launch_files, tool};
+use super::{launch_files, tool};
 use std::process::Command;
 
 #[test]

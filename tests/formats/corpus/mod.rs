@@ -1,12 +1,7 @@
 //! Every reader with every seed of the fuzz targets, and with each cut short: it comes back, and what it accepts is
 //! sound. The fuzzers themselves are run as CONTRIBUTING.md says.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that cannot go on may panic, outside of its #[test] function too"
-)]
-
-#[path = "../../fuzz/readers.rs"]
+#[path = "../../../fuzz/readers.rs"]
 mod readers;
 mod seeds;
 
@@ -61,7 +56,7 @@ fn every_reader_takes_the_seeds_of_the_others() {
     }
 }
 
-/// `cargo test --release --test corpus seeds_are_made -- --ignored`
+/// `cargo test --release --test formats seeds_are_made -- --ignored`
 #[test]
 #[ignore = "writes fuzz/seeds"]
 fn seeds_are_made() {
