@@ -111,7 +111,7 @@ fn channel(image: &RgbImage, c: usize) -> Vec<u8> {
 mod tests {
     use super::*;
 
-    /// The pictures of `tests/evaluate/scores.py`.
+    /// The pictures of `tests/train/scores.py`.
     fn pictures() -> (RgbImage, RgbImage) {
         let at = |x: u32, y: u32, c: u32| (x * x * 3 + y * 7 + x * y * (c + 2) + c * 41) % 251;
         let truth = RgbImage::from_fn(45, 31, |x, y| {
@@ -125,7 +125,7 @@ mod tests {
 
     #[test]
     fn scikit_image_agrees() {
-        // tests/evaluate/scores.py makes the numbers.
+        // tests/train/scores.py makes the numbers.
         let expected = Scores {
             psnr_colour_db: 23.572_454_967_125_847,
             ssim_grey: 0.968_866_613_728_260_6,

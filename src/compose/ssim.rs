@@ -67,7 +67,7 @@ mod tests {
 
     #[test]
     fn scikit_image_agrees() {
-        // skimage.metrics.structural_similarity(a, b), uint8, defaults; tests/evaluate/ssim.py makes the number.
+        // skimage.metrics.structural_similarity(a, b), uint8, defaults; tests/train/ssim.py makes the number.
         let (width, height) = (23usize, 17usize);
         let at = |k: usize| ((k * k * 31 + k * 7) % 251) as f64;
         let a: Vec<f64> = (0..width * height).map(at).collect();
