@@ -1,9 +1,10 @@
 //! What can go wrong while something is measured.
 
-use render::atomic_file::WriteError;
-use render::merge::MergeError;
 use procedural::SampleError;
-use render::scene::{AssembleError, LoadError, SceneError};
+use render::atomic_file::WriteError;
+use render::formats::SceneError;
+use render::merge::MergeError;
+use render::scene::{AssembleError, LoadError};
 use std::path::PathBuf;
 
 /// Why a benchmark could not be done.

@@ -5,7 +5,9 @@ use super::error::BenchError;
 use super::scenes::BenchScene;
 use render::line::Apex;
 use render::scene::Decoded;
-use render::trace::{BLOCK, BundleProbe, Grid, Isa, Order, Sampling, Scene, Tile, WalkCount, trace_tile};
+use render::trace::{
+    BLOCK, BundleProbe, Grid, Isa, Order, Sampling, Scene, Tile, WalkCount, trace_tile,
+};
 use serde::Serialize;
 use std::hint::black_box;
 

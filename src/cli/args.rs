@@ -1,10 +1,10 @@
 //! Arguments that commands share. This file imports no command.
 
 use super::exit_code::{Exit, Failure};
+use clap::{Args as ClapArgs, ValueEnum};
 use render::ids::SceneId;
 use render::line::Split;
 use render::trace::Isa;
-use clap::{Args as ClapArgs, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
 

@@ -4,10 +4,10 @@ use super::bench_farm_process::{Process, Server};
 use super::bench_farm_recipe::Recipe;
 use super::exit_code::{Exit, Failure};
 use super::signals::Signals;
-use crate::run::{PlanOptions, Run, plan};
-use render::line::Roots;
+use crate::run::{PlanOptions, Run, plan_run};
 use crate::store::Inputs;
 use anyhow::{Context, anyhow};
+use render::line::Roots;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::SystemTime;
@@ -94,7 +94,7 @@ impl Place {
             skip_invalid: false,
             threads: 2,
         };
-        plan(&path, &run, &options, &|_, _, _| {})?;
+        plan_run(&path, &run, &options, &|_, _, _| {})?;
         Ok(run)
     }
 

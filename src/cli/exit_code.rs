@@ -79,14 +79,6 @@ impl Failure {
 }
 
 impl Failure {
-    /// An error of what the library reads from: a store, as the program calls it.
-    fn of_store(error: Box<dyn std::error::Error + Send + Sync>) -> Self {
-        match error.downcast::<crate::store::StoreError>() {
-            Ok(error) => (*error).into(),
-            Err(error) => Self::new(Exit::Failed, anyhow::Error::from_boxed(error)),
-        }
-    }
-
     /// What happened, in one line: each cause once. The library's errors hold their causes in their own text.
     pub(super) fn text(&self) -> String {
         let mut text = String::new();
@@ -104,7 +96,7 @@ impl Failure {
 
 impl From<crate::run::RunError> for Failure {
     fn from(error: crate::run::RunError) -> Self {
-        use crate::farm::RunError as E;
+        use crate::run::RunError as E;
         let exit = match error {
             E::Missing { .. } | E::Manifest { .. } | E::Root(_) => Exit::InvalidInput,
             E::Spec { .. } | E::Disagrees { .. } => Exit::Disagrees,
@@ -119,54 +111,44 @@ impl From<crate::farm::FarmError> for Failure {
     fn from(error: crate::farm::FarmError) -> Self {
         use crate::farm::FarmError as E;
         match error {
+            E::Access(error) => error.into(),
+            E::Queue(_) | E::Isolated(_) => Self::new(Exit::Failed, error),
+        }
+    }
+}
+
+impl From<crate::run::AccessError> for Failure {
+    fn from(error: crate::run::AccessError) -> Self {
+        use crate::run::AccessError as E;
+        match error {
             E::Run(error) => error.into(),
             E::Golden { .. } => Self::new(Exit::Disagrees, error),
             E::Store(error) => error.into(),
-            E::Write(_) | E::Queue(_) | E::Tuple(_) | E::Isolated(_) => {
-                Self::new(Exit::Failed, error)
-            }
+            E::Write(_) | E::Tuple(_) => Self::new(Exit::Failed, error),
         }
     }
 }
 
-impl From<crate::run::ControlError> for Failure {
-    fn from(error: crate::run::ControlError) -> Self {
-        use crate::farm::ControlError as E;
-        match error {
-            E::Store(error) => error.into(),
-            E::Finished | E::Cancelled => Self::new(Exit::Failed, error),
-        }
+/// A [`StoreError`](crate::store::StoreError) that passed through a crate which does not know stores.
+fn from_boxed(error: Box<dyn std::error::Error + Send + Sync>) -> Failure {
+    match error.downcast::<crate::store::StoreError>() {
+        Ok(error) => (*error).into(),
+        Err(error) => Failure::new(Exit::Failed, anyhow::Error::from_boxed(error)),
     }
 }
 
-impl From<crate::run::ExplainError> for Failure {
-    fn from(error: crate::run::ExplainError) -> Self {
-        use crate::farm::ExplainError as E;
-        match error {
-            E::Farm(error) => error.into(),
-            E::Unknown(_) => Self::new(Exit::Usage, error),
-        }
+#[cfg(feature = "train")]
+impl From<train::TupleFilesError> for Failure {
+    fn from(error: train::TupleFilesError) -> Self {
+        from_boxed(error.0)
     }
 }
 
-impl From<crate::run::RetryError> for Failure {
-    fn from(error: crate::run::RetryError) -> Self {
-        use crate::farm::RetryError as E;
+impl From<plan::DraftError> for Failure {
+    fn from(error: plan::DraftError) -> Self {
+        use plan::DraftError as E;
         match error {
-            E::Store(error) => error.into(),
-            E::Refused(_) => Self::new(Exit::Usage, error),
-        }
-    }
-}
-
-impl From<crate::run::PlanError> for Failure {
-    fn from(error: crate::run::PlanError) -> Self {
-        use crate::farm::PlanError as E;
-        match error {
-            E::Run(error) => error.into(),
-            E::Store(error) => error.into(),
-            E::Mismatch(_) => Self::new(Exit::Disagrees, error),
-            E::Write(_) | E::Sample(_) => Self::new(Exit::Failed, error),
+            E::Store(error) => from_boxed(error.0),
             E::Invalid { ref invalid, .. } => {
                 let invalid = serde_json::json!(invalid);
                 let mut failure = Self::new(Exit::InvalidInput, error);
@@ -178,12 +160,54 @@ impl From<crate::run::PlanError> for Failure {
     }
 }
 
+impl From<crate::run::ControlError> for Failure {
+    fn from(error: crate::run::ControlError) -> Self {
+        use crate::run::ControlError as E;
+        match error {
+            E::Store(error) => error.into(),
+            E::Finished | E::Cancelled => Self::new(Exit::Failed, error),
+        }
+    }
+}
+
+impl From<crate::run::ExplainError> for Failure {
+    fn from(error: crate::run::ExplainError) -> Self {
+        use crate::run::ExplainError as E;
+        match error {
+            E::Access(error) => error.into(),
+            E::Unknown(_) => Self::new(Exit::Usage, error),
+        }
+    }
+}
+
+impl From<crate::run::RetryError> for Failure {
+    fn from(error: crate::run::RetryError) -> Self {
+        use crate::run::RetryError as E;
+        match error {
+            E::Store(error) => error.into(),
+            E::Refused(_) => Self::new(Exit::Usage, error),
+        }
+    }
+}
+
+impl From<crate::run::PlanError> for Failure {
+    fn from(error: crate::run::PlanError) -> Self {
+        use crate::run::PlanError as E;
+        match error {
+            E::Draft(error) => error.into(),
+            E::Run(error) => error.into(),
+            E::Mismatch(_) => Self::new(Exit::Disagrees, error),
+            E::Write(_) | E::Sample(_) => Self::new(Exit::Failed, error),
+        }
+    }
+}
+
 impl From<crate::export::ExportError> for Failure {
     fn from(error: crate::export::ExportError) -> Self {
         use crate::export::ExportError as E;
         let exit = match error {
             E::Store(error) => return error.into(),
-            E::Farm(error) => return error.into(),
+            E::Run(error) => return error.into(),
             E::Request(_) => Exit::Usage,
             E::Unfinished { .. } | E::Busy { .. } => Exit::TryAgain,
             E::Nothing(_) => Exit::InvalidInput,
@@ -198,7 +222,7 @@ impl From<compose::EvaluateError> for Failure {
     fn from(error: compose::EvaluateError) -> Self {
         use compose::EvaluateError as E;
         match error {
-            E::Subject(error) => Self::of_store(error),
+            E::Subject(error) => from_boxed(error),
             error => Self::new(Exit::Failed, error),
         }
     }
@@ -210,7 +234,7 @@ impl From<train::TrainError> for Failure {
         use train::ExampleError as X;
         use train::TrainError as E;
         let error = match error {
-            E::Tuples(error) => return Self::of_store(error),
+            E::Tuples(error) => return from_boxed(error.0),
             error => error,
         };
         let exit = match &error {

@@ -4,10 +4,10 @@
 //! with `hung` when it finds out that it makes no progress, and at last its outcome as JSON.
 
 use super::args::{CacheArgs, QueueArgs};
-use crate::run::{EndKind, Ending, Span};
 use crate::farm::{Fault, Isolate, IsolatedEnd};
-use render::ids::SceneId;
+use crate::run::{EndKind, Ending, Span};
 use crossbeam::channel::{Receiver, RecvTimeoutError, unbounded};
+use render::ids::SceneId;
 use serde_json::Value;
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, Read};

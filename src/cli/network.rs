@@ -4,12 +4,15 @@ use super::args::{Global, threads};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use crate::run::keys;
-use plan::{FeatureSource, Stage};
-use train::{Best, Checkpoint, CheckpointState, Features, Separator, SeparatorError, checkpoint_folder, stage_folder};
 use anyhow::anyhow;
-use candle_core::Device;
 use clap::{Args as ClapArgs, ValueEnum};
+use plan::{FeatureSource, Stage};
 use std::path::{Path, PathBuf};
+use train::candle_core::Device;
+use train::{
+    Best, Checkpoint, CheckpointState, Features, Separator, SeparatorError, checkpoint_folder,
+    stage_folder,
+};
 
 /// Side of tiles.
 pub(super) const TILE_PX: u32 = 768;

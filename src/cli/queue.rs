@@ -2,8 +2,8 @@
 
 use super::args::{QueueArgs, ServerArgs};
 use super::exit_code::{Exit, Failure};
-use crate::run::Run;
 use crate::farm::queue::{NatsCoordinator, NatsOptions, NatsWorker};
+use crate::run::Run;
 use crate::store::{Store, StoreOptions};
 use std::path::Path;
 use std::time::Duration;

@@ -3,8 +3,8 @@
 use super::exit_code::{Exit, Failure};
 use super::store_env::{inputs, store_options};
 use crate::run::{Run, keys};
-use render::line::Roots;
 use crate::store::Store;
+use render::line::Roots;
 use std::path::Path;
 
 /// Opens a run and its store: the folder itself, or `address`.

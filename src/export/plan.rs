@@ -3,9 +3,9 @@
 use super::error::ExportError;
 use super::request::{EXPORT_REQUEST_SCHEMA, ExportFormat, ExportRequest, PixelEncoding, check};
 use crate::run::{Progress, Run};
+use crate::store::Store;
 use render::ids::SceneId;
 use render::line::Split;
-use crate::store::Store;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 

@@ -3,8 +3,8 @@
 use super::error::FarmError;
 use crate::run::keys;
 use crate::run::run_dir::{Run, RunError};
-use render::line::{Roots, is_url};
 use crate::store::{Store, StoreError};
+use render::line::{Roots, is_url};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 

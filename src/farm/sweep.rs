@@ -2,9 +2,9 @@
 //! is merged already.
 
 use crate::run::run_dir::Run;
+use crate::store::Store;
 use render::atomic_file::{self, is_temporary};
 use render::merge::is_written;
-use crate::store::Store;
 use std::path::Path;
 
 /// Removes it. For whoever holds the run's lock; what cannot be removed does no harm.

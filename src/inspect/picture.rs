@@ -3,7 +3,8 @@
 use super::facts::{Inspection, Problem};
 use super::kind::Kind;
 use super::look::{AGAIN, Input};
-use render::scene::{FileRole, NamedBytes, SceneError, look_at_whole, npy_facts, ply_counts};
+use render::formats::{NamedBytes, SceneError, npy_facts, ply_counts};
+use render::scene::{FileRole, look_at_whole};
 use render::trace::LAYERS;
 use serde_json::json;
 

@@ -4,10 +4,10 @@ use super::facts::{Inspection, Problem, many};
 use super::kind::Kind;
 use super::look::Input;
 use super::records::typed;
-use train::{CheckpointState, code_path};
-use safetensors::{Dtype, SafeTensors};
 use serde_json::json;
 use std::collections::BTreeMap;
+use train::safetensors::{Dtype, SafeTensors};
+use train::{CheckpointState, code_path};
 
 /// What to do about a damaged checkpoint.
 const TRAIN_AGAIN: &str =

@@ -2,8 +2,8 @@
 
 use super::histogram::histogram;
 use super::text::table;
-use plan::RejectedScene;
 use crate::html::{Html, cut};
+use plan::RejectedScene;
 use render::line::{Focus, SceneLine};
 use std::collections::BTreeMap;
 use std::fmt::Write;

@@ -1,8 +1,8 @@
 //! Scenes that were set aside, with their reasons.
 
 use super::text::table;
-use crate::run::Quarantined;
 use crate::html::{Html, cut};
+use crate::run::Quarantined;
 use render::ids::SceneId;
 use std::fmt::Write;
 

@@ -1,10 +1,10 @@
 //! What a run's store holds, looked at once.
 
 use crate::run::{Observer, Overview, Run, WorkLog, keys, read_logs};
+use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use render::line::SceneLine;
 use render::merge::{TupleRecord, tuple_files};
-use crate::store::{Store, StoreError};
 use render::trace::{LAYERS, TRACER_VERSION};
 use std::collections::BTreeSet;
 

@@ -12,6 +12,7 @@ mod routes;
 mod server;
 pub(crate) mod text;
 mod view;
+mod watch;
 
 pub use action::{Action, MIN_TOKEN_CHARACTERS};
 pub use server::{FarmSource, ServeError, Server, serve};
@@ -19,3 +20,4 @@ pub use view::{
     Count, FARM_SCHEMA, FarmState, FarmView, QuarantinedScene, QueueView, RecentTuple, WorkerState,
     WorkerView,
 };
+pub use watch::WatchedRun;

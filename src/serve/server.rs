@@ -3,10 +3,10 @@
 use super::action::{Action, MIN_TOKEN_CHARACTERS, Token};
 use super::routes::router;
 use super::view::FarmView;
-use render::ids::SceneId;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use render::ids::SceneId;
 use std::net::{SocketAddr, TcpListener};
 use std::pin::pin;
 use std::sync::Arc;

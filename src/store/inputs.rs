@@ -7,6 +7,7 @@ use super::{Key, RUNTIME, Store, StoreError, StoreOptions};
 use bytes::Bytes;
 use futures_util::TryStreamExt;
 use object_store::{GetOptions, GetRange, ObjectStore};
+use plan::{InputFiles, StoreUnavailable};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
@@ -123,6 +124,25 @@ fn parts(path: &Path) -> Option<(&str, &str, String)> {
     let names = url[end..].split('/');
     let names: Vec<&str> = names.filter(|name| !matches!(*name, "" | ".")).collect();
     Some((url, &url[..end], names.join("/")))
+}
+
+impl InputFiles for Inputs {
+    fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        Self::read(self, path)
+    }
+
+    fn read_start(&self, url: &Path, count: usize) -> io::Result<(Vec<u8>, u64)> {
+        Self::read_start(self, url, count)
+    }
+
+    fn list(&self, folder: &Path) -> Result<Vec<String>, StoreUnavailable> {
+        Self::list(self, folder).map_err(|error| StoreUnavailable(error.into()))
+    }
+
+    fn store_failure(&self, error: io::Error) -> Result<StoreUnavailable, io::Error> {
+        let error = error.downcast::<StoreError>()?;
+        Ok(StoreUnavailable(error.into()))
+    }
 }
 
 impl Store {

@@ -1,11 +1,10 @@
 //! Why a training cannot begin or go on.
 
 use super::checkpoint::CheckpointError;
-use super::source::ExampleError;
-use super::tuple_files::TupleFilesError;
+use super::source::{ExampleError, TupleFilesError};
 use super::vgg_file::FeaturesError;
-use crate::atomic_file::WriteError;
-use crate::manifest::SettingError;
+use plan::SettingError;
+use render::atomic_file::WriteError;
 use std::path::PathBuf;
 
 /// A training that cannot begin or go on.

@@ -2,10 +2,10 @@
 
 use super::checkpoint::CheckpointState;
 use super::picture::rgb_grid;
-use crate::atomic_file::{self, WriteError};
-use crate::evaluate::{Gain, LeftOut, MethodMeans, Protocol, Row, means_table, per_image_csv};
-use crate::manifest::{ExampleKind, FeatureSource};
+use compose::{Gain, LeftOut, MethodMeans, Protocol, Row, means_table, per_image_csv};
 use image::RgbImage;
+use plan::{ExampleKind, FeatureSource};
+use render::atomic_file::{self, WriteError};
 use serde::Serialize;
 use std::fmt::{self, Write};
 use std::path::{Path, PathBuf};

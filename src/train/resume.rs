@@ -6,10 +6,11 @@ use super::learner::Learner;
 use super::run::Training;
 use super::session::Watcher;
 use super::vgg::Vgg;
-use crate::evaluate::Pair;
-use crate::manifest::{SceneLine, Stage, TrainSettings};
-use crate::shard::scene_digest;
 use candle_core::Device;
+use compose::Pair;
+use plan::{Stage, TrainSettings};
+use render::line::SceneLine;
+use render::shard::scene_digest;
 use std::fs::{File, TryLockError};
 use std::path::Path;
 
@@ -26,7 +27,7 @@ pub(super) struct Beginning {
 
 /// Takes a stage's folder; the lock ends with the file.
 pub(super) fn lock(folder: &Path) -> Result<File, TrainError> {
-    crate::atomic_file::create_dir(folder)?;
+    render::atomic_file::create_dir(folder)?;
     let path = folder.join("train.lock");
     let opened = File::options().create(true).append(true).open(&path);
     let file = match opened {

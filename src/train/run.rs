@@ -7,14 +7,14 @@ use super::example_sampler::{ExampleSampler, SceneSource};
 use super::loader::Loader;
 use super::resume::{Beginning, lock};
 use super::session::{Schedule, Session, Trained, Watcher};
-use super::source::{Base, ExampleError, PairSource, PhotographSource, ReadFile, TupleSource};
-use super::tuple_files::TupleFiles;
+use super::source::{Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleSource};
 use super::vgg_file::Features;
-use crate::atomic_file::WriteError;
-use crate::evaluate::Pair;
-use crate::manifest::{ExampleKind, Roots, SceneLine, Split, Stage, TrainSettings};
 use candle_core::Device;
+use compose::Pair;
 use crossbeam::channel::bounded;
+use plan::{ExampleKind, InputFiles, Stage, TrainSettings};
+use render::atomic_file::WriteError;
+use render::line::{Roots, SceneLine, Split};
 use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
@@ -42,7 +42,7 @@ pub struct Training<'a> {
     /// Named folders of their photographs, which mixtures are made of.
     pub roots: Roots,
     /// Reads a photograph.
-    pub read_file: ReadFile,
+    pub inputs: Box<dyn InputFiles + Send + Sync>,
     /// Real pairs; `None` if no folder of them was given.
     pub pairs: Option<Vec<Pair>>,
     /// The settings, given those that are frozen in a checkpoint, if there is one.
@@ -303,7 +303,7 @@ fn scene_source(
             lines,
             roots: training.roots,
             base: training.run,
-            read_file: training.read_file,
+            inputs: training.inputs,
         }),
     }
 }

@@ -1,11 +1,10 @@
 //! Trainings of real pairs in a temporary folder, without a process, a store or a farm.
 
 use super::*;
-use crate::evaluate::Pair;
-use crate::ids::SceneId;
-use bytes::Bytes;
 use candle_core::Device;
+use compose::Pair;
 use image::RgbImage;
+use render::ids::SceneId;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -15,7 +14,7 @@ use std::sync::atomic::AtomicBool;
 struct NoTuples;
 
 impl TupleFiles for NoTuples {
-    fn get(&self, _: &SceneId, _: &str) -> Result<Option<Bytes>, TupleFilesError> {
+    fn get(&self, _: &SceneId, _: &str) -> Result<Option<Vec<u8>>, TupleFilesError> {
         Ok(None)
     }
 
@@ -102,8 +101,8 @@ fn training<'a>(
         steps,
         scenes: &[],
         tuples: Arc::new(NoTuples),
-        roots: crate::manifest::Roots::default(),
-        read_file: Box::new(|path| std::fs::read(path)),
+        roots: render::line::Roots::default(),
+        inputs: Box::new(plan::LocalFiles),
         pairs: Some(pairs.to_vec()),
         settings,
         features: None,

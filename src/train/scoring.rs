@@ -1,10 +1,10 @@
-//! A run's tuples and trained networks, as [`crate::evaluate`] scores them.
+//! A run's tuples and trained networks, as [`compose`] scores them.
 
 use super::inference::LEAST_PX;
 use super::separator::Separator;
 use super::source::{Base, ExampleError, TupleSource};
 use super::srgb_planes::bytes_of_planes;
-use crate::evaluate::{Method, Subject, Unread, WithTruth};
+use compose::{Method, Subject, Unread, WithTruth};
 use image::RgbImage;
 use std::error::Error;
 
@@ -55,7 +55,7 @@ impl Subject for TupleSource {
 impl From<ExampleError> for Unread {
     fn from(error: ExampleError) -> Self {
         match error {
-            ExampleError::Files(error) => Self::Fatal(error),
+            ExampleError::Store(error) => Self::Fatal(error.0),
             ExampleError::Damaged { .. } | ExampleError::Unusable { .. } => {
                 Self::Unreadable(error.to_string())
             }

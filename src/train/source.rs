@@ -3,14 +3,14 @@
 use super::example::{Example, Planes};
 use super::picture::Picture;
 use super::srgb_planes::{planes_of_bytes, planes_of_linear};
-use super::tuple_files::{TupleFiles, TupleFilesError};
-use crate::evaluate::{Pair, read_picture};
-use crate::manifest::{PixelSource, Roots, SceneLine};
-use crate::merge::{TupleRecord, decode_tuple_exr, is_record_of};
-use crate::scene::{Decoded, decode, read_files_by};
+use compose::{Pair, read_picture};
 use image::{Rgb32FImage, imageops};
-use std::io;
-use std::path::{Path, PathBuf};
+use plan::{InputFiles, PixelSource};
+use render::ids::SceneId;
+use render::line::{Roots, SceneLine};
+use render::merge::{TupleRecord, decode_tuple_exr, is_record_of};
+use render::scene::{Decoded, decode, read_files_by};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// An example that cannot be had.
@@ -21,7 +21,7 @@ pub enum ExampleError {
         "{file}: {reason}; `glasshouse audit` finds what else is damaged, `glasshouse retry` has it made anew"
     )]
     Damaged {
-        /// Its path in the run.
+        /// Its key in the store.
         file: String,
         /// What is wrong.
         reason: String,
@@ -34,9 +34,9 @@ pub enum ExampleError {
         /// What is wrong.
         reason: String,
     },
-    /// The place that holds the tuples.
+    /// The store.
     #[error(transparent)]
-    Files(#[from] TupleFilesError),
+    Store(#[from] TupleFilesError),
     /// Nothing to train on.
     #[error("{0}")]
     None(String),
@@ -45,7 +45,24 @@ pub enum ExampleError {
     Stopped,
 }
 
-/// What is read of an example, before chance has its say.
+/// A store that cannot be asked.
+#[derive(Debug, thiserror::Error)]
+#[error(transparent)]
+pub struct TupleFilesError(pub Box<dyn std::error::Error + Send + Sync>);
+
+/// The tuples of a run, wherever they are stored.
+pub trait TupleFiles: Send + Sync {
+    /// One file of a scene's tuple; `None` if it does not exist.
+    fn get(&self, scene: &SceneId, file: &str) -> Result<Option<Vec<u8>>, TupleFilesError>;
+
+    /// Whether the scene is quarantined: it gets no tuple unless it is retried.
+    fn is_quarantined(&self, scene: &SceneId) -> Result<bool, TupleFilesError>;
+
+    /// How many of these scenes have a tuple.
+    fn count(&self, scenes: &[SceneId]) -> Result<usize, TupleFilesError>;
+}
+
+/// An example before random augmentation.
 pub enum Base {
     /// The example itself.
     Example(Example),
@@ -72,7 +89,7 @@ impl Base {
 
 /// Tuples, by the scenes of a manifest.
 pub struct TupleSource {
-    /// Their files.
+    /// Where they are stored.
     pub files: Arc<dyn TupleFiles>,
     /// Scenes to read.
     pub lines: Vec<SceneLine>,
@@ -91,8 +108,8 @@ impl TupleSource {
             // Of another plan, or of another version: the farm makes it again.
             return Ok(None);
         }
-        let record: TupleRecord =
-            serde_json::from_slice(&json).map_err(|e| damaged(&path(line, "tuple.json"), &e))?;
+        let file = tuple_key(&line.id, "tuple.json");
+        let record: TupleRecord = serde_json::from_slice(&json).map_err(|e| damaged(&file, &e))?;
         let layers = match self.pixels {
             PixelSource::Exr => self.read_exr(line, &record)?,
             PixelSource::Png => self.read_pngs(line, &record)?,
@@ -115,19 +132,16 @@ impl TupleSource {
         })))
     }
 
-    /// The scene will not get a tuple unless somebody retries it.
+    /// The scene gets no tuple unless it is retried.
     pub fn is_in_quarantine(&self, index: usize) -> Result<bool, ExampleError> {
         Ok(self.files.is_quarantined(&self.lines[index].id)?)
     }
 
-    fn file(&self, line: &SceneLine, name: &str) -> Result<(String, bytes::Bytes), ExampleError> {
-        let path = path(line, name);
+    fn file(&self, line: &SceneLine, name: &str) -> Result<(String, Vec<u8>), ExampleError> {
+        let key = tuple_key(&line.id, name);
         match self.files.get(&line.id, name)? {
-            Some(bytes) => Ok((path, bytes)),
-            None => Err(damaged(
-                &path,
-                &"it is gone, though its tuple.json is there",
-            )),
+            Some(bytes) => Ok((key, bytes)),
+            None => Err(damaged(&key, &"it is gone, though its tuple.json is there")),
         }
     }
 
@@ -147,7 +161,7 @@ impl TupleSource {
         record: &TupleRecord,
     ) -> Result<[Option<Planes>; 4], ExampleError> {
         let mut layers = [const { None }; 4];
-        for (layer, name) in layers.iter_mut().zip(crate::trace::LAYERS) {
+        for (layer, name) in layers.iter_mut().zip(render::trace::LAYERS) {
             if !record.layers.contains_key(name) {
                 continue;
             }
@@ -165,9 +179,9 @@ impl TupleSource {
     }
 }
 
-/// A file of a tuple, as seen from the run's folder.
-fn path(line: &SceneLine, file: &str) -> String {
-    format!("tuples/{}/{file}", line.id)
+/// The name of a tuple's file in messages: its key in a run.
+fn tuple_key(scene: &SceneId, file: &str) -> String {
+    format!("tuples/{scene}/{file}")
 }
 
 fn damaged(file: &str, reason: &dyn std::fmt::Display) -> ExampleError {
@@ -177,9 +191,6 @@ fn damaged(file: &str, reason: &dyn std::fmt::Display) -> ExampleError {
     }
 }
 
-/// Reads a file, from a disk or from elsewhere.
-pub type ReadFile = Box<dyn Fn(&Path) -> io::Result<Vec<u8>> + Send + Sync>;
-
 /// The photographs of a manifest's scenes, without depth.
 pub struct PhotographSource {
     /// Scenes to read.
@@ -188,8 +199,8 @@ pub struct PhotographSource {
     pub roots: Roots,
     /// Folder that relative paths start from.
     pub base: PathBuf,
-    /// Reads a photograph.
-    pub read_file: ReadFile,
+    /// Reads files.
+    pub inputs: Box<dyn InputFiles + Send + Sync>,
 }
 
 impl PhotographSource {
@@ -200,7 +211,8 @@ impl PhotographSource {
             name: line.id.to_string(),
             reason,
         };
-        let files = read_files_by(line, &self.roots, &self.base, &*self.read_file)
+        let read = |path: &std::path::Path| self.inputs.read(path);
+        let files = read_files_by(line, &self.roots, &self.base, &read)
             .map_err(|e| unusable(e.to_string()))?;
         let decoded = decode(line, &files).map_err(|e| unusable(e.to_string()))?;
         let size = [line.film.width, line.film.height];

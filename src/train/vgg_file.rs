@@ -1,8 +1,8 @@
 //! VGG-19 as the settings ask for it: none, random, or from a file of torchvision's weights.
 
 use super::vgg::{Vgg, VggError};
-use crate::manifest::{FeatureSource, TrainSettings};
 use candle_core::{Device, Tensor};
+use plan::{FeatureSource, TrainSettings};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 

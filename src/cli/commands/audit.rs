@@ -6,12 +6,15 @@ use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::target;
-use crate::run::{AuditOptions, FileDifference, Receipt, Run, SceneAudit, Verdict, audit_scene, check_auditor, draw_scenes};
-use render::ids::SceneId;
-use render::line::Roots;
+use crate::run::{
+    AuditOptions, FileDifference, Receipt, Run, SceneAudit, Verdict, audit_scene, check_auditor,
+    draw_scenes,
+};
 use crate::store::Store;
 use anyhow::anyhow;
 use clap::Args as ClapArgs;
+use render::ids::SceneId;
+use render::line::Roots;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};

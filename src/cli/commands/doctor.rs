@@ -11,10 +11,10 @@ use crate::doctor::{
     check_open_files, check_store,
 };
 use crate::run::{Run, RunError, keys};
-use render::line::Roots;
-use render::shard::{Golden, Spec};
 use crate::store::{Store, StoreOptions};
 use clap::Args as ClapArgs;
+use render::line::Roots;
+use render::shard::{Golden, Spec};
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};

@@ -7,19 +7,19 @@ use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::target;
-use compose::{self, Gain, LeftOut, Method, Pair, Protocol, Subject, find_pairs, fit_gain};
 use crate::run::keys;
-use plan::{PixelSource, Stage};
-use render::line::Roots;
-use train::{EVALUATION_SCHEMA, Evaluation, ScoredNetwork, Tiled, TupleSource};
-use train::{shrunk, stage_folder, steps};
 use anyhow::anyhow;
 use clap::{Args as ClapArgs, ValueEnum};
+use compose::{Gain, LeftOut, Method, Pair, Protocol, Subject, find_pairs, fit_gain};
+use plan::{PixelSource, Stage};
+use render::line::Roots;
 use serde::Serialize;
 use serde_json::json;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use train::{EVALUATION_SCHEMA, Evaluation, ScoredNetwork, Tiled, TupleSource};
+use train::{shrunk, stage_folder, steps};
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct EvaluateArgs {
@@ -184,7 +184,7 @@ impl<'a> Task<'a> {
         let methods: Vec<(String, &dyn Method)> = names.zip(methods).collect();
         let progress = Progress::new(global, "pictures", subject.count() as u64);
         let on_picture = || progress.add(1, false);
-        let scored = evaluate::run(
+        let scored = compose::run(
             subject,
             gain.as_ref(),
             &methods,

@@ -12,10 +12,10 @@ use crate::export::PixelEncoding;
 use crate::export::{
     ExportOptions, ExportPlan, ExportWork, Exported, FolderState, export, foretell_bytes, look,
 };
-use render::ids::SceneId;
-use render::line::{Roots, Split, is_url};
 use anyhow::anyhow;
 use clap::{Args as ClapArgs, ValueEnum};
+use render::ids::SceneId;
+use render::line::{Roots, Split, is_url};
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};

@@ -1,12 +1,12 @@
 //! `man`
 
-use render::atomic_file;
 use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use clap::Args as ClapArgs;
 use clap::Command;
 use clap_mangen::Man;
+use render::atomic_file;
 use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;

@@ -7,13 +7,12 @@ use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::store_env;
 use crate::doctor::{available_bytes, bytes_text};
-use plan::InvalidInput;
-use crate::run::{PlanOptions, Planned, plan};
-use plan::{Calibration, Cost, Estimate, Recipe, cost};
+use crate::run::{PlanOptions, Planned, plan_run};
+use clap::Args as ClapArgs;
+use plan::{Calibration, Cost, Estimate, InvalidInput, Recipe, cost};
 use render::line::{Roots, SceneLine, is_url};
 use render::scene::read_files_by;
 use render::trace::Isa;
-use clap::Args as ClapArgs;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -67,7 +66,7 @@ pub(super) fn plan_with(
         global,
         bars: Mutex::default(),
     };
-    let planned = plan(
+    let planned = plan_run(
         &args.recipe,
         &run_folder(args),
         &options,

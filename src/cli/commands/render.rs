@@ -1,6 +1,5 @@
 //! `render SCENE.json --out DIR`
 
-use render::atomic_file;
 use crate::cli::args::{Global, RootArgs, isa, parse_spp, threads};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
@@ -8,15 +7,18 @@ use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::store_env;
 use crate::run::Run;
-use render::job::{SceneJob, render_partials};
+use anyhow::{Context, anyhow};
+use clap::Args as ClapArgs;
+use render::atomic_file;
 use render::ids::SceneId;
+use render::job::{SceneJob, render_partials};
 use render::line::{Roots, SceneLine, parse_scene};
-use render::merge::{LayerRecord, SrgbEncoder, TUPLE_SCHEMA, Tuple, TupleRecord, combine, encode_png, encode_rgb_exr};
+use render::merge::{
+    LayerRecord, SrgbEncoder, TUPLE_SCHEMA, Tuple, TupleRecord, combine, encode_png, encode_rgb_exr,
+};
 use render::scene::{SceneFacts, load, read_files_by};
 use render::shard::ShardLayout;
 use render::trace::{LAYERS, TRACER_VERSION};
-use anyhow::{Context, anyhow};
-use clap::Args as ClapArgs;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;

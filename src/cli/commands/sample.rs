@@ -4,8 +4,9 @@ use crate::cli::args::{Global, threads};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
-use procedural::{self, SampleError, SamplePhotograph};
 use clap::{Args as ClapArgs, ValueEnum};
+use plan::{DepthRanges, Place};
+use procedural::{SampleError, SamplePhotograph};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -69,10 +70,10 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
     let size = |width, height| [args.width.unwrap_or(width), args.height.unwrap_or(height)];
     let plan = match args.layout {
         SampleLayout::Diode => {
-            let photographs = sample::listing(count, seed);
+            let photographs = procedural::listing(count, seed);
             let [width, height] = size(1024, 768);
             make(&photographs, global, |p| {
-                sample::write(dir, p, width, height)
+                procedural::write(dir, p, width, height)
             })?;
             Plan {
                 size: [width, height],
@@ -86,12 +87,15 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
             }
         }
         SampleLayout::Places => {
-            let photographs = sample::places_listing(count, seed);
+            let table = DepthRanges::shipped();
+            let [indoors, outdoors] =
+                [Place::Indoors, Place::Outdoor].map(|p| table.categories_of(p));
+            let photographs = procedural::places_listing(count, seed, &indoors, &outdoors);
             let [width, height] = size(256, 256);
             make(&photographs, global, |p| {
-                sample::write_places(dir, p, width, height)
+                procedural::write_places(dir, p, width, height)
             })?;
-            let below = Path::new(sample::PLACES_COLOR);
+            let below = Path::new(procedural::PLACES_COLOR);
             Plan {
                 size: [width, height],
                 color: photographs
@@ -100,8 +104,8 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
                     .collect(),
                 with: "relative inverse depth",
                 roots: [
-                    ("places", dir.join(sample::PLACES_COLOR)),
-                    ("places-depth", dir.join(sample::PLACES_DEPTH)),
+                    ("places", dir.join(procedural::PLACES_COLOR)),
+                    ("places-depth", dir.join(procedural::PLACES_DEPTH)),
                 ]
                 .into(),
                 recipe: "manifests/paper.toml --root diode=DIODE",

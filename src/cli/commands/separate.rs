@@ -1,6 +1,5 @@
 //! `separate CHECKPOINT IMAGES... --out DIR`
 
-use render::atomic_file;
 use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::network::NetworkArgs;
@@ -8,12 +7,12 @@ use crate::cli::network::{Network, Which, use_threads};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
-use compose::read_picture;
-use plan::FeatureSource;
-use train::LEAST_PX;
 use anyhow::anyhow;
 use clap::Args as ClapArgs;
+use compose::read_picture;
 use image::{ImageFormat, RgbImage};
+use plan::FeatureSource;
+use render::atomic_file;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -21,6 +20,7 @@ use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Instant;
+use train::LEAST_PX;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct SeparateArgs {

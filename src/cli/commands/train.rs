@@ -8,19 +8,19 @@ use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::{store_env, target};
-use compose::{Pair, find_pairs};
 use crate::run::Run;
-use plan::{ExampleKind, FeatureSource, PixelSource};
-use render::line::Roots;
-use plan::{Stage, TrainRecipe, TrainSettings};
 use crate::store::Store;
-use train::{self, StepLosses, TrainSummary, Training, Watcher};
 use anyhow::anyhow;
-use candle_core::Device;
 use clap::{Args as ClapArgs, ValueEnum};
+use compose::{Pair, find_pairs};
+use plan::{ExampleKind, FeatureSource, PixelSource};
+use plan::{Stage, TrainRecipe, TrainSettings};
+use render::line::Roots;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use train::candle_core::Device;
+use train::{self, StepLosses, TrainSummary, Training, Watcher};
 
 /// Checkpoints that are kept.
 const KEEP: usize = 3;
@@ -249,7 +249,6 @@ pub(super) fn training_of<'a>(
     steps: u64,
     settings: &'a dyn Fn(Option<&TrainSettings>) -> TrainSettings,
 ) -> Training<'a> {
-    let inputs = store_env::inputs();
     Training {
         run: run.dir.root().to_owned(),
         stage,
@@ -257,7 +256,7 @@ pub(super) fn training_of<'a>(
         scenes: &run.lines,
         tuples: Arc::new(store.clone()),
         roots: run.roots.clone(),
-        read_file: Box::new(move |path| inputs.read(path)),
+        inputs: Box::new(store_env::inputs()),
         pairs: None,
         settings,
         features: None,

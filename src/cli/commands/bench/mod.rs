@@ -11,11 +11,11 @@ use crate::cli::bench_farm_args::BenchFarmArgs;
 use crate::cli::bench_farm_cmd;
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
+use anyhow::Context;
+use clap::{Args as ClapArgs, Subcommand};
 use render::line::{Roots, parse_scene};
 use render::scene::{decode, read_files};
 use render::trace::Isa;
-use anyhow::Context;
-use clap::{Args as ClapArgs, Subcommand};
 use std::path::Path;
 
 #[derive(Debug, ClapArgs)]

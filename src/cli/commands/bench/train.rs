@@ -6,12 +6,12 @@ use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::network::use_threads;
 use crate::cli::output::{Output, as_map};
 use crate::cli::progress::Progress;
-use train::{FeatureSource, TrainSettings};
-use candle_core::Device;
 use clap::Args as ClapArgs;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
+use train::candle_core::Device;
+use train::{FeatureSource, TrainSettings};
 
 #[cfg(feature = "train")]
 #[derive(Debug, ClapArgs)]
@@ -61,7 +61,7 @@ pub(super) fn run(
         return Ok(Exit::Done);
     }
     let threads = use_threads(global);
-    let failed = |e: candle_core::Error| Failure::new(Exit::Failed, e);
+    let failed = |e: train::candle_core::Error| Failure::new(Exit::Failed, e);
     let progress = Progress::new(global, "steps", u64::from(args.steps) + 1);
     let mut bench = TrainBench::new(&settings, args.size as usize, &Device::Cpu).map_err(failed)?;
     let mut steps = Vec::new();

@@ -3,19 +3,19 @@
 #[cfg(feature = "train")]
 mod training;
 
-use crate::cases::{CaseFile, CheckRow, check, is_case_file, table};
 use crate::cli::args::{CheckpointArgs, Global};
-use crate::cli::commands::plan::{self, PlanArgs, plan_with, run_folder};
+use crate::cli::commands::plan::{self as plan_command, PlanArgs, plan_with, run_folder};
 use crate::cli::commands::report;
 use crate::cli::commands::work::{How, Worked, work_on};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::store_env;
-use crate::run::Run;
-use render::line::Roots;
 use crate::report::write_report;
+use crate::run::{CheckRow, Run, check, table};
 use crate::store::Store;
 use clap::Args as ClapArgs;
+use plan::cases::{CaseFile, is_case_file};
+use render::line::Roots;
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -31,7 +31,7 @@ pub(super) struct RunArgs {
 pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let plan = &args.plan;
     if global.dry_run {
-        return plan::run(plan, global, output);
+        return plan_command::run(plan, global, output);
     }
     // Before anything computes: the pool of threads is made once.
     #[cfg(feature = "train")]

@@ -6,14 +6,14 @@ use crate::cli::commands::train::{train, train_recipe, training_of};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::run::Run;
-use plan::{Stage, TrainSettings};
 use crate::store::Store;
-use train::{Evaluation, TrainSummary, Training};
+use plan::{Stage, TrainSettings};
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
+use train::{Evaluation, TrainSummary, Training};
 
 /// What `run` says of its training.
 #[derive(Serialize)]

@@ -1,0 +1,83 @@
+//! How far each pixel of a layer moved at the last two doublings of its samples: what the stated error is made of.
+
+use super::noise::CELL_PX;
+use crate::trace::square_error;
+
+/// Tail of a smooth part that converges as samples^-1.4, in mean squares of its last move.
+pub(super) const SMOOTH: f64 = 1.0 / 6.0;
+/// As samples^-1. For what is seen through the lens by cells that stopped by themselves: they stop when their moves look
+/// small, and of so few samples a smooth part is not told well from edges that were not met yet.
+pub(super) const SMOOTH_OF_STOPPED: f64 = 1.0 / 3.0;
+
+/// Squares for each pixel, summed over its colours, row by row.
+pub(super) struct Moves {
+    /// Of (first half - all).
+    last: Vec<f64>,
+    /// Of (first quarter - first half).
+    before: Vec<f64>,
+}
+
+impl Moves {
+    pub(super) fn new(pixels: usize) -> Self {
+        Self {
+            last: vec![0.0; pixels],
+            before: vec![0.0; pixels],
+        }
+    }
+
+    /// One colour of one pixel.
+    pub(super) fn add(&mut self, pixel: usize, last: f64, before: f64) {
+        self.last[pixel] += last * last;
+        self.before[pixel] += before * before;
+    }
+
+    /// Estimated RMS error over the film and its colours; `tail` of its smooth part.
+    pub(super) fn rms_error(&self, tail: f64) -> f64 {
+        let mean = |squares: &[f64]| squares.iter().sum::<f64>() / (3 * squares.len()) as f64;
+        square_error(mean(&self.last), mean(&self.before), tail).sqrt()
+    }
+
+    /// How far the pixels of each cell moved at the last doubling (RMS over them and their colours), row by row of a film of
+    /// this `width`, times the factor that makes the RMS over all pixels `rms`.
+    pub(super) fn map(&self, width: usize, rms: f64) -> Vec<f32> {
+        const CELL: usize = CELL_PX as usize;
+        let mean = self.last.iter().sum::<f64>() / self.last.len() as f64;
+        let factor = if mean > 0.0 { rms / mean.sqrt() } else { 0.0 };
+        let cells = width.div_ceil(CELL);
+        let mut map = Vec::with_capacity(self.last.len().div_ceil(width).div_ceil(CELL) * cells);
+        for rows in self.last.chunks(width * CELL) {
+            let rows: Vec<&[f64]> = rows.chunks(width).collect();
+            for start in (0..width).step_by(CELL) {
+                let end = (start + CELL).min(width);
+                let sums = rows.iter().map(|row| row[start..end].iter().sum::<f64>());
+                let count = (rows.len() * (end - start)) as f64;
+                map.push(((sums.sum::<f64>() / count).sqrt() * factor) as f32);
+            }
+        }
+        map
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_map_adds_up_to_the_stated_error() {
+        // 3 x 3 px: cells of 4, 2, 2 and 1.
+        let mut moves = Moves::new(9);
+        for (pixel, last) in [(0, 0.5), (0, -0.25), (4, 0.125), (5, 0.5), (8, 0.25)] {
+            moves.add(pixel, last, 2.0 * last);
+        }
+        let stated = moves.rms_error(SMOOTH);
+        let map = moves.map(3, stated);
+        let squares = map.iter().zip([4.0, 2.0, 2.0, 1.0]);
+        let sum: f64 = squares.map(|(v, count)| f64::from(v * v) * count).sum();
+        assert!(((sum / 9.0).sqrt() - stated).abs() < 1e-7);
+        assert!(
+            map[1] > map[0] && map[0] > map[3] && map[2] == 0.0,
+            "{map:?}"
+        );
+        assert_eq!(Moves::new(2).map(1, 0.0), [0.0]);
+    }
+}

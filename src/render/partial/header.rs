@@ -1,0 +1,53 @@
+//! The JSON attribute of a partial.
+
+use crate::ids::SceneId;
+use crate::scene::{InputDigests, SceneFacts};
+use crate::trace::Tile;
+use serde::{Deserialize, Serialize};
+
+/// The schema name of a partial's header.
+pub const PARTIAL_SCHEMA: &str = "glasshouse.partial/2";
+
+/// Everything about a shard's result but its pixels.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartialHeader {
+    /// Always [`PARTIAL_SCHEMA`].
+    pub schema: String,
+    /// Version of the tracer that made it.
+    pub tracer_version: u32,
+    /// The scene.
+    pub scene: SceneId,
+    /// BLAKE3 of the scene's manifest line.
+    pub line_blake3: String,
+    /// BLAKE3 of the scene's input files.
+    pub inputs: InputDigests,
+    /// Shard number in the scene.
+    pub shard: u32,
+    /// Film size `[width, height]`, px.
+    pub film: [u32; 2],
+    /// Pixels.
+    pub tile: Tile,
+    /// Half-open range of sample indices.
+    pub samples: [u32; 2],
+    /// Samples a pixel that each layer took (I, T, R~, R).
+    pub layer_samples: [u32; 4],
+    /// Of an adaptive scene: each layer's samples, summed over the pixels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sample_sums: Option<[u64; 4]>,
+    /// Paths of each layer.
+    pub paths: [u64; 4],
+    /// Paths that ended on the border's continuation.
+    pub misses: [u64; 4],
+    /// What was found out about the scene.
+    pub facts: SceneFacts,
+    /// BLAKE3 of this header without this field, and of the pixels' bits.
+    pub blake3: String,
+}
+
+impl PartialHeader {
+    /// As in the file.
+    pub fn to_json(&self) -> String {
+        serde_json::to_string(self).expect("a header of plain numbers and strings is JSON")
+    }
+}

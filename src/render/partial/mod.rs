@@ -1,0 +1,72 @@
+//! Stage 5: one shard's result on disk.
+//!
+//! An uncompressed OpenEXR file: its data window is the shard's tile, its display window the film; 36 float
+//! channels hold each layer's mean and the means of the first half and the first quarter of its samples (the error
+//! estimate's, see [`crate::trace::square_error`]); one header attribute, `glasshouse`, holds the rest as JSON. A partial is believed only if its
+//! own digest fits its bits: a torn or foreign file is traced again.
+
+mod exr_file;
+mod header;
+
+pub use exr_file::{PartialError, decode, encode};
+pub use header::{PARTIAL_SCHEMA, PartialHeader};
+
+use crate::trace::PixelMeans;
+
+/// A shard's result.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Partial {
+    /// What it is.
+    pub header: PartialHeader,
+    /// Row by row.
+    pub pixels: Vec<PixelMeans>,
+}
+
+impl Partial {
+    /// Makes the partial and its digest.
+    pub fn new(mut header: PartialHeader, pixels: Vec<PixelMeans>) -> Self {
+        header.blake3 = digest(&header, &pixels);
+        Self { header, pixels }
+    }
+
+    /// The file's bytes; whatever digest its header has, they hold the right one.
+    pub fn seal(&self) -> Result<Vec<u8>, exr::error::Error> {
+        let header = PartialHeader {
+            blake3: digest(&self.header, &self.pixels),
+            ..self.header.clone()
+        };
+        exr_file::encode_as(&header, &self.pixels)
+    }
+
+    /// The digest fits the content.
+    pub fn is_intact(&self) -> bool {
+        self.header.blake3 == digest(&self.header, &self.pixels)
+    }
+}
+
+/// Pixels that are hashed at once.
+const HASHED_PIXELS: usize = 512;
+
+/// BLAKE3 (hex) of a header without its digest and of the pixels' bits.
+fn digest(header: &PartialHeader, pixels: &[PixelMeans]) -> String {
+    let bare = PartialHeader {
+        blake3: String::new(),
+        ..header.clone()
+    };
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(bare.to_json().as_bytes());
+    // So few pixels at a time that they stay in the cache, and enough for the hash to work on many blocks at once.
+    let mut bytes = Vec::with_capacity(HASHED_PIXELS * size_of::<PixelMeans>());
+    for block in pixels.chunks(HASHED_PIXELS) {
+        bytes.clear();
+        for pixel in block {
+            for part in [&pixel.mean, &pixel.half, &pixel.quarter] {
+                for value in part.as_flattened() {
+                    bytes.extend_from_slice(&value.to_le_bytes());
+                }
+            }
+        }
+        hasher.update(&bytes);
+    }
+    hasher.finalize().to_hex().to_string()
+}

@@ -1,0 +1,171 @@
+//! What the files of one side became, and where it stands.
+
+use super::assemble::AssembleError;
+use super::mesh::Polygons;
+use super::photograph::Sheet;
+use super::relative::RelativeEnds;
+use crate::trace::{MAX_COORDINATE_M, Mesh};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// What the files of one side became.
+#[derive(Clone)]
+pub enum Decoded {
+    /// A photograph.
+    Sheet(Sheet),
+    /// A triangle mesh.
+    Mesh(Polygons),
+}
+
+impl From<Sheet> for Decoded {
+    fn from(sheet: Sheet) -> Self {
+        Self::Sheet(sheet)
+    }
+}
+
+impl From<Polygons> for Decoded {
+    fn from(mesh: Polygons) -> Self {
+        Self::Mesh(mesh)
+    }
+}
+
+/// One side in the tracer's coordinates: a photograph has a pose for that, a mesh's vertices are moved.
+pub(super) enum Placed {
+    Sheet(Sheet),
+    Mesh(Box<PlacedMesh>),
+}
+
+/// A mesh in the lens's coordinates (of the mirrored world, for the back).
+pub(super) struct PlacedMesh {
+    pub(super) mesh: Mesh,
+    /// Vertices that triangles have, each once.
+    pub(super) vertices_m: Vec<DVec3>,
+    facts: MeshFacts,
+}
+
+/// What became of the triangles of meshes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MeshSides {
+    /// Of the front, if it is a mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub front: Option<MeshFacts>,
+    /// Of the back, if it is a mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub back: Option<MeshFacts>,
+}
+
+impl MeshSides {
+    pub(super) fn is_empty(&self) -> bool {
+        self.front.is_none() && self.back.is_none()
+    }
+}
+
+/// What became of a mesh's triangles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MeshFacts {
+    /// Traced, in whole or in part.
+    pub traced: u64,
+    /// Dropped: two corners at one place, or faces of fewer than three corners.
+    pub degenerate: u64,
+    /// Dropped: wholly behind the lens.
+    pub behind: u64,
+}
+
+impl Decoded {
+    pub(super) fn max_radiance(&self) -> f64 {
+        f64::from(match self {
+            Self::Sheet(sheet) => sheet.max_radiance,
+            Self::Mesh(mesh) => mesh.max_radiance,
+        })
+    }
+
+    /// Moves a mesh by `transform`, from capture coordinates to the lens's; `lateral_m` is about how far rays start
+    /// from the axis.
+    pub(super) fn place(
+        self,
+        side: &'static str,
+        transform: impl Fn(DVec3) -> DVec3,
+        lateral_m: f64,
+    ) -> Result<Placed, AssembleError> {
+        let polygons = match self {
+            Self::Sheet(sheet) => return Ok(Placed::Sheet(sheet)),
+            Self::Mesh(polygons) => polygons,
+        };
+        let Polygons {
+            mut vertices_m,
+            radiance,
+            triangles,
+            empty_faces,
+            ..
+        } = polygons;
+        let mut reach_m = 0.0f64;
+        for vertex in &mut vertices_m {
+            *vertex = transform(*vertex);
+            reach_m = reach_m.max(vertex.abs().max_element());
+        }
+        if reach_m > MAX_COORDINATE_M {
+            return Err(AssembleError::MeshReach { side, reach_m });
+        }
+        let mesh = Mesh::new(&vertices_m, radiance, &triangles, lateral_m);
+        let counts = mesh.counts();
+        if counts.traced == 0 {
+            return Err(AssembleError::MeshUnseen {
+                side,
+                triangles: triangles.len(),
+            });
+        }
+        let mut is_used = vec![false; vertices_m.len()];
+        for &corner in triangles.iter().flatten() {
+            is_used[corner as usize] = true;
+        }
+        let mut is_used = is_used.into_iter();
+        vertices_m.retain(|_| is_used.next().unwrap_or(false));
+        Ok(Placed::Mesh(Box::new(PlacedMesh {
+            mesh,
+            vertices_m,
+            facts: MeshFacts {
+                traced: counts.traced,
+                degenerate: counts.degenerate + empty_faces,
+                behind: counts.behind,
+            },
+        })))
+    }
+}
+
+impl Placed {
+    pub(super) fn filled_share(&self) -> f64 {
+        match self {
+            Self::Sheet(sheet) => sheet.filled_share,
+            Self::Mesh(_) => 0.0,
+        }
+    }
+
+    pub(super) fn relative(&self) -> Option<RelativeEnds> {
+        match self {
+            Self::Sheet(sheet) => sheet.relative,
+            Self::Mesh(_) => None,
+        }
+    }
+
+    pub(super) fn mesh_facts(&self) -> Option<MeshFacts> {
+        match self {
+            Self::Sheet(_) => None,
+            Self::Mesh(placed) => Some(placed.facts),
+        }
+    }
+
+    /// What `front_center` and `back_center` focus on: z before the lens. `transform` leads from a sheet's capture camera
+    /// to the lens; meshes are there already.
+    pub(super) fn center_z_m(
+        &self,
+        side: &'static str,
+        transform: impl Fn(DVec3) -> DVec3,
+    ) -> Result<f64, AssembleError> {
+        let z_m = match self {
+            Self::Sheet(sheet) => Some(transform(DVec3::Z * sheet.front_center_z_m).z),
+            Self::Mesh(placed) => placed.mesh.axis_depth_m(),
+        };
+        z_m.filter(|z| *z > 0.0)
+            .ok_or(AssembleError::NoFocus { side })
+    }
+}

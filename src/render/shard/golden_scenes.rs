@@ -1,0 +1,321 @@
+//! The built-in scenes: small, and between them every branch of the tracer.
+//!
+//! To add one: a row in [`golden_scenes`], its digest in the table of `golden.rs` (the test prints it), its reference
+//! image (see `tests/physics/golden.rs`), and a new [`super::golden::SET`] name.
+
+use crate::trace::{
+    FilmPlane, FilterTable, Grid, Lens, OrderPlan, Pose, Sampling, Scene, Slab, Texture, View,
+};
+use glam::{DMat3, DVec3};
+
+/// A scene of the golden set.
+pub struct GoldenScene {
+    /// What it is there for.
+    pub name: &'static str,
+    /// For the tracer. A film of 16 x 10 px.
+    pub scene: Scene,
+}
+
+/// What sets one golden scene apart; the rest is [`Words::new`]'s.
+struct Words {
+    spp: u32,
+    gaussian: bool,
+    aperture_radius_m: f64,
+    inverse_focus_per_m: f64,
+    thickness_m: f64,
+    ior: f64,
+    absorption_per_m: [f64; 3],
+    tilt_deg: [f64; 2],
+    /// The back was photographed from the lens's own place.
+    from_camera: bool,
+    /// Depth pixels a side, across and down.
+    depth_px: [usize; 2],
+    /// Radiance of every 97th texel; the others are below 1.
+    light: f32,
+    order_tolerance: f64,
+    target_error: Option<f64>,
+    /// I, T, R~, R.
+    layers: [bool; 4],
+}
+
+impl Words {
+    /// A wide lens before a pane of glass at right angles, steps in depth, noise for a picture.
+    fn new() -> Self {
+        Self {
+            spp: 64,
+            gaussian: false,
+            aperture_radius_m: 0.02,
+            inverse_focus_per_m: 0.4,
+            thickness_m: 0.01,
+            ior: 1.6,
+            absorption_per_m: [0.0; 3],
+            tilt_deg: [0.0; 2],
+            from_camera: false,
+            depth_px: [64, 64],
+            light: 1.0,
+            order_tolerance: 7.6e-5,
+            target_error: None,
+            layers: [true; 4],
+        }
+    }
+
+    fn scene(&self) -> Scene {
+        let normal = if self.tilt_deg == [0.0; 2] {
+            DVec3::Z
+        } else {
+            Slab::tilted_normal(self.tilt_deg)
+        };
+        let slab = Slab {
+            normal,
+            plane_distance_m: 0.3 * normal.z,
+            thickness_m: self.thickness_m,
+            ior: self.ior,
+            absorption_per_m: self.absorption_per_m,
+        };
+        let film = FilmPlane {
+            width: 16,
+            height: 10,
+            tan_half_fov: FilmPlane::tan_half_fov(16, 10, 55.0),
+            filter: self.gaussian.then(FilterTable::gaussian),
+        };
+        let extra_m = if self.from_camera {
+            2.0 * slab.plane_distance_m
+        } else {
+            0.0
+        };
+        let (pose, sign) = if self.from_camera && slab.is_tilted() {
+            let mirror = DMat3::IDENTITY
+                - DMat3::from_cols(normal.x * normal, normal.y * normal, normal.z * normal) * 2.0;
+            let turn = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0));
+            let pose = Pose::General {
+                rotation: turn * mirror,
+                translation_m: turn * (normal * extra_m),
+            };
+            (pose, 1.0)
+        } else {
+            (Pose::Aligned { extra_m }, -1.0)
+        };
+        // Cosines from straight on to the farthest corner of film and lens, as in `scene::assemble`, but fewer.
+        let [tx, ty] = film
+            .tan_half_fov
+            .map(|t| t + self.aperture_radius_m * self.inverse_focus_per_m);
+        let corners = [(0.0, 0.0), (-tx, -ty), (-tx, ty), (tx, -ty), (tx, ty)];
+        let cosines = corners.map(|(x, y)| DVec3::new(x, y, 1.0).normalize().dot(normal));
+        let front = self.view(1, Pose::Aligned { extra_m: 0.0 }, 1.0);
+        let back = self.view(100, pose, sign);
+        let radiance = [&front, &back].map(|view| f64::from(view.texture.max_radiance()));
+        Scene {
+            seed: 2020,
+            sampling: Sampling::Sobol,
+            spp: self.spp,
+            target_error: self.target_error,
+            layers: self.layers,
+            first_reflection_alone: false,
+            film,
+            lens: Lens {
+                aperture_radius_m: self.aperture_radius_m,
+                inverse_focus_per_m: self.inverse_focus_per_m,
+            },
+            orders: OrderPlan::new(&slab, &cosines, radiance, self.order_tolerance),
+            slab,
+            front: front.into(),
+            back: back.into(),
+        }
+    }
+
+    /// A photograph of plates of 8 x 8 depth pixels, 0.9 to 10 m away, with a texture of 48 x 40 texels of its own.
+    fn view(&self, salt: u32, pose: Pose, sign: f64) -> View {
+        let [nx, ny] = self.depth_px;
+        let plate = |q: usize| (q / nx / 8) * 8 + q % nx / 8;
+        let w = (0..nx * ny).map(|q| 0.1 + (hash(plate(q), salt) % 1024) as f32 / 1024.0);
+        let texel = |q: usize| {
+            let value = [1, 2, 3].map(|k| (hash(q, salt + k) % 256) as f32 / 255.0);
+            let gain = if q % 97 == 50 { self.light } else { 1.0 };
+            [value[0] * gain, value[1] * gain, value[2] * gain, 0.0]
+        };
+        let texels: Vec<[f32; 4]> = (0..48 * 40).map(texel).collect();
+        View {
+            grid: Grid::new(nx, ny, w.collect()),
+            texture: Texture::new(48, 40, &texels),
+            focal_px: [sign * 1.25 * nx as f64, 1.25 * ny as f64],
+            principal: [nx as f64 / 2.0 - 0.5, ny as f64 / 2.0 - 0.7],
+            pose,
+            photograph_size: (nx, ny),
+        }
+    }
+}
+
+fn hash(q: usize, salt: u32) -> u32 {
+    let mut x = (q as u32).wrapping_mul(0x9e37_79b9) ^ salt;
+    x ^= x >> 16;
+    x = x.wrapping_mul(0x7feb_352d);
+    x ^ (x >> 15)
+}
+
+/// All of them, in a fixed order.
+pub fn golden_scenes() -> Vec<GoldenScene> {
+    let plain = Words::new;
+    let rows: Vec<(&'static str, Words)> = vec![
+        ("mirror", plain()),
+        (
+            "camera",
+            Words {
+                from_camera: true,
+                ..plain()
+            },
+        ),
+        (
+            "tilted-absorbing",
+            Words {
+                tilt_deg: [9.0, -14.0],
+                absorption_per_m: [3.0, 1.0, 2.0],
+                ..plain()
+            },
+        ),
+        (
+            "tilted-camera-gaussian",
+            Words {
+                tilt_deg: [-6.0, 12.0],
+                from_camera: true,
+                gaussian: true,
+                ..plain()
+            },
+        ),
+        // Brighter than white: the first orders and R take all samples.
+        (
+            "lights",
+            Words {
+                light: 1e4,
+                ..plain()
+            },
+        ),
+        (
+            "pinhole",
+            Words {
+                aperture_radius_m: 0.0,
+                inverse_focus_per_m: 0.0,
+                ..plain()
+            },
+        ),
+        (
+            "thin-pane",
+            Words {
+                thickness_m: 0.0,
+                ..plain()
+            },
+        ),
+        (
+            "air",
+            Words {
+                ior: 1.0,
+                ..plain()
+            },
+        ),
+        // Sixty degrees: a dozen orders, the last ones thinned.
+        (
+            "steep",
+            Words {
+                tilt_deg: [0.0, 60.0],
+                thickness_m: 0.03,
+                order_tolerance: 1e-6,
+                ..plain()
+            },
+        ),
+        // Two ranges of 256; only the first holds samples of R.
+        (
+            "two-ranges",
+            Words {
+                spp: 512,
+                ..plain()
+            },
+        ),
+        // Four samples, less than a group; depth images of one row and of one pixel's width.
+        (
+            "one-row",
+            Words {
+                spp: 4,
+                depth_px: [40, 1],
+                ..plain()
+            },
+        ),
+        (
+            "one-column",
+            Words {
+                spp: 1,
+                depth_px: [1, 40],
+                ..plain()
+            },
+        ),
+        (
+            "adaptive",
+            Words {
+                spp: 256,
+                target_error: Some(0.02),
+                ..plain()
+            },
+        ),
+        (
+            "two-layers",
+            Words {
+                layers: [false, true, false, true],
+                ..plain()
+            },
+        ),
+    ];
+    rows.into_iter()
+        .map(|(name, words)| GoldenScene {
+            name,
+            scene: words.scene(),
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trace::Surface;
+
+    /// The set is worth its name only while it covers what the tracer can do.
+    #[test]
+    fn every_branch_is_covered() {
+        let scenes = golden_scenes();
+        let any = |what: &str, has: &dyn Fn(&Scene) -> bool| {
+            assert!(scenes.iter().any(|g| has(&g.scene)), "no scene with {what}");
+        };
+        let sheet = |surface: &Surface| match surface {
+            Surface::Sheet(view) => (view.pose.clone(), view.photograph_size),
+            Surface::Mesh(_) => panic!("the golden scenes are sheets"),
+        };
+        let pose = |s: &Scene| sheet(&s.back).0;
+        let general = |s: &Scene| matches!(pose(s), Pose::General { .. });
+        any("a general pose", &general);
+        any(
+            "apex camera, untilted",
+            &|s| matches!(pose(s), Pose::Aligned { extra_m } if extra_m > 0.0),
+        );
+        any("a tilted mirror", &|s| s.slab.is_tilted() && !general(s));
+        any("absorption", &|s| s.slab.absorbs());
+        any("a Gaussian filter", &|s| s.film.filter.is_some());
+        any("lights", &|s| !s.orders.thin_clean_reflection);
+        any("a pinhole", &|s| s.lens.aperture_radius_m == 0.0);
+        any("focus at infinity", &|s| s.lens.inverse_focus_per_m == 0.0);
+        any("a pane without thickness", &|s| s.slab.thickness_m == 0.0);
+        any("no reflection", &|s| s.orders.back.is_empty());
+        for thinning in [1, 2, 16] {
+            any(&format!("orders thinned by {thinning}"), &|s| {
+                s.orders.back.iter().any(|f| f.thinning == thinning)
+            });
+        }
+        any("many orders", &|s| s.orders.back.len() >= 8);
+        any("a target", &|s| s.target_error.is_some());
+        any("layers left out", &|s| s.layers != [true; 4]);
+        any("several blocks", &|s| s.spp > 256);
+        any("one sample", &|s| s.spp == 1);
+        any("a depth image of one row", &|s| sheet(&s.front).1.1 == 1);
+        any("a depth image of one column", &|s| sheet(&s.front).1.0 == 1);
+        let mut names: Vec<&str> = scenes.iter().map(|g| g.name).collect();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), scenes.len());
+    }
+}
