@@ -48,6 +48,7 @@ pub struct ErrorReport<'a> {
     pub out: Option<PathBuf>,
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks for it")]
 fn reference_object<S: Serializer>(
     reference: &&Reference,
     serializer: S,

@@ -2,8 +2,7 @@
 
 use super::error::EvaluateError;
 use super::gain::best_gain;
-use super::run::LeftOut;
-use super::subject::{Subject, Unread, read};
+use super::subject::{LeftOut, Subject, Unread, read};
 use serde::Serialize;
 use std::sync::atomic::{AtomicBool, Ordering};
 

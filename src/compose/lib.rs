@@ -34,10 +34,10 @@ pub use gain::{apply_gain, best_gain};
 pub use means::{Means, MethodMeans};
 pub use pairs::{Found, Pair, find_pairs};
 pub use picture::{decode_picture, read_picture};
-pub use run::{LeftOut, Method, Scored, run};
+pub use run::{Method, Scored, run};
 pub use score::{Scores, psnr_colour_db, score};
 pub use ssim::ssim_grey;
-pub use subject::{Subject, Unread, WithTruth};
+pub use subject::{LeftOut, Subject, Unread, WithTruth};
 pub use table::{Protocol, Row, means_table, per_image_csv};
 
 #[cfg(test)]

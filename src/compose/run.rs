@@ -5,11 +5,10 @@ use super::error::EvaluateError;
 use super::fit_gain::Gain;
 use super::gain::apply_gain;
 use super::score::{Scores, score};
-use super::subject::{Subject, Unread, WithTruth, read};
+use super::subject::{LeftOut, Subject, Unread, WithTruth, read};
 use super::table::Row;
 use image::RgbImage;
 use rayon::prelude::*;
-use serde::Serialize;
 use std::error::Error;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -42,15 +41,6 @@ impl Method for Gain {
     fn make(&self, input: &RgbImage) -> Result<RgbImage, Box<dyn Error + Send + Sync>> {
         Ok(apply_gain(input, self.factor))
     }
-}
-
-/// A picture that was not scored, and why.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct LeftOut {
-    /// Its name, or its file.
-    pub image: String,
-    /// What is wrong with it.
-    pub reason: String,
 }
 
 /// All scores.

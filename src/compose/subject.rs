@@ -3,6 +3,7 @@
 use super::pairs::Pair;
 use super::picture::read_picture;
 use image::RgbImage;
+use serde::Serialize;
 use std::error::Error;
 
 /// A picture, and what it should become. Both have the same size.
@@ -22,6 +23,15 @@ pub enum Unread {
     Unreadable(String),
     /// No picture can be read any more.
     Fatal(Box<dyn Error + Send + Sync>),
+}
+
+/// A picture that was not scored, and why.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct LeftOut {
+    /// Its name, or its file.
+    pub image: String,
+    /// What is wrong with it.
+    pub reason: String,
 }
 
 /// Pictures with their truths, in order.

@@ -136,9 +136,10 @@ pub fn run(
 ) -> Result<TrainSummary, TrainError> {
     let stage = training.stage;
     let folder = stage_folder(&training.run, stage);
-    let _lock = match training.dry_run {
-        true => None,
-        false => Some(lock(&folder)?),
+    let _lock = if training.dry_run {
+        None
+    } else {
+        Some(lock(&folder)?)
     };
     let beginning = Beginning::find(&training.run, stage, &training.device, watcher);
     let settings = beginning.settings(&training)?;

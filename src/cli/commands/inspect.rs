@@ -38,7 +38,7 @@ pub(super) fn run(args: &InspectArgs, output: &Output) -> Exit {
         unsound: found.len() - sound,
         files: found
             .iter()
-            .map(|(path, found)| File::new(path, found))
+            .map(|(path, found)| Entry::new(path, found))
             .collect(),
     };
     output.show("glasshouse.inspect/1", &inspected);
@@ -126,11 +126,11 @@ fn title(path: &Path, found: &Inspection) -> String {
 struct Inspected<'a> {
     sound: usize,
     unsound: usize,
-    files: Vec<File<'a>>,
+    files: Vec<Entry<'a>>,
 }
 
 #[derive(Serialize)]
-struct File<'a> {
+struct Entry<'a> {
     file: &'a Path,
     kind: &'static str,
     what: &'static str,
@@ -144,7 +144,7 @@ struct File<'a> {
     found: &'a Inspection,
 }
 
-impl<'a> File<'a> {
+impl<'a> Entry<'a> {
     fn new(file: &'a Path, found: &'a Inspection) -> Self {
         let (whole, how) = match &found.whole {
             Whole::Yes(how) => (Some(true), Some(how.as_str())),

@@ -52,7 +52,7 @@ pub(super) fn run(args: &MergeArgs, global: &Global, output: &Output) -> Result<
             outcome.refused.len() - SHOWN
         ));
     }
-    let merged = Merged {
+    let merged = Summary {
         run: &args.run,
         dry_run: global.dry_run,
         merged: &outcome.merged,
@@ -68,7 +68,7 @@ pub(super) fn run(args: &MergeArgs, global: &Global, output: &Output) -> Result<
 }
 
 #[derive(Serialize)]
-struct Merged<'a> {
+struct Summary<'a> {
     run: &'a Path,
     dry_run: bool,
     merged: &'a [SceneId],
@@ -77,7 +77,7 @@ struct Merged<'a> {
     refused: &'a [(SceneId, String)],
 }
 
-impl fmt::Display for Merged<'_> {
+impl fmt::Display for Summary<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let would = if self.dry_run { "would be " } else { "" };
         write!(

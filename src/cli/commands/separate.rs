@@ -67,7 +67,7 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
                     separate(&network, &picture, args.network.tile_px, targets)?;
                 }
                 let [transmission, glass_reflection] = targets.clone();
-                images.push(Image {
+                images.push(Done {
                     image: path.clone(),
                     width: picture.width(),
                     height: picture.height(),
@@ -111,7 +111,7 @@ struct Separated {
     step: u64,
     features: FeatureSource,
     dry_run: bool,
-    images: Vec<Image>,
+    images: Vec<Done>,
     failed: Vec<Failed>,
     wall_s: f64,
     /// Pictures that were to be separated.
@@ -124,7 +124,7 @@ struct Separated {
 }
 
 #[derive(Serialize)]
-struct Image {
+struct Done {
     image: PathBuf,
     width: u32,
     height: u32,

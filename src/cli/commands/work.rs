@@ -347,7 +347,7 @@ impl<'a> Worked<'a> {
             stopped: outcome.stopped.map(Stop::name),
             wall_s: wall.as_secs_f64(),
             thread_seconds: outcome.seconds.all().to_vec(),
-            cpu_seconds: outcome.seconds.cpu().to_vec(),
+            cpu_seconds: outcome.seconds.cpu(),
             stop: outcome.stopped,
         }
     }
