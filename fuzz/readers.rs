@@ -6,7 +6,6 @@
 
 #![allow(dead_code, reason = "each fuzz target uses one of them")]
 
-use glasshouse::cases::CaseFile;
 use glasshouse::farm::queue::{read_waiting, write_waiting};
 use glasshouse::farm::{Control, QuarantineRecord, Receipt, attempts};
 use glasshouse::ids::SceneId;
@@ -33,7 +32,6 @@ pub(crate) const READERS: &[Reader] = &[
     ("scene_line", scene_line),
     ("manifest", manifest),
     ("recipe", recipe),
-    ("cases", cases),
     ("partial", partial),
     ("spec", spec),
     ("tuple", tuple),
@@ -178,18 +176,6 @@ pub(crate) fn manifest(bytes: &[u8]) -> bool {
 /// A recipe.
 pub(crate) fn recipe(bytes: &[u8]) -> bool {
     matches!(text(bytes).map(Recipe::parse), Some(Ok(_)))
-}
-
-/// A file of hard cases: the scenes of what is accepted are sound lines.
-pub(crate) fn cases(bytes: &[u8]) -> bool {
-    let Some(Ok(file)) = text(bytes).map(CaseFile::parse) else {
-        return false;
-    };
-    for case in &file.cases {
-        let written = to_jsonl(std::slice::from_ref(&case.line));
-        assert_eq!(parse_scene(written.trim()).expect("as written"), case.line);
-    }
-    true
 }
 
 /// A partial: believed only if its digest fits, and then it can be written.

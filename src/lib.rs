@@ -17,7 +17,6 @@
 
 pub mod atomic_file;
 pub mod bench;
-pub mod cases;
 pub mod cli;
 pub mod doctor;
 pub mod evaluate;

@@ -6,7 +6,6 @@ use super::look::{RejectedScene, rejected_lines};
 use super::make::make_photographs;
 use super::run_dir::{Run, RunDir, RunError};
 use crate::atomic_file::{self, WriteError};
-use crate::cases::{CaseError, is_case_file};
 use crate::ids::SceneId;
 use crate::manifest::{
     IndexError, ManifestError, RecipeError, RootError, Roots, SceneLine, to_jsonl,
@@ -109,14 +108,6 @@ pub enum PlanError {
         /// What is wrong.
         source: Box<RecipeError>,
     },
-    /// A file of hard cases is wrong.
-    #[error("{}: {source}", path.display())]
-    Cases {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        source: Box<CaseError>,
-    },
     /// The manifest is wrong.
     #[error("{}: {source}", path.display())]
     Manifest {
@@ -177,7 +168,6 @@ pub fn plan(
         source: e,
     })?;
     let content = match source.extension().and_then(|e| e.to_str()) {
-        Some("toml") if is_case_file(&text) => content::from_cases(source, &text)?,
         Some("toml") => content::from_recipe(source, &text, options)?,
         Some("jsonl") => content::from_manifest(source, &text, options)?,
         _ => {
@@ -282,10 +272,6 @@ pub fn plan(
     }
     if !options.dry_run {
         atomic_file::create_dir(out)?;
-        for (root, name, bytes) in &content.pictures {
-            atomic_file::create_dir(&dir.inputs(root))?;
-            atomic_file::write_relaxed(&dir.inputs(root).join(name), bytes)?;
-        }
         let on_photograph = |done, all| on_progress("photographs", done, all);
         make_photographs(&dir, &draft.made, options.threads, &on_photograph)?;
         if existing.is_none() {
@@ -300,10 +286,6 @@ pub fn plan(
             atomic_file::write(&dir.spec(), json.as_bytes())?;
         }
     }
-    let pictures = content
-        .pictures
-        .iter()
-        .map(|(_, _, bytes)| bytes.len() as u64);
     Ok(Planned {
         spec,
         existed: existing.is_some(),
@@ -313,7 +295,7 @@ pub fn plan(
         files: checker.files(),
         parts: content.parts(),
         input_bytes,
-        made_bytes: draft.made.iter().map(Made::about_bytes).sum::<u64>() + pictures.sum::<u64>(),
+        made_bytes: draft.made.iter().map(Made::about_bytes).sum(),
         lines: draft.lines,
     })
 }

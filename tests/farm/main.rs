@@ -34,6 +34,7 @@ mod export;
 mod export_killed;
 mod export_readers;
 mod export_refused;
+mod hard_case_measures;
 mod hard_cases;
 mod help;
 mod inspect;
