@@ -28,6 +28,7 @@ pub mod inspect;
 pub mod manifest;
 pub mod merge;
 pub mod partial;
+mod pipe;
 mod plot;
 pub mod preview;
 pub mod report;

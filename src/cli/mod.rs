@@ -5,24 +5,7 @@ mod audit_cmd;
 mod bench_args;
 mod bench_cmd;
 mod bench_error_cmd;
-mod bench_farm_args;
 mod bench_farm_cmd;
-#[path = "../bench/farm/makespan.rs"]
-mod bench_farm_makespan;
-#[path = "../bench/farm/overhead.rs"]
-mod bench_farm_measure;
-#[path = "../bench/farm/overhead_report.rs"]
-mod bench_farm_measured;
-#[path = "../bench/farm/makespan_report.rs"]
-mod bench_farm_pass;
-#[path = "../bench/farm/place.rs"]
-mod bench_farm_place;
-#[path = "../bench/farm/process.rs"]
-mod bench_farm_process;
-#[path = "../bench/farm/recipe.rs"]
-mod bench_farm_recipe;
-#[path = "../bench/farm/resume.rs"]
-mod bench_farm_resume;
 mod bench_trace_cmd;
 #[cfg(feature = "train")]
 mod bench_train_cmd;

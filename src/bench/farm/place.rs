@@ -1,74 +1,73 @@
-//! Where a farm is measured: a folder, and a queue's server, all gone when they are dropped.
+//! Where a farm is measured: a folder and a NATS server, both gone when they are dropped.
 
-use super::bench_farm_process::{Process, Server};
-use super::bench_farm_recipe::Recipe;
-use super::exit_code::{Exit, Failure};
-use super::signals::Signals;
+use super::error::FarmBenchError;
+use super::process::Process;
+use super::recipe::Recipe;
+use super::server::Server;
+use super::setup::{Measured, Setup, Watcher};
 use crate::farm::{PlanOptions, Run, plan};
 use crate::manifest::Roots;
 use crate::store::Inputs;
-use anyhow::{Context, anyhow};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::atomic::Ordering;
 use std::time::SystemTime;
 use tempfile::TempDir;
 
+/// The queue's name in a result without one.
+pub(super) const NO_QUEUE: &str = "none";
+
 /// A folder, and a queue if there is one.
-pub(super) struct Place {
+pub(super) struct Place<'a> {
+    setup: &'a Setup<'a>,
     folder: TempDir,
     server: Option<Server>,
     /// Of the queue.
     pub(super) url: Option<String>,
-    signals: Signals,
 }
 
-impl Place {
-    /// Uses the queue at `url`, or starts a `nats-server` if there is one.
-    pub(super) fn new(url: Option<&str>) -> Result<Self, Failure> {
-        let signals = Signals::catch();
+impl<'a> Place<'a> {
+    /// Takes the queue of `setup`, or starts a `nats-server` if there is one.
+    pub(super) fn new(setup: &'a Setup<'a>) -> Result<Self, FarmBenchError> {
         let folder = tempfile::Builder::new().prefix("glasshouse-").tempdir();
-        let folder = folder.map_err(|e| failed(anyhow!("cannot make a folder to work in: {e}")))?;
-        let server = match url {
+        let folder = folder.map_err(FarmBenchError::system("make a folder to work in"))?;
+        let server = match setup.queue {
             Some(_) => None,
             None => Server::start(&folder.path().join("jetstream"))?,
         };
-        let url = url
-            .map(str::to_owned)
-            .or_else(|| server.as_ref().map(Server::url));
+        let given = setup.queue.map(str::to_owned);
+        let url = given.or_else(|| server.as_ref().map(Server::url));
         Ok(Self {
+            setup,
             folder,
             server,
             url,
-            signals,
         })
     }
 
-    /// What the results were measured with.
-    pub(super) fn queue_name(&self) -> &'static str {
-        match (&self.server, &self.url) {
+    pub(super) fn watcher(&self) -> &dyn Watcher {
+        self.setup.watcher
+    }
+
+    /// How a result was measured.
+    pub(super) fn measured(&self, mode: &'static str) -> Measured {
+        let queue = match (&self.server, &self.url) {
             (Some(_), _) => "a nats-server started for this",
             (None, Some(_)) => "the given server",
-            (None, None) => "none",
-        }
+            (None, None) => NO_QUEUE,
+        };
+        Measured::new(mode, queue, self.setup.cpu.clone())
     }
 
-    /// The queue's address, or why there is none.
-    pub(super) fn need_queue(&self) -> Result<&str, Failure> {
-        self.url.as_deref().ok_or_else(|| {
-            let what = "this needs a NATS server: install nats-server, or say where one is (--queue nats://host:4222)";
-            Failure::new(Exit::Usage, anyhow!(what))
-        })
+    /// The queue's address; an error without one.
+    pub(super) fn need_queue(&self) -> Result<&str, FarmBenchError> {
+        self.url.as_deref().ok_or(FarmBenchError::NoQueue)
     }
 
-    /// Ends with the exit code of a signal if one came.
-    pub(super) fn go_on(&self) -> Result<(), Failure> {
-        if self
-            .signals
-            .stop()
-            .load(std::sync::atomic::Ordering::Relaxed)
-        {
-            let what = anyhow!("stopped by a signal; nothing was measured to the end");
-            return Err(Failure::new(self.signals.exit(), what));
+    /// An error after a signal.
+    pub(super) fn go_on(&self) -> Result<(), FarmBenchError> {
+        if self.setup.stop.load(Ordering::Relaxed) {
+            return Err(FarmBenchError::Stopped);
         }
         Ok(())
     }
@@ -82,7 +81,7 @@ impl Place {
     }
 
     /// Plans a run.
-    pub(super) fn plan(&self, recipe: &Recipe) -> Result<PathBuf, Failure> {
+    pub(super) fn plan(&self, recipe: &Recipe) -> Result<PathBuf, FarmBenchError> {
         let path = self.folder.path().join(format!("{}.toml", recipe.name));
         crate::atomic_file::write_relaxed(&path, recipe.text().as_bytes())?;
         let run = self.folder.path().join(&recipe.name);
@@ -98,50 +97,39 @@ impl Place {
         Ok(run)
     }
 
-    /// Starts this program.
-    pub(super) fn start(&self, arguments: &[&str]) -> Result<Process<'_>, Failure> {
-        Process::start(self, command(arguments)?)
+    /// Starts this program on a queue inside the process.
+    pub(super) fn start(&self, arguments: &[&str]) -> Result<Process<'_>, FarmBenchError> {
+        Process::start(self, self.command(arguments))
     }
 
-    /// Starts this program beside the queue.
-    pub(super) fn start_on_queue(&self, arguments: &[&str]) -> Result<Process<'_>, Failure> {
-        let mut command = command(arguments)?;
-        // Not on the command line, where others would see what may be in a URL.
+    /// Starts this program on the NATS server.
+    pub(super) fn start_on_queue(&self, arguments: &[&str]) -> Result<Process<'_>, FarmBenchError> {
+        let mut command = self.command(arguments);
+        // Not on the command line, where others could read a password in the URL.
         command.env("GLASSHOUSE_QUEUE", self.need_queue()?);
         Process::start(self, command)
     }
 
-    /// CPU seconds of the server, if it is ours and the system tells.
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(self.setup.program);
+        command
+            .args(arguments)
+            .env_remove("GLASSHOUSE_STORE")
+            .env_remove("GLASSHOUSE_QUEUE")
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        command
+    }
+
+    /// CPU seconds of the server, if it was started here and the system tells.
     pub(super) fn server_cpu_s(&self) -> Option<f64> {
-        let pid = self.server.as_ref()?.pid();
-        let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-        // The name before it, in brackets, may hold anything.
-        let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
-        let ticks = |k: usize| fields.get(k)?.parse::<f64>().ok();
-        Some((ticks(11)? + ticks(12)?) / rustix::param::clock_ticks_per_second() as f64)
+        self.server.as_ref().and_then(Server::cpu_s)
     }
 }
 
-/// This program, alone.
-fn command(arguments: &[&str]) -> Result<Command, Failure> {
-    let mut command = Command::new(std::env::current_exe().map_err(failed)?);
-    command.args(arguments);
-    command
-        .env_remove("GLASSHOUSE_STORE")
-        .env_remove("GLASSHOUSE_QUEUE");
-    command
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped());
-    Ok(command)
-}
-
-pub(super) fn failed(error: impl Into<anyhow::Error>) -> Failure {
-    Failure::new(Exit::Failed, error)
-}
-
-/// When the last tuple of a run was written, and a digest of all tuples' bytes; an error if one is missing.
-pub(super) fn tuples(run: &Path) -> Result<(SystemTime, String), Failure> {
+/// Time of the last tuple's write, and a digest of the bytes of all tuples; an error if one is missing.
+pub(super) fn tuples(run: &Path) -> Result<(SystemTime, String), FarmBenchError> {
     let open = Run::open(run, &Roots::default())?;
     let mut last = SystemTime::UNIX_EPOCH;
     let mut digest = blake3::Hasher::new();
@@ -150,23 +138,19 @@ pub(super) fn tuples(run: &Path) -> Result<(SystemTime, String), Failure> {
         for name in crate::merge::tuple_files(line) {
             let path = folder.join(name);
             let bytes = std::fs::read(&path);
-            let bytes = bytes
-                .with_context(|| format!("{} is not there", path.display()))
-                .map_err(failed)?;
+            let bytes = bytes.map_err(|source| FarmBenchError::Read { path, source })?;
             digest.update(blake3::hash(&bytes).as_bytes());
         }
-        let meta = std::fs::metadata(folder.join("tuple.json"));
-        last = last.max(meta.and_then(|m| m.modified()).map_err(failed)?);
+        let path = folder.join("tuple.json");
+        let modified = std::fs::metadata(&path).and_then(|meta| meta.modified());
+        last = last.max(modified.map_err(|source| FarmBenchError::Read { path, source })?);
     }
     Ok((last, digest.finalize().to_hex().to_string()))
 }
 
-/// The middle one, or the mean of the two in the middle.
-pub(super) fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    match sorted.len() {
-        0 => f64::NAN,
-        n => f64::midpoint(sorted[(n - 1) / 2], sorted[n / 2]),
-    }
+/// Seconds from `begun` to the last tuple.
+pub(super) fn seconds_between(begun: SystemTime, last: SystemTime) -> Result<f64, FarmBenchError> {
+    let between = last.duration_since(begun).map_err(std::io::Error::other);
+    let between = between.map_err(FarmBenchError::system("measure: the clock went backwards"))?;
+    Ok(between.as_secs_f64())
 }

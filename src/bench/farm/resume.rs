@@ -1,185 +1,221 @@
-//! `bench farm --resume`: how long a run that was left in the middle takes to go on.
+//! The time until a run that is half done goes on.
 
-use super::args::Global;
-use super::bench_cmd::{cpu_name, on_cpu};
-use super::bench_farm_args::BenchFarmArgs;
-use super::bench_farm_cmd::SCHEMA;
-use super::bench_farm_place::{Place, failed, median};
-use super::bench_farm_recipe::Recipe;
-use super::exit_code::{Exit, Failure};
-use super::output::Output;
-use super::progress::Progress;
-use super::work_cmd::isa;
-use crate::bench::{HalfDone, align, half_done};
+use super::error::FarmBenchError;
+use super::half_done::{HalfDone, half_done};
+use super::median::median;
+use super::place::Place;
+use super::recipe::Recipe;
+use super::setup::{Measured, Setup};
+use crate::bench::align;
 use crate::farm::Run;
 use crate::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper};
 use crate::manifest::Roots;
-use anyhow::anyhow;
-use serde_json::{Value, json};
+use crate::trace::Isa;
+use serde::Serialize;
+use std::fmt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 const LEASE: Duration = Duration::from_secs(30);
-/// Between two looks into the queue.
-const LOOK: Duration = Duration::from_millis(20);
+/// Between two polls of the queue.
+const POLL: Duration = Duration::from_millis(20);
 
-/// Something that was measured several times, the first time after the files were written.
-struct Row {
-    /// For JSON.
-    key: &'static str,
-    what: &'static str,
-    seconds: Vec<f64>,
+/// Times until a run goes on.
+#[derive(Clone, Debug, Serialize)]
+pub struct Resume {
+    #[serde(flatten)]
+    how: Measured,
+    scenes: u32,
+    shards: u64,
+    tuples_there: u64,
+    partials_there: u64,
+    scenes_missing: u64,
+    /// `status`, to its end.
+    pub status_s: Times,
+    /// `work`, until its first scene is loaded.
+    pub work_s: Times,
+    /// `coordinate`, until all that is missing is in the queue.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coordinate_s: Option<Times>,
+    /// `work --queue`, until its first scene is loaded.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub work_queue_s: Option<Times>,
 }
 
-pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
-    let (scenes, shards) = (args.scenes.unwrap_or(5000), args.shards.unwrap_or(64));
-    let place = Place::new(args.queue.as_deref())?;
+/// Seconds of several passes; the first one begins just after the files were written.
+#[derive(Clone, Debug, Serialize)]
+pub struct Times {
+    first: f64,
+    median: f64,
+    passes: Vec<f64>,
+}
+
+impl Times {
+    fn new(passes: Vec<f64>) -> Self {
+        Self {
+            first: passes.first().copied().unwrap_or(f64::NAN),
+            median: median(&passes),
+            passes,
+        }
+    }
+}
+
+/// Makes a run of `scenes` of so many `shards`, half of it done, and measures how long it takes to go on.
+pub fn resume(
+    setup: &Setup,
+    scenes: u32,
+    shards: u32,
+    passes: u32,
+    isa: Isa,
+) -> Result<Resume, FarmBenchError> {
+    let place = Place::new(setup)?;
+    let tiny = Recipe::tiny(place.name("resume"), scenes, shards);
     let recipe = Recipe {
         tile_px: 4,
-        film_px: Recipe::tiny(String::new(), 1, shards)
-            .film_px
-            .map(|px| px / 2),
-        ..Recipe::tiny(place.name("resume"), scenes, shards)
+        film_px: tiny.film_px.map(|px| px / 2),
+        ..tiny
     };
     let folder = place.plan(&recipe)?;
-    let opened = Run::open(&folder, &Roots::default())?;
-    let progress = Progress::new(global, "scenes", u64::from(scenes));
-    progress.message("making a run that is half done".to_owned());
-    let there = half_done(&opened, isa(global)?, &|| progress.add(1, false))?;
-    progress.finish();
-    let rows = measure(&place, &folder, &opened, there, args.passes)?;
-    output.result(
-        SCHEMA,
-        object(&place, [scenes, shards], there, &rows),
-        text(&place, [scenes, shards], there, &rows).trim_end(),
-    );
-    Ok(Exit::Done)
+    let run = Run::open(&folder, &Roots::default())?;
+    let watcher = place.watcher();
+    watcher.starts(u64::from(scenes));
+    watcher.measures("making a run that is half done");
+    let there = half_done(&run, isa, &|| watcher.part_is_done())?;
+    let mut times: [Vec<f64>; 4] = Default::default();
+    for _ in 0..passes {
+        place.go_on()?;
+        measure_alone(&place, &folder, there, &mut times)?;
+        if let Some(url) = &place.url {
+            measure_on_queue(&place, url, &folder, &run, there, &mut times)?;
+        }
+    }
+    let [status_s, work_s, coordinate_s, work_queue_s] = times.map(Times::new);
+    let on_queue = |times: Times| place.url.is_some().then_some(times);
+    Ok(Resume {
+        how: place.measured("resume"),
+        scenes,
+        shards: u64::from(scenes) * u64::from(shards),
+        tuples_there: there.tuples,
+        partials_there: there.partials,
+        scenes_missing: there.missing,
+        status_s,
+        work_s,
+        coordinate_s: on_queue(coordinate_s),
+        work_queue_s: on_queue(work_queue_s),
+    })
 }
 
-fn measure(
+/// A shard sleeps for an hour: no pass does anything, the next one finds the same run.
+const IDLE: &str = "--fault=cost:1,1,3600,0,0,0,0";
+
+fn work_arguments(path: &str) -> [&str; 6] {
+    ["work", path, "-v", "--progress", "none", IDLE]
+}
+
+fn measure_alone(
     place: &Place,
+    folder: &Path,
+    there: HalfDone,
+    times: &mut [Vec<f64>; 4],
+) -> Result<(), FarmBenchError> {
+    let path = folder.to_string_lossy();
+    let (status, took) = place.start(&["status", &path, "--json"])?.result()?;
+    if status["merged"] != there.tuples {
+        return Err(FarmBenchError::OtherTuples {
+            counted: status["merged"].to_string(),
+            there: there.tuples,
+        });
+    }
+    times[0].push(took.as_secs_f64());
+    let mut worker = place.start(&work_arguments(&path))?;
+    worker.wait_until_it_traces()?;
+    times[1].push(worker.age().as_secs_f64());
+    worker.kill();
+    Ok(())
+}
+
+fn measure_on_queue(
+    place: &Place,
+    url: &str,
     folder: &Path,
     run: &Run,
     there: HalfDone,
-    passes: u32,
-) -> Result<Vec<Row>, Failure> {
+    times: &mut [Vec<f64>; 4],
+) -> Result<(), FarmBenchError> {
     let path = folder.to_string_lossy();
-    let mut rows = vec![
-        row("status_s", "`status`, to its end"),
-        row("work_s", "`work`, until its first scene is loaded"),
-    ];
-    if place.url.is_some() {
-        rows.push(row(
-            "coordinate_s",
-            "`coordinate`, until all that is missing is in the queue",
-        ));
-        rows.push(row(
-            "work_queue_s",
-            "`work --queue`, until its first scene is loaded",
-        ));
-    }
-    for _ in 0..passes {
+    let options = NatsOptions {
+        url: url.to_owned(),
+        name: "bench".to_owned(),
+        ..NatsOptions::default()
+    };
+    let queue = NatsCoordinator::connect(&options, run.id(), LEASE)?;
+    let coordinator = place.start_on_queue(&["coordinate", &path, "--progress", "none"])?;
+    let since = Instant::now();
+    loop {
         place.go_on()?;
-        let (status, took) = place.start(&["status", &path, "--json"])?.result()?;
-        if status["merged"] != there.tuples {
-            return Err(failed(anyhow!(
-                "status counts other tuples than there are: {status}"
-            )));
+        // An error until the coordinator has made the stream.
+        let waiting = queue.look().map_or(0, |state| state.waiting);
+        if waiting == there.missing {
+            times[2].push(since.elapsed().as_secs_f64());
+            break;
         }
-        rows[0].seconds.push(took.as_secs_f64());
-
-        // Nothing is done in it: the next pass finds what this one found. Sleep is an hour a shard.
-        let idle = "--fault=cost:1,1,3600,0,0,0,0";
-        let arguments = ["work", &path, "-v", "--progress", "none", idle];
-        let mut worker = place.start(&arguments)?;
-        worker.wait_until_it_traces()?;
-        rows[1].seconds.push(worker.age().as_secs_f64());
-        worker.kill();
-
-        let Some(url) = &place.url else { continue };
-        let options = NatsOptions {
-            url: url.clone(),
-            name: "bench".to_owned(),
-            ..NatsOptions::default()
-        };
-        let queue = NatsCoordinator::connect(&options, run.id(), LEASE)?;
-        let arguments = ["coordinate", &path, "--progress", "none"];
-        let coordinator = place.start_on_queue(&arguments)?;
-        let since = Instant::now();
-        loop {
-            place.go_on()?;
-            // Until the coordinator has made it, it is not there.
-            let waiting = queue.look().map_or(0, |state| state.waiting);
-            if waiting == there.missing {
-                rows[2].seconds.push(since.elapsed().as_secs_f64());
-                break;
-            }
-            if since.elapsed() > Duration::from_mins(2) {
-                let what = anyhow!(
-                    "the coordinator published {waiting} of {} spans",
-                    there.missing
-                );
-                return Err(failed(what));
-            }
-            std::thread::sleep(LOOK);
+        if since.elapsed() > Duration::from_mins(2) {
+            return Err(FarmBenchError::NotPublished {
+                waiting,
+                missing: there.missing,
+            });
         }
-        let mut worker = place.start_on_queue(&arguments_on_queue(&path, idle))?;
-        worker.wait_until_it_traces()?;
-        rows[3].seconds.push(worker.age().as_secs_f64());
-        worker.kill();
-        coordinator.terminate()?;
-        // It was killed; the next one is not to be afraid of what it had.
-        let _ = std::fs::remove_dir_all(folder.join(crate::farm::keys::ATTEMPTS));
-        queue.remove()?;
+        std::thread::sleep(POLL);
     }
-    Ok(rows)
+    let mut worker = place.start_on_queue(&work_arguments(&path))?;
+    worker.wait_until_it_traces()?;
+    times[3].push(worker.age().as_secs_f64());
+    worker.kill();
+    coordinator.terminate()?;
+    // The worker was killed: without its record the next one does not suspect the scene.
+    let _ = std::fs::remove_dir_all(folder.join(crate::farm::keys::ATTEMPTS));
+    queue.remove()?;
+    Ok(())
 }
 
-fn arguments_on_queue<'a>(path: &'a str, idle: &'a str) -> [&'a str; 6] {
-    ["work", path, "-v", "--progress", "none", idle]
-}
-
-fn row(key: &'static str, what: &'static str) -> Row {
-    Row {
-        key,
-        what,
-        seconds: Vec::new(),
+impl fmt::Display for Resume {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let rows = [
+            ("`status`, to its end", Some(&self.status_s)),
+            (
+                "`work`, until its first scene is loaded",
+                Some(&self.work_s),
+            ),
+            (
+                "`coordinate`, until all that is missing is in the queue",
+                self.coordinate_s.as_ref(),
+            ),
+            (
+                "`work --queue`, until its first scene is loaded",
+                self.work_queue_s.as_ref(),
+            ),
+        ];
+        let head = ["until a run goes on", "first time", "median", "times"];
+        let mut table = vec![head.map(str::to_owned).to_vec()];
+        for (what, times) in rows {
+            table.extend(times.map(|times| {
+                vec![
+                    what.to_owned(),
+                    format!("{:.2} s", times.first),
+                    format!("{:.2} s", times.median),
+                    times.passes.len().to_string(),
+                ]
+            }));
+        }
+        write!(
+            f,
+            "{} shards of {} scenes, {} tuples and {} partials there; queue: {}\n\n{}",
+            self.shards,
+            self.scenes,
+            self.tuples_there,
+            self.partials_there,
+            self.how,
+            align(&table, 1).trim_end()
+        )
     }
-}
-
-fn object(place: &Place, [scenes, shards]: [u32; 2], there: HalfDone, rows: &[Row]) -> Value {
-    let mut object = json!({
-        "measured": true, "mode": "resume", "queue": place.queue_name(), "cpu": cpu_name(),
-        "scenes": scenes, "shards": u64::from(scenes) * u64::from(shards),
-        "tuples_there": there.tuples, "partials_there": there.partials, "scenes_missing": there.missing,
-    });
-    for row in rows {
-        object[row.key] = json!({ "first": row.seconds[0], "median": median(&row.seconds), "passes": row.seconds });
-    }
-    object
-}
-
-fn text(place: &Place, [scenes, shards]: [u32; 2], there: HalfDone, rows: &[Row]) -> String {
-    let mut table = vec![
-        ["until a run goes on", "first time", "median", "times"]
-            .map(str::to_owned)
-            .to_vec(),
-    ];
-    for row in rows {
-        table.push(vec![
-            row.what.to_owned(),
-            format!("{:.2} s", row.seconds[0]),
-            format!("{:.2} s", median(&row.seconds)),
-            row.seconds.len().to_string(),
-        ]);
-    }
-    format!(
-        "{} shards of {scenes} scenes, {} tuples and {} partials there; queue: {}{}\n\n{}",
-        u64::from(scenes) * u64::from(shards),
-        there.tuples,
-        there.partials,
-        place.queue_name(),
-        on_cpu(),
-        align(&table, 1)
-    )
 }

@@ -1,7 +1,7 @@
 //! A run that was left in the middle, made quickly: for measuring how long it takes to go on.
 
-use super::error::BenchError;
 use crate::atomic_file::{create_dir, write_relaxed};
+use crate::bench::BenchError;
 use crate::farm::{Run, SceneJob};
 use crate::manifest::SceneLine;
 use crate::merge::{SrgbEncoder, combine, encode_tuple_file, tuple_files};
@@ -12,18 +12,18 @@ use rayon::prelude::*;
 
 /// What of the run is there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct HalfDone {
+pub(super) struct HalfDone {
     /// Scenes with a tuple: those at even places.
-    pub tuples: u64,
+    pub(super) tuples: u64,
     /// Partials of the others: the first half of each.
-    pub partials: u64,
+    pub(super) partials: u64,
     /// Scenes without a tuple.
-    pub missing: u64,
+    pub(super) missing: u64,
 }
 
 /// Makes the tuples of every other scene of a planned run, and the first half of the partials of those between. All of it
 /// is what `work` would have made, but nobody waited for the disk. `on_scene` is called after each scene.
-pub fn half_done(
+pub(super) fn half_done(
     run: &Run,
     isa: Isa,
     on_scene: &(dyn Fn() + Sync),
