@@ -22,24 +22,24 @@ const MOST_WORKERS: u32 = 256;
 /// `bench farm`
 #[derive(Debug, ClapArgs)]
 pub struct BenchFarmArgs {
-    /// In virtual time, without servers and tracer
+    /// Simulate the farm in virtual time, without servers and tracer
     #[arg(long)]
     pub simulate: bool,
-    /// Real workers, tasks that sleep: makespan over its lower bound, without faults and with one worker killed and one
-    /// four times slower
+    /// Measure the makespan over its lower bound: real workers, shards that sleep, without faults and with one worker
+    /// killed and one four times slower
     #[arg(long, conflicts_with_all = ["simulate", "resume"])]
     pub makespan: bool,
-    /// Until a run of 320,000 shards that was left in the middle goes on
+    /// Measure the time until a run of 320,000 shards that is half done goes on
     #[arg(long, conflicts_with = "simulate")]
     pub resume: bool,
-    /// NATS server to measure with [default: one that is started for it, if nats-server is installed]
+    /// NATS server to measure with [default: a temporary one, if nats-server is installed]
     #[arg(long, value_name = "URL", conflicts_with = "simulate")]
     pub queue: Option<String>,
-    /// --makespan, --resume: measure so often
+    /// Measurements, with --makespan and --resume
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     pub passes: u32,
 
-    /// Workers; each does one thing at a time. Real ones are doubled from 1 to this number
+    /// Workers, of one thread each; without any mode 1, 2, 4, ... up to this number
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub workers: u32,
     /// Scenes [default: 50; 5000 with --resume, 16 without any mode]
@@ -48,39 +48,39 @@ pub struct BenchFarmArgs {
     /// Shards a scene [default: 16; 64 with --resume and without any mode]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub shards: Option<u32>,
-    /// Draws the costs, the jitter, who gives; 0 has the costs of the prototype that was measured on a real queue
+    /// Seed of the costs, the network's jitter and the choice among workers that can give
     #[arg(long, value_name = "K", default_value_t = 0)]
     pub seed: u64,
-    /// A shard of the cheapest scenes, seconds (25 % more or less); the dearest cost sixteen times as much
+    /// Seconds for a shard of the cheapest scenes (25 % more or less); the dearest cost sixteen times as much
     #[arg(long, value_name = "S", default_value_t = 0.02, value_parser = parse_seconds)]
     pub shard_s: f64,
-    /// Loading a scene, seconds
+    /// Seconds to load a scene
     #[arg(long, value_name = "S", default_value_t = 0.2, value_parser = parse_seconds)]
     pub load_s: f64,
 
-    /// Lease of a span, seconds; renewed every third of it [default: 30; 2 with --makespan]
+    /// Lease of a span in seconds, renewed three times as often [default: 30; 2 with --makespan]
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
     pub lease_s: Option<f64>,
-    /// From a worker to the queue and back, milliseconds
+    /// Milliseconds from a worker to the queue and back
     #[arg(long, value_name = "MS", default_value_t = 1.0, value_parser = parse_seconds)]
     pub round_trip_ms: f64,
-    /// The coordinator lists the store at least so often, seconds
+    /// Longest time between two listings of the store by the coordinator, in seconds
     #[arg(long, value_name = "S", default_value_t = 600.0, value_parser = parse_seconds)]
     pub reconcile_s: f64,
 
-    /// Kill a worker at a second (0@3.1), or a share of them at times spread over the bound (5%); repeatable
+    /// Kill a worker at a second (0@3.1), or a share of all workers at times spread over the bound (5%); repeatable
     #[arg(long, value_name = "W@S|N%", value_parser = parse_kill)]
     pub kill: Vec<Kill>,
-    /// Make a worker, or a share of them, so many times slower (1x4, 10%x4); repeatable
+    /// Slow a worker (1x4: four times slower) or a share of all workers (10%x4) down; repeatable
     #[arg(long, value_name = "WxF|N%xF", value_parser = parse_slow)]
     pub slow: Vec<Slow>,
-    /// Stop a worker at a second for so many seconds, as SIGSTOP and SIGCONT do (2@5+60), or a share of them (1%+60); repeatable
+    /// Stop a worker as SIGSTOP and SIGCONT do (2@5+60: at second 5 for 60 seconds), or a share of them (1%+60); repeatable
     #[arg(long, value_name = "W@S+S|N%+S", value_parser = parse_stop)]
     pub stop: Vec<Stop>,
-    /// The queue forgets everything at that second; repeatable
+    /// Second at which the queue forgets everything; repeatable
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
     pub wipe: Vec<f64>,
-    /// The queue's server is away from a second on for so many seconds (20+60); repeatable
+    /// Take the queue's server away (20+60: from second 20 for 60 seconds); repeatable
     #[arg(long, value_name = "S+S", value_parser = parse_away)]
     pub away: Vec<(f64, f64)>,
 }
@@ -299,8 +299,7 @@ fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
 
 /// A worker's number, or a share of all.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Which {
-    /// The number.
+enum Which {
     One(u32),
     /// 0..=1.
     Share(f64),
@@ -309,30 +308,23 @@ pub enum Which {
 /// `--kill`; a share has its times drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kill {
-    /// Whom.
-    pub which: Which,
-    /// When.
-    pub at_s: Option<f64>,
+    which: Which,
+    at_s: Option<f64>,
 }
 
 /// `--slow`
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Slow {
-    /// Whom.
-    pub which: Which,
-    /// How much.
-    pub times: f64,
+    which: Which,
+    times: f64,
 }
 
 /// `--stop`; a share has its times drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
-    /// Whom.
-    pub which: Which,
-    /// When.
-    pub at_s: Option<f64>,
-    /// For how long.
-    pub for_s: f64,
+    which: Which,
+    at_s: Option<f64>,
+    for_s: f64,
 }
 
 fn parse_seconds(text: &str) -> Result<f64, String> {
