@@ -48,7 +48,7 @@ pub fn makespan(setup: &Setup, case: &Case, passes: u32) -> Result<Makespan, Far
         runs.push(MakespanRun::new(what, case, bound_s(case)?, passes));
     }
     Ok(Makespan::new(
-        place.measured("makespan"),
+        place.conditions("makespan"),
         &plain,
         runs,
         tuples_equal,

@@ -1,7 +1,7 @@
 //! The figures of [`makespan`](super::makespan()).
 
 use super::median::median;
-use super::setup::Measured;
+use super::setup::Conditions;
 use crate::bench::align;
 use crate::farm::sim::{Case, Fault, simulate};
 use serde::Serialize;
@@ -11,7 +11,7 @@ use std::fmt;
 #[derive(Clone, Debug, Serialize)]
 pub struct Makespan {
     #[serde(flatten)]
-    how: Measured,
+    how: Conditions,
     workers: u32,
     scenes: u32,
     shards: u32,
@@ -127,7 +127,7 @@ impl MakespanRun {
 
 impl Makespan {
     pub(super) fn new(
-        how: Measured,
+        how: Conditions,
         case: &Case,
         runs: Vec<MakespanRun>,
         tuples_equal: bool,

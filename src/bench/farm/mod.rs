@@ -32,5 +32,5 @@ pub use overhead::overhead;
 pub use overhead_report::{Overhead, OverheadRun};
 pub use process::{SCENE_LOADED, WORK_BEGINS};
 pub use resume::{Resume, Times, resume};
-pub use setup::{Measured, Setup, Watcher};
+pub use setup::{Conditions, Setup, Watcher};
 pub use simulation::{FaultCounts, Simulation, simulate};

@@ -78,7 +78,7 @@ pub fn overhead(
     let real_shards = measure(&place, &real, has_queue)?;
     watcher.part_is_done();
     Ok(Overhead {
-        how: place.measured("overhead"),
+        how: place.conditions("overhead"),
         runs,
         real_shards,
     })

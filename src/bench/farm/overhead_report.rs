@@ -1,7 +1,7 @@
 //! The figures of [`overhead`](super::overhead()).
 
 use super::overhead::{ASLEEP_S, REAL};
-use super::setup::Measured;
+use super::setup::Conditions;
 use crate::bench::align;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -12,7 +12,7 @@ use std::fmt;
 pub struct Overhead {
     /// How it was measured.
     #[serde(flatten)]
-    pub how: Measured,
+    pub how: Conditions,
     /// Runs with shards that cost nothing, or sleep.
     pub runs: Vec<OverheadRun>,
     /// The run with real shards.
@@ -193,7 +193,7 @@ mod tests {
         assert!((run.overhead_wall_us_per_shard - 3e4).abs() < 1e-6);
         assert!((run.overhead_cpu_share - 1.0 / 3.5).abs() < 1e-12);
         let overhead = Overhead {
-            how: Measured::new("overhead", "none", None),
+            how: Conditions::new("overhead", "none", None),
             runs: vec![run.clone()],
             real_shards: run,
         };

@@ -4,7 +4,7 @@ use super::error::FarmBenchError;
 use super::process::Process;
 use super::recipe::Recipe;
 use super::server::Server;
-use super::setup::{Measured, Setup, Watcher};
+use super::setup::{Conditions, Setup, Watcher};
 use crate::farm::{PlanOptions, Run, plan};
 use crate::manifest::Roots;
 use crate::store::Inputs;
@@ -50,13 +50,13 @@ impl<'a> Place<'a> {
     }
 
     /// How a result was measured.
-    pub(super) fn measured(&self, mode: &'static str) -> Measured {
+    pub(super) fn conditions(&self, mode: &'static str) -> Conditions {
         let queue = match (&self.server, &self.url) {
             (Some(_), _) => "a nats-server started for this",
             (None, Some(_)) => "the given server",
             (None, None) => NO_QUEUE,
         };
-        Measured::new(mode, queue, self.setup.cpu.clone())
+        Conditions::new(mode, queue, self.setup.cpu.clone())
     }
 
     /// The queue's address; an error without one.

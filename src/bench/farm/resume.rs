@@ -5,7 +5,7 @@ use super::half_done::{HalfDone, half_done};
 use super::median::median;
 use super::place::Place;
 use super::recipe::Recipe;
-use super::setup::{Measured, Setup};
+use super::setup::{Conditions, Setup};
 use crate::bench::align;
 use crate::farm::Run;
 use crate::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper};
@@ -24,7 +24,7 @@ const POLL: Duration = Duration::from_millis(20);
 #[derive(Clone, Debug, Serialize)]
 pub struct Resume {
     #[serde(flatten)]
-    how: Measured,
+    how: Conditions,
     scenes: u32,
     shards: u64,
     tuples_there: u64,
@@ -92,7 +92,7 @@ pub fn resume(
     let [status_s, work_s, coordinate_s, work_queue_s] = times.map(Times::new);
     let on_queue = |times: Times| place.url.is_some().then_some(times);
     Ok(Resume {
-        how: place.measured("resume"),
+        how: place.conditions("resume"),
         scenes,
         shards: u64::from(scenes) * u64::from(shards),
         tuples_there: there.tuples,

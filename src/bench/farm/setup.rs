@@ -31,14 +31,14 @@ pub struct Setup<'a> {
 
 /// How the figures beside it were measured.
 #[derive(Clone, Debug, Serialize)]
-pub struct Measured {
+pub struct Conditions {
     measured: bool,
     mode: &'static str,
     queue: &'static str,
     cpu: Option<String>,
 }
 
-impl Measured {
+impl Conditions {
     pub(super) fn new(mode: &'static str, queue: &'static str, cpu: Option<String>) -> Self {
         Self {
             measured: true,
@@ -54,7 +54,7 @@ impl Measured {
     }
 }
 
-impl fmt::Display for Measured {
+impl fmt::Display for Conditions {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.queue)?;
         self.cpu.iter().try_for_each(|cpu| write!(f, " on {cpu}"))
