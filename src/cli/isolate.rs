@@ -4,10 +4,11 @@
 //! with `hung` when it finds out that it makes no progress, and at last its outcome as JSON.
 
 use super::args::{CacheArgs, Only, QueueArgs};
-use crate::farm::{EndKind, Ending, Fault, Isolate, IsolatedEnd, Span};
-use crate::ids::SceneId;
+use crate::farm::{Fault, Isolate, IsolatedEnd};
 use crate::pipe::lines;
+use crate::run::{EndKind, Ending, Span};
 use crossbeam::channel::{Receiver, RecvTimeoutError};
+use render::ids::SceneId;
 use serde_json::Value;
 use std::collections::VecDeque;
 use std::os::unix::process::ExitStatusExt;

@@ -7,10 +7,10 @@ use super::plan_cmd::{self, plan_with, run_folder};
 use super::report_cmd;
 use super::store_env;
 use super::work_cmd::{How, outcome_json, summary, work_on};
-use crate::farm::Run;
-use crate::manifest::Roots;
 use crate::report::write_report;
+use crate::run::Run;
 use crate::store::Store;
+use render::line::Roots;
 use serde_json::json;
 
 pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {

@@ -1,15 +1,15 @@
 //! What a recipe or a manifest says: scenes, where their files are, and what can be left out of it.
 
-use super::look::{Looked, RejectedScene, Surroundings, draw_all};
-use super::plan::{PlanError, PlanOptions, Tell};
-use super::run_dir::RunDir;
-use super::sample_bytes::SampleBytes;
-use crate::manifest::{
-    Index, LIST_NAME, Layout, PlacesFolders, Recipe, RecipeError, Roots, SceneLine, Source,
-    SourceImage, expand_counted, from_paths, index_list, index_paths, index_places, index_source,
-    is_url, parse_jsonl,
+use crate::run::plan::{PlanError, PlanOptions, Tell};
+use crate::run::run_dir::RunDir;
+use plan::draw_scenes::{Looked, RejectedScene, Surroundings, draw_all};
+use plan::sample_bytes::SampleBytes;
+use plan::{
+    Index, LIST_NAME, Layout, PlacesFolders, Recipe, RecipeError, Source, SourceImage,
+    expand_counted, from_paths, index_list, index_paths, index_places, index_source,
 };
-use crate::sample::{self, SamplePhotograph};
+use procedural::{self, SamplePhotograph};
+use render::line::{Roots, SceneLine, is_url, parse_jsonl};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 

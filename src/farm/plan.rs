@@ -1,19 +1,18 @@
 //! `plan`: a recipe or a `.jsonl` becomes `RUN/manifest.jsonl` and `RUN/spec.json`, frozen.
 
-use super::check::{Checker, InvalidInput, invalid_text};
-use super::content::{self, Content, Made};
-use super::look::{RejectedScene, rejected_lines};
-use super::make::make_photographs;
-use super::run_dir::{Run, RunDir, RunError};
-use crate::atomic_file::{self, WriteError};
-use crate::ids::SceneId;
-use crate::manifest::{
-    IndexError, ManifestError, RecipeError, RootError, Roots, SceneLine, to_jsonl,
-};
-use crate::sample::SampleError;
-use crate::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
+use crate::run::run_dir::{Run, RunDir, RunError};
 use crate::store::{Inputs, StoreError};
-use crate::trace::{Isa, TRACER_VERSION};
+use plan::check::{Checker, InvalidInput, invalid_text};
+use plan::content::{self, Content, Made};
+use plan::draw_scenes::{RejectedScene, rejected_lines};
+use plan::make::make_photographs;
+use plan::{IndexError, RecipeError};
+use procedural::SampleError;
+use render::atomic_file::{self, WriteError};
+use render::ids::SceneId;
+use render::line::{ManifestError, RootError, Roots, SceneLine, to_jsonl};
+use render::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
+use render::trace::{Isa, TRACER_VERSION};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 

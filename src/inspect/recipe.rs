@@ -3,7 +3,7 @@
 use super::facts::{Inspection, Problem, many};
 use super::kind::Kind;
 use super::look::Input;
-use crate::manifest::{DepthRanges, Recipe};
+use plan::{DepthRanges, Recipe};
 use serde_json::json;
 
 /// What to do about a mistake.

@@ -1,7 +1,7 @@
 //! What a layer of a hard case shows, and the formulas on paper that a number cannot stand for.
 
-use glasshouse::manifest::SceneLine;
-use glasshouse::trace::FilmPlane;
+use render::line::SceneLine;
+use render::trace::FilmPlane;
 
 /// Steps a side over which a formula is averaged in a pixel.
 const STEPS: u32 = 8;

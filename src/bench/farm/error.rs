@@ -1,9 +1,9 @@
 //! Why a farm could not be measured.
 
-use crate::atomic_file::WriteError;
 use crate::bench::BenchError;
 use crate::farm::queue::QueueError;
-use crate::farm::{PlanError, RunError};
+use crate::run::{PlanError, RunError};
+use render::atomic_file::WriteError;
 use std::path::PathBuf;
 
 /// Why a farm could not be measured or simulated.

@@ -5,9 +5,9 @@ use super::process::Process;
 use super::recipe::Recipe;
 use super::server::Server;
 use super::setup::{Conditions, Setup, Watcher};
-use crate::farm::{PlanOptions, Run, plan};
-use crate::manifest::Roots;
+use crate::run::{PlanOptions, Run, plan};
 use crate::store::Inputs;
+use render::line::Roots;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::atomic::Ordering;
@@ -83,7 +83,7 @@ impl<'a> Place<'a> {
     /// Plans a run.
     pub(super) fn plan(&self, recipe: &Recipe) -> Result<PathBuf, FarmBenchError> {
         let path = self.folder.path().join(format!("{}.toml", recipe.name));
-        crate::atomic_file::write_relaxed(&path, recipe.text().as_bytes())?;
+        render::atomic_file::write_relaxed(&path, recipe.text().as_bytes())?;
         let run = self.folder.path().join(&recipe.name);
         let options = PlanOptions {
             roots: &Roots::default(),
@@ -135,7 +135,7 @@ pub(super) fn tuples(run: &Path) -> Result<(SystemTime, String), FarmBenchError>
     let mut digest = blake3::Hasher::new();
     for line in &open.lines {
         let folder = open.dir.tuple(&line.id);
-        for name in crate::merge::tuple_files(line) {
+        for name in render::merge::tuple_files(line) {
             let path = folder.join(name);
             let bytes = std::fs::read(&path);
             let bytes = bytes.map_err(|source| FarmBenchError::Read { path, source })?;

@@ -7,10 +7,10 @@ use super::place::Place;
 use super::recipe::Recipe;
 use super::setup::{Conditions, Setup};
 use crate::bench::align;
-use crate::farm::Run;
 use crate::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper};
-use crate::manifest::Roots;
-use crate::trace::Isa;
+use crate::run::Run;
+use render::line::Roots;
+use render::trace::Isa;
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;
@@ -173,7 +173,7 @@ fn measure_on_queue(
     worker.kill();
     coordinator.terminate()?;
     // The worker was killed: without its record the next one does not suspect the scene.
-    let _ = std::fs::remove_dir_all(folder.join(crate::farm::keys::ATTEMPTS));
+    let _ = std::fs::remove_dir_all(folder.join(crate::run::keys::ATTEMPTS));
     queue.remove()?;
     Ok(())
 }
