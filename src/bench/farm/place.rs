@@ -5,7 +5,7 @@ use super::process::Process;
 use super::recipe::Recipe;
 use super::server::Server;
 use super::setup::{Conditions, Setup, Watcher};
-use crate::run::{PlanOptions, Run, plan};
+use crate::run::{PlanOptions, Run, plan_run};
 use crate::store::Inputs;
 use render::line::Roots;
 use std::path::{Path, PathBuf};
@@ -93,7 +93,7 @@ impl<'a> Place<'a> {
             skip_invalid: false,
             threads: 2,
         };
-        plan(&path, &run, &options, &|_, _, _| {})?;
+        plan_run(&path, &run, &options, &|_, _, _| {})?;
         Ok(run)
     }
 
