@@ -33,6 +33,7 @@ pub mod bench;
 pub mod doctor;
 mod html;
 pub mod inspect;
+mod pipe;
 mod plot;
 pub mod report;
 pub mod serve;

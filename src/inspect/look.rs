@@ -68,7 +68,7 @@ fn read(kind: Kind, input: &Input) -> Inspection {
         Kind::TupleRecord => tuple::read_record(input),
         Kind::Spec => spec::read(input),
         Kind::Manifest | Kind::Scene => manifest::read(kind, input),
-        Kind::Recipe | Kind::HardCases | Kind::DepthRanges => recipe::read(kind, input),
+        Kind::Recipe | Kind::DepthRanges => recipe::read(kind, input),
         Kind::PhotographList | Kind::Rejected | Kind::Listing => listing::read(kind, input),
         Kind::Metrics | Kind::EvaluationRows | Kind::EvaluationTable => table::read(kind, input),
         Kind::CheckpointState => checkpoint::read_state(input),

@@ -1,9 +1,8 @@
-//! Recipes, hard cases and tables of depth ranges: what is written by hand, in TOML.
+//! Recipes and tables of depth ranges: what is written by hand, in TOML.
 
 use super::facts::{Inspection, Problem, many};
 use super::kind::Kind;
 use super::look::Input;
-use plan::cases::CaseFile;
 use plan::{DepthRanges, Recipe};
 use serde_json::json;
 
@@ -16,7 +15,6 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
         return found;
     };
     let read = match kind {
-        Kind::HardCases => cases(&mut found, text),
         Kind::DepthRanges => ranges(&mut found, text),
         _ => recipe(&mut found, text),
     };
@@ -65,20 +63,6 @@ fn recipe(found: &mut Inspection, text: &str) -> Result<(), String> {
     found
         .next
         .push("`glasshouse plan RECIPE -n` says what a run of it takes".to_owned());
-    Ok(())
-}
-
-fn cases(found: &mut Inspection, text: &str) -> Result<(), String> {
-    let file = CaseFile::parse(text).map_err(|e| e.to_string())?;
-    found
-        .facts
-        .fact("name", file.name.as_str(), file.name.as_str());
-    found
-        .facts
-        .fact("cases", file.cases.len().to_string(), file.cases.len());
-    found.next.push(
-        "`glasshouse run FILE` renders them and holds them against what is expected".to_owned(),
-    );
     Ok(())
 }
 

@@ -248,13 +248,13 @@ fn of_a_farm(files: &mut Files) {
 
 fn of_inputs(files: &mut Files) {
     let repository = Path::new(env!("CARGO_MANIFEST_DIR"));
-    for name in ["hard-cases.toml", "depth-ranges.toml"] {
+    for name in ["hard-cases.jsonl", "depth-ranges.toml"] {
         files.put(
             name,
             std::fs::read(repository.join("manifests").join(name)).unwrap(),
         );
     }
-    files.is("hard-cases.toml", "hard_cases", None, &["cases"]);
+    files.is("hard-cases.jsonl", "manifest", None, &["33"]);
     files.is("depth-ranges.toml", "depth_ranges", None, &["34"]);
     let folder = files.folder.path().join("inputs");
     std::fs::create_dir(&folder).unwrap();
