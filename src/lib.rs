@@ -23,7 +23,6 @@ pub mod doctor;
 pub mod evaluate;
 pub mod export;
 pub mod farm;
-mod html;
 pub mod ids;
 pub mod inspect;
 pub mod manifest;
@@ -37,6 +36,7 @@ pub mod scene;
 pub mod serve;
 pub mod shard;
 pub mod store;
+mod text;
 pub mod trace;
 #[cfg(feature = "train")]
 pub mod train;

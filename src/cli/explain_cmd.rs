@@ -8,7 +8,7 @@ use super::status_text::attempt;
 use super::target;
 use crate::farm::{Explanation, SceneState, explain};
 use crate::manifest::Roots;
-use crate::serve::text::grouped;
+use crate::text::grouped;
 use serde_json::json;
 use std::fmt::Write;
 

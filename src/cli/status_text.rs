@@ -1,9 +1,9 @@
 //! A run's state for people.
 
+use crate::farm::FarmState;
 use crate::farm::queue::QueueState;
 use crate::farm::{EndKind, Overview, StandingAttempt};
-use crate::serve::FarmState;
-use crate::serve::text::{duration, grouped, percent, rate};
+use crate::text::{duration, grouped, percent, rate};
 use std::fmt::Write;
 
 /// Characters of the bar.

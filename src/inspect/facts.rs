@@ -138,7 +138,7 @@ impl Inspection {
 /// `1 scene`, `2,000 scenes`
 pub(super) fn many(count: u64, what: &str) -> String {
     let plural = if count == 1 { "" } else { "s" };
-    format!("{} {what}{plural}", crate::serve::text::grouped(count))
+    format!("{} {what}{plural}", crate::text::grouped(count))
 }
 
 /// The first names of a list, and how many more there are.

@@ -80,7 +80,7 @@ fn say(found: &mut Inspection, header: &PartialHeader, name: &str) {
     let text = format!(
         "{}, {} of them off the photographs",
         many(paths, "path"),
-        crate::serve::text::grouped(misses)
+        crate::text::grouped(misses)
     );
     found.facts.say("paths", text);
     found.facts.put("paths", json!(header.paths));

@@ -90,7 +90,7 @@ fn mesh(found: &mut Inspection, file: &NamedBytes) -> Result<&'static str, Scene
     let counts = ply_counts(file)?;
     let text: Vec<String> = counts
         .iter()
-        .map(|(name, count)| format!("{} {name}", crate::serve::text::grouped(*count)))
+        .map(|(name, count)| format!("{} {name}", crate::text::grouped(*count)))
         .collect();
     found.facts.say("elements", text.join(", "));
     for (name, count) in &counts {

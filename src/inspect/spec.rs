@@ -20,7 +20,7 @@ pub(super) fn read(input: &Input) -> Inspection {
     facts.fact("name", spec.name.as_str(), spec.name.as_str());
     facts.fact(
         "scenes",
-        crate::serve::text::grouped(spec.scenes.into()),
+        crate::text::grouped(spec.scenes.into()),
         spec.scenes,
     );
     facts.fact(

@@ -98,9 +98,7 @@ fn metrics(found: &mut Inspection, text: &str) {
             json!({ "psnr_db": psnr, "step": step }),
         );
     }
-    found
-        .facts
-        .say("time", crate::serve::text::duration(seconds));
+    found.facts.say("time", crate::text::duration(seconds));
     found.facts.put("wall_s", seconds);
 }
 

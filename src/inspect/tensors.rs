@@ -48,10 +48,10 @@ pub(super) fn say_state(found: &mut Inspection, state: &CheckpointState) {
         crate::train::Stage::Separation => ("separation", "SP-net and BT-net"),
     };
     facts.fact("stage", format!("{stage}: {networks}"), stage);
-    facts.fact("step", crate::serve::text::grouped(state.step), state.step);
+    facts.fact("step", crate::text::grouped(state.step), state.step);
     facts.fact(
         "parameters",
-        crate::serve::text::grouped(state.parameters as u64),
+        crate::text::grouped(state.parameters as u64),
         state.parameters,
     );
     let psnr = state.validation_psnr_db;
@@ -124,7 +124,7 @@ pub(super) fn read(input: &Input) -> Inspection {
     let text = format!(
         "{}, {} numbers",
         many(list.len() as u64, "tensor"),
-        crate::serve::text::grouped(numbers)
+        crate::text::grouped(numbers)
     );
     found.facts.fact("tensors", text, list.len());
     found.facts.put("numbers", numbers);
@@ -132,7 +132,7 @@ pub(super) fn read(input: &Input) -> Inspection {
         let text = format!(
             "{} tensors, {} numbers",
             group.tensors,
-            crate::serve::text::grouped(group.numbers)
+            crate::text::grouped(group.numbers)
         );
         found.facts.say(*name, text);
         if group.not_finite > 0 {

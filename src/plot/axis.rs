@@ -1,5 +1,7 @@
 //! An axis: from values to positions, and where its ticks are.
 
+use maud::{Markup, html};
+
 /// How values are spread over an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Scale {
@@ -20,12 +22,11 @@ pub(crate) struct Axis {
     pub(crate) ends: [f64; 2],
 }
 
-/// A value that is written beside an axis.
+/// A value written beside an axis.
 pub(crate) struct Tick {
     /// Its position, px.
     pub(crate) at: f64,
-    /// What stands in its `<text>`: characters and `<tspan>`s.
-    pub(crate) label: String,
+    pub(crate) label: Markup,
 }
 
 impl Axis {
@@ -117,7 +118,7 @@ impl Axis {
                 let value = if value.abs() < room { 0.0 } else { value };
                 Tick {
                     at: self.at(value),
-                    label: format!("{value:.digits$}"),
+                    label: html! { (format_args!("{value:.digits$}")) },
                 }
             })
             .collect()
@@ -155,18 +156,17 @@ impl Axis {
 }
 
 /// A digit times a power of 10.
-fn power_label(digit: i32, exponent: i32, is_plain: bool) -> String {
+fn power_label(digit: i32, exponent: i32, is_plain: bool) -> Markup {
     if is_plain {
         let value = f64::from(digit) * libm::pow(10.0, f64::from(exponent));
-        return format!("{value:.*}", (-exponent).max(0) as usize);
+        let digits = (-exponent).max(0) as usize;
+        return html! { (format_args!("{value:.digits$}")) };
     }
-    let factor = if digit == 1 {
-        String::new()
-    } else {
-        format!("{digit}\u{b7}")
-    };
     let power = exponent.to_string().replace('-', "\u{2212}");
-    format!("{factor}10<tspan dy=\"-5\" font-size=\"9\">{power}</tspan>")
+    html! {
+        @if digit != 1 { (digit) "\u{b7}" }
+        "10" tspan dy="-5" font-size="9" { (power) }
+    }
 }
 
 fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
@@ -180,7 +180,10 @@ mod tests {
     use super::*;
 
     fn labels(axis: &Axis) -> Vec<String> {
-        axis.ticks().into_iter().map(|tick| tick.label).collect()
+        axis.ticks()
+            .into_iter()
+            .map(|tick| tick.label.into_string())
+            .collect()
     }
 
     #[test]

@@ -3,6 +3,9 @@
 /// Symbols of the layers, in the order in which everything stores them.
 pub(crate) const LAYER_SYMBOLS: [&str; 4] = ["I", "T", "R~", "R"];
 
+/// The same as the paper prints them: a combining tilde above the R.
+pub(crate) const PAPER_SYMBOLS: [&str; 4] = ["I", "T", "R\u{303}", "R"];
+
 /// Their colours (Okabe and Ito's, which colour-blind eyes tell apart).
 pub(crate) const LAYER_COLOURS: [&str; 4] = ["#0072B2", "#D55E00", "#009E73", "#CC79A7"];
 

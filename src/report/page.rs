@@ -11,10 +11,10 @@ use super::survey::Survey;
 use super::training::training;
 use crate::atomic_file::{self, WriteError};
 use crate::farm::{Run, read_rejected};
-use crate::html::{Html, cut};
 use crate::ids::SceneId;
 use crate::store::{Store, StoreError};
-use std::fmt::Write;
+use crate::text::{cut, printable};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
 use std::path::{Path, PathBuf};
 
 const STYLE: &str = concat!(
@@ -63,9 +63,8 @@ pub fn write_report(run: &Run, store: &Store, path: Option<&Path>) -> Result<Rep
     let mut survey = Survey::of(run, store)?;
     let sheet = sheet(run, store, &survey)?;
     survey.damaged.extend(sheet.damaged);
-    let mut tuples = damaged(&survey.damaged);
-    tuples += &sheet.html;
-    let page = page(run, &survey, &tuples);
+    let tuples = html! { (damaged(&survey.damaged)) (sheet.html) };
+    let page = printable(page(run, &survey, tuples).into_string());
     let path = path.map_or_else(|| run.dir.report().join("index.html"), Path::to_owned);
     if let Some(folder) = path.parent() {
         atomic_file::create_dir(folder)?;
@@ -83,22 +82,19 @@ pub fn write_report(run: &Run, store: &Store, path: Option<&Path>) -> Result<Rep
     })
 }
 
-fn page(run: &Run, survey: &Survey, tuples: &str) -> String {
+fn page(run: &Run, survey: &Survey, tuples: Markup) -> Markup {
     let folder = run.dir.root();
+    let parameters = html! { (parameters(&run.lines)) (rejected(run)) };
     let sections = [
         ("glance", "The run at a glance", glance(run, survey)),
-        ("tuples", "Tuples", tuples.to_owned()),
+        ("tuples", "Tuples", tuples),
         (
             "errors",
             "Stated errors, and what they cost",
             errors(run, survey),
         ),
         ("seconds", "Where the seconds went", seconds_of(survey)),
-        (
-            "parameters",
-            "Parameters",
-            parameters(&run.lines) + &rejected(run),
-        ),
+        ("parameters", "Parameters", parameters),
         (
             "quarantine",
             "Quarantine",
@@ -109,57 +105,61 @@ fn page(run: &Run, survey: &Survey, tuples: &str) -> String {
         ("again", "How to make it again", again(run)),
     ];
     let state = survey.overview.state.name();
-    let name = Html(&run.spec.name);
-    let mut html = format!(
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <title>{name} - Glasshouse</title>\n<style>\n{STYLE}</style></head>\n<body><main>\n\
-         <header><h1>{name}</h1><span class=\"state {state}\">{state}</span></header>\n\
-         <nav aria-label=\"Sections\"><ul>",
-    );
-    for (id, title, _) in &sections {
-        let _ = write!(html, "<li><a href=\"#{id}\">{title}</a></li>");
+    html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta http-equiv="Content-Security-Policy" content=(POLICY);
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { (run.spec.name) " - Glasshouse" }
+                style { (PreEscaped(STYLE)) }
+            }
+            body { main {
+                header { h1 { (run.spec.name) } span.state.(state) { (state) } }
+                nav aria-label="Sections" { ul {
+                    @for (id, title, _) in &sections { li { a href={ "#" (id) } { (title) } } }
+                } }
+                @for (id, title, content) in &sections {
+                    section.card id=(id) aria-labelledby={ (id) "-title" } {
+                        h2 id={ (id) "-title" } { (title) }
+                        (content)
+                    }
+                }
+                footer {
+                    span { "glasshouse " (env!("CARGO_PKG_VERSION")) }
+                    span { "tracer version " (run.spec.tracer_version) }
+                }
+            } }
+        }
     }
-    html += "</ul></nav>\n";
-    for (id, title, content) in sections {
-        let _ = write!(
-            html,
-            "<section class=\"card\" id=\"{id}\" aria-labelledby=\"{id}-title\"><h2 id=\"{id}-title\">{title}</h2>\n\
-             {content}</section>\n"
-        );
-    }
-    let _ = write!(
-        html,
-        "<footer><span>glasshouse {}</span><span>tracer version {}</span></footer>\n</main></body></html>\n",
-        env!("CARGO_PKG_VERSION"),
-        run.spec.tracer_version
-    );
-    html
 }
 
-/// Draws that were not kept; or why nothing is known of them.
-fn rejected(run: &Run) -> String {
+/// Draws that were not kept, or why nothing is known of them.
+fn rejected(run: &Run) -> Markup {
     match read_rejected(&run.dir) {
         Ok(rejected) => rejections(run.lines.len(), &rejected),
-        Err((_, reason)) => format!(
-            "<p class=\"bad\"><code>rejected.jsonl</code> cannot be read: {}</p>\n",
-            Html(&cut(&reason, 500))
-        ),
+        Err((_, reason)) => html! {
+            p.bad { code { "rejected.jsonl" } " cannot be read: " (cut(&reason, 500)) }
+        },
     }
 }
 
 /// Commands that make the same tuples.
-fn again(run: &Run) -> String {
+fn again(run: &Run) -> Markup {
     let scene = run.lines.first().map_or("SCENE", |line| line.id.as_str());
-    format!(
-        "<p>The manifest holds every number of every scene. The same manifest, the same input files and tracer version {} make \
-         the same tuples, bit for bit, on any machine; the manifest is that of the digest above.</p>\n\
-         <pre tabindex=\"0\">glasshouse plan RUN/manifest.jsonl --out AGAIN    # or the recipe it was planned from; --root NAME=DIR for its sources\n\
-         glasshouse work AGAIN\n\
-         glasshouse report AGAIN\n\
-         glasshouse render RUN/tuples/{scene}/tuple.json --out ONE    # one of them\n\
-         glasshouse audit RUN    # some of them, compared bit for bit</pre>\n",
-        run.spec.tracer_version
-    )
+    html! {
+        p {
+            "The manifest holds every number of every scene. The same manifest, the same input files and tracer version "
+            (run.spec.tracer_version)
+            " make the same tuples, bit for bit, on any machine; the manifest is that of the digest above."
+        }
+        pre tabindex="0" {
+            "glasshouse plan RUN/manifest.jsonl --out AGAIN    # or the recipe it was planned from; --root NAME=DIR for its sources\n"
+            "glasshouse work AGAIN\n"
+            "glasshouse report AGAIN\n"
+            "glasshouse render RUN/tuples/" (scene) "/tuple.json --out ONE    # one of them\n"
+            "glasshouse audit RUN    # some of them, compared bit for bit"
+        }
+    }
 }

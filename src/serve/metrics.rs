@@ -1,7 +1,7 @@
 //! `/metrics`: a view in Prometheus' text format, version 0.0.4.
 
-use super::text::Label;
-use super::view::{FarmState, FarmView, WorkerState, WorkerView};
+use super::view::{FarmView, WorkerState, WorkerView};
+use crate::farm::FarmState;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -125,6 +125,12 @@ fn workers(out: &mut Out, workers: &[WorkerView]) {
 
 struct Out(String);
 
+/// The value of a label, without its quotes.
+fn label(text: &str) -> String {
+    let text = text.replace('\\', "\\\\").replace('"', "\\\"");
+    text.replace('\n', "\\n")
+}
+
 impl Out {
     fn family(&mut self, name: &str, kind: &str, help: &str) {
         let _ = writeln!(self.0, "# HELP glasshouse_{name} {help}");
@@ -135,7 +141,7 @@ impl Out {
         let _ = write!(self.0, "glasshouse_{name}");
         for (at, (key, text)) in labels.iter().enumerate() {
             let before = if at == 0 { '{' } else { ',' };
-            let _ = write!(self.0, "{before}{key}=\"{}\"", Label(text));
+            let _ = write!(self.0, "{before}{key}=\"{}\"", label(text));
         }
         if !labels.is_empty() {
             self.0.push('}');
@@ -153,5 +159,15 @@ impl Out {
             self.family(name, "gauge", help);
             self.sample(name, &[], value);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_are_escaped() {
+        assert_eq!(label("a\\b\"c\nd"), "a\\\\b\\\"c\\nd");
     }
 }

@@ -1,8 +1,8 @@
-//! What there is to show of a run, as plain data.
+//! What the status page shows of a run, as plain data.
 //!
-//! Whoever makes a view reads the clocks: ages are seconds by a monotonic clock of the coordinator, so that clocks of
-//! workers that are wrong show nowhere.
+//! Ages are seconds by the coordinator's monotonic clock, so that a worker's wrong clock shows nowhere.
 
+use crate::farm::FarmState;
 use crate::ids::SceneId;
 use serde::Serialize;
 
@@ -49,35 +49,6 @@ pub struct Count {
     pub done: u64,
     /// Done and to do.
     pub total: u64,
-}
-
-/// What a run is doing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum FarmState {
-    /// Spans are handed out.
-    Running,
-    /// Workers finish what they have opened; nothing new is begun until someone resumes.
-    Paused,
-    /// Given up; what is done stays.
-    Cancelled,
-    /// Every scene has a tuple or is in quarantine.
-    Finished,
-}
-
-impl FarmState {
-    /// All states.
-    pub const ALL: [Self; 4] = [Self::Running, Self::Paused, Self::Cancelled, Self::Finished];
-
-    /// Its name in JSON, metrics and on the page.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Running => "running",
-            Self::Paused => "paused",
-            Self::Cancelled => "cancelled",
-            Self::Finished => "finished",
-        }
-    }
 }
 
 /// The queue as the coordinator sees it.
@@ -175,9 +146,6 @@ mod tests {
 
     #[test]
     fn names_are_those_of_the_json() {
-        for state in FarmState::ALL {
-            assert_eq!(serde_json::to_value(state).unwrap(), state.name());
-        }
         for state in WorkerState::ALL {
             assert_eq!(serde_json::to_value(state).unwrap(), state.name());
         }

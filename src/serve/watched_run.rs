@@ -1,15 +1,14 @@
-//! What a coordinator shows of its run to whoever looks over HTTP.
+//! The view of a run, from what its coordinator has seen.
 
-use super::control::{ControlState, set_control};
-use super::keys;
-use super::retry::{RetryScenes, retry};
-use super::run_dir::Run;
-use super::seen::{SeenAttempt, Watch};
-use crate::ids::SceneId;
-use crate::serve::{
-    Action, Count, FARM_SCHEMA, FarmSource, FarmState, FarmView, QuarantinedScene, QueueView,
-    RecentTuple, WorkerState, WorkerView,
+use super::action::Action;
+use super::server::FarmSource;
+use super::view::{
+    Count, FARM_SCHEMA, FarmView, QuarantinedScene, QueueView, RecentTuple, WorkerState, WorkerView,
 };
+use crate::farm::{
+    ControlState, FarmState, RetryScenes, Run, SeenAttempt, Watch, keys, retry, set_control,
+};
+use crate::ids::SceneId;
 use crate::store::Store;
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -35,7 +34,7 @@ pub struct WatchedRun {
 }
 
 impl WatchedRun {
-    /// `watch` is what [`super::coordinate()`] keeps up to date.
+    /// `watch` is what [`crate::farm::coordinate()`] keeps up to date.
     pub fn new(run: &Run, store: &Store, watch: &Arc<Mutex<Watch>>, silent_s: f64) -> Self {
         let names = |line: &crate::manifest::SceneLine| {
             let names = line.film.layers.names();
@@ -133,12 +132,7 @@ impl FarmSource for WatchedRun {
             name: self.name.clone(),
             run: self.id.clone(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            state: match watch.control.state {
-                _ if watch.finished => FarmState::Finished,
-                ControlState::Running => FarmState::Running,
-                ControlState::Paused => FarmState::Paused,
-                ControlState::Cancelled => FarmState::Cancelled,
-            },
+            state: FarmState::new(watch.finished, watch.control.state),
             scenes: Count {
                 done: watch.done,
                 total: watch.scenes,

@@ -1,9 +1,10 @@
 //! A run in memory for the web server to show, and a client that sends bytes over a socket.
 
+use glasshouse::farm::FarmState;
 use glasshouse::ids::SceneId;
 use glasshouse::serve::{
-    Action, Count, FARM_SCHEMA, FarmSource, FarmState, FarmView, QuarantinedScene, QueueView,
-    RecentTuple, Server, WorkerState, WorkerView, serve,
+    Action, Count, FARM_SCHEMA, FarmSource, FarmView, QuarantinedScene, QueueView, RecentTuple,
+    Server, WorkerState, WorkerView, serve,
 };
 use glasshouse::trace::LAYERS;
 use std::collections::BTreeMap;
