@@ -1,9 +1,8 @@
-//! OpenEXR files: partials, tuples, what `render` writes, and input images.
+//! OpenEXR files: the header of any, and images without layers.
 
 use super::facts::{Inspection, Problem};
+use super::input::{AGAIN, Input};
 use super::kind::Kind;
-use super::look::{AGAIN, Input};
-use super::{partial, tuple};
 use crate::merge::{ExrChannels, decode_exr_channels};
 use crate::scene::limits::{MAX_PIXELS, MAX_SIDE};
 use crate::trace::LAYERS;
@@ -39,7 +38,7 @@ impl Head {
     }
 
     /// Whether there are channels `NAME.R`, ... of a layer.
-    fn has_layer(&self, layer: &str) -> bool {
+    pub(super) fn has_layer(&self, layer: &str) -> bool {
         let start = format!("{layer}.");
         self.channels
             .iter()
@@ -92,40 +91,16 @@ pub(super) fn head(bytes: &[u8]) -> Result<Head, String> {
     })
 }
 
-/// Explains an OpenEXR file of any kind.
-pub(super) fn read(input: &Input) -> Inspection {
-    let head = match head(input.bytes) {
-        Ok(head) => head,
-        Err(reason) => {
-            let kind = super::kind::kind_by_name(input.name).unwrap_or(Kind::Exr);
-            let mut found = Inspection::new(kind);
-            found.wrong(Problem::new(
-                format!("its header cannot be read: {reason}"),
-                to_do(kind),
-            ));
-            return found;
-        }
-    };
-    if head.attribute.is_some() {
-        return partial::read(input, &head);
-    }
-    if LAYERS.iter().any(|layer| head.has_layer(layer)) {
-        return tuple::read_exr(input, &head);
-    }
-    plain(input, &head)
-}
-
 /// What to do about a damaged image.
 pub(super) fn to_do(kind: Kind) -> &'static str {
     match kind {
         Kind::Partial => "nothing: `glasshouse work RUN` traces it again",
-        Kind::TupleExr => "`glasshouse retry RUN SCENE --anew`, then `glasshouse work RUN`",
         _ => AGAIN,
     }
 }
 
 /// An image without layers: of `render`, of a reference, or an input.
-fn plain(input: &Input, head: &Head) -> Inspection {
+pub(super) fn read(input: &Input, head: &Head) -> Inspection {
     let mut found = Inspection::new(Kind::Exr);
     say_size(&mut found, head);
     let stem = input.name.strip_suffix(".exr").unwrap_or(input.name);
@@ -218,10 +193,10 @@ pub(super) fn say_values<'a>(
 }
 
 /// Layers by name, each with the values of its channels.
-pub(super) fn say_layers(found: &mut Inspection, channels: &ExrChannels, suffix: &str) -> u64 {
+pub(super) fn say_layers(found: &mut Inspection, channels: &ExrChannels) -> u64 {
     let mut not_finite = 0;
     for layer in LAYERS {
-        let start = format!("{layer}{suffix}.");
+        let start = format!("{layer}.");
         let of = || {
             channels
                 .list

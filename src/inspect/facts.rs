@@ -1,8 +1,13 @@
 //! What a reader found out: lines for a person, values for a program, and what is wrong.
 
 use super::kind::Kind;
+use crate::text::{cut, grouped};
 use serde_json::{Map, Value};
 use std::fmt::Write;
+
+/// Characters of a text, and entries of a list, that are shown.
+const TEXT_SHOWN: usize = 1000;
+const LIST_SHOWN: usize = 8;
 
 /// Something that is wrong with a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -66,6 +71,12 @@ impl Facts {
     pub fn fact(&mut self, key: &str, text: impl Into<String>, value: impl Into<Value>) {
         self.say(key.replace('_', " "), text);
         self.put(key, value);
+    }
+
+    /// Adds a value, and its text for a person.
+    pub fn value(&mut self, key: &str, value: impl Into<Value>) {
+        let value = value.into();
+        self.fact(key, text_of(&value), value);
     }
 
     /// Lines for a person.
@@ -138,7 +149,7 @@ impl Inspection {
 /// `1 scene`, `2,000 scenes`
 pub(super) fn many(count: u64, what: &str) -> String {
     let plural = if count == 1 { "" } else { "s" };
-    format!("{} {what}{plural}", crate::text::grouped(count))
+    format!("{} {what}{plural}", grouped(count))
 }
 
 /// The first names of a list, and how many more there are.
@@ -153,4 +164,24 @@ pub(super) fn first_of<T: AsRef<str>>(names: &[T], shown: usize) -> String {
         let _ = write!(text, " and {} more", names.len() - shown);
     }
     text
+}
+
+/// A value on one line; of what is nested, the keys or the count.
+pub(super) fn text_of(value: &Value) -> String {
+    match value {
+        Value::Null => "none".to_owned(),
+        Value::String(text) => cut(text.trim_end(), TEXT_SHOWN),
+        Value::Number(number) => number.as_u64().map_or_else(|| number.to_string(), grouped),
+        Value::Bool(is) => is.to_string(),
+        Value::Array(all)
+            if all
+                .iter()
+                .any(|value| value.is_array() || value.is_object()) =>
+        {
+            many(all.len() as u64, "entry").replace("entrys", "entries")
+        }
+        Value::Array(all) if all.is_empty() => "none".to_owned(),
+        Value::Array(all) => first_of(&all.iter().map(text_of).collect::<Vec<_>>(), LIST_SHOWN),
+        Value::Object(object) => first_of(&object.keys().collect::<Vec<_>>(), LIST_SHOWN),
+    }
 }

@@ -1,10 +1,11 @@
 //! Manifests and single scenes.
 
-use super::facts::{Inspection, Problem, many};
+use super::digests::hold_file;
+use super::facts::{Inspection, Problem};
+use super::input::Input;
 use super::kind::Kind;
-use super::look::Input;
 use crate::manifest::{ManifestError, SceneLine, Split, parse_jsonl, parse_scene};
-use crate::shard::{Spec, manifest_digest};
+use crate::shard::Spec;
 use serde_json::{Map, json};
 use std::collections::BTreeSet;
 
@@ -35,7 +36,11 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
             );
         }
     }
-    hold(&mut found, input, text);
+    if kind == Kind::Scene {
+        found.may_be_whole("it can be read; a scene file has no digest");
+    } else {
+        hold_file::<Spec>(&mut found, input);
+    }
     found
 }
 
@@ -53,30 +58,6 @@ fn good_lines(text: &str, error: &ManifestError) -> usize {
     before.filter(|line| !line.trim().is_empty()).count()
 }
 
-/// A run's manifest has its digest in the run's spec.
-fn hold(found: &mut Inspection, input: &Input, text: &str) {
-    if found.kind == Kind::Scene {
-        found.may_be_whole("it can be read; a scene file has no digest");
-        return;
-    }
-    let spec = (input.beside)("spec.json").filter(|_| input.name == "manifest.jsonl");
-    match spec.and_then(|bytes| serde_json::from_slice::<Spec>(&bytes).ok()) {
-        None => {
-            found.may_be_whole("every line can be read; no spec.json beside it holds its digest");
-        }
-        Some(spec) if spec.manifest_blake3 == manifest_digest(text) => {
-            found.is_whole("its digest is that of spec.json");
-        }
-        Some(spec) => {
-            let what = format!(
-                "its digest is not that of spec.json beside it, which was made for {}",
-                many(spec.scenes.into(), "scene")
-            );
-            found.wrong(Problem::new(what, "plan again into a new folder; or plan from this file: `glasshouse plan FILE.jsonl`"));
-        }
-    }
-}
-
 fn say(found: &mut Inspection, lines: &[SceneLine]) {
     let facts = &mut found.facts;
     if let [line] = lines {
@@ -85,8 +66,8 @@ fn say(found: &mut Inspection, lines: &[SceneLine]) {
             format!("{}, split {}", line.id, line.split),
             line.id.as_str(),
         );
-        facts.fact("front", line.front.name(), line.front.name());
-        facts.fact("back", line.back.name(), line.back.name());
+        facts.value("front", line.front.name());
+        facts.value("back", line.back.name());
     } else {
         let count = |split| lines.iter().filter(|line| line.split == split).count();
         let (train, test) = (count(Split::Train), count(Split::Test));

@@ -2,10 +2,11 @@
 
 use super::exr::{Head, say_values, to_do};
 use super::facts::{Inspection, Problem, many};
+use super::input::Input;
 use super::kind::Kind;
-use super::look::Input;
 use crate::farm::keys;
 use crate::partial::{PARTIAL_SCHEMA, PartialHeader, decode};
+use crate::text::grouped;
 use crate::trace::{LAYERS, TRACER_VERSION};
 use serde_json::json;
 use std::path::Path;
@@ -45,9 +46,7 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
 
 fn say(found: &mut Inspection, header: &PartialHeader, name: &str) {
     let (tile, [start, end]) = (header.tile, header.samples);
-    found
-        .facts
-        .fact("scene", header.scene.as_str(), header.scene.as_str());
+    found.facts.value("scene", header.scene.as_str());
     let film = format!("of a film of {} x {} px", header.film[0], header.film[1]);
     let last = |start: u32, length: u32| u64::from(start) + u64::from(length.max(1)) - 1;
     let text = format!(
@@ -80,15 +79,13 @@ fn say(found: &mut Inspection, header: &PartialHeader, name: &str) {
     let text = format!(
         "{}, {} of them off the photographs",
         many(paths, "path"),
-        crate::text::grouped(misses)
+        grouped(misses)
     );
     found.facts.say("paths", text);
     found.facts.put("paths", json!(header.paths));
     found.facts.put("misses", json!(header.misses));
     let version = header.tracer_version;
-    found
-        .facts
-        .fact("tracer_version", version.to_string(), version);
+    found.facts.value("tracer_version", version);
     found.facts.put("line_blake3", header.line_blake3.as_str());
     if header.schema != PARTIAL_SCHEMA {
         let what = format!(

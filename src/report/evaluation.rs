@@ -61,9 +61,14 @@ fn columns(evaluation: &Value) -> String {
 
 /// The rows of `evaluation.json`.
 fn scores(evaluation: &Value) -> Markup {
-    let number = |value: &Value, digits: usize| match value.as_f64() {
-        Some(number) => exact(number, &format!("{number:.digits$}")),
-        None => html! { (value.as_str().unwrap_or("?")) },
+    let number = |value: &Value, digits: usize| {
+        html! {
+            @if let Some(number) = value.as_f64() {
+                (exact(number, &format!("{number:.digits$}")))
+            } @else {
+                (value.as_str().unwrap_or("?"))
+            }
+        }
     };
     let rows = html! {
         @for row in evaluation["rows"].as_array().into_iter().flatten() {
