@@ -2,7 +2,7 @@
 
 use super::facts::{Inspection, Problem, first_of, many};
 use super::kind::Kind;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Read};
 
@@ -47,90 +47,77 @@ fn members(stream: impl Read, samples: &mut Samples) -> io::Result<()> {
     Ok(())
 }
 
-/// Members by sample, in the archive's order.
+/// Members by sample.
 #[derive(Default)]
 struct Samples {
     members: u64,
-    keys: Vec<String>,
-    /// Endings by key.
-    endings: BTreeMap<String, BTreeSet<String>>,
-    /// Layers that a sample's record says were made, by key.
-    layers: BTreeMap<String, Vec<String>>,
+    samples: BTreeMap<String, Sample>,
+}
+
+#[derive(Default)]
+struct Sample {
+    endings: BTreeSet<String>,
+    /// Layers that were made, by the sample's record.
+    layers: Option<Vec<String>>,
 }
 
 impl Samples {
-    fn add(&mut self, path: &str, bytes: &[u8]) {
+    fn add(&mut self, path: &str, record: &[u8]) {
         self.members += 1;
-        let start = path.rfind('/').map_or(0, |slash| slash + 1);
-        let dot = path[start..]
-            .find('.')
-            .map_or(path.len(), |dot| start + dot);
-        let (key, ending) = (&path[..dot], path[dot..].trim_start_matches('.'));
-        let endings = self.endings.entry(key.to_owned()).or_default();
-        if endings.is_empty() {
-            self.keys.push(key.to_owned());
-        }
-        endings.insert(ending.to_owned());
-        if ending == "json"
-            && let Ok(record) = serde_json::from_slice::<serde_json::Value>(bytes)
-            && let Some(layers) = record["layers"].as_object()
-        {
-            self.layers
-                .insert(key.to_owned(), layers.keys().cloned().collect());
-        }
-    }
-
-    /// What a sample lacks: pictures of layers that its record names, else what other samples have.
-    fn lacks(&self, key: &str, all: &BTreeSet<&String>) -> Vec<String> {
-        let endings = &self.endings[key];
-        match self.layers.get(key) {
-            Some(layers) => {
-                let is_there =
-                    |layer: &&String| endings.iter().any(|e| e.starts_with(&format!("{layer}.")));
-                layers
-                    .iter()
-                    .filter(|layer| !is_there(layer))
-                    .cloned()
-                    .collect()
-            }
-            None => all
-                .iter()
-                .filter(|e| !endings.contains(**e))
-                .map(|e| (*e).clone())
-                .collect(),
+        let name = path.rfind('/').map_or(0, |slash| slash + 1);
+        let dot = path[name..].find('.').map_or(path.len(), |dot| name + dot);
+        let sample = self.samples.entry(path[..dot].to_owned()).or_default();
+        let ending = path[dot..].trim_start_matches('.');
+        sample.endings.insert(ending.to_owned());
+        if ending == "json" {
+            let record = serde_json::from_slice::<Value>(record).unwrap_or_default();
+            let layers = record["layers"].as_object();
+            sample.layers = layers.map(|layers| layers.keys().cloned().collect());
         }
     }
 
     fn say(&self, found: &mut Inspection) {
-        found
-            .facts
-            .fact("members", many(self.members, "file"), self.members);
-        let all: BTreeSet<&String> = self.endings.values().flatten().collect();
-        let whole = self
-            .keys
-            .iter()
-            .filter(|key| self.lacks(key, &all).is_empty())
-            .count();
-        let text = format!(
-            "{}, {whole} of them complete",
-            many(self.keys.len() as u64, "sample")
-        );
-        found.facts.fact("samples", text, self.keys.len());
-        found.facts.put("complete", whole);
-        found.facts.fact(
-            "keys",
-            first_of(&self.keys, SHOWN),
-            json!(self.keys.iter().take(SHOWN).collect::<Vec<_>>()),
-        );
-        let names: Vec<&String> = all.iter().copied().collect();
-        found
-            .facts
-            .fact("each_has", first_of(&names, 8), json!(names));
-        for key in &self.keys {
-            let lacks = self.lacks(key, &all);
+        let all: BTreeSet<&String> = self.samples.values().flat_map(|s| &s.endings).collect();
+        let mut complete = 0;
+        for (key, sample) in &self.samples {
+            let lacks = sample.lacks(&all);
+            complete += u64::from(lacks.is_empty());
             if !lacks.is_empty() {
                 let problem = Problem::new(format!("it lacks {}", lacks.join(", ")), EXPORT);
                 found.wrong(problem.at(format!("sample {key}")));
+            }
+        }
+        let (facts, count) = (&mut found.facts, self.samples.len());
+        facts.fact("members", many(self.members, "file"), self.members);
+        let text = format!(
+            "{}, {complete} of them complete",
+            many(count as u64, "sample")
+        );
+        facts.fact("samples", text, count);
+        facts.put("complete", complete);
+        let keys: Vec<&String> = self.samples.keys().collect();
+        facts.fact(
+            "keys",
+            first_of(&keys, SHOWN),
+            json!(keys[..count.min(SHOWN)]),
+        );
+        facts.value("each_has", json!(all));
+    }
+}
+
+impl Sample {
+    /// Pictures of layers that its record names and it has not, else what other samples have.
+    fn lacks(&self, all: &BTreeSet<&String>) -> Vec<String> {
+        let has = |layer: &str| {
+            self.endings
+                .iter()
+                .any(|e| e.starts_with(&format!("{layer}.")))
+        };
+        match &self.layers {
+            Some(layers) => layers.iter().filter(|layer| !has(layer)).cloned().collect(),
+            None => {
+                let missing = all.iter().filter(|e| !self.endings.contains(**e));
+                missing.map(|e| (*e).clone()).collect()
             }
         }
     }

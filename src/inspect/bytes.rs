@@ -56,26 +56,7 @@ fn read(kind: Kind, input: &Input) -> Inspection {
             found.may_be_whole("TensorBoard checks every record when it reads the file");
             found
         }
-        Kind::Spec
-        | Kind::Recipe
-        | Kind::HardCases
-        | Kind::DepthRanges
-        | Kind::Quarantine
-        | Kind::Attempt
-        | Kind::Control
-        | Kind::Receipt
-        | Kind::MadeBy
-        | Kind::Finished
-        | Kind::TrainRecipe
-        | Kind::Best
-        | Kind::Croissant
-        | Kind::Output => record::read(kind, input),
-        Kind::Lock
-        | Kind::Run
-        | Kind::TupleFolder
-        | Kind::CheckpointFolder
-        | Kind::StageFolder
-        | Kind::Unknown => Inspection::new(kind),
+        _ => record::read(kind, input),
     }
 }
 

@@ -108,14 +108,8 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
         let text = format!("{stem}, linear radiance, as `glasshouse render` and `bench` write it");
         found.facts.fact("layer", text, stem);
     }
-    let names: Vec<&str> = head
-        .channels
-        .iter()
-        .map(|(name, _)| name.as_str())
-        .collect();
-    found
-        .facts
-        .fact("channels", super::facts::first_of(&names, 12), json!(names));
+    let names: Vec<&String> = head.channels.iter().map(|(name, _)| name).collect();
+    found.facts.value("channels", json!(names));
     match decode_exr_channels(input.bytes) {
         Ok(channels) => {
             for (name, values) in &channels.list {
@@ -145,12 +139,12 @@ pub(super) fn say_size(found: &mut Inspection, head: &Head) {
     found.facts.put("precision", head.precision());
 }
 
-/// Smallest, mean and largest value of what is finite, and how much is not.
+/// Smallest, mean and largest value of what is finite, and how much is not; gives the latter.
 pub(super) fn say_values<'a>(
     found: &mut Inspection,
     name: &str,
     values: impl Iterator<Item = &'a f32>,
-) {
+) -> u64 {
     let (mut least, mut most, mut sum, mut count) = (f32::INFINITY, f32::NEG_INFINITY, 0.0, 0u64);
     let (mut nan, mut infinite) = (0u64, 0u64);
     for value in values {
@@ -164,51 +158,37 @@ pub(super) fn say_values<'a>(
             count += 1;
         }
     }
-    let mut text = if count == 0 {
-        "no finite value".to_owned()
-    } else {
-        format!(
-            "min {least:.5}  mean {:.5}  max {most:.5}",
-            sum / count as f64
-        )
+    let mean = sum / count as f64;
+    let mut text = match count {
+        0 => "no finite value".to_owned(),
+        _ => format!("min {least:.5}  mean {mean:.5}  max {most:.5}"),
     };
     if nan + infinite > 0 {
         let _ = write!(text, "; {nan} NaN, {infinite} infinite");
     }
-    let finite = |value: f64| {
-        if count == 0 {
-            json!(null)
-        } else {
-            json!(value)
-        }
-    };
-    found.facts.put(
-        name,
-        json!({
-            "min": finite(least.into()), "mean": finite(sum / count.max(1) as f64), "max": finite(most.into()),
-            "nan": nan, "infinite": infinite,
-        }),
-    );
+    let finite = |value: f64| (count > 0).then_some(value);
+    let value = json!({
+        "min": finite(least.into()), "mean": finite(mean), "max": finite(most.into()),
+        "nan": nan, "infinite": infinite,
+    });
+    found.facts.put(name, value);
     found.facts.say(name, text);
+    nan + infinite
 }
 
-/// Layers by name, each with the values of its channels.
+/// Layers by name, each with the values of its channels; gives how many are not finite.
 pub(super) fn say_layers(found: &mut Inspection, channels: &ExrChannels) -> u64 {
     let mut not_finite = 0;
     for layer in LAYERS {
-        let start = format!("{layer}.");
-        let of = || {
-            channels
-                .list
-                .iter()
-                .filter(|(name, _)| name.starts_with(&start))
+        let is_of = |name: &str| {
+            name.strip_prefix(layer)
+                .is_some_and(|rest| rest.starts_with('.'))
         };
-        if of().next().is_none() {
-            continue;
+        let of = channels.list.iter().filter(|(name, _)| is_of(name));
+        let mut values = of.flat_map(|(_, values)| values).peekable();
+        if values.peek().is_some() {
+            not_finite += say_values(found, layer, values);
         }
-        let values = || of().flat_map(|(_, values)| values);
-        not_finite += values().filter(|value| !value.is_finite()).count() as u64;
-        say_values(found, layer, values());
     }
     not_finite
 }

@@ -86,57 +86,33 @@ pub(super) fn read_record(input: &Input) -> Inspection {
 fn say(found: &mut Inspection, record: &TupleRecord) {
     let (scene, film) = (&record.scene, &record.scene.film);
     let facts = &mut found.facts;
-    facts.fact(
-        "scene",
-        format!("{}, split {}", scene.id, scene.split),
-        scene.id.as_str(),
-    );
+    let text = format!("{}, split {}", scene.id, scene.split);
+    facts.fact("scene", text, scene.id.as_str());
     facts.put("split", scene.split.to_string());
     let text = format!(
         "{} x {} px, {} samples a pixel",
         film.width, film.height, film.spp
     );
-    facts.fact(
-        "film",
-        text,
-        json!({ "width": film.width, "height": film.height, "spp": film.spp }),
-    );
+    let size = json!({ "width": film.width, "height": film.height, "spp": film.spp });
+    facts.fact("film", text, size);
     facts.value("front", scene.front.name());
     facts.value("back", scene.back.name());
-    for name in LAYERS {
-        let Some(layer) = record.layers.get(name) else {
-            continue;
-        };
-        let error = layer
-            .error_rms
-            .map_or_else(|| "unknown".to_owned(), |e| format!("{e:.1e}"));
+    let made = LAYERS.map(|name| Some((name, record.layers.get(name)?)));
+    for (name, layer) in made.into_iter().flatten() {
+        let error = layer.error_rms;
+        let error = error.map_or_else(|| "unknown".to_owned(), |e| format!("{e:.1e}"));
         let text = format!(
-            "mean {:.5}  max {:.4}  error {error}",
-            layer.mean, layer.max
+            "mean {:.5}  max {:.4}  error {error}  clipped {:.2} %  missed {:.2} %",
+            layer.mean,
+            layer.max,
+            layer.clipped_share * 100.0,
+            layer.miss_share * 100.0
         );
         facts.say(name, text);
     }
-    let shares = |of: fn(&crate::merge::LayerRecord) -> f64| {
-        let made = LAYERS.iter().filter_map(|name| record.layers.get(*name));
-        let shares: Vec<String> = made
-            .map(|layer| format!("{:.2} %", of(layer) * 100.0))
-            .collect();
-        shares.join(", ")
-    };
-    facts.say(
-        "clipped",
-        format!("{} of the values in the PNGs", shares(|l| l.clipped_share)),
-    );
-    facts.say(
-        "missed",
-        format!("{} of the paths", shares(|l| l.miss_share)),
-    );
     facts.put("layers", json!(record.layers));
-    facts.fact(
-        "inputs",
-        many(record.inputs.0.len() as u64, "input file"),
-        json!(record.inputs),
-    );
+    let text = many(record.inputs.0.len() as u64, "input file");
+    facts.fact("inputs", text, json!(record.inputs));
     facts.value("tracer_version", record.tracer_version);
     if record.tracer_version != TRACER_VERSION {
         found.next.push(format!(
@@ -144,7 +120,8 @@ fn say(found: &mut Inspection, record: &TupleRecord) {
             record.tracer_version
         ));
     }
-    found
-        .next
-        .push("`glasshouse render tuple.json --out DIR` makes its images again".to_owned());
+    if found.is_sound() {
+        let next = "`glasshouse render tuple.json --out DIR` makes its images again";
+        found.next.push(next.to_owned());
+    }
 }
