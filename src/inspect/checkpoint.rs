@@ -1,5 +1,5 @@
-//! A checkpoint: its state and its tensors, each held against the other. What only the trainer knows is told where the
-//! program was built with it.
+//! A checkpoint: its state and its tensors, each compared with the other. Tensors are listed only if the
+//! program was built with the trainer.
 
 use super::digests::{CheckpointDigests, Digested, hold_file, hold_record};
 use super::facts::Inspection;

@@ -1,4 +1,4 @@
-//! Files and the records beside them that hold their digests, each held against the other.
+//! Records that hold the digests of files beside them: each is compared with the other.
 
 use super::facts::{Inspection, Problem};
 use super::input::Input;
@@ -23,7 +23,7 @@ pub(super) trait Digested: DeserializeOwned {
     fn compare(&self, name: &str, bytes: &[u8]) -> Result<(), String>;
 }
 
-/// Holds a file against the record beside it.
+/// Compares a file with the record beside it.
 pub(super) fn hold_file<D: Digested>(found: &mut Inspection, input: &Input) {
     let record = (input.beside)(D::NAME).and_then(|bytes| serde_json::from_slice::<D>(&bytes).ok());
     let record = record.filter(|record| record.files().contains(&input.name));
@@ -40,7 +40,7 @@ pub(super) fn hold_file<D: Digested>(found: &mut Inspection, input: &Input) {
     }
 }
 
-/// Holds the files beside a record against it.
+/// Compares the files beside a record with it.
 pub(super) fn hold_record<D: Digested>(found: &mut Inspection, input: &Input, record: &D) {
     let mut compared = Vec::new();
     for name in record.files() {
@@ -100,7 +100,7 @@ impl Digested for Spec {
     }
 }
 
-/// Digests of a checkpoint's `state.json`. The rest of it only the trainer knows.
+/// Digests of a checkpoint's `state.json`. Only the trainer knows the rest of it.
 #[derive(Deserialize)]
 pub(super) struct CheckpointDigests {
     files: BTreeMap<String, String>,

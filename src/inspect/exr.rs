@@ -12,9 +12,9 @@ use serde_json::json;
 use std::fmt::Write;
 use std::io::Cursor;
 
-/// Most channels that are looked at.
+/// Most channels that are read.
 const MAX_CHANNELS: usize = 256;
-/// Deflate makes at most 1,032 bytes of one; more is a lie of the header.
+/// Deflate expands at most 1,032 times; a header that claims more is wrong.
 const MOST_INFLATED: u64 = 1100;
 
 /// What the header of the first layer says.
@@ -46,7 +46,7 @@ impl Head {
     }
 }
 
-/// Reads the header; nothing of a size that it claims is allocated.
+/// Reads the header; allocates nothing by the sizes that it claims.
 pub(super) fn head(bytes: &[u8]) -> Result<Head, String> {
     let meta =
         MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| e.to_string())?;
@@ -139,7 +139,7 @@ pub(super) fn say_size(found: &mut Inspection, head: &Head) {
     found.facts.put("precision", head.precision());
 }
 
-/// Smallest, mean and largest value of what is finite, and how much is not; gives the latter.
+/// Smallest, mean and largest finite value; returns the count of the others.
 pub(super) fn say_values<'a>(
     found: &mut Inspection,
     name: &str,
@@ -176,7 +176,7 @@ pub(super) fn say_values<'a>(
     nan + infinite
 }
 
-/// Layers by name, each with the values of its channels; gives how many are not finite.
+/// Layers by name, each with the values of its channels; returns how many are not finite.
 pub(super) fn say_layers(found: &mut Inspection, channels: &ExrChannels) -> u64 {
     let mut not_finite = 0;
     for layer in LAYERS {

@@ -12,9 +12,9 @@ const LIST_SHOWN: usize = 8;
 /// Something that is wrong with a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
-    /// What.
+    /// A sentence about the damage.
     pub what: String,
-    /// At which line, byte, member, tensor, ... if that is known.
+    /// Line, byte, member or tensor, if known.
     pub place: Option<String>,
     /// What to do about it.
     pub to_do: String,
@@ -43,13 +43,13 @@ impl Problem {
 pub enum Whole {
     /// Yes, and how that is known.
     Yes(String),
-    /// Nothing speaks against it, and why more cannot be said.
+    /// Nothing is wrong, and why more cannot be known.
     Unknown(String),
     /// No: the problems say why.
     No,
 }
 
-/// Facts in the order in which they were said.
+/// Facts in the order in which they were added.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Facts {
     rows: Vec<(String, String)>,
@@ -133,7 +133,7 @@ impl Inspection {
         }
     }
 
-    /// Whether it is whole cannot be told, unless something is wrong.
+    /// Whether it is whole is unknown, unless something is wrong.
     pub fn may_be_whole(&mut self, why: impl Into<String>) {
         if self.problems.is_empty() {
             self.whole = Whole::Unknown(why.into());
@@ -166,7 +166,7 @@ pub(super) fn first_of<T: AsRef<str>>(names: &[T], shown: usize) -> String {
     text
 }
 
-/// A value on one line; of what is nested, the keys or the count.
+/// A value on one line; an object by its keys, a list of objects by its length.
 pub(super) fn text_of(value: &Value) -> String {
     match value {
         Value::Null => "none".to_owned(),

@@ -12,7 +12,7 @@ use std::path::Path;
 /// Longest file that is read as a whole; archives are read as a stream.
 const MAX_WHOLE_BYTES: u64 = 1 << 32;
 
-/// Explains a file. Whatever is wrong, also that it is not there, is a problem of the inspection.
+/// Explains a file. Whatever is wrong, a missing file too, becomes a problem of the inspection.
 pub(super) fn inspect_file(path: &Path) -> Inspection {
     match read(path) {
         Ok(found) => found,
@@ -20,7 +20,7 @@ pub(super) fn inspect_file(path: &Path) -> Inspection {
             let mut found = Inspection::new(Kind::Unknown);
             let to_do = match error.kind() {
                 io::ErrorKind::NotFound => "check the path: it is relative to where you are",
-                io::ErrorKind::PermissionDenied => "check who may read it",
+                io::ErrorKind::PermissionDenied => "check its permissions",
                 _ => "check the disk",
             };
             found.wrong(Problem::new(format!("it cannot be read: {error}"), to_do));

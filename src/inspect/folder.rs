@@ -10,7 +10,7 @@ use crate::trace::LAYERS;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Explains a file or folder. Whatever is wrong, also that it is not there, is a problem of the inspection.
+/// Explains a file or folder. Whatever is wrong, a missing file too, becomes a problem of the inspection.
 pub fn inspect_path(path: &Path) -> Inspection {
     if path.is_dir() {
         read(path)
@@ -45,7 +45,7 @@ fn read(folder: &Path) -> Inspection {
     found
 }
 
-/// A folder that its last file tells about.
+/// A folder that is described by the file written last.
 fn of_file(folder: &Path, name: &str, kind: Kind, to_do: &str) -> Inspection {
     if !folder.join(name).is_file() {
         let mut found = Inspection::new(kind);
@@ -64,7 +64,7 @@ fn tuple(folder: &Path) -> Inspection {
     if found.is_sound() && !folder.join("tuple.exr").is_file() {
         found.wrong(Problem::new("tuple.exr is missing", AGAIN));
     }
-    // A picture that is missing was told by the record.
+    // The record's reader has reported missing pictures.
     let pictures = LAYERS.map(|layer| format!("{layer}.png"));
     for name in pictures.iter().filter(|name| folder.join(name).is_file()) {
         add_problems(&mut found, inspect_file(&folder.join(name)), name);
@@ -192,7 +192,7 @@ fn say_training(found: &mut Inspection, folder: &Path) {
     found.facts.put("training", stages);
 }
 
-/// What the run was told to do, if not to go on.
+/// Whether the run is paused or cancelled.
 fn say_control(found: &mut Inspection, folder: &Path) {
     let resume = format!("`glasshouse resume {}`", folder.display());
     let bytes = std::fs::read(folder.join(keys::CONTROL)).ok();

@@ -1,4 +1,4 @@
-//! Kinds of files, told by the first bytes, or by the name where the bytes tell nothing.
+//! Kinds of files, known by the first bytes, or by the name where the bytes do not decide.
 
 macro_rules! kinds {
     ($($kind:ident $name:literal $words:literal)*) => {

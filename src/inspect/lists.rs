@@ -101,7 +101,7 @@ fn json_lines<T: DeserializeOwned>(found: &mut Inspection, text: &str) -> Vec<T>
     read
 }
 
-/// Rows of as many cells as there are columns. Of a column of numbers its range is told.
+/// Rows with as many cells as there are columns. Columns of numbers are summarised by their ranges.
 fn table<'a>(
     found: &mut Inspection,
     mut lines: impl Iterator<Item = &'a str>,

@@ -71,7 +71,7 @@ fn say(found: &mut Inspection, lines: &[SceneLine]) {
     }
 }
 
-/// Parameters whose ranges are told: names, where they stand in a line, units.
+/// Parameters whose ranges are shown: name, JSON pointer into a line, unit.
 const NUMBERS: &[(&str, &str, &str)] = &[
     ("film.width", "/film/width", "px"),
     ("film.height", "/film/height", "px"),

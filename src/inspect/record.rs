@@ -1,4 +1,4 @@
-//! Small files of one JSON object or TOML table: each is held against its type; its keys and values are a table.
+//! Small files of one JSON object or TOML table: each is checked by its type and shown as a table of keys and values.
 
 use super::digests::{Digested, hold_record};
 use super::facts::{Inspection, Problem, text_of};
@@ -167,7 +167,7 @@ fn summary(kind: Kind, object: Map<String, Value>) -> Map<String, Value> {
         .collect()
 }
 
-/// Keys and values; those of an object inside stand behind its own key.
+/// Keys and values; the keys of a nested object follow its own key.
 fn tell(found: &mut Inspection, object: &Map<String, Value>) {
     let known = schema_of(found.kind).is_some();
     for (key, value) in object

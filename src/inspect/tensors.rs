@@ -10,7 +10,7 @@ use safetensors::{Dtype, SafeTensors};
 use serde_json::json;
 use std::collections::BTreeMap;
 
-/// Holds `state.json` against its type, and its instructions against this machine's.
+/// Checks `state.json` by its type, and compares its instructions with this machine's.
 pub(super) fn check_state(found: &mut Inspection, input: &Input) {
     let state = typed::<CheckpointState>(found, input, CheckpointDigests::TO_DO);
     if let Some((state, _)) = state.filter(|(state, _)| state.code_path != code_path()) {

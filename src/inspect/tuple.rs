@@ -1,4 +1,4 @@
-//! A tuple's `tuple.exr` and `tuple.json`, each held against the other.
+//! A tuple's `tuple.exr` and `tuple.json`, each compared with the other.
 
 use super::digests::{Digested, hold_file, hold_record};
 use super::exr::{self, Head, say_layers, say_size};
@@ -19,7 +19,7 @@ impl Digested for TupleRecord {
         vec!["tuple.exr"]
     }
 
-    /// Its size is held against the file before anything is unpacked.
+    /// The header's size is checked against the file's length before anything is unpacked.
     fn compare(&self, _: &str, bytes: &[u8]) -> Result<(), String> {
         exr::head(bytes)?;
         decode_tuple_exr(bytes, self).map(drop)

@@ -9,7 +9,7 @@ enum Scale {
     Log,
 }
 
-/// Ticks of an axis, about.
+/// Approximate number of ticks.
 const TICKS: f64 = 5.0;
 
 /// An axis of a plot.
@@ -50,7 +50,7 @@ impl Axis {
         }
     }
 
-    /// An even axis that is as long as its values, or somewhat longer where they are all the same.
+    /// A linear axis that is as long as its values, or somewhat longer if they are all equal.
     pub(crate) fn linear(values: impl Iterator<Item = f64>, ends: [f64; 2]) -> Self {
         let (lo, hi) = range(values);
         let values = if lo < hi {
@@ -66,7 +66,7 @@ impl Axis {
         }
     }
 
-    /// Where a value stands.
+    /// A value's position.
     pub(crate) fn at(&self, value: f64) -> f64 {
         let [a, b] = self.ends;
         a + (b - a) * self.place(value)
@@ -81,12 +81,12 @@ impl Axis {
         }
     }
 
-    /// Equal steps are equal factors.
+    /// Whether equal steps are equal factors.
     pub(crate) fn is_log(&self) -> bool {
         self.scale == Scale::Log
     }
 
-    /// Its ticks, from the first end.
+    /// Its ticks, beginning at the first end.
     pub(crate) fn ticks(&self) -> Vec<Tick> {
         match self.scale {
             Scale::Linear => self.linear_ticks(),
@@ -124,8 +124,7 @@ impl Axis {
             .collect()
     }
 
-    /// Every decade, and 2 and 5 where decades are few, all digits where there is hardly one; where they are many, not each
-    /// of them.
+    /// Every decade; with few decades also 2 and 5 of each, with less than one all digits, with many only some decades.
     fn log_ticks(&self) -> Vec<Tick> {
         let [lo, hi] = self.values;
         let (first, last) = (

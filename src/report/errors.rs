@@ -12,13 +12,13 @@ use std::collections::BTreeMap;
 const SIZE: [f64; 2] = [480.0, 270.0];
 const X_ENDS: [f64; 2] = [60.0, 466.0];
 const Y_ENDS: [f64; 2] = [222.0, 46.0];
-/// Where the names of the layers end.
+/// Right end and baseline of the legend.
 const LEGEND: [f64; 2] = [466.0, 16.0];
 /// Steps of a curve, points of a cloud.
 const STEPS: usize = 200;
 const POINTS: usize = 800;
 
-/// CPU seconds of tracing a scene, by its place in the manifest.
+/// CPU seconds of tracing a scene, by its index in the manifest.
 pub(super) type Costs = BTreeMap<usize, f64>;
 
 /// Plots and a table.
@@ -59,9 +59,8 @@ pub(super) fn errors(run: &Run, survey: &Survey) -> Markup {
 
 /// One layer's errors.
 struct Layer {
-    /// Which.
     k: usize,
-    /// Error and the scene's place in the manifest, by error.
+    /// Error and index of the scene in the manifest, sorted.
     sorted: Vec<(f64, usize)>,
     /// Samples a pixel, sorted.
     samples: Vec<f64>,
@@ -88,7 +87,7 @@ impl Layer {
     }
 }
 
-/// Share of the scenes whose stated error is at most so large.
+/// Cumulative distribution of the stated errors.
 fn distribution(layers: &[Layer]) -> Markup {
     let all = layers.iter().flat_map(|layer| &layer.sorted);
     let positive = all.map(|(error, _)| *error).filter(|error| *error > 0.0);

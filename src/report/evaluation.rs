@@ -1,4 +1,4 @@
-//! Scores of trained networks, and what they make of some pictures.
+//! Scores of trained networks, and pictures of their results.
 
 use super::picture::{decode_png_within, img, shrunk};
 use super::text::{evenly, exact, table};
@@ -9,10 +9,10 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-/// Longest side of a grid of pictures, as it is read and as it is shown, px.
+/// Longest side of a grid of pictures when read and when shown, px.
 const MOST_PX: u32 = 16_384;
 const SHOWN_PX: u32 = 1820;
-/// Pictures in the table of single ones.
+/// Pictures in the table of single pictures.
 const PICTURES_SHOWN: usize = 24;
 
 /// Means, single pictures' scores, and a grid of pictures.
@@ -120,7 +120,7 @@ fn single(csv: &str) -> Markup {
         if !methods.contains(&method) {
             methods.push(method.clone());
         }
-        // The methods come one after the other, each with all images.
+        // Rows are sorted by method, each with all images.
         if methods.len() == 1 {
             images.push(image.clone());
         }

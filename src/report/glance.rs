@@ -52,7 +52,7 @@ fn film(lines: &[SceneLine]) -> (String, &'static str) {
     }
 }
 
-/// Samples a pixel that were asked for.
+/// Samples a pixel, as the recipe set them.
 fn samples(lines: &[SceneLine]) -> (String, String) {
     let counts: BTreeSet<u32> = lines.iter().map(|l| l.film.spp).collect();
     let text = |count: Option<&u32>| count.map_or("none".to_owned(), u32::to_string);
@@ -73,7 +73,7 @@ fn samples(lines: &[SceneLine]) -> (String, String) {
     (count, note)
 }
 
-/// What tells this run from others.
+/// What identifies this run.
 fn identity(run: &Run) -> Markup {
     let seeds: BTreeSet<u64> = run.lines.iter().map(|line| line.seed).collect();
     let seeds = match (seeds.first(), seeds.last()) {

@@ -5,7 +5,6 @@ use maud::{Markup, html};
 
 /// Size of the picture, px of its own coordinates.
 const SIZE: [f64; 2] = [300.0, 170.0];
-/// Its area.
 const X_ENDS: [f64; 2] = [34.0, 288.0];
 const Y_ENDS: [f64; 2] = [128.0, 34.0];
 
@@ -22,7 +21,7 @@ pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<Markup
     let mut x = Axis::linear([least, most].into_iter(), X_ENDS);
     if least > 0.0 && most / least > 30.0 {
         let log = Axis::log_between([least, most], X_ENDS);
-        // Where the median stands tells which axis spreads the values better.
+        // The axis with the median nearer to the middle spreads the values better.
         let is_off = |axis: &Axis| (axis.place(median) - 0.5).abs();
         if is_off(&log) < is_off(&x) {
             x = log;
@@ -46,7 +45,7 @@ pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<Markup
     };
     let panel = Panel {
         x,
-        // A count is whole: an axis up to 1 has no ticks between.
+        // Counts are whole: a short axis would have ticks between them.
         y: Axis::linear([0.0, f64::from(highest.max(4))].into_iter(), Y_ENDS),
         x_label: &x_label,
         y_label: "scenes",

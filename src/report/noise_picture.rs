@@ -7,11 +7,11 @@ use maud::{Markup, html};
 
 /// Errors (linear radiance) at the ends of the colours. The same for all scenes and runs, so that pages can be compared.
 pub(super) const ENDS: [f64; 2] = [1e-5, 1e-1];
-/// Steps of the colours: fewer bytes than a smooth scale takes, and no eye tells them apart.
+/// Steps of the colours: they take fewer bytes than a smooth scale, and look the same.
 const LEVELS: f64 = 48.0;
 /// Longest side of a layer's map, px, where there are several.
 const PART_PX: u32 = 128;
-/// Longest side of the only one.
+/// The same of a single map.
 const ONLY_PX: u32 = 256;
 /// Pixels between maps.
 const GAP: u32 = 2;
@@ -52,7 +52,7 @@ pub(super) fn noise_picture(map: &NoiseMap) -> (RgbImage, Vec<&'static str>) {
     (picture, symbols.collect())
 }
 
-/// One layer. Where it is made smaller, a pixel is the RMS of those that it stands for.
+/// One layer. In a smaller picture, a pixel is the RMS of those that it covers.
 fn part(values: &[f32], [width, height]: [u32; 2], most: u32) -> RgbImage {
     let longest = width.max(height).max(1);
     let side = |side: u32| {
@@ -81,14 +81,14 @@ fn part(values: &[f32], [width, height]: [u32; 2], most: u32) -> RgbImage {
     })
 }
 
-/// Of an error.
+/// The colour of an error.
 fn colour(error: f64) -> [u8; 3] {
     let place = libm::log10(error / ENDS[0]) / libm::log10(ENDS[1] / ENDS[0]);
-    // Not a number for an error of 0 it is not: that is minus infinity, the lower end.
+    // The logarithm of 0 is minus infinity, not NaN: the lower end.
     at((place.clamp(0.0, 1.0) * LEVELS).round() / LEVELS)
 }
 
-/// Of a place between the ends, 0 to 1.
+/// The colour at a position between the ends, 0 to 1.
 fn at(place: f64) -> [u8; 3] {
     let scaled = place * (COLOURS.len() - 1) as f64;
     let below = (scaled as usize).min(COLOURS.len() - 2);

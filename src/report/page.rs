@@ -22,7 +22,7 @@ const STYLE: &str = concat!(
     include_str!("report.css")
 );
 
-/// Nothing is fetched and nothing runs, whatever stands in the page.
+/// The page fetches nothing and runs nothing, whatever text it holds.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'";
 
 /// The report cannot be made.
@@ -36,7 +36,7 @@ pub enum ReportError {
     Store(#[from] StoreError),
 }
 
-/// A report that was made.
+/// The result of making a report.
 #[derive(Debug)]
 pub struct Report {
     /// Where it is.
@@ -51,14 +51,14 @@ pub struct Report {
     pub shown: u64,
     /// Of them, those with a noise map.
     pub noise_maps: u64,
-    /// Logs of workers that were added up.
+    /// Logs of workers that were summed.
     pub logs: u64,
-    /// Tuples that are of no use, with the reason.
+    /// Tuples that cannot be used, with the reason.
     pub damaged: Vec<(SceneId, String)>,
 }
 
-/// Writes the page of a run whose objects are in `store`, to `path` or into the run's folder. What is damaged is named on it
-/// and in the answer.
+/// Writes the page of a run whose objects are in `store`, to `path` or into the run's folder. Damaged tuples are named on it
+/// and in the result.
 pub fn write_report(run: &Run, store: &Store, path: Option<&Path>) -> Result<Report, ReportError> {
     let mut survey = Survey::of(run, store)?;
     let sheet = sheet(run, store, &survey)?;

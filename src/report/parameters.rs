@@ -1,4 +1,4 @@
-//! What the scenes of a run were drawn from, as histograms; and what was rejected on the way.
+//! Histograms of the drawn parameters, and the rejected draws.
 
 use super::histogram::histogram;
 use super::text::table;
@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 /// Characters of a reason on the page.
 const REASON_SHOWN: usize = 500;
 
-/// A number of each scene that has it: its name, its unit, how it is found.
+/// Name and unit of a number, and how to get it from a scene that has it.
 type Parameter = (&'static str, &'static str, fn(&SceneLine) -> Option<f64>);
 
 const PARAMETERS: [Parameter; 19] = [

@@ -10,7 +10,7 @@ use std::io::Cursor;
 
 /// Quality of JPEGs.
 pub(super) const QUALITY: u8 = 90;
-/// A JPEG stands for a PNG that is so many times as long.
+/// A JPEG replaces a PNG that is more than so many times as long.
 pub(super) const MUCH_SMALLER: usize = 2;
 
 /// A PNG of exactly this size, px; anything else is an error before its pixels are unpacked.
@@ -60,7 +60,7 @@ pub(super) fn shrunk(picture: RgbImage, most: u32) -> RgbImage {
     imageops::thumbnail(&picture, side(width), side(height))
 }
 
-/// An `<img>`. A PNG, or where that is much smaller a JPEG.
+/// An `<img>`: a PNG, or a JPEG where that is much smaller.
 pub(super) fn img(picture: &RgbImage, alt: &str) -> Result<Markup, String> {
     let png = png(picture)?;
     let mut jpeg = Vec::new();

@@ -1,4 +1,4 @@
-//! Scenes that were set aside, with their reasons.
+//! Scenes in quarantine and damaged tuples, with their reasons.
 
 use super::text::table;
 use crate::farm::Quarantined;

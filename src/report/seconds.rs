@@ -1,4 +1,4 @@
-//! Where the seconds went, as workers wrote it down when they ended.
+//! Seconds by stage and worker, from the logs that workers leave when they end.
 
 use super::stages::{BEFORE, STAGES, Stage, bar};
 use super::survey::Survey;
@@ -64,7 +64,7 @@ fn all_seconds(survey: &Survey) -> Markup {
     }
 }
 
-/// What each stage took in all logs; stages of later versions come last.
+/// Sums over all logs by stage; stages of later versions come last.
 fn stages(logs: &[WorkLog]) -> Vec<Stage> {
     let mut stages: Vec<Stage> = STAGES.iter().map(|known| Stage::known(*known)).collect();
     for log in logs {

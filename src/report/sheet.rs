@@ -17,20 +17,19 @@ use rayon::prelude::*;
 
 /// Tuples on the sheet.
 const SHOWN: usize = 32;
-/// Length of the sheet at most, bytes: of larger pictures there are fewer rows.
+/// Longest sheet, bytes: with larger pictures it has fewer rows.
 const BUDGET: usize = 7 << 20;
-/// How much brighter the reflection is shown a second time.
+/// Factor of the second, brighter picture of the reflection.
 const GAIN: f32 = 8.0;
 /// Longest side of a picture on the page, px; larger ones are scaled down.
 const THUMBNAIL_PX: u32 = 256;
 
-/// What the sheet came to.
+/// A finished sheet.
 pub(super) struct Sheet {
     /// The section's content.
     pub(super) html: Markup,
-    /// Tuples on it.
     pub(super) shown: usize,
-    /// Of them, those with a map of their noise.
+    /// Tuples on it with a noise map.
     pub(super) noise_maps: usize,
     /// Tuples whose pictures cannot be shown, with the reason.
     pub(super) damaged: Vec<(SceneId, String)>,
@@ -48,7 +47,7 @@ enum Lack {
     Damaged(SceneId, String),
 }
 
-/// Reads and draws. What is damaged is left out and named.
+/// Reads and draws. Damaged tuples are left out and named.
 pub(super) fn sheet(run: &Run, store: &Store, survey: &Survey) -> Result<Sheet, StoreError> {
     let drawn = evenly(survey.done.len(), SHOWN);
     let encoder = SrgbEncoder::new();
@@ -192,7 +191,7 @@ fn noise(line: &SceneLine, store: &Store) -> Result<Option<Map>, Lack> {
     Ok(bytes.map(|bytes| draw(&bytes)))
 }
 
-/// What the scene was made with.
+/// Parameters of the scene.
 fn parameters(record: &TupleRecord) -> String {
     let glass = &record.scene.glass;
     let focus = record

@@ -15,13 +15,13 @@ pub(super) const STAGES: [(&str, &str, &str); 8] = [
     ("rest", "#9A9A9A", "queue, leases, the store's own threads"),
 ];
 
-/// What a process took before it began to work: starting, planning, the golden shard. No part of what tuples cost.
+/// The stage before work begins: starting, planning, the golden shard. No part of the cost of tuples.
 pub(super) const BEFORE: &str = "before";
 
-/// Of what this version does not know.
+/// Colour of stages that this version does not know.
 const OTHER: &str = "#555555";
 
-/// What a stage took.
+/// Seconds of a stage.
 pub(super) struct Stage {
     pub(super) name: String,
     pub(super) colour: &'static str,
@@ -41,7 +41,7 @@ impl Stage {
         }
     }
 
-    /// The stage of that name, which is new if it is not there.
+    /// The stage of that name, added if it is missing.
     pub(super) fn named<'a>(stages: &'a mut Vec<Self>, name: &str) -> &'a mut Self {
         let place = stages.iter().position(|stage| stage.name == name);
         let place = place.unwrap_or_else(|| {
@@ -105,7 +105,7 @@ mod tests {
         assert!(svg.contains("width=\"337.50\"") && svg.contains("width=\"112.50\""));
         assert!(svg.contains("trace 75 %") && svg.contains("&lt;new&gt; 25.0 %"));
         assert!(!svg.contains("<new>"));
-        // Of nothing there is a bar without parts.
+        // A bar of nothing has no parts.
         assert!(!bar(&stages[..1], 0.0).into_string().contains("<rect"));
     }
 }

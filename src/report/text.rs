@@ -13,7 +13,7 @@ pub(super) fn error(value: f64) -> Markup {
     exact(value, &format!("{value:.2e}"))
 }
 
-/// Seconds with the digits that matter.
+/// Seconds with about three significant digits.
 pub(super) fn seconds(value: f64) -> Markup {
     let digits = match value {
         v if v < 1.0 => 3,
@@ -48,13 +48,13 @@ pub(super) fn counted(count: u64, what: &str) -> String {
     format!("{} {what}{s}", grouped(count))
 }
 
-/// At most `count` of `all`, evenly drawn: the places of those that are taken.
+/// Indices of at most `count` of `all`, evenly spaced.
 pub(super) fn evenly(all: usize, count: usize) -> Vec<usize> {
     let taken = all.min(count);
     (0..taken).map(|k| k * all / taken).collect()
 }
 
-/// A share of values, 0 to 1, from below: the value there. They are sorted, and there is one.
+/// The quantile at `share`, 0 to 1, of sorted values; NaN if there are none.
 pub(super) fn quantile(sorted: &[f64], share: f64) -> f64 {
     let last = sorted.len().saturating_sub(1);
     let place = (share * last as f64).round() as usize;

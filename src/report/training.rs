@@ -11,7 +11,7 @@ const SIZE: [f64; 2] = [480.0, 230.0];
 const X_ENDS: [f64; 2] = [60.0, 466.0];
 const Y_ENDS: [f64; 2] = [182.0, 30.0];
 
-/// Points of a curve at most; each is a mean.
+/// Most points of a curve; each is a mean.
 const POINTS: usize = 240;
 
 /// A number at a step.
@@ -56,7 +56,7 @@ fn stage(folder: &Path, title: &str, columns: &str) -> Option<Markup> {
     })
 }
 
-/// What stands in a column of `metrics.csv`, by step.
+/// A column of `metrics.csv`, by step.
 fn column(csv: &str, name: &str) -> Vec<Point> {
     let mut lines = csv.lines();
     let head: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
@@ -72,7 +72,7 @@ fn column(csv: &str, name: &str) -> Vec<Point> {
     lines.filter_map(point).collect()
 }
 
-/// A curve as SVG, of means where there are many points.
+/// A curve as SVG; of many points, means are drawn.
 fn curve(name: &str, unit: &str, points: &[Point]) -> Markup {
     let at_once = points.len().div_ceil(POINTS).max(1);
     let means: Vec<Point> = points

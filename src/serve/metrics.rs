@@ -8,7 +8,7 @@ use std::fmt::Write;
 /// The content type that scrapers expect.
 pub(super) const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
 
-/// All metrics of a view. A number that is not known has no sample, rather than one that is wrong.
+/// All metrics of a view. An unknown number has no sample.
 pub(super) fn metrics(view: &FarmView) -> String {
     let mut out = Out(String::new());
     out.family("run_info", "gauge", "The run; always 1.");
@@ -53,7 +53,11 @@ pub(super) fn metrics(view: &FarmView) -> String {
         Some(u8::from(view.queue.connected).into()),
     );
     let waiting = view.queue.spans_waiting.map(|n| n as f64);
-    out.one("queue_spans_waiting", "Spans that nobody holds.", waiting);
+    out.one(
+        "queue_spans_waiting",
+        "Spans that no worker holds.",
+        waiting,
+    );
     let held = view.queue.spans_held.map(|n| n as f64);
     out.one("queue_spans_held", "Spans that a worker holds.", held);
     workers(&mut out, &view.workers);
@@ -72,8 +76,8 @@ fn workers(out: &mut Out, workers: &[WorkerView]) {
         let count = workers.iter().filter(|w| w.state == state).count();
         out.sample("workers", &[("state", state.name())], count as f64);
     }
-    // A series that stands there twice makes a scraper refuse the whole page: of two workers of one name on one host,
-    // the livelier one counts.
+    // A scraper refuses the whole page if a series occurs twice: of two workers of one name on one host, the one with the
+    // latest progress counts.
     let mut named: BTreeMap<[&str; 2], &WorkerView> = BTreeMap::new();
     for worker in workers {
         let place = named.entry([&worker.name, &worker.host]).or_insert(worker);

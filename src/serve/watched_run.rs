@@ -62,7 +62,7 @@ impl WatchedRun {
     }
 }
 
-/// A worker of which nothing is known yet but its name and machine.
+/// A worker, as long as only its name and machine are known.
 fn new_worker(name: &str, host: &str) -> WorkerView {
     WorkerView {
         name: name.to_owned(),
@@ -184,7 +184,7 @@ impl FarmSource for WatchedRun {
     fn act(&self, action: Action) -> Result<(), String> {
         let tell = |state| {
             set_control(&self.store, state, None, false).map_err(|e| e.to_string())?;
-            // The coordinator sees it at its next look, the page that asked at once.
+            // The coordinator sees it at its next poll; the page that asked shows it at once.
             let mut watch = self.watch.lock().expect("no holder of this lock panics");
             watch.control.state = state;
             Ok(())
