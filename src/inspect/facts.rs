@@ -171,8 +171,7 @@ pub(super) fn text_of(value: &Value) -> String {
     match value {
         Value::Null => "none".to_owned(),
         Value::String(text) => cut(text.trim_end(), TEXT_SHOWN),
-        Value::Number(number) => number.as_u64().map_or_else(|| number.to_string(), grouped),
-        Value::Bool(is) => is.to_string(),
+        Value::Number(_) | Value::Bool(_) => value.to_string(),
         Value::Array(all) if all.is_empty() => "none".to_owned(),
         Value::Array(all) if all.iter().any(Value::is_object) => many(all.len() as u64, "object"),
         Value::Array(all) => first_of(&all.iter().map(text_of).collect::<Vec<_>>(), LIST_SHOWN),

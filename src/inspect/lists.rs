@@ -5,6 +5,7 @@ use super::input::{AGAIN, Input};
 use super::kind::Kind;
 use crate::farm::RejectedScene;
 use crate::manifest::parse_list;
+use crate::plot::number;
 use crate::text::csv_cells;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
@@ -124,8 +125,8 @@ fn table<'a>(
             .filter(|(_, cell)| !cell.is_empty())
         {
             *range = range.and_then(|[least, most]| {
-                let number: f64 = cell.parse().ok()?;
-                Some([least.min(number), most.max(number)])
+                let value: f64 = cell.parse().ok()?;
+                Some([least.min(value), most.max(value)])
             });
             if found.kind == Kind::Metrics && !cell.parse().is_ok_and(f64::is_finite) {
                 found.wrong(
@@ -138,9 +139,12 @@ fn table<'a>(
     count(found, "rows", rows);
     for (column, range) in columns.iter().zip(ranges) {
         if let Some([least, most]) = range.filter(|[least, most]| least <= most) {
-            found
-                .facts
-                .say(column.replace('_', " "), format!("{least} to {most}"));
+            let range = if least == most {
+                number(least)
+            } else {
+                format!("{} to {}", number(least), number(most))
+            };
+            found.facts.say(column.replace('_', " "), range);
         }
     }
     say_columns(found, columns);

@@ -9,6 +9,7 @@ use super::record::typed;
 use crate::merge::{TupleRecord, decode_exr_channels, decode_tuple_exr, tuple_files};
 use crate::trace::{LAYERS, TRACER_VERSION};
 use serde_json::json;
+use std::fmt::Write;
 
 impl Digested for TupleRecord {
     const NAME: &'static str = "tuple.json";
@@ -101,13 +102,18 @@ fn say(found: &mut Inspection, record: &TupleRecord) {
     for (name, layer) in made.into_iter().flatten() {
         let error = layer.error_rms;
         let error = error.map_or_else(|| "unknown".to_owned(), |e| format!("{e:.1e}"));
-        let text = format!(
-            "mean {:.5}  max {:.4}  error {error}  clipped {:.2} %  missed {:.2} %",
-            layer.mean,
-            layer.max,
-            layer.clipped_share * 100.0,
-            layer.miss_share * 100.0
+        let mut text = format!(
+            "mean {:.5}  max {:.4}  error {error}",
+            layer.mean, layer.max
         );
+        for (what, share) in [
+            ("clipped", layer.clipped_share),
+            ("missed", layer.miss_share),
+        ] {
+            if share > 0.0 {
+                let _ = write!(text, ", {:.2} % {what}", share * 100.0);
+            }
+        }
         facts.say(name, text);
     }
     facts.put("layers", json!(record.layers));

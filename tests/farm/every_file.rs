@@ -89,7 +89,7 @@ fn of_a_run(files: &mut Files) {
         "runs/smoke/spec.json",
         "spec",
         unknown,
-        &["tile px", "golden", "fits manifest.jsonl"],
+        &["tile px", "golden", "fit manifest.jsonl"],
     );
     files.is(
         "runs/smoke/manifest.jsonl",
