@@ -2,8 +2,8 @@
 
 use super::ladder::{LayerRow, VARIANTS};
 use crate::plot::{Axis, LAYER_COLOURS, LAYER_SYMBOLS, Panel, Stroke};
-use crate::trace::LAYERS;
 use maud::{Markup, html};
+use render::trace::LAYERS;
 
 /// Lines of the variants, in their order: solid, dashed, dotted.
 const DASHES: [&str; 3] = ["", "7 4", "1.5 4"];

@@ -1,8 +1,7 @@
 //! A run's state for people.
 
-use crate::farm::FarmState;
 use crate::farm::queue::QueueState;
-use crate::farm::{EndKind, Overview, StandingAttempt};
+use crate::run::{EndKind, FarmState, Overview, StandingAttempt};
 use crate::text::{duration, grouped, percent, rate};
 use std::fmt::Write;
 

@@ -4,7 +4,7 @@ use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};
 use super::kind::{Kind, kind_by_name, kind_of, schema_of};
 use super::{archive, checkpoint, lists, manifest, partial, picture, record, tuple};
-use crate::trace::LAYERS;
+use render::trace::LAYERS;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Bytes that tell the kind.

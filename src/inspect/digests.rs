@@ -2,7 +2,7 @@
 
 use super::facts::{Inspection, Problem};
 use super::input::Input;
-use crate::shard::{Spec, manifest_digest};
+use render::shard::{Spec, manifest_digest};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;

@@ -3,11 +3,11 @@
 use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};
 use super::kind::Kind;
-use crate::merge::{ExrChannels, decode_exr_channels};
-use crate::scene::limits::{MAX_PIXELS, MAX_SIDE};
-use crate::trace::LAYERS;
 use exr::meta::MetaData;
 use exr::prelude::{AttributeValue, SampleType, Text, Vec2};
+use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
+use render::merge::{ExrChannels, decode_exr_channels};
+use render::trace::LAYERS;
 use serde_json::json;
 use std::fmt::Write;
 use std::io::Cursor;

@@ -4,9 +4,9 @@ use super::digests::{CheckpointDigests, Digested};
 use super::facts::{Inspection, Problem, Whole, many};
 use super::file::inspect_file;
 use super::kind::Kind;
-use crate::farm::{Control, ControlState, Run, RunStatus, keys, run_status};
-use crate::manifest::Roots;
-use crate::trace::LAYERS;
+use crate::run::{Control, ControlState, Run, RunStatus, keys, run_status};
+use render::line::Roots;
+use render::trace::LAYERS;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 

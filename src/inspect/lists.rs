@@ -3,10 +3,10 @@
 use super::facts::{Inspection, Problem, first_of, many};
 use super::input::{AGAIN, Input};
 use super::kind::Kind;
-use crate::farm::RejectedScene;
-use crate::manifest::parse_list;
 use crate::plot::number;
 use crate::text::csv_cells;
+use plan::RejectedScene;
+use plan::parse_list;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 

@@ -3,9 +3,10 @@
 use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};
 use super::kind::Kind;
-use crate::scene::{FileRole, NamedBytes, SceneError, look_at_whole, npy_facts, ply_counts};
 use crate::text::grouped;
-use crate::trace::LAYERS;
+use render::formats::{NamedBytes, SceneError, npy_facts, ply_counts};
+use render::scene::{FileRole, look_at_whole};
+use render::trace::LAYERS;
 use serde_json::json;
 
 pub(super) fn read(kind: Kind, input: &Input) -> Inspection {

@@ -5,10 +5,10 @@ use super::facts::{Inspection, Problem, many};
 use super::input::Input;
 use super::record::typed;
 use crate::text::grouped;
-use crate::train::{CheckpointState, code_path};
-use safetensors::{Dtype, SafeTensors};
 use serde_json::json;
 use std::collections::BTreeMap;
+use train::safetensors::{Dtype, SafeTensors};
+use train::{CheckpointState, code_path};
 
 /// Checks `state.json` by its type, and compares its instructions with this machine's.
 pub(super) fn check_state(found: &mut Inspection, input: &Input) {

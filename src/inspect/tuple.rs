@@ -6,8 +6,8 @@ use super::facts::{Inspection, Problem, many};
 use super::input::Input;
 use super::kind::Kind;
 use super::record::typed;
-use crate::merge::{TupleRecord, decode_exr_channels, decode_tuple_exr, tuple_files};
-use crate::trace::{LAYERS, TRACER_VERSION};
+use render::merge::{TupleRecord, decode_exr_channels, decode_tuple_exr, tuple_files};
+use render::trace::{LAYERS, TRACER_VERSION};
 use serde_json::json;
 use std::fmt::Write;
 

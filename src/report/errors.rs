@@ -2,10 +2,10 @@
 
 use super::survey::{DoneScene, Survey};
 use super::text::{error, evenly, exact, quantile, table};
-use crate::farm::Run;
 use crate::plot::{Axis, LAYER_COLOURS, LAYER_SYMBOLS, Panel, Stroke, legend, number, plot};
-use crate::trace::LAYERS;
+use crate::run::Run;
 use maud::{Markup, html};
+use render::trace::LAYERS;
 use std::collections::BTreeMap;
 
 /// Size of a plot, px of its own coordinates, and its area.

@@ -2,11 +2,11 @@
 
 use super::survey::Survey;
 use super::text::table;
-use crate::farm::Run;
-use crate::manifest::{SceneLine, Split};
 use crate::plot::number;
+use crate::run::Run;
 use crate::text::grouped;
 use maud::{Markup, html};
+use render::line::{SceneLine, Split};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Facts, splits and sources.

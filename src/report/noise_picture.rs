@@ -1,9 +1,9 @@
 //! A noise map as a picture, and what its colours mean.
 
-use crate::merge::NoiseMap;
 use crate::plot::{Axis, PAPER_SYMBOLS, plot};
 use image::{Rgb, RgbImage, imageops};
 use maud::{Markup, html};
+use render::merge::NoiseMap;
 
 /// Errors (linear radiance) at the ends of the colours. The same for all scenes and runs, so that pages can be compared.
 pub(super) const ENDS: [f64; 2] = [1e-5, 1e-1];

@@ -9,12 +9,13 @@ use super::seconds::seconds_of;
 use super::sheet::sheet;
 use super::survey::Survey;
 use super::training::training;
-use crate::atomic_file::{self, WriteError};
-use crate::farm::{Run, read_rejected};
-use crate::ids::SceneId;
+use crate::run::Run;
 use crate::store::{Store, StoreError};
 use crate::text::{cut, printable};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+use plan::read_rejected;
+use render::atomic_file::{self, WriteError};
+use render::ids::SceneId;
 use std::path::{Path, PathBuf};
 
 const STYLE: &str = concat!(
@@ -137,7 +138,7 @@ fn page(run: &Run, survey: &Survey, tuples: Markup) -> Markup {
 
 /// Draws that were not kept, or why nothing is known of them.
 fn rejected(run: &Run) -> Markup {
-    match read_rejected(&run.dir) {
+    match read_rejected(run.dir.rejected()) {
         Ok(rejected) => rejections(run.lines.len(), &rejected),
         Err((_, reason)) => html! {
             p.bad { code { "rejected.jsonl" } " cannot be read: " (cut(&reason, 500)) }

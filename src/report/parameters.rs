@@ -2,10 +2,10 @@
 
 use super::histogram::histogram;
 use super::text::table;
-use crate::farm::RejectedScene;
-use crate::manifest::{Focus, SceneLine};
 use crate::text::cut;
 use maud::{Markup, html};
+use plan::RejectedScene;
+use render::line::{Focus, SceneLine};
 use std::collections::BTreeMap;
 
 /// Characters of a reason on the page.

@@ -1,10 +1,10 @@
 //! Scenes in quarantine and damaged tuples, with their reasons.
 
 use super::text::table;
-use crate::farm::Quarantined;
-use crate::ids::SceneId;
+use crate::run::Quarantined;
 use crate::text::cut;
 use maud::{Markup, html};
+use render::ids::SceneId;
 
 /// Scenes on the page.
 const SHOWN: usize = 200;

@@ -3,7 +3,7 @@
 use super::stages::{BEFORE, STAGES, Stage, bar};
 use super::survey::Survey;
 use super::text::{counted, seconds, table};
-use crate::farm::WorkLog;
+use crate::run::WorkLog;
 use crate::text::{cut, grouped};
 use maud::{Markup, html};
 

@@ -166,7 +166,7 @@ mod tests {
         assert!(page().contains("Nothing was trained"));
         let folder = dir.path().join("train/backtrack");
         fs::create_dir_all(&folder).unwrap();
-        crate::atomic_file::write(&folder.join("metrics.csv"), b"step,total\n1,0.5\n").unwrap();
+        render::atomic_file::write(&folder.join("metrics.csv"), b"step,total\n1,0.5\n").unwrap();
         assert!(page().contains("BT-net alone"));
     }
 }

@@ -1,6 +1,6 @@
 //! Actions on a run over HTTP, and the token that allows them.
 
-use crate::ids::SceneId;
+use render::ids::SceneId;
 
 /// A token has at least this many characters: guesses are not counted, so it must not be guessable.
 pub const MIN_TOKEN_CHARACTERS: usize = 16;

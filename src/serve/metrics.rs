@@ -1,7 +1,7 @@
 //! `/metrics`: a view in Prometheus' text format, version 0.0.4.
 
 use super::view::{FarmView, WorkerState, WorkerView};
-use crate::farm::FarmState;
+use crate::run::FarmState;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 

@@ -4,11 +4,11 @@
 //! replaces what differs. Lists are cut: nobody reads a page of 500 workers.
 
 use super::view::{FarmView, QuarantinedScene, RecentTuple, WorkerState, WorkerView};
-use crate::farm::FarmState;
 use crate::plot::PAPER_SYMBOLS;
+use crate::run::FarmState;
 use crate::text::{cut, duration, grouped, percent, printable, rate};
-use crate::trace::LAYERS;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+use render::trace::LAYERS;
 
 /// Workers on the page, the most urgent first.
 const WORKERS_SHOWN: usize = 100;

@@ -2,8 +2,8 @@
 //!
 //! Ages are seconds by the coordinator's monotonic clock, so that a worker's wrong clock shows nowhere.
 
-use crate::farm::FarmState;
-use crate::ids::SceneId;
+use crate::run::FarmState;
+use render::ids::SceneId;
 use serde::Serialize;
 
 /// The schema name of a view as JSON.
@@ -136,7 +136,7 @@ pub struct RecentTuple {
     pub worker: Option<String>,
     /// The largest share, among its layers, of paths that met nothing or ended on a border's continuation; 0 to 1.
     pub miss_share: Option<f64>,
-    /// Its layers, names of [`crate::trace::LAYERS`].
+    /// Its layers, names of [`render::trace::LAYERS`].
     pub layers: Vec<String>,
 }
 

@@ -5,11 +5,11 @@ use super::server::FarmSource;
 use super::view::{
     Count, FARM_SCHEMA, FarmView, QuarantinedScene, QueueView, RecentTuple, WorkerState, WorkerView,
 };
-use crate::farm::{
+use crate::run::{
     ControlState, FarmState, RetryScenes, Run, SeenAttempt, Watch, keys, retry, set_control,
 };
-use crate::ids::SceneId;
 use crate::store::Store;
+use render::ids::SceneId;
 use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::sync::{Arc, Mutex};
@@ -36,7 +36,7 @@ pub struct WatchedRun {
 impl WatchedRun {
     /// `watch` is what [`crate::farm::coordinate()`] keeps up to date.
     pub fn new(run: &Run, store: &Store, watch: &Arc<Mutex<Watch>>, silent_s: f64) -> Self {
-        let names = |line: &crate::manifest::SceneLine| {
+        let names = |line: &render::line::SceneLine| {
             let names = line.film.layers.names();
             names.map(str::to_owned).collect()
         };

@@ -1,13 +1,14 @@
 //! A worker whose scene others have finished meanwhile.
 
 use crate::many::alone;
-use crate::outputs::files;
-use crate::scenes::place;
+use crate::support::outputs::files;
+use crate::support::scenes::place;
 use glasshouse::farm::queue::{LocalQueue, QueueKeeper, Waiting};
-use glasshouse::farm::{Event, Run, SharedQueue, Span, Stop, WorkOptions, work_shared};
-use glasshouse::manifest::Roots;
+use glasshouse::farm::{SharedQueue, WorkOptions, work_shared};
+use glasshouse::run::{Event, Run, Span, Stop};
 use glasshouse::store::Store;
-use glasshouse::trace::Isa;
+use render::line::Roots;
+use render::trace::Isa;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;

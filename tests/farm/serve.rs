@@ -1,10 +1,10 @@
 //! The coordinator's web server as a client sees it: bytes over a socket.
 
-use crate::markup::strictly;
 use crate::serve_run::{HOSTILE, Run, TOKEN, get, id, png, request, run, send, start, worker};
-use glasshouse::farm::FarmState;
+use crate::support::markup::strictly;
+use glasshouse::run::FarmState;
 use glasshouse::serve::{Action, FarmSource, QuarantinedScene, ServeError, WorkerState, serve};
-use glasshouse::trace::LAYERS;
+use render::trace::LAYERS;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};

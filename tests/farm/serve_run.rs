@@ -1,12 +1,12 @@
 //! A run in memory for the web server to show, and a client that sends bytes over a socket.
 
-use glasshouse::farm::FarmState;
-use glasshouse::ids::SceneId;
+use glasshouse::run::FarmState;
 use glasshouse::serve::{
     Action, Count, FARM_SCHEMA, FarmSource, FarmView, QuarantinedScene, QueueView, RecentTuple,
     Server, WorkerState, WorkerView, serve,
 };
-use glasshouse::trace::LAYERS;
+use render::ids::SceneId;
+use render::trace::LAYERS;
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};

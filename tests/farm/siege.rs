@@ -6,17 +6,17 @@
 //! Whoever ends is started again, as a service manager would do it.
 
 use crate::many::alone;
-use crate::outputs::{assert_same, files, tuples};
-use crate::program::{Ended, command, send, text};
-use crate::s3_server::S3Server;
-use crate::scenes::{Place, place};
-use crate::server::Server;
 use crate::store_farm::fetched;
-use glasshouse::farm::keys::shard_of;
+use crate::support::nats_server::Server;
+use crate::support::outputs::{assert_same, files, tuples};
+use crate::support::program::{Ended, command, send, text};
+use crate::support::s3_server::S3Server;
+use crate::support::scenes::{Place, place};
 use glasshouse::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper, Waiting};
-use glasshouse::farm::{Run, Span};
-use glasshouse::manifest::Roots;
+use glasshouse::run::keys::shard_of;
+use glasshouse::run::{Run, Span};
 use glasshouse::store::Store;
+use render::line::Roots;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Child;

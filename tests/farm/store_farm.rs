@@ -2,11 +2,11 @@
 //! disk, whatever dies.
 
 use crate::many::{alone, end, slow_place, wait_for};
-use crate::outputs::{Content, assert_same, tuples};
-use crate::program::{Ended, command, text};
-use crate::s3_server::S3Server;
-use crate::scenes::{Place, SCENES, SHARDS, partials, place, reference};
-use crate::server::Server;
+use crate::support::nats_server::Server;
+use crate::support::outputs::{Content, assert_same, tuples};
+use crate::support::program::{Ended, command, text};
+use crate::support::s3_server::S3Server;
+use crate::support::scenes::{Place, SCENES, SHARDS, partials, place, reference};
 use glasshouse::store::Store;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -198,7 +198,7 @@ fn partials_in_a_bucket_are_merged_without_a_queue() {
         let lacks = usize::from(scene == SCENES - 1);
         for partial in partials.iter().skip(lacks) {
             let key = format!("partials/{id}/{:06}.exr", partial.header.shard);
-            let bytes = glasshouse::partial::encode(partial).unwrap();
+            let bytes = render::partial::encode(partial).unwrap();
             store.create(&key, &bytes).unwrap();
         }
     }

@@ -1,13 +1,15 @@
 //! Photographs in a bucket: the same scenes and the same pixels as from a folder, each object fetched once.
 
-use crate::moto::Moto;
-use crate::outputs::{assert_same, files, tuples};
-use crate::program::{command, run, text};
-use crate::s3_server::S3Server;
-use glasshouse::farm::{FarmError, Run, WorkOptions, work};
-use glasshouse::manifest::Roots;
+use crate::support::moto::Moto;
+use crate::support::outputs::{assert_same, files, tuples};
+use crate::support::program::{command, run, text};
+use crate::support::s3_server::S3Server;
+use glasshouse::farm::{FarmError, WorkOptions, work};
+use glasshouse::run::AccessError;
+use glasshouse::run::Run;
 use glasshouse::store::{Cache, Inputs, StoreError};
-use glasshouse::trace::Isa;
+use render::line::Roots;
+use render::trace::Isa;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -55,7 +57,7 @@ impl Both {
     }
 
     /// Runs the program, which knows the bucket.
-    fn run(&self, arguments: &[&str]) -> crate::program::Ended {
+    fn run(&self, arguments: &[&str]) -> crate::support::program::Ended {
         let mut command = command(arguments);
         self.bucket.tell(&mut command);
         command.output().unwrap().into()
@@ -124,7 +126,7 @@ fn a_photograph_that_is_gone_costs_its_scenes_and_a_bucket_that_is_away_none() {
     let options = WorkOptions::new(1, Isa::detect(), &never);
     both.bucket.faults.set_away(true);
     match work(&opened, &options, &|_| {}) {
-        Err(FarmError::Store(error)) => assert!(error.is_passing(), "{error}"),
+        Err(FarmError::Access(AccessError::Store(error))) => assert!(error.is_passing(), "{error}"),
         other => panic!("{other:?}"),
     }
     assert!(!run.join("quarantine").exists());

@@ -1,0 +1,512 @@
+//! Small good files of every kind: where the fuzzers start from.
+
+use exr::prelude::{
+    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer,
+    LayerAttributes, LineOrder, Vec2, WritableImage, f16,
+};
+use glasshouse::farm::queue::{Waiting, write_waiting};
+use glasshouse::run::Span;
+use image::ExtendedColorType as Png;
+use image::ImageEncoder;
+use render::formats::{NamedBytes, PhotographFiles};
+use render::ids::SceneId;
+use render::line::{SceneLine, Side, parse_scene, to_jsonl};
+use render::merge::combine;
+use render::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
+use render::scene::{InputDigests, assemble, decode_photograph};
+use render::shard::{Golden, SPEC_SCHEMA, ShardLayout, Spec, scene_digest};
+use render::trace::{Isa, TRACER_VERSION, trace_tile};
+use std::fmt::Write;
+use std::io::Cursor;
+
+/// Reader, file name, bytes.
+type Seed = (&'static str, String, Vec<u8>);
+
+fn png(pixels: &[u8], width: u32, height: u32, kind: Png) -> Vec<u8> {
+    let mut bytes = vec![];
+    image::codecs::png::PngEncoder::new(&mut bytes)
+        .write_image(pixels, width, height, kind)
+        .unwrap();
+    bytes
+}
+
+fn jpeg(pixels: &[u8], width: u32, height: u32) -> Vec<u8> {
+    let mut bytes = vec![];
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 80)
+        .write_image(pixels, width, height, Png::Rgb8)
+        .unwrap();
+    bytes
+}
+
+fn npy(descr: &str, fortran: bool, shape: &str, data: &[u8]) -> Vec<u8> {
+    let order = if fortran { "True" } else { "False" };
+    let header = format!("{{'descr': '{descr}', 'fortran_order': {order}, 'shape': {shape}, }}");
+    let mut bytes = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
+    bytes.extend(format!("{header:117}\n").bytes());
+    bytes.extend(data);
+    bytes
+}
+
+fn exr(names: &[&str], compression: Compression, blocks: Blocks) -> Vec<u8> {
+    let samples = |k: usize| match k % 3 {
+        0 => FlatSamples::F16(vec![f16::from_f32(0.5); 6]),
+        1 => FlatSamples::F32(vec![1.5, 0.1, 0.2, 0.3, 2.0, 1e-3]),
+        _ => FlatSamples::U32(vec![1, 2, 3, 4, 5, 6]),
+    };
+    let channels = names
+        .iter()
+        .enumerate()
+        .map(|(k, name)| AnyChannel::new(*name, samples(k)));
+    let encoding = Encoding {
+        compression,
+        blocks,
+        line_order: LineOrder::Increasing,
+    };
+    let layer = Layer::new(
+        (3, 2),
+        LayerAttributes::named("main"),
+        encoding,
+        AnyChannels::sort(channels.collect()),
+    );
+    let mut bytes = Cursor::new(vec![]);
+    Image::from_layer(layer)
+        .write()
+        .non_parallel()
+        .to_buffered(&mut bytes)
+        .unwrap();
+    bytes.into_inner()
+}
+
+fn images() -> Vec<(String, Vec<u8>)> {
+    let ramp: Vec<u8> = (1..=48).collect();
+    let mut files = vec![
+        ("grey8.png", png(&ramp[..6], 3, 2, Png::L8)),
+        ("grey16.png", png(&ramp[..12], 3, 2, Png::L16)),
+        ("rgb8.png", png(&ramp[..18], 3, 2, Png::Rgb8)),
+        ("rgba16.png", png(&ramp, 3, 2, Png::Rgba16)),
+        ("rgb.jpg", jpeg(&ramp[..18], 3, 2)),
+        (
+            "f4.npy",
+            npy("<f4", false, "(2, 3)", &0.5f32.to_le_bytes().repeat(6)),
+        ),
+        (
+            "f8.npy",
+            npy(">f8", true, "(2, 3, 1)", &2.5f64.to_be_bytes().repeat(6)),
+        ),
+        ("u1.npy", npy("|u1", false, "(2, 3, 3)", &ramp[..18])),
+        ("u2.npy", npy("<u2", false, "(1, 2, 3)", &ramp[..12])),
+        ("b1.npy", npy("|b1", false, "(2, 3)", &[1, 0, 1, 1, 0, 1])),
+        ("bits.pbm", b"P1\n3 2\n1 0 1 0 1 0\n".to_vec()),
+        ("text.pgm", b"P2 3 2 255 1 2 3 4 5 6".to_vec()),
+        ("bits4.pbm", b"P4 3 2 \xa0\x40".to_vec()),
+        ("grey16.pgm", b"P5 3 2 65535 abcdefghijkl".to_vec()),
+        ("rgb.ppm", b"P6 3 2 255 abcdefghijklmnopqr".to_vec()),
+        (
+            "grey.pfm",
+            [&b"Pf\n3 2\n-1.0\n"[..], &0.5f32.to_le_bytes().repeat(6)].concat(),
+        ),
+        (
+            "rgb.pfm",
+            [&b"PF\n1 2\n1\n"[..], &0.5f32.to_be_bytes().repeat(6)].concat(),
+        ),
+        (
+            "rgbe.hdr",
+            b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 1\n\x80\x40\x20\x81\x10\x20\x30\x80"
+                .to_vec(),
+        ),
+        (
+            "any.pam",
+            b"P7\nWIDTH 3\nHEIGHT 2\nDEPTH 1\nMAXVAL 255\nTUPLTYPE GRAYSCALE\nENDHDR\nabcdef"
+                .to_vec(),
+        ),
+    ];
+    for (name, names, compression, blocks) in [
+        (
+            "rgb.exr",
+            &["R", "G", "B"][..],
+            Compression::ZIP16,
+            Blocks::ScanLines,
+        ),
+        (
+            "y.exr",
+            &["Y", "A"],
+            Compression::Uncompressed,
+            Blocks::ScanLines,
+        ),
+        (
+            "z.exr",
+            &["Z"],
+            Compression::ZIP1,
+            Blocks::Tiles(Vec2(2, 2)),
+        ),
+        (
+            "rle.exr",
+            &["Y"],
+            Compression::RLE,
+            Blocks::Tiles(Vec2(2, 2)),
+        ),
+        ("piz.exr", &["Y"], Compression::PIZ, Blocks::ScanLines),
+        (
+            "pxr24.exr",
+            &["Y"],
+            Compression::PXR24,
+            Blocks::Tiles(Vec2(64, 64)),
+        ),
+        ("b44.exr", &["Y"], Compression::B44, Blocks::ScanLines),
+    ] {
+        files.push((name, exr(names, compression, blocks)));
+    }
+    files.into_iter().map(|(n, b)| (n.to_owned(), b)).collect()
+}
+
+const LINE: &str = r#"{"schema":"glasshouse.scene/1","id":"a","split":"test","seed":7,"film":{"width":3,"height":2,"spp":4,"filter":"gaussian","order_tolerance":0.001},"camera":{"focal_length_mm":55.0,"aperture_radius_m":0.009,"focus":{"at":"front_center"}},"glass":{"distance_m":0.3,"thickness_m":0.01,"ior":1.6,"absorption_per_m":[0.1,0,5e-1],"tilt_deg":[1.5,-2]},"front":{"color":"a.png","depth":"NAME:a.npy","mask":"m.npy","transfer":"linear","depth_unit_m":0.001,"depth_kind":"distance","intrinsics":{"fx":9,"fy":9.5,"cx":1.5,"cy":1,"size":[3,2]},"exposure":2,"fill":"far"},"back":{"color":"b.png","depth":"b.npy","intrinsics":{"fx":9,"fy":9,"cx":1.5,"cy":1},"apex":"camera"}}"#;
+
+fn plain_line() -> SceneLine {
+    let mut line = parse_scene(LINE).unwrap();
+    line.glass.tilt_deg = [0.0; 2];
+    if let Side::Photograph(front) = &mut line.front {
+        front.depth_unit_m = 1.0;
+        front.mask = None;
+    }
+    line
+}
+
+/// A scene of a few pixels, traced and merged by the library.
+fn traced() -> (SceneLine, Vec<Partial>, Vec<u8>) {
+    let line = plain_line();
+    let named = |bytes: &[u8]| NamedBytes {
+        path: "a".into(),
+        bytes: bytes.to_vec(),
+    };
+    let files = PhotographFiles {
+        color: named(b"P5 3 2 255 abcdef"),
+        depth: named(b"P5 3 2 255 \x02\x03\x02\x04\x03\x02"),
+        mask: None,
+    };
+    let sheet = || decode_photograph(line.front.photograph().unwrap(), &files).unwrap();
+    let (scene, facts) = assemble(&line, sheet(), sheet()).unwrap();
+    let layout = ShardLayout::of(&line, 16);
+    let partials: Vec<Partial> = layout
+        .shards()
+        .map(|shard| {
+            let result = trace_tile(&scene, shard.tile, shard.samples.clone(), Isa::Baseline);
+            let header = PartialHeader {
+                schema: PARTIAL_SCHEMA.to_owned(),
+                tracer_version: TRACER_VERSION,
+                scene: line.id.clone(),
+                line_blake3: scene_digest(&line),
+                inputs: InputDigests::default(),
+                shard: shard.index,
+                film: [line.film.width, line.film.height],
+                tile: shard.tile,
+                samples: [shard.samples.start, shard.samples.end],
+                layer_samples: result.samples,
+                sample_sums: result.sample_sums,
+                paths: result.paths,
+                misses: result.misses,
+                facts: facts.clone(),
+                blake3: String::new(),
+            };
+            Partial::new(header, result.pixels)
+        })
+        .collect();
+    let tuple = combine(&line, 16, &partials).unwrap();
+    let record = serde_json::to_vec_pretty(&tuple.record).unwrap();
+    (line, partials, record)
+}
+
+const RECIPES: [&str; 2] = [
+    r#"schema = "glasshouse.recipe/1"
+name = "places"
+seed = 2020
+[film]
+width = 256
+height = 256
+spp = 256
+[camera]
+focal_length_mm = 55.0
+aperture_radius_m = 0.00893
+focus = "front_center"
+[glass]
+distance_m = 0.30
+thickness_m = { choice = [0.010, 0.040] }
+ior = 1.6
+absorption_per_m = [0, 0, 0]
+tilt_deg = [0, { choice = [0, 30] }]
+[sources.diode]
+layout = "diode"
+[sources.sample]
+layout = "sample"
+count = 16
+width = 256
+height = 192
+[[split]]
+name = "train"
+pairs = { diode = 6, sample = 2 }
+[[split]]
+name = "test"
+pairs = { sample = 2 }
+"#,
+    r#"schema = "glasshouse.recipe/1"
+name = "small"
+seed = 7
+[film]
+width = 96
+height = 64
+spp = 256
+filter = "gaussian"
+[camera]
+focal_length_mm = { uniform = [35.0, 85.0] }
+aperture_radius_m = { log_uniform = [0.001, 0.01] }
+[glass]
+thickness_m = { normal = { mean = 0.01, sd = 0.002, min = 0.001, max = 0.02 } }
+ior = { choice = [1.5, 1.6] }
+[sources.sample]
+layout = "sample"
+count = 6
+[[split]]
+name = "train"
+pairs = { sample = 3 }
+"#,
+];
+
+const CASES: &str = r#"schema = "glasshouse.cases/1"
+name = "two"
+seed = 3
+[film]
+width = 6
+height = 4
+spp = 16
+[camera]
+focal_length_mm = 55
+aperture_radius_m = 0.01
+focus = { at = "front_center" }
+[glass]
+distance_m = 0.3
+thickness_m = 0.01
+ior = 1.6
+[[case]]
+id = "grey"
+what = "Grey planes."
+film = { filter = "gaussian" }
+apex = "camera"
+front = { radiance = [0.5, 0.5, 0.5], depth_m = 2, depth_points = [[1, 2, nan], [0, 0, -inf]], color_file = "png" }
+back = { ramp = { middle = 1, across_per_m = 0.5, down_per_m = 0 }, texels = [9, 8], depth_m = 2, depth_file = "exr" }
+expect = [
+  { layer = "transmission", value = [0.5, 0.5, 0.5], bound = 0.005 },
+  { layer = "input", same_as = "grey/input", bound = 0 },
+]
+[[case]]
+id = "steep"
+what = "Refused."
+glass = { tilt_deg = [0, 80] }
+front = { checker = true, depth_m = 2, half_fov_tan = [0.1, 0.2] }
+back = { noise = 1, depth_m = 2 }
+refused = "85"
+"#;
+
+/// A square and a triangle, in text and in bytes.
+fn meshes() -> Vec<(&'static str, Vec<u8>)> {
+    let header = |coding: &str, vertex: &str| {
+        format!(
+            "ply\nformat {coding} 1.0\ncomment a seed\nelement vertex 5\n{vertex}element face 2\n\
+             property list uchar int vertex_indices\nend_header\n"
+        )
+    };
+    let float = "property float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\n\
+                 property uchar blue\n";
+    let points = [
+        [0.0f32, 0.0, 2.0],
+        [1.0, 0.0, 2.0],
+        [1.0, 1.0, 2.5],
+        [0.0, 1.0, 2.0],
+        [2.0, 1.0, 3.0],
+    ];
+    let faces = [&[0i32, 1, 2, 3][..], &[1, 4, 2]];
+    let mut text = header("ascii", float);
+    let (mut little, mut big) = (
+        header("binary_little_endian", float).into_bytes(),
+        header("binary_big_endian", float).into_bytes(),
+    );
+    for (k, [x, y, z]) in points.into_iter().enumerate() {
+        let grey = 50 * k as u8;
+        let _ = writeln!(text, "{x} {y} {z} {grey} 128 255");
+        for value in [x, y, z] {
+            little.extend(value.to_le_bytes());
+            big.extend(value.to_be_bytes());
+        }
+        little.extend([grey, 128, 255]);
+        big.extend([grey, 128, 255]);
+    }
+    for face in faces {
+        let _ = write!(text, "{}", face.len());
+        little.push(face.len() as u8);
+        big.push(face.len() as u8);
+        for corner in face {
+            let _ = write!(text, " {corner}");
+            little.extend(corner.to_le_bytes());
+            big.extend(corner.to_be_bytes());
+        }
+        text.push('\n');
+    }
+    vec![
+        ("text.ply", text.into_bytes()),
+        ("little.ply", little),
+        ("big.ply", big),
+    ]
+}
+
+/// Kinds that `inspect` alone reads.
+fn of_an_export_and_a_training() -> Vec<(&'static str, Vec<u8>)> {
+    let mut shard = tar::Builder::new(vec![]);
+    let picture = png(&[7; 12], 2, 2, Png::Rgb8);
+    for (name, bytes) in [
+        ("a.input.png", &picture[..]),
+        ("a.json", b"{\"layers\":{\"input\":{}}}"),
+    ] {
+        let mut header = tar::Header::new_gnu();
+        header.set_size(bytes.len() as u64);
+        header.set_mode(0o644);
+        header.set_cksum();
+        shard.append_data(&mut header, name, bytes).unwrap();
+    }
+    let tensors = br#"{"separation.a":{"dtype":"F32","shape":[2],"data_offsets":[0,8]}}"#;
+    let mut weights = (tensors.len() as u64).to_le_bytes().to_vec();
+    weights.extend(tensors);
+    weights.extend([0; 8]);
+    vec![
+        ("shard.tar", shard.into_inner().unwrap()),
+        ("model.safetensors", weights),
+        (
+            "metrics.csv",
+            b"step,total,wall_s\n1,0.5,0.1\n2,0.25,0.1\n".to_vec(),
+        ),
+    ]
+}
+
+/// Seeds of all readers.
+pub(crate) fn all() -> Vec<Seed> {
+    let mut seeds: Vec<Seed> = vec![];
+    for (name, bytes) in images() {
+        for reader in ["color", "depth", "mask"] {
+            seeds.push((reader, name.clone(), bytes.clone()));
+        }
+    }
+    for (name, bytes) in meshes() {
+        seeds.push(("ply", name.to_owned(), bytes));
+    }
+    for (name, bytes) in of_an_export_and_a_training() {
+        seeds.push(("inspect", name.to_owned(), bytes));
+    }
+    let (line, partials, record) = traced();
+    let lines = to_jsonl(&[line.clone(), {
+        let mut other = line.clone();
+        other.id = SceneId::new("b").unwrap();
+        other
+    }]);
+    seeds.push((
+        "scene_line",
+        "full.json".to_owned(),
+        LINE.as_bytes().to_vec(),
+    ));
+    let written = to_jsonl(std::slice::from_ref(&line))
+        .trim()
+        .as_bytes()
+        .to_vec();
+    seeds.push(("scene_line", "written.json".to_owned(), written));
+    seeds.push((
+        "manifest",
+        "two.jsonl".to_owned(),
+        lines.clone().into_bytes(),
+    ));
+    seeds.push((
+        "manifest",
+        "one.jsonl".to_owned(),
+        format!("\n{LINE}\n\n").into_bytes(),
+    ));
+    for (k, text) in RECIPES.iter().enumerate() {
+        seeds.push(("recipe", format!("{k}.toml"), text.as_bytes().to_vec()));
+    }
+    seeds.push(("cases", "two.toml".to_owned(), CASES.as_bytes().to_vec()));
+    let one = CASES.split("[[case]]").next().unwrap_or_default();
+    seeds.push(("cases", "none.toml".to_owned(), one.as_bytes().to_vec()));
+    let partial = render::partial::encode(&partials[0]).unwrap();
+    seeds.push(("partial", "pixels.exr".to_owned(), partial));
+    seeds.push((
+        "partial",
+        "foreign.exr".to_owned(),
+        images().pop().unwrap().1,
+    ));
+    let spec = Spec {
+        schema: SPEC_SCHEMA.to_owned(),
+        name: "a".to_owned(),
+        scenes: 2,
+        manifest_blake3: "00".to_owned(),
+        tile_px: 64,
+        tracer_version: 1,
+        golden: Golden {
+            scene: "builtin/3".to_owned(),
+            blake3: "ff".to_owned(),
+        },
+        roots: [("data".to_owned(), "data".into())].into(),
+        left_out: Vec::new(),
+    };
+    seeds.push((
+        "spec",
+        "a.json".to_owned(),
+        serde_json::to_vec_pretty(&spec).unwrap(),
+    ));
+    seeds.push((
+        "spec",
+        "short.json".to_owned(),
+        b"{\"schema\":\"glasshouse.spec/1\"}".to_vec(),
+    ));
+    seeds.push(("tuple", "a.json".to_owned(), record));
+    seeds.push((
+        "tuple",
+        "short.json".to_owned(),
+        b"{\"schema\":\"glasshouse.tuple/1\"}".to_vec(),
+    ));
+    seeds.extend(farm());
+    seeds
+}
+
+/// What the processes of a farm tell each other.
+fn farm() -> Vec<(&'static str, String, Vec<u8>)> {
+    let waiting = Waiting {
+        span: Span {
+            scene: 7,
+            shards: 16..32,
+        },
+        handed_on: 1,
+    };
+    let records = [
+        (
+            "attempt.json",
+            r#"{"schema":"glasshouse.attempt/1","scene":"a","shards":[0,4],"n":1,"worker":"w","host":"h","found":0,"ended":null}"#,
+        ),
+        (
+            "ended.json",
+            r#"{"schema":"glasshouse.attempt/1","scene":"a","shards":[0,4],"n":1,"worker":"w","host":"h","found":2,"ended":{"kind":"crashed","reason":"signal 6","log_tail":"out of memory"}}"#,
+        ),
+        (
+            "control.json",
+            r#"{"schema":"glasshouse.control/1","state":"paused","reason":"backup"}"#,
+        ),
+        (
+            "receipt.json",
+            r#"{"schema":"glasshouse.receipt/1","scene":"a","worker":"w","version":"0.1.0","with":["v"]}"#,
+        ),
+        (
+            "quarantine.json",
+            r#"{"schema":"glasshouse.quarantine/1","scene":"a","reason":"no depth"}"#,
+        ),
+    ];
+    let message = |run| write_waiting(run, &waiting);
+    let mut seeds = vec![
+        ("message", "mine.bin".to_owned(), message(*b"8 bytes!")),
+        ("message", "foreign.bin".to_owned(), message([0; 8])),
+    ];
+    seeds.extend(records.map(|(name, json)| ("record", name.to_owned(), json.as_bytes().to_vec())));
+    seeds
+}
