@@ -29,12 +29,13 @@ pub mod store;
 pub mod export;
 
 // Look.
-pub mod bench;
-pub mod doctor;
-mod html;
-pub mod inspect;
 mod pipe;
 mod plot;
+mod text;
+
+pub mod bench;
+pub mod doctor;
+pub mod inspect;
 pub mod report;
 pub mod serve;
 

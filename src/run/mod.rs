@@ -36,7 +36,7 @@ pub use done::Progress;
 pub use error::AccessError;
 pub use events::{Event, StageSeconds, process_cpu_s};
 pub use explain::{ExplainError, Explanation, SceneState, ShardFacts, explain};
-pub use overview::{Observer, Overview, StandingAttempt, WorkerTuples};
+pub use overview::{FarmState, Observer, Overview, StandingAttempt, WorkerTuples};
 pub use planning::{PlanError, PlanOptions, Planned, plan_run};
 pub use quarantine::{QUARANTINE_SCHEMA, QuarantineRecord};
 pub use receipt::Receipt;

@@ -1,23 +1,4 @@
-//! Numbers and names as people and Prometheus read them.
-
-use std::fmt;
-
-/// The value of a label in Prometheus' text format, without its quotes.
-pub(super) struct Label<'a>(pub(super) &'a str);
-
-impl fmt::Display for Label<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for c in self.0.chars() {
-            match c {
-                '\\' => f.write_str("\\\\")?,
-                '"' => f.write_str("\\\"")?,
-                '\n' => f.write_str("\\n")?,
-                c => fmt::Write::write_char(f, c)?,
-            }
-        }
-        Ok(())
-    }
-}
+//! Numbers, times and cut texts as people read them.
 
 /// `1,234,567`
 pub(crate) fn grouped(count: u64) -> String {
@@ -73,6 +54,46 @@ pub(crate) fn percent(done: u64, total: u64) -> f64 {
     tenths as f64 / 10.0
 }
 
+/// At most `limit` characters of a text.
+pub(crate) fn cut(text: &str, limit: usize) -> String {
+    let mut characters = text.chars();
+    let mut first: String = characters.by_ref().take(limit).collect();
+    if characters.next().is_some() {
+        first.push('…');
+    }
+    first
+}
+
+/// A page without control characters other than tabs and line ends: escape codes of a terminal's log, and what could hide
+/// text.
+pub(crate) fn printable(page: String) -> String {
+    let is_hidden = |c: char| c.is_control() && c != '\n' && c != '\t';
+    if page.contains(is_hidden) {
+        page.replace(is_hidden, "\u{fffd}")
+    } else {
+        page
+    }
+}
+
+/// Cells of a line of CSV (RFC 4180); none if a quote is not closed.
+pub(crate) fn csv_cells(line: &str) -> Option<Vec<String>> {
+    let (mut cells, mut cell, mut is_quoted) = (Vec::new(), String::new(), false);
+    let mut letters = line.chars().peekable();
+    while let Some(letter) = letters.next() {
+        match letter {
+            '"' if is_quoted && letters.peek() == Some(&'"') => {
+                cell.push('"');
+                letters.next();
+            }
+            '"' => is_quoted = !is_quoted,
+            ',' if !is_quoted => cells.push(std::mem::take(&mut cell)),
+            letter => cell.push(letter),
+        }
+    }
+    cells.push(cell);
+    (!is_quoted).then_some(cells)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -111,7 +132,26 @@ mod tests {
     }
 
     #[test]
-    fn text_stays_text() {
-        assert_eq!(Label("a\\b\"c\nd").to_string(), "a\\\\b\\\"c\\nd");
+    fn long_text_is_cut_between_characters() {
+        assert_eq!(cut("R̃äx", 9), "R̃äx");
+        assert_eq!(cut("äöü", 2), "äö…");
+        assert_eq!(cut("äöü", 3), "äöü");
+    }
+
+    #[test]
+    fn control_characters_are_made_visible() {
+        assert_eq!(
+            printable("a\x1b[31m\n\tb\0".to_owned()),
+            "a\u{fffd}[31m\n\tb\u{fffd}"
+        );
+    }
+
+    #[test]
+    fn cells_may_hold_commas_and_quotes() {
+        assert_eq!(
+            csv_cells("a,\"b,\"\"c\"\"\",").unwrap(),
+            ["a", "b,\"c\"", ""]
+        );
+        assert_eq!(csv_cells("a,\"b"), None);
     }
 }

@@ -1,28 +1,26 @@
-//! From a path to an inspection: reads the file, or tells which folder it is.
+//! From the path of a file to what is known of it.
 
+use super::archive;
+use super::bytes::{HEAD_BYTES, inspect_bytes};
 use super::facts::{Inspection, Problem};
+use super::input::Input;
 use super::kind::{Kind, kind_of};
-use super::look::{HEAD_BYTES, Input, inspect_bytes};
-use super::{archive, folder};
 use std::fs::File;
 use std::io::{self, Read, Seek};
 use std::path::Path;
 
 /// Longest file that is read as a whole; archives are read as a stream.
-pub const MAX_WHOLE_BYTES: u64 = 1 << 32;
+const MAX_WHOLE_BYTES: u64 = 1 << 32;
 
-/// Explains a file or folder. Whatever is wrong, also that it is not there, is a problem of the inspection.
-pub fn inspect_path(path: &Path) -> Inspection {
-    if path.is_dir() {
-        return folder::read(path);
-    }
+/// Explains a file. Whatever is wrong, a missing file too, becomes a problem of the inspection.
+pub(super) fn inspect_file(path: &Path) -> Inspection {
     match read(path) {
         Ok(found) => found,
         Err(error) => {
             let mut found = Inspection::new(Kind::Unknown);
             let to_do = match error.kind() {
                 io::ErrorKind::NotFound => "check the path: it is relative to where you are",
-                io::ErrorKind::PermissionDenied => "check who may read it",
+                io::ErrorKind::PermissionDenied => "check its permissions",
                 _ => "check the disk",
             };
             found.wrong(Problem::new(format!("it cannot be read: {error}"), to_do));
@@ -50,12 +48,8 @@ fn read(path: &Path) -> io::Result<Inspection> {
     let beside = |name: &str| file_beside(path, name);
     if kind_of(&name, &bytes) == Some(Kind::Archive) {
         file.rewind()?;
-        return Ok(archive::read(
-            io::BufReader::with_capacity(1 << 20, file),
-            length,
-            &name,
-            &beside,
-        ));
+        let stream = io::BufReader::with_capacity(1 << 20, file);
+        return Ok(archive::read(stream, length));
     }
     if length > MAX_WHOLE_BYTES {
         let mut found = Inspection::new(kind_of(&name, &bytes).unwrap_or(Kind::Unknown));
@@ -64,7 +58,7 @@ fn read(path: &Path) -> io::Result<Inspection> {
             format!("it has {length} bytes; files above {MAX_WHOLE_BYTES} bytes are not read");
         found.wrong(Problem::new(
             what,
-            "nothing that this program writes is so long, but archives",
+            "only archives of this program are longer",
         ));
         return Ok(found);
     }

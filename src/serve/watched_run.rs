@@ -1,13 +1,12 @@
-//! What a coordinator shows of its run to whoever looks over HTTP.
+//! The view of a run, from what its coordinator has seen.
 
-use crate::run::control::{ControlState, set_control};
-use crate::run::keys;
-use crate::run::retry::{RetryScenes, retry};
-use crate::run::run_dir::Run;
-use crate::run::seen::{SeenAttempt, Watch};
-use crate::serve::{
-    Action, Count, FARM_SCHEMA, FarmSource, FarmState, FarmView, QuarantinedScene, QueueView,
-    RecentTuple, WorkerState, WorkerView,
+use super::action::Action;
+use super::server::FarmSource;
+use super::view::{
+    Count, FARM_SCHEMA, FarmView, QuarantinedScene, QueueView, RecentTuple, WorkerState, WorkerView,
+};
+use crate::run::{
+    ControlState, FarmState, RetryScenes, Run, SeenAttempt, Watch, keys, retry, set_control,
 };
 use crate::store::Store;
 use render::ids::SceneId;
@@ -35,7 +34,7 @@ pub struct WatchedRun {
 }
 
 impl WatchedRun {
-    /// `watch` is what [`super::coordinate()`] keeps up to date.
+    /// `watch` is what [`crate::farm::coordinate()`] keeps up to date.
     pub fn new(run: &Run, store: &Store, watch: &Arc<Mutex<Watch>>, silent_s: f64) -> Self {
         let names = |line: &render::line::SceneLine| {
             let names = line.film.layers.names();
@@ -63,7 +62,7 @@ impl WatchedRun {
     }
 }
 
-/// A worker of which nothing is known yet but its name and machine.
+/// A worker, as long as only its name and machine are known.
 fn new_worker(name: &str, host: &str) -> WorkerView {
     WorkerView {
         name: name.to_owned(),
@@ -133,12 +132,7 @@ impl FarmSource for WatchedRun {
             name: self.name.clone(),
             run: self.id.clone(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            state: match watch.control.state {
-                _ if watch.finished => FarmState::Finished,
-                ControlState::Running => FarmState::Running,
-                ControlState::Paused => FarmState::Paused,
-                ControlState::Cancelled => FarmState::Cancelled,
-            },
+            state: FarmState::new(watch.finished, watch.control.state),
             scenes: Count {
                 done: watch.done,
                 total: watch.scenes,
@@ -190,7 +184,7 @@ impl FarmSource for WatchedRun {
     fn act(&self, action: Action) -> Result<(), String> {
         let tell = |state| {
             set_control(&self.store, state, None, false).map_err(|e| e.to_string())?;
-            // The coordinator sees it at its next look, the page that asked at once.
+            // The coordinator sees it at its next poll; the page that asked shows it at once.
             let mut watch = self.watch.lock().expect("no holder of this lock panics");
             watch.control.state = state;
             Ok(())

@@ -1,42 +1,14 @@
-//! From bytes to facts: the reader of each kind.
+//! From a file's bytes to what is known of it: its kind, and the kind's reader.
 
 use super::facts::{Inspection, Problem};
+use super::input::{AGAIN, Input};
 use super::kind::{Kind, kind_by_name, kind_of, schema_of};
-use super::{
-    archive, checkpoint, exr, listing, manifest, page, picture, recipe, records, spec, sums, table,
-    tuple,
-};
+use super::{archive, checkpoint, lists, manifest, partial, picture, record, tuple};
+use render::trace::LAYERS;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Bytes that tell the kind.
 pub(super) const HEAD_BYTES: usize = 1 << 16;
-
-/// A file's bytes, its name, and the files beside it.
-pub struct Input<'a> {
-    /// Without folders.
-    pub name: &'a str,
-    /// All of it.
-    pub bytes: &'a [u8],
-    /// A file in the same folder (or in one above: `../x`), if it is there and can be read.
-    pub beside: &'a dyn Fn(&str) -> Option<Vec<u8>>,
-}
-
-impl Input<'_> {
-    /// The file as text; what is wrong with it is added to `found`.
-    pub(super) fn text(&self, found: &mut Inspection) -> Option<&str> {
-        match std::str::from_utf8(self.bytes) {
-            Ok(text) => Some(text),
-            Err(error) => {
-                let place = format!("byte {}", error.valid_up_to());
-                found.wrong(Problem::new("it is no UTF-8 text", AGAIN).at(place));
-                None
-            }
-        }
-    }
-}
-
-/// What to do about a file that is one of many.
-pub(super) const AGAIN: &str = "take it from where it was made, or make it again";
 
 /// Explains a file. Never panics.
 pub fn inspect_bytes(input: &Input) -> Inspection {
@@ -64,41 +36,45 @@ pub fn inspect_bytes(input: &Input) -> Inspection {
 
 fn read(kind: Kind, input: &Input) -> Inspection {
     match kind {
-        Kind::Exr | Kind::Partial | Kind::TupleExr => exr::read(input),
+        Kind::Exr | Kind::Partial | Kind::TupleExr => image(input),
         Kind::TupleRecord => tuple::read_record(input),
-        Kind::Spec => spec::read(input),
         Kind::Manifest | Kind::Scene => manifest::read(kind, input),
-        Kind::Recipe | Kind::DepthRanges => recipe::read(kind, input),
-        Kind::PhotographList | Kind::Rejected | Kind::Listing => listing::read(kind, input),
-        Kind::Metrics | Kind::EvaluationRows | Kind::EvaluationTable => table::read(kind, input),
         Kind::CheckpointState => checkpoint::read_state(input),
         Kind::Tensors => checkpoint::read_tensors(input),
-        Kind::Events => checkpoint::read_events(input),
-        Kind::Archive => archive::read(
-            input.bytes,
-            input.bytes.len() as u64,
-            input.name,
-            input.beside,
-        ),
-        Kind::Sums => sums::read(input),
-        Kind::Report => page::read(input),
+        Kind::Archive => archive::read(input.bytes, input.bytes.len() as u64),
         Kind::Picture | Kind::Array | Kind::Mesh => picture::read(kind, input),
-        Kind::Quarantine
-        | Kind::Attempt
-        | Kind::Control
-        | Kind::Receipt
-        | Kind::MadeBy
-        | Kind::Finished
-        | Kind::TrainRecipe
-        | Kind::Best
-        | Kind::Croissant
-        | Kind::Output => records::read(kind, input),
-        Kind::Lock
-        | Kind::Run
-        | Kind::TupleFolder
-        | Kind::CheckpointFolder
-        | Kind::StageFolder
-        | Kind::Unknown => Inspection::new(kind),
+        Kind::PhotographList
+        | Kind::Rejected
+        | Kind::Listing
+        | Kind::Metrics
+        | Kind::EvaluationRows
+        | Kind::EvaluationTable
+        | Kind::Sums
+        | Kind::Report => lists::read(kind, input),
+        Kind::Events => {
+            let mut found = Inspection::new(kind);
+            found.may_be_whole("TensorBoard checks every record when it reads the file");
+            found
+        }
+        _ => record::read(kind, input),
+    }
+}
+
+/// An OpenEXR file: a partial has the attribute `glasshouse`, a tuple has layers.
+fn image(input: &Input) -> Inspection {
+    match super::exr::head(input.bytes) {
+        Err(reason) => {
+            let kind = kind_by_name(input.name).unwrap_or(Kind::Exr);
+            let mut found = Inspection::new(kind);
+            let what = format!("its header cannot be read: {reason}");
+            found.wrong(Problem::new(what, super::exr::to_do(kind)));
+            found
+        }
+        Ok(head) if head.attribute.is_some() => partial::read(input, &head),
+        Ok(head) if LAYERS.iter().any(|layer| head.has_layer(layer)) => {
+            tuple::read_exr(input, &head)
+        }
+        Ok(head) => super::exr::read(input, &head),
     }
 }
 
@@ -198,7 +174,7 @@ mod tests {
                             beside: &|_| None,
                         });
                         assert_eq!(
-                            found.whole == super::super::Whole::No,
+                            found.whole == super::super::facts::Whole::No,
                             !found.problems.is_empty()
                         );
                     }
