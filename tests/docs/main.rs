@@ -8,6 +8,7 @@
 
 mod document_pages;
 mod documents;
+mod examples;
 mod launch;
 #[path = "../support/mod.rs"]
 mod support;
