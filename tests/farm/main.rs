@@ -20,6 +20,7 @@ mod many;
 mod merging;
 mod planning;
 mod poison;
+mod processes;
 mod quarantine;
 mod queues;
 mod retry;

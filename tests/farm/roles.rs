@@ -1,12 +1,13 @@
 //! The shipped server configuration with the shipped keys: the program works over TLS with each role's key, and no role
 //! can do more than it must.
 
-use crate::many::end;
+use crate::processes::all_done;
+use crate::support::nats::make_keys;
 use crate::support::outputs::{assert_same, tuples};
-use crate::support::program::{command, text};
+use crate::support::program::{command, runtime, text};
 use crate::support::scenes::{Place, place, reference};
 use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -29,20 +30,8 @@ impl Drop for SecureServer {
 impl SecureServer {
     fn start() -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
-        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("workers/nats/make-keys.sh");
         let keys = folder.path().join("keys");
-        let made = Command::new("bash")
-            .arg(script)
-            .args([text(&keys), "localhost"])
-            .output()
-            .unwrap();
-        if !made.status.success() {
-            eprintln!(
-                "skipped: make-keys.sh: {}",
-                String::from_utf8_lossy(&made.stderr)
-            );
-            return None;
-        }
+        make_keys(&keys, &["localhost"])?;
         let started = Command::new("nats-server")
             .args(["-a", "127.0.0.1", "-p", "-1", "-m", "-1", "-c"])
             .arg(keys.join("server/server.conf"))
@@ -97,10 +86,7 @@ fn a_farm_over_tls_with_the_shipped_keys() {
     place.plan();
     let coordinator = server.start_as("coordinator", "coordinate", &place, &[]);
     let workers = [1, 2].map(|_| server.start_as("worker", "work", &place, &["-j", "1"]));
-    end(coordinator).expect(0);
-    for worker in workers {
-        end(worker).expect(0);
-    }
+    all_done(coordinator, workers);
     assert_same(&tuples(&place.run), reference());
 }
 
@@ -150,11 +136,7 @@ fn refused(server: &SecureServer, role: &str, subjects: &[&str]) -> Vec<String> 
     let events = Arc::clone(&seen);
     let seed = std::fs::read_to_string(server.key(role, "nkey")).unwrap();
     let ca = server.key(role, "ca.pem");
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(1)
-        .enable_all()
-        .build()
-        .unwrap();
+    let runtime = runtime();
     let _ = rustls::crypto::ring::default_provider().install_default();
     let marker = "glasshouse.marker.nobody.may";
     runtime.block_on(async {

@@ -5,15 +5,15 @@
 //! killed, the server forgets everything, spans are published twice and in any order, and (in a bucket) requests fail.
 //! Whoever ends is started again, as a service manager would do it.
 
-use crate::many::alone;
+use crate::processes::alone;
 use crate::store_farm::fetched;
-use crate::support::nats_server::Server;
+use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, files, tuples};
 use crate::support::program::{Ended, command, send, text};
 use crate::support::s3_server::S3Server;
 use crate::support::scenes::{Place, place};
 use glasshouse::farm::keys::shard_of;
-use glasshouse::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper, Waiting};
+use glasshouse::farm::queue::{NatsCoordinator, QueueKeeper, Waiting};
 use glasshouse::farm::{Run, Span};
 use glasshouse::manifest::Roots;
 use glasshouse::store::Store;
@@ -67,7 +67,7 @@ const EVENTS: [(Event, usize); 7] = [
 struct Siege {
     random: u64,
     place: Place,
-    server: Server,
+    server: Nats,
     bucket: Option<S3Server>,
     store: Store,
     workers: Vec<Option<Child>>,
@@ -80,7 +80,7 @@ struct Siege {
 
 impl Siege {
     fn new(seed: u64, in_bucket: bool) -> Option<Self> {
-        let server = Server::start()?;
+        let server = Nats::start()?;
         let place = place();
         let recipe = std::fs::read_to_string(&place.recipe).unwrap();
         let recipe = recipe.replace("spp = 256", "spp = 4096");
@@ -265,13 +265,10 @@ impl Siege {
 
     /// Spans of all scenes, done or not, whole or cut anywhere.
     fn publish_duplicates(&mut self) {
-        let options = NatsOptions {
-            url: self.server.url(),
-            name: "mischief".to_owned(),
-            ..NatsOptions::default()
-        };
         let run = Run::open(&self.place.run, &Roots::default()).unwrap();
-        let queue = NatsCoordinator::connect(&options, run.id(), Duration::from_secs(2)).unwrap();
+        let queue =
+            NatsCoordinator::connect(&self.server.options(), run.id(), Duration::from_secs(2))
+                .unwrap();
         let again: Vec<Waiting> = (0..6)
             .map(|_| {
                 let scene = self.draw(SCENES) as u32;

@@ -1,15 +1,14 @@
 //! `film.layers` and `film.target_error` through the program: what is left out, and that nothing else changes.
 
-use crate::support::outputs::{Content, assert_same, assert_tidy, tuples};
+use crate::support::outputs::{Content, assert_same, assert_tidy, tuple_record, tuples};
 use crate::support::program::{command, run, text, wait_until};
 use crate::support::scenes::{Place, RECIPE, SCENES, SHARDS, place, put_partials, reference};
 use glasshouse::farm::{Run, SceneJob, render_partials};
 use glasshouse::manifest::Roots;
 use glasshouse::scene::{load, read_files};
 use glasshouse::trace::Isa;
-use serde_json::Value;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
@@ -22,11 +21,6 @@ fn place_with(film: &str) -> Place {
     )
     .unwrap();
     place
-}
-
-fn record(run: &Path, scene: &str) -> Value {
-    let path = run.join("tuples").join(scene).join("tuple.json");
-    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
 fn pixels(content: &Content) -> &BTreeMap<String, (&'static str, Vec<u32>)> {
@@ -61,7 +55,7 @@ fn layers_left_out_are_not_written_and_the_others_stay_as_they_are() {
             assert!(content == whole, "{}", path.display());
         }
     }
-    let record = record(&place.run, "train-sample-000000");
+    let record = tuple_record(&place.run, "train-sample-000000");
     let layers: Vec<&String> = record["layers"].as_object().unwrap().keys().collect();
     assert_eq!(layers, ["input", "transmission"]);
 
@@ -119,7 +113,7 @@ fn adaptive_reference() -> &'static BTreeMap<PathBuf, Content> {
             "train-sample-000002",
             "test-sample-000000",
         ] {
-            let record = record(&place.run, scene);
+            let record = tuple_record(&place.run, scene);
             for (name, layer) in record["layers"].as_object().unwrap() {
                 let mean = layer["mean_samples"].as_f64().unwrap();
                 let most = layer["samples"].as_f64().unwrap();

@@ -4,7 +4,7 @@
 pub(crate) mod browser;
 pub(crate) mod markup;
 pub(crate) mod moto;
-pub(crate) mod nats_server;
+pub(crate) mod nats;
 pub(crate) mod outputs;
 pub(crate) mod program;
 pub(crate) mod s3_server;

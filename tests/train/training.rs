@@ -1,7 +1,7 @@
 //! Training by the program: killed and resumed, changed, damaged, fed from everywhere, and the same bits where they are
 //! promised.
 
-use crate::support::outputs::files;
+use crate::support::outputs::{copy_folder, files};
 use crate::support::program::{command, run, text, wait_until};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -58,11 +58,7 @@ struct Place {
 fn place() -> Place {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
-    for file in files(&made().join("run")) {
-        let to = run.join(&file);
-        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
-        std::fs::copy(made().join("run").join(&file), to).unwrap();
-    }
+    copy_folder(&made().join("run"), &run);
     Place { folder, run }
 }
 

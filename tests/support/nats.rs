@@ -1,19 +1,20 @@
 //! A real NATS server on loopback.
 
+use glasshouse::farm::queue::NatsOptions;
 use std::net::{TcpListener, TcpStream};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// A nats-server with JetStream, killed when it is dropped.
-pub(crate) struct Server {
+pub(crate) struct Nats {
     child: Child,
     port: u16,
     folder: TempDir,
 }
 
-impl Server {
+impl Nats {
     /// Starts one; none, with a line that says so, where the program is not installed.
     pub(crate) fn start() -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
@@ -38,6 +39,15 @@ impl Server {
 
     pub(crate) fn url(&self) -> String {
         format!("nats://127.0.0.1:{}", self.port)
+    }
+
+    /// For a client of a test's own.
+    pub(crate) fn options(&self) -> NatsOptions {
+        NatsOptions {
+            url: self.url(),
+            name: "test".to_owned(),
+            ..NatsOptions::default()
+        }
     }
 
     fn store(&self) -> PathBuf {
@@ -68,7 +78,7 @@ impl Server {
     }
 }
 
-fn spawn(port: u16, store: &std::path::Path) -> Option<Child> {
+fn spawn(port: u16, store: &Path) -> Option<Child> {
     let child = Command::new("nats-server")
         .args(["-js", "-a", "127.0.0.1", "-p", &port.to_string(), "-sd"])
         .arg(store)
@@ -79,9 +89,25 @@ fn spawn(port: u16, store: &std::path::Path) -> Option<Child> {
     child.ok()
 }
 
-impl Drop for Server {
+impl Drop for Nats {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
+}
+
+/// Keys and certificates of all roles for these names, by the shipped script; none, with a line that says so, without
+/// openssl.
+pub(crate) fn make_keys(folder: &Path, names: &[&str]) -> Option<()> {
+    let made = Command::new("bash")
+        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("workers/nats/make-keys.sh"))
+        .arg(folder)
+        .args(names)
+        .output()
+        .unwrap();
+    if !made.status.success() {
+        let said = String::from_utf8_lossy(&made.stderr);
+        eprintln!("skipped: make-keys.sh: {said}");
+    }
+    made.status.success().then_some(())
 }
