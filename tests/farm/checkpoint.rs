@@ -1,10 +1,11 @@
 //! Partials wait in memory for the rest of their scene: most are never written, and none is lost by a stop.
 
-use crate::processes::{all_done, alone, coordinator, end, slow_place, start, wait_for};
+use crate::processes::{all_done, alone, coordinator, end, slow_place, start};
 use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, files, tuples};
 use crate::support::program::{Ended, command, run, send, text};
 use crate::support::scenes::{SCENES, place, reference};
+use crate::support::tools::wait_for;
 use std::path::Path;
 use std::time::Duration;
 

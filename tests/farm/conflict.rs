@@ -1,10 +1,11 @@
 //! Two workers make different bytes of one shard: neither is believed, both are named, and the farm goes on.
 
-use crate::processes::{alone, coordinator, end, slow_place, start, wait_for};
+use crate::processes::{alone, coordinator, end, slow_place, start};
 use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, files, tuples};
 use crate::support::program::{run, text};
 use crate::support::scenes::{Place, SCENES, SHARDS};
+use crate::support::tools::wait_for;
 use glasshouse::farm::queue::{NatsCoordinator, QueueKeeper, Waiting};
 use glasshouse::farm::{QuarantineRecord, Run, Span};
 use glasshouse::ids::SceneId;

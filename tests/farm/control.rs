@@ -1,10 +1,11 @@
 //! A run is paused, resumed and cancelled while it is made, by one process or by many; nothing is lost by it.
 
-use crate::processes::{alone, coordinator, end, results, slow_place, wait_for, worker};
+use crate::processes::{alone, coordinator, end, results, slow_place, worker};
 use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, tuples};
 use crate::support::program::{command, run, send, text};
 use crate::support::scenes::{Place, SCENES};
+use crate::support::tools::wait_for;
 use serde_json::Value;
 use std::process::Child;
 use std::time::Duration;

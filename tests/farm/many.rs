@@ -1,12 +1,13 @@
 //! Many workers on a real NATS server, with everything dying in turns: the tuples are those of one process.
 
 use crate::processes::{
-    all_done, alone, assert_whole, coordinator, end, results, slow_place, start, wait_for, worker,
+    all_done, alone, assert_whole, coordinator, end, results, slow_place, start, worker,
 };
 use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, files, tuples};
 use crate::support::program::{run, runtime, send, text};
 use crate::support::scenes::{SCENES, SHARDS, place, reference};
+use crate::support::tools::wait_for;
 use glasshouse::farm::queue::{NatsWorker, Queue, Waiting};
 use glasshouse::farm::{Run, Span};
 use glasshouse::manifest::Roots;

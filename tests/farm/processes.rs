@@ -89,14 +89,6 @@ pub(crate) fn end(mut child: Child) -> Ended {
     ended
 }
 
-pub(crate) fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
-    let start = Instant::now();
-    while !is_so() {
-        assert!(start.elapsed() < LONGEST, "{what} does not happen");
-        std::thread::sleep(Duration::from_millis(5));
-    }
-}
-
 /// Partials that were written and tuples that are whole.
 pub(crate) fn results(run: &Path) -> usize {
     files(&run.join("partials")).len() + files(&run.join("tuples")).len()

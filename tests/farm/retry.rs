@@ -1,10 +1,11 @@
 //! What was in quarantine is tried again, by a run that goes on and by one that is over.
 
-use crate::processes::{all_done, alone, coordinator, end, results, slow_place, wait_for, worker};
+use crate::processes::{all_done, alone, coordinator, end, results, slow_place, worker};
 use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, tuples};
 use crate::support::program::{run, text};
 use crate::support::scenes::{SCENES, photographs, scene, write_lines};
+use crate::support::tools::wait_for;
 use serde_json::json;
 
 #[test]

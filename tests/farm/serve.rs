@@ -2,6 +2,7 @@
 
 use crate::serve_run::{HOSTILE, Run, TOKEN, get, id, png, request, run, send, start, worker};
 use crate::support::markup::strictly;
+use crate::support::tools::wait_for;
 use glasshouse::serve::{
     Action, FarmSource, FarmState, QuarantinedScene, ServeError, WorkerState, serve,
 };
@@ -492,9 +493,7 @@ fn the_slow_block_nobody() {
     let picture = "GET /thumbnails/train-1/input.png HTTP/1.1\r\nHost: localhost\r\n\r\n";
     slow.extend((0..20).map(|_| half(picture)));
     let begun = Instant::now();
-    while run.pictures_asked() == 0 {
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    wait_for("a call of the source", || run.pictures_asked() > 0);
     for path in ["/", "/api/view", "/metrics", "/healthz"] {
         get(at, path).expect(200);
     }
@@ -543,9 +542,7 @@ fn dropping_it_closes_the_port_and_the_connections() {
     let mut hung = TcpStream::connect(at).unwrap();
     hung.write_all(b"GET /thumbnails/train-1/input.png HTTP/1.1\r\nHost: localhost\r\n\r\n")
         .unwrap();
-    while run.pictures_asked() == 0 {
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    wait_for("a call of the source", || run.pictures_asked() > 0);
     let begun = Instant::now();
     drop(server);
     assert!(

@@ -1,9 +1,10 @@
 //! `status` from a store alone, and `--watch`.
 
-use crate::processes::{all_done, end, slow_place, start, wait_for};
+use crate::processes::{all_done, end, slow_place, start};
 use crate::support::nats::Nats;
 use crate::support::program::{command, run, send, text};
 use crate::support::scenes::{SCENES, place};
+use crate::support::tools::wait_for;
 use serde_json::Value;
 
 #[test]

@@ -1,12 +1,13 @@
 //! A farm whose store is a bucket: workers have nothing but its address, and the tuples are those of one process on a
 //! disk, whatever dies.
 
-use crate::processes::{all_done, alone, end, slow_place, wait_for};
+use crate::processes::{all_done, alone, end, slow_place};
 use crate::support::nats::Nats;
 use crate::support::outputs::{Content, assert_same, tuples};
 use crate::support::program::{Ended, command, text};
 use crate::support::s3_server::S3Server;
 use crate::support::scenes::{Place, SCENES, SHARDS, partials, place, reference};
+use crate::support::tools::wait_for;
 use glasshouse::store::Store;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -2,9 +2,9 @@
 //! connection, and believes nobody whom it was not told to.
 
 use crate::support::moto::Moto;
-use crate::support::nats::make_keys;
 use crate::support::program::{Ended, command, text};
 use crate::support::scenes::{photographs, scene};
+use crate::support::tools::make_keys;
 use std::path::Path;
 use std::time::{Duration, Instant};
 

@@ -9,4 +9,5 @@ pub(crate) mod outputs;
 pub(crate) mod program;
 pub(crate) mod s3_server;
 pub(crate) mod scenes;
+pub(crate) mod tools;
 pub(crate) mod workplace;

@@ -1,15 +1,16 @@
 //! A real NATS server on loopback.
 
+use super::tools::{Daemon, free_port, listens, make_keys, wait_for};
 use glasshouse::farm::queue::NatsOptions;
-use std::net::{TcpListener, TcpStream};
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::process::Command;
+use std::time::Duration;
 use tempfile::TempDir;
 
 /// A nats-server with JetStream, killed when it is dropped.
 pub(crate) struct Nats {
-    child: Child,
+    server: Option<Daemon>,
     port: u16,
     folder: TempDir,
 }
@@ -17,24 +18,13 @@ pub(crate) struct Nats {
 impl Nats {
     /// Starts one; none, with a line that says so, where the program is not installed.
     pub(crate) fn start() -> Option<Self> {
-        let folder = tempfile::tempdir().unwrap();
-        let port = TcpListener::bind("127.0.0.1:0")
-            .unwrap()
-            .local_addr()
-            .unwrap()
-            .port();
-        let store = folder.path().join("jetstream");
-        let Some(child) = spawn(port, &store) else {
-            eprintln!("skipped: nats-server is not installed");
-            return None;
-        };
-        let server = Self {
-            child,
+        let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
+        let server = Some(spawn(port, &folder.path().join("jetstream"))?);
+        Some(Self {
+            server,
             port,
             folder,
-        };
-        server.wait();
-        Some(server)
+        })
     }
 
     pub(crate) fn url(&self) -> String {
@@ -54,60 +44,63 @@ impl Nats {
         self.folder.path().join("jetstream")
     }
 
-    fn wait(&self) {
-        let start = Instant::now();
-        while TcpStream::connect(("127.0.0.1", self.port)).is_err() {
-            assert!(
-                start.elapsed() < Duration::from_secs(20),
-                "the server does not start"
-            );
-            std::thread::sleep(Duration::from_millis(10));
-        }
-    }
-
     /// SIGKILL, some time without a server, and a new one: with what the old one kept, or without.
     pub(crate) fn kill_and_restart(&mut self, forget: bool) {
-        self.child.kill().unwrap();
-        self.child.wait().unwrap();
+        self.server = None;
         if forget {
             std::fs::remove_dir_all(self.store()).unwrap();
         }
         std::thread::sleep(Duration::from_millis(300));
-        self.child = spawn(self.port, &self.store()).unwrap();
-        self.wait();
+        self.server = spawn(self.port, &self.store());
     }
 }
 
-fn spawn(port: u16, store: &Path) -> Option<Child> {
-    let child = Command::new("nats-server")
-        .args(["-js", "-a", "127.0.0.1", "-p", &port.to_string(), "-sd"])
-        .arg(store)
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn();
-    child.ok()
+fn spawn(port: u16, store: &Path) -> Option<Daemon> {
+    let mut command = Command::new("nats-server");
+    command.args(["-js", "-a", "127.0.0.1", "-p", &port.to_string(), "-sd"]);
+    let server = Daemon::start(command.arg(store))?;
+    wait_for("the start of the server", || listens(port));
+    Some(server)
 }
 
-impl Drop for Nats {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
+/// A nats-server with `workers/nats/server.conf` and keys for `localhost`.
+pub(crate) struct SecureNats {
+    _server: Daemon,
+    pub(crate) port: u16,
+    folder: TempDir,
 }
 
-/// Keys and certificates of all roles for these names, by the shipped script; none, with a line that says so, without
-/// openssl.
-pub(crate) fn make_keys(folder: &Path, names: &[&str]) -> Option<()> {
-    let made = Command::new("bash")
-        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("workers/nats/make-keys.sh"))
-        .arg(folder)
-        .args(names)
-        .output()
-        .unwrap();
-    if !made.status.success() {
-        let said = String::from_utf8_lossy(&made.stderr);
-        eprintln!("skipped: make-keys.sh: {said}");
+impl SecureNats {
+    pub(crate) fn start() -> Option<Self> {
+        let folder = tempfile::tempdir().unwrap();
+        make_keys(&folder.path().join("keys"), &["localhost"])?;
+        let mut command = Command::new("nats-server");
+        // -1: a port that is free.
+        command.args(["-a", "127.0.0.1", "-p", "-1", "-m", "-1", "-c"]);
+        command.arg(folder.path().join("keys/server/server.conf"));
+        let (server, said) = Daemon::start_and_hear(&mut command)?;
+        let mut log = BufReader::new(said).lines();
+        let port = log.by_ref().find_map(|line| {
+            let line = line.unwrap();
+            let (_, address) = line.split_once("client connections on ")?;
+            address.trim().rsplit_once(':')?.1.parse().ok()
+        });
+        // Its log is read to the end, so that it never waits for a reader.
+        std::thread::spawn(move || log.for_each(drop));
+        let port = port.expect("it says where it listens");
+        wait_for("the start of the server", || listens(port));
+        Some(Self {
+            _server: server,
+            port,
+            folder,
+        })
     }
-    made.status.success().then_some(())
+
+    pub(crate) fn url(&self) -> String {
+        format!("tls://localhost:{}", self.port)
+    }
+
+    pub(crate) fn key(&self, role: &str, file: &str) -> PathBuf {
+        self.folder.path().join("keys").join(role).join(file)
+    }
 }

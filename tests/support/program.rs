@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 use std::ffi::OsStr;
+use std::hash::{BuildHasher, RandomState};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -105,6 +106,11 @@ pub(crate) fn wait_until(child: &mut Child, mut is_so: impl FnMut() -> bool) -> 
         std::thread::sleep(Duration::from_millis(1));
     }
     false
+}
+
+/// A number below `n`, not the same in every run of the tests: it is logged.
+pub(crate) fn random(n: usize) -> usize {
+    (RandomState::new().hash_one(0) % n as u64) as usize
 }
 
 /// A path as an argument.

@@ -1,7 +1,8 @@
 //! systemd's units.
 
-use super::{launch_files, tool};
+use super::launch_files;
 use crate::support::program::PROGRAM;
+use crate::support::tools::tool;
 use std::process::Command;
 
 #[test]
