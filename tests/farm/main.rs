@@ -27,6 +27,8 @@ mod retry;
 mod roles;
 mod serve;
 mod serve_browser;
+mod serve_busy;
+mod serve_metrics;
 mod serve_run;
 mod siege;
 mod status;
