@@ -10,14 +10,11 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
 use glasshouse::bench::{BenchScene, Work, indoor, outdoor, pair, render, stress};
-use glasshouse::manifest::{Apex, Fill, Focus};
-use glasshouse::merge::{SrgbEncoder, Tuple, encode_png, encode_tuple_exr};
-use glasshouse::sample;
-use glasshouse::scene::{Decoded, NamedBytes, PhotographFiles, Polygons, decode_photograph};
-use glasshouse::trace::{
-    BLOCK, BundleProbe, Grid, Isa, Order, PixelSeed, Sampling, Scene, Tile, sample_block,
-    trace_tile,
-};
+use render::line::{Apex, Fill, Focus};
+use render::merge::{SrgbEncoder, Tuple, encode_png, encode_tuple_exr};
+use procedural;
+use render::scene::{Decoded, NamedBytes, PhotographFiles, Polygons, decode_photograph};
+use render::trace::{BLOCK, BundleProbe, Grid, Isa, Order, PixelSeed, Sampling, Scene, Tile, sample_block, trace_tile};
 use std::hint::black_box;
 use std::sync::atomic::AtomicBool;
 

@@ -6,13 +6,13 @@
 
 #![allow(clippy::print_stdout, reason = "examples show their results")]
 
-use glasshouse::farm::{SceneJob, render_partials};
-use glasshouse::manifest::{Roots, parse_scene};
-use glasshouse::merge::{combine, write_tuple};
-use glasshouse::sample;
-use glasshouse::scene::{load, read_files};
-use glasshouse::shard::ShardLayout;
-use glasshouse::trace::Isa;
+use render::job::{SceneJob, render_partials};
+use render::line::{Roots, parse_scene};
+use render::merge::{combine, write_tuple};
+use procedural;
+use render::scene::{load, read_files};
+use render::shard::ShardLayout;
+use render::trace::Isa;
 use std::error::Error;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;

@@ -8,9 +8,7 @@
 #![allow(clippy::print_stdout, reason = "examples show their results")]
 
 use candle_core::Device;
-use glasshouse::train::{
-    Batch, Cut, Example, Learner, Planes, Stage, TrainSettings, planes_of_bytes,
-};
+use train::{Batch, Cut, Example, Learner, Planes, Stage, TrainSettings, planes_of_bytes};
 use std::error::Error;
 use std::path::Path;
 

@@ -8,15 +8,16 @@
 
 use glasshouse::cases::CaseFile;
 use glasshouse::farm::queue::{read_waiting, write_waiting};
-use glasshouse::farm::{Control, QuarantineRecord, Receipt, attempts};
-use glasshouse::ids::SceneId;
+use glasshouse::run::{Control, QuarantineRecord, Receipt, attempts};
+use render::ids::SceneId;
 use glasshouse::inspect::{Input, Whole, inspect_bytes};
-use glasshouse::manifest::{Photograph, Recipe, Side, parse_jsonl, parse_scene, refuse, to_jsonl};
-use glasshouse::merge::TupleRecord;
-use glasshouse::partial;
-use glasshouse::scene::limits::{MAX_PIXELS, MAX_SIDE};
-use glasshouse::scene::{NamedBytes, PhotographFiles, SceneError, decode_mesh, decode_photograph};
-use glasshouse::shard::Spec;
+use render::line::{Photograph, Side, parse_jsonl, parse_scene, refuse, to_jsonl};
+use plan::Recipe;
+use render::merge::TupleRecord;
+use render::partial;
+use render::scene::limits::{MAX_PIXELS, MAX_SIDE};
+use render::scene::{NamedBytes, PhotographFiles, SceneError, decode_mesh, decode_photograph};
+use render::shard::Spec;
 use glasshouse::store::Store;
 use std::path::Path;
 use tempfile::TempDir;

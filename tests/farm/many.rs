@@ -9,8 +9,8 @@ use crate::support::program::{run, runtime, send, text};
 use crate::support::scenes::{SCENES, SHARDS, place, reference};
 use crate::support::tools::wait_for;
 use glasshouse::farm::queue::{NatsWorker, Queue, Waiting};
-use glasshouse::farm::{Run, Span};
-use glasshouse::manifest::Roots;
+use glasshouse::run::{Run, Span};
+use render::line::Roots;
 use std::time::Duration;
 
 #[test]

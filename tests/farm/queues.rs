@@ -1,7 +1,7 @@
 //! The promises of a queue, kept by both of them.
 
 use crate::support::nats::Nats;
-use glasshouse::farm::Span;
+use glasshouse::run::Span;
 use glasshouse::farm::queue::{
     Answer, Delivery, LocalQueue, NatsCoordinator, NatsWorker, Queue, QueueKeeper, Taken, Waiting,
 };

@@ -3,7 +3,7 @@
 use crate::serve_run::{HOSTILE, TOKEN, get, id, png, request, run, send, start, worker};
 use crate::support::markup::strictly;
 use glasshouse::serve::{Action, FarmSource, FarmState, QuarantinedScene, WorkerState, serve};
-use glasshouse::trace::LAYERS;
+use render::trace::LAYERS;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;

@@ -2,7 +2,7 @@
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
 use crate::invariance::{bits, tiled};
-use glasshouse::trace::{FollowedOrder, Isa, OrderPlan, PixelMeans};
+use render::trace::{FollowedOrder, Isa, OrderPlan, PixelMeans};
 use proptest::prelude::*;
 
 /// Depth in metres of a uniform number.

@@ -1,12 +1,12 @@
 //! The error that a tuple states of itself, against a reference of many more samples.
 
-use glasshouse::farm::{SceneJob, render_partials};
-use glasshouse::manifest::{Roots, SceneLine, parse_scene};
-use glasshouse::merge::{Tuple, combine};
-use glasshouse::sample;
-use glasshouse::scene::{load, read_files};
-use glasshouse::shard::ShardLayout;
-use glasshouse::trace::{Isa, LAYERS};
+use render::job::{SceneJob, render_partials};
+use render::line::{Roots, SceneLine, parse_scene};
+use render::merge::{Tuple, combine};
+use procedural;
+use render::scene::{load, read_files};
+use render::shard::ShardLayout;
+use render::trace::{Isa, LAYERS};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 

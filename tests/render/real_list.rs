@@ -2,7 +2,7 @@
 
 use crate::real_sets::{MOTORCYCLE_DEPTH, SETS, Set, find_sets, write_motorcycle_depth};
 use crate::support::program::PROGRAM;
-use glasshouse::atomic_file;
+use render::atomic_file;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::process::Command;
