@@ -6,10 +6,10 @@
 
 #![allow(clippy::print_stdout, reason = "examples show their results")]
 
+use procedural;
 use render::job::{SceneJob, render_partials};
 use render::line::{Roots, parse_scene};
 use render::merge::{combine, write_tuple};
-use procedural;
 use render::scene::{load, read_files};
 use render::shard::ShardLayout;
 use render::trace::Isa;

@@ -8,9 +8,9 @@
 #![allow(clippy::print_stdout, reason = "examples show their results")]
 
 use candle_core::Device;
-use train::{Batch, Cut, Example, Learner, Planes, Stage, TrainSettings, planes_of_bytes};
 use std::error::Error;
 use std::path::Path;
+use train::{Batch, Cut, Example, Learner, Planes, Stage, TrainSettings, planes_of_bytes};
 
 fn main() -> Result<(), Box<dyn Error>> {
     for (step, loss) in (1..).zip(train(Path::new("target/example"), 10)?) {

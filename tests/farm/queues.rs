@@ -1,10 +1,10 @@
 //! The promises of a queue, kept by both of them.
 
 use crate::support::nats::Nats;
-use glasshouse::run::Span;
 use glasshouse::farm::queue::{
     Answer, Delivery, LocalQueue, NatsCoordinator, NatsWorker, Queue, QueueKeeper, Taken, Waiting,
 };
+use glasshouse::run::Span;
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 

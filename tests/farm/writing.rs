@@ -3,8 +3,8 @@
 use crate::support::outputs::{assert_same, assert_tidy, tuples};
 use crate::support::program::{run, run_on_full_disk, text};
 use crate::support::scenes::{SCENES, SHARDS, place, reference};
-use glasshouse::run::{Event, Run};
 use glasshouse::farm::{WorkOptions, work};
+use glasshouse::run::{Event, Run};
 use render::line::Roots;
 use render::trace::Isa;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};

@@ -308,8 +308,9 @@ fn one_row_or_column_against_f64() {
 /// NaN, infinite, zero and negative depths through decoder, filler, assembly and tracer: a plane stays a plane.
 #[test]
 fn holes_in_a_plane_leave_no_trace() {
+    use render::formats::{NamedBytes, PhotographFiles};
     use render::line::parse_scene;
-    use render::scene::{NamedBytes, PhotographFiles, assemble, decode_photograph};
+    use render::scene::{assemble, decode_photograph};
     const WIDTH: usize = 9;
     const HEIGHT: usize = 7;
     let line = parse_scene(
@@ -352,7 +353,7 @@ fn holes_in_a_plane_leave_no_trace() {
         let share = front.filled_share;
         let (scene, _) = assemble(&line, front, back).unwrap();
         let pixels = crate::case::whole_film(&scene, Isa::detect()).pixels;
-        Ok::<_, render::scene::SceneError>((pixels, share))
+        Ok::<_, render::formats::SceneError>((pixels, share))
     };
     let (whole, _) = render(None).unwrap();
     for hole in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 0.0, -0.0, -3.0] {

@@ -3,7 +3,7 @@
 use render::job::{SceneJob, render_partials};
 use render::line::{Roots, SceneLine, parse_scene};
 use render::merge::{Tuple, combine};
-use procedural;
+
 use render::scene::{load, read_files};
 use render::shard::ShardLayout;
 use render::trace::{Isa, LAYERS};
@@ -11,13 +11,13 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 fn line(folder: &Path, spp: u32, seed: u64) -> SceneLine {
-    let photographs = sample::listing(2, 7);
+    let photographs = procedural::listing(2, 7);
     let photograph = |index: usize| {
         let p = &photographs[index];
-        if !sample::is_written(folder, p) {
-            sample::write(folder, p, 256, 192).unwrap();
+        if !procedural::is_written(folder, p) {
+            procedural::write(folder, p, 256, 192).unwrap();
         }
-        let intrinsics = serde_json::to_string(&sample::intrinsics(256, 192)).unwrap();
+        let intrinsics = serde_json::to_string(&procedural::intrinsics(256, 192)).unwrap();
         format!(
             r#""color":"{}","depth":"{}","mask":"{}","intrinsics":{intrinsics}"#,
             p.color_path().display(),

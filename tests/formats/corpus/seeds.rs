@@ -1,8 +1,9 @@
 //! Small good files of every kind: where the fuzzers start from.
 
 use super::pictures::{images, png};
-use glasshouse::run::Span;
 use glasshouse::farm::queue::{Waiting, write_waiting};
+use glasshouse::run::Span;
+use image::ExtendedColorType as Png;
 use render::ids::SceneId;
 use render::line::{SceneLine, Side, parse_scene, to_jsonl};
 use render::merge::combine;
@@ -10,7 +11,6 @@ use render::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
 use render::scene::{InputDigests, NamedBytes, PhotographFiles, assemble, decode_photograph};
 use render::shard::{Golden, SPEC_SCHEMA, ShardLayout, Spec, scene_digest};
 use render::trace::{Isa, TRACER_VERSION, trace_tile};
-use image::ExtendedColorType as Png;
 use std::fmt::Write;
 
 /// Reader, file name, bytes.
