@@ -6,7 +6,6 @@
 
 #![allow(clippy::print_stdout, reason = "examples show their results")]
 
-use procedural;
 use render::job::{SceneJob, render_partials};
 use render::line::{Roots, parse_scene};
 use render::merge::{combine, write_tuple};
@@ -24,8 +23,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 pub(crate) fn render(folder: &Path) -> Result<(), Box<dyn Error>> {
     // A photograph is a colour image, its depth in metres, and a mask of the pixels that have one.
     let mut sides = Vec::new();
-    for photograph in sample::listing(2, 7) {
-        sample::write(folder, &photograph, 256, 192)?;
+    for photograph in procedural::listing(2, 7) {
+        procedural::write(folder, &photograph, 256, 192)?;
         sides.push(serde_json::json!({
             "color": photograph.color_path(),
             "depth": photograph.depth_path(),

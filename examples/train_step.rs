@@ -7,9 +7,9 @@
 
 #![allow(clippy::print_stdout, reason = "examples show their results")]
 
-use candle_core::Device;
 use std::error::Error;
 use std::path::Path;
+use train::candle_core::Device;
 use train::{Batch, Cut, Example, Learner, Planes, Stage, TrainSettings, planes_of_bytes};
 
 fn main() -> Result<(), Box<dyn Error>> {

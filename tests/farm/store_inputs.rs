@@ -5,6 +5,7 @@ use crate::support::outputs::{assert_same, files, tuples};
 use crate::support::program::{Ended, command, run, text};
 use crate::support::s3_server::S3Server;
 use glasshouse::farm::{FarmError, WorkOptions, work};
+use glasshouse::run::AccessError;
 use glasshouse::run::Run;
 use glasshouse::store::{Cache, Inputs, StoreError};
 use render::line::Roots;
@@ -125,7 +126,7 @@ fn a_photograph_that_is_gone_costs_its_scenes_and_a_bucket_that_is_away_none() {
     let options = WorkOptions::new(1, Isa::detect(), &never);
     both.bucket.faults.set_away(true);
     match work(&opened, &options, &|_| {}) {
-        Err(FarmError::Store(error)) => assert!(error.is_passing(), "{error}"),
+        Err(FarmError::Access(AccessError::Store(error))) => assert!(error.is_passing(), "{error}"),
         other => panic!("{other:?}"),
     }
     assert!(!run.join("quarantine").exists());

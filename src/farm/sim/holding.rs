@@ -6,7 +6,8 @@
 //! [`acknowledge`](Holding::acknowledge) once every shard of the range that it was taken with is finished or given.
 //! The rules are those of a worker's own `held.rs` and `open_span.rs`, without threads and files.
 
-use crate::farm::{HeldSpan, Span, what_to_give};
+use crate::farm::{HeldSpan, what_to_give};
+use crate::run::Span;
 use std::ops::Range;
 
 /// A span as it is published: with the number of hands it went through.

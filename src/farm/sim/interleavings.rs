@@ -10,7 +10,8 @@
 
 use super::holding::{Handed, Holding};
 use super::queue::{Delivery, Expiry, Queue, Sequence};
-use crate::farm::{Span, uncovered};
+use crate::farm::uncovered;
+use crate::run::Span;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestCaseError, TestError, TestRng, TestRunner};
 use std::ops::Range;
