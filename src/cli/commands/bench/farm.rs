@@ -1,12 +1,12 @@
 //! `bench farm`: the farm measured with real processes, or simulated.
 
-use super::args::Global;
-use super::bench_cmd::cpu_name;
-use super::exit_code::{Exit, Failure};
-use super::output::Output;
-use super::progress::Progress;
-use super::signals::Signals;
-use super::work_cmd::isa;
+use crate::cli::args::Global;
+use crate::bench::cpu_name;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::signals::Signals;
+use crate::cli::isa;
 use crate::bench::farm::{FarmBenchError, Setup, makespan, overhead, resume, simulate};
 use crate::farm::sim::{Case, Fault, Fleet, Rules, Work, lower_bound_s, some_workers};
 use anyhow::anyhow;
