@@ -1,16 +1,6 @@
 //! The command line: the only code that prints, reads the environment, catches signals or exits.
 
 mod args;
-mod bench_farm_args;
-mod bench_farm_cmd;
-mod bench_farm_makespan;
-mod bench_farm_measure;
-mod bench_farm_measured;
-mod bench_farm_pass;
-mod bench_farm_place;
-mod bench_farm_process;
-mod bench_farm_recipe;
-mod bench_farm_resume;
 mod commands;
 mod exit_code;
 mod isolate;

@@ -65,7 +65,6 @@ pub use checkpoint::{
 pub use discriminator::Discriminator;
 pub use error::TrainError;
 pub use evaluation::{EVALUATION_SCHEMA, Evaluation, EvaluationError, ScoredNetwork};
-pub use events::masked_crc;
 pub use example::{Cut, Example, Planes};
 pub use example_sampler::{ExampleSampler, SceneSource};
 pub use generator::{DILATIONS, Generator, GeneratorOptions, SLOPE};

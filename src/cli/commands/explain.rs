@@ -6,7 +6,7 @@ use crate::cli::output::Output;
 use crate::cli::status_text::attempt;
 use crate::cli::target;
 use crate::run::{Explanation, SceneState, explain};
-use crate::serve::text::grouped;
+use crate::text::grouped;
 use clap::Args as ClapArgs;
 use render::ids::SceneId;
 use render::line::Roots;

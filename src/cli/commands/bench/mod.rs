@@ -1,14 +1,14 @@
 //! `bench`: what the benchmarks share.
 
 mod error;
+mod farm;
 mod trace;
 #[cfg(feature = "train")]
 mod train;
 
 use crate::bench::{BenchError, BenchScene};
 use crate::cli::args::Global;
-use crate::cli::bench_farm_args::BenchFarmArgs;
-use crate::cli::bench_farm_cmd;
+use farm::BenchFarmArgs;
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use anyhow::Context;
@@ -114,7 +114,7 @@ Examples:
 pub(super) fn run(args: &BenchArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     match &args.what {
         BenchCommand::Error(args) => error::run(args, global, output),
-        BenchCommand::Farm(args) => bench_farm_cmd::run(args, global, output),
+        BenchCommand::Farm(args) => farm::run(args, global, output),
         BenchCommand::Trace(args) => trace::run(args, global, output),
         #[cfg(feature = "train")]
         BenchCommand::Train(args) => train::run(args, global, output),

@@ -11,10 +11,9 @@ use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::store_env;
 use crate::report::write_report;
-use crate::run::{CheckRow, Run, check, table};
+use crate::run::Run;
 use crate::store::Store;
 use clap::Args as ClapArgs;
-use plan::cases::{CaseFile, is_case_file};
 use render::line::Roots;
 use serde::Serialize;
 use std::fmt;
@@ -71,29 +70,12 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
         None => write_report(&run, &store, None)?,
     };
     report::warn(&report, output);
-    let mut ran = Ran {
+    let ran = Ran {
         worked: Worked::new(&outcome, &folder, wall),
         #[cfg(feature = "train")]
         train: lesson,
         report: report.path,
-        checks: None,
     };
-    // A run that was stopped has nothing to compare yet.
-    if matches!(exit, Exit::Done | Exit::Incomplete)
-        && let Some(file) = case_file(&plan.recipe)?
-    {
-        let rows = check(&file, &run).map_err(|e| Failure::new(Exit::Failed, e))?;
-        let failed = rows.iter().filter(|row| !row.ok).count();
-        exit = if failed == 0 {
-            Exit::Done
-        } else {
-            Exit::Failed
-        };
-        ran.checks = Some(Checks {
-            checks: rows,
-            checks_failed: failed,
-        });
-    }
     output.show("glasshouse.run/1", &ran);
     Ok(exit)
 }
@@ -106,30 +88,10 @@ struct Ran<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     train: Option<training::Lesson>,
     report: PathBuf,
-    #[serde(flatten)]
-    checks: Option<Checks>,
-}
-
-#[derive(Serialize)]
-struct Checks {
-    checks: Vec<CheckRow>,
-    checks_failed: usize,
 }
 
 impl fmt::Display for Ran<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if let Some(Checks {
-            checks,
-            checks_failed,
-        }) = &self.checks
-        {
-            writeln!(
-                f,
-                "{}\n{} checks, {checks_failed} failed",
-                table(checks),
-                checks.len()
-            )?;
-        }
         #[cfg(feature = "train")]
         if let Some(train) = &self.train {
             writeln!(f, "{train}")?;
@@ -138,17 +100,3 @@ impl fmt::Display for Ran<'_> {
     }
 }
 
-/// The hard cases in `path`, if it holds such.
-fn case_file(path: &Path) -> Result<Option<CaseFile>, Failure> {
-    let wrong = |error: anyhow::Error| Failure::new(Exit::InvalidInput, error);
-    if path.extension().is_none_or(|ending| ending != "toml") {
-        return Ok(None);
-    }
-    let text = std::fs::read_to_string(path).map_err(|e| wrong(e.into()))?;
-    if !is_case_file(&text) {
-        return Ok(None);
-    }
-    CaseFile::parse(&text)
-        .map(Some)
-        .map_err(|e| wrong(e.into()))
-}
