@@ -43,6 +43,14 @@ pub(super) fn as_map<S: Serializer>(
     serializer.collect_map(numbers.iter().copied())
 }
 
+fn print_object(schema: &str, object: Value) {
+    let mut full = json!({ "schema": schema });
+    if let (Value::Object(full), Value::Object(object)) = (&mut full, object) {
+        full.extend(object);
+    }
+    let _ = writeln!(std::io::stdout().lock(), "{full}");
+}
+
 /// Where output goes, and how.
 pub(super) struct Output {
     json: bool,
@@ -71,31 +79,13 @@ impl Output {
         }
     }
 
-    /// The command's result: with --json as an object that begins with its schema, else as text.
+    /// The command's result: with --json an object that begins with its schema, else a text. A closed pipe is no error.
     pub(super) fn show(&self, schema: &str, result: &(impl Serialize + Display)) {
-        let (object, text) = if self.json {
-            (
-                serde_json::to_value(result).unwrap_or_default(),
-                String::new(),
-            )
+        if self.json {
+            print_object(schema, serde_json::to_value(result).unwrap_or_default());
         } else {
-            (Value::Null, result.to_string())
-        };
-        self.result(schema, object, &text);
-    }
-
-    /// The command's result: `object` with --json, else `text`. A closed pipe is no error.
-    pub(super) fn result(&self, schema: &str, object: Value, text: &str) {
-        let mut stdout = std::io::stdout().lock();
-        let _ = if self.json {
-            let mut full = json!({ "schema": schema });
-            if let (Value::Object(full), Value::Object(object)) = (&mut full, object) {
-                full.extend(object);
-            }
-            writeln!(stdout, "{full}")
-        } else {
-            writeln!(stdout, "{text}")
-        };
+            self.text(&result.to_string());
+        }
     }
 
     /// A line for the process that started this one. Without that process there is nobody to work for.
@@ -133,7 +123,7 @@ impl Output {
             if let Value::Object(object) = &mut object {
                 object.extend(failure.details.clone());
             }
-            self.result(ERROR_SCHEMA, object, "");
+            print_object(ERROR_SCHEMA, object);
         }
         self.line("error", "31", &text);
     }

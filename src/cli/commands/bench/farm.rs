@@ -1,13 +1,12 @@
 //! `bench farm`: the farm measured with real processes, or simulated.
 
-use crate::cli::args::Global;
 use crate::bench::cpu_name;
+use crate::bench::farm::{FarmBenchError, Setup, makespan, overhead, resume, simulate};
+use crate::cli::args::{Global, isa};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
-use crate::cli::isa;
-use crate::bench::farm::{FarmBenchError, Setup, makespan, overhead, resume, simulate};
 use crate::farm::sim::{Case, Fault, Fleet, Rules, Work, lower_bound_s, some_workers};
 use anyhow::anyhow;
 use clap::Args as ClapArgs;
@@ -19,70 +18,69 @@ const SCHEMA: &str = "glasshouse.bench_farm/1";
 /// Processes that are started at most.
 const MOST_WORKERS: u32 = 256;
 
-/// `bench farm`
 #[derive(Debug, ClapArgs)]
-pub struct BenchFarmArgs {
+pub(super) struct BenchFarmArgs {
     /// Simulate the farm in virtual time, without servers and tracer
     #[arg(long)]
-    pub simulate: bool,
+    simulate: bool,
     /// Measure the makespan over its lower bound: real workers, shards that sleep, without faults and with one worker
     /// killed and one four times slower
     #[arg(long, conflicts_with_all = ["simulate", "resume"])]
-    pub makespan: bool,
+    makespan: bool,
     /// Measure the time until a run of 320,000 shards that is half done goes on
     #[arg(long, conflicts_with = "simulate")]
-    pub resume: bool,
+    resume: bool,
     /// NATS server to measure with [default: a temporary one, if nats-server is installed]
     #[arg(long, value_name = "URL", conflicts_with = "simulate")]
-    pub queue: Option<String>,
+    queue: Option<String>,
     /// Measurements, with --makespan and --resume
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
-    pub passes: u32,
+    passes: u32,
 
     /// Workers, of one thread each; without any mode 1, 2, 4, ... up to this number
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    pub workers: u32,
+    workers: u32,
     /// Scenes [default: 50; 5000 with --resume, 16 without any mode]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
-    pub scenes: Option<u32>,
+    scenes: Option<u32>,
     /// Shards a scene [default: 16; 64 with --resume and without any mode]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
-    pub shards: Option<u32>,
+    shards: Option<u32>,
     /// Seed of the costs, the network's jitter and the choice among workers that can give
     #[arg(long, value_name = "K", default_value_t = 0)]
-    pub seed: u64,
+    seed: u64,
     /// Seconds for a shard of the cheapest scenes (25 % more or less); the dearest cost sixteen times as much
     #[arg(long, value_name = "S", default_value_t = 0.02, value_parser = parse_seconds)]
-    pub shard_s: f64,
+    shard_s: f64,
     /// Seconds to load a scene
     #[arg(long, value_name = "S", default_value_t = 0.2, value_parser = parse_seconds)]
-    pub load_s: f64,
+    load_s: f64,
 
     /// Lease of a span in seconds, renewed three times as often [default: 30; 2 with --makespan]
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
-    pub lease_s: Option<f64>,
+    lease_s: Option<f64>,
     /// Milliseconds from a worker to the queue and back
     #[arg(long, value_name = "MS", default_value_t = 1.0, value_parser = parse_seconds)]
-    pub round_trip_ms: f64,
+    round_trip_ms: f64,
     /// Longest time between two listings of the store by the coordinator, in seconds
     #[arg(long, value_name = "S", default_value_t = 600.0, value_parser = parse_seconds)]
-    pub reconcile_s: f64,
+    reconcile_s: f64,
 
     /// Kill a worker at a second (0@3.1), or a share of all workers at times spread over the bound (5%); repeatable
     #[arg(long, value_name = "W@S|N%", value_parser = parse_kill)]
-    pub kill: Vec<Kill>,
+    kill: Vec<Kill>,
     /// Slow a worker (1x4: four times slower) or a share of all workers (10%x4) down; repeatable
     #[arg(long, value_name = "WxF|N%xF", value_parser = parse_slow)]
-    pub slow: Vec<Slow>,
+    slow: Vec<Slow>,
     /// Stop a worker as SIGSTOP and SIGCONT do (2@5+60: at second 5 for 60 seconds), or a share of them (1%+60); repeatable
     #[arg(long, value_name = "W@S+S|N%+S", value_parser = parse_stop)]
-    pub stop: Vec<Stop>,
+    stop: Vec<Stop>,
     /// Second at which the queue forgets everything; repeatable
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
-    pub wipe: Vec<f64>,
+    wipe: Vec<f64>,
     /// Take the queue's server away (20+60: from second 20 for 60 seconds); repeatable
     #[arg(long, value_name = "S+S", value_parser = parse_away)]
-    pub away: Vec<(f64, f64)>,
+    away: Vec<(f64, f64)>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -119,7 +117,7 @@ impl fmt::Display for Planned {
 
 pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     if args.simulate {
-        show(output, &simulate(&case(args)?)?);
+        output.show(SCHEMA, &simulate(&case(args)?)?);
         return Ok(Exit::Done);
     }
     if args.workers > MOST_WORKERS {
@@ -134,14 +132,12 @@ pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Res
         _ => Mode::Overhead,
     };
     if global.dry_run {
-        show(
-            output,
-            &Planned {
-                measured: true,
-                mode,
-                dry_run: true,
-            },
-        );
+        let planned = Planned {
+            measured: true,
+            mode,
+            dry_run: true,
+        };
+        output.show(SCHEMA, &planned);
         return Ok(Exit::Done);
     }
     let signals = Signals::catch();
@@ -185,12 +181,12 @@ fn measure(
                     "there is no nats-server on this machine: only the queue inside a process was measured",
                 );
             }
-            show(output, &result);
+            output.show(SCHEMA, &result);
         }
         Mode::Makespan => {
             let result = makespan(&setup, &case(args)?, args.passes)?;
             progress.finish();
-            show(output, &result);
+            output.show(SCHEMA, &result);
             if !result.tuples_equal {
                 let what = "the farm's tuples are not those of one process: this must never happen; please report it";
                 return Err(Failure::new(Exit::Failed, anyhow!(what)));
@@ -200,15 +196,10 @@ fn measure(
             let (scenes, shards) = (args.scenes.unwrap_or(5000), args.shards.unwrap_or(64));
             let result = resume(&setup, scenes, shards, args.passes, isa(global)?)?;
             progress.finish();
-            show(output, &result);
+            output.show(SCHEMA, &result);
         }
     }
     Ok(Exit::Done)
-}
-
-fn show(output: &Output, result: &(impl Serialize + fmt::Display)) {
-    let object = serde_json::to_value(result).expect("figures are JSON");
-    output.result(SCHEMA, object, &result.to_string());
 }
 
 fn usage(what: impl Into<String>) -> Failure {
@@ -307,21 +298,21 @@ enum Which {
 
 /// `--kill`; a share has its times drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Kill {
+struct Kill {
     which: Which,
     at_s: Option<f64>,
 }
 
 /// `--slow`
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Slow {
+struct Slow {
     which: Which,
     times: f64,
 }
 
 /// `--stop`; a share has its times drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stop {
+struct Stop {
     which: Which,
     at_s: Option<f64>,
     for_s: f64,
