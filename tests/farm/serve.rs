@@ -2,7 +2,8 @@
 
 use crate::serve_run::{HOSTILE, TOKEN, get, id, png, request, run, send, start, worker};
 use crate::support::markup::strictly;
-use glasshouse::serve::{Action, FarmSource, FarmState, QuarantinedScene, WorkerState, serve};
+use glasshouse::run::FarmState;
+use glasshouse::serve::{Action, FarmSource, QuarantinedScene, WorkerState, serve};
 use render::trace::LAYERS;
 use std::net::SocketAddr;
 use std::sync::Arc;
