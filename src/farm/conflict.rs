@@ -8,7 +8,7 @@ use super::shared::Shared;
 use super::work::check_golden;
 use super::writer::write_tuple;
 use crate::run::keys;
-use crate::run::made_by::who_else;
+use crate::run::who_else;
 use crate::store::StoreError;
 use bytes::Bytes;
 use render::partial;

@@ -1,8 +1,8 @@
 //! A worker's thread that watches whether its run is paused or cancelled.
 
 use super::shared::Shared;
-use crate::run::control::ControlLook;
-use crate::run::events::Event;
+use crate::run::ControlLook;
+use crate::run::Event;
 use crate::run::{Control, ControlState, keys};
 use crossbeam::channel::{Receiver, RecvTimeoutError};
 

@@ -3,9 +3,9 @@
 use super::open_span::OpenSpan;
 use super::queue::{Delivery, Queue, QueueError, Waiting};
 use super::span::{HeldSpan, what_to_give};
+use crate::run::MadeBy;
 use crate::run::Span;
-use crate::run::attempts::{AttemptRecord, WorkerName};
-use crate::run::made_by::MadeBy;
+use crate::run::{AttemptRecord, WorkerName};
 use crate::store::Store;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};

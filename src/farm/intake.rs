@@ -3,8 +3,8 @@
 use super::queue::{Delivery, Taken};
 use super::shared::Shared;
 use super::suspect::Examined;
-use crate::run::events::{Event, Stopwatch};
 use crate::run::keys;
+use crate::run::{Event, Stopwatch};
 use crate::store::StoreError;
 use crossbeam::channel::Sender;
 use render::line::SceneLine;

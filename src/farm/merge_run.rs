@@ -5,7 +5,7 @@ use crate::farm::finished::encode_noise;
 use crate::farm::sweep::sweep;
 use crate::farm::writer::{self, remove_partials, write_noise};
 use crate::run::AccessError;
-use crate::run::done::is_done;
+use crate::run::is_done;
 use crate::run::{QuarantineRecord, Run, keys};
 use crate::store::Store;
 use bytes::Bytes;

@@ -2,7 +2,7 @@
 
 use super::error::FarmError;
 use crate::run::keys;
-use crate::run::run_dir::{Run, RunError};
+use crate::run::{Run, RunError};
 use crate::store::{Store, StoreError};
 use render::line::{Roots, is_url};
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,7 +1,7 @@
 //! What a killed process leaves behind: half-written files under their temporary names, and partials whose scene
 //! is merged already.
 
-use crate::run::run_dir::Run;
+use crate::run::Run;
 use crate::store::Store;
 use render::atomic_file::{self, is_temporary};
 use render::merge::is_written;

@@ -81,13 +81,13 @@ pub struct WorkerName {
 
 /// What earlier attempts say of a span.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Verdict {
+pub(crate) enum PoisonCheck {
     /// Nothing.
-    Fresh,
+    Clean,
     /// It may have killed whoever worked on it.
     Suspect,
     /// It is set aside, for this reason.
-    SetAside(String),
+    Poison(String),
 }
 
 impl AttemptRecord {
@@ -222,20 +222,20 @@ pub(crate) fn mark_lost(
 }
 
 /// What the records of a scene say of a span of which `found` shards are in the store.
-pub(crate) fn verdict(records: &[AttemptRecord], span: &Span, found: u32) -> Verdict {
+pub(crate) fn poison_check(records: &[AttemptRecord], span: &Span, found: u32) -> PoisonCheck {
     let lost: Vec<&AttemptRecord> = records
         .iter()
         .filter(|record| record.was_lost(span))
         .collect();
     let Some(last) = lost.last() else {
-        return Verdict::Fresh;
+        return PoisonCheck::Clean;
     };
     // Who was lost after adding to what is there was killed at most once by what is left.
     let advanced = |record: &&&AttemptRecord| record.is_of(span) && record.found < found;
     let moved = lost.iter().filter(advanced).count();
     let count = lost.len() - moved + moved.min(1);
     if count < MOST_LOST as usize {
-        return Verdict::Suspect;
+        return PoisonCheck::Suspect;
     }
     let told = match &last.ended {
         Some(ending) if ending.log_tail.is_empty() => ending.reason.clone(),
@@ -246,7 +246,7 @@ pub(crate) fn verdict(records: &[AttemptRecord], span: &Span, found: u32) -> Ver
         ),
         None => String::new(),
     };
-    Verdict::SetAside(format!(
+    PoisonCheck::Poison(format!(
         "{count} processes were lost with shards {} to {}; the last one: {told}",
         span.shards.start,
         span.shards.end - 1
@@ -304,18 +304,27 @@ mod tests {
 
     #[test]
     fn only_lost_attempts_count() {
-        assert_eq!(verdict(&[], &SPAN, 0), Verdict::Fresh);
+        assert_eq!(poison_check(&[], &SPAN, 0), PoisonCheck::Clean);
         // It goes on, or the queue forgot it.
-        assert_eq!(verdict(&[record(1, 0, None)], &SPAN, 0), Verdict::Fresh);
-        assert_eq!(verdict(&[record(1, 0, LOST)], &SPAN, 0), Verdict::Suspect);
-        // A part that was given away before is not to blame; but what a child died of may be in it.
-        assert_eq!(verdict(&[record(1, 0, LOST)], &TAIL, 0), Verdict::Fresh);
         assert_eq!(
-            verdict(&[record(1, 0, CRASHED)], &TAIL, 0),
-            Verdict::Suspect
+            poison_check(&[record(1, 0, None)], &SPAN, 0),
+            PoisonCheck::Clean
+        );
+        assert_eq!(
+            poison_check(&[record(1, 0, LOST)], &SPAN, 0),
+            PoisonCheck::Suspect
+        );
+        // A part that was given away before is not to blame; but what a child died of may be in it.
+        assert_eq!(
+            poison_check(&[record(1, 0, LOST)], &TAIL, 0),
+            PoisonCheck::Clean
+        );
+        assert_eq!(
+            poison_check(&[record(1, 0, CRASHED)], &TAIL, 0),
+            PoisonCheck::Suspect
         );
         let unreadable = [record(1, 0, Some(EndKind::Unreadable))];
-        assert_eq!(verdict(&unreadable, &SPAN, 0), Verdict::Fresh);
+        assert_eq!(poison_check(&unreadable, &SPAN, 0), PoisonCheck::Clean);
     }
 
     #[test]
@@ -340,10 +349,10 @@ mod tests {
         let mut lost = vec![record(1, 0, LOST)];
         for n in 2..4 {
             lost.push(record(n, 0, CRASHED));
-            assert_eq!(verdict(&lost, &SPAN, 0), Verdict::Suspect);
+            assert_eq!(poison_check(&lost, &SPAN, 0), PoisonCheck::Suspect);
         }
         lost.push(record(4, 0, CRASHED));
-        let Verdict::SetAside(reason) = verdict(&lost, &SPAN, 0) else {
+        let PoisonCheck::Poison(reason) = poison_check(&lost, &SPAN, 0) else {
             panic!("it goes on");
         };
         let words = "the last one: signal 6; its last lines: out of memory";
@@ -357,15 +366,18 @@ mod tests {
     #[test]
     fn who_gets_on_is_not_blamed() {
         let steps: Vec<AttemptRecord> = (1..10).map(|n| record(n, n * 4, LOST)).collect();
-        assert_eq!(verdict(&steps, &SPAN, 40), Verdict::Suspect);
+        assert_eq!(poison_check(&steps, &SPAN, 40), PoisonCheck::Suspect);
         // Poison behind forty good shards: whoever reached it counts, the first one included.
         let mut stuck = vec![record(1, 0, LOST)];
         for n in 2..4 {
             stuck.push(record(n, 40, CRASHED));
-            assert_eq!(verdict(&stuck, &SPAN, 40), Verdict::Suspect);
+            assert_eq!(poison_check(&stuck, &SPAN, 40), PoisonCheck::Suspect);
         }
         stuck.push(record(4, 40, CRASHED));
-        assert!(matches!(verdict(&stuck, &SPAN, 40), Verdict::SetAside(_)));
+        assert!(matches!(
+            poison_check(&stuck, &SPAN, 40),
+            PoisonCheck::Poison(_)
+        ));
     }
 
     #[test]

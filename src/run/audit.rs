@@ -6,8 +6,8 @@
 use super::compare::{FileDifference, compare};
 use super::error::AccessError;
 use super::keys;
-use super::receipt::Receipt;
-use super::run_dir::Run;
+use super::open::Run;
+use super::provenance::Receipt;
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use render::job::{SceneJob, render_partials};

@@ -2,8 +2,8 @@
 
 use super::error::AccessError;
 use super::keys;
+use super::open::Run;
 use super::quarantine::QuarantineRecord;
-use super::run_dir::Run;
 use crate::store::Store;
 use render::line::SceneLine;
 use render::merge::{is_record_of, is_written, tuple_files};

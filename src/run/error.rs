@@ -1,6 +1,6 @@
 //! A run whose files cannot be used.
 
-use super::run_dir::RunError;
+use super::open::RunError;
 use crate::store::StoreError;
 use render::atomic_file::WriteError;
 

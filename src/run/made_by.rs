@@ -3,7 +3,7 @@
 
 use super::attempts::{WorkerName, attempts};
 use super::keys;
-use super::receipt::Receipt;
+use super::provenance::Receipt;
 use super::span::Span;
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;

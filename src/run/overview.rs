@@ -6,9 +6,9 @@
 use super::attempts::AttemptRecord;
 use super::control::{Control, ControlState};
 use super::keys;
+use super::open::Run;
+use super::provenance::Receipt;
 use super::quarantine::QuarantineRecord;
-use super::receipt::Receipt;
-use super::run_dir::Run;
 use super::status::{Found, RunStatus, count};
 use crate::serve::FarmState;
 use crate::store::{Store, StoreError};

@@ -1,6 +1,6 @@
 //! `plan`: a recipe or a `.jsonl` becomes `RUN/manifest.jsonl` and `RUN/spec.json`, frozen.
 
-use super::run_dir::{Run, RunDir, RunError};
+use super::open::{Run, RunDir, RunError};
 use plan::{
     DraftError, Drafted, InputFiles, InvalidInput, Made, RejectedScene, Request, draft,
     inputs_folder, invalid_text, make_photographs, rejected_lines,

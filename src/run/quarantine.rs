@@ -1,7 +1,7 @@
 //! Scenes that cannot be done, each with its reason; the farm goes on without them.
 
 use super::keys;
-use super::run_dir::RunDir;
+use super::open::RunDir;
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use serde::{Deserialize, Serialize};

@@ -3,8 +3,8 @@
 use super::attempts::AttemptRecord;
 use super::control::Control;
 use super::keys;
-use super::receipt::Receipt;
-use super::run_dir::Run;
+use super::open::Run;
+use super::provenance::Receipt;
 use crate::store::Store;
 use render::ids::SceneId;
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,7 +1,7 @@
 //! What is done of a run, read from its folder.
 
+use super::open::Run;
 use super::quarantine::QuarantineRecord;
-use super::run_dir::Run;
 use render::line::SceneLine;
 use render::merge::is_written;
 use serde::Serialize;

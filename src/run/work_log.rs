@@ -2,7 +2,7 @@
 //! them, and who is killed leaves none.
 
 use super::keys;
-use super::run_dir::Run;
+use super::open::Run;
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use serde::{Deserialize, Serialize};

@@ -1,10 +1,10 @@
 //! What a coordinator shows of its run to whoever looks over HTTP.
 
-use crate::run::control::{ControlState, set_control};
+use crate::run::Run;
 use crate::run::keys;
-use crate::run::retry::{RetryScenes, retry};
-use crate::run::run_dir::Run;
-use crate::run::seen::{SeenAttempt, Watch};
+use crate::run::{ControlState, set_control};
+use crate::run::{RetryScenes, retry};
+use crate::run::{SeenAttempt, Watch};
 use crate::serve::{
     Action, Count, FARM_SCHEMA, FarmSource, FarmState, FarmView, QuarantinedScene, QueueView,
     RecentTuple, WorkerState, WorkerView,
