@@ -29,11 +29,13 @@ pub mod store;
 pub mod export;
 
 // Look.
+mod pipe;
+mod plot;
+mod text;
+
 pub mod bench;
 pub mod doctor;
-mod html;
 pub mod inspect;
-mod plot;
 pub mod report;
 pub mod serve;
 

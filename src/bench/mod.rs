@@ -5,6 +5,7 @@
 //!        -> calibrate                               plan: seconds of a core that a run takes
 //!        -> reference, ladder -> deviation -> fit -> table, plot    bench error: error against CPU seconds
 //! train_step                                                   bench train: CPU seconds of a step and its parts
+//! farm                                                         bench farm: what the farm adds, makespan, resuming
 //! ```
 //!
 //! Times are CPU seconds of the threads that worked ([`thread_cpu_s`]): machines are shared.
@@ -14,8 +15,8 @@ mod clock;
 mod deviation;
 mod dump;
 mod error;
+pub mod farm;
 mod fit;
-mod half_done;
 mod kernels;
 mod ladder;
 mod plot;
@@ -32,7 +33,6 @@ pub use deviation::{CELL_PX, Deviation};
 pub use dump::RayDump;
 pub use error::BenchError;
 pub use fit::{Slope, log_log_slope};
-pub use half_done::{HalfDone, half_done};
 pub use kernels::{
     BuildRow, KernelRow, KernelTiming, OnClass, TracerRow, TracerTiming, grid_builds, kernels,
     tracer,

@@ -1,7 +1,7 @@
 //! What can be typed after `bench`.
 
 use super::args::{RootArgs, parse_spp};
-use super::bench_farm_args::BenchFarmArgs;
+use super::bench_farm_cmd::BenchFarmArgs;
 use clap::{Args as ClapArgs, Subcommand};
 use std::path::PathBuf;
 

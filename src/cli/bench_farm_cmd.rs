@@ -1,26 +1,126 @@
-//! `bench farm`
+//! `bench farm`: the farm measured with real processes, or simulated.
 
 use super::args::Global;
-use super::bench_farm_args::{BenchFarmArgs, Which};
+use super::bench_cmd::cpu_name;
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
-use super::{bench_farm_makespan, bench_farm_measure, bench_farm_resume};
-use crate::bench::{align, thread_cpu_s};
-use crate::farm::sim::{
-    Case, Fault, Fleet, KINDS, Kind, Outcome, Rules, Work, lower_bound_s, simulate, some_workers,
-};
+use super::progress::Progress;
+use super::signals::Signals;
+use super::work_cmd::isa;
+use crate::bench::farm::{FarmBenchError, Setup, makespan, overhead, resume, simulate};
+use crate::farm::sim::{Case, Fault, Fleet, Rules, Work, lower_bound_s, some_workers};
 use anyhow::anyhow;
-use serde_json::{Map, Value, json};
-use std::fmt::Write;
+use clap::Args as ClapArgs;
+use serde::Serialize;
+use std::fmt;
 
-pub(super) const SCHEMA: &str = "glasshouse.bench_farm/1";
+const SCHEMA: &str = "glasshouse.bench_farm/1";
 
 /// Processes that are started at most.
 const MOST_WORKERS: u32 = 256;
 
+/// `bench farm`
+#[derive(Debug, ClapArgs)]
+pub struct BenchFarmArgs {
+    /// Simulate the farm in virtual time, without servers and tracer
+    #[arg(long)]
+    pub simulate: bool,
+    /// Measure the makespan over its lower bound: real workers, shards that sleep, without faults and with one worker
+    /// killed and one four times slower
+    #[arg(long, conflicts_with_all = ["simulate", "resume"])]
+    pub makespan: bool,
+    /// Measure the time until a run of 320,000 shards that is half done goes on
+    #[arg(long, conflicts_with = "simulate")]
+    pub resume: bool,
+    /// NATS server to measure with [default: a temporary one, if nats-server is installed]
+    #[arg(long, value_name = "URL", conflicts_with = "simulate")]
+    pub queue: Option<String>,
+    /// Measurements, with --makespan and --resume
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub passes: u32,
+
+    /// Workers, of one thread each; without any mode 1, 2, 4, ... up to this number
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub workers: u32,
+    /// Scenes [default: 50; 5000 with --resume, 16 without any mode]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    pub scenes: Option<u32>,
+    /// Shards a scene [default: 16; 64 with --resume and without any mode]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub shards: Option<u32>,
+    /// Seed of the costs, the network's jitter and the choice among workers that can give
+    #[arg(long, value_name = "K", default_value_t = 0)]
+    pub seed: u64,
+    /// Seconds for a shard of the cheapest scenes (25 % more or less); the dearest cost sixteen times as much
+    #[arg(long, value_name = "S", default_value_t = 0.02, value_parser = parse_seconds)]
+    pub shard_s: f64,
+    /// Seconds to load a scene
+    #[arg(long, value_name = "S", default_value_t = 0.2, value_parser = parse_seconds)]
+    pub load_s: f64,
+
+    /// Lease of a span in seconds, renewed three times as often [default: 30; 2 with --makespan]
+    #[arg(long, value_name = "S", value_parser = parse_seconds)]
+    pub lease_s: Option<f64>,
+    /// Milliseconds from a worker to the queue and back
+    #[arg(long, value_name = "MS", default_value_t = 1.0, value_parser = parse_seconds)]
+    pub round_trip_ms: f64,
+    /// Longest time between two listings of the store by the coordinator, in seconds
+    #[arg(long, value_name = "S", default_value_t = 600.0, value_parser = parse_seconds)]
+    pub reconcile_s: f64,
+
+    /// Kill a worker at a second (0@3.1), or a share of all workers at times spread over the bound (5%); repeatable
+    #[arg(long, value_name = "W@S|N%", value_parser = parse_kill)]
+    pub kill: Vec<Kill>,
+    /// Slow a worker (1x4: four times slower) or a share of all workers (10%x4) down; repeatable
+    #[arg(long, value_name = "WxF|N%xF", value_parser = parse_slow)]
+    pub slow: Vec<Slow>,
+    /// Stop a worker as SIGSTOP and SIGCONT do (2@5+60: at second 5 for 60 seconds), or a share of them (1%+60); repeatable
+    #[arg(long, value_name = "W@S+S|N%+S", value_parser = parse_stop)]
+    pub stop: Vec<Stop>,
+    /// Second at which the queue forgets everything; repeatable
+    #[arg(long, value_name = "S", value_parser = parse_seconds)]
+    pub wipe: Vec<f64>,
+    /// Take the queue's server away (20+60: from second 20 for 60 seconds); repeatable
+    #[arg(long, value_name = "S+S", value_parser = parse_away)]
+    pub away: Vec<(f64, f64)>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Mode {
+    Overhead,
+    Makespan,
+    Resume,
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Overhead => "real workers on a queue and inside one process",
+            Self::Makespan => "real workers on a queue, tasks that sleep, twice",
+            Self::Resume => "a run that is half done would be made and resumed",
+        })
+    }
+}
+
+/// The result with `--dry-run`.
+#[derive(Serialize)]
+struct Planned {
+    measured: bool,
+    mode: Mode,
+    dry_run: bool,
+}
+
+impl fmt::Display for Planned {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "would measure: {}", self.mode)
+    }
+}
+
 pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     if args.simulate {
-        return simulated(args, output);
+        show(output, &simulate(&case(args)?)?);
+        return Ok(Exit::Done);
     }
     if args.workers > MOST_WORKERS {
         let what = format!(
@@ -28,52 +128,110 @@ pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Res
         );
         return Err(usage(what));
     }
-    let (mode, what) = match (args.makespan, args.resume) {
-        (true, _) => (
-            "makespan",
-            "real workers on a queue, tasks that sleep, twice",
-        ),
-        (_, true) => (
-            "resume",
-            "a run that is half done would be made and begun again",
-        ),
-        _ => ("overhead", "real workers on a queue and inside one process"),
+    let mode = match (args.makespan, args.resume) {
+        (true, _) => Mode::Makespan,
+        (_, true) => Mode::Resume,
+        _ => Mode::Overhead,
     };
     if global.dry_run {
-        let object = json!({ "measured": true, "mode": mode, "dry_run": true });
-        output.result(SCHEMA, object, &format!("would measure: {what}"));
+        show(
+            output,
+            &Planned {
+                measured: true,
+                mode,
+                dry_run: true,
+            },
+        );
         return Ok(Exit::Done);
     }
-    match mode {
-        "makespan" => bench_farm_makespan::run(args, global, output),
-        "resume" => bench_farm_resume::run(args, global, output),
-        _ => bench_farm_measure::run(args, global, output),
-    }
+    let signals = Signals::catch();
+    measure(args, mode, &signals, global, output).map_err(|failure| {
+        let stopped = matches!(failure.error.downcast_ref(), Some(FarmBenchError::Stopped));
+        if stopped {
+            Failure::new(signals.exit(), failure.error)
+        } else {
+            failure
+        }
+    })
 }
 
-fn simulated(args: &BenchFarmArgs, output: &Output) -> Result<Exit, Failure> {
-    let case = case(args)?;
-    let since_s = thread_cpu_s();
-    let Some(outcome) = simulate(&case) else {
-        let what = "the run would never end: no worker is left, or the faults outweigh the rules; \
-                    leave more workers alive, or lengthen --lease-s";
-        return Err(Failure::new(Exit::Failed, anyhow!(what)));
+fn measure(
+    args: &BenchFarmArgs,
+    mode: Mode,
+    signals: &Signals,
+    global: &Global,
+    output: &Output,
+) -> Result<Exit, Failure> {
+    let program = std::env::current_exe().map_err(|e| Failure::new(Exit::Failed, e))?;
+    let unit = match mode {
+        Mode::Resume => "scenes",
+        Mode::Overhead | Mode::Makespan => "runs",
     };
-    let cpu_s = thread_cpu_s() - since_s;
-    output.result(
-        SCHEMA,
-        object(&case, &outcome, cpu_s),
-        text(&case, &outcome, cpu_s).trim_end(),
-    );
+    let progress = Progress::new(global, unit, 0);
+    let setup = Setup {
+        program: &program,
+        queue: args.queue.as_deref(),
+        cpu: cpu_name(),
+        stop: signals.stop(),
+        watcher: &progress,
+    };
+    match mode {
+        Mode::Overhead => {
+            let (scenes, shards) = (args.scenes.unwrap_or(16), args.shards.unwrap_or(64));
+            let result = overhead(&setup, args.workers, scenes, shards)?;
+            progress.finish();
+            if !result.how.has_queue() {
+                output.warning(
+                    "there is no nats-server on this machine: only the queue inside a process was measured",
+                );
+            }
+            show(output, &result);
+        }
+        Mode::Makespan => {
+            let result = makespan(&setup, &case(args)?, args.passes)?;
+            progress.finish();
+            show(output, &result);
+            if !result.tuples_equal {
+                let what = "the farm's tuples are not those of one process: this must never happen; please report it";
+                return Err(Failure::new(Exit::Failed, anyhow!(what)));
+            }
+        }
+        Mode::Resume => {
+            let (scenes, shards) = (args.scenes.unwrap_or(5000), args.shards.unwrap_or(64));
+            let result = resume(&setup, scenes, shards, args.passes, isa(global)?)?;
+            progress.finish();
+            show(output, &result);
+        }
+    }
     Ok(Exit::Done)
+}
+
+fn show(output: &Output, result: &(impl Serialize + fmt::Display)) {
+    let object = serde_json::to_value(result).expect("figures are JSON");
+    output.result(SCHEMA, object, &result.to_string());
 }
 
 fn usage(what: impl Into<String>) -> Failure {
     Failure::new(Exit::Usage, anyhow!(what.into()))
 }
 
+impl From<FarmBenchError> for Failure {
+    fn from(error: FarmBenchError) -> Self {
+        use FarmBenchError as E;
+        match error {
+            E::NoQueue | E::OtherFault => Self::new(Exit::Usage, error),
+            E::Plan(error) => error.into(),
+            E::Run(error) => error.into(),
+            E::Queue(error) => error.into(),
+            E::Bench(error) => error.into(),
+            E::Write(error) => error.into(),
+            _ => Self::new(Exit::Failed, error),
+        }
+    }
+}
+
 /// The case of the arguments, to be simulated or done.
-pub(super) fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
+fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
     let lease_s = args
         .lease_s
         .unwrap_or(if args.simulate { 30.0 } else { 2.0 });
@@ -82,32 +240,18 @@ pub(super) fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
             scenes: args.scenes.unwrap_or(50),
             shards: args.shards.unwrap_or(16),
             cheapest_shard_s: args.shard_s,
-            doublings: args.skew.ilog2(),
-            dearest_last: args.dearest_last,
             load_s: args.load_s,
             seed: args.seed,
+            ..Work::default()
         },
         fleet: Fleet {
             workers: args.workers,
             round_trip_s: args.round_trip_ms * 1e-3,
-            store_s: args.store_ms * 1e-3,
-            page_s: args.page_ms * 1e-3,
             ..Fleet::default()
         },
         rules: Rules {
             lease_s,
-            idle_pull: args.pull.into(),
-            pull_s: args.pull_s,
-            prefetch: args.prefetch.into(),
             reconcile_s: args.reconcile_s,
-            listing: args.list.into(),
-            list_first: args.list_first.into(),
-            window: args.window,
-            look_again: args.look_again,
-            no_giving: args.no_giving,
-            give_levels: args.give_levels,
-            pause_s: [Rules::default().pause_s[0], args.longest_pause_s],
-            ..Rules::default()
         },
         faults: Vec::new(),
     };
@@ -153,139 +297,104 @@ pub(super) fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
     Ok(case)
 }
 
-/// How many workers each kind of fault meets.
-fn fault_counts(case: &Case) -> [(&'static str, usize); 5] {
-    let count = |is: fn(&Fault) -> bool| case.faults.iter().filter(|f| is(f)).count();
-    [
-        ("killed", count(|f| matches!(f, Fault::Kill { .. }))),
-        ("slow", count(|f| matches!(f, Fault::Slow { .. }))),
-        ("stopped", count(|f| matches!(f, Fault::Stop { .. }))),
-        ("wiped", count(|f| matches!(f, Fault::Wipe { .. }))),
-        ("away", count(|f| matches!(f, Fault::Away { .. }))),
-    ]
+/// A worker's number, or a share of all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Which {
+    One(u32),
+    /// 0..=1.
+    Share(f64),
 }
 
-fn name(kind: Kind) -> &'static str {
-    KINDS.iter().find(|(k, _)| *k == kind).map_or("", |k| k.1)
+/// `--kill`; a share has its times drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kill {
+    which: Which,
+    at_s: Option<f64>,
 }
 
-fn object(case: &Case, o: &Outcome, cpu_s: f64) -> Value {
-    let messages: Map<String, Value> = o
-        .messages
-        .iter()
-        .map(|m| {
-            let value = json!({ "count": m.count, "peak_per_s": m.peak_per_s });
-            (name(m.kind).to_owned(), value)
-        })
-        .collect();
-    let faults: Map<String, Value> = fault_counts(case)
-        .iter()
-        .map(|(name, count)| ((*name).to_owned(), json!(count)))
-        .collect();
-    json!({
-        "simulated": true,
-        "workers": case.fleet.workers, "scenes": case.work.scenes, "shards": case.work.shards, "seed": case.work.seed,
-        "lease_s": case.rules.lease_s, "faults": faults,
-        "makespan_s": o.makespan_s, "bound_s": o.bound_s, "over_bound": o.makespan_s / o.bound_s, "known_s": o.known_s,
-        "loads": o.loads, "loads_per_scene": o.loads_per_scene,
-        "shards_traced": o.shards_traced, "shards_traced_again": o.shards_traced_again,
-        "gives": o.gives, "spans_given": o.spans_given, "asked_in_vain": o.asked_in_vain,
-        "leases_ended": o.leases_ended, "wrong_acknowledgements": o.wrong_acknowledgements,
-        "messages": messages, "peak_messages_per_s": o.peak_messages_per_s,
-        "median_messages_per_s": o.median_messages_per_s, "most_in_stream": o.most_in_stream,
-        "worker_listings": o.worker_listings, "coordinator_pages": o.coordinator_pages,
-        "subject_pages": o.subject_pages, "reconciles": o.reconciles,
-        "published_though_done": o.published_though_done,
-        "events": o.events, "cpu_s": cpu_s,
+/// `--slow`
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slow {
+    which: Which,
+    times: f64,
+}
+
+/// `--stop`; a share has its times drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stop {
+    which: Which,
+    at_s: Option<f64>,
+    for_s: f64,
+}
+
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|s: &f64| (0.0..=1e7).contains(s))
+        .ok_or_else(|| format!("{text:?} is not a number from 0 to ten million"))
+}
+
+fn parse_which(text: &str) -> Result<Which, String> {
+    if let Some(percent) = text.strip_suffix('%') {
+        let percent = parse_seconds(percent)?;
+        if percent > 100.0 {
+            return Err(format!("{text} is more than all workers"));
+        }
+        return Ok(Which::Share(percent / 100.0));
+    }
+    text.parse()
+        .map(Which::One)
+        .map_err(|_| format!("{text:?} is neither a worker's number, from 0, nor a share like 5%"))
+}
+
+/// A worker needs a time, a share must not have one.
+fn parse_which_at(text: &str) -> Result<(Which, Option<f64>), String> {
+    match text.split_once('@') {
+        Some((which, at)) => match parse_which(which)? {
+            Which::Share(_) => Err("the times of a share are drawn: write N% alone".to_owned()),
+            one @ Which::One(_) => Ok((one, Some(parse_seconds(at)?))),
+        },
+        None => match parse_which(text)? {
+            Which::One(_) => Err(format!("when? write {text}@SECOND")),
+            share @ Which::Share(_) => Ok((share, None)),
+        },
+    }
+}
+
+fn parse_kill(text: &str) -> Result<Kill, String> {
+    let (which, at_s) = parse_which_at(text)?;
+    Ok(Kill { which, at_s })
+}
+
+fn parse_slow(text: &str) -> Result<Slow, String> {
+    let (which, times) = text
+        .split_once('x')
+        .ok_or("how much slower? write WORKERxTIMES, like 1x4")?;
+    let times = parse_seconds(times)?;
+    if times < 1.0 {
+        return Err("1 or more times slower".to_owned());
+    }
+    Ok(Slow {
+        which: parse_which(which)?,
+        times,
     })
 }
 
-fn text(case: &Case, o: &Outcome, cpu_s: f64) -> String {
-    let (fleet, work) = (&case.fleet, &case.work);
-    let mut text = format!(
-        "{} workers, {} scenes of {} shards, seed {}",
-        fleet.workers, work.scenes, work.shards, work.seed
-    );
-    for (name, count) in fault_counts(case).iter().filter(|(_, n)| *n > 0) {
-        let _ = write!(text, ", {name} {count}");
-    }
-    let _ = writeln!(
-        text,
-        " (simulated: {} events in {cpu_s:.1} CPU s)\n",
-        o.events
-    );
-    let row = |name: &str, value: String| vec![name.to_owned(), value];
-    let rows = [
-        row("result", "value".to_owned()),
-        row("lower bound", format!("{:.2} s", o.bound_s)),
-        row(
-            "makespan",
-            format!(
-                "{:.2} s ({:.3} x bound)",
-                o.makespan_s,
-                o.makespan_s / o.bound_s
-            ),
-        ),
-        row("coordinator knows", format!("{:.2} s", o.known_s)),
-        row(
-            "loads",
-            format!("{} ({:.3} a scene)", o.loads, o.loads_per_scene),
-        ),
-        row(
-            "shards traced",
-            format!("{} ({} again)", o.shards_traced, o.shards_traced_again),
-        ),
-        row(
-            "requests to give",
-            format!(
-                "{} fulfilled ({} spans), {} in vain",
-                o.gives, o.spans_given, o.asked_in_vain
-            ),
-        ),
-        row("leases ended", o.leases_ended.to_string()),
-        row(
-            "wrong acknowledgements",
-            o.wrong_acknowledgements.to_string(),
-        ),
-        row("most messages in the stream", o.most_in_stream.to_string()),
-        row(
-            "looks into the store by workers",
-            o.worker_listings.to_string(),
-        ),
-        row(
-            "coordinator",
-            format!(
-                "{} listings, {} pages of keys, {} of subjects",
-                o.reconciles, o.coordinator_pages, o.subject_pages
-            ),
-        ),
-        row("published though done", o.published_though_done.to_string()),
-    ];
-    text += &align(&rows, 1);
-    text += "\n";
-    let mut table = vec![
-        ["message", "count", "most in a second"]
-            .map(str::to_owned)
-            .to_vec(),
-    ];
-    for m in &o.messages {
-        let cells = [
-            name(m.kind).to_owned(),
-            m.count.to_string(),
-            m.peak_per_s.to_string(),
-        ];
-        table.push(cells.to_vec());
-    }
-    let all: u64 = o.messages.iter().map(|m| m.count).sum();
-    let last = [
-        "all".to_owned(),
-        all.to_string(),
-        format!(
-            "{} (median {})",
-            o.peak_messages_per_s, o.median_messages_per_s
-        ),
-    ];
-    table.push(last.to_vec());
-    text += &align(&table, 1);
-    text
+fn parse_stop(text: &str) -> Result<Stop, String> {
+    let (which, for_s) = text
+        .rsplit_once('+')
+        .ok_or("for how long? write WORKER@SECOND+SECONDS, like 2@5+60")?;
+    let (which, at_s) = parse_which_at(which)?;
+    Ok(Stop {
+        which,
+        at_s,
+        for_s: parse_seconds(for_s)?,
+    })
+}
+
+fn parse_away(text: &str) -> Result<(f64, f64), String> {
+    let (at, how_long) = text
+        .split_once('+')
+        .ok_or("for how long? write SECOND+SECONDS, like 20+60")?;
+    Ok((parse_seconds(at)?, parse_seconds(how_long)?))
 }

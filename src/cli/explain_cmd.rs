@@ -7,7 +7,7 @@ use super::output::Output;
 use super::status_text::attempt;
 use super::target;
 use crate::run::{Explanation, SceneState, explain};
-use crate::serve::text::grouped;
+use crate::text::grouped;
 use render::line::Roots;
 use serde_json::json;
 use std::fmt::Write;

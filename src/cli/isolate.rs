@@ -5,13 +5,12 @@
 
 use super::args::{CacheArgs, Only, QueueArgs};
 use crate::farm::{Fault, Isolate, IsolatedEnd};
-use crate::run::Span;
-use crate::run::{EndKind, Ending};
-use crossbeam::channel::{Receiver, RecvTimeoutError, unbounded};
+use crate::pipe::lines;
+use crate::run::{EndKind, Ending, Span};
+use crossbeam::channel::{Receiver, RecvTimeoutError};
 use render::ids::SceneId;
 use serde_json::Value;
 use std::collections::VecDeque;
-use std::io::{BufRead, BufReader, Read};
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -109,8 +108,8 @@ impl Isolate for Children<'_> {
             Ok(child) => child,
             Err(error) => return IsolatedEnd::Failed(format!("it cannot be started: {error}")),
         };
+        let messages = lines(child.stderr.take());
         let lines = lines(child.stdout.take());
-        let messages = lines_of_stderr(&mut child);
         let mut last = String::new();
         let mut hung = None;
         let mut heard = Instant::now();
@@ -196,29 +195,6 @@ fn done(outcome: &str) -> IsolatedEnd {
             .as_str()
             .map(str::to_owned),
     }
-}
-
-/// A pipe's lines, from a thread that ends with the pipe.
-pub(super) fn lines(pipe: Option<impl Read + Send + 'static>) -> Receiver<String> {
-    let (sender, lines) = unbounded();
-    if let Some(pipe) = pipe {
-        std::thread::spawn(move || {
-            let mut pipe = BufReader::new(pipe);
-            let mut line = Vec::new();
-            while matches!(pipe.read_until(b'\n', &mut line), Ok(1..)) {
-                let text = String::from_utf8_lossy(&line).trim_end().to_owned();
-                line.clear();
-                if sender.send(text).is_err() {
-                    return;
-                }
-            }
-        });
-    }
-    lines
-}
-
-fn lines_of_stderr(child: &mut Child) -> Receiver<String> {
-    lines(child.stderr.take())
 }
 
 fn tail(messages: &Receiver<String>) -> String {

@@ -5,16 +5,7 @@ mod audit_cmd;
 mod bench_args;
 mod bench_cmd;
 mod bench_error_cmd;
-mod bench_farm_args;
 mod bench_farm_cmd;
-mod bench_farm_makespan;
-mod bench_farm_measure;
-mod bench_farm_measured;
-mod bench_farm_pass;
-mod bench_farm_place;
-mod bench_farm_process;
-mod bench_farm_recipe;
-mod bench_farm_resume;
 mod bench_trace_cmd;
 #[cfg(feature = "train")]
 mod bench_train_cmd;

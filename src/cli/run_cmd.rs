@@ -9,12 +9,9 @@ use super::store_env;
 use super::work_cmd::{How, outcome_json, summary, work_on};
 use crate::report::write_report;
 use crate::run::Run;
-use crate::run::{check, table};
 use crate::store::Store;
-use plan::cases::{CaseFile, is_case_file};
 use render::line::Roots;
 use serde_json::json;
-use std::path::Path;
 
 pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let plan = &args.plan;
@@ -42,6 +39,7 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     }
     let mut object = outcome_json(&outcome, &folder, wall);
     let mut text = summary(&outcome, wall);
+    #[cfg(feature = "train")]
     let mut exit = exit;
     #[cfg(feature = "train")]
     if matches!(exit, Exit::Done | Exit::Incomplete)
@@ -62,40 +60,6 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     report_cmd::warn(&report, output);
     object["report"] = json!(report.path);
     text = format!("{text}\nlook at {}", report.path.display());
-    // A run that was stopped has nothing to compare yet.
-    if matches!(exit, Exit::Done | Exit::Incomplete)
-        && let Some(file) = case_file(&plan.recipe)?
-    {
-        let rows = check(&file, &run).map_err(|e| Failure::new(Exit::Failed, e))?;
-        let failed = rows.iter().filter(|row| !row.ok).count();
-        object["checks"] = json!(rows);
-        object["checks_failed"] = json!(failed);
-        text = format!(
-            "{}\n{} checks, {failed} failed\n{text}",
-            table(&rows),
-            rows.len()
-        );
-        exit = if failed == 0 {
-            Exit::Done
-        } else {
-            Exit::Failed
-        };
-    }
     output.result("glasshouse.run/1", object, &text);
     Ok(exit)
-}
-
-/// The hard cases in `path`, if it holds such.
-fn case_file(path: &Path) -> Result<Option<CaseFile>, Failure> {
-    let wrong = |error: anyhow::Error| Failure::new(Exit::InvalidInput, error);
-    if path.extension().is_none_or(|ending| ending != "toml") {
-        return Ok(None);
-    }
-    let text = std::fs::read_to_string(path).map_err(|e| wrong(e.into()))?;
-    if !is_case_file(&text) {
-        return Ok(None);
-    }
-    CaseFile::parse(&text)
-        .map(Some)
-        .map_err(|e| wrong(e.into()))
 }

@@ -1,9 +1,8 @@
 //! A run's state for people.
 
 use crate::farm::queue::QueueState;
-use crate::run::{EndKind, Overview, StandingAttempt};
-use crate::serve::FarmState;
-use crate::serve::text::{duration, grouped, percent, rate};
+use crate::run::{EndKind, FarmState, Overview, StandingAttempt};
+use crate::text::{duration, grouped, percent, rate};
 use std::fmt::Write;
 
 /// Characters of the bar.

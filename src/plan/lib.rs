@@ -14,7 +14,6 @@
 //!
 //! Pure, apart from the listings of `diode.rs`, `places.rs` and `list.rs`.
 
-pub mod cases;
 mod cast;
 mod check;
 mod content;
@@ -57,7 +56,7 @@ pub use light::{
     illuminant, luminance,
 };
 pub use list::{LIST_NAME, ListError, PHOTOGRAPH_SCHEMA, index_list, parse_list};
-pub use make::{inputs_folder, make_photographs};
+pub use make::make_photographs;
 pub use param::{Normal, Param};
 pub use places::{
     Category, DEPTH_RANGES_SCHEMA, DepthRanges, DepthRangesError, PlacesFolders, index_places,

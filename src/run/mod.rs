@@ -7,7 +7,6 @@ pub mod keys;
 
 mod attempts;
 mod audit;
-mod check_cases;
 mod compare;
 mod control;
 mod done;
@@ -33,7 +32,6 @@ pub use attempts::{
 };
 pub(crate) use attempts::{PoisonCheck, is_unreadable, mark_lost, poison_check};
 pub use audit::{AuditOptions, SceneAudit, Verdict, audit_scene, check_auditor, draw_scenes};
-pub use check_cases::{CheckError, CheckRow, check, table};
 pub use compare::FileDifference;
 pub use control::{CONTROL_SCHEMA, Changed, Control, ControlError, ControlState, set_control};
 pub(crate) use control::{ControlFlag, ControlLook};
@@ -45,7 +43,7 @@ pub use events::{Event, StageSeconds, process_cpu_s};
 pub use explain::{ExplainError, Explanation, SceneState, ShardFacts, explain};
 pub(crate) use made_by::{MadeBy, who_else};
 pub use open::{Run, RunDir, RunError};
-pub use overview::{Observer, Overview, StandingAttempt, WorkerTuples};
+pub use overview::{FarmState, Observer, Overview, StandingAttempt, WorkerTuples};
 pub use planning::{PlanError, PlanOptions, Planned, plan_run};
 pub use provenance::Receipt;
 pub use quarantine::{QUARANTINE_SCHEMA, QuarantineRecord};

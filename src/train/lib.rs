@@ -56,7 +56,6 @@ pub use checkpoint::{
     clear, code_path, prune, steps, write_checkpoint,
 };
 pub use discriminator::Discriminator;
-pub use events::masked_crc;
 pub use example::{Cut, Example, Planes};
 pub use example_sampler::{ExampleSampler, SceneSource};
 pub use generator::{DILATIONS, Generator, GeneratorOptions, SLOPE};

@@ -79,6 +79,7 @@ pub(crate) fn pages() -> Vec<Page> {
         "ARCHITECTURE.md",
         "CHANGELOG.md",
         "CONTRIBUTING.md",
+        "docs/decisions/farm-scheduling.md",
         "manifests/README.md",
         "workers/README.md",
         "benches/README.md",

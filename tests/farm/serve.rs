@@ -2,9 +2,8 @@
 
 use crate::serve_run::{HOSTILE, Run, TOKEN, get, id, png, request, run, send, start, worker};
 use crate::support::markup::strictly;
-use glasshouse::serve::{
-    Action, FarmSource, FarmState, QuarantinedScene, ServeError, WorkerState, serve,
-};
+use glasshouse::run::FarmState;
+use glasshouse::serve::{Action, FarmSource, QuarantinedScene, ServeError, WorkerState, serve};
 use render::trace::LAYERS;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Write};

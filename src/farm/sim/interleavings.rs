@@ -260,10 +260,7 @@ impl Farm {
     }
 
     fn pull(&mut self, w: usize) {
-        if let Some(Delivery {
-            sequence, handed, ..
-        }) = self.queue.take(0)
-        {
+        if let Some(Delivery { sequence, handed }) = self.queue.take(0) {
             self.workers[w].holding.take(sequence, handed);
         }
     }

@@ -270,41 +270,6 @@ pairs = { sample = 3 }
 "#,
 ];
 
-const CASES: &str = r#"schema = "glasshouse.cases/1"
-name = "two"
-seed = 3
-[film]
-width = 6
-height = 4
-spp = 16
-[camera]
-focal_length_mm = 55
-aperture_radius_m = 0.01
-focus = { at = "front_center" }
-[glass]
-distance_m = 0.3
-thickness_m = 0.01
-ior = 1.6
-[[case]]
-id = "grey"
-what = "Grey planes."
-film = { filter = "gaussian" }
-apex = "camera"
-front = { radiance = [0.5, 0.5, 0.5], depth_m = 2, depth_points = [[1, 2, nan], [0, 0, -inf]], color_file = "png" }
-back = { ramp = { middle = 1, across_per_m = 0.5, down_per_m = 0 }, texels = [9, 8], depth_m = 2, depth_file = "exr" }
-expect = [
-  { layer = "transmission", value = [0.5, 0.5, 0.5], bound = 0.005 },
-  { layer = "input", same_as = "grey/input", bound = 0 },
-]
-[[case]]
-id = "steep"
-what = "Refused."
-glass = { tilt_deg = [0, 80] }
-front = { checker = true, depth_m = 2, half_fov_tan = [0.1, 0.2] }
-back = { noise = 1, depth_m = 2 }
-refused = "85"
-"#;
-
 /// A square and a triangle, in text and in bytes.
 fn meshes() -> Vec<(&'static str, Vec<u8>)> {
     let header = |coding: &str, vertex: &str| {
@@ -427,9 +392,6 @@ pub(crate) fn all() -> Vec<Seed> {
     for (k, text) in RECIPES.iter().enumerate() {
         seeds.push(("recipe", format!("{k}.toml"), text.as_bytes().to_vec()));
     }
-    seeds.push(("cases", "two.toml".to_owned(), CASES.as_bytes().to_vec()));
-    let one = CASES.split("[[case]]").next().unwrap_or_default();
-    seeds.push(("cases", "none.toml".to_owned(), one.as_bytes().to_vec()));
     let partial = render::partial::encode(&partials[0]).unwrap();
     seeds.push(("partial", "pixels.exr".to_owned(), partial));
     seeds.push((
