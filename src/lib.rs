@@ -21,22 +21,30 @@ pub use train;
 pub use {compose, plan, procedural, render};
 
 // Plan and run.
-pub mod farm;
-pub mod run;
 pub mod store;
 
-// Learn: other programs' data sets.
+pub mod run;
+
+pub mod farm;
+
+// Data sets for other programs.
 pub mod export;
 
 // Look.
-mod pipe;
-mod plot;
 mod text;
 
-pub mod bench;
-pub mod doctor;
-pub mod inspect;
-pub mod report;
+mod plot;
+
+mod pipe;
+
 pub mod serve;
+
+pub mod report;
+
+pub mod inspect;
+
+pub mod doctor;
+
+pub mod bench;
 
 pub mod cli;

@@ -12,9 +12,11 @@
 
 mod calibrate;
 mod clock;
+mod cpu;
 mod deviation;
 mod dump;
 mod error;
+mod error_report;
 pub mod farm;
 mod fit;
 mod kernels;
@@ -27,11 +29,13 @@ mod table;
 #[cfg(feature = "train")]
 mod train_step;
 
-pub use calibrate::{Calibration, calibrate};
+pub use calibrate::calibrate;
 pub use clock::thread_cpu_s;
+pub use cpu::{cpu_name, on_cpu};
 pub use deviation::{CELL_PX, Deviation};
 pub use dump::RayDump;
 pub use error::BenchError;
+pub use error_report::{ERROR_SCHEMA, ErrorReport};
 pub use fit::{Slope, log_log_slope};
 pub use kernels::{
     BuildRow, KernelRow, KernelTiming, OnClass, TracerRow, TracerTiming, grid_builds, kernels,

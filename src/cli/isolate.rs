@@ -3,7 +3,7 @@
 //! The child is `work --only SCENE:A-B` on the same run and store. It prints a line when it renews its lease, a line
 //! with `hung` when it finds out that it makes no progress, and at last its outcome as JSON.
 
-use super::args::{CacheArgs, Only, QueueArgs};
+use super::args::{CacheArgs, QueueArgs};
 use crate::farm::{Fault, Isolate, IsolatedEnd};
 use crate::pipe::lines;
 use crate::run::{EndKind, Ending, Span};
@@ -22,6 +22,31 @@ pub(super) const SIGN: &str = "goes on";
 pub(super) const HUNG: &str = "hung: ";
 /// Lines of a lost child's messages that are kept.
 const TAIL_LINES: usize = 20;
+
+/// Shards of a scene, as `SCENE:A-B`: from A up to, not with, B.
+#[derive(Clone, Debug)]
+pub(super) struct Only {
+    /// The scene.
+    pub(super) scene: String,
+    /// The shards.
+    pub(super) shards: std::ops::Range<u32>,
+}
+
+impl std::str::FromStr for Only {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once(':');
+        let parts = parts.and_then(|(scene, shards)| Some((scene, shards.split_once('-')?)));
+        match parts.map(|(scene, (a, b))| (scene, a.parse(), b.parse())) {
+            Some((scene, Ok(start), Ok(end))) if start < end => Ok(Self {
+                scene: scene.to_owned(),
+                shards: start..end,
+            }),
+            _ => Err(format!("{text:?} is not SCENE:A-B with A below B")),
+        }
+    }
+}
 
 /// Starts children.
 pub(super) struct Children<'a> {

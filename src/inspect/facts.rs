@@ -2,6 +2,7 @@
 
 use super::kind::Kind;
 use crate::text::{cut, grouped};
+use serde::Serialize;
 use serde_json::{Map, Value};
 use std::fmt::Write;
 
@@ -10,11 +11,12 @@ const TEXT_SHOWN: usize = 1000;
 const LIST_SHOWN: usize = 8;
 
 /// Something that is wrong with a file.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Problem {
     /// A sentence about the damage.
     pub what: String,
     /// Line, byte, member or tensor, if known.
+    #[serde(rename = "where")]
     pub place: Option<String>,
     /// What to do about it.
     pub to_do: String,

@@ -5,7 +5,6 @@ use super::facts::{Inspection, Problem, text_of};
 use super::input::{AGAIN, Input};
 use super::kind::{Kind, schema_of};
 use crate::run::{AttemptRecord, Control, QuarantineRecord, Receipt, keys};
-use plan::cases::CaseFile;
 use plan::{DepthRanges, Recipe, TrainRecipe};
 use render::shard::Spec;
 use render::trace::TRACER_VERSION;
@@ -64,7 +63,6 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
             object
         }
         Kind::Recipe => toml_table(&mut found, input, |text| Recipe::parse(text).map(drop)),
-        Kind::HardCases => toml_table(&mut found, input, |text| CaseFile::parse(text).map(drop)),
         Kind::DepthRanges => {
             toml_table(&mut found, input, |text| DepthRanges::parse(text).map(drop))
         }
@@ -222,7 +220,7 @@ fn to_do(kind: Kind) -> &'static str {
         Kind::Control => "`glasshouse resume RUN` removes it; until then the run is paused",
         Kind::Receipt | Kind::MadeBy => "delete it: nothing depends on it",
         Kind::TrainRecipe => "plan the run again into a new folder",
-        Kind::Recipe | Kind::HardCases | Kind::DepthRanges => {
+        Kind::Recipe | Kind::DepthRanges => {
             "correct it; manifests/README.md has every key with its range"
         }
         _ => AGAIN,
@@ -249,7 +247,6 @@ fn advise(found: &mut Inspection, object: &Map<String, Value>) {
         }
         Kind::Control => "`glasshouse resume RUN` lets the run go on".to_owned(),
         Kind::Recipe => "`glasshouse plan RECIPE -n` tells what a run of it takes".to_owned(),
-        Kind::HardCases => "`glasshouse run FILE` renders the cases and checks them".to_owned(),
         Kind::Output => "docs/formats.md has its fields".to_owned(),
         _ => return,
     };

@@ -1,8 +1,8 @@
 //! Noise maps beside tuples: what they add up to, and that nothing depends on them.
 
-use crate::report::{LAYERS, finished, record, report};
+use crate::report::{LAYERS, finished, report};
 use crate::support::markup::{all, strictly};
-use crate::support::outputs::{exr_channels, files};
+use crate::support::outputs::{exr_channels, files, tuple_record};
 use crate::support::program::{run, text};
 use crate::support::scenes::SCENES;
 use serde_json::json;
@@ -14,7 +14,7 @@ fn noise_maps_add_up_to_the_stated_errors() {
     let maps = files(&folder.join("noise"));
     assert_eq!(maps.len(), SCENES);
     for map in &maps {
-        let record = record(folder, map.file_stem().unwrap().to_str().unwrap());
+        let record = tuple_record(folder, map.file_stem().unwrap().to_str().unwrap());
         let channels = exr_channels(&folder.join("noise").join(map));
         let names: Vec<&String> = channels.keys().collect();
         let mut expected = LAYERS;
