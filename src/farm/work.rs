@@ -133,7 +133,7 @@ pub fn work(
     let _lock = run.lock()?;
     check_golden(run, options)?;
     sweep(run);
-    let store = Store::local(run.dir.root())?;
+    let store = Store::local(run.root())?;
     let queue = LocalQueue::new(None);
     let (mut quarantined, mut already_merged) = (Vec::new(), 0);
     let tried = scenes_tried(&store)?;
@@ -141,11 +141,11 @@ pub fn work(
     for (scene, line) in run.lines.iter().enumerate() {
         if is_done(&store, line)? {
             already_merged += 1;
-        } else if let Some(record) = QuarantineRecord::read(&run.dir, &line.id) {
+        } else if let Some(record) = QuarantineRecord::get(&store, &line.id)? {
             quarantined.push((line.id.clone(), record.reason));
         } else {
             // What stands there is no tuple of this scene, and nobody else works here.
-            let _ = std::fs::remove_dir_all(run.dir.tuple(&line.id));
+            store.remove_folder(&keys::tuple_folder(&line.id))?;
             shards += u64::from(run.layout(line).len());
             // Nobody else works here: an attempt that stands was lost.
             if tried.contains(&line.id) {

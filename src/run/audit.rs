@@ -7,7 +7,7 @@ use super::compare::{FileDifference, compare};
 use super::error::AccessError;
 use super::keys;
 use super::open::Run;
-use super::provenance::Receipt;
+use super::provenance::Provenance;
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use render::job::{SceneJob, render_partials};
@@ -52,7 +52,7 @@ pub struct SceneAudit {
     /// What came out.
     pub verdict: Verdict,
     /// Who made its tuple.
-    pub receipt: Option<Receipt>,
+    pub receipt: Option<Provenance>,
     /// Files compared.
     pub files: u64,
     /// Those that differ.
@@ -83,10 +83,7 @@ pub fn draw_scenes(
     seed: u64,
 ) -> Result<Vec<usize>, StoreError> {
     let listed: BTreeSet<String> = store.list(keys::TUPLES)?.into_iter().collect();
-    let is_there = |line: &SceneLine| {
-        let mut names = tuple_files(line).into_iter();
-        names.all(|file| listed.contains(&keys::tuple(&line.id, &file)))
-    };
+    let is_there = |line: &SceneLine| keys::tuple_keys(line).all(|key| listed.contains(&key));
     let lines = run.lines.iter().enumerate();
     let done = lines.filter(|(_, line)| is_there(line));
     Ok(draw(
@@ -131,12 +128,12 @@ pub fn audit_scene(
     let mut audit = SceneAudit {
         scene: line.id.clone(),
         verdict: Verdict::NotCompared,
-        receipt: Receipt::get(store, &line.id)?,
+        receipt: Provenance::get(store, &line.id)?,
         files: 0,
         differences: Vec::new(),
         reason: None,
     };
-    let mut there = store.list(&format!("{}/{}", keys::TUPLES, line.id))?;
+    let mut there = store.list(&keys::tuple_folder(&line.id))?;
     let partials = store.list(&keys::partials(&line.id))?;
     there.extend(
         partials
@@ -149,7 +146,7 @@ pub fn audit_scene(
         return Ok(Some(audit));
     }
     let open = |path: &Path| run.inputs.read(path);
-    let files = read_files_by(line, &run.roots, run.dir.root(), &open);
+    let files = read_files_by(line, &run.roots, run.root(), &open);
     let loaded = files.and_then(|files| load(line, &files));
     let loaded = match loaded {
         Ok(loaded) => loaded,
@@ -194,7 +191,7 @@ fn other_inputs(
     line: &SceneLine,
     here: &InputDigests,
 ) -> Result<Option<String>, StoreError> {
-    let Some(bytes) = store.get(&keys::tuple(&line.id, "tuple.json"))? else {
+    let Some(bytes) = store.get(&keys::tuple_record(&line.id))? else {
         return Ok(None);
     };
     let Ok(record) = serde_json::from_slice::<TupleRecord>(&bytes) else {

@@ -9,7 +9,7 @@ use super::keys;
 use crate::store::{Store, StoreError};
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU8, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// The schema name of `control.json`.
 pub const CONTROL_SCHEMA: &str = "glasshouse.control/1";
@@ -155,11 +155,6 @@ pub fn set_control(
     Ok(changed)
 }
 
-/// Between two looks in a folder.
-const LOOK_LOCAL: Duration = Duration::from_secs(2);
-/// Between two looks in a bucket, where each costs something.
-const LOOK_REMOTE: Duration = Duration::from_secs(5);
-
 /// Looks now and then at what a run has been told.
 #[derive(Debug, Default)]
 pub(crate) struct ControlLook {
@@ -168,17 +163,9 @@ pub(crate) struct ControlLook {
 }
 
 impl ControlLook {
-    pub(crate) fn every(store: &Store) -> Duration {
-        if store.local_root().is_some() {
-            LOOK_LOCAL
-        } else {
-            LOOK_REMOTE
-        }
-    }
-
     /// What the run has been told, as far as is known: a store that does not answer changes nothing.
     pub(crate) fn look(&mut self, store: &Store) -> &Control {
-        let every = Self::every(store);
+        let every = store.poll_interval();
         if self.looked.is_none_or(|at| at.elapsed() >= every) {
             self.looked = Some(Instant::now());
             if let Ok(control) = Control::get(store) {

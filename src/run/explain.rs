@@ -6,8 +6,8 @@ use super::done::is_done;
 use super::error::AccessError;
 use super::keys;
 use super::open::Run;
-use super::overview::StandingAttempt;
-use super::provenance::Receipt;
+use super::provenance::Provenance;
+use super::snapshot::{SceneState, StandingAttempt};
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use render::line::SceneLine;
@@ -17,22 +17,6 @@ use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::time::SystemTime;
-
-/// How far a scene is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum SceneState {
-    /// Its tuple is there.
-    Done,
-    /// It is left out until someone takes it back.
-    Quarantined,
-    /// All of its partials are there, its tuple is not.
-    Complete,
-    /// Some of its partials are there, or somebody is at it.
-    Begun,
-    /// Nothing of it is there.
-    Waiting,
-}
 
 /// What is known of a scene.
 #[derive(Clone, Debug, Serialize)]
@@ -62,7 +46,7 @@ pub struct Explanation {
     /// Its record of quarantine.
     pub quarantine: Option<serde_json::Value>,
     /// Who made its tuple, in a farm.
-    pub receipt: Option<Receipt>,
+    pub receipt: Option<Provenance>,
     /// What the run has been told.
     pub run: ControlState,
     /// What happens next, and what the user can do.
@@ -121,7 +105,7 @@ pub fn explain(
             layout.len()
         )));
     }
-    let attempts = attempts(store, scene)?;
+    let attempts = standing_attempts(store, scene)?;
     let partials: BTreeSet<u32> = store
         .list(&keys::partials(scene))?
         .iter()
@@ -135,14 +119,13 @@ pub fn explain(
     });
     let state = if is_done(store, line)? {
         SceneState::Done
-    } else if quarantine.is_some() {
-        SceneState::Quarantined
-    } else if partials.len() == layout.len() as usize {
-        SceneState::Complete
-    } else if partials.is_empty() && attempts.is_empty() {
-        SceneState::Waiting
     } else {
-        SceneState::Begun
+        SceneState::of_unfinished(
+            quarantine.is_some(),
+            partials.len() as u32,
+            layout.len(),
+            !attempts.is_empty(),
+        )
     };
     let control = Control::get(store)?;
     let facts = shard.map(|shard| {
@@ -168,7 +151,7 @@ pub fn explain(
         shard: facts.transpose()?,
         attempts,
         quarantine,
-        receipt: Receipt::get(store, scene)?,
+        receipt: Provenance::get(store, scene)?,
         run: control.state,
         next: Vec::new(),
     };
@@ -180,7 +163,7 @@ pub fn explain(
     Ok(explanation)
 }
 
-fn attempts(store: &Store, scene: &SceneId) -> Result<Vec<StandingAttempt>, StoreError> {
+fn standing_attempts(store: &Store, scene: &SceneId) -> Result<Vec<StandingAttempt>, StoreError> {
     let listed: BTreeMap<String, SystemTime> = store
         .list_times(&keys::attempts(scene))?
         .into_iter()

@@ -1,81 +1,13 @@
-//! A run directory: names of its files, and opening one.
+//! Opening a run.
 
+use super::keys;
 use crate::store::Inputs;
-use render::ids::SceneId;
 use render::line::{ManifestError, RootError, Roots, SceneLine, is_url, parse_jsonl};
 use render::shard::{SPEC_SCHEMA, ShardLayout, Spec, manifest_digest};
 use render::trace::TRACER_VERSION;
 use std::fs::{File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
-
-/// Where a run's files stand. The same names are the keys of an object store.
-#[derive(Clone, Debug)]
-pub struct RunDir {
-    root: PathBuf,
-}
-
-impl RunDir {
-    /// The run in `root`.
-    pub fn new(root: impl Into<PathBuf>) -> Self {
-        Self { root: root.into() }
-    }
-
-    /// Its folder.
-    pub fn root(&self) -> &Path {
-        &self.root
-    }
-
-    /// `spec.json`
-    pub fn spec(&self) -> PathBuf {
-        self.root.join("spec.json")
-    }
-
-    /// `manifest.jsonl`
-    pub fn manifest(&self) -> PathBuf {
-        self.root.join("manifest.jsonl")
-    }
-
-    /// `rejected.jsonl`: draws that were looked at and not kept.
-    pub fn rejected(&self) -> PathBuf {
-        self.root.join("rejected.jsonl")
-    }
-
-    /// Folder of a scene's partials.
-    pub fn partials(&self, scene: &SceneId) -> PathBuf {
-        self.root.join("partials").join(scene.as_str())
-    }
-
-    /// A shard's partial.
-    pub fn partial(&self, scene: &SceneId, shard: u32) -> PathBuf {
-        self.partials(scene).join(format!("{shard:06}.exr"))
-    }
-
-    /// Folder of a scene's tuple.
-    pub fn tuple(&self, scene: &SceneId) -> PathBuf {
-        self.root.join("tuples").join(scene.as_str())
-    }
-
-    /// Folder of the reasons for quarantine.
-    pub fn quarantine_folder(&self) -> PathBuf {
-        self.root.join("quarantine")
-    }
-
-    /// A scene's reason for quarantine.
-    pub fn quarantine(&self, scene: &SceneId) -> PathBuf {
-        self.quarantine_folder().join(format!("{scene}.json"))
-    }
-
-    /// Folder of procedural photographs made by `plan`, by source.
-    pub fn inputs(&self, source: &str) -> PathBuf {
-        self.root.join("inputs").join(source)
-    }
-
-    /// `report/`
-    pub fn report(&self) -> PathBuf {
-        self.root.join("report")
-    }
-}
 
 /// A run that cannot be opened.
 #[derive(Debug, thiserror::Error)]
@@ -134,46 +66,32 @@ pub enum RunError {
 /// An open run.
 #[derive(Debug)]
 pub struct Run {
-    /// Where.
-    pub dir: RunDir,
+    root: PathBuf,
     /// Its rules.
     pub spec: Spec,
     /// Its scenes.
     pub lines: Vec<SceneLine>,
     /// Named folders: the spec's, overridden by the user's.
     pub roots: Roots,
-    /// Reads its scenes' files.
+    /// Reads the files of its scenes.
     pub inputs: Inputs,
 }
 
 impl Run {
     /// Opens a planned run. `given` roots override the spec's.
     pub fn open(root: &Path, given: &Roots) -> Result<Self, RunError> {
-        let dir = RunDir::new(root);
-        let read = |path: PathBuf, missing: &'static str| match std::fs::read_to_string(&path) {
-            Ok(text) => Ok(text),
-            Err(e) if e.kind() == io::ErrorKind::InvalidData => Err(RunError::Spec {
-                path,
-                reason: e.to_string(),
-            }),
-            Err(e) if e.kind() == io::ErrorKind::NotFound => Err(RunError::Missing {
-                root: root.to_owned(),
-                missing,
-            }),
-            Err(source) => Err(RunError::Read { path, source }),
+        let damaged = |reason: String| RunError::Spec {
+            path: root.join(keys::SPEC),
+            reason,
         };
-        let spec_text = read(dir.spec(), "spec.json")?;
-        let spec: Spec = serde_json::from_str(&spec_text).map_err(|e| RunError::Spec {
-            path: dir.spec(),
-            reason: e.to_string(),
-        })?;
-        let manifest = match read(dir.manifest(), "manifest.jsonl") {
+        let text = read(root, keys::SPEC)?;
+        let spec: Spec = serde_json::from_str(&text).map_err(|e| damaged(e.to_string()))?;
+        let manifest = match read(root, keys::MANIFEST) {
             // Planning writes the spec last: without its manifest it is half of a run, not none.
             Err(RunError::Missing { .. }) => {
-                return Err(RunError::Spec {
-                    path: dir.spec(),
-                    reason: "manifest.jsonl, which belongs to it, is gone".to_owned(),
-                });
+                return Err(damaged(
+                    "manifest.jsonl, which belongs to it, is gone".to_owned(),
+                ));
             }
             other => other?,
         };
@@ -201,7 +119,7 @@ impl Run {
             );
         }
         let lines = parse_jsonl(&manifest).map_err(|source| RunError::Manifest {
-            path: dir.manifest(),
+            path: root.join(keys::MANIFEST),
             source,
         })?;
         let mut roots = given.clone();
@@ -214,12 +132,22 @@ impl Run {
             }
         }
         Ok(Self {
-            dir,
+            root: root.to_owned(),
             spec,
             lines,
             roots,
             inputs: Inputs::default(),
         })
+    }
+
+    /// Its folder.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// The file or folder of a key, where the run's objects are in its folder.
+    pub fn path(&self, key: &str) -> PathBuf {
+        self.root.join(key)
     }
 
     /// Names the run among others: the first bytes of its spec's digest.
@@ -238,7 +166,7 @@ impl Run {
 
     /// Claims the run for this process until the lock is dropped.
     pub fn lock(&self) -> Result<File, RunError> {
-        let path = self.dir.root().join("work.lock");
+        let path = self.path(keys::LOCK);
         let file = File::options()
             .create(true)
             .append(true)
@@ -250,9 +178,24 @@ impl Run {
         match file.try_lock() {
             Ok(()) => Ok(file),
             Err(TryLockError::WouldBlock) => Err(RunError::Busy {
-                root: self.dir.root().to_owned(),
+                root: self.root.clone(),
             }),
             Err(TryLockError::Error(source)) => Err(RunError::Read { path, source }),
         }
     }
+}
+
+fn read(root: &Path, file: &'static str) -> Result<String, RunError> {
+    let path = root.join(file);
+    std::fs::read_to_string(&path).map_err(|source| match source.kind() {
+        io::ErrorKind::InvalidData => RunError::Spec {
+            path,
+            reason: source.to_string(),
+        },
+        io::ErrorKind::NotFound => RunError::Missing {
+            root: root.to_owned(),
+            missing: file,
+        },
+        _ => RunError::Read { path, source },
+    })
 }

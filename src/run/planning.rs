@@ -1,6 +1,7 @@
 //! `plan`: a recipe or a `.jsonl` becomes `RUN/manifest.jsonl` and `RUN/spec.json`, frozen.
 
-use super::open::{Run, RunDir, RunError};
+use super::keys;
+use super::open::{Run, RunError};
 use plan::{
     DraftError, Drafted, InputFiles, InvalidInput, Made, RejectedScene, Request, draft,
     invalid_text, make_photographs, rejected_lines,
@@ -185,14 +186,13 @@ fn write_inputs(
 }
 
 fn write_plan(out: &Path, drafted: &Drafted, manifest: &str, spec: &Spec) -> Result<(), PlanError> {
-    let dir = RunDir::new(out);
     if !drafted.rejected.is_empty() {
         let lines = rejected_lines(&drafted.rejected);
-        atomic_file::write(&dir.rejected(), lines.as_bytes())?;
+        atomic_file::write(&out.join(keys::REJECTED), lines.as_bytes())?;
     }
-    atomic_file::write(&dir.manifest(), manifest.as_bytes())?;
+    atomic_file::write(&out.join(keys::MANIFEST), manifest.as_bytes())?;
     // Last: a run is planned as soon as its spec exists.
     let mut json = serde_json::to_string_pretty(spec).expect("a spec is JSON");
     json.push('\n');
-    Ok(atomic_file::write(&dir.spec(), json.as_bytes())?)
+    Ok(atomic_file::write(&out.join(keys::SPEC), json.as_bytes())?)
 }

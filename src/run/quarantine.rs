@@ -1,7 +1,6 @@
 //! Scenes that cannot be done, each with its reason; the farm goes on without them.
 
 use super::keys;
-use super::open::RunDir;
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
@@ -45,23 +44,10 @@ impl QuarantineRecord {
 
     /// A damaged record counts, with that as its reason.
     fn parse(scene: &SceneId, bytes: &[u8]) -> Self {
-        serde_json::from_slice(bytes).unwrap_or_else(|e| Self::damaged(scene, &e))
-    }
-
-    fn damaged(scene: &SceneId, what: &dyn std::fmt::Display) -> Self {
-        Self {
+        serde_json::from_slice(bytes).unwrap_or_else(|e| Self {
             schema: QUARANTINE_SCHEMA.to_owned(),
             scene: scene.clone(),
-            reason: format!("its quarantine record is damaged ({what}); delete it to try again"),
-        }
-    }
-
-    /// The scene's record, if it is in quarantine. A damaged record counts, with that as its reason.
-    pub fn read(dir: &RunDir, scene: &SceneId) -> Option<Self> {
-        Some(match std::fs::read(dir.quarantine(scene)) {
-            Ok(bytes) => Self::parse(scene, &bytes),
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return None,
-            Err(e) => Self::damaged(scene, &e),
+            reason: format!("its quarantine record is damaged ({e}); delete it to try again"),
         })
     }
 }

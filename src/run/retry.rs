@@ -100,8 +100,8 @@ pub fn retry(
 
 /// All that was made of a scene: first what says that it is done.
 fn results(store: &Store, scene: &SceneId) -> Result<Vec<String>, StoreError> {
-    let record = keys::tuple(scene, "tuple.json");
-    let mut results = store.list(&format!("{}/{scene}", keys::TUPLES))?;
+    let record = keys::tuple_record(scene);
+    let mut results = store.list(&keys::tuple_folder(scene))?;
     results.sort_by_key(|key| *key != record);
     results.extend(store.list(&keys::partials(scene))?);
     let receipt = keys::receipt(scene);
@@ -117,7 +117,7 @@ fn refusal(store: &Store, manifest: &[SceneId], wrong: &[&SceneId]) -> Result<St
     for scene in wrong {
         reasons.push(if !manifest.contains(scene) {
             format!("{scene} is no scene of this run")
-        } else if store.get(&keys::tuple(scene, "tuple.json"))?.is_some() {
+        } else if store.get(&keys::tuple_record(scene))?.is_some() {
             format!("{scene} is not in quarantine: it is done")
         } else {
             format!("{scene} is not in quarantine: it waits or is being made")

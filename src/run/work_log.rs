@@ -12,8 +12,6 @@ use std::time::{Duration, Instant, SystemTime};
 
 /// The schema name of a log.
 pub const WORK_LOG_SCHEMA: &str = "glasshouse.work_log/1";
-/// Logs in memory at once.
-const LOGS_AT_ONCE: usize = 64;
 
 /// `logs/work-<milliseconds>-<worker>.json`, one a process; of another version, what can be read of it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -150,17 +148,13 @@ pub fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), StoreErro
     });
     keys.sort();
     let (mut logs, mut damaged) = (Vec::new(), Vec::new());
-    for keys in keys.chunks(LOGS_AT_ONCE) {
-        for (key, bytes) in keys.iter().zip(store.get_all(keys)?) {
-            let Some(bytes) = bytes else {
-                continue;
-            };
-            match serde_json::from_slice::<WorkLog>(&bytes) {
-                Ok(log) if log.is_sound() => logs.push(log),
-                _ => damaged.push(key.clone()),
-            }
+    store.for_each(&keys, |index, bytes| {
+        match bytes.map(|bytes| serde_json::from_slice::<WorkLog>(&bytes)) {
+            None => {}
+            Some(Ok(log)) if log.is_sound() => logs.push(log),
+            Some(_) => damaged.push(keys[index].clone()),
         }
-    }
+    })?;
     Ok((logs, damaged))
 }
 
