@@ -17,7 +17,7 @@ use clap::Args as ClapArgs;
 use render::line::Roots;
 use serde::Serialize;
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct RunArgs {
@@ -99,4 +99,3 @@ impl fmt::Display for Ran<'_> {
         write!(f, "{}\nlook at {}", self.worked, self.report.display())
     }
 }
-
