@@ -5,6 +5,7 @@ use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::{Output, reasons};
 use crate::cli::target;
 use crate::report::{Report, write_report};
+use crate::run::keys;
 use clap::Args as ClapArgs;
 use render::ids::SceneId;
 use render::line::Roots;
