@@ -1,7 +1,7 @@
-//! Traces scenes again, in memory, and compares what comes out with what the run holds, bit for bit.
+//! Traces scenes again, in memory, and compares the results with the run's, bit for bit.
 //!
-//! The golden shard refuses machines that compute other bits always; an audit finds those that do so now and then, or
-//! objects that were damaged later, and names who made them.
+//! The golden shard refuses machines that always compute other bits. An audit finds those that sometimes do, and objects
+//! that were damaged later, and names the workers that made them.
 
 use super::compare::{FileDifference, compare};
 use super::error::AccessError;
@@ -26,32 +26,32 @@ use std::sync::atomic::AtomicBool;
 pub struct AuditOptions<'a> {
     /// Threads that compute.
     pub threads: usize,
-    /// Kernels to use.
+    /// Instruction set of the tracer.
     pub isa: Isa,
-    /// Set from outside to end.
+    /// Set by another thread to end the audit.
     pub stop: &'a AtomicBool,
 }
 
-/// What became of a scene's audit.
+/// Result of a scene's audit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// Every file is the same, bit for bit.
     Same,
-    /// Some are not.
+    /// Some files differ.
     Differs,
-    /// It cannot be told.
+    /// The scene could not be compared.
     NotCompared,
 }
 
 /// One scene's audit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SceneAudit {
-    /// Which.
+    /// Its id.
     pub scene: SceneId,
-    /// What came out.
+    /// The result.
     pub verdict: Verdict,
-    /// Who made its tuple.
+    /// Workers that made its tuple.
     pub receipt: Option<Provenance>,
     /// Files compared.
     pub files: u64,
@@ -61,7 +61,7 @@ pub struct SceneAudit {
     pub reason: Option<String>,
 }
 
-/// This machine must compute the golden shard's bits, or its verdicts mean nothing.
+/// Checks that this machine computes the golden shard's bits; without that its verdicts would mean nothing.
 pub fn check_auditor(run: &Run, options: &AuditOptions) -> Result<(), AccessError> {
     let found = golden(options.isa, options.threads.max(1));
     if found == run.spec.golden {
@@ -74,8 +74,8 @@ pub fn check_auditor(run: &Run, options: &AuditOptions) -> Result<(), AccessErro
     })
 }
 
-/// Scenes with a tuple, by their places in the manifest: `share` of them (0 to 1), at least one if there is any, chosen
-/// by `seed` and their ids alone, in the manifest's order. More of a share keeps those of a smaller one.
+/// Draws scenes that have a tuple: a share of them (0 to 1), but at least one if any has. Returns their indices in the
+/// manifest, ascending. The choice depends only on `seed` and the ids; a larger share contains a smaller one.
 pub fn draw_scenes(
     run: &Run,
     store: &Store,
@@ -115,8 +115,8 @@ fn draw<'a>(
     places
 }
 
-/// Traces a scene again and compares all of it that the store has: its tuple's files and its partials. `on_shard` is
-/// called after each shard. None if it was stopped.
+/// Traces a scene again and compares everything that the store holds of it: its tuple's files and its partials. Calls
+/// `on_shard` after each shard. Returns `None` if it was stopped.
 pub fn audit_scene(
     run: &Run,
     store: &Store,
@@ -170,7 +170,7 @@ pub fn audit_scene(
     let made = Made::new(run, line, &partials)?;
     for (key, stored) in there.iter().zip(store.get_all(&there)?) {
         let (Some(made), Some(stored)) = (made.file(key)?, stored) else {
-            // No file of a scene's, or one that has gone meanwhile.
+            // A file that belongs to no scene, or was removed meanwhile.
             continue;
         };
         audit.files += 1;
@@ -184,8 +184,8 @@ pub fn audit_scene(
     Ok(Some(audit))
 }
 
-/// Names the input files whose digests in the tuple's record are not those here. A record that cannot be read is
-/// compared like any other file.
+/// Names input files whose digests differ between the tuple's record and this machine. A damaged record is compared like
+/// any other file.
 fn other_inputs(
     store: &Store,
     line: &SceneLine,
@@ -204,7 +204,7 @@ fn other_inputs(
     Ok((!names.is_empty()).then(|| names.join(", ")))
 }
 
-/// What was made now, to be encoded file by file.
+/// The scene as traced now, to be encoded file by file.
 struct Made<'p> {
     partials: &'p [Partial],
     tuple: render::merge::Tuple,
@@ -223,7 +223,7 @@ impl<'p> Made<'p> {
         })
     }
 
-    /// The bytes that belong under `key`; none if nothing does.
+    /// The bytes that belong under `key`; `None` if the scene has no such file.
     fn file(&self, key: &str) -> Result<Option<Vec<u8>>, AccessError> {
         let cannot =
             |e: &dyn std::fmt::Display| AccessError::Tuple(format!("cannot encode {key}: {e}"));

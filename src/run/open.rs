@@ -12,12 +12,12 @@ use std::path::{Path, PathBuf};
 /// A run that cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// No run there.
+    /// The folder holds no run.
     #[error("{} is no run: it has no {missing}; make one with `glasshouse plan RECIPE --out {}`", root.display(), root.display())]
     Missing {
         /// The folder.
         root: PathBuf,
-        /// Which file.
+        /// The missing file.
         missing: &'static str,
     },
     /// A file cannot be read.
@@ -44,18 +44,18 @@ pub enum RunError {
         /// Why.
         source: ManifestError,
     },
-    /// Made by, or for, another version.
+    /// It was planned by another version, or its files do not fit each other.
     #[error("{} disagrees with this program: {reason}; finish it with the version that planned it, or plan again into a new folder", root.display())]
     Disagrees {
         /// The folder.
         root: PathBuf,
-        /// How.
+        /// What differs.
         reason: String,
     },
     /// A root of the spec is unusable.
     #[error(transparent)]
     Root(#[from] RootError),
-    /// Another process is at work in it.
+    /// Another process works on it.
     #[error("another process is working on {}; wait for it, or stop it", root.display())]
     Busy {
         /// The folder.
@@ -67,11 +67,11 @@ pub enum RunError {
 #[derive(Debug)]
 pub struct Run {
     root: PathBuf,
-    /// Its rules.
+    /// How it is divided and traced.
     pub spec: Spec,
     /// Its scenes.
     pub lines: Vec<SceneLine>,
-    /// Named folders: the spec's, overridden by the user's.
+    /// Roots of its input files: the spec's, overridden by the user's.
     pub roots: Roots,
     /// Reads the files of its scenes.
     pub inputs: Inputs,
@@ -150,7 +150,7 @@ impl Run {
         self.root.join(key)
     }
 
-    /// Names the run among others: the first bytes of its spec's digest.
+    /// Identifies the run: the first bytes of its spec's digest.
     pub fn id(&self) -> [u8; 8] {
         let spec = serde_json::to_vec(&self.spec).expect("a spec is JSON");
         let digest = blake3::hash(&spec);
@@ -159,12 +159,12 @@ impl Run {
             .expect("a digest has 32 bytes")
     }
 
-    /// The cut of a scene.
+    /// How a scene is divided into shards.
     pub fn layout(&self, line: &SceneLine) -> ShardLayout {
         ShardLayout::of(line, self.spec.tile_px)
     }
 
-    /// Claims the run for this process until the lock is dropped.
+    /// Locks the run for this process until the file is dropped.
     pub fn lock(&self) -> Result<File, RunError> {
         let path = self.path(keys::LOCK);
         let file = File::options()
