@@ -25,7 +25,7 @@ fn partials_on_their_way_are_dropped_when_the_scene_is_done() {
     alone(&place);
     let made_by_others = place.folder.path().join("alone/tuples").join(scene);
 
-    let store = Store::local(run.dir.root()).unwrap();
+    let store = Store::local(run.root()).unwrap();
     let queue = LocalQueue::new(Some(LEASE));
     let span = Span {
         scene: 0,
