@@ -1,7 +1,7 @@
 //! Manifests as text: one scene line a line of JSON, in order; and single scenes.
 
+use super::error::LineError;
 use super::scene_line::SceneLine;
-use super::validate::LineError;
 use crate::ids::SceneId;
 use std::collections::BTreeMap;
 
@@ -108,10 +108,9 @@ fn parse_at(json: &str, first_line: usize) -> Result<SceneLine, ManifestError> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::scene_line::{
-        Apex, DepthKind, Fill, Filter, Focus, FocusAt, Split, Transfer,
-    };
-    use super::super::validate::tests::{photograph, published};
+    use super::super::image::{Apex, DepthKind, Fill, Transfer};
+    use super::super::published::{photograph, published};
+    use super::super::scene_line::{Filter, Focus, FocusAt, Split};
     use super::*;
     use proptest::prelude::*;
 

@@ -1,18 +1,22 @@
 //! A scene line: everything that determines one scene, resolved, checked, and written as one line of JSON.
 //!
 //! ```text
-//! scene_line, side, side_json, panorama, highlights, depth_range   the line's types      layers    which images are made
-//! jsonl                                                            manifests as text     roots     where a line's paths lead
-//! validate, limits, refuse                                         which lines are sound, which panes cannot be looked through
+//! scene_line -> side -> photograph, panorama -> image, highlights, depth_range   the line's types
+//! layers       which images are made          side_json, jsonl   sides and manifests as text
+//! roots        where a line's paths lead      validate, limits   which lines are sound by themselves
 //! ```
 
 mod depth_range;
+mod error;
 mod highlights;
+mod image;
 mod jsonl;
 mod layers;
 pub mod limits;
 mod panorama;
-mod refuse;
+mod photograph;
+#[cfg(test)]
+mod published;
 mod roots;
 mod scene_line;
 mod side;
@@ -20,12 +24,17 @@ mod side_json;
 mod validate;
 
 pub use depth_range::DepthRange;
+pub use error::LineError;
 pub use highlights::Highlights;
+pub use image::{Apex, DepthKind, Fill, Intrinsics, Transfer, one};
 pub use jsonl::{ManifestError, parse_jsonl, parse_scene, to_jsonl};
 pub use layers::{LAYER_NAMES, LayerSet};
 pub use panorama::{DepthMap, PanoramaDepth, PanoramaFile};
-pub use refuse::{MAX_INCIDENCE_DEG, refuse};
+pub use photograph::Photograph;
 pub use roots::{RootError, Roots, is_root_name, is_url};
 pub use scene_line::*;
 pub use side::{MeshFile, MeshPose, Side};
-pub use validate::{LineError, side as validate_side};
+pub use validate::side as validate_side;
+
+#[cfg(test)]
+pub(crate) use published::published;
