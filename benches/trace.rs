@@ -210,6 +210,7 @@ fn tuples(c: &mut Criterion) {
         b.iter(|| {
             tuple
                 .layers
+                .0
                 .each_ref()
                 .map(|pixels| encode_png(&encoder, pixels, tuple.width, tuple.height).unwrap())
         });

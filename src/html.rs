@@ -1,5 +1,6 @@
-//! Text that was written by others, inside HTML and SVG.
+//! Text that was written by others, inside HTML and SVG; the layers' symbols in HTML.
 
+use render::layer::Layer;
 use std::fmt;
 
 /// Text between tags or in a quoted attribute.
@@ -20,6 +21,14 @@ impl fmt::Display for Html<'_> {
             }
         }
         Ok(())
+    }
+}
+
+/// The paper's symbol of a layer.
+pub(crate) fn symbol(layer: Layer) -> &'static str {
+    match layer {
+        Layer::GlassReflection => "R&#771;",
+        other => other.symbol(),
     }
 }
 

@@ -2,8 +2,8 @@
 
 use super::ladder::{LayerRow, VARIANTS};
 use crate::html::Html;
-use crate::plot::{Axis, LAYER_COLOURS, LAYER_SYMBOLS, Panel, Stroke};
-use render::trace::LAYERS;
+use crate::plot::{Axis, LAYER_COLOURS, Panel, Stroke};
+use render::layer::Layer;
 use std::fmt::Write;
 
 /// Lines of the variants, in their order: solid, dashed, dotted.
@@ -62,9 +62,9 @@ fn panel(svg: &mut String, rows: &[&LayerRow], label: &str, measure: Measure, le
     panel.frame(svg);
     let mut names = Vec::new();
     for (v, variant) in VARIANTS.iter().enumerate() {
-        for (k, layer) in LAYERS.iter().enumerate() {
+        for layer in Layer::ALL {
             let is_of = |row: &&&LayerRow| {
-                row.variant == variant.name && row.layer == *layer && measure(row) > 0.0
+                row.variant == variant.name && row.layer == layer.name() && measure(row) > 0.0
             };
             let of = rows.iter().filter(is_of);
             let points: Vec<(f64, f64)> =
@@ -73,14 +73,14 @@ fn panel(svg: &mut String, rows: &[&LayerRow], label: &str, measure: Measure, le
                 continue;
             };
             let stroke = Stroke {
-                colour: LAYER_COLOURS[k],
+                colour: LAYER_COLOURS[layer],
                 width: 1.8,
                 dash: DASHES[v % DASHES.len()],
             };
             Panel::line(svg, &points, &stroke);
             if v == 0 {
-                Panel::dots(svg, &points, LAYER_COLOURS[k], 2.4);
-                names.push((end_y, end_x, LAYER_SYMBOLS[k], LAYER_COLOURS[k]));
+                Panel::dots(svg, &points, LAYER_COLOURS[layer], 2.4);
+                names.push((end_y, end_x, layer.symbol(), LAYER_COLOURS[layer]));
             }
         }
     }

@@ -14,8 +14,9 @@ use crate::bench::{
 };
 use anyhow::anyhow;
 use render::atomic_file;
+use render::layer::Layer;
 use render::line::Roots;
-use render::trace::{LAYERS, TRACER_VERSION};
+use render::trace::TRACER_VERSION;
 use serde_json::{Value, json};
 use std::fmt::Write;
 
@@ -155,7 +156,7 @@ pub(super) fn run(
 fn reference_json(reference: &Reference) -> Value {
     match &reference.record {
         Some(record) => {
-            let errors: serde_json::Map<String, Value> = LAYERS
+            let errors: serde_json::Map<String, Value> = Layer::NAMES
                 .iter()
                 .zip(record.error_rms)
                 .map(|(name, error)| ((*name).to_owned(), json!(error)))
@@ -189,7 +190,7 @@ fn text(scene: &BenchScene, reference: &Reference, rows: &[LayerRow], slopes: &[
         truth(reference, "samples of another seed")
     );
     if let Some(record) = &reference.record {
-        let stated: Vec<String> = LAYERS
+        let stated: Vec<String> = Layer::NAMES
             .iter()
             .zip(record.error_rms)
             .map(|(name, error)| format!("{name} {}", optional(error, |e| format!("{e:.1e}"))))
@@ -252,7 +253,7 @@ fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
         head.push("CPU s".to_owned());
     }
     let mut table = vec![head];
-    for layer in LAYERS {
+    for layer in Layer::NAMES {
         let mut cells = vec![layer.to_owned()];
         for variant in VARIANTS {
             let slope = slopes

@@ -11,13 +11,14 @@ use crate::run::Run;
 use anyhow::{Context, anyhow};
 use render::atomic_file;
 use render::job::{SceneJob, render_partials};
+use render::layer::Layer;
 use render::line::{Roots, SceneLine, parse_scene};
 use render::merge::{
     SrgbEncoder, TUPLE_SCHEMA, Tuple, TupleRecord, combine, encode_png, encode_rgb_exr,
 };
 use render::scene::{load, read_files_by};
 use render::shard::ShardLayout;
-use render::trace::{LAYERS, TRACER_VERSION};
+use render::trace::TRACER_VERSION;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -88,9 +89,9 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     let write_s = clock.elapsed().as_secs_f64();
 
     let record = &tuple.record;
-    let symbols = LAYERS.into_iter().zip(["I", "T", "R~", "R"]);
-    let errors: Vec<String> = symbols
-        .filter_map(|(name, symbol)| Some((record.layers.get(name)?, symbol)))
+    let errors: Vec<String> = Layer::ALL
+        .into_iter()
+        .filter_map(|layer| Some((record.layers.get(layer.name())?, layer.symbol())))
         .map(|(layer, symbol)| {
             let error = layer
                 .error_rms

@@ -6,12 +6,12 @@ use super::request::{ExportFormat, PixelEncoding};
 use crate::run::keys;
 use crate::store::Store;
 use bytes::Bytes;
+use render::layer::Layer;
 use render::line::{ExrPrecision, SceneLine, Split};
 use render::merge::{
     TupleRecord, check_png, decode_tuple_exr, encode_parts_exr, encode_png16, is_record_of,
     tuple_files,
 };
-use render::trace::LAYERS;
 use std::collections::BTreeMap;
 
 /// A tuple, ready to be written.
@@ -41,7 +41,7 @@ pub(super) fn layer_file(
         PixelEncoding::Srgb8 | PixelEncoding::Srgb16 => "png",
         PixelEncoding::Linear => "exr",
     };
-    let (split, id, name) = (line.split, &line.id, LAYERS[layer]);
+    let (split, id, name) = (line.split, &line.id, Layer::NAMES[layer]);
     match format {
         ExportFormat::Webdataset => format!("{id}.{name}.{ending}"),
         ExportFormat::Imagefolder => format!("{split}/{name}/{id}.{ending}"),
@@ -52,10 +52,12 @@ pub(super) fn layer_file(
 
 /// Folders that files of a split stand in, from the exported folder; none of tars.
 pub(super) fn layer_folders(plan: &ExportPlan, split: Split) -> Vec<String> {
-    let layers = (0..LAYERS.len()).filter(|&layer| plan.layers[layer]);
+    let layers = (0..Layer::NAMES.len()).filter(|&layer| plan.layers[layer]);
     match plan.request.format {
         ExportFormat::Webdataset => Vec::new(),
-        ExportFormat::Imagefolder => layers.map(|l| format!("{split}/{}", LAYERS[l])).collect(),
+        ExportFormat::Imagefolder => layers
+            .map(|l| format!("{split}/{}", Layer::NAMES[l]))
+            .collect(),
         ExportFormat::Pairs => layers
             .map(|l| format!("{split}/{}", PAIR_FOLDERS[l]))
             .collect(),
@@ -184,8 +186,8 @@ fn encoded(
 
 /// Layers that a scene makes: places and names.
 pub(super) fn made(line: &SceneLine) -> impl Iterator<Item = (usize, &'static str)> {
-    let asked = line.film.layers.asked();
-    LAYERS
+    let asked = line.film.layers.asked().0;
+    Layer::NAMES
         .into_iter()
         .enumerate()
         .filter(move |(layer, _)| asked[*layer])

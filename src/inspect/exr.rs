@@ -7,8 +7,8 @@ use super::{partial, tuple};
 use exr::meta::MetaData;
 use exr::prelude::{AttributeValue, SampleType, Text, Vec2};
 use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
+use render::layer::Layer;
 use render::merge::{ExrChannels, decode_exr_channels};
-use render::trace::LAYERS;
 use serde_json::json;
 use std::fmt::Write;
 use std::io::Cursor;
@@ -109,7 +109,7 @@ pub(super) fn read(input: &Input) -> Inspection {
     if head.attribute.is_some() {
         return partial::read(input, &head);
     }
-    if LAYERS.iter().any(|layer| head.has_layer(layer)) {
+    if Layer::NAMES.iter().any(|layer| head.has_layer(layer)) {
         return tuple::read_exr(input, &head);
     }
     plain(input, &head)
@@ -129,7 +129,7 @@ fn plain(input: &Input, head: &Head) -> Inspection {
     let mut found = Inspection::new(Kind::Exr);
     say_size(&mut found, head);
     let stem = input.name.strip_suffix(".exr").unwrap_or(input.name);
-    if LAYERS.contains(&stem) {
+    if Layer::NAMES.contains(&stem) {
         let text = format!("{stem}, linear radiance, as `glasshouse render` and `bench` write it");
         found.facts.fact("layer", text, stem);
     }
@@ -220,7 +220,7 @@ pub(super) fn say_values<'a>(
 /// Layers by name, each with the values of its channels.
 pub(super) fn say_layers(found: &mut Inspection, channels: &ExrChannels, suffix: &str) -> u64 {
     let mut not_finite = 0;
-    for layer in LAYERS {
+    for layer in Layer::NAMES {
         let start = format!("{layer}{suffix}.");
         let of = || {
             channels

@@ -52,7 +52,7 @@ fn of_file(folder: &Path, name: &str, kind: Kind) -> Inspection {
     found.kind = kind;
     found.bytes = None;
     if kind == Kind::TupleFolder {
-        for layer in render::trace::LAYERS {
+        for layer in render::layer::Layer::NAMES {
             let path = folder.join(format!("{layer}.png"));
             // One that is missing was told by the record.
             let problems = if path.is_file() {

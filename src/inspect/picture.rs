@@ -4,8 +4,8 @@ use super::facts::{Inspection, Problem};
 use super::kind::Kind;
 use super::look::{AGAIN, Input};
 use render::formats::{NamedBytes, SceneError, npy_facts, ply_counts};
+use render::layer::Layer;
 use render::scene::{FileRole, look_at_whole};
-use render::trace::LAYERS;
 use serde_json::json;
 
 pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
@@ -37,7 +37,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
 fn picture(found: &mut Inspection, file: &NamedBytes) -> Result<&'static str, SceneError> {
     let name = file.path.to_string_lossy().into_owned();
     let stem = name.strip_suffix(".png").unwrap_or(&name);
-    if LAYERS.contains(&stem) {
+    if Layer::NAMES.contains(&stem) {
         let text =
             format!("{stem}, 8-bit sRGB, values above 1 clipped; tuple.exr has the radiance");
         found.facts.fact("layer", text, stem);

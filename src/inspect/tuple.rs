@@ -5,8 +5,9 @@ use super::facts::{Inspection, Problem, Whole, many};
 use super::kind::Kind;
 use super::look::Input;
 use super::records::typed;
+use render::layer::Layer;
 use render::merge::{TupleRecord, decode_exr_channels, decode_tuple_exr, tuple_files};
-use render::trace::{LAYERS, TRACER_VERSION};
+use render::trace::TRACER_VERSION;
 use serde_json::json;
 
 pub(super) fn read_exr(input: &Input, head: &Head) -> Inspection {
@@ -48,7 +49,10 @@ fn hold(found: &mut Inspection, exr: &[u8], record: Option<&TupleRecord>) {
     };
     match decode_tuple_exr(exr, record) {
         Ok(layers) => {
-            let count = layers.iter().filter(|layer| !layer.is_empty()).count();
+            let count = layers
+                .iter()
+                .filter(|(_, pixels)| !pixels.is_empty())
+                .count();
             let how = format!("the digests in tuple.json fit all {count} layers");
             found.is_whole(how);
         }
@@ -126,7 +130,7 @@ fn say(found: &mut Inspection, record: &TupleRecord) {
     );
     facts.fact("front", scene.front.name(), scene.front.name());
     facts.fact("back", scene.back.name(), scene.back.name());
-    for name in LAYERS {
+    for name in Layer::NAMES {
         let Some(layer) = record.layers.get(name) else {
             continue;
         };
@@ -140,7 +144,9 @@ fn say(found: &mut Inspection, record: &TupleRecord) {
         facts.say(name, text);
     }
     let shares = |of: fn(&render::merge::LayerRecord) -> f64| {
-        let made = LAYERS.iter().filter_map(|name| record.layers.get(*name));
+        let made = Layer::NAMES
+            .iter()
+            .filter_map(|name| record.layers.get(*name));
         let shares: Vec<String> = made
             .map(|layer| format!("{:.2} %", of(layer) * 100.0))
             .collect();

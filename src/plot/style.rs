@@ -1,10 +1,10 @@
 //! How layers look in plots, and how numbers are written there.
 
-/// Symbols of the layers, in the order in which everything stores them.
-pub(crate) const LAYER_SYMBOLS: [&str; 4] = ["I", "T", "R~", "R"];
+use render::layer::PerLayer;
 
-/// Their colours (Okabe and Ito's, which colour-blind eyes tell apart).
-pub(crate) const LAYER_COLOURS: [&str; 4] = ["#0072B2", "#D55E00", "#009E73", "#CC79A7"];
+/// The layers' colours (Okabe and Ito's, which colour-blind eyes tell apart).
+pub(crate) const LAYER_COLOURS: PerLayer<&str> =
+    PerLayer(["#0072B2", "#D55E00", "#009E73", "#CC79A7"]);
 
 /// Three significant digits; powers of 10 for what is very small or large.
 pub(crate) fn number(value: f64) -> String {

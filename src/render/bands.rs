@@ -3,6 +3,7 @@
 //! Pixels do not depend on the tile they are traced in, and paths, misses and samples are whole numbers: so a shard put
 //! together from bands, in whatever order they come, has the bits of the shard traced in one piece.
 
+use crate::layer::{Layer, PerLayer};
 use crate::trace::{CELL_PX, PixelMeans, Tile, TileResult};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -77,14 +78,14 @@ impl BandedShard {
         }
         let whole = joined.result.get_or_insert_with(|| TileResult {
             pixels: vec![PixelMeans::default(); tile.width as usize * tile.height as usize],
-            samples: [0; 4],
-            sample_sums: result.sample_sums.map(|_| [0; 4]),
-            paths: [0; 4],
-            misses: [0; 4],
+            samples: PerLayer::default(),
+            sample_sums: result.sample_sums.map(|_| PerLayer::default()),
+            paths: PerLayer::default(),
+            misses: PerLayer::default(),
         });
         let start = index as usize * BAND_ROWS as usize * tile.width as usize;
         whole.pixels[start..start + result.pixels.len()].copy_from_slice(&result.pixels);
-        for layer in 0..4 {
+        for layer in Layer::ALL {
             // Of an adaptive scene the most, of others the same in all bands.
             whole.samples[layer] = whole.samples[layer].max(result.samples[layer]);
             whole.paths[layer] += result.paths[layer];

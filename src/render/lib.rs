@@ -13,6 +13,7 @@ mod bands;
 pub mod formats;
 pub mod ids;
 pub mod job;
+pub mod layer;
 pub mod line;
 pub mod merge;
 pub mod partial;

@@ -3,9 +3,9 @@
 use super::survey::{DoneScene, Survey};
 use super::text::{Exact, error, evenly, quantile, table};
 use crate::html::Html;
-use crate::plot::{Axis, LAYER_COLOURS, LAYER_SYMBOLS, Panel, Stroke, legend, number, open};
+use crate::plot::{Axis, LAYER_COLOURS, Panel, Stroke, legend, number, open};
 use crate::run::Run;
-use render::trace::LAYERS;
+use render::layer;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -124,14 +124,14 @@ fn distribution(layers: &[Layer]) -> String {
             points.extend([panel.at((error, below)), panel.at((error, share))]);
             below = share;
         }
-        let colour = LAYER_COLOURS[layer.k];
+        let colour = LAYER_COLOURS.0[layer.k];
         let stroke = Stroke {
             colour,
             width: 2.0,
             dash: "",
         };
         Panel::line(&mut svg, &points, &stroke);
-        entries.push((LAYER_SYMBOLS[layer.k], colour));
+        entries.push((layer::Layer::ALL[layer.k].symbol(), colour));
     }
     legend(&mut svg, LEGEND, &entries);
     svg + "</svg>\n"
@@ -172,9 +172,9 @@ fn cloud(
     let mut entries = Vec::new();
     for (k, points) in layers.iter().enumerate() {
         let at: Vec<(f64, f64)> = points.iter().map(|point| panel.at(*point)).collect();
-        Panel::dots(&mut svg, &at, LAYER_COLOURS[k], 2.8);
+        Panel::dots(&mut svg, &at, LAYER_COLOURS.0[k], 2.8);
         if !at.is_empty() {
-            entries.push((LAYER_SYMBOLS[k], LAYER_COLOURS[k]));
+            entries.push((layer::Layer::ALL[k].symbol(), LAYER_COLOURS.0[k]));
         }
     }
     legend(&mut svg, LEGEND, &entries);
@@ -202,8 +202,8 @@ fn summary(run: &Run, layers: &[Layer]) -> String {
             "<tr id=\"errors-{name}\"><td><b style=\"color:{}\">&#9632;</b> {} <small>{name}</small></td>\
              <td class=\"n\">{}</td><td class=\"n\">{}{range}</td><td class=\"n\">{}</td><td class=\"n\">{}</td>\
              <td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"mono\">{}</td></tr>",
-            LAYER_COLOURS[layer.k],
-            LAYER_SYMBOLS[layer.k],
+            LAYER_COLOURS.0[layer.k],
+            layer::Layer::ALL[layer.k].symbol(),
             errors.len(),
             Exact(samples, number(samples)),
             error(errors[0]),
@@ -211,7 +211,7 @@ fn summary(run: &Run, layers: &[Layer]) -> String {
             error(quantile(&errors, 0.95)),
             error(most),
             Html(run.lines[worst].id.as_str()),
-            name = LAYERS[layer.k],
+            name = layer::Layer::NAMES[layer.k],
         );
     }
     table(

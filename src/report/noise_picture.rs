@@ -1,7 +1,8 @@
 //! A noise map as a picture, and what its colours mean.
 
-use crate::plot::{Axis, LAYER_SYMBOLS, open};
+use crate::plot::{Axis, open};
 use image::{Rgb, RgbImage, imageops};
+use render::layer::Layer;
 use render::merge::NoiseMap;
 use std::fmt::Write;
 
@@ -29,13 +30,14 @@ const COLOURS: [[u8; 3]; 9] = [
     [0xfd, 0xe7, 0x25],
 ];
 
-/// The maps of all layers in one picture, two a row, and their symbols in that order.
-pub(super) fn noise_picture(map: &NoiseMap) -> (RgbImage, Vec<&'static str>) {
-    let made: Vec<usize> = (0..4).filter(|&k| !map.layers[k].is_empty()).collect();
+/// The maps of all layers in one picture, two a row, and the layers in that order.
+pub(super) fn noise_picture(map: &NoiseMap) -> (RgbImage, Vec<Layer>) {
+    let mut made = Layer::ALL.to_vec();
+    made.retain(|&layer| !map.layers[layer].is_empty());
     let most = if made.len() > 1 { PART_PX } else { ONLY_PX };
     let parts: Vec<RgbImage> = made
         .iter()
-        .map(|&k| part(&map.layers[k], [map.width, map.height], most))
+        .map(|&layer| part(&map.layers[layer], [map.width, map.height], most))
         .collect();
     let [width, height] = parts.first().map_or([1, 1], |p| [p.width(), p.height()]);
     let columns = parts.len().clamp(1, 2) as u32;
@@ -48,8 +50,7 @@ pub(super) fn noise_picture(map: &NoiseMap) -> (RgbImage, Vec<&'static str>) {
         let (x, y) = (x * (width + GAP), y * (height + GAP));
         imageops::replace(&mut picture, part, x.into(), y.into());
     }
-    let symbols = made.into_iter().map(|k| LAYER_SYMBOLS[k]);
-    (picture, symbols.collect())
+    (picture, made)
 }
 
 /// One layer. Where it is made smaller, a pixel is the RMS of those that it stands for.
@@ -139,6 +140,7 @@ pub(super) fn scale() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use render::layer::PerLayer;
 
     #[test]
     fn colours_follow_the_error() {
@@ -159,22 +161,22 @@ mod tests {
         let mut map = NoiseMap {
             width: 512,
             height: 256,
-            layers: [layer(1e-3), layer(1e-4), layer(1e-2), layer(0.0)],
+            layers: PerLayer([layer(1e-3), layer(1e-4), layer(1e-2), layer(0.0)]),
         };
-        let (picture, symbols) = noise_picture(&map);
+        let (picture, layers) = noise_picture(&map);
         assert_eq!(picture.dimensions(), (258, 130));
-        assert_eq!(symbols, ["I", "T", "R~", "R"]);
+        assert_eq!(layers, Layer::ALL);
         assert_eq!(picture.get_pixel(5, 5).0, colour(1e-3));
         assert_eq!(picture.get_pixel(200, 5).0, colour(f64::from(1e-4f32)));
         assert_eq!(picture.get_pixel(200, 120).0, COLOURS[0]);
-        map.layers[0].clear();
-        map.layers[3].clear();
-        let (picture, symbols) = noise_picture(&map);
+        map.layers[Layer::Input].clear();
+        map.layers[Layer::CleanReflection].clear();
+        let (picture, layers) = noise_picture(&map);
         assert_eq!(
-            (picture.dimensions(), symbols),
-            ((258, 64), vec!["T", "R~"])
+            (picture.dimensions(), layers),
+            ((258, 64), vec![Layer::Transmission, Layer::GlassReflection])
         );
-        map.layers[1].clear();
+        map.layers[Layer::Transmission].clear();
         assert_eq!(noise_picture(&map).0.dimensions(), (256, 128));
         // Sides that do not divide, and thin ones.
         let odd = part(&vec![1e-3; 131 * 3], [131, 3], 128);

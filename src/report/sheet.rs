@@ -4,16 +4,16 @@ use super::noise_picture::{noise_picture, scale};
 use super::picture::{MUCH_SMALLER, QUALITY, decode_png, exact_img, img, shrunk};
 use super::survey::{Survey, parse};
 use super::text::{error, evenly};
-use crate::html::Html;
+use crate::html::{Html, symbol};
 use crate::plot::number;
 use crate::run::{Run, keys};
 use crate::store::{Store, StoreError};
 use image::RgbImage;
 use rayon::prelude::*;
 use render::ids::SceneId;
+use render::layer::Layer;
 use render::line::SceneLine;
 use render::merge::{NoiseMap, SrgbEncoder, TupleRecord, srgb_to_linear};
-use render::trace::LAYERS;
 use std::fmt::Write;
 
 /// Tuples on the sheet.
@@ -24,8 +24,6 @@ const BUDGET: usize = 7 << 20;
 const GAIN: f32 = 8.0;
 /// Longest side of a picture on the page, px; larger ones are scaled down.
 const THUMBNAIL_PX: u32 = 256;
-/// The layers' symbols in the paper, in the order of [`LAYERS`].
-const SYMBOLS: [&str; 4] = ["I", "T", "R&#771;", "R"];
 
 /// What the sheet came to.
 pub(super) struct Sheet {
@@ -122,8 +120,9 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
     let record = parse(line, &get("tuple.json")?).map_err(damaged)?;
     let id = line.id.as_str();
     let (mut figures, mut count) = (String::new(), 0);
-    for (name, symbol) in LAYERS.iter().zip(SYMBOLS) {
-        let Some(layer) = record.layers.get(*name) else {
+    for made in Layer::ALL {
+        let (name, symbol) = (made.name(), symbol(made));
+        let Some(layer) = record.layers.get(name) else {
             continue;
         };
         let file = format!("{name}.png");
@@ -186,11 +185,8 @@ fn noise(line: &SceneLine, store: &Store) -> Result<Option<Map>, Lack> {
     let bytes = store.get(&keys::noise(&line.id)).map_err(Lack::Store)?;
     let draw = |bytes: &[u8]| {
         let map = NoiseMap::decode(bytes, &line.film)?;
-        let (picture, symbols) = noise_picture(&map);
-        let symbols: Vec<&str> = symbols
-            .into_iter()
-            .map(|s| if s == "R~" { SYMBOLS[2] } else { s })
-            .collect();
+        let (picture, layers) = noise_picture(&map);
+        let symbols: Vec<&str> = layers.into_iter().map(symbol).collect();
         let rows: Vec<String> = symbols.chunks(2).map(|row| row.join(" ")).collect();
         let tag = exact_img(&picture, &format!("Noise map of {}", line.id))?;
         Ok((tag, rows.join(" / ")))

@@ -2,8 +2,8 @@
 
 use crate::run::{QuarantineRecord, Run};
 use plan::cases::{Case, CaseFile, Measured};
+use render::layer::Layer;
 use render::merge::decode_exr_channels;
-use render::trace::LAYERS;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -119,7 +119,7 @@ fn read_tuple(path: &std::path::Path, case: &Case) -> Result<Layers, String> {
         return Err("it has another size than its film".to_owned());
     }
     let layer = |name: &str| Ok((name.to_owned(), channels.layer(name)?));
-    LAYERS.into_iter().map(layer).collect()
+    Layer::NAMES.into_iter().map(layer).collect()
 }
 
 /// The rows as a table of text.

@@ -3,7 +3,7 @@
 //! [`FarmView`] is plain data: what there is to show, with ages in seconds. [`FarmSource`] hands it over; [`serve`]
 //! answers requests with it. Nothing here changes a run, unless a token is set and given; even then it only passes an
 //! [`Action`] on. No name from a request reaches a disk or a store but as a [`render::ids::SceneId`] and one of
-//! [`render::trace::LAYERS`].
+//! [`render::layer::Layer::NAMES`].
 
 mod action;
 mod metrics;

@@ -6,7 +6,7 @@
 use super::text::{duration, grouped, percent, rate};
 use super::view::{FarmState, FarmView, QuarantinedScene, RecentTuple, WorkerState, WorkerView};
 use crate::html::{self, Html};
-use render::trace::LAYERS;
+use render::layer::Layer;
 use std::fmt::Write;
 
 /// Workers on the page, those first that a person should look at.
@@ -20,8 +20,6 @@ const TEXT_SHOWN: usize = 2000;
 
 const STYLE: &str = concat!(include_str!("look.css"), include_str!("page.css"));
 const SCRIPT: &str = include_str!("page.js");
-/// The layers' symbols in the paper, in the order of [`LAYERS`].
-const SYMBOLS: [&str; 4] = ["I", "T", "R&#771;", "R"];
 
 /// The page. `nonce` marks its own style and script; `can_act` shows buttons, which ask for the token.
 pub(super) fn page(view: &FarmView, nonce: &str, can_act: bool) -> String {
@@ -236,8 +234,9 @@ fn tuple_card(html: &mut String, tuple: &RecentTuple, run: &str) {
         let _ = write!(html, " &middot; {:.2} % missed", share * 100.0);
     }
     *html += "</span></p><div class=\"layers\">";
-    for (layer, symbol) in LAYERS.iter().zip(SYMBOLS) {
-        if tuple.layers.iter().any(|l| l == layer) {
+    for layer in Layer::ALL {
+        if tuple.layers.iter().any(|l| l == layer.name()) {
+            let symbol = html::symbol(layer);
             // The run is in the address because a browser keeps pictures, and the next run may have the same scenes.
             let _ = write!(
                 html,

@@ -5,7 +5,7 @@ use crate::support::markup::strictly;
 use glasshouse::serve::{
     Action, FarmSource, FarmState, QuarantinedScene, ServeError, WorkerState, serve,
 };
-use render::trace::LAYERS;
+use render::layer::Layer;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -92,7 +92,7 @@ fn pictures_have_names_and_nothing_else_is_reached() {
     let run = run();
     let server = start(&run, None);
     let at = server.address();
-    for layer in LAYERS {
+    for layer in Layer::NAMES {
         let path = format!("/thumbnails/train-1/{layer}.png?run=0123abcd");
         let picture = get(at, &path).expect(200);
         assert_eq!(picture.headers["content-type"], "image/png");

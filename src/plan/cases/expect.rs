@@ -1,7 +1,8 @@
 //! What is expected of a layer: a number, another layer, or one of two formulas.
 
 use super::file::Case;
-use render::trace::{FilmPlane, LAYERS};
+use render::layer::Layer;
+use render::trace::FilmPlane;
 use serde::Deserialize;
 
 /// One expectation: exactly one of the fields after `bound`.
@@ -70,11 +71,11 @@ impl Expect {
                     .to_owned(),
             );
         }
-        if !LAYERS.contains(&self.layer.as_str()) {
+        if !Layer::NAMES.contains(&self.layer.as_str()) {
             return Err(format!(
                 "layer {:?} is none of {}",
                 self.layer,
-                LAYERS.join(", ")
+                Layer::NAMES.join(", ")
             ));
         }
         if !(self.bound >= 0.0 && self.bound < f64::INFINITY) {

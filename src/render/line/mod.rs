@@ -28,7 +28,7 @@ pub use error::LineError;
 pub use highlights::Highlights;
 pub use image::{Apex, DepthKind, Fill, Intrinsics, Transfer, one};
 pub use jsonl::{ManifestError, parse_jsonl, parse_scene, to_jsonl};
-pub use layers::{LAYER_NAMES, LayerSet};
+pub use layers::LayerSet;
 pub use panorama::{DepthMap, PanoramaDepth, PanoramaFile};
 pub use photograph::Photograph;
 pub use roots::{RootError, Roots, is_root_name, is_url};

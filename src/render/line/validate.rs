@@ -286,103 +286,106 @@ mod tests {
         );
     }
 
+    type Spoil = fn(&mut SceneLine);
+
+    /// A change that spoils a line, and how its error begins.
+    const SPOILED: [(Spoil, &str); 28] = [
+        (
+            |l| l.film.width = 0,
+            "film.width is 0, but must be 1 to 16384",
+        ),
+        (|l| l.film.height = 16_385, "film.height is 16385"),
+        (
+            |l| l.film.spp = 0,
+            "film.spp is 0, but must be a power of two",
+        ),
+        (|l| l.film.spp = 96, "film.spp is 96"),
+        (|l| l.film.spp = 131_072, "film.spp is 131072"),
+        (
+            |l| l.film.order_tolerance = -1.0,
+            "film.order_tolerance is -1",
+        ),
+        (
+            |l| l.film.target_error = Some(0.0),
+            "film.target_error is 0, but must be finite and above 0",
+        ),
+        (
+            |l| l.camera.focal_length_mm = 0.0,
+            "camera.focal_length_mm is 0",
+        ),
+        (
+            |l| l.camera.aperture_radius_m = -0.1,
+            "camera.aperture_radius_m is -0.1",
+        ),
+        (
+            |l| l.camera.focus = Focus::Distance { distance_m: 0.0 },
+            "camera.focus.distance_m is 0",
+        ),
+        (
+            |l| l.glass.distance_m = f64::INFINITY,
+            "glass.distance_m is inf",
+        ),
+        (
+            |l| l.glass.thickness_m = -0.01,
+            "glass.thickness_m is -0.01",
+        ),
+        (
+            |l| l.glass.ior = 0.99,
+            "glass.ior is 0.99, but must be 1 to 10",
+        ),
+        (|l| l.glass.ior = 11.0, "glass.ior is 11"),
+        (|l| l.glass.ior = f64::NAN, "glass.ior is NaN"),
+        (
+            |l| l.glass.absorption_per_m[2] = -1.0,
+            "glass.absorption_per_m[2] is -1",
+        ),
+        (|l| l.glass.tilt_deg[0] = 90.0, "glass.tilt_deg[0] is 90"),
+        (|l| l.glass.tilt_deg[1] = -90.0, "glass.tilt_deg[1] is -90"),
+        (
+            |l| photograph(&mut l.front).depth_unit_m = 0.0,
+            "front.depth_unit_m is 0",
+        ),
+        (
+            |l| photograph(&mut l.back).exposure = f64::NAN,
+            "back.exposure is NaN",
+        ),
+        (
+            |l| photograph(&mut l.front).intrinsics.fx = 0.0,
+            "front.intrinsics.fx is 0",
+        ),
+        (
+            |l| photograph(&mut l.back).intrinsics.fy = -1.0,
+            "back.intrinsics.fy is -1",
+        ),
+        (
+            |l| photograph(&mut l.back).intrinsics.cx = f64::NAN,
+            "back.intrinsics.cx is NaN",
+        ),
+        (
+            |l| photograph(&mut l.front).intrinsics.size = Some([0, 3]),
+            "front.intrinsics.size[0] is 0",
+        ),
+        (
+            |l| photograph(&mut l.front).apex = Some(Apex::Mirror),
+            "front.apex",
+        ),
+        (
+            |l| photograph(&mut l.front).color.clear(),
+            "front.color is empty",
+        ),
+        (
+            |l| photograph(&mut l.back).mask = Some(String::new()),
+            "back.mask is empty",
+        ),
+        (
+            |l| l.schema = "glasshouse.scene/2".into(),
+            "schema is \"glasshouse.scene/2\"",
+        ),
+    ];
+
     #[test]
     fn every_bad_field_is_named_with_its_value_and_range() {
-        type Spoil = fn(&mut SceneLine);
-        let cases: [(Spoil, &str); 28] = [
-            (
-                |l| l.film.width = 0,
-                "film.width is 0, but must be 1 to 16384",
-            ),
-            (|l| l.film.height = 16_385, "film.height is 16385"),
-            (
-                |l| l.film.spp = 0,
-                "film.spp is 0, but must be a power of two",
-            ),
-            (|l| l.film.spp = 96, "film.spp is 96"),
-            (|l| l.film.spp = 131_072, "film.spp is 131072"),
-            (
-                |l| l.film.order_tolerance = -1.0,
-                "film.order_tolerance is -1",
-            ),
-            (
-                |l| l.film.target_error = Some(0.0),
-                "film.target_error is 0, but must be finite and above 0",
-            ),
-            (
-                |l| l.camera.focal_length_mm = 0.0,
-                "camera.focal_length_mm is 0",
-            ),
-            (
-                |l| l.camera.aperture_radius_m = -0.1,
-                "camera.aperture_radius_m is -0.1",
-            ),
-            (
-                |l| l.camera.focus = Focus::Distance { distance_m: 0.0 },
-                "camera.focus.distance_m is 0",
-            ),
-            (
-                |l| l.glass.distance_m = f64::INFINITY,
-                "glass.distance_m is inf",
-            ),
-            (
-                |l| l.glass.thickness_m = -0.01,
-                "glass.thickness_m is -0.01",
-            ),
-            (
-                |l| l.glass.ior = 0.99,
-                "glass.ior is 0.99, but must be 1 to 10",
-            ),
-            (|l| l.glass.ior = 11.0, "glass.ior is 11"),
-            (|l| l.glass.ior = f64::NAN, "glass.ior is NaN"),
-            (
-                |l| l.glass.absorption_per_m[2] = -1.0,
-                "glass.absorption_per_m[2] is -1",
-            ),
-            (|l| l.glass.tilt_deg[0] = 90.0, "glass.tilt_deg[0] is 90"),
-            (|l| l.glass.tilt_deg[1] = -90.0, "glass.tilt_deg[1] is -90"),
-            (
-                |l| photograph(&mut l.front).depth_unit_m = 0.0,
-                "front.depth_unit_m is 0",
-            ),
-            (
-                |l| photograph(&mut l.back).exposure = f64::NAN,
-                "back.exposure is NaN",
-            ),
-            (
-                |l| photograph(&mut l.front).intrinsics.fx = 0.0,
-                "front.intrinsics.fx is 0",
-            ),
-            (
-                |l| photograph(&mut l.back).intrinsics.fy = -1.0,
-                "back.intrinsics.fy is -1",
-            ),
-            (
-                |l| photograph(&mut l.back).intrinsics.cx = f64::NAN,
-                "back.intrinsics.cx is NaN",
-            ),
-            (
-                |l| photograph(&mut l.front).intrinsics.size = Some([0, 3]),
-                "front.intrinsics.size[0] is 0",
-            ),
-            (
-                |l| photograph(&mut l.front).apex = Some(Apex::Mirror),
-                "front.apex",
-            ),
-            (
-                |l| photograph(&mut l.front).color.clear(),
-                "front.color is empty",
-            ),
-            (
-                |l| photograph(&mut l.back).mask = Some(String::new()),
-                "back.mask is empty",
-            ),
-            (
-                |l| l.schema = "glasshouse.scene/2".into(),
-                "schema is \"glasshouse.scene/2\"",
-            ),
-        ];
-        for (spoil, message) in cases {
+        for (spoil, message) in SPOILED {
             let mut line = published();
             spoil(&mut line);
             let error = line.validate().unwrap_err().to_string();

@@ -1,7 +1,7 @@
 //! A tuple's `tuple.exr` read back, and held against its record.
 
 use super::tuple::TupleRecord;
-use crate::trace::LAYERS;
+use crate::layer::{Layer, PerLayer};
 use exr::math::Vec2;
 use exr::meta::MetaData;
 use exr::meta::attribute::ChannelDescription;
@@ -127,28 +127,32 @@ pub(super) fn check_headers(bytes: &[u8], size: [u32; 2], most: usize) -> Result
     Ok(())
 }
 
-/// The layers I, T, R~, R of a tuple, linear, row by row; empty where the tuple has not that layer. Each is held against its
+/// The layers of a tuple, linear, row by row; empty where the tuple does not have that layer. Each is compared with its
 /// digest in the record.
 ///
 /// # Errors
 ///
 /// What is wrong, in words.
-pub fn decode_tuple_exr(bytes: &[u8], record: &TupleRecord) -> Result<[Vec<[f32; 3]>; 4], String> {
+pub fn decode_tuple_exr(
+    bytes: &[u8],
+    record: &TupleRecord,
+) -> Result<PerLayer<Vec<[f32; 3]>>, String> {
     let film = &record.scene.film;
-    check_headers(bytes, [film.width, film.height], 3 * LAYERS.len())?;
+    check_headers(bytes, [film.width, film.height], 3 * Layer::ALL.len())?;
     let channels = decode_exr_channels(bytes)?;
-    let mut layers = [const { Vec::new() }; 4];
-    for (layer, name) in layers.iter_mut().zip(LAYERS) {
-        let Some(facts) = record.layers.get(name) else {
+    let mut layers = PerLayer::default();
+    for layer in Layer::ALL {
+        let Some(facts) = record.layers.get(layer.name()) else {
             continue;
         };
-        *layer = channels.layer(name)?;
+        let pixels = channels.layer(layer.name())?;
         let expected = facts.exr_blake3.as_ref().unwrap_or(&facts.blake3);
-        if super::tuple::layer_digest(layer) != *expected {
+        if super::tuple::layer_digest(&pixels) != *expected {
             return Err(format!(
-                "its {name} is not what was rendered: the digest in tuple.json differs"
+                "its {layer} is not what was rendered: the digest in tuple.json differs"
             ));
         }
+        layers[layer] = pixels;
     }
     Ok(layers)
 }

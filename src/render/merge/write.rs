@@ -3,6 +3,7 @@
 use super::srgb::{SrgbEncoder, linear_to_srgb16};
 use super::tuple::{Tuple, TupleRecord};
 use crate::atomic_file::{self, WriteError};
+use crate::layer::PerLayer;
 use crate::line::{ExrPrecision, SceneLine};
 use crate::trace::TRACER_VERSION;
 use exr::image::write::layers::WritableLayers;
@@ -96,11 +97,11 @@ pub fn encode_tuple_file(
         }
         _ => {
             let stem = name.strip_suffix(".png").unwrap_or(name);
-            let (layer, _) = tuple
+            let (_, pixels) = tuple
                 .made()
-                .find(|(_, layer)| *layer == stem)
+                .find(|(layer, _)| layer.name() == stem)
                 .ok_or_else(|| encode_error(name, &"the tuple has no such layer"))?;
-            encode_png(encoder, layer, tuple.width, tuple.height)
+            encode_png(encoder, pixels, tuple.width, tuple.height)
                 .map_err(|e| encode_error(name, &e))
         }
     }
@@ -186,8 +187,8 @@ fn rgb_channels(pixels: &[[f32; 3]], precision: ExrPrecision) -> Vec<AnyChannel<
 }
 
 /// The layers are stored as half floats: the scene asks for it and their values allow it.
-pub(super) fn is_half(line: &SceneLine, layers: &[Vec<[f32; 3]>; 4]) -> bool {
-    let mut values = layers.iter().flatten().flatten();
+pub(super) fn is_half(line: &SceneLine, layers: &PerLayer<Vec<[f32; 3]>>) -> bool {
+    let mut values = layers.0.iter().flatten().flatten();
     line.film.exr == ExrPrecision::Half && values.all(|&v| v <= HALF_MAX)
 }
 
@@ -203,16 +204,16 @@ pub(super) fn halved(pixels: &[[f32; 3]]) -> Vec<[f32; 3]> {
 pub fn encode_tuple_exr(tuple: &Tuple) -> Result<Vec<u8>, exr::error::Error> {
     let half = is_half(&tuple.record.scene, &tuple.layers);
     let mut list = Vec::new();
-    for (layer, name) in tuple.made() {
+    for (layer, pixels) in tuple.made() {
         for (c, colour) in ["R", "G", "B"].into_iter().enumerate() {
-            let samples = layer.iter().map(|p| p[c]);
+            let samples = pixels.iter().map(|p| p[c]);
             let samples = if half {
                 FlatSamples::F16(samples.map(f16::from_f32).collect())
             } else {
                 FlatSamples::F32(samples.collect())
             };
             list.push(AnyChannel::new(
-                format!("{name}.{colour}").as_str(),
+                format!("{layer}.{colour}").as_str(),
                 samples,
             ));
         }

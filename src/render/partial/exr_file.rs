@@ -1,7 +1,8 @@
 //! Partials as OpenEXR bytes.
 
 use super::{Partial, PartialHeader};
-use crate::trace::{LAYERS, PixelMeans};
+use crate::layer::Layer;
+use crate::trace::PixelMeans;
 use exr::prelude::{
     AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, IntegerBounds, Layer,
     LayerAttributes, MetaData, ReadChannels, ReadLayers, Text, Vec2, WritableImage, read,
@@ -28,25 +29,26 @@ const BLOCK_PIXELS: usize = 128;
 const HEADER_BYTES: usize = 1 << 16;
 
 /// Channel name, and where its value stands in a pixel.
-fn channels() -> impl Iterator<Item = (String, usize, usize, usize)> {
+fn channels() -> impl Iterator<Item = (String, usize, Layer, usize)> {
     ["", "_half", "_quarter"]
         .into_iter()
         .enumerate()
         .flat_map(|(part, suffix)| {
-            LAYERS.iter().enumerate().flat_map(move |(layer, name)| {
+            Layer::ALL.into_iter().flat_map(move |layer| {
                 let colours = COLOURS.iter().enumerate();
-                colours.map(move |(c, colour)| (format!("{name}{suffix}.{colour}"), part, layer, c))
+                colours
+                    .map(move |(c, colour)| (format!("{layer}{suffix}.{colour}"), part, layer, c))
             })
         })
 }
 
-fn value(pixel: &mut PixelMeans, part: usize, layer: usize, colour: usize) -> &mut f32 {
+fn value(pixel: &mut PixelMeans, part: usize, layer: Layer, colour: usize) -> &mut f32 {
     let means = match part {
         0 => &mut pixel.mean,
         1 => &mut pixel.half,
         _ => &mut pixel.quarter,
     };
-    &mut means[layer][colour]
+    &mut means[layer as usize][colour]
 }
 
 /// The channels' values, in the order of [`channels`].
@@ -61,6 +63,7 @@ fn planes(pixels: &[PixelMeans]) -> Vec<Vec<f32>> {
     // So few pixels at a time that they stay in the cache for all channels.
     for block in pixels.chunks(BLOCK_PIXELS) {
         for (plane, &(part, layer, c)) in planes.iter_mut().zip(&places) {
+            let layer = layer as usize;
             match part {
                 0 => plane.extend(block.iter().map(|pixel| pixel.mean[layer][c])),
                 1 => plane.extend(block.iter().map(|pixel| pixel.half[layer][c])),
@@ -151,7 +154,7 @@ fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
         return Err("its size is not its tile's".to_owned());
     }
     let mut pixels = vec![PixelMeans::default(); count];
-    for (name, part, layer_index, c) in channels() {
+    for (name, part, of, c) in channels() {
         let channel = layer
             .channel_data
             .list
@@ -161,7 +164,7 @@ fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
             return Err(format!("it has no float channel {name}"));
         };
         for (pixel, &sample) in pixels.iter_mut().zip(samples) {
-            *value(pixel, part, layer_index, c) = sample;
+            *value(pixel, part, of, c) = sample;
         }
     }
     let partial = Partial { header, pixels };

@@ -44,7 +44,7 @@ pub use sampler::{BLOCK, PixelSeed, sample};
 pub use scene::{FilmPlane, FilterTable, Lens, Pose, Sampling, Scene, Surface, View};
 pub use slab::{Order, Slab};
 pub use texture::Texture;
-pub use tile::{Isa, LAYERS, Tile, TileResult, trace_tile};
+pub use tile::{Isa, Tile, TileResult, trace_tile};
 
 /// Version of the tracer's results: raised whenever any pixel or stated error changes. A run refuses to continue with another.
 pub const TRACER_VERSION: u32 = 3;
