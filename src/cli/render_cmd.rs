@@ -10,12 +10,12 @@ use super::work_cmd::{isa, threads};
 use crate::run::Run;
 use anyhow::{Context, anyhow};
 use render::atomic_file;
+use render::color::SrgbEncoder;
+use render::formats::encode_rgb_exr;
 use render::job::{SceneJob, render_partials};
 use render::layer::Layer;
 use render::line::{Roots, SceneLine, parse_scene};
-use render::merge::{
-    SrgbEncoder, TUPLE_SCHEMA, Tuple, TupleRecord, combine, encode_png, encode_rgb_exr,
-};
+use render::merge::{TUPLE_SCHEMA, Tuple, TupleRecord, combine, encode_png};
 use render::scene::{load, read_files_by};
 use render::shard::ShardLayout;
 use render::trace::TRACER_VERSION;

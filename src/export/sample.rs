@@ -6,11 +6,11 @@ use super::request::{ExportFormat, PixelEncoding};
 use crate::run::keys;
 use crate::store::Store;
 use bytes::Bytes;
+use render::formats::encode_parts_exr;
 use render::layer::Layer;
 use render::line::{ExrPrecision, SceneLine, Split};
 use render::merge::{
-    TupleRecord, check_png, decode_tuple_exr, encode_parts_exr, encode_png16, is_record_of,
-    tuple_files,
+    TupleRecord, check_png, decode_tuple_exr, encode_png16, is_record_of, tuple_files,
 };
 use std::collections::BTreeMap;
 

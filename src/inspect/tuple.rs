@@ -5,8 +5,9 @@ use super::facts::{Inspection, Problem, Whole, many};
 use super::kind::Kind;
 use super::look::Input;
 use super::records::typed;
+use render::formats::decode_exr_channels;
 use render::layer::Layer;
-use render::merge::{TupleRecord, decode_exr_channels, decode_tuple_exr, tuple_files};
+use render::merge::{TupleRecord, decode_tuple_exr, tuple_files};
 use render::trace::TRACER_VERSION;
 use serde_json::json;
 

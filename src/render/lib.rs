@@ -10,7 +10,9 @@
 
 pub mod atomic_file;
 mod bands;
+pub mod color;
 pub mod formats;
+pub mod hash;
 pub mod ids;
 pub mod job;
 pub mod layer;

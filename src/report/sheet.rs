@@ -10,10 +10,11 @@ use crate::run::{Run, keys};
 use crate::store::{Store, StoreError};
 use image::RgbImage;
 use rayon::prelude::*;
+use render::color::{SrgbEncoder, srgb_to_linear};
 use render::ids::SceneId;
 use render::layer::Layer;
 use render::line::SceneLine;
-use render::merge::{NoiseMap, SrgbEncoder, TupleRecord, srgb_to_linear};
+use render::merge::{NoiseMap, TupleRecord};
 use std::fmt::Write;
 
 /// Tuples on the sheet.

@@ -2,8 +2,8 @@
 
 use crate::run::{QuarantineRecord, Run};
 use plan::cases::{Case, CaseFile, Measured};
+use render::formats::decode_exr_channels;
 use render::layer::Layer;
-use render::merge::decode_exr_channels;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;

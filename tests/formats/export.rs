@@ -3,8 +3,10 @@
 use crate::support::outputs::files;
 use crate::support::program::{Ended, command, run, text};
 use crate::support::s3_server::{BUCKET, S3Server};
+use render::color::linear_to_srgb16;
+use render::formats::decode_exr_channels;
 use render::layer::Layer;
-use render::merge::{TupleRecord, decode_exr_channels, decode_tuple_exr, linear_to_srgb16};
+use render::merge::{TupleRecord, decode_tuple_exr};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

@@ -6,8 +6,8 @@
 //! little of its own error, four tell more, and take a quarter of the room. The map is no part of the tuple: it
 //! may be missing, and nothing but the report reads it.
 
-use super::read::{check_headers, decode_exr_channels};
-use super::write::{HALF_MAX, encode_exr};
+use crate::formats::exr_read::{check_headers, decode_exr_channels};
+use crate::formats::exr_write::{HALF_MAX, encode_exr};
 use crate::layer::{Layer, PerLayer};
 use crate::line::Film;
 use exr::prelude::{AnyChannel, FlatSamples, f16};

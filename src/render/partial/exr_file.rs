@@ -1,13 +1,14 @@
 //! Partials as OpenEXR bytes.
 
 use super::{Partial, PartialHeader};
+use crate::formats::exr_read::{check_claim, first_layer, headers};
+use crate::formats::exr_write::write_exr_into;
 use crate::layer::Layer;
 use crate::trace::PixelMeans;
 use exr::prelude::{
-    AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, IntegerBounds, Layer,
-    LayerAttributes, MetaData, ReadChannels, ReadLayers, Text, Vec2, WritableImage, read,
+    AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, IntegerBounds,
+    Layer as Part, LayerAttributes, Text, Vec2,
 };
-use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 /// A file that is no usable partial. It is traced again.
@@ -95,7 +96,7 @@ pub(super) fn encode_as(
         Text::from(ATTRIBUTE),
         AttributeValue::Text(Text::from(header.to_json().as_str())),
     );
-    let layer = Layer::new(
+    let layer = Part::new(
         (tile.width as usize, tile.height as usize),
         attributes,
         Encoding::UNCOMPRESSED,
@@ -105,9 +106,7 @@ pub(super) fn encode_as(
     image.attributes.display_window =
         IntegerBounds::from_dimensions((header.film[0] as usize, header.film[1] as usize));
     let length = size_of_val(pixels) + HEADER_BYTES;
-    let mut bytes = Cursor::new(Vec::with_capacity(length));
-    image.write().non_parallel().to_buffered(&mut bytes)?;
-    Ok(bytes.into_inner())
+    write_exr_into(&image, Vec::with_capacity(length))
 }
 
 /// Reads a partial and checks its digest. `path` is for the error's text.
@@ -124,25 +123,8 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Partial, PartialError> {
 
 fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
     // Before anything of the claimed size is allocated: partials are not compressed, so a file holds its pixels.
-    let meta =
-        MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| e.to_string())?;
-    let claimed = meta.headers.iter().fold(0u128, |sum, header| {
-        let size = header.layer_size;
-        sum + size.width() as u128 * size.height() as u128 * header.channels.bytes_per_pixel as u128
-    });
-    if claimed > bytes.len() as u128 {
-        return Err("it is shorter than the image that its header describes".to_owned());
-    }
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .non_parallel()
-        .from_buffered(Cursor::new(bytes))
-        .map_err(|e| e.to_string())?;
-    let layer = &image.layer_data;
+    check_claim(&headers(bytes)?, bytes.len() as u128)?;
+    let layer = first_layer(bytes)?;
     let header = match layer.attributes.other.get(&Text::from(ATTRIBUTE)) {
         Some(AttributeValue::Text(json)) => {
             serde_json::from_str::<PartialHeader>(&json.to_string()).map_err(|e| e.to_string())?

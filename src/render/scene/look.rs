@@ -121,8 +121,8 @@ fn ends_well(ends: &FileEnds, is_whole: bool) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::formats::exr_raster::tests::exr;
     use crate::formats::npy::tests::npy;
-    use crate::formats::openexr::tests::exr;
     use crate::formats::raster::tests::{jpeg, png};
     use ::exr::prelude::FlatSamples;
     use image::ExtendedColorType as Png;

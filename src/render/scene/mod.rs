@@ -4,7 +4,7 @@
 //! photograph goes through these files, in this order:
 //!
 //! ```text
-//! files (format by magic bytes) -> npy | openexr | raster -> depth, mask, color (transfer)
+//! files (format by magic bytes) -> npy | exr_raster | raster -> depth, mask, color (transfer)
 //!                                                      -> fill, center -> photograph (Sheet)
 //! ```
 //!

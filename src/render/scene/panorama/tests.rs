@@ -1,7 +1,7 @@
 use super::super::{LoadedScene, SceneFiles, SideFiles, load};
 use super::*;
+use crate::formats::exr_raster::tests::exr;
 use crate::formats::npy::tests::npy;
-use crate::formats::openexr::tests::exr;
 use crate::formats::raster::tests::png;
 use crate::line::{SceneLine, Side};
 use crate::trace::{Isa, Tile, TileResult, trace_tile};
