@@ -9,14 +9,14 @@ use super::store_env;
 use super::work_cmd::{isa, threads};
 use crate::run::Run;
 use anyhow::{Context, anyhow};
+use render::Loaded;
 use render::atomic_file;
 use render::color::SrgbEncoder;
 use render::formats::encode_rgb_exr;
-use render::job::{SceneJob, render_partials};
 use render::layer::Layer;
 use render::line::{Roots, SceneLine, parse_scene};
-use render::merge::{TUPLE_SCHEMA, Tuple, TupleRecord, combine, encode_png};
-use render::scene::{load, read_files_by};
+use render::merge::{TUPLE_SCHEMA, Tuple, TupleRecord, encode_png};
+use render::scene::read_files_by;
 use render::shard::ShardLayout;
 use render::trace::TRACER_VERSION;
 use serde_json::json;
@@ -45,10 +45,11 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     .map_err(|e| invalid(e.into()))?;
     let read_s = clock.elapsed().as_secs_f64();
     let clock = Instant::now();
-    let loaded = load(&source.line, &files).map_err(|e| invalid(e.into()))?;
+    let mut loaded = Loaded::new(source.line.clone(), &files).map_err(|e| invalid(e.into()))?;
+    loaded.threads = threads(global);
     let decode_s = clock.elapsed().as_secs_f64();
     if let Some(record) = &source.record
-        && record.inputs != loaded.inputs
+        && record.inputs != loaded.scene().inputs
     {
         output.warning(
             "the input files are not those the tuple was made from: its pixels will differ",
@@ -68,22 +69,21 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     }
 
     let layout = ShardLayout::of(&source.line, args.tile);
-    let job = SceneJob::new(&source.line, layout, loaded);
     let signals = Signals::catch();
     let progress = Progress::new(global, "tiles", u64::from(layout.len()));
     let clock = Instant::now();
-    let partials = render_partials(&job, threads(global), isa(global)?, signals.stop(), &|| {
+    let tuple = loaded.tuple(args.tile, isa(global)?, signals.stop(), &|| {
         progress.add(1, false);
     });
     progress.finish();
-    let Some(partials) = partials else {
+    let Some(tuple) = tuple else {
         return Err(Failure::new(
             signals.exit(),
             anyhow!("stopped by a signal: nothing is written"),
         ));
     };
     let trace_s = clock.elapsed().as_secs_f64();
-    let tuple = combine(&source.line, args.tile, &partials).map_err(|e| invalid(e.into()))?;
+    let tuple = tuple.map_err(|e| invalid(e.into()))?;
     let clock = Instant::now();
     write(&tuple, &args.out)?;
     let write_s = clock.elapsed().as_secs_f64();
@@ -181,12 +181,12 @@ fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
 fn write(tuple: &Tuple, out: &Path) -> Result<(), Failure> {
     atomic_file::create_dir(out)?;
     let encoder = SrgbEncoder::new();
-    for (pixels, name) in tuple.made() {
+    for (layer, pixels) in tuple.made() {
         let (w, h) = (tuple.width, tuple.height);
         let exr = encode_rgb_exr(pixels, w, h).map_err(|e| Failure::new(Exit::Failed, e))?;
-        atomic_file::write(&out.join(format!("{name}.exr")), &exr)?;
+        atomic_file::write(&out.join(format!("{layer}.exr")), &exr)?;
         let png = encode_png(&encoder, pixels, w, h).map_err(|e| Failure::new(Exit::Failed, e))?;
-        atomic_file::write(&out.join(format!("{name}.png")), &png)?;
+        atomic_file::write(&out.join(format!("{layer}.png")), &png)?;
     }
     Ok(())
 }

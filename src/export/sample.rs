@@ -163,7 +163,7 @@ fn encoded(
     if format == ExportFormat::Exr {
         let name = layer_file(format, encoding, line, 0);
         let parts: Vec<(&str, &[[f32; 3]])> = made(line)
-            .map(|(layer, name)| (name, layers[layer].as_slice()))
+            .map(|(layer, name)| (name, layers.0[layer].as_slice()))
             .collect();
         let bytes =
             encode_parts_exr(&parts, width, height, precision).map_err(|e| failed(&name, &e))?;
@@ -172,7 +172,7 @@ fn encoded(
     let mut files = Vec::new();
     for (layer, _) in made(line) {
         let name = layer_file(format, encoding, line, layer);
-        let pixels = &layers[layer];
+        let pixels = &layers.0[layer];
         let bytes = if encoding == PixelEncoding::Linear {
             encode_parts_exr(&[("", pixels)], width, height, precision)
                 .map_err(|e| failed(&name, &e))?

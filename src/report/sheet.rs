@@ -146,7 +146,7 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
         }
         figures += &figure(&tag, symbol, name, &numbers);
         count += 1;
-        if *name == "glass_reflection" {
+        if made == Layer::GlassReflection {
             let alt = format!("{name} of {id}, {GAIN} times as bright");
             let tag = img(&brightened(picture, encoder), &alt).map_err(wrong)?;
             let symbol = format!("{symbol} &times; {GAIN}");

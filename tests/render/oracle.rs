@@ -1,6 +1,5 @@
 //! A scene rendered by Mitsuba 3 (its camera, film, meshes, textures and ray casting) at 4,096 samples.
 
-use render::layer::Layer;
 use render::line::{Roots, parse_scene};
 use render::merge::combine;
 use render::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};

@@ -226,11 +226,11 @@ fn no_path_ends_on_a_border_s_continuation() {
         let loaded = made(&line, &image, Some(&depth));
         let result = traced(&loaded);
         assert_eq!(
-            result.misses, [0; 4],
+            result.misses.0, [0; 4],
             "{apex} {glass} of {:?}",
             result.paths
         );
-        assert!(result.paths.iter().all(|&paths| paths > 0));
+        assert!(result.paths.0.iter().all(|&paths| paths > 0));
     }
 }
 
