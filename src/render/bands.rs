@@ -11,7 +11,6 @@ use std::sync::atomic::{AtomicU8, Ordering};
 /// Rows of a band. Whole cells, for adaptive scenes; few, so that no thread waits long for the last one.
 pub(crate) const BAND_ROWS: u32 = CELL_PX;
 
-/// Bands of a tile.
 pub(crate) fn bands(tile: Tile) -> u32 {
     tile.height.div_ceil(BAND_ROWS)
 }
@@ -30,7 +29,7 @@ const WAITING: u8 = 0;
 const BEGUN: u8 = 1;
 const DROPPED: u8 = 2;
 
-/// A shard whose bands are traced by whoever is free.
+/// A shard whose bands any free thread may trace.
 #[derive(Default)]
 pub(crate) struct BandedShard {
     state: AtomicU8,
@@ -45,8 +44,8 @@ struct Joined {
 }
 
 impl BandedShard {
-    /// Asks whether to trace one of its bands. Who is told to stop begins no shard; but a shard that is begun is
-    /// finished, and all threads get the same answer.
+    /// Whether to trace one of its bands. While stopping, no new shard starts; a started one is finished. All threads
+    /// get the same answer.
     pub(crate) fn may_trace(&self, must_stop: bool) -> bool {
         let wanted = if must_stop { DROPPED } else { BEGUN };
         let change =
@@ -58,12 +57,12 @@ impl BandedShard {
         }
     }
 
-    /// Nobody has begun it, and it was not dropped.
+    /// No thread has started it, and it was not dropped.
     pub(crate) fn is_waiting(&self) -> bool {
         self.state.load(Ordering::Acquire) == WAITING
     }
 
-    /// Traces band `index` of the shard's `tile` with `trace`; the whole shard's result for whoever does the last band.
+    /// Traces band `index` of the shard's `tile` with `trace`; the last band returns the whole shard's result.
     pub(crate) fn trace(
         &self,
         tile: Tile,

@@ -4,6 +4,7 @@ use super::limits::Limit;
 
 /// A scene line that cannot be rendered, whatever its files hold.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub enum LineError {
     /// Another schema, or another version of it.
     #[error("schema is {found:?}, but must be \"glasshouse.scene/1\": write the line in that form")]
@@ -14,19 +15,13 @@ pub enum LineError {
     /// A number outside its range.
     #[error("{field} is {value}, but must be {allowed}")]
     OutOfRange {
-        /// The key, with dots.
         field: String,
-        /// Its value.
         value: f64,
-        /// The range in words.
         allowed: &'static str,
     },
     /// A path without a letter.
     #[error("{field} is empty, but must be the path of a file")]
-    EmptyPath {
-        /// The key, with dots.
-        field: String,
-    },
+    EmptyPath { field: String },
     /// A relative depth without metres, or metres twice.
     #[error(
         "{}",
@@ -39,15 +34,11 @@ pub enum LineError {
     DepthRange {
         /// `front` or `back`.
         side: String,
-        /// A range stands there.
         given: bool,
     },
     /// Light has no clipped codes.
     #[error("{field} is given, but only images of transfer \"srgb\" have clipped codes: remove it")]
-    HighlightsOfLight {
-        /// The key, with dots.
-        field: String,
-    },
+    HighlightsOfLight { field: String },
     /// `apex` says where the reflected side's camera stands; the front one's is the lens.
     #[error("front.apex is given, but only the back has an apex: move it to back")]
     ApexOfFront,
@@ -56,10 +47,7 @@ pub enum LineError {
         "{field} is no rotation: its rows must be of length 1 and at right angles (to 1e-4), its determinant +1; \
          scale with unit_m"
     )]
-    NoRotation {
-        /// The key, with dots.
-        field: String,
-    },
+    NoRotation { field: String },
 }
 
 /// `Ok` if `limit` holds `value`.

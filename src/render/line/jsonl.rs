@@ -7,13 +7,12 @@ use std::collections::BTreeMap;
 
 /// A manifest or scene file that cannot be used.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub enum ManifestError {
     /// Not JSON, or not a scene.
     #[error("manifest line {line}, column {column}: {reason}; correct that line")]
     Json {
-        /// Counted from 1.
         line: usize,
-        /// Counted from 1.
         column: usize,
         /// What was expected and what was found.
         reason: String,
@@ -21,11 +20,8 @@ pub enum ManifestError {
     /// A scene that makes no sense.
     #[error("manifest line {line}, scene {id}: {source}")]
     Scene {
-        /// Counted from 1.
         line: usize,
-        /// The scene.
         id: SceneId,
-        /// Which field.
         source: LineError,
     },
     /// Two scenes of one name.
@@ -35,9 +31,7 @@ pub enum ManifestError {
     DuplicateId {
         /// The second one, counted from 1.
         line: usize,
-        /// The first one.
         first: usize,
-        /// Their id.
         id: SceneId,
     },
 }

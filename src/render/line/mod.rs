@@ -5,6 +5,21 @@
 //! layers       which images are made          side_json, jsonl   sides and manifests as text
 //! roots        where a line's paths lead      validate, limits   which lines are sound by themselves
 //! ```
+//!
+//! ```
+//! use render::line::{Focus, parse_scene};
+//!
+//! let side = r#"{"panorama": "room.exr", "transfer": "linear", "depth_m": 4}"#;
+//! let line = parse_scene(&format!(r#"{{
+//!     "schema": "glasshouse.scene/1", "id": "000412", "seed": 412,
+//!     "film": {{"width": 256, "height": 256, "spp": 256}},
+//!     "camera": {{"focal_length_mm": 55, "aperture_radius_m": 0.009, "focus": {{"distance_m": 7}}}},
+//!     "glass": {{"distance_m": 0.3, "thickness_m": 0.01, "ior": 1.6}},
+//!     "front": {side}, "back": {side}}}"#))?;
+//! assert_eq!(line.camera.focus, Focus::Distance { distance_m: 7.0 });
+//! assert_eq!(line.front.paths(), [("panorama", "room.exr")]);
+//! # Ok::<(), render::line::ManifestError>(())
+//! ```
 
 mod depth_range;
 mod error;

@@ -14,23 +14,19 @@ use std::collections::BTreeMap;
 
 /// Why partials do not make a tuple.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub enum MergeError {
     /// Shards are missing.
     #[error("scene {scene}: {} of {total} shards are missing (first: {}); trace them with `work`, then merge again", missing.len(), missing[0])]
     Gaps {
-        /// The scene.
         scene: String,
-        /// Their numbers.
         missing: Vec<u32>,
-        /// All shards.
         total: u32,
     },
     /// A partial belongs to something else.
     #[error("scene {scene}: shard {shard} {reason}; delete that partial and run `work` again")]
     Foreign {
-        /// The scene.
         scene: String,
-        /// The shard.
         shard: u32,
         /// Why it does not belong.
         reason: &'static str,
@@ -40,13 +36,9 @@ pub enum MergeError {
         "scene {scene}: layer {layer} is not finite at pixel ({x}, {y}); check the inputs' radiance and depth"
     )]
     NotFinite {
-        /// The scene.
         scene: String,
-        /// The layer.
         layer: &'static str,
-        /// Pixel.
         x: u32,
-        /// Pixel.
         y: u32,
     },
 }

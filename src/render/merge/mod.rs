@@ -1,4 +1,21 @@
-//! Stage 6: a scene's partials become a tuple.
+//! A scene's partials become a tuple: four images and their record.
+//!
+//! ```
+//! use render::merge::{MergeError, combine};
+//! use render::partial::Partial;
+//! # let side = r#"{"panorama": "room.exr", "transfer": "linear", "depth_m": 4}"#;
+//! # let line = render::line::parse_scene(&format!(r#"{{
+//! #     "schema": "glasshouse.scene/1", "id": "a", "seed": 1,
+//! #     "film": {{"width": 100, "height": 50, "spp": 1024}},
+//! #     "camera": {{"focal_length_mm": 55, "aperture_radius_m": 0, "focus": {{"at": "infinity"}}}},
+//! #     "glass": {{"distance_m": 0.3, "thickness_m": 0.01, "ior": 1.6}},
+//! #     "front": {side}, "back": {side}}}"#))?;
+//!
+//! // A film of two tiles and four sample ranges has eight shards; none of them is traced.
+//! let error = combine::<Partial>(&line, 64, &[]).unwrap_err();
+//! assert!(matches!(error, MergeError::Gaps { total: 8, .. }));
+//! # Ok::<(), render::line::ManifestError>(())
+//! ```
 
 mod combine;
 mod moves;

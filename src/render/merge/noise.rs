@@ -1,10 +1,10 @@
-//! How uncertain a tuple is, and where: `RUN/noise/<scene>.exr`, for people who look.
+//! How uncertain a tuple is, and where: `RUN/noise/<scene>.exr`, for the report.
 //!
 //! A pixel's mean moved by some amount when its samples were doubled for the last time (first half against all). A value of
 //! the map is the RMS of these moves over the pixels of a cell and their colours, times one factor for the layer, such that
 //! the RMS over all pixels is the layer's stated error. A cell has 2 x 2 px: one pixel's move is a single draw and tells
-//! little of its own error, four tell more, and take a quarter of the room. The map is no part of the tuple: it
-//! may be missing, and nothing but the report reads it.
+//! little of its own error, four tell more, and take a quarter of the room. The map is no part of the tuple and
+//! may be missing.
 
 use crate::formats::exr_read::{check_headers, decode_exr_channels};
 use crate::formats::exr_write::{HALF_MAX, encode_exr};

@@ -1,4 +1,4 @@
-//! A tuple's `tuple.exr` read back, and held against its record.
+//! A tuple's `tuple.exr` read back, and compared with its record.
 
 use super::tuple::TupleRecord;
 use crate::formats::exr_read::{check_headers, decode_exr_channels};
@@ -14,7 +14,7 @@ use std::io::Cursor;
 pub fn check_png(bytes: &[u8], width: u32, height: u32) -> Result<(), String> {
     let reader = || {
         let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
-        // The size is known, and looked at before anything of that size is unpacked.
+        // The size is known, and checked before anything of that size is unpacked.
         reader.no_limits();
         reader
     };

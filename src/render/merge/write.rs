@@ -23,18 +23,14 @@ pub fn tuple_files(line: &SceneLine) -> Vec<String> {
 
 /// A tuple could not be written.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub enum TupleWriteError {
     /// The disk.
     #[error(transparent)]
     File(#[from] WriteError),
     /// The encoder.
     #[error("cannot encode {name}: {reason}")]
-    Encode {
-        /// Which file.
-        name: String,
-        /// Why.
-        reason: String,
-    },
+    Encode { name: String, reason: String },
 }
 
 fn encode_error(name: &str, reason: &dyn std::fmt::Display) -> TupleWriteError {

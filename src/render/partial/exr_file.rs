@@ -14,10 +14,9 @@ use std::path::{Path, PathBuf};
 /// A file that is no usable partial. It is traced again.
 #[derive(Debug, thiserror::Error)]
 #[error("partial {} is not usable: {reason}; it will be traced again", path.display())]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub struct PartialError {
-    /// The file.
     pub path: PathBuf,
-    /// What is wrong.
     pub reason: String,
 }
 

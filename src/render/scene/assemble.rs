@@ -24,7 +24,7 @@ pub fn assemble(
         back: back.max_radiance(),
     };
     let slab = slab(line);
-    let back_camera = BackCamera::new(line, &slab);
+    let back_camera = BackCamera::new(line.back.apex().unwrap_or_default(), &slab);
     let lateral_m = line.camera.aperture_radius_m + line.glass.thickness_m;
     // The front's coordinates are the lens's: a mesh can be focused on before anything else is known.
     let front = front.place("front", |x| x, lateral_m)?;

@@ -13,7 +13,6 @@ use std::rc::Rc;
 pub(super) const FORMATS: &str = "a PNG, JPEG, PNM, EXR, Radiance HDR, PFM or .npy colour image";
 const NPY: &str = "(H,W), (H,W,1), (H,W,3) or (H,W,4) of u1, u2, f2, f4 or f8";
 
-/// Radiance of a photograph.
 pub(super) struct Color {
     pub(super) width: usize,
     pub(super) height: usize,

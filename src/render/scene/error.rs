@@ -11,6 +11,7 @@ pub(super) const MAX_TRAVEL_PX: f64 = 4_194_304.0;
 
 /// Why a scene cannot be traced.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub enum AssembleError {
     /// The pane cannot be looked through.
     #[error(transparent)]
@@ -29,7 +30,6 @@ pub enum AssembleError {
         share: f64,
         /// `glass.distance_m`.
         distance_m: f64,
-        /// Its smallest valid depth.
         nearest_m: f64,
     },
     /// Vertices stand between the lens and the pane.
@@ -56,7 +56,6 @@ pub enum AssembleError {
     MeshUnseen {
         /// `front` or `back`.
         side: &'static str,
-        /// Triangles of the file.
         triangles: usize,
     },
     /// A mesh that reaches beyond the coordinates that the tracer takes.
@@ -87,7 +86,6 @@ pub enum AssembleError {
     Travel {
         /// `front` or `back`.
         side: &'static str,
-        /// Its smallest depth.
         nearest_m: f64,
         /// Depth pixels that a lens ray would cross.
         travel_px: f64,

@@ -68,16 +68,16 @@ pub(super) fn film_directions(reach: [f64; 2]) -> Vec<DVec3> {
 }
 
 /// The capture camera of the back, seen from the mirrored world: there the reflected rays go straight on.
-pub(super) struct BackCamera {
+pub(crate) struct BackCamera {
     pub(super) apex: Apex,
     normal: DVec3,
     plane_distance_m: f64,
 }
 
 impl BackCamera {
-    pub(super) fn new(line: &SceneLine, slab: &Slab) -> Self {
+    pub(crate) fn new(apex: Apex, slab: &Slab) -> Self {
         Self {
-            apex: line.back.apex().unwrap_or_default(),
+            apex,
             normal: slab.normal,
             plane_distance_m: slab.plane_distance_m,
         }
@@ -89,8 +89,8 @@ impl BackCamera {
         DMat3::IDENTITY - DMat3::from_cols(n * n.x, n * n.y, n * n.z) * 2.0
     }
 
-    /// How far the pane's mirror images are from the things, along the normal.
-    pub(super) fn twice_distance_m(&self) -> f64 {
+    /// Distance of a mirrored lens from the lens, along the normal.
+    pub(crate) fn twice_distance_m(&self) -> f64 {
         2.0 * self.plane_distance_m
     }
 
@@ -106,7 +106,7 @@ impl BackCamera {
     }
 
     /// The inverse: rotation and translation.
-    pub(super) fn from_lens(&self) -> (DMat3, DVec3) {
+    pub(crate) fn from_lens(&self) -> (DMat3, DVec3) {
         match self.apex {
             Apex::Mirror => (
                 DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)),

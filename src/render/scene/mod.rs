@@ -1,4 +1,4 @@
-//! Stage 3: the files of a manifest line become sheets of radiance and inverse depth (or meshes), in metres.
+//! The files of a scene line become sheets of radiance and inverse depth (or meshes), in metres.
 //!
 //! Everything here is pure: the caller reads the files, this module reads their bytes. A
 //! photograph goes through these files, in this order:
@@ -44,6 +44,7 @@ pub use assemble::assemble;
 pub use check_geometry::{GeometryError, MAX_INCIDENCE_DEG, check_geometry};
 pub use error::{AssembleError, MAX_TOO_NEAR_SHARE};
 pub use facts::{OrderFact, SceneFacts, Sides};
+pub(crate) use geometry::BackCamera;
 pub use load::{
     DecodedScene, InputDigests, LoadError, LoadedScene, SceneFiles, SideFiles, decode, load,
     read_files, read_files_by,

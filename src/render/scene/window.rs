@@ -44,7 +44,7 @@ impl Sight {
     /// Reflected in it.
     pub(super) fn back(line: &SceneLine) -> Self {
         let slab = slab(line);
-        let from_lens = BackCamera::new(line, &slab).from_lens();
+        let from_lens = BackCamera::new(line.back.apex().unwrap_or_default(), &slab).from_lens();
         Self::new(line, slab, from_lens, Order::Reflected)
     }
 

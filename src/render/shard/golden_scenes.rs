@@ -4,10 +4,12 @@
 //! image (see `tests/physics/golden.rs`), and a new [`super::golden::SET`] name.
 
 use crate::layer::PerLayer;
+use crate::line::Apex;
+use crate::scene::BackCamera;
 use crate::trace::{
     FilmPlane, FilterTable, Grid, Lens, OrderPlan, Pose, Sampling, Scene, Slab, Texture, View,
 };
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 /// A scene of the golden set.
 pub struct GoldenScene {
@@ -78,21 +80,20 @@ impl Words {
             tan_half_fov: FilmPlane::tan_half_fov(16, 10, 55.0),
             filter: self.gaussian.then(FilterTable::gaussian),
         };
-        let extra_m = if self.from_camera {
-            2.0 * slab.plane_distance_m
-        } else {
-            0.0
-        };
+        let camera = BackCamera::new(Apex::Camera, &slab);
         let (pose, sign) = if self.from_camera && slab.is_tilted() {
-            let mirror = DMat3::IDENTITY
-                - DMat3::from_cols(normal.x * normal, normal.y * normal, normal.z * normal) * 2.0;
-            let turn = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0));
+            let (rotation, translation_m) = camera.from_lens();
             let pose = Pose::General {
-                rotation: turn * mirror,
-                translation_m: turn * (normal * extra_m),
+                rotation,
+                translation_m,
             };
             (pose, 1.0)
         } else {
+            let extra_m = if self.from_camera {
+                camera.twice_distance_m()
+            } else {
+                0.0
+            };
             (Pose::Aligned { extra_m }, -1.0)
         };
         // Cosines from straight on to the farthest corner of film and lens, as in `scene::assemble`, but fewer.

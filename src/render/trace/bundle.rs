@@ -97,8 +97,8 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
         (self.paths, self.misses)
     }
 
-    /// What is `wanted` of pixel (`x`, `y`) from `samples`, an aligned power-of-two block of which R takes the first
-    /// `clean`.
+    /// What is `wanted` of pixel (`x`, `y`) from `samples`, an aligned power-of-two block; R takes its first
+    /// `clean` samples.
     #[inline(always)]
     pub(super) fn pixel(
         &mut self,

@@ -1,4 +1,4 @@
-//! The grid kernel and its bounds against f64: every triangle tried, every ray of a bundle looked at.
+//! The grid kernel and its bounds against f64: every triangle is tried, every ray of a bundle checked.
 
 #![allow(
     clippy::print_stdout,
