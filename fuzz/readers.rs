@@ -14,7 +14,7 @@ use plan::Recipe;
 use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
 use render::formats::{NamedBytes, PhotographFiles, SceneError};
 use render::ids::SceneId;
-use render::line::{Photograph, Side, parse_jsonl, parse_scene, refuse, to_jsonl};
+use render::line::{Photograph, Side, parse_jsonl, parse_scene, to_jsonl};
 use render::merge::TupleRecord;
 use render::partial;
 use render::scene::{decode_mesh, decode_photograph};
@@ -161,7 +161,7 @@ pub(crate) fn scene_line(bytes: &[u8]) -> bool {
     };
     let again = parse_scene(to_jsonl(std::slice::from_ref(&line)).trim());
     assert_eq!(again.expect("a written line can be read"), line);
-    let _ = refuse(&line, 0.5);
+    let _ = render::scene::check_geometry(&line, 0.5);
     true
 }
 

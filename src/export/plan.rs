@@ -100,7 +100,7 @@ impl ExportPlan {
         let mut layers = [false; 4];
         for &scene in &scenes {
             let asked = run.lines[scene].film.layers.asked();
-            layers = std::array::from_fn(|k| layers[k] | asked[k]);
+            layers = std::array::from_fn(|k| layers[k] | asked.0[k]);
         }
         Self {
             request,

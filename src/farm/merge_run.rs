@@ -9,11 +9,10 @@ use crate::run::is_done;
 use crate::run::{QuarantineRecord, Run, keys};
 use crate::store::Store;
 use bytes::Bytes;
+use render::color::SrgbEncoder;
 use render::ids::SceneId;
 use render::line::SceneLine;
-use render::merge::{
-    MergeError, SrgbEncoder, Tuple, combine, encode_tuple_file, tuple_files, write_tuple,
-};
+use render::merge::{MergeError, Tuple, combine, encode_tuple_file, tuple_files, write_tuple};
 use render::partial;
 use std::path::Path;
 

@@ -6,8 +6,8 @@ use super::file::inspect_file;
 use super::kind::Kind;
 use crate::run::{Control, ControlState, Counts, Run, Scope, Snapshot, keys};
 use crate::store::Store;
+use render::layer::Layer;
 use render::line::Roots;
-use render::trace::LAYERS;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -66,7 +66,7 @@ fn tuple(folder: &Path) -> Inspection {
         found.wrong(Problem::new("tuple.exr is missing", AGAIN));
     }
     // The record's reader has reported missing pictures.
-    let pictures = LAYERS.map(|layer| format!("{layer}.png"));
+    let pictures = Layer::NAMES.map(|layer| format!("{layer}.png"));
     for name in pictures.iter().filter(|name| folder.join(name).is_file()) {
         add_problems(&mut found, inspect_file(&folder.join(name)), name);
     }

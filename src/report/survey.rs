@@ -3,9 +3,10 @@
 use crate::run::{Run, Scope, Snapshot, Status, WorkLog, keys, read_logs};
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
+use render::layer::Layer;
 use render::line::SceneLine;
 use render::merge::{TupleRecord, tuple_files};
-use render::trace::{LAYERS, TRACER_VERSION};
+use render::trace::TRACER_VERSION;
 use std::collections::BTreeSet;
 
 pub(super) struct Survey {
@@ -89,7 +90,7 @@ fn facts(
     {
         return Err(format!("{file} is not there"));
     }
-    Ok(LAYERS.map(|name| {
+    Ok(Layer::NAMES.map(|name| {
         let layer = record.layers.get(name)?;
         Some(LayerFacts {
             samples: layer.mean_samples.unwrap_or(f64::from(layer.samples)),

@@ -1,6 +1,6 @@
 //! How two files of a tuple or two partials differ: bits first, then pixels or fields, for a person to judge.
 
-use render::merge::decode_exr_channels;
+use render::formats::decode_exr_channels;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -181,7 +181,9 @@ fn walk(path: &str, a: &Value, b: &Value, found: &mut Vec<String>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use render::merge::{SrgbEncoder, encode_png, encode_rgb_exr};
+    use render::color::SrgbEncoder;
+    use render::formats::encode_rgb_exr;
+    use render::merge::encode_png;
 
     const PIXELS: [[f32; 3]; 6] = [[0.25, 0.5, 0.75]; 6];
 

@@ -8,7 +8,7 @@ use crate::plot::PAPER_SYMBOLS;
 use crate::run::RunState;
 use crate::text::{cut, duration, grouped, percent, printable, rate};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use render::trace::LAYERS;
+use render::layer::Layer;
 
 /// Workers on the page, the most urgent first.
 const WORKERS_SHOWN: usize = 100;
@@ -245,7 +245,7 @@ fn tuple_card(tuple: &RecentTuple, run: &str) -> Markup {
                 }
             }
             div.layers {
-                @for (layer, symbol) in LAYERS.iter().zip(PAPER_SYMBOLS).filter(|(layer, _)| has(layer)) {
+                @for (layer, symbol) in Layer::NAMES.iter().zip(PAPER_SYMBOLS.0).filter(|(layer, _)| has(layer)) {
                     figure title=(layer) {
                         // The run is in the address because a browser keeps pictures, and the next run may have the same
                         // scenes.

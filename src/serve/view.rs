@@ -136,7 +136,7 @@ pub struct RecentTuple {
     pub worker: Option<String>,
     /// The largest share, among its layers, of paths that met nothing or ended on a border's continuation; 0 to 1.
     pub miss_share: Option<f64>,
-    /// Its layers, names of [`render::trace::LAYERS`].
+    /// Its layers, names of [`render::layer::Layer::NAMES`].
     pub layers: Vec<String>,
 }
 

@@ -4,7 +4,7 @@ use crate::serve_run::{HOSTILE, TOKEN, get, id, png, request, run, send, start, 
 use crate::support::markup::strictly;
 use glasshouse::run::RunState;
 use glasshouse::serve::{Action, FarmSource, QuarantinedScene, WorkerState, serve};
-use render::trace::LAYERS;
+use render::layer::Layer;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -88,7 +88,7 @@ fn pictures_have_names_and_nothing_else_is_reached() {
     let run = run();
     let server = start(&run, None);
     let at = server.address();
-    for layer in LAYERS {
+    for layer in Layer::NAMES {
         let path = format!("/thumbnails/train-1/{layer}.png?run=0123abcd");
         let picture = get(at, &path).expect(200);
         assert_eq!(picture.headers["content-type"], "image/png");

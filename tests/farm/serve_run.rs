@@ -6,7 +6,7 @@ use glasshouse::serve::{
     Server, WorkerState, WorkerView, serve,
 };
 use render::ids::SceneId;
-use render::trace::LAYERS;
+use render::layer::Layer;
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -101,7 +101,7 @@ pub(crate) fn run() -> Arc<Run> {
         age_s: 4.2,
         worker: Some("one".to_owned()),
         miss_share: Some(0.25),
-        layers: LAYERS.map(str::to_owned).to_vec(),
+        layers: Layer::NAMES.map(str::to_owned).to_vec(),
     };
     let bad = QuarantinedScene {
         scene: id("train-5"),
