@@ -62,10 +62,6 @@ pub fn decode_exr_channels(bytes: &[u8]) -> Result<ExrChannels, String> {
 }
 
 /// The first part with all its channels.
-///
-/// # Errors
-///
-/// What is wrong with it, in words.
 pub(crate) fn first_layer(bytes: &[u8]) -> Result<Layer<AnyChannels<FlatSamples>>, String> {
     let image = read()
         .no_deep_data()
@@ -80,20 +76,12 @@ pub(crate) fn first_layer(bytes: &[u8]) -> Result<Layer<AnyChannels<FlatSamples>
 }
 
 /// The headers of all parts; nothing of the claimed size is allocated.
-///
-/// # Errors
-///
-/// What is wrong with them, in words.
 pub(crate) fn headers(bytes: &[u8]) -> Result<Vec<Header>, String> {
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false);
     Ok(meta.map_err(|e| e.to_string())?.headers.into_vec())
 }
 
 /// The pixels that the headers describe take at most so many bytes.
-///
-/// # Errors
-///
-/// What is wrong, in words.
 pub(crate) fn check_claim(headers: &[Header], most: u128) -> Result<(), String> {
     let bytes = |header: &Header| {
         let size = header.layer_size;
@@ -110,10 +98,6 @@ const MOST_COMPRESSION: u128 = 1032;
 
 /// Looks at an EXR's headers before anything is unpacked: a damaged one may claim any size. Its pixels must be `size`, in at
 /// most so many channels, and no more of them than bytes of this length can hold.
-///
-/// # Errors
-///
-/// What is wrong, in words.
 pub(crate) fn check_headers(bytes: &[u8], size: [u32; 2], most: usize) -> Result<(), String> {
     let headers = headers(bytes)?;
     for header in &headers {

@@ -51,12 +51,12 @@ pub fn combine<P: Borrow<Partial>>(
 ) -> Result<Tuple, MergeError> {
     let layout = ShardLayout::of(line, tile_px);
     let in_order = check_partials(line, &layout, partials.iter().map(Borrow::borrow))?;
-    let mut sums = Sums::new(line);
+    let mut combined = Combined::new(line);
     // The sample ranges of a tile are neighbours.
     for of_tile in in_order.chunks(layout.ranges() as usize) {
-        sums.combine_tile(line, of_tile)?;
+        combined.add_tile(line, of_tile)?;
     }
-    Ok(sums.record(line, in_order[0]))
+    Ok(combined.tuple(line, in_order[0]))
 }
 
 /// The partials in the order of their shards, if each shard has one and all belong to this scene.
@@ -103,8 +103,8 @@ fn check_partials<'a>(
     Ok((0..layout.len()).map(|index| by_shard[&index]).collect())
 }
 
-/// What the partials add up to.
-struct Sums {
+/// The partials so far, as images.
+struct Combined {
     layers: PerLayer<Vec<[f32; 3]>>,
     /// Values for each pixel, so that they are added row by row whatever the tile.
     moves: PerLayer<Moves>,
@@ -114,7 +114,7 @@ struct Sums {
     misses: PerLayer<u64>,
 }
 
-impl Sums {
+impl Combined {
     /// Black images of the layers that the line asks for.
     fn new(line: &SceneLine) -> Self {
         let asked = line.film.layers.asked();
@@ -131,7 +131,7 @@ impl Sums {
     }
 
     /// Adds the partials of one tile, its sample ranges in order.
-    fn combine_tile(&mut self, line: &SceneLine, of_tile: &[&Partial]) -> Result<(), MergeError> {
+    fn add_tile(&mut self, line: &SceneLine, of_tile: &[&Partial]) -> Result<(), MergeError> {
         let tile = of_tile[0].header.tile;
         let width = line.film.width as usize;
         for layer in line.film.layers.iter() {
@@ -175,7 +175,7 @@ impl Sums {
     }
 
     /// The tuple, with the stated errors and the digests of its layers.
-    fn record(self, line: &SceneLine, first: &Partial) -> Tuple {
+    fn tuple(self, line: &SceneLine, first: &Partial) -> Tuple {
         let (width, height) = (line.film.width, line.film.height);
         let half = is_half(line, &self.layers);
         let mut noise = NoiseMap::of(&line.film);

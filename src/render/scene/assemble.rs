@@ -28,7 +28,7 @@ pub fn assemble(
     let lateral_m = line.camera.aperture_radius_m + line.glass.thickness_m;
     // The front's coordinates are the lens's: a mesh can be focused on before anything else is known.
     let front = front.place("front", |x| x, lateral_m)?;
-    let back = back.place("back", back_camera.to_lens(), lateral_m)?;
+    let back = back.place("back", back_camera.lens_from_capture(), lateral_m)?;
     let focus_distance_m = focus_distance_m(line, &front, &back, &back_camera)?;
     let lens = Lens {
         aperture_radius_m: line.camera.aperture_radius_m,
@@ -108,7 +108,7 @@ fn focus_distance_m(
         Focus::Distance { distance_m } => Some(distance_m),
         Focus::At { at } => match at {
             FocusAt::FrontCenter => Some(front.center_z_m("front", |x: DVec3| x)?),
-            FocusAt::BackCenter => Some(back.center_z_m("back", back_camera.to_lens())?),
+            FocusAt::BackCenter => Some(back.center_z_m("back", back_camera.lens_from_capture())?),
             FocusAt::Infinity => None,
         },
     })

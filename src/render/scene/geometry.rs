@@ -95,7 +95,7 @@ impl BackCamera {
     }
 
     /// From capture coordinates to the lens's, in the mirrored world.
-    pub(super) fn to_lens(&self) -> impl Fn(DVec3) -> DVec3 + use<> {
+    pub(super) fn lens_from_capture(&self) -> impl Fn(DVec3) -> DVec3 + use<> {
         let (apex, mirror) = (self.apex, self.mirror());
         let twice = self.normal * self.twice_distance_m();
         move |x| match apex {
@@ -106,7 +106,7 @@ impl BackCamera {
     }
 
     /// The inverse: rotation and translation.
-    pub(crate) fn from_lens(&self) -> (DMat3, DVec3) {
+    pub(crate) fn capture_from_lens(&self) -> (DMat3, DVec3) {
         match self.apex {
             Apex::Mirror => (
                 DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)),

@@ -60,7 +60,7 @@ fn back_pose(
             extra_m: camera.twice_distance_m(),
         }),
         Apex::Camera => {
-            let (rotation, translation_m) = camera.from_lens();
+            let (rotation, translation_m) = camera.capture_from_lens();
             let angle = |d: &DVec3| (rotation * *d).normalize().z.clamp(-1.0, 1.0);
             let cos = directions.iter().map(angle).fold(1.0, f64::min);
             let angle_deg = libm::acos(cos).to_degrees();

@@ -44,8 +44,9 @@ impl Sight {
     /// Reflected in it.
     pub(super) fn back(line: &SceneLine) -> Self {
         let slab = slab(line);
-        let from_lens = BackCamera::new(line.back.apex().unwrap_or_default(), &slab).from_lens();
-        Self::new(line, slab, from_lens, Order::Reflected)
+        let capture_from_lens =
+            BackCamera::new(line.back.apex().unwrap_or_default(), &slab).capture_from_lens();
+        Self::new(line, slab, capture_from_lens, Order::Reflected)
     }
 
     fn new(

@@ -82,7 +82,7 @@ impl Words {
         };
         let camera = BackCamera::new(Apex::Camera, &slab);
         let (pose, sign) = if self.from_camera && slab.is_tilted() {
-            let (rotation, translation_m) = camera.from_lens();
+            let (rotation, translation_m) = camera.capture_from_lens();
             let pose = Pose::General {
                 rotation,
                 translation_m,
@@ -153,8 +153,10 @@ fn hash(q: usize, salt: u32) -> u32 {
     x ^ (x >> 15)
 }
 
+type Change = fn(&mut Words);
+
 /// How each scene differs from [`Words::new`], in a fixed order.
-const SCENES: [(&str, fn(&mut Words)); 14] = [
+const SCENES: [(&str, Change); 14] = [
     ("mirror", |_| {}),
     ("camera", |w| w.from_camera = true),
     ("tilted-absorbing", |w| {
