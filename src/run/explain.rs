@@ -1,6 +1,6 @@
 //! `explain`: all that a run's store tells about one scene or shard, and what happens next.
 
-use super::attempts::{AttemptRecord, MOST_LOST};
+use super::attempts::{MOST_LOST, attempts_with_times};
 use super::control::{Control, ControlState};
 use super::done::is_done;
 use super::error::AccessError;
@@ -14,9 +14,8 @@ use render::line::SceneLine;
 use render::partial;
 use render::trace::Tile;
 use serde::Serialize;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
-use std::time::SystemTime;
 
 /// All about a scene.
 #[derive(Clone, Debug, Serialize)]
@@ -105,7 +104,13 @@ pub fn explain(
             layout.len()
         )));
     }
-    let attempts = standing_attempts(store, scene)?;
+    let attempts = attempts_with_times(store, scene)?.into_iter();
+    let attempts: Vec<StandingAttempt> = attempts
+        .map(|(note, put)| StandingAttempt {
+            note,
+            age_s: put.elapsed().unwrap_or_default().as_secs_f64(),
+        })
+        .collect();
     let partials: BTreeSet<u32> = store
         .list(&keys::partials(scene))?
         .iter()
@@ -161,26 +166,6 @@ pub fn explain(
     }
     explanation.next = next(&explanation, &control);
     Ok(explanation)
-}
-
-fn standing_attempts(store: &Store, scene: &SceneId) -> Result<Vec<StandingAttempt>, StoreError> {
-    let listed: BTreeMap<String, SystemTime> = store
-        .list_times(&keys::attempts(scene))?
-        .into_iter()
-        .collect();
-    let names: Vec<String> = listed.keys().cloned().collect();
-    let mut attempts: Vec<StandingAttempt> = names
-        .iter()
-        .zip(store.get_all(&names)?)
-        .filter_map(|(key, bytes)| {
-            Some(StandingAttempt {
-                note: AttemptRecord::parse(scene, key, &bytes?)?,
-                age_s: listed[key].elapsed().unwrap_or_default().as_secs_f64(),
-            })
-        })
-        .collect();
-    attempts.sort_by_key(|attempt| (attempt.note.shards, attempt.note.n));
-    Ok(attempts)
 }
 
 /// Says where a shard's result is. Its partial is read and checked.

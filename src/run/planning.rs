@@ -1,7 +1,8 @@
 //! `plan`: writes `RUN/manifest.jsonl` and `RUN/spec.json` from a recipe or a `.jsonl`. Neither changes afterwards.
 
+use super::error::RunError;
 use super::keys;
-use super::open::{Run, RunError};
+use super::open::Run;
 use plan::{
     DraftError, Drafted, InputFiles, InvalidInput, Made, RejectedScene, Request, draft,
     invalid_text, make_photographs, rejected_lines,
