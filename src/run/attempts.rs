@@ -11,6 +11,7 @@ use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
+use std::time::SystemTime;
 
 /// Schema of an [`AttemptRecord`].
 pub const ATTEMPT_SCHEMA: &str = "glasshouse.attempt/1";
@@ -187,13 +188,23 @@ impl AttemptRecord {
 
 /// A scene's records, sorted by shards and number. A damaged record counts as lost.
 pub fn attempts(store: &Store, scene: &SceneId) -> Result<Vec<AttemptRecord>, StoreError> {
-    let mut there = store.list(&keys::attempts(scene))?;
-    there.sort();
+    let records = attempts_with_times(store, scene)?.into_iter();
+    Ok(records.map(|(record, _)| record).collect())
+}
+
+/// [`attempts`] with the times when they were put.
+pub(crate) fn attempts_with_times(
+    store: &Store,
+    scene: &SceneId,
+) -> Result<Vec<(AttemptRecord, SystemTime)>, StoreError> {
+    let listed = store.list_times(&keys::attempts(scene))?;
+    let (keys, times): (Vec<String>, Vec<SystemTime>) = listed.into_iter().unzip();
     let mut records = Vec::new();
-    for (key, bytes) in there.iter().zip(store.get_all(&there)?) {
-        records.extend(bytes.and_then(|bytes| AttemptRecord::parse(scene, key, &bytes)));
-    }
-    records.sort_by_key(|record| (record.shards, record.n));
+    store.for_each(&keys, |index, bytes| {
+        let record = bytes.and_then(|bytes| AttemptRecord::parse(scene, &keys[index], &bytes));
+        records.extend(record.map(|record| (record, times[index])));
+    })?;
+    records.sort_by_key(|(record, _)| (record.shards, record.n));
     Ok(records)
 }
 

@@ -24,22 +24,20 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 /// How to trace again.
-pub struct AuditOptions<'a> {
-    /// Threads that compute.
-    pub threads: usize,
+pub(crate) struct AuditOptions<'a> {
+    pub(crate) threads: usize,
     /// Instruction set of the tracer.
-    pub isa: Isa,
+    pub(crate) isa: Isa,
     /// Set by another thread to end the audit.
-    pub stop: &'a AtomicBool,
+    pub(crate) stop: &'a AtomicBool,
 }
 
 /// Result of a scene's audit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Verdict {
+pub(crate) enum Verdict {
     /// Every file is the same, bit for bit.
     Same,
-    /// Some files differ.
     Differs,
     /// The scene could not be compared.
     NotCompared,
@@ -47,23 +45,19 @@ pub enum Verdict {
 
 /// One scene's audit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct SceneAudit {
-    /// Its id.
-    pub scene: SceneId,
-    /// The result.
-    pub verdict: Verdict,
+pub(crate) struct SceneAudit {
+    pub(crate) scene: SceneId,
+    pub(crate) verdict: Verdict,
     /// Workers that made its tuple.
-    pub receipt: Option<Provenance>,
-    /// Files compared.
-    pub files: u64,
-    /// Those that differ.
-    pub differences: Vec<FileDifference>,
+    pub(crate) receipt: Option<Provenance>,
+    pub(crate) files: u64,
+    pub(crate) differences: Vec<FileDifference>,
     /// Why it could not be compared.
-    pub reason: Option<String>,
+    pub(crate) reason: Option<String>,
 }
 
 /// Checks that this machine computes the golden shard's bits; without that its verdicts would mean nothing.
-pub fn check_auditor(run: &Run, options: &AuditOptions) -> Result<(), AccessError> {
+pub(crate) fn check_auditor(run: &Run, options: &AuditOptions) -> Result<(), AccessError> {
     let found = golden(options.isa, options.threads.max(1));
     if found == run.spec.golden {
         return Ok(());
@@ -77,7 +71,7 @@ pub fn check_auditor(run: &Run, options: &AuditOptions) -> Result<(), AccessErro
 
 /// Draws scenes that have a tuple: a share of them (0 to 1), but at least one if any has. Returns their indices in the
 /// manifest, ascending. The choice depends only on `seed` and the ids; a larger share contains a smaller one.
-pub fn draw_scenes(
+pub(crate) fn draw_scenes(
     run: &Run,
     store: &Store,
     share: f64,
@@ -118,7 +112,7 @@ fn draw<'a>(
 
 /// Traces a scene again and compares everything that the store holds of it: its tuple's files and its partials. Calls
 /// `on_shard` after each shard. Returns `None` if it was stopped.
-pub fn audit_scene(
+pub(crate) fn audit_scene(
     run: &Run,
     store: &Store,
     index: usize,

@@ -7,19 +7,19 @@ use std::collections::BTreeSet;
 
 /// Two files with different bytes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct FileDifference {
+pub(crate) struct FileDifference {
     /// Key of the file in the store.
-    pub file: String,
+    pub(crate) file: String,
     /// Of an image: pixels that differ.
-    pub pixels: Option<u64>,
+    pub(crate) pixels: Option<u64>,
     /// Of an image: all pixels.
-    pub of_pixels: Option<u64>,
+    pub(crate) of_pixels: Option<u64>,
     /// Of an image: the largest difference of a channel; linear radiance in an EXR, 8-bit steps in a PNG.
-    pub largest: Option<f64>,
+    pub(crate) largest: Option<f64>,
     /// Where the largest difference is, `[x, y]`, px.
-    pub at: Option<[u32; 2]>,
+    pub(crate) at: Option<[u32; 2]>,
     /// Explanation in words, if numbers do not tell.
-    pub note: String,
+    pub(crate) note: String,
 }
 
 /// A decoded image, channels interleaved.

@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::Instant;
 
 /// Schema of `control.json`.
-pub const CONTROL_SCHEMA: &str = "glasshouse.control/1";
+pub(crate) const CONTROL_SCHEMA: &str = "glasshouse.control/1";
 
 /// What a run has been told to do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -100,11 +100,10 @@ impl Control {
 
 /// A run that cannot be paused or cancelled.
 #[derive(Debug, thiserror::Error)]
-pub enum ControlError {
+pub(crate) enum ControlError {
     /// The store cannot be used.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The run is finished.
     #[error("every scene of the run is done or in quarantine: there is nothing to hold")]
     Finished,
     /// A pause would weaken a cancel.
@@ -114,15 +113,13 @@ pub enum ControlError {
 
 /// A change of `control.json`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Changed {
-    /// State before.
-    pub before: ControlState,
-    /// State now.
-    pub now: ControlState,
+pub(crate) struct Changed {
+    pub(crate) before: ControlState,
+    pub(crate) now: ControlState,
 }
 
 /// Pauses, cancels or resumes a run; with `dry_run` only checks that it can. Repeating the present state is no error.
-pub fn set_control(
+pub(crate) fn set_control(
     store: &Store,
     state: ControlState,
     reason: Option<&str>,

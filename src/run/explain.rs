@@ -1,6 +1,6 @@
 //! `explain`: all that a run's store tells about one scene or shard, and what happens next.
 
-use super::attempts::{AttemptRecord, MOST_LOST};
+use super::attempts::{MOST_LOST, attempts_with_times};
 use super::control::{Control, ControlState};
 use super::done::is_done;
 use super::error::AccessError;
@@ -14,61 +14,55 @@ use render::line::SceneLine;
 use render::partial;
 use render::trace::Tile;
 use serde::Serialize;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
-use std::time::SystemTime;
 
 /// All about a scene.
 #[derive(Clone, Debug, Serialize)]
-pub struct Explanation {
-    /// Its id.
-    pub scene: SceneId,
+pub(crate) struct Explanation {
+    pub(crate) scene: SceneId,
     /// Index in the manifest.
-    pub index: usize,
-    /// How far it is.
-    pub state: SceneState,
-    /// Its manifest line.
-    pub line: SceneLine,
-    /// Number of shards.
-    pub shards: u32,
+    pub(crate) index: usize,
+    pub(crate) state: SceneState,
+    pub(crate) line: SceneLine,
+    pub(crate) shards: u32,
     /// Side of its tiles, px.
-    pub tile_px: u32,
+    pub(crate) tile_px: u32,
     /// Sample ranges of each tile.
-    pub ranges: u32,
+    pub(crate) ranges: u32,
     /// Shards whose partials are there, as half-open ranges.
-    pub there: Vec<[u32; 2]>,
+    pub(crate) there: Vec<[u32; 2]>,
     /// The other shards, as half-open ranges.
-    pub missing: Vec<[u32; 2]>,
+    pub(crate) missing: Vec<[u32; 2]>,
     /// The shard that the caller asked for.
-    pub shard: Option<ShardFacts>,
+    pub(crate) shard: Option<ShardFacts>,
     /// Attempts at it that go on or were lost.
-    pub attempts: Vec<StandingAttempt>,
+    pub(crate) attempts: Vec<StandingAttempt>,
     /// Its record of quarantine.
-    pub quarantine: Option<serde_json::Value>,
+    pub(crate) quarantine: Option<serde_json::Value>,
     /// Workers that made its tuple, in a farm.
-    pub receipt: Option<Provenance>,
+    pub(crate) receipt: Option<Provenance>,
     /// Whether the run is paused or cancelled.
-    pub run: ControlState,
+    pub(crate) run: ControlState,
     /// What happens next, and what the user can do.
-    pub next: Vec<String>,
+    pub(crate) next: Vec<String>,
 }
 
 /// All about a shard.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ShardFacts {
+pub(crate) struct ShardFacts {
     /// Its number in the scene.
-    pub index: u32,
-    /// Pixels.
-    pub tile: Tile,
+    pub(crate) index: u32,
+    pub(crate) tile: Tile,
     /// Samples of each pixel, half open.
-    pub samples: [u32; 2],
+    pub(crate) samples: [u32; 2],
     /// Where its result is, or why it cannot be used.
-    pub result: String,
+    pub(crate) result: String,
 }
 
 /// A scene that cannot be explained.
 #[derive(Debug, thiserror::Error)]
-pub enum ExplainError {
+pub(crate) enum ExplainError {
     /// The store cannot be used.
     #[error(transparent)]
     Access(#[from] AccessError),
@@ -84,7 +78,7 @@ impl From<StoreError> for ExplainError {
 }
 
 /// Explains a scene, and one of its shards if it is given.
-pub fn explain(
+pub(crate) fn explain(
     run: &Run,
     store: &Store,
     scene: &SceneId,
@@ -105,7 +99,13 @@ pub fn explain(
             layout.len()
         )));
     }
-    let attempts = standing_attempts(store, scene)?;
+    let attempts = attempts_with_times(store, scene)?.into_iter();
+    let attempts: Vec<StandingAttempt> = attempts
+        .map(|(note, put)| StandingAttempt {
+            note,
+            age_s: put.elapsed().unwrap_or_default().as_secs_f64(),
+        })
+        .collect();
     let partials: BTreeSet<u32> = store
         .list(&keys::partials(scene))?
         .iter()
@@ -161,26 +161,6 @@ pub fn explain(
     }
     explanation.next = next(&explanation, &control);
     Ok(explanation)
-}
-
-fn standing_attempts(store: &Store, scene: &SceneId) -> Result<Vec<StandingAttempt>, StoreError> {
-    let listed: BTreeMap<String, SystemTime> = store
-        .list_times(&keys::attempts(scene))?
-        .into_iter()
-        .collect();
-    let names: Vec<String> = listed.keys().cloned().collect();
-    let mut attempts: Vec<StandingAttempt> = names
-        .iter()
-        .zip(store.get_all(&names)?)
-        .filter_map(|(key, bytes)| {
-            Some(StandingAttempt {
-                note: AttemptRecord::parse(scene, key, &bytes?)?,
-                age_s: listed[key].elapsed().unwrap_or_default().as_secs_f64(),
-            })
-        })
-        .collect();
-    attempts.sort_by_key(|attempt| (attempt.note.shards, attempt.note.n));
-    Ok(attempts)
 }
 
 /// Says where a shard's result is. Its partial is read and checked.

@@ -1,56 +1,53 @@
-//! A run's folder or bucket: what it holds, under which names, and what its records say.
+//! A run's folder or bucket: its objects by key, the records in them, and what they say about its progress.
 //!
-//! A run directory is the only state. Starting, resuming and recovering are the same thing: look at what is there, do what
-//! is missing.
-
-// What is stored, under which names.
-pub mod keys;
-
-mod span;
-
-mod open;
+//! The store is the only state. Starting, resuming and recovering are the same: see which results are there, make those
+//! that are missing. Modules import only modules above them.
 
 mod error;
+pub mod keys;
+mod span;
 
-// Records of the run and of its workers.
-mod control;
-
+// Records.
 mod attempts;
+mod control;
 mod events;
+mod open;
 mod provenance;
 mod quarantine;
 mod work_log;
 
-// What is done.
+// Progress.
 mod done;
 mod snapshot;
 
-// What users ask.
-mod explain;
-mod retry;
-
+// Commands.
 mod compare;
-
-mod audit;
+mod explain;
 mod planning;
+mod retry;
 #[cfg(feature = "train")]
 mod tuples;
+
+mod audit;
 
 pub use attempts::{
     ATTEMPT_SCHEMA, AttemptRecord, EndKind, Ending, MOST_LOST, WorkerName, attempts,
 };
 pub(crate) use attempts::{PoisonCheck, is_unreadable, mark_lost, poison_check};
-pub use audit::{AuditOptions, SceneAudit, Verdict, audit_scene, check_auditor, draw_scenes};
-pub use compare::FileDifference;
-pub use control::{CONTROL_SCHEMA, Changed, Control, ControlError, ControlState, set_control};
-pub(crate) use control::{ControlFlag, ControlLook};
+pub(crate) use audit::{
+    AuditOptions, SceneAudit, Verdict, audit_scene, check_auditor, draw_scenes,
+};
+pub(crate) use compare::FileDifference;
+pub(crate) use control::{CONTROL_SCHEMA, ControlError, ControlFlag, ControlLook, set_control};
+pub use control::{Control, ControlState};
 pub(crate) use done::is_done;
-pub use error::AccessError;
+pub use error::{AccessError, RunError};
 pub(crate) use events::Stopwatch;
 pub use events::{Event, StageSeconds, process_cpu_s};
-pub use explain::{ExplainError, Explanation, ShardFacts, explain};
-pub use open::{Run, RunError};
-pub use planning::{PlanError, PlanOptions, Planned, plan_run};
+pub(crate) use explain::{ExplainError, Explanation, explain};
+pub use open::Run;
+pub use planning::PlanError;
+pub(crate) use planning::{PlanOptions, Planned, plan_run};
 pub use provenance::Provenance;
 pub(crate) use provenance::{PartialsProvenance, other_workers};
 pub use quarantine::{QUARANTINE_SCHEMA, QuarantineRecord};
@@ -60,5 +57,5 @@ pub use snapshot::{
     StandingAttempt, Status, WorkerTuples,
 };
 pub use span::Span;
-pub(crate) use work_log::{LogTime, SceneSeconds};
-pub use work_log::{SceneTrace, Stop, WORK_LOG_SCHEMA, WorkLog, read_logs};
+pub use work_log::Stop;
+pub(crate) use work_log::{LogTime, SceneSeconds, SceneTrace, WORK_LOG_SCHEMA, WorkLog, read_logs};

@@ -1,67 +1,14 @@
 //! Opening a run.
 
+use super::error::RunError;
 use super::keys;
 use crate::store::Inputs;
-use render::line::{ManifestError, RootError, Roots, SceneLine, is_url, parse_jsonl};
+use render::line::{Roots, SceneLine, is_url, parse_jsonl};
 use render::shard::{SPEC_SCHEMA, ShardLayout, Spec, manifest_digest};
 use render::trace::TRACER_VERSION;
 use std::fs::{File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
-
-/// A run that cannot be opened.
-#[derive(Debug, thiserror::Error)]
-pub enum RunError {
-    /// The folder holds no run.
-    #[error("{} is no run: it has no {missing}; make one with `glasshouse plan RECIPE --out {}`", root.display(), root.display())]
-    Missing {
-        /// The folder.
-        root: PathBuf,
-        /// The missing file.
-        missing: &'static str,
-    },
-    /// A file cannot be read.
-    #[error("cannot read {}: {source}; check the folder and its permissions", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-    /// `spec.json` is damaged, or a file beside it is no text.
-    #[error("{} is damaged: {reason}; plan the run again into a new folder", path.display())]
-    Spec {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
-    /// `manifest.jsonl` is damaged.
-    #[error("{}: {source}", path.display())]
-    Manifest {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: ManifestError,
-    },
-    /// It was planned by another version, or its files do not fit each other.
-    #[error("{} disagrees with this program: {reason}; finish it with the version that planned it, or plan again into a new folder", root.display())]
-    Disagrees {
-        /// The folder.
-        root: PathBuf,
-        /// What differs.
-        reason: String,
-    },
-    /// A root of the spec is unusable.
-    #[error(transparent)]
-    Root(#[from] RootError),
-    /// Another process works on it.
-    #[error("another process is working on {}; wait for it, or stop it", root.display())]
-    Busy {
-        /// The folder.
-        root: PathBuf,
-    },
-}
 
 /// An open run.
 #[derive(Debug)]

@@ -1,7 +1,8 @@
 //! `plan`: writes `RUN/manifest.jsonl` and `RUN/spec.json` from a recipe or a `.jsonl`. Neither changes afterwards.
 
+use super::error::RunError;
 use super::keys;
-use super::open::{Run, RunError};
+use super::open::Run;
 use plan::{
     DraftError, Drafted, InputFiles, InvalidInput, Made, RejectedScene, Request, draft,
     invalid_text, make_photographs, rejected_lines,
@@ -14,49 +15,46 @@ use render::trace::{Isa, TRACER_VERSION};
 use std::path::Path;
 
 /// How to plan.
-pub struct PlanOptions<'a> {
+pub(crate) struct PlanOptions<'a> {
     /// `--root NAME=DIR`.
-    pub roots: &'a Roots,
+    pub(crate) roots: &'a Roots,
     /// Lists roots that are in an object store.
-    pub inputs: &'a dyn InputFiles,
+    pub(crate) inputs: &'a dyn InputFiles,
     /// Side of a tile, px; `None` chooses one.
-    pub tile_px: Option<u32>,
-    /// Write nothing.
-    pub dry_run: bool,
+    pub(crate) tile_px: Option<u32>,
+    pub(crate) dry_run: bool,
     /// Leave out photographs (of a manifest: scenes) whose files cannot be used.
-    pub skip_invalid: bool,
+    pub(crate) skip_invalid: bool,
     /// Threads that check input files and make procedural photographs.
-    pub threads: usize,
+    pub(crate) threads: usize,
 }
 
 /// A plan, written or not.
 #[derive(Debug)]
-pub struct Planned {
-    /// The run's spec.
-    pub spec: Spec,
-    /// Its scenes.
-    pub lines: Vec<SceneLine>,
+pub(crate) struct Planned {
+    pub(crate) spec: Spec,
+    pub(crate) lines: Vec<SceneLine>,
     /// The same run was planned before.
-    pub existed: bool,
+    pub(crate) existed: bool,
     /// Notes for the user: images without depth, scenes that are paired less well than the recipe asks.
-    pub notes: Vec<String>,
+    pub(crate) notes: Vec<String>,
     /// Draws that the preview rejected.
-    pub rejected: Vec<RejectedScene>,
+    pub(crate) rejected: Vec<RejectedScene>,
     /// Input files that cannot be used, by path.
-    pub invalid: Vec<InvalidInput>,
+    pub(crate) invalid: Vec<InvalidInput>,
     /// Input files that were checked.
-    pub files: usize,
+    pub(crate) files: usize,
     /// What is left out: `photographs` or `scenes`.
-    pub parts: &'static str,
+    pub(crate) parts: &'static str,
     /// Total size of the input files; `None` if they were not checked, because the run was planned before.
-    pub input_bytes: Option<u64>,
+    pub(crate) input_bytes: Option<u64>,
     /// Estimated size of procedural photographs in the run's folder, bytes.
-    pub made_bytes: u64,
+    pub(crate) made_bytes: u64,
 }
 
 impl Planned {
     /// A table of the input files that cannot be used, and what was done about them; `None` if all can be used.
-    pub fn invalid_text(&self) -> Option<String> {
+    pub(crate) fn invalid_text(&self) -> Option<String> {
         if self.invalid.is_empty() {
             return None;
         }
@@ -98,7 +96,7 @@ pub enum PlanError {
 
 /// Plans `source` into the folder `out`. Calls `on_progress` with (what, done, all) while it checks files, previews scenes
 /// and makes photographs.
-pub fn plan_run(
+pub(crate) fn plan_run(
     source: &Path,
     out: &Path,
     options: &PlanOptions,

@@ -11,57 +11,46 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant, SystemTime};
 
 /// Schema of a [`WorkLog`].
-pub const WORK_LOG_SCHEMA: &str = "glasshouse.work_log/1";
+pub(crate) const WORK_LOG_SCHEMA: &str = "glasshouse.work_log/1";
 
 /// `logs/work-<milliseconds>-<worker>.json`, one a process. Fields that another version does not write are empty.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub struct WorkLog {
-    /// [`WORK_LOG_SCHEMA`].
-    pub schema: String,
-    /// Its worker.
-    pub worker: String,
-    /// The worker's machine.
-    pub host: String,
-    /// Version of the program.
-    pub version: String,
-    /// Version of the tracer.
-    pub tracer_version: u32,
+pub(crate) struct WorkLog {
+    pub(crate) schema: String,
+    pub(crate) worker: String,
+    pub(crate) host: String,
+    pub(crate) version: String,
+    pub(crate) tracer_version: u32,
     /// The process was a worker's child, for a scene that was lost before.
-    pub is_child: bool,
-    /// Threads that compute.
-    pub threads: u32,
+    pub(crate) is_child: bool,
+    pub(crate) threads: u32,
     /// Start, seconds since 1970 by its own clock.
-    pub started_unix_s: f64,
-    /// Duration.
-    pub wall_s: f64,
+    pub(crate) started_unix_s: f64,
+    pub(crate) wall_s: f64,
     /// Why it ended early, if it did: `signal`, `time_limit`, `drained`, `cancelled`.
-    pub stopped: Option<String>,
-    /// Tuples that it wrote.
-    pub merged: u64,
-    /// Shards that it traced.
-    pub shards_traced: u64,
+    pub(crate) stopped: Option<String>,
+    pub(crate) merged: u64,
+    pub(crate) shards_traced: u64,
     /// Shards whose partials it found.
-    pub shards_resumed: u64,
-    /// Scenes that it loaded.
-    pub scenes_loaded: u64,
+    pub(crate) shards_resumed: u64,
+    pub(crate) scenes_loaded: u64,
     /// Wall-clock seconds by stage, summed over threads.
-    pub thread_seconds: BTreeMap<String, f64>,
+    pub(crate) thread_seconds: BTreeMap<String, f64>,
     /// CPU seconds of the process: before work started, by stage, and the rest.
-    pub cpu_seconds: BTreeMap<String, f64>,
+    pub(crate) cpu_seconds: BTreeMap<String, f64>,
     /// Cost of tracing by scene.
-    pub scenes: Vec<SceneTrace>,
+    pub(crate) scenes: Vec<SceneTrace>,
 }
 
 /// A worker's share of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SceneTrace {
-    /// Its id.
-    pub scene: SceneId,
+pub(crate) struct SceneTrace {
+    pub(crate) scene: SceneId,
     /// Shards that the worker traced.
-    pub shards: u32,
+    pub(crate) shards: u32,
     /// CPU seconds of the tracer.
-    pub cpu_s: f64,
+    pub(crate) cpu_s: f64,
 }
 
 /// When a worker started.
@@ -140,7 +129,7 @@ impl WorkLog {
 }
 
 /// All logs of a run, oldest first, and the keys of damaged ones.
-pub fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), StoreError> {
+pub(crate) fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), StoreError> {
     let mut keys = store.list(keys::LOGS)?;
     keys.retain(|key| {
         let name = key.rsplit('/').next().unwrap_or_default();

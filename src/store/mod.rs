@@ -268,17 +268,8 @@ impl Store {
 
     /// Keys below `folder` (with all folders in it), in no order; unfinished puts are not among them.
     pub fn list(&self, folder: &str) -> Result<Vec<String>, StoreError> {
-        let prefix = self.key(folder);
-        let skip = self.prefix.as_ref().len() + usize::from(!self.prefix.as_ref().is_empty());
-        let list = || {
-            let found = self.objects.list(Some(&prefix));
-            found
-                .map_ok(|meta| meta.location.as_ref()[skip..].to_owned())
-                .try_collect::<Vec<String>>()
-        };
-        RUNTIME
-            .block_on(with_patience(self.patience, list))
-            .map_err(|e| self.failed("list", folder, &e))
+        let listed = self.list_times(folder)?.into_iter();
+        Ok(listed.map(|(key, _)| key).collect())
     }
 
     /// Removes objects; those that are gone already do not matter.
