@@ -26,7 +26,7 @@ fn attempts(run: &Path, scene: &str) -> Vec<Value> {
 }
 
 /// All of the reference but one scene.
-fn without(scene: &str) -> BTreeMap<PathBuf, Content> {
+fn without(scene: &str) -> Tuples {
     let mut all = reference().clone();
     all.retain(|path, _| !path.to_string_lossy().contains(scene));
     assert_eq!(all.len(), (SCENES - 1) * 6);

@@ -1,13 +1,13 @@
 //! `bench farm`: the farm measured with real processes, or simulated.
 
-use crate::cli::args::Global;
 use crate::bench::cpu_name;
+use crate::bench::farm::{FarmBenchError, Setup, makespan, overhead, resume, simulate};
+use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::isa;
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
-use crate::cli::isa;
-use crate::bench::farm::{FarmBenchError, Setup, makespan, overhead, resume, simulate};
 use crate::farm::sim::{Case, Fault, Fleet, Rules, Work, lower_bound_s, some_workers};
 use anyhow::anyhow;
 use clap::Args as ClapArgs;

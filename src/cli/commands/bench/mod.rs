@@ -8,11 +8,11 @@ mod train;
 
 use crate::bench::{BenchError, BenchScene};
 use crate::cli::args::Global;
-use farm::BenchFarmArgs;
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use anyhow::Context;
 use clap::{Args as ClapArgs, Subcommand};
+use farm::BenchFarmArgs;
 use render::line::{Roots, parse_scene};
 use render::scene::{decode, read_files};
 use render::trace::Isa;

@@ -99,4 +99,3 @@ impl fmt::Display for Ran<'_> {
         write!(f, "{}\nlook at {}", self.worked, self.report.display())
     }
 }
-
