@@ -8,7 +8,7 @@
 
 use glasshouse::farm::queue::{read_waiting, write_waiting};
 use glasshouse::inspect::{Input, Whole, inspect_bytes};
-use glasshouse::run::{Control, QuarantineRecord, Receipt, attempts};
+use glasshouse::run::{Control, Provenance, QuarantineRecord, attempts};
 use glasshouse::store::Store;
 use plan::Recipe;
 use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
@@ -267,7 +267,7 @@ pub(crate) fn record(bytes: &[u8]) -> bool {
     let control = Control::get(&store).expect("it is there");
     assert!(is_json || control.because().contains("damaged"));
     assert_eq!(attempts(&store, &scene).expect("it is there").len(), 1);
-    let receipt = Receipt::get(&store, &scene).expect("it is there");
+    let receipt = Provenance::get(&store, &scene).expect("it is there");
     let _ = receipt.expect("it is there").makers();
     let set_aside = QuarantineRecord::get(&store, &scene).expect("it is there");
     set_aside.is_some() && is_json

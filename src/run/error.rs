@@ -1,6 +1,6 @@
-//! A run whose files cannot be used.
+//! Errors of access to a run.
 
-use super::run_dir::RunError;
+use super::open::RunError;
 use crate::store::StoreError;
 use render::atomic_file::WriteError;
 
@@ -10,13 +10,13 @@ pub enum AccessError {
     /// A file of the run cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// The run's store cannot be used, or holds other bits.
+    /// The run's store cannot be used, or holds other bytes.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The run is in use.
+    /// The run cannot be opened or is in use.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// A tuple cannot be written.
+    /// A tuple cannot be encoded or written.
     #[error("{0}")]
     Tuple(String),
     /// This machine computes other pixels.

@@ -3,46 +3,62 @@
 //! A run directory is the only state. Starting, resuming and recovering are the same thing: look at what is there, do what
 //! is missing.
 
-pub(crate) mod attempts;
-pub(crate) mod audit;
-pub(crate) mod compare;
-pub(crate) mod control;
-pub(crate) mod done;
-pub(crate) mod error;
-pub(crate) mod events;
-pub(crate) mod explain;
+// What is stored, under which names.
 pub mod keys;
-pub(crate) mod made_by;
-pub(crate) mod overview;
-pub(crate) mod planning;
-pub(crate) mod quarantine;
-pub(crate) mod receipt;
-pub(crate) mod retry;
-pub(crate) mod run_dir;
-pub(crate) mod seen;
-pub(crate) mod span;
-pub(crate) mod status;
+
+mod span;
+
+mod open;
+
+mod error;
+
+// Records of the run and of its workers.
+mod control;
+
+mod attempts;
+mod events;
+mod provenance;
+mod quarantine;
+mod work_log;
+
+// What is done.
+mod done;
+mod snapshot;
+
+// What users ask.
+mod explain;
+mod retry;
+
+mod compare;
+
+mod audit;
+mod planning;
 #[cfg(feature = "train")]
-pub(crate) mod tuple_files;
-pub(crate) mod work_log;
+mod tuples;
 
 pub use attempts::{
     ATTEMPT_SCHEMA, AttemptRecord, EndKind, Ending, MOST_LOST, WorkerName, attempts,
 };
+pub(crate) use attempts::{PoisonCheck, is_unreadable, mark_lost, poison_check};
 pub use audit::{AuditOptions, SceneAudit, Verdict, audit_scene, check_auditor, draw_scenes};
 pub use compare::FileDifference;
 pub use control::{CONTROL_SCHEMA, Changed, Control, ControlError, ControlState, set_control};
-pub use done::Progress;
+pub(crate) use control::{ControlFlag, ControlLook};
+pub(crate) use done::is_done;
 pub use error::AccessError;
+pub(crate) use events::Stopwatch;
 pub use events::{Event, StageSeconds, process_cpu_s};
-pub use explain::{ExplainError, Explanation, SceneState, ShardFacts, explain};
-pub use overview::{FarmState, Observer, Overview, StandingAttempt, WorkerTuples};
+pub use explain::{ExplainError, Explanation, ShardFacts, explain};
+pub use open::{Run, RunError};
 pub use planning::{PlanError, PlanOptions, Planned, plan_run};
+pub use provenance::Provenance;
+pub(crate) use provenance::{PartialsProvenance, other_workers};
 pub use quarantine::{QUARANTINE_SCHEMA, QuarantineRecord};
-pub use receipt::Receipt;
 pub use retry::{Retried, RetryError, RetryScenes, retry};
-pub use run_dir::{Run, RunDir, RunError};
-pub use seen::{SeenAttempt, SeenTuple, Watch};
+pub use snapshot::{
+    Counts, Quarantined, RunState, SceneState, Scope, SeenAttempt, SeenTuple, Snapshot,
+    StandingAttempt, Status, WorkerTuples,
+};
 pub use span::Span;
-pub use status::{Quarantined, RunStatus, run_status};
+pub(crate) use work_log::{LogTime, SceneSeconds};
 pub use work_log::{SceneTrace, Stop, WORK_LOG_SCHEMA, WorkLog, read_logs};

@@ -24,7 +24,7 @@ fn partials_on_their_way_are_dropped_when_the_scene_is_done() {
     let scene = run.lines[0].id.as_str();
     let made_by_others = run_alone(&place).join("tuples").join(scene);
 
-    let store = Store::local(run.dir.root()).unwrap();
+    let store = Store::local(run.root()).unwrap();
     let queue = LocalQueue::new(Some(LEASE));
     let span = Span {
         scene: 0,

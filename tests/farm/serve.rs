@@ -2,7 +2,7 @@
 
 use crate::serve_run::{HOSTILE, TOKEN, get, id, png, request, run, send, start, worker};
 use crate::support::markup::strictly;
-use glasshouse::run::FarmState;
+use glasshouse::run::RunState;
 use glasshouse::serve::{Action, FarmSource, QuarantinedScene, WorkerState, serve};
 use render::trace::LAYERS;
 use std::net::SocketAddr;
@@ -351,9 +351,9 @@ fn states_say_what_is_the_matter() {
     }
     assert!(page().contains("No queue.</b> connection refused. Workers"));
     assert!(page().contains("No worker."));
-    run.view.lock().unwrap().state = FarmState::Paused;
+    run.view.lock().unwrap().state = RunState::Paused;
     assert!(page().contains("/api/resume") && !page().contains("/api/pause"));
     assert!(!page().contains("No worker."), "none is needed");
-    run.view.lock().unwrap().state = FarmState::Finished;
+    run.view.lock().unwrap().state = RunState::Finished;
     assert!(!page().contains("/api/resume") && !page().contains("/api/cancel"));
 }

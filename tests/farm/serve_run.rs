@@ -1,6 +1,6 @@
 //! A run in memory for the web server to show, and a client that sends bytes over a socket.
 
-use glasshouse::run::FarmState;
+use glasshouse::run::RunState;
 use glasshouse::serve::{
     Action, Count, FARM_SCHEMA, FarmSource, FarmView, QuarantinedScene, QueueView, RecentTuple,
     Server, WorkerState, WorkerView, serve,
@@ -113,7 +113,7 @@ pub(crate) fn run() -> Arc<Run> {
         name: "paper".to_owned(),
         run: "0123abcd".to_owned(),
         version: "0.1.0".to_owned(),
-        state: FarmState::Running,
+        state: RunState::Running,
         scenes: Count {
             done: 1234,
             total: 5000,

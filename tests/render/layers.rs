@@ -172,7 +172,7 @@ fn adaptive_partials_are_taken_up() {
     place.plan();
     let opened = Run::open(&place.run, &Roots::default()).unwrap();
     let line = &opened.lines[1];
-    let files = read_files(line, &opened.roots, opened.dir.root()).unwrap();
+    let files = read_files(line, &opened.roots, opened.root()).unwrap();
     let job = SceneJob::new(line, opened.layout(line), load(line, &files).unwrap());
     let never = AtomicBool::new(false);
     let partials = render_partials(&job, 1, Isa::detect(), &never, &|| {}).unwrap();

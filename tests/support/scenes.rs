@@ -91,7 +91,7 @@ pub(crate) fn reference() -> &'static Tuples {
 pub(crate) fn partials(run: &Path, scene: usize) -> (String, Vec<Partial>) {
     let run = Run::open(run, &Roots::default()).unwrap();
     let line = &run.lines[scene];
-    let files = read_files(line, &run.roots, run.dir.root()).unwrap();
+    let files = read_files(line, &run.roots, run.root()).unwrap();
     let job = SceneJob::new(line, run.layout(line), load(line, &files).unwrap());
     let never = AtomicBool::new(false);
     let mut partials = render_partials(&job, 2, Isa::detect(), &never, &|| {}).unwrap();

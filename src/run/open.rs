@@ -1,7 +1,7 @@
-//! A run directory: names of its files, and opening one.
+//! Opening a run.
 
+use super::keys;
 use crate::store::Inputs;
-use render::ids::SceneId;
 use render::line::{ManifestError, RootError, Roots, SceneLine, is_url, parse_jsonl};
 use render::shard::{SPEC_SCHEMA, ShardLayout, Spec, manifest_digest};
 use render::trace::TRACER_VERSION;
@@ -9,83 +9,15 @@ use std::fs::{File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Where a run's files stand. The same names are the keys of an object store.
-#[derive(Clone, Debug)]
-pub struct RunDir {
-    root: PathBuf,
-}
-
-impl RunDir {
-    /// The run in `root`.
-    pub fn new(root: impl Into<PathBuf>) -> Self {
-        Self { root: root.into() }
-    }
-
-    /// Its folder.
-    pub fn root(&self) -> &Path {
-        &self.root
-    }
-
-    /// `spec.json`
-    pub fn spec(&self) -> PathBuf {
-        self.root.join("spec.json")
-    }
-
-    /// `manifest.jsonl`
-    pub fn manifest(&self) -> PathBuf {
-        self.root.join("manifest.jsonl")
-    }
-
-    /// `rejected.jsonl`: draws that were looked at and not kept.
-    pub fn rejected(&self) -> PathBuf {
-        self.root.join("rejected.jsonl")
-    }
-
-    /// Folder of a scene's partials.
-    pub fn partials(&self, scene: &SceneId) -> PathBuf {
-        self.root.join("partials").join(scene.as_str())
-    }
-
-    /// A shard's partial.
-    pub fn partial(&self, scene: &SceneId, shard: u32) -> PathBuf {
-        self.partials(scene).join(format!("{shard:06}.exr"))
-    }
-
-    /// Folder of a scene's tuple.
-    pub fn tuple(&self, scene: &SceneId) -> PathBuf {
-        self.root.join("tuples").join(scene.as_str())
-    }
-
-    /// Folder of the reasons for quarantine.
-    pub fn quarantine_folder(&self) -> PathBuf {
-        self.root.join("quarantine")
-    }
-
-    /// A scene's reason for quarantine.
-    pub fn quarantine(&self, scene: &SceneId) -> PathBuf {
-        self.quarantine_folder().join(format!("{scene}.json"))
-    }
-
-    /// Folder of procedural photographs made by `plan`, by source.
-    pub fn inputs(&self, source: &str) -> PathBuf {
-        self.root.join("inputs").join(source)
-    }
-
-    /// `report/`
-    pub fn report(&self) -> PathBuf {
-        self.root.join("report")
-    }
-}
-
 /// A run that cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// No run there.
+    /// The folder holds no run.
     #[error("{} is no run: it has no {missing}; make one with `glasshouse plan RECIPE --out {}`", root.display(), root.display())]
     Missing {
         /// The folder.
         root: PathBuf,
-        /// Which file.
+        /// The missing file.
         missing: &'static str,
     },
     /// A file cannot be read.
@@ -112,18 +44,18 @@ pub enum RunError {
         /// Why.
         source: ManifestError,
     },
-    /// Made by, or for, another version.
+    /// It was planned by another version, or its files do not fit each other.
     #[error("{} disagrees with this program: {reason}; finish it with the version that planned it, or plan again into a new folder", root.display())]
     Disagrees {
         /// The folder.
         root: PathBuf,
-        /// How.
+        /// What differs.
         reason: String,
     },
     /// A root of the spec is unusable.
     #[error(transparent)]
     Root(#[from] RootError),
-    /// Another process is at work in it.
+    /// Another process works on it.
     #[error("another process is working on {}; wait for it, or stop it", root.display())]
     Busy {
         /// The folder.
@@ -134,46 +66,32 @@ pub enum RunError {
 /// An open run.
 #[derive(Debug)]
 pub struct Run {
-    /// Where.
-    pub dir: RunDir,
-    /// Its rules.
+    root: PathBuf,
+    /// How it is divided and traced.
     pub spec: Spec,
     /// Its scenes.
     pub lines: Vec<SceneLine>,
-    /// Named folders: the spec's, overridden by the user's.
+    /// Roots of its input files: the spec's, overridden by the user's.
     pub roots: Roots,
-    /// Reads its scenes' files.
+    /// Reads the files of its scenes.
     pub inputs: Inputs,
 }
 
 impl Run {
     /// Opens a planned run. `given` roots override the spec's.
     pub fn open(root: &Path, given: &Roots) -> Result<Self, RunError> {
-        let dir = RunDir::new(root);
-        let read = |path: PathBuf, missing: &'static str| match std::fs::read_to_string(&path) {
-            Ok(text) => Ok(text),
-            Err(e) if e.kind() == io::ErrorKind::InvalidData => Err(RunError::Spec {
-                path,
-                reason: e.to_string(),
-            }),
-            Err(e) if e.kind() == io::ErrorKind::NotFound => Err(RunError::Missing {
-                root: root.to_owned(),
-                missing,
-            }),
-            Err(source) => Err(RunError::Read { path, source }),
+        let damaged = |reason: String| RunError::Spec {
+            path: root.join(keys::SPEC),
+            reason,
         };
-        let spec_text = read(dir.spec(), "spec.json")?;
-        let spec: Spec = serde_json::from_str(&spec_text).map_err(|e| RunError::Spec {
-            path: dir.spec(),
-            reason: e.to_string(),
-        })?;
-        let manifest = match read(dir.manifest(), "manifest.jsonl") {
+        let text = read(root, keys::SPEC)?;
+        let spec: Spec = serde_json::from_str(&text).map_err(|e| damaged(e.to_string()))?;
+        let manifest = match read(root, keys::MANIFEST) {
             // Planning writes the spec last: without its manifest it is half of a run, not none.
             Err(RunError::Missing { .. }) => {
-                return Err(RunError::Spec {
-                    path: dir.spec(),
-                    reason: "manifest.jsonl, which belongs to it, is gone".to_owned(),
-                });
+                return Err(damaged(
+                    "manifest.jsonl, which belongs to it, is gone".to_owned(),
+                ));
             }
             other => other?,
         };
@@ -201,7 +119,7 @@ impl Run {
             );
         }
         let lines = parse_jsonl(&manifest).map_err(|source| RunError::Manifest {
-            path: dir.manifest(),
+            path: root.join(keys::MANIFEST),
             source,
         })?;
         let mut roots = given.clone();
@@ -214,7 +132,7 @@ impl Run {
             }
         }
         Ok(Self {
-            dir,
+            root: root.to_owned(),
             spec,
             lines,
             roots,
@@ -222,7 +140,17 @@ impl Run {
         })
     }
 
-    /// Names the run among others: the first bytes of its spec's digest.
+    /// Its folder.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// The file or folder of a key, where the run's objects are in its folder.
+    pub fn path(&self, key: &str) -> PathBuf {
+        self.root.join(key)
+    }
+
+    /// Identifies the run: the first bytes of its spec's digest.
     pub fn id(&self) -> [u8; 8] {
         let spec = serde_json::to_vec(&self.spec).expect("a spec is JSON");
         let digest = blake3::hash(&spec);
@@ -231,14 +159,14 @@ impl Run {
             .expect("a digest has 32 bytes")
     }
 
-    /// The cut of a scene.
+    /// How a scene is divided into shards.
     pub fn layout(&self, line: &SceneLine) -> ShardLayout {
         ShardLayout::of(line, self.spec.tile_px)
     }
 
-    /// Claims the run for this process until the lock is dropped.
+    /// Locks the run for this process until the file is dropped.
     pub fn lock(&self) -> Result<File, RunError> {
-        let path = self.dir.root().join("work.lock");
+        let path = self.path(keys::LOCK);
         let file = File::options()
             .create(true)
             .append(true)
@@ -250,9 +178,24 @@ impl Run {
         match file.try_lock() {
             Ok(()) => Ok(file),
             Err(TryLockError::WouldBlock) => Err(RunError::Busy {
-                root: self.dir.root().to_owned(),
+                root: self.root.clone(),
             }),
             Err(TryLockError::Error(source)) => Err(RunError::Read { path, source }),
         }
     }
+}
+
+fn read(root: &Path, file: &'static str) -> Result<String, RunError> {
+    let path = root.join(file);
+    std::fs::read_to_string(&path).map_err(|source| match source.kind() {
+        io::ErrorKind::InvalidData => RunError::Spec {
+            path,
+            reason: source.to_string(),
+        },
+        io::ErrorKind::NotFound => RunError::Missing {
+            root: root.to_owned(),
+            missing: file,
+        },
+        _ => RunError::Read { path, source },
+    })
 }
