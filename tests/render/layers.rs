@@ -9,7 +9,6 @@ use render::line::Roots;
 use render::scene::{load, read_files};
 use render::trace::Isa;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 

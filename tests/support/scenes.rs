@@ -9,7 +9,6 @@ use render::partial::Partial;
 use render::scene::{load, read_files};
 use render::trace::Isa;
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
