@@ -11,12 +11,11 @@ use super::sweep::sweep_staged;
 use super::work::whole;
 use super::writer::remove_partials;
 use crate::run::AccessError;
-use crate::run::control::{Control, ControlState};
-use crate::run::done::Progress;
-use crate::run::events::Event;
+use crate::run::Event;
+use crate::run::Run;
 use crate::run::keys;
-use crate::run::run_dir::Run;
-use crate::run::seen::{Watch, see_attempts, see_tuples};
+use crate::run::{Control, ControlState};
+use crate::run::{Scope, Snapshot};
 use crate::store::Store;
 use std::collections::BTreeSet;
 use std::sync::Mutex;
@@ -33,11 +32,33 @@ pub struct CoordinateOptions<'a> {
     pub watched: bool,
 }
 
+/// What a coordinator knows, for the status page.
+#[derive(Debug)]
+pub struct Watch {
+    /// The run.
+    pub snapshot: Snapshot,
+    /// The queue, when it answered last.
+    pub queue: QueueState,
+    /// Why the queue does not answer, if it does not.
+    pub queue_lost: Option<String>,
+}
+
+impl Watch {
+    /// Before the first look.
+    pub fn new(run: &Run) -> Self {
+        Self {
+            snapshot: Snapshot::new(run, Scope::DONE),
+            queue: QueueState::default(),
+            queue_lost: None,
+        }
+    }
+}
+
 /// How coordinating ended.
 #[derive(Debug)]
 pub struct Coordinated {
-    /// What was known at the end.
-    pub watch: Watch,
+    /// The run at the end.
+    pub snapshot: Snapshot,
     /// Spans published.
     pub published: u64,
     /// Ended by `stop`.
@@ -91,7 +112,13 @@ pub fn coordinate(
     on_event: &(dyn Fn(Event) + Sync),
 ) -> Result<Coordinated, FarmError> {
     share_run(run, store)?;
-    let mut progress = Progress::new(run.lines.len());
+    let mut snapshot = Snapshot::new(
+        run,
+        Scope {
+            workers: options.watched,
+            ..Scope::DONE
+        },
+    );
     let mut told = vec![false; run.lines.len()];
     let (mut published, mut complained) = (0, None::<Instant>);
     let mut store_complained = None;
@@ -111,19 +138,16 @@ pub fn coordinate(
         // First the queue, then the store: a scene that leaves the queue in between has its tuple by then.
         let looked = look(queue, everything);
         let updated = if everything {
-            progress.look(run, store).map(|()| false)
+            snapshot.refresh(run, store).map(|()| false)
         } else {
-            progress.look_for_news(run, store)
+            snapshot.refresh_news(run, store)
         };
-        let updated = updated
-            .and_then(|taken_back| Ok((taken_back, Control::get(store)?)))
-            .map_err(FarmError::from);
-        let (taken_back, told_to) = match updated {
-            Ok(found) => found,
+        let taken_back = match updated.map_err(FarmError::from) {
+            Ok(taken_back) => taken_back,
             Err(error) => {
                 wait_for_store(error, options, &mut store_complained, on_event)?;
                 if options.stop.load(Ordering::Relaxed) {
-                    return Ok(ended(watch, published, true));
+                    return Ok(ended(snapshot, published, true));
                 }
                 continue;
             }
@@ -131,12 +155,8 @@ pub fn coordinate(
         store_complained = None;
         due |= taken_back;
         let new: Vec<usize> = (0..run.lines.len())
-            .filter(|&scene| progress.done[scene] && !std::mem::replace(&mut told[scene], true))
+            .filter(|&scene| snapshot.is_done(scene) && !std::mem::replace(&mut told[scene], true))
             .collect();
-        see_tuples(run, store, &new, first, watch);
-        if options.watched {
-            see_attempts(store, watch);
-        }
         for &scene in &new {
             on_event(Event::ShardDone { resumed: first });
             on_event(Event::SceneMerged {
@@ -145,29 +165,20 @@ pub fn coordinate(
             });
         }
         first = false;
-        let finished = progress.is_finished();
+        let finished = snapshot.is_finished();
         if finished && !everything {
             due = true;
             continue;
         }
-        {
+        if options.watched {
             let mut watch = watch.lock().expect("no holder of this lock panics");
-            let count = |n: usize| n as u64;
-            watch.scenes = count(run.lines.len());
-            watch.done = count(progress.done.iter().filter(|d| **d).count());
-            watch.quarantined = count(progress.quarantined.iter().flatten().count());
-            watch.finished = finished;
-            watch.control = told_to.clone();
-            let reasons = progress.quarantined.iter().enumerate();
-            watch.reasons = reasons.filter_map(|(s, r)| Some((s, r.clone()?))).collect();
-            match &looked {
-                Ok(Looked { state, .. }) => {
-                    (watch.waiting, watch.held) = (state.waiting, state.held);
-                    watch.queue_lost = None;
-                }
-                Err(error) => watch.queue_lost = Some(error.to_string()),
+            watch.snapshot = snapshot.clone();
+            watch.queue_lost = looked.as_ref().err().map(QueueError::to_string);
+            if let Ok(looked) = &looked {
+                watch.queue = looked.state;
             }
         }
+        let told_to = snapshot.control.clone();
         if std::mem::replace(&mut control, told_to.clone()) != told_to {
             on_event(Event::Controlled {
                 state: told_to.state,
@@ -178,12 +189,12 @@ pub fn coordinate(
             break;
         }
         if options.stop.load(Ordering::Relaxed) {
-            return Ok(ended(watch, published, true));
+            return Ok(ended(snapshot, published, true));
         }
         if told_to.state == ControlState::Cancelled {
             // One that cannot be removed does no harm: nobody takes from it.
             let _ = queue.remove();
-            return Ok(ended(watch, published, false));
+            return Ok(ended(snapshot, published, false));
         }
         match looked {
             Ok(_) if told_to.state == ControlState::Paused => (complained, due) = (None, true),
@@ -193,7 +204,7 @@ pub fn coordinate(
                 if everything {
                     // Nobody will get what is left in a quiet queue: leftovers of a server that was killed.
                     let dead = quiet && was_quiet && !looked.scenes.is_empty();
-                    let missing: Vec<Waiting> = progress
+                    let missing: Vec<Waiting> = snapshot
                         .missing()
                         .filter(|&scene| dead || !looked.scenes.contains(&(scene as u32)))
                         .map(|scene| whole(run, scene))
@@ -226,13 +237,13 @@ pub fn coordinate(
             std::thread::sleep(Duration::from_millis(20).min(pause));
         }
     }
-    while let Err(error) = finish(run, store, queue, &progress) {
+    while let Err(error) = finish(run, store, queue, &snapshot) {
         wait_for_store(error, options, &mut store_complained, on_event)?;
         if options.stop.load(Ordering::Relaxed) {
-            return Ok(ended(watch, published, true));
+            return Ok(ended(snapshot, published, true));
         }
     }
-    Ok(ended(watch, published, false))
+    Ok(ended(snapshot, published, false))
 }
 
 /// Says that the store is away, and waits a little; any other error stays one.
@@ -257,13 +268,13 @@ fn wait_for_store(
     Ok(())
 }
 
-fn ended(watch: &Mutex<Watch>, published: u64, stopped: bool) -> Coordinated {
-    let watch = watch.lock().expect("no holder of this lock panics");
+fn ended(snapshot: Snapshot, published: u64, stopped: bool) -> Coordinated {
+    let is_cancelled = snapshot.control.state == ControlState::Cancelled;
     Coordinated {
-        watch: watch.clone(),
         published,
         stopped,
-        cancelled: !watch.finished && watch.control.state == ControlState::Cancelled,
+        cancelled: is_cancelled && !snapshot.is_finished(),
+        snapshot,
     }
 }
 
@@ -275,9 +286,9 @@ fn complain(last: &mut Option<Instant>, reason: String, on_event: &(dyn Fn(Event
 }
 
 /// Removes what is left of scenes that are done. What cannot be removed does no harm.
-fn clear_away(run: &Run, store: &Store, progress: &Progress) {
-    let done = || (0..run.lines.len()).filter(|&scene| progress.done[scene]);
-    if store.local_root().is_some() {
+fn clear_away(run: &Run, store: &Store, snapshot: &Snapshot) {
+    let done = || (0..run.lines.len()).filter(|&scene| snapshot.is_done(scene));
+    if store.is_local() {
         done().for_each(|scene| remove_partials(store, &run.lines[scene]));
         return;
     }
@@ -294,11 +305,11 @@ fn finish(
     run: &Run,
     store: &Store,
     queue: &dyn QueueKeeper,
-    progress: &Progress,
+    snapshot: &Snapshot,
 ) -> Result<(), FarmError> {
-    clear_away(run, store, progress);
+    clear_away(run, store, snapshot);
     sweep_staged(run, store);
-    let quarantined = progress.quarantined.iter().flatten().count();
+    let quarantined = snapshot.counts().quarantined.len();
     let note = serde_json::json!({
         "schema": "glasshouse.finished/1",
         "scenes": run.lines.len(),

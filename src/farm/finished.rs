@@ -4,7 +4,8 @@ use super::error::FarmError;
 use super::open_span::OpenSpan;
 use crate::run::AccessError;
 use crate::run::keys;
-use render::merge::{SrgbEncoder, Tuple, encode_tuple_file, tuple_files};
+use render::color::SrgbEncoder;
+use render::merge::{Tuple, encode_tuple_file, tuple_files};
 use std::sync::{Arc, Mutex};
 
 /// A tuple in memory and those of its files that are encoded.

@@ -3,9 +3,9 @@
 use super::open_span::OpenSpan;
 use super::queue::{Delivery, Queue, QueueError, Waiting};
 use super::span::{HeldSpan, what_to_give};
+use crate::run::PartialsProvenance;
 use crate::run::Span;
-use crate::run::attempts::{AttemptRecord, WorkerName};
-use crate::run::made_by::MadeBy;
+use crate::run::{AttemptRecord, WorkerName};
 use crate::store::Store;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -364,7 +364,7 @@ impl<'a> HeldSpans<'a> {
             }
             if let Some(open) = held.open.as_ref().filter(|open| open.has_stored()) {
                 let span = &held.delivery.waiting.span;
-                MadeBy::leave(store, &open.job.line.id, span, who);
+                PartialsProvenance::put(store, &open.job.line.id, span, who);
             }
         }
         let mut count = 0;

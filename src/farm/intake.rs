@@ -3,8 +3,8 @@
 use super::queue::{Delivery, Taken};
 use super::shared::Shared;
 use super::suspect::Examined;
-use crate::run::events::{Event, Stopwatch};
 use crate::run::keys;
+use crate::run::{Event, Stopwatch};
 use crate::store::StoreError;
 use crossbeam::channel::Sender;
 use render::line::SceneLine;
@@ -163,7 +163,7 @@ impl<'a> Shared<'a> {
     fn read(&self, line: &SceneLine) -> Result<Result<SceneFiles, LoadError>, StoreError> {
         let start = Stopwatch::start();
         let open = |path: &Path| self.run.inputs.read(path);
-        let files = read_files_by(line, &self.run.roots, self.run.dir.root(), &open);
+        let files = read_files_by(line, &self.run.roots, self.run.root(), &open);
         self.seconds.add_read(start.spent());
         match files {
             Ok(files) => Ok(Ok(files)),

@@ -28,7 +28,7 @@ mod work;
 mod work_log;
 mod writer;
 
-pub use coordinate::{CoordinateOptions, Coordinated, coordinate};
+pub use coordinate::{CoordinateOptions, Coordinated, Watch, coordinate};
 pub use error::FarmError;
 pub use fault::Fault;
 pub use merge_run::{MergeOutcome, merge_run};

@@ -9,22 +9,22 @@ use super::open_span::OpenSpan;
 use super::queue::Queue;
 use super::work::{Outcome, SharedQueue, WorkOptions};
 use super::writer::{Order, What, remove_partials, write_noise};
+use crate::run::ControlFlag;
+use crate::run::PartialsProvenance;
+use crate::run::Provenance;
+use crate::run::QuarantineRecord;
+use crate::run::Run;
+use crate::run::SceneSeconds;
 use crate::run::Stop;
-use crate::run::control::ControlFlag;
-use crate::run::done::is_done;
-use crate::run::events::{Event, StageSeconds, Stopwatch};
+use crate::run::is_done;
 use crate::run::keys;
-use crate::run::made_by::MadeBy;
-use crate::run::quarantine::QuarantineRecord;
-use crate::run::receipt::Receipt;
-use crate::run::run_dir::Run;
-use crate::run::work_log::SceneSeconds;
+use crate::run::{Event, StageSeconds, Stopwatch};
 use crate::store::Store;
 use crossbeam::channel::Receiver;
 use crossbeam::deque::{Injector, Stealer};
+use render::color::SrgbEncoder;
 use render::ids::SceneId;
 use render::line::SceneLine;
-use render::merge::SrgbEncoder;
 use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -219,7 +219,7 @@ impl<'a> Shared<'a> {
             self.to_complete.push(Arc::clone(span));
         } else if !self.is_done_elsewhere(span)? {
             let (store, mine) = (self.store, &span.delivery.waiting.span);
-            MadeBy::leave(store, &line.id, mine, &self.options.who);
+            PartialsProvenance::put(store, &line.id, mine, &self.options.who);
             self.went_well();
             self.close(span.delivery.ticket);
         }
@@ -301,10 +301,10 @@ impl<'a> Shared<'a> {
     }
 
     /// Beside other workers: who makes the tuple.
-    fn receipt(&self, span: &OpenSpan) -> Option<Receipt> {
+    fn receipt(&self, span: &OpenSpan) -> Option<Provenance> {
         self.beside?;
         let (scene, who) = (&span.job.line.id, &self.options.who);
-        Some(Receipt::new(self.store, scene, who, span.is_alone()))
+        Some(Provenance::new(self.store, scene, who, span.is_alone()))
     }
 }
 

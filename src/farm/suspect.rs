@@ -3,14 +3,14 @@
 use super::error::FarmError;
 use super::queue::{Delivery, Waiting};
 use super::shared::Shared;
+use crate::run::Event;
+use crate::run::QuarantineRecord;
 use crate::run::Span;
-use crate::run::attempts::{
-    AttemptRecord, EndKind, Ending, Verdict, attempts, is_unreadable, mark_lost, verdict,
-};
-use crate::run::done::is_done;
-use crate::run::events::Event;
+use crate::run::is_done;
 use crate::run::keys;
-use crate::run::quarantine::QuarantineRecord;
+use crate::run::{
+    AttemptRecord, EndKind, Ending, PoisonCheck, attempts, is_unreadable, mark_lost, poison_check,
+};
 use render::ids::SceneId;
 use render::line::SceneLine;
 use std::sync::atomic::Ordering;
@@ -95,8 +95,8 @@ impl Shared<'_> {
         } else {
             0
         };
-        let verdict = verdict(&records, span, found);
-        if let Verdict::SetAside(reason) = verdict {
+        let check = poison_check(&records, span, found);
+        if let PoisonCheck::Poison(reason) = check {
             self.quarantine(line, &reason);
             return Ok(Examined::Over);
         }
@@ -112,8 +112,8 @@ impl Shared<'_> {
             record.forget(store);
             return Ok(Examined::Over);
         }
-        Ok(match verdict {
-            Verdict::Suspect if self.options.isolate.is_some() => Examined::Suspect,
+        Ok(match check {
+            PoisonCheck::Suspect if self.options.isolate.is_some() => Examined::Suspect,
             _ => Examined::Fresh,
         })
     }
@@ -205,12 +205,12 @@ impl Shared<'_> {
             found = record.found;
             record.end(self.store, ending)?;
         }
-        match verdict(&attempts(self.store, &line.id)?, span, found) {
-            Verdict::SetAside(reason) => {
+        match poison_check(&attempts(self.store, &line.id)?, span, found) {
+            PoisonCheck::Poison(reason) => {
                 self.quarantine(line, &reason);
                 self.give_up(delivery.ticket);
             }
-            Verdict::Fresh | Verdict::Suspect => self.publish_again(delivery),
+            PoisonCheck::Clean | PoisonCheck::Suspect => self.publish_again(delivery),
         }
         self.went_wrong(line);
         Ok(())

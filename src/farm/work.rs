@@ -18,21 +18,21 @@ use super::suspect::Isolate;
 use super::sweep::sweep;
 use super::work_log::work_log;
 use crate::run::AccessError;
+use crate::run::QuarantineRecord;
+use crate::run::Run;
 use crate::run::Span;
 use crate::run::Stop;
-use crate::run::attempts::WorkerName;
-use crate::run::control::{ControlFlag, ControlLook};
-use crate::run::done::is_done;
-use crate::run::events::{Event, StageSeconds};
+use crate::run::WorkerName;
+use crate::run::is_done;
 use crate::run::keys;
-use crate::run::quarantine::QuarantineRecord;
-use crate::run::run_dir::Run;
-use crate::run::work_log::{LogTime, SceneSeconds};
+use crate::run::{ControlFlag, ControlLook};
+use crate::run::{Event, StageSeconds};
+use crate::run::{LogTime, SceneSeconds};
 use crate::store::Store;
 use crossbeam::channel::bounded;
 use crossbeam::deque::{Injector, Worker};
+use render::color::SrgbEncoder;
 use render::ids::SceneId;
-use render::merge::SrgbEncoder;
 use render::shard::golden;
 use render::trace::Isa;
 use std::collections::BTreeSet;
@@ -133,7 +133,7 @@ pub fn work(
     let _lock = run.lock()?;
     check_golden(run, options)?;
     sweep(run);
-    let store = Store::local(run.dir.root())?;
+    let store = Store::local(run.root())?;
     let queue = LocalQueue::new(None);
     let (mut quarantined, mut already_merged) = (Vec::new(), 0);
     let tried = scenes_tried(&store)?;
@@ -141,11 +141,11 @@ pub fn work(
     for (scene, line) in run.lines.iter().enumerate() {
         if is_done(&store, line)? {
             already_merged += 1;
-        } else if let Some(record) = QuarantineRecord::read(&run.dir, &line.id) {
+        } else if let Some(record) = QuarantineRecord::get(&store, &line.id)? {
             quarantined.push((line.id.clone(), record.reason));
         } else {
             // What stands there is no tuple of this scene, and nobody else works here.
-            let _ = std::fs::remove_dir_all(run.dir.tuple(&line.id));
+            store.remove_folder(&keys::tuple_folder(&line.id))?;
             shards += u64::from(run.layout(line).len());
             // Nobody else works here: an attempt that stands was lost.
             if tried.contains(&line.id) {

@@ -3,6 +3,7 @@
 //! Pixels do not depend on the tile they are traced in, and paths, misses and samples are whole numbers: so a shard put
 //! together from bands, in whatever order they come, has the bits of the shard traced in one piece.
 
+use crate::layer::{Layer, PerLayer};
 use crate::trace::{CELL_PX, PixelMeans, Tile, TileResult};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -10,7 +11,6 @@ use std::sync::atomic::{AtomicU8, Ordering};
 /// Rows of a band. Whole cells, for adaptive scenes; few, so that no thread waits long for the last one.
 pub(crate) const BAND_ROWS: u32 = CELL_PX;
 
-/// Bands of a tile.
 pub(crate) fn bands(tile: Tile) -> u32 {
     tile.height.div_ceil(BAND_ROWS)
 }
@@ -29,7 +29,7 @@ const WAITING: u8 = 0;
 const BEGUN: u8 = 1;
 const DROPPED: u8 = 2;
 
-/// A shard whose bands are traced by whoever is free.
+/// A shard whose bands any free thread may trace.
 #[derive(Default)]
 pub(crate) struct BandedShard {
     state: AtomicU8,
@@ -44,8 +44,8 @@ struct Joined {
 }
 
 impl BandedShard {
-    /// Asks whether to trace one of its bands. Who is told to stop begins no shard; but a shard that is begun is
-    /// finished, and all threads get the same answer.
+    /// Whether to trace one of its bands. While stopping, no new shard starts; a started one is finished. All threads
+    /// get the same answer.
     pub(crate) fn may_trace(&self, must_stop: bool) -> bool {
         let wanted = if must_stop { DROPPED } else { BEGUN };
         let change =
@@ -57,12 +57,12 @@ impl BandedShard {
         }
     }
 
-    /// Nobody has begun it, and it was not dropped.
+    /// No thread has started it, and it was not dropped.
     pub(crate) fn is_waiting(&self) -> bool {
         self.state.load(Ordering::Acquire) == WAITING
     }
 
-    /// Traces band `index` of the shard's `tile` with `trace`; the whole shard's result for whoever does the last band.
+    /// Traces band `index` of the shard's `tile` with `trace`; the last band returns the whole shard's result.
     pub(crate) fn trace(
         &self,
         tile: Tile,
@@ -77,14 +77,14 @@ impl BandedShard {
         }
         let whole = joined.result.get_or_insert_with(|| TileResult {
             pixels: vec![PixelMeans::default(); tile.width as usize * tile.height as usize],
-            samples: [0; 4],
-            sample_sums: result.sample_sums.map(|_| [0; 4]),
-            paths: [0; 4],
-            misses: [0; 4],
+            samples: PerLayer::default(),
+            sample_sums: result.sample_sums.map(|_| PerLayer::default()),
+            paths: PerLayer::default(),
+            misses: PerLayer::default(),
         });
         let start = index as usize * BAND_ROWS as usize * tile.width as usize;
         whole.pixels[start..start + result.pixels.len()].copy_from_slice(&result.pixels);
-        for layer in 0..4 {
+        for layer in Layer::ALL {
             // Of an adaptive scene the most, of others the same in all bands.
             whole.samples[layer] = whole.samples[layer].max(result.samples[layer]);
             whole.paths[layer] += result.paths[layer];

@@ -15,7 +15,7 @@ pub struct SceneJob<'a> {
     pub line: &'a SceneLine,
     /// Its shards.
     pub layout: ShardLayout,
-    loaded: LoadedScene,
+    loaded: Arc<LoadedScene>,
     line_blake3: String,
     shards: Vec<BandedShard>,
     results: Mutex<Vec<Arc<Partial>>>,
@@ -24,12 +24,16 @@ pub struct SceneJob<'a> {
 }
 
 impl<'a> SceneJob<'a> {
-    /// A scene of which nothing is done.
-    pub fn new(line: &'a SceneLine, layout: ShardLayout, loaded: LoadedScene) -> Self {
+    /// A scene without any finished shard.
+    pub fn new(
+        line: &'a SceneLine,
+        layout: ShardLayout,
+        loaded: impl Into<Arc<LoadedScene>>,
+    ) -> Self {
         Self {
             line,
             layout,
-            loaded,
+            loaded: loaded.into(),
             line_blake3: scene_digest(line),
             shards: (0..layout.len()).map(|_| BandedShard::default()).collect(),
             results: Mutex::new(Vec::new()),
@@ -53,7 +57,7 @@ impl<'a> SceneJob<'a> {
         self.shards[shard as usize].may_trace(must_stop)
     }
 
-    /// Traces one band of a shard; the whole shard's result for whoever does its last band.
+    /// Traces one band of a shard; its last band returns the whole shard's result.
     pub fn trace_band(&self, shard: &Shard, band: u32, isa: Isa) -> Option<TileResult> {
         self.shards[shard.index as usize].trace(shard.tile, band, |tile| {
             trace_tile(&self.loaded.scene, tile, shard.samples.clone(), isa)
@@ -110,7 +114,7 @@ impl<'a> SceneJob<'a> {
             && header.facts == self.loaded.facts
     }
 
-    /// Nobody has begun the shard, and it was not dropped.
+    /// No thread has started the shard, and it was not dropped.
     pub fn is_waiting(&self, shard: u32) -> bool {
         self.shards[shard as usize].is_waiting()
     }
@@ -125,7 +129,7 @@ impl<'a> SceneJob<'a> {
         self.untraced.fetch_sub(1, Ordering::AcqRel) == 1
     }
 
-    /// Takes a finished shard; all of them for whoever completes the scene.
+    /// Takes a finished shard; the scene's last one returns all of them.
     pub fn finish(&self, partial: Partial) -> Option<Vec<Arc<Partial>>> {
         let mut results = self.results.lock().expect("no holder of this lock panics");
         results.push(Arc::new(partial));
@@ -155,7 +159,7 @@ impl<'a> SceneJob<'a> {
     }
 }
 
-/// Traces all shards of one scene on `threads` threads, nothing being written. For `render`.
+/// Traces all shards of one scene on `threads` threads and writes nothing. See [`crate::Loaded`] for the whole path.
 ///
 /// Returns `None` when `stop` was set before the end.
 pub fn render_partials(
