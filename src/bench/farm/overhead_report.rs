@@ -200,7 +200,7 @@ mod tests {
         let text = overhead.to_string();
         assert!(text.contains("workers, shards that sleep 0.05 s"), "{text}");
         assert!(
-            text.contains("62.5 %") && !text.contains("threads"),
+            text.contains("62.5 %") && !text.contains("| threads"),
             "{text}"
         );
         assert_eq!(serde_json::to_value(&overhead).unwrap()["mode"], "overhead");
