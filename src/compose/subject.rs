@@ -40,7 +40,7 @@ pub trait Subject: Sync {
     fn count(&self) -> usize;
     /// What a picture is called.
     fn name(&self, index: usize) -> String;
-    /// Reads a picture; [`read`] checks it.
+    /// Reads a picture; `read` checks it.
     fn read(&self, index: usize) -> Result<WithTruth, Unread>;
     /// Every truth lies exactly on its picture, so that no shift is measured.
     fn is_aligned(&self) -> bool;

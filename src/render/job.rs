@@ -52,7 +52,7 @@ impl<'a> SceneJob<'a> {
         bands(self.layout.shard(shard).tile)
     }
 
-    /// Whether to trace a band of `shard`; see [`BandedShard::may_trace`].
+    /// Whether to trace a band of `shard`.
     pub fn may_trace(&self, shard: u32, must_stop: bool) -> bool {
         self.shards[shard as usize].may_trace(must_stop)
     }

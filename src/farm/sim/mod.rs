@@ -1,6 +1,6 @@
 //! A farm in virtual time: what the rules of sharing work cost, for any number of workers.
 //!
-//! Real are [`Span`](super::Span), [`what_to_give`](super::what_to_give) and [`uncovered`](super::uncovered); modelled are
+//! Real are [`Span`](crate::run::Span), [`what_to_give`](super::what_to_give) and [`uncovered`](super::uncovered); modelled are
 //! the worker (`holding.rs`, `worker.rs`), the queue's server (`queue.rs`, as its behaviour was measured), the store (a bit
 //! for each shard), the tracer (time passes) and the network (a constant delay). Every number is drawn by a hash of the
 //! seed and a counter: equal cases have equal outcomes.

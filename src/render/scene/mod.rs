@@ -12,8 +12,8 @@
 //! and a mesh through `ply_header`, `ply`, `transfer` to `mesh` (Polygons). `assemble` takes either: `place`, `check_geometry`,
 //! `near`, `surface`, with the coordinates of `geometry`. `look` checks many files by little more than their headers.
 //!
-//! Hostile bytes end in a [`SceneError`], never in a panic, and sizes are checked before anything
-//! of that size is allocated ([`limits`]). A sheet's bits are a function of the bytes and the
+//! Hostile bytes end in a [`SceneError`](crate::formats::SceneError), never in a panic, and sizes are checked before anything
+//! of that size is allocated ([`crate::formats::limits`]). A sheet's bits are a function of the bytes and the
 //! manifest line: one thread, a fixed order, and [`libm`] for powers and angles.
 
 mod assemble;
