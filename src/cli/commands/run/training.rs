@@ -8,7 +8,7 @@ use crate::cli::output::Output;
 use crate::run::Run;
 use crate::store::Store;
 use plan::{Stage, TrainSettings};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -27,12 +27,19 @@ pub(super) struct Lesson {
     pub(super) exit: Exit,
 }
 
-#[derive(Serialize)]
-#[serde(untagged)]
 enum Scores {
     New(Box<Evaluation>),
     /// `evaluation.json` and `evaluation.md` of an earlier call.
-    Kept(Value, #[serde(skip)] String),
+    Kept(Value, String),
+}
+
+impl Serialize for Scores {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::New(evaluation) => evaluation.serialize(serializer),
+            Self::Kept(json, _) => json.serialize(serializer),
+        }
+    }
 }
 
 impl fmt::Display for Lesson {
