@@ -50,6 +50,7 @@ mod sweep;
 mod watch;
 mod work;
 mod work_log;
+mod worker;
 mod writer;
 
 pub use attempts::{

@@ -6,18 +6,9 @@
 //! [`acknowledge`](Holding::acknowledge) once every shard of the range that it was taken with is finished or given.
 //! The rules are those of a worker's own `held.rs` and `open_span.rs`, without threads and files.
 
+pub(super) use crate::farm::queue::Waiting as Handed;
 use crate::farm::{HeldSpan, Span, what_to_give};
 use std::ops::Range;
-
-/// A span as it is published: with the number of hands it went through.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(super) struct Handed {
-    /// What is to be traced.
-    pub(super) span: Span,
-    /// How often it was handed on; 0 from a coordinator. Part of a message's name in the queue, so that what a worker
-    /// gives whole has another name than what it holds.
-    pub(super) handed_on: u32,
-}
 
 /// One message and what is left of its span.
 #[derive(Clone, Debug)]
