@@ -1,8 +1,8 @@
-//! One function a reader, called with any bytes: by the fuzz targets, and by `tests/corpus` with the seeds.
+//! One function a reader, called with any bytes: by the fuzz targets, and by `tests/formats/corpus` with the seeds.
 //!
 //! Each asserts what must hold for bytes that were accepted, and says whether they were; for all others it is
 //! enough to come back. A new reader
-//! gets a function and a row in [`READERS`] here, a target in `fuzz_targets/`, and seeds in `tests/corpus`.
+//! gets a function and a row in [`READERS`] here, a target in `fuzz_targets/`, and seeds in `tests/formats/corpus`.
 
 #![allow(dead_code, reason = "each fuzz target uses one of them")]
 

@@ -5,38 +5,36 @@
 //! `clean_reflection` (R). After Kim, Huo and Yoon, "Single Image Reflection Removal with
 //! Physically-Based Training Images", CVPR 2020.
 //!
-//! The modules stand in pipeline order:
+//! The stages are crates of their own, which know nothing of runs, queues and the command line:
 //!
 //! ```text
-//! manifest -> shard -> scene -> trace -> partial -> farm -> merge -> train -> evaluate -> report, and cli
-//! (what)      (who)    (files)  (rays)   (disk)     (when)  (tuples) (nets)   (scores)    (look)
+//! procedural -> plan ------> render --------------> compose ----> train
+//! (photographs) (recipe ->   (scene line ->          (pictures ->  (tuples ->
+//!                scene lines) four images, a tuple)   scores)       networks)
 //! ```
 //!
-//! [`trace`] and the optics are pure functions: no file, clock, environment or thread pool. Only
-//! [`cli`] prints, exits and reads the environment.
+//! This package runs them on one machine or on many. Its modules stand in pipeline order; a module imports only modules
+//! above it. Only [`cli`] prints, exits and reads the environment.
 
-pub mod atomic_file;
-pub mod bench;
-pub mod cases;
-pub mod cli;
-pub mod doctor;
-pub mod evaluate;
-pub mod export;
-pub mod farm;
-mod html;
-pub mod ids;
-pub mod inspect;
-pub mod manifest;
-pub mod merge;
-pub mod partial;
-mod plot;
-pub mod preview;
-pub mod report;
-pub mod sample;
-pub mod scene;
-pub mod serve;
-pub mod shard;
-pub mod store;
-pub mod trace;
 #[cfg(feature = "train")]
-pub mod train;
+pub use train;
+pub use {compose, plan, procedural, render};
+
+// Plan and run.
+pub mod farm;
+pub mod run;
+pub mod store;
+
+// Learn: other programs' data sets.
+pub mod export;
+
+// Look.
+pub mod bench;
+pub mod doctor;
+mod html;
+pub mod inspect;
+mod plot;
+pub mod report;
+pub mod serve;
+
+pub mod cli;

@@ -4,11 +4,11 @@
 //! estimate is of one core; cores that share their arithmetic units are slower when all are busy.
 
 use super::clock::thread_cpu_s;
-use crate::ids::SceneId;
-use crate::manifest::SceneLine;
-use crate::scene::{LoadError, SceneFiles, load};
-use crate::shard::samples_per_range;
-use crate::trace::{CELL_PX, Isa, Tile, trace_tile};
+use render::ids::SceneId;
+use render::line::SceneLine;
+use render::scene::{LoadError, SceneFiles, load};
+use render::shard::samples_per_range;
+use render::trace::{CELL_PX, Isa, Tile, trace_tile};
 
 /// Scenes that are tried out.
 const SCENES: usize = 3;
@@ -116,8 +116,8 @@ fn gcd(a: u64, b: u64) -> u64 {
 mod tests {
     use super::super::scenes::{pair, photograph};
     use super::*;
-    use crate::sample::listing;
-    use crate::scene::SideFiles;
+    use procedural::listing;
+    use render::scene::SideFiles;
 
     fn line(width: u32, height: u32) -> SceneLine {
         let mut line = pair([16, 12], 16).unwrap().line;

@@ -1,8 +1,8 @@
 //! Rays, hits and vertices as plain files, so that another ray tracer can be given exactly the same work.
 
 use super::error::BenchError;
-use crate::atomic_file;
-use crate::trace::{BundleProbe, View};
+use render::atomic_file;
+use render::trace::{BundleProbe, View};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

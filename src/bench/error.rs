@@ -1,9 +1,10 @@
 //! What can go wrong while something is measured.
 
-use crate::atomic_file::WriteError;
-use crate::merge::MergeError;
-use crate::sample::SampleError;
-use crate::scene::{AssembleError, LoadError, SceneError};
+use procedural::SampleError;
+use render::atomic_file::WriteError;
+use render::formats::SceneError;
+use render::merge::MergeError;
+use render::scene::{AssembleError, LoadError};
 use std::path::PathBuf;
 
 /// Why a benchmark could not be done.

@@ -1,14 +1,15 @@
 //! A run that was left in the middle, made quickly: for measuring how long it takes to go on.
 
 use super::error::BenchError;
-use crate::atomic_file::{create_dir, write_relaxed};
-use crate::farm::{Run, SceneJob};
-use crate::manifest::SceneLine;
-use crate::merge::{SrgbEncoder, combine, encode_tuple_file, tuple_files};
-use crate::partial;
-use crate::scene::{load, read_files};
-use crate::trace::Isa;
+use crate::run::Run;
 use rayon::prelude::*;
+use render::atomic_file::{create_dir, write_relaxed};
+use render::job::SceneJob;
+use render::line::SceneLine;
+use render::merge::{SrgbEncoder, combine, encode_tuple_file, tuple_files};
+use render::partial;
+use render::scene::{load, read_files};
+use render::trace::Isa;
 
 /// What of the run is there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -3,9 +3,9 @@
 use super::clock::{median_and_best, thread_cpu_s};
 use super::error::BenchError;
 use super::scenes::BenchScene;
-use crate::manifest::Apex;
-use crate::scene::Decoded;
-use crate::trace::{
+use render::line::Apex;
+use render::scene::Decoded;
+use render::trace::{
     BLOCK, BundleProbe, Grid, Isa, Order, Sampling, Scene, Tile, WalkCount, trace_tile,
 };
 use serde::Serialize;

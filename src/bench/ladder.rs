@@ -6,8 +6,8 @@ use super::fit::{Slope, log_log_slope};
 use super::reference::Reference;
 use super::render::{Work, render};
 use super::scenes::BenchScene;
-use crate::manifest::{LayerSet, SceneLine};
-use crate::trace::{LAYERS, Sampling};
+use render::line::{LayerSet, SceneLine};
+use render::trace::{LAYERS, Sampling};
 use serde::Serialize;
 
 /// A way to sample: what a number of the ladder means to it.

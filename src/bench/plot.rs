@@ -3,7 +3,7 @@
 use super::ladder::{LayerRow, VARIANTS};
 use crate::html::Html;
 use crate::plot::{Axis, LAYER_COLOURS, LAYER_SYMBOLS, Panel, Stroke};
-use crate::trace::LAYERS;
+use render::trace::LAYERS;
 use std::fmt::Write;
 
 /// Lines of the variants, in their order: solid, dashed, dotted.

@@ -3,12 +3,13 @@
 use super::error::BenchError;
 use super::render::{Work, render};
 use super::scenes::BenchScene;
-use crate::atomic_file;
-use crate::manifest::SceneLine;
-use crate::merge::encode_rgb_exr;
-use crate::scene::{NamedBytes, decode_linear_image};
-use crate::shard::scene_digest;
-use crate::trace::{LAYERS, Sampling, TRACER_VERSION};
+use render::atomic_file;
+use render::formats::NamedBytes;
+use render::line::SceneLine;
+use render::merge::encode_rgb_exr;
+use render::scene::decode_linear_image;
+use render::shard::scene_digest;
+use render::trace::{LAYERS, Sampling, TRACER_VERSION};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 

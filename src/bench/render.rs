@@ -3,12 +3,12 @@
 use super::clock::thread_cpu_s;
 use super::error::BenchError;
 use super::scenes::BenchScene;
-use crate::farm::SceneJob;
-use crate::manifest::SceneLine;
-use crate::merge::{Tuple, combine};
-use crate::partial::Partial;
-use crate::shard::ShardLayout;
-use crate::trace::{Isa, Sampling};
+use render::job::SceneJob;
+use render::line::SceneLine;
+use render::merge::{Tuple, combine};
+use render::partial::Partial;
+use render::shard::ShardLayout;
+use render::trace::{Isa, Sampling};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 

@@ -1,13 +1,13 @@
 //! What is measured: scenes built in, so that a benchmark runs anywhere, and scenes from files.
 
 use super::error::BenchError;
-use crate::manifest::{SceneLine, parse_scene};
-use crate::sample::{self, Place, SamplePhotograph};
-use crate::scene::{
-    DecodedScene, InputDigests, LoadedScene, NamedBytes, PhotographFiles, SceneFiles, Sheet,
-    SideFiles, assemble, decode,
+use procedural::{Place, SamplePhotograph};
+use render::formats::{NamedBytes, PhotographFiles};
+use render::line::{SceneLine, parse_scene};
+use render::scene::{
+    DecodedScene, InputDigests, LoadedScene, SceneFiles, Sheet, SideFiles, assemble, decode,
 };
-use crate::trace::Sampling;
+use render::trace::Sampling;
 use serde_json::json;
 
 /// Seed of the built-in photographs.
@@ -71,7 +71,7 @@ pub fn stress(film_px: u32) -> BenchScene {
     // Its field of view is a little wider than the film's.
     let intrinsics = json!({"fx": 1365.0, "fy": 1365.0, "cx": 512.0, "cy": 384.0});
     let mut line = line("stress", film_px, [&intrinsics; 2], [false; 2]);
-    line.camera.focus = crate::manifest::Focus::Distance { distance_m: 0.8 };
+    line.camera.focus = render::line::Focus::Distance { distance_m: 0.8 };
     let sheet_intrinsics = serde_json::from_value(intrinsics).expect("intrinsics are numbers");
     let hash = |mut x: u32| {
         x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
@@ -122,15 +122,15 @@ fn procedural(
     size: [u32; 2],
     film_px: u32,
 ) -> Result<BenchScene, BenchError> {
-    let listing = sample::listing(8, PHOTOGRAPHS_SEED);
+    let listing = procedural::listing(8, PHOTOGRAPHS_SEED);
     let of = |place: Place, skip: usize| {
         let found = listing.iter().filter(|p| p.place == place).nth(skip);
         found.expect("eight photographs have four of each place")
     };
     let front = of(places[0], 0);
     let back = of(places[1], usize::from(places[0] == places[1]));
-    let intrinsics =
-        serde_json::to_value(sample::intrinsics(size[0], size[1])).expect("intrinsics are numbers");
+    let intrinsics = serde_json::to_value(procedural::intrinsics(size[0], size[1]))
+        .expect("intrinsics are numbers");
     let is_far = places.map(|place| place == Place::Outdoor);
     let line = line(name, film_px, [&intrinsics; 2], is_far);
     let files = SceneFiles {
@@ -150,7 +150,7 @@ pub(super) fn photograph(
     which: &SamplePhotograph,
     size: [u32; 2],
 ) -> Result<PhotographFiles, BenchError> {
-    let files = sample::encode(which, size[0], size[1])?;
+    let files = procedural::encode(which, size[0], size[1])?;
     let named = |path, bytes| NamedBytes { path, bytes };
     Ok(PhotographFiles {
         color: named(which.color_path(), files.color),

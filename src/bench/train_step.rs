@@ -1,9 +1,9 @@
 //! Seconds of a training step, and of its parts.
 
-use crate::farm::process_cpu_s;
-use crate::train::{Batch, FeatureSource, Learner, Stage, Stream, TrainSettings, Vgg};
-use candle_core::{Device, Result, Tensor};
+use crate::run::process_cpu_s;
 use std::time::Instant;
+use train::candle_core::{Device, Result, Tensor};
+use train::{Batch, FeatureSource, Learner, Stage, Stream, TrainSettings, Vgg};
 
 /// One measured step.
 #[derive(Clone, Debug)]

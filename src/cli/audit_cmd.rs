@@ -8,14 +8,14 @@ use super::progress::Progress;
 use super::signals::Signals;
 use super::target;
 use super::work_cmd::{isa, threads};
-use crate::farm::{
+use crate::run::{
     AuditOptions, FileDifference, Receipt, Run, SceneAudit, Verdict, audit_scene, check_auditor,
     draw_scenes,
 };
-use crate::ids::SceneId;
-use crate::manifest::Roots;
 use crate::store::Store;
 use anyhow::anyhow;
+use render::ids::SceneId;
+use render::line::Roots;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write;

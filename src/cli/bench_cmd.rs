@@ -6,10 +6,10 @@ use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::{bench_error_cmd, bench_farm_cmd, bench_trace_cmd};
 use crate::bench::{BenchError, BenchScene};
-use crate::manifest::{Roots, parse_scene};
-use crate::scene::{decode, read_files};
-use crate::trace::Isa;
 use anyhow::Context;
+use render::line::{Roots, parse_scene};
+use render::scene::{decode, read_files};
+use render::trace::Isa;
 use std::path::Path;
 
 pub(super) fn run(args: &BenchArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {

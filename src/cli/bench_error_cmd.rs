@@ -8,14 +8,14 @@ use super::output::Output;
 use super::progress::Progress;
 use super::signals::Signals;
 use super::work_cmd::{isa, threads};
-use crate::atomic_file;
 use crate::bench::{
     BenchScene, Ladder, LayerRow, Reference, Slope, VARIANTS, Work, align, climb, csv, error_plot,
     own_reference, pair, read_reference, slopes,
 };
-use crate::manifest::Roots;
-use crate::trace::{LAYERS, TRACER_VERSION};
 use anyhow::anyhow;
+use render::atomic_file;
+use render::line::Roots;
+use render::trace::{LAYERS, TRACER_VERSION};
 use serde_json::{Value, json};
 use std::fmt::Write;
 

@@ -4,10 +4,10 @@ use super::bench_farm_process::{Process, Server};
 use super::bench_farm_recipe::Recipe;
 use super::exit_code::{Exit, Failure};
 use super::signals::Signals;
-use crate::farm::{PlanOptions, Run, plan};
-use crate::manifest::Roots;
+use crate::run::{PlanOptions, Run, plan_run};
 use crate::store::Inputs;
 use anyhow::{Context, anyhow};
+use render::line::Roots;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::SystemTime;
@@ -84,7 +84,7 @@ impl Place {
     /// Plans a run.
     pub(super) fn plan(&self, recipe: &Recipe) -> Result<PathBuf, Failure> {
         let path = self.folder.path().join(format!("{}.toml", recipe.name));
-        crate::atomic_file::write_relaxed(&path, recipe.text().as_bytes())?;
+        render::atomic_file::write_relaxed(&path, recipe.text().as_bytes())?;
         let run = self.folder.path().join(&recipe.name);
         let options = PlanOptions {
             roots: &Roots::default(),
@@ -94,7 +94,7 @@ impl Place {
             skip_invalid: false,
             threads: 2,
         };
-        plan(&path, &run, &options, &|_, _, _| {})?;
+        plan_run(&path, &run, &options, &|_, _, _| {})?;
         Ok(run)
     }
 
@@ -147,7 +147,7 @@ pub(super) fn tuples(run: &Path) -> Result<(SystemTime, String), Failure> {
     let mut digest = blake3::Hasher::new();
     for line in &open.lines {
         let folder = open.dir.tuple(&line.id);
-        for name in crate::merge::tuple_files(line) {
+        for name in render::merge::tuple_files(line) {
             let path = folder.join(name);
             let bytes = std::fs::read(&path);
             let bytes = bytes

@@ -11,10 +11,10 @@ use super::output::Output;
 use super::progress::Progress;
 use super::work_cmd::isa;
 use crate::bench::{HalfDone, align, half_done};
-use crate::farm::Run;
 use crate::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper};
-use crate::manifest::Roots;
+use crate::run::Run;
 use anyhow::anyhow;
+use render::line::Roots;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -129,7 +129,7 @@ fn measure(
         worker.kill();
         coordinator.terminate()?;
         // It was killed; the next one is not to be afraid of what it had.
-        let _ = std::fs::remove_dir_all(folder.join(crate::farm::keys::ATTEMPTS));
+        let _ = std::fs::remove_dir_all(folder.join(crate::run::keys::ATTEMPTS));
         queue.remove()?;
     }
     Ok(rows)

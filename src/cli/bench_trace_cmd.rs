@@ -11,8 +11,8 @@ use crate::bench::{
     BenchScene, BuildRow, KernelRow, RayDump, TracerRow, align, grid_builds, indoor, kernels,
     outdoor, stress, tracer,
 };
-use crate::manifest::Roots;
-use crate::trace::{Isa, TRACER_VERSION};
+use render::line::Roots;
+use render::trace::{Isa, TRACER_VERSION};
 use serde_json::json;
 use std::fmt::Write;
 

@@ -8,10 +8,10 @@ use super::output::Output;
 use super::progress::Progress;
 use super::train_args::use_threads;
 use crate::bench::{TrainBench, TrainStep, align};
-use crate::train::{FeatureSource, TrainSettings};
-use candle_core::Device;
 use serde_json::json;
 use std::collections::BTreeMap;
+use train::candle_core::Device;
+use train::{FeatureSource, TrainSettings};
 
 const SCHEMA: &str = "glasshouse.bench_train/1";
 
@@ -30,7 +30,7 @@ pub(super) fn run(
         batch: args.batch,
         ..TrainSettings::default()
     };
-    let usage = |e: crate::train::SettingError| Failure::new(Exit::Usage, e);
+    let usage = |e: train::SettingError| Failure::new(Exit::Usage, e);
     settings.validate().map_err(usage)?;
     if global.dry_run {
         let text = format!("would take {} steps and one before them", args.steps);
@@ -42,7 +42,7 @@ pub(super) fn run(
         return Ok(Exit::Done);
     }
     let threads = use_threads(global);
-    let failed = |e: candle_core::Error| Failure::new(Exit::Failed, e);
+    let failed = |e: train::candle_core::Error| Failure::new(Exit::Failed, e);
     let progress = Progress::new(global, "steps", u64::from(args.steps) + 1);
     let mut bench = TrainBench::new(&settings, args.size as usize, &Device::Cpu).map_err(failed)?;
     let mut steps = Vec::new();

@@ -5,8 +5,8 @@ use super::exit_code::{Exit, Failure};
 use super::farm_args::{HoldArgs, ResumeArgs};
 use super::output::Output;
 use super::target;
-use crate::farm::{ControlState, set_control};
-use crate::manifest::Roots;
+use crate::run::{ControlState, set_control};
+use render::line::Roots;
 use serde_json::json;
 use std::path::Path;
 

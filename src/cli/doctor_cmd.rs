@@ -12,10 +12,10 @@ use crate::doctor::{
     Finding, Level, check_clock, check_cpu, check_disk, check_golden, check_memory,
     check_open_files, check_store,
 };
-use crate::farm::{Run, RunError, keys};
-use crate::manifest::Roots;
-use crate::shard::{Golden, Spec};
+use crate::run::{Run, RunError, keys};
 use crate::store::{Store, StoreOptions};
+use render::line::Roots;
+use render::shard::{Golden, Spec};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Duration;

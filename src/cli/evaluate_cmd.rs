@@ -12,14 +12,15 @@ use super::split_name::SplitName;
 use super::target;
 use super::train_args::{EvaluateArgs, use_threads};
 use super::train_cmd::stage_folder;
-use crate::atomic_file;
-use crate::evaluate::{find_pairs, per_image_csv};
-use crate::farm::keys;
-use crate::manifest::{PixelSource, Roots, Stage};
-use crate::train::{TupleSource, rgb_grid, steps};
+use crate::run::keys;
 use anyhow::anyhow;
+use compose::{find_pairs, per_image_csv};
+use plan::{PixelSource, Stage};
+use render::atomic_file;
+use render::line::Roots;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
+use train::{TupleSource, rgb_grid, steps};
 
 const SCHEMA: &str = "glasshouse.evaluate/1";
 
@@ -172,7 +173,7 @@ fn subject(
         let (run, store) = target::open(place, store, &Roots::default())?;
         let lines = run.lines.iter().filter(|line| split.has(line.split));
         let source = TupleSource {
-            store,
+            files: Box::new(store),
             lines: lines.cloned().collect(),
             pixels: PixelSource::Png,
         };

@@ -2,12 +2,12 @@
 
 use super::exit_code::{Exit, Failure};
 use super::progress::Progress;
-use crate::evaluate::{Pair, Row, Scores, apply_gain, best_gain, read_picture, score, shift_px};
-use crate::train::{Base, ExampleError, LEAST_PX, Separator, TupleSource, bytes_of_planes, shrunk};
 use anyhow::anyhow;
+use compose::{Pair, Row, Scores, apply_gain, best_gain, read_picture, score, shift_px};
 use image::RgbImage;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
+use train::{Base, ExampleError, LEAST_PX, Separator, TupleSource, bytes_of_planes, shrunk};
 
 /// Pictures in memory at once, with what the methods made of them.
 const AT_ONCE: usize = 8;

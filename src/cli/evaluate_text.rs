@@ -2,7 +2,7 @@
 
 use super::evaluate_rows::{Gain, LeftOut};
 use super::network::Network;
-use crate::evaluate::{Protocol, Row, Scores, means_table};
+use compose::{Protocol, Row, Scores, means_table};
 use serde_json::{Value, json};
 use std::fmt::Write;
 

@@ -94,9 +94,9 @@ impl Failure {
     }
 }
 
-impl From<crate::farm::RunError> for Failure {
-    fn from(error: crate::farm::RunError) -> Self {
-        use crate::farm::RunError as E;
+impl From<crate::run::RunError> for Failure {
+    fn from(error: crate::run::RunError) -> Self {
+        use crate::run::RunError as E;
         let exit = match error {
             E::Missing { .. } | E::Manifest { .. } | E::Root(_) => Exit::InvalidInput,
             E::Spec { .. } | E::Disagrees { .. } => Exit::Disagrees,
@@ -111,54 +111,44 @@ impl From<crate::farm::FarmError> for Failure {
     fn from(error: crate::farm::FarmError) -> Self {
         use crate::farm::FarmError as E;
         match error {
+            E::Access(error) => error.into(),
+            E::Queue(_) | E::Isolated(_) => Self::new(Exit::Failed, error),
+        }
+    }
+}
+
+impl From<crate::run::AccessError> for Failure {
+    fn from(error: crate::run::AccessError) -> Self {
+        use crate::run::AccessError as E;
+        match error {
             E::Run(error) => error.into(),
             E::Golden { .. } => Self::new(Exit::Disagrees, error),
             E::Store(error) => error.into(),
-            E::Write(_) | E::Queue(_) | E::Tuple(_) | E::Isolated(_) => {
-                Self::new(Exit::Failed, error)
-            }
+            E::Write(_) | E::Tuple(_) => Self::new(Exit::Failed, error),
         }
     }
 }
 
-impl From<crate::farm::ControlError> for Failure {
-    fn from(error: crate::farm::ControlError) -> Self {
-        use crate::farm::ControlError as E;
-        match error {
-            E::Store(error) => error.into(),
-            E::Finished | E::Cancelled => Self::new(Exit::Failed, error),
-        }
+/// A [`StoreError`](crate::store::StoreError) that passed through a crate which does not know stores.
+fn from_boxed(error: Box<dyn std::error::Error + Send + Sync>) -> Failure {
+    match error.downcast::<crate::store::StoreError>() {
+        Ok(error) => (*error).into(),
+        Err(error) => Failure::new(Exit::Failed, anyhow::Error::from_boxed(error)),
     }
 }
 
-impl From<crate::farm::ExplainError> for Failure {
-    fn from(error: crate::farm::ExplainError) -> Self {
-        use crate::farm::ExplainError as E;
-        match error {
-            E::Farm(error) => error.into(),
-            E::Unknown(_) => Self::new(Exit::Usage, error),
-        }
+#[cfg(feature = "train")]
+impl From<train::TupleFilesError> for Failure {
+    fn from(error: train::TupleFilesError) -> Self {
+        from_boxed(error.0)
     }
 }
 
-impl From<crate::farm::RetryError> for Failure {
-    fn from(error: crate::farm::RetryError) -> Self {
-        use crate::farm::RetryError as E;
+impl From<plan::DraftError> for Failure {
+    fn from(error: plan::DraftError) -> Self {
+        use plan::DraftError as E;
         match error {
-            E::Store(error) => error.into(),
-            E::Refused(_) => Self::new(Exit::Usage, error),
-        }
-    }
-}
-
-impl From<crate::farm::PlanError> for Failure {
-    fn from(error: crate::farm::PlanError) -> Self {
-        use crate::farm::PlanError as E;
-        match error {
-            E::Run(error) => error.into(),
-            E::Store(error) => error.into(),
-            E::Mismatch(_) => Self::new(Exit::Disagrees, error),
-            E::Write(_) | E::Sample(_) => Self::new(Exit::Failed, error),
+            E::Store(error) => from_boxed(error.0),
             E::Invalid { ref invalid, .. } => {
                 let invalid = serde_json::json!(invalid);
                 let mut failure = Self::new(Exit::InvalidInput, error);
@@ -170,12 +160,54 @@ impl From<crate::farm::PlanError> for Failure {
     }
 }
 
+impl From<crate::run::ControlError> for Failure {
+    fn from(error: crate::run::ControlError) -> Self {
+        use crate::run::ControlError as E;
+        match error {
+            E::Store(error) => error.into(),
+            E::Finished | E::Cancelled => Self::new(Exit::Failed, error),
+        }
+    }
+}
+
+impl From<crate::run::ExplainError> for Failure {
+    fn from(error: crate::run::ExplainError) -> Self {
+        use crate::run::ExplainError as E;
+        match error {
+            E::Access(error) => error.into(),
+            E::Unknown(_) => Self::new(Exit::Usage, error),
+        }
+    }
+}
+
+impl From<crate::run::RetryError> for Failure {
+    fn from(error: crate::run::RetryError) -> Self {
+        use crate::run::RetryError as E;
+        match error {
+            E::Store(error) => error.into(),
+            E::Refused(_) => Self::new(Exit::Usage, error),
+        }
+    }
+}
+
+impl From<crate::run::PlanError> for Failure {
+    fn from(error: crate::run::PlanError) -> Self {
+        use crate::run::PlanError as E;
+        match error {
+            E::Draft(error) => error.into(),
+            E::Run(error) => error.into(),
+            E::Mismatch(_) => Self::new(Exit::Disagrees, error),
+            E::Write(_) | E::Sample(_) => Self::new(Exit::Failed, error),
+        }
+    }
+}
+
 impl From<crate::export::ExportError> for Failure {
     fn from(error: crate::export::ExportError) -> Self {
         use crate::export::ExportError as E;
         let exit = match error {
             E::Store(error) => return error.into(),
-            E::Farm(error) => return error.into(),
+            E::Run(error) => return error.into(),
             E::Request(_) => Exit::Usage,
             E::Unfinished { .. } | E::Busy { .. } => Exit::TryAgain,
             E::Nothing(_) => Exit::InvalidInput,
@@ -186,8 +218,8 @@ impl From<crate::export::ExportError> for Failure {
     }
 }
 
-impl From<crate::atomic_file::WriteError> for Failure {
-    fn from(error: crate::atomic_file::WriteError) -> Self {
+impl From<render::atomic_file::WriteError> for Failure {
+    fn from(error: render::atomic_file::WriteError) -> Self {
         Self::new(Exit::Failed, error)
     }
 }
@@ -218,8 +250,8 @@ impl From<crate::farm::queue::QueueError> for Failure {
     }
 }
 
-impl From<crate::manifest::RootError> for Failure {
-    fn from(error: crate::manifest::RootError) -> Self {
+impl From<render::line::RootError> for Failure {
+    fn from(error: render::line::RootError) -> Self {
         Self::new(Exit::Usage, error)
     }
 }

@@ -6,9 +6,9 @@ use super::farm_args::ExplainArgs;
 use super::output::Output;
 use super::status_text::attempt;
 use super::target;
-use crate::farm::{Explanation, SceneState, explain};
-use crate::manifest::Roots;
+use crate::run::{Explanation, SceneState, explain};
 use crate::serve::text::grouped;
+use render::line::Roots;
 use serde_json::json;
 use std::fmt::Write;
 

@@ -12,8 +12,8 @@ use crate::doctor::{available_bytes, bytes_text};
 use crate::export::{
     ExportOptions, ExportPlan, ExportWork, Exported, FolderState, export, foretell_bytes, look,
 };
-use crate::manifest::{Roots, Split, is_url};
 use anyhow::anyhow;
+use render::line::{Roots, Split, is_url};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::time::Instant;

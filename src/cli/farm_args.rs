@@ -1,8 +1,8 @@
 //! What can be typed after the commands that look at a run, or tell it something, wherever it is made.
 
 use super::args::{FARM, RootArgs, parse_duration};
-use crate::ids::SceneId;
 use clap::Args as ClapArgs;
+use render::ids::SceneId;
 use std::path::PathBuf;
 use std::time::Duration;
 

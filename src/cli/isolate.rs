@@ -4,9 +4,11 @@
 //! with `hung` when it finds out that it makes no progress, and at last its outcome as JSON.
 
 use super::args::{CacheArgs, Only, QueueArgs};
-use crate::farm::{EndKind, Ending, Fault, Isolate, IsolatedEnd, Span};
-use crate::ids::SceneId;
+use crate::farm::{Fault, Isolate, IsolatedEnd};
+use crate::run::Span;
+use crate::run::{EndKind, Ending};
 use crossbeam::channel::{Receiver, RecvTimeoutError, unbounded};
+use render::ids::SceneId;
 use serde_json::Value;
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, Read};

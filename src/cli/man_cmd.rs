@@ -4,9 +4,9 @@ use super::args::{Args, Global};
 use super::exit_code::{Exit, Failure};
 use super::look_args::ManArgs;
 use super::output::Output;
-use crate::atomic_file;
 use clap::{Command, CommandFactory};
 use clap_mangen::Man;
+use render::atomic_file;
 use serde_json::json;
 
 pub(super) fn run(args: &ManArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {

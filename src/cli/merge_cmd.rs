@@ -6,9 +6,10 @@ use super::output::Output;
 use super::progress::Progress;
 use super::store_env::store_options;
 use super::target;
-use crate::farm::{Run, merge_run};
-use crate::manifest::Roots;
+use crate::farm::merge_run;
+use crate::run::Run;
 use crate::store::Store;
+use render::line::Roots;
 use serde_json::json;
 
 /// Scenes whose reasons are printed.

@@ -4,14 +4,12 @@ use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::train_cmd::stage_folder;
 use super::train_vgg::{Features, features};
-use crate::farm::keys;
-use crate::manifest::{FeatureSource, Stage};
-use crate::train::{
-    Best, Checkpoint, CheckpointState, Separator, SeparatorError, checkpoint_folder,
-};
+use crate::run::keys;
 use anyhow::anyhow;
-use candle_core::Device;
+use plan::{FeatureSource, Stage};
 use std::path::{Path, PathBuf};
+use train::candle_core::Device;
+use train::{Best, Checkpoint, CheckpointState, Separator, SeparatorError, checkpoint_folder};
 
 /// Networks, ready to work.
 pub(super) struct Network {
@@ -47,7 +45,7 @@ impl Network {
             ));
         }
         let Features { vgg, blake3 } =
-            features(settings, weights, &candle_core::Device::Cpu, output)?;
+            features(settings, weights, &train::candle_core::Device::Cpu, output)?;
         let separator = Separator::new(&checkpoint, vgg, blake3.as_deref()).map_err(|error| {
             let exit = match error {
                 SeparatorError::OtherFeatures { .. } => Exit::Disagrees,

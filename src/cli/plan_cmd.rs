@@ -7,8 +7,9 @@ use super::plan_cost::{Cost, bytes_text};
 use super::progress::Progress;
 use super::store_env;
 use super::work_cmd::threads;
-use crate::farm::{PlanOptions, Planned, plan};
-use crate::manifest::{Recipe, Roots};
+use crate::run::{PlanOptions, Planned, plan_run};
+use plan::Recipe;
+use render::line::Roots;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -44,7 +45,7 @@ pub(super) fn plan_with(
         global,
         bars: Mutex::default(),
     };
-    let planned = plan(
+    let planned = plan_run(
         &args.recipe,
         &run_folder(args),
         &options,
@@ -76,7 +77,7 @@ fn keep_training(args: &PlanArgs) -> Result<(), Failure> {
     let mut json =
         serde_json::to_string_pretty(&train).map_err(|e| Failure::new(Exit::Failed, e))?;
     json.push('\n');
-    crate::atomic_file::write(&run_folder(args).join(TRAIN_RECIPE), json.as_bytes())?;
+    render::atomic_file::write(&run_folder(args).join(TRAIN_RECIPE), json.as_bytes())?;
     Ok(())
 }
 

@@ -7,10 +7,10 @@ use super::work_cmd::{isa, threads};
 use crate::bench::{Calibration, calibrate};
 use crate::doctor::available_bytes;
 pub(super) use crate::doctor::bytes_text;
-use crate::farm::Planned;
-use crate::manifest::{ExrPrecision, Roots, SceneLine, is_url};
-use crate::scene::read_files_by;
-use crate::shard::{SECONDS_PER_SAMPLE, ShardLayout};
+use crate::run::Planned;
+use render::line::{ExrPrecision, Roots, SceneLine, is_url};
+use render::scene::read_files_by;
+use render::shard::{SECONDS_PER_SAMPLE, ShardLayout};
 use serde_json::{Value, json};
 use std::path::Path;
 

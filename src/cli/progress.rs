@@ -2,7 +2,7 @@
 
 use super::args::{Global, ProgressHow};
 use super::output::Output;
-use crate::farm::{ControlState, Event};
+use crate::run::{ControlState, Event};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
 use std::sync::Mutex;

@@ -3,8 +3,8 @@
 use super::args::QueueArgs;
 use super::exit_code::{Exit, Failure};
 use super::farm_args::ServerArgs;
-use crate::farm::Run;
 use crate::farm::queue::{NatsCoordinator, NatsOptions, NatsWorker};
+use crate::run::Run;
 use crate::store::{Store, StoreOptions};
 use std::path::Path;
 use std::time::Duration;

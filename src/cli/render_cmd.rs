@@ -7,16 +7,17 @@ use super::progress::Progress;
 use super::signals::Signals;
 use super::store_env;
 use super::work_cmd::{isa, threads};
-use crate::atomic_file;
-use crate::farm::{Run, SceneJob, render_partials};
-use crate::manifest::{Roots, SceneLine, parse_scene};
-use crate::merge::{
+use crate::run::Run;
+use anyhow::{Context, anyhow};
+use render::atomic_file;
+use render::job::{SceneJob, render_partials};
+use render::line::{Roots, SceneLine, parse_scene};
+use render::merge::{
     SrgbEncoder, TUPLE_SCHEMA, Tuple, TupleRecord, combine, encode_png, encode_rgb_exr,
 };
-use crate::scene::{load, read_files_by};
-use crate::shard::ShardLayout;
-use crate::trace::{LAYERS, TRACER_VERSION};
-use anyhow::{Context, anyhow};
+use render::scene::{load, read_files_by};
+use render::shard::ShardLayout;
+use render::trace::{LAYERS, TRACER_VERSION};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;

@@ -4,8 +4,8 @@ use super::args::{Global, ReportArgs};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::target;
-use crate::manifest::Roots;
 use crate::report::{Report, write_report};
+use render::line::Roots;
 use serde_json::{Value, json};
 
 /// Damaged tuples that are named; the page and --json have all.

@@ -5,9 +5,9 @@ use super::exit_code::{Exit, Failure};
 use super::farm_args::RetryArgs;
 use super::output::Output;
 use super::target;
-use crate::farm::{RetryScenes, retry};
-use crate::ids::SceneId;
-use crate::manifest::Roots;
+use crate::run::{RetryScenes, retry};
+use render::ids::SceneId;
+use render::line::Roots;
 use serde_json::json;
 
 /// Scenes whose names are printed.

@@ -7,11 +7,12 @@ use super::plan_cmd::{self, plan_with, run_folder};
 use super::report_cmd;
 use super::store_env;
 use super::work_cmd::{How, outcome_json, summary, work_on};
-use crate::cases::{CaseFile, check, is_case_file, table};
-use crate::farm::Run;
-use crate::manifest::Roots;
 use crate::report::write_report;
+use crate::run::Run;
+use crate::run::{check, table};
 use crate::store::Store;
+use plan::cases::{CaseFile, is_case_file};
+use render::line::Roots;
 use serde_json::json;
 use std::path::Path;
 

@@ -6,7 +6,7 @@ use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::train_args::{EvaluateArgs, StageName, TrainArgs};
 use super::train_cmd::{train, train_recipe};
-use crate::farm::Run;
+use crate::run::Run;
 use crate::store::Store;
 use serde_json::{Value, json};
 use std::path::Path;

@@ -5,7 +5,8 @@ use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
 use super::work_cmd::threads;
-use crate::sample::{self, SampleError, SamplePhotograph};
+use plan::{DepthRanges, Place};
+use procedural::{SampleError, SamplePhotograph};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde_json::json;
 use std::fmt::Write;
@@ -29,10 +30,10 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
     let size = |width, height| [args.width.unwrap_or(width), args.height.unwrap_or(height)];
     let plan = match args.layout {
         SampleLayout::Diode => {
-            let photographs = sample::listing(count, seed);
+            let photographs = procedural::listing(count, seed);
             let [width, height] = size(1024, 768);
             make(&photographs, global, |p| {
-                sample::write(dir, p, width, height)
+                procedural::write(dir, p, width, height)
             })?;
             Plan {
                 size: [width, height],
@@ -46,12 +47,15 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
             }
         }
         SampleLayout::Places => {
-            let photographs = sample::places_listing(count, seed);
+            let table = DepthRanges::shipped();
+            let [indoors, outdoors] =
+                [Place::Indoors, Place::Outdoor].map(|p| table.categories_of(p));
+            let photographs = procedural::places_listing(count, seed, &indoors, &outdoors);
             let [width, height] = size(256, 256);
             make(&photographs, global, |p| {
-                sample::write_places(dir, p, width, height)
+                procedural::write_places(dir, p, width, height)
             })?;
-            let below = Path::new(sample::PLACES_COLOR);
+            let below = Path::new(procedural::PLACES_COLOR);
             Plan {
                 size: [width, height],
                 color: photographs
@@ -60,8 +64,8 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
                     .collect(),
                 with: "relative inverse depth",
                 roots: vec![
-                    ("places", dir.join(sample::PLACES_COLOR)),
-                    ("places-depth", dir.join(sample::PLACES_DEPTH)),
+                    ("places", dir.join(procedural::PLACES_COLOR)),
+                    ("places-depth", dir.join(procedural::PLACES_DEPTH)),
                 ],
                 recipe: "manifests/paper.toml --root diode=DIODE",
             }

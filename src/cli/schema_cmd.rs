@@ -2,7 +2,7 @@
 
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
-use crate::manifest::recipe_schema;
+use plan::recipe_schema;
 use serde_json::json;
 
 pub(super) fn run(output: &Output) -> Result<Exit, Failure> {

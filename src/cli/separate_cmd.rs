@@ -7,17 +7,17 @@ use super::output::Output;
 use super::progress::Progress;
 use super::signals::Signals;
 use super::train_args::{SeparateArgs, use_threads};
-use crate::atomic_file;
-use crate::evaluate::read_picture;
-use crate::train::LEAST_PX;
 use anyhow::anyhow;
+use compose::read_picture;
 use image::{ImageFormat, RgbImage};
+use render::atomic_file;
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Instant;
+use train::LEAST_PX;
 
 const SCHEMA: &str = "glasshouse.separate/1";
 

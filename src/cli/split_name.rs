@@ -1,7 +1,7 @@
 //! `--split`, of commands that take some of a run's scenes.
 
-use crate::manifest::Split;
 use clap::ValueEnum;
+use render::line::Split;
 
 /// `--split`
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

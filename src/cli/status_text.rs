@@ -1,7 +1,7 @@
 //! A run's state for people.
 
 use crate::farm::queue::QueueState;
-use crate::farm::{EndKind, Overview, StandingAttempt};
+use crate::run::{EndKind, Overview, StandingAttempt};
 use crate::serve::FarmState;
 use crate::serve::text::{duration, grouped, percent, rate};
 use std::fmt::Write;

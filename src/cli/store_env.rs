@@ -1,7 +1,7 @@
 //! What the environment and the command line say about object stores.
 
 use super::args::CacheArgs;
-use crate::farm::Run;
+use crate::run::Run;
 use crate::store::{Cache, Inputs, StoreOptions};
 
 /// How the names of settings begin that belong to object stores.

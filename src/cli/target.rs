@@ -2,9 +2,9 @@
 
 use super::exit_code::{Exit, Failure};
 use super::store_env::{inputs, store_options};
-use crate::farm::{Run, keys};
-use crate::manifest::Roots;
+use crate::run::{Run, keys};
 use crate::store::Store;
+use render::line::Roots;
 use std::path::Path;
 
 /// Opens a run and its store: the folder itself, or `address`.
@@ -36,7 +36,7 @@ pub(super) fn fetch(folder: &Path, store: &Store) -> Result<(), Failure> {
     if folder.join(keys::SPEC).exists() {
         return Ok(());
     }
-    crate::atomic_file::create_dir(folder)?;
+    render::atomic_file::create_dir(folder)?;
     for key in [keys::MANIFEST, keys::SPEC] {
         let bytes = store.get(key)?.ok_or_else(|| {
             let error = anyhow::anyhow!(
@@ -45,7 +45,7 @@ pub(super) fn fetch(folder: &Path, store: &Store) -> Result<(), Failure> {
             );
             Failure::new(Exit::TryAgain, error)
         })?;
-        crate::atomic_file::write(&folder.join(key), &bytes)?;
+        render::atomic_file::write(&folder.join(key), &bytes)?;
     }
     Ok(())
 }

@@ -6,11 +6,11 @@ use super::exit_code::Exit;
 use super::exit_code::Failure;
 use super::split_name::SplitName;
 use super::work_cmd::threads;
-use crate::evaluate::Protocol;
-use crate::manifest::{ExampleKind, FeatureSource, PixelSource, Stage, TrainSettings};
-use candle_core::Device;
 use clap::{Args as ClapArgs, ValueEnum};
+use compose::Protocol;
+use plan::{ExampleKind, FeatureSource, PixelSource, Stage, TrainSettings};
 use std::path::{Path, PathBuf};
+use train::candle_core::Device;
 
 /// Checkpoints that are kept.
 const KEEP: usize = 3;

@@ -9,23 +9,24 @@ use super::signals::Signals;
 use super::target;
 use super::train_args::{TrainArgs, use_threads};
 use super::train_vgg::{Features, features};
-use crate::evaluate::find_pairs;
-use crate::farm::{Run, keys};
-use crate::manifest::{ExampleKind, Roots, SceneLine, Split, Stage, TrainRecipe, TrainSettings};
-use crate::shard::scene_digest;
+use crate::run::{Run, keys};
 use crate::store::Store;
-use crate::train::{
-    Base, Checkpoint, Example, ExampleSampler, Learner, Loader, Origin, PairSource,
-    PhotographSource, SceneSource, Schedule, Session, StepLosses, TrainError, Trained, TupleSource,
-    Watcher, clear, code_path,
-};
 use anyhow::anyhow;
+use compose::find_pairs;
 use crossbeam::channel::bounded;
+use plan::{ExampleKind, Stage, TrainRecipe, TrainSettings};
+use render::line::{Roots, SceneLine, Split};
+use render::shard::scene_digest;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+use train::{
+    Base, Checkpoint, Example, ExampleSampler, Learner, Loader, Origin, PairSource,
+    PhotographSource, SceneSource, Schedule, Session, StepLosses, TrainError, Trained, TupleSource,
+    Watcher, clear, code_path,
+};
 
 const SCHEMA: &str = "glasshouse.train/1";
 
@@ -179,7 +180,7 @@ pub(super) fn train(
     if settings.examples == ExampleKind::Rendered {
         note_missing(&lines, store, &settings, output)?;
     }
-    let failed = |e: candle_core::Error| Failure::new(Exit::Failed, e);
+    let failed = |e: train::candle_core::Error| Failure::new(Exit::Failed, e);
     let mut learner = Learner::new(stage, &settings, vgg, &device).map_err(failed)?;
     if let Some(before) = &before {
         learner
@@ -221,7 +222,7 @@ pub(super) fn train(
     let (stop_sender, stopped) = bounded(0);
     let scenes = match settings.examples {
         ExampleKind::Rendered => SceneSource::Tuples(TupleSource {
-            store: store.clone(),
+            files: Box::new(store.clone()),
             lines,
             pixels: settings.pixels,
         }),
@@ -229,7 +230,7 @@ pub(super) fn train(
             lines,
             roots: run.roots.clone(),
             base: run.dir.root().to_owned(),
-            inputs: super::store_env::inputs(),
+            inputs: Box::new(super::store_env::inputs()),
         }),
     };
     let memory = (args.memory_gb.max(0.0) * 1e9) as usize;
@@ -396,7 +397,7 @@ fn validation(
     settings: &TrainSettings,
 ) -> Result<Vec<Example>, Failure> {
     let source = TupleSource {
-        store: store.clone(),
+        files: Box::new(store.clone()),
         lines,
         pixels: settings.pixels,
     };
@@ -416,7 +417,7 @@ fn validation(
 
 /// One trainer a stage.
 fn lock(folder: &Path) -> Result<File, Failure> {
-    crate::atomic_file::create_dir(folder)?;
+    render::atomic_file::create_dir(folder)?;
     let path = folder.join("train.lock");
     let failed = |e: std::io::Error| {
         Failure::new(Exit::Failed, anyhow!("cannot lock {}: {e}", path.display()))
@@ -440,7 +441,7 @@ fn lock(folder: &Path) -> Result<File, Failure> {
 }
 
 pub(super) fn train_failure(error: TrainError) -> Failure {
-    use crate::train::ExampleError as E;
+    use train::ExampleError as E;
     let exit = match &error {
         TrainError::Example(E::Unusable { .. } | E::None(_)) => Exit::InvalidInput,
         _ => Exit::Failed,

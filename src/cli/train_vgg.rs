@@ -2,12 +2,12 @@
 
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
-use crate::manifest::{FeatureSource, TrainSettings};
-use crate::train::Vgg;
 use anyhow::{Context, anyhow};
-use candle_core::{Device, Tensor};
+use plan::{FeatureSource, TrainSettings};
 use std::collections::HashMap;
 use std::path::Path;
+use train::Vgg;
+use train::candle_core::{Device, Tensor};
 
 /// The feature network, and the digest of its file.
 pub(super) struct Features {
@@ -61,13 +61,16 @@ pub(super) fn features(
     }
 }
 
-fn weights(path: &Path, bytes: &[u8]) -> Result<HashMap<String, Tensor>, candle_core::Error> {
+fn weights(
+    path: &Path,
+    bytes: &[u8],
+) -> Result<HashMap<String, Tensor>, train::candle_core::Error> {
     if path
         .extension()
         .is_some_and(|ending| ending == "safetensors")
     {
-        return candle_core::safetensors::load_buffer(bytes, &Device::Cpu);
+        return train::candle_core::safetensors::load_buffer(bytes, &Device::Cpu);
     }
-    let tensors = candle_core::pickle::read_all(path)?;
+    let tensors = train::candle_core::pickle::read_all(path)?;
     Ok(tensors.into_iter().collect())
 }

@@ -9,13 +9,12 @@ use super::queue_cmd;
 use super::signals::Signals;
 use super::store_env;
 use crate::farm::queue::{LocalQueue, Queue, Waiting};
-use crate::farm::{
-    Event, Fault, Observer, Outcome, Run, SharedQueue, Span, Stop, WorkOptions, WorkerName,
-    run_status, work, work_shared, work_span,
-};
-use crate::manifest::Roots;
+use crate::farm::{Fault, Outcome, SharedQueue, WorkOptions, work, work_shared, work_span};
+use crate::run::{Event, Observer, Run, WorkerName, run_status};
+use crate::run::{Span, Stop};
 use crate::store::Store;
-use crate::trace::Isa;
+use render::line::Roots;
+use render::trace::Isa;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::Path;

@@ -1,9 +1,9 @@
 //! The disk of a run: space, speed, and what renames, links and locks promise there.
 //!
-//! The probes write by themselves and not through [`crate::atomic_file`]: they measure what that relies on.
+//! The probes write by themselves and not through [`render::atomic_file`]: they measure what that relies on.
 
 use super::finding::{Finding, Level, bytes_text, seconds_text};
-use crate::atomic_file;
+use render::atomic_file;
 use std::fs::{self, File, TryLockError};
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;

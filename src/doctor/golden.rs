@@ -1,8 +1,8 @@
 //! Whether this machine computes the bits that all machines must.
 
 use super::finding::{Finding, seconds_text};
-use crate::shard::{Golden, golden, pinned};
-use crate::trace::{Isa, TRACER_VERSION};
+use render::shard::{Golden, golden, pinned};
+use render::trace::{Isa, TRACER_VERSION};
 use std::time::Instant;
 
 /// Traces the golden shard and compares its digest with the one that this version is known to make, and with a run's.

@@ -1,7 +1,7 @@
 //! Cores, instruction sets, open files.
 
 use super::finding::{Finding, Level};
-use crate::trace::Isa;
+use render::trace::Isa;
 use rustix::process::{Resource, getrlimit};
 
 /// Files that a worker or a coordinator with a page may have open at a time, with room to spare.

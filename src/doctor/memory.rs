@@ -131,7 +131,7 @@ fn groups(root: &Path) -> Vec<(PathBuf, PathBuf)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::atomic_file::{create_dir, write};
+    use render::atomic_file::{create_dir, write};
 
     #[test]
     fn the_tightest_group_counts() {

@@ -4,8 +4,8 @@ use super::card_numbers::{PARAMETERS, SumAndMax};
 use super::finish::Summary;
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, PixelEncoding};
-use crate::farm::Run;
-use crate::trace::LAYERS;
+use crate::run::Run;
+use render::trace::LAYERS;
 use serde_json::json;
 use std::fmt::Write;
 

@@ -1,7 +1,7 @@
 //! What the card says in numbers: ranges of parameters, stated errors. Added up part by part, in a fixed order.
 
-use crate::manifest::Side;
-use crate::merge::TupleRecord;
+use render::line::Side;
+use render::merge::TupleRecord;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

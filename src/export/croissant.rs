@@ -5,7 +5,7 @@
 use super::finish::Summary;
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, PixelEncoding};
-use crate::trace::LAYERS;
+use render::trace::LAYERS;
 use serde_json::{Value, json};
 
 /// The method's.

@@ -1,8 +1,8 @@
 //! Why an export ends early.
 
-use crate::atomic_file::WriteError;
-use crate::farm::FarmError;
+use crate::run::AccessError;
 use crate::store::StoreError;
+use render::atomic_file::WriteError;
 use std::io;
 use std::path::PathBuf;
 
@@ -17,7 +17,7 @@ pub enum ExportError {
     Store(#[from] StoreError),
     /// The run's state cannot be read.
     #[error(transparent)]
-    Farm(#[from] FarmError),
+    Run(#[from] AccessError),
     /// A file of the export cannot be read back.
     #[error("cannot read {}: {source}; check the folder and its permissions", path.display())]
     Read {

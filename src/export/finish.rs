@@ -10,9 +10,9 @@ use super::metadata::METADATA_FILE;
 use super::part::PartRecord;
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, REQUEST_FILE};
-use crate::atomic_file::{self, PendingFile, WriteError};
-use crate::farm::Run;
-use crate::manifest::Split;
+use crate::run::Run;
+use render::atomic_file::{self, PendingFile, WriteError};
+use render::line::Split;
 use std::collections::BTreeMap;
 use std::io::Write;
 

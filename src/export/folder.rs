@@ -2,7 +2,7 @@
 
 use super::error::{ExportError, unreadable};
 use super::request::{ExportRequest, REQUEST_FILE};
-use crate::atomic_file::{self, is_temporary};
+use render::atomic_file::{self, is_temporary};
 use std::fs::{File, TryLockError};
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};

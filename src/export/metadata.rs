@@ -2,8 +2,8 @@
 
 use super::plan::ExportPlan;
 use super::sample::layer_file;
-use crate::merge::TupleRecord;
-use crate::trace::LAYERS;
+use render::merge::TupleRecord;
+use render::trace::LAYERS;
 use serde_json::{Map, Value, json};
 
 /// The file, in each split's folder.

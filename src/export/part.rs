@@ -9,8 +9,8 @@ use super::plan::ExportPlan;
 use super::request::ExportFormat;
 use super::sample::Sample;
 use super::shard::Shard;
-use crate::atomic_file;
-use crate::manifest::Split;
+use render::atomic_file;
+use render::line::Split;
 use serde::{Deserialize, Serialize};
 
 /// Tuples of a part whose files stand by themselves.

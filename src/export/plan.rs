@@ -2,10 +2,10 @@
 
 use super::error::ExportError;
 use super::request::{EXPORT_REQUEST_SCHEMA, ExportFormat, ExportRequest, PixelEncoding, check};
-use crate::farm::{Progress, Run};
-use crate::ids::SceneId;
-use crate::manifest::Split;
+use crate::run::{Progress, Run};
 use crate::store::Store;
+use render::ids::SceneId;
+use render::line::Split;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 

@@ -2,7 +2,7 @@
 
 use super::error::ExportError;
 use super::plan::LeftOut;
-use crate::manifest::Split;
+use render::line::Split;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 

@@ -3,15 +3,15 @@
 use super::error::ExportError;
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, PixelEncoding};
-use crate::farm::keys;
-use crate::manifest::{ExrPrecision, SceneLine, Split};
-use crate::merge::{
+use crate::run::keys;
+use crate::store::Store;
+use bytes::Bytes;
+use render::line::{ExrPrecision, SceneLine, Split};
+use render::merge::{
     TupleRecord, check_png, decode_tuple_exr, encode_parts_exr, encode_png16, is_record_of,
     tuple_files,
 };
-use crate::store::Store;
-use crate::trace::LAYERS;
-use bytes::Bytes;
+use render::trace::LAYERS;
 use std::collections::BTreeMap;
 
 /// A tuple, ready to be written.

@@ -2,8 +2,8 @@
 
 use super::digest::{Digesting, FileRecord};
 use super::error::ExportError;
-use crate::atomic_file::{PendingFile, WriteError};
 use bytes::Bytes;
+use render::atomic_file::{PendingFile, WriteError};
 use std::io;
 use std::path::{Path, PathBuf};
 use tar::{Builder, EntryType, Header};

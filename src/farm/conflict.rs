@@ -3,15 +3,15 @@
 
 use super::error::FarmError;
 use super::finished::Files;
-use super::keys;
-use super::made_by::who_else;
 use super::open_span::OpenSpan;
 use super::shared::Shared;
 use super::work::check_golden;
 use super::writer::write_tuple;
-use crate::partial;
+use crate::run::keys;
+use crate::run::made_by::who_else;
 use crate::store::StoreError;
 use bytes::Bytes;
+use render::partial;
 use std::path::PathBuf;
 
 impl<'a> Shared<'a> {

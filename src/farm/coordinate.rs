@@ -4,18 +4,19 @@
 //! the queue, then at the store, publish what is in neither. Any number may run at once, for publishing twice does
 //! nothing and merging twice makes the same bytes.
 
-use super::control::{Control, ControlState};
-use super::done::Progress;
 use super::error::FarmError;
-use super::events::Event;
-use super::keys;
 use super::queue::{QueueError, QueueKeeper, QueueState, Waiting};
-use super::run_dir::Run;
-use super::seen::{Watch, see_attempts, see_tuples};
 use super::share::share_run;
 use super::sweep::sweep_staged;
 use super::work::whole;
 use super::writer::remove_partials;
+use crate::run::AccessError;
+use crate::run::control::{Control, ControlState};
+use crate::run::done::Progress;
+use crate::run::events::Event;
+use crate::run::keys;
+use crate::run::run_dir::Run;
+use crate::run::seen::{Watch, see_attempts, see_tuples};
 use crate::store::Store;
 use std::collections::BTreeSet;
 use std::sync::Mutex;
@@ -114,7 +115,9 @@ pub fn coordinate(
         } else {
             progress.look_for_news(run, store)
         };
-        let updated = updated.and_then(|taken_back| Ok((taken_back, Control::get(store)?)));
+        let updated = updated
+            .and_then(|taken_back| Ok((taken_back, Control::get(store)?)))
+            .map_err(FarmError::from);
         let (taken_back, told_to) = match updated {
             Ok(found) => found,
             Err(error) => {
@@ -239,7 +242,7 @@ fn wait_for_store(
     complained: &mut Option<Instant>,
     on_event: &(dyn Fn(Event) + Sync),
 ) -> Result<(), FarmError> {
-    let FarmError::Store(error) = error else {
+    let FarmError::Access(AccessError::Store(error)) = error else {
         return Err(error);
     };
     if !error.is_passing() {

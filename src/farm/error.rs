@@ -1,42 +1,38 @@
 //! What breaks the farm itself, not a scene.
 
 use super::queue::QueueError;
-use super::run_dir::RunError;
-use crate::atomic_file::WriteError;
+use crate::run::{AccessError, RunError};
 use crate::store::StoreError;
+use render::atomic_file::WriteError;
 
 /// The farm itself broke (not a scene).
 #[derive(Debug, thiserror::Error)]
 pub enum FarmError {
-    /// A file of the run cannot be written.
+    /// The run's files cannot be used.
     #[error(transparent)]
-    Write(#[from] WriteError),
-    /// The run's store cannot be used, or holds other bits.
-    #[error(transparent)]
-    Store(#[from] StoreError),
+    Access(#[from] AccessError),
     /// The run's queue cannot be used.
     #[error(transparent)]
     Queue(#[from] QueueError),
-    /// The run is in use.
-    #[error(transparent)]
-    Run(#[from] RunError),
-    /// A tuple cannot be written.
-    #[error("{0}")]
-    Tuple(String),
     /// A process for a span that may be dangerous could not work.
     #[error("a child process could not work, which is no fault of its scene: {0}")]
     Isolated(String),
-    /// This machine computes other pixels.
-    #[error(
-        "this machine is refused: it computes other bits for the golden shard {scene} ({found}) than the run's spec holds \
-         ({expected}); do not use it for this run, and report its CPU and this program's version"
-    )]
-    Golden {
-        /// The golden scene.
-        scene: String,
-        /// Digest here.
-        found: String,
-        /// Digest in the spec.
-        expected: String,
-    },
+}
+
+impl From<WriteError> for FarmError {
+    fn from(error: WriteError) -> Self {
+        AccessError::from(error).into()
+    }
+}
+
+impl From<StoreError> for FarmError {
+    fn from(error: StoreError) -> Self {
+        AccessError::from(error).into()
+    }
+}
+
+impl From<RunError> for FarmError {
+    fn from(error: RunError) -> Self {
+        AccessError::from(error).into()
+    }
 }

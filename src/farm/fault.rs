@@ -1,9 +1,9 @@
 //! Misbehaviour on order, to rehearse and to test what a farm does when a worker misbehaves.
 
-use super::events::Event;
 use super::sim;
-use crate::ids::SceneId;
-use crate::trace::TileResult;
+use crate::run::events::Event;
+use render::ids::SceneId;
+use render::trace::TileResult;
 use std::str::FromStr;
 use std::time::Duration;
 

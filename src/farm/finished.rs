@@ -1,9 +1,10 @@
 //! A scene whose shards are all there: its files are encoded one by one, by whoever is free.
 
 use super::error::FarmError;
-use super::keys;
 use super::open_span::OpenSpan;
-use crate::merge::{SrgbEncoder, Tuple, encode_tuple_file, tuple_files};
+use crate::run::AccessError;
+use crate::run::keys;
+use render::merge::{SrgbEncoder, Tuple, encode_tuple_file, tuple_files};
 use std::sync::{Arc, Mutex};
 
 /// A tuple in memory and those of its files that are encoded.
@@ -61,7 +62,7 @@ impl<'a> FinishedScene<'a> {
         }
         let bytes = match self.names.get(file) {
             Some(name) => encode_tuple_file(&self.tuple, encoder, name)
-                .map_err(|e| FarmError::Tuple(e.to_string()))?,
+                .map_err(|e| AccessError::Tuple(e.to_string()))?,
             None => encode_noise(&self.tuple)?,
         };
         let mut encoded = self.encoded.lock().expect("no holder of this lock panics");
@@ -81,6 +82,6 @@ pub(super) fn encode_noise(tuple: &Tuple) -> Result<Vec<u8>, FarmError> {
     let encoded = tuple.noise.encode();
     encoded.map_err(|e| {
         let key = keys::noise(&tuple.record.scene.id);
-        FarmError::Tuple(format!("cannot encode {key}: {e}"))
+        FarmError::from(AccessError::Tuple(format!("cannot encode {key}: {e}")))
     })
 }

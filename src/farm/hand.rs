@@ -3,24 +3,25 @@
 //! and fill its own deque.
 
 use super::error::FarmError;
-use super::events::{Event, Stopwatch};
 use super::finished::FinishedScene;
 use super::intake::Loaded;
-use super::job::SceneJob;
-use super::keys;
 use super::open_span::OpenSpan;
 use super::queue::Waiting;
 use super::shared::{Shared, panic_reason};
-use super::span::Span;
 use super::writer::{Order, What};
-use crate::manifest::SceneLine;
-use crate::merge::combine;
-use crate::partial::{self, Partial};
-use crate::scene::{LoadError, load};
-use crate::shard::Shard;
-use crate::trace::TileResult;
+use crate::run::AccessError;
+use crate::run::Span;
+use crate::run::events::{Event, Stopwatch};
+use crate::run::keys;
 use crossbeam::channel::{Sender, TryRecvError};
 use crossbeam::deque::{Steal, Worker};
+use render::job::SceneJob;
+use render::line::SceneLine;
+use render::merge::combine;
+use render::partial::{self, Partial};
+use render::scene::{LoadError, load};
+use render::shard::Shard;
+use render::trace::TileResult;
 use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -299,7 +300,7 @@ impl<'a> Hand<'_, 'a> {
             let start = Stopwatch::start();
             let bytes = partial.seal().map_err(|e| {
                 let key = keys::partial(&span.job.line.id, shard);
-                FarmError::Tuple(format!("cannot encode {key}: {e}"))
+                AccessError::Tuple(format!("cannot encode {key}: {e}"))
             })?;
             self.farm.seconds.add_checkpoint(start.spent());
             self.order(span, What::Partial { shard, bytes });

@@ -1,10 +1,11 @@
 //! The spans that a worker holds: their leases, and what it gives away.
 
-use super::attempts::{AttemptRecord, WorkerName};
-use super::made_by::MadeBy;
 use super::open_span::OpenSpan;
 use super::queue::{Delivery, Queue, QueueError, Waiting};
-use super::span::{HeldSpan, Span, what_to_give};
+use super::span::{HeldSpan, what_to_give};
+use crate::run::Span;
+use crate::run::attempts::{AttemptRecord, WorkerName};
+use crate::run::made_by::MadeBy;
 use crate::store::Store;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};

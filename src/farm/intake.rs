@@ -1,14 +1,14 @@
 //! The thread that takes spans from the queue and reads their scenes' files ahead of the hands.
 
-use super::events::{Event, Stopwatch};
-use super::keys;
 use super::queue::{Delivery, Taken};
 use super::shared::Shared;
 use super::suspect::Examined;
-use crate::manifest::SceneLine;
-use crate::scene::{LoadError, SceneFiles, read_files_by};
+use crate::run::events::{Event, Stopwatch};
+use crate::run::keys;
 use crate::store::StoreError;
 use crossbeam::channel::Sender;
+use render::line::SceneLine;
+use render::scene::{LoadError, SceneFiles, read_files_by};
 use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};

@@ -1,21 +1,20 @@
 //! `merge RUN`: tuples from complete partials, without the scenes' input files.
 
-use super::done::is_done;
 use super::error::FarmError;
-use super::finished::encode_noise;
-use super::keys;
-use super::quarantine::QuarantineRecord;
-use super::run_dir::Run;
-use super::sweep::sweep;
-use super::writer::{self, remove_partials, write_noise};
-use crate::ids::SceneId;
-use crate::manifest::SceneLine;
-use crate::merge::{
-    MergeError, SrgbEncoder, Tuple, combine, encode_tuple_file, tuple_files, write_tuple,
-};
-use crate::partial;
+use crate::farm::finished::encode_noise;
+use crate::farm::sweep::sweep;
+use crate::farm::writer::{self, remove_partials, write_noise};
+use crate::run::AccessError;
+use crate::run::done::is_done;
+use crate::run::{QuarantineRecord, Run, keys};
 use crate::store::Store;
 use bytes::Bytes;
+use render::ids::SceneId;
+use render::line::SceneLine;
+use render::merge::{
+    MergeError, SrgbEncoder, Tuple, combine, encode_tuple_file, tuple_files, write_tuple,
+};
+use render::partial;
 use std::path::Path;
 
 /// What merging did.
@@ -89,7 +88,7 @@ pub fn merge_run(
                 } else {
                     // What stands there without being this scene's tuple is replaced.
                     write_tuple(&tuple, &run.dir.tuple(&line.id))
-                        .map_err(|e| FarmError::Tuple(e.to_string()))?;
+                        .map_err(|e| AccessError::Tuple(e.to_string()))?;
                     remove_partials(&store, line);
                 }
                 outcome.merged.push(line.id.clone());
@@ -110,7 +109,7 @@ fn encoded(tuple: &Tuple, line: &SceneLine) -> Result<Vec<(String, Bytes)>, Farm
     let encoder = SrgbEncoder::new();
     let encode = |name: String| {
         let bytes = encode_tuple_file(tuple, &encoder, &name)
-            .map_err(|e| FarmError::Tuple(e.to_string()))?;
+            .map_err(|e| AccessError::Tuple(e.to_string()))?;
         Ok((keys::tuple(&line.id, &name), bytes.into()))
     };
     tuple_files(line).into_iter().map(encode).collect()

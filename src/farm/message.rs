@@ -1,7 +1,7 @@
 //! Everything that goes over the wire between processes of a run, in one place: a version byte, then bincode.
 
 use super::queue::{Answer, Waiting};
-use super::span::Span;
+use crate::run::Span;
 use bincode::config::{Configuration, Fixint, LittleEndian};
 use bincode::{Decode, Encode};
 

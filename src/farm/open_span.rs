@@ -1,8 +1,8 @@
 //! A held span whose scene is loaded: which of its shards are left, and how it ends.
 
-use super::job::SceneJob;
 use super::queue::Delivery;
-use super::span::Span;
+use crate::run::Span;
+use render::job::SceneJob;
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};

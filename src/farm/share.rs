@@ -1,10 +1,10 @@
 //! What a coordinator puts into a store for workers that have nothing but the store.
 
 use super::error::FarmError;
-use super::keys;
-use super::run_dir::{Run, RunError};
-use crate::manifest::{Roots, is_url};
+use crate::run::keys;
+use crate::run::run_dir::{Run, RunError};
 use crate::store::{Store, StoreError};
+use render::line::{Roots, is_url};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 

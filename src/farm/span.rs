@@ -4,23 +4,8 @@
 //! leaves those shards alone. Two workers may then trace the same shard, which costs time and changes nothing; that
 //! nobody traces a shard cannot happen.
 
+use crate::run::Span;
 use std::ops::Range;
-
-/// Shards in a row of one scene.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub struct Span {
-    /// Its place in the manifest, from 0.
-    pub scene: u32,
-    /// Numbers in the scene; not empty.
-    pub shards: Range<u32>,
-}
-
-impl Span {
-    /// Number of shards.
-    pub fn shard_count(&self) -> u32 {
-        self.shards.end - self.shards.start
-    }
-}
 
 /// What a worker knows of a span that it holds.
 #[derive(Clone, Debug, PartialEq)]

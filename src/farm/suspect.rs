@@ -1,18 +1,18 @@
 //! What happens to a span between the queue and the hands: is it still to do, was it lost before, can its files be read.
 
-use super::attempts::{
-    AttemptRecord, EndKind, Ending, Verdict, attempts, is_unreadable, mark_lost, verdict,
-};
-use super::done::is_done;
 use super::error::FarmError;
-use super::events::Event;
-use super::keys;
-use super::quarantine::QuarantineRecord;
 use super::queue::{Delivery, Waiting};
 use super::shared::Shared;
-use super::span::Span;
-use crate::ids::SceneId;
-use crate::manifest::SceneLine;
+use crate::run::Span;
+use crate::run::attempts::{
+    AttemptRecord, EndKind, Ending, Verdict, attempts, is_unreadable, mark_lost, verdict,
+};
+use crate::run::done::is_done;
+use crate::run::events::Event;
+use crate::run::keys;
+use crate::run::quarantine::QuarantineRecord;
+use render::ids::SceneId;
+use render::line::SceneLine;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 

@@ -1,10 +1,10 @@
 //! What a killed process leaves behind: half-written files under their temporary names, and partials whose scene
 //! is merged already.
 
-use super::run_dir::Run;
-use crate::atomic_file::{self, is_temporary};
-use crate::merge::is_written;
+use crate::run::run_dir::Run;
 use crate::store::Store;
+use render::atomic_file::{self, is_temporary};
+use render::merge::is_written;
 use std::path::Path;
 
 /// Removes it. For whoever holds the run's lock; what cannot be removed does no harm.
@@ -23,7 +23,7 @@ pub(super) fn sweep(run: &Run) {
     for line in &run.lines {
         if is_written(&run.dir.tuple(&line.id), line) {
             let _ = std::fs::remove_dir_all(run.dir.partials(&line.id));
-            let _ = std::fs::remove_dir_all(root.join(super::keys::attempts(&line.id)));
+            let _ = std::fs::remove_dir_all(root.join(crate::run::keys::attempts(&line.id)));
         }
     }
 }

@@ -8,30 +8,33 @@
 //! Of results there wait for the store at most one a thread in the channel, one with each thread and one with the
 //! writer, each a partial or a scene's tuple, encoded.
 
-use super::attempts::WorkerName;
-use super::control::{ControlFlag, ControlLook};
-use super::done::is_done;
 use super::error::FarmError;
-use super::events::{Event, StageSeconds};
 use super::fault::Fault;
 use super::hand::{Band, Hand};
 use super::held::HeldSpans;
-use super::keys;
-use super::quarantine::QuarantineRecord;
 use super::queue::{LocalQueue, Queue, QueueKeeper, Waiting};
-use super::run_dir::Run;
 use super::shared::Shared;
-use super::span::Span;
 use super::suspect::Isolate;
 use super::sweep::sweep;
-use super::work_log::{LogTime, SceneSeconds, WorkLog};
-use crate::ids::SceneId;
-use crate::merge::SrgbEncoder;
-use crate::shard::golden;
+use super::work_log::work_log;
+use crate::run::AccessError;
+use crate::run::Span;
+use crate::run::Stop;
+use crate::run::attempts::WorkerName;
+use crate::run::control::{ControlFlag, ControlLook};
+use crate::run::done::is_done;
+use crate::run::events::{Event, StageSeconds};
+use crate::run::keys;
+use crate::run::quarantine::QuarantineRecord;
+use crate::run::run_dir::Run;
+use crate::run::work_log::{LogTime, SceneSeconds};
 use crate::store::Store;
-use crate::trace::Isa;
 use crossbeam::channel::bounded;
 use crossbeam::deque::{Injector, Worker};
+use render::ids::SceneId;
+use render::merge::SrgbEncoder;
+use render::shard::golden;
+use render::trace::Isa;
 use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -96,19 +99,6 @@ pub struct SharedQueue<'a> {
     pub on_sign: &'a (dyn Fn() + Sync),
     /// This process was started by a worker, which records what comes of it.
     pub is_child: bool,
-}
-
-/// Why work ended before the end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stop {
-    /// `stop` was set.
-    Asked,
-    /// The deadline passed.
-    TimeLimit,
-    /// Too many scenes failed here.
-    Drained,
-    /// The run was cancelled.
-    Cancelled,
 }
 
 /// How work ended.
@@ -232,11 +222,11 @@ pub(super) fn check_golden(run: &Run, options: &WorkOptions) -> Result<(), FarmE
     if found == run.spec.golden {
         return Ok(());
     }
-    Err(FarmError::Golden {
+    Err(FarmError::from(AccessError::Golden {
         scene: run.spec.golden.scene.clone(),
         found: found.blake3,
         expected: run.spec.golden.blake3.clone(),
-    })
+    }))
 }
 
 fn work_on(
@@ -340,6 +330,6 @@ fn work_on(
     let scenes = shared.scene_seconds.of(run);
     let outcome = shared.outcome()?;
     let is_child = shared_queue.is_some_and(|queue| queue.is_child);
-    WorkLog::of(&outcome, options, scenes, is_child, &began).leave(store);
+    work_log(&outcome, options, scenes, is_child, &began).leave(store);
     Ok(outcome)
 }

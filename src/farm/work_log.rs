@@ -1,271 +1,44 @@
-//! What a worker writes down of itself when it ends: `RUN/logs/work-*.json`. The report adds these up. Nothing depends on
-//! them, and who is killed leaves none.
+//! What a worker records of itself when it ends.
 
-use super::events::StageSeconds;
-use super::keys;
-use super::run_dir::Run;
-use super::work::{Outcome, Stop, WorkOptions};
-use crate::ids::SceneId;
-use crate::store::{Store, StoreError};
-use crate::trace::TRACER_VERSION;
-use serde::{Deserialize, Serialize};
+use super::work::{Outcome, WorkOptions};
+use crate::run::events::StageSeconds;
+use crate::run::work_log::LogTime;
+use crate::run::{SceneTrace, WORK_LOG_SCHEMA, WorkLog};
+use render::trace::TRACER_VERSION;
 use std::collections::BTreeMap;
-use std::sync::Mutex;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::SystemTime;
 
-/// The schema name of a log.
-pub const WORK_LOG_SCHEMA: &str = "glasshouse.work_log/1";
-/// Logs in memory at once.
-const LOGS_AT_ONCE: usize = 64;
-
-/// `logs/work-<milliseconds>-<worker>.json`, one a process; of another version, what can be read of it.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct WorkLog {
-    /// [`WORK_LOG_SCHEMA`].
-    pub schema: String,
-    /// Who.
-    pub worker: String,
-    /// On which machine.
-    pub host: String,
-    /// With which version of the program.
-    pub version: String,
-    /// And of the tracer.
-    pub tracer_version: u32,
-    /// It was started by a worker, for a scene that was lost before.
-    pub is_child: bool,
-    /// Threads that compute.
-    pub threads: u32,
-    /// When it began, seconds since 1970 by its own clock.
-    pub started_unix_s: f64,
-    /// How long it worked.
-    pub wall_s: f64,
-    /// Why it ended before the end: `signal`, `time_limit`, `drained`, `cancelled`.
-    pub stopped: Option<String>,
-    /// Tuples that it wrote.
-    pub merged: u64,
-    /// Shards that it traced.
-    pub shards_traced: u64,
-    /// Shards that it found.
-    pub shards_resumed: u64,
-    /// Scenes that it loaded.
-    pub scenes_loaded: u64,
-    /// Seconds of all threads, by stage.
-    pub thread_seconds: BTreeMap<String, f64>,
-    /// CPU seconds of the process: before it began to work, by stage, and the rest.
-    pub cpu_seconds: BTreeMap<String, f64>,
-    /// What tracing cost, by scene.
-    pub scenes: Vec<SceneTrace>,
-}
-
-/// What a worker traced of a scene.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SceneTrace {
-    /// Which.
-    pub scene: SceneId,
-    /// Shards of it.
-    pub shards: u32,
-    /// CPU seconds of the tracer.
-    pub cpu_s: f64,
-}
-
-/// When a worker began.
-pub(super) struct LogTime {
-    clock: SystemTime,
-    start: Instant,
-}
-
-impl LogTime {
-    pub(super) fn now() -> Self {
-        Self {
-            clock: SystemTime::now(),
-            start: Instant::now(),
-        }
-    }
-}
-
-/// Shards and CPU time of the tracer, by a scene's place in the manifest.
-#[derive(Default)]
-pub(super) struct SceneSeconds(Mutex<BTreeMap<u32, (u32, Duration)>>);
-
-impl SceneSeconds {
-    /// A band of the scene was traced.
-    pub(super) fn add(&self, scene: u32, cpu: Duration) {
-        self.change(scene, |(_, total)| *total += cpu);
-    }
-
-    /// The last band of a shard of the scene was traced.
-    pub(super) fn add_shard(&self, scene: u32) {
-        self.change(scene, |(shards, _)| *shards += 1);
-    }
-
-    fn change(&self, scene: u32, change: impl FnOnce(&mut (u32, Duration))) {
-        let mut scenes = self.0.lock().expect("no holder of this lock panics");
-        change(scenes.entry(scene).or_default());
-    }
-
-    /// As it is written down.
-    pub(super) fn of(&self, run: &Run) -> Vec<SceneTrace> {
-        let scenes = self.0.lock().expect("no holder of this lock panics");
-        let trace = |(&scene, &(shards, cpu)): (&u32, &(u32, Duration))| SceneTrace {
-            scene: run.lines[scene as usize].id.clone(),
-            shards,
-            cpu_s: cpu.as_secs_f64(),
-        };
-        scenes.iter().map(trace).collect()
-    }
-}
-
-impl WorkLog {
-    /// Of a worker that ends.
-    pub(super) fn of(
-        outcome: &Outcome,
-        options: &WorkOptions,
-        scenes: Vec<SceneTrace>,
-        is_child: bool,
-        began: &LogTime,
-    ) -> Self {
-        let since_1970 = began.clock.duration_since(SystemTime::UNIX_EPOCH);
-        let seconds: &StageSeconds = &outcome.seconds;
-        let named = |seconds: &[(&'static str, f64)]| -> BTreeMap<String, f64> {
-            let named = seconds.iter().map(|(stage, s)| ((*stage).to_owned(), *s));
-            named.collect()
-        };
-        Self {
-            schema: WORK_LOG_SCHEMA.to_owned(),
-            worker: options.who.worker.clone(),
-            host: options.who.host.clone(),
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            tracer_version: TRACER_VERSION,
-            is_child,
-            threads: options.threads.max(1) as u32,
-            started_unix_s: since_1970.unwrap_or_default().as_secs_f64(),
-            wall_s: began.start.elapsed().as_secs_f64(),
-            stopped: outcome.stopped.map(|stop| stop.name().to_owned()),
-            merged: outcome.merged,
-            shards_traced: outcome.traced,
-            shards_resumed: outcome.resumed,
-            scenes_loaded: outcome.loaded,
-            thread_seconds: named(&seconds.all()),
-            cpu_seconds: named(&seconds.cpu()),
-            scenes,
-        }
-    }
-
-    /// Puts it, if there is anything to tell. One that cannot be put is missed by the report alone, which says of how many
-    /// tuples it knows.
-    pub(super) fn leave(&self, store: &Store) {
-        if self.merged + self.shards_traced + self.scenes_loaded == 0 {
-            return;
-        }
-        let store = store.with_patience(Duration::ZERO);
-        let mut json = serde_json::to_vec(self).expect("numbers and strings are JSON");
-        json.push(b'\n');
-        let _ = store.create(&self.key(), &json);
-    }
-
-    /// Two processes have different keys: of one name they do not begin in the same millisecond.
-    fn key(&self) -> String {
-        let safe = |c: char| {
-            if c.is_ascii_alphanumeric() || "-_.".contains(c) {
-                c
-            } else {
-                '_'
-            }
-        };
-        let worker: String = self.worker.chars().map(safe).take(100).collect();
-        let milliseconds = (self.started_unix_s * 1e3) as u64;
-        format!("{}/work-{milliseconds:013}-{worker}.json", keys::LOGS)
-    }
-}
-
-/// All logs of a run, oldest first, and the keys of those that cannot be read.
-pub fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), StoreError> {
-    let mut keys = store.list(keys::LOGS)?;
-    keys.retain(|key| {
-        let name = key.rsplit('/').next().unwrap_or_default();
-        name.starts_with("work-") && name.strip_suffix(".json").is_some()
-    });
-    keys.sort();
-    let (mut logs, mut damaged) = (Vec::new(), Vec::new());
-    for keys in keys.chunks(LOGS_AT_ONCE) {
-        for (key, bytes) in keys.iter().zip(store.get_all(keys)?) {
-            let Some(bytes) = bytes else {
-                continue;
-            };
-            match serde_json::from_slice::<WorkLog>(&bytes) {
-                Ok(log) if log.is_sound() => logs.push(log),
-                _ => damaged.push(key.clone()),
-            }
-        }
-    }
-    Ok((logs, damaged))
-}
-
-impl WorkLog {
-    /// Its numbers can be added up.
-    fn is_sound(&self) -> bool {
-        let seconds = self
-            .thread_seconds
-            .values()
-            .chain(self.cpu_seconds.values());
-        let scenes = self.scenes.iter().map(|scene| &scene.cpu_s);
-        let mut all = seconds.chain(scenes).chain([&self.wall_s]);
-        all.all(|s| s.is_finite() && *s >= 0.0)
-    }
-}
-
-impl Stop {
-    /// As it is written in JSON.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Asked => "signal",
-            Self::TimeLimit => "time_limit",
-            Self::Drained => "drained",
-            Self::Cancelled => "cancelled",
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn logs_are_read_back_and_damaged_ones_are_named() {
-        let folder = tempfile::tempdir().unwrap();
-        let store = Store::local(folder.path()).unwrap();
-        let log = |worker: &str, merged, started_unix_s| WorkLog {
-            schema: WORK_LOG_SCHEMA.to_owned(),
-            worker: worker.to_owned(),
-            merged,
-            started_unix_s,
-            thread_seconds: BTreeMap::from([("trace".to_owned(), 1.5)]),
-            ..WorkLog::default()
-        };
-        let (late, early) = (log("a/../b c", 3, 2000.25), log("x", 1, 1000.0));
-        late.leave(&store);
-        early.leave(&store);
-        // Who did nothing has nothing to tell.
-        log("idle", 0, 1.0).leave(&store);
-        store.create("logs/work-0.json", b"{").unwrap();
-        store.create("logs/other.txt", b"{").unwrap();
-        let endless = br#"{"merged":1,"wall_s":-1}"#;
-        store.create("logs/work-1.json", endless).unwrap();
-        let (logs, damaged) = read_logs(&store).unwrap();
-        assert_eq!(logs, [early, late]);
-        assert_eq!(damaged, ["logs/work-0.json", "logs/work-1.json"]);
-        let keys = store.list("logs").unwrap();
-        assert!(
-            keys.contains(&"logs/work-0000002000250-a_.._b_c.json".to_owned()),
-            "{keys:?}"
-        );
-    }
-
-    #[test]
-    fn what_a_later_version_adds_is_passed_over() {
-        let log: WorkLog =
-            serde_json::from_str(r#"{"worker":"w","scenes":[],"new":{"x":1}}"#).unwrap();
-        assert_eq!(log.worker, "w");
+/// The log of a worker that ends.
+pub(super) fn work_log(
+    outcome: &Outcome,
+    options: &WorkOptions,
+    scenes: Vec<SceneTrace>,
+    is_child: bool,
+    began: &LogTime,
+) -> WorkLog {
+    let since_1970 = began.clock.duration_since(SystemTime::UNIX_EPOCH);
+    let seconds: &StageSeconds = &outcome.seconds;
+    let named = |seconds: &[(&'static str, f64)]| -> BTreeMap<String, f64> {
+        let named = seconds.iter().map(|(stage, s)| ((*stage).to_owned(), *s));
+        named.collect()
+    };
+    WorkLog {
+        schema: WORK_LOG_SCHEMA.to_owned(),
+        worker: options.who.worker.clone(),
+        host: options.who.host.clone(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        tracer_version: TRACER_VERSION,
+        is_child,
+        threads: options.threads.max(1) as u32,
+        started_unix_s: since_1970.unwrap_or_default().as_secs_f64(),
+        wall_s: began.start.elapsed().as_secs_f64(),
+        stopped: outcome.stopped.map(|stop| stop.name().to_owned()),
+        merged: outcome.merged,
+        shards_traced: outcome.traced,
+        shards_resumed: outcome.resumed,
+        scenes_loaded: outcome.loaded,
+        thread_seconds: named(&seconds.all()),
+        cpu_seconds: named(&seconds.cpu()),
+        scenes,
     }
 }

@@ -1,11 +1,11 @@
 //! What the writer thread is given. It waits for the store, so that no thread that computes has to.
 
 use super::finished::Encoded;
-use super::keys;
 use super::open_span::OpenSpan;
-use crate::manifest::SceneLine;
+use crate::run::keys;
 use crate::store::{Store, StoreError};
 use bytes::Bytes;
+use render::line::SceneLine;
 use std::sync::Arc;
 use std::time::Duration;
 

@@ -3,9 +3,9 @@
 use super::facts::{Inspection, Problem, first_of, many};
 use super::kind::Kind;
 use super::look::Input;
-use crate::train::masked_crc;
 use serde_json::json;
 use std::collections::BTreeSet;
+use train::masked_crc;
 
 /// What to do: nothing is computed from these files.
 const NOTHING: &str = "nothing is lost but the curves from there on: metrics.csv has the numbers";

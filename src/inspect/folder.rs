@@ -3,8 +3,8 @@
 use super::facts::{Inspection, Problem, Whole, many};
 use super::kind::Kind;
 use super::open::inspect_path;
-use crate::farm::{Control, ControlState, Run, RunStatus, keys, run_status};
-use crate::manifest::Roots;
+use crate::run::{Control, ControlState, Run, RunStatus, keys, run_status};
+use render::line::Roots;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -52,7 +52,7 @@ fn of_file(folder: &Path, name: &str, kind: Kind) -> Inspection {
     found.kind = kind;
     found.bytes = None;
     if kind == Kind::TupleFolder {
-        for layer in crate::trace::LAYERS {
+        for layer in render::trace::LAYERS {
             let path = folder.join(format!("{layer}.png"));
             // One that is missing was told by the record.
             let problems = if path.is_file() {

@@ -3,8 +3,8 @@
 use super::facts::{Inspection, Problem, first_of, many};
 use super::kind::Kind;
 use super::look::{AGAIN, Input};
-use crate::farm::RejectedScene;
-use crate::manifest::parse_list;
+use plan::RejectedScene;
+use plan::parse_list;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 

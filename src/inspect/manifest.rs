@@ -3,8 +3,8 @@
 use super::facts::{Inspection, Problem, many};
 use super::kind::Kind;
 use super::look::Input;
-use crate::manifest::{ManifestError, SceneLine, Split, parse_jsonl, parse_scene};
-use crate::shard::{Spec, manifest_digest};
+use render::line::{ManifestError, SceneLine, Split, parse_jsonl, parse_scene};
+use render::shard::{Spec, manifest_digest};
 use serde_json::{Map, json};
 use std::collections::BTreeSet;
 

@@ -4,9 +4,9 @@ use super::exr::{Head, say_values, to_do};
 use super::facts::{Inspection, Problem, many};
 use super::kind::Kind;
 use super::look::Input;
-use crate::farm::keys;
-use crate::partial::{PARTIAL_SCHEMA, PartialHeader, decode};
-use crate::trace::{LAYERS, TRACER_VERSION};
+use crate::run::keys;
+use render::partial::{PARTIAL_SCHEMA, PartialHeader, decode};
+use render::trace::{LAYERS, TRACER_VERSION};
 use serde_json::json;
 use std::path::Path;
 

@@ -3,8 +3,9 @@
 use super::facts::{Inspection, Problem};
 use super::kind::Kind;
 use super::look::{AGAIN, Input};
-use crate::scene::{FileRole, NamedBytes, SceneError, look_at_whole, npy_facts, ply_counts};
-use crate::trace::LAYERS;
+use render::formats::{NamedBytes, SceneError, npy_facts, ply_counts};
+use render::scene::{FileRole, look_at_whole};
+use render::trace::LAYERS;
 use serde_json::json;
 
 pub(super) fn read(kind: Kind, input: &Input) -> Inspection {

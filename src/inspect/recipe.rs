@@ -3,8 +3,8 @@
 use super::facts::{Inspection, Problem, many};
 use super::kind::Kind;
 use super::look::Input;
-use crate::cases::CaseFile;
-use crate::manifest::{DepthRanges, Recipe};
+use plan::cases::CaseFile;
+use plan::{DepthRanges, Recipe};
 use serde_json::json;
 
 /// What to do about a mistake.

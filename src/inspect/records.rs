@@ -3,8 +3,8 @@
 use super::facts::{Inspection, Problem, many};
 use super::kind::{Kind, schema_of};
 use super::look::{AGAIN, Input};
-use crate::farm::{AttemptRecord, Control, QuarantineRecord, Receipt, keys};
-use crate::manifest::TrainRecipe;
+use crate::run::{AttemptRecord, Control, QuarantineRecord, Receipt, keys};
+use plan::TrainRecipe;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 

@@ -4,8 +4,8 @@ use super::facts::{Inspection, Problem, many};
 use super::kind::Kind;
 use super::look::Input;
 use super::records::typed;
-use crate::shard::{Spec, manifest_digest};
-use crate::trace::TRACER_VERSION;
+use render::shard::{Spec, manifest_digest};
+use render::trace::TRACER_VERSION;
 use serde_json::json;
 
 /// What to do about a damaged spec.

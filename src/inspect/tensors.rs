@@ -4,10 +4,10 @@ use super::facts::{Inspection, Problem, many};
 use super::kind::Kind;
 use super::look::Input;
 use super::records::typed;
-use crate::train::{CheckpointState, code_path};
-use safetensors::{Dtype, SafeTensors};
 use serde_json::json;
 use std::collections::BTreeMap;
+use train::safetensors::{Dtype, SafeTensors};
+use train::{CheckpointState, code_path};
 
 /// What to do about a damaged checkpoint.
 const TRAIN_AGAIN: &str =
@@ -44,8 +44,8 @@ pub(super) fn read_state(input: &Input) -> Inspection {
 pub(super) fn say_state(found: &mut Inspection, state: &CheckpointState) {
     let facts = &mut found.facts;
     let (stage, networks) = match state.stage {
-        crate::train::Stage::Backtrack => ("backtrack", "BT-net alone"),
-        crate::train::Stage::Separation => ("separation", "SP-net and BT-net"),
+        train::Stage::Backtrack => ("backtrack", "BT-net alone"),
+        train::Stage::Separation => ("separation", "SP-net and BT-net"),
     };
     facts.fact("stage", format!("{stage}: {networks}"), stage);
     facts.fact("step", crate::serve::text::grouped(state.step), state.step);

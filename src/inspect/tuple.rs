@@ -5,8 +5,8 @@ use super::facts::{Inspection, Problem, Whole, many};
 use super::kind::Kind;
 use super::look::Input;
 use super::records::typed;
-use crate::merge::{TupleRecord, decode_exr_channels, decode_tuple_exr, tuple_files};
-use crate::trace::{LAYERS, TRACER_VERSION};
+use render::merge::{TupleRecord, decode_exr_channels, decode_tuple_exr, tuple_files};
+use render::trace::{LAYERS, TRACER_VERSION};
 use serde_json::json;
 
 pub(super) fn read_exr(input: &Input, head: &Head) -> Inspection {
@@ -139,7 +139,7 @@ fn say(found: &mut Inspection, record: &TupleRecord) {
         );
         facts.say(name, text);
     }
-    let shares = |of: fn(&crate::merge::LayerRecord) -> f64| {
+    let shares = |of: fn(&render::merge::LayerRecord) -> f64| {
         let made = LAYERS.iter().filter_map(|name| record.layers.get(*name));
         let shares: Vec<String> = made
             .map(|layer| format!("{:.2} %", of(layer) * 100.0))

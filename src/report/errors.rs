@@ -2,10 +2,10 @@
 
 use super::survey::{DoneScene, Survey};
 use super::text::{Exact, error, evenly, quantile, table};
-use crate::farm::Run;
 use crate::html::Html;
 use crate::plot::{Axis, LAYER_COLOURS, LAYER_SYMBOLS, Panel, Stroke, legend, number, open};
-use crate::trace::LAYERS;
+use crate::run::Run;
+use render::trace::LAYERS;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 

@@ -201,9 +201,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         assert!(evaluation(folder.path()).contains("Nothing was scored"));
         let inside = folder.path().join("train/evaluation");
-        crate::atomic_file::create_dir(&inside).unwrap();
+        render::atomic_file::create_dir(&inside).unwrap();
         let put = |name: &str, bytes: &[u8]| {
-            crate::atomic_file::write(&inside.join(name), bytes).unwrap();
+            render::atomic_file::write(&inside.join(name), bytes).unwrap();
         };
         let json = br#"{"split":"test","images":2,"rows":[{"method":"input","psnr_colour_db":20.126,"ssim_grey":0.9,
             "psnr_channels_db":"inf","ssim_channels":0.8},{"method":"<b>","psnr_colour_db":25.0}]}"#;

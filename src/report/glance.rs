@@ -2,11 +2,11 @@
 
 use super::survey::Survey;
 use super::text::table;
-use crate::farm::Run;
 use crate::html::Html;
-use crate::manifest::{SceneLine, Split};
 use crate::plot::number;
+use crate::run::Run;
 use crate::serve::text::grouped;
+use render::line::{SceneLine, Split};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 

@@ -1,8 +1,8 @@
 //! A noise map as a picture, and what its colours mean.
 
-use crate::merge::NoiseMap;
 use crate::plot::{Axis, LAYER_SYMBOLS, open};
 use image::{Rgb, RgbImage, imageops};
+use render::merge::NoiseMap;
 use std::fmt::Write;
 
 /// Errors (linear radiance) at the ends of the colours. The same for all scenes and runs, so that pages can be compared.

@@ -9,11 +9,12 @@ use super::seconds::seconds_of;
 use super::sheet::sheet;
 use super::survey::Survey;
 use super::training::training;
-use crate::atomic_file::{self, WriteError};
-use crate::farm::{Run, read_rejected};
 use crate::html::{Html, cut};
-use crate::ids::SceneId;
+use crate::run::Run;
 use crate::store::{Store, StoreError};
+use plan::read_rejected;
+use render::atomic_file::{self, WriteError};
+use render::ids::SceneId;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -140,7 +141,7 @@ fn page(run: &Run, survey: &Survey, tuples: &str) -> String {
 
 /// Draws that were not kept; or why nothing is known of them.
 fn rejected(run: &Run) -> String {
-    match read_rejected(&run.dir) {
+    match read_rejected(run.dir.rejected()) {
         Ok(rejected) => rejections(run.lines.len(), &rejected),
         Err((_, reason)) => format!(
             "<p class=\"bad\"><code>rejected.jsonl</code> cannot be read: {}</p>\n",

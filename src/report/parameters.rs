@@ -2,9 +2,9 @@
 
 use super::histogram::histogram;
 use super::text::table;
-use crate::farm::RejectedScene;
 use crate::html::{Html, cut};
-use crate::manifest::{Focus, SceneLine};
+use plan::RejectedScene;
+use render::line::{Focus, SceneLine};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 

@@ -1,9 +1,9 @@
 //! Scenes that were set aside, with their reasons.
 
 use super::text::table;
-use crate::farm::Quarantined;
 use crate::html::{Html, cut};
-use crate::ids::SceneId;
+use crate::run::Quarantined;
+use render::ids::SceneId;
 use std::fmt::Write;
 
 /// Scenes on the page.

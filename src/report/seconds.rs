@@ -3,8 +3,8 @@
 use super::stages::{BEFORE, STAGES, Stage, bar};
 use super::survey::Survey;
 use super::text::{counted, seconds, table};
-use crate::farm::WorkLog;
 use crate::html::{Html, cut};
+use crate::run::WorkLog;
 use crate::serve::text::grouped;
 use std::fmt::Write;
 

@@ -4,16 +4,16 @@ use super::noise_picture::{noise_picture, scale};
 use super::picture::{MUCH_SMALLER, QUALITY, decode_png, exact_img, img, shrunk};
 use super::survey::{Survey, parse};
 use super::text::{error, evenly};
-use crate::farm::{Run, keys};
 use crate::html::Html;
-use crate::ids::SceneId;
-use crate::manifest::SceneLine;
-use crate::merge::{NoiseMap, SrgbEncoder, TupleRecord, srgb_to_linear};
 use crate::plot::number;
+use crate::run::{Run, keys};
 use crate::store::{Store, StoreError};
-use crate::trace::LAYERS;
 use image::RgbImage;
 use rayon::prelude::*;
+use render::ids::SceneId;
+use render::line::SceneLine;
+use render::merge::{NoiseMap, SrgbEncoder, TupleRecord, srgb_to_linear};
+use render::trace::LAYERS;
 use std::fmt::Write;
 
 /// Tuples on the sheet.

@@ -1,11 +1,11 @@
 //! What a run's store holds, looked at once.
 
-use crate::farm::{Observer, Overview, Run, WorkLog, keys, read_logs};
-use crate::ids::SceneId;
-use crate::manifest::SceneLine;
-use crate::merge::{TupleRecord, tuple_files};
+use crate::run::{Observer, Overview, Run, WorkLog, keys, read_logs};
 use crate::store::{Store, StoreError};
-use crate::trace::{LAYERS, TRACER_VERSION};
+use render::ids::SceneId;
+use render::line::SceneLine;
+use render::merge::{TupleRecord, tuple_files};
+use render::trace::{LAYERS, TRACER_VERSION};
 use std::collections::BTreeSet;
 
 /// Records in memory at once.

@@ -172,7 +172,7 @@ mod tests {
         assert!(training(dir.path()).contains("Nothing was trained"));
         let folder = dir.path().join("train/backtrack");
         fs::create_dir_all(&folder).unwrap();
-        crate::atomic_file::write(&folder.join("metrics.csv"), b"step,total\n1,0.5\n").unwrap();
+        render::atomic_file::write(&folder.join("metrics.csv"), b"step,total\n1,0.5\n").unwrap();
         assert!(training(dir.path()).contains("BT-net alone"));
     }
 }

@@ -1,6 +1,6 @@
 //! What may be asked of a run over HTTP, and who may ask.
 
-use crate::ids::SceneId;
+use render::ids::SceneId;
 
 /// A token has at least this many characters: guesses are not counted, so it must not be guessable.
 pub const MIN_TOKEN_CHARACTERS: usize = 16;

@@ -6,7 +6,7 @@
 use super::text::{duration, grouped, percent, rate};
 use super::view::{FarmState, FarmView, QuarantinedScene, RecentTuple, WorkerState, WorkerView};
 use crate::html::{self, Html};
-use crate::trace::LAYERS;
+use render::trace::LAYERS;
 use std::fmt::Write;
 
 /// Workers on the page, those first that a person should look at.

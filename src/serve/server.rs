@@ -3,10 +3,10 @@
 use super::action::{Action, MIN_TOKEN_CHARACTERS, Token};
 use super::routes::router;
 use super::view::FarmView;
-use crate::ids::SceneId;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use render::ids::SceneId;
 use std::net::{SocketAddr, TcpListener};
 use std::pin::pin;
 use std::sync::Arc;
@@ -36,7 +36,7 @@ pub trait FarmSource: Send + Sync {
     /// The run as it is now. Called every two seconds for each open page: cheap, please.
     fn view(&self) -> FarmView;
     /// A PNG of a layer of a merged scene's tuple, made small enough for a page (256 px wide, say); `None` if there is
-    /// none. `layer` is one of [`crate::trace::LAYERS`]; the scene may not exist.
+    /// none. `layer` is one of [`render::trace::LAYERS`]; the scene may not exist.
     fn thumbnail(&self, scene: &SceneId, layer: &str) -> Option<Vec<u8>>;
     /// Does something, or says in a sentence why not. Called only if a token is set and was given.
     fn act(&self, action: Action) -> Result<(), String>;

@@ -3,7 +3,7 @@
 //! Whoever makes a view reads the clocks: ages are seconds by a monotonic clock of the coordinator, so that clocks of
 //! workers that are wrong show nowhere.
 
-use crate::ids::SceneId;
+use render::ids::SceneId;
 use serde::Serialize;
 
 /// The schema name of a view as JSON.
@@ -165,7 +165,7 @@ pub struct RecentTuple {
     pub worker: Option<String>,
     /// The largest share, among its layers, of paths that met nothing or ended on a border's continuation; 0 to 1.
     pub miss_share: Option<f64>,
-    /// Its layers, names of [`crate::trace::LAYERS`].
+    /// Its layers, names of [`render::trace::LAYERS`].
     pub layers: Vec<String>,
 }
 

@@ -4,7 +4,7 @@
 //! then the content. It is used only if the digest fits, and the store says that the ETag is still the object's. Files are
 //! renamed into place: any number of workers share a folder.
 
-use crate::atomic_file;
+use render::atomic_file;
 use serde::{Deserialize, Serialize};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};

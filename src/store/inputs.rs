@@ -7,6 +7,7 @@ use super::{Key, RUNTIME, Store, StoreError, StoreOptions};
 use bytes::Bytes;
 use futures_util::TryStreamExt;
 use object_store::{GetOptions, GetRange, ObjectStore};
+use plan::{InputFiles, StoreUnavailable};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
@@ -40,7 +41,7 @@ impl Inputs {
         }
     }
 
-    /// A file's bytes, or an object's: what `path` is, is told by [`crate::manifest::is_url`].
+    /// A file's bytes, or an object's: what `path` is, is told by [`render::line::is_url`].
     ///
     /// Errors of a store are [`StoreError`]s inside, but for an object that is not there, which is `NotFound`.
     pub fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
@@ -117,12 +118,31 @@ impl Inputs {
 
 /// A URL, its part up to the bucket, and the key; none of a path.
 fn parts(path: &Path) -> Option<(&str, &str, String)> {
-    let url = path.to_str().filter(|_| crate::manifest::is_url(path))?;
+    let url = path.to_str().filter(|_| render::line::is_url(path))?;
     let start = url.find("://")? + 3;
     let end = url[start..].find('/').map_or(url.len(), |n| start + n);
     let names = url[end..].split('/');
     let names: Vec<&str> = names.filter(|name| !matches!(*name, "" | ".")).collect();
     Some((url, &url[..end], names.join("/")))
+}
+
+impl InputFiles for Inputs {
+    fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        Self::read(self, path)
+    }
+
+    fn read_start(&self, url: &Path, count: usize) -> io::Result<(Vec<u8>, u64)> {
+        Self::read_start(self, url, count)
+    }
+
+    fn list(&self, folder: &Path) -> Result<Vec<String>, StoreUnavailable> {
+        Self::list(self, folder).map_err(|error| StoreUnavailable(error.into()))
+    }
+
+    fn store_failure(&self, error: io::Error) -> Result<StoreUnavailable, io::Error> {
+        let error = error.downcast::<StoreError>()?;
+        Ok(StoreUnavailable(error.into()))
+    }
 }
 
 impl Store {
@@ -191,7 +211,7 @@ mod tests {
     fn paths_are_read_from_the_disk() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a");
-        crate::atomic_file::write(&file, b"one").unwrap();
+        render::atomic_file::write(&file, b"one").unwrap();
         let inputs = Inputs::default();
         assert_eq!(inputs.read(&file).unwrap(), b"one");
         let error = inputs.read(&folder.path().join("b")).unwrap_err();

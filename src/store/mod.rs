@@ -306,7 +306,7 @@ mod tests {
     fn an_error_names_the_object_and_the_store() {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::local(dir.path()).unwrap();
-        crate::atomic_file::write(&dir.path().join("tuples"), b"a file").unwrap();
+        render::atomic_file::write(&dir.path().join("tuples"), b"a file").unwrap();
         let error = store
             .create("tuples/a/tuple.json", b"{}")
             .unwrap_err()

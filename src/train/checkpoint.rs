@@ -1,9 +1,9 @@
 //! Checkpoints: a folder a step, `model.safetensors`, `optimizer.safetensors`, `state.json`, all there or none.
 
 use super::learner::Learner;
-use crate::atomic_file::{self, WriteError};
-use crate::manifest::{Stage, TrainSettings};
 use candle_core::{Device, Tensor};
+use plan::{Stage, TrainSettings};
+use render::atomic_file::{self, WriteError};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};

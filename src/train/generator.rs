@@ -3,8 +3,8 @@
 
 use super::ops::{NormOptions, Window, bilinear, conv2d, norm_act};
 use super::random::Stream;
-use crate::manifest::Start;
 use candle_core::{DType, Device, Result, Tensor, Var};
+use plan::Start;
 
 /// From one of the kernel's pixels to the next in each 3 x 3 convolution.
 pub const DILATIONS: [usize; 8] = [1, 2, 4, 8, 16, 32, 64, 1];

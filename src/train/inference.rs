@@ -145,7 +145,7 @@ fn ramp(start: usize, size: usize, length: usize) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::{GeneratorOptions, SLOPE, Start, Stream};
+    use crate::{GeneratorOptions, SLOPE, Start, Stream};
     use candle_core::Device;
 
     #[test]

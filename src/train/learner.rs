@@ -7,10 +7,10 @@ use super::generator::{Generator, GeneratorOptions, SLOPE};
 use super::inference::Networks;
 use super::loss::{adversarial_loss, discriminator_loss, feature_difference, l1};
 use super::vgg::Vgg;
-use crate::manifest::{Stage, TrainSettings};
 #[cfg(test)]
 use candle_core::backprop::GradStore;
 use candle_core::{Device, Result, Tensor, Var};
+use plan::{Stage, TrainSettings};
 use std::collections::{BTreeMap, HashMap};
 
 /// The networks of a stage, and what their optimisers remember.

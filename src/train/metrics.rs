@@ -38,7 +38,7 @@ impl Metrics {
                 }
             }
         }
-        crate::atomic_file::write_relaxed(path, text.as_bytes()).map_err(|e| e.source)?;
+        render::atomic_file::write_relaxed(path, text.as_bytes()).map_err(|e| e.source)?;
         let file = File::options().append(true).open(path)?;
         Ok(Self { file })
     }
@@ -76,7 +76,7 @@ impl Metrics {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::Term;
+    use crate::Term;
 
     #[test]
     fn lines_after_the_step_that_is_resumed_go() {

@@ -2,9 +2,9 @@
 
 use super::example::Planes;
 use super::srgb_planes::bytes_of_planes;
-use crate::merge::SrgbEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ImageEncoder, RgbImage, imageops};
+use render::merge::SrgbEncoder;
 
 /// Pixels between pictures.
 const GAP: u32 = 4;

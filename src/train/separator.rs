@@ -5,9 +5,9 @@ use super::inference::Networks;
 use super::learner::Learner;
 use super::picture::Picture;
 use super::vgg::Vgg;
-use crate::manifest::{SettingError, Stage, TrainSettings};
 use candle_core::{Device, Result};
 use image::RgbImage;
+use plan::{SettingError, Stage, TrainSettings};
 use std::path::PathBuf;
 
 /// A checkpoint whose networks cannot work.
@@ -122,7 +122,7 @@ impl Separator {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::{FeatureSource, Origin, write_checkpoint};
+    use crate::{FeatureSource, Origin, write_checkpoint};
 
     fn settings() -> TrainSettings {
         TrainSettings {

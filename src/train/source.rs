@@ -3,14 +3,13 @@
 use super::example::{Example, Planes};
 use super::picture::Picture;
 use super::srgb_planes::{planes_of_bytes, planes_of_linear};
-use crate::evaluate::{Pair, read_picture};
-use crate::farm::{QuarantineRecord, keys};
-use crate::manifest::PixelSource;
-use crate::manifest::{Roots, SceneLine};
-use crate::merge::{TupleRecord, decode_tuple_exr, is_record_of};
-use crate::scene::{Decoded, decode, read_files_by};
-use crate::store::{Inputs, Store, StoreError};
+use compose::{Pair, read_picture};
 use image::{Rgb32FImage, imageops};
+use plan::{InputFiles, PixelSource};
+use render::ids::SceneId;
+use render::line::{Roots, SceneLine};
+use render::merge::{TupleRecord, decode_tuple_exr, is_record_of};
+use render::scene::{Decoded, decode, read_files_by};
 use std::path::PathBuf;
 
 /// An example that cannot be had.
@@ -36,7 +35,7 @@ pub enum ExampleError {
     },
     /// The store.
     #[error(transparent)]
-    Store(#[from] StoreError),
+    Store(#[from] TupleFilesError),
     /// Nothing to train on.
     #[error("{0}")]
     None(String),
@@ -45,7 +44,21 @@ pub enum ExampleError {
     Stopped,
 }
 
-/// What is read of an example, before chance has its say.
+/// A store that cannot be asked.
+#[derive(Debug, thiserror::Error)]
+#[error(transparent)]
+pub struct TupleFilesError(pub Box<dyn std::error::Error + Send + Sync>);
+
+/// The tuples of a run, wherever they are stored.
+pub trait TupleFiles: Send + Sync {
+    /// One file of a scene's tuple; `None` if it does not exist.
+    fn get(&self, scene: &SceneId, file: &str) -> Result<Option<Vec<u8>>, TupleFilesError>;
+
+    /// Whether the scene is quarantined: it gets no tuple unless it is retried.
+    fn is_quarantined(&self, scene: &SceneId) -> Result<bool, TupleFilesError>;
+}
+
+/// An example before random augmentation.
 pub enum Base {
     /// The example itself.
     Example(Example),
@@ -72,8 +85,8 @@ impl Base {
 
 /// Tuples, by the scenes of a manifest.
 pub struct TupleSource {
-    /// The run's objects.
-    pub store: Store,
+    /// Where they are stored.
+    pub files: Box<dyn TupleFiles>,
     /// Scenes to read.
     pub lines: Vec<SceneLine>,
     /// From which files.
@@ -84,14 +97,14 @@ impl TupleSource {
     /// A scene's tuple; `None` if there is none (yet).
     pub fn read(&self, index: usize) -> Result<Option<Base>, ExampleError> {
         let line = &self.lines[index];
-        let Some(json) = self.store.get(&keys::tuple(&line.id, "tuple.json"))? else {
+        let Some(json) = self.files.get(&line.id, "tuple.json")? else {
             return Ok(None);
         };
         if !is_record_of(&json, line) {
             // Of another plan, or of another version: the farm makes it again.
             return Ok(None);
         }
-        let file = keys::tuple(&line.id, "tuple.json");
+        let file = tuple_key(&line.id, "tuple.json");
         let record: TupleRecord = serde_json::from_slice(&json).map_err(|e| damaged(&file, &e))?;
         let layers = match self.pixels {
             PixelSource::Exr => self.read_exr(line, &record)?,
@@ -115,15 +128,14 @@ impl TupleSource {
         })))
     }
 
-    /// The scene will not get a tuple unless somebody retries it.
+    /// The scene gets no tuple unless it is retried.
     pub fn is_in_quarantine(&self, index: usize) -> Result<bool, ExampleError> {
-        let record = QuarantineRecord::get(&self.store, &self.lines[index].id)?;
-        Ok(record.is_some())
+        Ok(self.files.is_quarantined(&self.lines[index].id)?)
     }
 
-    fn file(&self, line: &SceneLine, name: &str) -> Result<(String, bytes::Bytes), ExampleError> {
-        let key = keys::tuple(&line.id, name);
-        match self.store.get(&key)? {
+    fn file(&self, line: &SceneLine, name: &str) -> Result<(String, Vec<u8>), ExampleError> {
+        let key = tuple_key(&line.id, name);
+        match self.files.get(&line.id, name)? {
             Some(bytes) => Ok((key, bytes)),
             None => Err(damaged(&key, &"it is gone, though its tuple.json is there")),
         }
@@ -145,7 +157,7 @@ impl TupleSource {
         record: &TupleRecord,
     ) -> Result<[Option<Planes>; 4], ExampleError> {
         let mut layers = [const { None }; 4];
-        for (layer, name) in layers.iter_mut().zip(crate::trace::LAYERS) {
+        for (layer, name) in layers.iter_mut().zip(render::trace::LAYERS) {
             if !record.layers.contains_key(name) {
                 continue;
             }
@@ -161,6 +173,11 @@ impl TupleSource {
         }
         Ok(layers)
     }
+}
+
+/// The name of a tuple's file in messages: its key in a run.
+fn tuple_key(scene: &SceneId, file: &str) -> String {
+    format!("tuples/{scene}/{file}")
 }
 
 fn damaged(file: &str, reason: &dyn std::fmt::Display) -> ExampleError {
@@ -179,7 +196,7 @@ pub struct PhotographSource {
     /// Folder that relative paths start from.
     pub base: PathBuf,
     /// Reads files.
-    pub inputs: Inputs,
+    pub inputs: Box<dyn InputFiles + Send + Sync>,
 }
 
 impl PhotographSource {

@@ -1,9 +1,9 @@
 //! One wrong pixel is found, in the right file, with the worker that made it.
 
 use crate::many::{end, start};
-use crate::program::{run, text};
-use crate::scenes::{SCENES, partials, place, put_partials};
-use crate::server::Server;
+use crate::support::nats_server::Server;
+use crate::support::program::{run, text};
+use crate::support::scenes::{SCENES, partials, place, put_partials};
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, WritableImage, f16, read};
 use glasshouse::partial::Partial;
 use serde_json::json;
@@ -209,6 +209,10 @@ fn the_worker_is_named() {
     run(&audit).expect(0);
 }
 
-fn worker_at(place: &crate::scenes::Place, server: &Server, store: &str) -> std::process::Child {
+fn worker_at(
+    place: &crate::support::scenes::Place,
+    server: &Server,
+    store: &str,
+) -> std::process::Child {
     start("work", place, server, &["-j", "1", "--store", store])
 }

@@ -1,7 +1,7 @@
 //! `bench farm` on real processes: short runs, whose figures mean little; but they must be there, and be possible.
 
-use crate::program::run;
-use crate::server::Server;
+use crate::support::nats_server::Server;
+use crate::support::program::run;
 use serde_json::Value;
 
 fn measured(arguments: &[&str]) -> Value {

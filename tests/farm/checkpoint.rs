@@ -1,10 +1,10 @@
 //! Partials wait in memory for the rest of their scene: most are never written, and none is lost by a stop.
 
 use crate::many::{alone, coordinator, end, slow_place, start, wait_for};
-use crate::outputs::{assert_same, files, tuples};
-use crate::program::{Ended, command, run, send, text};
-use crate::scenes::{SCENES, place, reference};
-use crate::server::Server;
+use crate::support::nats_server::Server;
+use crate::support::outputs::{assert_same, files, tuples};
+use crate::support::program::{Ended, command, run, send, text};
+use crate::support::scenes::{SCENES, place, reference};
 use std::path::Path;
 use std::time::Duration;
 

@@ -1,7 +1,7 @@
 //! Input files are looked at before anything is traced; and the paper's recipe is planned over folders of the real shape.
 
-use crate::program::{Ended, run, text};
-use crate::scenes::{npy, photographs, scene, write_lines};
+use crate::support::program::{Ended, run, text};
+use crate::support::scenes::{npy, photographs, scene, write_lines};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -342,7 +342,7 @@ fn the_paper_is_planned_from_folders_of_the_real_shape() {
     assert!(number("disk_needed_bytes") > number("tuple_bytes"));
     assert!(number("partial_bytes_at_a_time") < number("partial_bytes") / 4.0);
     assert!(number("disk_available_bytes") > 0.0);
-    let all: u64 = crate::outputs::files(folder.path())
+    let all: u64 = crate::support::outputs::files(folder.path())
         .iter()
         .map(|path| std::fs::metadata(folder.path().join(path)).unwrap().len())
         .sum();

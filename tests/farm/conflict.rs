@@ -1,10 +1,10 @@
 //! Two workers make different bytes of one shard: neither is believed, both are named, and the farm goes on.
 
 use crate::many::{alone, coordinator, end, slow_place, start, wait_for};
-use crate::outputs::{assert_same, tuples};
-use crate::program::{run, text};
-use crate::scenes::{Place, SCENES, SHARDS};
-use crate::server::Server;
+use crate::support::nats_server::Server;
+use crate::support::outputs::{assert_same, tuples};
+use crate::support::program::{run, text};
+use crate::support::scenes::{Place, SCENES, SHARDS};
 use glasshouse::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper, Waiting};
 use glasshouse::farm::{QuarantineRecord, Run, Span};
 use glasshouse::ids::SceneId;
@@ -59,7 +59,7 @@ fn kept(place: &Place) -> Vec<(String, PathBuf)> {
         .map(|worker| {
             let path = worker.unwrap().path();
             let name = path.file_name().unwrap().to_string_lossy().into_owned();
-            let mut files = crate::outputs::files(&path);
+            let mut files = crate::support::outputs::files(&path);
             (name, files.remove(0))
         })
         .collect()

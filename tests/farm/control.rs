@@ -1,10 +1,10 @@
 //! A run is paused, resumed and cancelled while it is made, by one process or by many; nothing is lost by it.
 
 use crate::many::{alone, coordinator, end, results, slow_place, wait_for, worker};
-use crate::outputs::{assert_same, tuples};
-use crate::program::{command, run, text};
-use crate::scenes::{Place, SCENES};
-use crate::server::Server;
+use crate::support::nats_server::Server;
+use crate::support::outputs::{assert_same, tuples};
+use crate::support::program::{command, run, text};
+use crate::support::scenes::{Place, SCENES};
 use serde_json::Value;
 use std::process::Child;
 use std::time::Duration;
@@ -79,7 +79,7 @@ fn a_paused_process_still_stops() {
     tell(&place, "pause");
     let child = work(&place);
     std::thread::sleep(Duration::from_secs(1));
-    crate::program::send(&child, "TERM");
+    crate::support::program::send(&child, "TERM");
     end(child).expect(143);
     // A time limit does, too.
     let limited = run(&["work", text(&place.run), "--time-limit", "1"]);

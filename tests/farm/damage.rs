@@ -1,8 +1,8 @@
 //! Partials that are torn, flipped, or belong to something else are noticed and traced again.
 
-use crate::outputs::{assert_same, assert_tidy, tuples};
-use crate::program::{run, text};
-use crate::scenes::{SCENES, SHARDS, partials, place, put_partials, reference};
+use crate::support::outputs::{assert_same, assert_tidy, tuples};
+use crate::support::program::{run, text};
+use crate::support::scenes::{SCENES, SHARDS, partials, place, put_partials, reference};
 use glasshouse::partial::{Partial, decode, encode};
 use std::path::Path;
 

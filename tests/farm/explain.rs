@@ -1,7 +1,7 @@
 //! What is known of a scene and of a shard, in each of the states that they can be in.
 
-use crate::program::{run, text};
-use crate::scenes::{SHARDS, partials, place, put_partials};
+use crate::support::program::{run, text};
+use crate::support::scenes::{SHARDS, partials, place, put_partials};
 use serde_json::{Value, json};
 use std::path::Path;
 

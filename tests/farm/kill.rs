@@ -1,8 +1,8 @@
 //! SIGKILL at random moments of planning and tracing, then the same command again.
 
-use crate::outputs::{assert_same, assert_tidy, files, tuples};
-use crate::program::{command, run, text, wait_until};
-use crate::scenes::{SCENES, SHARDS, place, reference};
+use crate::support::outputs::{assert_same, assert_tidy, files, tuples};
+use crate::support::program::{command, run, text, wait_until};
+use crate::support::scenes::{SCENES, SHARDS, place, reference};
 use std::hash::{BuildHasher, RandomState};
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;

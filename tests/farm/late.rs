@@ -1,8 +1,8 @@
 //! A worker whose scene others have finished meanwhile.
 
 use crate::many::alone;
-use crate::outputs::files;
-use crate::scenes::place;
+use crate::support::outputs::files;
+use crate::support::scenes::place;
 use glasshouse::farm::queue::{LocalQueue, QueueKeeper, Waiting};
 use glasshouse::farm::{Event, Run, SharedQueue, Span, Stop, WorkOptions, work_shared};
 use glasshouse::manifest::Roots;

@@ -1,9 +1,9 @@
 //! Many workers on a real NATS server, with everything dying in turns: the tuples are those of one process.
 
-use crate::outputs::{Content, assert_same, files, tuples};
-use crate::program::{Ended, LONGEST, command, run, send, text};
-use crate::scenes::{Place, SCENES, SHARDS, place, reference};
-use crate::server::Server;
+use crate::support::nats_server::Server;
+use crate::support::outputs::{Content, assert_same, files, tuples};
+use crate::support::program::{Ended, LONGEST, command, run, send, text};
+use crate::support::scenes::{Place, SCENES, SHARDS, place, reference};
 use glasshouse::farm::queue::{NatsOptions, NatsWorker, Queue, Waiting};
 use glasshouse::farm::{Run, Span};
 use glasshouse::manifest::Roots;

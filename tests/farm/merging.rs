@@ -1,8 +1,8 @@
 //! `merge`: whole scenes only, and the same tuples as `work`.
 
-use crate::outputs::{assert_same, assert_tidy, files, tuples};
-use crate::program::{run, text};
-use crate::scenes::{SCENES, SHARDS, partials, place, put_partials, reference};
+use crate::support::outputs::{assert_same, assert_tidy, files, tuples};
+use crate::support::program::{run, text};
+use crate::support::scenes::{SCENES, SHARDS, partials, place, put_partials, reference};
 
 #[test]
 fn gaps_are_refused_by_name() {

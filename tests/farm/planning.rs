@@ -1,8 +1,8 @@
 //! Plans: frozen, compared, refused.
 
-use crate::outputs::{assert_same, files, tuples};
-use crate::program::{run, text};
-use crate::scenes::{RECIPE, photographs, place, scene, write_lines};
+use crate::support::outputs::{assert_same, files, tuples};
+use crate::support::program::{run, text};
+use crate::support::scenes::{RECIPE, photographs, place, scene, write_lines};
 use serde_json::json;
 
 #[test]

@@ -2,10 +2,10 @@
 //! of a run in which nothing went wrong.
 
 use crate::many::{assert_finished, coordinator, end, start, worker};
-use crate::outputs::{Content, assert_same, files, tuples};
-use crate::program::{Ended, command, run, text};
-use crate::scenes::{Place, SCENES, photographs, place, reference, scene, write_lines};
-use crate::server::Server;
+use crate::support::nats_server::Server;
+use crate::support::outputs::{Content, assert_same, files, tuples};
+use crate::support::program::{Ended, command, run, text};
+use crate::support::scenes::{Place, SCENES, photographs, place, reference, scene, write_lines};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,8 +1,8 @@
 //! Scenes that cannot be done are set aside with a reason that names file and remedy; the others go on.
 
-use crate::outputs::files;
-use crate::program::{run, text};
-use crate::scenes::{npy, photographs, scene, write_lines};
+use crate::support::outputs::files;
+use crate::support::program::{run, text};
+use crate::support::scenes::{npy, photographs, scene, write_lines};
 use serde_json::{Value, json};
 use std::path::Path;
 

@@ -1,6 +1,6 @@
 //! The promises of a queue, kept by both of them.
 
-use crate::server::Server;
+use crate::support::nats_server::Server;
 use glasshouse::farm::Span;
 use glasshouse::farm::queue::{
     Answer, Delivery, LocalQueue, NatsCoordinator, NatsOptions, NatsWorker, Queue, QueueKeeper,

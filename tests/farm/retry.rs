@@ -1,10 +1,10 @@
 //! What was in quarantine is tried again, by a run that goes on and by one that is over.
 
 use crate::many::{alone, coordinator, end, results, slow_place, wait_for, worker};
-use crate::outputs::{assert_same, tuples};
-use crate::program::{run, text};
-use crate::scenes::{SCENES, photographs, scene, write_lines};
-use crate::server::Server;
+use crate::support::nats_server::Server;
+use crate::support::outputs::{assert_same, tuples};
+use crate::support::program::{run, text};
+use crate::support::scenes::{SCENES, photographs, scene, write_lines};
 use serde_json::json;
 
 #[test]

@@ -2,9 +2,9 @@
 //! can do more than it must.
 
 use crate::many::end;
-use crate::outputs::{assert_same, tuples};
-use crate::program::{command, text};
-use crate::scenes::{Place, place, reference};
+use crate::support::outputs::{assert_same, tuples};
+use crate::support::program::{command, text};
+use crate::support::scenes::{Place, place, reference};
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};

@@ -1,7 +1,7 @@
 //! The coordinator's web server as a client sees it: bytes over a socket.
 
-use crate::markup::strictly;
 use crate::serve_run::{HOSTILE, Run, TOKEN, get, id, png, request, run, send, start, worker};
+use crate::support::markup::strictly;
 use glasshouse::serve::{
     Action, FarmSource, FarmState, QuarantinedScene, ServeError, WorkerState, serve,
 };

@@ -1,7 +1,7 @@
 //! The status page in a browser, where there is one: Debian's `chromium`.
 
-use crate::browser::browse;
 use crate::serve_run::{HOSTILE, run, start};
+use crate::support::browser::browse;
 use std::sync::atomic::Ordering;
 
 fn between<'a>(text: &'a str, before: &str, after: &str) -> &'a str {

@@ -6,12 +6,12 @@
 //! Whoever ends is started again, as a service manager would do it.
 
 use crate::many::alone;
-use crate::outputs::{assert_same, files, tuples};
-use crate::program::{Ended, command, send, text};
-use crate::s3_server::S3Server;
-use crate::scenes::{Place, place};
-use crate::server::Server;
 use crate::store_farm::fetched;
+use crate::support::nats_server::Server;
+use crate::support::outputs::{assert_same, files, tuples};
+use crate::support::program::{Ended, command, send, text};
+use crate::support::s3_server::S3Server;
+use crate::support::scenes::{Place, place};
 use glasshouse::farm::keys::shard_of;
 use glasshouse::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper, Waiting};
 use glasshouse::farm::{Run, Span};

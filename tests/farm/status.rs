@@ -1,9 +1,9 @@
 //! `status` from a store alone, and `--watch`.
 
 use crate::many::{end, slow_place, start, wait_for};
-use crate::program::{command, run, text};
-use crate::scenes::{SCENES, place};
-use crate::server::Server;
+use crate::support::nats_server::Server;
+use crate::support::program::{command, run, text};
+use crate::support::scenes::{SCENES, place};
 use serde_json::Value;
 
 #[test]
@@ -59,7 +59,7 @@ fn a_watch_ends_with_a_signal_and_with_a_cancelled_run() {
         .unwrap();
     std::thread::sleep(std::time::Duration::from_millis(500));
     assert!(watch.try_wait().unwrap().is_none());
-    crate::program::send(&watch, "INT");
+    crate::support::program::send(&watch, "INT");
     end(watch).expect(130);
     run(&["cancel", folder]).expect(0);
     let ended = run(&["status", folder, "--watch", "--json"]).expect(3);
@@ -135,7 +135,7 @@ fn a_store_is_enough() {
     assert_eq!(lost["merged"], 0);
 
     // The store of another run is not touched.
-    let other = crate::scenes::place();
+    let other = crate::support::scenes::place();
     other.plan();
     for verb in ["status", "pause", "resume", "cancel"] {
         run(&[verb, text(&other.run), "--store", store_text])

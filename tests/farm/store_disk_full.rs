@@ -1,9 +1,9 @@
 //! A disk that is really full: a small tmpfs in a mount namespace of its own.
 
-use crate::outputs::{assert_same, assert_tidy, files, tuples};
-use crate::program::{Ended, text};
-use crate::scenes::{place, reference};
-use crate::server::Server;
+use crate::support::nats_server::Server;
+use crate::support::outputs::{assert_same, assert_tidy, files, tuples};
+use crate::support::program::{Ended, text};
+use crate::support::scenes::{place, reference};
 use std::process::Command;
 
 /// `$1`: an empty folder, `$2`: a recipe, `$3`: where to copy what came out, `$4`: the program, `$5`: a queue or nothing.

@@ -2,11 +2,11 @@
 //! disk, whatever dies.
 
 use crate::many::{alone, end, slow_place, wait_for};
-use crate::outputs::{Content, assert_same, tuples};
-use crate::program::{Ended, command, text};
-use crate::s3_server::S3Server;
-use crate::scenes::{Place, SCENES, SHARDS, partials, place, reference};
-use crate::server::Server;
+use crate::support::nats_server::Server;
+use crate::support::outputs::{Content, assert_same, tuples};
+use crate::support::program::{Ended, command, text};
+use crate::support::s3_server::S3Server;
+use crate::support::scenes::{Place, SCENES, SHARDS, partials, place, reference};
 use glasshouse::store::Store;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

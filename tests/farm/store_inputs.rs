@@ -1,9 +1,9 @@
 //! Photographs in a bucket: the same scenes and the same pixels as from a folder, each object fetched once.
 
-use crate::moto::Moto;
-use crate::outputs::{assert_same, files, tuples};
-use crate::program::{command, run, text};
-use crate::s3_server::S3Server;
+use crate::support::moto::Moto;
+use crate::support::outputs::{assert_same, files, tuples};
+use crate::support::program::{command, run, text};
+use crate::support::s3_server::S3Server;
 use glasshouse::farm::{FarmError, Run, WorkOptions, work};
 use glasshouse::manifest::Roots;
 use glasshouse::store::{Cache, Inputs, StoreError};
@@ -55,7 +55,7 @@ impl Both {
     }
 
     /// Runs the program, which knows the bucket.
-    fn run(&self, arguments: &[&str]) -> crate::program::Ended {
+    fn run(&self, arguments: &[&str]) -> crate::support::program::Ended {
         let mut command = command(arguments);
         self.bucket.tell(&mut command);
         command.output().unwrap().into()

@@ -1,9 +1,9 @@
 //! A bucket over TLS, with a private certificate authority: the program chooses its TLS provider before the first
 //! connection, and believes nobody whom it was not told to.
 
-use crate::moto::Moto;
-use crate::program::{Ended, command, text};
-use crate::scenes::{photographs, scene};
+use crate::support::moto::Moto;
+use crate::support::program::{Ended, command, text};
+use crate::support::scenes::{photographs, scene};
 use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};

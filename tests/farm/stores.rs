@@ -1,7 +1,7 @@
 //! What the farm expects of a store, on a disk and behind S3, with a server that works and with one that often does not.
 
-use crate::moto::Moto;
-use crate::s3_server::{BUCKET, S3Server};
+use crate::support::moto::Moto;
+use crate::support::s3_server::{BUCKET, S3Server};
 use glasshouse::store::{Put, Store, StoreError, StoreOptions};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};

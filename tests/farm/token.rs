@@ -1,9 +1,9 @@
 //! The status page's buttons: with the token they do what the commands do.
 
 use crate::many::{end, slow_place, start};
-use crate::program::{command, run, text};
 use crate::serve_run::{get, request};
-use crate::server::Server;
+use crate::support::nats_server::Server;
+use crate::support::program::{command, run, text};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read};
 use std::net::SocketAddr;
@@ -95,8 +95,9 @@ fn tokens_are_not_given_on_a_command_line_and_not_weak() {
         ];
         command(&[&all[..], more].concat())
     };
-    let ended =
-        |mut command: std::process::Command| crate::program::Ended::from(command.output().unwrap());
+    let ended = |mut command: std::process::Command| {
+        crate::support::program::Ended::from(command.output().unwrap())
+    };
     ended(coordinate(&["--token", TOKEN])).expect(2);
     ended(coordinate(&["--token-file", "/nonexistent"]))
         .expect(2)

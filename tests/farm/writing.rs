@@ -1,8 +1,8 @@
 //! The thread that writes: slow disks hold the tracers back, full ones stop the run, and neither changes a pixel.
 
-use crate::outputs::{assert_same, assert_tidy, tuples};
-use crate::program::{Ended, run, text};
-use crate::scenes::{SCENES, SHARDS, place, reference};
+use crate::support::outputs::{assert_same, assert_tidy, tuples};
+use crate::support::program::{Ended, run, text};
+use crate::support::scenes::{SCENES, SHARDS, place, reference};
 use glasshouse::farm::{Event, Run, WorkOptions, work};
 use glasshouse::manifest::Roots;
 use glasshouse::trace::Isa;

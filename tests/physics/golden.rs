@@ -1,4 +1,4 @@
-//! The golden scenes against their own images at 65,536 samples, which stand in `tests/golden/NAME.npy`.
+//! The golden scenes against their own images at 65,536 samples, which stand in `tests/physics/golden/NAME.npy`.
 //!
 //! An image is float32 of shape (10, 16, 12): rows, columns, red, green and blue of I, T, R~, R. To make them again
 //! after a change of the scenes or of the physics (not of rounding), and to see the errors:
@@ -36,7 +36,7 @@ const BOUNDS: &[(&str, [f64; 4])] = &[
 ];
 
 fn path(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/golden/{name}.npy"))
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/physics/golden/{name}.npy"))
 }
 
 /// Mean of all samples, range by range as a run would take them: twelve values a pixel.
@@ -149,7 +149,7 @@ fn references_are_where_scenes_go() {
     }
 }
 
-/// Writes `tests/golden/*.npy`: a minute of a core. The seed is another one than the scenes' own.
+/// Writes `tests/physics/golden/*.npy`: a minute of a core. The seed is another one than the scenes' own.
 #[test]
 #[ignore = "writes the references"]
 fn references_are_made() {

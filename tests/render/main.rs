@@ -1,14 +1,26 @@
-//! Whole images: against an independent renderer, against photographs, and against themselves in other cuts.
-
-#![allow(clippy::unwrap_used, reason = "a test's functions fail like the test")]
+//! Whole images: from scene lines and recipes to pixels, against an independent renderer, against photographs, and
+//! against themselves in other cuts.
 #![allow(
+    clippy::unwrap_used,
+    clippy::disallowed_methods,
+    clippy::print_stderr,
     clippy::print_stdout,
-    reason = "measured numbers, and why a test was skipped"
+    reason = "tests may panic in any function, damage files, show numbers, and say why they cannot run here"
 )]
 
 mod estimate;
+mod hard_cases;
+mod layers;
+mod light;
+mod list;
+mod mesh;
 mod oracle;
+mod places;
 mod real;
 mod real_list;
 mod real_scenes;
 mod real_sets;
+mod rendering;
+mod same;
+#[path = "../support/mod.rs"]
+mod support;

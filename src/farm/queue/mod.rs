@@ -25,7 +25,7 @@ pub use nats_probe::{NatsAccount, NatsFacts, probe_nats};
 pub use nats_worker::NatsWorker;
 
 pub use super::message::{MessageError, read_waiting, write_waiting};
-use super::span::Span;
+use crate::run::Span;
 use std::collections::BTreeSet;
 use std::time::Duration;
 

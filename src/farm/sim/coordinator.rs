@@ -3,7 +3,8 @@
 use super::case::{ListFirst, Listing};
 use super::engine::{Event, Sim, us};
 use super::holding::Handed;
-use crate::farm::{Span, uncovered};
+use crate::farm::uncovered;
+use crate::run::Span;
 use std::collections::VecDeque;
 
 /// Keys in a page of the store's listing.

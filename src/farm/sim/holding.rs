@@ -7,7 +7,8 @@
 //! The rules are those of a worker's own `held.rs` and `open_span.rs`, without threads and files.
 
 pub(super) use crate::farm::queue::Waiting as Handed;
-use crate::farm::{HeldSpan, Span, what_to_give};
+use crate::farm::{HeldSpan, what_to_give};
+use crate::run::Span;
 use std::ops::Range;
 
 /// One message and what is left of its span.

@@ -6,7 +6,7 @@
 //! so that an acknowledgement from before removes a message that it does not mean.
 
 use super::holding::Handed;
-use crate::farm::Span;
+use crate::run::Span;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 use std::ops::Range;

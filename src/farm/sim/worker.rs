@@ -5,7 +5,7 @@ use super::engine::{Event, RECONNECT_S, Sim, WorkerId, us};
 use super::holding::{Handed, Holding};
 use super::queue::{Delivery, Sequence};
 use super::tally::Kind;
-use crate::farm::Span;
+use crate::run::Span;
 use std::ops::Range;
 
 /// What it computes.

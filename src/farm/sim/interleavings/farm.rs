@@ -4,9 +4,9 @@ use super::super::case::mix;
 use super::super::queue::{Delivery, Queue, Sequence};
 use super::Mistake;
 use super::worker::{Job, Publication, Worker};
-use crate::farm::Span as Task;
 use crate::farm::queue::{Delivery as Lease, Waiting as Message};
 use crate::farm::worker::tasks::{TaskId, Time};
+use crate::run::Span as Task;
 use std::collections::{BTreeMap, BTreeSet};
 
 pub(super) const SCENES: u32 = 2;

@@ -1,7 +1,7 @@
 //! What the machine asks of those who drive it.
 
 use crate::farm::queue::Waiting as Message;
-use crate::farm::span::Span as Task;
+use crate::run::Span as Task;
 use std::ops::Range;
 
 /// Names a leased task inside its worker; never used again.

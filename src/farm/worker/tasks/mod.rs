@@ -30,7 +30,7 @@ pub(in crate::farm) use state::TaskState;
 
 use super::costs::Costs;
 use crate::farm::queue::{Delivery as Lease, Waiting as Message};
-use crate::farm::span::Span as Task;
+use crate::run::Span as Task;
 use shards::{Shards, rows};
 use state::{End, Next, TaskEvent, next};
 use std::collections::BTreeMap;

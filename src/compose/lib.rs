@@ -1,0 +1,34 @@
+//! How near the pictures of a network come to the truth: pictures with ground truth, found, read, scored and tabled.
+//!
+//! ```text
+//! folders -> layout, pairs (which file is whose truth) -> picture (8-bit RGB) -> a network -> gain, score -> table
+//!                                                               `-> align (is the truth where the picture is?)
+//! ```
+//!
+//! Papers measure in different ways, so that numbers compare only under one protocol; `score` computes the two that matter
+//! here, side by side. Real pairs are photographed one after the other, and some do not lie on each other: `align` tells
+//! which, and tables state means with and without them.
+//!
+//! Only `pairs` and `picture` touch files.
+
+mod align;
+mod error;
+mod gain;
+mod layout;
+mod pairs;
+mod picture;
+mod score;
+mod ssim;
+mod table;
+
+pub use align::{MAX_ALIGNED_SHIFT_PX, Shift, shift_px};
+pub use error::EvaluateError;
+pub use gain::{apply_gain, best_gain};
+pub use pairs::{Found, Pair, find_pairs};
+pub use picture::{decode_picture, read_picture};
+pub use score::{Scores, psnr_colour_db, score};
+pub use ssim::ssim_grey;
+pub use table::{Protocol, Row, means_table, per_image_csv};
+
+#[cfg(test)]
+mod tests;

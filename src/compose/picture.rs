@@ -1,0 +1,214 @@
+//! Pictures as networks take them: 8-bit RGB, the right way up.
+//!
+//! Samples are taken for sRGB codes: colour profiles and gamma chunks are ignored, as the programs ignore them whose scores
+//! are compared with.
+
+use super::EvaluateError;
+use image::codecs::{jpeg::JpegDecoder, png::PngDecoder};
+use image::metadata::Orientation;
+use image::{DynamicImage, ImageDecoder, ImageError, RgbImage};
+use render::formats::jpeg_is_whole;
+use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
+use std::fs;
+use std::io::Cursor;
+use std::path::Path;
+
+const PNG_MAGIC: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
+const JPEG_MAGIC: [u8; 2] = [0xff, 0xd8];
+
+/// Reads a PNG or JPEG file, whatever its ending says. See [`decode_picture`].
+pub fn read_picture(path: &Path) -> Result<RgbImage, EvaluateError> {
+    let bytes = fs::read(path).map_err(|source| EvaluateError::Read {
+        path: path.to_owned(),
+        source,
+    })?;
+    decode_picture(path, &bytes)
+}
+
+/// Decodes the bytes of a PNG or JPEG file; `path` is for messages.
+///
+/// Turned and mirrored as its EXIF orientation says. 16-bit samples become the nearest 8-bit ones, grey becomes three equal
+/// channels, an alpha channel that is opaque everywhere is dropped and any other refused.
+pub fn decode_picture(path: &Path, bytes: &[u8]) -> Result<RgbImage, EvaluateError> {
+    let unreadable = |reason: String| EvaluateError::Picture {
+        path: path.to_owned(),
+        reason,
+    };
+    let failed = |error: ImageError| unreadable(error.to_string());
+    let reader = Cursor::new(bytes);
+    let (mut picture, orientation) = if bytes.starts_with(&PNG_MAGIC) {
+        read(
+            path,
+            PngDecoder::with_limits(reader, limits()).map_err(failed)?,
+        )?
+    } else if bytes.starts_with(&JPEG_MAGIC) {
+        if !jpeg_is_whole(bytes) {
+            return Err(unreadable("it ends before the picture does".to_owned()));
+        }
+        read(path, JpegDecoder::new(reader).map_err(failed)?)?
+    } else {
+        return Err(unreadable("it begins like neither".to_owned()));
+    };
+    picture.apply_orientation(orientation);
+    if picture.color().has_alpha() && !is_opaque(&picture) {
+        return Err(EvaluateError::Transparent {
+            path: path.to_owned(),
+        });
+    }
+    Ok(match picture {
+        DynamicImage::ImageRgb8(image) => image,
+        // The crate's own way from 16 bits to 8 is not documented to round.
+        wide @ (DynamicImage::ImageRgb16(_)
+        | DynamicImage::ImageRgba16(_)
+        | DynamicImage::ImageLuma16(_)
+        | DynamicImage::ImageLumaA16(_)) => {
+            let wide = wide.into_rgb16();
+            RgbImage::from_fn(wide.width(), wide.height(), |x, y| {
+                wide.get_pixel(x, y).0.map(narrow).into()
+            })
+        }
+        other => other.into_rgb8(),
+    })
+}
+
+/// The nearest 8-bit code: 257 codes of 16 bits to one of 8.
+fn narrow(code: u16) -> u8 {
+    ((u32::from(code) + 128) / 257) as u8
+}
+
+/// Checks the size, then reads the pixels and what EXIF says of their order.
+fn read(
+    path: &Path,
+    mut decoder: impl ImageDecoder,
+) -> Result<(DynamicImage, Orientation), EvaluateError> {
+    let (width, height) = decoder.dimensions();
+    let side = 1..=MAX_SIDE as u32;
+    let fits = side.contains(&width) && side.contains(&height);
+    if !fits || width as usize * height as usize > MAX_PIXELS {
+        return Err(EvaluateError::Size {
+            path: path.to_owned(),
+            width,
+            height,
+        });
+    }
+    // EXIF data that cannot be understood say nothing of the pixels.
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    let picture = DynamicImage::from_decoder(decoder).map_err(|error| EvaluateError::Picture {
+        path: path.to_owned(),
+        reason: error.to_string(),
+    })?;
+    Ok((picture, orientation))
+}
+
+fn limits() -> image::Limits {
+    let mut limits = image::Limits::default();
+    limits.max_alloc = Some(MAX_PIXELS as u64 * 8 + (64 << 20));
+    limits
+}
+
+fn is_opaque(picture: &DynamicImage) -> bool {
+    match picture {
+        DynamicImage::ImageLumaA8(image) => image.pixels().all(|p| p[1] == u8::MAX),
+        DynamicImage::ImageRgba8(image) => image.pixels().all(|p| p[3] == u8::MAX),
+        DynamicImage::ImageLumaA16(image) => image.pixels().all(|p| p[1] == u16::MAX),
+        DynamicImage::ImageRgba16(image) => image.pixels().all(|p| p[3] == u16::MAX),
+        _ => true,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::{ExtendedColorType, ImageEncoder, Rgb};
+
+    fn png(pixels: &[u8], width: u32, height: u32, color: ExtendedColorType) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        image::codecs::png::PngEncoder::new(&mut bytes)
+            .write_image(pixels, width, height, color)
+            .unwrap();
+        bytes
+    }
+
+    fn wide(samples: &[u16]) -> Vec<u8> {
+        samples.iter().flat_map(|v| v.to_ne_bytes()).collect()
+    }
+
+    fn decode(bytes: &[u8]) -> Result<RgbImage, EvaluateError> {
+        decode_picture(Path::new("a.png"), bytes)
+    }
+
+    /// A JPEG of 16 x 8 px, left half red and right half blue, with this EXIF orientation.
+    fn turned_jpeg(orientation: Option<u8>) -> Vec<u8> {
+        let picture = RgbImage::from_fn(16, 8, |x, _| {
+            Rgb(if x < 8 { [220, 20, 20] } else { [20, 20, 220] })
+        });
+        let mut bytes = Vec::new();
+        image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 95)
+            .write_image(&picture, 16, 8, ExtendedColorType::Rgb8)
+            .unwrap();
+        if let Some(orientation) = orientation {
+            // One entry of a little-endian TIFF directory: tag 0x112, one 16-bit number.
+            let mut segment = b"\xff\xe1\x00\x22Exif\0\0II*\0\x08\0\0\0\x01\0".to_vec();
+            segment.extend(b"\x12\x01\x03\0\x01\0\0\0");
+            segment.extend([orientation, 0, 0, 0, 0, 0, 0, 0]);
+            bytes.splice(2..2, segment);
+        }
+        bytes
+    }
+
+    #[test]
+    fn pictures_stand_the_right_way_up() {
+        let is_red = |image: &RgbImage, x, y| image.get_pixel(x, y)[0] > 128;
+        let plain = decode(&turned_jpeg(None)).unwrap();
+        assert!(plain.dimensions() == (16, 8) && is_red(&plain, 0, 4));
+        assert_eq!(decode(&turned_jpeg(Some(1))).unwrap(), plain);
+        // 3: turned by half a turn. 6: to be turned clockwise, so that the left comes up. 8: the other way.
+        let half = decode(&turned_jpeg(Some(3))).unwrap();
+        assert!(half.dimensions() == (16, 8) && !is_red(&half, 0, 4));
+        let clockwise = decode(&turned_jpeg(Some(6))).unwrap();
+        assert!(clockwise.dimensions() == (8, 16) && is_red(&clockwise, 4, 0));
+        let other = decode(&turned_jpeg(Some(8))).unwrap();
+        assert!(other.dimensions() == (8, 16) && !is_red(&other, 4, 0));
+        assert_eq!(decode(&turned_jpeg(Some(99))).unwrap(), plain);
+    }
+
+    #[test]
+    fn other_samples_become_8_bit_rgb() {
+        let grey = decode(&png(&[7, 200], 2, 1, ExtendedColorType::L8)).unwrap();
+        assert_eq!(grey.as_raw(), &[7, 7, 7, 200, 200, 200]);
+        let samples = wide(&[0, 128, 129, 65535, 65407, 65406]);
+        let rounded = decode(&png(&samples, 2, 1, ExtendedColorType::Rgb16)).unwrap();
+        assert_eq!(rounded.as_raw(), &[0, 0, 1, 255, 255, 254]);
+        let samples = wide(&[257 * 30, 65535]);
+        let grey = decode(&png(&samples, 1, 1, ExtendedColorType::La16)).unwrap();
+        assert_eq!(grey.as_raw(), &[30; 3]);
+        for code in 0..=u16::MAX {
+            assert_eq!(f64::from(narrow(code)), (f64::from(code) / 257.0).round());
+        }
+    }
+
+    #[test]
+    fn what_shines_through_is_refused() {
+        let opaque = png(&[1, 2, 3, 255], 1, 1, ExtendedColorType::Rgba8);
+        assert_eq!(decode(&opaque).unwrap().as_raw(), &[1, 2, 3]);
+        let error = decode(&png(&[1, 2, 3, 254], 1, 1, ExtendedColorType::Rgba8)).unwrap_err();
+        assert!(
+            error.to_string().contains("flatten it onto a background"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn damaged_files_are_named() {
+        let mut cut = turned_jpeg(None);
+        cut.truncate(cut.len() - 20);
+        let mut huge = png(&[0; 3], 1, 1, ExtendedColorType::Rgb8);
+        huge[16..20].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff]);
+        for bytes in [&cut[..], &huge, b"GIF89a", b"", b"\x89PNG\r\n\x1a\n"] {
+            let error = decode(bytes).unwrap_err().to_string();
+            assert!(error.contains("a.png"), "{error}");
+        }
+        let error = read_picture(Path::new("no/such.png")).unwrap_err();
+        assert!(matches!(error, EvaluateError::Read { .. }), "{error}");
+    }
+}

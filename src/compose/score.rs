@@ -1,0 +1,167 @@
+//! Peak signal-to-noise ratio and structural similarity of 8-bit pictures, under the two protocols that papers here use.
+//!
+//! | protocol | PSNR | SSIM |
+//! |---|---|---|
+//! | paper: Kim, Huo and Yoon, CVPR 2020 | one mean square over all channels | of the grey pictures |
+//! | errnet: Wei et al., CVPR 2019, and what follows it | of each channel, then the mean of three | of each channel, then the mean of three |
+//!
+//! Both: range 255, SSIM as [`ssim_grey`] has it (scikit-image's defaults).
+
+use super::EvaluateError;
+use crate::ssim_grey;
+use image::{Rgb, RgbImage};
+
+/// How near a picture is to the truth. Equal pictures have an infinite PSNR (`f64::INFINITY`, written `inf`), and so has
+/// every mean with one of them in it, as scikit-image and numpy have it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scores {
+    /// Paper protocol: PSNR of all samples of all channels together, dB.
+    pub psnr_colour_db: f64,
+    /// Paper protocol: SSIM of the pictures in 8-bit grey.
+    pub ssim_grey: f64,
+    /// ERRNet protocol: mean of the PSNRs of R, G and B, dB.
+    pub psnr_channels_db: f64,
+    /// ERRNet protocol: mean of the SSIMs of R, G and B.
+    pub ssim_channels: f64,
+}
+
+impl Scores {
+    /// The mean of each score; all not-a-number of none.
+    pub fn mean(scores: &[Self]) -> Self {
+        let mean = |of: fn(&Self) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
+        Self {
+            psnr_colour_db: mean(|s| s.psnr_colour_db),
+            ssim_grey: mean(|s| s.ssim_grey),
+            psnr_channels_db: mean(|s| s.psnr_channels_db),
+            ssim_channels: mean(|s| s.ssim_channels),
+        }
+    }
+}
+
+/// Scores a picture against the truth. Pictures of less than 7 px a side are one window to SSIM.
+pub fn score(output: &RgbImage, truth: &RgbImage) -> Result<Scores, EvaluateError> {
+    check_same_size(output, truth)?;
+    let (width, height) = (output.width() as usize, output.height() as usize);
+    let ssim = |plane: &dyn Fn(&RgbImage) -> Vec<u8>| {
+        ssim_grey(&plane(output), &plane(truth), width, height)
+    };
+    let squares = square_sums(output, truth);
+    let count = (width * height) as f64;
+    let channel_psnrs_db = squares.map(|sum| psnr_db(sum as f64 / count));
+    let channel_ssims = [0, 1, 2].map(|c| ssim(&|image| channel(image, c)));
+    Ok(Scores {
+        psnr_colour_db: psnr_colour_db(output, truth)?,
+        ssim_grey: ssim(&grey),
+        psnr_channels_db: channel_psnrs_db.iter().sum::<f64>() / 3.0,
+        ssim_channels: channel_ssims.iter().sum::<f64>() / 3.0,
+    })
+}
+
+/// PSNR of all channels together, dB; infinite for equal pictures.
+pub fn psnr_colour_db(output: &RgbImage, truth: &RgbImage) -> Result<f64, EvaluateError> {
+    check_same_size(output, truth)?;
+    let sum: u64 = square_sums(output, truth).iter().sum();
+    Ok(psnr_db(sum as f64 / truth.as_raw().len() as f64))
+}
+
+/// Passes two pictures of one size that is not 0.
+pub(super) fn check_same_size(a: &RgbImage, b: &RgbImage) -> Result<(), EvaluateError> {
+    if a.dimensions() != b.dimensions() {
+        return Err(EvaluateError::SizesDiffer {
+            a: a.dimensions().into(),
+            b: b.dimensions().into(),
+        });
+    }
+    if a.is_empty() {
+        return Err(EvaluateError::Empty);
+    }
+    Ok(())
+}
+
+/// PSNR of a mean square of differences of codes, dB.
+pub(super) fn psnr_db(mean_square: f64) -> f64 {
+    10.0 * libm::log10(255.0 * 255.0 / mean_square)
+}
+
+/// Sums over all pixels of the squared differences, by channel.
+fn square_sums(a: &RgbImage, b: &RgbImage) -> [u64; 3] {
+    let mut sums = [0; 3];
+    for (Rgb(p), Rgb(q)) in a.pixels().zip(b.pixels()) {
+        for c in 0..3 {
+            sums[c] += u64::from(p[c].abs_diff(q[c])).pow(2);
+        }
+    }
+    sums
+}
+
+/// Grey as OpenCV makes it of 8-bit colours: weights 0.299, 0.587, 0.114 in units of 2^-15, rounded. Rounding the exact sum
+/// instead differs by one code for 1 colour in 700.
+pub(super) fn grey(image: &RgbImage) -> Vec<u8> {
+    let of = |&Rgb([r, g, b]): &Rgb<u8>| {
+        (u32::from(r) * 9798 + u32::from(g) * 19235 + u32::from(b) * 3735 + (1 << 14)) >> 15
+    };
+    image.pixels().map(|pixel| of(pixel) as u8).collect()
+}
+
+fn channel(image: &RgbImage, c: usize) -> Vec<u8> {
+    image.pixels().map(|pixel| pixel[c]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The pictures of `tests/train/scores.py`.
+    fn pictures() -> (RgbImage, RgbImage) {
+        let at = |x: u32, y: u32, c: u32| (x * x * 3 + y * 7 + x * y * (c + 2) + c * 41) % 251;
+        let truth = RgbImage::from_fn(45, 31, |x, y| {
+            Rgb([0, 1, 2].map(|c| at(x, y, c as u32) as u8))
+        });
+        let output = RgbImage::from_fn(45, 31, |x, y| {
+            Rgb([0, 1, 2].map(|c: u32| ((at(x, y, c) * 5 + at(x + 2, y + c, c)) / 6) as u8))
+        });
+        (output, truth)
+    }
+
+    #[test]
+    fn scikit_image_agrees() {
+        // tests/train/scores.py makes the numbers.
+        let expected = Scores {
+            psnr_colour_db: 23.572_454_967_125_847,
+            ssim_grey: 0.968_866_613_728_260_6,
+            psnr_channels_db: 23.573_709_776_179_1,
+            ssim_channels: 0.967_506_967_104_718_2,
+        };
+        let (output, truth) = pictures();
+        let found = score(&output, &truth).unwrap();
+        let off = [
+            found.psnr_colour_db - expected.psnr_colour_db,
+            found.ssim_grey - expected.ssim_grey,
+            found.psnr_channels_db - expected.psnr_channels_db,
+            found.ssim_channels - expected.ssim_channels,
+        ];
+        assert!(off.iter().all(|d| d.abs() < 1e-9), "{found:?}");
+    }
+
+    #[test]
+    fn equal_pictures_are_infinitely_near() {
+        let (picture, other) = pictures();
+        let scores = score(&picture, &picture).unwrap();
+        assert_eq!(scores.psnr_colour_db, f64::INFINITY);
+        assert_eq!(scores.psnr_channels_db, f64::INFINITY);
+        assert!((scores.ssim_grey - 1.0).abs() < 1e-12);
+        assert!((scores.ssim_channels - 1.0).abs() < 1e-12);
+        let mean = Scores::mean(&[scores, score(&picture, &other).unwrap()]);
+        assert_eq!(mean.psnr_colour_db, f64::INFINITY);
+        assert!(mean.ssim_grey < 1.0);
+    }
+
+    #[test]
+    fn pictures_that_do_not_fit_are_refused() {
+        let error = score(&RgbImage::new(3, 2), &RgbImage::new(2, 3)).unwrap_err();
+        assert!(error.to_string().contains("3 x 2 px"), "{error}");
+        let error = score(&RgbImage::new(0, 0), &RgbImage::new(0, 0)).unwrap_err();
+        assert!(matches!(error, EvaluateError::Empty));
+        assert!(score(&RgbImage::new(1, 1), &RgbImage::new(1, 1)).is_ok());
+    }
+}

@@ -1,0 +1,379 @@
+//! Early news: every input file of a plan is looked at before a scene is traced.
+//!
+//! A file's beginning and end are read, no more (of an object in a store the beginning alone). What is wrong with the
+//! pixels themselves is told when the scene is loaded, and costs that scene.
+
+use super::content::Content;
+use super::drafting::{DraftError, Request};
+use super::inputs::{InputFiles, StoreUnavailable};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use render::formats::NamedBytes;
+use render::ids::SceneId;
+use render::line::{Roots, SceneLine, Side, is_url};
+use render::scene::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Threads that ask a store at least: they wait for answers.
+const STORE_THREADS: usize = 32;
+/// Rows of the table that a person is shown.
+const SHOWN: usize = 20;
+
+/// A file that a scene cannot be made from.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct InvalidInput {
+    /// As in the scene lines.
+    pub path: String,
+    /// What is wrong with it, and what to do.
+    pub problem: String,
+    /// Those that need it.
+    pub scenes: Vec<SceneId>,
+}
+
+/// A table of what is wrong, of at most twenty rows, after a line that counts.
+pub fn invalid_text(invalid: &[InvalidInput], files: usize) -> String {
+    let scenes: BTreeSet<&SceneId> = invalid.iter().flat_map(|input| &input.scenes).collect();
+    let mut text = format!(
+        "{} of {files} input files cannot be used, in {} {}:\n",
+        invalid.len(),
+        scenes.len(),
+        if scenes.len() == 1 { "scene" } else { "scenes" },
+    );
+    let shown = &invalid[..invalid.len().min(SHOWN)];
+    let width = shown.iter().map(|input| input.path.chars().count()).max();
+    for InvalidInput { path, problem, .. } in shown {
+        let _ = writeln!(
+            text,
+            "  {path:width$}  {problem}",
+            width = width.unwrap_or(0)
+        );
+    }
+    if invalid.len() > SHOWN {
+        let _ = writeln!(
+            text,
+            "  ... and {} more (all of them with --json)",
+            invalid.len() - SHOWN
+        );
+    }
+    text
+}
+
+/// What a look at a file gave.
+#[derive(Clone, Debug)]
+enum Seen {
+    Sound {
+        bytes: u64,
+        /// Width and height of an image.
+        size: Option<[usize; 2]>,
+    },
+    Wrong(String),
+}
+
+/// Looks at each file once.
+pub(super) struct Checker<'a> {
+    roots: Roots,
+    /// Roots whose files planning writes itself: they are not looked at.
+    own: BTreeSet<&'a str>,
+    inputs: &'a dyn InputFiles,
+    threads: usize,
+    on_file: &'a (dyn Fn(usize, usize) + Sync),
+    seen: BTreeMap<(String, FileRole), Seen>,
+}
+
+impl<'a> Checker<'a> {
+    /// Of the content's files; `on_file` is told (done, all).
+    pub(super) fn new(
+        content: &'a Content,
+        request: &'a Request,
+        on_file: &'a (dyn Fn(usize, usize) + Sync),
+    ) -> Result<Self, DraftError> {
+        let mut roots = Roots::default();
+        for (name, folder) in &content.roots {
+            roots.insert(name, folder.clone())?;
+        }
+        Ok(Self {
+            roots,
+            own: content.own_roots(),
+            inputs: request.inputs,
+            threads: request.threads,
+            on_file,
+            seen: BTreeMap::new(),
+        })
+    }
+
+    /// Files that were looked at.
+    pub(super) fn files(&self) -> usize {
+        let paths: BTreeSet<&str> = self.seen.keys().map(|(path, _)| path.as_str()).collect();
+        paths.len()
+    }
+
+    /// Size of the scenes' files together.
+    pub(super) fn bytes(&self, lines: &[SceneLine]) -> u64 {
+        let mut sizes = BTreeMap::new();
+        for (path, role) in lines.iter().flat_map(files_of) {
+            let key = (path.to_owned(), role);
+            if let Some(Seen::Sound { bytes, .. }) = self.seen.get(&key) {
+                sizes.insert(path, *bytes);
+            }
+        }
+        sizes.values().sum()
+    }
+
+    /// Looks at the scenes' files, as far as that was not done before; those that cannot be used, by path.
+    ///
+    /// An error is one of a store, not of a file.
+    pub(super) fn check(
+        &mut self,
+        lines: &[SceneLine],
+    ) -> Result<Vec<InvalidInput>, StoreUnavailable> {
+        let wanted: BTreeSet<(&str, FileRole)> = lines.iter().flat_map(files_of).collect();
+        let is_new = |(path, role): &(&str, FileRole)| {
+            let root = path.split_once(':').map(|(root, _)| root);
+            !root.is_some_and(|root| self.own.contains(root))
+                && !self.seen.contains_key(&((*path).to_owned(), *role))
+        };
+        let new: Vec<(&str, FileRole)> = wanted.into_iter().filter(is_new).collect();
+        let found = self.look_at_all(&new)?;
+        for ((path, role), seen) in new.into_iter().zip(found) {
+            self.seen.insert((path.to_owned(), role), seen);
+        }
+        let mut invalid: BTreeMap<&str, InvalidInput> = BTreeMap::new();
+        for line in lines {
+            for (path, problem) in self.problems(line) {
+                let input = invalid.entry(path).or_insert_with(|| InvalidInput {
+                    path: path.to_owned(),
+                    problem,
+                    scenes: Vec::new(),
+                });
+                if input.scenes.last() != Some(&line.id) {
+                    input.scenes.push(line.id.clone());
+                }
+            }
+        }
+        Ok(invalid.into_values().collect())
+    }
+
+    fn look_at_all(&self, files: &[(&str, FileRole)]) -> Result<Vec<Seen>, StoreUnavailable> {
+        let paths: Vec<_> = files
+            .iter()
+            .map(|(path, role)| (self.roots.resolve(Path::new(""), path), *role))
+            .collect();
+        let is_remote = paths
+            .iter()
+            .any(|(path, _)| path.as_ref().is_ok_and(is_url));
+        let threads = if is_remote {
+            self.threads.max(STORE_THREADS)
+        } else {
+            self.threads
+        };
+        let (done, all) = (AtomicUsize::new(0), files.len());
+        (self.on_file)(0, all);
+        let look = || {
+            paths
+                .into_par_iter()
+                .map(|(path, role)| {
+                    let seen = match path {
+                        Ok(path) => look_at(&path, role, self.inputs)?,
+                        Err(error) => Seen::Wrong(error.to_string()),
+                    };
+                    (self.on_file)(done.fetch_add(1, Ordering::Relaxed) + 1, all);
+                    Ok(seen)
+                })
+                .collect()
+        };
+        match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
+            Ok(pool) => pool.install(look),
+            // No thread to be had: the caller's own will do.
+            Err(_) => look(),
+        }
+    }
+
+    /// The files of a scene that cannot be used, and why.
+    fn problems<'l>(&self, line: &'l SceneLine) -> Vec<(&'l str, String)> {
+        let seen = |path: &str, role| self.seen.get(&(path.to_owned(), role));
+        let mut problems = Vec::new();
+        for side in [&line.front, &line.back] {
+            for (path, role) in roles(side) {
+                if let Some(Seen::Wrong(problem)) = seen(path, role) {
+                    problems.push((path, problem.clone()));
+                }
+            }
+            if let Side::Photograph(photograph) = side
+                && let Some(mask) = &photograph.mask
+                && let Some(Seen::Sound {
+                    size: Some(of_mask),
+                    ..
+                }) = seen(mask, FileRole::Mask)
+                && let Some(Seen::Sound {
+                    size: Some(of_depth),
+                    ..
+                }) = seen(&photograph.depth, FileRole::Depth)
+                && of_mask != of_depth
+            {
+                let ([w, h], [width, height]) = (of_mask, of_depth);
+                problems.push((
+                    mask,
+                    format!(
+                        "it has {w}x{h} pixels, the depth image has {width}x{height}; give a mask of the depth's size, or none"
+                    ),
+                ));
+            }
+        }
+        problems
+    }
+}
+
+fn files_of(line: &SceneLine) -> impl Iterator<Item = (&str, FileRole)> {
+    [&line.front, &line.back].into_iter().flat_map(roles)
+}
+
+/// A side's files.
+fn roles(side: &Side) -> Vec<(&str, FileRole)> {
+    let paths = side.paths().into_iter();
+    let role = |key| match (side, key) {
+        (Side::Photograph(_), "depth") => FileRole::Depth,
+        (Side::Photograph(_), "mask") => FileRole::Mask,
+        (Side::Photograph(_), _) => FileRole::Color,
+        (Side::Panorama(_), "depth") => FileRole::PanoramaDepth,
+        (Side::Panorama(_), _) => FileRole::Panorama,
+        (Side::Mesh(_), _) => FileRole::Mesh,
+    };
+    paths.map(|(key, path)| (path, role(key))).collect()
+}
+
+/// Looks at one file or object.
+fn look_at(path: &Path, role: FileRole, inputs: &dyn InputFiles) -> Result<Seen, StoreUnavailable> {
+    let ends = match ends(path, inputs) {
+        Ok(ends) => ends,
+        Err(error) => return unreadable(error, inputs),
+    };
+    let bytes = ends.length;
+    let seen = match look(role, &ends) {
+        Ok(Look::Sound(size)) => Ok(size),
+        Ok(Look::Unsure) => match inputs.read(path) {
+            Ok(bytes) => look_at_whole(role, &named(bytes)),
+            Err(error) => return unreadable(error, inputs),
+        },
+        Err(error) => Err(error),
+    };
+    Ok(match seen {
+        Ok(size) => Seen::Sound { bytes, size },
+        Err(error) => Seen::Wrong(error.to_string()),
+    })
+}
+
+/// A store that cannot be asked says nothing of its objects.
+fn unreadable(error: io::Error, inputs: &dyn InputFiles) -> Result<Seen, StoreUnavailable> {
+    match inputs.store_failure(error) {
+        Ok(error) => Err(error),
+        Err(error) => Ok(Seen::Wrong(format!("it cannot be read: {error}"))),
+    }
+}
+
+/// Bytes whose errors begin with "it": the path stands beside them.
+fn named(bytes: Vec<u8>) -> NamedBytes {
+    NamedBytes {
+        path: PathBuf::from("it"),
+        bytes,
+    }
+}
+
+fn ends(path: &Path, inputs: &dyn InputFiles) -> io::Result<FileEnds> {
+    if is_url(path) {
+        let (start, length) = inputs.read_start(path, START_BYTES)?;
+        return Ok(FileEnds {
+            start: named(start),
+            end: None,
+            length,
+        });
+    }
+    let mut file = File::open(path)?;
+    let metadata = file.metadata()?;
+    if !metadata.is_file() {
+        return Err(io::Error::other("it is no file"));
+    }
+    let length = metadata.len();
+    let mut start = Vec::with_capacity(START_BYTES.min(length as usize));
+    Read::by_ref(&mut file)
+        .take(START_BYTES as u64)
+        .read_to_end(&mut start)?;
+    let mut end = Vec::new();
+    if length > (start.len() + END_BYTES) as u64 {
+        file.seek(SeekFrom::End(-(END_BYTES as i64)))?;
+    }
+    file.take(END_BYTES as u64).read_to_end(&mut end)?;
+    Ok(FileEnds {
+        start: named(start),
+        end: Some(end),
+        length,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inputs::LocalFiles;
+    use render::atomic_file;
+
+    fn seen(path: &Path, role: FileRole) -> Seen {
+        look_at(path, role, &LocalFiles).unwrap()
+    }
+
+    #[test]
+    fn files_of_any_length_are_looked_at() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("depth.npy");
+        // Around the number of bytes that are read.
+        for count in [1, 4000, 4060, 4064, 4068, 4100, 9000] {
+            let text =
+                format!("{{'descr': '<f4', 'fortran_order': False, 'shape': (1, {count:5}), }}");
+            let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+            bytes.extend((text.len() as u16).to_le_bytes());
+            bytes.extend(text.as_bytes());
+            bytes.resize(bytes.len() + 4 * count, 0);
+            atomic_file::write_relaxed(&path, &bytes).unwrap();
+            match seen(&path, FileRole::Depth) {
+                Seen::Sound {
+                    bytes: length,
+                    size,
+                } => {
+                    assert_eq!((length, size), (bytes.len() as u64, Some([count, 1])));
+                }
+                wrong @ Seen::Wrong(_) => panic!("{wrong:?}"),
+            }
+            bytes.pop();
+            atomic_file::write_relaxed(&path, &bytes).unwrap();
+            let Seen::Wrong(problem) = seen(&path, FileRole::Depth) else {
+                panic!("{count}");
+            };
+            assert!(problem.starts_with("cannot read it as .npy: "), "{problem}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_file_is_wrong() {
+        let folder = tempfile::tempdir().unwrap();
+        for path in [folder.path(), &folder.path().join("nowhere")] {
+            assert!(matches!(seen(path, FileRole::Color), Seen::Wrong(_)));
+        }
+    }
+
+    #[test]
+    fn a_long_table_is_cut() {
+        let invalid: Vec<InvalidInput> = (0..25)
+            .map(|n| InvalidInput {
+                path: format!("diode:{n}.png"),
+                problem: "it is empty".to_owned(),
+                scenes: vec![SceneId::new(format!("s-{}", n / 2)).unwrap()],
+            })
+            .collect();
+        let text = invalid_text(&invalid, 100);
+        assert!(text.starts_with("25 of 100 input files cannot be used, in 13 scenes:\n"));
+        assert_eq!(text.matches("it is empty").count(), SHOWN);
+        assert!(text.ends_with("... and 5 more (all of them with --json)\n"));
+    }
+}

@@ -1,0 +1,341 @@
+//! The photographs of a DIODE folder, and of procedural sets that have its layout.
+//!
+//! ```text
+//! [train|val/](indoors|outdoor)/scene_NNNNN/scan_NNNNN/NAME{.png,_depth.npy,_depth_mask.npy}
+//! ```
+
+use super::list::ListError;
+use render::line::DepthRange;
+use render::line::Side;
+use serde::Deserialize;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Indoors or outdoors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Place {
+    /// DIODE's `indoors`.
+    Indoors,
+    /// DIODE's `outdoor`.
+    Outdoor,
+}
+
+/// An RGBD photograph of a source. Paths are relative to the source's root, with `/`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SourceImage {
+    /// The colour image.
+    pub color: String,
+    /// The depth image.
+    pub depth: String,
+    /// The root that the depth image lies under, if it is not the source's.
+    pub depth_root: Option<String>,
+    /// Metres for a relative depth, if they are not the source's.
+    pub depth_range: Option<DepthRange>,
+    /// The mask, if there is one.
+    pub mask: Option<String>,
+    /// Indoors or outdoors.
+    pub place: Place,
+    /// Folder of the scene.
+    pub scene: String,
+    /// Folder of the scan: the views from one standpoint.
+    pub scan: String,
+    /// Of a list: all keys of the side, in place of the source's and of the paths above but `color`, its name.
+    pub side: Option<Side>,
+    /// Of a list: numbers that go with the photograph, by the recipe's parameter.
+    pub values: BTreeMap<String, f64>,
+}
+
+/// What a folder holds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Index {
+    /// Photographs by path.
+    pub images: Vec<SourceImage>,
+    /// Colour images that lack a depth image and are left out, by path.
+    pub without_depth: Vec<String>,
+}
+
+/// A source that cannot be listed.
+#[derive(Debug, thiserror::Error)]
+pub enum IndexError {
+    /// The folder, or one below it, cannot be read.
+    #[error(
+        "source {name}: cannot list {}: {source}; pass --root {name}=DIR with the folder that holds it",
+        path.display()
+    )]
+    Read {
+        /// The source.
+        name: String,
+        /// The folder.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+    /// No photograph there.
+    #[error(
+        "source {name}: {} holds no photograph with depth of the form \
+         [train|val/](indoors|outdoor)/scene_*/scan_*/*.png with *_depth.npy beside it{}; pass --root \
+         {name}=DIR with the folder that does",
+        path.display(), left_out(*without_depth)
+    )]
+    Empty {
+        /// The source.
+        name: String,
+        /// The folder.
+        path: PathBuf,
+        /// Colour images that were seen, but lack depth.
+        without_depth: usize,
+    },
+    /// No photograph of a wanted category there.
+    #[error(
+        "source {name}: {} holds no photograph of a category in {table} with a depth map below {}{}; pass --root {name}=DIR \
+         and --root {name}-depth=DIR",
+        path.display(), depth_path.display(), left_out(*without_depth)
+    )]
+    NoPlaces {
+        /// The source.
+        name: String,
+        /// The folder of the photographs.
+        path: PathBuf,
+        /// The folder of the depth maps.
+        depth_path: PathBuf,
+        /// The table of categories.
+        table: String,
+        /// Colour images that were seen, but lack depth.
+        without_depth: usize,
+    },
+    /// The table of categories cannot be used.
+    #[error("source {name}: cannot use its depth_ranges {}: {reason}", path.display())]
+    Table {
+        /// The source.
+        name: String,
+        /// The table.
+        path: PathBuf,
+        /// Why not.
+        reason: String,
+    },
+    /// The list of photographs cannot be read.
+    #[error("source {name}: cannot read its list {}: {source}; write `list` with a path relative to the recipe, or put \
+         photographs.jsonl into the source's root (--root {name}=DIR)", path.display())]
+    NoList {
+        /// The source.
+        name: String,
+        /// The list.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+    /// The list of photographs cannot be used.
+    #[error("source {name}: list {}: {source}", path.display())]
+    List {
+        /// The source.
+        name: String,
+        /// The list.
+        path: PathBuf,
+        /// Why not.
+        source: ListError,
+    },
+}
+
+fn left_out(without_depth: usize) -> String {
+    match without_depth {
+        0 => String::new(),
+        n => format!(" ({n} without depth)"),
+    }
+}
+
+/// Lists the photographs of the source `name`, in DIODE's layout, in `folder`.
+pub fn index_source(name: &str, folder: &Path) -> Result<Index, IndexError> {
+    let mut paths = Vec::new();
+    list(folder, "", &mut paths).map_err(|(path, source)| IndexError::Read {
+        name: name.to_owned(),
+        path,
+        source,
+    })?;
+    index_paths(name, folder, &paths)
+}
+
+/// The photographs of the source `name` among `paths`, which are relative to its `folder`, with `/`.
+pub fn index_paths(name: &str, folder: &Path, paths: &[String]) -> Result<Index, IndexError> {
+    let index = from_paths(paths);
+    if index.images.is_empty() {
+        return Err(IndexError::Empty {
+            name: name.to_owned(),
+            path: folder.to_owned(),
+            without_depth: index.without_depth.len(),
+        });
+    }
+    Ok(index)
+}
+
+/// Appends the files below `root` that can belong to the layout, relative to it.
+fn list(root: &Path, below: &str, paths: &mut Vec<String>) -> Result<(), (PathBuf, io::Error)> {
+    let folder = root.join(below);
+    let failed = |source| (folder.clone(), source);
+    for entry in fs::read_dir(&folder).map_err(failed)? {
+        let entry = entry.map_err(failed)?;
+        // No path of the layout has other characters.
+        let Ok(name) = entry.file_name().into_string() else {
+            continue;
+        };
+        let path = if below.is_empty() {
+            name
+        } else {
+            format!("{below}/{name}")
+        };
+        // `is_dir` follows links, and an archive left beside its folder is none.
+        if may_hold_photographs(&path) && root.join(&path).is_dir() {
+            list(root, &path, paths)?;
+        } else if below.contains("/scan_") {
+            paths.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// Whether `path` is a folder on the way to photographs, by its name alone.
+fn may_hold_photographs(path: &str) -> bool {
+    let mut parts = path.split('/').peekable();
+    parts.next_if(|part| matches!(*part, "train" | "val"));
+    parts.next().is_none_or(|part| place(part).is_some())
+        && parts.next().is_none_or(|part| part.starts_with("scene_"))
+        && parts.next().is_none_or(|part| part.starts_with("scan_"))
+        && parts.next().is_none()
+}
+
+fn place(folder: &str) -> Option<Place> {
+    match folder {
+        "indoors" => Some(Place::Indoors),
+        "outdoor" => Some(Place::Outdoor),
+        _ => None,
+    }
+}
+
+/// Finds the photographs among `paths`, which are relative to the source's root, with `/`.
+pub fn from_paths(paths: &[String]) -> Index {
+    let sorted: BTreeSet<&str> = paths.iter().map(String::as_str).collect();
+    let mut index = Index::default();
+    for path in &sorted {
+        let Some((folder, stem)) = path
+            .strip_suffix(".png")
+            .and_then(|stem_path| stem_path.rsplit_once('/'))
+        else {
+            continue;
+        };
+        let mut parts = folder.split('/').peekable();
+        parts.next_if(|part| matches!(*part, "train" | "val"));
+        let (Some(place), Some(scene), Some(scan), None) = (
+            parts.next().and_then(place),
+            parts.next().filter(|part| part.starts_with("scene_")),
+            parts.next().filter(|part| part.starts_with("scan_")),
+            parts.next(),
+        ) else {
+            continue;
+        };
+        let depth = format!("{folder}/{stem}_depth.npy");
+        let mask = format!("{folder}/{stem}_depth_mask.npy");
+        if !sorted.contains(depth.as_str()) {
+            index.without_depth.push((*path).to_owned());
+            continue;
+        }
+        index.images.push(SourceImage {
+            color: (*path).to_owned(),
+            depth,
+            depth_root: None,
+            depth_range: None,
+            mask: sorted.contains(mask.as_str()).then_some(mask),
+            place,
+            scene: scene.to_owned(),
+            scan: scan.to_owned(),
+            side: None,
+            values: BTreeMap::new(),
+        });
+    }
+    index
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SCAN: &str = "val/outdoor/scene_00022/scan_00193";
+
+    fn paths(names: &[&str]) -> Vec<String> {
+        names.iter().map(|&name| name.to_owned()).collect()
+    }
+
+    #[test]
+    fn images_find_their_depth_and_mask() {
+        let index = from_paths(&paths(&[
+            "val/outdoor/scene_00022/scan_00193/b.png",
+            "val/outdoor/scene_00022/scan_00193/b_depth.npy",
+            "val/outdoor/scene_00022/scan_00193/a_depth_mask.npy",
+            "val/outdoor/scene_00022/scan_00193/a_depth.npy",
+            "val/outdoor/scene_00022/scan_00193/a.png",
+            "val/outdoor/scene_00022/scan_00193/c.png",
+            "indoors/scene_1/scan_2/d.png",
+            "indoors/scene_1/scan_2/d_depth.npy",
+            "readme.png",
+            "val/garden/scene_1/scan_2/e.png",
+            "val/indoors/scene_1/scan_2/deep/f.png",
+        ]));
+        let colors: Vec<_> = index.images.iter().map(|i| i.color.as_str()).collect();
+        assert_eq!(
+            colors,
+            [
+                "indoors/scene_1/scan_2/d.png".to_owned(),
+                format!("{SCAN}/a.png"),
+                format!("{SCAN}/b.png")
+            ]
+        );
+        assert_eq!(
+            index.images[1].mask,
+            Some(format!("{SCAN}/a_depth_mask.npy"))
+        );
+        assert_eq!(index.images[2].mask, None);
+        assert_eq!(index.images[1].place, Place::Outdoor);
+        assert_eq!(index.images[1].scene, "scene_00022");
+        assert_eq!(index.images[1].scan, "scan_00193");
+        assert_eq!(index.without_depth, [format!("{SCAN}/c.png")]);
+    }
+
+    #[test]
+    fn a_folder_on_disk_is_walked_in_order() {
+        let dir = tempfile::tempdir().unwrap();
+        let error = index_source("diode", dir.path()).unwrap_err().to_string();
+        assert!(error.contains("pass --root diode=DIR"), "{error}");
+
+        for name in [
+            "indoors/scene_2/scan_1/x",
+            "train/outdoor/scene_1/scan_1/y",
+            "logs/scan_1/z",
+        ] {
+            let stem = dir.path().join(name);
+            fs::create_dir_all(stem.parent().unwrap()).unwrap();
+            for ending in [".png", "_depth.npy", "_depth_mask.npy"] {
+                let file = format!("{}{ending}", stem.display());
+                render::atomic_file::write_relaxed(Path::new(&file), b"").unwrap();
+            }
+        }
+        let archive = dir.path().join("indoors/scene_2/scan_1.zip");
+        render::atomic_file::write_relaxed(&archive, b"").unwrap();
+        let index = index_source("diode", dir.path()).unwrap();
+        let colors: Vec<_> = index.images.iter().map(|i| i.color.as_str()).collect();
+        assert_eq!(
+            colors,
+            [
+                "indoors/scene_2/scan_1/x.png",
+                "train/outdoor/scene_1/scan_1/y.png"
+            ]
+        );
+
+        let missing = dir.path().join("missing");
+        let error = index_source("diode", &missing).unwrap_err().to_string();
+        assert!(
+            error.contains("missing") && error.contains("--root diode=DIR"),
+            "{error}"
+        );
+    }
+}

@@ -1,0 +1,596 @@
+//! A recipe and its photographs become scene lines.
+
+use super::cast::{Cast, Role};
+use super::diode::SourceImage;
+use super::draw::{Draw, nine_digits, scene_seed};
+use super::focus::FocusRecipe;
+use super::light::{SideLight, WhiteBalance, gains_against, illuminant};
+use super::list;
+use super::pair::Pair;
+use super::param::Param;
+use super::recipe::Recipe;
+use super::recipe_error::RecipeError;
+use super::source::Source;
+use super::source_values::source_values;
+use render::line::Side;
+use render::line::refuse;
+use render::line::{
+    Apex, Camera, DepthKind, Film, Focus, FocusAt, Glass, Photograph, SCENE_SCHEMA, SceneLine,
+};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// How often a scene is drawn before its recipe is given up.
+const MAX_ATTEMPTS: u32 = 100;
+
+/// A manifest, and what was less than wished for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Expansion {
+    /// Splits in the recipe's order, sources by name.
+    pub lines: Vec<SceneLine>,
+    /// Scenes whose photographs are both indoors or both outdoors, as their part had no others.
+    pub same_place: u32,
+    /// Scenes whose photographs are from one scan, as their part had no other.
+    pub same_scan: u32,
+    /// Draws that were refused and drawn again.
+    pub redrawn: u32,
+}
+
+/// [`expand_counted`] without the counts, of all photographs.
+pub fn expand(
+    recipe: &Recipe,
+    sources: &BTreeMap<String, Vec<SourceImage>>,
+) -> Result<Vec<SceneLine>, RecipeError> {
+    expand_counted(recipe, sources, &BTreeSet::new()).map(|expansion| expansion.lines)
+}
+
+/// Draws all scenes of `recipe` from the photographs of its `sources`, less those that are `excluded` by their names
+/// (`source:path of the colour image`). Pure: the same arguments, the same lines; and a photograph left out changes those
+/// scenes alone that it was in.
+pub fn expand_counted(
+    recipe: &Recipe,
+    sources: &BTreeMap<String, Vec<SourceImage>>,
+    excluded: &BTreeSet<String>,
+) -> Result<Expansion, RecipeError> {
+    let cast = Cast::new(recipe, sources, excluded)?;
+    let mut expansion = Expansion {
+        lines: Vec::new(),
+        same_place: 0,
+        same_scan: 0,
+        redrawn: 0,
+    };
+    for number in 0..cast.len() {
+        let drawn = cast.draw(number, 0, 0)?;
+        expansion.same_place += u32::from(drawn.same_place);
+        expansion.same_scan += u32::from(drawn.same_scan);
+        expansion.redrawn += drawn.attempt;
+        expansion.lines.push(drawn.line);
+    }
+    Ok(expansion)
+}
+
+/// Draws a scene from attempt number `from` on; also the number of the attempt that was not refused.
+pub(super) fn draw_line(
+    recipe: &Recipe,
+    role: &Role<'_>,
+    pair: Pair<'_>,
+    from: u32,
+) -> Result<(SceneLine, u32), RecipeError> {
+    let id = &role.id;
+    let [front_source, back_source] = role.sources.map(|name| (name, &recipe.sources[name]));
+    let dataset_seed = recipe.seed;
+    let mut front = side(front_source, pair.front);
+    let mut back = side(back_source, pair.back);
+    let plain = Draw {
+        dataset_seed,
+        scene: id.as_str(),
+        attempt: from,
+        values: &BTreeMap::new(),
+    };
+    let values = source_values(recipe, id, pair, &front, &film(recipe, plain))?;
+    let draw_of = |attempt| Draw {
+        attempt,
+        values: &values,
+        ..plain
+    };
+    let first = draw_of(from);
+    light("back", recipe.back.light(), first, &mut back);
+    light("front", recipe.front.light(), first, &mut front);
+    if recipe.back.apex != Apex::default() {
+        back.set_apex(recipe.back.apex);
+    }
+    let mut line = SceneLine {
+        schema: SCENE_SCHEMA.to_owned(),
+        id: id.clone(),
+        split: role.split,
+        seed: scene_seed(dataset_seed, id.as_str()),
+        film: film(recipe, first),
+        camera: camera(recipe, first),
+        glass: glass(recipe, first),
+        front,
+        back,
+    };
+    let attempts = if deciding(recipe)
+        .iter()
+        .all(|(_, param)| param.is_constant())
+    {
+        1
+    } else {
+        MAX_ATTEMPTS
+    };
+    let white_balance = match recipe.light.white_balance {
+        WhiteBalance::Front => gains_against(line.front.illuminant()),
+        WhiteBalance::Back => gains_against(line.back.illuminant()),
+        // The mean colour is not known yet.
+        WhiteBalance::None | WhiteBalance::GreyWorld => [1.0; 3],
+    };
+    let mut refusal = None;
+    for attempt in from..from + attempts {
+        line.camera = camera(recipe, draw_of(attempt));
+        line.camera.white_balance = white_balance;
+        line.glass = glass(recipe, draw_of(attempt));
+        line.validate().map_err(|source| RecipeError::Line {
+            id: id.clone(),
+            source,
+        })?;
+        // A focus on the photograph is not known yet; the tracer looks again when it is.
+        let inverse_focus_distance_per_m = match line.camera.focus {
+            Focus::Distance { distance_m } => 1.0 / distance_m,
+            Focus::At { .. } => 0.0,
+        };
+        match refuse(&line, inverse_focus_distance_per_m) {
+            Ok(()) => return Ok((line, attempt)),
+            Err(reason) => refusal = Some(reason),
+        }
+    }
+    Err(RecipeError::Refused {
+        id: id.clone(),
+        attempts,
+        ranges: deciding(recipe)
+            .iter()
+            .map(|(name, param)| format!("{name} ({param})"))
+            .collect::<Vec<_>>()
+            .join(", "),
+        source: refusal.expect("there was at least one attempt"),
+    })
+}
+
+/// The parameters that decide whether a pane is refused.
+fn deciding(recipe: &Recipe) -> Vec<(&'static str, &Param)> {
+    let mut params = vec![
+        ("camera.focal_length_mm", &recipe.camera.focal_length_mm),
+        ("camera.aperture_radius_m", &recipe.camera.aperture_radius_m),
+        ("glass.distance_m", &recipe.glass.distance_m),
+        ("glass.tilt_deg[0]", &recipe.glass.tilt_deg[0]),
+        ("glass.tilt_deg[1]", &recipe.glass.tilt_deg[1]),
+    ];
+    if let Some(param) = &recipe.camera.f_number {
+        params[1] = ("camera.f_number", param);
+    }
+    for focus in recipe.camera.focus.each() {
+        if let FocusRecipe::DistanceM(param) = focus {
+            params.push(("camera.focus", param));
+        }
+    }
+    params
+}
+
+fn film(recipe: &Recipe, draw: Draw<'_>) -> Film {
+    let film = &recipe.film;
+    Film {
+        width: draw.value("film.width", &film.width) as u32,
+        height: draw.value("film.height", &film.height) as u32,
+        spp: draw.value("film.spp", &film.spp) as u32,
+        filter: film.filter,
+        glass_reflection_orders: film.glass_reflection_orders,
+        order_tolerance: draw.value("film.order_tolerance", &film.order_tolerance),
+        exr: film.exr,
+        target_error: film.target_error,
+        layers: film.layers,
+    }
+}
+
+fn camera(recipe: &Recipe, draw: Draw<'_>) -> Camera {
+    let camera = &recipe.camera;
+    let focal_length_mm = draw.value("camera.focal_length_mm", &camera.focal_length_mm);
+    let aperture_radius_m = match &camera.f_number {
+        Some(param) => {
+            let f_number = draw.value("camera.f_number", param);
+            nine_digits(focal_length_mm * 1e-3 / (2.0 * f_number))
+        }
+        None => draw.value("camera.aperture_radius_m", &camera.aperture_radius_m),
+    };
+    let choices = camera.focus.each();
+    let chosen = match choices {
+        [one] => one,
+        many => {
+            let place = (draw.unit("camera.focus") * many.len() as f64) as usize;
+            &many[place.min(many.len() - 1)]
+        }
+    };
+    let at = |at| Focus::At { at };
+    Camera {
+        focal_length_mm,
+        aperture_radius_m,
+        focus: match chosen {
+            FocusRecipe::FrontCenter => at(FocusAt::FrontCenter),
+            FocusRecipe::BackCenter => at(FocusAt::BackCenter),
+            FocusRecipe::Infinity => at(FocusAt::Infinity),
+            FocusRecipe::Glass => Focus::Distance {
+                distance_m: draw.value("glass.distance_m", &recipe.glass.distance_m),
+            },
+            FocusRecipe::DistanceM(param) => Focus::Distance {
+                distance_m: draw.value("camera.focus", param),
+            },
+            FocusRecipe::Choice(_) => unreachable!("a recipe with a choice of choices is refused"),
+        },
+        exposure: 1.0,
+        white_balance: [1.0; 3],
+    }
+}
+
+fn glass(recipe: &Recipe, draw: Draw<'_>) -> Glass {
+    let glass = &recipe.glass;
+    let each = |name: &str, index: usize, param| draw.value(&format!("{name}[{index}]"), param);
+    Glass {
+        distance_m: draw.value("glass.distance_m", &glass.distance_m),
+        thickness_m: draw.value("glass.thickness_m", &glass.thickness_m),
+        ior: draw.value("glass.ior", &glass.ior),
+        absorption_per_m: std::array::from_fn(|index| {
+            each(
+                "glass.absorption_per_m",
+                index,
+                &glass.absorption_per_m[index],
+            )
+        }),
+        tilt_deg: std::array::from_fn(|index| {
+            each("glass.tilt_deg", index, &glass.tilt_deg[index])
+        }),
+    }
+}
+
+/// Draws the light of a side, on top of what a list says of its photograph.
+fn light(name: &str, recipe: SideLight<'_>, draw: Draw<'_>, side: &mut Side) {
+    let (exposure, side_illuminant) = side.light_mut();
+    *exposure *= draw.value(&format!("{name}.exposure"), recipe.exposure);
+    if let Some(param) = recipe.exposure_ev {
+        let ev = draw.value(&format!("{name}.exposure_ev"), param);
+        *exposure = nine_digits(*exposure * libm::exp2(ev));
+    }
+    if let Some(param) = recipe.illuminant_k {
+        let kelvin = draw.value(&format!("{name}.illuminant_k"), param);
+        for (channel, drawn) in side_illuminant.iter_mut().zip(illuminant(kelvin)) {
+            *channel = nine_digits(*channel * drawn);
+        }
+    }
+}
+
+fn side((name, source): (&str, &Source), image: &SourceImage) -> Side {
+    match &image.side {
+        Some(side) => list::rooted(side, name),
+        None => photograph((name, source), image).into(),
+    }
+}
+
+fn photograph((name, source): (&str, &Source), image: &SourceImage) -> Photograph {
+    let rooted = |path: &String| format!("{name}:{path}");
+    Photograph {
+        color: rooted(&image.color),
+        depth: match &image.depth_root {
+            Some(root) => format!("{root}:{}", image.depth),
+            None => rooted(&image.depth),
+        },
+        mask: image.mask.as_ref().map(rooted),
+        transfer: source.transfer,
+        depth_unit_m: source.depth_unit_m,
+        depth_kind: source.depth_kind,
+        // A table of categories has them for estimates; metric depths need none.
+        depth_range: match source.depth_kind {
+            DepthKind::Relative | DepthKind::RelativeInverse => {
+                image.depth_range.or(source.depth_range)
+            }
+            DepthKind::Z | DepthKind::Distance => None,
+        },
+        intrinsics: source.intrinsics,
+        exposure: 1.0,
+        illuminant: [1.0; 3],
+        highlights: source.highlights,
+        fill: source.fill,
+        apex: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::divide::tests::set;
+    use super::super::recipe::tests::PAPER;
+    use super::*;
+    use proptest::prelude::*;
+    use render::line::Split;
+    use render::line::{parse_jsonl, to_jsonl};
+    use std::collections::BTreeSet;
+
+    fn two_sources(indoors: usize, outdoor: usize) -> BTreeMap<String, Vec<SourceImage>> {
+        ["diode", "places"]
+            .map(|name| (name.to_owned(), set(indoors, outdoor)))
+            .into()
+    }
+
+    fn recipe(glass: &str, train: u32, test: u32) -> Recipe {
+        let text = PAPER
+            .replace("ior = 1.6", glass)
+            .replace("diode = 3000, places = 2000", &format!("diode = {train}"))
+            .replace("diode = 120, places = 80", &format!("diode = {test}"));
+        Recipe::parse(&text).unwrap()
+    }
+
+    fn colors(lines: &[SceneLine], split: Split) -> BTreeSet<&str> {
+        lines
+            .iter()
+            .filter(|line| line.split == split)
+            .flat_map(|line| [line.front.name(), line.back.name()])
+            .collect()
+    }
+
+    #[test]
+    fn the_paper_s_set_has_5200_scenes_also_from_a_few_photographs() {
+        let lines = expand(&Recipe::parse(PAPER).unwrap(), &two_sources(12, 12)).unwrap();
+        assert_eq!(lines.len(), 5200);
+        assert_eq!(lines[0].id.as_str(), "train-diode-000000");
+        assert_eq!(lines[5199].id.as_str(), "test-places-000079");
+        assert!(lines[0].front.name().starts_with("diode:"));
+        assert!(lines[4999].front.name().starts_with("places:"));
+        assert!(colors(&lines, Split::Train).is_disjoint(&colors(&lines, Split::Test)));
+        let text = to_jsonl(&lines);
+        assert_eq!(parse_jsonl(&text).unwrap(), lines);
+    }
+
+    #[test]
+    fn lines_are_pinned() {
+        let sources = two_sources(4, 4);
+        let lines = expand(&recipe("ior = { uniform = [1.3, 1.7] }", 2, 2), &sources).unwrap();
+        // A change here changes every set that has been planned from a recipe.
+        let digest = blake3::hash(to_jsonl(&lines).as_bytes()).to_hex();
+        assert_eq!(
+            (lines[0].seed, lines[0].glass.ior, &digest[..16]),
+            (2_673_717_074_845_612, 1.60614171, "d05b8d469912d095")
+        );
+    }
+
+    #[test]
+    fn what_a_list_says_of_a_photograph_stands_and_light_comes_on_top() {
+        let listed = |n: usize| {
+            let place = if n.is_multiple_of(2) {
+                "indoors"
+            } else {
+                "outdoor"
+            };
+            format!(
+                r#"{{"schema":"glasshouse.photograph/1","place":"{place}","panorama":"{n}.exr","exposure":3,
+                "transfer":"linear","yaw_deg":{n}}}"#
+            )
+            .replace('\n', "")
+        };
+        let text: Vec<String> = (0..4).map(listed).collect();
+        let images = super::super::list::parse_list(&text.join("\n")).unwrap();
+        let sources = [("diode".to_owned(), images)].into();
+        let head = PAPER.split("[sources.diode]").next().unwrap();
+        let text = format!(
+            "{head}[front]\nexposure = 0.5\n[back]\napex = \"camera\"\n[sources.diode]\nlayout = \"list\"\n\
+             list = \"l\"\n[[split]]\nname = \"train\"\npairs = {{ diode = 6 }}\n"
+        );
+        let lines = expand(&Recipe::parse(&text).unwrap(), &sources).unwrap();
+        for line in &lines {
+            let (Side::Panorama(front), Side::Panorama(back)) = (&line.front, &line.back) else {
+                panic!("{line:?}")
+            };
+            assert_eq!((front.exposure, back.exposure), (1.5, 3.0));
+            assert_eq!((front.apex, back.apex), (None, Some(Apex::Camera)));
+            assert_eq!(front.panorama, format!("diode:{}.exr", front.yaw_deg));
+        }
+    }
+
+    #[test]
+    fn a_new_distribution_changes_its_own_parameter_alone() {
+        let sources = two_sources(6, 6);
+        let plain = expand(&recipe("ior = { uniform = [1.3, 1.7] }", 20, 4), &sources).unwrap();
+        let mut more = expand(
+            &recipe(
+                "ior = { uniform = [1.3, 1.7] }\nabsorption_per_m = [{ uniform = [0, 9] }, 0, 0]",
+                20,
+                4,
+            ),
+            &sources,
+        )
+        .unwrap();
+        assert_ne!(plain, more);
+        for line in &mut more {
+            line.glass.absorption_per_m = [0.0; 3];
+        }
+        assert_eq!(plain, more);
+    }
+
+    #[test]
+    fn refused_panes_are_drawn_again() {
+        let sources = two_sources(6, 6);
+        let steep = recipe("tilt_deg = [0, { uniform = [0, 89] }]", 60, 4);
+        let expansion = expand_counted(&steep, &sources, &BTreeSet::new()).unwrap();
+        assert!(expansion.redrawn > 0);
+        for line in &expansion.lines {
+            refuse(line, 0.0).unwrap();
+        }
+
+        let hopeless = recipe("tilt_deg = [0, { uniform = [85, 89] }]", 4, 4);
+        let error = expand(&hopeless, &sources).unwrap_err().to_string();
+        assert!(error.contains("100 draws of"), "{error}");
+        assert!(
+            error.contains("glass.tilt_deg[1] (uniform 85 to 89)"),
+            "{error}"
+        );
+
+        let constant = recipe("tilt_deg = [0, 88]", 4, 4);
+        let error = expand(&constant, &sources).unwrap_err().to_string();
+        assert!(
+            error.contains("scene train-diode-000000: 1 draws of"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn missing_and_few_photographs_are_named() {
+        let none = BTreeMap::new();
+        let error = expand(&recipe("", 4, 4), &none).unwrap_err().to_string();
+        assert!(
+            error.starts_with("source diode has not been indexed"),
+            "{error}"
+        );
+        let error = expand(&recipe("", 4, 4), &two_sources(1, 2))
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("has 3 photographs"), "{error}");
+    }
+
+    #[test]
+    fn parameters_can_come_from_the_photographs() {
+        let recipe = recipe("ior = \"from_source\"", 12, 4);
+        let mut sources = two_sources(6, 6);
+        let error = expand(&recipe, &sources).unwrap_err().to_string();
+        assert!(
+            error.contains("glass.ior is from_source, but") && error.contains("does not say it"),
+            "{error}"
+        );
+        for (number, image) in sources.get_mut("diode").unwrap().iter_mut().enumerate() {
+            let values = [
+                ("glass.ior", 1.3 + 0.01 * number as f64),
+                ("back.exposure", 2.0),
+            ];
+            image.values = values.map(|(name, value)| (name.to_owned(), value)).into();
+        }
+        let images = sources["diode"].clone();
+        for line in expand(&recipe, &sources).unwrap() {
+            let image = images
+                .iter()
+                .find(|i| line.front.name().ends_with(&i.color));
+            assert_eq!(line.glass.ior, image.unwrap().values["glass.ior"]);
+            assert_eq!(line.back.exposure(), 1.0);
+        }
+
+        // DIODE's cameras see 60 by 45 degrees: a square film sees as much as is high.
+        let own = PAPER.replace(
+            "focal_length_mm = 55.0",
+            "focal_length_mm = \"from_source\"",
+        );
+        let line = &expand(&Recipe::parse(&own).unwrap(), &sources).unwrap()[0];
+        let tan = 36f64.hypot(24.0) / 2.0 / line.camera.focal_length_mm / 2f64.sqrt();
+        assert!((tan - 384.0 / 927.06).abs() < 1e-8, "{tan}");
+        let wide = own
+            .replace("width = 256", "width = 1024")
+            .replace("height = 256", "height = 384");
+        let line = &expand(&Recipe::parse(&wide).unwrap(), &sources).unwrap()[0];
+        let tan =
+            36f64.hypot(24.0) / 2.0 / line.camera.focal_length_mm * 1024.0 / 1024f64.hypot(384.0);
+        assert!((tan - 512.0 / 886.81).abs() < 1e-8, "{tan}");
+    }
+
+    #[test]
+    fn front_and_back_can_be_of_two_sources() {
+        let text = PAPER
+            .replace(
+                "diode = 3000, places = 2000",
+                "\"diode/places\" = 30, places = 5",
+            )
+            .replace("diode = 120, places = 80", "\"places/diode\" = 6");
+        let sources = two_sources(12, 9);
+        let lines = expand(&Recipe::parse(&text).unwrap(), &sources).unwrap();
+        assert_eq!(lines.len(), 41);
+        assert_eq!(lines[0].id.as_str(), "train-diode-places-000000");
+        let has = |name: &str, source: &str| name.starts_with(&format!("{source}:"));
+        for line in &lines[..30] {
+            assert!(has(line.front.name(), "diode") && has(line.back.name(), "places"));
+        }
+        assert!(has(lines[40].front.name(), "places") && has(lines[40].back.name(), "diode"));
+        assert!(colors(&lines, Split::Train).is_disjoint(&colors(&lines, Split::Test)));
+
+        let twice = text
+            .replace("places = 5", "places = 5, \"diode-places\" = 2")
+            .replace(
+                "[sources.places]",
+                "[sources.diode-places]\nlayout = \"diode\"\n[sources.places]",
+            );
+        let error = Recipe::parse(&twice).unwrap_err().to_string();
+        assert!(
+            error.contains("would name its scenes like those of"),
+            "{error}"
+        );
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(48))]
+        #[test]
+        fn a_scene_more_leaves_all_others_as_they_are(
+            indoors in 2usize..20, outdoor in 2usize..20, seed: u64,
+            pairs in prop::array::uniform4(1u32..40), which in 0usize..4,
+        ) {
+            let with = |n: [u32; 4]| {
+                let text = PAPER
+                    .replace("seed = 2020", &format!("seed = {}", seed >> 12))
+                    .replace("ior = 1.6", "ior = { uniform = [1.3, 1.7] }")
+                    .replace("diode = 3000, places = 2000", &format!("diode = {}, places = {}", n[0], n[1]))
+                    .replace("diode = 120, places = 80", &format!("diode = {}, places = {}", n[2], n[3]));
+                let lines = expand(&Recipe::parse(&text).unwrap(), &two_sources(indoors, outdoor)).unwrap();
+                lines.into_iter().map(|line| (line.id.clone(), line)).collect::<BTreeMap<_, _>>()
+            };
+            let mut more = pairs;
+            more[which] += 1;
+            let (few, many) = (with(pairs), with(more));
+            prop_assert_eq!(many.len(), few.len() + 1);
+            for (id, line) in &few {
+                prop_assert_eq!(line, &many[id]);
+            }
+            prop_assert_eq!(few, with(pairs));
+        }
+
+        #[test]
+        fn a_photograph_left_out_changes_its_own_scenes_alone(
+            indoors in 3usize..20, outdoor in 3usize..20, train in 1u32..60, test in 1u32..20, out in 0usize..100,
+        ) {
+            let recipe = recipe("ior = { uniform = [1.3, 1.7] }", train, test);
+            let sources = two_sources(indoors, outdoor);
+            let whole = expand(&recipe, &sources).unwrap();
+            let out = whole[out % whole.len()].front.name().to_owned();
+            let excluded = BTreeSet::from([out.clone()]);
+            let made = expand_counted(&recipe, &sources, &excluded);
+            if let Err(RecipeError::NoStandIn { .. }) = &made {
+                // A part of two photographs cannot spare one.
+                return Ok(());
+            }
+            let made = made.unwrap();
+            prop_assert_eq!(made.lines.len(), whole.len());
+            for (before, after) in whole.iter().zip(&made.lines) {
+                let names = |line: &SceneLine| [line.front.name().to_owned(), line.back.name().to_owned()];
+                prop_assert!(!names(after).contains(&out));
+                prop_assert_ne!(&names(after)[0], &names(after)[1]);
+                for side in 0..2 {
+                    prop_assert!(names(before)[side] == out || names(before)[side] == names(after)[side]);
+                }
+                prop_assert_eq!((&before.id, &before.glass), (&after.id, &after.glass));
+            }
+            let (train, test) = (colors(&made.lines, Split::Train), colors(&made.lines, Split::Test));
+            prop_assert!(train.is_disjoint(&test));
+        }
+
+        #[test]
+        fn splits_share_no_photograph_and_order_of_listing_does_not_matter(
+            indoors in 0usize..20, outdoor in 0usize..20, train in 1u32..60, test in 1u32..20, seed: u64,
+        ) {
+            prop_assume!(indoors + outdoor >= 4);
+            let mut recipe = recipe("", train, test);
+            recipe.seed = seed;
+            let mut sources = two_sources(indoors, outdoor);
+            let lines = expand(&recipe, &sources).unwrap();
+            prop_assert_eq!(lines.len(), (train + test) as usize);
+            prop_assert!(colors(&lines, Split::Train).is_disjoint(&colors(&lines, Split::Test)));
+            sources.get_mut("diode").unwrap().reverse();
+            prop_assert_eq!(expand(&recipe, &sources).unwrap(), lines);
+        }
+    }
+}

@@ -1,0 +1,299 @@
+//! A number of a recipe: a constant, or a distribution that each scene draws from.
+
+use super::draw::normal_cdf;
+use render::line::limits::Limit;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use serde::de::{self, Deserializer, MapAccess, Visitor};
+use std::fmt;
+
+/// A constant or a distribution.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Param {
+    /// `1.6`
+    Constant(f64),
+    /// `{ uniform = [a, b] }`: a to b, all equally likely.
+    Uniform([f64; 2]),
+    /// `{ log_uniform = [a, b] }`: a to b, the logarithm uniform; a above 0.
+    LogUniform([f64; 2]),
+    /// `{ normal = { mean = m, std = s, min = a, max = b } }`: normal, cut to a to b.
+    Normal(Normal),
+    /// `{ choice = [a, b, c] }`: one of them, all equally likely.
+    Choice(Vec<f64>),
+    /// `"from_source"`: what the photograph's own record says (the back's for `back.*`, else the front's).
+    FromSource,
+}
+
+/// A normal distribution, cut to `min` to `max` (what lies outside is not piled up at the ends).
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Normal {
+    /// Mean before the cut.
+    pub mean: f64,
+    /// Standard deviation before the cut, above 0.
+    pub std: f64,
+    /// Least value.
+    pub min: f64,
+    /// Largest value.
+    pub max: f64,
+}
+
+impl Normal {
+    /// `min` and `max` in standard deviations from the mean.
+    pub(super) fn standardised(&self) -> (f64, f64) {
+        (
+            (self.min - self.mean) / self.std,
+            (self.max - self.mean) / self.std,
+        )
+    }
+
+    /// Share of the uncut distribution between `min` and `max`.
+    fn mass(&self) -> f64 {
+        let (a, b) = self.standardised();
+        if a > 0.0 {
+            normal_cdf(-a) - normal_cdf(-b)
+        } else {
+            normal_cdf(b) - normal_cdf(a)
+        }
+    }
+}
+
+impl Param {
+    /// Least and largest value that can be drawn; of what a source says, nothing is known.
+    pub fn bounds(&self) -> (f64, f64) {
+        match self {
+            Self::Constant(value) => (*value, *value),
+            Self::Uniform([a, b]) | Self::LogUniform([a, b]) => (*a, *b),
+            Self::Normal(normal) => (normal.min, normal.max),
+            Self::FromSource => (f64::NEG_INFINITY, f64::INFINITY),
+            Self::Choice(values) => values
+                .iter()
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), &v| {
+                    (least.min(v), most.max(v))
+                }),
+        }
+    }
+
+    /// Whether all scenes get the same value.
+    pub fn is_constant(&self) -> bool {
+        let (least, most) = self.bounds();
+        least == most
+    }
+
+    /// The first value that `limit` does not hold.
+    pub(super) fn outside(&self, limit: Limit) -> Option<f64> {
+        if *self == Self::FromSource {
+            // Each scene line is checked again.
+            return None;
+        }
+        let (least, most) = self.bounds();
+        [least, most].into_iter().find(|&v| !limit.contains(v))
+    }
+
+    /// The distribution's own rules.
+    fn check(self) -> Result<Self, String> {
+        let interval = |name: &str, [a, b]: [f64; 2]| {
+            if a.is_finite() && b.is_finite() && a <= b {
+                Ok(())
+            } else {
+                Err(format!(
+                    "{name} = [{a}, {b}] is no interval: write the smaller finite number first"
+                ))
+            }
+        };
+        match &self {
+            Self::Constant(value) if !value.is_finite() => {
+                return Err(format!("{value} is not finite"));
+            }
+            Self::Constant(_) | Self::FromSource => {}
+            Self::Uniform(ends) => interval("uniform", *ends)?,
+            Self::LogUniform(ends) => {
+                interval("log_uniform", *ends)?;
+                if ends[0] <= 0.0 {
+                    return Err(format!(
+                        "log_uniform starts at {}, but must start above 0",
+                        ends[0]
+                    ));
+                }
+            }
+            Self::Normal(normal) => {
+                interval("normal's [min, max]", [normal.min, normal.max])?;
+                if !(normal.mean.is_finite() && normal.std.is_finite() && normal.std > 0.0) {
+                    return Err(format!(
+                        "normal has mean {} and std {}: both must be finite, std above 0",
+                        normal.mean, normal.std
+                    ));
+                }
+                if normal.min < normal.max && normal.mass() < 1e-12 {
+                    return Err(format!(
+                        "normal with mean {} and std {} never falls in {} to {}: widen min and max",
+                        normal.mean, normal.std, normal.min, normal.max
+                    ));
+                }
+            }
+            Self::Choice(values) => {
+                if values.is_empty() || !values.iter().all(|v| v.is_finite()) {
+                    return Err("choice must list one or more finite numbers".to_owned());
+                }
+            }
+        }
+        Ok(self)
+    }
+}
+
+impl fmt::Display for Param {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Constant(value) => write!(f, "{value}"),
+            Self::Uniform([a, b]) => write!(f, "uniform {a} to {b}"),
+            Self::LogUniform([a, b]) => write!(f, "log_uniform {a} to {b}"),
+            Self::Normal(n) => write!(f, "normal {} to {}", n.min, n.max),
+            Self::Choice(values) => write!(f, "choice of {values:?}"),
+            Self::FromSource => f.write_str("from_source"),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Param {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(ParamVisitor)
+    }
+}
+
+/// A visitor and not an untagged enum, whose errors would lose both reason and place.
+pub(super) struct ParamVisitor;
+
+impl<'de> Visitor<'de> for ParamVisitor {
+    type Value = Param;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(
+            "a number, { uniform = [a, b] }, { log_uniform = [a, b] }, { normal = { mean, std, min, \
+             max } }, { choice = [..] } or \"from_source\"",
+        )
+    }
+
+    fn visit_str<E: de::Error>(self, text: &str) -> Result<Param, E> {
+        match text {
+            "from_source" => Ok(Param::FromSource),
+            _ => Err(E::invalid_value(de::Unexpected::Str(text), &self)),
+        }
+    }
+
+    fn visit_i64<E: de::Error>(self, value: i64) -> Result<Param, E> {
+        self.visit_f64(value as f64)
+    }
+
+    fn visit_u64<E: de::Error>(self, value: u64) -> Result<Param, E> {
+        self.visit_f64(value as f64)
+    }
+
+    fn visit_f64<E: de::Error>(self, value: f64) -> Result<Param, E> {
+        Param::Constant(value).check().map_err(E::custom)
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Param, A::Error> {
+        let Some(kind) = map.next_key::<String>()? else {
+            return Err(de::Error::invalid_length(0, &self));
+        };
+        Self::visit_kind(&kind, map)
+    }
+}
+
+impl ParamVisitor {
+    /// The rest of a distribution whose `kind` has been read.
+    pub(super) fn visit_kind<'de, A: MapAccess<'de>>(
+        kind: &str,
+        mut map: A,
+    ) -> Result<Param, A::Error> {
+        const KINDS: &[&str] = &["uniform", "log_uniform", "normal", "choice"];
+        let param = match kind {
+            "uniform" => Param::Uniform(map.next_value()?),
+            "log_uniform" => Param::LogUniform(map.next_value()?),
+            "normal" => Param::Normal(map.next_value()?),
+            "choice" => Param::Choice(map.next_value()?),
+            other => return Err(de::Error::unknown_field(other, KINDS)),
+        };
+        if let Some(second) = map.next_key::<String>()? {
+            return Err(de::Error::custom(format!(
+                "a parameter has one distribution, not {kind} and {second}"
+            )));
+        }
+        param.check().map_err(de::Error::custom)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, Deserialize)]
+    struct Holder {
+        x: Param,
+    }
+
+    fn parse(text: &str) -> Result<Param, String> {
+        toml::from_str::<Holder>(&format!("x = {text}"))
+            .map(|holder| holder.x)
+            .map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn every_form_is_read() {
+        assert_eq!(parse("1").unwrap(), Param::Constant(1.0));
+        assert_eq!(parse("-1.5").unwrap(), Param::Constant(-1.5));
+        assert_eq!(
+            parse("{ uniform = [1, 1.7] }").unwrap(),
+            Param::Uniform([1.0, 1.7])
+        );
+        assert_eq!(
+            parse("{ log_uniform = [0.1, 10] }").unwrap(),
+            Param::LogUniform([0.1, 10.0])
+        );
+        let normal = parse("{ normal = { mean = 1, std = 2, min = -1, max = 3 } }").unwrap();
+        assert_eq!(normal.bounds(), (-1.0, 3.0));
+        assert_eq!(
+            parse("{ choice = [3, 1, 2] }").unwrap().bounds(),
+            (1.0, 3.0)
+        );
+    }
+
+    #[test]
+    fn wrong_forms_say_what_is_wrong() {
+        for (text, message) in [
+            ("\"a\"", "expected a number, { uniform"),
+            ("\"from_sources\"", "or \"from_source\""),
+            ("true", "expected a number"),
+            ("{}", "expected a number"),
+            ("nan", "not finite"),
+            (
+                "{ unifrom = [1, 2] }",
+                "unknown field `unifrom`, expected one of `uniform`",
+            ),
+            ("{ uniform = [2, 1] }", "no interval"),
+            ("{ uniform = [1] }", "invalid length 1"),
+            (
+                "{ uniform = [1, 2], choice = [1] }",
+                "has one distribution, not",
+            ),
+            ("{ log_uniform = [0, 1] }", "must start above 0"),
+            (
+                "{ normal = { mean = 1, std = 0, min = 0, max = 2 } }",
+                "std above 0",
+            ),
+            (
+                "{ normal = { mean = 1, std = 1, min = 0 } }",
+                "missing field `max`",
+            ),
+            (
+                "{ normal = { mean = 0, std = 1, min = 20, max = 30 } }",
+                "never falls",
+            ),
+            ("{ choice = [] }", "one or more"),
+        ] {
+            let error = parse(text).unwrap_err();
+            assert!(error.contains(message), "{text}: {error}");
+            assert!(error.contains("line 1"), "{text}: {error}");
+        }
+    }
+}

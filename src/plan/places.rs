@@ -1,0 +1,450 @@
+//! The photographs of a PLACES365 folder, and the depth that was estimated for them.
+//!
+//! ```text
+//! ROOT/       [data_256/|data_large/][LETTER/]CATEGORY[/KIND]/NAME.(jpg|jpeg|png)
+//! DEPTH_ROOT/ the same folders/NAME(.npy|.pfm|.exr|.png), or NAME_depth.*, or NAME-MODEL.* as MiDaS writes them
+//! ```
+//!
+//! Which categories are wanted, and how far such places reach, is a table of its own.
+
+use super::diode::{Index, IndexError, Place, SourceImage};
+use render::line::DepthRange;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::{fs, io};
+
+/// The schema name of a table of categories.
+pub const DEPTH_RANGES_SCHEMA: &str = "glasshouse.depth_ranges/1";
+
+/// Formats of depth maps; of several for one photograph the first is taken.
+const DEPTHS: [&str; 4] = ["npy", "pfm", "exr", "png"];
+
+/// `depth-ranges.toml`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DepthRanges {
+    /// Always [`DEPTH_RANGES_SCHEMA`].
+    pub schema: String,
+    /// By the names of the official list, `bedroom` or `library/indoor`.
+    pub category: BTreeMap<String, Category>,
+}
+
+/// A kind of place.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Category {
+    /// Indoors or outdoors.
+    pub place: Place,
+    /// Metres for relative depths.
+    pub range: DepthRange,
+    /// Where the metres are from.
+    pub why: String,
+}
+
+/// A table that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum DepthRangesError {
+    /// It is no such TOML.
+    #[error("{0}")]
+    Toml(#[from] Box<toml::de::Error>),
+    /// Another schema, or another version of it.
+    #[error("its schema is {0:?}, but must be \"glasshouse.depth_ranges/1\"")]
+    Schema(String),
+    /// No category.
+    #[error("it names no category: add [category.NAME] with place, range and why")]
+    Empty,
+    /// A range that no depth can have.
+    #[error("{0}")]
+    Range(#[from] render::line::LineError),
+}
+
+impl DepthRanges {
+    /// The table that ships with the program, `manifests/depth-ranges.toml`: the paper's 34 categories.
+    pub fn shipped() -> Self {
+        Self::parse(include_str!("../../manifests/depth-ranges.toml"))
+            .expect("the shipped table is tested")
+    }
+
+    /// Names of the categories of one kind of place, in the table's order.
+    pub fn categories_of(&self, place: Place) -> Vec<&str> {
+        let wanted = self.category.iter().filter(|(_, c)| c.place == place);
+        wanted.map(|(name, _)| name.as_str()).collect()
+    }
+
+    /// Reads and checks a table.
+    pub fn parse(text: &str) -> Result<Self, DepthRangesError> {
+        let table: Self = toml::from_str(text).map_err(Box::new)?;
+        if table.schema != DEPTH_RANGES_SCHEMA {
+            return Err(DepthRangesError::Schema(table.schema));
+        }
+        if table.category.is_empty() {
+            return Err(DepthRangesError::Empty);
+        }
+        for (name, category) in &table.category {
+            category.range.validate(&format!("category.{name}.range"))?;
+        }
+        Ok(table)
+    }
+
+    /// The category of a photograph by its path.
+    fn category_of<'t, 'p>(&'t self, path: &'p str) -> Option<(&'p str, &'t Category)> {
+        let (mut folder, _) = path.rsplit_once('/')?;
+        while let Some((first, rest)) = folder.split_once('/')
+            && (first.starts_with("data_") || matches!(first, "train" | "val"))
+        {
+            folder = rest;
+        }
+        if let Some((letter, rest)) = folder.split_once('/')
+            && letter.len() == 1
+            && rest.starts_with(letter)
+        {
+            folder = rest;
+        }
+        self.category
+            .get_key_value(folder)
+            .map(|(_, c)| (folder, c))
+    }
+
+    /// The photographs of the table's categories among `colors`, with their depth maps among `depths`, which lie below the
+    /// root `depth_root`. Paths have `/`.
+    pub fn index(&self, colors: &[String], depths: &[String], depth_root: &str) -> Index {
+        let mut maps: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+        for depth in depths {
+            if let Some((stem, _)) = depth.rsplit_once('.') {
+                maps.entry(stem).or_default().push(depth);
+            }
+        }
+        let mut sorted: Vec<&String> = colors.iter().collect();
+        sorted.sort();
+        let mut index = Index::default();
+        for color in sorted {
+            let Some((stem, ending)) = color.rsplit_once('.') else {
+                continue;
+            };
+            if !["jpg", "jpeg", "png"].contains(&ending.to_ascii_lowercase().as_str()) {
+                continue;
+            }
+            let Some((name, category)) = self.category_of(color) else {
+                continue;
+            };
+            let Some(depth) = map_of(&maps, stem) else {
+                index.without_depth.push(color.clone());
+                continue;
+            };
+            index.images.push(SourceImage {
+                color: color.clone(),
+                depth: depth.to_owned(),
+                depth_root: Some(depth_root.to_owned()),
+                depth_range: Some(category.range),
+                mask: None,
+                place: category.place,
+                scene: name.to_owned(),
+                // No two photographs of the set are known to be of one place.
+                scan: stem.to_owned(),
+                side: None,
+                values: BTreeMap::new(),
+            });
+        }
+        index
+    }
+}
+
+/// All files below `folder`, relative to it, with `/`. Links are followed; names that are no text are passed over.
+fn files(folder: &Path) -> Result<Vec<String>, (PathBuf, io::Error)> {
+    let (mut open, mut found) = (vec![String::new()], Vec::new());
+    while let Some(below) = open.pop() {
+        let path = folder.join(&below);
+        let failed = |source| (path.clone(), source);
+        for entry in fs::read_dir(&path).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            let Ok(name) = entry.file_name().into_string() else {
+                continue;
+            };
+            let relative = if below.is_empty() {
+                name
+            } else {
+                format!("{below}/{name}")
+            };
+            let kind = entry.file_type().map_err(failed)?;
+            if kind.is_dir() || kind.is_symlink() && folder.join(&relative).is_dir() {
+                open.push(relative);
+            } else {
+                found.push(relative);
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// Where a source's files are.
+#[derive(Clone, Copy, Debug)]
+pub struct PlacesFolders<'a> {
+    /// Of the photographs.
+    pub color: &'a Path,
+    /// Of the depth maps.
+    pub depth: &'a Path,
+    /// The table of categories.
+    pub table: &'a Path,
+}
+
+/// Lists the photographs of the source `name` whose categories are in the table. `list` lists a folder that is an address;
+/// others are walked.
+pub fn index_places(
+    name: &str,
+    folders: &PlacesFolders,
+    list: &dyn Fn(&Path) -> Option<Vec<String>>,
+) -> Result<Index, IndexError> {
+    let table = |reason: &dyn std::fmt::Display| IndexError::Table {
+        name: name.to_owned(),
+        path: folders.table.to_owned(),
+        reason: reason.to_string(),
+    };
+    let text = fs::read_to_string(folders.table).map_err(|e| table(&e))?;
+    let ranges = DepthRanges::parse(&text).map_err(|e| table(&e))?;
+    let all = |folder: &Path| match list(folder) {
+        Some(found) => Ok(found),
+        None => files(folder).map_err(|(path, source)| IndexError::Read {
+            name: name.to_owned(),
+            path,
+            source,
+        }),
+    };
+    let (colors, depths) = (all(folders.color)?, all(folders.depth)?);
+    let index = ranges.index(&colors, &depths, &depth_root(name));
+    if index.images.is_empty() {
+        return Err(IndexError::NoPlaces {
+            name: name.to_owned(),
+            path: folders.color.to_owned(),
+            depth_path: folders.depth.to_owned(),
+            table: folders.table.display().to_string(),
+            without_depth: index.without_depth.len(),
+        });
+    }
+    Ok(index)
+}
+
+/// The name of the root of a source's depth maps.
+pub(super) fn depth_root(name: &str) -> String {
+    format!("{name}-depth")
+}
+
+/// The depth map of a photograph: the plainest name first, then by format.
+fn map_of<'m>(maps: &BTreeMap<&'m str, Vec<&'m str>>, stem: &str) -> Option<&'m str> {
+    let depth = format!("{stem}_depth");
+    let model = format!("{stem}-");
+    let with_model = maps.range(model.as_str()..).next();
+    let with_model = with_model.filter(|(name, _)| name.starts_with(&model));
+    let named = [
+        maps.get(stem),
+        maps.get(depth.as_str()),
+        with_model.map(|(_, m)| m),
+    ];
+    named.into_iter().flatten().find_map(|maps| {
+        let of = |format: &str| {
+            let has = |map: &&&str| map.rsplit_once('.').is_some_and(|(_, e)| e == format);
+            maps.iter().find(has).copied()
+        };
+        DEPTHS.into_iter().find_map(of)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use procedural::{
+        PLACES_COLOR, PLACES_DEPTH, PlacesPhotograph, places_intrinsics, places_listing,
+        render_through, write_places,
+    };
+    use std::collections::BTreeSet;
+
+    const TABLE: &str = r#"
+schema = "glasshouse.depth_ranges/1"
+[category.bedroom]
+place = "indoors"
+range = { mean_m = 4.0 }
+why = "the paper"
+[category."library/indoor"]
+place = "indoors"
+range = { near_m = 1, far_m = 20 }
+why = "a guess"
+[category.alley]
+place = "outdoor"
+range = { mean_m = 12.0, far_over_near = 12 }
+why = "a guess"
+"#;
+
+    fn paths(names: &[&str]) -> Vec<String> {
+        names.iter().map(|&name| name.to_owned()).collect()
+    }
+
+    #[test]
+    fn photographs_find_their_category_and_depth() {
+        let table = DepthRanges::parse(TABLE).unwrap();
+        let colors = paths(&[
+            "data_256/a/alley/2.jpg",
+            "data_256/a/alley/1.JPG",
+            "b/bedroom/1.png",
+            "bedroom/9.jpeg",
+            "l/library/indoor/1.jpg",
+            "l/library/outdoor/1.jpg",
+            "k/kitchen/1.jpg",
+            "b/bedroom/notes.txt",
+            "x/y/alley/1.jpg",
+            "alley.jpg",
+        ]);
+        let depths = paths(&[
+            "data_256/a/alley/2-dpt_large_384.pfm",
+            "data_256/a/alley/2-dpt_large_384.png",
+            "data_256/a/alley/1.png",
+            "data_256/a/alley/1.npy",
+            "b/bedroom/1_depth.exr",
+            "l/library/indoor/1.npy",
+            "l/library/indoor/10.npy",
+        ]);
+        let index = table.index(&colors, &depths, "p-depth");
+        let found: Vec<_> = index
+            .images
+            .iter()
+            .map(|i| (i.color.as_str(), i.depth.as_str(), i.scene.as_str()))
+            .collect();
+        assert_eq!(
+            found,
+            [
+                ("b/bedroom/1.png", "b/bedroom/1_depth.exr", "bedroom"),
+                ("data_256/a/alley/1.JPG", "data_256/a/alley/1.npy", "alley"),
+                (
+                    "data_256/a/alley/2.jpg",
+                    "data_256/a/alley/2-dpt_large_384.pfm",
+                    "alley"
+                ),
+                (
+                    "l/library/indoor/1.jpg",
+                    "l/library/indoor/1.npy",
+                    "library/indoor"
+                ),
+            ]
+        );
+        assert_eq!(index.images[0].place, Place::Indoors);
+        assert_eq!(index.images[1].place, Place::Outdoor);
+        assert_eq!(index.images[0].depth_root.as_deref(), Some("p-depth"));
+        assert!(matches!(
+            index.images[0].depth_range,
+            Some(DepthRange::Mean { mean_m: 4.0, .. })
+        ));
+        assert_eq!(index.without_depth, ["bedroom/9.jpeg"]);
+    }
+
+    #[test]
+    fn wrong_tables_say_what_is_wrong() {
+        for (from, to, words) in [
+            ("ranges/1", "ranges/2", "its schema is"),
+            (
+                "mean_m = 4.0",
+                "mean_m = 0.0",
+                "category.bedroom.range.mean_m is 0",
+            ),
+            ("\"indoors\"", "\"inside\"", "unknown variant `inside`"),
+            ("why = \"the paper\"", "", "missing field `why`"),
+        ] {
+            let error = DepthRanges::parse(&TABLE.replacen(from, to, 1)).unwrap_err();
+            assert!(error.to_string().contains(words), "{error}");
+        }
+    }
+
+    #[test]
+    fn the_shipped_table_has_34_categories_of_the_official_list() {
+        let shipped = include_str!("../../manifests/depth-ranges.toml");
+        let table = DepthRanges::parse(shipped).unwrap();
+        assert_eq!(table.category.len(), 34);
+        let bedroom = &table.category["bedroom"];
+        assert!(matches!(
+            bedroom.range,
+            DepthRange::Mean { mean_m: 4.0, .. }
+        ));
+        assert!(table.category.values().all(|c| c.why.len() > 10));
+    }
+
+    /// A procedural set in the shipped table's categories.
+    fn listing(count: usize, seed: u64) -> Vec<PlacesPhotograph> {
+        let table = DepthRanges::shipped();
+        let [indoors, outdoors] = [Place::Indoors, Place::Outdoor].map(|p| table.categories_of(p));
+        places_listing(count, seed, &indoors, &outdoors)
+    }
+
+    #[test]
+    fn categories_take_turns_within_their_kind_of_place() {
+        let photographs = listing(4080, 1);
+        assert_eq!(listing(100, 1), photographs[..100]);
+        let mut counts = BTreeMap::new();
+        let mut paths = BTreeSet::new();
+        for p in &photographs {
+            *counts.entry(p.category.as_str()).or_insert(0) += 1;
+            assert!(paths.insert(p.color_path()));
+        }
+        assert_eq!(counts.len(), 34);
+        let table = DepthRanges::shipped();
+        for (category, count) in counts {
+            let expected = match table.category[category].place {
+                Place::Indoors => 102,
+                Place::Outdoor => 145,
+            };
+            assert!(
+                (expected..=expected + 1).contains(&count),
+                "{category}: {count}"
+            );
+        }
+        assert_eq!(
+            photographs[0].color_path(),
+            Path::new("a/airport_terminal/00000001.jpg")
+        );
+    }
+
+    #[test]
+    fn the_files_are_those_that_the_indexer_looks_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let photographs = listing(6, 3);
+        for photograph in &photographs {
+            write_places(folder.path(), photograph, 48, 40).unwrap();
+        }
+        let table = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../manifests/depth-ranges.toml");
+        let folders = PlacesFolders {
+            color: &folder.path().join(PLACES_COLOR),
+            depth: &folder.path().join(PLACES_DEPTH),
+            table: &table,
+        };
+        let index = index_places("places", &folders, &|_| None).unwrap();
+        assert!(index.without_depth.is_empty());
+        let found: BTreeSet<_> = index.images.iter().map(|i| i.color.clone()).collect();
+        let made = photographs.iter().map(PlacesPhotograph::color_path);
+        assert_eq!(
+            found,
+            made.map(|p| p.to_string_lossy().into_owned()).collect()
+        );
+
+        let photograph = &photographs[1];
+        let rgbd = render_through(&photograph.photograph, &places_intrinsics(48, 40), 48, 40);
+        let depth = image::open(folders.depth.join(photograph.depth_path())).unwrap();
+        let codes = depth.as_luma16().expect("16-bit grey").as_raw().clone();
+        assert_eq!(
+            (codes.iter().min(), codes.iter().max()),
+            (Some(&0), Some(&65535))
+        );
+        // The nearer, the larger; no holes.
+        let mut order: Vec<usize> = (0..codes.len()).collect();
+        order.sort_by_key(|&i| codes[i]);
+        for pair in order.windows(2) {
+            let [a, b] = [pair[0], pair[1]].map(|i| rgbd.inverse_depth_per_m[i]);
+            assert!(codes[pair[0]] == codes[pair[1]] || a < b, "{a} {b}");
+        }
+        let color = image::open(folders.color.join(photograph.color_path())).unwrap();
+        let off = color
+            .into_rgb8()
+            .into_raw()
+            .iter()
+            .zip(&rgbd.rgb)
+            .map(|(a, b)| u32::from(a.abs_diff(*b)))
+            .sum::<u32>();
+        assert!(f64::from(off) / f64::from(48 * 40 * 3) < 8.0, "{off}");
+    }
+}

@@ -1,0 +1,450 @@
+//! `glasshouse.recipe/1`: what a set of scenes is drawn from. Defaults are the paper's constants.
+
+use super::focus::FocusRecipe;
+use super::light::{LightRecipe, LuminanceScale, RejectRecipe, SideLight, WhiteBalance};
+use super::param::Param;
+use super::places::depth_root;
+use super::recipe_error::RecipeError;
+use super::source::{Layout, Source};
+use super::training::TrainRecipe;
+use render::line::LayerSet;
+use render::line::Roots;
+use render::line::{Apex, ExrPrecision, Film, Filter, ReflectionOrders, Split};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// The schema name that a recipe must carry.
+pub const RECIPE_SCHEMA: &str = "glasshouse.recipe/1";
+
+/// A recipe.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    /// Always [`RECIPE_SCHEMA`].
+    pub schema: String,
+    /// Of the set, for people: `[A-Za-z0-9_-]+`.
+    pub name: String,
+    /// Dataset seed: all draws, pairs and divisions follow from it. Default 2020.
+    #[serde(default = "default_seed")]
+    pub seed: u64,
+    /// Film.
+    #[serde(default)]
+    pub film: FilmRecipe,
+    /// Lens and focus.
+    #[serde(default)]
+    pub camera: CameraRecipe,
+    /// Pane.
+    #[serde(default)]
+    pub glass: GlassRecipe,
+    /// What is seen through the pane.
+    #[serde(default)]
+    pub front: FrontRecipe,
+    /// What is seen reflected.
+    #[serde(default)]
+    pub back: BackRecipe,
+    /// How bright the sides are, and what the camera makes of it.
+    #[serde(default)]
+    pub light: LightRecipe,
+    /// Bounds that scenes must keep to. Default none.
+    pub reject: Option<RejectRecipe>,
+    /// Where photographs come from, by name. The name is also the named root of their paths.
+    pub sources: BTreeMap<String, Source>,
+    /// Parts of the set, which share no photograph.
+    #[serde(rename = "split")]
+    pub splits: Vec<SplitRecipe>,
+    /// What is trained on the tuples. Default nothing.
+    pub train: Option<TrainRecipe>,
+}
+
+fn default_seed() -> u64 {
+    2020
+}
+
+/// `[film]`
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct FilmRecipe {
+    /// Pixels across: a constant or a choice of whole numbers. Default 256.
+    pub width: Param,
+    /// Pixels down: a constant or a choice of whole numbers. Default 256.
+    pub height: Param,
+    /// Camera samples a pixel: a constant or a choice of powers of two. Default 256.
+    pub spp: Param,
+    /// Reconstruction filter. Default box.
+    pub filter: Filter,
+    /// Orders of the glass below this linear radiance are dropped. Default 7.6e-5.
+    pub order_tolerance: Param,
+    /// Precision of `tuple.exr`. Default half.
+    pub exr: ExrPrecision,
+    /// Adaptive sampling: RMS error (linear) at which a cell of 8 x 8 px is done. Default none: all take `spp`.
+    pub target_error: Option<f64>,
+    /// Which orders of the glass's reflection R~ holds: `all` (default) or `first`.
+    pub glass_reflection_orders: ReflectionOrders,
+    /// Layers that are made. Default all four.
+    pub layers: LayerSet,
+}
+
+impl Default for FilmRecipe {
+    fn default() -> Self {
+        Self {
+            width: Param::Constant(256.0),
+            height: Param::Constant(256.0),
+            spp: Param::Constant(256.0),
+            filter: Filter::Box,
+            order_tolerance: Param::Constant(Film::default_order_tolerance()),
+            exr: ExrPrecision::Half,
+            target_error: None,
+            glass_reflection_orders: ReflectionOrders::All,
+            layers: LayerSet::default(),
+        }
+    }
+}
+
+/// `[camera]`
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct CameraRecipe {
+    /// Relative to the 43.267 mm diagonal of a 36 x 24 mm frame. Default 55.
+    pub focal_length_mm: Param,
+    /// Radius of the lens opening. Default 0.00893.
+    pub aperture_radius_m: Param,
+    /// In place of `aperture_radius_m`: the focal length / the diameter of the opening, of a lens for a 36 x 24 mm frame.
+    pub f_number: Option<Param>,
+    /// What is sharp. Default `"front_center"`.
+    pub focus: FocusRecipe,
+}
+
+impl Default for CameraRecipe {
+    fn default() -> Self {
+        Self {
+            focal_length_mm: Param::Constant(55.0),
+            aperture_radius_m: Param::Constant(0.00893),
+            f_number: None,
+            focus: FocusRecipe::FrontCenter,
+        }
+    }
+}
+
+/// `[glass]`
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct GlassRecipe {
+    /// Front face from the lens along the axis. Default 0.30.
+    pub distance_m: Param,
+    /// Thickness. Default 0.010.
+    pub thickness_m: Param,
+    /// Index of refraction. Default 1.6.
+    pub ior: Param,
+    /// Of red, green and blue, per metre of path. Default none.
+    pub absorption_per_m: [Param; 3],
+    /// Pitch and yaw. Default perpendicular.
+    pub tilt_deg: [Param; 2],
+}
+
+impl Default for GlassRecipe {
+    fn default() -> Self {
+        Self {
+            distance_m: Param::Constant(0.30),
+            thickness_m: Param::Constant(0.010),
+            ior: Param::Constant(1.6),
+            absorption_per_m: [const { Param::Constant(0.0) }; 3],
+            tilt_deg: [const { Param::Constant(0.0) }; 2],
+        }
+    }
+}
+
+/// `[front]`
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct FrontRecipe {
+    /// Multiplies linear radiance. Default 1.
+    pub exposure: Param,
+    /// The same in stops, on top: 2^EV. Default none.
+    pub exposure_ev: Option<Param>,
+    /// Temperature of a black body whose light falls on this side (see [`super::illuminant`]). Default none: light as it
+    /// was photographed.
+    pub illuminant_k: Option<Param>,
+}
+
+impl Default for FrontRecipe {
+    fn default() -> Self {
+        Self {
+            exposure: Param::Constant(1.0),
+            exposure_ev: None,
+            illuminant_k: None,
+        }
+    }
+}
+
+/// `[back]`
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct BackRecipe {
+    /// Multiplies linear radiance. Default 1.
+    pub exposure: Param,
+    /// The same in stops, on top: 2^EV. Default none.
+    pub exposure_ev: Option<Param>,
+    /// Temperature of a black body whose light falls on this side. Default none.
+    pub illuminant_k: Option<Param>,
+    /// Where the capture camera stands. Default mirror.
+    pub apex: Apex,
+}
+
+impl Default for BackRecipe {
+    fn default() -> Self {
+        Self {
+            exposure: Param::Constant(1.0),
+            exposure_ev: None,
+            illuminant_k: None,
+            apex: Apex::Mirror,
+        }
+    }
+}
+
+/// `[[split]]`
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SplitRecipe {
+    /// `train` or `test`.
+    pub name: Split,
+    /// Scenes to make of each source, or of two as `FRONT/BACK`.
+    pub pairs: BTreeMap<String, u32>,
+    /// Share of each source's photographs that belong to this split, against the other's. Default 0.9 for `train`, 0.1 for
+    /// `test`; a source that one split alone uses belongs to it whole.
+    pub photographs: Option<f64>,
+}
+
+impl SplitRecipe {
+    /// See the field.
+    pub fn photographs(&self) -> f64 {
+        self.photographs.unwrap_or(match self.name {
+            Split::Train => 0.9,
+            Split::Test => 0.1,
+        })
+    }
+}
+
+impl FrontRecipe {
+    pub(super) fn light(&self) -> SideLight<'_> {
+        SideLight {
+            exposure: &self.exposure,
+            exposure_ev: self.exposure_ev.as_ref(),
+            illuminant_k: self.illuminant_k.as_ref(),
+        }
+    }
+}
+
+impl BackRecipe {
+    pub(super) fn light(&self) -> SideLight<'_> {
+        SideLight {
+            exposure: &self.exposure,
+            exposure_ev: self.exposure_ev.as_ref(),
+            illuminant_k: self.illuminant_k.as_ref(),
+        }
+    }
+}
+
+impl Recipe {
+    /// All numbers that scenes draw, with their keys.
+    pub fn params(&self) -> Vec<(String, &Param)> {
+        let (film, camera, glass) = (&self.film, &self.camera, &self.glass);
+        let mut params = vec![
+            ("film.width".to_owned(), &film.width),
+            ("film.height".to_owned(), &film.height),
+            ("film.spp".to_owned(), &film.spp),
+            ("film.order_tolerance".to_owned(), &film.order_tolerance),
+            ("camera.focal_length_mm".to_owned(), &camera.focal_length_mm),
+            (
+                "camera.aperture_radius_m".to_owned(),
+                &camera.aperture_radius_m,
+            ),
+            ("glass.distance_m".to_owned(), &glass.distance_m),
+            ("glass.thickness_m".to_owned(), &glass.thickness_m),
+            ("glass.ior".to_owned(), &glass.ior),
+        ];
+        if let Some(param) = &camera.f_number {
+            params.push(("camera.f_number".to_owned(), param));
+        }
+        for focus in camera.focus.each() {
+            if let FocusRecipe::DistanceM(param) = focus {
+                params.push(("camera.focus".to_owned(), param));
+            }
+        }
+        for (index, param) in glass.absorption_per_m.iter().enumerate() {
+            params.push((format!("glass.absorption_per_m[{index}]"), param));
+        }
+        for (index, param) in glass.tilt_deg.iter().enumerate() {
+            params.push((format!("glass.tilt_deg[{index}]"), param));
+        }
+        for (name, light) in [("front", self.front.light()), ("back", self.back.light())] {
+            params.push((format!("{name}.exposure"), light.exposure));
+            for (key, param) in [
+                ("exposure_ev", light.exposure_ev),
+                ("illuminant_k", light.illuminant_k),
+            ] {
+                if let Some(param) = param {
+                    params.push((format!("{name}.{key}"), param));
+                }
+            }
+        }
+        params
+    }
+
+    /// Whether its scenes must be looked at to be settled: photographs are then read while it is planned.
+    pub fn needs_preview(&self) -> bool {
+        let light = &self.light;
+        self.reject.is_some()
+            || light.auto_exposure.is_some()
+            || light.scale == LuminanceScale::Metered
+            || light.white_balance == WhiteBalance::GreyWorld
+    }
+
+    /// Reads and checks a recipe.
+    pub fn parse(text: &str) -> Result<Self, RecipeError> {
+        let recipe: Self = toml::from_str(text).map_err(Box::new)?;
+        recipe.check()?;
+        Ok(recipe)
+    }
+
+    /// The named roots of this recipe's scene lines: those given, and for each source that has none its
+    /// own `root` beside the recipe, which lies in `base`.
+    ///
+    /// `sample` sources are left out: whoever makes their photographs knows where.
+    pub fn roots(&self, base: &Path, given: &Roots) -> Roots {
+        let mut roots = given.clone();
+        for (name, source) in &self.sources {
+            if source.layout != Layout::Sample && given.get(name).is_none() {
+                let folder: PathBuf = base.join(source.root.as_deref().unwrap_or(name));
+                roots
+                    .insert(name, folder)
+                    .expect("source names were checked, and this one has no root yet");
+            }
+            let depth = depth_root(name);
+            if source.layout == Layout::Places && given.get(&depth).is_none() {
+                let folder: PathBuf = base.join(source.depth_root.as_deref().unwrap_or(&depth));
+                roots
+                    .insert(&depth, folder)
+                    .expect("no source is called like the depths of another one");
+            }
+        }
+        roots
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use render::line::{DepthKind, Intrinsics};
+
+    /// The paper's set, as on the design page.
+    pub(in super::super) const PAPER: &str = r#"
+schema = "glasshouse.recipe/1"
+name = "paper"
+seed = 2020
+[film]
+width = 256
+height = 256
+spp = 256
+[camera]
+focal_length_mm = 55.0
+aperture_radius_m = 0.00893
+focus = "front_center"
+[glass]
+distance_m = 0.30
+thickness_m = 0.010
+ior = 1.6
+[sources.diode]
+layout = "diode"
+root = "diode"
+[sources.places]
+layout = "places"
+root = "places"
+depth_ranges = "depth-ranges.toml"
+[[split]]
+name = "train"
+pairs = { diode = 3000, places = 2000 }
+[[split]]
+name = "test"
+pairs = { diode = 120, places = 80 }
+"#;
+
+    #[test]
+    fn the_paper_s_constants_are_the_defaults() {
+        let paper = Recipe::parse(PAPER).unwrap();
+        assert_eq!(paper.film, FilmRecipe::default());
+        assert_eq!(paper.camera, CameraRecipe::default());
+        assert_eq!(paper.glass, GlassRecipe::default());
+        assert_eq!(paper.seed, default_seed());
+        assert_eq!(paper.splits[0].pairs["places"], 2000);
+    }
+
+    #[test]
+    fn the_shipped_paper_recipe_is_the_paper_s() {
+        let paper = Recipe::parse(include_str!("../../manifests/paper.toml")).unwrap();
+        let constants = Recipe::parse(PAPER).unwrap();
+        assert_eq!(paper.film, constants.film);
+        assert_eq!(paper.camera, constants.camera);
+        assert_eq!(paper.glass, constants.glass);
+        for (split, constant) in paper.splits.iter().zip(&constants.splits) {
+            assert_eq!((split.name, &split.pairs), (constant.name, &constant.pairs));
+        }
+        assert_eq!(paper.splits.len(), constants.splits.len());
+        assert_eq!((paper.needs_preview(), &paper.reject), (false, &None));
+        assert_eq!(
+            (paper.seed, &paper.front, &paper.back),
+            (2020, &constants.front, &constants.back)
+        );
+        assert_eq!(
+            paper.sources["places"].depth_kind,
+            DepthKind::RelativeInverse
+        );
+        assert_eq!(paper.sources["diode"].intrinsics, Intrinsics::diode());
+    }
+
+    #[test]
+    fn the_shipped_smoke_recipe_is_the_paper_s_but_for_plainer_panes() {
+        let smoke = Recipe::parse(include_str!("../../manifests/smoke.toml")).unwrap();
+        assert_eq!(smoke.film, FilmRecipe::default());
+        assert_eq!(smoke.camera, CameraRecipe::default());
+        let paper = GlassRecipe::default();
+        assert_eq!(smoke.glass.ior, paper.ior);
+        assert_eq!(smoke.glass.distance_m, paper.distance_m);
+        assert_eq!(smoke.glass.thickness_m, Param::Choice(vec![0.01, 0.04]));
+        assert_eq!(smoke.glass.tilt_deg[1], Param::Choice(vec![0.0, 30.0]));
+        let pairs: u32 = smoke.splits.iter().flat_map(|s| s.pairs.values()).sum();
+        assert_eq!(pairs, 8);
+    }
+
+    #[test]
+    fn distributions_stand_wherever_a_number_does() {
+        let text = PAPER
+            .replace("ior = 1.6", "ior = { uniform = [1.3, 1.7] }\nabsorption_per_m = [{ uniform = [0, 20] }, 0, 1]\ntilt_deg = [0, { normal = { mean = 0, std = 10, min = -30, max = 30 } }]")
+            .replace("focus = \"front_center\"", "focus = { log_uniform = [1, 20] }")
+            .replace("spp = 256", "spp = { choice = [64, 256] }");
+        let recipe = Recipe::parse(&text).unwrap();
+        assert_eq!(recipe.glass.ior, Param::Uniform([1.3, 1.7]));
+        assert!(matches!(
+            recipe.camera.focus,
+            FocusRecipe::DistanceM(Param::LogUniform(_))
+        ));
+        let infinity = PAPER.replace("\"front_center\"", "\"infinity\"");
+        assert_eq!(
+            Recipe::parse(&infinity).unwrap().camera.focus,
+            FocusRecipe::Infinity
+        );
+    }
+
+    #[test]
+    fn a_given_root_goes_before_the_recipe_s() {
+        let recipe = Recipe::parse(PAPER).unwrap();
+        let given = Roots::parse(&["diode=/big/diode", "other=/o"]).unwrap();
+        let roots = recipe.roots(Path::new("/recipes"), &given);
+        assert_eq!(roots.get("diode"), Some(Path::new("/big/diode")));
+        assert_eq!(roots.get("places"), Some(Path::new("/recipes/places")));
+        let depths = roots.get("places-depth");
+        assert_eq!(depths, Some(Path::new("/recipes/places-depth")));
+        assert_eq!(roots.get("other"), Some(Path::new("/o")));
+    }
+}

@@ -1,0 +1,125 @@
+//! JSON Schema of a recipe, for editors: `manifests/recipe.schema.json`, made from the types that read recipes.
+
+use super::focus::FocusRecipe;
+use super::param::{Normal, Param};
+use super::recipe::{RECIPE_SCHEMA, Recipe};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde_json::Value;
+use std::borrow::Cow;
+
+/// The schema of `glasshouse.recipe/1`, JSON Schema 2020-12.
+pub fn recipe_schema() -> Value {
+    let mut schema = SchemaGenerator::default().into_root_schema_for::<Recipe>();
+    schema.insert("title".to_owned(), "Glasshouse recipe".into());
+    let mut value = schema.to_value();
+    value["properties"]["schema"]["const"] = RECIPE_SCHEMA.into();
+    value
+}
+
+impl JsonSchema for Param {
+    fn schema_name() -> Cow<'static, str> {
+        "Param".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let ends = json_schema!({ "type": "array", "items": { "type": "number" }, "minItems": 2, "maxItems": 2 });
+        let normal = generator.subschema_for::<Normal>();
+        let one = |key: &str, of: &Schema| {
+            json_schema!({
+                "type": "object", "properties": { key: of }, "required": [key], "additionalProperties": false,
+            })
+        };
+        let many = json_schema!({ "type": "array", "items": { "type": "number" }, "minItems": 1 });
+        json_schema!({
+            "description": "A constant, a distribution that each scene draws from, or what the photograph's record says.",
+            "anyOf": [
+                { "type": "number" },
+                { "const": "from_source" },
+                one("uniform", &ends),
+                one("log_uniform", &ends),
+                one("normal", &normal),
+                one("choice", &many),
+            ],
+        })
+    }
+}
+
+impl JsonSchema for FocusRecipe {
+    fn schema_name() -> Cow<'static, str> {
+        "Focus".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let words = json_schema!({ "enum": ["front_center", "back_center", "glass", "infinity"] });
+        json_schema!({
+            "description": "What is sharp: a word, metres, a distribution of metres, or a choice of words and metres.",
+            "anyOf": [
+                words,
+                generator.subschema_for::<Param>(),
+                {
+                    "type": "object",
+                    "properties": {
+                        "choice": { "type": "array", "minItems": 1, "items": { "anyOf": [words, { "type": "number" }] } },
+                    },
+                    "required": ["choice"],
+                    "additionalProperties": false,
+                },
+            ],
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shipped() -> Value {
+        serde_json::from_str(include_str!("../../manifests/recipe.schema.json")).unwrap()
+    }
+
+    #[test]
+    fn the_shipped_schema_is_what_the_types_say() {
+        assert!(
+            shipped() == recipe_schema(),
+            "manifests/recipe.schema.json is stale: glasshouse schema > manifests/recipe.schema.json"
+        );
+    }
+
+    #[test]
+    fn shipped_recipes_keep_to_it_and_mistakes_do_not() {
+        let validator = jsonschema::validator_for(&shipped()).unwrap();
+        let json = |text: &str| -> Value { toml::from_str(text).unwrap() };
+        let recipes = [
+            include_str!("../../manifests/smoke.toml"),
+            include_str!("../../manifests/paper.toml"),
+            include_str!("../../manifests/wild.toml"),
+            include_str!("../../manifests/learn.toml"),
+        ];
+        for recipe in recipes {
+            Recipe::parse(recipe).unwrap();
+            let wrong: Vec<String> = validator
+                .iter_errors(&json(recipe))
+                .map(|e| e.to_string())
+                .collect();
+            assert!(wrong.is_empty(), "{wrong:?}");
+        }
+        // What the program refuses by its kind, the schema refuses.
+        for (from, to) in [
+            ("ior = 1.6", "ior = \"glassy\""),
+            ("ior = 1.6", "ior = { unifrom = [1, 2] }"),
+            ("ior = 1.6", "iro = 1.6"),
+            ("focus = \"front_center\"", "focus = \"nowhere\""),
+            ("[camera]", "[light]\nscale = \"bright\"\n[camera]"),
+            ("layout = \"diode\"", "layout = \"dioed\""),
+            (
+                "schema = \"glasshouse.recipe/1\"",
+                "schema = \"glasshouse.recipe/2\"",
+            ),
+        ] {
+            let text = recipes[1].replacen(from, to, 1);
+            assert_ne!(text, recipes[1], "{from}");
+            assert!(Recipe::parse(&text).is_err(), "{to}");
+            assert!(!validator.is_valid(&json(&text)), "{to}");
+        }
+    }
+}

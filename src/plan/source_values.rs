@@ -1,0 +1,67 @@
+//! What photographs say of themselves, for parameters that are `"from_source"`.
+
+use super::pair::Pair;
+use super::param::Param;
+use super::recipe::Recipe;
+use super::recipe_error::RecipeError;
+use render::ids::SceneId;
+use render::line::Film;
+use render::line::Side;
+use std::collections::BTreeMap;
+
+/// The values of all parameters that are from the source: `back.*` from the back's record, others from the front's. A focal
+/// length that no record has is that of the front photograph's own camera.
+pub(super) fn source_values(
+    recipe: &Recipe,
+    id: &SceneId,
+    pair: Pair<'_>,
+    front: &Side,
+    film: &Film,
+) -> Result<BTreeMap<String, f64>, RecipeError> {
+    let mut values = BTreeMap::new();
+    for (name, param) in recipe.params() {
+        if *param != Param::FromSource {
+            continue;
+        }
+        let image = if name.starts_with("back.") {
+            pair.back
+        } else {
+            pair.front
+        };
+        let own = || match (name.as_str(), front) {
+            ("camera.focal_length_mm", Side::Photograph(photograph)) => {
+                Some(super::nine_digits(focal_length_mm(photograph, film)))
+            }
+            _ => None,
+        };
+        let value = image.values.get(&name).copied().or_else(own);
+        let value = value.ok_or_else(|| RecipeError::NoValue {
+            id: id.clone(),
+            parameter: name.clone(),
+            photograph: image.color.clone(),
+        })?;
+        values.insert(name, value);
+    }
+    Ok(values)
+}
+
+/// The focal length with which the film sees as much as the photograph shows, and no more on any side.
+///
+/// A film's half field of view is `hypot(36, 24) / (2 f) * side / diagonal` in tangents, a photograph's the distance of its
+/// nearer border from the principal point over its focal length. Intrinsics without a size are taken to have the principal
+/// point in the middle.
+fn focal_length_mm(photograph: &render::line::Photograph, film: &Film) -> f64 {
+    let camera = &photograph.intrinsics;
+    let size = camera
+        .size
+        .map_or([2.0 * camera.cx, 2.0 * camera.cy], |s| s.map(f64::from));
+    let seen = |middle: f64, side: f64, focal: f64| middle.min(side - middle) / focal;
+    let tan = [
+        seen(camera.cx, size[0], camera.fx),
+        seen(camera.cy, size[1], camera.fy),
+    ];
+    let [width, height] = [f64::from(film.width), f64::from(film.height)];
+    let half_diagonal_mm = libm::hypot(36.0, 24.0) / 2.0;
+    let of = |side: f64, tan: f64| half_diagonal_mm * side / libm::hypot(width, height) / tan;
+    of(width, tan[0]).max(of(height, tan[1]))
+}

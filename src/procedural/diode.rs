@@ -1,0 +1,145 @@
+//! DIODE's own files: a PNG, a depth `.npy`, a mask `.npy`.
+
+use super::listing::SamplePhotograph;
+use super::render::{Rgbd, render};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
+use render::atomic_file::{self, WriteError};
+use std::path::{Path, PathBuf};
+
+/// Bytes before the data of a `.npy` file.
+const NPY_HEADER_BYTES: usize = 128;
+
+/// A procedural photograph could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum SampleError {
+    /// A file or folder could not be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// An image could not be coded.
+    #[error("cannot code {}: {source}; choose another size", path.display())]
+    Code {
+        /// The file that was to be written.
+        path: PathBuf,
+        /// Why it was not.
+        source: image::ImageError,
+    },
+}
+
+/// Whether all three files of `photograph` lie under `root`.
+pub fn is_written(root: &Path, photograph: &SamplePhotograph) -> bool {
+    [
+        photograph.color_path(),
+        photograph.depth_path(),
+        photograph.mask_path(),
+    ]
+    .iter()
+    .all(|path| root.join(path).is_file())
+}
+
+/// The bytes of a photograph's three files.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SampleFiles {
+    /// PNG, sRGB.
+    pub color: Vec<u8>,
+    /// `.npy`, metres along the axis.
+    pub depth: Vec<u8>,
+    /// `.npy`, 1 where the depth is valid.
+    pub mask: Vec<u8>,
+}
+
+/// Renders `photograph` and codes its three files; nothing is written.
+pub fn encode(
+    photograph: &SamplePhotograph,
+    width: u32,
+    height: u32,
+) -> Result<SampleFiles, SampleError> {
+    let rgbd = render(photograph, width, height);
+    let color = png(&rgbd).map_err(|source| SampleError::Code {
+        path: photograph.color_path(),
+        source,
+    })?;
+    let (w, h) = (rgbd.width, rgbd.height);
+    let valid: Vec<f32> = rgbd.valid.iter().map(|&v| f32::from(u8::from(v))).collect();
+    Ok(SampleFiles {
+        color,
+        depth: npy(&format!("({h}, {w}, 1)"), &rgbd.depth_m),
+        mask: npy(&format!("({h}, {w})"), &valid),
+    })
+}
+
+/// Renders `photograph` and writes its three files under `root`, each whole or not at all.
+pub fn write(
+    root: &Path,
+    photograph: &SamplePhotograph,
+    width: u32,
+    height: u32,
+) -> Result<(), SampleError> {
+    let files = encode(photograph, width, height)?;
+    let color_path = root.join(photograph.color_path());
+    if let Some(folder) = color_path.parent() {
+        atomic_file::create_dir(folder)?;
+    }
+    atomic_file::write_relaxed(&root.join(photograph.depth_path()), &files.depth)?;
+    atomic_file::write_relaxed(&root.join(photograph.mask_path()), &files.mask)?;
+    atomic_file::write_relaxed(&color_path, &files.color)?;
+    Ok(())
+}
+
+fn png(rgbd: &Rgbd) -> Result<Vec<u8>, image::ImageError> {
+    let mut bytes = Vec::new();
+    PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive)
+        .write_image(&rgbd.rgb, rgbd.width, rgbd.height, ExtendedColorType::Rgb8)?;
+    Ok(bytes)
+}
+
+/// NumPy format 1.0, little-endian `f32`, C order, data after 128 bytes.
+fn npy(shape: &str, values: &[f32]) -> Vec<u8> {
+    let text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}");
+    let text_bytes = NPY_HEADER_BYTES - 10;
+    let mut bytes = Vec::with_capacity(NPY_HEADER_BYTES + 4 * values.len());
+    bytes.extend_from_slice(b"\x93NUMPY\x01\x00");
+    bytes.extend_from_slice(&(text_bytes as u16).to_le_bytes());
+    bytes.extend_from_slice(text.as_bytes());
+    bytes.resize(NPY_HEADER_BYTES - 1, b' ');
+    bytes.push(b'\n');
+    bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::listing;
+    use std::fs;
+
+    #[test]
+    fn the_three_files_are_read_back_by_independent_readers() {
+        let dir = tempfile::tempdir().unwrap();
+        let photograph = &listing(2, 5)[1];
+        assert!(!is_written(dir.path(), photograph));
+        write(dir.path(), photograph, 64, 48).unwrap();
+        assert!(is_written(dir.path(), photograph));
+        let rgbd = render(photograph, 64, 48);
+
+        let bytes = fs::read(dir.path().join(photograph.depth_path())).unwrap();
+        assert_eq!(bytes.len(), NPY_HEADER_BYTES + 64 * 48 * 4);
+        let depth = npyz::NpyFile::new(&bytes[..]).unwrap();
+        assert_eq!(depth.shape(), [48, 64, 1]);
+        assert_eq!(depth.into_vec::<f32>().unwrap(), rgbd.depth_m);
+
+        let bytes = fs::read(dir.path().join(photograph.mask_path())).unwrap();
+        let mask = npyz::NpyFile::new(&bytes[..]).unwrap();
+        assert_eq!(mask.shape(), [48, 64]);
+        let valid: Vec<bool> = mask
+            .into_vec::<f32>()
+            .unwrap()
+            .iter()
+            .map(|&v| v == 1.0)
+            .collect();
+        assert_eq!(valid, rgbd.valid);
+
+        let color = image::open(dir.path().join(photograph.color_path())).unwrap();
+        assert_eq!(color.into_rgb8().into_raw(), rgbd.rgb);
+    }
+}

@@ -1,0 +1,372 @@
+//! Photographing a model: visibility, light, antialiasing, depth.
+
+use super::bounds::Bounds;
+use super::camera::{Camera, Ray, intrinsics};
+use super::hole::{self, Return};
+use super::light::{Point, SoftGrid, SoftLight};
+use super::listing::SamplePhotograph;
+use super::model::Model;
+use super::shape::Shape;
+use super::tiles::{Hit, Tiles};
+use super::tone::Tone;
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+use render::line::Intrinsics;
+
+/// A photograph with depth, row by row from the top left corner.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rgbd {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// sRGB-coded colour, three bytes a pixel.
+    pub rgb: Vec<u8>,
+    /// Depth along the optical axis, 0 where invalid.
+    pub depth_m: Vec<f32>,
+    /// Whether the pixel has a depth.
+    pub valid: Vec<bool>,
+    /// 1/z of what each pixel shows, holes or not; 0 of the sky.
+    pub inverse_depth_per_m: Vec<f32>,
+}
+
+/// Offsets of the antialiasing samples from the pixel's centre.
+const OFFSETS: [(f32, f32); 4] = [
+    (-0.125, -0.375),
+    (0.375, -0.125),
+    (0.125, 0.375),
+    (-0.375, 0.125),
+];
+
+/// Pixels between the ones that the exposure looks at.
+const METERING_STEP: usize = 16;
+
+/// What the centre of a pixel shows.
+#[derive(Clone, Copy, Debug)]
+struct Pixel {
+    hit: Hit,
+    normal: Vec3,
+    in_sun: bool,
+}
+
+/// Photographs the place with DIODE's camera. Pure: the same arguments give the same bytes on every machine.
+pub fn render(photograph: &SamplePhotograph, width: u32, height: u32) -> Rgbd {
+    render_through(photograph, &intrinsics(width, height), width, height)
+}
+
+/// The same with another camera; its `intrinsics` are for pixels of this size.
+pub fn render_through(
+    photograph: &SamplePhotograph,
+    intrinsics: &Intrinsics,
+    width: u32,
+    height: u32,
+) -> Rgbd {
+    let model = Model::new(photograph);
+    let (w, h) = (width as usize, height as usize);
+    let camera = model.camera(intrinsics);
+    let bounds = Bounds::new(&model.solids);
+    let tiles = Tiles::new(&model.solids, &camera, w, h);
+    let view = View {
+        model: &model,
+        camera,
+        bounds: &bounds,
+        tiles: &tiles,
+    };
+    let pixels: Vec<Option<Pixel>> = (0..w * h)
+        .into_par_iter()
+        .with_min_len(w)
+        .map(|k| view.pixel(k % w, k / w))
+        .collect();
+    let soft = SoftLight::new(&model.lights, &bounds);
+    let grid = SoftGrid::new(&soft, w, h, |i, j| {
+        let pixel = pixels[j * w + i]?;
+        let ray = view.centre_ray(i, j);
+        Some(point(&ray, pixel.hit, pixel.normal))
+    });
+    let centre = |k: usize| {
+        let (i, j) = (k % w, k / w);
+        view.radiance(&view.centre_ray(i, j), pixels[k].as_ref(), &grid, i, j)
+    };
+    let metered: Vec<Vec3> = (0..w * h)
+        .filter(|k| {
+            k % w % METERING_STEP == METERING_STEP / 2 && k / w % METERING_STEP == METERING_STEP / 2
+        })
+        .map(|k| centre(k).0)
+        .collect();
+    let tone = Tone::aimed(&metered, model.brightness);
+    let seed = (photograph.seed as u32 ^ photograph.scan).cast_signed();
+
+    let mut rgb = vec![0; 3 * w * h];
+    let mut depth_m = vec![0.0; w * h];
+    let mut valid = vec![false; w * h];
+    let inverse_depth_per_m = pixels
+        .iter()
+        .map(|pixel| pixel.map_or(0.0, |p| 1.0 / p.hit.depth_m))
+        .collect();
+    rgb.par_chunks_mut(3 * w)
+        .zip(depth_m.par_chunks_mut(w))
+        .zip(valid.par_chunks_mut(w))
+        .enumerate()
+        .for_each(|(j, ((rgb, depth_m), valid))| {
+            for i in 0..w {
+                let k = j * w + i;
+                let around = [
+                    pixels[if i > 0 { k - 1 } else { k }],
+                    pixels[if i + 1 < w { k + 1 } else { k }],
+                    pixels[if j > 0 { k - w } else { k }],
+                    pixels[if j + 1 < h { k + w } else { k }],
+                ];
+                let (radiance, glass) = centre(k);
+                let mut coded = tone.coded(radiance);
+                if around
+                    .iter()
+                    .any(|other| differs(pixels[k].as_ref(), other.as_ref()))
+                {
+                    coded = Vec3::ZERO;
+                    // All around lit: what lies between is, too. (A shaded one may face away.)
+                    let lit = pixels[k]
+                        .iter()
+                        .chain(around.iter().flatten())
+                        .all(|p| p.in_sun);
+                    let known_sun = lit.then_some(true);
+                    for (du, dv) in OFFSETS {
+                        let ray = camera.ray(i as f32 + 0.5 + du, j as f32 + 0.5 + dv);
+                        let pixel = view.seen(&ray, i, j, known_sun);
+                        let (radiance, _) = view.radiance(&ray, pixel.as_ref(), &grid, i, j);
+                        coded += tone.coded(radiance);
+                    }
+                    coded *= 0.25;
+                }
+                for (byte, c) in rgb[3 * i..3 * i + 3].iter_mut().zip(coded.to_array()) {
+                    *byte = (c * 255.0 + 0.5) as u8;
+                }
+                let Some(pixel) = pixels[k] else { continue };
+                let depths = || around.iter().flatten().map(|p| p.hit.depth_m);
+                let found = Return {
+                    depth_m: pixel.hit.depth_m,
+                    cos: -pixel
+                        .normal
+                        .dot(view.centre_ray(i, j).direction.normalize()),
+                    glass,
+                    neighbours_m: (
+                        depths().fold(f32::MAX, f32::min),
+                        depths().fold(0.0, f32::max),
+                    ),
+                };
+                if hole::is_valid(
+                    &found,
+                    model.range_m,
+                    [i as u32, j as u32].map(u32::cast_signed),
+                    seed,
+                ) {
+                    depth_m[i] = found.depth_m;
+                    valid[i] = true;
+                }
+            }
+        });
+    Rgbd {
+        width,
+        height,
+        rgb,
+        depth_m,
+        valid,
+        inverse_depth_per_m,
+    }
+}
+
+fn point(ray: &Ray, hit: Hit, normal: Vec3) -> Point {
+    Point {
+        position: ray.at(hit.depth_m),
+        normal,
+        depth_m: hit.depth_m,
+    }
+}
+
+/// Whether an edge runs between two neighbouring pixels.
+fn differs(a: Option<&Pixel>, b: Option<&Pixel>) -> bool {
+    match (a, b) {
+        (None, None) => false,
+        (Some(a), Some(b)) => {
+            a.hit.solid != b.hit.solid || a.in_sun != b.in_sun || a.normal.dot(b.normal) < 0.8
+        }
+        _ => true,
+    }
+}
+
+/// A model seen by a camera.
+struct View<'a> {
+    model: &'a Model,
+    camera: Camera,
+    bounds: &'a Bounds,
+    tiles: &'a Tiles,
+}
+
+impl View<'_> {
+    fn centre_ray(&self, i: usize, j: usize) -> Ray {
+        self.camera.ray(i as f32 + 0.5, j as f32 + 0.5)
+    }
+
+    fn pixel(&self, i: usize, j: usize) -> Option<Pixel> {
+        self.seen(&self.centre_ray(i, j), i, j, None)
+    }
+
+    /// What a ray through pixel (i, j) meets; `known_sun` spares the shadow ray.
+    fn seen(&self, ray: &Ray, i: usize, j: usize, known_sun: Option<bool>) -> Option<Pixel> {
+        let hit = self.tiles.nearest(&self.model.solids, ray, i, j)?;
+        let solid = &self.model.solids[hit.solid as usize];
+        let position = ray.at(hit.depth_m);
+        let mut normal = solid.axes * solid.normal(solid.local(position - solid.centre));
+        if matches!(solid.shape, Shape::Foliage(..)) {
+            // Leaves face the light more than the ball they stand on does.
+            normal = (normal + Vec3::Y * 0.5).normalize();
+        } else if normal.dot(ray.direction) > 0.0 {
+            normal = -normal;
+        }
+        let lights = &self.model.lights;
+        let in_sun = lights.sun != Vec3::ZERO && normal.dot(lights.sun_direction) > 0.0 && {
+            let origin = position + normal * (1e-3 + 3e-4 * hit.depth_m);
+            let direction = lights.sun_direction;
+            known_sun.unwrap_or_else(|| !self.bounds.occluded(&Ray { origin, direction }, 200.0))
+        };
+        Some(Pixel {
+            hit,
+            normal,
+            in_sun,
+        })
+    }
+
+    /// Radiance along a ray, and whether it ends on glass.
+    fn radiance(
+        &self,
+        ray: &Ray,
+        pixel: Option<&Pixel>,
+        grid: &SoftGrid,
+        i: usize,
+        j: usize,
+    ) -> (Vec3, bool) {
+        let direction = ray.direction.normalize();
+        let Some(pixel) = pixel else {
+            return (self.model.sky.radiance(direction), true);
+        };
+        let lights = &self.model.lights;
+        let solid = &self.model.solids[pixel.hit.solid as usize];
+        let point = point(ray, pixel.hit, pixel.normal);
+        let local = solid.local(point.position - solid.centre);
+        let facing = solid.normal(local).abs();
+        let p = local + solid.texture_shift;
+        let uv = if facing.y > 0.7 {
+            Vec2::new(p.x, p.z)
+        } else if facing.x > facing.z {
+            Vec2::new(p.z, p.y)
+        } else {
+            Vec2::new(p.x, p.y)
+        };
+        let cos = -direction.dot(pixel.normal);
+        let footprint_m = pixel.hit.depth_m / self.camera.fx / cos.max(0.12);
+        let surface = solid.material.surface(p, uv, footprint_m);
+        let mut light = grid.at(i, j, &point);
+        if pixel.in_sun {
+            let incidence = pixel.normal.dot(lights.sun_direction);
+            light += lights.sun * (incidence / core::f32::consts::PI);
+        }
+        let mut radiance = surface.albedo * light + surface.glow;
+        if surface.gloss > 0.0 {
+            let mirrored = direction + pixel.normal * (2.0 * cos);
+            let grazing = 1.0 - cos.clamp(0.0, 1.0);
+            let square = grazing * grazing;
+            let share = surface.gloss + (0.5 - surface.gloss) * square * square * grazing;
+            radiance = radiance.lerp(self.reflected(point.position, mirrored, light), share);
+            if pixel.in_sun {
+                let mut peak = mirrored.dot(lights.sun_direction).max(0.0);
+                for _ in 0..5 {
+                    peak *= peak;
+                }
+                radiance += lights.sun * (peak * surface.gloss * 2.0);
+            }
+        }
+        if lights.openings.is_empty() {
+            let depth_m = pixel.hit.depth_m;
+            let haze = depth_m / (depth_m + 350.0);
+            radiance = radiance.lerp(self.model.sky.horizon * 0.8, haze);
+        }
+        (radiance, surface.glass)
+    }
+
+    /// What a glossy surface mirrors, without looking for solids.
+    fn reflected(&self, position: Vec3, direction: Vec3, light: Vec3) -> Vec3 {
+        let lights = &self.model.lights;
+        if lights.openings.is_empty() {
+            return self.model.sky.smooth_radiance(direction.y);
+        }
+        let mut seen = light * 0.6;
+        for opening in &lights.openings {
+            let across = direction.dot(opening.normal);
+            if across < -1e-3 {
+                let t = (opening.centre - position).dot(opening.normal) / across;
+                let at = position + direction * t - opening.centre;
+                let inside = |half: Vec3| {
+                    let square = half.length_squared();
+                    ((1.15 - at.dot(half).abs() / square) * 3.5).clamp(0.0, 1.0)
+                };
+                seen += opening.radiance * (0.35 * inside(opening.half_u) * inside(opening.half_v));
+            }
+        }
+        seen
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::listing::{Place, listing};
+    use super::*;
+
+    #[test]
+    fn bytes_do_not_depend_on_the_number_of_threads() {
+        for photograph in listing(4, 11) {
+            let with = |threads| {
+                rayon::ThreadPoolBuilder::new()
+                    .num_threads(threads)
+                    .build()
+                    .unwrap()
+                    .install(|| render(&photograph, 128, 96))
+            };
+            let one = with(1);
+            assert_eq!(one, with(1));
+            assert_eq!(one, with(2));
+        }
+    }
+
+    #[test]
+    fn depths_and_brightness_are_those_of_photographs() {
+        for photograph in listing(32, 7) {
+            let rgbd = render(&photograph, 160, 120);
+            let pixel_count = 160 * 120;
+            let farthest_m = match photograph.place {
+                Place::Indoors => 15.0,
+                Place::Outdoor => 60.0,
+            };
+            let mut valid_count = 0;
+            for (&depth_m, &valid) in rgbd.depth_m.iter().zip(&rgbd.valid) {
+                if valid {
+                    assert!((0.5..=farthest_m).contains(&depth_m), "{depth_m}");
+                    valid_count += 1;
+                } else {
+                    assert_eq!(depth_m, 0.0);
+                }
+            }
+            let share = f64::from(valid_count) / f64::from(pixel_count);
+            assert!((0.5..1.0).contains(&share), "{share} of {photograph:?}");
+            let sum: u64 = rgbd.rgb.iter().map(|&c| u64::from(c)).sum();
+            let mean = sum as f64 / (3.0 * 255.0) / f64::from(pixel_count);
+            assert!((0.25..0.65).contains(&mean), "{mean} of {photograph:?}");
+        }
+    }
+
+    #[test]
+    fn pictures_differ() {
+        let photographs = listing(6, 2);
+        for pair in photographs.windows(2) {
+            assert_ne!(render(&pair[0], 64, 48).rgb, render(&pair[1], 64, 48).rgb);
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! A shard in bands of rows: a shard is the unit of checkpoints, a band that of work stealing.
+//!
+//! Pixels do not depend on the tile they are traced in, and paths, misses and samples are whole numbers: so a shard put
+//! together from bands, in whatever order they come, has the bits of the shard traced in one piece.
+
+use crate::trace::{CELL_PX, PixelMeans, Tile, TileResult};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+/// Rows of a band. Whole cells, for adaptive scenes; few, so that no thread waits long for the last one.
+pub(crate) const BAND_ROWS: u32 = CELL_PX;
+
+/// Bands of a tile.
+pub(crate) fn bands(tile: Tile) -> u32 {
+    tile.height.div_ceil(BAND_ROWS)
+}
+
+/// Band `index` of a tile, from the top.
+fn band(tile: Tile, index: u32) -> Tile {
+    let y = index * BAND_ROWS;
+    Tile {
+        y: tile.y + y,
+        height: BAND_ROWS.min(tile.height - y),
+        ..tile
+    }
+}
+
+const WAITING: u8 = 0;
+const BEGUN: u8 = 1;
+const DROPPED: u8 = 2;
+
+/// A shard whose bands are traced by whoever is free.
+#[derive(Default)]
+pub(crate) struct BandedShard {
+    state: AtomicU8,
+    joined: Mutex<Joined>,
+}
+
+/// The bands that are done.
+#[derive(Default)]
+struct Joined {
+    result: Option<TileResult>,
+    bands: u32,
+}
+
+impl BandedShard {
+    /// Asks whether to trace one of its bands. Who is told to stop begins no shard; but a shard that is begun is
+    /// finished, and all threads get the same answer.
+    pub(crate) fn may_trace(&self, must_stop: bool) -> bool {
+        let wanted = if must_stop { DROPPED } else { BEGUN };
+        let change =
+            self.state
+                .compare_exchange(WAITING, wanted, Ordering::AcqRel, Ordering::Acquire);
+        match change {
+            Ok(_) => wanted == BEGUN,
+            Err(state) => state == BEGUN,
+        }
+    }
+
+    /// Nobody has begun it, and it was not dropped.
+    pub(crate) fn is_waiting(&self) -> bool {
+        self.state.load(Ordering::Acquire) == WAITING
+    }
+
+    /// Traces band `index` of the shard's `tile` with `trace`; the whole shard's result for whoever does the last band.
+    pub(crate) fn trace(
+        &self,
+        tile: Tile,
+        index: u32,
+        trace: impl FnOnce(Tile) -> TileResult,
+    ) -> Option<TileResult> {
+        let result = trace(band(tile, index));
+        let mut joined = self.joined.lock().expect("no holder of this lock panics");
+        joined.bands += 1;
+        if bands(tile) == 1 {
+            return Some(result);
+        }
+        let whole = joined.result.get_or_insert_with(|| TileResult {
+            pixels: vec![PixelMeans::default(); tile.width as usize * tile.height as usize],
+            samples: [0; 4],
+            sample_sums: result.sample_sums.map(|_| [0; 4]),
+            paths: [0; 4],
+            misses: [0; 4],
+        });
+        let start = index as usize * BAND_ROWS as usize * tile.width as usize;
+        whole.pixels[start..start + result.pixels.len()].copy_from_slice(&result.pixels);
+        for layer in 0..4 {
+            // Of an adaptive scene the most, of others the same in all bands.
+            whole.samples[layer] = whole.samples[layer].max(result.samples[layer]);
+            whole.paths[layer] += result.paths[layer];
+            whole.misses[layer] += result.misses[layer];
+            if let (Some(sums), Some(of_band)) = (&mut whole.sample_sums, &result.sample_sums) {
+                sums[layer] += of_band[layer];
+            }
+        }
+        if joined.bands == bands(tile) {
+            joined.result.take()
+        } else {
+            None
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shard::golden_scenes;
+    use crate::trace::{Isa, trace_tile};
+
+    /// Fixed and adaptive scenes, every branch of the tracer; films of 16 x 10 px, so the last band is cut off. Bands come
+    /// last first.
+    #[test]
+    fn bands_make_the_whole_tile() {
+        let isa = Isa::detect();
+        let mut adaptive = 0;
+        for golden in golden_scenes() {
+            let scene = &golden.scene;
+            let (width, height) = (scene.film.width, scene.film.height);
+            let cell = if scene.target_error.is_some() { 8 } else { 1 };
+            adaptive += u32::from(cell == 8);
+            for (x, y) in [(0, 0), (cell, 0), (8, cell)] {
+                let tile = Tile {
+                    x,
+                    y,
+                    width: width - x,
+                    height: height - y,
+                };
+                let range = if cell == 8 {
+                    0..scene.spp
+                } else {
+                    0..scene.spp.min(256)
+                };
+                let shard = BandedShard::default();
+                let mut found = None;
+                for index in (0..bands(tile)).rev() {
+                    assert!(found.is_none(), "{}", golden.name);
+                    assert!(shard.may_trace(false));
+                    let trace = |tile| trace_tile(scene, tile, range.clone(), isa);
+                    found = shard.trace(tile, index, trace);
+                }
+                let whole = trace_tile(scene, tile, range.clone(), isa);
+                assert!(found == Some(whole), "{} at ({x}, {y})", golden.name);
+            }
+        }
+        assert!(adaptive > 0);
+    }
+
+    #[test]
+    fn a_shard_is_begun_or_dropped_for_all() {
+        let begun = BandedShard::default();
+        assert!(begun.may_trace(false) && begun.may_trace(true) && begun.may_trace(false));
+        let dropped = BandedShard::default();
+        assert!(!dropped.may_trace(true) && !dropped.may_trace(false));
+    }
+
+    #[test]
+    fn bands_cover_a_tile() {
+        for height in 1..40 {
+            let tile = Tile {
+                x: 3,
+                y: 8,
+                width: 5,
+                height,
+            };
+            let mut next = 8;
+            for index in 0..bands(tile) {
+                let band = band(tile, index);
+                assert_eq!((band.x, band.y, band.width), (3, next, 5));
+                assert!(band.height > 0);
+                next += band.height;
+            }
+            assert_eq!(next, 8 + height);
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! The bytes of a scene's files, and which format they are in.
+
+use super::error::SceneError;
+use std::path::PathBuf;
+
+/// A file's contents and the name that errors call it by.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NamedBytes {
+    /// For error texts alone: nothing is opened.
+    pub path: PathBuf,
+    /// The whole file.
+    pub bytes: Vec<u8>,
+}
+
+/// The files of one photograph.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PhotographFiles {
+    /// PNG, JPEG, PNM, EXR, Radiance HDR, PFM or `.npy`.
+    pub color: NamedBytes,
+    /// PNG, PNM, EXR, PFM or `.npy`.
+    pub depth: NamedBytes,
+    /// PNG, PNM or `.npy`; without it every finite depth above 0 is valid.
+    pub mask: Option<NamedBytes>,
+}
+
+/// The files of one panorama.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PanoramaFiles {
+    /// Equirectangular, in any format of a colour image.
+    pub panorama: NamedBytes,
+    /// Equirectangular distances, in any format of a depth image; without it all is at one distance.
+    pub depth: Option<NamedBytes>,
+}
+
+/// A file format, found by its magic bytes: extensions lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum FileFormat {
+    Png,
+    Jpeg,
+    Pnm,
+    Exr,
+    Npy,
+    Ply,
+    Pfm,
+    Hdr,
+}
+
+impl FileFormat {
+    /// What people call it.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Png => "PNG",
+            Self::Jpeg => "JPEG",
+            Self::Pnm => "PNM",
+            Self::Exr => "EXR",
+            Self::Npy => ".npy",
+            Self::Ply => "PLY",
+            Self::Pfm => "PFM",
+            Self::Hdr => "Radiance HDR",
+        }
+    }
+}
+
+impl NamedBytes {
+    /// The format of the file, or an error that says what is `expected`.
+    pub(crate) fn format(&self, expected: &'static str) -> Result<FileFormat, SceneError> {
+        match self.bytes.as_slice() {
+            [] => Err(SceneError::Empty {
+                path: self.path.clone(),
+            }),
+            [0x89, b'P', b'N', b'G', ..] => Ok(FileFormat::Png),
+            [0xff, 0xd8, 0xff, ..] => Ok(FileFormat::Jpeg),
+            [b'P', b'1'..=b'7', b' ' | b'\t' | b'\r' | b'\n' | b'#', ..] => Ok(FileFormat::Pnm),
+            [b'P', b'f' | b'F', b' ' | b'\r' | b'\n', ..] => Ok(FileFormat::Pfm),
+            [b'#', b'?', b'R', ..] => Ok(FileFormat::Hdr),
+            [0x76, 0x2f, 0x31, 0x01, ..] => Ok(FileFormat::Exr),
+            [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Ok(FileFormat::Npy),
+            [b'p', b'l', b'y', b'\r' | b'\n', ..] => Ok(FileFormat::Ply),
+            [b'P', b'K', 3, 4, ..] => {
+                Err(self.wrong_format("a ZIP archive (.npz?)".to_owned(), expected))
+            }
+            other => {
+                let start: Vec<String> = other
+                    .iter()
+                    .take(8)
+                    .map(|byte| format!("{byte:02x}"))
+                    .collect();
+                let found = format!("of no known format (it starts with {})", start.join(" "));
+                Err(self.wrong_format(found, expected))
+            }
+        }
+    }
+
+    /// The file is of a kind that may not stand here.
+    pub(crate) fn wrong_format(&self, found: String, expected: &'static str) -> SceneError {
+        SceneError::Format {
+            path: self.path.clone(),
+            found,
+            expected,
+        }
+    }
+
+    /// The file's contents do not fit its use.
+    pub(crate) fn wrong_layout(&self, found: String, expected: &'static str) -> SceneError {
+        SceneError::Layout {
+            path: self.path.clone(),
+            found,
+            expected,
+        }
+    }
+
+    /// A mesh's vertex, face or table that cannot be used: `what` of the file, what is wrong, and what to do.
+    pub(crate) fn bad_element(
+        &self,
+        what: String,
+        problem: String,
+        remedy: &'static str,
+    ) -> SceneError {
+        SceneError::Element {
+            path: self.path.clone(),
+            what,
+            problem,
+            remedy,
+        }
+    }
+
+    /// The file's bytes do not decode.
+    pub(crate) fn unreadable(
+        &self,
+        format: FileFormat,
+        source: impl Into<Box<dyn std::error::Error + Send + Sync>>,
+    ) -> SceneError {
+        SceneError::Unreadable {
+            path: self.path.clone(),
+            format: format.name(),
+            source: source.into(),
+        }
+    }
+
+    /// Runs a decoder that is not ours; its panic on hostile bytes becomes an error.
+    pub(crate) fn contain<T>(
+        &self,
+        format: FileFormat,
+        decode: impl FnOnce() -> Result<T, SceneError>,
+    ) -> Result<T, SceneError> {
+        // What the closure leaves half done is dropped with it.
+        std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode))
+            .unwrap_or_else(|_| Err(self.unreadable(format, "the decoder gave up on its contents")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn named(bytes: &[u8]) -> NamedBytes {
+        NamedBytes {
+            path: PathBuf::from("dir/a.png"),
+            bytes: bytes.to_vec(),
+        }
+    }
+
+    #[test]
+    fn the_magic_decides() {
+        assert_eq!(
+            named(b"\xff\xd8\xff\xe0").format("x").unwrap(),
+            FileFormat::Jpeg
+        );
+        assert_eq!(named(b"P5 1 1 255 a").format("x").unwrap(), FileFormat::Pnm);
+        let error = named(b"GIF89a")
+            .format("PNG or EXR")
+            .unwrap_err()
+            .to_string();
+        assert_eq!(
+            error,
+            "dir/a.png is of no known format (it starts with 47 49 46 38 39 61); give PNG or EXR"
+        );
+        assert!(
+            named(b"PK\x03\x04")
+                .format("x")
+                .unwrap_err()
+                .to_string()
+                .contains("npz")
+        );
+        assert!(matches!(
+            named(b"").format("x"),
+            Err(SceneError::Empty { .. })
+        ));
+    }
+
+    #[test]
+    fn a_panic_is_contained() {
+        let error = named(b"x").contain::<()>(FileFormat::Exr, || panic!("on purpose"));
+        assert!(matches!(
+            error,
+            Err(SceneError::Unreadable { format: "EXR", .. })
+        ));
+    }
+}

@@ -1,0 +1,21 @@
+//! Readers of image, array and mesh files: bytes in, numbers or a typed error out.
+//!
+//! Hostile bytes end in a [`SceneError`], never in a panic, and sizes are checked before anything of that size is allocated
+//! ([`limits`]).
+
+pub(crate) mod error;
+pub(crate) mod files;
+pub mod limits;
+pub(crate) mod npy;
+pub(crate) mod npy_header;
+pub(crate) mod openexr;
+pub(crate) mod pfm;
+pub(crate) mod ply;
+pub(crate) mod ply_header;
+pub(crate) mod raster;
+
+pub use error::SceneError;
+pub use files::{NamedBytes, PanoramaFiles, PhotographFiles};
+pub use npy_header::npy_facts;
+pub use ply::ply_counts;
+pub use raster::jpeg_is_whole;

@@ -1,0 +1,325 @@
+//! Images in `.npy` files, seen as rows of pixels whatever their shape, order and type.
+
+use super::error::SceneError;
+use super::files::{FileFormat, NamedBytes};
+use super::limits::check_size;
+use super::npy_header::{Element, NpyError, NpyHeader};
+use ::exr::prelude::f16;
+
+/// What an array's axes mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Axes {
+    /// (H,W), (H,W,1), (1,H,W): a depth image or mask. (1,N,1) is one row of N pixels.
+    Single,
+    /// (H,W), (H,W,1), (H,W,3), (H,W,4).
+    Color,
+}
+
+/// An image inside the bytes of a `.npy` file; nothing is copied.
+pub(crate) struct NpyImage<'a> {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    /// 1, 3 or 4.
+    pub(crate) channels: usize,
+    pub(crate) element: Element,
+    big_endian: bool,
+    /// Elements from a pixel to the one below, to the one to the right, and to the next channel.
+    strides: [usize; 3],
+    data: &'a [u8],
+}
+
+/// What the header says of the image.
+pub(crate) struct NpyHead {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    /// 1, 3 or 4.
+    pub(crate) channels: usize,
+    header: NpyHeader,
+}
+
+impl NpyHead {
+    /// Type of the elements.
+    pub(crate) fn element(&self) -> Element {
+        self.header.element
+    }
+
+    /// Parses the header and checks shape, size and the file's length. `file` may hold the beginning alone.
+    pub(crate) fn parse(
+        file: &NamedBytes,
+        length: u64,
+        axes: Axes,
+        expected: &'static str,
+    ) -> Result<Self, SceneError> {
+        let unreadable = |error: NpyError| file.unreadable(FileFormat::Npy, error);
+        let header = NpyHeader::parse(&file.bytes).map_err(unreadable)?;
+        let (height_axis, channels) = match (axes, header.shape.as_slice()) {
+            (_, [_, _] | [_, _, 1]) => (0, 1),
+            (Axes::Single, [1, _, _]) => (1, 1),
+            (Axes::Color, [_, _, 3]) => (0, 3),
+            (Axes::Color, [_, _, 4]) => (0, 4),
+            (_, shape) => {
+                return Err(file.wrong_layout(format!("an array of shape {shape:?}"), expected));
+            }
+        };
+        let (height, width) = (header.shape[height_axis], header.shape[height_axis + 1]);
+        check_size(&file.path, width as u64, height as u64)?;
+
+        let needed = width * height * channels * header.element.size();
+        let found = (length as usize).saturating_sub(header.data_offset);
+        if needed != found {
+            return Err(unreadable(NpyError::Length { needed, found }));
+        }
+        Ok(Self {
+            width,
+            height,
+            channels,
+            header,
+        })
+    }
+}
+
+impl<'a> NpyImage<'a> {
+    /// Parses the header and checks shape, size and length.
+    pub(crate) fn parse(
+        file: &'a NamedBytes,
+        axes: Axes,
+        expected: &'static str,
+    ) -> Result<Self, SceneError> {
+        let NpyHead {
+            width,
+            height,
+            channels,
+            header,
+        } = NpyHead::parse(file, file.bytes.len() as u64, axes, expected)?;
+        let data = &file.bytes[header.data_offset..];
+        // A missing channel axis has stride 1 in C order too: it is never stepped along.
+        let strides = if header.fortran_order {
+            [1, height, width * height]
+        } else {
+            [width * channels, channels, 1]
+        };
+        Ok(Self {
+            width,
+            height,
+            channels,
+            element: header.element,
+            big_endian: header.big_endian,
+            strides,
+            data,
+        })
+    }
+
+    /// All values, row by row, channels together, each through `convert`. 64-bit integers beyond
+    /// 2^53 are rounded.
+    pub(crate) fn values<T>(&self, convert: impl Fn(f64) -> T) -> Vec<T> {
+        match self.element {
+            Element::Bool | Element::U8 => self.decode(|[byte]| convert(byte as f64)),
+            Element::U16 => self.decode(|bytes| convert(u16::from_le_bytes(bytes) as f64)),
+            Element::U32 => self.decode(|bytes| convert(u32::from_le_bytes(bytes) as f64)),
+            Element::U64 => self.decode(|bytes| convert(u64::from_le_bytes(bytes) as f64)),
+            Element::I8 => self.decode(|bytes| convert(i8::from_le_bytes(bytes) as f64)),
+            Element::I16 => self.decode(|bytes| convert(i16::from_le_bytes(bytes) as f64)),
+            Element::I32 => self.decode(|bytes| convert(i32::from_le_bytes(bytes) as f64)),
+            Element::I64 => self.decode(|bytes| convert(i64::from_le_bytes(bytes) as f64)),
+            Element::F16 => self.decode(|bytes| convert(f16::from_le_bytes(bytes).to_f64())),
+            Element::F32 => self.decode(|bytes| convert(f32::from_le_bytes(bytes) as f64)),
+            Element::F64 => self.decode(|bytes| convert(f64::from_le_bytes(bytes))),
+        }
+    }
+
+    /// Which values are neither 0 nor NaN.
+    pub(crate) fn nonzero(&self) -> Vec<bool> {
+        match self.element {
+            Element::Bool | Element::U8 | Element::I8 => self.decode(|[byte]| byte != 0),
+            Element::U16 | Element::I16 => self.decode(|bytes: [u8; 2]| bytes != [0; 2]),
+            Element::U32 | Element::I32 => self.decode(|bytes| u32::from_le_bytes(bytes) != 0),
+            Element::U64 | Element::I64 => self.decode(|bytes| u64::from_le_bytes(bytes) != 0),
+            Element::F16 => self.decode(|bytes| is_nonzero(f16::from_le_bytes(bytes).to_f64())),
+            Element::F32 => self.decode(|bytes| is_nonzero(f32::from_le_bytes(bytes) as f64)),
+            Element::F64 => self.decode(|bytes| is_nonzero(f64::from_le_bytes(bytes))),
+        }
+    }
+
+    /// 8-bit values as they are.
+    pub(crate) fn bytes(&self) -> Vec<u8> {
+        self.decode(|[byte]| byte)
+    }
+
+    /// 16-bit values as they are.
+    pub(crate) fn words(&self) -> Vec<u16> {
+        self.decode(u16::from_le_bytes)
+    }
+
+    /// Elements of N bytes in row order; `convert` gets them little-endian.
+    fn decode<const N: usize, T>(&self, convert: impl Fn([u8; N]) -> T) -> Vec<T> {
+        let (elements, _) = self.data.as_chunks::<N>();
+        let little = |mut element: [u8; N]| {
+            if self.big_endian {
+                element.reverse();
+            }
+            element
+        };
+        let [down, right, deeper] = self.strides;
+        if down == self.width * self.channels && right == self.channels && deeper == 1 {
+            return elements
+                .iter()
+                .map(|element| convert(little(*element)))
+                .collect();
+        }
+        let mut values = Vec::with_capacity(elements.len());
+        for y in 0..self.height {
+            for x in 0..self.width {
+                for c in 0..self.channels {
+                    values.push(convert(little(elements[y * down + x * right + c * deeper])));
+                }
+            }
+        }
+        values
+    }
+}
+
+fn is_nonzero(value: f64) -> bool {
+    value != 0.0 && !value.is_nan()
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use npyz::WriterBuilder;
+    use std::path::PathBuf;
+
+    /// A file of format version 1.0 with the given type, order, shape and data.
+    pub(crate) fn npy(descr: &str, fortran: bool, shape: &str, data: &[u8]) -> NamedBytes {
+        let fortran = if fortran { "True" } else { "False" };
+        let text =
+            format!("{{'descr': '{descr}', 'fortran_order': {fortran}, 'shape': {shape}, }}\n");
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        bytes.extend((text.len() as u16).to_le_bytes());
+        bytes.extend(text.as_bytes());
+        bytes.extend(data);
+        NamedBytes {
+            path: PathBuf::from("a.npy"),
+            bytes,
+        }
+    }
+
+    /// A file written by the independent `npyz`.
+    fn written<T: npyz::AutoSerialize + Copy>(
+        values: &[T],
+        shape: &[u64],
+        order: npyz::Order,
+    ) -> NamedBytes {
+        let mut bytes = Vec::new();
+        let mut writer = npyz::WriteOptions::new()
+            .default_dtype()
+            .shape(shape)
+            .order(order)
+            .writer(&mut bytes)
+            .begin_nd()
+            .unwrap();
+        writer.extend(values.iter().copied()).unwrap();
+        writer.finish().unwrap();
+        NamedBytes {
+            path: PathBuf::from("a.npy"),
+            bytes,
+        }
+    }
+
+    fn single(file: &NamedBytes) -> Result<NpyImage<'_>, SceneError> {
+        NpyImage::parse(file, Axes::Single, "x")
+    }
+
+    #[test]
+    fn reads_what_npyz_writes() {
+        macro_rules! check {
+            ($($kind:ty),*) => {$(
+                let values = [0 as $kind, 1 as $kind, 2 as $kind, 3 as $kind, 4 as $kind, 100 as $kind];
+                let file = written(&values, &[2, 3], npyz::Order::C);
+                let image = single(&file).unwrap();
+                assert_eq!((image.width, image.height, image.channels), (3, 2, 1));
+                assert_eq!(image.values(|v| v), [0.0, 1.0, 2.0, 3.0, 4.0, 100.0]);
+                assert_eq!(image.nonzero(), [false, true, true, true, true, true]);
+                let file = written(&values, &[2, 3, 1], npyz::Order::Fortran);
+                assert_eq!(single(&file).unwrap().values(|v| v), [0.0, 2.0, 4.0, 1.0, 3.0, 100.0]);
+            )*};
+        }
+        check!(u8, u16, u32, u64, i8, i16, i32, i64, f32, f64);
+        let file = written(&[true, false], &[1, 2], npyz::Order::C);
+        assert_eq!(single(&file).unwrap().nonzero(), [true, false]);
+    }
+
+    #[test]
+    fn npyz_reads_what_the_tests_make_by_hand() {
+        let file = npy(">f4", false, "(1, 2)", &[0x3f, 0x80, 0, 0, 0x40, 0, 0, 0]);
+        let theirs: Vec<f32> = npyz::NpyFile::new(&file.bytes[..])
+            .unwrap()
+            .into_vec()
+            .unwrap();
+        assert_eq!(theirs, [1.0, 2.0]);
+        assert_eq!(single(&file).unwrap().values(|v| v as f32), theirs);
+    }
+
+    #[test]
+    fn big_endian_halves_and_three_axes() {
+        let file = npy(">f2", false, "(1, 1, 2)", &[0x3c, 0, 0xc0, 0]);
+        assert_eq!(single(&file).unwrap().values(|v| v), [1.0, -2.0]);
+        let file = npy("<f2", false, "(2, 2)", &[0, 0x80, 0, 0x7e, 1, 0, 0, 0]);
+        assert_eq!(
+            single(&file).unwrap().nonzero(),
+            [false, false, true, false]
+        );
+        // Fortran order, (2 rows, 2 columns, 3 channels): the element at row y, column x, channel c
+        // is the byte y + 2 x + 4 c.
+        let file = npy(
+            "|u1",
+            true,
+            "(2, 2, 3)",
+            &std::array::from_fn::<u8, 12, _>(|i| i as u8),
+        );
+        let image = NpyImage::parse(&file, Axes::Color, "x").unwrap();
+        assert_eq!(image.bytes(), [0, 4, 8, 2, 6, 10, 1, 5, 9, 3, 7, 11]);
+        // (1,H,W) in Fortran order.
+        let file = npy("|u1", true, "(1, 2, 3)", &[0, 1, 2, 3, 4, 5]);
+        assert_eq!(single(&file).unwrap().bytes(), [0, 2, 4, 1, 3, 5]);
+    }
+
+    #[test]
+    fn shapes() {
+        let size = |shape: &str, axes| {
+            NpyImage::parse(&npy("|u1", false, shape, &[0; 12]), axes, "x")
+                .map(|image| (image.width, image.height, image.channels))
+        };
+        assert_eq!(size("(1, 12, 1)", Axes::Single).unwrap(), (12, 1, 1));
+        assert_eq!(size("(1, 3, 4)", Axes::Single).unwrap(), (4, 3, 1));
+        assert_eq!(size("(12, 1, 1)", Axes::Single).unwrap(), (1, 12, 1));
+        assert_eq!(size("(2, 2, 3)", Axes::Color).unwrap(), (2, 2, 3));
+        assert_eq!(size("(3, 1, 4)", Axes::Color).unwrap(), (1, 3, 4));
+        for (shape, axes) in [
+            ("(12,)", Axes::Single),
+            ("()", Axes::Single),
+            ("(2, 2, 3)", Axes::Single),
+            ("(2, 3, 2)", Axes::Color),
+            ("(1, 2, 2, 3)", Axes::Color),
+        ] {
+            assert!(
+                matches!(size(shape, axes), Err(SceneError::Layout { .. })),
+                "{shape}"
+            );
+        }
+        for shape in [
+            "(0, 12)",
+            "(12, 0)",
+            "(99999, 1)",
+            "(18446744073709551615, 2)",
+        ] {
+            assert!(
+                matches!(size(shape, Axes::Single), Err(SceneError::Size { .. })),
+                "{shape}"
+            );
+        }
+        for shape in ["(2, 5)", "(2, 7)", "(8192, 8192)"] {
+            let error = size(shape, Axes::Single).unwrap_err();
+            assert!(matches!(error, SceneError::Unreadable { .. }), "{shape}");
+        }
+    }
+}

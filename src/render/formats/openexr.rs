@@ -1,0 +1,303 @@
+//! OpenEXR files through the `exr` crate: one layer, one or three channels.
+
+use super::error::SceneError;
+use super::files::{FileFormat, NamedBytes};
+use super::limits::{MAX_EXR_CHANNELS, check_size};
+use super::raster::{Raster, Samples};
+use ::exr::math::Vec2;
+use ::exr::meta::{MetaData, header::Header};
+use ::exr::prelude::{ReadChannels, ReadLayers, ReadSpecificChannel, read};
+use std::io::Cursor;
+
+const COLOR: &str = "channels R, G and B, or a single Y, without subsampling or deep data";
+const DEPTH: &str = "a channel Z, Y or R, or a single channel, without subsampling or deep data";
+
+/// The first layer with R, G and B, else the first with Y and no chroma; other channels are ignored;
+/// the data window is the image.
+/// 16- and 32-bit floats and 32-bit integers are read as `f32`, unscaled.
+pub(crate) fn decode_color(file: &NamedBytes) -> Result<Raster, SceneError> {
+    file.contain(FileFormat::Exr, || match color_layer(file)? {
+        (Channels::Rgb, _) => read_rgb(file),
+        (Channels::Single(name), _) => read_single(file, name),
+    })
+}
+
+/// Width and height of the colour image, from its header; `file` may hold the beginning alone.
+pub(crate) fn color_size(file: &NamedBytes) -> Result<[usize; 2], SceneError> {
+    file.contain(FileFormat::Exr, || Ok(color_layer(file)?.1))
+}
+
+/// Width and height of the depth image, from its header; `file` may hold the beginning alone.
+pub(crate) fn depth_size(file: &NamedBytes) -> Result<[usize; 2], SceneError> {
+    file.contain(FileFormat::Exr, || Ok(depth_layer(file)?.1))
+}
+
+/// What is read of a layer.
+enum Channels {
+    Rgb,
+    Single(&'static str),
+}
+
+fn color_layer(file: &NamedBytes) -> Result<(Channels, [usize; 2]), SceneError> {
+    let headers = headers(file)?;
+    let is_rgb = |header: &&Header| ["R", "G", "B"].iter().all(|name| has(header, name));
+    if let Some(header) = headers.iter().find(is_rgb) {
+        return Ok((Channels::Rgb, size(header)));
+    }
+    let is_grey = |header: &&Header| has(header, "Y") && !has(header, "RY");
+    match headers.iter().find(is_grey) {
+        Some(header) => Ok((Channels::Single("Y"), size(header))),
+        None => Err(wrong_channels(file, &headers, COLOR)),
+    }
+}
+
+fn depth_layer(file: &NamedBytes) -> Result<(String, [usize; 2]), SceneError> {
+    let headers = headers(file)?;
+    for name in ["Z", "Y", "R"] {
+        if let Some(header) = headers.iter().find(|header| has(header, name)) {
+            return Ok((name.to_owned(), size(header)));
+        }
+    }
+    if let [header] = headers.as_slice()
+        && let [channel] = header.channels.list.as_slice()
+    {
+        return Ok((channel.name.to_string(), size(header)));
+    }
+    Err(wrong_channels(file, &headers, DEPTH))
+}
+
+fn size(header: &Header) -> [usize; 2] {
+    let Vec2(width, height) = header.layer_size;
+    [width, height]
+}
+
+/// The first layer's Z, Y or R, tried in this order over all layers, or its only channel.
+pub(crate) fn decode_depth(file: &NamedBytes) -> Result<Raster, SceneError> {
+    file.contain(FileFormat::Exr, || read_single(file, &depth_layer(file)?.0))
+}
+
+/// The layers' headers, none of which asks for too much memory.
+fn headers(file: &NamedBytes) -> Result<Vec<Header>, SceneError> {
+    let meta = MetaData::read_from_buffered(Cursor::new(file.bytes.as_slice()), false)
+        .map_err(|error| file.unreadable(FileFormat::Exr, error))?;
+    for header in &meta.headers {
+        let Vec2(width, height) = header.layer_size;
+        check_size(&file.path, width as u64, height as u64)?;
+    }
+    let channel_count: usize = meta
+        .headers
+        .iter()
+        .map(|header| header.channels.list.len())
+        .sum();
+    // The decoder skips subsampled channels by the wrong number of bytes.
+    let is_plain = meta.headers.iter().all(|header| {
+        !header.deep
+            && header
+                .channels
+                .list
+                .iter()
+                .all(|channel| channel.sampling == Vec2(1, 1))
+    });
+    if channel_count > MAX_EXR_CHANNELS || !is_plain {
+        return Err(wrong_channels(file, &meta.headers, COLOR));
+    }
+    Ok(meta.headers.into_vec())
+}
+
+fn has(header: &Header, name: &str) -> bool {
+    header
+        .channels
+        .list
+        .iter()
+        .any(|channel| channel.name.eq(name))
+}
+
+fn wrong_channels(file: &NamedBytes, headers: &[Header], expected: &'static str) -> SceneError {
+    let names: Vec<String> = headers
+        .iter()
+        .flat_map(|header| &header.channels.list)
+        .take(16)
+        .map(|channel| {
+            let Vec2(x, y) = channel.sampling;
+            let sampling = if (x, y) == (1, 1) {
+                String::new()
+            } else {
+                format!(" ({x}x{y})")
+            };
+            format!("{}{sampling}", channel.name)
+        })
+        .collect();
+    let deep = if headers.iter().any(|header| header.deep) {
+        "deep "
+    } else {
+        ""
+    };
+    file.wrong_layout(format!("{deep}channels {}", names.join(", ")), expected)
+}
+
+fn read_rgb(file: &NamedBytes) -> Result<Raster, SceneError> {
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .rgb_channels(
+            |size, _| Pixels::new(size, 3),
+            |pixels, at, (r, g, b): (f32, f32, f32)| pixels.set(at, [r, g, b]),
+        )
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(file.bytes.as_slice()))
+        .map_err(|error| file.unreadable(FileFormat::Exr, error))?;
+    Ok(image.layer_data.channel_data.pixels.into_raster(3))
+}
+
+fn read_single(file: &NamedBytes, name: &str) -> Result<Raster, SceneError> {
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .specific_channels()
+        .required(name)
+        .collect_pixels(
+            |size, _| Pixels::new(size, 1),
+            |pixels: &mut Pixels, at, (value,): (f32,)| pixels.set(at, [value]),
+        )
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(file.bytes.as_slice()))
+        .map_err(|error| file.unreadable(FileFormat::Exr, error))?;
+    Ok(image.layer_data.channel_data.pixels.into_raster(1))
+}
+
+/// What the decoder fills pixel by pixel.
+struct Pixels {
+    size: Vec2<usize>,
+    values: Vec<f32>,
+}
+
+impl Pixels {
+    /// NaN, so that a pixel that no block of the file covers is not taken for black.
+    fn new(size: Vec2<usize>, channels: usize) -> Self {
+        Self {
+            size,
+            values: vec![f32::NAN; size.area() * channels],
+        }
+    }
+
+    fn set<const N: usize>(&mut self, Vec2(x, y): Vec2<usize>, pixel: [f32; N]) {
+        let at = (y * self.size.width() + x) * N;
+        self.values[at..at + N].copy_from_slice(&pixel);
+    }
+
+    fn into_raster(self, channels: usize) -> Raster {
+        Raster {
+            width: self.size.width(),
+            height: self.size.height(),
+            channels,
+            samples: Samples::F32(self.values),
+            rescaled: false,
+        }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use ::exr::prelude::{
+        AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes,
+        WritableImage, f16,
+    };
+    use std::path::PathBuf;
+
+    /// An EXR file of one layer.
+    pub(crate) fn exr(width: usize, height: usize, channels: &[(&str, FlatSamples)]) -> NamedBytes {
+        exr_coded(width, height, channels, Encoding::SMALL_LOSSLESS)
+    }
+
+    /// The same with blocks and compression of choice.
+    pub(crate) fn exr_coded(
+        width: usize,
+        height: usize,
+        channels: &[(&str, FlatSamples)],
+        encoding: Encoding,
+    ) -> NamedBytes {
+        let channels = channels
+            .iter()
+            .map(|(name, samples)| AnyChannel::new(*name, samples.clone()))
+            .collect();
+        let layer = Layer::new(
+            (width, height),
+            LayerAttributes::named("main"),
+            encoding,
+            AnyChannels::sort(channels),
+        );
+        let mut bytes = Cursor::new(Vec::new());
+        Image::from_layer(layer)
+            .write()
+            .non_parallel()
+            .to_buffered(&mut bytes)
+            .unwrap();
+        NamedBytes {
+            path: PathBuf::from("a.exr"),
+            bytes: bytes.into_inner(),
+        }
+    }
+
+    fn floats(raster: &Raster) -> &[f32] {
+        match &raster.samples {
+            Samples::F32(values) => values,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn channels_of_every_type_beside_others() {
+        let file = exr(
+            2,
+            1,
+            &[
+                (
+                    "R",
+                    FlatSamples::F16(vec![f16::from_f32(0.5), f16::from_f32(2.0)]),
+                ),
+                ("G", FlatSamples::F32(vec![0.25, 1e6])),
+                ("B", FlatSamples::U32(vec![3, 4])),
+                ("A", FlatSamples::F32(vec![9.0, 9.0])),
+                ("ID", FlatSamples::U32(vec![7, 7])),
+            ],
+        );
+        let raster = decode_color(&file).unwrap();
+        assert_eq!((raster.width, raster.height, raster.channels), (2, 1, 3));
+        assert_eq!(floats(&raster), [0.5, 0.25, 3.0, 2.0, 1e6, 4.0]);
+        assert_eq!(floats(&decode_depth(&file).unwrap()), [0.5, 2.0]);
+    }
+
+    #[test]
+    fn single_channels() {
+        let one = |name: &str| exr(1, 2, &[(name, FlatSamples::F32(vec![1.0, 2.0]))]);
+        assert_eq!(decode_color(&one("Y")).unwrap().channels, 1);
+        let ones = || FlatSamples::F32(vec![1.0]);
+        let beside = [("Y", ones()), ("A", ones()), ("ID", ones())];
+        assert_eq!(floats(&decode_color(&exr(1, 1, &beside)).unwrap()), [1.0]);
+        for name in ["Z", "Y", "R", "depth.V"] {
+            assert_eq!(
+                floats(&decode_depth(&one(name)).unwrap()),
+                [1.0, 2.0],
+                "{name}"
+            );
+        }
+        let error = decode_color(&one("depth.V")).unwrap_err().to_string();
+        assert!(
+            error.contains("channels depth.V; give channels R, G and B"),
+            "{error}"
+        );
+        let samples = FlatSamples::F32(vec![1.0]);
+        let two = exr(1, 1, &[("P", samples.clone()), ("Q", samples)]);
+        assert!(
+            decode_depth(&two)
+                .unwrap_err()
+                .to_string()
+                .contains("channels P, Q")
+        );
+    }
+}

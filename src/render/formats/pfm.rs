@@ -1,0 +1,150 @@
+//! Portable float maps: what depth estimators and light probes are often kept in.
+//!
+//! A text header of three lines, `Pf` (grey) or `PF` (RGB), `width height`, and a number whose sign is the byte order
+//! (negative: little-endian), then 32-bit floats, **the lowest row first**
+//! (<https://www.pauldebevec.com/Research/HDR/PFM/>). The number's size, a scale, is ignored, as everywhere.
+
+use super::error::SceneError;
+use super::files::{FileFormat, NamedBytes};
+use super::limits::check_size;
+use super::raster::{Raster, Samples};
+
+/// Longest line of a header.
+const LINE_BYTES: usize = 64;
+
+/// What the header says.
+pub(crate) struct PfmHead {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    /// 1 or 3.
+    pub(crate) channels: usize,
+    is_little: bool,
+    /// Bytes from the start of the file to the first number.
+    data_offset: usize,
+}
+
+/// Reads the header, and holds it against the file's length. `file` may hold the beginning alone.
+pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<PfmHead, SceneError> {
+    let bad = |what: &str| file.unreadable(FileFormat::Pfm, what.to_owned());
+    let mut rest = file.bytes.as_slice();
+    let channels = match word(&mut rest) {
+        Some("Pf") => 1,
+        Some("PF") => 3,
+        _ => return Err(bad("it begins with neither Pf nor PF")),
+    };
+    let mut side = || word(&mut rest)?.parse::<u64>().ok();
+    let (Some(width), Some(height)) = (side(), side()) else {
+        return Err(bad("its header has no width and height"));
+    };
+    check_size(&file.path, width, height)?;
+    let scale = word(&mut rest).and_then(|text| text.parse::<f64>().ok());
+    let is_little = match scale {
+        Some(scale) if scale < 0.0 => true,
+        Some(scale) if scale > 0.0 => false,
+        _ => return Err(bad("its header has no scale")),
+    };
+    let data_offset = file.bytes.len() - rest.len();
+    let found = length.saturating_sub(data_offset as u64);
+    let expected = width * height * (channels * size_of::<f32>()) as u64;
+    if found != expected {
+        return Err(bad(&format!(
+            "its header is followed by {found} bytes, not by {expected}"
+        )));
+    }
+    Ok(PfmHead {
+        width: width as usize,
+        height: height as usize,
+        channels,
+        is_little,
+        data_offset,
+    })
+}
+
+/// Decodes a PFM file.
+pub(crate) fn decode(file: &NamedBytes) -> Result<Raster, SceneError> {
+    let PfmHead {
+        width,
+        height,
+        channels,
+        is_little,
+        data_offset,
+    } = head(file, file.bytes.len() as u64)?;
+    let row_bytes = width * channels * size_of::<f32>();
+    let float = |bytes: [u8; 4]| {
+        if is_little {
+            f32::from_le_bytes(bytes)
+        } else {
+            f32::from_be_bytes(bytes)
+        }
+    };
+    let rows = file.bytes[data_offset..].chunks_exact(row_bytes).rev();
+    let values = rows.flat_map(|row| row.as_chunks::<4>().0.iter().map(|&bytes| float(bytes)));
+    Ok(Raster {
+        width,
+        height,
+        channels,
+        samples: Samples::F32(values.collect()),
+        rescaled: false,
+    })
+}
+
+/// The next word, and one white byte behind it.
+fn word<'b>(rest: &mut &'b [u8]) -> Option<&'b str> {
+    let end = rest
+        .iter()
+        .take(LINE_BYTES)
+        .position(u8::is_ascii_whitespace)?;
+    let word = std::str::from_utf8(&rest[..end]).ok()?;
+    *rest = &rest[end + 1..];
+    (!word.is_empty()).then_some(word)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file(header: &str, values: &[[u8; 4]]) -> NamedBytes {
+        let mut bytes = header.as_bytes().to_vec();
+        bytes.extend(values.as_flattened());
+        NamedBytes {
+            path: "d.pfm".into(),
+            bytes,
+        }
+    }
+
+    #[test]
+    fn rows_come_from_below_in_either_byte_order() {
+        let values = [1.0f32, 2.0, 3.0, 4.0, 5.0, 6.0];
+        let little = file("Pf\n3 2\n-1.0\n", &values.map(f32::to_le_bytes));
+        let big = file("Pf\n3 2\n1\n", &values.map(f32::to_be_bytes));
+        for file in [little, big] {
+            let raster = decode(&file).unwrap();
+            assert_eq!((raster.width, raster.height, raster.channels), (3, 2, 1));
+            let Samples::F32(found) = raster.samples else {
+                panic!("floats")
+            };
+            assert_eq!(found, [4.0, 5.0, 6.0, 1.0, 2.0, 3.0]);
+        }
+        let color = file("PF 1 2 -1 ", &values.map(f32::to_le_bytes));
+        let Samples::F32(found) = decode(&color).unwrap().samples else {
+            panic!("floats")
+        };
+        assert_eq!(found, [4.0, 5.0, 6.0, 1.0, 2.0, 3.0]);
+    }
+
+    #[test]
+    fn what_is_wrong_is_said() {
+        let four = [[0; 4]; 4];
+        for (header, values, words) in [
+            ("Pf\n2 2\n-1\n", &four[..3], "12 bytes, not by 16"),
+            ("Pf\n2\n", &four[..], "width and height"),
+            ("Pf\n2 2\n0\n", &four[..], "no scale"),
+            ("Pf\n99999 99999\n-1\n", &four[..], "99999x99999"),
+            ("P5\n2 2\n-1\n", &four[..], "neither Pf nor PF"),
+            ("Pf", &[], "neither Pf nor PF"),
+        ] {
+            let error = decode(&file(header, values)).unwrap_err().to_string();
+            assert!(error.contains(words), "{header:?}: {error}");
+        }
+    }
+}

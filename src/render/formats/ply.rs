@@ -1,0 +1,362 @@
+//! PLY files with vertex colours, ASCII or binary of either byte order.
+//!
+//! Read by hand: a number costs a table lookup instead of a call by property name, counts are held against the bytes
+//! that are there before anything is allocated, and errors name the element.
+
+use super::error::SceneError;
+use super::files::{FileFormat, NamedBytes};
+use super::limits::{MAX_TRIANGLES, MAX_VERTICES};
+use super::ply_header::{Coding, Element, Header, Kind, Scalar};
+use glam::DVec3;
+
+/// What a scene can be made of.
+const USABLE: &str = "a PLY mesh with vertex x, y, z, red, green, blue and face vertex_indices";
+
+/// A mesh as in its file.
+#[derive(Debug)]
+pub(crate) struct Ply {
+    /// In the file's units.
+    pub(crate) vertices: Vec<DVec3>,
+    /// Coded red, green, blue; integers divided by their type's maximum.
+    pub(crate) colors: Vec<[f64; 3]>,
+    /// Polygons as fans of triangles.
+    pub(crate) triangles: Vec<[u32; 3]>,
+    /// Faces of fewer than three corners.
+    pub(crate) empty_faces: u64,
+}
+
+/// Reads the header and holds it against the length of the file, of which `file` may hold the beginning alone.
+pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<Header, SceneError> {
+    match file.format(USABLE)? {
+        FileFormat::Ply => {}
+        other => {
+            return Err(file.wrong_format(format!("a {} file", other.name()), USABLE));
+        }
+    }
+    let torn = |reason: String| file.unreadable(FileFormat::Ply, reason);
+    let header = Header::parse(&file.bytes).map_err(torn)?;
+    check_counts(file, length, &header)?;
+    Ok(header)
+}
+
+/// Names and counts of the elements of a PLY file, for who only looks at it.
+pub fn ply_counts(file: &NamedBytes) -> Result<Vec<(String, u64)>, SceneError> {
+    let header = head(file, file.bytes.len() as u64)?;
+    Ok(header
+        .elements
+        .into_iter()
+        .map(|e| (e.name, e.count))
+        .collect())
+}
+
+/// Decodes a PLY file.
+pub(crate) fn decode(file: &NamedBytes) -> Result<Ply, SceneError> {
+    let torn = |reason: String| file.unreadable(FileFormat::Ply, reason);
+    let header = head(file, file.bytes.len() as u64)?;
+    let mut body = Body {
+        coding: header.coding,
+        bytes: &file.bytes,
+        at: header.body,
+    };
+    let mut ply = Ply {
+        vertices: Vec::new(),
+        colors: Vec::new(),
+        triangles: Vec::new(),
+        empty_faces: 0,
+    };
+    let mut faces = None;
+    for element in &header.elements {
+        let short = |index: u64| {
+            let (name, count) = (&element.name, element.count);
+            torn(format!(
+                "it ends or turns into nonsense in {name} {index} of {count}"
+            ))
+        };
+        match element.name.as_str() {
+            "vertex" => read_vertices(file, element, &mut body, &short, &mut ply)?,
+            "face" => {
+                faces = Some(element.count);
+                read_faces(file, element, &mut body, &short, &mut ply)?;
+            }
+            _ => skip(element, &mut body).map_err(short)?,
+        }
+    }
+    if !body.is_spent() {
+        let rest = file.bytes.len() - body.at;
+        return Err(torn(format!(
+            "{rest} bytes are left behind the last element"
+        )));
+    }
+    if ply.vertices.is_empty() || faces.is_none_or(|count| count == 0) {
+        return Err(file.wrong_layout("no vertices or no faces".to_owned(), USABLE));
+    }
+    let vertices = ply.vertices.len() as u32;
+    // A face may stand before the vertices that it names.
+    if let Some((face, _)) = ply
+        .triangles
+        .iter()
+        .enumerate()
+        .find(|(_, corners)| corners.iter().any(|&i| i >= vertices))
+    {
+        let worst = ply.triangles[face].into_iter().max().unwrap_or_default();
+        return Err(file.bad_element(
+            format!("triangle {face} (its polygons counted as fans)"),
+            format!("names vertex {worst}, but there are {vertices}"),
+            "write or fetch the file again",
+        ));
+    }
+    Ok(ply)
+}
+
+/// Counts that the file's size and the limits allow, before anything is allocated.
+fn check_counts(file: &NamedBytes, length: u64, header: &Header) -> Result<(), SceneError> {
+    let mut least_bytes = 0u64;
+    for element in &header.elements {
+        let limit = match element.name.as_str() {
+            "vertex" => MAX_VERTICES,
+            "face" => MAX_TRIANGLES,
+            _ => usize::MAX,
+        };
+        if element.count > limit as u64 {
+            return Err(file.bad_element(
+                format!("its element {}", element.name),
+                format!("has {} items; at most {limit} are read", element.count),
+                "simplify the mesh",
+            ));
+        }
+        let bytes = element
+            .count
+            .checked_mul(element.least_bytes(header.coding));
+        least_bytes = least_bytes.saturating_add(bytes.unwrap_or(u64::MAX));
+    }
+    // The last number of an ASCII file needs no space behind it.
+    let there = length.saturating_sub(header.body as u64) + 1;
+    if least_bytes > there {
+        let reason = format!(
+            "its header announces at least {least_bytes} bytes, but {} are left",
+            there - 1
+        );
+        return Err(file.unreadable(FileFormat::Ply, reason));
+    }
+    Ok(())
+}
+
+/// The numbers of the body, one after the other.
+struct Body<'a> {
+    coding: Coding,
+    bytes: &'a [u8],
+    at: usize,
+}
+
+impl Body<'_> {
+    /// The next number; `None` at the end of the file, or if it is none of its type.
+    #[inline]
+    fn number(&mut self, kind: Scalar) -> Option<f64> {
+        if self.coding == Coding::Ascii {
+            return self.word(kind);
+        }
+        let size = kind.size();
+        let bytes = self.bytes.get(self.at..self.at + size)?;
+        self.at += size;
+        let mut little = [0u8; 8];
+        little[..size].copy_from_slice(bytes);
+        if self.coding == Coding::BigEndian {
+            little[..size].reverse();
+        }
+        let [a, b, c, d, ..] = little;
+        Some(match kind {
+            Scalar::I8 => f64::from(a as i8),
+            Scalar::U8 => f64::from(a),
+            Scalar::I16 => f64::from(i16::from_le_bytes([a, b])),
+            Scalar::U16 => f64::from(u16::from_le_bytes([a, b])),
+            Scalar::I32 => f64::from(i32::from_le_bytes([a, b, c, d])),
+            Scalar::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
+            Scalar::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
+            Scalar::F64 => f64::from_le_bytes(little),
+        })
+    }
+
+    /// The next word of an ASCII file as a number.
+    fn word(&mut self, kind: Scalar) -> Option<f64> {
+        self.skip_space();
+        let rest = &self.bytes[self.at..];
+        let length = rest
+            .iter()
+            .position(u8::is_ascii_whitespace)
+            .unwrap_or(rest.len());
+        let word = std::str::from_utf8(&rest[..length]).ok()?;
+        self.at += length;
+        match kind {
+            Scalar::I8 => word.parse::<i8>().ok().map(f64::from),
+            Scalar::U8 => word.parse::<u8>().ok().map(f64::from),
+            Scalar::I16 => word.parse::<i16>().ok().map(f64::from),
+            Scalar::U16 => word.parse::<u16>().ok().map(f64::from),
+            Scalar::I32 => word.parse::<i32>().ok().map(f64::from),
+            Scalar::U32 => word.parse::<u32>().ok().map(f64::from),
+            // As in a binary file: rounded to the type.
+            Scalar::F32 => word.parse::<f32>().ok().map(f64::from),
+            Scalar::F64 => word.parse().ok(),
+        }
+    }
+
+    fn skip_space(&mut self) {
+        let rest = &self.bytes[self.at..];
+        self.at += rest
+            .iter()
+            .position(|byte| !byte.is_ascii_whitespace())
+            .unwrap_or(rest.len());
+    }
+
+    /// Whether nothing but white space of an ASCII file is left.
+    fn is_spent(&mut self) -> bool {
+        if self.coding == Coding::Ascii {
+            self.skip_space();
+        }
+        self.at == self.bytes.len()
+    }
+
+    /// The next number as a count or an index.
+    fn whole(&mut self, kind: Scalar) -> Option<u32> {
+        let value = self.number(kind)?;
+        (0.0..=4_294_967_295.0)
+            .contains(&value)
+            .then_some(value as u32)
+    }
+
+    /// Passes over a property.
+    fn pass(&mut self, kind: Kind) -> Option<()> {
+        match kind {
+            Kind::Scalar(scalar) => {
+                self.number(scalar)?;
+            }
+            Kind::List { count, item } => {
+                for _ in 0..self.whole(count)? {
+                    self.number(item)?;
+                }
+            }
+        }
+        Some(())
+    }
+}
+
+/// Passes over an element; the item at which the file ends, if it does.
+fn skip(element: &Element, body: &mut Body) -> Result<(), u64> {
+    if element.properties.is_empty() {
+        return Ok(());
+    }
+    for index in 0..element.count {
+        for property in &element.properties {
+            body.pass(property.kind).ok_or(index)?;
+        }
+    }
+    Ok(())
+}
+
+fn read_vertices(
+    file: &NamedBytes,
+    element: &Element,
+    body: &mut Body,
+    short: &dyn Fn(u64) -> SceneError,
+    ply: &mut Ply,
+) -> Result<(), SceneError> {
+    let names = ["x", "y", "z", "red", "green", "blue"];
+    // What each property of the file is good for: a place in `names` and what its values are divided by.
+    let mut uses = vec![None; element.properties.len()];
+    for (place, name) in names.into_iter().enumerate() {
+        let missing = || file.wrong_layout(format!("vertices without {name}"), USABLE);
+        let at = element.find(name).ok_or_else(missing)?;
+        let divisor = match (element.properties[at].kind, place < 3) {
+            (Kind::Scalar(Scalar::F32 | Scalar::F64), _) => 1.0,
+            (Kind::Scalar(Scalar::U8), false) => 255.0,
+            (Kind::Scalar(Scalar::U16), false) => 65_535.0,
+            (_, true) => {
+                return Err(file.wrong_layout(
+                    format!("vertices whose {name} is no float or double"),
+                    USABLE,
+                ));
+            }
+            (_, false) => {
+                return Err(file.wrong_layout(
+                    format!("vertices whose {name} is no uchar, ushort, float or double"),
+                    USABLE,
+                ));
+            }
+        };
+        uses[at] = Some((place, divisor));
+    }
+    ply.vertices.reserve_exact(element.count as usize);
+    ply.colors.reserve_exact(element.count as usize);
+    for index in 0..element.count {
+        let mut values = [0.0; 6];
+        for (property, of) in element.properties.iter().zip(&uses) {
+            match (property.kind, of) {
+                (Kind::Scalar(scalar), Some((place, divisor))) => {
+                    let value = body.number(scalar).ok_or_else(|| short(index))?;
+                    values[*place] = value / divisor;
+                }
+                (kind, _) => body.pass(kind).ok_or_else(|| short(index))?,
+            }
+        }
+        if let Some(place) = values.iter().position(|value| !value.is_finite()) {
+            return Err(file.bad_element(
+                format!("vertex {index}"),
+                format!("has {} as {}", values[place], names[place]),
+                "repair the file",
+            ));
+        }
+        let [x, y, z, red, green, blue] = values;
+        ply.vertices.push(DVec3::new(x, y, z));
+        ply.colors.push([red, green, blue]);
+    }
+    Ok(())
+}
+
+fn read_faces(
+    file: &NamedBytes,
+    element: &Element,
+    body: &mut Body,
+    short: &dyn Fn(u64) -> SceneError,
+    ply: &mut Ply,
+) -> Result<(), SceneError> {
+    let at = element
+        .find("vertex_indices")
+        .or_else(|| element.find("vertex_index"));
+    let found = at.map(|at| (at, element.properties[at].kind));
+    let Some((at, Kind::List { count, item })) =
+        found.filter(|(_, kind)| matches!(kind, Kind::List { item, .. } if item.is_integer()))
+    else {
+        return Err(file.wrong_layout("faces without a list vertex_indices".to_owned(), USABLE));
+    };
+    ply.triangles.reserve_exact(element.count as usize);
+    for index in 0..element.count {
+        for (place, property) in element.properties.iter().enumerate() {
+            if place != at {
+                body.pass(property.kind).ok_or_else(|| short(index))?;
+                continue;
+            }
+            let corners = body.whole(count).ok_or_else(|| short(index))?;
+            ply.empty_faces += u64::from(corners < 3);
+            let (mut first, mut last) = (0, 0);
+            for corner in 0..corners {
+                let vertex = body.whole(item).ok_or_else(|| short(index))?;
+                match corner {
+                    0 => first = vertex,
+                    1 => {}
+                    _ => ply.triangles.push([first, last, vertex]),
+                }
+                last = vertex;
+            }
+            if ply.triangles.len() > MAX_TRIANGLES {
+                return Err(file.bad_element(
+                    format!("face {index}"),
+                    format!("is beyond {MAX_TRIANGLES} triangles, which is the limit"),
+                    "simplify the mesh",
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -1,0 +1,197 @@
+//! A loaded scene on its way to a tuple.
+
+use crate::bands::{BandedShard, bands};
+use crate::line::SceneLine;
+use crate::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
+use crate::scene::LoadedScene;
+use crate::shard::{Shard, ShardLayout, scene_digest};
+use crate::trace::{Isa, TRACER_VERSION, TileResult, trace_tile};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// A scene whose shards are being traced.
+pub struct SceneJob<'a> {
+    /// Its manifest line.
+    pub line: &'a SceneLine,
+    /// Its shards.
+    pub layout: ShardLayout,
+    loaded: LoadedScene,
+    line_blake3: String,
+    shards: Vec<BandedShard>,
+    results: Mutex<Vec<Arc<Partial>>>,
+    untraced: AtomicU32,
+    failed: Arc<AtomicBool>,
+}
+
+impl<'a> SceneJob<'a> {
+    /// A scene of which nothing is done.
+    pub fn new(line: &'a SceneLine, layout: ShardLayout, loaded: LoadedScene) -> Self {
+        Self {
+            line,
+            layout,
+            loaded,
+            line_blake3: scene_digest(line),
+            shards: (0..layout.len()).map(|_| BandedShard::default()).collect(),
+            results: Mutex::new(Vec::new()),
+            untraced: AtomicU32::new(layout.len()),
+            failed: Arc::default(),
+        }
+    }
+
+    /// Traces one shard in one piece.
+    pub fn trace(&self, shard: &Shard, isa: Isa) -> Partial {
+        self.partial(shard, self.trace_tile(shard, isa))
+    }
+
+    /// Bands of a shard.
+    pub fn bands(&self, shard: u32) -> u32 {
+        bands(self.layout.shard(shard).tile)
+    }
+
+    /// Whether to trace a band of `shard`; see [`BandedShard::may_trace`].
+    pub fn may_trace(&self, shard: u32, must_stop: bool) -> bool {
+        self.shards[shard as usize].may_trace(must_stop)
+    }
+
+    /// Traces one band of a shard; the whole shard's result for whoever does its last band.
+    pub fn trace_band(&self, shard: &Shard, band: u32, isa: Isa) -> Option<TileResult> {
+        self.shards[shard.index as usize].trace(shard.tile, band, |tile| {
+            trace_tile(&self.loaded.scene, tile, shard.samples.clone(), isa)
+        })
+    }
+
+    /// The tracer's part of [`Self::trace`].
+    pub fn trace_tile(&self, shard: &Shard, isa: Isa) -> TileResult {
+        trace_tile(&self.loaded.scene, shard.tile, shard.samples.clone(), isa)
+    }
+
+    /// The rest of it: header and digest.
+    pub fn partial(&self, shard: &Shard, result: TileResult) -> Partial {
+        Partial::new(self.header(shard, &result), result.pixels)
+    }
+
+    /// A partial in memory: its digest is empty.
+    pub fn partial_in_memory(&self, shard: &Shard, result: TileResult) -> Partial {
+        Partial {
+            header: self.header(shard, &result),
+            pixels: result.pixels,
+        }
+    }
+
+    fn header(&self, shard: &Shard, result: &TileResult) -> PartialHeader {
+        PartialHeader {
+            schema: PARTIAL_SCHEMA.to_owned(),
+            tracer_version: TRACER_VERSION,
+            scene: self.line.id.clone(),
+            line_blake3: self.line_blake3.clone(),
+            inputs: self.loaded.inputs.clone(),
+            shard: shard.index,
+            film: [self.line.film.width, self.line.film.height],
+            tile: shard.tile,
+            samples: [shard.samples.start, shard.samples.end],
+            layer_samples: result.samples,
+            sample_sums: result.sample_sums,
+            paths: result.paths,
+            misses: result.misses,
+            facts: self.loaded.facts.clone(),
+            blake3: String::new(),
+        }
+    }
+
+    /// A partial from disk is this job's shard.
+    pub fn accepts(&self, shard: &Shard, partial: &Partial) -> bool {
+        let header = &partial.header;
+        header.tracer_version == TRACER_VERSION
+            && header.line_blake3 == self.line_blake3
+            && header.shard == shard.index
+            && header.tile == shard.tile
+            && header.samples == [shard.samples.start, shard.samples.end]
+            && header.inputs == self.loaded.inputs
+            && header.facts == self.loaded.facts
+    }
+
+    /// Nobody has begun the shard, and it was not dropped.
+    pub fn is_waiting(&self, shard: u32) -> bool {
+        self.shards[shard as usize].is_waiting()
+    }
+
+    /// All shards of the scene are traced here or were found.
+    pub fn is_whole(&self) -> bool {
+        self.untraced.load(Ordering::Acquire) == 0
+    }
+
+    /// Counts a shard that is traced, or found in the store; true for the scene's last one.
+    pub fn count_traced(&self) -> bool {
+        self.untraced.fetch_sub(1, Ordering::AcqRel) == 1
+    }
+
+    /// Takes a finished shard; all of them for whoever completes the scene.
+    pub fn finish(&self, partial: Partial) -> Option<Vec<Arc<Partial>>> {
+        let mut results = self.results.lock().expect("no holder of this lock panics");
+        results.push(Arc::new(partial));
+        (results.len() == self.layout.len() as usize).then(|| std::mem::take(&mut *results))
+    }
+
+    /// A finished shard, unless the scene is complete already.
+    pub fn result(&self, shard: u32) -> Option<Arc<Partial>> {
+        let results = self.results.lock().expect("no holder of this lock panics");
+        let mut results = results.iter();
+        results.find(|p| p.header.shard == shard).cloned()
+    }
+
+    /// The finished shards so far.
+    pub fn take_results(&self) -> Vec<Arc<Partial>> {
+        std::mem::take(&mut *self.results.lock().expect("no holder of this lock panics"))
+    }
+
+    /// Set once the scene has failed; for what outlives this job.
+    pub fn failed(&self) -> &Arc<AtomicBool> {
+        &self.failed
+    }
+
+    /// The scene has failed: its shards need not be traced.
+    pub fn has_failed(&self) -> bool {
+        self.failed.load(Ordering::Acquire)
+    }
+}
+
+/// Traces all shards of one scene on `threads` threads, nothing being written. For `render`.
+///
+/// Returns `None` when `stop` was set before the end.
+pub fn render_partials(
+    job: &SceneJob,
+    threads: usize,
+    isa: Isa,
+    stop: &AtomicBool,
+    on_shard: &(dyn Fn() + Sync),
+) -> Option<Vec<Partial>> {
+    let all: Vec<(u32, u32)> = (0..job.layout.len())
+        .flat_map(|shard| (0..job.bands(shard)).map(move |band| (shard, band)))
+        .collect();
+    let next = AtomicUsize::new(0);
+    let complete = Mutex::new(None);
+    std::thread::scope(|scope| {
+        for _ in 0..threads.max(1) {
+            scope.spawn(|| {
+                while !stop.load(Ordering::Relaxed) {
+                    let Some(&(shard, band)) = all.get(next.fetch_add(1, Ordering::Relaxed)) else {
+                        break;
+                    };
+                    let shard = job.layout.shard(shard);
+                    let Some(result) = job.trace_band(&shard, band, isa) else {
+                        continue;
+                    };
+                    if let Some(partials) = job.finish(job.partial(&shard, result)) {
+                        *complete.lock().expect("no holder of this lock panics") = Some(partials);
+                    }
+                    on_shard();
+                }
+            });
+        }
+    });
+    let complete = complete
+        .into_inner()
+        .expect("no holder of this lock panics");
+    let own = |partials: Vec<_>| partials.into_iter().map(Arc::unwrap_or_clone).collect();
+    complete.map(own)
+}

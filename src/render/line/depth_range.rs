@@ -1,0 +1,163 @@
+//! Metres for depths that are known only up to scale and shift.
+
+use super::limits;
+use super::scene_line::DepthKind;
+use super::validate::{LineError, within};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Where the nearest and the farthest pixels of a relative depth image are.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(
+    untagged,
+    deny_unknown_fields,
+    expecting = "depth_range must be {\"mean_m\": z} or {\"near_m\": z, \"far_m\": z}, with far_over_near (of a mean) and \
+                 percentiles if wanted"
+)]
+pub enum DepthRange {
+    /// `{"mean_m": 4.0}`
+    Mean {
+        /// Mean z of the valid pixels.
+        mean_m: f64,
+        /// The far end over the near end.
+        #[serde(default = "DepthRange::far_over_near")]
+        far_over_near: f64,
+        /// Which percentiles of the values are the ends.
+        #[serde(default = "DepthRange::ends_percent")]
+        percentiles: [f64; 2],
+    },
+    /// `{"near_m": 1.0, "far_m": 12.0}`
+    Ends {
+        /// The near end.
+        near_m: f64,
+        /// The far end.
+        far_m: f64,
+        /// Which percentiles of the values are the ends.
+        #[serde(default = "DepthRange::ends_percent")]
+        percentiles: [f64; 2],
+    },
+}
+
+impl DepthRange {
+    /// A room from 1.5 m to 8 m, a street from 5 m to 50 m: 5 to 10; estimators see no more.
+    fn far_over_near() -> f64 {
+        8.0
+    }
+
+    /// A few pixels of any estimate are far off.
+    fn ends_percent() -> [f64; 2] {
+        [2.0, 98.0]
+    }
+
+    /// Which percentiles of the values are the ends.
+    pub fn percentiles(&self) -> [f64; 2] {
+        match *self {
+            Self::Mean { percentiles, .. } | Self::Ends { percentiles, .. } => percentiles,
+        }
+    }
+
+    /// An error names `field`, the value and what it must be.
+    pub fn validate(&self, field: &str) -> Result<(), LineError> {
+        let in_metres =
+            |key: &str, value| within(&format!("{field}.{key}"), value, limits::RELATIVE_DEPTH_M);
+        let (ratio_key, ratio) = match *self {
+            Self::Mean {
+                mean_m,
+                far_over_near,
+                ..
+            } => {
+                in_metres("mean_m", mean_m)?;
+                ("far_over_near", far_over_near)
+            }
+            Self::Ends { near_m, far_m, .. } => {
+                in_metres("near_m", near_m)?;
+                in_metres("far_m", far_m)?;
+                ("far_m / near_m", far_m / near_m)
+            }
+        };
+        within(
+            &format!("{field}.{ratio_key}"),
+            ratio,
+            limits::FAR_OVER_NEAR,
+        )?;
+        let [low, high] = self.percentiles();
+        within(&format!("{field}.percentiles[0]"), low, limits::PERCENT)?;
+        within(&format!("{field}.percentiles[1]"), high, limits::PERCENT)?;
+        within(
+            &format!("{field}.percentiles[1] - {field}.percentiles[0]"),
+            high - low,
+            limits::ABOVE_0,
+        )
+    }
+}
+
+/// A relative depth needs a range, and no other depth has one.
+pub(crate) fn check(
+    side: &str,
+    kind: DepthKind,
+    range: Option<&DepthRange>,
+) -> Result<(), LineError> {
+    let is_relative = matches!(kind, DepthKind::Relative | DepthKind::RelativeInverse);
+    match range {
+        Some(range) if is_relative => range.validate(&format!("{side}.depth_range")),
+        None if !is_relative => Ok(()),
+        range => Err(LineError::DepthRange {
+            side: side.to_owned(),
+            given: range.is_some(),
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::jsonl::parse_scene;
+    use super::super::validate::tests::published;
+
+    fn line(kind: &str, range: &str) -> Result<(), String> {
+        let text = serde_json::to_string(&published()).unwrap();
+        let kind = format!(r#""depth_kind":"{kind}"{range}"#);
+        let text = text.replacen(r#""depth_kind":"z""#, &kind, 1);
+        parse_scene(&text).map(|_| ()).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn a_range_belongs_to_relative_depths() {
+        let mean = r#","depth_range":{"mean_m":4.0}"#;
+        let ends = r#","depth_range":{"near_m":1,"far_m":12,"percentiles":[0,100]}"#;
+        for kind in ["relative", "relative_inverse"] {
+            assert_eq!(line(kind, mean), Ok(()));
+            assert_eq!(line(kind, ends), Ok(()));
+            let error = line(kind, "").unwrap_err();
+            assert!(error.contains("front.depth_kind is relative"), "{error}");
+        }
+        for kind in ["z", "distance"] {
+            let error = line(kind, mean).unwrap_err();
+            assert!(error.contains("front.depth_range is given"), "{error}");
+        }
+    }
+
+    #[test]
+    fn wrong_ranges_are_named() {
+        for (range, words) in [
+            (r#"{"mean_m":0}"#, "front.depth_range.mean_m is 0"),
+            (
+                r#"{"mean_m":1,"far_over_near":0.5}"#,
+                "far_over_near is 0.5",
+            ),
+            (r#"{"near_m":2,"far_m":1}"#, "far_m / near_m is 0.5"),
+            (
+                r#"{"mean_m":1,"percentiles":[50,50]}"#,
+                "percentiles[1] - front.depth_range.percentiles[0] is 0",
+            ),
+            (
+                r#"{"mean_m":1,"percentiles":[-1,50]}"#,
+                "percentiles[0] is -1",
+            ),
+            (r#"{"mean_m":1,"near_m":1}"#, "depth_range must be"),
+            (r#"{"far_m":1}"#, "depth_range must be"),
+        ] {
+            let error = line("relative", &format!(r#","depth_range":{range}"#)).unwrap_err();
+            assert!(error.contains(words), "{range}: {error}");
+        }
+    }
+}

@@ -1,0 +1,33 @@
+//! Light for what a photograph clipped.
+
+use super::limits;
+use super::scene_line::Transfer;
+use super::validate::{LineError, within};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// An inverse tone curve for sRGB images: values near 1 stand for more light than 1.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Highlights {
+    /// Linear value of a pixel's largest channel from which on the curve rises above the diagonal.
+    pub above: f64,
+    /// What 1 becomes.
+    pub to: f64,
+}
+
+impl Highlights {
+    /// Checks the numbers, which errors find under `field`, and that there are codes to expand.
+    /// An error names `field`, the value and what it must be.
+    pub fn validate(&self, field: &str, transfer: Transfer) -> Result<(), LineError> {
+        within(&format!("{field}.above"), self.above, limits::BELOW_WHITE)?;
+        within(&format!("{field}.to"), self.to, limits::WHITE_BECOMES)?;
+        if transfer == Transfer::Srgb {
+            Ok(())
+        } else {
+            Err(LineError::HighlightsOfLight {
+                field: field.to_owned(),
+            })
+        }
+    }
+}

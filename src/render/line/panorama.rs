@@ -1,0 +1,69 @@
+//! An equirectangular panorama as one side of the pane.
+
+use super::depth_range::DepthRange;
+use super::highlights::Highlights;
+use super::scene_line::{Apex, DepthKind, Fill, Transfer, is_white};
+use serde::Serialize;
+
+/// All directions around one point, seen from there: columns are longitude, rows latitude, the centre is +z.
+///
+/// It stands in place of a photograph: what the film needs of it becomes a pinhole view when the scene is loaded.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PanoramaFile {
+    /// Path of the image: relative to the manifest, or `NAME:path` under a named root.
+    pub panorama: String,
+    /// Coding of the image.
+    pub transfer: Transfer,
+    /// Multiplies linear radiance.
+    pub exposure: f64,
+    /// Multiplies red, green and blue of linear radiance: the colour of the light that falls on this side.
+    #[serde(skip_serializing_if = "is_white")]
+    pub illuminant: [f64; 3],
+    /// Light for clipped sRGB values.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub highlights: Option<Highlights>,
+    /// How far away things are.
+    #[serde(flatten)]
+    pub depth: PanoramaDepth,
+    /// Degrees by which the view turns to the right of the panorama's centre.
+    pub yaw_deg: f64,
+    /// Degrees by which the view then rises.
+    pub pitch_deg: f64,
+    /// Of the back alone: where the panorama's point of view is (`mirror` if missing).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub apex: Option<Apex>,
+}
+
+/// Distances along the rays of a panorama.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum PanoramaDepth {
+    /// A sphere.
+    Constant {
+        /// Its radius.
+        depth_m: f64,
+    },
+    /// A map.
+    Map(DepthMap),
+}
+
+/// An equirectangular map of distances, of any size.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DepthMap {
+    /// Path of the file.
+    pub depth: String,
+    /// Metres per unit of the file.
+    pub depth_unit_m: f64,
+    /// Along the ray, or relative; never along an axis, as there is none.
+    pub depth_kind: DepthKind,
+    /// Metres for relative distances.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth_range: Option<DepthRange>,
+    /// How holes are filled.
+    pub fill: Fill,
+}
+
+impl PanoramaDepth {
+    /// The radius of the sphere where nothing else is said.
+    pub const DEFAULT_M: f64 = 10.0;
+}

@@ -1,0 +1,260 @@
+//! Panes that cannot be looked through: met at a grazing angle, or cutting the lens.
+
+use super::scene_line::{Filter, SceneLine};
+use super::validate::LineError;
+
+/// Largest angle between a camera ray and the pane's normal.
+pub const MAX_INCIDENCE_DEG: f64 = 85.0;
+
+/// How far the Gaussian filter reaches beyond the film, px.
+const GAUSSIAN_REACH_PX: f64 = 2.0;
+
+/// Refuses a pane that cuts the lens, or that a ray of the film and the lens meets at more than
+/// [`MAX_INCIDENCE_DEG`].
+///
+/// `inverse_focus_distance_per_m` is 1 / focus distance; 0 is focus at infinity. It is a parameter
+/// because a focus on the front photograph is known only when the photograph has been read.
+pub fn refuse(line: &SceneLine, inverse_focus_distance_per_m: f64) -> Result<(), LineError> {
+    let normal = pane_normal(line.glass.tilt_deg);
+    let aperture_radius_m = line.camera.aperture_radius_m;
+
+    let plane_distance_m = line.glass.distance_m * normal[2];
+    let reach_m = aperture_radius_m * libm::sqrt((1.0 - normal[2] * normal[2]).max(0.0));
+    // This way round, as below, NaN is refused as well.
+    let is_clear = plane_distance_m > reach_m;
+    if !is_clear {
+        return Err(LineError::PaneCutsLens {
+            plane_distance_m,
+            reach_m,
+            distance_m: line.glass.distance_m,
+        });
+    }
+
+    let spread = aperture_radius_m * inverse_focus_distance_per_m;
+    for corner in film_corners(line) {
+        let direction = worst_direction(corner.slope, spread, normal);
+        let is_steep_enough = excess(direction, normal) >= 0.0;
+        if !is_steep_enough {
+            let length =
+                libm::sqrt(direction[0] * direction[0] + direction[1] * direction[1] + 1.0);
+            let cos_i = (dot(direction, normal) + normal[2]) / length;
+            return Err(LineError::Grazing {
+                // -0 is printed with its sign.
+                u: corner.u + 0.0,
+                v: corner.v + 0.0,
+                angle_deg: libm::acos(cos_i.clamp(-1.0, 1.0)).to_degrees(),
+                pitch_deg: line.glass.tilt_deg[0],
+                yaw_deg: line.glass.tilt_deg[1],
+                focal_length_mm: line.camera.focal_length_mm,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Unit normal of the pane, away from the lens: Ry(yaw) Rx(pitch) (0, 0, 1).
+fn pane_normal([pitch_deg, yaw_deg]: [f64; 2]) -> [f64; 3] {
+    let (sin_pitch, cos_pitch) = libm::sincos(pitch_deg.to_radians());
+    let (sin_yaw, cos_yaw) = libm::sincos(yaw_deg.to_radians());
+    [sin_yaw * cos_pitch, -sin_pitch, cos_yaw * cos_pitch]
+}
+
+/// A corner of the film: its pixel coordinates, and x/z and y/z of its pinhole ray.
+struct Corner {
+    u: f64,
+    v: f64,
+    slope: [f64; 2],
+}
+
+fn film_corners(line: &SceneLine) -> [Corner; 4] {
+    let (width, height) = (f64::from(line.film.width), f64::from(line.film.height));
+    let half_diagonal = libm::hypot(36.0, 24.0) / (2.0 * line.camera.focal_length_mm);
+    let film_diagonal = libm::hypot(width, height);
+    let beyond = match line.film.filter {
+        Filter::Box => 0.0,
+        Filter::Gaussian => GAUSSIAN_REACH_PX,
+    };
+    let corner = |u: f64, v: f64| Corner {
+        u,
+        v,
+        // (2u/W - 1) * tx with tx = half_diagonal * W / film_diagonal.
+        slope: [
+            (2.0 * u - width) * half_diagonal / film_diagonal,
+            (2.0 * v - height) * half_diagonal / film_diagonal,
+        ],
+    };
+    [
+        corner(-beyond, -beyond),
+        corner(width + beyond, -beyond),
+        corner(-beyond, height + beyond),
+        corner(width + beyond, height + beyond),
+    ]
+}
+
+/// d.n - cos(85 degrees) |d| for d = (slope, 1): negative where the ray is refused.
+///
+/// Concave in the slope, so its least value over the film widened by the lens (a rectangle and a
+/// disc, added) lies on the circle about one of the four corners.
+fn excess(slope: [f64; 2], normal: [f64; 3]) -> f64 {
+    let length = libm::sqrt(slope[0] * slope[0] + slope[1] * slope[1] + 1.0);
+    dot(slope, normal) + normal[2] - libm::cos(MAX_INCIDENCE_DEG.to_radians()) * length
+}
+
+fn dot(slope: [f64; 2], normal: [f64; 3]) -> f64 {
+    slope[0] * normal[0] + slope[1] * normal[1]
+}
+
+/// The slope with the least [`excess`] on the circle of radius `spread` about `corner`.
+///
+/// The step to the point of the circle straight down the gradient never rises, as the function is
+/// concave; eight starts keep it out of a lesser minimum.
+fn worst_direction(corner: [f64; 2], spread: f64, normal: [f64; 3]) -> [f64; 2] {
+    const STARTS: u32 = 8;
+    const STEPS: u32 = 32;
+    if spread == 0.0 {
+        return corner;
+    }
+    let cos_max = libm::cos(MAX_INCIDENCE_DEG.to_radians());
+    let mut worst = (f64::INFINITY, corner);
+    for start in 0..STARTS {
+        let (sin, cos) = libm::sincos(f64::from(start) * std::f64::consts::TAU / f64::from(STARTS));
+        let mut toward = [cos, sin];
+        for _ in 0..STEPS {
+            let slope = [
+                corner[0] + spread * toward[0],
+                corner[1] + spread * toward[1],
+            ];
+            let value = excess(slope, normal);
+            if value < worst.0 || value.is_nan() {
+                worst = (value, slope);
+            }
+            let length = libm::sqrt(slope[0] * slope[0] + slope[1] * slope[1] + 1.0);
+            let gradient = [
+                normal[0] - cos_max * slope[0] / length,
+                normal[1] - cos_max * slope[1] / length,
+            ];
+            let steepness = libm::hypot(gradient[0], gradient[1]);
+            if steepness == 0.0 {
+                break;
+            }
+            toward = [-gradient[0] / steepness, -gradient[1] / steepness];
+        }
+    }
+    worst.1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::validate::tests::published;
+    use super::*;
+    use proptest::prelude::*;
+
+    fn tilted(pitch_deg: f64, yaw_deg: f64) -> SceneLine {
+        let mut line = published();
+        line.glass.tilt_deg = [pitch_deg, yaw_deg];
+        line
+    }
+
+    #[test]
+    fn the_published_pane_stands_at_every_focus() {
+        for inverse_focus_per_m in [0.0, 1.0 / 7.05, 2.0] {
+            refuse(&published(), inverse_focus_per_m).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_pane_is_refused_from_the_angle_of_the_film_s_corner_on() {
+        // A square film's corner, with pitch alone: 85 degrees are met at a tilt of 70.04.
+        refuse(&tilted(69.0, 0.0), 0.0).unwrap();
+        let error = refuse(&tilted(72.0, 0.0), 0.0).unwrap_err();
+        assert!(matches!(error, LineError::Grazing { .. }), "{error}");
+        assert!(
+            error.to_string().contains("glass.tilt_deg (72, 0)"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn the_gaussian_filter_sees_beyond_the_film() {
+        let mut line = tilted(0.0, 0.0);
+        line.film.width = 4;
+        line.film.height = 4;
+        let limit = (0..900)
+            .map(|tenth| f64::from(tenth) / 10.0)
+            .find(|&yaw| refuse(&tilted_film(&line, yaw), 0.0).is_err())
+            .unwrap();
+        line.film.filter = Filter::Gaussian;
+        assert!(refuse(&tilted_film(&line, limit - 5.0), 0.0).is_err());
+    }
+
+    fn tilted_film(line: &SceneLine, yaw_deg: f64) -> SceneLine {
+        let mut line = line.clone();
+        line.glass.tilt_deg = [0.0, yaw_deg];
+        line
+    }
+
+    #[test]
+    fn a_pane_in_the_lens_is_refused() {
+        let mut line = tilted(0.0, 60.0);
+        line.glass.distance_m = 0.015;
+        let error = refuse(&line, 0.0).unwrap_err();
+        assert!(matches!(error, LineError::PaneCutsLens { .. }), "{error}");
+        line.glass.distance_m = 0.016;
+        refuse(&line, 0.0).unwrap();
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(256))]
+        /// Against every film and lens point of a fine grid.
+        #[test]
+        fn refusal_agrees_with_brute_force(
+            pitch in -80.0..80.0f64, yaw in -80.0..80.0f64, focal_length_mm in 12.0..80.0f64,
+            width in 1u32..600, height in 1u32..600, aperture_radius_m in 0.0..0.2f64,
+            inverse_focus_per_m in 0.0..4.0f64, gaussian: bool,
+        ) {
+            let mut line = tilted(pitch, yaw);
+            line.glass.distance_m = 5.0;
+            line.camera.focal_length_mm = focal_length_mm;
+            line.camera.aperture_radius_m = aperture_radius_m;
+            line.film.width = width;
+            line.film.height = height;
+            line.film.filter = if gaussian { Filter::Gaussian } else { Filter::Box };
+            let beyond = if gaussian { 2.0 } else { 0.0 };
+            let (w, h) = (f64::from(width), f64::from(height));
+
+            let normal = pane_normal(line.glass.tilt_deg);
+            let diagonal = 36f64.hypot(24.0) / (2.0 * focal_length_mm) / w.hypot(h);
+            let mut widest_deg = 0.0f64;
+            for film in 0..121 {
+                let (across, down) = (f64::from(film % 11) / 10.0, f64::from(film / 11) / 10.0);
+                let u = -beyond + across * (w + 2.0 * beyond);
+                let v = -beyond + down * (h + 2.0 * beyond);
+                let tx = diagonal * w;
+                let ty = diagonal * h;
+                for lens in 0..240 {
+                    let radius = aperture_radius_m * f64::from(lens / 120);
+                    let (sin, cos) = (f64::from(lens % 120) * 3f64.to_radians()).sin_cos();
+                    let d = [
+                        (2.0 * u / w - 1.0) * tx - radius * cos * inverse_focus_per_m,
+                        (2.0 * v / h - 1.0) * ty - radius * sin * inverse_focus_per_m,
+                        1.0,
+                    ];
+                    let length = d.iter().map(|x| x * x).sum::<f64>().sqrt();
+                    let cos_i = d.iter().zip(normal).map(|(a, b)| a * b).sum::<f64>() / length;
+                    widest_deg = widest_deg.max(cos_i.acos().to_degrees());
+                }
+            }
+            match refuse(&line, inverse_focus_per_m) {
+                Ok(()) => prop_assert!(widest_deg <= 85.0 + 1e-9, "{widest_deg}"),
+                Err(LineError::Grazing { angle_deg, .. }) => {
+                    prop_assert!(angle_deg > 85.0);
+                    prop_assert!(widest_deg > 84.9, "{widest_deg} for {angle_deg}");
+                }
+                Err(LineError::PaneCutsLens { plane_distance_m, reach_m, .. }) => {
+                    prop_assert!(plane_distance_m <= reach_m);
+                }
+                Err(other) => prop_assert!(false, "{other}"),
+            }
+        }
+    }
+}

@@ -1,0 +1,227 @@
+//! Where the paths of a scene line lead: beside the manifest, under a named root, or into an object store.
+
+use std::collections::BTreeMap;
+use std::path::{Component, Path, PathBuf};
+
+/// A path or a root that cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RootError {
+    /// Not of the form `NAME=DIR`.
+    #[error(
+        "root {argument:?} is not NAME=DIR with a NAME of two or more of [A-Za-z0-9_-]: write --root \
+         diode=/path/to/diode"
+    )]
+    Argument {
+        /// What was given.
+        argument: String,
+    },
+    /// One name, two folders.
+    #[error("root {name} is given twice, as {} and as {}: keep one", first.display(), second.display())]
+    Twice {
+        /// The name.
+        name: String,
+        /// Its first folder.
+        first: PathBuf,
+        /// Its second folder.
+        second: PathBuf,
+    },
+    /// A path under a root that nobody named.
+    #[error(
+        "path {text:?} lies under root {name}, which is unknown: pass --root {name}=DIR, or write \
+         \"./{text}\" if it is a file's name"
+    )]
+    Unknown {
+        /// The path as in the line.
+        text: String,
+        /// The root's name.
+        name: String,
+    },
+    /// A path that would leave its root.
+    #[error(
+        "path {text:?} leaves its root: below a named root write a relative path without \"..\""
+    )]
+    Leaves {
+        /// The path as in the line.
+        text: String,
+    },
+    /// No path at all.
+    #[error("path {text:?} is empty: write the path of a file")]
+    Empty {
+        /// The path as in the line.
+        text: String,
+    },
+}
+
+/// Named folders, ordered by name.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Roots(BTreeMap<String, PathBuf>);
+
+impl Roots {
+    /// Reads repeated `NAME=DIR`.
+    pub fn parse<S: AsRef<str>>(arguments: &[S]) -> Result<Self, RootError> {
+        let mut roots = Self::default();
+        for argument in arguments.iter().map(AsRef::as_ref) {
+            match argument.split_once('=') {
+                Some((name, folder)) if is_root_name(name) && !folder.is_empty() => {
+                    roots.insert(name, PathBuf::from(folder))?;
+                }
+                _ => {
+                    return Err(RootError::Argument {
+                        argument: argument.to_owned(),
+                    });
+                }
+            }
+        }
+        Ok(roots)
+    }
+
+    /// Names `folder`. The same name with the same folder is no error.
+    pub fn insert(&mut self, name: &str, folder: PathBuf) -> Result<(), RootError> {
+        if !is_root_name(name) {
+            return Err(RootError::Argument {
+                argument: format!("{name}={}", folder.display()),
+            });
+        }
+        match self.0.get(name) {
+            Some(first) if *first != folder => Err(RootError::Twice {
+                name: name.to_owned(),
+                first: first.clone(),
+                second: folder,
+            }),
+            _ => {
+                self.0.insert(name.to_owned(), folder);
+                Ok(())
+            }
+        }
+    }
+
+    /// Names `folder` in place of what had the name.
+    pub fn replace(&mut self, name: &str, folder: PathBuf) {
+        self.0.insert(name.to_owned(), folder);
+    }
+
+    /// The folder of that name.
+    pub fn get(&self, name: &str) -> Option<&Path> {
+        self.0.get(name).map(PathBuf::as_path)
+    }
+
+    /// Names and folders, by name.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &Path)> {
+        self.0
+            .iter()
+            .map(|(name, folder)| (name.as_str(), folder.as_path()))
+    }
+
+    /// The file that `text`, a path of a scene line, means in a manifest that lies in `base`.
+    ///
+    /// `NAME:rest` is below the root NAME, an absolute path and a URL ([`is_url`]) are themselves, all else is relative
+    /// to `base`. Below a root that is a URL lie URLs.
+    /// A single letter before a colon is no root, so that Windows drives stay paths.
+    pub fn resolve(&self, base: &Path, text: &str) -> Result<PathBuf, RootError> {
+        let text_owned = || text.to_owned();
+        match text.split_once(':') {
+            _ if is_url(text) => Ok(PathBuf::from(text)),
+            Some((name, rest)) if is_root_name(name) => {
+                let root = self.get(name).ok_or_else(|| RootError::Unknown {
+                    text: text_owned(),
+                    name: name.to_owned(),
+                })?;
+                if rest.is_empty() {
+                    return Err(RootError::Empty { text: text_owned() });
+                }
+                let stays = Path::new(rest)
+                    .components()
+                    .all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+                if stays {
+                    Ok(root.join(rest))
+                } else {
+                    Err(RootError::Leaves { text: text_owned() })
+                }
+            }
+            _ if text.is_empty() => Err(RootError::Empty { text: text_owned() }),
+            _ => Ok(base.join(text)),
+        }
+    }
+}
+
+/// The address of something in an object store, `s3://BUCKET/KEY`, and no path of this machine.
+pub fn is_url(text: impl AsRef<Path>) -> bool {
+    let text = text.as_ref().to_str();
+    let scheme = text.and_then(|text| text.split_once("://"));
+    scheme.is_some_and(|(scheme, rest)| is_root_name(scheme) && !rest.is_empty())
+}
+
+/// Two or more of `[A-Za-z0-9_-]`.
+pub fn is_root_name(name: &str) -> bool {
+    let allowed = |b: u8| b.is_ascii_alphanumeric() || b == b'_' || b == b'-';
+    name.len() >= 2 && name.bytes().all(allowed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn resolve(text: &str) -> Result<PathBuf, RootError> {
+        Roots::parse(&["diode=/data/diode", "my-set=sets/a=b"])
+            .unwrap()
+            .resolve(Path::new("/runs/m"), text)
+    }
+
+    #[test]
+    fn plain_absolute_and_rooted_paths() {
+        for (text, path) in [
+            ("a.png", "/runs/m/a.png"),
+            ("../x/a.png", "/runs/m/../x/a.png"),
+            ("/abs/a.png", "/abs/a.png"),
+            ("./odd:name.png", "/runs/m/./odd:name.png"),
+            ("C:a.png", "/runs/m/C:a.png"),
+            ("diode:val/indoors/a.png", "/data/diode/val/indoors/a.png"),
+            ("my-set:a.png", "sets/a=b/a.png"),
+            ("s3://bucket/a.png", "s3://bucket/a.png"),
+        ] {
+            assert_eq!(resolve(text).unwrap(), Path::new(path), "{text}");
+        }
+    }
+
+    #[test]
+    fn below_a_url_lie_urls() {
+        let roots = Roots::parse(&["diode=s3://bucket/diode"]).unwrap();
+        let found = roots.resolve(Path::new("/runs/m"), "diode:val/a.png");
+        assert_eq!(found.unwrap(), Path::new("s3://bucket/diode/val/a.png"));
+        assert!(roots.resolve(Path::new("/x"), "diode:../a.png").is_err());
+        assert!(is_url("s3://bucket") && is_url(Path::new("gs://bucket/x")));
+        for path in ["/a/s3", "s3:/bucket", "s3://", "a.png", "C://x", "://x"] {
+            assert!(!is_url(path), "{path}");
+        }
+    }
+
+    #[test]
+    fn nothing_leaves_a_root() {
+        for text in [
+            "diode:../a.png",
+            "diode:a/../../b",
+            "diode:/etc/passwd",
+            "diode:",
+        ] {
+            assert!(resolve(text).is_err(), "{text}");
+        }
+        assert!(resolve("").is_err());
+    }
+
+    #[test]
+    fn an_unknown_root_says_how_to_name_it() {
+        let error = resolve("places:a.jpg").unwrap_err().to_string();
+        assert!(error.contains("pass --root places=DIR"), "{error}");
+    }
+
+    #[test]
+    fn bad_arguments_are_refused() {
+        for argument in ["diode", "=x", "d=x", "a b=x", "diode=", "../x=y"] {
+            let error = Roots::parse(&[argument]).unwrap_err();
+            assert!(matches!(error, RootError::Argument { .. }), "{argument}");
+        }
+        assert!(Roots::parse(&["aa=x", "aa=x"]).is_ok());
+        let twice = Roots::parse(&["aa=x", "aa=y"]).unwrap_err();
+        assert!(matches!(twice, RootError::Twice { .. }));
+    }
+}

@@ -1,0 +1,232 @@
+//! What one side of the pane shows: an RGBD photograph, or a panorama or a triangle mesh in its place.
+
+use super::panorama::{PanoramaDepth, PanoramaFile};
+use super::scene_line::{Apex, Camera, Photograph, Transfer, is_white};
+use serde::{Deserialize, Serialize};
+
+/// One side of the pane. In JSON the keys `panorama` and `mesh` tell them apart; a photograph has neither.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Side {
+    /// A colour and a depth image.
+    Photograph(Photograph),
+    /// All directions around a point.
+    Panorama(PanoramaFile),
+    /// A triangle mesh with vertex colours.
+    Mesh(MeshFile),
+}
+
+/// A triangle mesh: stands in place of `color` and `depth`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MeshFile {
+    /// Path of the PLY file: relative to the manifest, or `NAME:path` under a named root.
+    pub mesh: String,
+    /// Coding of the vertex colours.
+    pub transfer: Transfer,
+    /// Metres per unit of the file's coordinates.
+    pub unit_m: f64,
+    /// Multiplies linear radiance.
+    pub exposure: f64,
+    /// Multiplies red, green and blue of linear radiance: the colour of the light that falls on this side.
+    #[serde(skip_serializing_if = "is_white")]
+    pub illuminant: [f64; 3],
+    /// Where the mesh stands; without it the file's axes are the capture camera's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pose: Option<MeshPose>,
+    /// Of the back alone: where the capture camera stands (`mirror` if missing).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub apex: Option<Apex>,
+}
+
+/// From mesh coordinates in metres to the capture camera's (+x right, +y down, +z forward):
+/// `rotation * x + translation_m`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshPose {
+    /// Rows of a rotation matrix.
+    #[serde(default = "MeshPose::no_rotation")]
+    pub rotation: [[f64; 3]; 3],
+    /// The mesh's origin in capture coordinates.
+    #[serde(default)]
+    pub translation_m: [f64; 3],
+}
+
+impl MeshPose {
+    /// The unit matrix.
+    pub const fn no_rotation() -> [[f64; 3]; 3] {
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    }
+
+    /// Largest difference of `rotation` times its transpose from the unit matrix; infinite for a reflection and
+    /// for what is no number.
+    pub(crate) fn distortion(&self) -> f64 {
+        let r = &self.rotation;
+        let row = |a: usize, b: usize| (0..3).map(|k| r[a][k] * r[b][k]).sum::<f64>();
+        let minor = |a: usize, b: usize| r[1][a] * r[2][b] - r[1][b] * r[2][a];
+        let determinant = r[0][0] * minor(1, 2) - r[0][1] * minor(0, 2) + r[0][2] * minor(0, 1);
+        // Every part of the matrix is in the determinant, so not-a-number ends here as well.
+        if determinant.is_nan() || determinant <= 0.0 {
+            return f64::INFINITY;
+        }
+        let parts = (0..9).map(|k| (k / 3, k % 3));
+        parts
+            .map(|(a, b)| (row(a, b) - f64::from(u8::from(a == b))).abs())
+            .fold(0.0, f64::max)
+    }
+}
+
+impl Side {
+    /// The photograph, if it is one.
+    pub fn photograph(&self) -> Option<&Photograph> {
+        match self {
+            Self::Photograph(photograph) => Some(photograph),
+            Self::Panorama(_) | Self::Mesh(_) => None,
+        }
+    }
+
+    /// The file that people know it by: the colour image, the panorama or the mesh.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Photograph(photograph) => &photograph.color,
+            Self::Panorama(panorama) => &panorama.panorama,
+            Self::Mesh(mesh) => &mesh.mesh,
+        }
+    }
+
+    /// Colour of its light.
+    pub fn illuminant(&self) -> [f64; 3] {
+        match self {
+            Self::Photograph(photograph) => photograph.illuminant,
+            Self::Panorama(panorama) => panorama.illuminant,
+            Self::Mesh(mesh) => mesh.illuminant,
+        }
+    }
+
+    /// What multiplies its linear radiance.
+    pub fn exposure(&self) -> f64 {
+        match self {
+            Self::Photograph(photograph) => photograph.exposure,
+            Self::Panorama(panorama) => panorama.exposure,
+            Self::Mesh(mesh) => mesh.exposure,
+        }
+    }
+
+    /// What multiplies its linear radiance, and the colour of its light.
+    pub fn light_mut(&mut self) -> (&mut f64, &mut [f64; 3]) {
+        match self {
+            Self::Photograph(photograph) => (&mut photograph.exposure, &mut photograph.illuminant),
+            Self::Panorama(panorama) => (&mut panorama.exposure, &mut panorama.illuminant),
+            Self::Mesh(mesh) => (&mut mesh.exposure, &mut mesh.illuminant),
+        }
+    }
+
+    /// The side with the camera's exposure and white balance in its own: light is linear, so both come to the same.
+    #[must_use]
+    pub fn seen_by(&self, camera: &Camera) -> Self {
+        let mut side = self.clone();
+        let (exposure, illuminant) = side.light_mut();
+        *exposure *= camera.exposure;
+        for (channel, balance) in illuminant.iter_mut().zip(camera.white_balance) {
+            *channel *= balance;
+        }
+        side
+    }
+
+    /// Where the capture camera stands, if the line says so.
+    pub fn apex(&self) -> Option<Apex> {
+        match self {
+            Self::Photograph(photograph) => photograph.apex,
+            Self::Panorama(panorama) => panorama.apex,
+            Self::Mesh(mesh) => mesh.apex,
+        }
+    }
+
+    /// Puts the capture camera elsewhere.
+    pub fn set_apex(&mut self, apex: Apex) {
+        match self {
+            Self::Photograph(photograph) => photograph.apex = Some(apex),
+            Self::Panorama(panorama) => panorama.apex = Some(apex),
+            Self::Mesh(mesh) => mesh.apex = Some(apex),
+        }
+    }
+
+    /// The paths of all its files, with their keys.
+    pub fn paths(&self) -> Vec<(&'static str, &str)> {
+        match self {
+            Self::Photograph(p) => [
+                ("color", Some(&p.color)),
+                ("depth", Some(&p.depth)),
+                ("mask", p.mask.as_ref()),
+            ]
+            .into_iter()
+            .filter_map(|(key, path)| Some((key, path?.as_str())))
+            .collect(),
+            Self::Panorama(p) => {
+                let mut paths = vec![("panorama", p.panorama.as_str())];
+                if let PanoramaDepth::Map(map) = &p.depth {
+                    paths.push(("depth", &map.depth));
+                }
+                paths
+            }
+            Self::Mesh(mesh) => vec![("mesh", &mesh.mesh)],
+        }
+    }
+
+    /// The same paths, to be changed.
+    pub fn paths_mut(&mut self) -> Vec<&mut String> {
+        match self {
+            Self::Photograph(p) => [Some(&mut p.color), Some(&mut p.depth), p.mask.as_mut()]
+                .into_iter()
+                .flatten()
+                .collect(),
+            Self::Panorama(p) => {
+                let mut paths = vec![&mut p.panorama];
+                if let PanoramaDepth::Map(map) = &mut p.depth {
+                    paths.push(&mut map.depth);
+                }
+                paths
+            }
+            Self::Mesh(mesh) => vec![&mut mesh.mesh],
+        }
+    }
+}
+
+impl From<Photograph> for Side {
+    fn from(photograph: Photograph) -> Self {
+        Self::Photograph(photograph)
+    }
+}
+
+impl From<PanoramaFile> for Side {
+    fn from(panorama: PanoramaFile) -> Self {
+        Self::Panorama(panorama)
+    }
+}
+
+impl From<MeshFile> for Side {
+    fn from(mesh: MeshFile) -> Self {
+        Self::Mesh(mesh)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_rotations_are_undistorted() {
+        let pose = |rotation| MeshPose {
+            rotation,
+            translation_m: [0.0; 3],
+        };
+        let (sin, cos) = libm::sincos(0.3);
+        let turn = pose([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]]);
+        assert!(turn.distortion() < 1e-15);
+        let mirror = pose([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        assert_eq!(mirror.distortion(), f64::INFINITY);
+        let scaled = pose([[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]]);
+        assert_eq!(scaled.distortion(), 3.0);
+        let broken = pose([[f64::NAN, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        assert_eq!(broken.distortion(), f64::INFINITY);
+    }
+}

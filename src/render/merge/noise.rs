@@ -1,0 +1,188 @@
+//! How uncertain a tuple is, and where: `RUN/noise/<scene>.exr`, for people who look.
+//!
+//! A pixel's mean moved by some amount when its samples were doubled for the last time (first half against all). A value of
+//! the map is the RMS of these moves over the pixels of a cell and their colours, times one factor for the layer, such that
+//! the RMS over all pixels is the layer's stated error. A cell has 2 x 2 px: one pixel's move is a single draw and tells
+//! little of its own error, four tell more, and take a quarter of the room. The map is no part of the tuple: it
+//! may be missing, and nothing but the report reads it.
+
+use super::read::{check_headers, decode_exr_channels};
+use super::write::{HALF_MAX, encode_exr};
+use crate::line::Film;
+use crate::trace::LAYERS;
+use exr::prelude::{AnyChannel, FlatSamples, f16};
+
+/// Side of a cell, px; those at the right and lower border may be smaller.
+pub(super) const CELL_PX: u32 = 2;
+
+/// Estimated RMS error of the pixels of each cell.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NoiseMap {
+    /// Cells across.
+    pub width: u32,
+    /// Cells down.
+    pub height: u32,
+    /// I, T, R~, R; row by row, linear radiance. A layer that was not made, or of one sample, is empty.
+    pub layers: [Vec<f32>; 4],
+}
+
+impl NoiseMap {
+    /// Without any layer, for this film.
+    pub fn of(film: &Film) -> Self {
+        Self {
+            width: film.width.div_ceil(CELL_PX),
+            height: film.height.div_ceil(CELL_PX),
+            layers: Default::default(),
+        }
+    }
+
+    /// No layer has a map.
+    pub fn is_empty(&self) -> bool {
+        self.layers.iter().all(Vec::is_empty)
+    }
+
+    /// OpenEXR, ZIP: a channel for each layer, by its name; half floats, or floats if a value needs them.
+    ///
+    /// # Errors
+    ///
+    /// Of the encoder.
+    pub fn encode(&self) -> Result<Vec<u8>, exr::error::Error> {
+        let half = self.layers.iter().flatten().all(|&v| v <= HALF_MAX);
+        let made = self.layers.iter().zip(LAYERS);
+        let channels = made
+            .filter(|(values, _)| !values.is_empty())
+            .map(|(values, name)| {
+                let samples = if half {
+                    FlatSamples::F16(values.iter().map(|&v| coarse(v)).collect())
+                } else {
+                    FlatSamples::F32(values.clone())
+                };
+                AnyChannel::new(name, samples)
+            });
+        encode_exr(channels.collect(), self.width, self.height)
+    }
+
+    /// The map of a scene with this film.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with the bytes, in words.
+    pub fn decode(bytes: &[u8], film: &Film) -> Result<Self, String> {
+        let mut map = Self::of(film);
+        let size = [map.width, map.height];
+        // The exr crate may panic on bytes that are no image.
+        let decoded = std::panic::catch_unwind(|| {
+            check_headers(bytes, size, LAYERS.len())?;
+            decode_exr_channels(bytes)
+        });
+        let decoded =
+            decoded.unwrap_or_else(|_| Err("the OpenEXR reader gave up on it".to_owned()))?;
+        for (name, values) in decoded.list {
+            let place = LAYERS.iter().position(|layer| *layer == name);
+            let place = place.ok_or_else(|| format!("{name:?} is no layer"))?;
+            if !values.iter().all(|v| v.is_finite() && *v >= 0.0) {
+                return Err(format!("its {name} holds what is no error"));
+            }
+            map.layers[place] = values;
+        }
+        Ok(map)
+    }
+}
+
+/// To six significant bits, 1.6 %: a single draw is not known better, and what is left of the digits compresses.
+fn coarse(value: f32) -> f16 {
+    const DROPPED: u16 = 5;
+    let bits = f16::from_f32(value).to_bits();
+    // Values are not negative, so that rounding upwards may carry into the exponent, as it should.
+    let rounded = (bits + (1 << (DROPPED - 1))) >> DROPPED << DROPPED;
+    f16::from_bits(if f16::from_bits(rounded).is_finite() {
+        rounded
+    } else {
+        bits
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::line::parse_jsonl;
+
+    /// Some film of 9 x 6 px: 5 x 3 cells.
+    fn film() -> Film {
+        let line = r#"{"schema":"glasshouse.scene/1","id":"a","seed":1,"film":{"width":9,"height":6,"spp":16},
+            "camera":{"focal_length_mm":55,"aperture_radius_m":0,"focus":{"at":"infinity"}},
+            "glass":{"distance_m":0.3,"thickness_m":0.01,"ior":1.6},
+            "front":{"color":"a.png","depth":"a.npy","intrinsics":{"fx":1,"fy":1,"cx":1,"cy":1}},
+            "back":{"color":"b.png","depth":"b.npy","intrinsics":{"fx":1,"fy":1,"cx":1,"cy":1}}}"#;
+        parse_jsonl(&line.replace('\n', " ")).unwrap()[0]
+            .film
+            .clone()
+    }
+
+    fn map() -> NoiseMap {
+        let values = |scale: f32| (0..15).map(|k| k as f32 * scale).collect();
+        NoiseMap {
+            layers: [values(1e-4), Vec::new(), values(3e-3), values(0.0)],
+            ..NoiseMap::of(&film())
+        }
+    }
+
+    #[test]
+    fn maps_are_read_back_within_two_percent() {
+        let map = map();
+        let read = NoiseMap::decode(&map.encode().unwrap(), &film()).unwrap();
+        for (read, wrote) in read.layers.iter().zip(&map.layers) {
+            assert_eq!(read.len(), wrote.len());
+            for (read, wrote) in read.iter().zip(wrote) {
+                assert!((read - wrote).abs() <= 0.017 * wrote, "{read} {wrote}");
+            }
+        }
+        let mut large = map;
+        large.layers[0][3] = 1e6;
+        let read = NoiseMap::decode(&large.encode().unwrap(), &film()).unwrap();
+        assert_eq!(read, large);
+        assert!(!large.is_empty() && NoiseMap::default().is_empty());
+        assert_eq!(coarse(HALF_MAX).to_f32(), HALF_MAX);
+    }
+
+    #[test]
+    fn hostile_bytes_end_in_an_error() {
+        let film = film();
+        let good = map().encode().unwrap();
+        // Another size than the film's.
+        let mut other = film.clone();
+        other.width = 11;
+        let error = NoiseMap::decode(&good, &other).unwrap_err();
+        assert!(error.contains("5 x 3 px"), "{error}");
+        // A header that claims more than a file of its length can hold, for a film that is as large.
+        let huge = NoiseMap {
+            width: 4,
+            height: 4,
+            layers: [vec![0.0; 16], Vec::new(), Vec::new(), Vec::new()],
+        };
+        let mut bytes = huge.encode().unwrap();
+        // The data window's and the display window's last column and row are 3: make them 16383.
+        let three = [3i32.to_le_bytes(), 3i32.to_le_bytes()].concat();
+        let largest = [16_383i32.to_le_bytes(), 16_383i32.to_le_bytes()].concat();
+        let mut found = 0;
+        for at in 0..bytes.len() - 8 {
+            if bytes[at..at + 8] == three {
+                bytes[at..at + 8].copy_from_slice(&largest);
+                found += 1;
+            }
+        }
+        assert!(found >= 2);
+        let mut film_of_it = film.clone();
+        (film_of_it.width, film_of_it.height) = (32_768, 32_768);
+        NoiseMap::decode(&bytes, &film_of_it).unwrap_err();
+        // Cut off and with any one byte changed.
+        for end in 0..good.len() {
+            NoiseMap::decode(&good[..end], &film).unwrap_err();
+        }
+        for at in 0..good.len() {
+            let mut bytes = good.clone();
+            bytes[at] ^= 0x55;
+            let _ = NoiseMap::decode(&bytes, &film);
+        }
+    }
+}

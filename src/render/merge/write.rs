@@ -1,0 +1,259 @@
+//! A tuple as files: `tuple.exr`, the layers' PNGs, `tuple.json` last, so that its presence means all are there.
+
+use super::srgb::{SrgbEncoder, linear_to_srgb16};
+use super::tuple::{Tuple, TupleRecord};
+use crate::atomic_file::{self, WriteError};
+use crate::line::{ExrPrecision, SceneLine};
+use crate::trace::TRACER_VERSION;
+use exr::image::write::layers::WritableLayers;
+use exr::prelude::{
+    AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, ImageAttributes,
+    IntegerBounds, Layer, LayerAttributes, LineOrder, WritableImage, f16,
+};
+use image::ImageEncoder;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use std::io::Cursor;
+use std::path::Path;
+
+/// Files of the folder of a scene's tuple, in the order in which they are written.
+pub fn tuple_files(line: &SceneLine) -> Vec<String> {
+    let pngs = line.film.layers.names().map(|name| format!("{name}.png"));
+    std::iter::once("tuple.exr".to_owned())
+        .chain(pngs)
+        .chain(std::iter::once("tuple.json".to_owned()))
+        .collect()
+}
+
+/// Largest value of a half float.
+pub(super) const HALF_MAX: f32 = 65_504.0;
+
+/// A tuple could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum TupleWriteError {
+    /// The disk.
+    #[error(transparent)]
+    File(#[from] WriteError),
+    /// The encoder.
+    #[error("cannot encode {name}: {reason}")]
+    Encode {
+        /// Which file.
+        name: String,
+        /// Why.
+        reason: String,
+    },
+}
+
+fn encode_error(name: &str, reason: &dyn std::fmt::Display) -> TupleWriteError {
+    TupleWriteError::Encode {
+        name: name.to_owned(),
+        reason: reason.to_string(),
+    }
+}
+
+/// The folder holds the whole tuple of this scene line, made by this version of the tracer.
+///
+/// A tuple of another plan, or one that lost a file, does not count: it is made again and replaced.
+pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
+    let Ok(text) = std::fs::read_to_string(folder.join("tuple.json")) else {
+        return false;
+    };
+    is_record_of(text.as_bytes(), line)
+        && tuple_files(line)
+            .iter()
+            .all(|name| folder.join(name).is_file())
+}
+
+/// The bytes are the `tuple.json` of this scene line, made by this version of the tracer.
+pub fn is_record_of(bytes: &[u8], line: &SceneLine) -> bool {
+    let record: Result<TupleRecord, _> = serde_json::from_slice(bytes);
+    record.is_ok_and(|r| r.scene == *line && r.tracer_version == TRACER_VERSION)
+}
+
+/// Writes the tuple's files into `folder`, durably.
+pub fn write_tuple(tuple: &Tuple, folder: &Path) -> Result<(), TupleWriteError> {
+    let encoder = SrgbEncoder::new();
+    atomic_file::create_dir(folder)?;
+    for name in tuple_files(&tuple.record.scene) {
+        let bytes = encode_tuple_file(tuple, &encoder, &name)?;
+        atomic_file::write(&folder.join(name), &bytes)?;
+    }
+    Ok(())
+}
+
+/// The bytes of one of a tuple's [`tuple_files`].
+pub fn encode_tuple_file(
+    tuple: &Tuple,
+    encoder: &SrgbEncoder,
+    name: &str,
+) -> Result<Vec<u8>, TupleWriteError> {
+    match name {
+        "tuple.exr" => encode_tuple_exr(tuple).map_err(|e| encode_error(name, &e)),
+        "tuple.json" => {
+            let mut json =
+                serde_json::to_string_pretty(&tuple.record).map_err(|e| encode_error(name, &e))?;
+            json.push('\n');
+            Ok(json.into_bytes())
+        }
+        _ => {
+            let stem = name.strip_suffix(".png").unwrap_or(name);
+            let (layer, _) = tuple
+                .made()
+                .find(|(_, layer)| *layer == stem)
+                .ok_or_else(|| encode_error(name, &"the tuple has no such layer"))?;
+            encode_png(encoder, layer, tuple.width, tuple.height)
+                .map_err(|e| encode_error(name, &e))
+        }
+    }
+}
+
+/// An 8-bit sRGB PNG of a layer, values above 1 clipped.
+pub fn encode_png(
+    encoder: &SrgbEncoder,
+    pixels: &[[f32; 3]],
+    width: u32,
+    height: u32,
+) -> Result<Vec<u8>, image::ImageError> {
+    let bytes: Vec<u8> = pixels
+        .as_flattened()
+        .iter()
+        .map(|&v| encoder.encode(v))
+        .collect();
+    let mut png = Vec::new();
+    PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive)
+        .write_image(&bytes, width, height, image::ExtendedColorType::Rgb8)?;
+    Ok(png)
+}
+
+/// A 16-bit sRGB PNG of a layer, values above 1 clipped.
+pub fn encode_png16(
+    pixels: &[[f32; 3]],
+    width: u32,
+    height: u32,
+) -> Result<Vec<u8>, image::ImageError> {
+    let values = pixels.as_flattened().iter();
+    // The encoder takes the machine's byte order and writes PNG's.
+    let bytes: Vec<u8> = values
+        .flat_map(|&v| linear_to_srgb16(v).to_ne_bytes())
+        .collect();
+    let mut png = Vec::new();
+    PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive)
+        .write_image(&bytes, width, height, image::ExtendedColorType::Rgb16)?;
+    Ok(png)
+}
+
+/// One layer as 32-bit float OpenEXR with channels R, G, B.
+pub fn encode_rgb_exr(
+    pixels: &[[f32; 3]],
+    width: u32,
+    height: u32,
+) -> Result<Vec<u8>, exr::error::Error> {
+    encode_exr(rgb_channels(pixels, ExrPrecision::Float), width, height)
+}
+
+/// Layers as the parts of one OpenEXR file, each of its name, with channels R, G, B. With [`ExrPrecision::Half`] values are
+/// rounded to halves. A single layer without a name is a plain file of one part.
+pub fn encode_parts_exr(
+    parts: &[(&str, &[[f32; 3]])],
+    width: u32,
+    height: u32,
+    precision: ExrPrecision,
+) -> Result<Vec<u8>, exr::error::Error> {
+    if let [("", pixels)] = parts {
+        return encode_exr(rgb_channels(pixels, precision), width, height);
+    }
+    let layers = parts.iter().map(|(name, pixels)| {
+        layer_of(
+            LayerAttributes::named(*name),
+            rgb_channels(pixels, precision),
+            [width, height],
+        )
+    });
+    let layers: Vec<Layer<AnyChannels<FlatSamples>>> = layers.collect();
+    let bounds = IntegerBounds::new((0, 0), (width as usize, height as usize));
+    write_exr(&Image::from_layers(ImageAttributes::new(bounds), layers))
+}
+
+fn rgb_channels(pixels: &[[f32; 3]], precision: ExrPrecision) -> Vec<AnyChannel<FlatSamples>> {
+    let channel = |c: usize| {
+        let values = pixels.iter().map(|p| p[c]);
+        let samples = match precision {
+            ExrPrecision::Half => FlatSamples::F16(values.map(f16::from_f32).collect()),
+            ExrPrecision::Float => FlatSamples::F32(values.collect()),
+        };
+        AnyChannel::new(["R", "G", "B"][c], samples)
+    };
+    (0..3).map(channel).collect()
+}
+
+/// The layers are stored as half floats: the scene asks for it and their values allow it.
+pub(super) fn is_half(line: &SceneLine, layers: &[Vec<[f32; 3]>; 4]) -> bool {
+    let mut values = layers.iter().flatten().flatten();
+    line.film.exr == ExrPrecision::Half && values.all(|&v| v <= HALF_MAX)
+}
+
+/// The pixels as half floats hold them.
+pub(super) fn halved(pixels: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    let pixels = pixels.iter();
+    pixels
+        .map(|p| p.map(|v| f16::from_f32(v).to_f32()))
+        .collect()
+}
+
+/// All layers in one file, channels `input.R`, ...: half floats if the values allow it, else floats.
+pub fn encode_tuple_exr(tuple: &Tuple) -> Result<Vec<u8>, exr::error::Error> {
+    let half = is_half(&tuple.record.scene, &tuple.layers);
+    let mut list = Vec::new();
+    for (layer, name) in tuple.made() {
+        for (c, colour) in ["R", "G", "B"].into_iter().enumerate() {
+            let samples = layer.iter().map(|p| p[c]);
+            let samples = if half {
+                FlatSamples::F16(samples.map(f16::from_f32).collect())
+            } else {
+                FlatSamples::F32(samples.collect())
+            };
+            list.push(AnyChannel::new(
+                format!("{name}.{colour}").as_str(),
+                samples,
+            ));
+        }
+    }
+    encode_exr(list, tuple.width, tuple.height)
+}
+
+pub(super) fn encode_exr(
+    channels: Vec<AnyChannel<FlatSamples>>,
+    width: u32,
+    height: u32,
+) -> Result<Vec<u8>, exr::error::Error> {
+    write_exr(&Image::from_layer(layer_of(
+        LayerAttributes::default(),
+        channels,
+        [width, height],
+    )))
+}
+
+fn layer_of(
+    attributes: LayerAttributes,
+    channels: Vec<AnyChannel<FlatSamples>>,
+    [width, height]: [u32; 2],
+) -> Layer<AnyChannels<FlatSamples>> {
+    let encoding = Encoding {
+        compression: Compression::ZIP16,
+        blocks: exr::image::Blocks::ScanLines,
+        line_order: LineOrder::Increasing,
+    };
+    Layer::new(
+        (width as usize, height as usize),
+        attributes,
+        encoding,
+        AnyChannels::sort(channels.into_iter().collect()),
+    )
+}
+
+fn write_exr<'image, Layers: WritableLayers<'image>>(
+    image: &'image Image<Layers>,
+) -> Result<Vec<u8>, exr::error::Error> {
+    let mut bytes = Cursor::new(Vec::new());
+    image.write().non_parallel().to_buffered(&mut bytes)?;
+    Ok(bytes.into_inner())
+}

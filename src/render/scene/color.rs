@@ -1,0 +1,379 @@
+//! The colour image: decoded to linear Rec.709 radiance, before anything interpolates it.
+
+use super::{highlights, transfer};
+use crate::formats::error::SceneError;
+use crate::formats::files::{FileFormat, NamedBytes};
+use crate::formats::npy::{Axes, NpyHead, NpyImage};
+use crate::formats::npy_header::Element;
+use crate::formats::raster::{self, Raster, Samples};
+use crate::formats::{openexr, pfm};
+use crate::line::{Highlights, Transfer};
+use std::rc::Rc;
+
+pub(super) const FORMATS: &str = "a PNG, JPEG, PNM, EXR, Radiance HDR, PFM or .npy colour image";
+const NPY: &str = "(H,W), (H,W,1), (H,W,3) or (H,W,4) of u1, u2, f2, f4 or f8";
+
+/// Radiance of a photograph.
+pub(super) struct Color {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// Red, green, blue, 0.
+    pub(super) radiance: Vec<[f32; 4]>,
+    pub(super) max_radiance: f32,
+}
+
+/// Decodes a colour image in any of its formats.
+///
+/// Grey becomes three equal channels; alpha is ignored, not multiplied in. Integers are scaled by
+/// their maximum (EXR's are not), floats are taken as they are, in single precision; `transfer`
+/// holds for both alike. `scale` multiplies red, green and blue of the result.
+pub(super) fn decode(
+    file: &NamedBytes,
+    transfer: Transfer,
+    scale: [f64; 3],
+) -> Result<Color, SceneError> {
+    let raster = match file.format(FORMATS)? {
+        FileFormat::Exr => openexr::decode_color(file)?,
+        FileFormat::Npy => decode_npy(file)?,
+        FileFormat::Pfm => pfm::decode(file)?,
+        format => raster::decode(file, format)?,
+    };
+    let Raster {
+        width,
+        height,
+        channels,
+        ..
+    } = raster;
+    let radiance = match &raster.samples {
+        Samples::U8(codes) => {
+            let tables = each(scale, |factor| transfer::table_8(transfer, factor));
+            pixels(codes, channels, |code, c| tables[c][code as usize])
+        }
+        Samples::U16(codes) => {
+            let tables = each(scale, |factor| transfer::table_16(transfer, factor));
+            pixels(codes, channels, |code, c| tables[c][code as usize])
+        }
+        Samples::F32(values) => pixels(values, channels, |value, c| {
+            (transfer::to_linear(transfer, value as f64) * scale[c]) as f32
+        }),
+    };
+    let max_radiance = max_of_radiance(file, &radiance, width)?;
+    Ok(Color {
+        width,
+        height,
+        radiance,
+        max_radiance,
+    })
+}
+
+/// [`decode`], with light for clipped highlights if they are to have any, before `scale`.
+pub(super) fn decode_expanded(
+    file: &NamedBytes,
+    transfer: Transfer,
+    curve: Option<Highlights>,
+    scale: [f64; 3],
+) -> Result<Color, SceneError> {
+    let Some(curve) = curve else {
+        return decode(file, transfer, scale);
+    };
+    let mut color = decode(file, transfer, [1.0; 3])?;
+    highlights::expand(&mut color.radiance, curve, scale);
+    color.max_radiance = max_of_radiance(file, &color.radiance, color.width)?;
+    Ok(color)
+}
+
+/// Width and height, from the header of a file of `length` bytes; `file` may hold the beginning alone.
+pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
+    match file.format(FORMATS)? {
+        FileFormat::Exr => openexr::color_size(file),
+        FileFormat::Npy => {
+            let head = NpyHead::parse(file, length, Axes::Color, NPY)?;
+            match head.element() {
+                Element::U8 | Element::U16 | Element::F16 | Element::F32 | Element::F64 => {
+                    Ok([head.width, head.height])
+                }
+                other => Err(wrong_element(file, other)),
+            }
+        }
+        FileFormat::Pfm => {
+            let head = pfm::head(file, length)?;
+            Ok([head.width, head.height])
+        }
+        format => {
+            let head = raster::head(file, format)?;
+            Ok([head.width, head.height])
+        }
+    }
+}
+
+fn wrong_element(file: &NamedBytes, element: Element) -> SceneError {
+    file.wrong_layout(format!("elements of type {}", element.code()), NPY)
+}
+
+fn decode_npy(file: &NamedBytes) -> Result<Raster, SceneError> {
+    let image = NpyImage::parse(file, Axes::Color, NPY)?;
+    let samples = match image.element {
+        Element::U8 => Samples::U8(image.bytes()),
+        Element::U16 => Samples::U16(image.words()),
+        Element::F16 | Element::F32 | Element::F64 => {
+            Samples::F32(image.values(|value| value as f32))
+        }
+        other => return Err(wrong_element(file, other)),
+    };
+    Ok(Raster {
+        width: image.width,
+        height: image.height,
+        channels: image.channels,
+        samples,
+        rescaled: false,
+    })
+}
+
+/// A table for each channel; one that all share where they are alike.
+fn each(scale: [f64; 3], table: impl Fn(f64) -> Vec<f32>) -> [Rc<Vec<f32>>; 3] {
+    let red = Rc::new(table(scale[0]));
+    let other = |factor: f64| {
+        if factor.to_bits() == scale[0].to_bits() {
+            Rc::clone(&red)
+        } else {
+            Rc::new(table(factor))
+        }
+    };
+    let (green, blue) = (other(scale[1]), other(scale[2]));
+    [red, green, blue]
+}
+
+/// Samples to pixels, each colour channel through `linear`, which is told the channel.
+fn pixels<T: Copy>(
+    samples: &[T],
+    channels: usize,
+    linear: impl Fn(T, usize) -> f32,
+) -> Vec<[f32; 4]> {
+    let rgb = |r, g, b| [linear(r, 0), linear(g, 1), linear(b, 2), 0.0];
+    let grey = |value: T| rgb(value, value, value);
+    match channels {
+        1 => samples.iter().map(|&value| grey(value)).collect(),
+        2 => samples
+            .as_chunks()
+            .0
+            .iter()
+            .map(|&[value, _]| grey(value))
+            .collect(),
+        3 => samples
+            .as_chunks()
+            .0
+            .iter()
+            .map(|&[r, g, b]| rgb(r, g, b))
+            .collect(),
+        _ => samples
+            .as_chunks()
+            .0
+            .iter()
+            .map(|&[r, g, b, _]| rgb(r, g, b))
+            .collect(),
+    }
+}
+
+/// The largest radiance of any channel; an error if any is NaN, infinite or negative.
+fn max_of_radiance(
+    file: &NamedBytes,
+    radiance: &[[f32; 4]],
+    width: usize,
+) -> Result<f32, SceneError> {
+    let mut max = [0.0f32; 4];
+    let mut all_good = true;
+    for pixel in radiance {
+        for channel in 0..4 {
+            // False for NaN as well.
+            all_good &= pixel[channel] >= 0.0;
+            max[channel] = if pixel[channel] > max[channel] {
+                pixel[channel]
+            } else {
+                max[channel]
+            };
+        }
+    }
+    let max = max.into_iter().fold(0.0, f32::max);
+    if all_good && max < f32::INFINITY {
+        return Ok(max);
+    }
+    let is_bad = |pixel: &[f32; 4]| {
+        pixel
+            .iter()
+            .any(|value| !(0.0..f32::INFINITY).contains(value))
+    };
+    let first = radiance
+        .iter()
+        .position(is_bad)
+        .expect("the loop above met one");
+    Err(SceneError::Radiance {
+        path: file.path.clone(),
+        count: radiance.iter().filter(|pixel| is_bad(pixel)).count(),
+        x: first % width,
+        y: first / width,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::npy::tests::npy;
+    use super::super::raster::tests::{jpeg, png};
+    use super::*;
+    use image::ExtendedColorType as Png;
+    use std::path::PathBuf;
+
+    fn linear(file: &NamedBytes) -> Vec<[f32; 4]> {
+        decode(file, Transfer::Linear, [1.0; 3]).unwrap().radiance
+    }
+
+    #[test]
+    fn png_of_every_kind() {
+        let one = |pixels: &[u8], color| linear(&png(pixels, 1, 1, color))[0];
+        let wide = |codes: &[u16], color| linear(&png(bytemuck::cast_slice(codes), 1, 1, color))[0];
+        assert_eq!(one(&[51], Png::L8), [0.2, 0.2, 0.2, 0.0]);
+        assert_eq!(one(&[51, 7], Png::La8), [0.2, 0.2, 0.2, 0.0]);
+        assert_eq!(one(&[0, 51, 255], Png::Rgb8), [0.0, 0.2, 1.0, 0.0]);
+        assert_eq!(one(&[0, 51, 255, 0], Png::Rgba8), [0.0, 0.2, 1.0, 0.0]);
+        assert_eq!(wide(&[13107], Png::L16), [0.2, 0.2, 0.2, 0.0]);
+        assert_eq!(wide(&[13107, 9], Png::La16), [0.2, 0.2, 0.2, 0.0]);
+        assert_eq!(wide(&[0, 13107, 65535], Png::Rgb16), [0.0, 0.2, 1.0, 0.0]);
+        assert_eq!(
+            wide(&[0, 13107, 65535, 1], Png::Rgba16),
+            [0.0, 0.2, 1.0, 0.0]
+        );
+    }
+
+    #[test]
+    fn srgb_comes_before_exposure() {
+        let file = png(&[188, 188, 255], 1, 1, Png::Rgb8);
+        let color = decode(&file, Transfer::Srgb, [2.0; 3]).unwrap();
+        let [r, g, b, zero] = color.radiance[0];
+        assert!((r - 1.005773).abs() < 1e-6 && r == g);
+        assert_eq!((b, zero, color.max_radiance), (2.0, 0.0, 2.0));
+        // A float .npy follows the transfer as well.
+        let file = npy("<f8", false, "(1, 1)", &(188.0f64 / 255.0).to_le_bytes());
+        let value = decode(&file, Transfer::Srgb, [2.0; 3]).unwrap().radiance[0][0];
+        assert!((value - r).abs() < 1e-6);
+    }
+
+    #[test]
+    fn jpeg_and_pnm() {
+        for pixel in linear(&jpeg(&[51; 16 * 8 * 3], 16, 8)) {
+            assert!((pixel[0] - 0.2).abs() < 0.01 && pixel[3] == 0.0);
+        }
+        let pnm = |bytes: &[u8]| NamedBytes {
+            path: PathBuf::from("a.ppm"),
+            bytes: bytes.to_vec(),
+        };
+        assert_eq!(
+            linear(&pnm(b"P6 1 1 255 \x00\x33\xff")),
+            [[0.0, 0.2, 1.0, 0.0]]
+        );
+        assert_eq!(linear(&pnm(b"P5\n# x\n1 1\n65535\n\x33\x33"))[0][0], 0.2);
+        assert_eq!(
+            linear(&pnm(b"P1 2 1 1 0")),
+            [[0.0; 4], [1.0, 1.0, 1.0, 0.0]]
+        );
+        // Another maximum than the type's is scaled too, to the nearest code.
+        assert_eq!(linear(&pnm(b"P5 1 1 100 \x14"))[0][0], 0.2);
+    }
+
+    #[test]
+    fn npy_of_every_kind() {
+        assert_eq!(
+            linear(&npy("|u1", false, "(1, 1, 3)", &[0, 51, 255])),
+            [[0.0, 0.2, 1.0, 0.0]]
+        );
+        assert_eq!(
+            linear(&npy(">u2", false, "(1, 1, 1)", &[0x33, 0x33]))[0][1],
+            0.2
+        );
+        let floats: Vec<u8> = [0.5f32, 2.0, 0.0, 9.0]
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .collect();
+        assert_eq!(
+            linear(&npy("<f4", false, "(1, 1, 4)", &floats)),
+            [[0.5, 2.0, 0.0, 0.0]]
+        );
+        let refused = npy("<i4", false, "(1, 1)", &[0; 4]);
+        assert!(decode(&refused, Transfer::Linear, [1.0; 3]).is_err());
+    }
+
+    #[test]
+    fn bad_radiance_is_counted_and_located() {
+        let values = [1.0f32, f32::NAN, 0.0, -1.0, f32::INFINITY, 1.0];
+        let data: Vec<u8> = values
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect();
+        for transfer in [Transfer::Linear, Transfer::Srgb] {
+            match decode(&npy("<f4", false, "(2, 3)", &data), transfer, [1.0; 3])
+                .err()
+                .unwrap()
+            {
+                SceneError::Radiance { count, x, y, .. } => assert_eq!((count, x, y), (3, 1, 0)),
+                other => panic!("{other}"),
+            }
+        }
+        let dark = png(&[0, 255], 2, 1, Png::L8);
+        match decode(&dark, Transfer::Linear, [1e39; 3]).err().unwrap() {
+            SceneError::Radiance { count, x, y, .. } => assert_eq!((count, x, y), (1, 1, 0)),
+            other => panic!("{other}"),
+        }
+    }
+
+    #[test]
+    fn highlights_are_off_by_default_and_then_change_no_bit() {
+        let codes: Vec<u8> = (0..=255).collect();
+        let image = png(&codes, 16, 16, Png::L8);
+        let plain = decode(&image, Transfer::Srgb, [0.7; 3]).unwrap();
+        let off = decode_expanded(&image, Transfer::Srgb, None, [0.7; 3]).unwrap();
+        let bits = |color: &Color| {
+            let values = color.radiance.iter().flatten();
+            values.map(|value| value.to_bits()).collect::<Vec<_>>()
+        };
+        assert_eq!(bits(&off), bits(&plain));
+        let curve = Highlights {
+            above: 0.9,
+            to: 8.0,
+        };
+        let on = decode_expanded(&image, Transfer::Srgb, Some(curve), [0.5; 3]).unwrap();
+        assert_eq!(on.max_radiance, 4.0);
+        assert_eq!(on.radiance[255], [4.0, 4.0, 4.0, 0.0]);
+        // Code 243 is 0.896, 244 is 0.905.
+        let half = decode(&image, Transfer::Srgb, [0.5; 3]).unwrap();
+        for code in 0..255 {
+            let (on, off) = (on.radiance[code][0], half.radiance[code][0]);
+            assert!(if code < 244 { on == off } else { on > off }, "{code}");
+        }
+    }
+
+    #[test]
+    fn radiance_hdr_and_float_maps_are_light() {
+        let file = |bytes: &[u8]| NamedBytes {
+            path: "a".into(),
+            bytes: bytes.to_vec(),
+        };
+        // Ward's RGBE, Graphics Gems II: mantissa / 256 times 2 to the exponent less 128.
+        let rgbe = file(
+            b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 1\n\x80\x40\x20\x81\x10\x20\x30\x80",
+        );
+        let color = decode(&rgbe, Transfer::Linear, [2.0; 3]).unwrap();
+        assert_eq!((color.width, color.height), (1, 2));
+        assert_eq!(
+            color.radiance,
+            [[2.0, 1.0, 0.5, 0.0], [0.125, 0.25, 0.375, 0.0]]
+        );
+        let map = file(
+            &[
+                &b"PF\n1 1\n-1\n"[..],
+                bytemuck::cast_slice(&[1.5f32, 0.25, 40.0]),
+            ]
+            .concat(),
+        );
+        let color = decode(&map, Transfer::Linear, [1.0; 3]).unwrap();
+        assert_eq!(color.radiance, [[1.5, 0.25, 40.0, 0.0]]);
+        assert_eq!(color.max_radiance, 40.0);
+    }
+}

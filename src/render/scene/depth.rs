@@ -1,0 +1,177 @@
+//! The depth image: decoded to distances along the optical axis, in metres.
+
+use crate::formats::error::SceneError;
+use crate::formats::files::{FileFormat, NamedBytes};
+use crate::formats::npy::{Axes, NpyHead, NpyImage};
+use crate::formats::npy_header::Element;
+use crate::formats::raster::{self, Raster, Samples};
+use crate::formats::{openexr, pfm};
+use crate::line::{DepthKind, Intrinsics};
+
+const FORMATS: &str = "a .npy, grey PNG, grey PNM, PFM or EXR depth image";
+const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers";
+
+/// Depth as published, before anything is called a hole.
+pub(super) struct Depth {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// Row by row. In `f64`: the focus is calculated from it.
+    pub(super) z_m: Vec<f64>,
+}
+
+/// The file's format, if depths may be kept in it.
+fn format(file: &NamedBytes) -> Result<FileFormat, SceneError> {
+    let refuse = |found: &str| Err(file.wrong_format(found.to_owned(), FORMATS));
+    match file.format(FORMATS)? {
+        FileFormat::Hdr => refuse("a Radiance HDR, which rounds depths"),
+        FileFormat::Jpeg => refuse("JPEG, which alters depths"),
+        format => Ok(format),
+    }
+}
+
+fn check_layout(file: &NamedBytes, channels: usize, rescaled: bool) -> Result<(), SceneError> {
+    if channels != 1 {
+        let found = format!("{channels} channels");
+        return Err(file.wrong_layout(found, "one grey channel of 8 or 16 bits"));
+    }
+    if rescaled {
+        let found = "codes of a range other than 0..=255 or 0..=65535".to_owned();
+        return Err(file.wrong_layout(found, "8- or 16-bit grey with the whole range"));
+    }
+    Ok(())
+}
+
+/// Width and height, from the header of a file of `length` bytes; `file` may hold the beginning alone.
+pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
+    let (width, height, channels, rescaled) = match format(file)? {
+        FileFormat::Npy => {
+            let head = NpyHead::parse(file, length, Axes::Single, NPY)?;
+            check_element(file, head.element())?;
+            return Ok([head.width, head.height]);
+        }
+        FileFormat::Exr => return openexr::depth_size(file),
+        FileFormat::Pfm => {
+            let head = pfm::head(file, length)?;
+            (head.width, head.height, head.channels, false)
+        }
+        format => {
+            let head = raster::head(file, format)?;
+            (head.width, head.height, head.channels, head.rescaled)
+        }
+    };
+    check_layout(file, channels, rescaled)?;
+    Ok([width, height])
+}
+
+/// Decodes a depth image; each value times `unit_m` is in metres.
+pub(super) fn decode(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError> {
+    let raster = match format(file)? {
+        FileFormat::Npy => return decode_npy(file, unit_m),
+        FileFormat::Exr => openexr::decode_depth(file)?,
+        FileFormat::Pfm => pfm::decode(file)?,
+        format => raster::decode(file, format)?,
+    };
+    let Raster { width, height, .. } = raster;
+    check_layout(file, raster.channels, raster.rescaled)?;
+    let z_m = match raster.samples {
+        Samples::U8(codes) => codes.iter().map(|&code| code as f64 * unit_m).collect(),
+        Samples::U16(codes) => codes.iter().map(|&code| code as f64 * unit_m).collect(),
+        Samples::F32(values) => values.iter().map(|&value| value as f64 * unit_m).collect(),
+    };
+    Ok(Depth { width, height, z_m })
+}
+
+fn check_element(file: &NamedBytes, element: Element) -> Result<(), SceneError> {
+    if element == Element::Bool {
+        return Err(file.wrong_layout("booleans".to_owned(), NPY));
+    }
+    Ok(())
+}
+
+fn decode_npy(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError> {
+    let image = NpyImage::parse(file, Axes::Single, NPY)?;
+    check_element(file, image.element)?;
+    Ok(Depth {
+        width: image.width,
+        height: image.height,
+        z_m: image.values(|value| value * unit_m),
+    })
+}
+
+impl Depth {
+    /// Turns distances along the rays into distances along the axis, if `kind` says that they are
+    /// such. `intrinsics` are for this image's pixels.
+    pub(super) fn project(&mut self, kind: DepthKind, intrinsics: &Intrinsics) {
+        if kind != DepthKind::Distance {
+            return;
+        }
+        for (j, row) in self.z_m.chunks_exact_mut(self.width).enumerate() {
+            let y = (j as f64 + 0.5 - intrinsics.cy) / intrinsics.fy;
+            for (i, depth) in row.iter_mut().enumerate() {
+                let x = (i as f64 + 0.5 - intrinsics.cx) / intrinsics.fx;
+                *depth /= (1.0 + x * x + y * y).sqrt();
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::npy::tests::npy;
+    use super::super::raster::tests::{jpeg, png};
+    use super::*;
+    use image::ExtendedColorType as Png;
+
+    #[test]
+    fn png_values_are_taken_as_they_are() {
+        let codes = [0u16, 1500, 65535, 7];
+        let depth = decode(&png(bytemuck::cast_slice(&codes), 2, 2, Png::L16), 0.001).unwrap();
+        assert_eq!((depth.width, depth.height), (2, 2));
+        assert_eq!(depth.z_m, [0.0, 1.5, 65.535, 0.007]);
+        assert_eq!(
+            decode(&png(&[3, 4], 1, 2, Png::L8), 0.5).unwrap().z_m,
+            [1.5, 2.0]
+        );
+        let gray = |text: &[u8]| NamedBytes {
+            path: "a.pgm".into(),
+            bytes: text.to_vec(),
+        };
+        let depth = decode(&gray(b"P5 2 1 65535 \x01\x02\x03\x04"), 1.0).unwrap();
+        assert_eq!(depth.z_m, [258.0, 772.0]);
+        let error = decode(&gray(b"P5 2 1 1000 \x01\x02\x03\x04"), 1.0)
+            .err()
+            .unwrap();
+        assert!(error.to_string().contains("codes of a range"), "{error}");
+    }
+
+    #[test]
+    fn what_is_no_depth() {
+        let message = |file: &NamedBytes| decode(file, 1.0).err().unwrap().to_string();
+        assert!(message(&png(&[1, 2, 3], 1, 1, Png::Rgb8)).contains("3 channels"));
+        assert!(message(&jpeg(&[0; 192], 8, 8)).contains("JPEG"));
+        assert!(message(&npy("|b1", false, "(1, 1)", &[1])).contains("booleans"));
+    }
+
+    #[test]
+    fn distance_along_the_ray() {
+        let data: Vec<u8> = [5.0f64; 4]
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect();
+        let mut depth = decode(&npy("<f8", false, "(1, 4)", &data), 1.0).unwrap();
+        let intrinsics = Intrinsics {
+            fx: 1.5,
+            fy: 0.25,
+            cx: 1.5,
+            cy: 0.5,
+            size: None,
+        };
+        depth.project(DepthKind::Z, &intrinsics);
+        assert_eq!(depth.z_m, [5.0; 4]);
+        depth.project(DepthKind::Distance, &intrinsics);
+        // Column 1 is on the axis; column 3 has x = 4/3, a 3-4-5 triangle.
+        assert_eq!(depth.z_m[1], 5.0);
+        assert!((depth.z_m[3] - 3.0).abs() < 1e-15);
+        assert_eq!(depth.z_m[0], depth.z_m[2]);
+    }
+}

@@ -1,0 +1,186 @@
+//! The one place where a scene's files are read; decoding them is pure.
+
+use super::panorama::decode_panorama;
+use super::window::Sight;
+use super::{AssembleError, Decoded, SceneFacts, assemble, decode_mesh, decode_photograph};
+use crate::formats::{NamedBytes, PanoramaFiles, PhotographFiles, SceneError};
+use crate::line::{PanoramaDepth, RootError, Roots, SceneLine, Side};
+use crate::trace::Scene;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Why a scene cannot be made from its files: a reason for quarantine.
+#[derive(Debug, thiserror::Error)]
+pub enum LoadError {
+    /// A path leads nowhere.
+    #[error(transparent)]
+    Root(#[from] RootError),
+    /// A file cannot be read.
+    #[error("cannot read {}: {source}; check the path and the roots (--root NAME=DIR)", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A file's content cannot be used.
+    #[error(transparent)]
+    Decode(#[from] SceneError),
+    /// The parts do not make a scene.
+    #[error(transparent)]
+    Assemble(#[from] AssembleError),
+}
+
+/// The bytes of a scene's files.
+pub struct SceneFiles {
+    /// Of the front.
+    pub front: SideFiles,
+    /// Of the back.
+    pub back: SideFiles,
+}
+
+/// The bytes of one side's files.
+pub enum SideFiles {
+    /// Of a photograph.
+    Photograph(PhotographFiles),
+    /// Of a panorama.
+    Panorama(PanoramaFiles),
+    /// A PLY file.
+    Mesh(NamedBytes),
+}
+
+/// A scene's two sides, decoded, and the digests of their files.
+#[derive(Clone)]
+pub struct DecodedScene {
+    /// Seen through the pane.
+    pub front: Decoded,
+    /// Seen reflected in it.
+    pub back: Decoded,
+    /// Of the files.
+    pub inputs: InputDigests,
+}
+
+/// Digests (BLAKE3, hex) of a scene's input files, by the manifest line's field (`front.color`, ...).
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct InputDigests(pub BTreeMap<String, String>);
+
+/// A scene that can be traced, and what is known about it.
+pub struct LoadedScene {
+    /// For the tracer.
+    pub scene: Scene,
+    /// For the record.
+    pub facts: SceneFacts,
+    /// Of the files it was made from.
+    pub inputs: InputDigests,
+}
+
+/// Reads all of a scene's files. Paths are relative to `base` or under a named root.
+pub fn read_files(line: &SceneLine, roots: &Roots, base: &Path) -> Result<SceneFiles, LoadError> {
+    read_files_by(line, roots, base, &|path| std::fs::read(path))
+}
+
+/// [`read_files`] for who reads from elsewhere, too: `read` is given what [`Roots::resolve`] makes of the line's paths.
+pub fn read_files_by(
+    line: &SceneLine,
+    roots: &Roots,
+    base: &Path,
+    read: &dyn Fn(&Path) -> std::io::Result<Vec<u8>>,
+) -> Result<SceneFiles, LoadError> {
+    let named = |text: &str| -> Result<NamedBytes, LoadError> {
+        let path = roots.resolve(base, text)?;
+        match read(&path) {
+            Ok(bytes) => Ok(NamedBytes { path, bytes }),
+            Err(source) => Err(LoadError::Read { path, source }),
+        }
+    };
+    let side = |side: &Side| -> Result<SideFiles, LoadError> {
+        Ok(match side {
+            Side::Photograph(p) => SideFiles::Photograph(PhotographFiles {
+                color: named(&p.color)?,
+                depth: named(&p.depth)?,
+                mask: p.mask.as_deref().map(named).transpose()?,
+            }),
+            Side::Panorama(p) => SideFiles::Panorama(PanoramaFiles {
+                panorama: named(&p.panorama)?,
+                depth: match &p.depth {
+                    PanoramaDepth::Constant { .. } => None,
+                    PanoramaDepth::Map(map) => Some(named(&map.depth)?),
+                },
+            }),
+            Side::Mesh(p) => SideFiles::Mesh(named(&p.mesh)?),
+        })
+    };
+    Ok(SceneFiles {
+        front: side(&line.front)?,
+        back: side(&line.back)?,
+    })
+}
+
+/// Decodes the files and assembles the scene. Pure.
+pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadError> {
+    let decoded = decode(line, files)?;
+    let (scene, facts) = assemble(line, decoded.front, decoded.back)?;
+    Ok(LoadedScene {
+        scene,
+        facts,
+        inputs: decoded.inputs,
+    })
+}
+
+/// The first half of [`load`], for who assembles several scenes from the same photographs (of a panorama only what this
+/// line sees of it is decoded).
+pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, LoadError> {
+    Ok(DecodedScene {
+        front: decode_side(&line.front.seen_by(&line.camera), &files.front, || {
+            Sight::front(line)
+        })?,
+        back: decode_side(&line.back.seen_by(&line.camera), &files.back, || {
+            Sight::back(line)
+        })?,
+        inputs: digests(files),
+    })
+}
+
+/// `sight` is asked for by panoramas alone, of which a line needs a part.
+fn decode_side(
+    side: &Side,
+    files: &SideFiles,
+    sight: impl Fn() -> Sight,
+) -> Result<Decoded, SceneError> {
+    Ok(match (side, files) {
+        (Side::Photograph(line), SideFiles::Photograph(files)) => {
+            decode_photograph(line, files)?.into()
+        }
+        (Side::Panorama(line), SideFiles::Panorama(files)) => {
+            decode_panorama(line, files, &sight())?.into()
+        }
+        (Side::Mesh(line), SideFiles::Mesh(file)) => decode_mesh(line, file)?.into(),
+        _ => unreachable!("the files were read for this line"),
+    })
+}
+
+fn digests(files: &SceneFiles) -> InputDigests {
+    let mut digests = BTreeMap::new();
+    for (side, files) in [("front", &files.front), ("back", &files.back)] {
+        let parts = match files {
+            SideFiles::Photograph(p) => vec![
+                ("color", Some(&p.color)),
+                ("depth", Some(&p.depth)),
+                ("mask", p.mask.as_ref()),
+            ],
+            SideFiles::Panorama(p) => {
+                vec![("panorama", Some(&p.panorama)), ("depth", p.depth.as_ref())]
+            }
+            SideFiles::Mesh(file) => vec![("mesh", Some(file))],
+        };
+        for (part, file) in parts {
+            if let Some(file) = file {
+                let digest = blake3::hash(&file.bytes).to_hex().to_string();
+                digests.insert(format!("{side}.{part}"), digest);
+            }
+        }
+    }
+    InputDigests(digests)
+}

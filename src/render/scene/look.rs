@@ -1,0 +1,341 @@
+//! What the beginning and the end of a file tell: whether it can be what a scene line takes it for.
+//!
+//! Nothing is refused here that a scene could be made from: where a header alone does not settle it, the file is read as
+//! a scene's files are. What is wrong with the pixels themselves (NaN, no valid depth) is not looked for.
+
+use super::{color, depth, mask, panorama};
+use crate::formats::error::SceneError;
+use crate::formats::files::{FileFormat, NamedBytes};
+use crate::formats::{ply, raster};
+use crate::line::Transfer;
+
+/// Bytes of a file's beginning that show most headers; a JPEG may have a preview before its size.
+pub const START_BYTES: usize = 1 << 14;
+/// Bytes of its end that show how a PNG or JPEG ends.
+pub const END_BYTES: usize = 16;
+
+/// What a scene line takes a file for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum FileRole {
+    /// A colour image.
+    Color,
+    /// A depth image.
+    Depth,
+    /// A mask.
+    Mask,
+    /// The colours of a panorama.
+    Panorama,
+    /// The depth map of a panorama.
+    PanoramaDepth,
+    /// A triangle mesh.
+    Mesh,
+}
+
+/// Parts of a file.
+#[derive(Clone, Debug)]
+pub struct FileEnds {
+    /// Its name, and its first [`START_BYTES`] or more; the whole file, if it is no longer.
+    pub start: NamedBytes,
+    /// Its last [`END_BYTES`], if they were read.
+    pub end: Option<Vec<u8>>,
+    /// Bytes of the whole file.
+    pub length: u64,
+}
+
+/// What was seen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Look {
+    /// Nothing wrong. Width and height in pixels; none of a mesh.
+    Sound(Option<[usize; 2]>),
+    /// The whole file must be read.
+    Unsure,
+}
+
+/// Looks at the parts of a file. Pure.
+pub fn look(role: FileRole, ends: &FileEnds) -> Result<Look, SceneError> {
+    let (file, length) = (&ends.start, ends.length);
+    let is_whole = file.bytes.len() as u64 == length;
+    match size(role, file, length) {
+        Ok(size) if ends_well(ends, is_whole) => Ok(Look::Sound(size)),
+        Ok(_) => Ok(Look::Unsure),
+        // The header may be longer than what was read of the file.
+        Err(SceneError::Unreadable { .. }) if !is_whole => Ok(Look::Unsure),
+        Err(error) => Err(error),
+    }
+}
+
+/// Reads a whole file that a look left unsure.
+pub fn look_at_whole(role: FileRole, file: &NamedBytes) -> Result<Option<[usize; 2]>, SceneError> {
+    let size = size(role, file, file.bytes.len() as u64)?;
+    let is_jpeg = file.bytes.starts_with(&[0xff, 0xd8, 0xff]);
+    // Much of the work of decoding is spared where the format alone tells that the file is whole.
+    if !(is_jpeg && raster::jpeg_is_whole(&file.bytes)) {
+        match role {
+            FileRole::Color | FileRole::Panorama => {
+                drop(color::decode(file, Transfer::Linear, [1.0; 3])?);
+            }
+            FileRole::Depth | FileRole::PanoramaDepth => drop(depth::decode(file, 1.0)?),
+            FileRole::Mask => drop(mask::decode(file)?),
+            FileRole::Mesh => drop(ply::decode(file)?),
+        }
+    }
+    Ok(size)
+}
+
+fn size(role: FileRole, file: &NamedBytes, length: u64) -> Result<Option<[usize; 2]>, SceneError> {
+    Ok(match role {
+        FileRole::Color => Some(color::size(file, length)?),
+        FileRole::Depth => Some(depth::size(file, length)?),
+        FileRole::Mask => Some(mask::size(file, length)?),
+        FileRole::Panorama => Some(whole_sphere(file, color::size(file, length)?)?),
+        FileRole::PanoramaDepth => Some(whole_sphere(file, depth::size(file, length)?)?),
+        FileRole::Mesh => {
+            ply::head(file, length)?;
+            None
+        }
+    })
+}
+
+fn whole_sphere(file: &NamedBytes, [width, height]: [usize; 2]) -> Result<[usize; 2], SceneError> {
+    panorama::check_aspect(file, width, height)?;
+    Ok([width, height])
+}
+
+/// Whether the file ends as its format does. True of those whose header was held against the length already, and of
+/// those whose end was not read.
+fn ends_well(ends: &FileEnds, is_whole: bool) -> bool {
+    let end = match &ends.end {
+        _ if is_whole => &ends.start.bytes,
+        Some(end) => end,
+        None => return true,
+    };
+    match ends.start.format("") {
+        Ok(FileFormat::Png) => end.ends_with(b"IEND\xae\x42\x60\x82"),
+        Ok(FileFormat::Jpeg) => end.ends_with(&[0xff, 0xd9]),
+        Ok(FileFormat::Pnm) => raster::head(&ends.start, FileFormat::Pnm)
+            .is_ok_and(|head| ends.length >= head.pnm_bytes(&ends.start.bytes)),
+        _ => true,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::npy::tests::npy;
+    use super::super::openexr::tests::exr;
+    use super::super::raster::tests::{jpeg, png};
+    use super::*;
+    use ::exr::prelude::FlatSamples;
+    use image::ExtendedColorType as Png;
+    use proptest::prelude::*;
+
+    fn ends(file: &NamedBytes, start: usize) -> FileEnds {
+        let bytes = &file.bytes;
+        FileEnds {
+            start: NamedBytes {
+                path: file.path.clone(),
+                bytes: bytes[..start.min(bytes.len())].to_vec(),
+            },
+            end: Some(bytes[bytes.len().saturating_sub(END_BYTES)..].to_vec()),
+            length: bytes.len() as u64,
+        }
+    }
+
+    fn sound(role: FileRole, file: &NamedBytes, start: usize) -> Option<[usize; 2]> {
+        match look(role, &ends(file, start)) {
+            Ok(Look::Sound(size)) => size,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn noise(count: usize) -> Vec<u8> {
+        (0..count as u32)
+            .map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8)
+            .collect()
+    }
+
+    #[test]
+    fn headers_tell_the_size() {
+        let size = Some([64, 48]);
+        let color = png(&noise(64 * 48 * 3), 64, 48, Png::Rgb8);
+        assert_eq!(sound(FileRole::Color, &color, 200), size);
+        assert_eq!(sound(FileRole::Color, &color, usize::MAX), size);
+        let color = png(&noise(64 * 32 * 3), 64, 32, Png::Rgb8);
+        assert_eq!(sound(FileRole::Panorama, &color, 200), Some([64, 32]));
+        let color = jpeg(&noise(64 * 48 * 3), 64, 48);
+        assert_eq!(sound(FileRole::Color, &color, 1000), size);
+        let depth = npy("<f4", false, "(48, 64, 1)", &[0; 64 * 48 * 4]);
+        assert_eq!(sound(FileRole::Depth, &depth, 200), size);
+        assert_eq!(sound(FileRole::Mask, &depth, 200), size);
+        let depth = exr(64, 48, &[("Z", FlatSamples::F32(vec![1.0; 64 * 48]))]);
+        assert_eq!(sound(FileRole::Depth, &depth, usize::MAX), size);
+        let mut header = b"Pf\n64 48\n-1\n".to_vec();
+        header.resize(header.len() + 64 * 48 * 4, 0);
+        let depth = NamedBytes {
+            path: "d.pfm".into(),
+            bytes: header,
+        };
+        assert_eq!(sound(FileRole::Depth, &depth, 100), size);
+        let grey = NamedBytes {
+            path: "m.pgm".into(),
+            bytes: b"P5 2 1 255 ab".to_vec(),
+        };
+        assert_eq!(look_at_whole(FileRole::Mask, &grey).unwrap(), Some([2, 1]));
+    }
+
+    #[test]
+    fn what_cannot_stand_here_is_told_from_the_beginning() {
+        let rgb = png(&noise(64 * 48 * 3), 64, 48, Png::Rgb8);
+        let jpeg = jpeg(&noise(64 * 48 * 3), 64, 48);
+        let booleans = npy("|b1", false, "(48, 64)", &[0; 64 * 48]);
+        let cube = npy("<f4", false, "(4, 4, 4, 4)", &[0; 1024]);
+        let short = npy("<f4", false, "(48, 64)", &[0; 64 * 48 * 4 - 1]);
+        let empty = NamedBytes {
+            path: "e.png".into(),
+            bytes: Vec::new(),
+        };
+        for (role, file, words) in [
+            (FileRole::Depth, &rgb, "3 channels"),
+            (FileRole::Depth, &jpeg, "JPEG, which alters depths"),
+            (FileRole::Depth, &booleans, "booleans"),
+            (FileRole::Mask, &jpeg, "is JPEG"),
+            (FileRole::Color, &booleans, "elements of type b1"),
+            (FileRole::Color, &cube, "an array of shape"),
+            (FileRole::Color, &empty, "is empty"),
+            (FileRole::Mesh, &rgb, "a PNG file"),
+            (FileRole::Panorama, &rgb, "64x48 pixels"),
+            (FileRole::PanoramaDepth, &rgb, "3 channels"),
+        ] {
+            let error = look(role, &ends(file, 1000)).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
+        // A decoder's word is believed of the whole file alone.
+        let looked = look(FileRole::Depth, &ends(&short, 1000)).unwrap();
+        assert_eq!(looked, Look::Unsure);
+        let error = look_at_whole(FileRole::Depth, &short).unwrap_err();
+        let words = "needs 12288 bytes of data, the file has 12287";
+        assert!(error.to_string().contains(words), "{error}");
+    }
+
+    #[test]
+    fn a_file_that_ends_early_is_read_as_a_whole() {
+        let sound = [
+            png(&noise(64 * 48 * 3), 64, 48, Png::Rgb8),
+            jpeg(&noise(64 * 48 * 3), 64, 48),
+        ];
+        for mut file in sound {
+            assert_eq!(
+                look_at_whole(FileRole::Color, &file).unwrap(),
+                Some([64, 48])
+            );
+            file.bytes.truncate(file.bytes.len() * 3 / 4);
+            for start in [1000, usize::MAX] {
+                assert_eq!(
+                    look(FileRole::Color, &ends(&file, start)).unwrap(),
+                    Look::Unsure
+                );
+            }
+            assert!(matches!(
+                look_at_whole(FileRole::Color, &file),
+                Err(SceneError::Unreadable { .. })
+            ));
+            file.bytes.truncate(20);
+            assert!(look(FileRole::Color, &ends(&file, 1000)).is_err());
+        }
+    }
+
+    /// What follows the image is no fault: a scene can be made from it.
+    #[test]
+    fn bytes_behind_the_image_do_not_matter() {
+        for mut file in [png(&noise(12), 2, 2, Png::Rgb8), jpeg(&noise(192), 8, 8)] {
+            file.bytes.extend([7; 40]);
+            assert_eq!(
+                look(FileRole::Color, &ends(&file, 1000)).unwrap(),
+                Look::Unsure
+            );
+            assert!(look_at_whole(FileRole::Color, &file).unwrap().is_some());
+        }
+    }
+
+    #[test]
+    fn a_long_header_is_no_fault() {
+        let mut file = jpeg(&noise(192), 8, 8);
+        let mut note = vec![0xff, 0xe1, 0xea, 0x60];
+        note.resize(2 + 60_000, 0);
+        file.bytes.splice(2..2, note);
+        assert_eq!(
+            look(FileRole::Color, &ends(&file, START_BYTES)).unwrap(),
+            Look::Unsure
+        );
+        assert_eq!(look_at_whole(FileRole::Color, &file).unwrap(), Some([8, 8]));
+    }
+
+    /// The whole file is decoded, as for a scene.
+    fn is_decoded(role: FileRole, file: &NamedBytes) -> bool {
+        let is_sphere = |w, h| panorama::check_aspect(file, w, h).is_ok();
+        let color = || color::decode(file, Transfer::Linear, [1.0; 3]);
+        match role {
+            FileRole::Color => color().is_ok(),
+            FileRole::Depth => depth::decode(file, 1.0).is_ok(),
+            FileRole::Mask => mask::decode(file).is_ok(),
+            FileRole::Panorama => color().is_ok_and(|c| is_sphere(c.width, c.height)),
+            FileRole::PanoramaDepth => {
+                depth::decode(file, 1.0).is_ok_and(|d| is_sphere(d.width, d.height))
+            }
+            FileRole::Mesh => ply::decode(file).is_ok(),
+        }
+    }
+
+    const ROLES: [FileRole; 6] = [
+        FileRole::Color,
+        FileRole::Depth,
+        FileRole::Mask,
+        FileRole::Panorama,
+        FileRole::PanoramaDepth,
+        FileRole::Mesh,
+    ];
+
+    const MESH: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n\
+        property list uchar int vertex_indices\nend_header\n0 0 1 9 9 9\n1 0 1 9 9 9\n0 1 1 9 9 9\n3 0 1 2\n";
+
+    proptest! {
+        /// Nothing is refused that a scene could be made from, whatever has happened to the bytes.
+        #[test]
+        fn what_is_refused_cannot_be_decoded(
+            kind in 0usize..10,
+            role in prop::sample::select(ROLES.to_vec()),
+            flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..3),
+            keep in prop::option::of(any::<prop::sample::Index>()),
+            behind in 0usize..40,
+            start in prop::sample::select(vec![20usize, 60, 200, usize::MAX]),
+        ) {
+            let mut file = match kind {
+                0 => png(&noise(8 * 6 * 3), 8, 6, Png::Rgb8),
+                1 => png(&noise(8 * 6 * 2), 8, 6, Png::L16),
+                2 => jpeg(&noise(8 * 8 * 3), 8, 8),
+                3 => npy("<f4", false, "(6, 8)", &[60; 192]),
+                4 => exr(8, 6, &[("Z", FlatSamples::F32(vec![1.0; 48]))]),
+                5 => NamedBytes { path: "a".into(), bytes: [&b"P5 8 6 255 "[..], &noise(48)].concat() },
+                6 => NamedBytes { path: "a".into(), bytes: [&b"Pf\n8 6\n-1\n"[..], &[60; 192]].concat() },
+                7 => NamedBytes { path: "a".into(), bytes: MESH.as_bytes().to_vec() },
+                8 => png(&noise(12 * 6), 12, 6, Png::L8),
+                _ => npy("|u1", true, "(6, 8, 3)", &noise(144)),
+            };
+            if let Some(keep) = keep {
+                let keep = keep.index(file.bytes.len());
+                file.bytes.truncate(keep);
+            }
+            for (at, value) in flips {
+                if !file.bytes.is_empty() {
+                    let at = at.index(file.bytes.len());
+                    file.bytes[at] = value;
+                }
+            }
+            file.bytes.resize(file.bytes.len() + behind, 0);
+            let looked = look(role, &ends(&file, start));
+            if looked.is_err() || look_at_whole(role, &file).is_err() {
+                prop_assert!(!is_decoded(role, &file), "{looked:?}");
+            }
+        }
+    }
+}

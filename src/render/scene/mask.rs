@@ -1,0 +1,130 @@
+//! The mask: which pixels of the depth image were measured.
+
+use crate::formats::error::SceneError;
+use crate::formats::files::{FileFormat, NamedBytes};
+use crate::formats::npy::{Axes, NpyHead, NpyImage};
+use crate::formats::raster::{self, Samples};
+
+const FORMATS: &str = "a .npy, PNG or PNM mask";
+const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers or booleans";
+
+/// Validity of each pixel.
+#[derive(Debug)]
+pub(super) struct Mask {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// Row by row.
+    pub(super) valid: Vec<bool>,
+}
+
+/// The file's format, if masks may be kept in it.
+fn format(file: &NamedBytes) -> Result<FileFormat, SceneError> {
+    match file.format(FORMATS)? {
+        format @ (FileFormat::Jpeg | FileFormat::Exr | FileFormat::Pfm | FileFormat::Hdr) => {
+            Err(file.wrong_format(format.name().to_owned(), FORMATS))
+        }
+        format => Ok(format),
+    }
+}
+
+/// Width and height, from the header of a file of `length` bytes; `file` may hold the beginning alone.
+pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
+    let format = format(file)?;
+    if format == FileFormat::Npy {
+        let head = NpyHead::parse(file, length, Axes::Single, NPY)?;
+        return Ok([head.width, head.height]);
+    }
+    let head = raster::head(file, format)?;
+    Ok([head.width, head.height])
+}
+
+/// Decodes a mask: valid is what is neither 0 nor NaN. Of a PNG, any colour channel above 0;
+/// alpha is ignored.
+pub(super) fn decode(file: &NamedBytes) -> Result<Mask, SceneError> {
+    let raster = match format(file)? {
+        FileFormat::Npy => {
+            let image = NpyImage::parse(file, Axes::Single, NPY)?;
+            return Ok(Mask {
+                width: image.width,
+                height: image.height,
+                valid: image.nonzero(),
+            });
+        }
+        format => raster::decode(file, format)?,
+    };
+    // 1 and 2 channels are grey, 3 and 4 are RGB.
+    let color_channels = if raster.channels < 3 { 1 } else { 3 };
+    let valid = match &raster.samples {
+        Samples::U8(codes) => any_above_0(codes, raster.channels, color_channels),
+        Samples::U16(codes) => any_above_0(codes, raster.channels, color_channels),
+        Samples::F32(_) => unreachable!("PNG and PNM hold integers"),
+    };
+    Ok(Mask {
+        width: raster.width,
+        height: raster.height,
+        valid,
+    })
+}
+
+fn any_above_0<T: Copy + Default + PartialEq>(
+    codes: &[T],
+    channels: usize,
+    color_channels: usize,
+) -> Vec<bool> {
+    codes
+        .chunks_exact(channels)
+        .map(|pixel| {
+            pixel[..color_channels]
+                .iter()
+                .any(|&code| code != T::default())
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::npy::tests::npy;
+    use super::super::raster::tests::{jpeg, png};
+    use super::*;
+    use image::ExtendedColorType as Png;
+
+    fn valid(file: &NamedBytes) -> Vec<bool> {
+        decode(file).unwrap().valid
+    }
+
+    #[test]
+    fn npy_of_any_type() {
+        assert_eq!(
+            valid(&npy("|b1", false, "(1, 3)", &[0, 1, 1])),
+            [false, true, true]
+        );
+        let floats: Vec<u8> = [0.0f32, -0.0, f32::NAN, -1.0]
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect();
+        assert_eq!(
+            valid(&npy("<f4", false, "(4, 1, 1)", &floats)),
+            [false, false, false, true]
+        );
+        let wide: Vec<u8> = [0u64, 1 << 63]
+            .iter()
+            .flat_map(|value| value.to_be_bytes())
+            .collect();
+        assert_eq!(valid(&npy(">u8", false, "(1, 2)", &wide)), [false, true]);
+    }
+
+    #[test]
+    fn png_ignores_alpha() {
+        assert_eq!(valid(&png(&[0, 1], 2, 1, Png::L8)), [false, true]);
+        assert_eq!(valid(&png(&[0, 255, 1, 0], 2, 1, Png::La8)), [false, true]);
+        assert_eq!(
+            valid(&png(&[0, 0, 0, 9, 0, 0, 1, 0], 2, 1, Png::Rgba8)),
+            [false, true]
+        );
+        let error = decode(&jpeg(&[0; 192], 8, 8)).unwrap_err().to_string();
+        assert!(
+            error.contains("is JPEG; give a .npy, PNG or PNM mask"),
+            "{error}"
+        );
+    }
+}

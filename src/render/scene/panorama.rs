@@ -1,0 +1,244 @@
+//! A panorama: what the film needs of it becomes a pinhole view, a sheet like any other.
+//!
+//! The view is the capture camera's, its window is what [`super::window`] finds with a pixel to spare on every side, so
+//! that no path ends on the continuation of a border. It has about as many pixels a radian as the panorama, nowhere
+//! fewer, within [`MAX_VIEW_SIDE`]. Colour is interpolated in linear light, depth as inverse distance along the ray.
+
+use super::equirect::{Taps, rotation};
+use super::photograph::{Sheet, invert};
+use super::window::{Sight, Window};
+use super::{center, color, depth, fill, relative};
+use crate::formats::error::SceneError;
+use crate::formats::files::{FileFormat, NamedBytes, PanoramaFiles};
+use crate::line::{DepthMap, Fill, Intrinsics, PanoramaDepth, PanoramaFile, Transfer};
+use glam::{DMat3, DVec3};
+use std::f64::consts::TAU;
+
+/// Most pixels along one side of the view.
+const MAX_VIEW_SIDE: usize = 2048;
+
+/// Least pixels a radian: on a coarser grid a sphere, flat between vertices, would be off by more than 1e-4 of its radius.
+const MIN_PX_PER_RAD: f64 = 36.0;
+
+/// Pixels along one side of the view in which the nearest surface is looked for.
+const MAX_SEARCH_SIDE: usize = 512;
+
+/// Distances along the rays of a panorama.
+enum Distances {
+    Sphere {
+        inverse_per_m: f64,
+    },
+    Map {
+        width: usize,
+        height: usize,
+        /// 0 is a hole.
+        inverse_per_m: Vec<f32>,
+    },
+}
+
+/// The pixels of a view.
+struct Raster {
+    width: usize,
+    height: usize,
+    intrinsics: Intrinsics,
+    rotation: DMat3,
+}
+
+/// Decodes a panorama's files into the sheet that `sight` needs.
+pub(super) fn decode_panorama(
+    line: &PanoramaFile,
+    files: &PanoramaFiles,
+    sight: &Sight,
+) -> Result<Sheet, SceneError> {
+    let file = &files.panorama;
+    let is_light = matches!(
+        file.format(color::FORMATS)?,
+        FileFormat::Exr | FileFormat::Hdr
+    );
+    if is_light && line.transfer == Transfer::Srgb {
+        return Err(file.wrong_layout(
+            "light, not sRGB codes".to_owned(),
+            "\"transfer\": \"linear\" with it",
+        ));
+    }
+    let image = color::decode_expanded(
+        file,
+        line.transfer,
+        line.highlights,
+        line.illuminant.map(|c| line.exposure * c),
+    )?;
+    check_aspect(file, image.width, image.height)?;
+    let mut px_per_rad = MIN_PX_PER_RAD.max(image.width as f64 / TAU);
+    let (distances, relative) = match (&line.depth, &files.depth) {
+        (PanoramaDepth::Map(map), Some(file)) => {
+            let (distances, ends) = decode_map(map, file)?;
+            if let Distances::Map { width, .. } = &distances {
+                px_per_rad = px_per_rad.max(*width as f64 / TAU);
+            }
+            (distances, ends)
+        }
+        (PanoramaDepth::Constant { depth_m }, _) => (
+            Distances::Sphere {
+                inverse_per_m: 1.0 / depth_m,
+            },
+            None,
+        ),
+        (PanoramaDepth::Map(_), None) => unreachable!("the files were read for this line"),
+    };
+
+    let turn = rotation(line.yaw_deg, line.pitch_deg);
+    let nearest_m = match &distances {
+        Distances::Sphere { inverse_per_m } => 1.0 / inverse_per_m,
+        Distances::Map { .. } => {
+            let search = Raster::new(
+                sight.window(sight.pane_m),
+                px_per_rad,
+                MAX_SEARCH_SIDE,
+                turn,
+            );
+            let inverse = search.directions().map(|(d, _)| distances.inverse_per_m(d));
+            (1.0 / inverse.fold(0.0, f64::max)).max(sight.pane_m)
+        }
+    };
+    let view = Raster::new(sight.window(nearest_m), px_per_rad, MAX_VIEW_SIDE, turn);
+    let pixels = view.width * view.height;
+    let mut radiance = Vec::with_capacity(pixels);
+    let mut inverse_depth_per_m = Vec::with_capacity(pixels);
+    for (direction, secant) in view.directions() {
+        let taps = Taps::new(direction, image.width, image.height);
+        radiance.push(taps.color(&image.radiance, image.width));
+        // 1/z: the distance along the ray is z times the secant.
+        let inverse = distances.inverse_per_m(direction) * secant;
+        inverse_depth_per_m.push(inverse.min(f64::from(f32::MAX)) as f32);
+    }
+    let valid: Vec<bool> = inverse_depth_per_m.iter().map(|&w| w > 0.0).collect();
+    let z_m: Vec<f64> = inverse_depth_per_m
+        .iter()
+        .map(|&w| 1.0 / f64::from(w))
+        .collect();
+    let front_center_z_m = center::front_center_z_m(&z_m, &valid, view.width, view.height)
+        .ok_or_else(|| SceneError::NoDepth {
+            path: files.depth.as_ref().unwrap_or(file).path.clone(),
+        })?;
+    if let PanoramaDepth::Map(map) = &line.depth {
+        match map.fill {
+            Fill::Smooth => fill::smooth(&mut inverse_depth_per_m, view.width, view.height),
+            Fill::Far => fill::far(&mut inverse_depth_per_m),
+        }
+    }
+    let holes = valid.iter().filter(|valid| !**valid).count();
+    Ok(Sheet {
+        width: view.width,
+        height: view.height,
+        inverse_depth_per_m,
+        valid,
+        filled_share: holes as f64 / pixels as f64,
+        relative,
+        color_width: view.width,
+        color_height: view.height,
+        max_radiance: radiance.iter().flatten().copied().fold(0.0, f32::max),
+        radiance,
+        intrinsics: view.intrinsics,
+        front_center_z_m,
+    })
+}
+
+/// Full panoramas alone: twice as wide as high, within a percent.
+pub(super) fn check_aspect(
+    file: &NamedBytes,
+    width: usize,
+    height: usize,
+) -> Result<(), SceneError> {
+    let aspect = width as f64 / height as f64;
+    if (aspect / 2.0 - 1.0).abs() <= 0.01 {
+        return Ok(());
+    }
+    Err(file.wrong_layout(
+        format!("{width}x{height} pixels"),
+        "an equirectangular image of 360 by 180 degrees, twice as wide as high",
+    ))
+}
+
+fn decode_map(
+    line: &DepthMap,
+    file: &NamedBytes,
+) -> Result<(Distances, Option<relative::RelativeEnds>), SceneError> {
+    let mut map = depth::decode(file, line.depth_unit_m)?;
+    check_aspect(file, map.width, map.height)?;
+    let mut valid = vec![true; map.z_m.len()];
+    let ends = line
+        .depth_range
+        .map(|range| relative::scale(&mut map, &mut valid, line.depth_kind, &range, &file.path));
+    let ends = ends.transpose()?;
+    let inverse_per_m = invert(&file.path, &map, &mut valid)?;
+    let distances = Distances::Map {
+        width: map.width,
+        height: map.height,
+        inverse_per_m,
+    };
+    Ok((distances, ends))
+}
+
+impl Distances {
+    /// 1 / distance in direction `d`; 0 is a hole.
+    fn inverse_per_m(&self, d: DVec3) -> f64 {
+        match self {
+            Self::Sphere { inverse_per_m } => *inverse_per_m,
+            Self::Map {
+                width,
+                height,
+                inverse_per_m,
+            } => Taps::new(d, *width, *height).inverse_distance(inverse_per_m, *width),
+        }
+    }
+}
+
+impl Raster {
+    /// A view of `window` and a pixel more on every side, of `px_per_rad` or as many as `max_side` allows.
+    fn new(window: Window, px_per_rad: f64, max_side: usize, rotation: DMat3) -> Self {
+        let Window([across, down]) = window;
+        let side = |[least, most]: [f64; 2]| {
+            // Away from the axis a pixel is a smaller angle: (1 + t^2 + s^2) / sqrt(1 + s^2) of them are a radian, for a
+            // focal length of 1 at tangents t and s. The least of it over s is 1 + t^2, or 2 t beyond t = 1.
+            let t = least.max(-most).max(0.0);
+            let fewest = if t <= 1.0 { 1.0 + t * t } else { 2.0 * t };
+            let room = (max_side - 4) as f64;
+            let focal_px = (px_per_rad / fewest).min(room / (most - least));
+            let count = ((most - least) * focal_px).ceil() as usize + 3;
+            // The first pixel's centre is one pixel before the window.
+            (count, focal_px, 1.5 - least * focal_px)
+        };
+        let (width, fx, cx) = side(across);
+        let (height, fy, cy) = side(down);
+        Self {
+            width,
+            height,
+            intrinsics: Intrinsics {
+                fx,
+                fy,
+                cx,
+                cy,
+                size: None,
+            },
+            rotation,
+        }
+    }
+
+    /// Direction in the panorama of each pixel's centre, row by row, with the secant of its angle to the axis.
+    fn directions(&self) -> impl Iterator<Item = (DVec3, f64)> + '_ {
+        let k = &self.intrinsics;
+        (0..self.height).flat_map(move |j| {
+            (0..self.width).map(move |i| {
+                let ray = DVec3::new(
+                    (i as f64 + 0.5 - k.cx) / k.fx,
+                    (j as f64 + 0.5 - k.cy) / k.fy,
+                    1.0,
+                );
+                (self.rotation * ray, ray.length())
+            })
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

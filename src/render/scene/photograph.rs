@@ -1,0 +1,244 @@
+//! One photograph: its files become a sheet.
+
+use super::relative::{self, RelativeEnds};
+use super::{center, color, depth, fill, mask};
+use crate::formats::error::SceneError;
+use crate::formats::files::{NamedBytes, PhotographFiles};
+use crate::line::{Fill, Intrinsics, Photograph, Transfer};
+use std::path::Path;
+
+/// A continuous surface that carries radiance: one vertex at each pixel centre of the depth image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sheet {
+    /// Vertices across: pixels of the depth image.
+    pub width: usize,
+    /// Vertices down.
+    pub height: usize,
+    /// 1/z of each vertex, row by row; holes are filled, every value is normal and above 0.
+    pub inverse_depth_per_m: Vec<f32>,
+    /// Which vertices were measured, before filling.
+    pub valid: Vec<bool>,
+    /// Filled vertices / all vertices.
+    pub filled_share: f64,
+    /// The metres that a relative depth was given.
+    pub relative: Option<RelativeEnds>,
+    /// Texels across: pixels of the colour image, which covers the same field of view.
+    pub color_width: usize,
+    /// Texels down.
+    pub color_height: usize,
+    /// Linear Rec.709 radiance with the exposure applied: red, green, blue, 0, for 16-byte loads.
+    pub radiance: Vec<[f32; 4]>,
+    /// The largest radiance of any channel.
+    pub max_radiance: f32,
+    /// For the depth image's pixels, whatever size the manifest gave them for; `size` is `None`.
+    pub intrinsics: Intrinsics,
+    /// Mean z of the four centre pixels as published; the nearest valid ones where they are holes.
+    pub front_center_z_m: f64,
+}
+
+/// Decodes the files of a photograph and fills the holes of its depth image.
+///
+/// A hole is a pixel that the mask excludes, or whose depth is 0, negative, NaN or infinite. A
+/// depth whose inverse is no normal `f32` (nearer than about 3e-39 m, farther than 8.5e37 m) is an
+/// error: a placeholder such as `FLT_MAX` must not become a surface.
+pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<Sheet, SceneError> {
+    check_parameters(line, files)?;
+    let mut depth = depth::decode(&files.depth, line.depth_unit_m)?;
+    let (width, height) = (depth.width, depth.height);
+    let intrinsics = scale_intrinsics(&line.intrinsics, width, height);
+    depth.project(line.depth_kind, &intrinsics);
+
+    let mut valid = read_mask(files, width, height)?;
+    let relative = match &line.depth_range {
+        Some(range) => Some(relative::scale(
+            &mut depth,
+            &mut valid,
+            line.depth_kind,
+            range,
+            &files.depth.path,
+        )?),
+        None => None,
+    };
+    let mut inverse_depth_per_m = invert(&files.depth.path, &depth, &mut valid)?;
+    let hole_count = valid.iter().filter(|&&valid| !valid).count();
+    let front_center_z_m =
+        center::front_center_z_m(&depth.z_m, &valid, width, height).ok_or_else(|| {
+            SceneError::NoDepth {
+                path: files.depth.path.clone(),
+            }
+        })?;
+    drop(depth);
+    match line.fill {
+        Fill::Smooth => fill::smooth(&mut inverse_depth_per_m, width, height),
+        Fill::Far => fill::far(&mut inverse_depth_per_m),
+    }
+
+    let color = color::decode_expanded(
+        &files.color,
+        line.transfer,
+        line.highlights,
+        line.illuminant.map(|c| line.exposure * c),
+    )?;
+    Ok(Sheet {
+        width,
+        height,
+        inverse_depth_per_m,
+        valid,
+        filled_share: hole_count as f64 / (width * height) as f64,
+        relative,
+        color_width: color.width,
+        color_height: color.height,
+        radiance: color.radiance,
+        max_radiance: color.max_radiance,
+        intrinsics,
+        front_center_z_m,
+    })
+}
+
+/// Width, height and pixels of a linear image (EXR or `.npy`; others too, whose codes are then taken for light). Values
+/// must be finite and not negative.
+pub fn decode_linear_image(file: &NamedBytes) -> Result<(usize, usize, Vec<[f32; 3]>), SceneError> {
+    let color = color::decode(file, Transfer::Linear, [1.0; 3])?;
+    let pixels = color.radiance.iter().map(|&[r, g, b, _]| [r, g, b]);
+    Ok((color.width, color.height, pixels.collect()))
+}
+
+/// Numbers of the line that every later formula divides or multiplies by.
+fn check_parameters(line: &Photograph, files: &PhotographFiles) -> Result<(), SceneError> {
+    let Photograph {
+        intrinsics,
+        exposure,
+        depth_unit_m,
+        ..
+    } = line;
+    let [size_x, size_y] = intrinsics.size.unwrap_or([1, 1]).map(f64::from);
+    let refuse = |path: &Path, name, value, expected| {
+        Err(SceneError::Parameter {
+            path: path.to_owned(),
+            name,
+            value,
+            expected,
+        })
+    };
+    // Every comparison is false for NaN.
+    if !(*exposure >= 0.0 && *exposure < f64::INFINITY) {
+        return refuse(
+            &files.color.path,
+            "exposure",
+            *exposure,
+            "finite and not negative",
+        );
+    }
+    if let Some(factor) = line
+        .illuminant
+        .into_iter()
+        .find(|f| !(0.0..f64::INFINITY).contains(f))
+    {
+        return refuse(
+            &files.color.path,
+            "illuminant",
+            factor,
+            "three finite numbers, none negative",
+        );
+    }
+    for (name, value) in [
+        ("depth_unit_m", *depth_unit_m),
+        ("intrinsics.fx", intrinsics.fx),
+        ("intrinsics.fy", intrinsics.fy),
+        ("intrinsics.size", size_x),
+        ("intrinsics.size", size_y),
+    ] {
+        if !(value > 0.0 && value < f64::INFINITY) {
+            return refuse(&files.depth.path, name, value, "finite and above 0");
+        }
+    }
+    for (name, value) in [
+        ("intrinsics.cx", intrinsics.cx),
+        ("intrinsics.cy", intrinsics.cy),
+    ] {
+        if !value.is_finite() {
+            return refuse(&files.depth.path, name, value, "finite");
+        }
+    }
+    Ok(())
+}
+
+/// Intrinsics for an image of `width` x `height` pixels of the same field of view.
+fn scale_intrinsics(given: &Intrinsics, width: usize, height: usize) -> Intrinsics {
+    let (x, y) = match given.size {
+        Some([given_width, given_height]) => (
+            width as f64 / given_width as f64,
+            height as f64 / given_height as f64,
+        ),
+        None => (1.0, 1.0),
+    };
+    Intrinsics {
+        fx: given.fx * x,
+        fy: given.fy * y,
+        cx: given.cx * x,
+        cy: given.cy * y,
+        size: None,
+    }
+}
+
+/// The mask's pixels, all valid without one.
+fn read_mask(
+    files: &PhotographFiles,
+    width: usize,
+    height: usize,
+) -> Result<Vec<bool>, SceneError> {
+    let Some(file) = &files.mask else {
+        return Ok(vec![true; width * height]);
+    };
+    let mask = mask::decode(file)?;
+    if (mask.width, mask.height) == (width, height) {
+        return Ok(mask.valid);
+    }
+    Err(SceneError::MaskSize {
+        path: file.path.clone(),
+        width: mask.width,
+        height: mask.height,
+        depth_path: files.depth.path.clone(),
+        depth_width: width,
+        depth_height: height,
+    })
+}
+
+/// Inverse depth of the valid pixels, 0 in the holes; clears `valid` where there is no depth.
+pub(super) fn invert(
+    path: &Path,
+    depth: &depth::Depth,
+    valid: &mut [bool],
+) -> Result<Vec<f32>, SceneError> {
+    let mut all_normal = true;
+    let inverse_depth_per_m: Vec<f32> = depth
+        .z_m
+        .iter()
+        .zip(valid.iter_mut())
+        .map(|(&z_m, valid)| {
+            *valid &= z_m > 0.0 && z_m < f64::INFINITY;
+            let inverse = (1.0 / z_m) as f32;
+            all_normal &= !*valid || inverse.is_normal();
+            if *valid { inverse } else { 0.0 }
+        })
+        .collect();
+    if all_normal {
+        return Ok(inverse_depth_per_m);
+    }
+    let is_bad = |&at: &usize| valid[at] && !inverse_depth_per_m[at].is_normal();
+    let all = 0..valid.len();
+    let first = all.clone().find(is_bad).expect("the loop above met one");
+    Err(SceneError::DepthRange {
+        path: path.to_owned(),
+        count: all.filter(is_bad).count(),
+        z_m: depth.z_m[first],
+        x: first % depth.width,
+        y: first / depth.width,
+    })
+}
+
+#[cfg(test)]
+mod tests;
+
+#[cfg(test)]
+mod hostile;

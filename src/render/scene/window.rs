@@ -1,0 +1,202 @@
+//! Which part of a side the film can see: what a panorama's view must cover.
+//!
+//! Every order of the glass is the camera's ray, or the one mirrored in the front face, shifted along the normal
+//! ([`crate::trace::Slab::kappa_m`]). Seen from the side's capture camera such a line runs from where it enters the sphere
+//! of the nearest surface to infinity, and its image is monotone in between: the two ends of the outermost lines bound
+//! all that can be hit.
+
+use super::assemble::{film_directions, film_plane, film_reach, mirror, slab};
+use crate::line::{Apex, Focus, FocusAt, SceneLine};
+use crate::trace::{Lens, Order, Slab};
+use glam::{DMat3, DVec3};
+
+/// Round trips inside the glass that are reckoned with; further ones are as good as black.
+const ROUND_TRIPS: u32 = 8;
+
+/// 85 degrees: a pinhole view sees no further, and scenes that look further away are refused.
+const MAX_TANGENT: f64 = 11.43;
+
+/// Tangents `[least, most]` across and down, in the capture camera's view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Window(pub(super) [[f64; 2]; 2]);
+
+/// The lines that can meet a side.
+pub(super) struct Sight {
+    /// Directions of the camera's rays over film and lens.
+    directions: Vec<DVec3>,
+    slab: Slab,
+    aperture_radius_m: f64,
+    /// From the lens's coordinates (for the back: of the mirrored world) to the capture camera's.
+    rotation: DMat3,
+    translation_m: DVec3,
+    order: fn(u32) -> Order,
+    /// Surfaces that are nearer are refused, but for a few pixels.
+    pub(super) pane_m: f64,
+}
+
+impl Sight {
+    /// Through the pane.
+    pub(super) fn front(line: &SceneLine) -> Self {
+        Self::new(line, DMat3::IDENTITY, |_| DVec3::ZERO, Order::Transmitted)
+    }
+
+    /// Reflected in it.
+    pub(super) fn back(line: &SceneLine) -> Self {
+        match line.back.apex().unwrap_or_default() {
+            Apex::Mirror => {
+                let flip = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
+                Self::new(line, flip, |_| DVec3::ZERO, Order::Reflected)
+            }
+            Apex::Camera => {
+                let turn = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0));
+                let to_lens = |slab: &Slab| turn * (slab.normal * (2.0 * slab.plane_distance_m));
+                Self::new(line, turn * mirror(&slab(line)), to_lens, Order::Reflected)
+            }
+        }
+    }
+
+    fn new(
+        line: &SceneLine,
+        rotation: DMat3,
+        translation_m: impl Fn(&Slab) -> DVec3,
+        order: fn(u32) -> Order,
+    ) -> Self {
+        let slab = slab(line);
+        let film = film_plane(line);
+        let aperture_radius_m = line.camera.aperture_radius_m;
+        let inverse_focus_per_m = match line.camera.focus {
+            Focus::Distance { distance_m } => 1.0 / distance_m,
+            // Not known before both sides are decoded; surfaces begin at the pane.
+            Focus::At {
+                at: FocusAt::FrontCenter | FocusAt::BackCenter,
+            } => 1.0 / line.glass.distance_m,
+            Focus::At {
+                at: FocusAt::Infinity,
+            } => 0.0,
+        };
+        let lens = Lens {
+            aperture_radius_m,
+            inverse_focus_per_m,
+        };
+        Self {
+            directions: film_directions(film_reach(&film, &lens)),
+            translation_m: translation_m(&slab),
+            slab,
+            aperture_radius_m,
+            rotation,
+            order,
+            pane_m: line.glass.distance_m,
+        }
+    }
+
+    /// The window in which all surfaces at `nearest_m` or more from the capture camera are seen.
+    pub(super) fn window(&self, nearest_m: f64) -> Window {
+        let a = self.aperture_radius_m;
+        let lens_points = [[-a, -a], [-a, a], [a, -a], [a, a]];
+        let mut window = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+        let mut include = |point: DVec3| {
+            for (side, value) in window.iter_mut().zip([point.x, point.y]) {
+                // Behind the capture camera: as far out as a view can be.
+                let tangent = if point.z > value.abs() / MAX_TANGENT {
+                    value / point.z
+                } else {
+                    MAX_TANGENT.copysign(value)
+                };
+                *side = [side[0].min(tangent), side[1].max(tangent)];
+            }
+        };
+        for d in &self.directions {
+            let d = d.normalize();
+            // A pane that is met at more than 85 degrees is refused elsewhere.
+            let gamma = self.slab.gamma(d.dot(self.slab.normal).abs().max(1e-3));
+            let direction = self.rotation * d;
+            include(direction);
+            for order in [0, ROUND_TRIPS] {
+                let shift = self.slab.normal * self.slab.kappa_m((self.order)(order), gamma);
+                for [x, y] in lens_points {
+                    let start = DVec3::new(x, y, 0.0) + shift;
+                    let start = self.rotation * start + self.translation_m;
+                    let along = start.dot(direction);
+                    let inside = along * along + nearest_m * nearest_m - start.length_squared();
+                    include(start + direction * (inside.max(0.0).sqrt() - along));
+                }
+            }
+        }
+        Window(window)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(more: &str, back: &str) -> SceneLine {
+        serde_json::from_str(&format!(
+            r#"{{"schema":"glasshouse.scene/1","id":"w","seed":1,"film":{{"width":64,"height":64,"spp":4}},
+            "camera":{{"focal_length_mm":55,"aperture_radius_m":0,"focus":{{"at":"infinity"}}}},
+            "glass":{{"distance_m":0.3,{more}}},"front":{{"panorama":"p"}},"back":{{"panorama":"p"{back}}}}}"#
+        ))
+        .unwrap()
+    }
+
+    fn near(window: Window, expected: [[f64; 2]; 2], tolerance: f64) {
+        let found = window.0.into_iter().flatten();
+        for (found, expected) in found.zip(expected.into_iter().flatten()) {
+            assert!((found - expected).abs() <= tolerance, "{window:?}");
+        }
+    }
+
+    #[test]
+    fn without_glass_and_lens_it_is_the_film() {
+        let t = 36f64.hypot(24.0) / 110.0 / 2f64.sqrt();
+        let line = line(r#""thickness_m":0,"ior":1"#, "");
+        near(Sight::front(&line).window(1.0), [[-t, t]; 2], 1e-12);
+        near(Sight::back(&line).window(1.0), [[-t, t]; 2], 1e-12);
+    }
+
+    #[test]
+    fn a_camera_at_the_lens_sees_the_reflection_from_further_back() {
+        let t = 36f64.hypot(24.0) / 110.0 / 2f64.sqrt();
+        let line = line(r#""thickness_m":0,"ior":1.5"#, r#","apex":"camera""#);
+        let Window([across, _]) = Sight::back(&line).window(2.0);
+        // A line from 0.6 m behind, on the sphere of 2 m: x^2 + y^2 + z^2 = 4 with x = t (z + 0.6), y as large.
+        let z = {
+            let (a, b, c) = (
+                1.0 + 2.0 * t * t,
+                2.0 * t * t * 0.6,
+                2.0 * t * t * 0.36 - 4.0,
+            );
+            (-b + (b * b - a * c).sqrt()) / a
+        };
+        let expected = t * (z + 0.6) / z;
+        assert!((across[1] - expected).abs() < 1e-9, "{across:?} {expected}");
+        // Turned by 10 degrees, the reflection turns by 20.
+        let tilted = SceneLine {
+            glass: crate::line::Glass {
+                tilt_deg: [0.0, 10.0],
+                ..line.glass.clone()
+            },
+            ..line
+        };
+        let Window([across, down]) = Sight::back(&tilted).window(1e9);
+        let middle = libm::atan(across[0]).midpoint(libm::atan(across[1]));
+        assert!(
+            (middle.abs().to_degrees() - 20.0).abs() < 1e-6,
+            "{across:?}"
+        );
+        assert!((down[0] + down[1]).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_near_sphere_a_wide_lens_and_thick_glass_open_the_window() {
+        let thin = Sight::front(&line(r#""thickness_m":0.01,"ior":1.5"#, ""));
+        let thick = Sight::front(&line(r#""thickness_m":0.04,"ior":1.5"#, ""));
+        let width = |window: Window| window.0[0][1];
+        assert!(width(thick.window(2.0)) > width(thin.window(2.0)));
+        assert!(width(thin.window(0.5)) > width(thin.window(2.0)));
+        let mut wide = line(r#""thickness_m":0.01,"ior":1.5"#, "");
+        wide.camera.aperture_radius_m = 0.02;
+        let open = Sight::front(&wide).window(2.0);
+        assert!((width(open) - width(thin.window(2.0)) - 0.01).abs() < 2e-3);
+    }
+}

@@ -1,0 +1,167 @@
+//! How a scene is cut: tiles (the film's size need not divide) times sample ranges, numbered from 0.
+
+use crate::line::SceneLine;
+use crate::trace::Tile;
+use std::ops::Range;
+
+/// Samples that one shard takes of each pixel: all up to 256, later a sixteenth of them (at least 256).
+///
+/// Part of the tracer's definition: means are rounded to f32 once a range.
+pub fn samples_per_range(spp: u32) -> u32 {
+    spp.min((spp / 16).max(256))
+}
+
+/// Seconds of one core that a camera sample costs, roughly: to choose a tile with, and to say how long a run takes.
+pub const SECONDS_PER_SAMPLE: f64 = 2.5e-8;
+
+/// A shard should cost at least this, so that checkpointing it stays cheap.
+const SHARD_SECONDS: f64 = 0.2;
+
+/// Tiles to choose from, px.
+const TILES_PX: [u32; 4] = [64, 96, 128, 256];
+
+/// The smallest tile whose shards cost about 0.2 s on average over the manifest, else 256 px.
+pub fn choose_tile_px(lines: &[SceneLine]) -> u32 {
+    let seconds = |tile_px: u32| {
+        let cost = |line: &SceneLine| {
+            let pixels =
+                f64::from(line.film.width.min(tile_px)) * f64::from(line.film.height.min(tile_px));
+            pixels * f64::from(samples_per_range(line.film.spp)) * SECONDS_PER_SAMPLE
+        };
+        lines.iter().map(cost).sum::<f64>() / lines.len().max(1) as f64
+    };
+    let enough = TILES_PX
+        .into_iter()
+        .find(|&tile_px| seconds(tile_px) >= SHARD_SECONDS);
+    enough.unwrap_or(TILES_PX[TILES_PX.len() - 1])
+}
+
+/// One piece of work: its result is a pure function of the scene and these.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// Number in the scene.
+    pub index: u32,
+    /// Pixels.
+    pub tile: Tile,
+    /// Samples of each pixel.
+    pub samples: Range<u32>,
+}
+
+/// The cut of one scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ShardLayout {
+    width: u32,
+    height: u32,
+    spp: u32,
+    samples_per_range: u32,
+    tile_px: u32,
+}
+
+impl ShardLayout {
+    /// Cuts a film of `width` x `height` with `spp` samples into tiles of `tile_px` and ranges of samples.
+    pub fn new(width: u32, height: u32, spp: u32, tile_px: u32) -> Self {
+        assert!(
+            width > 0 && height > 0 && spp > 0 && tile_px > 0,
+            "an empty film has no shards"
+        );
+        Self {
+            width,
+            height,
+            spp,
+            samples_per_range: samples_per_range(spp),
+            tile_px,
+        }
+    }
+
+    /// The cut of a manifest line. Adaptive scenes have one range: a cell decides from all of its samples. Their tiles
+    /// are whole cells: `tile_px` is rounded up to that.
+    pub fn of(line: &SceneLine, tile_px: u32) -> Self {
+        let (film, cell) = (&line.film, crate::trace::CELL_PX);
+        if film.target_error.is_none() {
+            return Self::new(film.width, film.height, film.spp, tile_px);
+        }
+        Self {
+            samples_per_range: film.spp,
+            ..Self::new(
+                film.width,
+                film.height,
+                film.spp,
+                tile_px.next_multiple_of(cell),
+            )
+        }
+    }
+
+    /// Sample ranges of each tile.
+    pub fn ranges(&self) -> u32 {
+        self.spp / self.samples_per_range
+    }
+
+    /// Shards of the scene.
+    pub fn len(&self) -> u32 {
+        self.width.div_ceil(self.tile_px) * self.height.div_ceil(self.tile_px) * self.ranges()
+    }
+
+    /// Never: a film has a pixel.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Shard `index`: tiles row by row, ranges innermost. Panics if there is none.
+    pub fn shard(&self, index: u32) -> Shard {
+        assert!(index < self.len(), "shard {index} of {}", self.len());
+        let (tile, range) = (index / self.ranges(), index % self.ranges());
+        let columns = self.width.div_ceil(self.tile_px);
+        let (x, y) = (tile % columns * self.tile_px, tile / columns * self.tile_px);
+        let samples = self.samples_per_range;
+        Shard {
+            index,
+            tile: Tile {
+                x,
+                y,
+                width: self.tile_px.min(self.width - x),
+                height: self.tile_px.min(self.height - y),
+            },
+            samples: range * samples..(range + 1) * samples,
+        }
+    }
+
+    /// All shards.
+    pub fn shards(&self) -> impl Iterator<Item = Shard> + '_ {
+        (0..self.len()).map(|index| self.shard(index))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn shards_cover_every_pixel_and_sample_once(
+            width in 1u32..200, height in 1u32..200, spp_log2 in 0u32..13, tile_px in 1u32..300
+        ) {
+            let spp = 1 << spp_log2;
+            let layout = ShardLayout::new(width, height, spp, tile_px);
+            let mut covered = vec![0u64; (width * height) as usize];
+            for (index, shard) in layout.shards().enumerate() {
+                prop_assert_eq!(shard.index as usize, index);
+                let count = shard.samples.end - shard.samples.start;
+                prop_assert!(count.is_power_of_two() && shard.samples.start % count == 0);
+                for y in 0..shard.tile.height {
+                    for x in 0..shard.tile.width {
+                        covered[((shard.tile.y + y) * width + shard.tile.x + x) as usize] += u64::from(count);
+                    }
+                }
+            }
+            prop_assert!(covered.iter().all(|&n| n == u64::from(spp)));
+        }
+    }
+
+    #[test]
+    fn ranges_hold_256_samples_or_a_sixteenth() {
+        for (spp, range) in [(1, 1), (256, 256), (1024, 256), (4096, 256), (65536, 4096)] {
+            assert_eq!(samples_per_range(spp), range);
+        }
+    }
+}

@@ -1,0 +1,268 @@
+//! Traces scenes again, in memory, and compares what comes out with what the run holds, bit for bit.
+//!
+//! The golden shard refuses machines that compute other bits always; an audit finds those that do so now and then, or
+//! objects that were damaged later, and names who made them.
+
+use super::compare::{FileDifference, compare};
+use super::error::AccessError;
+use super::keys;
+use super::receipt::Receipt;
+use super::run_dir::Run;
+use crate::store::{Store, StoreError};
+use render::ids::SceneId;
+use render::job::{SceneJob, render_partials};
+use render::line::SceneLine;
+use render::merge::{SrgbEncoder, TupleRecord, combine, encode_tuple_file, tuple_files};
+use render::partial::{self, Partial};
+use render::scene::{InputDigests, load, read_files_by};
+use render::shard::golden;
+use render::trace::Isa;
+use serde::Serialize;
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+/// How to trace again.
+pub struct AuditOptions<'a> {
+    /// Threads that compute.
+    pub threads: usize,
+    /// Kernels to use.
+    pub isa: Isa,
+    /// Set from outside to end.
+    pub stop: &'a AtomicBool,
+}
+
+/// What became of a scene's audit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Every file is the same, bit for bit.
+    Same,
+    /// Some are not.
+    Differs,
+    /// It cannot be told.
+    NotCompared,
+}
+
+/// One scene's audit.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SceneAudit {
+    /// Which.
+    pub scene: SceneId,
+    /// What came out.
+    pub verdict: Verdict,
+    /// Who made its tuple.
+    pub receipt: Option<Receipt>,
+    /// Files compared.
+    pub files: u64,
+    /// Those that differ.
+    pub differences: Vec<FileDifference>,
+    /// Why it could not be compared.
+    pub reason: Option<String>,
+}
+
+/// This machine must compute the golden shard's bits, or its verdicts mean nothing.
+pub fn check_auditor(run: &Run, options: &AuditOptions) -> Result<(), AccessError> {
+    let found = golden(options.isa, options.threads.max(1));
+    if found == run.spec.golden {
+        return Ok(());
+    }
+    Err(AccessError::Golden {
+        scene: run.spec.golden.scene.clone(),
+        found: found.blake3,
+        expected: run.spec.golden.blake3.clone(),
+    })
+}
+
+/// Scenes with a tuple, by their places in the manifest: `share` of them (0 to 1), at least one if there is any, chosen
+/// by `seed` and their ids alone, in the manifest's order. More of a share keeps those of a smaller one.
+pub fn draw_scenes(
+    run: &Run,
+    store: &Store,
+    share: f64,
+    seed: u64,
+) -> Result<Vec<usize>, StoreError> {
+    let listed: BTreeSet<String> = store.list(keys::TUPLES)?.into_iter().collect();
+    let is_there = |line: &SceneLine| {
+        let mut names = tuple_files(line).into_iter();
+        names.all(|file| listed.contains(&keys::tuple(&line.id, &file)))
+    };
+    let lines = run.lines.iter().enumerate();
+    let done = lines.filter(|(_, line)| is_there(line));
+    Ok(draw(
+        done.map(|(index, line)| (index, &line.id)),
+        share,
+        seed,
+    ))
+}
+
+fn draw<'a>(
+    scenes: impl Iterator<Item = (usize, &'a SceneId)>,
+    share: f64,
+    seed: u64,
+) -> Vec<usize> {
+    let mut drawn: Vec<([u8; 32], usize)> = scenes
+        .map(|(index, id)| {
+            let mut hasher = blake3::Hasher::new();
+            hasher.update(b"audit");
+            hasher.update(&seed.to_le_bytes());
+            hasher.update(id.as_str().as_bytes());
+            (*hasher.finalize().as_bytes(), index)
+        })
+        .collect();
+    drawn.sort_unstable();
+    let count = (share * drawn.len() as f64).ceil() as usize;
+    drawn.truncate(count.max(1));
+    let mut places: Vec<usize> = drawn.into_iter().map(|(_, index)| index).collect();
+    places.sort_unstable();
+    places
+}
+
+/// Traces a scene again and compares all of it that the store has: its tuple's files and its partials. `on_shard` is
+/// called after each shard. None if it was stopped.
+pub fn audit_scene(
+    run: &Run,
+    store: &Store,
+    index: usize,
+    options: &AuditOptions,
+    on_shard: &(dyn Fn() + Sync),
+) -> Result<Option<SceneAudit>, AccessError> {
+    let line = &run.lines[index];
+    let mut audit = SceneAudit {
+        scene: line.id.clone(),
+        verdict: Verdict::NotCompared,
+        receipt: Receipt::get(store, &line.id)?,
+        files: 0,
+        differences: Vec::new(),
+        reason: None,
+    };
+    let mut there = store.list(&format!("{}/{}", keys::TUPLES, line.id))?;
+    let partials = store.list(&keys::partials(&line.id))?;
+    there.extend(
+        partials
+            .into_iter()
+            .filter(|key| keys::shard_of(key).is_some()),
+    );
+    there.sort();
+    if there.is_empty() {
+        audit.reason = Some("the run holds nothing of it yet".to_owned());
+        return Ok(Some(audit));
+    }
+    let open = |path: &Path| run.inputs.read(path);
+    let files = read_files_by(line, &run.roots, run.dir.root(), &open);
+    let loaded = files.and_then(|files| load(line, &files));
+    let loaded = match loaded {
+        Ok(loaded) => loaded,
+        Err(error) => {
+            audit.reason = Some(format!("this machine cannot load it: {error}"));
+            return Ok(Some(audit));
+        }
+    };
+    if let Some(files) = other_inputs(store, line, &loaded.inputs)? {
+        audit.reason = Some(format!(
+            "this machine's input files are not those of the tuple ({files}): one of the two is damaged or another version"
+        ));
+        return Ok(Some(audit));
+    }
+    let job = SceneJob::new(line, run.layout(line), loaded);
+    let Some(partials) =
+        render_partials(&job, options.threads, options.isa, options.stop, on_shard)
+    else {
+        return Ok(None);
+    };
+    let made = Made::new(run, line, &partials)?;
+    for (key, stored) in there.iter().zip(store.get_all(&there)?) {
+        let (Some(made), Some(stored)) = (made.file(key)?, stored) else {
+            // No file of a scene's, or one that has gone meanwhile.
+            continue;
+        };
+        audit.files += 1;
+        audit.differences.extend(compare(key, &made, &stored));
+    }
+    audit.verdict = if audit.differences.is_empty() {
+        Verdict::Same
+    } else {
+        Verdict::Differs
+    };
+    Ok(Some(audit))
+}
+
+/// Names the input files whose digests in the tuple's record are not those here. A record that cannot be read is
+/// compared like any other file.
+fn other_inputs(
+    store: &Store,
+    line: &SceneLine,
+    here: &InputDigests,
+) -> Result<Option<String>, StoreError> {
+    let Some(bytes) = store.get(&keys::tuple(&line.id, "tuple.json"))? else {
+        return Ok(None);
+    };
+    let Ok(record) = serde_json::from_slice::<TupleRecord>(&bytes) else {
+        return Ok(None);
+    };
+    let here = &here.0;
+    let differ = |(name, digest): &(&String, &String)| here.get(*name) != Some(*digest);
+    let names = record.inputs.0.iter().filter(differ);
+    let names: Vec<&str> = names.map(|(name, _)| name.as_str()).collect();
+    Ok((!names.is_empty()).then(|| names.join(", ")))
+}
+
+/// What was made now, to be encoded file by file.
+struct Made<'p> {
+    partials: &'p [Partial],
+    tuple: render::merge::Tuple,
+    encoder: SrgbEncoder,
+    line: SceneLine,
+}
+
+impl<'p> Made<'p> {
+    fn new(run: &Run, line: &SceneLine, partials: &'p [Partial]) -> Result<Self, AccessError> {
+        let tuple = combine(line, run.spec.tile_px, partials);
+        Ok(Self {
+            partials,
+            tuple: tuple.map_err(|e| AccessError::Tuple(e.to_string()))?,
+            encoder: SrgbEncoder::new(),
+            line: line.clone(),
+        })
+    }
+
+    /// The bytes that belong under `key`; none if nothing does.
+    fn file(&self, key: &str) -> Result<Option<Vec<u8>>, AccessError> {
+        let cannot =
+            |e: &dyn std::fmt::Display| AccessError::Tuple(format!("cannot encode {key}: {e}"));
+        if key.starts_with(keys::PARTIALS) {
+            let shard = keys::shard_of(key);
+            let found = shard.and_then(|s| self.partials.iter().find(|p| p.header.shard == s));
+            let bytes = found.map(partial::encode).transpose();
+            return bytes.map_err(|e| cannot(&e));
+        }
+        let name = key.rsplit('/').next().unwrap_or(key);
+        if !tuple_files(&self.line).iter().any(|file| file == name) {
+            return Ok(None);
+        }
+        let bytes = encode_tuple_file(&self.tuple, &self.encoder, name);
+        bytes.map(Some).map_err(|e| cannot(&e))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenes_are_drawn_by_seed_and_id_alone() {
+        let ids: Vec<SceneId> = (0..200)
+            .map(|n| SceneId::new(format!("train-{n}")).unwrap())
+            .collect();
+        let of = |share, seed| draw(ids.iter().enumerate(), share, seed);
+        assert_eq!(of(0.0, 1).len(), 1);
+        assert_eq!(of(0.005, 1).len(), 1);
+        assert_eq!(of(0.1, 1).len(), 20);
+        assert_eq!(of(1.0, 1), (0..200).collect::<Vec<_>>());
+        assert_eq!(of(0.1, 1), of(0.1, 1));
+        assert_ne!(of(0.1, 1), of(0.1, 2));
+        let (few, many) = (of(0.1, 1), of(0.3, 1));
+        assert!(few.iter().all(|index| many.contains(index)));
+        assert!(draw(std::iter::empty(), 0.5, 1).is_empty());
+    }
+}

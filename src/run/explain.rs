@@ -1,0 +1,305 @@
+//! Everything that is known of one scene, or one of its shards, and what happens next.
+
+use super::attempts::{AttemptRecord, MOST_LOST};
+use super::control::{Control, ControlState};
+use super::done::is_done;
+use super::error::AccessError;
+use super::keys;
+use super::overview::StandingAttempt;
+use super::receipt::Receipt;
+use super::run_dir::Run;
+use crate::store::{Store, StoreError};
+use render::ids::SceneId;
+use render::line::SceneLine;
+use render::partial;
+use render::trace::Tile;
+use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::time::SystemTime;
+
+/// How far a scene is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SceneState {
+    /// Its tuple is there.
+    Done,
+    /// It is left out until someone takes it back.
+    Quarantined,
+    /// All of its partials are there, its tuple is not.
+    Complete,
+    /// Some of its partials are there, or somebody is at it.
+    Begun,
+    /// Nothing of it is there.
+    Waiting,
+}
+
+/// What is known of a scene.
+#[derive(Clone, Debug, Serialize)]
+pub struct Explanation {
+    /// Its id.
+    pub scene: SceneId,
+    /// Its place in the manifest, from 0.
+    pub index: usize,
+    /// How far it is.
+    pub state: SceneState,
+    /// Its manifest line.
+    pub line: SceneLine,
+    /// Shards of it.
+    pub shards: u32,
+    /// Side of its tiles, px.
+    pub tile_px: u32,
+    /// Sample ranges of each tile.
+    pub ranges: u32,
+    /// Shards whose partials are there: first, and the one after the last, of each row of them.
+    pub there: Vec<[u32; 2]>,
+    /// Shards that are not.
+    pub missing: Vec<[u32; 2]>,
+    /// The shard that was asked for.
+    pub shard: Option<ShardFacts>,
+    /// Who has it in hand, or was lost with it.
+    pub attempts: Vec<StandingAttempt>,
+    /// Its record of quarantine.
+    pub quarantine: Option<serde_json::Value>,
+    /// Who made its tuple, in a farm.
+    pub receipt: Option<Receipt>,
+    /// What the run has been told.
+    pub run: ControlState,
+    /// What happens next, and what the user can do.
+    pub next: Vec<String>,
+}
+
+/// What is known of a shard.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ShardFacts {
+    /// Its number in the scene.
+    pub index: u32,
+    /// Pixels.
+    pub tile: Tile,
+    /// Samples of each pixel, half open.
+    pub samples: [u32; 2],
+    /// Where its result is, or why it is of no use.
+    pub result: String,
+}
+
+/// Why nothing can be said.
+#[derive(Debug, thiserror::Error)]
+pub enum ExplainError {
+    /// The store cannot be used.
+    #[error(transparent)]
+    Access(#[from] AccessError),
+    /// No such scene, or no such shard.
+    #[error("{0}")]
+    Unknown(String),
+}
+
+impl From<StoreError> for ExplainError {
+    fn from(error: StoreError) -> Self {
+        Self::Access(error.into())
+    }
+}
+
+/// Says what is known of a scene, and of one of its shards if one is named.
+pub fn explain(
+    run: &Run,
+    store: &Store,
+    scene: &SceneId,
+    shard: Option<u32>,
+) -> Result<Explanation, ExplainError> {
+    let place = run.lines.iter().position(|line| line.id == *scene);
+    let index = place.ok_or_else(|| {
+        ExplainError::Unknown(format!(
+            "{scene} is no scene of this run; {} names them all",
+            keys::MANIFEST
+        ))
+    })?;
+    let line = &run.lines[index];
+    let layout = run.layout(line);
+    if let Some(shard) = shard.filter(|&shard| shard >= layout.len()) {
+        return Err(ExplainError::Unknown(format!(
+            "{scene} has no shard {shard}: its {} shards are numbered from 0",
+            layout.len()
+        )));
+    }
+    let attempts = attempts(store, scene)?;
+    let partials: BTreeSet<u32> = store
+        .list(&keys::partials(scene))?
+        .iter()
+        .filter_map(|key| keys::shard_of(key))
+        .filter(|&shard| shard < layout.len())
+        .collect();
+    let quarantine = store.get(&keys::quarantine(scene))?.map(|bytes| {
+        serde_json::from_slice(&bytes).unwrap_or_else(
+            |e| serde_json::json!({ "reason": format!("the record is damaged: {e}") }),
+        )
+    });
+    let state = if is_done(store, line)? {
+        SceneState::Done
+    } else if quarantine.is_some() {
+        SceneState::Quarantined
+    } else if partials.len() == layout.len() as usize {
+        SceneState::Complete
+    } else if partials.is_empty() && attempts.is_empty() {
+        SceneState::Waiting
+    } else {
+        SceneState::Begun
+    };
+    let control = Control::get(store)?;
+    let facts = shard.map(|shard| {
+        let cut = layout.shard(shard);
+        Ok::<_, StoreError>(ShardFacts {
+            index: shard,
+            tile: cut.tile,
+            samples: [cut.samples.start, cut.samples.end],
+            result: result_of(store, scene, shard, state, &attempts)?,
+        })
+    });
+    let missing = (0..layout.len()).filter(|shard| !partials.contains(shard));
+    let mut explanation = Explanation {
+        scene: scene.clone(),
+        index,
+        state,
+        line: line.clone(),
+        shards: layout.len(),
+        tile_px: run.spec.tile_px,
+        ranges: layout.ranges(),
+        missing: rows(missing),
+        there: rows(partials.iter().copied()),
+        shard: facts.transpose()?,
+        attempts,
+        quarantine,
+        receipt: Receipt::get(store, scene)?,
+        run: control.state,
+        next: Vec::new(),
+    };
+    if state == SceneState::Done {
+        // Its partials are in the tuple.
+        (explanation.there, explanation.missing) = (vec![[0, layout.len()]], Vec::new());
+    }
+    explanation.next = next(&explanation, &control);
+    Ok(explanation)
+}
+
+fn attempts(store: &Store, scene: &SceneId) -> Result<Vec<StandingAttempt>, StoreError> {
+    let listed: BTreeMap<String, SystemTime> = store
+        .list_times(&keys::attempts(scene))?
+        .into_iter()
+        .collect();
+    let names: Vec<String> = listed.keys().cloned().collect();
+    let mut attempts: Vec<StandingAttempt> = names
+        .iter()
+        .zip(store.get_all(&names)?)
+        .filter_map(|(key, bytes)| {
+            Some(StandingAttempt {
+                note: AttemptRecord::parse(scene, key, &bytes?)?,
+                age_s: listed[key].elapsed().unwrap_or_default().as_secs_f64(),
+            })
+        })
+        .collect();
+    attempts.sort_by_key(|attempt| (attempt.note.shards, attempt.note.n));
+    Ok(attempts)
+}
+
+/// Where a shard's result is. A partial is read and checked.
+fn result_of(
+    store: &Store,
+    scene: &SceneId,
+    shard: u32,
+    state: SceneState,
+    attempts: &[StandingAttempt],
+) -> Result<String, StoreError> {
+    if state == SceneState::Done {
+        return Ok("in the tuple".to_owned());
+    }
+    let key = keys::partial(scene, shard);
+    let Some(bytes) = store.get(&key)? else {
+        let holds = |a: &&StandingAttempt| (a.note.shards[0]..a.note.shards[1]).contains(&shard);
+        let holder = attempts
+            .iter()
+            .rfind(|a| holds(a) && a.note.ended.is_none());
+        return Ok(match holder {
+            Some(a) => format!("not there; in hand of {}, or lost with it", a.note.worker),
+            None => "not there".to_owned(),
+        });
+    };
+    let path = PathBuf::from(store.name()).join(&key);
+    Ok(match partial::decode(&path, &bytes) {
+        Ok(_) => format!("{key}, {} bytes, intact", bytes.len()),
+        Err(error) => format!("of no use, it will be traced again: {error}"),
+    })
+}
+
+/// Numbers in a row, as half-open ranges.
+fn rows(numbers: impl Iterator<Item = u32>) -> Vec<[u32; 2]> {
+    let mut rows: Vec<[u32; 2]> = Vec::new();
+    for number in numbers {
+        match rows.last_mut() {
+            Some(row) if row[1] == number => row[1] += 1,
+            _ => rows.push([number, number + 1]),
+        }
+    }
+    rows
+}
+
+fn next(known: &Explanation, control: &Control) -> Vec<String> {
+    let scene = &known.scene;
+    let mut next = Vec::new();
+    let left: u32 = known.missing.iter().map(|[start, end]| end - start).sum();
+    match known.state {
+        SceneState::Done => {
+            next.push("Nothing is left to do.".to_owned());
+            next.push(format!(
+                "`glasshouse audit RUN --scene {scene}` traces it again and compares every file."
+            ));
+            return next;
+        }
+        SceneState::Quarantined => {
+            next.push("It is left out; the run ends without it, with exit code 3.".to_owned());
+            next.push(format!(
+                "Repair what the reason names, then `glasshouse retry RUN {scene}`, and start `work` (of a farm `coordinate`, \
+                 too) if they have ended."
+            ));
+            return next;
+        }
+        SceneState::Complete => next.push(
+            "All shards are there: the next worker that opens it writes the tuple, or `glasshouse merge RUN` in a folder."
+                .to_owned(),
+        ),
+        SceneState::Begun if known.attempts.iter().any(|a| a.note.ended.is_none()) => next.push(format!(
+            "{left} shards are to trace. If the worker that has them lives, it goes on; else they come back after a lease and \
+             are tried again in a process of their own. After {MOST_LOST} losses without a new partial the scene is set aside."
+        )),
+        SceneState::Begun | SceneState::Waiting => next.push(format!(
+            "The next worker that takes it traces the {left} shards that are missing."
+        )),
+    }
+    match control.state {
+        ControlState::Running => next.push(
+            "If nobody works on the run: `glasshouse work RUN`; of a farm, `glasshouse coordinate` publishes what is missing."
+                .to_owned(),
+        ),
+        ControlState::Paused => next.push(format!(
+            "The run is paused{}: nobody takes it before `glasshouse resume RUN`.",
+            control.because()
+        )),
+        ControlState::Cancelled => next.push(format!(
+            "The run is cancelled{}: nobody takes it before `glasshouse resume RUN` and `glasshouse work RUN`.",
+            control.because()
+        )),
+    }
+    next
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_in_a_row_are_one_range() {
+        assert_eq!(rows([].into_iter()), Vec::<[u32; 2]>::new());
+        assert_eq!(
+            rows([0, 1, 2, 5, 7, 8].into_iter()),
+            [[0, 3], [5, 6], [7, 9]]
+        );
+    }
+}

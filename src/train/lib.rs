@@ -1,0 +1,78 @@
+//! Stage 8: tuples become networks that take reflections away.
+//!
+//! ```text
+//! source (tuples, photographs, pairs) -> example_sampler (which, cut how) -> loader (ahead) -> batch
+//!     -> learner (networks, losses, Adam: one step) -> session (all steps, watched, written down, resumed)
+//!
+//! ops/              what candle computes slowly or with wrong gradients, made right
+//! vgg               frozen features of images           checkpoint    a folder a step, whole or not at all
+//! generator         what SP-net and BT-net share        metrics, events, picture    for who watches
+//! discriminator     who tells real from made
+//! loss, adam        what is minimised, and how          inference     networks at work
+//! random            random numbers by seed and name     srgb_planes   pixels as networks see them
+//! mixture           photographs added as images, for comparison
+//! separator         the networks of a checkpoint, ready to work
+//! ```
+//!
+//! What is learned is a function of the settings, the scenes and the machine's kind of CPU: not of threads, of time, or of how
+//! often it was stopped.
+
+pub mod ops;
+
+mod adam;
+mod batch;
+mod checkpoint;
+mod discriminator;
+mod events;
+mod example;
+mod example_sampler;
+mod generator;
+mod inference;
+mod learner;
+mod loader;
+mod loss;
+mod metrics;
+pub mod mixture;
+mod picture;
+mod random;
+mod separator;
+mod session;
+mod source;
+mod srgb_planes;
+mod vgg;
+
+/// Tensors and devices of this crate's interface.
+pub use candle_core;
+pub use plan::{
+    ExampleKind, FeatureSource, PixelSource, SettingError, Stage, Start, TrainSettings,
+};
+/// The files that networks are kept in.
+pub use safetensors;
+
+pub use adam::{Adam, AdamOptions, Moments};
+pub use batch::Batch;
+pub use checkpoint::{
+    CHECKPOINT_SCHEMA, Checkpoint, CheckpointError, CheckpointState, Origin, checkpoint_folder,
+    clear, code_path, prune, steps, write_checkpoint,
+};
+pub use discriminator::Discriminator;
+pub use events::masked_crc;
+pub use example::{Cut, Example, Planes};
+pub use example_sampler::{ExampleSampler, SceneSource};
+pub use generator::{DILATIONS, Generator, GeneratorOptions, SLOPE};
+pub use inference::{LEAST_PX, LEAST_TILE_PX, Networks};
+pub use learner::{Lap, Learner, StepLosses, Term};
+pub use loader::Loader;
+pub use loss::{FEATURE_DIVISORS, adversarial_loss, discriminator_loss, feature_difference, l1};
+pub use picture::{Grid, Picture, rgb_grid, shrunk};
+pub use random::Stream;
+pub use separator::{Separator, SeparatorError};
+pub use session::{Best, Schedule, Session, TrainError, Trained, Watcher};
+pub use source::{
+    Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleFilesError, TupleSource,
+};
+pub use srgb_planes::{bytes_of_planes, planes_of_bytes};
+pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};
+
+#[cfg(test)]
+mod step_tests;

@@ -1,0 +1,219 @@
+//! Every command's help ends with examples, and every example does what it says.
+
+use crate::support::program::run;
+use crate::support::workplace::{run_in, workplace};
+use clap::{CommandFactory, Parser};
+use glasshouse::cli::Args;
+use std::path::Path;
+
+/// What is done with an example that a test cannot run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Instead {
+    /// It is run with `-n`.
+    DryRun,
+    /// It is understood, and that is all.
+    Understood,
+}
+
+use Instead::{DryRun, Understood};
+
+/// Examples that are not run as they stand, and why not.
+const NOT_RUN: &[(&str, Instead, &str)] = &[
+    (
+        "sample /tmp/places --layout places --count 68",
+        DryRun,
+        "takes long",
+    ),
+    (
+        "sample /tmp/many --layout places --count 4160 --width 32 --height 24",
+        DryRun,
+        "takes long",
+    ),
+    (
+        "coordinate runs/mine --queue nats://localhost:4222",
+        Understood,
+        "needs a server at that address",
+    ),
+    (
+        "work runs/mine --queue nats://localhost:4222",
+        Understood,
+        "needs a server at that address",
+    ),
+    (
+        "doctor --store s3://bucket/runs/mine --queue nats://localhost:4222",
+        Understood,
+        "needs a bucket and a server",
+    ),
+    #[cfg(feature = "train")]
+    (
+        "train runs/smoke --stage backtrack --steps 200",
+        DryRun,
+        "takes long",
+    ),
+    #[cfg(feature = "train")]
+    (
+        "train runs/smoke --stage separation --steps 200 --json",
+        DryRun,
+        "takes long",
+    ),
+    ("bench error", DryRun, "measures for minutes"),
+    (
+        "bench error --scene scene.json --spp 1,4,16,64 --reference-spp 4096 --out error",
+        DryRun,
+        "measures for long",
+    ),
+    (
+        "bench error --scene scene.json --reference out",
+        DryRun,
+        "measures for long",
+    ),
+    ("bench trace", DryRun, "measures for long"),
+    (
+        "bench trace --scene scene.json --dump rays",
+        DryRun,
+        "measures for long",
+    ),
+    (
+        "bench farm",
+        DryRun,
+        "needs a server, and measures for long",
+    ),
+    (
+        "bench farm --makespan",
+        DryRun,
+        "needs a server, and measures for long",
+    ),
+    ("bench farm --resume", DryRun, "measures for long"),
+    #[cfg(feature = "train")]
+    ("bench train -j 1", DryRun, "measures for long"),
+    #[cfg(feature = "train")]
+    (
+        "bench train -j 1 --json --steps 3",
+        DryRun,
+        "measures for long",
+    ),
+];
+
+/// The names of all commands and of those inside of them (`bench error`), in the order of the help.
+fn commands() -> Vec<String> {
+    fn walk(command: &clap::Command, before: &str, names: &mut Vec<String>) {
+        for inside in command
+            .get_subcommands()
+            .filter(|inside| !inside.is_hide_set())
+        {
+            let name = format!("{before}{}", inside.get_name());
+            walk(inside, &format!("{name} "), names);
+            names.push(name);
+        }
+    }
+    let mut names = vec![String::new()];
+    walk(&Args::command(), "", &mut names);
+    assert!(names.iter().any(|name| name == "bench error"), "{names:?}");
+    names
+}
+
+/// The example command lines of a command's help, without the program's name, comments and what a shell does.
+fn examples(name: &str) -> Vec<String> {
+    let words: Vec<&str> = name.split_whitespace().chain(["--help"]).collect();
+    let help = run(&words).expect(0).stdout;
+    let (_, examples) = help
+        .split_once("Examples:\n")
+        .unwrap_or_else(|| panic!("the help of {name:?} has no examples: {help}"));
+    let found: Vec<String> = examples
+        .lines()
+        .map(|line| line.split(['#', '>']).next().unwrap().trim())
+        .filter(|line| !line.is_empty())
+        .map(|line| {
+            line.strip_prefix("glasshouse ")
+                .unwrap_or_else(|| panic!("after the examples of {name:?} comes {line:?}"))
+                .to_owned()
+        })
+        .collect();
+    assert!(
+        found.iter().any(|line| line.starts_with(name)),
+        "{name}: {found:?}"
+    );
+    found
+}
+
+/// All examples, each once.
+fn all_examples() -> Vec<String> {
+    let mut all: Vec<String> = commands().iter().flat_map(|name| examples(name)).collect();
+    all.sort();
+    all.dedup();
+    all
+}
+
+/// An example as words, in which what is outside of `folder` becomes a place in it.
+fn words(line: &str, folder: &Path) -> Vec<String> {
+    let of = |word: &str| match word.strip_prefix("/tmp/") {
+        Some(name) => folder.join(name).display().to_string(),
+        None if word == "diode=/data/diode" => format!("diode={}", folder.join("made").display()),
+        None => word.to_owned(),
+    };
+    line.split_whitespace().map(of).collect()
+}
+
+#[test]
+fn every_example_is_understood_and_none_is_excused_that_is_not_there() {
+    let all = all_examples();
+    assert!(all.len() > commands().len(), "{} examples", all.len());
+    for line in &all {
+        let arguments = ["glasshouse"].into_iter().chain(line.split_whitespace());
+        let parsed = Args::try_parse_from(arguments);
+        let is_help = parsed.as_ref().err().map(clap::Error::kind)
+            == Some(clap::error::ErrorKind::DisplayHelp);
+        assert!(parsed.is_ok() || is_help, "{line}: {}", parsed.unwrap_err());
+    }
+    for (line, _, why) in NOT_RUN {
+        assert!(
+            all.iter().any(|other| other == line),
+            "no help has the example {line:?} any more ({why})"
+        );
+    }
+}
+
+#[test]
+fn examples_do_what_they_say() {
+    for line in all_examples() {
+        let instead = NOT_RUN
+            .iter()
+            .find(|(other, ..)| *other == line)
+            .map(|(_, instead, _)| *instead);
+        if instead == Some(Understood) {
+            continue;
+        }
+        let folder = workplace();
+        // Runs that are planned from nothing have another name than the one that is there.
+        let mut arguments = words(&line, folder.path());
+        if instead == Some(DryRun) {
+            arguments.push("-n".to_owned());
+        }
+        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        let ended = run_in(folder.path(), &arguments);
+        // A build machine may be slow or crowded in ways that a doctor tells.
+        if line.starts_with("doctor") && ended.code == Some(1) {
+            eprintln!("`{line}` finds this machine unfit: {}", ended.stdout);
+            continue;
+        }
+        assert_eq!(ended.code, Some(0), "glasshouse {line}: {ended:#?}");
+        assert!(!ended.stdout.is_empty(), "glasshouse {line} prints nothing");
+        if line.contains("--json") {
+            ended.json();
+        }
+    }
+}
+
+#[test]
+fn help_and_version_are_no_errors() {
+    let help = run(&["--help"]).expect(0);
+    for name in commands().iter().filter(|name| !name.contains(' ')) {
+        assert!(help.stdout.contains(name), "{name}");
+    }
+    assert!(help.stderr.is_empty());
+    let version = run(&["--version"]).expect(0).stdout;
+    assert_eq!(
+        version.trim(),
+        format!("glasshouse {}", env!("CARGO_PKG_VERSION"))
+    );
+}

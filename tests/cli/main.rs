@@ -1,0 +1,16 @@
+//! The command line: help, completions, signals, `--json`, exit codes, and the commands that only look or measure.
+#![allow(
+    clippy::unwrap_used,
+    clippy::disallowed_methods,
+    clippy::print_stderr,
+    reason = "tests may panic in any function, damage files, and say why they cannot run here"
+)]
+
+mod bench;
+mod completions;
+mod doctor;
+mod help;
+mod json;
+mod signals;
+#[path = "../support/mod.rs"]
+mod support;

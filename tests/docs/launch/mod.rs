@@ -1,0 +1,66 @@
+//! The launch files of `workers/`: understood by the tools they are for, as far as these are at hand, and by the program.
+
+mod flags;
+mod kubernetes;
+mod nats;
+mod scripts;
+mod services;
+mod yaml;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+/// The repository.
+pub(crate) fn repository() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// A launch file's path.
+pub(crate) fn launch(name: &str) -> PathBuf {
+    repository().join("workers").join(name)
+}
+
+/// All launch files with one of these endings, sorted.
+pub(crate) fn launch_files(endings: &[&str]) -> Vec<PathBuf> {
+    let mut folders = vec![repository().join("workers")];
+    let mut found = Vec::new();
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            let has = |ending: &&str| path.to_string_lossy().ends_with(*ending);
+            if path.is_dir() {
+                folders.push(path);
+            } else if endings.iter().any(has) {
+                found.push(path);
+            }
+        }
+    }
+    found.sort();
+    assert!(!found.is_empty(), "no launch file ends with {endings:?}");
+    found
+}
+
+/// Runs a tool; nothing, and a line that says so, if it is not installed.
+pub(crate) fn tool(command: &mut Command) -> Option<Output> {
+    match command.stdin(Stdio::null()).output() {
+        Ok(output) => Some(output),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            let name = command.get_program().to_string_lossy();
+            eprintln!("skipped: {name} is not installed");
+            None
+        }
+        Err(error) => panic!("{command:?}: {error}"),
+    }
+}
+
+/// Asserts that a tool was content, shows what it said otherwise.
+#[track_caller]
+pub(crate) fn content(output: &Output) {
+    assert!(
+        output.status.success(),
+        "{}\n{}\n{}",
+        output.status,
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    );
+}

@@ -1,0 +1,265 @@
+//! The queue's server: keys are made, the configuration starts a server that asks for TLS and a key.
+
+use super::{content, launch, tool};
+use std::io::{BufRead, BufReader};
+use std::net::TcpStream;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+const ROLES: [&str; 3] = ["coordinator", "worker", "observer"];
+
+/// Keys in `folder`/keys for these names; nothing if a tool is missing.
+fn make_keys(folder: &Path, names: &[&str]) -> Option<()> {
+    tool(Command::new("bash").arg("--version"))?;
+    tool(Command::new("base32").arg("--version"))?;
+    tool(Command::new("openssl").arg("version"))?;
+    let mut command = Command::new(launch("nats/make-keys.sh"));
+    content(&tool(command.arg(folder.join("keys")).args(names))?);
+    Some(())
+}
+
+fn read(folder: &Path, name: &str) -> String {
+    std::fs::read_to_string(folder.join("keys").join(name)).unwrap()
+}
+
+/// Bytes of unpadded base32 (RFC 4648).
+fn base32(text: &str) -> Vec<u8> {
+    let (mut bytes, mut bits, mut have) = (Vec::new(), 0_u32, 0);
+    for letter in text.bytes() {
+        let digit = match letter {
+            b'A'..=b'Z' => letter - b'A',
+            b'2'..=b'7' => letter - b'2' + 26,
+            _ => panic!("{letter} in {text}"),
+        };
+        bits = (bits << 5) | u32::from(digit);
+        have += 5;
+        if have >= 8 {
+            have -= 8;
+            bytes.push((bits >> have) as u8);
+            bits &= (1 << have) - 1;
+        }
+    }
+    bytes
+}
+
+/// CRC-16/XMODEM.
+fn crc16(bytes: &[u8]) -> u16 {
+    bytes.iter().fold(0, |crc, byte| {
+        (0..8).fold(crc ^ (u16::from(*byte) << 8), |crc, _| {
+            (crc << 1) ^ if crc & 0x8000 == 0 { 0 } else { 0x1021 }
+        })
+    })
+}
+
+/// An nkey's prefix and key, its checksum tested.
+fn nkey(text: &str, prefix: usize) -> (Vec<u8>, Vec<u8>) {
+    let bytes = base32(text.trim());
+    assert_eq!(bytes.len(), prefix + 32 + 2, "{text}");
+    let (body, sum) = bytes.split_at(prefix + 32);
+    assert_eq!(crc16(body), u16::from_le_bytes([sum[0], sum[1]]), "{text}");
+    (body[..prefix].to_owned(), body[prefix..].to_owned())
+}
+
+#[test]
+fn the_checksum_is_the_published_one() {
+    assert_eq!(crc16(b"123456789"), 0x31c3);
+    assert_eq!(base32("MZXW6YTBOI"), b"foobar");
+}
+
+#[test]
+fn each_role_has_its_own_key() {
+    let folder = tempfile::tempdir().unwrap();
+    if make_keys(folder.path(), &["localhost", "127.0.0.1"]).is_none() {
+        return;
+    }
+    let mut seen = Vec::new();
+    for role in ROLES {
+        let seed = read(folder.path(), &format!("{role}/nkey"));
+        let public = read(folder.path(), &format!("{role}/nkey.pub"));
+        assert!(seed.starts_with("SU") && public.starts_with('U'));
+        let (prefix, seed) = nkey(&seed, 2);
+        assert_eq!(prefix, [(18 << 3) | (20 >> 2), 0]);
+        let (prefix, public) = nkey(&public, 1);
+        assert_eq!(prefix, [20 << 3]);
+        // The two belong together: openssl makes the public key of the seed.
+        let der = folder.path().join("seed.der");
+        let head = b"\x30\x2e\x02\x01\x00\x30\x05\x06\x03\x2b\x65\x70\x04\x22\x04\x20";
+        std::fs::write(&der, [head.as_slice(), &seed].concat()).unwrap();
+        let mut command = Command::new("openssl");
+        command.args([
+            "pkey", "-inform", "DER", "-pubout", "-outform", "DER", "-in",
+        ]);
+        let made = tool(command.arg(&der)).unwrap();
+        content(&made);
+        assert!(made.stdout.ends_with(&public), "{role}");
+        let environment = read(folder.path(), &format!("{role}/queue.env"));
+        assert!(environment.contains("GLASSHOUSE_QUEUE=tls://localhost:4222\n"));
+        assert!(
+            read(folder.path(), "server/keys.conf")
+                .contains(&format!("{}_NKEY: ", role.to_uppercase()))
+        );
+        seen.extend([seed, public]);
+    }
+    seen.sort();
+    seen.dedup();
+    assert_eq!(seen.len(), 2 * ROLES.len());
+}
+
+#[test]
+fn keys_are_for_their_owner_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    if make_keys(folder.path(), &["localhost"]).is_none() {
+        return;
+    }
+    let keys = folder.path().join("keys");
+    for entry in std::fs::read_dir(&keys).unwrap() {
+        let role = entry.unwrap().path();
+        for entry in std::fs::read_dir(&role).unwrap() {
+            let path = entry.unwrap().path();
+            let mode = path.metadata().unwrap().permissions().mode();
+            assert_eq!(mode & 0o077, 0, "{}", path.display());
+        }
+        assert_eq!(role.metadata().unwrap().permissions().mode() & 0o077, 0);
+    }
+    // The authority's key is nowhere but in its folder, and no key of openssl's is left.
+    for role in ROLES {
+        let files = std::fs::read_dir(keys.join(role)).unwrap();
+        let mut names: Vec<_> = files.map(|f| f.unwrap().file_name()).collect();
+        names.sort();
+        assert_eq!(names, ["ca.pem", "nkey", "nkey.pub", "queue.env"]);
+    }
+}
+
+#[test]
+fn what_is_there_is_kept_and_what_is_missing_is_made() {
+    let folder = tempfile::tempdir().unwrap();
+    if make_keys(folder.path(), &["localhost"]).is_none() {
+        return;
+    }
+    let all = || {
+        let names = [
+            "ca/ca.pem",
+            "server/cert.pem",
+            "worker/nkey",
+            "observer/nkey",
+        ];
+        names.map(|name| read(folder.path(), name))
+    };
+    let first = all();
+    make_keys(folder.path(), &["localhost"]).unwrap();
+    assert_eq!(all(), first);
+    // A key that is exchanged, and a server that has another name.
+    std::fs::remove_dir_all(folder.path().join("keys/worker")).unwrap();
+    make_keys(folder.path(), &["queue.example", "::1"]).unwrap();
+    let second = all();
+    assert_eq!(second[0], first[0]);
+    assert_ne!(second[1], first[1]);
+    assert_ne!(second[2], first[2]);
+    assert_eq!(second[3], first[3]);
+    let keys = folder.path().join("keys");
+    for (name, is_its) in [("queue.example", true), ("localhost", false)] {
+        let mut command = Command::new("openssl");
+        command.args([
+            "verify",
+            "-purpose",
+            "sslserver",
+            "-verify_hostname",
+            name,
+            "-CAfile",
+        ]);
+        command
+            .arg(keys.join("worker/ca.pem"))
+            .arg(keys.join("server/cert.pem"));
+        assert_eq!(
+            tool(&mut command).unwrap().status.success(),
+            is_its,
+            "{name}"
+        );
+    }
+}
+
+/// A server that ends with its test.
+struct Server(Child);
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn the_server_takes_the_configuration_and_asks_for_tls_and_a_key() {
+    let folder = tempfile::tempdir().unwrap();
+    if make_keys(folder.path(), &["localhost"]).is_none() {
+        return;
+    }
+    let configuration = folder.path().join("keys/server/server.conf");
+    let mut command = Command::new("nats-server");
+    let Some(tested) = tool(command.arg("-t").arg("-c").arg(&configuration)) else {
+        return;
+    };
+    content(&tested);
+    // -1: a port that is free.
+    let child = Command::new("nats-server")
+        .args(["-a", "127.0.0.1", "-p", "-1", "-m", "-1", "-c"])
+        .arg(&configuration)
+        .stdin(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut server = Server(child);
+    let log = BufReader::new(server.0.stderr.take().unwrap());
+    let mut said = String::new();
+    let mut port = None;
+    for line in log.lines() {
+        let line = line.unwrap();
+        said += &line;
+        said += "\n";
+        if let Some((_, address)) = line.split_once("client connections on ") {
+            port = address
+                .trim()
+                .rsplit_once(':')
+                .unwrap()
+                .1
+                .parse::<u16>()
+                .ok();
+        }
+        if line.contains("Server is ready") {
+            break;
+        }
+    }
+    let port = port.unwrap_or_else(|| panic!("{said}"));
+    let stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+    stream
+        .set_read_timeout(Some(Duration::from_secs(10)))
+        .unwrap();
+    let mut hello = String::new();
+    BufReader::new(stream).read_line(&mut hello).unwrap();
+    let hello: serde_json::Value =
+        serde_json::from_str(hello.strip_prefix("INFO ").unwrap()).unwrap();
+    for promise in ["tls_required", "auth_required", "jetstream"] {
+        assert_eq!(hello[promise], true, "{promise} in {hello}");
+    }
+    assert!(hello["nonce"].is_string(), "{hello}");
+}
+
+/// `GLASSHOUSE_*` would be a literal name to the server and allow nothing.
+#[test]
+fn wildcards_stand_for_whole_tokens() {
+    let text = std::fs::read_to_string(launch("nats/server.conf")).unwrap();
+    let code = text.lines().map(|l| l.split(" #").next().unwrap());
+    let subjects: Vec<&str> = code
+        .flat_map(|line| line.split('"').skip(1).step_by(2))
+        .filter(|s| s.contains('.') && s.contains(['*', '>']))
+        .collect();
+    assert!(subjects.len() > 10, "{subjects:?}");
+    for subject in subjects {
+        let subject = subject.split(' ').next().unwrap();
+        for token in subject.split('.') {
+            assert!(!token.contains(['*', '>']) || token.len() == 1, "{subject}");
+        }
+    }
+}

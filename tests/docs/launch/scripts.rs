@@ -1,0 +1,54 @@
+//! Shell scripts and the files that shells read.
+
+use super::{content, launch_files, tool};
+use std::process::Command;
+
+#[test]
+fn scripts_are_shell() {
+    for script in launch_files(&[".sh", ".sbatch"]) {
+        let Some(output) = tool(Command::new("bash").arg("-n").arg(&script)) else {
+            return;
+        };
+        content(&output);
+    }
+}
+
+#[test]
+fn shellcheck_has_nothing_to_say() {
+    let mut command = Command::new("shellcheck");
+    if let Some(output) = tool(command.args(launch_files(&[".sh", ".sbatch"]))) {
+        content(&output);
+    }
+}
+
+/// Scripts that are told too little say how they are called, and do nothing.
+#[test]
+fn scripts_explain_themselves() {
+    for script in launch_files(&[".sh"]) {
+        let Some(output) = tool(&mut Command::new(&script)) else {
+            return;
+        };
+        assert_eq!(output.status.code(), Some(2), "{}", script.display());
+        let said = String::from_utf8(output.stderr).unwrap();
+        let name = script.file_name().unwrap().to_str().unwrap();
+        assert!(said.contains(&format!("    {name} ")), "{said}");
+        assert!(!said.contains("set -"), "{said}");
+    }
+}
+
+/// A profile gives a shell two variables and nothing else; systemd and compose read the same lines.
+#[test]
+fn profiles_set_a_lease_and_arguments() {
+    for profile in launch_files(&[".env"]) {
+        let text = std::fs::read_to_string(&profile).unwrap();
+        let lines: Vec<&str> = text.lines().filter(|line| !line.starts_with('#')).collect();
+        assert_eq!(lines.len(), 2, "{}", profile.display());
+        let lease_s: f64 = lines[0]
+            .strip_prefix("LEASE_S=")
+            .and_then(|seconds| seconds.parse().ok())
+            .unwrap_or_else(|| panic!("{}: {}", profile.display(), lines[0]));
+        assert!((5.0..=600.0).contains(&lease_s));
+        let arguments = lines[1].strip_prefix("WORK_ARGS=\"").unwrap();
+        assert!(arguments.ends_with('"') && !arguments.contains(['$', '\\', '\'']));
+    }
+}

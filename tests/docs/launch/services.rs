@@ -1,0 +1,35 @@
+//! systemd's units.
+
+use super::{launch_files, tool};
+use std::process::Command;
+
+#[test]
+fn systemd_understands_the_units() {
+    // It wants the programs to be there, so copies name one that is.
+    let folder = tempfile::tempdir().unwrap();
+    let program = env!("CARGO_BIN_EXE_glasshouse");
+    let mut copies = Vec::new();
+    for unit in launch_files(&[".service"]) {
+        let text = std::fs::read_to_string(&unit).unwrap();
+        let text = text
+            .replace("ExecStart=glasshouse ", &format!("ExecStart={program} "))
+            .replace("ExecStart=nats-server ", &format!("ExecStart={program} "));
+        assert!(text.contains(program), "{}", unit.display());
+        let copy = folder.path().join(unit.file_name().unwrap());
+        std::fs::write(&copy, text).unwrap();
+        copies.push(copy);
+    }
+    let mut command = Command::new("systemd-analyze");
+    command.args(["verify", "--man=no"]).args(&copies);
+    let Some(output) = tool(&mut command) else {
+        return;
+    };
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    if said.contains("Failed to") && !said.contains("glasshouse-") {
+        eprintln!("skipped: systemd-analyze does not work here: {said}");
+        return;
+    }
+    // An unknown key is only a warning to it.
+    assert!(output.status.success(), "{said}");
+    assert!(!said.contains("glasshouse-"), "{said}");
+}

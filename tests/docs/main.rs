@@ -1,0 +1,13 @@
+//! What the repository says: every page, every command line in them, and the launch files of `workers/`.
+#![allow(
+    clippy::unwrap_used,
+    clippy::disallowed_methods,
+    clippy::print_stderr,
+    reason = "tests may panic in any function, damage files, and say why they cannot run here"
+)]
+
+mod document_pages;
+mod documents;
+mod launch;
+#[path = "../support/mod.rs"]
+mod support;

@@ -1,0 +1,72 @@
+//! Every reader with every seed of the fuzz targets, and with each cut short: it comes back, and what it accepts is
+//! sound. The fuzzers themselves are run as CONTRIBUTING.md says.
+
+#[path = "../../../fuzz/readers.rs"]
+mod readers;
+mod seeds;
+
+use readers::READERS;
+use std::path::{Path, PathBuf};
+
+fn folder(reader: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("fuzz/seeds")
+        .join(reader)
+}
+
+fn committed(reader: &str) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut files: Vec<_> = std::fs::read_dir(folder(reader))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .map(|path| (path.clone(), std::fs::read(path).unwrap()))
+        .collect();
+    files.sort();
+    files
+}
+
+#[test]
+fn every_reader_takes_its_seeds() {
+    for (name, read) in READERS {
+        let files = committed(name);
+        assert!(files.len() >= 2, "{name} has {} seeds", files.len());
+        // A form that has changed needs new seeds: seeds_are_made below.
+        assert!(
+            files.iter().any(|(_, bytes)| read(bytes)),
+            "{name} accepts none of its seeds"
+        );
+        for (_, bytes) in &files {
+            read(bytes);
+            // Cut everywhere (of a long file, at a hundred places).
+            for length in (0..bytes.len()).step_by(bytes.len() / 100 + 1) {
+                read(&bytes[..length]);
+            }
+        }
+    }
+}
+
+/// A seed of one reader is hostile bytes for the others.
+#[test]
+fn every_reader_takes_the_seeds_of_the_others() {
+    for (_, read) in READERS {
+        for (other, _) in READERS {
+            for (_, bytes) in committed(other) {
+                read(&bytes);
+            }
+        }
+    }
+}
+
+/// `cargo test --release --test formats seeds_are_made -- --ignored`
+#[test]
+#[ignore = "writes fuzz/seeds"]
+fn seeds_are_made() {
+    for (reader, name, bytes) in seeds::all() {
+        assert!(
+            bytes.len() <= 8192,
+            "{reader}/{name}: {} bytes",
+            bytes.len()
+        );
+        glasshouse::atomic_file::create_dir(&folder(reader)).unwrap();
+        glasshouse::atomic_file::write(&folder(reader).join(name), &bytes).unwrap();
+    }
+}

@@ -1,0 +1,285 @@
+//! A file of every kind that the program writes or reads, for `inspect`.
+
+use crate::every_file_left as left;
+use crate::support::scenes::{npy, partials, photographs, put_partials, scene, write_lines};
+use crate::support::workplace::{run_in, workplace};
+use glasshouse::farm::{AttemptRecord, EndKind, Ending};
+use glasshouse::ids::SceneId;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+/// A place with a file of every kind, and what each is: path, kind, whether it is whole, and words that are said of it.
+pub(crate) struct Files {
+    pub(crate) folder: TempDir,
+    pub(crate) list: Vec<Known>,
+}
+
+impl Files {
+    /// Those that are no folders.
+    pub(crate) fn plain(&self) -> impl Iterator<Item = &Known> {
+        let is_file = |known: &&Known| self.folder.path().join(&known.path).is_file();
+        self.list.iter().filter(is_file)
+    }
+}
+
+pub(crate) struct Known {
+    pub(crate) path: PathBuf,
+    pub(crate) kind: &'static str,
+    /// Nothing if that cannot be told.
+    pub(crate) whole: Option<bool>,
+    pub(crate) words: &'static [&'static str],
+}
+
+/// One of its scenes.
+pub(crate) const SCENE: &str = "train-sample-000000";
+
+impl Files {
+    pub(crate) fn is(
+        &mut self,
+        path: &str,
+        kind: &'static str,
+        whole: Option<bool>,
+        words: &'static [&'static str],
+    ) {
+        let path = PathBuf::from(path);
+        assert!(
+            self.folder.path().join(&path).exists(),
+            "{}",
+            path.display()
+        );
+        self.list.push(Known {
+            path,
+            kind,
+            whole,
+            words,
+        });
+    }
+
+    pub(crate) fn put(&self, path: &str, bytes: impl AsRef<[u8]>) {
+        let path = self.folder.path().join(path);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, bytes).unwrap();
+    }
+}
+
+/// Makes one of everything.
+pub(crate) fn files() -> Files {
+    let mut files = Files {
+        folder: workplace(),
+        list: Vec::new(),
+    };
+    of_a_run(&mut files);
+    of_a_farm(&mut files);
+    of_inputs(&mut files);
+    left::of_an_export(&mut files);
+    #[cfg(feature = "train")]
+    left::of_a_training(&mut files);
+    files
+}
+
+fn of_a_run(files: &mut Files) {
+    let folder = files.folder.path().to_owned();
+    let (whole, unknown) = (Some(true), None);
+    // As an interrupted worker leaves them.
+    let (id, made) = partials(&folder.join("runs/smoke"), 0);
+    put_partials(&folder.join("runs/smoke"), &id, &made[..1]);
+    files.is("runs/smoke", "run", unknown, &["scenes", "smoke"]);
+    files.is(
+        "runs/smoke/spec.json",
+        "spec",
+        unknown,
+        &["tile px", "golden", "fits manifest.jsonl"],
+    );
+    files.is(
+        "runs/smoke/manifest.jsonl",
+        "manifest",
+        whole,
+        &["1 train, 1 test", "glass.tilt_deg yaw", "that of spec.json"],
+    );
+    files.is(
+        "manifests/smoke.toml",
+        "recipe",
+        unknown,
+        &["1 of sample", "layout sample", "plan"],
+    );
+    files.is(
+        "scene.json",
+        "scene",
+        unknown,
+        &["one, split train", "a.png"],
+    );
+    files.is(
+        &format!("runs/smoke/partials/{SCENE}/000000.exr"),
+        "partial",
+        whole,
+        &[
+            SCENE,
+            "x 0-63",
+            "0 to 63",
+            "digest fits",
+            "clean_reflection",
+        ],
+    );
+    let tuple = format!("runs/smoke/tuples/{SCENE}");
+    files.is(&tuple, "tuple", whole, &[SCENE, "fit every layer"]);
+    files.is(
+        &format!("{tuple}/tuple.exr"),
+        "tuple_exr",
+        whole,
+        &["64 x 64 px, half", SCENE, "mean", "fit all 4 layers"],
+    );
+    files.is(
+        &format!("{tuple}/tuple.json"),
+        "tuple_record",
+        unknown,
+        &["64 samples", "error", "render"],
+    );
+    files.is(
+        &format!("{tuple}/glass_reflection.png"),
+        "picture",
+        whole,
+        &["64 x 64 px", "checksums fit"],
+    );
+    files.is(
+        "runs/smoke/report/index.html",
+        "report",
+        unknown,
+        &["smoke", "pictures inside"],
+    );
+    files.is(
+        "out/input.exr",
+        "exr",
+        unknown,
+        &["40 x 24 px, float", "as `glasshouse render`"],
+    );
+    files.is("runs/smoke/work.lock", "lock", whole, &["empty on purpose"]);
+    let status = run_in(&folder, &["status", "runs/smoke", "--json"])
+        .expect(0)
+        .stdout;
+    files.put("status.json", status);
+    files.is("status.json", "output", unknown, &["glasshouse.status/1"]);
+}
+
+fn of_a_farm(files: &mut Files) {
+    let folder = files.folder.path().to_owned();
+    // A scene whose depth is no number is set aside.
+    files.put("nan_depth.npy", npy("(48, 64)", &[f32::NAN; 48 * 64]));
+    let mut bad = scene("bad");
+    bad["front"]["depth"] = json!("nan_depth.npy");
+    write_lines(&folder.join("bad.jsonl"), &[scene("good"), bad]);
+    run_in(&folder, &["plan", "bad.jsonl", "--out", "runs/bad"]).expect(0);
+    run_in(&folder, &["work", "runs/bad"]).expect(3);
+    run_in(&folder, &["pause", "runs/bad", "--reason", "backup"]).expect(0);
+    files.is("bad.jsonl", "manifest", None, &["2 train, 0 test"]);
+    files.is(
+        "runs/bad",
+        "run",
+        None,
+        &[
+            "1 in quarantine",
+            "nan_depth.npy",
+            "paused (backup)",
+            "retry",
+            "resume",
+        ],
+    );
+    files.is(
+        "runs/bad/quarantine/bad.json",
+        "quarantine",
+        None,
+        &["nan_depth.npy", "retry RUN bad"],
+    );
+    files.is(
+        "runs/bad/control.json",
+        "control",
+        None,
+        &["paused", "backup", "resume"],
+    );
+    let attempt = AttemptRecord {
+        schema: glasshouse::farm::ATTEMPT_SCHEMA.to_owned(),
+        scene: SceneId::new("good").unwrap(),
+        shards: [0, 4],
+        n: 2,
+        worker: "w-1".to_owned(),
+        host: "h".to_owned(),
+        found: 0,
+        ended: Some(Ending {
+            kind: EndKind::Crashed,
+            reason: "signal 9".to_owned(),
+            log_tail: "out of memory\n".to_owned(),
+        }),
+    };
+    files.put(
+        "runs/bad/attempts/good/0-4.2.json",
+        serde_json::to_vec(&attempt).unwrap(),
+    );
+    files.is(
+        "runs/bad/attempts/good/0-4.2.json",
+        "attempt",
+        None,
+        &["0 to 3, attempt 2", "crashed: signal 9", "out of memory"],
+    );
+    files.put("runs/bad/receipts/good.json", r#"{"schema":"glasshouse.receipt/1","scene":"good","worker":"w-1","host":"h","version":"0.1.0","with":["w-2"]}"#);
+    files.is(
+        "runs/bad/receipts/good.json",
+        "receipt",
+        None,
+        &["w-1 with w-2, on h"],
+    );
+    files.put(
+        "runs/bad/partials/good/0-4.json",
+        r#"{"schema":"glasshouse.made_by/1","shards":[0,4],"worker":"w-1","host":"h"}"#,
+    );
+    files.is(
+        "runs/bad/partials/good/0-4.json",
+        "made_by",
+        None,
+        &["0 to 3", "w-1 on h"],
+    );
+    files.put(
+        "finished.json",
+        r#"{"schema":"glasshouse.finished/1","scenes":2,"quarantined":1}"#,
+    );
+    files.is("finished.json", "finished", None, &["nothing is left"]);
+    files.put("rejected.jsonl", "{\"id\":\"a\",\"attempt\":1,\"rule\":\"black\",\"reason\":\"x\",\"front\":\"f\",\"back\":\"b\"}\n");
+    files.is("rejected.jsonl", "rejected", None, &["1 draw", "black: 1"]);
+}
+
+fn of_inputs(files: &mut Files) {
+    let repository = Path::new(env!("CARGO_MANIFEST_DIR"));
+    for name in ["hard-cases.toml", "depth-ranges.toml"] {
+        files.put(
+            name,
+            std::fs::read(repository.join("manifests").join(name)).unwrap(),
+        );
+    }
+    files.is("hard-cases.toml", "hard_cases", None, &["cases"]);
+    files.is("depth-ranges.toml", "depth_ranges", None, &["34"]);
+    let folder = files.folder.path().join("inputs");
+    std::fs::create_dir(&folder).unwrap();
+    photographs(&folder);
+    files.is("inputs/a.png", "picture", Some(true), &["64 x 48 px"]);
+    files.is(
+        "inputs/a_depth.npy",
+        "array",
+        None,
+        &["48 x 64 x 1 of f4", "depth image"],
+    );
+    let mesh = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n\
+        property list uchar int vertex_indices\nend_header\n0 0 1 9 9 9\n1 0 1 9 9 9\n0 1 1 9 9 9\n3 0 1 2\n";
+    files.put("inputs/a.ply", mesh);
+    files.is("inputs/a.ply", "mesh", None, &["3 vertex, 1 face"]);
+    let photograph = json!({
+        "schema": "glasshouse.photograph/1", "place": "indoors", "color": "a.png", "depth": "a_depth.npy",
+        "intrinsics": {"fx": 64, "fy": 64, "cx": 32, "cy": 24},
+    });
+    files.put("inputs/list.jsonl", format!("{photograph}\n"));
+    files.is(
+        "inputs/list.jsonl",
+        "photograph_list",
+        None,
+        &["1 photograph"],
+    );
+}

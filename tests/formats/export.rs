@@ -1,0 +1,351 @@
+//! Exported data sets: names, bytes, values, and where the tuples may be.
+
+use crate::support::outputs::files;
+use crate::support::program::{Ended, command, run, text};
+use crate::support::s3_server::{BUCKET, S3Server};
+use glasshouse::merge::{TupleRecord, decode_exr_channels, decode_tuple_exr, linear_to_srgb16};
+use glasshouse::trace::LAYERS;
+use serde_json::{Value, json};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use tempfile::TempDir;
+
+/// Seven scenes, tiny.
+pub(crate) const RECIPE: &str = r#"
+schema = "glasshouse.recipe/1"
+name = "smoke"
+seed = 7
+[film]
+width = 24
+height = 16
+spp = 16
+[glass]
+distance_m = 0.3
+thickness_m = { choice = [0.010, 0.040] }
+ior = { uniform = [1.4, 1.7] }
+tilt_deg = [0, { choice = [0, 20] }]
+[sources.sample]
+layout = "sample"
+count = 8
+width = 64
+height = 48
+[[split]]
+name = "train"
+pairs = { sample = 5 }
+[[split]]
+name = "test"
+pairs = { sample = 2 }
+"#;
+
+/// Scenes of [`RECIPE`].
+const SCENES: usize = 7;
+
+/// A finished run `runs/smoke` in a folder of its own.
+pub(crate) fn finished(recipe: &str) -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("smoke.toml");
+    std::fs::write(&path, recipe).unwrap();
+    let made = folder.path().join("runs/smoke");
+    run(&["run", text(&path), "--out", text(&made), "-q"]).expect(0);
+    (folder, made)
+}
+
+/// The command line of an export.
+pub(crate) fn arguments<'a>(run: &'a Path, out: &'a Path, more: &[&'a str]) -> Vec<&'a str> {
+    let mut all = vec!["export", text(run), "--out", text(out)];
+    all.extend(more);
+    all
+}
+
+/// Every file of an export.
+pub(crate) fn content(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let read = |path: PathBuf| {
+        let bytes = std::fs::read(folder.join(&path)).unwrap();
+        (path, bytes)
+    };
+    files(folder).into_iter().map(read).collect()
+}
+
+#[track_caller]
+pub(crate) fn assert_equal(found: &Path, expected: &Path) {
+    let (found, expected) = (content(found), content(expected));
+    let names = |of: &BTreeMap<PathBuf, Vec<u8>>| of.keys().cloned().collect::<Vec<_>>();
+    assert_eq!(names(&found), names(&expected));
+    for (path, bytes) in &expected {
+        assert!(found[path] == *bytes, "{} differs", path.display());
+    }
+}
+
+/// The tuples of a run: ids, by split.
+pub(crate) fn ids(run: &Path, split: &str) -> Vec<String> {
+    let manifest = std::fs::read_to_string(run.join("manifest.jsonl")).unwrap();
+    let lines = manifest.lines().map(|l| serde_json::from_str(l).unwrap());
+    let of_split = lines.filter(|line: &Value| line["split"] == split);
+    let mut ids: Vec<String> = of_split
+        .map(|line| line["id"].as_str().unwrap().to_owned())
+        .collect();
+    ids.sort();
+    ids
+}
+
+const FORMATS: [(&str, &str); 10] = [
+    ("webdataset", "srgb8"),
+    ("webdataset", "srgb16"),
+    ("webdataset", "linear"),
+    ("imagefolder", "srgb8"),
+    ("imagefolder", "srgb16"),
+    ("pairs", "srgb8"),
+    ("pairs", "srgb16"),
+    ("pairs", "linear"),
+    ("exr", "linear"),
+    ("exr", ""),
+];
+
+#[test]
+fn equal_runs_make_equal_bytes_and_sums_fit() {
+    let (folder, made) = finished(RECIPE);
+    let (_other, elsewhere) = finished(RECIPE);
+    for (format, encoding) in FORMATS {
+        let outs = ["a", "b"].map(|n| folder.path().join(format!("{format}-{encoding}-{n}")));
+        for (out, (run_folder, threads)) in outs.iter().zip([(&made, "1"), (&elsewhere, "3")]) {
+            let mut more = vec!["--format", format, "-j", threads];
+            if !encoding.is_empty() {
+                more.extend(["--encoding", encoding]);
+            }
+            let ended = run(&arguments(run_folder, out, &more)).expect(0);
+            assert!(ended.stdout.contains("exported 7 tuples"), "{ended:?}");
+        }
+        assert_equal(&outs[1], &outs[0]);
+        let there: BTreeSet<PathBuf> = files(&outs[0]).into_iter().collect();
+        let sums = std::fs::read_to_string(outs[0].join("SHA256SUMS")).unwrap();
+        let mut summed: BTreeSet<PathBuf> = sums
+            .lines()
+            .map(|line| line.split_once("  ").unwrap().1.into())
+            .collect();
+        assert_eq!(summed.len(), sums.lines().count());
+        summed.insert("SHA256SUMS".into());
+        assert_eq!(there, summed);
+        let checked = Command::new("sha256sum")
+            .args(["-c", "--strict", "--quiet", "SHA256SUMS"])
+            .current_dir(&outs[0])
+            .output()
+            .unwrap();
+        assert!(checked.status.success(), "{checked:?}");
+        // Nothing tells where or when it was made.
+        for (path, bytes) in content(&outs[0]) {
+            let place = text(folder.path()).as_bytes();
+            let told = bytes.windows(place.len()).any(|part| part == place);
+            assert!(
+                !told,
+                "{} names {}",
+                path.display(),
+                folder.path().display()
+            );
+        }
+    }
+}
+
+#[test]
+fn names_are_as_promised_and_pngs_are_copies() {
+    let (folder, made) = finished(RECIPE);
+    let png = |id: &str, layer: &str| {
+        std::fs::read(made.join("tuples").join(id).join(format!("{layer}.png"))).unwrap()
+    };
+    let out = folder.path().join("w");
+    run(&arguments(&made, &out, &["--format", "webdataset"])).expect(0);
+    for split in ["train", "test"] {
+        let bytes = std::fs::read(out.join(format!("{split}-000000.tar"))).unwrap();
+        let mut archive = tar::Archive::new(&bytes[..]);
+        let mut members = Vec::new();
+        for entry in archive.entries().unwrap() {
+            let mut entry = entry.unwrap();
+            let name = entry.path().unwrap().to_str().unwrap().to_owned();
+            let mut content = Vec::new();
+            std::io::Read::read_to_end(&mut entry, &mut content).unwrap();
+            assert_eq!(entry.header().mtime().unwrap(), 0);
+            let (id, rest) = name.split_once('.').unwrap();
+            match rest {
+                "json" => {
+                    let record = made.join("tuples").join(id).join("tuple.json");
+                    assert_eq!(content, std::fs::read(record).unwrap());
+                }
+                _ => assert!(content == png(id, rest.strip_suffix(".png").unwrap())),
+            }
+            members.push(name);
+        }
+        let mut expected: Vec<String> = ids(&made, split)
+            .iter()
+            .flat_map(|id| {
+                let pictures = LAYERS.map(|layer| format!("{id}.{layer}.png"));
+                pictures.into_iter().chain([format!("{id}.json")])
+            })
+            .collect();
+        expected.sort();
+        assert_eq!(members, expected);
+    }
+
+    let out = folder.path().join("i");
+    run(&arguments(&made, &out, &["--format", "imagefolder"])).expect(0);
+    for split in ["train", "test"] {
+        let metadata = std::fs::read_to_string(out.join(split).join("metadata.jsonl")).unwrap();
+        let rows: Vec<Value> = metadata
+            .lines()
+            .map(|line| serde_json::from_str(line).unwrap())
+            .collect();
+        let found: Vec<&str> = rows.iter().map(|row| row["id"].as_str().unwrap()).collect();
+        assert_eq!(found, ids(&made, split));
+        for row in &rows {
+            for layer in LAYERS {
+                let file = row[format!("{layer}_file_name")].as_str().unwrap();
+                let bytes = std::fs::read(out.join(split).join(file)).unwrap();
+                assert!(bytes == png(row["id"].as_str().unwrap(), layer));
+            }
+            let record = made.join("tuples").join(row["id"].as_str().unwrap());
+            let record: Value =
+                serde_json::from_slice(&std::fs::read(record.join("tuple.json")).unwrap()).unwrap();
+            assert_eq!(
+                row["glass_thickness_m"],
+                record["scene"]["glass"]["thickness_m"]
+            );
+            assert_eq!(
+                row["glass_yaw_deg"],
+                record["scene"]["glass"]["tilt_deg"][1]
+            );
+            assert_eq!(
+                row["input_error_rms"],
+                record["layers"]["input"]["error_rms"]
+            );
+        }
+    }
+    let croissant = std::fs::read(out.join("croissant.json")).unwrap();
+    let croissant: Value = serde_json::from_slice(&croissant).unwrap();
+    assert_eq!(
+        croissant["conformsTo"],
+        "http://mlcommons.org/croissant/1.0"
+    );
+
+    let out = folder.path().join("p");
+    run(&arguments(
+        &made,
+        &out,
+        &["--format", "pairs", "--split", "test"],
+    ))
+    .expect(0);
+    let folders = [
+        "blended",
+        "transmission_layer",
+        "reflection_layer",
+        "clean_reflection_layer",
+    ];
+    for (folder, layer) in folders.iter().zip(LAYERS) {
+        for id in ids(&made, "test") {
+            let bytes = std::fs::read(out.join(format!("test/{folder}/{id}.png"))).unwrap();
+            assert!(bytes == png(&id, layer));
+        }
+    }
+    assert!(!out.join("train").exists() && !out.join("croissant.json").exists());
+}
+
+/// A tuple's layers by the library.
+fn layers(run: &Path, id: &str) -> [Vec<[f32; 3]>; 4] {
+    let folder = run.join("tuples").join(id);
+    let record = std::fs::read(folder.join("tuple.json")).unwrap();
+    let record: TupleRecord = serde_json::from_slice(&record).unwrap();
+    decode_tuple_exr(&std::fs::read(folder.join("tuple.exr")).unwrap(), &record).unwrap()
+}
+
+#[test]
+fn other_encodings_hold_the_values_of_the_exr() {
+    for exr in ["half", "float"] {
+        let recipe = RECIPE.replace("spp = 16", &format!("spp = 16\nexr = \"{exr}\""));
+        let (folder, made) = finished(&recipe);
+        let [wide, linear] = ["srgb16", "linear"].map(|encoding| {
+            let out = folder.path().join(encoding);
+            let more = ["--format", "pairs", "--encoding", encoding];
+            run(&arguments(&made, &out, &more)).expect(0);
+            out
+        });
+        for id in ids(&made, "train") {
+            let [input, ..] = layers(&made, &id);
+            let png = image::open(wide.join(format!("train/blended/{id}.png"))).unwrap();
+            let image::DynamicImage::ImageRgb16(png) = png else {
+                panic!("not 16 bit: {png:?}");
+            };
+            let expected: Vec<u16> = input
+                .as_flattened()
+                .iter()
+                .map(|&v| linear_to_srgb16(v))
+                .collect();
+            assert_eq!(png.as_raw(), &expected);
+            let path = linear.join(format!("train/blended/{id}.exr"));
+            let channels = decode_exr_channels(&std::fs::read(&path).unwrap()).unwrap();
+            for (c, name) in ["R", "G", "B"].iter().enumerate() {
+                let (_, values) = channels.list.iter().find(|(n, _)| n == name).unwrap();
+                assert!(
+                    values.iter().zip(&input).all(|(v, p)| *v == p[c]),
+                    "{id} {name}"
+                );
+            }
+            let kinds: BTreeSet<&str> = crate::support::outputs::exr_channels(&path)
+                .values()
+                .map(|(kind, _)| *kind)
+                .collect();
+            assert_eq!(kinds, [exr].into());
+        }
+    }
+}
+
+#[test]
+fn a_dry_run_writes_nothing() {
+    let (folder, made) = finished(RECIPE);
+    let out = folder.path().join("out");
+    let line = arguments(&made, &out, &["--format", "pairs", "-n", "--json"]);
+    let json = run(&line).expect(0).json();
+    assert_eq!(json["tuples"], json!({ "train": 5, "test": 2 }));
+    let foretold = json["bytes"].as_f64().unwrap();
+    assert!(!out.exists());
+    let made = run(&arguments(&made, &out, &["--format", "pairs", "--json"]))
+        .expect(0)
+        .json();
+    let bytes = made["bytes"].as_f64().unwrap();
+    assert!((foretold / bytes - 1.0).abs() < 0.5, "{foretold} {bytes}");
+    assert_eq!(made["files"].as_u64().unwrap() as usize, SCENES * 4 + 2);
+}
+
+#[test]
+fn tuples_come_from_any_store() {
+    let (folder, made) = finished(RECIPE);
+    let pairs = ["--format", "webdataset"];
+    let expected = folder.path().join("expected");
+    run(&arguments(&made, &expected, &pairs)).expect(0);
+
+    // Another folder; the run is fetched from it.
+    let out = folder.path().join("of-folder");
+    let fetched = folder.path().join("fetched");
+    let store = ["--store", text(&made)];
+    run(&arguments(&fetched, &out, &[&pairs[..], &store].concat())).expect(0);
+    assert_equal(&out, &expected);
+
+    let server = S3Server::start(5);
+    let bucket = server.store("runs/smoke");
+    for path in files(&made) {
+        let bytes = std::fs::read(made.join(&path)).unwrap();
+        if !path.ends_with("work.lock") {
+            bucket.create(text(&path), &bytes).unwrap();
+        }
+    }
+    server.faults.set(100);
+    let out = folder.path().join("of-bucket");
+    let fetched = folder.path().join("fetched-too");
+    let address = format!("s3://{BUCKET}/runs/smoke");
+    let mut command = command(&arguments(
+        &fetched,
+        &out,
+        &[&pairs[..], &["--store", &address]].concat(),
+    ));
+    server.tell(&mut command);
+    let ended: Ended = command.output().unwrap().into();
+    ended.expect(0);
+    assert_equal(&out, &expected);
+}

@@ -1,0 +1,160 @@
+//! Exports read back by the packages that their users have, and by the examples of docs/datasets.md.
+//!
+//! The Python that has them is `GLASSHOUSE_PYTHON`, else `python3`; what it has not is skipped, with a line that says so.
+
+use crate::export::{RECIPE, finished};
+use crate::support::program::{Ended, command, run, text};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Exit code of `read_back.py` when a package is missing.
+const ABSENT: i32 = 77;
+
+fn python() -> Command {
+    let python = std::env::var_os("GLASSHOUSE_PYTHON");
+    Command::new(python.unwrap_or_else(|| "python3".into()))
+}
+
+/// Reads `out` back, or says that this cannot be done here.
+fn read_back(what: &str, run: &Path, out: &Path) {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/formats/read_back.py");
+    let output = python().arg(script).arg(what).args([run, out]).output();
+    let Ok(output) = output else {
+        eprintln!("skipped: {what}: there is no Python here");
+        return;
+    };
+    let ended: Ended = output.into();
+    match ended.code {
+        Some(0) => eprintln!("read back: {}", ended.stdout.trim()),
+        Some(ABSENT) => eprintln!("{}", ended.stdout.trim()),
+        _ => panic!("{what}: {ended:#?}"),
+    }
+}
+
+fn export(run_folder: &Path, out: &Path, more: &str) -> PathBuf {
+    let mut arguments = vec!["export", text(run_folder), "--out", text(out)];
+    arguments.extend(more.split(' '));
+    run(&arguments).expect(0);
+    out.to_owned()
+}
+
+#[test]
+fn loaders_see_the_tuples_pixels() {
+    let (folder, made) = finished(RECIPE);
+    for (name, more, readers) in [
+        (
+            "w",
+            "--format webdataset",
+            &["webdataset", "loader", "hub_webdataset", "croissant"][..],
+        ),
+        (
+            "w16",
+            "--format webdataset --encoding srgb16",
+            &["webdataset_srgb16"],
+        ),
+        (
+            "wl",
+            "--format webdataset --encoding linear",
+            &["webdataset_linear"],
+        ),
+        ("i", "--format imagefolder", &["imagefolder", "croissant"]),
+        ("p", "--format pairs", &["pairs"]),
+        ("pl", "--format pairs --encoding linear", &["pairs_linear"]),
+        ("e", "--format exr", &["exr"]),
+    ] {
+        let out = export(&made, &folder.path().join(name), more);
+        for what in readers {
+            read_back(what, &made, &out);
+        }
+    }
+}
+
+#[test]
+fn several_shards_are_one_set() {
+    let recipe = RECIPE
+        .replace("width = 24", "width = 256")
+        .replace("height = 16", "height = 256")
+        .replace("spp = 16", "spp = 1");
+    let (folder, made) = finished(&recipe);
+    let out = export(
+        &made,
+        &folder.path().join("w"),
+        "--format webdataset --shard-mb 1",
+    );
+    assert!(out.join("train-000001.tar").exists());
+    for shard in std::fs::read_dir(&out).unwrap() {
+        let shard = shard.unwrap();
+        assert!(shard.metadata().unwrap().len() <= 1_000_000, "{shard:?}");
+    }
+    for what in ["webdataset", "loader", "croissant"] {
+        read_back(what, &made, &out);
+    }
+}
+
+#[test]
+fn films_without_some_layers_and_floats_are_read() {
+    let film = "spp = 16\nexr = \"float\"\nlayers = [\"input\", \"transmission\"]";
+    let (folder, made) = finished(&RECIPE.replace("spp = 16", film));
+    for (name, more, what) in [
+        ("w", "--format webdataset", "webdataset"),
+        ("i", "--format imagefolder", "imagefolder"),
+        ("p", "--format pairs", "pairs"),
+        ("pl", "--format pairs --encoding linear", "pairs_linear"),
+        ("e", "--format exr", "exr"),
+    ] {
+        let out = export(&made, &folder.path().join(name), more);
+        read_back(what, &made, &out);
+    }
+    let (folder, made) = finished(&RECIPE.replace("spp = 16", "spp = 16\nlayers = [\"input\"]"));
+    let out = export(&made, &folder.path().join("e"), "--format exr");
+    read_back("exr", &made, &out);
+}
+
+#[test]
+fn examples_of_the_document_run() {
+    let document = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/datasets.md");
+    let document = std::fs::read_to_string(document).unwrap();
+    let (folder, _) = finished(RECIPE);
+    let exports = document
+        .lines()
+        .filter_map(|line| line.strip_prefix("    glasshouse export "));
+    let mut formats = 0;
+    for line in exports {
+        let words: Vec<&str> = std::iter::once("export")
+            .chain(line.split_whitespace())
+            .collect();
+        let output = command(&words).current_dir(folder.path()).output();
+        Ended::from(output.unwrap()).expect(0);
+        formats += 1;
+    }
+    assert_eq!(formats, 4, "the document exports in every format");
+    let blocks: Vec<&str> = document
+        .split("```python\n")
+        .skip(1)
+        .map(|rest| rest.split_once("```").unwrap().0)
+        .collect();
+    assert_eq!(blocks.len(), 5, "a block for each way to read");
+    let cache = tempfile::tempdir().unwrap();
+    for block in blocks {
+        let mut python = python();
+        python.args(["-c", block]).current_dir(folder.path());
+        for name in ["HOME", "HF_HOME", "XDG_CACHE_HOME", "CROISSANT_CACHE"] {
+            python.env(name, cache.path());
+        }
+        python.env("HF_HUB_OFFLINE", "1");
+        let Ok(output) = python.output() else {
+            eprintln!("skipped: there is no Python here");
+            return;
+        };
+        let ended: Ended = output.into();
+        if ended.code == Some(0) {
+            continue;
+        }
+        let last = ended.stderr.lines().last().unwrap_or_default();
+        assert!(
+            last.starts_with("ModuleNotFoundError"),
+            "{block}\n{ended:#?}"
+        );
+        eprintln!("skipped: {last}");
+    }
+}

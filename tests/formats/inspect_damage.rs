@@ -1,0 +1,217 @@
+//! `inspect` on damaged files: what is wrong, where, and what to do; never "whole", never a panic.
+
+use crate::every_file::files;
+use crate::inspect::one;
+use crate::support::program::text;
+use crate::support::workplace::run_in;
+use serde_json::Value;
+use std::path::Path;
+
+/// What `inspect` says of a file whose bytes are changed; the file is put back.
+fn inspect(
+    folder: &Path,
+    path: &Path,
+    damage: impl FnOnce(&mut Vec<u8>),
+) -> (Option<i32>, Value, String) {
+    let whole = std::fs::read(folder.join(path)).unwrap();
+    let mut bytes = whole.clone();
+    damage(&mut bytes);
+    std::fs::write(folder.join(path), &bytes).unwrap();
+    let ended = run_in(folder, &["inspect", text(path), "--json"]);
+    let page = run_in(folder, &["inspect", text(path)]);
+    assert_eq!(ended.code, page.code);
+    assert!(
+        !ended.stderr.contains("panicked") && !page.stderr.contains("panicked"),
+        "{page:?}"
+    );
+    std::fs::write(folder.join(path), whole).unwrap();
+    (ended.code, one(&ended), page.stdout)
+}
+
+/// Damage that is explained: every problem says what to do.
+fn explained(path: &Path, (code, file, page): &(Option<i32>, Value, String)) {
+    let path = path.display();
+    assert_eq!(*code, Some(4), "{path}: {file:#}");
+    assert_eq!(file["whole"], false, "{path}: {file:#}");
+    let problems = file["problems"].as_array().unwrap();
+    assert!(!problems.is_empty(), "{path}");
+    for problem in problems {
+        assert!(
+            !problem["what"].as_str().unwrap().is_empty()
+                && !problem["to_do"].as_str().unwrap().is_empty()
+        );
+    }
+    assert!(
+        page.contains("  wrong ") && page.contains("  to do "),
+        "{path}: {page}"
+    );
+}
+
+#[test]
+fn cut_and_changed_files_are_explained() {
+    let files = files();
+    let folder = files.folder.path();
+    for known in files.plain() {
+        let path = &known.path;
+        if known.kind == "lock" {
+            continue;
+        }
+        for part in [2, 3] {
+            let cut = inspect(folder, path, |bytes| {
+                bytes.truncate(bytes.len() * (part - 1) / part);
+            });
+            // Half a table in TOML or Markdown, or of a list, may be a whole one.
+            let is_text = [
+                "recipe",
+                "hard_cases",
+                "depth_ranges",
+                "evaluation_table",
+                "listing",
+            ]
+            .contains(&known.kind);
+            // So may half a manifest that no spec holds the digest of.
+            let is_free = is_text || (known.kind == "manifest" && known.whole.is_none());
+            if !is_free || cut.0 == Some(4) {
+                explained(path, &cut);
+            }
+            assert_ne!(cut.1["whole"], true, "{}: {:#}", path.display(), cut.1);
+        }
+        let empty = inspect(folder, path, Vec::clear);
+        explained(path, &empty);
+        assert!(empty.2.contains("empty"), "{}", empty.2);
+        // In the middle of the pixels, the weights, the records, the lines.
+        let changed = inspect(folder, path, |bytes| {
+            let middle = bytes.len() / 2;
+            bytes[middle] ^= 0x01;
+        });
+        if known.whole == Some(true) {
+            explained(path, &changed);
+        } else {
+            assert_ne!(
+                changed.1["whole"],
+                true,
+                "{}: {:#}",
+                path.display(),
+                changed.1
+            );
+        }
+        // Its first bytes are another's.
+        let foreign = inspect(folder, path, |bytes| {
+            let length = bytes.len().min(300);
+            bytes[..length].fill(0xfe);
+        });
+        explained(path, &foreign);
+    }
+}
+
+#[test]
+fn where_it_is_wrong_is_said() {
+    let files = files();
+    let folder = files.folder.path();
+    let path = Path::new("runs/smoke/manifest.jsonl");
+    let (_, file, page) = inspect(folder, path, |bytes| {
+        let second = bytes.iter().position(|byte| *byte == b'\n').unwrap() + 1;
+        bytes[second] = b'x';
+    });
+    assert_eq!(file["facts"]["good_lines"], 1, "{file:#}");
+    assert_eq!(file["problems"][0]["where"], "line 2", "{page}");
+    let (_, file, _) = inspect(folder, Path::new("runs/smoke/spec.json"), |bytes| {
+        bytes.truncate(bytes.len() / 2);
+    });
+    assert!(
+        file["problems"][0]["where"]
+            .as_str()
+            .unwrap()
+            .starts_with("line "),
+        "{file:#}"
+    );
+    // Another version's.
+    let (_, file, _) = inspect(folder, Path::new("runs/smoke/spec.json"), |bytes| {
+        let text = String::from_utf8(bytes.clone())
+            .unwrap()
+            .replace("glasshouse.spec/1", "glasshouse.spec/9");
+        *bytes = text.into_bytes();
+    });
+    assert_eq!(file["kind"], "spec");
+    assert!(
+        file["problems"][0]["what"]
+            .as_str()
+            .unwrap()
+            .contains("spec/9"),
+        "{file:#}"
+    );
+}
+
+#[test]
+fn a_partial_under_another_name_is_found_out() {
+    let files = files();
+    let folder = files.folder.path();
+    let partials = folder.join("runs/smoke/partials/train-sample-000000");
+    std::fs::rename(partials.join("000000.exr"), partials.join("000007.exr")).unwrap();
+    let ended = run_in(&partials, &["inspect", "000007.exr", "--json"]).expect(4);
+    assert!(
+        one(&ended)["problems"][0]["what"]
+            .as_str()
+            .unwrap()
+            .contains("another shard")
+    );
+}
+
+#[test]
+fn a_tuple_that_lacks_a_file_or_a_sample_that_lacks_a_picture() {
+    let files = files();
+    let folder = files.folder.path();
+    let tuple = folder.join("runs/smoke/tuples/train-sample-000000");
+    std::fs::remove_file(tuple.join("input.png")).unwrap();
+    let ended = run_in(folder, &["inspect", text(&tuple), "--json"]).expect(4);
+    assert!(
+        one(&ended)["problems"][0]["what"]
+            .as_str()
+            .unwrap()
+            .contains("input.png"),
+        "{ended:?}"
+    );
+    let mut shard = tar::Builder::new(Vec::new());
+    shard
+        .append_path_with_name(tuple.join("transmission.png"), "a.transmission.png")
+        .unwrap();
+    shard
+        .append_path_with_name(tuple.join("tuple.json"), "a.json")
+        .unwrap();
+    std::fs::write(folder.join("lacks.tar"), shard.into_inner().unwrap()).unwrap();
+    let file = one(&run_in(folder, &["inspect", "lacks.tar", "--json"]).expect(4));
+    assert_eq!(file["facts"]["complete"], 0);
+    assert_eq!(file["problems"][0]["where"], "sample a");
+}
+
+#[cfg(feature = "train")]
+#[test]
+fn a_checkpoint_is_held_against_its_state() {
+    let files = files();
+    let folder = files.folder.path();
+    let step = folder.join("runs/smoke/train/separation/step-0000002");
+    let mut model = std::fs::read(step.join("model.safetensors")).unwrap();
+    let last = model.len() - 5;
+    model[last] ^= 1;
+    std::fs::write(step.join("model.safetensors"), model).unwrap();
+    for path in [
+        &step,
+        &step.join("state.json"),
+        &step.parent().unwrap().to_owned(),
+    ] {
+        let ended = run_in(folder, &["inspect", text(path)]).expect(4);
+        let flat = ended
+            .stdout
+            .split_whitespace()
+            .collect::<Vec<_>>()
+            .join(" ");
+        assert!(
+            flat.contains("model.safetensors beside it is not what was written"),
+            "{ended:?}"
+        );
+        assert!(
+            flat.contains("goes on from the checkpoint before it"),
+            "{ended:?}"
+        );
+    }
+}

@@ -1,0 +1,23 @@
+//! Every kind of file: read back, inspected, exported, reported, and damaged.
+#![allow(
+    clippy::unwrap_used,
+    clippy::disallowed_methods,
+    clippy::print_stderr,
+    reason = "tests may panic in any function, damage files, and say why they cannot run here"
+)]
+
+mod corpus;
+mod every_file;
+mod every_file_left;
+mod export;
+mod export_killed;
+mod export_readers;
+mod export_refused;
+mod inspect;
+mod inspect_damage;
+mod markup;
+mod report;
+mod report_browser;
+mod report_noise;
+#[path = "../support/mod.rs"]
+mod support;

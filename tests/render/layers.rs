@@ -1,0 +1,193 @@
+//! `film.layers` and `film.target_error` through the program: what is left out, and that nothing else changes.
+
+use crate::support::outputs::{Content, assert_same, assert_tidy, tuples};
+use crate::support::program::{command, run, text, wait_until};
+use crate::support::scenes::{Place, RECIPE, SCENES, SHARDS, place, put_partials, reference};
+use glasshouse::farm::{Run, SceneJob, render_partials};
+use glasshouse::manifest::Roots;
+use glasshouse::scene::{load, read_files};
+use glasshouse::trace::Isa;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::sync::atomic::AtomicBool;
+
+/// A place whose recipe has more lines under `[film]`.
+fn place_with(film: &str) -> Place {
+    let place = place();
+    std::fs::write(
+        &place.recipe,
+        RECIPE.replace("[film]\n", &format!("[film]\n{film}\n")),
+    )
+    .unwrap();
+    place
+}
+
+fn record(run: &Path, scene: &str) -> Value {
+    let path = run.join("tuples").join(scene).join("tuple.json");
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+fn pixels(content: &Content) -> &BTreeMap<String, (&'static str, Vec<u32>)> {
+    match content {
+        Content::Pixels(channels) => channels,
+        Content::Bytes(_) => panic!("no EXR"),
+    }
+}
+
+#[test]
+fn layers_left_out_are_not_written_and_the_others_stay_as_they_are() {
+    let place = place_with(r#"layers = ["transmission", "input"]"#);
+    run(&place.arguments("run", &[])).expect(0);
+    let found = tuples(&place.run);
+    let mut names: Vec<&str> = found.keys().map(|p| text(p)).collect();
+    names.retain(|name| name.starts_with("train-sample-000000/"));
+    let expected = ["input.png", "transmission.png", "tuple.exr", "tuple.json"];
+    assert_eq!(names, expected.map(|n| format!("train-sample-000000/{n}")));
+    assert_eq!(found.len(), SCENES * 4);
+    for (path, content) in &found {
+        let whole = &reference()[path];
+        if path.ends_with("tuple.exr") {
+            let (some, all) = (pixels(content), pixels(whole));
+            let channels: Vec<&str> = some.keys().map(String::as_str).collect();
+            let colours = ["B", "G", "R"];
+            let of = |layer: &str| colours.map(|c| format!("{layer}.{c}"));
+            assert_eq!(channels, [of("input"), of("transmission")].concat());
+            for (name, bits) in some {
+                assert!(*bits == all[name], "{} {name}", path.display());
+            }
+        } else if path.extension().is_some_and(|e| e == "png") {
+            assert!(content == whole, "{}", path.display());
+        }
+    }
+    let record = record(&place.run, "train-sample-000000");
+    let layers: Vec<&String> = record["layers"].as_object().unwrap().keys().collect();
+    assert_eq!(layers, ["input", "transmission"]);
+
+    // The page shows the two, and neither of the others.
+    let page = std::fs::read_to_string(place.run.join("report/index.html")).unwrap();
+    for (layer, shown) in [
+        ("input", SCENES),
+        ("transmission", SCENES),
+        ("glass_reflection", 0),
+        ("clean_reflection", 0),
+    ] {
+        let pictures = page.matches(&format!("alt=\"{layer} of ")).count();
+        assert_eq!(pictures, shown, "{layer}");
+    }
+
+    // Nothing is left to do; a layer that is lost is made again.
+    let again = || {
+        let done = run(&["work", text(&place.run), "--json"]).expect(0).json();
+        done["shards_traced"].as_u64().unwrap()
+    };
+    assert_eq!(again(), 0);
+    assert_same(&tuples(&place.run), &found);
+    std::fs::remove_file(place.run.join("tuples/train-sample-000000/input.png")).unwrap();
+    assert_eq!(again(), SHARDS as u64);
+    assert_same(&tuples(&place.run), &found);
+    assert_tidy(&place.run);
+}
+
+#[test]
+fn unknown_and_missing_layers_are_refused() {
+    for (film, word) in [
+        (r#"layers = ["I"]"#, "there is no layer"),
+        ("layers = []", "name at least one"),
+        (r#"layers = ["input", "input"]"#, "listed twice"),
+        ("target_error = 0", "film.target_error is 0"),
+    ] {
+        let place = place_with(film);
+        run(&place.arguments("plan", &[])).expect(4).says(&[word]);
+        assert!(!place.run.exists());
+    }
+}
+
+const ADAPTIVE: &str = "target_error = 2e-3";
+
+/// An adaptive run in one go.
+fn adaptive_reference() -> &'static BTreeMap<PathBuf, Content> {
+    static REFERENCE: OnceLock<BTreeMap<PathBuf, Content>> = OnceLock::new();
+    REFERENCE.get_or_init(|| {
+        let place = place_with(ADAPTIVE);
+        run(&place.arguments("run", &["-j", "1"])).expect(0);
+        let mut spared = false;
+        for scene in [
+            "train-sample-000000",
+            "train-sample-000001",
+            "train-sample-000002",
+            "test-sample-000000",
+        ] {
+            let record = record(&place.run, scene);
+            for (name, layer) in record["layers"].as_object().unwrap() {
+                let mean = layer["mean_samples"].as_f64().unwrap();
+                let most = layer["samples"].as_f64().unwrap();
+                assert!(mean <= most && most <= 256.0, "{scene} {name}: {layer}");
+                spared |= mean < most;
+            }
+        }
+        assert!(spared, "every cell took as many samples as every other");
+        tuples(&place.run)
+    })
+}
+
+#[test]
+fn adaptive_tuples_depend_on_neither_threads_nor_tiles() {
+    // Tiles of 12 and 100 px are rounded up to whole cells.
+    for (threads, tile) in [
+        ("2", "16"),
+        ("1", "64"),
+        ("2", "64"),
+        ("1", "12"),
+        ("2", "100"),
+    ] {
+        let place = place_with(ADAPTIVE);
+        let (recipe, out) = (text(&place.recipe), text(&place.run));
+        run(&["run", recipe, "--out", out, "-j", threads, "--tile", tile]).expect(0);
+        eprintln!("-j {threads} --tile {tile}");
+        assert_same(&tuples(&place.run), adaptive_reference());
+    }
+}
+
+#[test]
+fn adaptive_runs_are_killed_and_resumed() {
+    let place = place_with(ADAPTIVE);
+    let arguments = place.arguments("run", &["-j", "1"]);
+    let mut child = command(&arguments).spawn().unwrap();
+    let folder = place.run.join("partials");
+    let is_under_way = wait_until(&mut child, || {
+        let scenes = std::fs::read_dir(&folder).into_iter().flatten().flatten();
+        scenes
+            .flat_map(|scene| std::fs::read_dir(scene.path()).into_iter().flatten())
+            .count()
+            >= 5
+    });
+    assert!(is_under_way, "the run was over before it was killed");
+    child.kill().unwrap();
+    child.wait().unwrap();
+    run(&arguments).expect(0);
+    assert_same(&tuples(&place.run), adaptive_reference());
+    assert_tidy(&place.run);
+}
+
+#[test]
+fn adaptive_partials_are_taken_up() {
+    let place = place_with(ADAPTIVE);
+    place.plan();
+    let opened = Run::open(&place.run, &Roots::default()).unwrap();
+    let line = &opened.lines[1];
+    let files = read_files(line, &opened.roots, opened.dir.root()).unwrap();
+    let job = SceneJob::new(line, opened.layout(line), load(line, &files).unwrap());
+    let never = AtomicBool::new(false);
+    let partials = render_partials(&job, 1, Isa::detect(), &never, &|| {}).unwrap();
+    assert_eq!(partials.len(), SHARDS);
+    assert!(partials.iter().all(|p| p.header.sample_sums.is_some()));
+    // Every third is there, as after a kill.
+    let some: Vec<_> = partials.iter().step_by(3).cloned().collect();
+    put_partials(&place.run, line.id.as_str(), &some);
+    let done = run(&["work", text(&place.run), "--json"]).expect(0).json();
+    assert_eq!(done["shards_resumed"], some.len());
+    assert_eq!(done["shards_traced"], SCENES * SHARDS - some.len());
+    assert_same(&tuples(&place.run), adaptive_reference());
+}

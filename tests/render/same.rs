@@ -1,0 +1,65 @@
+//! Outputs do not depend on threads, tiles, kernels or places.
+
+use crate::support::outputs::{assert_same, tuples};
+use crate::support::program::{command, run, text, wait_until};
+use crate::support::scenes::{place, reference};
+
+#[test]
+fn threads_and_tiles_change_nothing() {
+    for (threads, tile) in [
+        ("1", "16"),
+        ("1", "64"),
+        ("2", "64"),
+        ("1", "100"),
+        ("2", "100"),
+    ] {
+        let place = place();
+        run(&[
+            "run",
+            text(&place.recipe),
+            "--out",
+            text(&place.run),
+            "-j",
+            threads,
+            "--tile",
+            tile,
+        ])
+        .expect(0);
+        eprintln!("-j {threads} --tile {tile}");
+        assert_same(&tuples(&place.run), reference());
+    }
+}
+
+#[test]
+fn instruction_sets_change_nothing() {
+    let mut compared = 0;
+    for isa in ["baseline", "avx2"] {
+        let place = place();
+        place.plan();
+        let ended = run(&["work", text(&place.run), "--isa", isa]);
+        if isa == "avx2" && ended.code == Some(2) {
+            eprintln!("skipped: {}", ended.stderr);
+            continue;
+        }
+        ended.expect(0);
+        assert_same(&tuples(&place.run), reference());
+        compared += 1;
+    }
+    assert!(compared > 0);
+}
+
+#[test]
+fn a_run_can_be_moved_under_way() {
+    let place = place();
+    let mut child = command(&place.arguments("run", &["-j", "1"]))
+        .spawn()
+        .unwrap();
+    let tuple_folders = place.run.join("tuples");
+    assert!(wait_until(&mut child, || tuple_folders.exists()));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let elsewhere = place.folder.path().join("else where");
+    std::fs::rename(&place.run, &elsewhere).unwrap();
+    run(&["work", text(&elsewhere)]).expect(0);
+    assert_same(&tuples(&elsewhere), reference());
+}

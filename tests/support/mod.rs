@@ -1,0 +1,12 @@
+//! What several test binaries need: the program as a process, inputs to work on, outputs decoded, and servers.
+#![allow(dead_code, reason = "each test binary uses a part of it")]
+
+pub(crate) mod browser;
+pub(crate) mod markup;
+pub(crate) mod moto;
+pub(crate) mod nats_server;
+pub(crate) mod outputs;
+pub(crate) mod program;
+pub(crate) mod s3_server;
+pub(crate) mod scenes;
+pub(crate) mod workplace;

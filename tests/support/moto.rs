@@ -1,0 +1,103 @@
+//! Another S3 server (moto), in Python: it knows absent buckets, answers with parts of objects, and speaks TLS. It looks
+//! whether a key is taken and then writes, so of two puts at the same instant both may be told that theirs is new.
+
+use super::program::text;
+use glasshouse::store::{Store, StoreOptions};
+use std::net::{TcpListener, TcpStream};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// A moto_server, killed when it is dropped.
+pub(crate) struct Moto {
+    child: Child,
+    endpoint: String,
+}
+
+impl Moto {
+    /// Starts one with an empty bucket; none, with a line that says so, where it is not installed.
+    pub(crate) fn start() -> Option<Self> {
+        let server = Self::spawn("http", &[])?;
+        server.make_bucket();
+        Some(server)
+    }
+
+    /// One that speaks TLS, with `cert.pem` and `key.pem` of a folder, and has no bucket.
+    pub(crate) fn start_tls(keys: &Path) -> Option<Self> {
+        let (certificate, key) = (keys.join("cert.pem"), keys.join("key.pem"));
+        Self::spawn("https", &["-s", "-c", text(&certificate), "-k", text(&key)])
+    }
+
+    fn spawn(scheme: &str, more: &[&str]) -> Option<Self> {
+        let skipped =
+            || eprintln!("skipped: moto_server is not installed (pip install 'moto[server]')");
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        drop(listener);
+        let child = Command::new("moto_server")
+            .args(["-H", "127.0.0.1", "-p", &port.to_string()])
+            .args(more)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn();
+        let Ok(child) = child else {
+            skipped();
+            return None;
+        };
+        let endpoint = format!("{scheme}://localhost:{port}");
+        let mut server = Self { child, endpoint };
+        let start = Instant::now();
+        while TcpStream::connect(("127.0.0.1", port)).is_err() {
+            if server.child.try_wait().unwrap().is_some() {
+                skipped();
+                return None;
+            }
+            assert!(
+                start.elapsed() < Duration::from_mins(1),
+                "moto does not start"
+            );
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        Some(server)
+    }
+
+    /// moto believes every signature, and none.
+    fn make_bucket(&self) {
+        use std::io::{Read, Write};
+        let address = self.endpoint.trim_start_matches("http://");
+        let mut stream = TcpStream::connect(address).unwrap();
+        let request = "PUT /bucket HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 0\r\nConnection: close\r\n\r\n";
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+    }
+
+    pub(crate) fn store(&self, prefix: &str) -> Store {
+        self.store_at(&format!("s3://bucket/{prefix}"))
+    }
+
+    pub(crate) fn store_at(&self, address: &str) -> Store {
+        Store::open(address, &self.options()).unwrap()
+    }
+
+    pub(crate) fn options(&self) -> StoreOptions {
+        let settings = [
+            ("AWS_ENDPOINT_URL", self.endpoint.as_str()),
+            ("AWS_ACCESS_KEY_ID", "a"),
+            ("AWS_SECRET_ACCESS_KEY", "b"),
+        ];
+        StoreOptions {
+            settings: settings.map(|(k, v)| (k.to_owned(), v.to_owned())).into(),
+            ..StoreOptions::default()
+        }
+    }
+}
+
+impl Drop for Moto {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

@@ -1,0 +1,183 @@
+//! Recipes, photographs and scene lines to work on, and the run that all others are compared with.
+
+use super::outputs::{Content, tuples};
+use super::program::{run, text};
+use glasshouse::farm::{Run, SceneJob, render_partials};
+use glasshouse::manifest::Roots;
+use glasshouse::partial::Partial;
+use glasshouse::scene::{load, read_files};
+use glasshouse::trace::Isa;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::sync::atomic::AtomicBool;
+use tempfile::TempDir;
+
+/// Four scenes of 96 x 64 px: neither square nor divisible by the tiles of 64 and 100.
+pub(crate) const RECIPE: &str = r#"
+schema = "glasshouse.recipe/1"
+name = "small"
+seed = 7
+[film]
+width = 96
+height = 64
+spp = 256
+[sources.sample]
+layout = "sample"
+count = 6
+width = 256
+height = 192
+[[split]]
+name = "train"
+pairs = { sample = 3 }
+[[split]]
+name = "test"
+pairs = { sample = 1 }
+"#;
+
+/// Scenes of [`RECIPE`], and shards of one with tiles of 16 px.
+pub(crate) const SCENES: usize = 4;
+pub(crate) const SHARDS: usize = 24;
+
+/// A folder with the recipe in it, and room for a run.
+pub(crate) struct Place {
+    pub(crate) folder: TempDir,
+    pub(crate) recipe: PathBuf,
+    pub(crate) run: PathBuf,
+}
+
+pub(crate) fn place() -> Place {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = folder.path().join("small.toml");
+    std::fs::write(&recipe, RECIPE).unwrap();
+    let run = folder.path().join("run");
+    Place {
+        folder,
+        recipe,
+        run,
+    }
+}
+
+impl Place {
+    /// The command line of `run` or `plan` with tiles of 16 px, and more arguments.
+    pub(crate) fn arguments<'a>(&'a self, command: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+        let (recipe, out) = (text(&self.recipe), text(&self.run));
+        let mut all = vec![command, recipe, "--out", out, "--tile", "16"];
+        all.extend(more);
+        all
+    }
+
+    /// Plans with tiles of 16 px.
+    pub(crate) fn plan(&self) {
+        run(&self.arguments("plan", &[])).expect(0);
+    }
+}
+
+/// The tuples of an uninterrupted run.
+pub(crate) fn reference() -> &'static BTreeMap<PathBuf, Content> {
+    static REFERENCE: OnceLock<BTreeMap<PathBuf, Content>> = OnceLock::new();
+    REFERENCE.get_or_init(|| {
+        let place = place();
+        run(&place.arguments("run", &[])).expect(0);
+        let tuples = tuples(&place.run);
+        assert_eq!(tuples.len(), SCENES * 6);
+        tuples
+    })
+}
+
+/// All partials of one scene of a planned run, made through the library.
+pub(crate) fn partials(run: &Path, scene: usize) -> (String, Vec<Partial>) {
+    let run = Run::open(run, &Roots::default()).unwrap();
+    let line = &run.lines[scene];
+    let files = read_files(line, &run.roots, run.dir.root()).unwrap();
+    let job = SceneJob::new(line, run.layout(line), load(line, &files).unwrap());
+    let never = AtomicBool::new(false);
+    let mut partials = render_partials(&job, 2, Isa::detect(), &never, &|| {}).unwrap();
+    partials.sort_by_key(|partial| partial.header.shard);
+    (line.id.to_string(), partials)
+}
+
+/// Writes partials where `work` looks for them; their paths.
+pub(crate) fn put_partials(run: &Path, scene: &str, partials: &[Partial]) -> Vec<PathBuf> {
+    let folder = run.join("partials").join(scene);
+    std::fs::create_dir_all(&folder).unwrap();
+    let put = |partial: &Partial| {
+        let path = folder.join(format!("{:06}.exr", partial.header.shard));
+        std::fs::write(&path, glasshouse::partial::encode(partial).unwrap()).unwrap();
+        path
+    };
+    partials.iter().map(put).collect()
+}
+
+/// Two photographs of 64 x 48 px in `folder`: `a` and `b`, colour, depth and mask.
+pub(crate) fn photographs(folder: &Path) {
+    let made = run(&[
+        "sample",
+        text(&folder.join("made")),
+        "--count",
+        "2",
+        "--width",
+        "64",
+        "--height",
+        "48",
+        "--json",
+    ])
+    .expect(0)
+    .json();
+    for (index, name) in ["a", "b"].into_iter().enumerate() {
+        let color = folder
+            .join("made")
+            .join(made["color"][index].as_str().unwrap());
+        let stem = text(&color).strip_suffix(".png").unwrap().to_owned();
+        for ending in [".png", "_depth.npy", "_depth_mask.npy"] {
+            std::fs::copy(
+                format!("{stem}{ending}"),
+                folder.join(format!("{name}{ending}")),
+            )
+            .unwrap();
+        }
+    }
+}
+
+/// A scene line over `a` and `b`.
+pub(crate) fn scene(id: &str) -> Value {
+    let photograph = |name: &str| {
+        json!({
+            "color": format!("{name}.png"), "depth": format!("{name}_depth.npy"),
+            "mask": format!("{name}_depth_mask.npy"),
+            "intrinsics": {"fx": 886.81, "fy": 927.06, "cx": 512.0, "cy": 384.0, "size": [1024, 768]},
+        })
+    };
+    json!({
+        "schema": "glasshouse.scene/1", "id": id, "seed": 5,
+        "film": {"width": 40, "height": 24, "spp": 16},
+        "camera": {"focal_length_mm": 55.0, "aperture_radius_m": 0.00893, "focus": {"at": "front_center"}},
+        "glass": {"distance_m": 0.3, "thickness_m": 0.01, "ior": 1.6},
+        "front": photograph("a"), "back": photograph("b"),
+    })
+}
+
+/// Scene lines as a `.jsonl`.
+pub(crate) fn write_lines(path: &Path, lines: &[Value]) {
+    let mut text = String::new();
+    for line in lines {
+        text += &line.to_string();
+        text.push('\n');
+    }
+    std::fs::write(path, text).unwrap();
+}
+
+/// A `.npy` of f32.
+pub(crate) fn npy(shape: &str, values: &[f32]) -> Vec<u8> {
+    let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}");
+    while (10 + header.len() + 1) % 64 != 0 {
+        header.push(' ');
+    }
+    header.push('\n');
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+    bytes
+}

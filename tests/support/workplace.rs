@@ -1,0 +1,70 @@
+//! A folder in which the files that the examples of `--help` name are there: made once, copied for each use.
+
+use super::outputs::files;
+use super::program::{Ended, command};
+use super::scenes::{photographs, scene};
+use std::path::Path;
+use std::sync::OnceLock;
+use tempfile::TempDir;
+
+/// A copy for one use.
+pub(crate) fn workplace() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for file in files(made()) {
+        let to = folder.path().join(&file);
+        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+        std::fs::copy(made().join(&file), to).unwrap();
+    }
+    folder
+}
+
+/// Runs the program in a folder.
+pub(crate) fn run_in(folder: &Path, arguments: &[&str]) -> Ended {
+    command(arguments)
+        .current_dir(folder)
+        .output()
+        .unwrap()
+        .into()
+}
+
+/// The one that is copied: a finished run of the smoke recipe made small, with networks if they can be trained.
+fn made() -> &'static Path {
+    static MADE: OnceLock<TempDir> = OnceLock::new();
+    let folder = MADE.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        make(folder.path());
+        folder
+    });
+    folder.path()
+}
+
+fn make(folder: &Path) {
+    let repository = Path::new(env!("CARGO_MANIFEST_DIR"));
+    std::fs::create_dir(folder.join("manifests")).unwrap();
+    let recipe = std::fs::read_to_string(repository.join("manifests/smoke.toml")).unwrap();
+    let small = recipe
+        .replace("= 256", "= 64")
+        .replace("count = 16", "count = 4\nwidth = 32\nheight = 24")
+        .replace("sample = 6", "sample = 1")
+        .replace("sample = 2 ", "sample = 1 ")
+        .replace("backtrack_steps = 60", "backtrack_steps = 2")
+        .replace("separation_steps = 160", "separation_steps = 2")
+        .replace("width = 8\n", "width = 4\n")
+        .replace("discriminator_width = 8", "discriminator_width = 2");
+    assert!(small.contains("separation_steps = 2\n"), "{small}");
+    std::fs::write(folder.join("manifests/smoke.toml"), small).unwrap();
+    photographs(folder);
+    std::fs::write(folder.join("scene.json"), scene("one").to_string()).unwrap();
+    run_in(folder, &["run", "manifests/smoke.toml"]).expect(0);
+    run_in(folder, &["render", "scene.json", "--out", "out"]).expect(0);
+    // What pairs and networks are scored with.
+    std::fs::copy(folder.join("a.png"), folder.join("photo.jpg")).unwrap();
+    for (layer, picture) in [("blended", "a.png"), ("transmission_layer", "b.png")] {
+        let layer = folder.join("pairs").join(layer);
+        std::fs::create_dir_all(&layer).unwrap();
+        std::fs::copy(folder.join(picture), layer.join("1.png")).unwrap();
+    }
+    let mine = "schema = \"glasshouse.recipe/1\"\nname = \"mine\"\n[sources.diode]\nlayout = \"diode\"\n\
+         [[split]]\nname = \"train\"\npairs = { diode = 1 }\n";
+    std::fs::write(folder.join("my.toml"), mine).unwrap();
+}

@@ -1,0 +1,464 @@
+//! Trained networks on a run's scenes, on published pairs and on photographs.
+
+use crate::support::program::{command, run, text};
+use crate::support::scenes::{Place, place};
+use image::{ExtendedColorType, ImageEncoder, Rgb, RgbImage};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// A run with one test scene and three train scenes of 96 x 64 px.
+fn merged() -> Place {
+    let place = place();
+    run(&place.arguments("run", &["-q"])).expect(0);
+    place
+}
+
+/// Trains both stages for some steps.
+fn train(place: &Place) {
+    let more = "--width 4 --crop 32 --discriminator-width 2 -q";
+    for stage in ["backtrack", "separation"] {
+        let mut arguments = vec!["train", text(&place.run), "--stage", stage, "--steps", "4"];
+        if stage == "backtrack" {
+            arguments.extend(more.split(' '));
+        }
+        run(&arguments).expect(0);
+    }
+}
+
+/// The commands' folders as text.
+fn shown(path: &Path) -> String {
+    path.display().to_string()
+}
+
+fn methods(json: &Value) -> Vec<&str> {
+    let rows = json["rows"].as_array().unwrap();
+    rows.iter().map(|r| r["method"].as_str().unwrap()).collect()
+}
+
+/// PSNR of all samples of two pictures together, dB.
+fn psnr_db(a: &Path, b: &Path) -> f64 {
+    let [a, b] = [a, b].map(|path| image::open(path).unwrap().into_rgb8());
+    assert_eq!(a.dimensions(), b.dimensions());
+    let squares = a
+        .iter()
+        .zip(b.iter())
+        .map(|(p, q)| (f64::from(*p) - f64::from(*q)).powi(2));
+    10.0 * (255.0 * 255.0 / (squares.sum::<f64>() / a.len() as f64)).log10()
+}
+
+/// Folders of a run's tuples that begin with `split`.
+fn tuples(run: &Path, split: &str) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(run.join("tuples")).unwrap();
+    let mut tuples: Vec<PathBuf> = entries.map(|e| e.unwrap().path()).collect();
+    tuples.retain(|path| {
+        let name = path.file_name().unwrap().to_str().unwrap();
+        name.starts_with(split)
+    });
+    tuples.sort();
+    tuples
+}
+
+#[test]
+fn a_run_is_scored() {
+    let place = merged();
+    let run_folder = text(&place.run);
+    // Before any training: the pictures as they are.
+    let ended = run(&["evaluate", run_folder, "--json"])
+        .expect(0)
+        .says(&["no SP-net was trained here"]);
+    assert_eq!(methods(&ended.json()).len(), 2);
+
+    train(&place);
+    let planned = run(&["evaluate", run_folder, "-n", "--json"])
+        .expect(0)
+        .json();
+    assert_eq!(planned["images"], 1);
+    let ended = run(&["evaluate", run_folder, "--json"]).expect(0);
+    let json = ended.json();
+    assert_eq!(json["schema"], "glasshouse.evaluate/1");
+    let found = methods(&json);
+    assert_eq!(found[0], "input");
+    assert!(found[1].starts_with("input x "), "{found:?}");
+    assert_eq!(found[2], "separation step 4 (features none)");
+    assert_eq!(json["gain"]["images"], 3);
+    assert_eq!(json["left_out"], serde_json::json!([]));
+
+    let tuple = &tuples(&place.run, "test")[0];
+    let expected_db = psnr_db(&tuple.join("input.png"), &tuple.join("transmission.png"));
+    let found_db = json["rows"][0]["psnr_colour_db"].as_f64().unwrap();
+    assert!(
+        (found_db - expected_db).abs() < 1e-9,
+        "{found_db} {expected_db}"
+    );
+    // Rendered pairs lie on each other: nothing is measured.
+    assert!(json["rows"][0]["aligned"].is_null());
+
+    let files: Vec<&str> = json["files"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|f| f.as_str().unwrap())
+        .collect();
+    assert_eq!(files.len(), 4);
+    let folder = place.run.join("train/evaluation");
+    // One test scene: the input, times a gain, what the network makes of it, the truth.
+    let pictures = image::open(folder.join("evaluation.png")).unwrap();
+    let first = image::open(tuples(&place.run, "test")[0].join("input.png")).unwrap();
+    assert_eq!(pictures.width(), 4 * (first.width() + 4));
+    assert_eq!(pictures.height(), first.height() + 4);
+    let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
+    let markdown = read("evaluation.md");
+    for part in [
+        "| input ",
+        "(features none) |",
+        "no resizing; scored as 8-bit",
+        "1 test scene of",
+    ] {
+        assert!(markdown.contains(part), "no {part:?} in {markdown}");
+    }
+    assert_eq!(read("evaluation.csv").lines().count(), 1 + 3);
+    let written: Value = serde_json::from_str(&read("evaluation.json")).unwrap();
+    assert_eq!(written["rows"], json["rows"]);
+
+    // What is printed is the table; rows can be named, chosen and repeated, and splits as well.
+    let out = place.folder.path().join("scores");
+    let step = format!(
+        "ours={}",
+        shown(&place.run.join("train/separation/step-0000004"))
+    );
+    let more = [
+        "--split",
+        "all",
+        "--out",
+        text(&out),
+        "--protocol",
+        "paper",
+        "-q",
+    ];
+    let checkpoints = ["--checkpoint", run_folder, "--checkpoint", &step];
+    let ended = run(&[&["evaluate", run_folder][..], &more, &checkpoints].concat()).expect(0);
+    assert!(
+        ended.stdout.contains("| ours (features none) "),
+        "{ended:?}"
+    );
+    assert!(
+        ended.stdout.contains("| 4 |") || ended.stdout.contains("|      4 |"),
+        "{ended:?}"
+    );
+    assert!(!ended.stdout.contains("channel mean"), "{ended:?}");
+    let csv = std::fs::read_to_string(out.join("evaluation.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + 4 * 4);
+    // As many threads as one likes.
+    let on = |threads: &str| {
+        let json = run(&["evaluate", run_folder, "--json", "-j", threads])
+            .expect(0)
+            .json();
+        json["rows"].clone()
+    };
+    assert_eq!(on("1"), on("2"));
+    assert_eq!(on("1"), json["rows"]);
+
+    // One name for two rows.
+    let twice = ["--checkpoint", run_folder, "--checkpoint", run_folder];
+    run(&[&["evaluate", run_folder][..], &twice].concat())
+        .expect(2)
+        .says(&["would be called", "NAME="]);
+}
+
+#[test]
+fn what_is_not_there_is_listed() {
+    let place = merged();
+    let run_folder = text(&place.run);
+    let [test, train] = ["test", "train"].map(|split| tuples(&place.run, split));
+    // Damaged, and not merged.
+    std::fs::write(train[1].join("input.png"), b"\x89PNG\r\n\x1a\nnothing").unwrap();
+    std::fs::remove_file(train[2].join("tuple.json")).unwrap();
+    let ended = run(&["evaluate", run_folder, "--split", "all", "--json"])
+        .expect(3)
+        .says(&["input.png", "glasshouse audit", "has no tuple yet"]);
+    let json = ended.json();
+    assert_eq!(json["images"], 2);
+    // The damaged one is not among those that the gain is fitted to, either.
+    assert_eq!(json["gain"]["images"], 1);
+    assert_eq!(json["left_out"].as_array().unwrap().len(), 3);
+    std::fs::remove_dir_all(&test[0]).unwrap();
+    let ended = run(&["evaluate", run_folder, "--json"]).expect(4);
+    assert_eq!(ended.json()["schema"], "glasshouse.error/1");
+    ended.says(&["nothing to score", "glasshouse work"]);
+}
+
+/// A smooth picture with edges.
+fn picture(width: u32, height: u32) -> RgbImage {
+    RgbImage::from_fn(width, height, |x, y| {
+        let edge = if (x / 23 + y / 17) % 2 == 0 { 60 } else { 0 };
+        Rgb([x * 2, y * 3, x + y].map(|v| (v % 190 + edge) as u8))
+    })
+}
+
+/// A JPEG that is to be turned clockwise.
+fn turned_jpeg(picture: &RgbImage) -> Vec<u8> {
+    let (width, height) = picture.dimensions();
+    let mut bytes = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 95)
+        .write_image(picture, width, height, ExtendedColorType::Rgb8)
+        .unwrap();
+    // One entry of a little-endian TIFF directory: tag 0x112, one 16-bit number, 6.
+    let mut segment = b"\xff\xe1\x00\x22Exif\0\0II*\0\x08\0\0\0\x01\0".to_vec();
+    segment.extend(b"\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0");
+    bytes.splice(2..2, segment);
+    bytes
+}
+
+#[test]
+fn photographs_are_separated() {
+    let place = merged();
+    train(&place);
+    let folder = place.folder.path();
+    let file = |name: &str| folder.join(name);
+    picture(300, 280).save(file("large.png")).unwrap();
+    picture(37, 21).save(file("odd.png")).unwrap();
+    std::fs::write(file("turned.jpg"), turned_jpeg(&picture(48, 32))).unwrap();
+    picture(300, 15).save(file("low.png")).unwrap();
+    std::fs::write(file("broken.png"), b"no picture").unwrap();
+    let images = [
+        "large.png",
+        "odd.png",
+        "turned.jpg",
+        "low.png",
+        "broken.png",
+    ]
+    .map(file);
+
+    let separate = |out: &str, more: &[&str]| {
+        let out = file(out);
+        let mut arguments = vec!["separate", text(&place.run), "--out", text(&out)];
+        arguments.extend(images.iter().map(|path| text(path)));
+        arguments.extend(["--tile-px", "272", "--json"]);
+        arguments.extend(more);
+        run(&arguments)
+    };
+    let dry = separate("none", &["-n"]).expect(3).json();
+    assert_eq!(dry["images"].as_array().unwrap().len(), 3);
+    assert!(!file("none").exists());
+    let one = separate("one", &["-j", "1"]).expect(3);
+    let json = one.json();
+    assert_eq!(json["schema"], "glasshouse.separate/1");
+    assert_eq!(json["step"], 4);
+    assert!(
+        json["checkpoint"]
+            .as_str()
+            .unwrap()
+            .ends_with("step-0000004")
+    );
+    assert_eq!(json["failed"].as_array().unwrap().len(), 2);
+    one.says(&["low.png", "16 px", "broken.png"]);
+    separate("two", &["-j", "2", "-q"]).expect(3);
+    for (stem, size) in [
+        ("large", (300, 280)),
+        ("odd", (37, 21)),
+        ("turned", (32, 48)),
+    ] {
+        for layer in ["transmission", "glass_reflection"] {
+            let name = format!("{stem}.{layer}.png");
+            let bytes = std::fs::read(file("one").join(&name)).unwrap();
+            let made = image::load_from_memory(&bytes).unwrap();
+            assert_eq!((made.width(), made.height()), size);
+            assert_eq!(bytes, std::fs::read(file("two").join(&name)).unwrap());
+        }
+    }
+    assert_eq!(std::fs::read_dir(file("one")).unwrap().count(), 6);
+
+    // The library makes the same of the same pixels, and the tile's size hardly matters.
+    let whole = file("whole");
+    run(&[
+        "separate",
+        text(&place.run),
+        text(&images[0]),
+        "--out",
+        text(&whole),
+        "-q",
+    ])
+    .expect(0);
+    let near_db = psnr_db(
+        &whole.join("large.transmission.png"),
+        &file("one/large.transmission.png"),
+    );
+    assert!(near_db > 30.0, "{near_db}");
+
+    // A stage's folder and a checkpoint's are as good as the run.
+    let stage = place.run.join("train/separation");
+    for checkpoint in [&stage, &stage.join("step-0000004")] {
+        let out = file("again");
+        run(&[
+            "separate",
+            text(checkpoint),
+            text(&images[1]),
+            "--out",
+            text(&out),
+            "-q",
+        ])
+        .expect(0);
+        let again = std::fs::read(out.join("odd.transmission.png")).unwrap();
+        assert_eq!(
+            again,
+            std::fs::read(file("one/odd.transmission.png")).unwrap()
+        );
+    }
+}
+
+#[test]
+fn separations_that_cannot_be_are_refused() {
+    let place = merged();
+    train(&place);
+    let folder = place.folder.path();
+    let out = folder.join("out");
+    let image = folder.join("a.png");
+    picture(40, 30).save(&image).unwrap();
+    std::fs::create_dir(folder.join("more")).unwrap();
+    let namesake = folder.join("more/a.jpg");
+    picture(40, 30).save(&namesake).unwrap();
+    let run_folder = text(&place.run);
+    let separate = |checkpoint: &str, images: &[&str], out: &Path| {
+        run(&[&["separate", checkpoint, "--out", text(out)][..], images].concat())
+    };
+    separate(run_folder, &[text(&image), text(&namesake)], &out)
+        .expect(2)
+        .says(&["both become", "a.transmission.png"]);
+    // An image that would be written over.
+    let made = folder.join("a.transmission.png");
+    picture(40, 30).save(&made).unwrap();
+    separate(run_folder, &[text(&image), text(&made)], folder)
+        .expect(2)
+        .says(&["written over"]);
+    // No checkpoint, or one without an SP-net.
+    separate(text(folder), &[text(&image)], &out)
+        .expect(4)
+        .says(&["holds no checkpoint"]);
+    let backtrack = shown(&place.run.join("train/backtrack"));
+    separate(&backtrack, &[text(&image)], &out)
+        .expect(4)
+        .says(&["BT-net alone"]);
+    assert!(!out.exists());
+
+    // A damaged checkpoint: as such it is refused, and in its stage an older one takes its place.
+    let stage = place.run.join("train/separation");
+    run(&[
+        "train",
+        run_folder,
+        "--stage",
+        "separation",
+        "--steps",
+        "6",
+        "-q",
+    ])
+    .expect(0);
+    let newest = stage.join("step-0000006");
+    std::fs::write(newest.join("model.safetensors"), b"nothing").unwrap();
+    separate(text(&newest), &[text(&image)], &out)
+        .expect(4)
+        .says(&["is not what was written"]);
+    std::fs::remove_file(stage.join("best.json")).unwrap();
+    let ended = separate(run_folder, &[text(&image)], &out).expect(0);
+    assert!(ended.stdout.contains("step 4"), "{ended:?}");
+}
+
+#[test]
+fn published_pairs_are_scored() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/reflection");
+    if !root.join("index.csv").exists() {
+        eprintln!("skipped: no {}", root.display());
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let arguments = [
+        "evaluate",
+        text(&root),
+        "--out",
+        text(folder.path()),
+        "--json",
+    ];
+    let json = run(&arguments).expect(0).json();
+    assert_eq!(
+        (&json["images"], &json["rows"][0]["images"]),
+        (&37.into(), &37.into())
+    );
+    assert_eq!(methods(&json), ["input"]);
+    let index = std::fs::read_to_string(root.join("index.csv")).unwrap();
+    let beside = index
+        .lines()
+        .filter(|line| line.split(',').nth(8) == Some("no"));
+    let beside = beside.count();
+    assert!(beside > 0);
+    assert_eq!(json["rows"][0]["aligned"]["images"], 37 - beside);
+    let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+    let csv = read("evaluation.csv");
+    assert_eq!(csv.lines().count(), 1 + 37);
+    assert_eq!(
+        csv.lines().filter(|line| line.contains(",no,")).count(),
+        beside
+    );
+    assert!(read("evaluation.md").contains("Without them:"));
+    // Those of which nobody knows the truth are named.
+    assert!(read("evaluation.md").contains("ceilnet_real_inputs_only"));
+
+    let place = merged();
+    train(&place);
+    let images = std::fs::read_dir(root.join("ceilnet_real_inputs_only")).unwrap();
+    let mut images: Vec<PathBuf> = images.map(|e| e.unwrap().path()).collect();
+    images.sort();
+    images.truncate(2);
+    let mut arguments = vec![
+        "separate",
+        text(&place.run),
+        "--out",
+        text(folder.path()),
+        "-q",
+    ];
+    arguments.extend(images.iter().map(|path| text(path)));
+    run(&arguments).expect(0);
+    for image in &images {
+        let stem = image.file_stem().unwrap().to_str().unwrap();
+        let made = image::open(folder.path().join(format!("{stem}.transmission.png"))).unwrap();
+        let was = image::open(image).unwrap();
+        assert_eq!((made.width(), made.height()), (was.width(), was.height()));
+    }
+    // The gain of a run's train scenes, on pairs.
+    let pairs = root.join("kim2020");
+    let more = [
+        "--fit-gain",
+        text(&place.run),
+        "--checkpoint",
+        text(&place.run),
+        "--json",
+    ];
+    let json = run(&[&["evaluate", text(&pairs), "--limit", "2"][..], &more].concat())
+        .expect(0)
+        .json();
+    assert_eq!(methods(&json).len(), 3);
+    assert_eq!(json["images"], 2);
+    assert_eq!(json["files"], serde_json::json!([]));
+}
+
+#[test]
+fn ctrl_c_stops_between_pictures() {
+    let place = merged();
+    train(&place);
+    let folder = place.folder.path();
+    let images: Vec<PathBuf> = (0..200).map(|k| folder.join(format!("{k}.png"))).collect();
+    for image in &images {
+        picture(260, 200).save(image).unwrap();
+    }
+    let out = folder.join("out");
+    let mut arguments = vec!["separate", text(&place.run), "--out", text(&out), "--json"];
+    arguments.extend(images.iter().map(|path| text(path)));
+    let mut child = command(&arguments).spawn().unwrap();
+    let begun =
+        crate::support::program::wait_until(&mut child, || out.join("0.transmission.png").exists());
+    assert!(begun);
+    crate::support::program::send(&child, "INT");
+    let ended: crate::support::program::Ended = child.wait_with_output().unwrap().into();
+    let json = ended.expect(130).json();
+    let done = json["images"].as_array().unwrap().len();
+    assert!((1..200).contains(&done), "{done}");
+    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 2 * done);
+}

@@ -1,0 +1,499 @@
+//! Training by the program: killed and resumed, changed, damaged, fed from everywhere, and the same bits where they are
+//! promised.
+
+use crate::support::outputs::files;
+use crate::support::program::{command, run, text, wait_until};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::hash::{BuildHasher, RandomState};
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use tempfile::TempDir;
+
+const RECIPE: &str = r#"
+schema = "glasshouse.recipe/1"
+name = "lesson"
+seed = 11
+[film]
+width = 56
+height = 48
+spp = 4
+[sources.sample]
+layout = "sample"
+count = 8
+width = 128
+height = 96
+[[split]]
+name = "train"
+pairs = { sample = 4 }
+[[split]]
+name = "test"
+pairs = { sample = 2 }
+"#;
+
+/// The smallest networks.
+const SMALL: [&str; 6] = ["--width", "4", "--crop", "40", "--discriminator-width", "2"];
+
+/// A run whose tuples are made.
+fn made() -> &'static Path {
+    static MADE: OnceLock<TempDir> = OnceLock::new();
+    let folder = MADE.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let recipe = folder.path().join("lesson.toml");
+        std::fs::write(&recipe, RECIPE).unwrap();
+        let out = folder.path().join("run");
+        run(&["run", text(&recipe), "--out", text(&out)]).expect(0);
+        folder
+    });
+    folder.path()
+}
+
+/// A copy of it for one test.
+struct Place {
+    folder: TempDir,
+    run: PathBuf,
+}
+
+fn place() -> Place {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    for file in files(&made().join("run")) {
+        let to = run.join(&file);
+        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+        std::fs::copy(made().join("run").join(&file), to).unwrap();
+    }
+    Place { folder, run }
+}
+
+impl Place {
+    fn arguments<'a>(&'a self, stage: &'a str, steps: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+        let mut all = vec!["train", text(&self.run), "--stage", stage, "--steps", steps];
+        all.extend(more);
+        all
+    }
+
+    fn train(&self, stage: &str, steps: &str, more: &[&str]) -> Value {
+        let mut arguments = self.arguments(stage, steps, more);
+        arguments.push("--json");
+        run(&arguments).expect(0).json()
+    }
+
+    /// The files of a checkpoint.
+    fn checkpoint(&self, stage: &str, step: u64) -> BTreeMap<String, Vec<u8>> {
+        let folder = self.folder_of(stage, step);
+        let names = ["model.safetensors", "optimizer.safetensors", "state.json"];
+        let read = |name: &str| (name.to_owned(), std::fs::read(folder.join(name)).unwrap());
+        names.into_iter().map(read).collect()
+    }
+
+    fn folder_of(&self, stage: &str, step: u64) -> PathBuf {
+        self.run
+            .join("train")
+            .join(stage)
+            .join(format!("step-{step:07}"))
+    }
+}
+
+fn small<'a>(more: &[&'a str]) -> Vec<&'a str> {
+    SMALL.into_iter().chain(more.iter().copied()).collect()
+}
+
+fn random(n: u64) -> u64 {
+    RandomState::new().hash_one(0) % n
+}
+
+/// Both stages in one go on one thread.
+fn reference() -> &'static [BTreeMap<String, Vec<u8>>; 2] {
+    static REFERENCE: OnceLock<[BTreeMap<String, Vec<u8>>; 2]> = OnceLock::new();
+    REFERENCE.get_or_init(|| {
+        let place = place();
+        let first = place.train("backtrack", "30", &small(&["-j", "1"]));
+        assert_eq!(
+            (first["step"].as_u64(), first["steps_taken"].as_u64()),
+            (Some(30), Some(30))
+        );
+        place.train("separation", "40", &["-j", "1"]);
+        [
+            place.checkpoint("backtrack", 30),
+            place.checkpoint("separation", 40),
+        ]
+    })
+}
+
+#[test]
+fn a_training_that_is_killed_ends_with_the_same_bits() {
+    let place = place();
+    let mut kills = 0;
+    for (stage, steps, all) in [("backtrack", "30", 30), ("separation", "40", 40)] {
+        let settings = if stage == "backtrack" {
+            small(&[])
+        } else {
+            Vec::new()
+        };
+        for threads in ["1", "2"] {
+            let more = ["-j", threads, "--checkpoint-every", "3", "--keep", "2"];
+            let more: Vec<&str> = settings.iter().chain(&more).copied().collect();
+            let at = random(all - 5);
+            let csv = place.run.join("train").join(stage).join("metrics.csv");
+            let lines = || {
+                std::fs::read_to_string(&csv)
+                    .unwrap_or_default()
+                    .lines()
+                    .count()
+            };
+            let mut child = command(&place.arguments(stage, steps, &more))
+                .spawn()
+                .unwrap();
+            wait_until(&mut child, || lines() as u64 > at + 1);
+            child.kill().unwrap();
+            let ended = child.wait_with_output().unwrap();
+            eprintln!(
+                "{stage}, -j {threads}: killed when {} of {steps} steps were noted",
+                lines()
+            );
+            kills += u32::from(ended.status.signal() == Some(9));
+        }
+        let ended = place.train(stage, steps, &["-j", "2"]);
+        assert_eq!(ended["step"].as_u64(), Some(all));
+    }
+    assert!(kills > 0, "every training was over before it was killed");
+    let [backtrack, separation] = reference();
+    assert!(place.checkpoint("backtrack", 30) == *backtrack);
+    assert!(place.checkpoint("separation", 40) == *separation);
+    // A line a step, each once, whatever was done twice.
+    let csv = std::fs::read_to_string(place.run.join("train/separation/metrics.csv")).unwrap();
+    let steps: Vec<u64> = csv
+        .lines()
+        .skip(1)
+        .map(|l| l.split(',').next().unwrap().parse().unwrap())
+        .collect();
+    assert_eq!(steps, (1..=40).collect::<Vec<_>>());
+    let left = files(&place.run.join("train"));
+    assert!(!left.iter().any(|p| text(p).contains(".tmp-")), "{left:?}");
+}
+
+#[test]
+fn half_and_half_are_the_whole_and_what_is_done_is_not_done_again() {
+    let place = place();
+    place.train("backtrack", "15", &small(&["-j", "2", "--seed", "2020"]));
+    let ended = place.train("backtrack", "30", &["-j", "1"]);
+    assert_eq!(
+        (ended["from_step"].as_u64(), ended["steps_taken"].as_u64()),
+        (Some(15), Some(15))
+    );
+    assert!(place.checkpoint("backtrack", 30) == reference()[0]);
+    let again = place.train("backtrack", "30", &[]);
+    assert_eq!(again["steps_taken"].as_u64(), Some(0));
+    // Another seed is another training.
+    let other = self::place();
+    other.train("backtrack", "30", &small(&["--seed", "1"]));
+    assert!(other.checkpoint("backtrack", 30) != reference()[0]);
+}
+
+#[test]
+fn interrupted_it_keeps_every_step() {
+    let place = place();
+    let csv = place.run.join("train/backtrack/metrics.csv");
+    let lines = || {
+        std::fs::read_to_string(&csv)
+            .unwrap_or_default()
+            .lines()
+            .count()
+    };
+    let more = small(&["--checkpoint-every", "100000"]);
+    let mut child = command(&place.arguments("backtrack", "100000", &more))
+        .spawn()
+        .unwrap();
+    wait_until(&mut child, || lines() > 5);
+    let id = rustix::process::Pid::from_child(&child);
+    rustix::process::kill_process(id, rustix::process::Signal::INT).unwrap();
+    let ended = child.wait_with_output().unwrap();
+    assert_eq!(ended.status.code(), Some(130), "{ended:?}");
+    let taken = lines() as u64 - 1;
+    assert!(
+        place
+            .folder_of("backtrack", taken)
+            .join("state.json")
+            .is_file(),
+        "{taken}"
+    );
+}
+
+#[test]
+fn other_settings_are_refused_with_what_differs() {
+    let place = place();
+    place.train("backtrack", "2", &small(&[]));
+    run(&place.arguments(
+        "backtrack",
+        "4",
+        &["--width", "8", "--learning-rate", "0.001"],
+    ))
+    .expect(5)
+    .says(&[
+        "width: 4 -> 8",
+        "learning_rate: 0.0001 -> 0.001",
+        "step-0000002",
+    ]);
+    // What networks are made of stays in the next stage; how they learn is its own.
+    run(&place.arguments("separation", "4", &["--width", "8"]))
+        .expect(5)
+        .says(&["width: 4 -> 8"]);
+    let ended = place.train(
+        "separation",
+        "2",
+        &["--learning-rate", "0.001", "--no-a-priori"],
+    );
+    assert_eq!(ended["settings"]["a_priori"], false);
+    run(&place.arguments("separation", "4", &["--width", "1"]))
+        .expect(2)
+        .says(&["from 3 to 1024"]);
+    let other = self::place();
+    run(&other.arguments("backtrack", "4", &["--real-share", "0.5"]))
+        .expect(2)
+        .says(&["--real"]);
+}
+
+#[test]
+fn a_changed_recipe_is_refused_with_what_differs() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = folder.path().join("lesson.toml");
+    let out = folder.path().join("run");
+    let write = |steps: u32, rest: &str| {
+        let train = format!(
+            "[train]\nbacktrack_steps = 2\nseparation_steps = {steps}\n[train.settings]\nwidth = 4\n\
+             discriminator_width = 2\n{rest}\n"
+        );
+        std::fs::write(&recipe, format!("{RECIPE}{train}")).unwrap();
+    };
+    let arguments = ["run", text(&recipe), "--out", text(&out), "--json"];
+    // What could not be trained is said before anything is traced.
+    write(2, "crop_px = 64");
+    run(&arguments)
+        .expect(4)
+        .says(&["train.settings.crop_px is 64", "film.width may be 56"]);
+    write(2, "crop_px = 40\nreal_share = 0.5");
+    run(&arguments)
+        .expect(4)
+        .says(&["real_share", "--real DIR"]);
+    assert!(!out.exists());
+    write(2, "crop_px = 40");
+    let first = run(&arguments).expect(0).json();
+    assert_eq!(first["train"]["separation"]["step"].as_u64(), Some(2));
+    assert_eq!(first["train"]["evaluation"]["rows"][0]["method"], "input");
+    // Done is done; more steps go on; other settings are another training.
+    let again = run(&arguments).expect(0).json();
+    assert_eq!(
+        again["train"]["separation"]["steps_taken"].as_u64(),
+        Some(0)
+    );
+    assert_eq!(
+        again["train"]["evaluation"]["rows"],
+        first["train"]["evaluation"]["rows"]
+    );
+    write(3, "crop_px = 40");
+    let more = run(&arguments).expect(0).json();
+    assert_eq!(more["train"]["separation"]["steps_taken"].as_u64(), Some(1));
+    write(3, "crop_px = 40\nlearning_rate = 0.001");
+    run(&arguments)
+        .expect(5)
+        .says(&["learning_rate: 0.0001 -> 0.001", "recipe's [train]"]);
+}
+
+#[test]
+fn separation_needs_a_bt_net() {
+    let place = place();
+    run(&place.arguments("separation", "2", &small(&[])))
+        .expect(4)
+        .says(&["--stage backtrack", "--no-a-priori"]);
+    place.train("separation", "2", &small(&["--no-a-priori"]));
+}
+
+#[test]
+fn a_damaged_checkpoint_gives_way_to_the_one_before() {
+    let place = place();
+    place.train("backtrack", "30", &small(&["--checkpoint-every", "10"]));
+    for (name, damage) in [
+        ("model.safetensors", 0),
+        ("optimizer.safetensors", 1),
+        ("state.json", 2),
+    ] {
+        let path = place.folder_of("backtrack", 30).join(name);
+        let mut bytes = std::fs::read(&path).unwrap();
+        match damage {
+            0 => {
+                let middle = bytes.len() / 2;
+                bytes[middle] ^= 1;
+            }
+            1 => bytes.truncate(bytes.len() / 2),
+            _ => bytes = b"{}".to_vec(),
+        }
+        std::fs::write(&path, bytes).unwrap();
+        let ended = run(&place.arguments("backtrack", "30", &["--json"]))
+            .expect(0)
+            .says(&["step-0000030", name, "the one of step 20 is taken"]);
+        assert_eq!(ended.json()["from_step"].as_u64(), Some(20));
+        assert!(
+            place.checkpoint("backtrack", 30) == reference()[0],
+            "{name}"
+        );
+    }
+}
+
+#[test]
+fn a_damaged_tuple_is_named_and_nothing_is_lost() {
+    let place = place();
+    place.train("backtrack", "1", &small(&[]));
+    let tuples = files(&place.run.join("tuples"));
+    for exr in tuples
+        .iter()
+        .filter(|p| p.ends_with("tuple.exr") && text(p).contains("train"))
+    {
+        let path = place.run.join("tuples").join(exr);
+        let mut bytes = std::fs::read(&path).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+        std::fs::write(&path, bytes).unwrap();
+    }
+    run(&place.arguments("backtrack", "9", &[]))
+        .expect(1)
+        .says(&["tuple.exr", "audit"]);
+    // The 8-bit files are whole.
+    let other = self::place();
+    other.train("backtrack", "2", &small(&["--pixels", "png"]));
+}
+
+#[test]
+fn it_follows_a_farm_that_is_still_at_work() {
+    let done = place();
+    done.train("backtrack", "12", &small(&["--follow"]));
+    let place = place();
+    std::fs::remove_dir_all(place.run.join("tuples")).unwrap();
+    let child = command(&place.arguments("backtrack", "12", &small(&["--follow", "--json"])))
+        .spawn()
+        .unwrap();
+    run(&["work", text(&place.run)]).expect(0);
+    let ended = child.wait_with_output().unwrap();
+    assert!(ended.status.success(), "{ended:?}");
+    let model = |place: &Place| {
+        place
+            .checkpoint("backtrack", 12)
+            .remove("model.safetensors")
+    };
+    assert!(model(&done) == model(&place));
+}
+
+#[test]
+fn photographs_are_mixed_and_real_pairs_join_in() {
+    let place = place();
+    for kind in ["zhang", "ceilnet"] {
+        let place = self::place();
+        let ended = place.train("backtrack", "3", &small(&["--examples", kind]));
+        assert_eq!(ended["settings"]["examples"], kind);
+    }
+    let real = place.folder.path().join("real");
+    let scenes: Vec<PathBuf> = std::fs::read_dir(place.run.join("tuples"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    for (layer, folder) in [("input", "blended"), ("transmission", "transmission_layer")] {
+        std::fs::create_dir_all(real.join(folder)).unwrap();
+        for (n, scene) in scenes.iter().enumerate() {
+            let to = real.join(folder).join(format!("{n}.png"));
+            std::fs::copy(scene.join(format!("{layer}.png")), to).unwrap();
+        }
+    }
+    place.train("backtrack", "2", &small(&[]));
+    let more = ["--real", text(&real), "--real-share", "0.5"];
+    let ended = place.train("separation", "6", &more);
+    assert_eq!(ended["real_pairs"].as_u64(), Some(scenes.len() as u64));
+    let csv = std::fs::read_to_string(place.run.join("train/separation/metrics.csv")).unwrap();
+    // Of a real pair T alone is known: every other line has no loss of R~.
+    let known: Vec<bool> = csv
+        .lines()
+        .skip(1)
+        .map(|l| !l.split(',').nth(4).unwrap().is_empty())
+        .collect();
+    assert_eq!(known.iter().filter(|k| **k).count(), 3, "{csv}");
+    // Other pairs are other examples.
+    for folder in ["blended", "transmission_layer"] {
+        std::fs::remove_file(real.join(folder).join("0.png")).unwrap();
+    }
+    run(&place.arguments("separation", "8", &more))
+        .expect(5)
+        .says(&["real pairs"]);
+}
+
+#[test]
+fn features_are_random_or_from_a_file_and_both_are_recorded() {
+    let weights = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/train/step.safetensors");
+    let place = place();
+    let file = ["--features", text(&weights), "--vgg-divisor", "32"];
+    let ended = place.train("backtrack", "2", &small(&file));
+    assert!(ended["settings"]["features"] == "file");
+    let state = place
+        .checkpoint("backtrack", 2)
+        .remove("state.json")
+        .unwrap();
+    let state: Value = serde_json::from_slice(&state).unwrap();
+    let digest = blake3::hash(&std::fs::read(&weights).unwrap())
+        .to_hex()
+        .to_string();
+    assert_eq!(state["origin"]["vgg_blake3"], digest.as_str());
+    run(&place.arguments("backtrack", "4", &[]))
+        .expect(4)
+        .says(&["--features FILE"]);
+    let model = place.folder_of("backtrack", 2).join("model.safetensors");
+    run(&place.arguments("backtrack", "4", &["--features", text(&model)]))
+        .expect(4)
+        .says(&["features.0.weight", "torchvision"]);
+    // BT-net knows the features of these weights alone.
+    let changed = place.folder.path().join("changed.safetensors");
+    let mut bytes = std::fs::read(&weights).unwrap();
+    *bytes.last_mut().unwrap() ^= 1;
+    std::fs::write(&changed, bytes).unwrap();
+    run(&place.arguments("separation", "2", &["--features", text(&changed)]))
+        .expect(5)
+        .says(&["VGG-19's weights", "step-0000002"]);
+    let other = self::place();
+    let more = small(&["--features", "random", "--vgg-divisor", "32"]);
+    run(&other.arguments("backtrack", "2", &more))
+        .expect(0)
+        .says(&["not the paper's"]);
+    run(&[
+        "train",
+        text(&other.run),
+        "--stage",
+        "separation",
+        "--steps",
+        "2",
+    ])
+    .expect(0);
+}
+
+#[test]
+fn tensorboard_reads_the_events() {
+    let reader = "from tensorboard.backend.event_processing.event_accumulator import EventAccumulator as E\n\
+                  import sys\ne = E(sys.argv[1])\ne.Reload()\nt = e.Tags()\n\
+                  print(len(e.Scalars('loss/total')), e.Scalars('loss/total')[-1].step, t['images'])";
+    let python = |arguments: &[&str]| {
+        std::process::Command::new("python3")
+            .args(arguments)
+            .output()
+    };
+    if !python(&["-c", "import tensorboard"]).is_ok_and(|o| o.status.success()) {
+        eprintln!("skipped: there is no tensorboard here (pip install tensorboard)");
+        return;
+    }
+    let place = place();
+    place.train("backtrack", "12", &small(&["--pictures-every", "6"]));
+    let folder = place.run.join("train/backtrack");
+    let read = python(&["-c", reader, text(&folder)]).unwrap();
+    let said = String::from_utf8(read.stdout).unwrap();
+    assert_eq!(
+        said.trim(),
+        "12 12 ['validation']",
+        "{}",
+        String::from_utf8_lossy(&read.stderr)
+    );
+}
