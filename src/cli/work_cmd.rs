@@ -161,7 +161,7 @@ pub(super) fn work_on(
     let start = Instant::now();
     let children = how.children(global);
     let options = WorkOptions {
-        isolate: Some(&children),
+        sandbox: Some(&children),
         ..how.options(global, signals.stop())?
     };
     let outcome = work(run, &options, &|event| progress.event(event, output));
@@ -201,7 +201,7 @@ fn work_for(
     let start = Instant::now();
     let children = how.children(global);
     let options = WorkOptions {
-        isolate: Some(&children),
+        sandbox: Some(&children),
         ..how.options(global, signals.stop())?
     };
     let queue = queue_cmd::worker(run, args, &how.name)?;

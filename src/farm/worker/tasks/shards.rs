@@ -127,10 +127,6 @@ impl Shards {
     pub(super) fn has_stored(&self) -> bool {
         self.0.contains(&Shard::Stored)
     }
-
-    pub(super) fn has_found(&self) -> bool {
-        self.0.contains(&Shard::Found)
-    }
 }
 
 /// Shards in a row.
@@ -172,7 +168,7 @@ mod tests {
         assert_eq!(shards.undone().count(), 1);
         shards.stored(6);
         assert_eq!(shards.undone().count(), 0);
-        assert!(shards.has_stored() && shards.has_found() && !shards.are_all_here());
+        assert!(shards.has_stored() && !shards.are_all_here());
     }
 
     #[test]

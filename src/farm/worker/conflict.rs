@@ -1,12 +1,12 @@
 //! Two workers made different bytes of the same object: neither is believed. What is there stays, the other bytes are kept
 //! beside it, and the scene is set aside with the names of both; the farm goes on.
 
-use super::error::FarmError;
+use super::active_task::ActiveTask;
+use super::core::Worker;
 use super::finished::Files;
-use super::open_span::OpenSpan;
-use super::shared::Shared;
 use super::work::check_golden;
-use super::writer::write_tuple;
+use crate::farm::FarmError;
+use crate::farm::tuples::write_tuple;
 use crate::run::keys;
 use crate::run::made_by::who_else;
 use crate::store::StoreError;
@@ -14,19 +14,19 @@ use bytes::Bytes;
 use render::partial;
 use std::path::PathBuf;
 
-impl<'a> Shared<'a> {
+impl<'a> Worker<'a> {
     /// Puts a shard's partial. If another worker has put other bytes there, that is settled, too; false then.
     pub(super) fn put_partial(
         &self,
-        span: &OpenSpan<'a>,
+        task: &ActiveTask<'a>,
         shard: u32,
         bytes: &Bytes,
     ) -> Result<bool, FarmError> {
-        let key = keys::partial(&span.job.line.id, shard);
+        let key = keys::partial(&task.job.line.id, shard);
         let Err(mut error) = self.store.create_bytes(&key, bytes.clone()) else {
             return Ok(true);
         };
-        if self.is_damaged(span, shard, &key)? {
+        if self.is_damaged(task, shard, &key)? {
             self.store.delete(std::slice::from_ref(&key))?;
             match self.store.create_bytes(&key, bytes.clone()) {
                 Ok(_) => return Ok(true),
@@ -37,24 +37,24 @@ impl<'a> Shared<'a> {
             return Err(error.into());
         };
         let own = [(key, bytes.clone())];
-        self.disagree(span, [here, there], Some(shard), &own)?;
+        self.disagree(task, [here, there], Some(shard), &own)?;
         Ok(false)
     }
 
     /// What is there is no partial of this scene: nobody meant it, and it gives way, as it does before tracing.
-    fn is_damaged(&self, span: &OpenSpan<'a>, shard: u32, key: &str) -> Result<bool, FarmError> {
+    fn is_damaged(&self, task: &ActiveTask<'a>, shard: u32, key: &str) -> Result<bool, FarmError> {
         let Some(there) = self.store.get(key)? else {
             return Ok(false);
         };
         let path = PathBuf::from(self.store.name()).join(key);
-        let expected = span.job.layout.shard(shard);
+        let expected = task.job.layout.shard(shard);
         let found = partial::decode(&path, &there);
-        Ok(!found.is_ok_and(|found| span.job.accepts(&expected, &found)))
+        Ok(!found.is_ok_and(|found| task.job.accepts(&expected, &found)))
     }
 
     /// Writes a scene's tuple. If another worker has put other bytes there, that is settled, too; false then.
-    pub(super) fn put_tuple(&self, span: &OpenSpan<'a>, files: Files) -> Result<bool, FarmError> {
-        let line = span.job.line;
+    pub(super) fn put_tuple(&self, task: &ActiveTask<'a>, files: Files) -> Result<bool, FarmError> {
+        let line = task.job.line;
         let named = |(name, bytes): (String, Vec<u8>)| (keys::tuple(&line.id, &name), bytes.into());
         let own: Vec<(String, Bytes)> = files.into_iter().map(named).collect();
         match write_tuple(self.store, &own) {
@@ -64,7 +64,7 @@ impl<'a> Shared<'a> {
                 let first = own.iter().position(|(own, _)| *own == key).unwrap_or(0);
                 let mut own = own;
                 own.swap(0, first);
-                self.disagree(span, [&here, &there], None, &own)?;
+                self.disagree(task, [&here, &there], None, &own)?;
                 Ok(false)
             }
             written => Ok(written.map(|()| true)?),
@@ -74,14 +74,14 @@ impl<'a> Shared<'a> {
     /// Somebody else has put other bytes than the first of `own`, which is all that this worker has to put.
     pub(super) fn disagree(
         &self,
-        span: &OpenSpan<'a>,
+        task: &ActiveTask<'a>,
         [here, there]: [&str; 2],
         shard: Option<u32>,
         own: &[(String, Bytes)],
     ) -> Result<(), FarmError> {
         // It may be this machine that went wrong since it was let in.
         check_golden(self.run, self.options)?;
-        let (scene, me) = (&span.job.line.id, &self.options.who.worker);
+        let (scene, me) = (&task.job.line.id, &self.options.who.worker);
         let key = &own[0].0;
         for (key, bytes) in own {
             self.store.replace(&keys::conflict(me, key), bytes)?;
@@ -100,8 +100,8 @@ impl<'a> Shared<'a> {
              `glasshouse retry RUN {scene} --anew` traces the scene from nothing",
             keys::conflict(me, key),
         );
-        self.fail(span, &reason);
-        self.went_wrong(span.job.line);
+        self.fail(task.id, &reason)?;
+        self.went_wrong(task.job.line);
         Ok(())
     }
 }

@@ -1,6 +1,6 @@
 //! What a worker records of itself when it ends.
 
-use super::work::{Outcome, WorkOptions};
+use super::options::{Outcome, WorkOptions};
 use crate::run::events::StageSeconds;
 use crate::run::work_log::LogTime;
 use crate::run::{SceneTrace, WORK_LOG_SCHEMA, WorkLog};

@@ -1,26 +1,26 @@
-//! A worker's thread that watches whether its run is paused or cancelled.
+//! The thread that watches whether the run is paused or cancelled.
 
-use super::shared::Shared;
+use super::core::Worker;
 use crate::run::control::ControlLook;
 use crate::run::events::Event;
 use crate::run::{Control, ControlState, keys};
 use crossbeam::channel::{Receiver, RecvTimeoutError};
 
-impl Shared<'_> {
+impl Worker<'_> {
     /// Looks what the run has been told, and tells it on if that is something new.
     pub(super) fn look_at_control(&self, look: &mut ControlLook) {
-        // A child goes on with its span while its parent lets it.
-        if self.beside.is_some_and(|shared| shared.is_child) {
+        // A child goes on with its task while its parent lets it.
+        if self.shared_queue.is_some_and(|shared| shared.is_child) {
             return;
         }
         let before = look.known.clone();
         let mut now = look.look(self.store).clone();
         // A pause of a run that is over meanwhile keeps nobody.
         let is_over = || matches!(self.store.get(keys::FINISHED), Ok(Some(_)));
-        if now.state == ControlState::Paused && self.beside.is_some() && is_over() {
+        if now.state == ControlState::Paused && self.shared_queue.is_some() && is_over() {
             now = Control::default();
         }
-        self.control.set(now.state);
+        self.stop.control.set(now.state);
         if now != before {
             (self.on_event)(Event::Controlled {
                 state: now.state,

@@ -1,15 +1,15 @@
 //! A scene whose shards are all there: its files are encoded one by one, by whoever is free.
 
-use super::error::FarmError;
-use super::open_span::OpenSpan;
+use super::active_task::ActiveTask;
+use crate::farm::FarmError;
+use crate::farm::tuples::encode_noise;
 use crate::run::AccessError;
-use crate::run::keys;
 use render::merge::{SrgbEncoder, Tuple, encode_tuple_file, tuple_files};
 use std::sync::{Arc, Mutex};
 
 /// A tuple in memory and those of its files that are encoded.
 pub(super) struct FinishedScene<'a> {
-    pub(super) span: Arc<OpenSpan<'a>>,
+    pub(super) task: Arc<ActiveTask<'a>>,
     tuple: Tuple,
     names: Vec<String>,
     encoded: Mutex<Vec<Option<Vec<u8>>>>,
@@ -26,10 +26,10 @@ pub(super) struct Encoded {
 }
 
 impl<'a> FinishedScene<'a> {
-    pub(super) fn new(span: Arc<OpenSpan<'a>>, tuple: Tuple) -> Self {
-        let names = tuple_files(span.job.line);
+    pub(super) fn new(task: Arc<ActiveTask<'a>>, tuple: Tuple) -> Self {
+        let names = tuple_files(task.job.line);
         Self {
-            span,
+            task,
             encoded: Mutex::new(vec![
                 None;
                 names.len() + usize::from(!tuple.noise.is_empty())
@@ -56,10 +56,6 @@ impl<'a> FinishedScene<'a> {
         file: usize,
         encoder: &SrgbEncoder,
     ) -> Result<Option<Encoded>, FarmError> {
-        // Of a scene that has failed meanwhile nothing is written.
-        if self.span.job.has_failed() {
-            return Ok(None);
-        }
         let bytes = match self.names.get(file) {
             Some(name) => encode_tuple_file(&self.tuple, encoder, name)
                 .map_err(|e| AccessError::Tuple(e.to_string()))?,
@@ -75,13 +71,4 @@ impl<'a> FinishedScene<'a> {
         let noise = bytes.next();
         Ok(Some(Encoded { files, noise }))
     }
-}
-
-/// The bytes of a tuple's noise map.
-pub(super) fn encode_noise(tuple: &Tuple) -> Result<Vec<u8>, FarmError> {
-    let encoded = tuple.noise.encode();
-    encoded.map_err(|e| {
-        let key = keys::noise(&tuple.record.scene.id);
-        FarmError::from(AccessError::Tuple(format!("cannot encode {key}: {e}")))
-    })
 }

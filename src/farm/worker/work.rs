@@ -1,0 +1,242 @@
+//! A worker: one process, some threads, until nothing is left to do.
+
+use super::core::Worker;
+use super::lease_keeper::LeaseKeeper;
+use super::options::{Outcome, SharedQueue, WorkOptions};
+use super::pool::{Band, ComputeThread, Pool};
+use super::prefetch::{Appetite, Prefetcher};
+use super::stop::StopSigns;
+use super::tally::Tally;
+use super::tasks::Tasks;
+use super::work_log::work_log;
+use super::writer::Writer;
+use crate::farm::FarmError;
+use crate::farm::queue::{LocalQueue, Queue, QueueKeeper, Waiting};
+use crate::farm::sweep::sweep;
+use crate::run::control::ControlLook;
+use crate::run::done::is_done;
+use crate::run::events::Event;
+use crate::run::quarantine::QuarantineRecord;
+use crate::run::run_dir::Run;
+use crate::run::work_log::LogTime;
+use crate::run::{AccessError, Span, keys};
+use crate::store::Store;
+use crossbeam::channel::bounded;
+use crossbeam::deque::{Injector, Worker as Deque};
+use render::ids::SceneId;
+use render::merge::SrgbEncoder;
+use render::shard::golden;
+use std::collections::BTreeSet;
+use std::sync::Mutex;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// Traces and merges all that the run lacks, alone.
+pub fn work(
+    run: &Run,
+    options: &WorkOptions,
+    on_event: &(dyn Fn(Event) + Sync),
+) -> Result<Outcome, FarmError> {
+    let _lock = run.lock()?;
+    check_golden(run, options)?;
+    sweep(run);
+    let store = Store::local(run.dir.root())?;
+    let queue = LocalQueue::new(None);
+    let (mut quarantined, mut already_merged) = (Vec::new(), 0);
+    let tried = scenes_tried(&store)?;
+    let (mut shards, mut waiting, mut suspects) = (0, Vec::new(), Vec::new());
+    for (scene, line) in run.lines.iter().enumerate() {
+        if is_done(&store, line)? {
+            already_merged += 1;
+        } else if let Some(record) = QuarantineRecord::read(&run.dir, &line.id) {
+            quarantined.push((line.id.clone(), record.reason));
+        } else {
+            // What stands there is no tuple of this scene, and nobody else works here.
+            let _ = std::fs::remove_dir_all(run.dir.tuple(&line.id));
+            shards += u64::from(run.layout(line).len());
+            // Nobody else works here: an attempt that stands was lost.
+            if tried.contains(&line.id) {
+                suspects.push(whole(run, scene));
+            } else {
+                waiting.push(whole(run, scene));
+            }
+        }
+    }
+    on_event(Event::Started {
+        shards,
+        scenes: (waiting.len() + suspects.len()) as u64,
+    });
+    queue.publish(&waiting)?;
+    queue.publish_suspects(&suspects);
+    let worker = queue.worker();
+    let mut outcome = work_on(run, &store, &worker, None, options, on_event)?;
+    outcome.already_merged += already_merged;
+    outcome.quarantined.extend(quarantined);
+    outcome.quarantined.sort();
+    Ok(outcome)
+}
+
+/// Works on what a queue gives until the run is over, beside other workers.
+pub fn work_shared(
+    run: &Run,
+    store: &Store,
+    shared: &SharedQueue,
+    options: &WorkOptions,
+    on_event: &(dyn Fn(Event) + Sync),
+) -> Result<Outcome, FarmError> {
+    check_golden(run, options)?;
+    let shards = run.lines.iter().map(|l| u64::from(run.layout(l).len()));
+    on_event(Event::Started {
+        shards: shards.sum(),
+        scenes: run.lines.len() as u64,
+    });
+    work_on(run, store, shared.queue, Some(shared), options, on_event)
+}
+
+/// Works on what is in a queue that this process has for itself, of a run on which others work, too. Nothing is recorded
+/// of it: that is for who started this process.
+pub fn work_span(
+    run: &Run,
+    store: &Store,
+    shared: &SharedQueue,
+    options: &WorkOptions,
+    on_event: &(dyn Fn(Event) + Sync),
+) -> Result<Outcome, FarmError> {
+    work_on(run, store, shared.queue, Some(shared), options, on_event)
+}
+
+/// Scenes with a record of an attempt.
+fn scenes_tried(store: &Store) -> Result<BTreeSet<SceneId>, FarmError> {
+    let there = store.list(keys::ATTEMPTS)?;
+    let scenes = there.iter().filter_map(|key| key.split('/').nth(1));
+    Ok(scenes.filter_map(|id| SceneId::new(id).ok()).collect())
+}
+
+/// All of a scene.
+pub(in crate::farm) fn whole(run: &Run, scene: usize) -> Waiting {
+    let shards = 0..run.layout(&run.lines[scene]).len();
+    Waiting {
+        span: Span {
+            scene: scene as u32,
+            shards,
+        },
+        handed_on: 0,
+    }
+}
+
+pub(super) fn check_golden(run: &Run, options: &WorkOptions) -> Result<(), FarmError> {
+    let found = golden(options.isa, options.threads.max(1));
+    if found == run.spec.golden {
+        return Ok(());
+    }
+    Err(FarmError::from(AccessError::Golden {
+        scene: run.spec.golden.scene.clone(),
+        found: found.blake3,
+        expected: run.spec.golden.blake3.clone(),
+    }))
+}
+
+fn work_on<'a>(
+    run: &'a Run,
+    store: &'a Store,
+    queue: &'a dyn Queue,
+    shared_queue: Option<&'a SharedQueue<'a>>,
+    options: &'a WorkOptions<'a>,
+    on_event: &'a (dyn Fn(Event) + Sync),
+) -> Result<Outcome, FarmError> {
+    let worker = Worker {
+        run,
+        store,
+        queue,
+        shared_queue,
+        options,
+        on_event,
+        start: Instant::now(),
+        tasks: Mutex::new(Tasks::new(options.checkpoint)),
+        jobs: Injector::new(),
+        stop: StopSigns::default(),
+        tally: Tally::begin(),
+    };
+    let began = LogTime::now();
+    run_threads(&worker);
+    let cancelled = worker.stop.is_cancelled();
+    let actions = if cancelled {
+        // Nothing is wanted back.
+        worker.tasks().cancel()
+    } else {
+        worker.tasks().requeue_all()
+    };
+    // A store is not waited for that has just been in vain. If the server is away, the leases end by themselves.
+    let hurried = store.with_patience(Duration::ZERO);
+    let requeued = worker.perform_in(if cancelled { store } else { &hurried }, actions);
+    if shared_queue.is_some() {
+        worker.tally.add_donated(requeued.unwrap_or(0));
+    }
+    if let Some(error) = worker.stop.take_failure() {
+        return Err(error);
+    }
+    let scenes = worker.tally.scene_seconds.of(run);
+    let stopped = worker.stop.reason(options.stop);
+    let outcome = worker.tally.outcome(stopped);
+    let is_child = shared_queue.is_some_and(|queue| queue.is_child);
+    work_log(&outcome, options, scenes, is_child, &began).leave(store);
+    Ok(outcome)
+}
+
+/// Until all threads have ended.
+fn run_threads(worker: &Worker) {
+    let threads = worker.options.threads.max(1);
+    let (sender, files) = bounded(threads);
+    let (writer, orders) = bounded(threads);
+    let deques: Vec<Deque<Band>> = (0..threads).map(|_| Deque::new_fifo()).collect();
+    let pool = Pool {
+        files,
+        stealers: deques.iter().map(Deque::stealer).collect(),
+        encoder: SrgbEncoder::new(),
+    };
+    let appetite = Appetite::default();
+    let mut control = ControlLook::default();
+    worker.look_at_control(&mut control);
+    let (working, ended) = bounded(0);
+    std::thread::scope(|scope| {
+        let (pool, appetite) = (&pool, &appetite);
+        scope.spawn(move || worker.watch_control(control, &ended));
+        let prefetcher = Prefetcher {
+            worker,
+            appetite,
+            sender,
+        };
+        scope.spawn(move || prefetcher.run());
+        if let Some(shared) = worker.shared_queue {
+            let keeper = LeaseKeeper {
+                worker,
+                shared,
+                appetite,
+            };
+            scope.spawn(move || keeper.run());
+        }
+        let writing = Writer { worker, orders };
+        let writing = scope.spawn(move || writing.run());
+        let compute = |(index, deque)| {
+            let thread = ComputeThread {
+                worker,
+                pool,
+                index,
+                deque,
+                writer: writer.clone(),
+            };
+            scope.spawn(move || thread.run())
+        };
+        let computing: Vec<_> = deques.into_iter().enumerate().map(compute).collect();
+        // The writer exits after the last compute thread.
+        drop(writer);
+        let panics = computing
+            .into_iter()
+            .map(|thread| thread.join().is_err())
+            .filter(|panicked| *panicked);
+        let panicked = panics.count() > 0 || writing.join().is_err();
+        worker.stop.over.store(true, Ordering::Release);
+        drop(working);
+        assert!(!panicked, "a thread of the farm panicked");
+    });
+}
