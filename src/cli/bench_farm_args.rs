@@ -1,7 +1,6 @@
 //! What can be typed after `bench farm`.
 
-use crate::farm::sim::{IdlePull, ListFirst, Listing, Prefetch};
-use clap::{Args as ClapArgs, ValueEnum};
+use clap::Args as ClapArgs;
 
 /// `bench farm`
 #[derive(Debug, ClapArgs)]
@@ -35,15 +34,9 @@ pub struct BenchFarmArgs {
     /// Draws the costs, the jitter, who gives; 0 has the costs of the prototype that was measured on a real queue
     #[arg(long, value_name = "K", default_value_t = 0)]
     pub seed: u64,
-    /// A shard of the cheapest scenes, seconds (25 % more or less)
+    /// A shard of the cheapest scenes, seconds (25 % more or less); the dearest cost sixteen times as much
     #[arg(long, value_name = "S", default_value_t = 0.02, value_parser = parse_seconds)]
     pub shard_s: f64,
-    /// Cost of the dearest scenes over that of the cheapest, a power of two; all powers below are equally frequent
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = parse_skew)]
-    pub skew: u32,
-    /// So many scenes, the last ones, are of the dearest: the worst order
-    #[arg(long, value_name = "N", default_value_t = 3)]
-    pub dearest_last: u32,
     /// Loading a scene, seconds
     #[arg(long, value_name = "S", default_value_t = 0.2, value_parser = parse_seconds)]
     pub load_s: f64,
@@ -54,12 +47,6 @@ pub struct BenchFarmArgs {
     /// From a worker to the queue and back, milliseconds
     #[arg(long, value_name = "MS", default_value_t = 1.0, value_parser = parse_seconds)]
     pub round_trip_ms: f64,
-    /// A small request to the store, milliseconds
-    #[arg(long, value_name = "MS", default_value_t = 20.0, value_parser = parse_seconds)]
-    pub store_ms: f64,
-    /// A page of 1000 keys from the store, milliseconds
-    #[arg(long, value_name = "MS", default_value_t = 100.0, value_parser = parse_seconds)]
-    pub page_ms: f64,
     /// The coordinator lists the store at least so often, seconds
     #[arg(long, value_name = "S", default_value_t = 600.0, value_parser = parse_seconds)]
     pub reconcile_s: f64,
@@ -79,37 +66,6 @@ pub struct BenchFarmArgs {
     /// The queue's server is away from a second on for so many seconds (20+60); repeatable
     #[arg(long, value_name = "S+S", value_parser = parse_away)]
     pub away: Vec<(f64, f64)>,
-
-    /// How idle workers wait: one pull at the server, or asking again and again
-    #[arg(long, value_enum, default_value_t = Pull::Waits)]
-    pub pull: Pull,
-    /// How long a pull waits at the server, seconds
-    #[arg(long, value_name = "S", default_value_t = 30.0, value_parser = parse_seconds)]
-    pub pull_s: f64,
-    /// When a busy worker takes its next span
-    #[arg(long, value_enum, default_value_t = Fetch::NearTheEnd)]
-    pub prefetch: Fetch,
-    /// What the coordinator lists
-    #[arg(long, value_enum, default_value_t = List::ReceiptsFromFirstMissing)]
-    pub list: List,
-    /// What it lists first
-    #[arg(long, value_enum, default_value_t = First::Queue)]
-    pub list_first: First,
-    /// It keeps so many spans waiting in the queue; 0 is all of them
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub window: u32,
-    /// Workers look, before each shard of a span that was delivered before, whether the store has it
-    #[arg(long)]
-    pub look_again: bool,
-    /// Givers listen on one of so many subjects, by the seconds that they could give (1, 4, 16, ...); who asks begins with the most
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
-    pub give_levels: u32,
-    /// An idle worker's longest pause between two requests, seconds
-    #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = parse_seconds)]
-    pub longest_pause_s: f64,
-    /// Busy workers give nothing away
-    #[arg(long)]
-    pub no_giving: bool,
 }
 
 /// A worker's number, or a share of all.
@@ -150,99 +106,11 @@ pub struct Stop {
     pub for_s: f64,
 }
 
-/// `--pull`
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum Pull {
-    /// One pull waits at the server
-    Waits,
-    /// Each round asks the queue once, then the givers
-    Polls,
-    /// Each round waits at the server, then asks the givers; busy workers wait there too
-    InTurns,
-}
-
-/// `--prefetch`
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum Fetch {
-    /// When it has nothing
-    Never,
-    /// When half a second of its span is left
-    NearTheEnd,
-    /// As soon as it opens a span
-    Always,
-}
-
-/// `--list`
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum List {
-    /// The tuples' six keys a scene
-    Tuples,
-    /// One key a scene
-    Receipts,
-    /// One key a scene, from the first scene on that was not done
-    ReceiptsFromFirstMissing,
-}
-
-/// `--list-first`
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum First {
-    /// The queue, then the store
-    Queue,
-    /// The store, then the queue
-    Store,
-}
-
-impl From<Pull> for IdlePull {
-    fn from(pull: Pull) -> Self {
-        match pull {
-            Pull::Waits => Self::Waits,
-            Pull::Polls => Self::Polls,
-            Pull::InTurns => Self::InTurns,
-        }
-    }
-}
-
-impl From<Fetch> for Prefetch {
-    fn from(fetch: Fetch) -> Self {
-        match fetch {
-            Fetch::Never => Self::Never,
-            Fetch::NearTheEnd => Self::NearTheEnd,
-            Fetch::Always => Self::Always,
-        }
-    }
-}
-
-impl From<List> for Listing {
-    fn from(list: List) -> Self {
-        match list {
-            List::Tuples => Self::Tuples,
-            List::Receipts => Self::Receipts,
-            List::ReceiptsFromFirstMissing => Self::ReceiptsFromFirstMissing,
-        }
-    }
-}
-
-impl From<First> for ListFirst {
-    fn from(first: First) -> Self {
-        match first {
-            First::Queue => Self::Queue,
-            First::Store => Self::Store,
-        }
-    }
-}
-
 fn parse_seconds(text: &str) -> Result<f64, String> {
     text.parse()
         .ok()
         .filter(|s: &f64| (0.0..=1e7).contains(s))
         .ok_or_else(|| format!("{text:?} is not a number from 0 to ten million"))
-}
-
-fn parse_skew(text: &str) -> Result<u32, String> {
-    text.parse()
-        .ok()
-        .filter(|n: &u32| n.is_power_of_two() && *n <= 1024)
-        .ok_or_else(|| "a power of two from 1 to 1024".to_owned())
 }
 
 fn parse_which(text: &str) -> Result<Which, String> {

@@ -82,32 +82,18 @@ pub(super) fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
             scenes: args.scenes.unwrap_or(50),
             shards: args.shards.unwrap_or(16),
             cheapest_shard_s: args.shard_s,
-            doublings: args.skew.ilog2(),
-            dearest_last: args.dearest_last,
             load_s: args.load_s,
             seed: args.seed,
+            ..Work::default()
         },
         fleet: Fleet {
             workers: args.workers,
             round_trip_s: args.round_trip_ms * 1e-3,
-            store_s: args.store_ms * 1e-3,
-            page_s: args.page_ms * 1e-3,
             ..Fleet::default()
         },
         rules: Rules {
             lease_s,
-            idle_pull: args.pull.into(),
-            pull_s: args.pull_s,
-            prefetch: args.prefetch.into(),
             reconcile_s: args.reconcile_s,
-            listing: args.list.into(),
-            list_first: args.list_first.into(),
-            window: args.window,
-            look_again: args.look_again,
-            no_giving: args.no_giving,
-            give_levels: args.give_levels,
-            pause_s: [Rules::default().pause_s[0], args.longest_pause_s],
-            ..Rules::default()
         },
         faults: Vec::new(),
     };

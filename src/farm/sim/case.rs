@@ -61,83 +61,13 @@ pub struct Fleet {
     pub publishes_per_s: f64,
 }
 
-/// How an idle worker gets to know of work.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum IdlePull {
-    /// One pull waits at the server, for [`Rules::pull_s`]; requests to give are sent beside it.
-    Waits,
-    /// Each round asks the queue once, then the givers.
-    Polls,
-    /// Each round waits at the server for [`Rules::pull_s`], then asks the givers; busy workers that take their next span
-    /// wait there too.
-    InTurns,
-}
-
-/// When a busy worker takes its next span.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Prefetch {
-    /// When it has nothing any more.
-    Never,
-    /// When the rest of its span is worth less than [`Rules::prefetch_s`].
-    NearTheEnd,
-    /// As soon as it opens a span.
-    Always,
-}
-
-/// What a coordinator lists to know which scenes are done.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Listing {
-    /// All keys of all tuples: six a scene.
-    Tuples,
-    /// One key a scene that is done.
-    Receipts,
-    /// One key a scene that is done, from the first scene on that was not done the last time.
-    ReceiptsFromFirstMissing,
-}
-
-/// Which listing comes first when reconciling.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ListFirst {
-    /// What is finished between the two is seen as finished.
-    Queue,
-    /// What is finished between the two is published again.
-    Store,
-}
-
-/// Times in seconds, and the choices that were to be measured.
+/// Times that a user of a farm chooses, s.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rules {
     /// A message whose holder is silent for so long goes to another one. Renewed every third of it.
     pub lease_s: f64,
-    /// An idle worker's pauses double from the first to the second.
-    pub pause_s: [f64; 2],
-    /// How an idle worker gets to know of work.
-    pub idle_pull: IdlePull,
-    /// How long a pull waits at the server.
-    pub pull_s: f64,
-    /// When a busy worker takes its next span.
-    pub prefetch: Prefetch,
-    /// For [`Prefetch::NearTheEnd`].
-    pub prefetch_s: f64,
-    /// Givers listen on one of so many subjects, by the seconds that they could give: at least 1, 4, 16, ..., the last one
-    /// below that. Who asks begins with the most. 1: one subject for all.
-    pub give_levels: u32,
-    /// A worker that asked for something to do waits so long for an answer.
-    pub give_answer_s: f64,
-    /// Giving away is switched off.
-    pub no_giving: bool,
-    /// A coordinator looks at the queue's counts so often.
-    pub poll_s: f64,
     /// A coordinator reconciles at least so often.
     pub reconcile_s: f64,
-    /// What it lists.
-    pub listing: Listing,
-    /// In which order.
-    pub list_first: ListFirst,
-    /// It keeps so many messages waiting, and adds when half are gone; 0: all at once.
-    pub window: u32,
-    /// A worker looks, before each shard of a span that was delivered before, whether the store has it.
-    pub look_again: bool,
 }
 
 /// What happens to which worker, or to the servers, at what second.
@@ -187,7 +117,7 @@ pub struct Case {
     pub work: Work,
     /// Workers and servers.
     pub fleet: Fleet,
-    /// Times and choices.
+    /// Times.
     pub rules: Rules,
     /// What goes wrong.
     pub faults: Vec<Fault>,
@@ -209,20 +139,7 @@ impl Default for Rules {
     fn default() -> Self {
         Self {
             lease_s: 30.0,
-            pause_s: [0.02, 10.0],
-            idle_pull: IdlePull::Waits,
-            pull_s: 30.0,
-            prefetch: Prefetch::NearTheEnd,
-            prefetch_s: 0.5,
-            give_levels: 1,
-            give_answer_s: 1.0,
-            no_giving: false,
-            poll_s: 1.0,
             reconcile_s: 600.0,
-            listing: Listing::ReceiptsFromFirstMissing,
-            list_first: ListFirst::Queue,
-            window: 0,
-            look_again: false,
         }
     }
 }

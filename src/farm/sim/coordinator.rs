@@ -1,6 +1,5 @@
 //! The coordinator: looks at the queue's counts, lists, publishes what is missing.
 
-use super::case::{ListFirst, Listing};
 use super::engine::{Event, Sim, us};
 use super::holding::Handed;
 use crate::farm::uncovered;
@@ -14,8 +13,8 @@ const PAGE_KEYS: u64 = 1000;
 const PAGE_SUBJECTS: u64 = 100_000;
 const PAGE_SUBJECTS_S: f64 = 0.2;
 
-/// Keys of a tuple: the EXR, four PNGs, tuple.json.
-const TUPLE_KEYS: u64 = 6;
+/// Seconds between two looks at the queue's counts.
+pub(super) const POLL_S: f64 = 1.0;
 
 /// Seconds between two batches of what it publishes.
 const BATCH_S: f64 = 0.01;
@@ -24,8 +23,8 @@ const BATCH_S: f64 = 0.01;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Coordinator {
     is_listing: bool,
-    /// Of the listing that came first: by scene, whether messages leave something of it uncovered, or whether it is done.
-    first_listing: Vec<bool>,
+    /// Of the queue's listing: by scene, whether messages leave something of it uncovered.
+    is_uncovered: Vec<bool>,
     /// Found missing, not published yet.
     backlog: VecDeque<Span>,
     is_publishing: bool,
@@ -37,9 +36,9 @@ pub(super) struct Coordinator {
 }
 
 impl Sim<'_> {
-    /// Every [`poll_s`](super::Rules::poll_s).
+    /// Every [`POLL_S`].
     pub(super) fn poll(&mut self) {
-        self.after(us(self.case.rules.poll_s), Event::Poll);
+        self.after(us(POLL_S), Event::Poll);
         if self.now_us < self.away_until_us {
             return;
         }
@@ -59,27 +58,17 @@ impl Sim<'_> {
         }
     }
 
-    /// Lists the queue and the store, one after the other.
+    /// Lists the queue, then the store: a scene finished in between counts as finished. Of the store it lists one key for
+    /// each tuple, from the first scene on that had none the last time.
     pub(super) fn reconcile(&mut self) {
         let scenes = self.case.work.scenes;
-        let rules = &self.case.rules;
         self.counts.reconciles += 1;
         self.coordinator.is_listing = true;
         self.coordinator.backlog.clear();
-        self.coordinator.first_listing = match rules.list_first {
-            ListFirst::Queue => (0..scenes).map(|s| self.leaves_uncovered(s)).collect(),
-            ListFirst::Store => (0..scenes).map(|s| self.store.has_tuple(s)).collect(),
-        };
-        let keys = match rules.listing {
-            Listing::Tuples => TUPLE_KEYS * u64::from(self.store.tuple_count()),
-            Listing::Receipts => u64::from(self.store.tuple_count()),
-            Listing::ReceiptsFromFirstMissing => {
-                let from = self.coordinator.first_missing;
-                let count = self.store.tuples_from(from, scenes);
-                self.coordinator.first_missing = self.store.first_missing(from, scenes);
-                u64::from(count)
-            }
-        };
+        self.coordinator.is_uncovered = (0..scenes).map(|s| self.leaves_uncovered(s)).collect();
+        let from = self.coordinator.first_missing;
+        let keys = u64::from(self.store.tuples_from(from, scenes));
+        self.coordinator.first_missing = self.store.first_missing(from, scenes);
         let pages = keys / PAGE_KEYS + 1;
         self.counts.coordinator_pages += pages;
         let subject_pages = self.queue.len() as u64 / PAGE_SUBJECTS + 1;
@@ -98,16 +87,12 @@ impl Sim<'_> {
         let scenes = self.case.work.scenes;
         self.coordinator.is_listing = false;
         self.coordinator.reconciled_us = self.now_us;
-        let first_listing = std::mem::take(&mut self.coordinator.first_listing);
+        let is_uncovered = std::mem::take(&mut self.coordinator.is_uncovered);
         for scene in 0..scenes {
-            let (is_uncovered, is_done) = match self.case.rules.list_first {
-                ListFirst::Queue => (first_listing[scene as usize], self.store.has_tuple(scene)),
-                ListFirst::Store => (self.leaves_uncovered(scene), first_listing[scene as usize]),
-            };
-            if is_done || !is_uncovered {
+            if self.store.has_tuple(scene) || !is_uncovered[scene as usize] {
                 continue;
             }
-            if self.store.is_complete(scene) && !self.store.has_tuple(scene) {
+            if self.store.is_complete(scene) {
                 self.store.put_tuple(scene);
                 self.counts.last_tuple_us = self.now_us;
                 continue;
@@ -123,15 +108,10 @@ impl Sim<'_> {
     }
 
     fn begin_publishing(&mut self) {
-        if !self.coordinator.is_publishing && self.wants_to_publish() {
+        if !self.coordinator.is_publishing && !self.coordinator.backlog.is_empty() {
             self.coordinator.is_publishing = true;
             self.after(us(BATCH_S), Event::PublishMore);
         }
-    }
-
-    fn wants_to_publish(&self) -> bool {
-        let window = self.case.rules.window as usize;
-        !self.coordinator.backlog.is_empty() && (window == 0 || self.queue.waiting() < window)
     }
 
     /// A batch.
@@ -142,21 +122,19 @@ impl Sim<'_> {
         }
         let count = (self.case.fleet.publishes_per_s * BATCH_S).ceil() as usize;
         for _ in 0..count {
-            if !self.wants_to_publish() {
+            let Some(span) = self.coordinator.backlog.pop_front() else {
                 break;
+            };
+            if self.store.has_tuple(span.scene) {
+                self.counts.published_though_done += 1;
             }
-            if let Some(span) = self.coordinator.backlog.pop_front() {
-                if self.store.has_tuple(span.scene) {
-                    self.counts.published_though_done += 1;
-                }
-                self.store_message(&Handed { span, handed_on: 0 });
-                self.serve_waiting_pulls();
-            }
+            self.store_message(&Handed { span, handed_on: 0 });
+            self.serve_waiting_pulls();
         }
-        if self.wants_to_publish() {
-            self.after(us(BATCH_S), Event::PublishMore);
-        } else {
+        if self.coordinator.backlog.is_empty() {
             self.coordinator.is_publishing = false;
+        } else {
+            self.after(us(BATCH_S), Event::PublishMore);
         }
     }
 }

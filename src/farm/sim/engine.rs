@@ -2,7 +2,7 @@
 
 use super::bound::lower_bound_s;
 use super::case::{Case, Fault, mix};
-use super::coordinator::Coordinator;
+use super::coordinator::{Coordinator, POLL_S};
 use super::holding::Holding;
 use super::outcome::{Counts, Outcome};
 use super::queue::{Queue, Sequence};
@@ -35,7 +35,6 @@ pub(super) enum Event {
     },
     Ask {
         worker: WorkerId,
-        level: u32,
     },
     LeaseEnds {
         sequence: Sequence,
@@ -64,12 +63,10 @@ pub(super) enum Event {
     },
     Answered {
         worker: WorkerId,
-        spans: u32,
     },
-    /// Nobody listens at that level.
+    /// Nobody listens to requests.
     NoGiver {
         worker: WorkerId,
-        level: u32,
     },
     /// What the worker computes is done.
     Computed {
@@ -107,8 +104,8 @@ pub(super) struct Sim<'a> {
     pub(super) away_until_us: u64,
     /// Pulls that wait at the server: worker, number of the pull.
     pub(super) waiting_pulls: VecDeque<(WorkerId, u32)>,
-    /// Workers that have something to give, by level: the last one has the most.
-    pub(super) listeners: Vec<Vec<WorkerId>>,
+    /// Workers that have something to give.
+    pub(super) listeners: Vec<WorkerId>,
     pub(super) store: Store,
     pub(super) coordinator: Coordinator,
     pub(super) tally: Tally,
@@ -156,7 +153,7 @@ impl<'a> Sim<'a> {
             stream_is_there: true,
             away_until_us: 0,
             waiting_pulls: VecDeque::new(),
-            listeners: vec![Vec::new(); case.rules.give_levels.max(1) as usize],
+            listeners: Vec::new(),
             store: Store::new(work.scenes, work.shards),
             coordinator: Coordinator::default(),
             tally: Tally::default(),
@@ -176,7 +173,7 @@ impl<'a> Sim<'a> {
             sim.after(us(at_s), Event::FaultBegins(k as u32));
         }
         sim.reconcile();
-        sim.after(us(case.rules.poll_s), Event::Poll);
+        sim.after(us(POLL_S), Event::Poll);
         for worker in 0..case.fleet.workers {
             // Nobody starts a thousand machines at the same instant.
             let start_us = sim.draw_below(us(0.1).max(1));
@@ -228,8 +225,8 @@ impl<'a> Sim<'a> {
             | E::Empty { worker }
             | E::Confirmed { worker }
             | E::NotConfirmed { worker }
-            | E::Answered { worker, .. }
-            | E::NoGiver { worker, .. }
+            | E::Answered { worker }
+            | E::NoGiver { worker }
             | E::Asked { giver: worker, .. }
             | E::Computed { worker }
             | E::PauseEnds { worker, .. }
@@ -264,7 +261,7 @@ impl<'a> Sim<'a> {
             Fault::Slow { .. } => {}
             Fault::Kill { worker, .. } => {
                 // The server sees the connection end.
-                self.listen(worker, None);
+                self.listen(worker, false);
                 let worker = &mut self.workers[worker as usize];
                 worker.is_alive = false;
                 worker.holding = Holding::default();

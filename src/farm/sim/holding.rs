@@ -168,17 +168,9 @@ impl<M> Holding<M> {
         all
     }
 
-    /// Estimated seconds of what it would give; none if it would give nothing.
-    pub(super) fn could_give_s(
-        &self,
-        seconds: impl Fn(&Span, Range<u32>) -> (f64, f64),
-    ) -> Option<f64> {
-        if !self.offered.is_empty() {
-            return None;
-        }
-        let given = what_to_give(&self.view(&seconds), 1.0);
-        let of = |span: &Span| seconds(span, span.shards.clone()).0;
-        (!given.is_empty()).then(|| given.iter().map(of).sum())
+    /// Whether it has something to give.
+    pub(super) fn could_give(&self, seconds: impl Fn(&Span, Range<u32>) -> (f64, f64)) -> bool {
+        self.offered.is_empty() && !what_to_give(&self.view(seconds), 1.0).is_empty()
     }
 
     /// The queue has all that was offered: those shards are left alone, except the ones begun in the meantime.

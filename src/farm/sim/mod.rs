@@ -26,9 +26,7 @@ mod tests;
 mod worker;
 
 pub use bound::lower_bound_s;
-pub use case::{
-    Case, Fault, Fleet, IdlePull, ListFirst, Listing, Prefetch, Rules, Work, some_workers,
-};
+pub use case::{Case, Fault, Fleet, Rules, Work, some_workers};
 pub use engine::simulate;
 pub use outcome::{Messages, Outcome};
 pub use tally::{KINDS, Kind};

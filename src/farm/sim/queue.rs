@@ -36,7 +36,6 @@ struct Message {
     /// The next message of the same scene.
     next: u32,
     handed_on: u32,
-    deliveries: u16,
     state: State,
 }
 
@@ -45,8 +44,6 @@ struct Message {
 pub(super) struct Delivery {
     pub(super) sequence: Sequence,
     pub(super) handed: Handed,
-    /// 1 the first time.
-    pub(super) deliveries: u16,
 }
 
 /// The stream and its consumer.
@@ -113,7 +110,6 @@ impl Queue {
             end: shards.end,
             next: std::mem::replace(first, sequence),
             handed_on: handed.handed_on,
-            deliveries: 0,
             state: State::Waiting,
         });
         self.fresh.push_back(sequence);
@@ -134,13 +130,11 @@ impl Queue {
                 continue;
             }
             message.state = State::Held;
-            message.deliveries += 1;
             message.lease_end_us = lease_end_us;
             self.waiting -= 1;
             self.held += 1;
             return Some(Delivery {
                 sequence,
-                deliveries: message.deliveries,
                 handed: Handed {
                     span: Span {
                         scene: message.scene,

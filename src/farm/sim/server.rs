@@ -5,6 +5,9 @@ use super::holding::Handed;
 use super::queue::Expiry;
 use super::tally::Kind;
 
+/// A pull waits at the server for so many seconds.
+const PULL_S: f64 = 30.0;
+
 impl Sim<'_> {
     pub(super) fn at_server(&mut self, event: Event) {
         match event {
@@ -18,7 +21,7 @@ impl Sim<'_> {
                 }
             }
             Event::Renew { worker } => self.renewal_arrives(worker),
-            Event::Ask { worker, level } => self.request_arrives(worker, level),
+            Event::Ask { worker } => self.request_arrives(worker),
             Event::LeaseEnds { sequence, stream } if stream == self.stream => {
                 match self.queue.expire(sequence, self.now_us) {
                     Expiry::At(end_us) => self.after(end_us - self.now_us, event),
@@ -49,7 +52,7 @@ impl Sim<'_> {
         }
         if waits {
             self.waiting_pulls.push_back((worker, pull));
-            let expires_us = us(self.case.rules.pull_s);
+            let expires_us = us(PULL_S);
             self.after(expires_us, Event::PullEnds { worker, pull });
             self.serve_waiting_pulls();
         } else if !self.deliver(worker) {
@@ -133,15 +136,15 @@ impl Sim<'_> {
     }
 
     /// One of those who listen gets it, whichever.
-    fn request_arrives(&mut self, worker: WorkerId, level: u32) {
+    fn request_arrives(&mut self, worker: WorkerId) {
         self.tally.count(Kind::Ask, self.now_us);
-        let count = self.listeners[level as usize].len() as u64;
+        let count = self.listeners.len() as u64;
         let event = if count == 0 {
             self.tally.count(Kind::Answer, self.now_us);
-            Event::NoGiver { worker, level }
+            Event::NoGiver { worker }
         } else {
             let k = self.draw_below(count) as usize;
-            let giver = self.listeners[level as usize][k];
+            let giver = self.listeners[k];
             Event::Asked {
                 giver,
                 asker: worker,
@@ -150,27 +153,23 @@ impl Sim<'_> {
         self.after(self.way_us(), event);
     }
 
-    /// A worker begins to listen at a level, or ceases.
-    pub(super) fn listen(&mut self, worker: WorkerId, level: Option<u32>) {
-        let before = self.workers[worker as usize].listens;
-        if before.map(|(level, _)| level) == level {
-            return;
-        }
-        if let Some((level, place)) = before {
-            let listeners = &mut self.listeners[level as usize];
-            listeners.swap_remove(place as usize);
-            if let Some(&moved) = listeners.get(place as usize) {
-                self.workers[moved as usize].listens = Some((level, place));
+    /// A worker begins to listen to requests, or ceases.
+    pub(super) fn listen(&mut self, worker: WorkerId, listens: bool) {
+        let place = self.workers[worker as usize].listens;
+        match (place, listens) {
+            (None, true) => {
+                self.workers[worker as usize].listens = Some(self.listeners.len() as u32);
+                self.listeners.push(worker);
             }
-            self.tally.count(Kind::Listen, self.now_us);
+            (Some(place), false) => {
+                self.workers[worker as usize].listens = None;
+                self.listeners.swap_remove(place as usize);
+                if let Some(&moved) = self.listeners.get(place as usize) {
+                    self.workers[moved as usize].listens = Some(place);
+                }
+            }
+            _ => return,
         }
-        self.workers[worker as usize].listens = level.map(|level| {
-            let listeners = &mut self.listeners[level as usize];
-            listeners.push(worker);
-            (level, listeners.len() as u32 - 1)
-        });
-        if level.is_some() {
-            self.tally.count(Kind::Listen, self.now_us);
-        }
+        self.tally.count(Kind::Listen, self.now_us);
     }
 }

@@ -1,12 +1,20 @@
 //! A worker: takes, loads, traces, acknowledges, gives; asks when it has nothing.
 
-use super::case::{IdlePull, Prefetch};
 use super::engine::{Event, RECONNECT_S, Sim, WorkerId, us};
 use super::holding::{Handed, Holding};
 use super::queue::{Delivery, Sequence};
 use super::tally::Kind;
 use crate::run::Span;
 use std::ops::Range;
+
+/// A busy worker takes its next span when the rest of its span is worth less, s.
+const PREFETCH_S: f64 = 0.5;
+
+/// An idle worker's pauses between two requests double from the first to the second, s.
+const PAUSE_S: [f64; 2] = [0.02, 10.0];
+
+/// A worker that asked for something to do waits so long for an answer, s.
+const GIVE_ANSWER_S: f64 = 1.0;
 
 /// What it computes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,8 +46,6 @@ pub(super) struct Worker {
     doing: Doing,
     /// Of the open span, the shards that were in the store when it was opened.
     known: Vec<u32>,
-    /// The open span was delivered before.
-    is_suspect: bool,
     /// Seconds of a shard: of the open scene, count and sum; of all, a moving mean.
     scene_shards: u32,
     scene_s: f64,
@@ -48,12 +54,11 @@ pub(super) struct Worker {
     pub(super) open_pull: Option<u32>,
     pulls: u32,
     pub(super) inbox: Option<(Delivery, u32)>,
-    suspects: Vec<u64>,
     pub(super) outbox: Vec<Handed>,
     /// Whom to answer when the queue has confirmed.
     asker: Option<WorkerId>,
-    /// At which level it listens, and its place there.
-    pub(super) listens: Option<(u32, u32)>,
+    /// Its place among those who listen to requests.
+    pub(super) listens: Option<u32>,
     /// Number of the round of asking; an older timer says nothing.
     round: u32,
     /// How often it asked in vain.
@@ -70,14 +75,12 @@ impl Default for Worker {
             holding: Holding::default(),
             doing: Doing::Nothing,
             known: Vec::new(),
-            is_suspect: false,
             scene_shards: 0,
             scene_s: 0.0,
             mean_s: 0.0,
             open_pull: None,
             pulls: 0,
             inbox: None,
-            suspects: Vec::new(),
             outbox: Vec::new(),
             asker: None,
             listens: None,
@@ -118,8 +121,8 @@ impl Sim<'_> {
             Event::Confirmed { worker } => self.confirmed(worker, true),
             Event::NotConfirmed { worker } => self.confirmed(worker, false),
             Event::Asked { giver, asker } => self.asked(giver, asker),
-            Event::NoGiver { worker, level } => self.no_giver(worker, level),
-            Event::Answered { worker, spans } => self.answered(worker, spans),
+            Event::NoGiver { worker } => self.no_giver(worker),
+            Event::Answered { worker } => self.answered(worker),
             Event::Computed { worker } => self.computed(worker),
             Event::PauseEnds { worker, round } => self.pause_ends(worker, round),
             Event::RenewTimer { worker } => {
@@ -142,10 +145,7 @@ impl Sim<'_> {
         let Some((delivery, stream)) = w.inbox.take() else {
             return;
         };
-        let id = w.holding.take((delivery.sequence, stream), delivery.handed);
-        if delivery.deliveries > 1 {
-            w.suspects.push(id);
-        }
+        w.holding.take((delivery.sequence, stream), delivery.handed);
         w.round += 1;
         self.go_on(worker);
     }
@@ -182,8 +182,6 @@ impl Sim<'_> {
         };
         self.counts.worker_listings += 1;
         w.known = self.store.finished_of(span.scene, span.shards);
-        w.is_suspect = w.suspects.contains(&id);
-        w.suspects.retain(|&suspect| suspect != id);
         w.scene_shards = 0;
         w.scene_s = 0.0;
         self.next_shard(worker, id, true);
@@ -191,15 +189,12 @@ impl Sim<'_> {
 
     /// Begins the next shard that is not known to be in the store, after loading its scene if that is new.
     fn next_shard(&mut self, worker: WorkerId, id: u64, load: bool) {
-        let looks_again = self.case.rules.look_again;
         let w = &mut self.workers[worker as usize];
         let Some(scene) = w.holding.span(id).map(|s| s.scene) else {
             return;
         };
         while let Some(shard) = w.holding.begin(id) {
-            let is_known = w.known.contains(&shard);
-            let found = looks_again && w.is_suspect && self.store.is_finished(scene, shard);
-            if is_known || found {
+            if w.known.contains(&shard) {
                 w.holding.finish(id);
                 continue;
             }
@@ -284,54 +279,39 @@ impl Sim<'_> {
         self.after(self.way_us(), Event::Pull { worker, waits });
     }
 
-    /// Takes the next span while it has one, without waiting at the server: what is given away is for those who are idle.
+    /// Takes the next span near the end of its own, without waiting at the server: what is given away is for those who are
+    /// idle.
     fn prefetch(&mut self, worker: WorkerId) {
-        let rules = &self.case.rules;
         let w = &self.workers[worker as usize];
         if w.holding.len() > 1 {
             return;
         }
-        let is_time = match rules.prefetch {
-            Prefetch::Never => false,
-            Prefetch::Always => true,
-            Prefetch::NearTheEnd => {
-                let open = w.holding.ids().next().and_then(|id| w.holding.unbegun(id));
-                open.is_some_and(|unbegun| {
-                    (unbegun.len() + 1) as f64 * w.shard_s() <= rules.prefetch_s
-                        || unbegun.is_empty()
-                })
-            }
-        };
+        let open = w.holding.ids().next().and_then(|id| w.holding.unbegun(id));
+        let is_time = open.is_some_and(|unbegun| {
+            (unbegun.len() + 1) as f64 * w.shard_s() <= PREFETCH_S || unbegun.is_empty()
+        });
         if is_time {
-            self.pull(worker, rules.idle_pull == IdlePull::InTurns);
+            self.pull(worker, false);
         }
     }
 
     /// The pull had no answer.
     fn empty(&mut self, worker: WorkerId) {
         self.workers[worker as usize].open_pull = None;
-        match self.case.rules.idle_pull {
-            IdlePull::InTurns if !self.is_idle(worker) => self.prefetch(worker),
-            _ if !self.is_idle(worker) => {}
-            IdlePull::Waits => self.pull(worker, true),
-            IdlePull::Polls | IdlePull::InTurns => self.ask(worker),
+        if self.is_idle(worker) {
+            self.pull(worker, true);
         }
     }
 
+    /// A pull waits at the server; requests to give are sent beside it.
     fn look_for_work(&mut self, worker: WorkerId) {
-        match self.case.rules.idle_pull {
-            IdlePull::Waits => {
-                self.pull(worker, true);
-                self.pause(worker);
-            }
-            IdlePull::Polls => self.pull(worker, false),
-            IdlePull::InTurns => self.pull(worker, true),
-        }
+        self.pull(worker, true);
+        self.pause(worker);
     }
 
     /// Asks again after a while: twice as long as the last time, half to all of it.
     fn pause(&mut self, worker: WorkerId) {
-        let [first_s, longest_s] = self.case.rules.pause_s;
+        let [first_s, longest_s] = PAUSE_S;
         let w = &mut self.workers[worker as usize];
         let pause_s = (first_s * f64::from(1 << w.pauses.min(20))).min(longest_s);
         w.pauses += 1;
@@ -348,12 +328,8 @@ impl Sim<'_> {
         }
         if round == 0 {
             self.look_for_work(worker);
-            return;
-        }
-        match self.case.rules.idle_pull {
-            IdlePull::Waits => self.ask(worker),
-            IdlePull::Polls => self.pull(worker, false),
-            IdlePull::InTurns => self.pull(worker, true),
+        } else {
+            self.ask(worker);
         }
     }
 
@@ -361,43 +337,30 @@ impl Sim<'_> {
         // Who has just reconnected hears from the queue first.
         let is_new_connection =
             self.away_until_us > 0 && self.now_us < self.away_until_us + us(RECONNECT_S);
-        if self.case.rules.no_giving || is_new_connection {
+        if is_new_connection {
             self.pause(worker);
             return;
         }
         let w = &mut self.workers[worker as usize];
         w.round += 1;
         let round = w.round;
-        let wait_us = us(self.case.rules.give_answer_s);
+        let wait_us = us(GIVE_ANSWER_S);
         self.after(wait_us, Event::PauseEnds { worker, round });
-        let level = self.listeners.len() as u32 - 1;
-        self.after(self.way_us(), Event::Ask { worker, level });
+        self.after(self.way_us(), Event::Ask { worker });
     }
 
-    /// Tries those who have less.
-    fn no_giver(&mut self, worker: WorkerId, level: u32) {
-        if !self.is_idle(worker) {
-            return;
-        }
-        if level > 0 {
-            let level = level - 1;
-            self.after(self.way_us(), Event::Ask { worker, level });
-        } else {
+    fn no_giver(&mut self, worker: WorkerId) {
+        if self.is_idle(worker) {
             self.counts.asked_in_vain += 1;
             self.pause(worker);
         }
     }
 
     /// Whether something was given or not: what was given comes by the pull that waits, or went to another one.
-    fn answered(&mut self, worker: WorkerId, spans: u32) {
-        if !self.is_idle(worker) {
-            return;
+    fn answered(&mut self, worker: WorkerId) {
+        if self.is_idle(worker) {
+            self.pause(worker);
         }
-        if spans > 0 && self.case.rules.idle_pull == IdlePull::InTurns {
-            self.pull(worker, true);
-            return;
-        }
-        self.pause(worker);
     }
 
     /// An idle worker asks for something.
@@ -428,13 +391,7 @@ impl Sim<'_> {
         if spans == 0 {
             self.counts.asked_in_vain += 1;
         }
-        self.after(
-            2 * self.way_us(),
-            Event::Answered {
-                worker: asker,
-                spans,
-            },
-        );
+        self.after(2 * self.way_us(), Event::Answered { worker: asker });
     }
 
     fn confirmed(&mut self, worker: WorkerId, all: bool) {
@@ -457,13 +414,10 @@ impl Sim<'_> {
     fn refresh_listening(&mut self, worker: WorkerId) {
         let w = &self.workers[worker as usize];
         // While it publishes it goes on listening: whoever asks waits for his turn.
-        if w.asker.is_some() || self.case.rules.no_giving {
+        if w.asker.is_some() {
             return;
         }
-        let gives_s = w.holding.could_give_s(w.seconds(self.case.work.load_s));
-        let highest = self.listeners.len() as i32 - 1;
-        let level_of = |s: f64| (libm::log2(s.max(0.25)) / 2.0).floor() as i32 + 1;
-        let level = gives_s.map(|s| level_of(s).clamp(0, highest) as u32);
-        self.listen(worker, level);
+        let could_give = w.holding.could_give(w.seconds(self.case.work.load_s));
+        self.listen(worker, could_give);
     }
 }
