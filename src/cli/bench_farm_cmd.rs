@@ -6,7 +6,7 @@ use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::{bench_farm_makespan, bench_farm_measure, bench_farm_resume};
 use crate::bench::{align, thread_cpu_s};
-use crate::farm::sim::{
+use crate::farm::simulate::{
     Case, Fault, Fleet, KINDS, Kind, Outcome, Rules, Work, lower_bound_s, simulate, some_workers,
 };
 use anyhow::anyhow;

@@ -11,7 +11,7 @@ use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
 use crate::farm::Fault as Ordered;
-use crate::farm::sim::{Case, Fault, lower_bound_s};
+use crate::farm::simulate::{Case, Fault, lower_bound_s};
 use anyhow::anyhow;
 use std::time::{Duration, Instant, SystemTime};
 

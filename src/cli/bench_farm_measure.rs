@@ -12,7 +12,7 @@ use super::exit_code::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
 use crate::farm::Fault;
-use crate::farm::sim::Work;
+use crate::farm::simulate::Work;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -3,7 +3,7 @@
 use super::bench_cmd::{cpu_name, on_cpu};
 use super::bench_farm_place::{Place, median};
 use crate::bench::align;
-use crate::farm::sim::{Case, Fault, simulate};
+use crate::farm::simulate::{Case, Fault, simulate};
 use serde_json::{Value, json};
 use std::fmt::Write;
 

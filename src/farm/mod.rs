@@ -11,8 +11,7 @@ mod merge_run;
 mod message;
 pub mod queue;
 mod share;
-pub mod sim;
-mod span;
+pub mod simulate;
 mod sweep;
 mod tuples;
 mod worker;
@@ -21,7 +20,6 @@ pub use coordinate::{CoordinateOptions, Coordinated, coordinate};
 pub use error::FarmError;
 pub use fault::Fault;
 pub use merge_run::{MergeOutcome, merge_run};
-pub use span::{HeldSpan, uncovered, what_to_give};
 pub use worker::{
     Outcome, Sandbox, SandboxEnd, SharedQueue, WorkOptions, work, work_shared, work_span,
 };

@@ -445,6 +445,11 @@ impl<P> Tasks<P> {
         self.entries.contains_key(&task)
     }
 
+    /// As it was leased.
+    pub(in crate::farm) fn span(&self, task: TaskId) -> Option<&Task> {
+        self.entries.get(&task).map(|entry| &entry.message.span)
+    }
+
     /// All of its scene was traced here.
     pub(in crate::farm) fn is_alone(&self, task: TaskId) -> bool {
         let entry = self.entries.get(&task);

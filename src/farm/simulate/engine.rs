@@ -3,12 +3,11 @@
 use super::bound::lower_bound_s;
 use super::case::{Case, Fault, mix};
 use super::coordinator::{Coordinator, POLL_S};
-use super::holding::Holding;
+use super::driver::Worker;
 use super::outcome::{Counts, Outcome};
 use super::queue::{Queue, Sequence};
 use super::store::Store;
 use super::tally::Tally;
-use super::worker::Worker;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 
@@ -262,9 +261,7 @@ impl<'a> Sim<'a> {
             Fault::Kill { worker, .. } => {
                 // The server sees the connection end.
                 self.listen(worker, false);
-                let worker = &mut self.workers[worker as usize];
-                worker.is_alive = false;
-                worker.holding = Holding::default();
+                self.workers[worker as usize].kill();
             }
             Fault::Stop { worker, for_s, .. } => {
                 let end_us = self.now_us + us(for_s);

@@ -7,6 +7,7 @@ use std::ops::Range;
 pub(super) struct Store {
     shards: u32,
     finished: Vec<u64>,
+    traced: Vec<u64>,
     tuples: Vec<u64>,
     tuple_count: u32,
 }
@@ -17,6 +18,7 @@ impl Store {
         Self {
             shards,
             finished: words(u64::from(scenes) * u64::from(shards)),
+            traced: words(u64::from(scenes) * u64::from(shards)),
             tuples: words(u64::from(scenes)),
             tuple_count: 0,
         }
@@ -41,10 +43,16 @@ impl Store {
         (0..self.shards).all(|s| self.is_finished(scene, s))
     }
 
-    /// Puts a shard; false if it was there.
-    pub(super) fn put_shard(&mut self, scene: u32, shard: u32) -> bool {
+    /// Puts a shard.
+    pub(super) fn put_shard(&mut self, scene: u32, shard: u32) {
         let bit = self.bit(scene, shard);
-        set(&mut self.finished, bit)
+        set(&mut self.finished, bit);
+    }
+
+    /// Counts a shard as traced; false if it was traced before.
+    pub(super) fn trace(&mut self, scene: u32, shard: u32) -> bool {
+        let bit = self.bit(scene, shard);
+        set(&mut self.traced, bit)
     }
 
     /// The scene is done.

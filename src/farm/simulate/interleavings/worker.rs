@@ -64,7 +64,6 @@ pub(super) struct Worker {
     pub(super) stops: bool,
     /// It is replaced when it has done the rest.
     pub(super) leaves: bool,
-    pub(super) scenes: BTreeMap<TaskId, u32>,
     /// Results in memory.
     results: BTreeMap<TaskId, BTreeMap<u32, u64>>,
     published: u32,
@@ -79,7 +78,6 @@ impl Worker {
             jobs: Vec::new(),
             stops: false,
             leaves: false,
-            scenes: BTreeMap::new(),
             results: BTreeMap::new(),
             published: 0,
         }
@@ -154,7 +152,6 @@ impl Farm {
         let span = lease.waiting.span.clone();
         let is_done = self.has_tuple(span.scene);
         let suspect = lease.suspect && self.draw(2) == 0;
-        self.workers[w].scenes.insert(task, span.scene);
         if is_done {
             let actions = self.workers[w].tasks.nothing_to_do(task);
             return self.workers[w].act(actions);

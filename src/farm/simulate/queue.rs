@@ -5,7 +5,7 @@
 //! ends puts the message before those that were never delivered. A stream that is made anew counts from the start again,
 //! so that an acknowledgement from before removes a message that it does not mean.
 
-use super::holding::Handed;
+use crate::farm::queue::Waiting;
 use crate::run::Span;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -36,6 +36,7 @@ struct Message {
     /// The next message of the same scene.
     next: u32,
     handed_on: u32,
+    delivered: bool,
     state: State,
 }
 
@@ -43,7 +44,9 @@ struct Message {
 #[derive(Clone, Debug)]
 pub(super) struct Delivery {
     pub(super) sequence: Sequence,
-    pub(super) handed: Handed,
+    pub(super) waiting: Waiting,
+    /// It was delivered before.
+    pub(super) again: bool,
 }
 
 /// The stream and its consumer.
@@ -89,11 +92,11 @@ impl Queue {
     }
 
     /// Adds a message; false if one of this name is there.
-    pub(super) fn publish(&mut self, handed: &Handed) -> bool {
-        let scene = handed.span.scene;
-        let shards = &handed.span.shards;
+    pub(super) fn publish(&mut self, waiting: &Waiting) -> bool {
+        let scene = waiting.span.scene;
+        let shards = &waiting.span.shards;
         let same = |m: &Message| {
-            m.start == shards.start && m.end == shards.end && m.handed_on == handed.handed_on
+            m.start == shards.start && m.end == shards.end && m.handed_on == waiting.handed_on
         };
         if self
             .of_scene(scene)
@@ -109,7 +112,8 @@ impl Queue {
             start: shards.start,
             end: shards.end,
             next: std::mem::replace(first, sequence),
-            handed_on: handed.handed_on,
+            handed_on: waiting.handed_on,
+            delivered: false,
             state: State::Waiting,
         });
         self.fresh.push_back(sequence);
@@ -130,12 +134,14 @@ impl Queue {
                 continue;
             }
             message.state = State::Held;
+            let again = std::mem::replace(&mut message.delivered, true);
             message.lease_end_us = lease_end_us;
             self.waiting -= 1;
             self.held += 1;
             return Some(Delivery {
                 sequence,
-                handed: Handed {
+                again,
+                waiting: Waiting {
                     span: Span {
                         scene: message.scene,
                         shards: message.start..message.end,

@@ -70,10 +70,10 @@ fn one_worker_needs_the_sum() {
 
 #[test]
 fn the_prototypes_case_stays_near_the_bound() {
-    for faults in [vec![], prototype_faults()] {
+    for (faults, most) in [(vec![], 1.10), (prototype_faults(), 1.12)] {
         let case = prototype(faults);
         let outcome = run(&case);
-        assert!(outcome.makespan_s <= 1.10 * outcome.bound_s, "{outcome:?}");
+        assert!(outcome.makespan_s <= most * outcome.bound_s, "{outcome:?}");
         assert!(outcome.loads_per_scene < 1.4, "{outcome:?}");
     }
 }

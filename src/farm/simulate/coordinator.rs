@@ -1,8 +1,7 @@
 //! The coordinator: looks at the queue's counts, lists, publishes what is missing.
 
 use super::engine::{Event, Sim, us};
-use super::holding::Handed;
-use crate::farm::uncovered;
+use crate::farm::queue::Waiting;
 use crate::run::Span;
 use std::collections::VecDeque;
 
@@ -23,8 +22,8 @@ const BATCH_S: f64 = 0.01;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Coordinator {
     is_listing: bool,
-    /// Of the queue's listing: by scene, whether messages leave something of it uncovered.
-    is_uncovered: Vec<bool>,
+    /// Of the queue's listing: by scene, whether it has no message.
+    is_absent: Vec<bool>,
     /// Found missing, not published yet.
     backlog: VecDeque<Span>,
     is_publishing: bool,
@@ -65,7 +64,9 @@ impl Sim<'_> {
         self.counts.reconciles += 1;
         self.coordinator.is_listing = true;
         self.coordinator.backlog.clear();
-        self.coordinator.is_uncovered = (0..scenes).map(|s| self.leaves_uncovered(s)).collect();
+        self.coordinator.is_absent = (0..scenes)
+            .map(|s| self.queue.ranges(s).is_empty())
+            .collect();
         let from = self.coordinator.first_missing;
         let keys = u64::from(self.store.tuples_from(from, scenes));
         self.coordinator.first_missing = self.store.first_missing(from, scenes);
@@ -78,29 +79,18 @@ impl Sim<'_> {
         self.after(us(listing_s), Event::Listed);
     }
 
-    fn leaves_uncovered(&self, scene: u32) -> bool {
-        !uncovered(self.case.work.shards, self.queue.ranges(scene)).is_empty()
-    }
-
-    /// Both listings are there: merges what nobody merged, and publishes what is missing.
+    /// Both listings are there: publishes the scenes that are in neither.
     pub(super) fn listed(&mut self) {
         let scenes = self.case.work.scenes;
         self.coordinator.is_listing = false;
         self.coordinator.reconciled_us = self.now_us;
-        let is_uncovered = std::mem::take(&mut self.coordinator.is_uncovered);
-        for scene in 0..scenes {
-            if self.store.has_tuple(scene) || !is_uncovered[scene as usize] {
-                continue;
-            }
-            if self.store.is_complete(scene) {
-                self.store.put_tuple(scene);
-                self.counts.last_tuple_us = self.now_us;
-                continue;
-            }
-            let gaps = uncovered(self.case.work.shards, self.queue.ranges(scene));
-            let spans = gaps.into_iter().map(|shards| Span { scene, shards });
-            self.coordinator.backlog.extend(spans);
-        }
+        let is_absent = std::mem::take(&mut self.coordinator.is_absent);
+        let missing = (0..scenes).filter(|&s| is_absent[s as usize] && !self.store.has_tuple(s));
+        let whole = |scene| Span {
+            scene,
+            shards: 0..self.case.work.shards,
+        };
+        self.coordinator.backlog.extend(missing.map(whole));
         if self.store.tuple_count() == scenes && self.coordinator.backlog.is_empty() {
             self.coordinator.finished_us = Some(self.now_us);
         }
@@ -128,7 +118,7 @@ impl Sim<'_> {
             if self.store.has_tuple(span.scene) {
                 self.counts.published_though_done += 1;
             }
-            self.store_message(&Handed { span, handed_on: 0 });
+            self.store_message(&Waiting { span, handed_on: 0 });
             self.serve_waiting_pulls();
         }
         if self.coordinator.backlog.is_empty() {

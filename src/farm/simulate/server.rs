@@ -1,9 +1,10 @@
 //! The queue's server: pulls, messages, leases, requests to give.
 
+use super::driver::message_of;
 use super::engine::{Event, Sim, WorkerId, us};
-use super::holding::Handed;
 use super::queue::Expiry;
 use super::tally::Kind;
+use crate::farm::queue::Waiting;
 
 /// A pull waits at the server for so many seconds.
 const PULL_S: f64 = 30.0;
@@ -100,21 +101,21 @@ impl Sim<'_> {
     }
 
     /// Into the stream, if there is one.
-    pub(super) fn store_message(&mut self, handed: &Handed) -> bool {
+    pub(super) fn store_message(&mut self, message: &Waiting) -> bool {
         self.tally.count(Kind::Publish, self.now_us);
         if !self.stream_is_there {
             return false;
         }
-        self.queue.publish(handed);
+        self.queue.publish(message);
         self.counts.most_messages = self.counts.most_messages.max(self.queue.len());
         true
     }
 
     fn publish_arrives(&mut self, worker: WorkerId) {
-        let outbox = std::mem::take(&mut self.workers[worker as usize].outbox);
+        let outbox = self.workers[worker as usize].outbox.clone();
         let mut all_stored = true;
-        for handed in &outbox {
-            all_stored &= self.store_message(handed);
+        for offer in &outbox {
+            all_stored &= self.store_message(&offer.message);
         }
         self.serve_waiting_pulls();
         let event = if all_stored {
@@ -127,7 +128,8 @@ impl Sim<'_> {
 
     fn renewal_arrives(&mut self, worker: WorkerId) {
         let end_us = self.now_us + us(self.case.rules.lease_s);
-        for &(sequence, stream) in self.workers[worker as usize].holding.messages() {
+        for lease in self.workers[worker as usize].tasks.leases() {
+            let (sequence, stream) = message_of(lease);
             self.tally.count(Kind::Renew, self.now_us);
             if stream == self.stream {
                 self.queue.renew(sequence, end_us);

@@ -180,17 +180,17 @@ impl Farm {
         }
         let Some(Delivery {
             sequence,
-            handed,
-            deliveries,
+            waiting,
+            again,
         }) = self.queue.take(0)
         else {
             return;
         };
-        self.note(|| format!("worker {w} leases {sequence}: {handed:?}"));
+        self.note(|| format!("worker {w} leases {sequence}: {waiting:?}"));
         let lease = Lease {
             ticket: u64::from(sequence),
-            waiting: handed,
-            suspect: deliveries > 1,
+            waiting,
+            suspect: again,
         };
         let now = self.now;
         let worker = &mut self.workers[w];
@@ -417,6 +417,6 @@ impl Farm {
 
     /// The scene of a task that a worker has.
     pub(super) fn scene_of(&self, w: usize, task: TaskId) -> Option<u32> {
-        self.workers[w].scenes.get(&task).copied()
+        self.workers[w].tasks.span(task).map(|span| span.scene)
     }
 }
