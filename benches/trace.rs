@@ -10,11 +10,11 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
 use glasshouse::bench::{BenchScene, Work, indoor, outdoor, pair, render, stress};
-use glasshouse::manifest::{Apex, Fill, Focus};
-use glasshouse::merge::{SrgbEncoder, Tuple, encode_png, encode_tuple_exr};
-use glasshouse::sample;
-use glasshouse::scene::{Decoded, NamedBytes, PhotographFiles, Polygons, decode_photograph};
-use glasshouse::trace::{
+use render::formats::{NamedBytes, PhotographFiles};
+use render::line::{Apex, Fill, Focus};
+use render::merge::{SrgbEncoder, Tuple, encode_png, encode_tuple_exr};
+use render::scene::{Decoded, Polygons, decode_photograph};
+use render::trace::{
     BLOCK, BundleProbe, Grid, Isa, Order, PixelSeed, Sampling, Scene, Tile, sample_block,
     trace_tile,
 };
@@ -153,8 +153,8 @@ fn samplers(c: &mut Criterion) {
 /// Files of 1024 x 768 px to a sheet, and the sheet to a grid.
 fn scenes(c: &mut Criterion) {
     let bench_scene = pair(SIZE, FILM_PX).unwrap();
-    let photograph = &sample::listing(2, 2020)[1];
-    let files = sample::encode(photograph, SIZE[0], SIZE[1]).unwrap();
+    let photograph = &procedural::listing(2, 2020)[1];
+    let files = procedural::encode(photograph, SIZE[0], SIZE[1]).unwrap();
     let named = |bytes| NamedBytes {
         path: photograph.color_path(),
         bytes,

@@ -6,18 +6,20 @@
 
 #![allow(dead_code, reason = "each fuzz target uses one of them")]
 
-use glasshouse::cases::CaseFile;
 use glasshouse::farm::queue::{read_waiting, write_waiting};
-use glasshouse::farm::{Control, QuarantineRecord, Receipt, attempts};
-use glasshouse::ids::SceneId;
 use glasshouse::inspect::{Input, Whole, inspect_bytes};
-use glasshouse::manifest::{Photograph, Recipe, Side, parse_jsonl, parse_scene, refuse, to_jsonl};
-use glasshouse::merge::TupleRecord;
-use glasshouse::partial;
-use glasshouse::scene::limits::{MAX_PIXELS, MAX_SIDE};
-use glasshouse::scene::{NamedBytes, PhotographFiles, SceneError, decode_mesh, decode_photograph};
-use glasshouse::shard::Spec;
+use glasshouse::run::{Control, QuarantineRecord, Receipt, attempts};
 use glasshouse::store::Store;
+use plan::Recipe;
+use plan::cases::CaseFile;
+use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
+use render::formats::{NamedBytes, PhotographFiles, SceneError};
+use render::ids::SceneId;
+use render::line::{Photograph, Side, parse_jsonl, parse_scene, refuse, to_jsonl};
+use render::merge::TupleRecord;
+use render::partial;
+use render::scene::{decode_mesh, decode_photograph};
+use render::shard::Spec;
 use std::path::Path;
 use tempfile::TempDir;
 

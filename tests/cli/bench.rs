@@ -3,7 +3,7 @@
 use crate::support::program::{run, text};
 use crate::support::scenes::{photographs, scene};
 use glasshouse::bench::{Ladder, Slope, Work, climb, own_reference, pair, slopes};
-use glasshouse::trace::{Isa, LAYERS};
+use render::trace::{Isa, LAYERS};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

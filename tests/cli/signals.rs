@@ -3,8 +3,8 @@
 use crate::support::outputs::{assert_same, assert_tidy, files, tuples};
 use crate::support::program::{Ended, command, run, send, text, wait_until};
 use crate::support::scenes::{SCENES, SHARDS, place, reference};
-use glasshouse::farm::Run;
-use glasshouse::manifest::Roots;
+use glasshouse::run::Run;
+use render::line::Roots;
 use std::process::Command;
 
 fn stopped_by(signal: &str, code: i32) {

@@ -5,7 +5,7 @@ use crate::support::nats_server::Server;
 use crate::support::program::{run, text};
 use crate::support::scenes::{SCENES, partials, place, put_partials};
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, WritableImage, f16, read};
-use glasshouse::partial::Partial;
+use render::partial::Partial;
 use serde_json::json;
 use std::path::Path;
 

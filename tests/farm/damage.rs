@@ -3,7 +3,7 @@
 use crate::support::outputs::{assert_same, assert_tidy, tuples};
 use crate::support::program::{run, text};
 use crate::support::scenes::{SCENES, SHARDS, partials, place, put_partials, reference};
-use glasshouse::partial::{Partial, decode, encode};
+use render::partial::{Partial, decode, encode};
 use std::path::Path;
 
 #[test]

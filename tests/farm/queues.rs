@@ -1,11 +1,11 @@
 //! The promises of a queue, kept by both of them.
 
 use crate::support::nats_server::Server;
-use glasshouse::farm::Span;
 use glasshouse::farm::queue::{
     Answer, Delivery, LocalQueue, NatsCoordinator, NatsOptions, NatsWorker, Queue, QueueKeeper,
     Taken, Waiting,
 };
+use glasshouse::run::Span;
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 

@@ -5,7 +5,7 @@ use crate::support::markup::strictly;
 use glasshouse::serve::{
     Action, FarmSource, FarmState, QuarantinedScene, ServeError, WorkerState, serve,
 };
-use glasshouse::trace::LAYERS;
+use render::trace::LAYERS;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};

@@ -1,11 +1,11 @@
 //! A run in memory for the web server to show, and a client that sends bytes over a socket.
 
-use glasshouse::ids::SceneId;
 use glasshouse::serve::{
     Action, Count, FARM_SCHEMA, FarmSource, FarmState, FarmView, QuarantinedScene, QueueView,
     RecentTuple, Server, WorkerState, WorkerView, serve,
 };
-use glasshouse::trace::LAYERS;
+use render::ids::SceneId;
+use render::trace::LAYERS;
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};

@@ -198,7 +198,7 @@ fn partials_in_a_bucket_are_merged_without_a_queue() {
         let lacks = usize::from(scene == SCENES - 1);
         for partial in partials.iter().skip(lacks) {
             let key = format!("partials/{id}/{:06}.exr", partial.header.shard);
-            let bytes = glasshouse::partial::encode(partial).unwrap();
+            let bytes = render::partial::encode(partial).unwrap();
             store.create(&key, &bytes).unwrap();
         }
     }

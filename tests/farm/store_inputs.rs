@@ -4,10 +4,12 @@ use crate::support::moto::Moto;
 use crate::support::outputs::{assert_same, files, tuples};
 use crate::support::program::{command, run, text};
 use crate::support::s3_server::S3Server;
-use glasshouse::farm::{FarmError, Run, WorkOptions, work};
-use glasshouse::manifest::Roots;
+use glasshouse::farm::{FarmError, WorkOptions, work};
+use glasshouse::run::AccessError;
+use glasshouse::run::Run;
 use glasshouse::store::{Cache, Inputs, StoreError};
-use glasshouse::trace::Isa;
+use render::line::Roots;
+use render::trace::Isa;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -124,7 +126,7 @@ fn a_photograph_that_is_gone_costs_its_scenes_and_a_bucket_that_is_away_none() {
     let options = WorkOptions::new(1, Isa::detect(), &never);
     both.bucket.faults.set_away(true);
     match work(&opened, &options, &|_| {}) {
-        Err(FarmError::Store(error)) => assert!(error.is_passing(), "{error}"),
+        Err(FarmError::Access(AccessError::Store(error))) => assert!(error.is_passing(), "{error}"),
         other => panic!("{other:?}"),
     }
     assert!(!run.join("quarantine").exists());

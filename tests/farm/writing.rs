@@ -3,9 +3,10 @@
 use crate::support::outputs::{assert_same, assert_tidy, tuples};
 use crate::support::program::{Ended, run, text};
 use crate::support::scenes::{SCENES, SHARDS, place, reference};
-use glasshouse::farm::{Event, Run, WorkOptions, work};
-use glasshouse::manifest::Roots;
-use glasshouse::trace::Isa;
+use glasshouse::farm::{WorkOptions, work};
+use glasshouse::run::{Event, Run};
+use render::line::Roots;
+use render::trace::Isa;
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;

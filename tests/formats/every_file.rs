@@ -3,8 +3,8 @@
 use crate::every_file_left as left;
 use crate::support::scenes::{npy, partials, photographs, put_partials, scene, write_lines};
 use crate::support::workplace::{run_in, workplace};
-use glasshouse::farm::{AttemptRecord, EndKind, Ending};
-use glasshouse::ids::SceneId;
+use glasshouse::run::{AttemptRecord, EndKind, Ending};
+use render::ids::SceneId;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -197,7 +197,7 @@ fn of_a_farm(files: &mut Files) {
         &["paused", "backup", "resume"],
     );
     let attempt = AttemptRecord {
-        schema: glasshouse::farm::ATTEMPT_SCHEMA.to_owned(),
+        schema: glasshouse::run::ATTEMPT_SCHEMA.to_owned(),
         scene: SceneId::new("good").unwrap(),
         shards: [0, 4],
         n: 2,

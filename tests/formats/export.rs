@@ -3,8 +3,8 @@
 use crate::support::outputs::files;
 use crate::support::program::{Ended, command, run, text};
 use crate::support::s3_server::{BUCKET, S3Server};
-use glasshouse::merge::{TupleRecord, decode_exr_channels, decode_tuple_exr, linear_to_srgb16};
-use glasshouse::trace::LAYERS;
+use render::merge::{TupleRecord, decode_exr_channels, decode_tuple_exr, linear_to_srgb16};
+use render::trace::LAYERS;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! Small scenes in the words of the scene line, and their rendering.
 
 use glam::{DMat3, DVec3};
-use glasshouse::trace::{
+use render::trace::{
     FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, Sampling, Scene, Slab,
     Texture, Tile, TileResult, View, trace_tile,
 };

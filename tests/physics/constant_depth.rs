@@ -5,7 +5,7 @@
 
 use crate::case::{Apex, CLEAN, Case, GLASS, I, Photo, T};
 use glam::{DVec2, DVec3};
-use glasshouse::trace::Order;
+use render::trace::Order;
 
 const DEPTH_M: f64 = 2.2;
 const OFFSET: f64 = 0.5;

@@ -8,8 +8,8 @@
 //! cargo test --release --test physics golden -- --nocapture
 //! ```
 
-use glasshouse::shard::{golden_scenes, whole};
-use glasshouse::trace::{Isa, LAYERS, Scene, trace_tile};
+use render::shard::{golden_scenes, whole};
+use render::trace::{Isa, LAYERS, Scene, trace_tile};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -164,7 +164,7 @@ fn references_are_made() {
             npy.extend((value as f32).to_le_bytes());
         }
         let path = path(golden.name);
-        glasshouse::atomic_file::write(&path, &npy).unwrap();
+        render::atomic_file::write(&path, &npy).unwrap();
         println!("{}: {} bytes", path.display(), npy.len());
     }
 }

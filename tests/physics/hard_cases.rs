@@ -1,12 +1,12 @@
 //! What a farm meets sooner or later: extreme depths, lights, tilts and sizes. Finite, not negative, and done.
 
 use crate::case::{Apex, CLEAN, Case, Photo, T, noise, whole_film};
-use glasshouse::trace::Isa;
+use render::trace::Isa;
 use std::sync::mpsc;
 use std::time::Duration;
 
 /// Renders within ten seconds, or fails; checks that every value is finite and in [0, `limit`].
-fn survives(name: &str, case: &Case, limit: f32) -> Vec<glasshouse::trace::PixelMeans> {
+fn survives(name: &str, case: &Case, limit: f32) -> Vec<render::trace::PixelMeans> {
     let (sender, receiver) = mpsc::channel();
     let moved = case.clone();
     std::thread::spawn(move || {

@@ -2,7 +2,7 @@
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
 use crate::mesh::rooms;
-use glasshouse::trace::{Isa, PixelMeans, Scene, Tile, trace_tile};
+use render::trace::{Isa, PixelMeans, Scene, Tile, trace_tile};
 
 fn rough(key: u64) -> Photo {
     let depth = move |i: usize, j: usize| 0.9 + 2.0 * noise(i / 2, j / 2, key);

@@ -2,7 +2,7 @@
 
 use crate::case::{Apex, CLEAN, Case, GLASS, I, Photo, T, noise, whole_film};
 use glam::{DMat3, DVec3};
-use glasshouse::trace::{Isa, Mesh, Scene};
+use render::trace::{Isa, Mesh, Scene};
 use std::f64::consts::PI;
 
 /// Names of the layers, for messages.

@@ -1,7 +1,7 @@
 //! One ray, face by face: Snell's law in vectors, Fresnel amplitudes of both polarisations, two explicit planes.
 
 use glam::DVec3;
-use glasshouse::trace::Order;
+use render::trace::Order;
 
 /// A pane as two planes.
 #[derive(Clone, Copy)]

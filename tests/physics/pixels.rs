@@ -2,7 +2,7 @@
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
 use crate::reference::Reference;
-use glasshouse::trace::Isa;
+use render::trace::Isa;
 
 /// Steps, noise, or a smooth surface.
 #[derive(Clone, Copy)]

@@ -2,8 +2,8 @@
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
 use crate::invariance::{bits, tiled};
-use glasshouse::trace::{FollowedOrder, Isa, OrderPlan, PixelMeans};
 use proptest::prelude::*;
+use render::trace::{FollowedOrder, Isa, OrderPlan, PixelMeans};
 
 /// Depth in metres of a uniform number.
 fn depth(kind: u8, x: f64) -> f64 {

@@ -3,7 +3,7 @@
 use crate::case::{Apex, Case, Photo};
 use crate::optics::Pane;
 use glam::{DMat3, DVec3};
-use glasshouse::trace::{FollowedOrder, Order, PixelSeed, Scene, sample};
+use render::trace::{FollowedOrder, Order, PixelSeed, Scene, sample};
 
 /// How far the border continues, px.
 const BORDER_PX: f64 = 4000.0;

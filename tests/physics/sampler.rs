@@ -1,7 +1,7 @@
 //! Sample points: what makes them low-discrepancy, and that an image's error falls as they promise.
 
 use crate::case::{Case, Photo, noise, whole_film};
-use glasshouse::trace::{Isa, PixelSeed, sample};
+use render::trace::{Isa, PixelSeed, sample};
 
 /// Points of one pair (0 pixel, 1 lens).
 fn points(seed: &PixelSeed, pair: usize, range: std::ops::Range<u32>) -> Vec<[f32; 2]> {

@@ -2,7 +2,7 @@
 
 use crate::optics::Pane;
 use glam::DVec3;
-use glasshouse::trace::{Order, Slab};
+use render::trace::{Order, Slab};
 
 /// Distance between two lines of the same direction `d`.
 fn line_distance(a: DVec3, b: DVec3, d: DVec3) -> f64 {

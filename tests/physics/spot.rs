@@ -1,7 +1,7 @@
 //! One bright texel: its light is kept whatever the lens does, and the lens spreads it over the circle of confusion.
 
 use crate::case::{Case, GLASS, Photo, T};
-use glasshouse::trace::{Isa, Tile, trace_tile};
+use render::trace::{Isa, Tile, trace_tile};
 
 const TAN: f64 = 0.3;
 const TEXELS: usize = 31;

@@ -20,7 +20,7 @@
 use crate::case::{Apex, CLEAN, Case, GLASS, I, Photo, T, noise};
 use crate::pixels::compare;
 use glam::DVec2;
-use glasshouse::trace::{Isa, PixelMeans, Tile, trace_tile};
+use render::trace::{Isa, PixelMeans, Tile, trace_tile};
 
 fn close(name: &str, value: f32, expected: f64, bound: f64) {
     let off = f64::from(value) - expected;
@@ -118,7 +118,7 @@ fn slab_weight(degrees: f64, k: u32) -> f64 {
     };
     let angle = degrees.to_radians();
     let d = DVec3::new(angle.sin(), 0.0, angle.cos());
-    pane.exit(DVec3::ZERO, d, glasshouse::trace::Order::Reflected(k))
+    pane.exit(DVec3::ZERO, d, render::trace::Order::Reflected(k))
         .weight()[0]
 }
 
@@ -196,7 +196,7 @@ fn any_radiance_on_a_plane_is_its_mean() {
             let direction = p - lens / case.focus_m;
             let cos_i = 1.0 / (1.0 + direction.length_squared()).sqrt();
             for followed in scene.orders.front.iter().chain(&scene.orders.back) {
-                use glasshouse::trace::Order;
+                use render::trace::Order;
                 let weight = scene.slab.weight(followed.order, cos_i)[0];
                 let kappa = scene.slab.kappa_m(followed.order, scene.slab.gamma(cos_i));
                 let mut at = lens + direction * (DEPTH_M - kappa);
@@ -308,8 +308,9 @@ fn one_row_or_column_against_f64() {
 /// NaN, infinite, zero and negative depths through decoder, filler, assembly and tracer: a plane stays a plane.
 #[test]
 fn holes_in_a_plane_leave_no_trace() {
-    use glasshouse::manifest::parse_scene;
-    use glasshouse::scene::{NamedBytes, PhotographFiles, assemble, decode_photograph};
+    use render::formats::{NamedBytes, PhotographFiles};
+    use render::line::parse_scene;
+    use render::scene::{assemble, decode_photograph};
     const WIDTH: usize = 9;
     const HEIGHT: usize = 7;
     let line = parse_scene(
@@ -352,7 +353,7 @@ fn holes_in_a_plane_leave_no_trace() {
         let share = front.filled_share;
         let (scene, _) = assemble(&line, front, back).unwrap();
         let pixels = crate::case::whole_film(&scene, Isa::detect()).pixels;
-        Ok::<_, glasshouse::scene::SceneError>((pixels, share))
+        Ok::<_, render::formats::SceneError>((pixels, share))
     };
     let (whole, _) = render(None).unwrap();
     for hole in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 0.0, -0.0, -3.0] {

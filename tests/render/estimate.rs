@@ -1,23 +1,23 @@
 //! The error that a tuple states of itself, against a reference of many more samples.
 
-use glasshouse::farm::{SceneJob, render_partials};
-use glasshouse::manifest::{Roots, SceneLine, parse_scene};
-use glasshouse::merge::{Tuple, combine};
-use glasshouse::sample;
-use glasshouse::scene::{load, read_files};
-use glasshouse::shard::ShardLayout;
-use glasshouse::trace::{Isa, LAYERS};
+use render::job::{SceneJob, render_partials};
+use render::line::{Roots, SceneLine, parse_scene};
+use render::merge::{Tuple, combine};
+
+use render::scene::{load, read_files};
+use render::shard::ShardLayout;
+use render::trace::{Isa, LAYERS};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 fn line(folder: &Path, spp: u32, seed: u64) -> SceneLine {
-    let photographs = sample::listing(2, 7);
+    let photographs = procedural::listing(2, 7);
     let photograph = |index: usize| {
         let p = &photographs[index];
-        if !sample::is_written(folder, p) {
-            sample::write(folder, p, 256, 192).unwrap();
+        if !procedural::is_written(folder, p) {
+            procedural::write(folder, p, 256, 192).unwrap();
         }
-        let intrinsics = serde_json::to_string(&sample::intrinsics(256, 192)).unwrap();
+        let intrinsics = serde_json::to_string(&procedural::intrinsics(256, 192)).unwrap();
         format!(
             r#""color":"{}","depth":"{}","mask":"{}","intrinsics":{intrinsics}"#,
             p.color_path().display(),

@@ -3,10 +3,11 @@
 use crate::support::outputs::{Content, assert_same, assert_tidy, tuples};
 use crate::support::program::{command, run, text, wait_until};
 use crate::support::scenes::{Place, RECIPE, SCENES, SHARDS, place, put_partials, reference};
-use glasshouse::farm::{Run, SceneJob, render_partials};
-use glasshouse::manifest::Roots;
-use glasshouse::scene::{load, read_files};
-use glasshouse::trace::Isa;
+use glasshouse::run::Run;
+use render::job::{SceneJob, render_partials};
+use render::line::Roots;
+use render::scene::{load, read_files};
+use render::trace::Isa;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,11 +1,11 @@
 //! A scene rendered by Mitsuba 3 (its camera, film, meshes, textures and ray casting) at 4,096 samples.
 
-use glasshouse::manifest::{Roots, parse_scene};
-use glasshouse::merge::combine;
-use glasshouse::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
-use glasshouse::scene::{load, read_files};
-use glasshouse::shard::{ShardLayout, scene_digest};
-use glasshouse::trace::{Isa, LAYERS, TRACER_VERSION, trace_tile};
+use render::line::{Roots, parse_scene};
+use render::merge::combine;
+use render::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
+use render::scene::{load, read_files};
+use render::shard::{ShardLayout, scene_digest};
+use render::trace::{Isa, LAYERS, TRACER_VERSION, trace_tile};
 use std::path::{Path, PathBuf};
 
 fn oracle() -> Option<PathBuf> {

@@ -2,9 +2,9 @@
 
 use crate::real_sets::{MOTORCYCLE_DEPTH, Photo, SETS, Set, find_sets, write_motorcycle_depth};
 use exr::prelude::{ReadChannels, ReadLayers};
-use glasshouse::atomic_file;
-use glasshouse::merge::TupleRecord;
-use glasshouse::trace::LAYERS;
+use render::atomic_file;
+use render::merge::TupleRecord;
+use render::trace::LAYERS;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! The published sets as one list of photographs, for recipes with `layout = "list"`.
 
 use crate::real_sets::{MOTORCYCLE_DEPTH, SETS, Set, find_sets, write_motorcycle_depth};
-use glasshouse::atomic_file;
+use render::atomic_file;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::process::Command;

@@ -1,7 +1,7 @@
 //! Scene files of the published sets, for `glasshouse bench`: each set in front and behind, the paper's camera and pane.
 
 use crate::real_sets::{MOTORCYCLE_DEPTH, SETS, find_sets, write_motorcycle_depth};
-use glasshouse::atomic_file;
+use render::atomic_file;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::process::Command;

@@ -1,6 +1,6 @@
 //! The published sets: their files, what a scene line says of them, and readers that share no code with the program's.
 
-use glasshouse::atomic_file;
+use render::atomic_file;
 use serde_json::{Value, json};
 use std::io::Read;
 use std::path::{Path, PathBuf};

@@ -2,11 +2,12 @@
 
 use super::outputs::{Content, tuples};
 use super::program::{run, text};
-use glasshouse::farm::{Run, SceneJob, render_partials};
-use glasshouse::manifest::Roots;
-use glasshouse::partial::Partial;
-use glasshouse::scene::{load, read_files};
-use glasshouse::trace::Isa;
+use glasshouse::run::Run;
+use render::job::{SceneJob, render_partials};
+use render::line::Roots;
+use render::partial::Partial;
+use render::scene::{load, read_files};
+use render::trace::Isa;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -104,7 +105,7 @@ pub(crate) fn put_partials(run: &Path, scene: &str, partials: &[Partial]) -> Vec
     std::fs::create_dir_all(&folder).unwrap();
     let put = |partial: &Partial| {
         let path = folder.join(format!("{:06}.exr", partial.header.shard));
-        std::fs::write(&path, glasshouse::partial::encode(partial).unwrap()).unwrap();
+        std::fs::write(&path, render::partial::encode(partial).unwrap()).unwrap();
         path
     };
     partials.iter().map(put).collect()

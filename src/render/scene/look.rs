@@ -120,9 +120,9 @@ fn ends_well(ends: &FileEnds, is_whole: bool) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::npy::tests::npy;
-    use super::super::openexr::tests::exr;
-    use super::super::raster::tests::{jpeg, png};
+    use crate::formats::npy::tests::npy;
+    use crate::formats::openexr::tests::exr;
+    use crate::formats::raster::tests::{jpeg, png};
     use super::*;
     use ::exr::prelude::FlatSamples;
     use image::ExtendedColorType as Png;

@@ -83,8 +83,8 @@ fn any_above_0<T: Copy + Default + PartialEq>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::npy::tests::npy;
-    use super::super::raster::tests::{jpeg, png};
+    use crate::formats::npy::tests::npy;
+    use crate::formats::raster::tests::{jpeg, png};
     use super::*;
     use image::ExtendedColorType as Png;
 

@@ -66,7 +66,7 @@ fn seeds_are_made() {
             "{reader}/{name}: {} bytes",
             bytes.len()
         );
-        glasshouse::atomic_file::create_dir(&folder(reader)).unwrap();
-        glasshouse::atomic_file::write(&folder(reader).join(name), &bytes).unwrap();
+        render::atomic_file::create_dir(&folder(reader)).unwrap();
+        render::atomic_file::write(&folder(reader).join(name), &bytes).unwrap();
     }
 }

@@ -4,17 +4,18 @@ use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer,
     LayerAttributes, LineOrder, Vec2, WritableImage, f16,
 };
-use glasshouse::farm::Span;
 use glasshouse::farm::queue::{Waiting, write_waiting};
-use glasshouse::ids::SceneId;
-use glasshouse::manifest::{SceneLine, Side, parse_scene, to_jsonl};
-use glasshouse::merge::combine;
-use glasshouse::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
-use glasshouse::scene::{InputDigests, NamedBytes, PhotographFiles, assemble, decode_photograph};
-use glasshouse::shard::{Golden, SPEC_SCHEMA, ShardLayout, Spec, scene_digest};
-use glasshouse::trace::{Isa, TRACER_VERSION, trace_tile};
+use glasshouse::run::Span;
 use image::ExtendedColorType as Png;
 use image::ImageEncoder;
+use render::formats::{NamedBytes, PhotographFiles};
+use render::ids::SceneId;
+use render::line::{SceneLine, Side, parse_scene, to_jsonl};
+use render::merge::combine;
+use render::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
+use render::scene::{InputDigests, assemble, decode_photograph};
+use render::shard::{Golden, SPEC_SCHEMA, ShardLayout, Spec, scene_digest};
+use render::trace::{Isa, TRACER_VERSION, trace_tile};
 use std::fmt::Write;
 use std::io::Cursor;
 
@@ -429,7 +430,7 @@ pub(crate) fn all() -> Vec<Seed> {
     seeds.push(("cases", "two.toml".to_owned(), CASES.as_bytes().to_vec()));
     let one = CASES.split("[[case]]").next().unwrap_or_default();
     seeds.push(("cases", "none.toml".to_owned(), one.as_bytes().to_vec()));
-    let partial = glasshouse::partial::encode(&partials[0]).unwrap();
+    let partial = render::partial::encode(&partials[0]).unwrap();
     seeds.push(("partial", "pixels.exr".to_owned(), partial));
     seeds.push((
         "partial",
