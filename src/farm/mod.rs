@@ -4,19 +4,20 @@
 //! there, do what is missing. A scene goes through `files -> shards -> partials -> tuple`; each arrow writes
 //! whole files or nothing, so a process may be killed at any instruction.
 
-mod coordinate;
+mod coordinator;
 mod error;
 mod fault;
 mod merge_run;
 mod message;
 pub mod queue;
+mod round;
 mod share;
 pub mod simulate;
 mod sweep;
 mod tuples;
 mod worker;
 
-pub use coordinate::{CoordinateOptions, Coordinated, coordinate};
+pub use coordinator::{CoordinateOptions, Coordinated, coordinate};
 pub use error::FarmError;
 pub use fault::Fault;
 pub use merge_run::{MergeOutcome, merge_run};
