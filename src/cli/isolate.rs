@@ -1,11 +1,11 @@
-//! A worker's child: a process for a span that was lost with an earlier one.
+//! A worker's child: a process for a task that was lost with an earlier one.
 //!
 //! The child is `work --only SCENE:A-B` on the same run and store. It prints a line when it renews its lease, a line
 //! with `hung` when it finds out that it makes no progress, and at last its outcome as JSON.
 
 use super::args::{CacheArgs, Only, QueueArgs};
 use crate::farm::{Fault, Sandbox, SandboxEnd};
-use crate::run::Span;
+use crate::run::Task;
 use crate::run::{EndKind, Ending};
 use crossbeam::channel::{Receiver, RecvTimeoutError, unbounded};
 use render::ids::SceneId;
@@ -96,13 +96,13 @@ impl Sandbox for Children<'_> {
     fn trace(
         &self,
         scene: &SceneId,
-        span: &Span,
+        task: &Task,
         on_sign: &dyn Fn(),
         must_stop: &dyn Fn() -> bool,
     ) -> SandboxEnd {
         let only = Only {
             scene: scene.to_string(),
-            shards: span.shards.clone(),
+            shards: task.shards.clone(),
         };
         let started = self.command(&only).and_then(|mut command| command.spawn());
         let mut child = match started {

@@ -8,10 +8,10 @@ use super::progress::Progress;
 use super::queue_cmd;
 use super::signals::Signals;
 use super::store_env;
-use crate::farm::queue::{LocalQueue, Queue, Waiting};
+use crate::farm::queue::{LocalQueue, Message, Queue};
 use crate::farm::{Fault, Outcome, SharedQueue, WorkOptions, work, work_shared, work_span};
 use crate::run::{Event, Observer, Run, WorkerName, run_status};
-use crate::run::{Span, Stop};
+use crate::run::{Stop, Task};
 use crate::store::Store;
 use render::line::Roots;
 use render::trace::Isa;
@@ -231,7 +231,7 @@ fn work_for(
     Ok((outcome, exit, start.elapsed()))
 }
 
-/// A child: works on one span, and says that it goes on (see [`super::isolate`]).
+/// A child: works on one task, and says that it goes on (see [`super::isolate`]).
 fn work_only(
     run: &Run,
     store: &Store,
@@ -249,12 +249,12 @@ fn work_only(
     let start = Instant::now();
     let options = how.options(global, signals.stop())?;
     let queue = LocalQueue::new(None);
-    let span = Span {
+    let task = Task {
         scene: scene as u32,
         shards: only.shards.clone(),
     };
     let worker = queue.worker();
-    worker.publish(&[Waiting { span, handed_on: 0 }])?;
+    worker.publish(&[Message { task, hops: 0 }])?;
     let shared = SharedQueue {
         queue: &worker,
         lease: SIGNS_EVERY * 3,
@@ -300,7 +300,7 @@ pub(super) fn outcome_json(outcome: &Outcome, run: &Path, wall: Duration) -> Val
         "shards_traced": outcome.traced,
         "shards_resumed": outcome.resumed,
         "scenes_loaded": outcome.loaded,
-        "spans_given": outcome.given,
+        "spans_given": outcome.donated,
         "quarantined": quarantined,
         "stopped": outcome.stopped.map(Stop::name),
         "wall_s": wall.as_secs_f64(),

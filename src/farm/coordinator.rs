@@ -1,11 +1,11 @@
-//! The coordinator: sees to it that everything that is not done is in the queue, and that the run ends.
+//! The coordinator: it keeps everything that is not done in the queue, and ends the run.
 //!
 //! It has no state of its own. Starting, resuming and taking over from another coordinator are the same loop: look at
 //! the queue, then at the store, publish what is in neither. Any number may run at once, for publishing twice does
 //! nothing and merging twice makes the same bytes.
 
 use super::error::FarmError;
-use super::queue::{QueueError, QueueKeeper, Waiting};
+use super::queue::{Message, QueueError, QueueKeeper};
 use super::round::{Carried, Decision, QueueLook, Round, decide};
 use super::share::share_run;
 use super::sweep::sweep_staged;
@@ -30,7 +30,7 @@ pub struct CoordinateOptions<'a> {
     pub stop: &'a AtomicBool,
     /// Shortest time between two looks.
     pub every: Duration,
-    /// Somebody may want to see who works on what.
+    /// A page shows which worker does what.
     pub watched: bool,
 }
 
@@ -39,7 +39,7 @@ pub struct CoordinateOptions<'a> {
 pub struct Coordinated {
     /// What was known at the end.
     pub watch: Watch,
-    /// Spans published.
+    /// Messages published.
     pub published: u64,
     /// Ended by `stop`.
     pub stopped: bool,
@@ -269,7 +269,7 @@ impl Coordinator<'_> {
 
     /// False if the queue cannot be told.
     fn publish(&mut self, purge: bool, scenes: &[usize]) -> bool {
-        let messages: Vec<Waiting> = scenes.iter().map(|&s| whole(self.run, s)).collect();
+        let messages: Vec<Message> = scenes.iter().map(|&s| whole(self.run, s)).collect();
         let purged = if purge { self.queue.purge() } else { Ok(()) };
         match purged.and_then(|()| self.queue.publish(&messages)) {
             Ok(()) => {
@@ -348,7 +348,7 @@ impl Coordinator<'_> {
         }
     }
 
-    /// Says that the run is over, and clears away what nobody needs any more.
+    /// Says that the run is over, and clears away what is not needed any more.
     fn finish(&self) -> Result<(), FarmError> {
         let (run, store, progress) = (self.run, self.store, &self.progress);
         self.clear_away();

@@ -25,7 +25,7 @@ pub(in crate::farm) fn write_noise(store: &Store, line: &SceneLine, bytes: &[u8]
     let _ = store.replace(&keys::noise(&line.id), bytes);
 }
 
-/// The tuple is durable: its partials, and who tried, are of no more use. What cannot be removed does no harm.
+/// The tuple is durable: its partials, and records of attempts, are of no more use. What cannot be removed does no harm.
 pub(in crate::farm) fn remove_partials(store: &Store, line: &SceneLine) {
     if let Some(root) = store.local_root() {
         let _ = std::fs::remove_dir_all(root.join(keys::partials(&line.id)));

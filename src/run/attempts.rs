@@ -1,12 +1,12 @@
-//! What is written down before a span is worked on, so that a scene that kills whoever works on it is found out.
+//! What is written down before a task is worked on, so that a scene that kills whoever works on it is found out.
 //!
-//! Whoever takes a span first puts `attempts/<scene>/<start>-<end>.<n>.json`, and removes it when the span ends in order.
-//! A record that stands is of work that goes on, or of work that was lost. The queue tells which: a span that it gives
+//! Whoever takes a task first puts `attempts/<scene>/<start>-<end>.<n>.json`, and removes it when the task ends in order.
+//! A record that stands is of work that goes on, or of work that was lost. The queue tells which: a task that it gives
 //! out again has lost its holder. What was lost once is tried in a child process, whose death costs nobody else, and what
 //! was lost four times is set aside.
 
 use super::keys;
-use super::span::Span;
+use super::task::Task;
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
@@ -79,7 +79,7 @@ pub struct WorkerName {
     pub host: String,
 }
 
-/// What earlier attempts say of a span.
+/// What earlier attempts say of a task.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Verdict {
     /// Nothing.
@@ -91,11 +91,11 @@ pub(crate) enum Verdict {
 }
 
 impl AttemptRecord {
-    pub(crate) fn new(scene: &SceneId, span: &Span, who: &WorkerName, found: u32) -> Self {
+    pub(crate) fn new(scene: &SceneId, task: &Task, who: &WorkerName, found: u32) -> Self {
         Self {
             schema: ATTEMPT_SCHEMA.to_owned(),
             scene: scene.clone(),
-            shards: [span.shards.start, span.shards.end],
+            shards: [task.shards.start, task.shards.end],
             n: 1,
             worker: who.worker.clone(),
             host: who.host.clone(),
@@ -155,7 +155,7 @@ impl AttemptRecord {
         Ok(self)
     }
 
-    /// Its span has ended in order. What cannot be removed counts when the span's next holder is lost, too.
+    /// Its task has ended in order. What cannot be removed counts when the task's next holder is lost, too.
     pub(crate) fn forget(&self, store: &Store) {
         let _ = store.delete(&[self.key()]);
     }
@@ -166,21 +166,21 @@ impl AttemptRecord {
         self.host == host && kind == Some(EndKind::Unreadable)
     }
 
-    fn is_of(&self, span: &Span) -> bool {
-        self.shards == [span.shards.start, span.shards.end]
+    fn is_of(&self, task: &Task) -> bool {
+        self.shards == [task.shards.start, task.shards.end]
     }
 
-    fn overlaps(&self, span: &Span) -> bool {
-        self.shards[0] < span.shards.end && span.shards.start < self.shards[1]
+    fn overlaps(&self, task: &Task) -> bool {
+        self.shards[0] < task.shards.end && task.shards.start < self.shards[1]
     }
 
-    /// The worker may have died of this span.
-    fn was_lost(&self, span: &Span) -> bool {
+    /// The worker may have died of this task.
+    fn was_lost(&self, task: &Task) -> bool {
         match self.ended.as_ref().map(|ending| ending.kind) {
             None | Some(EndKind::Unreadable) => false,
             // Parts of it may have been given away, and are not to blame.
-            Some(EndKind::Lost) => self.is_of(span),
-            Some(EndKind::Crashed | EndKind::Hung) => self.overlaps(span),
+            Some(EndKind::Lost) => self.is_of(task),
+            Some(EndKind::Crashed | EndKind::Hung) => self.overlaps(task),
         }
     }
 }
@@ -197,15 +197,15 @@ pub fn attempts(store: &Store, scene: &SceneId) -> Result<Vec<AttemptRecord>, St
     Ok(records)
 }
 
-/// The queue gives a span out again: whoever has tried it has lost its lease. It counts, unless it wakes up and ends in
+/// The queue gives a task out again: whoever has tried it has lost its lease. It counts, unless it wakes up and ends in
 /// order.
 pub(crate) fn mark_lost(
     store: &Store,
     records: Vec<AttemptRecord>,
-    span: &Span,
+    task: &Task,
 ) -> Result<Vec<AttemptRecord>, StoreError> {
     let mark = |record: AttemptRecord| {
-        if record.ended.is_some() || !record.is_of(span) {
+        if record.ended.is_some() || !record.is_of(task) {
             return Ok(record);
         }
         let reason = format!("worker {} was lost with it", record.worker);
@@ -221,17 +221,17 @@ pub(crate) fn mark_lost(
     records.into_iter().map(mark).collect()
 }
 
-/// What the records of a scene say of a span of which `found` shards are in the store.
-pub(crate) fn verdict(records: &[AttemptRecord], span: &Span, found: u32) -> Verdict {
+/// What the records of a scene say of a task of which `found` shards are in the store.
+pub(crate) fn verdict(records: &[AttemptRecord], task: &Task, found: u32) -> Verdict {
     let lost: Vec<&AttemptRecord> = records
         .iter()
-        .filter(|record| record.was_lost(span))
+        .filter(|record| record.was_lost(task))
         .collect();
     let Some(last) = lost.last() else {
         return Verdict::Fresh;
     };
     // Who was lost after adding to what is there was killed at most once by what is left.
-    let advanced = |record: &&&AttemptRecord| record.is_of(span) && record.found < found;
+    let advanced = |record: &&&AttemptRecord| record.is_of(task) && record.found < found;
     let moved = lost.iter().filter(advanced).count();
     let count = lost.len() - moved + moved.min(1);
     if count < MOST_LOST as usize {
@@ -248,8 +248,8 @@ pub(crate) fn verdict(records: &[AttemptRecord], span: &Span, found: u32) -> Ver
     };
     Verdict::SetAside(format!(
         "{count} processes were lost with shards {} to {}; the last one: {told}",
-        span.shards.start,
-        span.shards.end - 1
+        task.shards.start,
+        task.shards.end - 1
     ))
 }
 
@@ -270,7 +270,7 @@ pub(crate) fn is_unreadable(records: &[AttemptRecord]) -> bool {
 mod tests {
     use super::*;
 
-    const SPAN: Span = Span {
+    const SPAN: Task = Task {
         scene: 0,
         shards: 0..64,
     };
@@ -297,7 +297,7 @@ mod tests {
     const CRASHED: Option<EndKind> = Some(EndKind::Crashed);
 
     const LOST: Option<EndKind> = Some(EndKind::Lost);
-    const TAIL: Span = Span {
+    const TAIL: Task = Task {
         scene: 0,
         shards: 32..64,
     };

@@ -4,7 +4,7 @@
 use super::attempts::{WorkerName, attempts};
 use super::keys;
 use super::receipt::Receipt;
-use super::span::Span;
+use super::task::Task;
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
@@ -28,8 +28,8 @@ pub(crate) struct MadeBy {
 
 impl MadeBy {
     /// Leaves the note. One that cannot be left is missed only by who asks.
-    pub(crate) fn leave(store: &Store, scene: &SceneId, span: &Span, who: &WorkerName) {
-        let shards = [span.shards.start, span.shards.end];
+    pub(crate) fn leave(store: &Store, scene: &SceneId, task: &Task, who: &WorkerName) {
+        let shards = [task.shards.start, task.shards.end];
         let note = Self {
             schema: MADE_BY_SCHEMA.to_owned(),
             shards,
@@ -98,8 +98,8 @@ mod tests {
         let store = Store::local(folder.path()).unwrap();
         let scene = SceneId::new("s").unwrap();
         let leave = |name: &str, shards| {
-            let span = Span { scene: 0, shards };
-            MadeBy::leave(&store, &scene, &span, &who(name));
+            let task = Task { scene: 0, shards };
+            MadeBy::leave(&store, &scene, &task, &who(name));
         };
         leave("a", 0..8);
         leave("b", 8..16);

@@ -21,8 +21,8 @@ pub(crate) mod receipt;
 pub(crate) mod retry;
 pub(crate) mod run_dir;
 pub(crate) mod seen;
-pub(crate) mod span;
 pub(crate) mod status;
+pub(crate) mod task;
 #[cfg(feature = "train")]
 pub(crate) mod tuple_files;
 pub(crate) mod work_log;
@@ -45,6 +45,6 @@ pub use receipt::Receipt;
 pub use retry::{Retried, RetryError, RetryScenes, retry};
 pub use run_dir::{Run, RunDir, RunError};
 pub use seen::{SeenAttempt, SeenTuple, Watch};
-pub use span::Span;
 pub use status::{Quarantined, RunStatus, run_status};
+pub use task::Task;
 pub use work_log::{SceneTrace, Stop, WORK_LOG_SCHEMA, WorkLog, read_logs};

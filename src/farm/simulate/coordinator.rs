@@ -1,8 +1,8 @@
 //! The coordinator: looks at the queue's counts, lists, publishes what is missing.
 
 use super::engine::{Event, Sim, us};
-use crate::farm::queue::Waiting;
-use crate::run::Span;
+use crate::farm::queue::Message;
+use crate::run::Task;
 use std::collections::VecDeque;
 
 /// Keys in a page of the store's listing.
@@ -25,7 +25,7 @@ pub(super) struct Coordinator {
     /// Of the queue's listing: by scene, whether it has no message.
     is_absent: Vec<bool>,
     /// Found missing, not published yet.
-    backlog: VecDeque<Span>,
+    backlog: VecDeque<Task>,
     is_publishing: bool,
     reconciled_us: u64,
     /// All scenes before it were done at the last listing.
@@ -86,7 +86,7 @@ impl Sim<'_> {
         self.coordinator.reconciled_us = self.now_us;
         let is_absent = std::mem::take(&mut self.coordinator.is_absent);
         let missing = (0..scenes).filter(|&s| is_absent[s as usize] && !self.store.has_tuple(s));
-        let whole = |scene| Span {
+        let whole = |scene| Task {
             scene,
             shards: 0..self.case.work.shards,
         };
@@ -112,13 +112,13 @@ impl Sim<'_> {
         }
         let count = (self.case.fleet.publishes_per_s * BATCH_S).ceil() as usize;
         for _ in 0..count {
-            let Some(span) = self.coordinator.backlog.pop_front() else {
+            let Some(task) = self.coordinator.backlog.pop_front() else {
                 break;
             };
-            if self.store.has_tuple(span.scene) {
+            if self.store.has_tuple(task.scene) {
                 self.counts.published_though_done += 1;
             }
-            self.store_message(&Waiting { span, handed_on: 0 });
+            self.store_message(&Message { task, hops: 0 });
             self.serve_waiting_pulls();
         }
         if self.coordinator.backlog.is_empty() {

@@ -1,8 +1,8 @@
 //! A simulated worker: it drives the machine that ships, in virtual time. It computes one thing at a time.
 
 use super::engine::{Event, Sim, WorkerId, us};
-use super::queue::{Delivery, Sequence};
-use crate::farm::queue::Delivery as Lease;
+use super::queue::{Delivered, Sequence};
+use crate::farm::queue::Lease;
 use crate::farm::worker::costs::Costs;
 use crate::farm::worker::tasks::{Action, Offer, TaskId, Tasks, Time};
 use std::collections::VecDeque;
@@ -39,12 +39,12 @@ pub(super) struct Worker {
     /// Number of the pull that has no answer yet.
     pub(super) open_pull: Option<u32>,
     pub(super) pulls: u32,
-    pub(super) inbox: Option<(Delivery, u32)>,
+    pub(super) inbox: Option<(Delivered, u32)>,
     /// What it offers, until the queue has confirmed.
     pub(super) outbox: Vec<Offer>,
-    /// Whom to answer then.
+    /// The worker to answer then.
     pub(super) asker: Option<WorkerId>,
-    /// Its place among those who listen to requests.
+    /// Its place among the listeners to requests.
     pub(super) listens: Option<u32>,
     /// Number of the round of requests; an older timer says nothing.
     pub(super) round: u32,
@@ -125,11 +125,11 @@ impl Sim<'_> {
             return;
         };
         w.round += 1;
-        let scene = delivery.waiting.span.scene;
+        let scene = delivery.message.task.scene;
         let lease = Lease {
-            ticket: lease_of(delivery.sequence, stream),
-            waiting: delivery.waiting,
-            suspect: delivery.again,
+            id: lease_of(delivery.sequence, stream),
+            message: delivery.message,
+            redelivered: delivery.again,
         };
         if let Some(task) = w.tasks.lease(&lease, now) {
             w.queued.push_back(task);
@@ -161,7 +161,7 @@ impl Sim<'_> {
         let work = &self.case.work;
         while let Some((task, shard)) = w.shards.pop_front() {
             if w.tasks.begin(task, shard)
-                && let Some(scene) = w.tasks.span(task).map(|span| span.scene)
+                && let Some(scene) = w.tasks.task(task).map(|leased| leased.scene)
             {
                 w.doing = Doing::Traces(task, shard, self.now_us);
                 let shard_us = work.shard_us(scene, shard) as f64 * w.slowness;
@@ -191,7 +191,7 @@ impl Sim<'_> {
         let actions = match std::mem::replace(&mut w.doing, Doing::Nothing) {
             Doing::Nothing => return,
             Doing::Loads(task) => {
-                let Some(scene) = w.tasks.span(task).map(|span| span.scene) else {
+                let Some(scene) = w.tasks.task(task).map(|leased| leased.scene) else {
                     return;
                 };
                 self.counts.worker_listings += 1;
@@ -209,7 +209,7 @@ impl Sim<'_> {
                         .map_or(took_s, |mean_s| 0.9 * mean_s + 0.1 * took_s),
                 );
                 self.counts.shards_traced += 1;
-                if let Some(scene) = w.tasks.span(task).map(|span| span.scene)
+                if let Some(scene) = w.tasks.task(task).map(|leased| leased.scene)
                     && !self.store.trace(scene, shard)
                 {
                     self.counts.shards_traced_again += 1;
@@ -227,7 +227,7 @@ impl Sim<'_> {
         let mut actions = VecDeque::from(actions);
         while let Some(action) = actions.pop_front() {
             let tasks = &mut self.workers[worker as usize].tasks;
-            let scene_of = |task| tasks.span(task).map(|span| span.scene);
+            let scene_of = |task| tasks.task(task).map(|leased| leased.scene);
             match action {
                 Action::Store { task, shards } => {
                     if let Some(scene) = scene_of(task) {

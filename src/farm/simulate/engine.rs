@@ -63,7 +63,7 @@ pub(super) enum Event {
     Answered {
         worker: WorkerId,
     },
-    /// Nobody listens to requests.
+    /// No worker listens to requests.
     NoGiver {
         worker: WorkerId,
     },
@@ -174,7 +174,7 @@ impl<'a> Sim<'a> {
         sim.reconcile();
         sim.after(us(POLL_S), Event::Poll);
         for worker in 0..case.fleet.workers {
-            // Nobody starts a thousand machines at the same instant.
+            // A thousand machines do not start at the same instant.
             let start_us = sim.draw_below(us(0.1).max(1));
             sim.after(start_us, Event::PauseEnds { worker, round: 0 });
             let renew_us = sim.draw_below(sim.renew_us());

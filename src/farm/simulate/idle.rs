@@ -67,7 +67,7 @@ impl Sim<'_> {
         self.pause(worker);
     }
 
-    /// Asks again after a while: twice as long as the last time, half to all of it.
+    /// Requests again after a while: twice as long as the last time, half to all of it.
     fn pause(&mut self, worker: WorkerId) {
         let [first_s, longest_s] = PAUSE_S;
         let w = &mut self.workers[worker as usize];
@@ -92,7 +92,7 @@ impl Sim<'_> {
     }
 
     fn ask(&mut self, worker: WorkerId) {
-        // Who has just reconnected hears from the queue first.
+        // A worker that has just reconnected hears from the queue first.
         let is_new_connection =
             self.away_until_us > 0 && self.now_us < self.away_until_us + us(RECONNECT_S);
         if is_new_connection {

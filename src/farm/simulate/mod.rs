@@ -1,4 +1,4 @@
-//! A farm in virtual time: what the rules of sharing work cost, for any number of workers.
+//! A farm in virtual time: what sharing work costs, for any number of workers.
 //!
 //! Real is the worker's state machine ([`tasks`](super::worker::tasks)); modelled are what drives it (`driver.rs`,
 //! `idle.rs`), the queue's server (`queue.rs`, as its behaviour was measured), the store (a bit for each shard), the tracer

@@ -1,12 +1,12 @@
 //! A model of the work queue: a JetStream work-queue stream with one durable pull consumer.
 //!
 //! As measured of the real one: a message's name (its subject) is in the stream at most once; an acknowledgement names a
-//! number in the stream, is accepted from whoever sends it, and removes the message, even under a new holder; a lease that
+//! number in the stream, is accepted from any sender, and removes the message, even under a new holder; a lease that
 //! ends puts the message before those that were never delivered. A stream that is made anew counts from the start again,
 //! so that an acknowledgement from before removes a message that it does not mean.
 
-use crate::farm::queue::Waiting;
-use crate::run::Span;
+use crate::farm::queue::Message;
+use crate::run::Task;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 use std::ops::Range;
@@ -28,23 +28,23 @@ enum State {
 
 /// What is in the stream, at 32 bytes a message.
 #[derive(Clone, Debug)]
-struct Message {
+struct Entry {
     lease_end_us: u64,
     scene: u32,
     start: u32,
     end: u32,
     /// The next message of the same scene.
     next: u32,
-    handed_on: u32,
+    hops: u32,
     delivered: bool,
     state: State,
 }
 
 /// A message on its way to a worker.
 #[derive(Clone, Debug)]
-pub(super) struct Delivery {
+pub(super) struct Delivered {
     pub(super) sequence: Sequence,
-    pub(super) waiting: Waiting,
+    pub(super) message: Message,
     /// It was delivered before.
     pub(super) again: bool,
 }
@@ -52,7 +52,7 @@ pub(super) struct Delivery {
 /// The stream and its consumer.
 #[derive(Clone, Debug)]
 pub(super) struct Queue {
-    messages: Vec<Message>,
+    messages: Vec<Entry>,
     /// First message of each scene.
     first_of_scene: Vec<u32>,
     fresh: VecDeque<Sequence>,
@@ -92,12 +92,11 @@ impl Queue {
     }
 
     /// Adds a message; false if one of this name is there.
-    pub(super) fn publish(&mut self, waiting: &Waiting) -> bool {
-        let scene = waiting.span.scene;
-        let shards = &waiting.span.shards;
-        let same = |m: &Message| {
-            m.start == shards.start && m.end == shards.end && m.handed_on == waiting.handed_on
-        };
+    pub(super) fn publish(&mut self, message: &Message) -> bool {
+        let scene = message.task.scene;
+        let shards = &message.task.shards;
+        let same =
+            |m: &Entry| m.start == shards.start && m.end == shards.end && m.hops == message.hops;
         if self
             .of_scene(scene)
             .any(|k| same(&self.messages[k as usize]))
@@ -106,13 +105,13 @@ impl Queue {
         }
         let sequence = self.messages.len() as Sequence;
         let first = &mut self.first_of_scene[scene as usize];
-        self.messages.push(Message {
+        self.messages.push(Entry {
             lease_end_us: 0,
             scene,
             start: shards.start,
             end: shards.end,
             next: std::mem::replace(first, sequence),
-            handed_on: waiting.handed_on,
+            hops: message.hops,
             delivered: false,
             state: State::Waiting,
         });
@@ -122,7 +121,7 @@ impl Queue {
     }
 
     /// Delivers the next message: those whose lease ended first.
-    pub(super) fn take(&mut self, lease_end_us: u64) -> Option<Delivery> {
+    pub(super) fn take(&mut self, lease_end_us: u64) -> Option<Delivered> {
         loop {
             let sequence = match self.redelivered.pop() {
                 Some(Reverse(sequence)) => sequence,
@@ -138,15 +137,15 @@ impl Queue {
             message.lease_end_us = lease_end_us;
             self.waiting -= 1;
             self.held += 1;
-            return Some(Delivery {
+            return Some(Delivered {
                 sequence,
                 again,
-                waiting: Waiting {
-                    span: Span {
+                message: Message {
+                    task: Task {
                         scene: message.scene,
                         shards: message.start..message.end,
                     },
-                    handed_on: message.handed_on,
+                    hops: message.hops,
                 },
             });
         }

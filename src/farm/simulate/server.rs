@@ -4,7 +4,7 @@ use super::driver::message_of;
 use super::engine::{Event, Sim, WorkerId, us};
 use super::queue::Expiry;
 use super::tally::Kind;
-use crate::farm::queue::Waiting;
+use crate::farm::queue::Message;
 
 /// A pull waits at the server for so many seconds.
 const PULL_S: f64 = 30.0;
@@ -101,7 +101,7 @@ impl Sim<'_> {
     }
 
     /// Into the stream, if there is one.
-    pub(super) fn store_message(&mut self, message: &Waiting) -> bool {
+    pub(super) fn store_message(&mut self, message: &Message) -> bool {
         self.tally.count(Kind::Publish, self.now_us);
         if !self.stream_is_there {
             return false;

@@ -4,17 +4,17 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Kind {
-    /// A span into the stream, and its confirmation.
+    /// A message into the stream, and its confirmation.
     Publish,
-    /// A request for a span.
+    /// A request for a message.
     Pull,
-    /// A span to a worker.
+    /// A message to a worker.
     Deliver,
-    /// A span is done.
+    /// A task is done.
     Acknowledge,
     /// A lease is lengthened.
     Renew,
-    /// An idle worker asks the givers.
+    /// An idle worker requests a donation.
     Ask,
     /// The answer of a giver, or that there is none.
     Answer,

@@ -33,7 +33,7 @@ impl<'a> ComputeThread<'_, 'a> {
         let Loaded {
             line,
             task,
-            span,
+            leased,
             files,
         } = loaded;
         let now = worker.now();
@@ -56,7 +56,7 @@ impl<'a> ComputeThread<'_, 'a> {
                 let job = SceneJob::new(line, worker.run.layout(line), loaded);
                 let task = Arc::new(ActiveTask {
                     id: task,
-                    span,
+                    leased,
                     job,
                 });
                 (worker.on_event)(Event::SceneOpened {
@@ -111,7 +111,7 @@ impl<'a> ComputeThread<'_, 'a> {
         }
         let start = Stopwatch::start();
         let mut result = job.trace_band(&shard, band.index, worker.options.isa);
-        let (scene, bands) = (task.span.scene, job.bands(band.shard));
+        let (scene, bands) = (task.leased.scene, job.bands(band.shard));
         for fault in faults {
             fault.after(&job.line.id, result.as_mut());
             fault.after_band(scene, band.shard, bands);

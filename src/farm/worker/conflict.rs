@@ -1,5 +1,5 @@
-//! Two workers made different bytes of the same object: neither is believed. What is there stays, the other bytes are kept
-//! beside it, and the scene is set aside with the names of both; the farm goes on.
+//! Two workers made different bytes of the same object: neither is believed. The object stays, the other bytes are kept
+//! beside it, and the scene goes into quarantine with the names of both; the farm goes on.
 
 use super::active_task::ActiveTask;
 use super::core::Worker;
@@ -41,7 +41,7 @@ impl<'a> Worker<'a> {
         Ok(false)
     }
 
-    /// What is there is no partial of this scene: nobody meant it, and it gives way, as it does before tracing.
+    /// The object is no partial of this scene: it gives way, as it does before tracing.
     fn is_damaged(&self, task: &ActiveTask<'a>, shard: u32, key: &str) -> Result<bool, FarmError> {
         let Some(there) = self.store.get(key)? else {
             return Ok(false);
@@ -71,7 +71,7 @@ impl<'a> Worker<'a> {
         }
     }
 
-    /// Somebody else has put other bytes than the first of `own`, which is all that this worker has to put.
+    /// Another worker has put other bytes than the first of `own`, which is all that this worker has to put.
     pub(super) fn disagree(
         &self,
         task: &ActiveTask<'a>,

@@ -15,7 +15,7 @@ impl Worker<'_> {
         }
         let before = look.known.clone();
         let mut now = look.look(self.store).clone();
-        // A pause of a run that is over meanwhile keeps nobody.
+        // A pause of a run that is over meanwhile holds no worker.
         let is_over = || matches!(self.store.get(keys::FINISHED), Ok(Some(_)));
         if now.state == ControlState::Paused && self.shared_queue.is_some() && is_over() {
             now = Control::default();

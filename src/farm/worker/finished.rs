@@ -1,4 +1,4 @@
-//! A scene whose shards are all there: its files are encoded one by one, by whoever is free.
+//! A scene whose shards are all there: its files are encoded one by one, by any thread that is free.
 
 use super::active_task::ActiveTask;
 use crate::farm::FarmError;
@@ -50,7 +50,7 @@ impl<'a> FinishedScene<'a> {
         layers.map(|layer| layer.miss_share).fold(0.0, f64::max)
     }
 
-    /// Encodes a file; all of them for whoever encodes the last one.
+    /// Encodes a file; returns all of them after the last one.
     pub(super) fn encode(
         &self,
         file: usize,

@@ -27,12 +27,12 @@ impl LeaseKeeper<'_, '_> {
         let (mut renewed, mut requested) = (Instant::now(), Instant::now());
         let mut pause = REQUEST[0];
         while !worker.stop.over.load(Ordering::Acquire) {
-            queue.offer(self.may_donate());
-            if let Some(ask) = queue.asked(WAIT) {
-                self.appetite.hear_of(ask.load_s);
-                let spans = self.donate(ask.load_s);
+            queue.accept_requests(self.may_donate());
+            if let Some(request) = queue.requested(WAIT) {
+                self.appetite.hear_of(request.load_s);
+                let tasks = self.donate(request.load_s);
                 let load_s = worker.costs().known_load_s();
-                ask.answer(Answer { spans, load_s });
+                request.answer(Answer { tasks, load_s });
             }
             if !worker.tasks().is_empty() {
                 pause = REQUEST[0];
@@ -41,7 +41,7 @@ impl LeaseKeeper<'_, '_> {
                 && requested.elapsed() > pause
             {
                 // What is donated for it goes through the queue, where this worker waits.
-                queue.ask(worker.costs().known_load_s());
+                queue.request(worker.costs().known_load_s());
                 requested = Instant::now();
                 pause = (pause * 2).min(REQUEST[1]);
             }
@@ -51,7 +51,7 @@ impl LeaseKeeper<'_, '_> {
                 self.renew();
             }
         }
-        queue.offer(false);
+        queue.accept_requests(false);
     }
 
     fn may_donate(&self) -> bool {
@@ -91,7 +91,7 @@ impl LeaseKeeper<'_, '_> {
             leases.into_iter().for_each(|lease| queue.renew(lease));
             return;
         };
-        queue.offer(false);
+        queue.accept_requests(false);
         let hurried = worker.store.with_patience(Duration::ZERO);
         let actions = worker.tasks().requeue_waiting();
         let _ = worker.perform_in(&hurried, actions);

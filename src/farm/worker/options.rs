@@ -86,7 +86,7 @@ pub struct Outcome {
     /// Scenes loaded; one that several workers share is loaded by each.
     pub loaded: u64,
     /// Tasks donated to other workers, while working or at the end.
-    pub given: u64,
+    pub donated: u64,
     /// Scenes in quarantine, those of earlier times included, with their reasons.
     pub quarantined: Vec<(SceneId, String)>,
     /// Ended early.

@@ -4,7 +4,7 @@
 use super::core::Worker;
 use super::tasks::TaskId;
 use crate::farm::FarmError;
-use crate::farm::queue::Delivery;
+use crate::farm::queue::Lease;
 use crate::run::attempts::{
     AttemptRecord, EndKind, Ending, Verdict, attempts, is_unreadable, mark_lost, verdict,
 };
@@ -33,9 +33,9 @@ impl Worker<'_> {
         &self,
         line: &SceneLine,
         task: TaskId,
-        lease: &Delivery,
+        lease: &Lease,
     ) -> Result<Finding, FarmError> {
-        let (store, span) = (self.store, &lease.waiting.span);
+        let (store, leased) = (self.store, &lease.message.task);
         if self.shared_queue.is_some()
             && (is_done(store, line)? || QuarantineRecord::get(store, &line.id)?.is_some())
         {
@@ -47,24 +47,24 @@ impl Worker<'_> {
             return Ok(Finding::Fresh(None));
         }
         let mut records = attempts(store, &line.id)?;
-        if lease.suspect {
-            records = mark_lost(store, records, span)?;
+        if lease.redelivered {
+            records = mark_lost(store, records, leased)?;
         }
         let found = self.found(line, lease)?;
-        let verdict = verdict(&records, span, found);
+        let verdict = verdict(&records, leased, found);
         if let Verdict::SetAside(reason) = verdict {
             let actions = self.tasks().set_aside(task, &reason);
             self.perform(actions)?;
             return Ok(Finding::Over);
         }
-        // What has failed before is not handed to and fro.
+        // A task that has failed before is not donated.
         if !records.is_empty() && !self.tasks().pin(task) {
             return Ok(Finding::Over);
         }
         let host = &self.options.who.host;
         let tried_here = records.iter().filter(|r| r.could_not_read(host));
         self.pause(READ_AGAIN * tried_here.count() as u32);
-        let mut record = AttemptRecord::new(&line.id, span, &self.options.who, found);
+        let mut record = AttemptRecord::new(&line.id, leased, &self.options.who, found);
         record.begin(store, &records)?;
         if !self.tasks().attempted(task, record.n) {
             record.forget(store);
@@ -77,13 +77,13 @@ impl Worker<'_> {
     }
 
     /// How many of a task's shards the store has.
-    fn found(&self, line: &SceneLine, lease: &Delivery) -> Result<u32, FarmError> {
+    fn found(&self, line: &SceneLine, lease: &Lease) -> Result<u32, FarmError> {
         if self.run.layout(line).len() == 1 {
             return Ok(0);
         }
         let there = self.store.list(&keys::partials(&line.id))?;
         let shards = there.iter().filter_map(|key| keys::shard_of(key));
-        let own = &lease.waiting.span.shards;
+        let own = &lease.message.task.shards;
         Ok(shards.filter(|shard| own.contains(shard)).count() as u32)
     }
 

@@ -4,9 +4,9 @@ use super::core::Worker;
 use super::poison::Finding;
 use super::tasks::TaskId;
 use crate::farm::FarmError;
-use crate::farm::queue::{Delivery, Taken};
+use crate::farm::queue::{Lease, Taken};
 use crate::run::events::{Event, Stopwatch};
-use crate::run::{Span, keys};
+use crate::run::{Task, keys};
 use crate::store::StoreError;
 use crossbeam::channel::Sender;
 use render::line::SceneLine;
@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 pub(super) struct Loaded<'a> {
     pub(super) line: &'a SceneLine,
     pub(super) task: TaskId,
-    pub(super) span: Span,
+    pub(super) leased: Task,
     pub(super) files: Result<SceneFiles, LoadError>,
 }
 
@@ -94,7 +94,7 @@ impl<'a> Prefetcher<'_, 'a> {
             }
             let idle = self.sender.is_empty() && worker.tasks().is_empty();
             match self.take(self.wait(idle, hungry_since)) {
-                Taken::Span(lease) => {
+                Taken::Lease(lease) => {
                     self.appetite.set_hungry(false);
                     (complained, hungry_since) = (None, None);
                     if !self.prepare(&lease) {
@@ -184,7 +184,7 @@ impl<'a> Prefetcher<'_, 'a> {
     }
 
     /// Examines a task, reads its files and passes them on. False: they are not taken any more.
-    fn prepare(&self, lease: &Delivery) -> bool {
+    fn prepare(&self, lease: &Lease) -> bool {
         let worker = self.worker;
         let now = worker.now();
         let task = worker.tasks().lease(lease, now);
@@ -205,12 +205,12 @@ impl<'a> Prefetcher<'_, 'a> {
     /// None if there is nothing to trace in this process.
     fn examine_and_read(
         &self,
-        lease: &Delivery,
+        lease: &Lease,
         task: TaskId,
     ) -> Result<Option<Loaded<'a>>, FarmError> {
         let worker = self.worker;
-        let span = &lease.waiting.span;
-        let line = worker.line(span.scene);
+        let leased = &lease.message.task;
+        let line = worker.line(leased.scene);
         let (record, is_suspect) = match worker.examine(line, task, lease)? {
             Finding::Over => return Ok(None),
             Finding::Fresh(record) => (record, false),
@@ -224,17 +224,17 @@ impl<'a> Prefetcher<'_, 'a> {
             }
             Ok(_) if is_suspect => {
                 if let (Some(sandbox), Some(record)) = (worker.options.sandbox, record) {
-                    worker.trace_in(sandbox, line, (task, span), record)?;
+                    worker.trace_in(sandbox, line, (task, leased), record)?;
                     return Ok(None);
                 }
             }
             _ => {}
         }
-        let span = span.clone();
+        let leased = leased.clone();
         Ok(Some(Loaded {
             line,
             task,
-            span,
+            leased,
             files,
         }))
     }

@@ -3,7 +3,7 @@
 use super::core::Worker;
 use super::tasks::TaskId;
 use crate::farm::FarmError;
-use crate::run::Span;
+use crate::run::Task;
 use crate::run::attempts::{AttemptRecord, Ending, Verdict, attempts, verdict};
 use crate::run::events::Event;
 use render::ids::SceneId;
@@ -16,7 +16,7 @@ pub trait Sandbox: Sync {
     fn trace(
         &self,
         scene: &SceneId,
-        span: &Span,
+        task: &Task,
         on_sign: &dyn Fn(),
         must_stop: &dyn Fn() -> bool,
     ) -> SandboxEnd;
@@ -52,19 +52,19 @@ impl Worker<'_> {
         &self,
         sandbox: &dyn Sandbox,
         line: &SceneLine,
-        (task, span): (TaskId, &Span),
+        (id, task): (TaskId, &Task),
         record: AttemptRecord,
     ) -> Result<(), FarmError> {
         let now = self.now();
-        if !self.tasks().sandbox(task, now) {
+        if !self.tasks().sandbox(id, now) {
             // Donated meanwhile.
             return Ok(());
         }
         (self.on_event)(Event::Isolated {
             scene: line.id.clone(),
         });
-        let on_sign = || self.progress(task);
-        let end = sandbox.trace(&line.id, span, &on_sign, &|| self.must_stop());
+        let on_sign = || self.progress(id);
+        let end = sandbox.trace(&line.id, task, &on_sign, &|| self.must_stop());
         let actions = match end {
             SandboxEnd::Done {
                 merged,
@@ -75,10 +75,10 @@ impl Worker<'_> {
             } => {
                 self.tally.add_sandboxed_loads(loaded);
                 self.count(line, [merged, traced, resumed], quarantined);
-                self.tasks().nothing_to_do(task)
+                self.tasks().nothing_to_do(id)
             }
-            SandboxEnd::Stopped => self.tasks().requeue(task),
-            SandboxEnd::Lost(ending) => return self.lost(line, (task, span), record, ending),
+            SandboxEnd::Stopped => self.tasks().requeue(id),
+            SandboxEnd::Lost(ending) => return self.lost(line, (id, task), record, ending),
             SandboxEnd::Failed(reason) => return Err(FarmError::Isolated(reason)),
         };
         self.perform(actions)
@@ -111,7 +111,7 @@ impl Worker<'_> {
     fn lost(
         &self,
         line: &SceneLine,
-        (task, span): (TaskId, &Span),
+        (id, task): (TaskId, &Task),
         record: AttemptRecord,
         ending: Ending,
     ) -> Result<(), FarmError> {
@@ -121,9 +121,9 @@ impl Worker<'_> {
         });
         let found = record.found;
         record.end(self.store, ending)?;
-        let actions = match verdict(&attempts(self.store, &line.id)?, span, found) {
-            Verdict::SetAside(reason) => self.tasks().set_aside(task, &reason),
-            Verdict::Fresh | Verdict::Suspect => self.tasks().retry(task),
+        let actions = match verdict(&attempts(self.store, &line.id)?, task, found) {
+            Verdict::SetAside(reason) => self.tasks().set_aside(id, &reason),
+            Verdict::Fresh | Verdict::Suspect => self.tasks().retry(id),
         };
         self.perform(actions)?;
         self.went_wrong(line);

@@ -100,7 +100,7 @@ impl Tally {
             traced: self.traced.into_inner(),
             resumed: self.resumed.into_inner(),
             loaded: self.loads.into_inner() + self.sandboxed_loads.into_inner(),
-            given: self.donated.into_inner(),
+            donated: self.donated.into_inner(),
             quarantined,
             stopped,
             seconds: self.seconds,

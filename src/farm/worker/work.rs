@@ -11,7 +11,7 @@ use super::tasks::Tasks;
 use super::work_log::work_log;
 use super::writer::Writer;
 use crate::farm::FarmError;
-use crate::farm::queue::{LocalQueue, Queue, QueueKeeper, Waiting};
+use crate::farm::queue::{LocalQueue, Message, Queue, QueueKeeper};
 use crate::farm::sweep::sweep;
 use crate::run::control::ControlLook;
 use crate::run::done::is_done;
@@ -19,7 +19,7 @@ use crate::run::events::Event;
 use crate::run::quarantine::QuarantineRecord;
 use crate::run::run_dir::Run;
 use crate::run::work_log::LogTime;
-use crate::run::{AccessError, Span, keys};
+use crate::run::{AccessError, Task, keys};
 use crate::store::Store;
 use crossbeam::channel::bounded;
 use crossbeam::deque::{Injector, Worker as Deque};
@@ -51,10 +51,10 @@ pub fn work(
         } else if let Some(record) = QuarantineRecord::read(&run.dir, &line.id) {
             quarantined.push((line.id.clone(), record.reason));
         } else {
-            // What stands there is no tuple of this scene, and nobody else works here.
+            // What stands there is no tuple of this scene, and no other process works here.
             let _ = std::fs::remove_dir_all(run.dir.tuple(&line.id));
             shards += u64::from(run.layout(line).len());
-            // Nobody else works here: an attempt that stands was lost.
+            // No other process works here: an attempt that stands was lost.
             if tried.contains(&line.id) {
                 suspects.push(whole(run, scene));
             } else {
@@ -67,7 +67,7 @@ pub fn work(
         scenes: (waiting.len() + suspects.len()) as u64,
     });
     queue.publish(&waiting)?;
-    queue.publish_suspects(&suspects);
+    queue.publish_redelivered(&suspects);
     let worker = queue.worker();
     let mut outcome = work_on(run, &store, &worker, None, options, on_event)?;
     outcome.already_merged += already_merged;
@@ -93,8 +93,8 @@ pub fn work_shared(
     work_on(run, store, shared.queue, Some(shared), options, on_event)
 }
 
-/// Works on what is in a queue that this process has for itself, of a run on which others work, too. Nothing is recorded
-/// of it: that is for who started this process.
+/// Works on a queue that this process has for itself, of a run on which others work, too. It records nothing: the worker
+/// that started this process does.
 pub fn work_span(
     run: &Run,
     store: &Store,
@@ -113,14 +113,14 @@ fn scenes_tried(store: &Store) -> Result<BTreeSet<SceneId>, FarmError> {
 }
 
 /// All of a scene.
-pub(in crate::farm) fn whole(run: &Run, scene: usize) -> Waiting {
+pub(in crate::farm) fn whole(run: &Run, scene: usize) -> Message {
     let shards = 0..run.layout(&run.lines[scene]).len();
-    Waiting {
-        span: Span {
+    Message {
+        task: Task {
             scene: scene as u32,
             shards,
         },
-        handed_on: 0,
+        hops: 0,
     }
 }
 

@@ -4,8 +4,8 @@ use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer,
     LayerAttributes, LineOrder, Vec2, WritableImage, f16,
 };
-use glasshouse::farm::queue::{Waiting, write_waiting};
-use glasshouse::run::Span;
+use glasshouse::farm::queue::{Message, write_message};
+use glasshouse::run::Task;
 use image::ExtendedColorType as Png;
 use image::ImageEncoder;
 use render::formats::{NamedBytes, PhotographFiles};
@@ -473,12 +473,12 @@ pub(crate) fn all() -> Vec<Seed> {
 
 /// What the processes of a farm tell each other.
 fn farm() -> Vec<(&'static str, String, Vec<u8>)> {
-    let waiting = Waiting {
-        span: Span {
+    let waiting = Message {
+        task: Task {
             scene: 7,
             shards: 16..32,
         },
-        handed_on: 1,
+        hops: 1,
     };
     let records = [
         (
@@ -502,7 +502,7 @@ fn farm() -> Vec<(&'static str, String, Vec<u8>)> {
             r#"{"schema":"glasshouse.quarantine/1","scene":"a","reason":"no depth"}"#,
         ),
     ];
-    let message = |run| write_waiting(run, &waiting);
+    let message = |run| write_message(run, &waiting);
     let mut seeds = vec![
         ("message", "mine.bin".to_owned(), message(*b"8 bytes!")),
         ("message", "foreign.bin".to_owned(), message([0; 8])),

@@ -1,12 +1,12 @@
 //! The farm: queue, store, network, coordinator; and the choice of the next step.
 
 use super::super::case::mix;
-use super::super::queue::{Delivery, Queue, Sequence};
+use super::super::queue::{Delivered, Queue, Sequence};
 use super::Mistake;
 use super::worker::{Job, Publication, Worker};
-use crate::farm::queue::{Delivery as Lease, Waiting as Message};
+use crate::farm::queue::{Lease, Message};
 use crate::farm::worker::tasks::{TaskId, Time};
-use crate::run::Span as Task;
+use crate::run::Task;
 use std::collections::{BTreeMap, BTreeSet};
 
 pub(super) const SCENES: u32 = 2;
@@ -178,19 +178,19 @@ impl Farm {
         if self.workers[w].stops {
             return;
         }
-        let Some(Delivery {
+        let Some(Delivered {
             sequence,
-            waiting,
+            message,
             again,
         }) = self.queue.take(0)
         else {
             return;
         };
-        self.note(|| format!("worker {w} leases {sequence}: {waiting:?}"));
+        self.note(|| format!("worker {w} leases {sequence}: {message:?}"));
         let lease = Lease {
-            ticket: u64::from(sequence),
-            waiting,
-            suspect: again,
+            id: u64::from(sequence),
+            message,
+            redelivered: again,
         };
         let now = self.now;
         let worker = &mut self.workers[w];
@@ -258,8 +258,8 @@ impl Farm {
         }
     }
 
-    /// The coordinator: the queue first, so that what is finished between the two listings is seen as finished. What is in
-    /// a quiet queue nobody will get.
+    /// The coordinator: the queue first, so that what is finished between the two listings is seen as finished. No worker
+    /// will get what is left in a quiet queue.
     fn list_queue(&mut self) {
         if self.queue.waiting() + self.queue.held() == 0 && self.queue.len() > 0 {
             self.queue.wipe();
@@ -272,11 +272,11 @@ impl Farm {
         for scene in self.absent.take().unwrap_or_default() {
             if !self.store.tuples.contains_key(&scene) {
                 self.note(|| format!("the coordinator publishes scene {scene}"));
-                let span = Task {
+                let task = Task {
                     scene,
                     shards: 0..SHARDS,
                 };
-                self.queue.publish(&Message { span, handed_on: 0 });
+                self.queue.publish(&Message { task, hops: 0 });
             }
         }
     }
@@ -349,7 +349,7 @@ impl Farm {
         ))
     }
 
-    /// Until nobody has anything to do.
+    /// Until no worker has anything to do.
     fn settle(&mut self) -> Result<(), String> {
         for _ in 0..10_000 {
             while !self.packets.is_empty() {
@@ -417,6 +417,6 @@ impl Farm {
 
     /// The scene of a task that a worker has.
     pub(super) fn scene_of(&self, w: usize, task: TaskId) -> Option<u32> {
-        self.workers[w].tasks.span(task).map(|span| span.scene)
+        self.workers[w].tasks.task(task).map(|leased| leased.scene)
     }
 }

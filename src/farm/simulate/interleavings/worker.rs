@@ -2,7 +2,7 @@
 
 use super::Mistake;
 use super::farm::{Farm, Packet, SHARDS, digest};
-use crate::farm::queue::Delivery as Lease;
+use crate::farm::queue::Lease;
 use crate::farm::worker::costs::Costs;
 use crate::farm::worker::tasks::{Action, TaskId, Tasks, Time};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -18,7 +18,7 @@ const COSTS: Costs = Costs {
     load_is_known: true,
 };
 
-/// Who published what: a confirmation to a worker that crashed means nothing.
+/// Names a published message: a confirmation to a worker that crashed means nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Publication {
     worker: usize,
@@ -149,9 +149,9 @@ impl Farm {
     }
 
     fn examine(&mut self, w: usize, task: TaskId, lease: &Lease) {
-        let span = lease.waiting.span.clone();
-        let is_done = self.has_tuple(span.scene);
-        let suspect = lease.suspect && self.draw(2) == 0;
+        let leased = lease.message.task.clone();
+        let is_done = self.has_tuple(leased.scene);
+        let suspect = lease.redelivered && self.draw(2) == 0;
         if is_done {
             let actions = self.workers[w].tasks.nothing_to_do(task);
             return self.workers[w].act(actions);
@@ -159,9 +159,9 @@ impl Farm {
         if suspect && !self.workers[w].tasks.pin(task) {
             return;
         }
-        let n = self.record(w, &span);
+        let n = self.record(w, &leased);
         if !self.workers[w].tasks.attempted(task, n) {
-            let key = (span.scene, span.shards.start, span.shards.end, n);
+            let key = (leased.scene, leased.shards.start, leased.shards.end, n);
             self.store.attempts.remove(&key);
             return;
         }

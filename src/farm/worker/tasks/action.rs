@@ -1,7 +1,7 @@
-//! What the machine asks of those who drive it.
+//! What the machine asks of its driver.
 
-use crate::farm::queue::Waiting as Message;
-use crate::run::Span as Task;
+use crate::farm::queue::Message;
+use crate::run::Task;
 use std::ops::Range;
 
 /// Names a leased task inside its worker; never used again.
@@ -44,6 +44,6 @@ pub(in crate::farm) struct Offer {
 
 impl Offer {
     pub(in crate::farm) fn shards(&self) -> Range<u32> {
-        self.message.span.shards.clone()
+        self.message.task.shards.clone()
     }
 }

@@ -53,7 +53,7 @@ fn later_share(from: &Candidate, slowness: f64, load_s: f64) -> Option<Range<u32
     let (shards, count) = (&from.unbegun, from.unbegun.len() as f64);
     let donated = (count / (1.0 + slowness) + 0.5).floor().min(count);
     let shard_s = from.unbegun_s / count;
-    // The donor has a shard in hand besides.
+    // The donor traces another shard meanwhile.
     let worth = slowness <= 1.0 || load_s + donated * shard_s * slowness < from.unbegun_s + shard_s;
     (worth && donated > 0.0).then(|| shards.end - donated as u32..shards.end)
 }
@@ -63,7 +63,7 @@ impl<P> Tasks<P> {
     pub(super) fn candidates(&self, costs: Costs) -> Vec<Candidate> {
         let of = |(&task, entry): (&TaskId, &super::Entry<P>)| {
             let unbegun = match entry.state {
-                TaskState::Queued => entry.message.span.shards.clone(),
+                TaskState::Queued => entry.message.task.shards.clone(),
                 TaskState::Tracing => entry.shards.unbegun(),
                 _ => return None,
             };
@@ -85,7 +85,7 @@ impl<P> Tasks<P> {
             let unbegun = match entry.state {
                 TaskState::Queued | TaskState::Pinned => return 0.0,
                 // All of it, as far as is known.
-                TaskState::Loading | TaskState::Sandboxed => entry.message.span.shards.len(),
+                TaskState::Loading | TaskState::Sandboxed => entry.message.task.shards.len(),
                 _ => entry.shards.unbegun().len(),
             };
             unbegun as f64 * entry.shard_s(costs)

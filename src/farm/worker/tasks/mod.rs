@@ -20,6 +20,7 @@
 
 mod action;
 mod donate;
+mod end;
 mod shards;
 mod state;
 #[cfg(test)]
@@ -29,10 +30,10 @@ pub(in crate::farm) use action::{Action, Offer, TaskId};
 pub(in crate::farm) use state::TaskState;
 
 use super::costs::Costs;
-use crate::farm::queue::{Delivery as Lease, Waiting as Message};
-use crate::run::Span as Task;
+use crate::farm::queue::{Lease, Message};
+use crate::run::Task;
 use shards::{Shards, rows};
-use state::{End, Next, TaskEvent, next};
+use state::{Next, TaskEvent, next};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::time::Duration;
@@ -94,10 +95,10 @@ impl<P> Entry<P> {
     }
 
     fn message(&self, shards: Range<u32>) -> Message {
-        let scene = self.message.span.scene;
+        let scene = self.message.task.scene;
         Message {
-            span: Task { scene, shards },
-            handed_on: self.message.handed_on + 1,
+            task: Task { scene, shards },
+            hops: self.message.hops + 1,
         }
     }
 
@@ -106,7 +107,7 @@ impl<P> Entry<P> {
     fn rest(&self) -> Vec<Message> {
         let rows = rows(self.shards.undone());
         if rows.is_empty() {
-            vec![self.message(self.message.span.shards.clone())]
+            vec![self.message(self.message.task.shards.clone())]
         } else {
             rows.into_iter().map(|row| self.message(row)).collect()
         }
@@ -125,14 +126,14 @@ impl<P> Tasks<P> {
 
     /// A task was leased. None if it is here already: its lease ended, and the queue gave it to the same worker again.
     pub(in crate::farm) fn lease(&mut self, lease: &Lease, now: Time) -> Option<TaskId> {
-        let same = |e: &Entry<P>| e.lease == lease.ticket && e.message == lease.waiting;
+        let same = |e: &Entry<P>| e.lease == lease.id && e.message == lease.message;
         if self.entries.values().any(same) {
             return None;
         }
         self.last += 1;
         let entry = Entry {
-            lease: lease.ticket,
-            message: lease.waiting.clone(),
+            lease: lease.id,
+            message: lease.message.clone(),
             state: TaskState::Queued,
             shards: Shards::default(),
             company: Company::Alone,
@@ -183,7 +184,7 @@ impl<P> Tasks<P> {
         let Some(entry) = self.entries.get_mut(&task) else {
             return Vec::new();
         };
-        let own = &entry.message.span.shards;
+        let own = &entry.message.task.shards;
         entry.shards = Shards::new(count, own, found);
         entry.payload = Some(payload);
         let company = if *own != (0..count) {
@@ -294,53 +295,6 @@ impl<P> Tasks<P> {
         actions
     }
 
-    /// The scene's tuple is in the store.
-    pub(in crate::farm) fn merged(&mut self, task: TaskId) -> Vec<Action> {
-        self.end(task, TaskEvent::TupleStored)
-    }
-
-    /// Another worker has put the scene's tuple there.
-    pub(in crate::farm) fn done_elsewhere(&mut self, task: TaskId) -> Vec<Action> {
-        self.end(task, TaskEvent::DoneElsewhere)
-    }
-
-    /// The scene cannot be done.
-    pub(in crate::farm) fn fail(&mut self, task: TaskId, reason: &str) -> Vec<Action> {
-        self.quarantine(task, TaskEvent::Failed, reason)
-    }
-
-    /// The scene cost too many attempts.
-    pub(in crate::farm) fn set_aside(&mut self, task: TaskId, reason: &str) -> Vec<Action> {
-        self.quarantine(task, TaskEvent::SetAside, reason)
-    }
-
-    fn quarantine(&mut self, task: TaskId, event: TaskEvent, reason: &str) -> Vec<Action> {
-        let Some(scene) = self.entries.get(&task).map(|e| e.message.span.scene) else {
-            return Vec::new();
-        };
-        let mut actions = self.end(task, event);
-        if !actions.is_empty() {
-            let reason = reason.to_owned();
-            actions.insert(0, Action::Quarantine { scene, reason });
-        }
-        actions
-    }
-
-    /// Nothing is left to do of it.
-    pub(in crate::farm) fn nothing_to_do(&mut self, task: TaskId) -> Vec<Action> {
-        self.end(task, TaskEvent::NothingToDo)
-    }
-
-    /// It failed here: other workers are to try. The record of the attempt stays.
-    pub(in crate::farm) fn retry(&mut self, task: TaskId) -> Vec<Action> {
-        self.end(task, TaskEvent::Retry)
-    }
-
-    /// Others are to do it; nothing is wrong with it.
-    pub(in crate::farm) fn requeue(&mut self, task: TaskId) -> Vec<Action> {
-        self.end(task, TaskEvent::Requeue)
-    }
-
     /// What to publish for an idle worker that loads a scene in `load_s`.
     pub(in crate::farm) fn offers(&self, costs: Costs, load_s: Option<f64>) -> Vec<Offer> {
         let slowness = costs.slowness(load_s);
@@ -385,39 +339,6 @@ impl<P> Tasks<P> {
             .collect()
     }
 
-    /// Leaves all tasks to other workers. First all attempts are forgotten: of what the queue cannot be told the leases
-    /// end, and nobody is to blame.
-    pub(in crate::farm) fn requeue_all(&mut self) -> Vec<Action> {
-        let tasks: Vec<TaskId> = self.entries.keys().copied().collect();
-        let mut actions: Vec<Action> = Vec::new();
-        for task in tasks {
-            actions.extend(self.end(task, TaskEvent::Requeue));
-        }
-        actions
-            .sort_by_key(|action| matches!(action, Action::Publish { .. } | Action::Finish { .. }));
-        actions
-    }
-
-    /// Leaves those to other workers whose scenes are not loaded: this one hangs with another.
-    pub(in crate::farm) fn requeue_waiting(&mut self) -> Vec<Action> {
-        let waits = |(task, entry): (&TaskId, &Entry<P>)| entry.state.waits().then_some(*task);
-        let tasks: Vec<TaskId> = self.entries.iter().filter_map(waits).collect();
-        let mut actions: Vec<Action> = Vec::new();
-        for task in tasks {
-            actions.extend(self.end(task, TaskEvent::Requeue));
-        }
-        // A store that hangs must not keep the queue from being told.
-        actions.sort_by_key(|action| matches!(action, Action::ForgetAttempt { .. }));
-        actions
-    }
-
-    /// Leaves everything as it is: the run is cancelled.
-    pub(in crate::farm) fn cancel(&mut self) -> Vec<Action> {
-        let tasks: Vec<TaskId> = self.entries.keys().copied().collect();
-        let cancel = |task| self.end(task, TaskEvent::Cancel);
-        tasks.into_iter().flat_map(cancel).collect()
-    }
-
     /// Something of it was done.
     pub(in crate::farm) fn progress(&mut self, task: TaskId, now: Time) {
         if let Some(entry) = self.entries.get_mut(&task) {
@@ -428,7 +349,7 @@ impl<P> Tasks<P> {
     /// An opened task of which nothing was done for `hang`.
     pub(in crate::farm) fn hung(&self, now: Time, hang: Duration) -> Option<&Task> {
         let hangs = |e: &&Entry<P>| !e.state.waits() && now.saturating_sub(e.progress) > hang;
-        self.entries.values().find(hangs).map(|e| &e.message.span)
+        self.entries.values().find(hangs).map(|e| &e.message.task)
     }
 
     /// To be renewed.
@@ -446,8 +367,8 @@ impl<P> Tasks<P> {
     }
 
     /// As it was leased.
-    pub(in crate::farm) fn span(&self, task: TaskId) -> Option<&Task> {
-        self.entries.get(&task).map(|entry| &entry.message.span)
+    pub(in crate::farm) fn task(&self, task: TaskId) -> Option<&Task> {
+        self.entries.get(&task).map(|entry| &entry.message.task)
     }
 
     /// All of its scene was traced here.
@@ -489,57 +410,5 @@ impl<P> Tasks<P> {
         } else {
             Vec::new()
         }
-    }
-
-    /// Ends a task as the table says; nothing if it does not.
-    fn end(&mut self, task: TaskId, event: TaskEvent) -> Vec<Action> {
-        let Some(entry) = self.entries.get(&task) else {
-            return Vec::new();
-        };
-        let Some(Next::Ends(end)) = next(entry.state, event) else {
-            return Vec::new();
-        };
-        let span = entry.message.span.clone();
-        let forget = entry.attempt.map(|n| Action::ForgetAttempt {
-            task: span.clone(),
-            n,
-        });
-        let finish = Action::Finish { lease: entry.lease };
-        let note = || Action::LeaveNote { task: span.clone() };
-        let mut actions = Vec::new();
-        match end {
-            End::Merged => {
-                actions.push(Action::RemovePartials { scene: span.scene });
-                actions.extend(forget);
-                actions.push(finish);
-            }
-            End::DoneInPart => {
-                actions.push(note());
-                actions.extend(forget);
-                actions.push(finish);
-            }
-            End::Done | End::Damaged | End::Donated | End::Failed => {
-                actions.extend(forget);
-                actions.push(finish);
-            }
-            End::SetAside => actions.push(finish),
-            End::Retried => {
-                actions.push(Action::Publish {
-                    messages: entry.rest(),
-                });
-                actions.push(finish);
-            }
-            End::Requeued => {
-                actions.extend(forget);
-                actions.extend(entry.shards.has_stored().then(note));
-                actions.push(Action::Publish {
-                    messages: entry.rest(),
-                });
-                actions.push(finish);
-            }
-            End::Cancelled => actions.extend(forget),
-        }
-        self.entries.remove(&task);
-        actions
     }
 }

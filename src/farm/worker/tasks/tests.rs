@@ -13,12 +13,12 @@ const START: Time = Duration::ZERO;
 
 fn lease(id: u64, scene: u32, shards: Range<u32>) -> Lease {
     Lease {
-        ticket: id,
-        waiting: Message {
-            span: Task { scene, shards },
-            handed_on: 0,
+        id: id,
+        message: Message {
+            task: Task { scene, shards },
+            hops: 0,
         },
-        suspect: false,
+        redelivered: false,
     }
 }
 
@@ -44,8 +44,8 @@ fn forget(shards: Range<u32>) -> Action {
 
 fn message(shards: Range<u32>) -> Message {
     Message {
-        span: Task { scene: 7, shards },
-        handed_on: 1,
+        task: Task { scene: 7, shards },
+        hops: 1,
     }
 }
 
@@ -228,7 +228,7 @@ fn a_worker_that_stops_starts_nothing_and_requeues_all_that_is_not_stored() {
     assert!(tasks.is_empty());
 }
 
-/// Its shards are in the store, but nobody has looked whether the scene is complete.
+/// Its shards are in the store, but it was not checked whether the scene is complete.
 #[test]
 fn a_stored_task_that_was_not_checked_is_requeued_whole() {
     let (mut tasks, task, actions) = opened(0..2, 4, &[0, 1]);
@@ -280,20 +280,20 @@ fn a_worker_that_hangs_leaves_what_it_has_not_opened() {
     let late = hang + Duration::from_secs(1);
     assert_eq!(tasks.hung(late, hang).map(|task| task.scene), Some(7));
     assert!(tasks.attempted(second, 3));
-    let span = Task {
+    let task = Task {
         scene: 8,
         shards: 0..4,
     };
     let again = Message {
-        span: span.clone(),
-        handed_on: 1,
+        task: task.clone(),
+        hops: 1,
     };
     let left = [
         Action::Publish {
             messages: vec![again],
         },
         Action::Finish { lease: 2 },
-        Action::ForgetAttempt { task: span, n: 3 },
+        Action::ForgetAttempt { task, n: 3 },
     ];
     assert_eq!(tasks.requeue_waiting(), left);
     assert_eq!(tasks.leases(), [1]);
