@@ -11,7 +11,6 @@ use glasshouse::inspect::{Input, Whole, inspect_bytes};
 use glasshouse::run::{Control, QuarantineRecord, Receipt, attempts};
 use glasshouse::store::Store;
 use plan::Recipe;
-use plan::cases::CaseFile;
 use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
 use render::formats::{NamedBytes, PhotographFiles, SceneError};
 use render::ids::SceneId;
@@ -35,7 +34,6 @@ pub(crate) const READERS: &[Reader] = &[
     ("scene_line", scene_line),
     ("manifest", manifest),
     ("recipe", recipe),
-    ("cases", cases),
     ("partial", partial),
     ("spec", spec),
     ("tuple", tuple),
@@ -180,18 +178,6 @@ pub(crate) fn manifest(bytes: &[u8]) -> bool {
 /// A recipe.
 pub(crate) fn recipe(bytes: &[u8]) -> bool {
     matches!(text(bytes).map(Recipe::parse), Some(Ok(_)))
-}
-
-/// A file of hard cases: the scenes of what is accepted are sound lines.
-pub(crate) fn cases(bytes: &[u8]) -> bool {
-    let Some(Ok(file)) = text(bytes).map(CaseFile::parse) else {
-        return false;
-    };
-    for case in &file.cases {
-        let written = to_jsonl(std::slice::from_ref(&case.line));
-        assert_eq!(parse_scene(written.trim()).expect("as written"), case.line);
-    }
-    true
 }
 
 /// A partial: believed only if its digest fits, and then it can be written.

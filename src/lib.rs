@@ -21,20 +21,30 @@ pub use train;
 pub use {compose, plan, procedural, render};
 
 // Plan and run.
-pub mod farm;
-pub mod run;
 pub mod store;
 
-// Learn: other programs' data sets.
+pub mod run;
+
+pub mod farm;
+
+// Data sets for other programs.
 pub mod export;
 
 // Look.
-pub mod bench;
-pub mod doctor;
-mod html;
-pub mod inspect;
+mod text;
+
 mod plot;
-pub mod report;
+
+mod pipe;
+
 pub mod serve;
+
+pub mod report;
+
+pub mod inspect;
+
+pub mod doctor;
+
+pub mod bench;
 
 pub mod cli;

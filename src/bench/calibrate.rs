@@ -4,7 +4,7 @@
 //! estimate is of one core; cores that share their arithmetic units are slower when all are busy.
 
 use super::clock::thread_cpu_s;
-use render::ids::SceneId;
+use plan::Calibration;
 use render::line::SceneLine;
 use render::scene::{LoadError, SceneFiles, load};
 use render::shard::samples_per_range;
@@ -18,17 +18,6 @@ const MOST_TRIED: usize = 8;
 const TRACING_S: f64 = 0.2;
 /// Pixels across a piece; its height is one cell's.
 const PIECE_PX: u32 = 32;
-
-/// What scenes cost.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Calibration {
-    /// The scenes that were tried out.
-    pub scenes: Vec<SceneId>,
-    /// Seconds of one core a camera sample (of all that `film.spp` asks for).
-    pub seconds_per_sample: f64,
-    /// Seconds of one core for reading and decoding a scene's files.
-    pub seconds_per_load: f64,
-}
 
 /// Tries out scenes spread over `lines`, whose files `read` reads; `None` if none of them can be loaded.
 pub fn calibrate(

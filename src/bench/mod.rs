@@ -5,17 +5,20 @@
 //!        -> calibrate                               plan: seconds of a core that a run takes
 //!        -> reference, ladder -> deviation -> fit -> table, plot    bench error: error against CPU seconds
 //! train_step                                                   bench train: CPU seconds of a step and its parts
+//! farm                                                         bench farm: what the farm adds, makespan, resuming
 //! ```
 //!
 //! Times are CPU seconds of the threads that worked ([`thread_cpu_s`]): machines are shared.
 
 mod calibrate;
 mod clock;
+mod cpu;
 mod deviation;
 mod dump;
 mod error;
+mod error_report;
+pub mod farm;
 mod fit;
-mod half_done;
 mod kernels;
 mod ladder;
 mod plot;
@@ -26,13 +29,14 @@ mod table;
 #[cfg(feature = "train")]
 mod train_step;
 
-pub use calibrate::{Calibration, calibrate};
+pub use calibrate::calibrate;
 pub use clock::thread_cpu_s;
+pub use cpu::{cpu_name, on_cpu};
 pub use deviation::{CELL_PX, Deviation};
 pub use dump::RayDump;
 pub use error::BenchError;
+pub use error_report::{ERROR_SCHEMA, ErrorReport};
 pub use fit::{Slope, log_log_slope};
-pub use half_done::{HalfDone, half_done};
 pub use kernels::{
     BuildRow, KernelRow, KernelTiming, OnClass, TracerRow, TracerTiming, grid_builds, kernels,
     tracer,

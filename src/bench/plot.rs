@@ -1,10 +1,9 @@
 //! Error against CPU seconds as a log-log plot in SVG: no script, no style sheet, no font of its own.
 
 use super::ladder::{LayerRow, VARIANTS};
-use crate::html::Html;
 use crate::plot::{Axis, LAYER_COLOURS, LAYER_SYMBOLS, Panel, Stroke};
+use maud::{Markup, html};
 use render::trace::LAYERS;
-use std::fmt::Write;
 
 /// Lines of the variants, in their order: solid, dashed, dotted.
 const DASHES: [&str; 3] = ["", "7 4", "1.5 4"];
@@ -21,15 +20,6 @@ type Measure = fn(&LayerRow) -> f64;
 ///
 /// `title` is text. Rows without an error above 0 are left out.
 pub fn error_plot(rows: &[LayerRow], title: &str) -> String {
-    let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {}\" font-family=\"sans-serif\" font-size=\"12\" color=\"#222\" fill=\"currentColor\">\n\
-         <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n\
-         <text x=\"{}\" y=\"22\" font-size=\"14\">{}</text>\n",
-        SIZE[0],
-        SIZE[1],
-        LEFTS[0],
-        Html(title)
-    );
     let panels: [(&str, Measure); 2] = [
         ("RMSE of the layer, linear light", |row| row.deviation.rmse),
         ("RMSE of its worst 8 x 8 px", |row| {
@@ -38,17 +28,23 @@ pub fn error_plot(rows: &[LayerRow], title: &str) -> String {
     ];
     let is_drawn = |row: &&LayerRow| row.deviation.rmse > 0.0 && row.cpu_s > 0.0;
     let drawn: Vec<&LayerRow> = rows.iter().filter(is_drawn).collect();
-    if !drawn.is_empty() {
-        for ((label, measure), left) in panels.into_iter().zip(LEFTS) {
-            panel(&mut svg, &drawn, label, measure, left);
+    let svg = html! {
+        svg xmlns="http://www.w3.org/2000/svg" viewBox={ "0 0 " (SIZE[0]) " " (SIZE[1]) }
+            font-family="sans-serif" font-size="12" color="#222" fill="currentColor" {
+            rect width="100%" height="100%" fill="white" {}
+            text x=(LEFTS[0]) y="22" font-size="14" { (title) }
+            @if !drawn.is_empty() {
+                @for ((label, measure), left) in panels.into_iter().zip(LEFTS) {
+                    (panel(&drawn, label, measure, left))
+                }
+            }
+            (legend(&drawn))
         }
-    }
-    legend(&mut svg, &drawn);
-    svg += "</svg>\n";
-    svg
+    };
+    svg.into_string() + "\n"
 }
 
-fn panel(svg: &mut String, rows: &[&LayerRow], label: &str, measure: Measure, left: f64) {
+fn panel(rows: &[&LayerRow], label: &str, measure: Measure, left: f64) -> Markup {
     let (right, bottom) = (left + PANEL[0], TOP + PANEL[1]);
     let mut x = Axis::log(rows.iter().map(|row| row.cpu_s), [left, right]);
     // Room for the names at the lines' ends.
@@ -59,51 +55,46 @@ fn panel(svg: &mut String, rows: &[&LayerRow], label: &str, measure: Measure, le
         x_label: "CPU seconds of the tracer, all four layers",
         y_label: label,
     };
-    panel.frame(svg);
-    let mut names = Vec::new();
-    for (v, variant) in VARIANTS.iter().enumerate() {
-        for (k, layer) in LAYERS.iter().enumerate() {
-            let is_of = |row: &&&LayerRow| {
-                row.variant == variant.name && row.layer == *layer && measure(row) > 0.0
-            };
-            let of = rows.iter().filter(is_of);
-            let points: Vec<(f64, f64)> =
-                of.map(|row| panel.at((row.cpu_s, measure(row)))).collect();
-            let Some(&(end_x, end_y)) = points.last() else {
-                continue;
-            };
-            let stroke = Stroke {
-                colour: LAYER_COLOURS[k],
-                width: 1.8,
-                dash: DASHES[v % DASHES.len()],
-            };
-            Panel::line(svg, &points, &stroke);
-            if v == 0 {
-                Panel::dots(svg, &points, LAYER_COLOURS[k], 2.4);
-                names.push((end_y, end_x, LAYER_SYMBOLS[k], LAYER_COLOURS[k]));
-            }
+    let points = |variant: usize, layer: usize| -> Vec<(f64, f64)> {
+        let is_of = |row: &&&LayerRow| {
+            row.variant == VARIANTS[variant].name
+                && row.layer == LAYERS[layer]
+                && measure(row) > 0.0
+        };
+        let of = rows.iter().filter(is_of);
+        of.map(|row| panel.at((row.cpu_s, measure(row)))).collect()
+    };
+    let lines = (0..VARIANTS.len()).flat_map(|v| (0..LAYERS.len()).map(move |k| (v, k)));
+    // The first variant's lines have dots, and names at their ends.
+    let names = (0..LAYERS.len()).filter_map(|k| {
+        let (x, y) = *points(0, k).last()?;
+        Some((y, x, LAYER_SYMBOLS[k], LAYER_COLOURS[k]))
+    });
+    html! {
+        (panel.frame())
+        @for (v, k) in lines {
+            @let points = points(v, k);
+            (Panel::line(&points, &Stroke { colour: LAYER_COLOURS[k], width: 1.8, dash: DASHES[v % DASHES.len()] }))
+            @if v == 0 { (Panel::dots(&points, LAYER_COLOURS[k], 2.4)) }
         }
+        (Panel::names(names.collect()))
     }
-    // Names at the ends of the first variant's lines.
-    Panel::names(svg, names);
 }
 
-fn legend(svg: &mut String, rows: &[&LayerRow]) {
+fn legend(rows: &[&LayerRow]) -> Markup {
     let y = SIZE[1] - 16.0;
-    let mut x = LEFTS[0];
-    for (v, variant) in VARIANTS.iter().enumerate() {
-        if !rows.iter().any(|row| row.variant == variant.name) {
-            continue;
+    let mut right = LEFTS[0];
+    let shown = VARIANTS.iter().enumerate();
+    let shown = shown.filter(|(_, variant)| rows.iter().any(|row| row.variant == variant.name));
+    let placed = shown.map(|(v, variant)| {
+        let x = right;
+        right += 42.0 + 6.5 * variant.title.len() as f64 + 24.0;
+        (x, DASHES[v % DASHES.len()], variant.title)
+    });
+    html! {
+        @for (x, dash, title) in placed {
+            path d=(format_args!("M{x} {}h34", y - 4.0)) stroke="currentColor" stroke-width="1.8" stroke-dasharray=(dash) {}
+            text x=(x + 42.0) y=(y) { (title) }
         }
-        let _ = writeln!(
-            svg,
-            "<path d=\"M{x} {}h34\" stroke=\"currentColor\" stroke-width=\"1.8\" stroke-dasharray=\"{}\"/>\
-             <text x=\"{}\" y=\"{y}\">{}</text>",
-            y - 4.0,
-            DASHES[v % DASHES.len()],
-            x + 42.0,
-            Html(variant.title),
-        );
-        x += 42.0 + 6.5 * variant.title.len() as f64 + 24.0;
     }
 }

@@ -218,6 +218,51 @@ impl From<crate::export::ExportError> for Failure {
     }
 }
 
+impl From<compose::EvaluateError> for Failure {
+    fn from(error: compose::EvaluateError) -> Self {
+        use compose::EvaluateError as E;
+        match error {
+            E::Subject(error) => from_boxed(error),
+            error => Self::new(Exit::Failed, error),
+        }
+    }
+}
+
+#[cfg(feature = "train")]
+impl From<train::TrainError> for Failure {
+    fn from(error: train::TrainError) -> Self {
+        use train::ExampleError as X;
+        use train::TrainError as E;
+        let error = match error {
+            E::Tuples(error) => return from_boxed(error.0),
+            error => error,
+        };
+        let exit = match &error {
+            E::Busy { .. } => Exit::TryAgain,
+            E::Setting(_) | E::NoRealPairs { .. } => Exit::Usage,
+            E::Frozen { .. } | E::OtherOrigin { .. } => Exit::Disagrees,
+            E::NoBacktrack { .. }
+            | E::Features(_)
+            | E::Example(X::Unusable { .. } | X::None(_)) => Exit::InvalidInput,
+            E::Lock { .. }
+            | E::Example(_)
+            | E::Checkpoint(_)
+            | E::Write(_)
+            | E::Tensor(_)
+            | E::Tuples(_)
+            | E::NotFinite { .. } => Exit::Failed,
+        };
+        let differences = match &error {
+            E::Frozen { differences, .. } => Some(serde_json::json!(differences)),
+            _ => None,
+        };
+        let mut failure = Self::new(exit, error);
+        let details = differences.map(|list| ("differences".to_owned(), list));
+        failure.details.extend(details);
+        failure
+    }
+}
+
 impl From<render::atomic_file::WriteError> for Failure {
     fn from(error: render::atomic_file::WriteError) -> Self {
         Self::new(Exit::Failed, error)

@@ -3,15 +3,14 @@
 //! The child is `work --only SCENE:A-B` on the same run and store. It prints a line when it renews its lease, a line
 //! with `hung` when it finds out that it makes no progress, and at last its outcome as JSON.
 
-use super::args::{CacheArgs, Only, QueueArgs};
+use super::args::{CacheArgs, QueueArgs};
 use crate::farm::{Fault, Sandbox, SandboxEnd};
-use crate::run::Task;
-use crate::run::{EndKind, Ending};
-use crossbeam::channel::{Receiver, RecvTimeoutError, unbounded};
+use crate::pipe::lines;
+use crate::run::{EndKind, Ending, Task};
+use crossbeam::channel::{Receiver, RecvTimeoutError};
 use render::ids::SceneId;
 use serde_json::Value;
 use std::collections::VecDeque;
-use std::io::{BufRead, BufReader, Read};
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -23,6 +22,31 @@ pub(super) const SIGN: &str = "goes on";
 pub(super) const HUNG: &str = "hung: ";
 /// Lines of a lost child's messages that are kept.
 const TAIL_LINES: usize = 20;
+
+/// Shards of a scene, as `SCENE:A-B`: from A up to, not with, B.
+#[derive(Clone, Debug)]
+pub(super) struct Only {
+    /// The scene.
+    pub(super) scene: String,
+    /// The shards.
+    pub(super) shards: std::ops::Range<u32>,
+}
+
+impl std::str::FromStr for Only {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once(':');
+        let parts = parts.and_then(|(scene, shards)| Some((scene, shards.split_once('-')?)));
+        match parts.map(|(scene, (a, b))| (scene, a.parse(), b.parse())) {
+            Some((scene, Ok(start), Ok(end))) if start < end => Ok(Self {
+                scene: scene.to_owned(),
+                shards: start..end,
+            }),
+            _ => Err(format!("{text:?} is not SCENE:A-B with A below B")),
+        }
+    }
+}
 
 /// Starts children.
 pub(super) struct Children<'a> {
@@ -109,8 +133,8 @@ impl Sandbox for Children<'_> {
             Ok(child) => child,
             Err(error) => return SandboxEnd::Failed(format!("it cannot be started: {error}")),
         };
+        let messages = lines(child.stderr.take());
         let lines = lines(child.stdout.take());
-        let messages = lines_of_stderr(&mut child);
         let mut last = String::new();
         let mut hung = None;
         let mut heard = Instant::now();
@@ -196,29 +220,6 @@ fn done(outcome: &str) -> SandboxEnd {
             .as_str()
             .map(str::to_owned),
     }
-}
-
-/// A pipe's lines, from a thread that ends with the pipe.
-pub(super) fn lines(pipe: Option<impl Read + Send + 'static>) -> Receiver<String> {
-    let (sender, lines) = unbounded();
-    if let Some(pipe) = pipe {
-        std::thread::spawn(move || {
-            let mut pipe = BufReader::new(pipe);
-            let mut line = Vec::new();
-            while matches!(pipe.read_until(b'\n', &mut line), Ok(1..)) {
-                let text = String::from_utf8_lossy(&line).trim_end().to_owned();
-                line.clear();
-                if sender.send(text).is_err() {
-                    return;
-                }
-            }
-        });
-    }
-    lines
-}
-
-fn lines_of_stderr(child: &mut Child) -> Receiver<String> {
-    lines(child.stderr.take())
 }
 
 fn tail(messages: &Receiver<String>) -> String {

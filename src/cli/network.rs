@@ -1,15 +1,80 @@
 //! The networks that a command works with: which checkpoint, with which features.
 
+use super::args::{Global, threads};
 use super::exit_code::{Exit, Failure};
 use super::output::Output;
-use super::train_cmd::stage_folder;
-use super::train_vgg::{Features, features};
 use crate::run::keys;
 use anyhow::anyhow;
+use clap::{Args as ClapArgs, ValueEnum};
 use plan::{FeatureSource, Stage};
 use std::path::{Path, PathBuf};
 use train::candle_core::Device;
-use train::{Best, Checkpoint, CheckpointState, Separator, SeparatorError, checkpoint_folder};
+use train::{
+    Best, Checkpoint, CheckpointState, Features, Separator, SeparatorError, checkpoint_folder,
+    stage_folder,
+};
+
+/// Side of tiles.
+pub(super) const TILE_PX: u32 = 768;
+
+/// How networks are taken to work.
+#[derive(Debug, ClapArgs)]
+pub(super) struct NetworkArgs {
+    /// VGG-19 weights, for networks that were trained with features of a file: the same file
+    #[arg(long, value_name = "FILE")]
+    pub(super) features: Option<String>,
+    /// Larger pictures are done in overlapping tiles of this side, px: less memory, and another norm for each tile
+    #[arg(long, value_name = "PX", default_value_t = TILE_PX, value_parser = clap::value_parser!(u32).range(272..=16384))]
+    pub(super) tile_px: u32,
+}
+
+/// Where networks compute.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(super) enum DeviceName {
+    /// The processor.
+    #[default]
+    Cpu,
+    /// The first GPU.
+    #[cfg(feature = "cuda")]
+    Cuda,
+}
+
+impl DeviceName {
+    /// Opens it.
+    #[cfg_attr(
+        not(feature = "cuda"),
+        allow(clippy::unnecessary_wraps, reason = "a GPU may not be there")
+    )]
+    pub(super) fn open(self) -> Result<Device, Failure> {
+        match self {
+            Self::Cpu => Ok(Device::Cpu),
+            #[cfg(feature = "cuda")]
+            Self::Cuda => Device::new_cuda(0).map_err(|e| {
+                let error = anyhow::anyhow!(
+                    "no GPU can be used ({e}): see docs/training.md, or leave --device out"
+                );
+                Failure::new(Exit::Failed, error)
+            }),
+        }
+    }
+}
+
+/// Makes the pool of threads that networks compute on, and says how many they are.
+pub(super) fn use_threads(global: &Global) -> usize {
+    let threads = threads(global);
+    // `run` comes here twice: the pool stands already.
+    let _ = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build_global();
+    threads
+}
+
+/// The file of VGG-19's weights, if `--features` names one.
+pub(super) fn weights_file(typed: Option<&str>) -> Option<&Path> {
+    typed
+        .filter(|typed| !["none", "random"].contains(typed))
+        .map(Path::new)
+}
 
 /// Networks, ready to work.
 pub(super) struct Network {
@@ -44,8 +109,12 @@ impl Network {
                 checkpoint.path.display()
             ));
         }
-        let Features { vgg, blake3 } =
-            features(settings, weights, &train::candle_core::Device::Cpu, output)?;
+        let file = weights_file(weights);
+        let Features { vgg, blake3 } = Features::load(settings, file, &Device::Cpu)
+            .map_err(|e| Failure::new(Exit::InvalidInput, e))?;
+        if let (Some(path), Some(blake3)) = (file, &blake3) {
+            output.note(&format!("VGG-19 from {}, BLAKE3 {blake3}", path.display()));
+        }
         let separator = Separator::new(&checkpoint, vgg, blake3.as_deref()).map_err(|error| {
             let exit = match error {
                 SeparatorError::OtherFeatures { .. } => Exit::Disagrees,

@@ -2,7 +2,10 @@
 
 use super::args::{ColorWhen, Global};
 use super::exit_code::{Exit, Failure};
+use render::ids::SceneId;
+use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
+use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 
 /// The schema name of an error with --json.
@@ -13,6 +16,31 @@ pub(super) fn usage_json(error: &str) {
     let object =
         json!({ "schema": ERROR_SCHEMA, "error": error.trim_end(), "exit": Exit::Usage.code() });
     let _ = writeln!(std::io::stdout().lock(), "{object}");
+}
+
+/// Scenes with reasons, as objects `{scene, reason}`.
+pub(super) fn reasons<S: Serializer>(
+    scenes: &[(SceneId, String)],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Reason<'a> {
+        scene: &'a SceneId,
+        reason: &'a str,
+    }
+    serializer.collect_seq(
+        scenes
+            .iter()
+            .map(|(scene, reason)| Reason { scene, reason }),
+    )
+}
+
+/// Names with numbers as an object, in their order.
+pub(super) fn as_map<S: Serializer>(
+    numbers: &[(&'static str, f64)],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(numbers.iter().copied())
 }
 
 /// Where output goes, and how.
@@ -41,6 +69,19 @@ impl Output {
             verbose: global.verbose,
             color,
         }
+    }
+
+    /// The command's result: with --json as an object that begins with its schema, else as text.
+    pub(super) fn show(&self, schema: &str, result: &(impl Serialize + Display)) {
+        let (object, text) = if self.json {
+            (
+                serde_json::to_value(result).unwrap_or_default(),
+                String::new(),
+            )
+        } else {
+            (Value::Null, result.to_string())
+        };
+        self.result(schema, object, &text);
     }
 
     /// The command's result: `object` with --json, else `text`. A closed pipe is no error.

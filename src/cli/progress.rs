@@ -2,6 +2,7 @@
 
 use super::args::{Global, ProgressHow};
 use super::output::Output;
+use crate::bench::farm::{SCENE_LOADED, WORK_BEGINS, Watcher};
 use crate::run::{ControlState, Event};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
@@ -11,11 +12,6 @@ use std::time::{Duration, Instant};
 
 /// Time between plain lines.
 const PLAIN_EVERY: Duration = Duration::from_secs(10);
-
-/// What `work -v` says first, when it is ready.
-pub(super) const BEGINS: &str = "work begins on ";
-/// How it ends what it says of a scene.
-pub(super) const LOADED: &str = " is loaded";
 
 /// One task's progress.
 pub(super) struct Progress {
@@ -154,12 +150,12 @@ impl Progress {
             Event::Started { shards, scenes } => {
                 self.set_length(shards);
                 if output.verbose {
-                    self.suspend(|| output.note(&format!("{BEGINS}{scenes} scenes")));
+                    self.suspend(|| output.note(&format!("{WORK_BEGINS}{scenes} scenes")));
                 }
             }
             Event::SceneOpened { scene } => {
                 if output.verbose {
-                    self.suspend(|| output.note(&format!("scene {scene}{LOADED}")));
+                    self.suspend(|| output.note(&format!("scene {scene}{SCENE_LOADED}")));
                 }
             }
             Event::ShardDone { resumed } => self.add(1, resumed),
@@ -222,5 +218,19 @@ impl Progress {
                 });
             }
         }
+    }
+}
+
+impl Watcher for Progress {
+    fn starts(&self, parts: u64) {
+        self.set_length(parts);
+    }
+
+    fn measures(&self, what: &str) {
+        self.message(what.to_owned());
+    }
+
+    fn part_is_done(&self) {
+        self.add(1, false);
     }
 }

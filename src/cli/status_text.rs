@@ -1,9 +1,9 @@
 //! A run's state for people.
 
 use crate::farm::queue::QueueState;
-use crate::run::{EndKind, Overview, StandingAttempt};
-use crate::serve::FarmState;
-use crate::serve::text::{duration, grouped, percent, rate};
+use crate::run::{EndKind, FarmState, Overview, StandingAttempt};
+use crate::text::{duration, grouped, percent, rate};
+use serde::{Serialize, Serializer};
 use std::fmt::Write;
 
 /// Characters of the bar.
@@ -19,6 +19,31 @@ pub(super) enum Queue {
     There(QueueState),
     /// It did not, for this reason.
     Lost(String),
+}
+
+impl Serialize for Queue {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Known<'a> {
+            spans_waiting: Option<u64>,
+            spans_held: Option<u64>,
+            reason: Option<&'a str>,
+        }
+        let known = match self {
+            Self::None => None,
+            Self::There(state) => Some(Known {
+                spans_waiting: Some(state.waiting),
+                spans_held: Some(state.held),
+                reason: None,
+            }),
+            Self::Lost(reason) => Some(Known {
+                spans_waiting: None,
+                spans_held: None,
+                reason: Some(reason),
+            }),
+        };
+        known.serialize(serializer)
+    }
 }
 
 /// `1 scene`, `2 scenes`

@@ -59,6 +59,12 @@ pub enum EvaluateError {
     /// Nothing to compare.
     #[error("a picture without pixels cannot be compared; give one with at least 1 x 1 px")]
     Empty,
+    /// Pictures cannot be read any more.
+    #[error(transparent)]
+    Subject(Box<dyn std::error::Error + Send + Sync>),
+    /// A method made no picture.
+    #[error(transparent)]
+    Method(Box<dyn std::error::Error + Send + Sync>),
     /// No folder layout that is known.
     #[error(
         "{} holds no picture with its truth ({left_out_count} pictures without a partner); give a folder with blended/ and transmission_layer/, with NAME-input.png and NAME-label1.png, or with SIR2's m.jpg and g.jpg",

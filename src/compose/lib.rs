@@ -5,6 +5,8 @@
 //!                                                               `-> align (is the truth where the picture is?)
 //! ```
 //!
+//! [`run`] scores all pictures of a [`Subject`], a folder of pairs or a run's scenes, by every [`Method`].
+//!
 //! Papers measure in different ways, so that numbers compare only under one protocol; `score` computes the two that matter
 //! here, side by side. Real pairs are photographed one after the other, and some do not lie on each other: `align` tells
 //! which, and tables state means with and without them.
@@ -13,21 +15,29 @@
 
 mod align;
 mod error;
+mod fit_gain;
 mod gain;
 mod layout;
+mod means;
 mod pairs;
 mod picture;
+mod run;
 mod score;
 mod ssim;
+mod subject;
 mod table;
 
 pub use align::{MAX_ALIGNED_SHIFT_PX, Shift, shift_px};
 pub use error::EvaluateError;
+pub use fit_gain::{Gain, fit_gain};
 pub use gain::{apply_gain, best_gain};
+pub use means::{Means, MethodMeans};
 pub use pairs::{Found, Pair, find_pairs};
 pub use picture::{decode_picture, read_picture};
+pub use run::{Method, Scored, run};
 pub use score::{Scores, psnr_colour_db, score};
 pub use ssim::ssim_grey;
+pub use subject::{LeftOut, Subject, Unread, WithTruth};
 pub use table::{Protocol, Row, means_table, per_image_csv};
 
 #[cfg(test)]

@@ -13,6 +13,7 @@ use crate::store::Store;
 use rayon::prelude::*;
 use render::atomic_file;
 use render::line::{SceneLine, Split};
+use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -24,12 +25,13 @@ const BATCH_PIXELS: u64 = 1 << 23;
 /// Tuples that are encoded to foretell an export's size.
 const TRIALS: usize = 8;
 
-/// What came out.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// What came out. Its keys are those of `glasshouse.export/1`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Exported {
     /// Tuples by split, those of an earlier start too.
     pub tuples: BTreeMap<Split, u64>,
     /// Tuples that an earlier start had written.
+    #[serde(rename = "tuples_resumed")]
     pub resumed: u64,
     /// Files, without `SHA256SUMS`.
     pub files: u64,
@@ -38,6 +40,7 @@ pub struct Exported {
     /// All was there before.
     pub already_complete: bool,
     /// It was told to stop before the end; the same command goes on.
+    #[serde(skip)]
     pub stopped: bool,
 }
 

@@ -1,54 +1,60 @@
-//! What a training leaves: `state.json`, tensors and event files. Without the feature `train` their insides cannot be read.
+//! A checkpoint: its state and its tensors, each compared with the other. Tensors are listed only if the
+//! program was built with the trainer.
 
-#[cfg(not(feature = "train"))]
+use super::digests::{CheckpointDigests, Digested, hold_file, hold_record};
 use super::facts::Inspection;
-#[cfg(not(feature = "train"))]
+use super::input::Input;
 use super::kind::Kind;
-#[cfg(not(feature = "train"))]
-use super::look::Input;
-
+use super::record::typed;
 #[cfg(feature = "train")]
-pub(super) use super::events::read as read_events;
-#[cfg(feature = "train")]
-pub(super) use super::tensors::{read as read_tensors, read_state};
+use super::tensors::{check_state, tell};
+use crate::text::grouped;
+use serde_json::{Map, Value};
 
-/// What is said of a file that this program was built without a reader for.
-#[cfg(not(feature = "train"))]
-fn unread(kind: Kind, what: &str) -> Inspection {
-    let mut found = Inspection::new(kind);
-    found.may_be_whole(format!(
-        "this program was built without the feature `train`: it cannot read {what}"
-    ));
-    found
-        .next
-        .push("use a program that was built with the feature `train`".to_owned());
-    found
-}
-
-#[cfg(not(feature = "train"))]
-pub(super) fn read_events(_: &Input) -> Inspection {
-    unread(Kind::Events, "checksums of events")
-}
-
-#[cfg(not(feature = "train"))]
-pub(super) fn read_tensors(_: &Input) -> Inspection {
-    unread(Kind::Tensors, "tensors")
-}
-
-/// The state is JSON; digests are told, settings are not.
-#[cfg(not(feature = "train"))]
 pub(super) fn read_state(input: &Input) -> Inspection {
     let mut found = Inspection::new(Kind::CheckpointState);
-    let state = super::records::typed::<serde_json::Value>(&mut found, input, super::look::AGAIN);
-    if let Some(state) = state {
-        for key in ["stage", "step", "parameters", "validation_psnr_db"] {
-            found
-                .facts
-                .fact(key, state[key].to_string(), state[key].clone());
-        }
-        found.may_be_whole(
-            "this program was built without the feature `train`: digests are not compared",
-        );
-    }
+    let to_do = CheckpointDigests::TO_DO;
+    let state = typed::<CheckpointDigests>(&mut found, input, to_do);
+    let Some((digests, state)) = state else {
+        return found;
+    };
+    #[cfg(feature = "train")]
+    check_state(&mut found, input);
+    say_state(&mut found, &state);
+    hold_record(&mut found, input, &digests);
+    found
+}
+
+fn say_state(found: &mut Inspection, state: &Map<String, Value>) {
+    let of = |key: &str| state.get(key).cloned().unwrap_or_default();
+    let facts = &mut found.facts;
+    let networks = match of("stage").as_str() {
+        Some("backtrack") => "backtrack: BT-net alone",
+        Some("separation") => "separation: SP-net and BT-net",
+        _ => "unknown",
+    };
+    facts.fact("stage", networks, of("stage"));
+    facts.value("step", of("step"));
+    let parameters = of("parameters").as_u64().map_or_else(String::new, grouped);
+    facts.fact("parameters", parameters, of("parameters"));
+    let psnr = of("validation_psnr_db");
+    let text = psnr
+        .as_f64()
+        .map_or_else(|| "none".to_owned(), |psnr| format!("{psnr:.2} dB PSNR"));
+    facts.fact("validation", text, psnr);
+    let settings = of("settings");
+    let text = format!(
+        "width {}, crop {} px, learning rate {}",
+        settings["width"], settings["crop_px"], settings["learning_rate"]
+    );
+    facts.fact("settings", text, settings);
+    facts.value("code_path", of("code_path"));
+}
+
+pub(super) fn read_tensors(input: &Input) -> Inspection {
+    let mut found = Inspection::new(Kind::Tensors);
+    #[cfg(feature = "train")]
+    tell(&mut found, input);
+    hold_file::<CheckpointDigests>(&mut found, input);
     found
 }

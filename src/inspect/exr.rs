@@ -1,9 +1,8 @@
-//! OpenEXR files: partials, tuples, what `render` writes, and input images.
+//! OpenEXR files: the header of any, and images without layers.
 
 use super::facts::{Inspection, Problem};
+use super::input::{AGAIN, Input};
 use super::kind::Kind;
-use super::look::{AGAIN, Input};
-use super::{partial, tuple};
 use exr::meta::MetaData;
 use exr::prelude::{AttributeValue, SampleType, Text, Vec2};
 use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
@@ -13,9 +12,9 @@ use serde_json::json;
 use std::fmt::Write;
 use std::io::Cursor;
 
-/// Most channels that are looked at.
+/// Most channels that are read.
 const MAX_CHANNELS: usize = 256;
-/// Deflate makes at most 1,032 bytes of one; more is a lie of the header.
+/// Deflate expands at most 1,032 times; a header that claims more is wrong.
 const MOST_INFLATED: u64 = 1100;
 
 /// What the header of the first layer says.
@@ -39,7 +38,7 @@ impl Head {
     }
 
     /// Whether there are channels `NAME.R`, ... of a layer.
-    fn has_layer(&self, layer: &str) -> bool {
+    pub(super) fn has_layer(&self, layer: &str) -> bool {
         let start = format!("{layer}.");
         self.channels
             .iter()
@@ -47,7 +46,7 @@ impl Head {
     }
 }
 
-/// Reads the header; nothing of a size that it claims is allocated.
+/// Reads the header; allocates nothing by the sizes that it claims.
 pub(super) fn head(bytes: &[u8]) -> Result<Head, String> {
     let meta =
         MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| e.to_string())?;
@@ -92,40 +91,16 @@ pub(super) fn head(bytes: &[u8]) -> Result<Head, String> {
     })
 }
 
-/// Explains an OpenEXR file of any kind.
-pub(super) fn read(input: &Input) -> Inspection {
-    let head = match head(input.bytes) {
-        Ok(head) => head,
-        Err(reason) => {
-            let kind = super::kind::kind_by_name(input.name).unwrap_or(Kind::Exr);
-            let mut found = Inspection::new(kind);
-            found.wrong(Problem::new(
-                format!("its header cannot be read: {reason}"),
-                to_do(kind),
-            ));
-            return found;
-        }
-    };
-    if head.attribute.is_some() {
-        return partial::read(input, &head);
-    }
-    if LAYERS.iter().any(|layer| head.has_layer(layer)) {
-        return tuple::read_exr(input, &head);
-    }
-    plain(input, &head)
-}
-
 /// What to do about a damaged image.
 pub(super) fn to_do(kind: Kind) -> &'static str {
     match kind {
         Kind::Partial => "nothing: `glasshouse work RUN` traces it again",
-        Kind::TupleExr => "`glasshouse retry RUN SCENE --anew`, then `glasshouse work RUN`",
         _ => AGAIN,
     }
 }
 
 /// An image without layers: of `render`, of a reference, or an input.
-fn plain(input: &Input, head: &Head) -> Inspection {
+pub(super) fn read(input: &Input, head: &Head) -> Inspection {
     let mut found = Inspection::new(Kind::Exr);
     say_size(&mut found, head);
     let stem = input.name.strip_suffix(".exr").unwrap_or(input.name);
@@ -133,14 +108,8 @@ fn plain(input: &Input, head: &Head) -> Inspection {
         let text = format!("{stem}, linear radiance, as `glasshouse render` and `bench` write it");
         found.facts.fact("layer", text, stem);
     }
-    let names: Vec<&str> = head
-        .channels
-        .iter()
-        .map(|(name, _)| name.as_str())
-        .collect();
-    found
-        .facts
-        .fact("channels", super::facts::first_of(&names, 12), json!(names));
+    let names: Vec<&String> = head.channels.iter().map(|(name, _)| name).collect();
+    found.facts.value("channels", json!(names));
     match decode_exr_channels(input.bytes) {
         Ok(channels) => {
             for (name, values) in &channels.list {
@@ -170,12 +139,12 @@ pub(super) fn say_size(found: &mut Inspection, head: &Head) {
     found.facts.put("precision", head.precision());
 }
 
-/// Smallest, mean and largest value of what is finite, and how much is not.
+/// Smallest, mean and largest finite value; returns the count of the others.
 pub(super) fn say_values<'a>(
     found: &mut Inspection,
     name: &str,
     values: impl Iterator<Item = &'a f32>,
-) {
+) -> u64 {
     let (mut least, mut most, mut sum, mut count) = (f32::INFINITY, f32::NEG_INFINITY, 0.0, 0u64);
     let (mut nan, mut infinite) = (0u64, 0u64);
     for value in values {
@@ -189,51 +158,37 @@ pub(super) fn say_values<'a>(
             count += 1;
         }
     }
-    let mut text = if count == 0 {
-        "no finite value".to_owned()
-    } else {
-        format!(
-            "min {least:.5}  mean {:.5}  max {most:.5}",
-            sum / count as f64
-        )
+    let mean = sum / count as f64;
+    let mut text = match count {
+        0 => "no finite value".to_owned(),
+        _ => format!("min {least:.5}  mean {mean:.5}  max {most:.5}"),
     };
     if nan + infinite > 0 {
         let _ = write!(text, "; {nan} NaN, {infinite} infinite");
     }
-    let finite = |value: f64| {
-        if count == 0 {
-            json!(null)
-        } else {
-            json!(value)
-        }
-    };
-    found.facts.put(
-        name,
-        json!({
-            "min": finite(least.into()), "mean": finite(sum / count.max(1) as f64), "max": finite(most.into()),
-            "nan": nan, "infinite": infinite,
-        }),
-    );
+    let finite = |value: f64| (count > 0).then_some(value);
+    let value = json!({
+        "min": finite(least.into()), "mean": finite(mean), "max": finite(most.into()),
+        "nan": nan, "infinite": infinite,
+    });
+    found.facts.put(name, value);
     found.facts.say(name, text);
+    nan + infinite
 }
 
-/// Layers by name, each with the values of its channels.
-pub(super) fn say_layers(found: &mut Inspection, channels: &ExrChannels, suffix: &str) -> u64 {
+/// Layers by name, each with the values of its channels; returns how many are not finite.
+pub(super) fn say_layers(found: &mut Inspection, channels: &ExrChannels) -> u64 {
     let mut not_finite = 0;
     for layer in LAYERS {
-        let start = format!("{layer}{suffix}.");
-        let of = || {
-            channels
-                .list
-                .iter()
-                .filter(|(name, _)| name.starts_with(&start))
+        let is_of = |name: &str| {
+            name.strip_prefix(layer)
+                .is_some_and(|rest| rest.starts_with('.'))
         };
-        if of().next().is_none() {
-            continue;
+        let of = channels.list.iter().filter(|(name, _)| is_of(name));
+        let mut values = of.flat_map(|(_, values)| values).peekable();
+        if values.peek().is_some() {
+            not_finite += say_values(found, layer, values);
         }
-        let values = || of().flat_map(|(_, values)| values);
-        not_finite += values().filter(|value| !value.is_finite()).count() as u64;
-        say_values(found, layer, values());
     }
     not_finite
 }

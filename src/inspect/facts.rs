@@ -1,15 +1,22 @@
 //! What a reader found out: lines for a person, values for a program, and what is wrong.
 
 use super::kind::Kind;
+use crate::text::{cut, grouped};
+use serde::Serialize;
 use serde_json::{Map, Value};
 use std::fmt::Write;
 
+/// Characters of a text, and entries of a list, that are shown.
+const TEXT_SHOWN: usize = 1000;
+const LIST_SHOWN: usize = 8;
+
 /// Something that is wrong with a file.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Problem {
-    /// What.
+    /// A sentence about the damage.
     pub what: String,
-    /// At which line, byte, member, tensor, ... if that is known.
+    /// Line, byte, member or tensor, if known.
+    #[serde(rename = "where")]
     pub place: Option<String>,
     /// What to do about it.
     pub to_do: String,
@@ -38,13 +45,13 @@ impl Problem {
 pub enum Whole {
     /// Yes, and how that is known.
     Yes(String),
-    /// Nothing speaks against it, and why more cannot be said.
+    /// Nothing is wrong, and why more cannot be known.
     Unknown(String),
     /// No: the problems say why.
     No,
 }
 
-/// Facts in the order in which they were said.
+/// Facts in the order in which they were added.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Facts {
     rows: Vec<(String, String)>,
@@ -66,6 +73,12 @@ impl Facts {
     pub fn fact(&mut self, key: &str, text: impl Into<String>, value: impl Into<Value>) {
         self.say(key.replace('_', " "), text);
         self.put(key, value);
+    }
+
+    /// Adds a value, and its text for a person.
+    pub fn value(&mut self, key: &str, value: impl Into<Value>) {
+        let value = value.into();
+        self.fact(key, text_of(&value), value);
     }
 
     /// Lines for a person.
@@ -122,7 +135,7 @@ impl Inspection {
         }
     }
 
-    /// Whether it is whole cannot be told, unless something is wrong.
+    /// Whether it is whole is unknown, unless something is wrong.
     pub fn may_be_whole(&mut self, why: impl Into<String>) {
         if self.problems.is_empty() {
             self.whole = Whole::Unknown(why.into());
@@ -138,7 +151,7 @@ impl Inspection {
 /// `1 scene`, `2,000 scenes`
 pub(super) fn many(count: u64, what: &str) -> String {
     let plural = if count == 1 { "" } else { "s" };
-    format!("{} {what}{plural}", crate::serve::text::grouped(count))
+    format!("{} {what}{plural}", grouped(count))
 }
 
 /// The first names of a list, and how many more there are.
@@ -153,4 +166,17 @@ pub(super) fn first_of<T: AsRef<str>>(names: &[T], shown: usize) -> String {
         let _ = write!(text, " and {} more", names.len() - shown);
     }
     text
+}
+
+/// A value on one line; an object by its keys, a list of objects by its length.
+pub(super) fn text_of(value: &Value) -> String {
+    match value {
+        Value::Null => "none".to_owned(),
+        Value::String(text) => cut(text.trim_end(), TEXT_SHOWN),
+        Value::Number(_) | Value::Bool(_) => value.to_string(),
+        Value::Array(all) if all.is_empty() => "none".to_owned(),
+        Value::Array(all) if all.iter().any(Value::is_object) => many(all.len() as u64, "object"),
+        Value::Array(all) => first_of(&all.iter().map(text_of).collect::<Vec<_>>(), LIST_SHOWN),
+        Value::Object(object) => first_of(&object.keys().collect::<Vec<_>>(), LIST_SHOWN),
+    }
 }

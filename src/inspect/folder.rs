@@ -1,30 +1,41 @@
 //! Folders: a run at a glance, a tuple, a checkpoint, the training of a stage.
 
+use super::digests::{CheckpointDigests, Digested};
 use super::facts::{Inspection, Problem, Whole, many};
+use super::file::inspect_file;
 use super::kind::Kind;
-use super::open::inspect_path;
 use crate::run::{Control, ControlState, Run, RunStatus, keys, run_status};
 use render::line::Roots;
+use render::trace::LAYERS;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-pub(super) fn read(folder: &Path) -> Inspection {
+/// Explains a file or folder. Whatever is wrong, a missing file too, becomes a problem of the inspection.
+pub fn inspect_path(path: &Path) -> Inspection {
+    if path.is_dir() {
+        read(path)
+    } else {
+        inspect_file(path)
+    }
+}
+
+fn read(folder: &Path) -> Inspection {
     let has = |name: &str| folder.join(name).is_file();
     if has(keys::SPEC) || (has(keys::MANIFEST) && folder.join(keys::TUPLES).is_dir()) {
         return run(folder);
     }
     if has("tuple.json") || has("tuple.exr") {
-        return of_file(folder, "tuple.json", Kind::TupleFolder);
+        return tuple(folder);
     }
     if has("state.json") || has("model.safetensors") {
-        return of_file(folder, "state.json", Kind::CheckpointFolder);
+        return checkpoint(folder);
     }
     let steps = checkpoints(folder);
     if !steps.is_empty() || has("train.lock") {
         return stage(folder, &steps);
     }
     if has("SHA256SUMS") {
-        return inspect_path(&folder.join("SHA256SUMS"));
+        return inspect_file(&folder.join("SHA256SUMS"));
     }
     let mut found = Inspection::new(Kind::Unknown);
     found.wrong(Problem::new(
@@ -34,89 +45,81 @@ pub(super) fn read(folder: &Path) -> Inspection {
     found
 }
 
-/// A folder that one of its files tells about.
-fn of_file(folder: &Path, name: &str, kind: Kind) -> Inspection {
+/// A folder that is described by the file written last.
+fn of_file(folder: &Path, name: &str, kind: Kind, to_do: &str) -> Inspection {
     if !folder.join(name).is_file() {
         let mut found = Inspection::new(kind);
-        let to_do = match kind {
-            Kind::TupleFolder => "`glasshouse work RUN` makes the tuple again",
-            _ => "delete the folder: `glasshouse train` goes on from the checkpoint before it",
-        };
-        found.wrong(Problem::new(
-            format!("{name} is missing: it is written last"),
-            to_do,
-        ));
+        let what = format!("{name} is missing: it is written last");
+        found.wrong(Problem::new(what, to_do));
         return found;
     }
-    let mut found = inspect_path(&folder.join(name));
-    found.kind = kind;
-    found.bytes = None;
-    if kind == Kind::TupleFolder {
-        for layer in render::trace::LAYERS {
-            let path = folder.join(format!("{layer}.png"));
-            // One that is missing was told by the record.
-            let problems = if path.is_file() {
-                inspect_path(&path).problems
-            } else {
-                Vec::new()
-            };
-            for problem in problems {
-                found.wrong(problem.at(format!("{layer}.png")));
-            }
-        }
-    }
-    found.is_whole(match kind {
-        Kind::TupleFolder => "all files are there, and the digests in tuple.json fit every layer",
-        _ => "the digests in state.json fit weights and moments",
-    });
+    let mut found = inspect_file(&folder.join(name));
+    (found.kind, found.bytes) = (kind, None);
     found
 }
 
-/// Folders of checkpoints, in the order of their steps.
-fn checkpoints(folder: &Path) -> Vec<PathBuf> {
+fn tuple(folder: &Path) -> Inspection {
+    const AGAIN: &str = "`glasshouse work RUN` makes the tuple again";
+    let mut found = of_file(folder, "tuple.json", Kind::TupleFolder, AGAIN);
+    if found.is_sound() && !folder.join("tuple.exr").is_file() {
+        found.wrong(Problem::new("tuple.exr is missing", AGAIN));
+    }
+    // The record's reader has reported missing pictures.
+    let pictures = LAYERS.map(|layer| format!("{layer}.png"));
+    for name in pictures.iter().filter(|name| folder.join(name).is_file()) {
+        add_problems(&mut found, inspect_file(&folder.join(name)), name);
+    }
+    found.is_whole("all files are there, and the digests in tuple.json fit every layer");
+    found
+}
+
+fn checkpoint(folder: &Path) -> Inspection {
+    let to_do = CheckpointDigests::TO_DO;
+    let mut found = of_file(folder, "state.json", Kind::CheckpointFolder, to_do);
+    found.is_whole("the digests in state.json fit weights and moments");
+    found
+}
+
+fn add_problems(found: &mut Inspection, part: Inspection, place: &str) {
+    for problem in part.problems {
+        found.wrong(problem.at(place));
+    }
+}
+
+/// Folders of checkpoints with their names, in the order of their steps.
+fn checkpoints(folder: &Path) -> Vec<(String, PathBuf)> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let is_step = |path: &PathBuf| {
-        let name = path
-            .file_name()
-            .and_then(|name| name.to_str())
-            .unwrap_or_default();
-        let digits = name.strip_prefix("step-").unwrap_or_default();
-        !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit()) && path.is_dir()
-    };
-    let mut found: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(is_step).collect();
+    let named =
+        entries.filter_map(|entry| Some((entry.file_name().into_string().ok()?, entry.path())));
+    let is_step = |(name, path): &(String, PathBuf)| step_of(name).is_some() && path.is_dir();
+    let mut found: Vec<_> = named.filter(is_step).collect();
     found.sort();
     found
 }
 
-fn stage(folder: &Path, steps: &[PathBuf]) -> Inspection {
+fn step_of(name: &str) -> Option<u64> {
+    name.strip_prefix("step-")?.parse().ok()
+}
+
+fn stage(folder: &Path, steps: &[(String, PathBuf)]) -> Inspection {
     let mut found = Inspection::new(Kind::StageFolder);
-    found
-        .facts
-        .fact("checkpoints", steps.len().to_string(), steps.len());
-    for step in steps {
-        let name = step
-            .file_name()
-            .map(|name| name.to_string_lossy().into_owned())
-            .unwrap_or_default();
-        let inspection = read(step);
-        let text = match &inspection.whole {
-            Whole::Yes(how) | Whole::Unknown(how) => how.clone(),
-            Whole::No => "damaged".to_owned(),
+    found.facts.value("checkpoints", steps.len());
+    for (name, path) in steps {
+        let step = checkpoint(path);
+        let text = match &step.whole {
+            Whole::Yes(how) | Whole::Unknown(how) => how,
+            Whole::No => "damaged",
         };
-        found.facts.say(name.as_str(), text);
-        for problem in inspection.problems {
-            found.wrong(problem.at(name.clone()));
-        }
+        found.facts.say(name, text);
+        add_problems(&mut found, step, name);
     }
     let metrics = folder.join("metrics.csv");
     if metrics.is_file() {
-        let inspection = inspect_path(&metrics);
-        for (label, text) in inspection.facts.rows() {
-            found.facts.say(label.clone(), text.clone());
+        let metrics = inspect_file(&metrics);
+        for (label, text) in metrics.facts.rows() {
+            found.facts.say(label, text);
         }
-        for problem in inspection.problems {
-            found.wrong(problem.at("metrics.csv"));
-        }
+        add_problems(&mut found, metrics, "metrics.csv");
     }
     found.is_whole("all files of its checkpoints have the digests of their states");
     found
@@ -129,9 +132,8 @@ fn run(folder: &Path) -> Inspection {
         Err(error) => {
             // The text ends with what to do.
             let text = error.to_string();
-            let (what, to_do) = text
-                .rsplit_once("; ")
-                .unwrap_or((&text, "plan again into a new folder"));
+            let parts = text.rsplit_once("; ");
+            let (what, to_do) = parts.unwrap_or((&text, "plan again into a new folder"));
             found.wrong(Problem::new(what, to_do));
             return found;
         }
@@ -139,37 +141,15 @@ fn run(folder: &Path) -> Inspection {
     let status = run_status(&run);
     say_status(&mut found, &run, &status);
     say_training(&mut found, folder);
-    let report = folder.join("report/index.html").is_file();
-    found.facts.fact(
-        "report",
-        if report { "report/index.html" } else { "none" },
-        report,
-    );
-    let control = std::fs::read(folder.join(keys::CONTROL))
-        .ok()
-        .map(|bytes| Control::read(&bytes));
-    let shown = folder.display();
-    match control {
-        Some(Ok(control)) if control.state != ControlState::Running => {
-            found.facts.fact(
-                "held",
-                format!("{}{}", control.state.name(), control.because()),
-                control.state.name(),
-            );
-            found
-                .next
-                .push(format!("`glasshouse resume {shown}` lets it go on"));
-        }
-        Some(Err(reason)) => {
-            let what = format!("control.json is damaged ({reason}), which pauses the run");
-            found.wrong(Problem::new(
-                what,
-                format!("`glasshouse resume {shown}` removes it"),
-            ));
-        }
-        _ => {}
-    }
-    next(&mut found, &status, folder, report);
+    let has_report = folder.join("report/index.html").is_file();
+    let report = if has_report {
+        "report/index.html"
+    } else {
+        "none"
+    };
+    found.facts.fact("report", report, has_report);
+    say_control(&mut found, folder);
+    advise(&mut found, &status, folder, has_report);
     found.may_be_whole(
         "spec and manifest fit each other; `glasshouse audit RUN` traces scenes again and compares",
     );
@@ -178,7 +158,7 @@ fn run(folder: &Path) -> Inspection {
 
 fn say_status(found: &mut Inspection, run: &Run, status: &RunStatus) {
     let facts = &mut found.facts;
-    facts.fact("name", run.spec.name.as_str(), run.spec.name.as_str());
+    facts.value("name", run.spec.name.as_str());
     let text = format!(
         "{}: {} done, {} begun, {} waiting, {} in quarantine",
         status.scenes,
@@ -187,8 +167,7 @@ fn say_status(found: &mut Inspection, run: &Run, status: &RunStatus) {
         status.waiting,
         status.quarantined.len()
     );
-    facts.say("scenes", text);
-    facts.put("scenes", json!(status));
+    facts.fact("scenes", text, json!(status));
     facts.say(
         "shards",
         format!("{} of {}", status.shards_done, status.shards),
@@ -202,45 +181,49 @@ fn say_training(found: &mut Inspection, folder: &Path) {
     let mut stages = serde_json::Map::new();
     for stage in ["backtrack", "separation"] {
         let steps = checkpoints(&folder.join("train").join(stage));
-        let Some(last) = steps
-            .last()
-            .and_then(|path| path.file_name())
-            .map(|name| name.to_string_lossy().into_owned())
-        else {
-            continue;
-        };
-        let step: u64 = last.trim_start_matches("step-").parse().unwrap_or(0);
-        found.facts.say(
-            "training",
-            format!(
-                "{stage}: {}, newest {last}",
-                many(steps.len() as u64, "checkpoint")
-            ),
-        );
-        stages.insert(stage.to_owned(), json!(step));
+        if let Some((newest, _)) = steps.last() {
+            let count = many(steps.len() as u64, "checkpoint");
+            found
+                .facts
+                .say("training", format!("{stage}: {count}, newest {newest}"));
+            stages.insert(stage.to_owned(), json!(step_of(newest)));
+        }
     }
     found.facts.put("training", stages);
 }
 
-fn next(found: &mut Inspection, status: &RunStatus, folder: &Path, report: bool) {
-    let shown = folder.display();
+/// Whether the run is paused or cancelled.
+fn say_control(found: &mut Inspection, folder: &Path) {
+    let resume = format!("`glasshouse resume {}`", folder.display());
+    let bytes = std::fs::read(folder.join(keys::CONTROL)).ok();
+    match bytes.map(|bytes| Control::read(&bytes)) {
+        Some(Ok(control)) if control.state != ControlState::Running => {
+            let text = format!("{}{}", control.state.name(), control.because());
+            found.facts.fact("held", text, control.state.name());
+            found.next.push(format!("{resume} lets it go on"));
+        }
+        Some(Err(reason)) => {
+            let what = format!("control.json is damaged ({reason}), which pauses the run");
+            found.wrong(Problem::new(what, format!("{resume} removes it")));
+        }
+        _ => {}
+    }
+}
+
+fn advise(found: &mut Inspection, status: &RunStatus, folder: &Path, has_report: bool) {
+    let (shown, next) = (folder.display(), &mut found.next);
     if !status.is_finished() {
-        found
-            .next
-            .push(format!("`glasshouse work {shown}` does what is left"));
+        next.push(format!("`glasshouse work {shown}` does what is left"));
     }
     if let Some(scene) = status.quarantined.first() {
-        found.next.push(format!(
+        next.push(format!(
             "`glasshouse explain {shown} {}` says what is wrong; `glasshouse retry {shown} --all` tries again",
             scene.scene
         ));
     }
-    if status.is_finished() && !report {
-        found
-            .next
-            .push(format!("`glasshouse report {shown}` writes the report"));
-    }
-    if status.is_finished() && report && found.next.is_empty() {
-        found.next.push("nothing is left to do".to_owned());
+    if status.is_finished() && !has_report {
+        next.push(format!("`glasshouse report {shown}` writes the report"));
+    } else if status.is_finished() && next.is_empty() {
+        next.push("nothing is left to do".to_owned());
     }
 }

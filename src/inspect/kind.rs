@@ -1,120 +1,68 @@
-//! What kind of file it is: by its first bytes, and by its name where they tell nothing.
+//! Kinds of files, known by the first bytes, or by the name where the bytes do not decide.
 
-/// A kind of file or folder.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs, reason = "`words` says what each is")]
-pub enum Kind {
-    Partial,
-    TupleExr,
-    Exr,
-    TupleRecord,
-    Spec,
-    Manifest,
-    Scene,
-    Recipe,
-    HardCases,
-    DepthRanges,
-    PhotographList,
-    Rejected,
-    Quarantine,
-    Attempt,
-    Control,
-    Receipt,
-    MadeBy,
-    Finished,
-    TrainRecipe,
-    CheckpointState,
-    Tensors,
-    Best,
-    Metrics,
-    Events,
-    EvaluationRows,
-    EvaluationTable,
-    Output,
-    Archive,
-    Listing,
-    Croissant,
-    Sums,
-    Report,
-    Picture,
-    Array,
-    Mesh,
-    Lock,
-    Run,
-    TupleFolder,
-    CheckpointFolder,
-    StageFolder,
-    Unknown,
+macro_rules! kinds {
+    ($($kind:ident $name:literal $words:literal)*) => {
+        /// A kind of file or folder.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum Kind {
+            $(#[doc = $words] $kind,)*
+        }
+
+        impl Kind {
+            /// Its name in JSON.
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$kind => $name,)* }
+            }
+
+            /// Its name for people.
+            pub fn words(self) -> &'static str {
+                match self { $(Self::$kind => $words,)* }
+            }
+        }
+    };
 }
 
-impl Kind {
-    /// Its name in JSON.
-    pub fn name(self) -> &'static str {
-        self.names().0
-    }
-
-    /// What it is, for a person.
-    pub fn words(self) -> &'static str {
-        self.names().1
-    }
-
-    fn names(self) -> (&'static str, &'static str) {
-        match self {
-            Self::Partial => ("partial", "partial, the result of one shard"),
-            Self::TupleExr => ("tuple_exr", "tuple.exr, the layers of one scene"),
-            Self::Exr => ("exr", "OpenEXR image"),
-            Self::TupleRecord => (
-                "tuple_record",
-                "tuple.json, how one scene's tuple came to be",
-            ),
-            Self::Spec => ("spec", "spec.json, the frozen rules of a run"),
-            Self::Manifest => ("manifest", "manifest, one scene a line"),
-            Self::Scene => ("scene", "single scene, for `glasshouse render`"),
-            Self::Recipe => ("recipe", "recipe"),
-            Self::HardCases => ("hard_cases", "file of hard cases"),
-            Self::DepthRanges => ("depth_ranges", "table of depth ranges by category"),
-            Self::PhotographList => ("photograph_list", "list of photographs"),
-            Self::Rejected => ("rejected", "list of scenes that were drawn and not kept"),
-            Self::Quarantine => (
-                "quarantine",
-                "quarantine record: why a scene cannot be made",
-            ),
-            Self::Attempt => ("attempt", "record of an attempt at some shards"),
-            Self::Control => ("control", "control.json, by which a run is held"),
-            Self::Receipt => ("receipt", "receipt: who made a tuple"),
-            Self::MadeBy => ("made_by", "note: who made some partials"),
-            Self::Finished => (
-                "finished",
-                "finished.json, which says that nothing is left to do",
-            ),
-            Self::TrainRecipe => ("train_recipe", "train.json, the recipe's [train]"),
-            Self::CheckpointState => ("checkpoint_state", "state.json of a checkpoint"),
-            Self::Tensors => ("tensors", "safetensors file"),
-            Self::Best => ("best", "best.json, the best checkpoint of a stage"),
-            Self::Metrics => ("metrics", "metrics.csv, the losses of a training"),
-            Self::Events => ("events", "TensorBoard event file"),
-            Self::EvaluationRows => ("evaluation_rows", "scores, a picture a row"),
-            Self::EvaluationTable => ("evaluation_table", "table of mean scores"),
-            Self::Output => ("output", "JSON that a command of this program printed"),
-            Self::Archive => ("archive", "tar archive"),
-            Self::Listing => ("listing", "list of an exported set, one sample a line"),
-            Self::Croissant => (
-                "croissant",
-                "croissant.json, the description of an exported set",
-            ),
-            Self::Sums => ("sums", "SHA256SUMS, digests of the files beside it"),
-            Self::Report => ("report", "report page"),
-            Self::Picture => ("picture", "picture"),
-            Self::Array => ("array", ".npy array"),
-            Self::Mesh => ("mesh", "PLY mesh"),
-            Self::Lock => ("lock", "lock, empty on purpose; it may stay"),
-            Self::Run => ("run", "run"),
-            Self::TupleFolder => ("tuple", "tuple, all files of one scene"),
-            Self::CheckpointFolder => ("checkpoint", "checkpoint of a training"),
-            Self::StageFolder => ("stage", "training of one stage"),
-            Self::Unknown => ("unknown", "unknown"),
-        }
-    }
+kinds! {
+    Partial "partial" "partial, the result of one shard"
+    TupleExr "tuple_exr" "tuple.exr, the layers of one scene"
+    Exr "exr" "OpenEXR image"
+    TupleRecord "tuple_record" "tuple.json, how one scene's tuple came to be"
+    Spec "spec" "spec.json, the frozen rules of a run"
+    Manifest "manifest" "manifest, one scene a line"
+    Scene "scene" "single scene, for `glasshouse render`"
+    Recipe "recipe" "recipe"
+    DepthRanges "depth_ranges" "table of depth ranges by category"
+    PhotographList "photograph_list" "list of photographs"
+    Rejected "rejected" "list of scenes that were drawn and not kept"
+    Quarantine "quarantine" "quarantine record: why a scene cannot be made"
+    Attempt "attempt" "record of an attempt at some shards"
+    Control "control" "control.json, which pauses or cancels a run"
+    Receipt "receipt" "receipt: which worker made a tuple"
+    MadeBy "made_by" "note: which worker made some partials"
+    Finished "finished" "finished.json, which says that nothing is left to do"
+    TrainRecipe "train_recipe" "train.json, the recipe's [train]"
+    CheckpointState "checkpoint_state" "state.json of a checkpoint"
+    Tensors "tensors" "safetensors file"
+    Best "best" "best.json, the best checkpoint of a stage"
+    Metrics "metrics" "metrics.csv, the losses of a training"
+    Events "events" "TensorBoard event file"
+    EvaluationRows "evaluation_rows" "scores, a picture a row"
+    EvaluationTable "evaluation_table" "table of mean scores"
+    Output "output" "JSON that a command of this program printed"
+    Archive "archive" "tar archive"
+    Listing "listing" "list of an exported set, one sample a line"
+    Croissant "croissant" "croissant.json, the description of an exported set"
+    Sums "sums" "SHA256SUMS, digests of the files beside it"
+    Report "report" "report page"
+    Picture "picture" "picture"
+    Array "array" ".npy array"
+    Mesh "mesh" "PLY mesh"
+    Lock "lock" "lock, empty on purpose; it may stay"
+    Run "run" "run"
+    TupleFolder "tuple" "tuple, all files of one scene"
+    CheckpointFolder "checkpoint" "checkpoint of a training"
+    StageFolder "stage" "training of one stage"
+    Unknown "unknown" "unknown"
 }
 
 /// The schemas of JSON and TOML files.
@@ -123,7 +71,6 @@ const SCHEMAS: &[(&str, Kind)] = &[
     (plan::RECIPE_SCHEMA, Kind::Recipe),
     (plan::PHOTOGRAPH_SCHEMA, Kind::PhotographList),
     (plan::DEPTH_RANGES_SCHEMA, Kind::DepthRanges),
-    ("glasshouse.cases/1", Kind::HardCases),
     (render::shard::SPEC_SCHEMA, Kind::Spec),
     (render::merge::TUPLE_SCHEMA, Kind::TupleRecord),
     (crate::run::QUARANTINE_SCHEMA, Kind::Quarantine),
@@ -213,7 +160,7 @@ fn text_kind(name: &str, text: &str) -> Option<Kind> {
     if first.starts_with("| Method") || text.contains("\n| Method") {
         return Some(Kind::EvaluationTable);
     }
-    if super::sums::line(first).is_some() {
+    if is_sum(first) {
         return Some(Kind::Sums);
     }
     // TOML: a key at the beginning of a line.
@@ -267,7 +214,16 @@ fn json_kind(name: &str, text: &str) -> Option<Kind> {
     }
 }
 
-/// The kind that files of this name have: what was expected of one whose bytes tell nothing.
+/// A line as `sha256sum` writes it: digest, two spaces, name.
+fn is_sum(line: &str) -> bool {
+    let parts = line.split_at_checked(64);
+    parts.is_some_and(|(digest, name)| {
+        digest.bytes().all(|b| b.is_ascii_hexdigit())
+            && (name.starts_with("  ") || name.starts_with(" *"))
+    })
+}
+
+/// The kind that files of this name have: what was expected of a file whose bytes tell nothing.
 pub(super) fn kind_by_name(name: &str) -> Option<Kind> {
     let ending = name.rsplit_once('.').map_or("", |(_, ending)| ending);
     Some(match name {

@@ -1,11 +1,12 @@
 //! Manifests and single scenes.
 
-use super::facts::{Inspection, Problem, many};
+use super::digests::hold_file;
+use super::facts::{Inspection, Problem};
+use super::input::Input;
 use super::kind::Kind;
-use super::look::Input;
-use render::line::{ManifestError, SceneLine, Split, parse_jsonl, parse_scene};
-use render::shard::{Spec, manifest_digest};
-use serde_json::{Map, json};
+use render::line::{ManifestError, SceneLine, Side, Split, parse_jsonl, parse_scene};
+use render::shard::Spec;
+use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 
 pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
@@ -21,94 +22,48 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
     match parsed {
         Ok(lines) => say(&mut found, &lines),
         Err(error) => {
-            let good = good_lines(text, &error);
+            let (ManifestError::Json { line, .. }
+            | ManifestError::Scene { line, .. }
+            | ManifestError::DuplicateId { line, .. }) = error;
             if kind == Kind::Manifest {
-                found.facts.fact(
-                    "good_lines",
-                    format!("{good} before the first bad one"),
-                    good,
-                );
+                let before = text.lines().take(line.saturating_sub(1));
+                let good = before.filter(|line| !line.trim().is_empty()).count();
+                let text = format!("{good} before the first bad one");
+                found.facts.fact("good_lines", text, good);
             }
-            let place = format!("line {}", line_of(&error));
-            found.wrong(
-                Problem::new(error.to_string(), "correct that line, or plan again").at(place),
-            );
+            let problem = Problem::new(error.to_string(), "correct that line, or plan again");
+            found.wrong(problem.at(format!("line {line}")));
         }
     }
-    hold(&mut found, input, text);
-    found
-}
-
-fn line_of(error: &ManifestError) -> usize {
-    match error {
-        ManifestError::Json { line, .. }
-        | ManifestError::Scene { line, .. }
-        | ManifestError::DuplicateId { line, .. } => *line,
-    }
-}
-
-/// Scenes before the line of an error.
-fn good_lines(text: &str, error: &ManifestError) -> usize {
-    let before = text.lines().take(line_of(error).saturating_sub(1));
-    before.filter(|line| !line.trim().is_empty()).count()
-}
-
-/// A run's manifest has its digest in the run's spec.
-fn hold(found: &mut Inspection, input: &Input, text: &str) {
-    if found.kind == Kind::Scene {
+    if kind == Kind::Scene {
         found.may_be_whole("it can be read; a scene file has no digest");
-        return;
+    } else {
+        hold_file::<Spec>(&mut found, input);
     }
-    let spec = (input.beside)("spec.json").filter(|_| input.name == "manifest.jsonl");
-    match spec.and_then(|bytes| serde_json::from_slice::<Spec>(&bytes).ok()) {
-        None => {
-            found.may_be_whole("every line can be read; no spec.json beside it holds its digest");
-        }
-        Some(spec) if spec.manifest_blake3 == manifest_digest(text) => {
-            found.is_whole("its digest is that of spec.json");
-        }
-        Some(spec) => {
-            let what = format!(
-                "its digest is not that of spec.json beside it, which was made for {}",
-                many(spec.scenes.into(), "scene")
-            );
-            found.wrong(Problem::new(what, "plan again into a new folder; or plan from this file: `glasshouse plan FILE.jsonl`"));
-        }
-    }
+    found
 }
 
 fn say(found: &mut Inspection, lines: &[SceneLine]) {
     let facts = &mut found.facts;
     if let [line] = lines {
-        facts.fact(
-            "scene",
-            format!("{}, split {}", line.id, line.split),
-            line.id.as_str(),
-        );
-        facts.fact("front", line.front.name(), line.front.name());
-        facts.fact("back", line.back.name(), line.back.name());
+        let text = format!("{}, split {}", line.id, line.split);
+        facts.fact("scene", text, line.id.as_str());
+        facts.value("front", line.front.name());
+        facts.value("back", line.back.name());
     } else {
         let count = |split| lines.iter().filter(|line| line.split == split).count();
         let (train, test) = (count(Split::Train), count(Split::Test));
-        facts.fact(
-            "scenes",
-            format!("{}: {train} train, {test} test", lines.len()),
-            lines.len(),
-        );
+        let text = format!("{}: {train} train, {test} test", lines.len());
+        facts.fact("scenes", text, lines.len());
         facts.put("train", train);
         facts.put("test", test);
         if let (Some(first), Some(last)) = (lines.first(), lines.last()) {
             facts.say("ids", format!("{} to {}", first.id, last.id));
         }
-        let images: BTreeSet<&str> = lines
-            .iter()
-            .flat_map(|line| [line.front.name(), line.back.name()])
-            .collect();
-        facts.fact(
-            "images",
-            format!("{} in all, front and back", images.len()),
-            images.len(),
-        );
+        let sides = lines.iter().flat_map(|line| [&line.front, &line.back]);
+        let images: BTreeSet<&str> = sides.map(Side::name).collect();
+        let text = format!("{} in all, front and back", images.len());
+        facts.fact("images", text, images.len());
     }
     say_ranges(found, lines);
     if lines.is_empty() {
@@ -116,50 +71,41 @@ fn say(found: &mut Inspection, lines: &[SceneLine]) {
     }
 }
 
-/// A number of each line.
-type Number = (&'static str, &'static str, fn(&SceneLine) -> f64);
-
-/// Parameters whose ranges are told.
-const NUMBERS: &[Number] = &[
-    ("film.width", "px", |line| line.film.width.into()),
-    ("film.height", "px", |line| line.film.height.into()),
-    ("film.spp", "samples a pixel", |line| line.film.spp.into()),
-    ("camera.focal_length_mm", "mm", |line| {
-        line.camera.focal_length_mm
-    }),
-    ("camera.aperture_radius_m", "m", |line| {
-        line.camera.aperture_radius_m
-    }),
-    ("camera.exposure", "", |line| line.camera.exposure),
-    ("glass.distance_m", "m", |line| line.glass.distance_m),
-    ("glass.thickness_m", "m", |line| line.glass.thickness_m),
-    ("glass.ior", "", |line| line.glass.ior),
-    ("glass.tilt_deg pitch", "degrees", |line| {
-        line.glass.tilt_deg[0]
-    }),
-    ("glass.tilt_deg yaw", "degrees", |line| {
-        line.glass.tilt_deg[1]
-    }),
+/// Parameters whose ranges are shown: name, JSON pointer into a line, unit.
+const NUMBERS: &[(&str, &str, &str)] = &[
+    ("film.width", "/film/width", "px"),
+    ("film.height", "/film/height", "px"),
+    ("film.spp", "/film/spp", "samples a pixel"),
+    ("camera.focal_length_mm", "/camera/focal_length_mm", "mm"),
+    ("camera.aperture_radius_m", "/camera/aperture_radius_m", "m"),
+    ("camera.exposure", "/camera/exposure", ""),
+    ("glass.distance_m", "/glass/distance_m", "m"),
+    ("glass.thickness_m", "/glass/thickness_m", "m"),
+    ("glass.ior", "/glass/ior", ""),
+    ("glass.tilt_deg pitch", "/glass/tilt_deg/0", "degrees"),
+    ("glass.tilt_deg yaw", "/glass/tilt_deg/1", "degrees"),
 ];
 
 fn say_ranges(found: &mut Inspection, lines: &[SceneLine]) {
+    let lines: Vec<Value> = lines.iter().map(|line| json!(line)).collect();
     let mut ranges = Map::new();
-    for (name, unit, of) in NUMBERS {
-        let values = || lines.iter().map(of);
-        let (least, most) = (
-            values().fold(f64::INFINITY, f64::min),
-            values().fold(f64::NEG_INFINITY, f64::max),
+    for (name, place, unit) in NUMBERS {
+        let values = lines
+            .iter()
+            .filter_map(|line| line.pointer(place)?.as_f64());
+        let (least, most) = values.fold(
+            (f64::INFINITY, f64::NEG_INFINITY),
+            |(least, most), value| (least.min(value), most.max(value)),
         );
-        if !least.is_finite() {
-            continue;
+        if least <= most {
+            let range = if least == most {
+                least.to_string()
+            } else {
+                format!("{least} to {most}")
+            };
+            found.facts.say(*name, format!("{range} {unit}").trim_end());
+            ranges.insert((*name).to_owned(), json!([least, most]));
         }
-        let text = if least == most {
-            format!("{least} {unit}")
-        } else {
-            format!("{least} to {most} {unit}")
-        };
-        found.facts.say(*name, text.trim_end());
-        ranges.insert((*name).to_owned(), json!([least, most]));
     }
     found.facts.put("ranges", ranges);
 }

@@ -1,42 +1,42 @@
 //! What a file is, which scene it belongs to, and whether it is whole: `glasshouse inspect`.
 //!
-//! ```text
-//! open (a path: file or folder) -> kind (by the first bytes) -> look (one reader a kind) -> facts
+//! A path is a file or a folder; a file's kind follows from its first bytes, and each kind has a reader. Small files have one
+//! generic path (`record` and `lists`: checked by the type of their schema, shown as a table); partials, tuples, scene
+//! lines, checkpoints, archives and runs have readers of their own. The groups of modules stand in the order in which each
+//! uses those before it.
 //!
-//! exr, partial, tuple        images of the farm          spec, manifest, recipe, records   what a run is made of
-//! checkpoint, tensors, events, table                      what a training leaves
-//! archive, sums, page, picture, listing                   exports, reports, input files
-//! folder                                                  a run, a tuple, a checkpoint as a whole
-//! ```
-//!
-//! Readers take bytes (or a stream) and give facts; only `open` and `folder` touch the disk. Hostile bytes become a
-//! [`Problem`], never a panic, and no header's number is believed before it is held against the file's length.
+//! Readers take bytes (or a stream) and give facts; only `file` and `folder` touch the disk. Hostile bytes become a
+//! [`Problem`], never a panic, and no header's number is believed before it is checked against the file's length.
 
-mod archive;
-mod checkpoint;
-#[cfg(feature = "train")]
-mod events;
-mod exr;
-mod facts;
-mod folder;
+// What is known of a file.
 mod kind;
-mod listing;
-mod look;
-mod manifest;
-mod open;
-mod page;
-mod partial;
+
+mod facts;
+mod input;
+
+// Every record is read alike.
+mod digests;
+mod record;
+
+mod exr;
+mod lists;
 mod picture;
-mod recipe;
-mod records;
-mod spec;
-mod sums;
-mod table;
 #[cfg(feature = "train")]
 mod tensors;
+
+// Readers of their own.
+mod archive;
+mod checkpoint;
+mod manifest;
+mod partial;
 mod tuple;
 
+mod bytes;
+mod file;
+mod folder;
+
+pub use bytes::inspect_bytes;
 pub use facts::{Facts, Inspection, Problem, Whole};
+pub use folder::inspect_path;
+pub use input::Input;
 pub use kind::Kind;
-pub use look::{Input, inspect_bytes};
-pub use open::{MAX_WHOLE_BYTES, inspect_path};

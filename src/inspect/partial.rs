@@ -1,9 +1,9 @@
 //! A partial: which shard, of which scene, and whether its digest fits.
 
 use super::exr::{Head, say_values, to_do};
-use super::facts::{Inspection, Problem, many};
+use super::facts::{Inspection, Problem};
+use super::input::Input;
 use super::kind::Kind;
-use super::look::Input;
 use crate::run::keys;
 use render::partial::{PARTIAL_SCHEMA, PartialHeader, decode};
 use render::trace::{LAYERS, TRACER_VERSION};
@@ -44,52 +44,29 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
 }
 
 fn say(found: &mut Inspection, header: &PartialHeader, name: &str) {
-    let (tile, [start, end]) = (header.tile, header.samples);
-    found
-        .facts
-        .fact("scene", header.scene.as_str(), header.scene.as_str());
-    let film = format!("of a film of {} x {} px", header.film[0], header.film[1]);
+    let (facts, tile, [start, end]) = (&mut found.facts, header.tile, header.samples);
+    facts.value("scene", header.scene.as_str());
     let last = |start: u32, length: u32| u64::from(start) + u64::from(length.max(1)) - 1;
     let text = format!(
-        "{}: x {}-{}, y {}-{} {film}",
+        "{}: x {}-{}, y {}-{} of a film of {} x {} px",
         header.shard,
         tile.x,
         last(tile.x, tile.width),
         tile.y,
-        last(tile.y, tile.height)
+        last(tile.y, tile.height),
+        header.film[0],
+        header.film[1]
     );
-    found.facts.fact("shard", text, header.shard);
-    found.facts.put("tile", json!(tile));
-    found.facts.put("film", json!(header.film));
+    facts.fact("shard", text, header.shard);
+    facts.put("tile", json!(tile));
+    facts.put("film", json!(header.film));
     let text = format!("{start} to {} of each pixel", end.saturating_sub(1));
-    found.facts.fact("samples", text, json!(header.samples));
-    let layers: Vec<String> = header
-        .layer_samples
-        .iter()
-        .map(ToString::to_string)
-        .collect();
-    let text = format!("{} (I, T, R~, R)", layers.join(", "));
-    found
-        .facts
-        .fact("layer_samples", text, json!(header.layer_samples));
-    let misses: u64 = header
-        .misses
-        .iter()
-        .fold(0, |sum, n| sum.saturating_add(*n));
-    let paths: u64 = header.paths.iter().fold(0, |sum, n| sum.saturating_add(*n));
-    let text = format!(
-        "{}, {} of them off the photographs",
-        many(paths, "path"),
-        crate::serve::text::grouped(misses)
-    );
-    found.facts.say("paths", text);
-    found.facts.put("paths", json!(header.paths));
-    found.facts.put("misses", json!(header.misses));
-    let version = header.tracer_version;
-    found
-        .facts
-        .fact("tracer_version", version.to_string(), version);
-    found.facts.put("line_blake3", header.line_blake3.as_str());
+    facts.fact("samples", text, json!(header.samples));
+    facts.value("layer_samples", json!(header.layer_samples));
+    facts.value("paths", json!(header.paths));
+    facts.value("misses", json!(header.misses));
+    facts.value("tracer_version", header.tracer_version);
+    facts.put("line_blake3", header.line_blake3.as_str());
     if header.schema != PARTIAL_SCHEMA {
         let what = format!(
             "its schema is {:?}, this program reads {PARTIAL_SCHEMA:?}",
@@ -97,9 +74,9 @@ fn say(found: &mut Inspection, header: &PartialHeader, name: &str) {
         );
         found.wrong(Problem::new(what, to_do(Kind::Partial)));
     }
-    if version != TRACER_VERSION {
+    if header.tracer_version != TRACER_VERSION {
         found.next.push(format!(
-            "it was made by tracer version {version}, this program has {TRACER_VERSION}: a run takes one of the two alone"
+            "its tracer version is not this program's, {TRACER_VERSION}: a run takes partials of one version only"
         ));
     }
     if keys::shard_of(name).is_some_and(|shard| shard != header.shard) {

@@ -1,9 +1,8 @@
-//! What a recipe, a manifest or a file of hard cases says: scenes, where their files are, and what can be left out of it.
+//! What a recipe or a manifest says: scenes, where their files are, and what can be left out of it.
 
 use super::drafting::{DraftError, Request, Tell};
 use super::draw_scenes::{Looked, RejectedScene, Surroundings, draw_all};
 use super::sample_bytes::SampleBytes;
-use crate::cases::CaseFile;
 use crate::{
     Index, LIST_NAME, Layout, PlacesFolders, Recipe, RecipeError, Source, SourceImage,
     expand_counted, from_paths, index_list, index_paths, index_places, index_source,
@@ -32,8 +31,6 @@ pub(super) struct Content {
     pub(super) name: String,
     /// Root folders for the spec; relative ones are the run's own.
     pub(super) roots: BTreeMap<String, PathBuf>,
-    /// Pictures of hard cases: root, name, bytes.
-    pub(super) pictures: Vec<(&'static str, String, Vec<u8>)>,
     /// What was noticed while photographs were listed.
     notes: Vec<String>,
     scenes: Scenes,
@@ -207,14 +204,10 @@ impl Content {
 
     /// Roots whose files planning writes itself.
     pub(super) fn own_roots(&self) -> BTreeSet<&str> {
-        let pictures = self.pictures.iter().map(|(root, _, _)| *root);
-        let made = match &self.scenes {
-            Scenes::Drawn { made, .. } => made.as_slice(),
-            Scenes::Lines(_) => &[],
-        };
-        pictures
-            .chain(made.iter().map(|m| m.root.as_str()))
-            .collect()
+        match &self.scenes {
+            Scenes::Drawn { made, .. } => made.iter().map(|m| m.root.as_str()).collect(),
+            Scenes::Lines(_) => BTreeSet::new(),
+        }
     }
 }
 
@@ -328,7 +321,6 @@ pub(super) fn from_recipe(
     Ok(Content {
         name: recipe.name.clone(),
         roots,
-        pictures: Vec::new(),
         notes,
         scenes: Scenes::Drawn {
             path: path.to_owned(),
@@ -336,25 +328,6 @@ pub(super) fn from_recipe(
             images,
             made,
         },
-    })
-}
-
-pub(super) fn from_cases(path: &Path, text: &str) -> Result<Content, DraftError> {
-    let file = CaseFile::parse(text).map_err(|source| DraftError::Cases {
-        path: path.to_owned(),
-        source: Box::new(source),
-    })?;
-    let root = file.root();
-    let pictures = file.files();
-    Ok(Content {
-        name: file.name,
-        roots: [(root.to_owned(), Path::new("inputs").join(root))].into(),
-        notes: Vec::new(),
-        scenes: Scenes::Lines(file.cases.into_iter().map(|case| case.line).collect()),
-        pictures: pictures
-            .into_iter()
-            .map(|(name, bytes)| (root, name, bytes))
-            .collect(),
     })
 }
 
@@ -400,7 +373,6 @@ pub(super) fn from_manifest(
     Ok(Content {
         name,
         roots,
-        pictures: Vec::new(),
         notes: Vec::new(),
         scenes: Scenes::Lines(lines),
     })

@@ -1,6 +1,5 @@
-//! A recipe, a manifest or a file of hard cases becomes scene lines whose input files are sound.
+//! A recipe or a manifest becomes scene lines whose input files are sound.
 
-use super::cases::{CaseError, is_case_file};
 use super::check::{Checker, InvalidInput, invalid_text};
 use super::content::{self, Content, Draft, Made};
 use super::draw_scenes::RejectedScene;
@@ -59,8 +58,6 @@ pub struct Drafted {
     pub input_bytes: Option<u64>,
     /// Procedural photographs to make.
     pub made: Vec<Made>,
-    /// Pictures of hard cases to write: root, name, bytes.
-    pub pictures: Vec<(&'static str, String, Vec<u8>)>,
 }
 
 /// A recipe or manifest that gives no scenes.
@@ -87,14 +84,6 @@ pub enum DraftError {
         path: PathBuf,
         /// What is wrong.
         source: Box<RecipeError>,
-    },
-    /// A file of hard cases is wrong.
-    #[error("{}: {source}", path.display())]
-    Cases {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        source: Box<CaseError>,
     },
     /// The manifest is wrong.
     #[error("{}: {source}", path.display())]
@@ -180,7 +169,6 @@ pub fn draft(source: &Path, request: &Request, on_progress: &Tell) -> Result<Dra
         left_out,
         name: content.name.clone(),
         roots: content.roots.clone(),
-        pictures: content.pictures.clone(),
     })
 }
 
@@ -190,7 +178,6 @@ fn read(source: &Path, request: &Request) -> Result<Content, DraftError> {
         source: e,
     })?;
     match source.extension().and_then(|e| e.to_str()) {
-        Some("toml") if is_case_file(&text) => content::from_cases(source, &text),
         Some("toml") => content::from_recipe(source, &text, request),
         Some("jsonl") => content::from_manifest(source, &text, request),
         _ => Err(DraftError::Kind {

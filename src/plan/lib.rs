@@ -9,15 +9,16 @@
 //! line.rs, side.rs, side_json.rs             a scene line; photograph, panorama or mesh     jsonl.rs   manifests as text
 //! validate.rs, refuse.rs                     which lines are sound, which panes cannot be looked through
 //! roots.rs                                   where a line's paths lead
+//! cost.rs                                    what the lines will take on a machine
 //! training.rs                                what is trained on the tuples, and how
 //! ```
 //!
 //! Pure, apart from the listings of `diode.rs`, `places.rs` and `list.rs`.
 
-pub mod cases;
 mod cast;
 mod check;
 mod content;
+mod cost;
 mod diode;
 mod divide;
 mod drafting;
@@ -45,6 +46,7 @@ mod training;
 pub use cast::{Cast, Drawn, photograph_name};
 pub use check::{InvalidInput, invalid_text};
 pub use content::Made;
+pub use cost::{Calibration, Cost, Estimate, cost};
 pub use diode::{Index, IndexError, Place, SourceImage, from_paths, index_paths, index_source};
 pub use drafting::{DraftError, Drafted, Request, Tell, draft};
 pub use draw::{Draw, nine_digits, scene_seed};
@@ -57,7 +59,7 @@ pub use light::{
     illuminant, luminance,
 };
 pub use list::{LIST_NAME, ListError, PHOTOGRAPH_SCHEMA, index_list, parse_list};
-pub use make::{inputs_folder, make_photographs};
+pub use make::make_photographs;
 pub use param::{Normal, Param};
 pub use places::{
     Category, DEPTH_RANGES_SCHEMA, DepthRanges, DepthRangesError, PlacesFolders, index_places,

@@ -18,7 +18,7 @@ impl Made {
 }
 
 /// The folder in which planning makes the files of the root `source`, below the run's folder.
-pub fn inputs_folder(run: &Path, source: &str) -> PathBuf {
+pub(crate) fn inputs_folder(run: &Path, source: &str) -> PathBuf {
     run.join("inputs").join(source)
 }
 

@@ -1,5 +1,7 @@
 //! An axis: from values to positions, and where its ticks are.
 
+use maud::{Markup, html};
+
 /// How values are spread over an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Scale {
@@ -7,7 +9,7 @@ enum Scale {
     Log,
 }
 
-/// Ticks of an axis, about.
+/// Approximate number of ticks.
 const TICKS: f64 = 5.0;
 
 /// An axis of a plot.
@@ -20,12 +22,11 @@ pub(crate) struct Axis {
     pub(crate) ends: [f64; 2],
 }
 
-/// A value that is written beside an axis.
+/// A value written beside an axis.
 pub(crate) struct Tick {
     /// Its position, px.
     pub(crate) at: f64,
-    /// What stands in its `<text>`: characters and `<tspan>`s.
-    pub(crate) label: String,
+    pub(crate) label: Markup,
 }
 
 impl Axis {
@@ -49,7 +50,7 @@ impl Axis {
         }
     }
 
-    /// An even axis that is as long as its values, or somewhat longer where they are all the same.
+    /// A linear axis that is as long as its values, or somewhat longer if they are all equal.
     pub(crate) fn linear(values: impl Iterator<Item = f64>, ends: [f64; 2]) -> Self {
         let (lo, hi) = range(values);
         let values = if lo < hi {
@@ -65,7 +66,7 @@ impl Axis {
         }
     }
 
-    /// Where a value stands.
+    /// A value's position.
     pub(crate) fn at(&self, value: f64) -> f64 {
         let [a, b] = self.ends;
         a + (b - a) * self.place(value)
@@ -80,12 +81,12 @@ impl Axis {
         }
     }
 
-    /// Equal steps are equal factors.
+    /// Whether equal steps are equal factors.
     pub(crate) fn is_log(&self) -> bool {
         self.scale == Scale::Log
     }
 
-    /// Its ticks, from the first end.
+    /// Its ticks, beginning at the first end.
     pub(crate) fn ticks(&self) -> Vec<Tick> {
         match self.scale {
             Scale::Linear => self.linear_ticks(),
@@ -117,14 +118,13 @@ impl Axis {
                 let value = if value.abs() < room { 0.0 } else { value };
                 Tick {
                     at: self.at(value),
-                    label: format!("{value:.digits$}"),
+                    label: html! { (format_args!("{value:.digits$}")) },
                 }
             })
             .collect()
     }
 
-    /// Every decade, and 2 and 5 where decades are few, all digits where there is hardly one; where they are many, not each
-    /// of them.
+    /// Every decade; with few decades also 2 and 5 of each, with less than one all digits, with many only some decades.
     fn log_ticks(&self) -> Vec<Tick> {
         let [lo, hi] = self.values;
         let (first, last) = (
@@ -155,18 +155,17 @@ impl Axis {
 }
 
 /// A digit times a power of 10.
-fn power_label(digit: i32, exponent: i32, is_plain: bool) -> String {
+fn power_label(digit: i32, exponent: i32, is_plain: bool) -> Markup {
     if is_plain {
         let value = f64::from(digit) * libm::pow(10.0, f64::from(exponent));
-        return format!("{value:.*}", (-exponent).max(0) as usize);
+        let digits = (-exponent).max(0) as usize;
+        return html! { (format_args!("{value:.digits$}")) };
     }
-    let factor = if digit == 1 {
-        String::new()
-    } else {
-        format!("{digit}\u{b7}")
-    };
     let power = exponent.to_string().replace('-', "\u{2212}");
-    format!("{factor}10<tspan dy=\"-5\" font-size=\"9\">{power}</tspan>")
+    html! {
+        @if digit != 1 { (digit) "\u{b7}" }
+        "10" tspan dy="-5" font-size="9" { (power) }
+    }
 }
 
 fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
@@ -180,7 +179,10 @@ mod tests {
     use super::*;
 
     fn labels(axis: &Axis) -> Vec<String> {
-        axis.ticks().into_iter().map(|tick| tick.label).collect()
+        axis.ticks()
+            .into_iter()
+            .map(|tick| tick.label.into_string())
+            .collect()
     }
 
     #[test]

@@ -1,73 +1,66 @@
 //! Stated errors of all tuples: how they are distributed, and what they cost.
 
 use super::survey::{DoneScene, Survey};
-use super::text::{Exact, error, evenly, quantile, table};
-use crate::html::Html;
-use crate::plot::{Axis, LAYER_COLOURS, LAYER_SYMBOLS, Panel, Stroke, legend, number, open};
+use super::text::{error, evenly, exact, quantile, table};
+use crate::plot::{Axis, LAYER_COLOURS, LAYER_SYMBOLS, Panel, Stroke, legend, number, plot};
 use crate::run::Run;
+use maud::{Markup, html};
 use render::trace::LAYERS;
 use std::collections::BTreeMap;
-use std::fmt::Write;
 
 /// Size of a plot, px of its own coordinates, and its area.
 const SIZE: [f64; 2] = [480.0, 270.0];
 const X_ENDS: [f64; 2] = [60.0, 466.0];
 const Y_ENDS: [f64; 2] = [222.0, 46.0];
-/// Where the names of the layers end.
+/// Right end and baseline of the legend.
 const LEGEND: [f64; 2] = [466.0, 16.0];
 /// Steps of a curve, points of a cloud.
 const STEPS: usize = 200;
 const POINTS: usize = 800;
 
-/// CPU seconds of tracing a scene, by its place in the manifest.
+/// CPU seconds of tracing a scene, by its index in the manifest.
 pub(super) type Costs = BTreeMap<usize, f64>;
 
 /// Plots and a table.
-pub(super) fn errors(run: &Run, survey: &Survey) -> String {
+pub(super) fn errors(run: &Run, survey: &Survey) -> Markup {
     let layers: Vec<Layer> = (0..4).filter_map(|k| Layer::of(k, &survey.done)).collect();
     if layers.is_empty() {
-        return "<p class=\"dim\">No tuple states an error yet.</p>\n".to_owned();
+        return html! { p.dim { "No tuple states an error yet." } };
     }
     let costs = costs(run, survey);
-    let mut plots = distribution(&layers);
     let known = survey.done.iter().filter(|s| costs.contains_key(&s.index));
     let known = known.count();
-    if known > 0 {
-        plots += &cloud(
-            survey,
-            "Stated error against CPU seconds of tracing a scene",
-            "CPU seconds of tracing a scene, all its layers",
-            |scene, _| costs.get(&scene.index).copied(),
-        );
+    let cost = |scene: &DoneScene, _| costs.get(&scene.index).copied();
+    let samples = |scene: &DoneScene, k: usize| Some(scene.layers[k].as_ref()?.samples);
+    html! {
+        p {
+            "The stated error of a layer is the estimated RMS error over its film and colours, in linear radiance (white is \
+            1), from " code { "tuple.json" } ". It is told from how far means moved at the last two doublings of their \
+            samples. "
+            @if known == 0 {
+                "Workers have not told yet what single scenes cost."
+            } @else if known < survey.done.len() {
+                "The cost of " (known) " scenes is known; a part of each other scene was traced by a worker without a log."
+            }
+        }
+        div.plots.wide {
+            (distribution(&layers))
+            @if known > 0 {
+                (cloud(survey, "Stated error against CPU seconds of tracing a scene",
+                    "CPU seconds of tracing a scene, all its layers", cost))
+            }
+            @if layers.iter().any(Layer::samples_differ) {
+                (cloud(survey, "Stated error against samples a pixel", "samples a pixel", samples))
+            }
+        }
+        (summary(run, &layers))
     }
-    if layers.iter().any(Layer::samples_differ) {
-        plots += &cloud(
-            survey,
-            "Stated error against samples a pixel",
-            "samples a pixel",
-            |scene, k| Some(scene.layers[k].as_ref()?.samples),
-        );
-    }
-    let known = match known {
-        0 => "Workers have not told yet what single scenes cost.".to_owned(),
-        n if n == survey.done.len() => String::new(),
-        n => format!(
-            "Of {n} scenes it is known what they cost; of the others a part was traced by who left no log."
-        ),
-    };
-    format!(
-        "<p>The stated error of a layer is the estimated RMS error over its film and colours, in linear radiance (white is \
-         1), from <code>tuple.json</code>. It is told from how far means moved at the last two doublings of their \
-         samples. {known}</p>\n<div class=\"plots wide\">{plots}</div>\n{}",
-        summary(run, &layers)
-    )
 }
 
 /// One layer's errors.
 struct Layer {
-    /// Which.
     k: usize,
-    /// Error and the scene's place in the manifest, by error.
+    /// Error and index of the scene in the manifest, sorted.
     sorted: Vec<(f64, usize)>,
     /// Samples a pixel, sorted.
     samples: Vec<f64>,
@@ -94,12 +87,12 @@ impl Layer {
     }
 }
 
-/// Share of the scenes whose stated error is at most so large.
-fn distribution(layers: &[Layer]) -> String {
+/// Cumulative distribution of the stated errors.
+fn distribution(layers: &[Layer]) -> Markup {
     let all = layers.iter().flat_map(|layer| &layer.sorted);
     let positive = all.map(|(error, _)| *error).filter(|error| *error > 0.0);
     if positive.clone().next().is_none() {
-        return String::new();
+        return html! {};
     }
     let panel = Panel {
         x: Axis::log(positive, X_ENDS),
@@ -107,10 +100,7 @@ fn distribution(layers: &[Layer]) -> String {
         x_label: "stated RMS error of a layer, linear radiance",
         y_label: "% of the scenes state at most this error",
     };
-    let mut svg = open(SIZE, "Distribution of the stated errors of each layer");
-    panel.frame(&mut svg);
-    let mut entries = Vec::new();
-    for layer in layers {
+    let steps = |layer: &Layer| {
         let count = layer.sorted.len();
         let (mut points, mut below) = (Vec::new(), 0.0);
         let mut places = evenly(count, STEPS);
@@ -124,17 +114,22 @@ fn distribution(layers: &[Layer]) -> String {
             points.extend([panel.at((error, below)), panel.at((error, share))]);
             below = share;
         }
-        let colour = LAYER_COLOURS[layer.k];
-        let stroke = Stroke {
-            colour,
-            width: 2.0,
-            dash: "",
-        };
-        Panel::line(&mut svg, &points, &stroke);
-        entries.push((LAYER_SYMBOLS[layer.k], colour));
-    }
-    legend(&mut svg, LEGEND, &entries);
-    svg + "</svg>\n"
+        points
+    };
+    let entry = |layer: &Layer| (LAYER_SYMBOLS[layer.k], LAYER_COLOURS[layer.k]);
+    let entries: Vec<_> = layers.iter().map(entry).collect();
+    let content = html! {
+        (panel.frame())
+        @for layer in layers {
+            (Panel::line(&steps(layer), &Stroke { colour: LAYER_COLOURS[layer.k], width: 2.0, dash: "" }))
+        }
+        (legend(LEGEND, &entries))
+    };
+    plot(
+        SIZE,
+        "Distribution of the stated errors of each layer",
+        &content,
+    )
 }
 
 /// A point for each scene and layer: `across` of it, and its stated error.
@@ -143,7 +138,7 @@ fn cloud(
     label: &str,
     x_label: &str,
     across: impl Fn(&DoneScene, usize) -> Option<f64>,
-) -> String {
+) -> Markup {
     let mut layers: [Vec<(f64, f64)>; 4] = Default::default();
     for place in evenly(survey.done.len(), POINTS) {
         let scene = &survey.done[place];
@@ -159,7 +154,7 @@ fn cloud(
     }
     let all = || layers.iter().flatten();
     if all().next().is_none() {
-        return String::new();
+        return html! {};
     }
     let panel = Panel {
         x: Axis::log(all().map(|(x, _)| *x), X_ENDS),
@@ -167,70 +162,66 @@ fn cloud(
         x_label,
         y_label: "stated RMS error, linear radiance",
     };
-    let mut svg = open(SIZE, label);
-    panel.frame(&mut svg);
-    let mut entries = Vec::new();
-    for (k, points) in layers.iter().enumerate() {
-        let at: Vec<(f64, f64)> = points.iter().map(|point| panel.at(*point)).collect();
-        Panel::dots(&mut svg, &at, LAYER_COLOURS[k], 2.8);
-        if !at.is_empty() {
-            entries.push((LAYER_SYMBOLS[k], LAYER_COLOURS[k]));
+    let shown = (0..layers.len()).filter(|&k| !layers[k].is_empty());
+    let entries: Vec<_> = shown
+        .map(|k| (LAYER_SYMBOLS[k], LAYER_COLOURS[k]))
+        .collect();
+    let content = html! {
+        (panel.frame())
+        @for (points, colour) in layers.iter().zip(LAYER_COLOURS) {
+            @let at: Vec<(f64, f64)> = points.iter().map(|point| panel.at(*point)).collect();
+            (Panel::dots(&at, colour, 2.8))
         }
-    }
-    legend(&mut svg, LEGEND, &entries);
-    svg + "</svg>\n"
+        (legend(LEGEND, &entries))
+    };
+    plot(SIZE, label, &content)
 }
 
-fn summary(run: &Run, layers: &[Layer]) -> String {
-    let mut rows = String::new();
-    for layer in layers {
+fn summary(run: &Run, layers: &[Layer]) -> Markup {
+    let row = |layer: &Layer| {
         let errors: Vec<f64> = layer.sorted.iter().map(|(error, _)| *error).collect();
         let (most, worst) = layer.sorted[layer.sorted.len() - 1];
         let [least_samples, samples, most_samples] =
             [0.0, 0.5, 1.0].map(|share| quantile(&layer.samples, share));
-        let range = if least_samples == most_samples {
-            String::new()
-        } else {
-            format!(
-                "<small>{} to {}</small>",
-                number(least_samples),
-                number(most_samples)
-            )
-        };
-        let _ = writeln!(
-            rows,
-            "<tr id=\"errors-{name}\"><td><b style=\"color:{}\">&#9632;</b> {} <small>{name}</small></td>\
-             <td class=\"n\">{}</td><td class=\"n\">{}{range}</td><td class=\"n\">{}</td><td class=\"n\">{}</td>\
-             <td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"mono\">{}</td></tr>",
-            LAYER_COLOURS[layer.k],
-            LAYER_SYMBOLS[layer.k],
-            errors.len(),
-            Exact(samples, number(samples)),
-            error(errors[0]),
-            error(quantile(&errors, 0.5)),
-            error(quantile(&errors, 0.95)),
-            error(most),
-            Html(run.lines[worst].id.as_str()),
-            name = LAYERS[layer.k],
-        );
-    }
+        html! {
+            tr id={ "errors-" (LAYERS[layer.k]) } {
+                td {
+                    b style={ "color:" (LAYER_COLOURS[layer.k]) } { "\u{25a0}" }
+                    " " (LAYER_SYMBOLS[layer.k]) " " small { (LAYERS[layer.k]) }
+                }
+                td.n { (errors.len()) }
+                td.n {
+                    (exact(samples, &number(samples)))
+                    @if least_samples != most_samples {
+                        small { (number(least_samples)) " to " (number(most_samples)) }
+                    }
+                }
+                td.n { (error(errors[0])) }
+                td.n { (error(quantile(&errors, 0.5))) }
+                td.n { (error(quantile(&errors, 0.95))) }
+                td.n { (error(most)) }
+                td.mono { (run.lines[worst].id.as_str()) }
+            }
+        }
+    };
+    let heads = [
+        "layer",
+        "#scenes",
+        "#samples a pixel, median",
+        "#least error",
+        "#median",
+        "#95 %",
+        "#largest",
+        "of scene",
+    ];
     table(
         "Stated errors",
-        &[
-            "layer",
-            "#scenes",
-            "#samples a pixel, median",
-            "#least error",
-            "#median",
-            "#95 %",
-            "#largest",
-            "of scene",
-        ],
-        &rows,
+        &heads,
+        &html! { @for layer in layers { (row(layer)) } },
     )
 }
 
-/// What scenes cost, of which the logs tell every shard once.
+/// Costs of the scenes whose every shard is in the logs once.
 fn costs(run: &Run, survey: &Survey) -> Costs {
     let mut traced: BTreeMap<&str, (u32, f64)> = BTreeMap::new();
     for scene in survey.logs.iter().flat_map(|log| &log.scenes) {

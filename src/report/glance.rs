@@ -2,45 +2,36 @@
 
 use super::survey::Survey;
 use super::text::table;
-use crate::html::Html;
 use crate::plot::number;
 use crate::run::Run;
-use crate::serve::text::grouped;
+use crate::text::grouped;
+use maud::{Markup, html};
 use render::line::{SceneLine, Split};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Write;
 
 /// Facts, splits and sources.
-pub(super) fn glance(run: &Run, survey: &Survey) -> String {
+pub(super) fn glance(run: &Run, survey: &Survey) -> Markup {
     let counts = &survey.overview.counts;
-    let mut html = "<dl class=\"facts\">".to_owned();
-    let mut fact = |id: &str, name: &str, value: &str, note: &str| {
-        let _ = writeln!(
-            html,
-            "<div id=\"fact-{id}\"><dt>{name}</dt><dd>{value} <small>{note}</small></dd></div>"
-        );
+    let fact = |id: &str, name: &str, value: &str, note: &str| {
+        html! { div id={ "fact-" (id) } { dt { (name) } dd { (value) " " small { (note) } } } }
     };
-    let done = survey.done.len() as u64;
     let of_scenes = format!("of {} scenes", grouped(counts.scenes));
-    fact("tuples", "Tuples", &grouped(done), &of_scenes);
-    let lost = counts.quarantined.len() as u64;
-    fact("quarantine", "Quarantine", &grouped(lost), "scenes");
     let of_shards = format!("of {}", grouped(counts.shards));
-    fact("shards", "Shards", &grouped(counts.shards_done), &of_shards);
     let (film, film_note) = film(&run.lines);
-    fact("film", "Film", &film, film_note);
     let (samples, samples_note) = samples(&run.lines);
-    fact("samples", "Samples", &samples, &samples_note);
     let tile = format!("tiles of {} px", run.spec.tile_px);
-    let version = run.spec.tracer_version.to_string();
-    fact("tracer", "Tracer version", &version, &tile);
-    html += "</dl>\n";
-    html += &identity(run);
-    html += "<div class=\"pair\">";
-    html += &splits(run, survey);
-    html += &sources(&run.lines);
-    html += "</div>\n";
-    html
+    html! {
+        dl.facts {
+            (fact("tuples", "Tuples", &grouped(survey.done.len() as u64), &of_scenes))
+            (fact("quarantine", "Quarantine", &grouped(counts.quarantined.len() as u64), "scenes"))
+            (fact("shards", "Shards", &grouped(counts.shards_done), &of_shards))
+            (fact("film", "Film", &film, film_note))
+            (fact("samples", "Samples", &samples, &samples_note))
+            (fact("tracer", "Tracer version", &run.spec.tracer_version.to_string(), &tile))
+        }
+        (identity(run))
+        div.pair { (splits(run, survey)) (sources(&run.lines)) }
+    }
 }
 
 /// The size that all films have, or the range of their sizes.
@@ -50,7 +41,7 @@ fn film(lines: &[SceneLine]) -> (String, &'static str) {
         .map(|l| [l.film.width, l.film.height])
         .collect();
     let text = |size: Option<&[u32; 2]>| {
-        size.map_or("none".to_owned(), |[w, h]| format!("{w} &times; {h}"))
+        size.map_or("none".to_owned(), |[w, h]| format!("{w} \u{d7} {h}"))
     };
     match sizes.len() {
         0 | 1 => (text(sizes.first()), "px"),
@@ -61,7 +52,7 @@ fn film(lines: &[SceneLine]) -> (String, &'static str) {
     }
 }
 
-/// Samples a pixel that were asked for.
+/// Samples a pixel, as the recipe set them.
 fn samples(lines: &[SceneLine]) -> (String, String) {
     let counts: BTreeSet<u32> = lines.iter().map(|l| l.film.spp).collect();
     let text = |count: Option<&u32>| count.map_or("none".to_owned(), u32::to_string);
@@ -82,8 +73,8 @@ fn samples(lines: &[SceneLine]) -> (String, String) {
     (count, note)
 }
 
-/// What tells this run from others.
-fn identity(run: &Run) -> String {
+/// What identifies this run.
+fn identity(run: &Run) -> Markup {
     let seeds: BTreeSet<u64> = run.lines.iter().map(|line| line.seed).collect();
     let seeds = match (seeds.first(), seeds.last()) {
         (Some(first), Some(last)) if first != last => {
@@ -92,33 +83,29 @@ fn identity(run: &Run) -> String {
         (Some(only), _) => only.to_string(),
         _ => "none".to_owned(),
     };
-    let mut rows = String::new();
-    for (name, value) in [
-        ("recipe", run.spec.name.clone()),
-        ("manifest, BLAKE3", run.spec.manifest_blake3.clone()),
-        (
-            "golden shard",
-            format!("{} {}", run.spec.golden.scene, run.spec.golden.blake3),
-        ),
-        ("seeds of the scenes", seeds),
-    ] {
-        let _ = writeln!(
-            rows,
-            "<tr><th scope=\"row\">{name}</th><td class=\"mono\">{}</td></tr>",
-            Html(&value)
-        );
+    let golden = format!("{} {}", run.spec.golden.scene, run.spec.golden.blake3);
+    let rows = [
+        ("recipe", &run.spec.name),
+        ("manifest, BLAKE3", &run.spec.manifest_blake3),
+        ("golden shard", &golden),
+        ("seeds of the scenes", &seeds),
+    ];
+    html! {
+        div.box { table.rows { tbody {
+            @for (name, value) in rows {
+                tr { th scope="row" { (name) } td.mono { (value) } }
+            }
+            @if !run.spec.left_out.is_empty() {
+                tr {
+                    th scope="row" { "left out when planned" }
+                    td { (run.spec.left_out.len()) " whose files could not be used" }
+                }
+            }
+        } } }
     }
-    if !run.spec.left_out.is_empty() {
-        let _ = writeln!(
-            rows,
-            "<tr><th scope=\"row\">left out when planned</th><td>{} whose files could not be used</td></tr>",
-            run.spec.left_out.len()
-        );
-    }
-    format!("<div class=\"box\"><table class=\"rows\"><tbody>\n{rows}</tbody></table></div>\n")
 }
 
-fn splits(run: &Run, survey: &Survey) -> String {
+fn splits(run: &Run, survey: &Survey) -> Markup {
     let mut counts: BTreeMap<Split, [u64; 3]> = BTreeMap::new();
     let mut split_of: BTreeMap<&str, Split> = BTreeMap::new();
     for line in &run.lines {
@@ -133,16 +120,11 @@ fn splits(run: &Run, survey: &Survey) -> String {
             counts.entry(*split).or_default()[2] += 1;
         }
     }
-    let mut rows = String::new();
-    for (split, [scenes, done, lost]) in counts {
-        let _ = writeln!(
-            rows,
-            "<tr><td>{split}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>",
-            grouped(scenes),
-            grouped(done),
-            grouped(lost)
-        );
-    }
+    let rows = html! {
+        @for (split, counts) in counts {
+            tr { td { (split) } @for count in counts { td.n { (grouped(count)) } } }
+        }
+    };
     table(
         "Splits",
         &["split", "#scenes", "#tuples", "#quarantine"],
@@ -151,7 +133,7 @@ fn splits(run: &Run, survey: &Survey) -> String {
 }
 
 /// How often each source is used.
-fn sources(lines: &[SceneLine]) -> String {
+fn sources(lines: &[SceneLine]) -> Markup {
     #[derive(Default)]
     struct Use<'a> {
         fronts: u64,
@@ -167,17 +149,16 @@ fn sources(lines: &[SceneLine]) -> String {
             source.files.insert(side.name());
         }
     }
-    let mut rows = String::new();
-    for (name, source) in sources {
-        let _ = writeln!(
-            rows,
-            "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>",
-            Html(name),
-            grouped(source.files.len() as u64),
-            grouped(source.fronts),
-            grouped(source.backs)
-        );
-    }
+    let rows = html! {
+        @for (name, source) in sources {
+            tr {
+                td { (name) }
+                td.n { (grouped(source.files.len() as u64)) }
+                td.n { (grouped(source.fronts)) }
+                td.n { (grouped(source.backs)) }
+            }
+        }
+    };
     table(
         "Sources",
         &["source", "#files", "#in front", "#reflected"],

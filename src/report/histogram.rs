@@ -1,17 +1,16 @@
 //! One histogram as SVG: bars, both axes, the median.
 
-use crate::plot::{Axis, Panel, number, open};
-use std::fmt::Write;
+use crate::plot::{Axis, Panel, number, plot};
+use maud::{Markup, html};
 
 /// Size of the picture, px of its own coordinates.
 const SIZE: [f64; 2] = [300.0, 170.0];
-/// Its area.
 const X_ENDS: [f64; 2] = [34.0, 288.0];
 const Y_ENDS: [f64; 2] = [128.0, 34.0];
 
 /// A histogram of `values`, which must be finite; `None` if they are all the same. Values above 0 that reach over more than
 /// a factor of 30 get a logarithmic axis if it spreads them better.
-pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<String> {
+pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<Markup> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     let (&least, &most) = (sorted.first()?, sorted.last()?);
@@ -22,7 +21,7 @@ pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<String
     let mut x = Axis::linear([least, most].into_iter(), X_ENDS);
     if least > 0.0 && most / least > 30.0 {
         let log = Axis::log_between([least, most], X_ENDS);
-        // Where the median stands tells which axis spreads the values better.
+        // The axis with the median nearer to the middle spreads the values better.
         let is_off = |axis: &Axis| (axis.place(median) - 0.5).abs();
         if is_off(&log) < is_off(&x) {
             x = log;
@@ -46,7 +45,7 @@ pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<String
     };
     let panel = Panel {
         x,
-        // A count is whole: an axis up to 1 has no ticks between.
+        // Counts are whole: a short axis would have ticks between them.
         y: Axis::linear([0.0, f64::from(highest.max(4))].into_iter(), Y_ENDS),
         x_label: &x_label,
         y_label: "scenes",
@@ -57,34 +56,20 @@ pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<String
         number(most),
         number(median)
     );
-    let mut svg = open(SIZE, &label);
-    let _ = write!(
-        svg,
-        "<text x=\"0\" y=\"12\" font-size=\"12\" font-weight=\"600\">{name}</text>\
-         <text x=\"{}\" y=\"12\" text-anchor=\"end\">median {}{with_unit}</text>",
-        X_ENDS[1],
-        number(median),
-    );
     let width = (X_ENDS[1] - X_ENDS[0]) / bins as f64;
-    for (bin, &count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
-        let top = panel.y.at(f64::from(count));
-        let _ = write!(
-            svg,
-            "<rect class=\"bin\" x=\"{:.1}\" y=\"{top:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>",
-            X_ENDS[0] + bin as f64 * width + 0.5,
-            width - 1.0,
-            Y_ENDS[0] - top,
-        );
-    }
-    panel.frame(&mut svg);
-    let _ = writeln!(
-        svg,
-        "<path d=\"M{0:.1} {1}V{2}\" stroke=\"currentColor\" stroke-dasharray=\"3 2\"/></svg>",
-        panel.x.at(median),
-        Y_ENDS[1],
-        Y_ENDS[0],
-    );
-    Some(svg)
+    let median_x = panel.x.at(median);
+    let content = html! {
+        text x="0" y="12" font-size="12" font-weight="600" { (name) }
+        text x=(X_ENDS[1]) y="12" text-anchor="end" { "median " (number(median)) (with_unit) }
+        @for (bin, &count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
+            @let top = panel.y.at(f64::from(count));
+            rect.bin x=(format_args!("{:.1}", X_ENDS[0] + bin as f64 * width + 0.5)) y=(format_args!("{top:.1}"))
+                width=(format_args!("{:.1}", width - 1.0)) height=(format_args!("{:.1}", Y_ENDS[0] - top)) {}
+        }
+        (panel.frame())
+        path d=(format_args!("M{median_x:.1} {}V{}", Y_ENDS[1], Y_ENDS[0])) stroke="currentColor" stroke-dasharray="3 2" {}
+    };
+    Some(plot(SIZE, &label, &content))
 }
 
 #[cfg(test)]
@@ -94,12 +79,12 @@ mod tests {
     #[test]
     fn every_value_is_in_one_bar() {
         let values: Vec<f64> = (0..100).map(f64::from).collect();
-        let svg = histogram("ior", "", &values).unwrap();
+        let svg = histogram("ior", "", &values).unwrap().into_string();
         assert_eq!(svg.matches("class=\"bin\"").count(), 10);
         assert!(svg.contains("0 to 99, median 50"), "{svg}");
         assert!(!svg.contains("logarithmic"));
         let spread: Vec<f64> = (0..64).map(|k| 2f64.powi(k % 8)).collect();
-        let svg = histogram("f", "m", &spread).unwrap();
+        let svg = histogram("f", "m", &spread).unwrap().into_string();
         assert!(svg.contains("1 to 128 m"), "{svg}");
         assert!(svg.contains(">m, logarithmic<"), "{svg}");
         assert!(histogram("same", "", &[1.0; 9]).is_none());

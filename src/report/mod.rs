@@ -1,8 +1,8 @@
-//! What a person looks at: one self-contained HTML page, to be opened from any disk and attached to a mail.
+//! The report: one self-contained HTML page that opens from any disk and can be attached to a mail.
 //!
-//! `survey` reads what the run's store holds, once; each section is drawn by a file of its own (`glance`, `sheet`,
-//! `errors`, `seconds`, `parameters`, `quarantine`, `training`, `evaluation`); `page` puts them together. A run that is half done has a
-//! report, too, and what is damaged is named on it. Whatever the size of the run, the page stays within about 10 MB.
+//! `survey` reads the run's store once; each section has a file (`glance`, `sheet`, `errors`, `seconds`, `parameters`,
+//! `quarantine`, `training`, `evaluation`); `page` joins them. A half-done run has a report, too, and damaged tuples are named
+//! on it. The page stays within about 10 MB for a run of any size.
 
 mod errors;
 mod evaluation;

@@ -1,17 +1,17 @@
 //! A noise map as a picture, and what its colours mean.
 
-use crate::plot::{Axis, LAYER_SYMBOLS, open};
+use crate::plot::{Axis, PAPER_SYMBOLS, plot};
 use image::{Rgb, RgbImage, imageops};
+use maud::{Markup, html};
 use render::merge::NoiseMap;
-use std::fmt::Write;
 
 /// Errors (linear radiance) at the ends of the colours. The same for all scenes and runs, so that pages can be compared.
 pub(super) const ENDS: [f64; 2] = [1e-5, 1e-1];
-/// Steps of the colours: fewer bytes than a smooth scale takes, and no eye tells them apart.
+/// Steps of the colours: they take fewer bytes than a smooth scale, and look the same.
 const LEVELS: f64 = 48.0;
 /// Longest side of a layer's map, px, where there are several.
 const PART_PX: u32 = 128;
-/// Longest side of the only one.
+/// The same of a single map.
 const ONLY_PX: u32 = 256;
 /// Pixels between maps.
 const GAP: u32 = 2;
@@ -48,11 +48,11 @@ pub(super) fn noise_picture(map: &NoiseMap) -> (RgbImage, Vec<&'static str>) {
         let (x, y) = (x * (width + GAP), y * (height + GAP));
         imageops::replace(&mut picture, part, x.into(), y.into());
     }
-    let symbols = made.into_iter().map(|k| LAYER_SYMBOLS[k]);
+    let symbols = made.into_iter().map(|k| PAPER_SYMBOLS[k]);
     (picture, symbols.collect())
 }
 
-/// One layer. Where it is made smaller, a pixel is the RMS of those that it stands for.
+/// One layer. In a smaller picture, a pixel is the RMS of those that it covers.
 fn part(values: &[f32], [width, height]: [u32; 2], most: u32) -> RgbImage {
     let longest = width.max(height).max(1);
     let side = |side: u32| {
@@ -81,14 +81,14 @@ fn part(values: &[f32], [width, height]: [u32; 2], most: u32) -> RgbImage {
     })
 }
 
-/// Of an error.
+/// The colour of an error.
 fn colour(error: f64) -> [u8; 3] {
     let place = libm::log10(error / ENDS[0]) / libm::log10(ENDS[1] / ENDS[0]);
-    // Not a number for an error of 0 it is not: that is minus infinity, the lower end.
+    // The logarithm of 0 is minus infinity, not NaN: the lower end.
     at((place.clamp(0.0, 1.0) * LEVELS).round() / LEVELS)
 }
 
-/// Of a place between the ends, 0 to 1.
+/// The colour at a position between the ends, 0 to 1.
 fn at(place: f64) -> [u8; 3] {
     let scaled = place * (COLOURS.len() - 1) as f64;
     let below = (scaled as usize).min(COLOURS.len() - 2);
@@ -100,40 +100,28 @@ fn at(place: f64) -> [u8; 3] {
 }
 
 /// The scale of the colours, with its unit.
-pub(super) fn scale() -> String {
+pub(super) fn scale() -> Markup {
     const SIZE: [f64; 2] = [460.0, 56.0];
     let label = format!(
         "Colours of the noise maps: from {:e} (dark violet) to {:e} (yellow), logarithmic",
         ENDS[0], ENDS[1]
     );
-    let mut svg = open(SIZE, &label);
     let axis = Axis::log_between(ENDS, [18.0, SIZE[0] - 24.0]);
-    svg += "<defs><linearGradient id=\"viridis\">";
-    for (k, [r, g, b]) in COLOURS.iter().enumerate() {
-        let offset = k as f64 / (COLOURS.len() - 1) as f64;
-        let _ = write!(
-            svg,
-            "<stop offset=\"{offset}\" stop-color=\"#{r:02x}{g:02x}{b:02x}\"/>"
-        );
-    }
     let [left, right] = axis.ends;
-    let _ = write!(
-        svg,
-        "</linearGradient></defs><rect x=\"{left}\" y=\"2\" width=\"{}\" height=\"12\" fill=\"url(#viridis)\"/>",
-        right - left
-    );
-    for tick in axis.ticks() {
-        let _ = write!(
-            svg,
-            "<path d=\"M{0:.1} 14v4\" stroke=\"currentColor\"/><text x=\"{0:.1}\" y=\"33\" text-anchor=\"middle\">{1}</text>",
-            tick.at, tick.label
-        );
-    }
-    let _ = writeln!(
-        svg,
-        "<text x=\"{right}\" y=\"52\" text-anchor=\"end\">estimated RMS error of a pixel, linear radiance (white is 1)</text></svg>"
-    );
-    svg
+    let content = html! {
+        defs { linearGradient #viridis {
+            @for (k, [r, g, b]) in COLOURS.iter().enumerate() {
+                stop offset=(k as f64 / (COLOURS.len() - 1) as f64) stop-color=(format_args!("#{r:02x}{g:02x}{b:02x}")) {}
+            }
+        } }
+        rect x=(left) y="2" width=(right - left) height="12" fill="url(#viridis)" {}
+        @for tick in axis.ticks() {
+            path d=(format_args!("M{:.1} 14v4", tick.at)) stroke="currentColor" {}
+            text x=(format_args!("{:.1}", tick.at)) y="33" text-anchor="middle" { (tick.label) }
+        }
+        text x=(right) y="52" text-anchor="end" { "estimated RMS error of a pixel, linear radiance (white is 1)" }
+    };
+    plot(SIZE, &label, &content)
 }
 
 #[cfg(test)]
@@ -149,7 +137,7 @@ mod tests {
         assert_eq!(colour(7.0), COLOURS[8]);
         let brightness = |e: f64| colour(e).map(u32::from).iter().sum::<u32>();
         assert!(brightness(1e-4) < brightness(1e-3) && brightness(1e-3) < brightness(1e-2));
-        let scale = scale();
+        let scale = scale().into_string();
         assert!(scale.contains("linear radiance") && scale.matches("<text").count() == 6);
     }
 
@@ -163,7 +151,7 @@ mod tests {
         };
         let (picture, symbols) = noise_picture(&map);
         assert_eq!(picture.dimensions(), (258, 130));
-        assert_eq!(symbols, ["I", "T", "R~", "R"]);
+        assert_eq!(symbols, ["I", "T", "R\u{303}", "R"]);
         assert_eq!(picture.get_pixel(5, 5).0, colour(1e-3));
         assert_eq!(picture.get_pixel(200, 5).0, colour(f64::from(1e-4f32)));
         assert_eq!(picture.get_pixel(200, 120).0, COLOURS[0]);
@@ -172,7 +160,7 @@ mod tests {
         let (picture, symbols) = noise_picture(&map);
         assert_eq!(
             (picture.dimensions(), symbols),
-            ((258, 64), vec!["T", "R~"])
+            ((258, 64), vec!["T", "R\u{303}"])
         );
         map.layers[1].clear();
         assert_eq!(noise_picture(&map).0.dimensions(), (256, 128));

@@ -1,17 +1,17 @@
-//! What the scenes of a run were drawn from, as histograms; and what was rejected on the way.
+//! Histograms of the drawn parameters, and the rejected draws.
 
 use super::histogram::histogram;
 use super::text::table;
-use crate::html::{Html, cut};
+use crate::text::cut;
+use maud::{Markup, html};
 use plan::RejectedScene;
 use render::line::{Focus, SceneLine};
 use std::collections::BTreeMap;
-use std::fmt::Write;
 
 /// Characters of a reason on the page.
 const REASON_SHOWN: usize = 500;
 
-/// A number of each scene that has it: its name, its unit, how it is found.
+/// Name and unit of a number, and how to get it from a scene that has it.
 type Parameter = (&'static str, &'static str, fn(&SceneLine) -> Option<f64>);
 
 const PARAMETERS: [Parameter; 19] = [
@@ -61,54 +61,50 @@ fn ev(exposure: f64) -> Option<f64> {
 }
 
 /// A histogram of every parameter that differs among `lines`.
-pub(super) fn parameters(lines: &[SceneLine]) -> String {
-    let plots: String = PARAMETERS
-        .iter()
-        .filter_map(|(name, unit, of)| {
-            let values: Vec<f64> = lines.iter().filter_map(of).collect();
-            histogram(name, unit, &values)
-        })
-        .collect();
-    if plots.is_empty() {
-        return "<p class=\"dim\">All scenes have the same parameters.</p>\n".to_owned();
+pub(super) fn parameters(lines: &[SceneLine]) -> Markup {
+    let plots = PARAMETERS.iter().filter_map(|(name, unit, of)| {
+        let values: Vec<f64> = lines.iter().filter_map(of).collect();
+        histogram(name, unit, &values)
+    });
+    let plots: Vec<Markup> = plots.collect();
+    html! {
+        @if plots.is_empty() {
+            p.dim { "All scenes have the same parameters." }
+        } @else {
+            p { "What " (lines.len()) " scenes were drawn from, where they differ. The dashed line is the median." }
+            div.plots { @for plot in plots { (plot) } }
+        }
     }
-    format!(
-        "<p>What {} scenes were drawn from, where they differ. The dashed line is the median.</p>\n\
-         <div class=\"plots\">{plots}</div>\n",
-        lines.len()
-    )
 }
 
-/// About the draws that were not kept; empty if there were none.
-pub(super) fn rejections(scenes: usize, rejected: &[RejectedScene]) -> String {
+/// The draws that were not kept; empty if there were none.
+pub(super) fn rejections(scenes: usize, rejected: &[RejectedScene]) -> Markup {
     if rejected.is_empty() {
-        return String::new();
+        return html! {};
     }
     let mut rules: BTreeMap<&str, (usize, &str)> = BTreeMap::new();
     for one in rejected {
         rules.entry(&one.rule).or_insert((0, &one.reason)).0 += 1;
     }
-    let looks = scenes + rejected.len();
-    let share = |count: usize| 100.0 * count as f64 / looks as f64;
-    let mut rows = String::new();
-    for (rule, (count, reason)) in rules {
-        let _ = writeln!(
-            rows,
-            "<tr><td>{}</td><td class=\"n\">{count}</td><td class=\"n\">{:.1} %</td><td>{}</td></tr>",
-            Html(rule),
-            share(count),
-            Html(&cut(reason, REASON_SHOWN)),
-        );
+    let draws = scenes + rejected.len();
+    let percent = |count: usize| format!("{:.1} %", 100.0 * count as f64 / draws as f64);
+    let rows = html! {
+        @for (rule, (count, reason)) in rules {
+            tr {
+                td { (rule) }
+                td.n { (count) }
+                td.n { (percent(count)) }
+                td { (cut(reason, REASON_SHOWN)) }
+            }
+        }
+    };
+    html! {
+        h3 { "Rejected draws" }
+        p {
+            (draws) " draws were looked at for " (scenes) " scenes; " (rejected.len()) " of them ("
+            (percent(rejected.len())) ") were not kept, and other draws took their places. "
+            code { "rejected.jsonl" } " has each with its reason."
+        }
+        (table("Rejected draws", &["rule", "#draws", "#of all looks", "for example"], &rows))
     }
-    format!(
-        "<h3>Rejected draws</h3>\n<p>{looks} draws were looked at for {scenes} scenes; {} of them ({:.1} %) were not kept, \
-         and other draws took their places. <code>rejected.jsonl</code> has each with its reason.</p>\n{}",
-        rejected.len(),
-        share(rejected.len()),
-        table(
-            "Rejected draws",
-            &["rule", "#draws", "#of all looks", "for example"],
-            &rows
-        ),
-    )
 }

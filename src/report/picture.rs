@@ -5,11 +5,12 @@ use base64::engine::general_purpose::STANDARD;
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngDecoder, PngEncoder};
 use image::{ExtendedColorType, ImageDecoder, ImageEncoder, Limits, RgbImage, imageops};
+use maud::{Markup, html};
 use std::io::Cursor;
 
 /// Quality of JPEGs.
 pub(super) const QUALITY: u8 = 90;
-/// A JPEG stands for a PNG that is so many times as long.
+/// A JPEG replaces a PNG that is more than so many times as long.
 pub(super) const MUCH_SMALLER: usize = 2;
 
 /// A PNG of exactly this size, px; anything else is an error before its pixels are unpacked.
@@ -59,8 +60,8 @@ pub(super) fn shrunk(picture: RgbImage, most: u32) -> RgbImage {
     imageops::thumbnail(&picture, side(width), side(height))
 }
 
-/// An `<img>`. A PNG, or where that is much smaller a JPEG.
-pub(super) fn img(picture: &RgbImage, alt: &str) -> Result<String, String> {
+/// An `<img>`: a PNG, or a JPEG where that is much smaller.
+pub(super) fn img(picture: &RgbImage, alt: &str) -> Result<Markup, String> {
     let png = png(picture)?;
     let mut jpeg = Vec::new();
     JpegEncoder::new_with_quality(&mut jpeg, QUALITY)
@@ -76,18 +77,13 @@ pub(super) fn img(picture: &RgbImage, alt: &str) -> Result<String, String> {
 }
 
 /// An `<img>` whose pixels are exact.
-pub(super) fn exact_img(picture: &RgbImage, alt: &str) -> Result<String, String> {
+pub(super) fn exact_img(picture: &RgbImage, alt: &str) -> Result<Markup, String> {
     Ok(tag(picture, alt, "png", &png(picture)?))
 }
 
-/// `alt` is markup.
-fn tag(picture: &RgbImage, alt: &str, kind: &str, bytes: &[u8]) -> String {
-    format!(
-        "<img alt=\"{alt}\" width=\"{}\" height=\"{}\" src=\"data:image/{kind};base64,{}\">",
-        picture.width(),
-        picture.height(),
-        STANDARD.encode(bytes)
-    )
+fn tag(picture: &RgbImage, alt: &str, kind: &str, bytes: &[u8]) -> Markup {
+    let source = format!("data:image/{kind};base64,{}", STANDARD.encode(bytes));
+    html! { img alt=(alt) width=(picture.width()) height=(picture.height()) src=(source); }
 }
 
 fn png(picture: &RgbImage) -> Result<Vec<u8>, String> {
@@ -134,13 +130,14 @@ mod tests {
     #[test]
     fn what_compresses_badly_becomes_a_jpeg() {
         let flat = RgbImage::from_pixel(64, 64, image::Rgb([9, 9, 9]));
-        assert!(img(&flat, "a").unwrap().contains("image/png"));
+        let text = |tag: Result<Markup, String>| tag.unwrap().into_string();
+        assert!(text(img(&flat, "a")).contains("image/png"));
         let waves = RgbImage::from_fn(128, 128, |x, y| {
             let wave = |f: f64| (libm::sin(f64::from(x * y) * f * 1e-3) * 90.0 + 120.0) as u8;
             image::Rgb([wave(1.0), wave(1.3), wave(1.7)])
         });
-        let tag = img(&waves, "b").unwrap();
+        let tag = text(img(&waves, "b"));
         assert!(tag.contains("image/jpeg") && tag.contains("width=\"128\""));
-        assert!(exact_img(&waves, "b").unwrap().contains("image/png"));
+        assert!(text(exact_img(&waves, "b")).contains("image/png"));
     }
 }

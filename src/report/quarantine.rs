@@ -1,66 +1,64 @@
-//! Scenes that were set aside, with their reasons.
+//! Scenes in quarantine and damaged tuples, with their reasons.
 
 use super::text::table;
-use crate::html::{Html, cut};
 use crate::run::Quarantined;
+use crate::text::cut;
+use maud::{Markup, html};
 use render::ids::SceneId;
-use std::fmt::Write;
 
 /// Scenes on the page.
 const SHOWN: usize = 200;
 /// Characters of a reason on the page.
 const REASON_SHOWN: usize = 2000;
 
-/// All that are in quarantine.
-pub(super) fn quarantine(scenes: &[Quarantined]) -> String {
+/// All scenes in quarantine.
+pub(super) fn quarantine(scenes: &[Quarantined]) -> Markup {
     if scenes.is_empty() {
-        return "<p class=\"dim\">No scene is in quarantine.</p>\n".to_owned();
+        return html! { p.dim { "No scene is in quarantine." } };
     }
     let all = scenes.iter().map(|s| (s.scene.as_str(), s.reason.as_str()));
-    format!(
-        "<p>These scenes could not be made; the run went on without them. After repairing their files, \
-         <code>glasshouse retry RUN --all</code> has them tried again.</p>\n{}",
-        reasons("Scenes in quarantine", all, "RUN/quarantine/")
-    )
+    html! {
+        p {
+            "These scenes could not be made; the run went on without them. After repairing their files, "
+            code { "glasshouse retry RUN --all" } " has them tried again."
+        }
+        (reasons("Scenes in quarantine", all, "RUN/quarantine/"))
+    }
 }
 
-/// Tuples that are of no use.
-pub(super) fn damaged(scenes: &[(SceneId, String)]) -> String {
+/// Tuples that cannot be used.
+pub(super) fn damaged(scenes: &[(SceneId, String)]) -> Markup {
     if scenes.is_empty() {
-        return String::new();
+        return html! {};
     }
     let all = scenes.iter().map(|(s, r)| (s.as_str(), r.as_str()));
-    format!(
-        "<div class=\"alert\" id=\"damaged\"><h3>Damaged tuples</h3><p>What is there of these scenes is of no use, and is not \
-         shown: <code>glasshouse retry RUN SCENE --anew</code>, then <code>glasshouse work RUN</code> make them \
-         again.</p>\n{}</div>\n",
-        reasons("Damaged tuples", all, "RUN/tuples/")
-    )
+    html! {
+        div.alert #damaged {
+            h3 { "Damaged tuples" }
+            p {
+                "The tuples of these scenes cannot be used and are not shown: "
+                code { "glasshouse retry RUN SCENE --anew" } ", then " code { "glasshouse work RUN" } " make them again."
+            }
+            (reasons("Damaged tuples", all, "RUN/tuples/"))
+        }
+    }
 }
 
 fn reasons<'a>(
     label: &str,
     all: impl ExactSizeIterator<Item = (&'a str, &'a str)>,
     folder: &str,
-) -> String {
+) -> Markup {
     let rest = all.len().saturating_sub(SHOWN);
-    let mut rows = String::new();
-    for (scene, reason) in all.take(SHOWN) {
-        let _ = writeln!(
-            rows,
-            "<tr><td class=\"mono\">{}</td><td>{}</td></tr>",
-            Html(scene),
-            Html(&cut(reason, REASON_SHOWN))
-        );
+    let rows = html! {
+        @for (scene, reason) in all.take(SHOWN) {
+            tr { td.mono { (scene) } td { (cut(reason, REASON_SHOWN)) } }
+        }
+    };
+    html! {
+        (table(label, &["scene", "reason"], &rows))
+        @if rest > 0 { p.dim { "and " (rest) " more, see " code { (folder) } } }
     }
-    let mut html = table(label, &["scene", "reason"], &rows);
-    if rest > 0 {
-        let _ = writeln!(
-            html,
-            "<p class=\"dim\">and {rest} more, see <code>{folder}</code></p>"
-        );
-    }
-    html
 }
 
 #[cfg(test)]
@@ -73,10 +71,10 @@ mod tests {
             scene: format!("s{k}"),
             reason: format!("<script>{}", "x".repeat(9000)),
         };
-        let html = quarantine(&(0..SHOWN + 7).map(scene).collect::<Vec<_>>());
+        let html = quarantine(&(0..SHOWN + 7).map(scene).collect::<Vec<_>>()).into_string();
         assert!(!html.contains("<script") && html.contains("&lt;script&gt;x"));
         assert!(html.contains("and 7 more") && html.len() < 2300 * SHOWN);
-        assert!(quarantine(&[]).contains("No scene"));
-        assert!(damaged(&[]).is_empty());
+        assert!(quarantine(&[]).into_string().contains("No scene"));
+        assert!(damaged(&[]).into_string().is_empty());
     }
 }

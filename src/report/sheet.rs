@@ -4,36 +4,32 @@ use super::noise_picture::{noise_picture, scale};
 use super::picture::{MUCH_SMALLER, QUALITY, decode_png, exact_img, img, shrunk};
 use super::survey::{Survey, parse};
 use super::text::{error, evenly};
-use crate::html::Html;
-use crate::plot::number;
+use crate::plot::{PAPER_SYMBOLS, number};
 use crate::run::{Run, keys};
 use crate::store::{Store, StoreError};
 use image::RgbImage;
+use maud::{Markup, html};
 use rayon::prelude::*;
 use render::ids::SceneId;
 use render::line::SceneLine;
-use render::merge::{NoiseMap, SrgbEncoder, TupleRecord, srgb_to_linear};
+use render::merge::{LayerRecord, NoiseMap, SrgbEncoder, TupleRecord, srgb_to_linear};
 use render::trace::LAYERS;
-use std::fmt::Write;
 
 /// Tuples on the sheet.
 const SHOWN: usize = 32;
-/// Length of the sheet at most, bytes: of larger pictures there are fewer rows.
+/// Longest sheet, bytes: with larger pictures it has fewer rows.
 const BUDGET: usize = 7 << 20;
-/// How much brighter the reflection is shown a second time.
+/// Factor of the second, brighter picture of the reflection.
 const GAIN: f32 = 8.0;
 /// Longest side of a picture on the page, px; larger ones are scaled down.
 const THUMBNAIL_PX: u32 = 256;
-/// The layers' symbols in the paper, in the order of [`LAYERS`].
-const SYMBOLS: [&str; 4] = ["I", "T", "R&#771;", "R"];
 
-/// What the sheet came to.
+/// A finished sheet.
 pub(super) struct Sheet {
     /// The section's content.
-    pub(super) html: String,
-    /// Tuples on it.
+    pub(super) html: Markup,
     pub(super) shown: usize,
-    /// Of them, those with a map of their noise.
+    /// Tuples on it with a noise map.
     pub(super) noise_maps: usize,
     /// Tuples whose pictures cannot be shown, with the reason.
     pub(super) damaged: Vec<(SceneId, String)>,
@@ -41,7 +37,7 @@ pub(super) struct Sheet {
 
 /// A tuple on the sheet.
 struct Row {
-    html: String,
+    html: Markup,
     has_map: bool,
 }
 
@@ -51,7 +47,7 @@ enum Lack {
     Damaged(SceneId, String),
 }
 
-/// Reads and draws. What is damaged is left out and named.
+/// Reads and draws. Damaged tuples are left out and named.
 pub(super) fn sheet(run: &Run, store: &Store, survey: &Survey) -> Result<Sheet, StoreError> {
     let drawn = evenly(survey.done.len(), SHOWN);
     let encoder = SrgbEncoder::new();
@@ -70,7 +66,7 @@ pub(super) fn sheet(run: &Run, store: &Store, survey: &Survey) -> Result<Sheet, 
             Err(Lack::Store(error)) => return Err(error),
         }
     }
-    let length: usize = rows.iter().map(|row| row.html.len()).sum();
+    let length: usize = rows.iter().map(|row| row.html.0.len()).sum();
     let fitting = (rows.len() * BUDGET / length.max(1)).max(1);
     let kept = evenly(rows.len(), fitting);
     let rows: Vec<&Row> = kept.iter().map(|&k| &rows[k]).collect();
@@ -83,31 +79,30 @@ pub(super) fn sheet(run: &Run, store: &Store, survey: &Survey) -> Result<Sheet, 
     })
 }
 
-fn content(rows: &[&Row], done: usize, noise_maps: usize) -> String {
+fn content(rows: &[&Row], done: usize, noise_maps: usize) -> Markup {
     if rows.is_empty() {
-        return "<p class=\"dim\">There is no tuple to show yet.</p>\n".to_owned();
+        return html! { p.dim { "There is no tuple to show yet." } };
     }
-    let mut html = format!(
-        "<p>{} of {done} tuples, evenly drawn over the manifest. Linear light, sRGB-coded and clipped at white for the \
-         screen, at most {THUMBNAIL_PX} px a side; JPEG of quality {QUALITY} where that takes less than 1/{MUCH_SMALLER} of \
-         a PNG. <b>I</b> is what the camera sees; <b>T</b> the scene behind the glass, bent as by it; <b>R&#771;</b> the \
-         scene reflected by both faces of the glass, through the lens; <b>R</b> the same without glass and lens. The error \
-         beside a layer is its stated RMS error over the film and its colours, linear radiance.</p>\n",
-        rows.len(),
-    );
-    if noise_maps > 0 {
-        let _ = write!(
-            html,
-            "<p>A <b>noise map</b> shows how far the means of each 2 &times; 2 px moved when their samples were doubled for the \
-             last time (RMS over pixels and colours), scaled such that the RMS over all is the layer's stated error.</p>\n\
-             <div class=\"scale\">{}</div>\n",
-            scale()
-        );
+    html! {
+        p {
+            (rows.len()) " of " (done) " tuples, evenly drawn over the manifest. Linear light, sRGB-coded and clipped at white \
+            for the screen, at most " (THUMBNAIL_PX) " px a side; JPEG of quality " (QUALITY)
+            " where that takes less than 1/" (MUCH_SMALLER) " of a PNG. "
+            b { "I" } " is what the camera sees; " b { "T" } " the scene behind the glass, bent as by it; "
+            b { (PAPER_SYMBOLS[2]) } " the scene reflected by both faces of the glass, through the lens; "
+            b { "R" } " the same without glass and lens. The error beside a layer is its stated RMS error over the film and \
+            its colours, linear radiance."
+        }
+        @if noise_maps > 0 {
+            p {
+                "A " b { "noise map" } " shows how far the means of each 2 \u{d7} 2 px moved when their samples were doubled \
+                for the last time (RMS over pixels and colours), scaled such that the RMS over all is the layer's stated \
+                error."
+            }
+            div.scale { (scale()) }
+        }
+        @for row in rows { (row.html) }
     }
-    for row in rows {
-        html += &row.html;
-    }
-    html
 }
 
 fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) -> Result<Row, Lack> {
@@ -121,8 +116,8 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
     };
     let record = parse(line, &get("tuple.json")?).map_err(damaged)?;
     let id = line.id.as_str();
-    let (mut figures, mut count) = (String::new(), 0);
-    for (name, symbol) in LAYERS.iter().zip(SYMBOLS) {
+    let mut figures = Vec::new();
+    for (name, symbol) in LAYERS.iter().zip(PAPER_SYMBOLS) {
         let Some(layer) = record.layers.get(*name) else {
             continue;
         };
@@ -132,54 +127,56 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
         let picture = decode_png(&get(&file)?, size).map_err(wrong)?;
         let picture = shrunk(picture, THUMBNAIL_PX);
         let tag = img(&picture, &format!("{name} of {id}")).map_err(wrong)?;
-        let mut numbers = match layer.error_rms {
-            Some(rms) => format!("error {}", error(rms)),
-            None => "error unknown".to_owned(),
-        };
-        for (what, share) in [
-            ("missed", layer.miss_share),
-            ("clipped", layer.clipped_share),
-        ] {
-            if share > 0.0 {
-                let _ = write!(numbers, " &middot; {what} {:.2} %", share * 100.0);
-            }
-        }
-        figures += &figure(&tag, symbol, name, &numbers);
-        count += 1;
+        figures.push(figure(&tag, symbol, name, Some(&numbers(layer))));
         if *name == "glass_reflection" {
             let alt = format!("{name} of {id}, {GAIN} times as bright");
             let tag = img(&brightened(picture, encoder), &alt).map_err(wrong)?;
-            let symbol = format!("{symbol} &times; {GAIN}");
-            figures += &figure(&tag, &symbol, "to see it", "");
-            count += 1;
+            let symbol = format!("{symbol} \u{d7} {GAIN}");
+            figures.push(figure(&tag, &symbol, "to see it", None));
         }
     }
     let noise = if has_map { noise(line, store)? } else { None };
-    let note = match &noise {
-        Some(Ok((tag, symbols))) => {
-            figures += &figure(tag, "noise map", symbols, "");
-            count += 1;
-            String::new()
+    if let Some(Ok((tag, symbols))) = &noise {
+        figures.push(figure(tag, "noise map", symbols, None));
+    }
+    let html = html! {
+        section.tuple id={ "tuple-" (id) } {
+            h3 { (id) " " small { (parameters(&record)) } }
+            div.strip style={ "--n:" (figures.len()) } { @for figure in &figures { (figure) } }
+            @match &noise {
+                Some(Ok(_)) => {}
+                Some(Err(reason)) => {
+                    p.dim { "Its noise map cannot be read (" (reason) "); nothing else depends on it." }
+                }
+                None => { p.dim { "It has no noise map." } }
+            }
         }
-        Some(Err(reason)) => format!(
-            "<p class=\"dim\">Its noise map is of no use ({}), which harms nothing else.</p>",
-            Html(reason)
-        ),
-        None => "<p class=\"dim\">It has no noise map.</p>".to_owned(),
     };
-    let html = format!(
-        "<section class=\"tuple\" id=\"tuple-{id}\"><h3>{id} <small>{}</small></h3>\
-         <div class=\"strip\" style=\"--n:{count}\">\n{figures}</div>{note}</section>\n",
-        parameters(&record),
-    );
     Ok(Row {
         html,
         has_map: matches!(noise, Some(Ok(_))),
     })
 }
 
+/// Stated error and shares of a layer.
+fn numbers(layer: &LayerRecord) -> Markup {
+    let shares = [
+        ("missed", layer.miss_share),
+        ("clipped", layer.clipped_share),
+    ];
+    html! {
+        "error " @match layer.error_rms {
+            Some(rms) => { (error(rms)) }
+            None => { "unknown" }
+        }
+        @for (what, share) in shares.into_iter().filter(|(_, share)| *share > 0.0) {
+            " \u{b7} " (what) " " (format_args!("{:.2} %", share * 100.0))
+        }
+    }
+}
+
 /// A map as `<img>` and the order of its parts, or what is wrong with it.
-type Map = Result<(String, String), String>;
+type Map = Result<(Markup, String), String>;
 
 /// The scene's noise map, if it is still there.
 fn noise(line: &SceneLine, store: &Store) -> Result<Option<Map>, Lack> {
@@ -187,10 +184,6 @@ fn noise(line: &SceneLine, store: &Store) -> Result<Option<Map>, Lack> {
     let draw = |bytes: &[u8]| {
         let map = NoiseMap::decode(bytes, &line.film)?;
         let (picture, symbols) = noise_picture(&map);
-        let symbols: Vec<&str> = symbols
-            .into_iter()
-            .map(|s| if s == "R~" { SYMBOLS[2] } else { s })
-            .collect();
         let rows: Vec<String> = symbols.chunks(2).map(|row| row.join(" ")).collect();
         let tag = exact_img(&picture, &format!("Noise map of {}", line.id))?;
         Ok((tag, rows.join(" / ")))
@@ -198,7 +191,7 @@ fn noise(line: &SceneLine, store: &Store) -> Result<Option<Map>, Lack> {
     Ok(bytes.map(|bytes| draw(&bytes)))
 }
 
-/// What the scene was made with.
+/// Parameters of the scene.
 fn parameters(record: &TupleRecord) -> String {
     let glass = &record.scene.glass;
     let focus = record
@@ -207,7 +200,7 @@ fn parameters(record: &TupleRecord) -> String {
         .map_or("infinity".to_owned(), |z| format!("{z:.2} m"));
     let tilt = match glass.tilt_deg {
         [0.0, 0.0] => "no tilt".to_owned(),
-        [pitch, yaw] => format!("tilt {}&deg;, {}&deg;", number(pitch), number(yaw)),
+        [pitch, yaw] => format!("tilt {}\u{b0}, {}\u{b0}", number(pitch), number(yaw)),
     };
     let orders: Vec<&str> = record
         .facts
@@ -216,22 +209,26 @@ fn parameters(record: &TupleRecord) -> String {
         .map(|o| o.order.as_str())
         .collect();
     format!(
-        "{} &middot; {} spp &middot; focus {focus} &middot; glass {} mm thick, ior {}, at {} m, {tilt} &middot; orders {}",
+        "{} \u{b7} {} spp \u{b7} focus {focus} \u{b7} glass {} mm thick, ior {}, at {} m, {tilt} \u{b7} orders {}",
         record.scene.split,
         record.scene.film.spp,
         number(glass.thickness_m * 1e3),
         number(glass.ior),
         number(glass.distance_m),
-        Html(&orders.join(" ")),
+        orders.join(" "),
     )
 }
 
-fn figure(tag: &str, symbol: &str, name: &str, numbers: &str) -> String {
-    let numbers = match numbers {
-        "" => String::new(),
-        numbers => format!("<br>{numbers}"),
-    };
-    format!("<figure>{tag}<figcaption><b>{symbol}</b> {name}{numbers}</figcaption></figure>\n")
+fn figure(tag: &Markup, symbol: &str, name: &str, numbers: Option<&Markup>) -> Markup {
+    html! {
+        figure {
+            (tag)
+            figcaption {
+                b { (symbol) } " " (name)
+                @if let Some(numbers) = numbers { br; (numbers) }
+            }
+        }
+    }
 }
 
 /// The reflection as if the back scene were [`GAIN`] times as bright, from its 8-bit picture.

@@ -1,8 +1,7 @@
 //! The stages of a worker's time: names, colours, a stacked bar.
 
-use crate::html::Html;
-use crate::plot::{Axis, open};
-use std::fmt::Write;
+use crate::plot::{Axis, plot};
+use maud::{Markup, html};
 
 /// A stage's name, colour (Okabe and Ito's and greys) and what it is.
 pub(super) const STAGES: [(&str, &str, &str); 8] = [
@@ -16,13 +15,13 @@ pub(super) const STAGES: [(&str, &str, &str); 8] = [
     ("rest", "#9A9A9A", "queue, leases, the store's own threads"),
 ];
 
-/// What a process took before it began to work: starting, planning, the golden shard. No part of what tuples cost.
+/// The stage before work begins: starting, planning, the golden shard. No part of the cost of tuples.
 pub(super) const BEFORE: &str = "before";
 
-/// Of what this version does not know.
+/// Colour of stages that this version does not know.
 const OTHER: &str = "#555555";
 
-/// What a stage took.
+/// Seconds of a stage.
 pub(super) struct Stage {
     pub(super) name: String,
     pub(super) colour: &'static str,
@@ -42,7 +41,7 @@ impl Stage {
         }
     }
 
-    /// The stage of that name, which is new if it is not there.
+    /// The stage of that name, added if it is missing.
     pub(super) fn named<'a>(stages: &'a mut Vec<Self>, name: &str) -> &'a mut Self {
         let place = stages.iter().position(|stage| stage.name == name);
         let place = place.unwrap_or_else(|| {
@@ -54,7 +53,7 @@ impl Stage {
 }
 
 /// CPU seconds as a bar of parts.
-pub(super) fn bar(stages: &[Stage], total: f64) -> String {
+pub(super) fn bar(stages: &[Stage], total: f64) -> Markup {
     const SIZE: [f64; 2] = [480.0, 76.0];
     const HEIGHT: f64 = 30.0;
     let parts: Vec<String> = stages
@@ -63,48 +62,33 @@ pub(super) fn bar(stages: &[Stage], total: f64) -> String {
         .map(|stage| format!("{} {:.1} %", stage.name, 100.0 * stage.cpu_s / total))
         .collect();
     let label = format!("CPU seconds by stage: {}", parts.join(", "));
-    let mut svg = open(SIZE, &label);
     let axis = Axis::linear([0.0, 100.0].into_iter(), [12.0, 462.0]);
-    let mut left = axis.ends[0];
-    for stage in stages {
-        let share = stage.cpu_s / total.max(f64::MIN_POSITIVE);
+    let mut right = axis.ends[0];
+    let placed = stages.iter().map(|stage| {
+        let (left, share) = (right, stage.cpu_s / total.max(f64::MIN_POSITIVE));
         let width = (axis.ends[1] - axis.ends[0]) * share;
-        if width > 0.0 {
-            let _ = write!(
-                svg,
-                "<rect x=\"{left:.2}\" y=\"2\" width=\"{width:.2}\" height=\"{HEIGHT}\" fill=\"{}\"><title>{} {:.2} CPU s</title></rect>",
-                stage.colour,
-                Html(&stage.name),
-                stage.cpu_s
-            );
+        right += width;
+        (stage, left, width, share)
+    });
+    let content = html! {
+        @for (stage, left, width, share) in placed.filter(|(_, _, width, _)| *width > 0.0) {
+            rect x=(format_args!("{left:.2}")) y="2" width=(format_args!("{width:.2}")) height=(HEIGHT) fill=(stage.colour) {
+                title { (stage.name) " " (format_args!("{:.2}", stage.cpu_s)) " CPU s" }
+            }
+            // Only where the name has room.
+            @if width > 8.0 * stage.name.len() as f64 + 50.0 {
+                text x=(format_args!("{:.1}", left + width / 2.0)) y="21" text-anchor="middle" fill="#fff" {
+                    (stage.name) " " (format_args!("{:.0} %", 100.0 * share))
+                }
+            }
         }
-        // Only where the name has room.
-        if width > 8.0 * stage.name.len() as f64 + 50.0 {
-            let _ = write!(
-                svg,
-                "<text x=\"{:.1}\" y=\"21\" text-anchor=\"middle\" fill=\"#fff\">{} {:.0} %</text>",
-                left + width / 2.0,
-                Html(&stage.name),
-                100.0 * share
-            );
+        @for tick in axis.ticks() {
+            path d=(format_args!("M{:.1} {}v4", tick.at, HEIGHT + 2.0)) stroke="currentColor" {}
+            text x=(format_args!("{:.1}", tick.at)) y="50" text-anchor="middle" { (tick.label) }
         }
-        left += width;
-    }
-    for tick in axis.ticks() {
-        let _ = write!(
-            svg,
-            "<path d=\"M{0:.1} {1}v4\" stroke=\"currentColor\"/><text x=\"{0:.1}\" y=\"50\" text-anchor=\"middle\">{2}</text>",
-            tick.at,
-            HEIGHT + 2.0,
-            tick.label
-        );
-    }
-    let _ = write!(
-        svg,
-        "<text x=\"{}\" y=\"70\" text-anchor=\"end\">% of the CPU seconds, without starting</text></svg>",
-        axis.ends[1]
-    );
-    format!("<div class=\"stack\">{svg}</div>\n")
+        text x=(axis.ends[1]) y="70" text-anchor="end" { "% of the CPU seconds, without starting" }
+    };
+    html! { div.stack { (plot(SIZE, &label, &content)) } }
 }
 
 #[cfg(test)]
@@ -117,11 +101,11 @@ mod tests {
         Stage::named(&mut stages, "trace").cpu_s += 3.0;
         Stage::named(&mut stages, "<new>").cpu_s += 1.0;
         assert_eq!(stages.len(), STAGES.len() + 1);
-        let svg = bar(&stages, 4.0);
+        let svg = bar(&stages, 4.0).into_string();
         assert!(svg.contains("width=\"337.50\"") && svg.contains("width=\"112.50\""));
         assert!(svg.contains("trace 75 %") && svg.contains("&lt;new&gt; 25.0 %"));
         assert!(!svg.contains("<new>"));
-        // Of nothing there is a bar without parts.
-        assert!(!bar(&stages[..1], 0.0).contains("<rect"));
+        // A bar of nothing has no parts.
+        assert!(!bar(&stages[..1], 0.0).into_string().contains("<rect"));
     }
 }

@@ -1,4 +1,4 @@
-//! What a run's store holds, looked at once.
+//! Everything that the report needs from a run's store, read once.
 
 use crate::run::{Observer, Overview, Run, WorkLog, keys, read_logs};
 use crate::store::{Store, StoreError};
@@ -11,17 +11,16 @@ use std::collections::BTreeSet;
 /// Records in memory at once.
 const RECORDS_AT_ONCE: usize = 256;
 
-/// What there is.
 pub(super) struct Survey {
     /// Counts, quarantine, state.
     pub(super) overview: Overview,
-    /// Scenes whose tuples are there, in the manifest's order.
+    /// Scenes with a usable tuple, in the manifest's order.
     pub(super) done: Vec<DoneScene>,
-    /// Scenes whose tuples are of no use, with the reason.
+    /// Scenes whose tuples cannot be used, with the reason.
     pub(super) damaged: Vec<(SceneId, String)>,
     /// Scenes with a noise map.
     pub(super) noise: BTreeSet<SceneId>,
-    /// What workers wrote down of themselves, oldest first.
+    /// Logs that workers left, oldest first.
     pub(super) logs: Vec<WorkLog>,
     /// Names of logs that cannot be read.
     pub(super) damaged_logs: Vec<String>,
@@ -29,13 +28,13 @@ pub(super) struct Survey {
 
 /// A scene with a tuple.
 pub(super) struct DoneScene {
-    /// Its place in the manifest.
+    /// Its index in the manifest.
     pub(super) index: usize,
-    /// Of I, T, R~, R: those that were made.
+    /// I, T, R~, R; `None` if a layer was not made.
     pub(super) layers: [Option<LayerFacts>; 4],
 }
 
-/// What `tuple.json` says of a layer, of all scenes in memory.
+/// A layer's entry in `tuple.json`, as far as it is kept in memory for all scenes.
 pub(super) struct LayerFacts {
     /// Samples a pixel; of an adaptive scene their mean.
     pub(super) samples: f64,
@@ -66,7 +65,7 @@ impl Survey {
             let keys: Vec<String> = some.iter().map(|(_, key)| key.clone()).collect();
             for ((index, _), bytes) in some.iter().zip(store.get_all(&keys)?) {
                 let line = &run.lines[*index];
-                // It may be taken back while this goes on.
+                // It may be removed meanwhile.
                 let Some(bytes) = bytes else {
                     continue;
                 };

@@ -1,45 +1,45 @@
 //! Small pieces of HTML.
 
-use crate::serve::text::grouped;
-use std::fmt::{self, Display};
+use crate::text::grouped;
+use maud::{Markup, html};
 
-/// A number as text, with its exact value for who reads the page by a program.
-pub(super) struct Exact(pub(super) f64, pub(super) String);
-
-impl Display for Exact {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "<data value=\"{}\">{}</data>", self.0, self.1)
-    }
+/// A number as text, with its exact value for programs that read the page.
+pub(super) fn exact(value: f64, text: &str) -> Markup {
+    html! { data value=(value) { (text) } }
 }
 
 /// An error of linear radiance.
-pub(super) fn error(value: f64) -> Exact {
-    Exact(value, format!("{value:.2e}"))
+pub(super) fn error(value: f64) -> Markup {
+    exact(value, &format!("{value:.2e}"))
 }
 
-/// Seconds with the digits that matter.
-pub(super) fn seconds(value: f64) -> Exact {
+/// Seconds with about three significant digits.
+pub(super) fn seconds(value: f64) -> Markup {
     let digits = match value {
         v if v < 1.0 => 3,
         v if v < 100.0 => 2,
         _ => 0,
     };
-    Exact(value, format!("{value:.digits$}"))
+    exact(value, &format!("{value:.digits$}"))
 }
 
-/// A table inside a box of its own, which scrolls where the page is narrow. Heads that begin with `#` are of numbers.
-pub(super) fn table(label: &str, heads: &[&str], rows: &str) -> String {
-    let head: String = heads
-        .iter()
-        .map(|head| match head.strip_prefix('#') {
-            Some(head) => format!("<th scope=\"col\" class=\"n\">{head}</th>"),
-            None => format!("<th scope=\"col\">{head}</th>"),
-        })
-        .collect();
-    format!(
-        "<div class=\"box\" role=\"region\" aria-label=\"{label}\" tabindex=\"0\"><table>\
-         <thead><tr>{head}</tr></thead><tbody>\n{rows}</tbody></table></div>\n"
-    )
+/// A table in a region of its own, which scrolls where the page is narrow. A head that begins with `#` is of numbers.
+pub(super) fn table<H: AsRef<str>>(label: &str, heads: &[H], rows: &Markup) -> Markup {
+    html! {
+        div.box role="region" aria-label=(label) tabindex="0" {
+            table {
+                thead { tr {
+                    @for head in heads {
+                        @match head.as_ref().strip_prefix('#') {
+                            Some(head) => { th.n scope="col" { (head) } }
+                            None => { th scope="col" { (head.as_ref()) } }
+                        }
+                    }
+                } }
+                tbody { (rows) }
+            }
+        }
+    }
 }
 
 /// `1 log`, `1,234 logs`.
@@ -48,13 +48,13 @@ pub(super) fn counted(count: u64, what: &str) -> String {
     format!("{} {what}{s}", grouped(count))
 }
 
-/// At most `count` of `all`, evenly drawn: the places of those that are taken.
+/// Indices of at most `count` of `all`, evenly spaced.
 pub(super) fn evenly(all: usize, count: usize) -> Vec<usize> {
     let taken = all.min(count);
     (0..taken).map(|k| k * all / taken).collect()
 }
 
-/// A share of values, 0 to 1, from below: the value there. They are sorted, and there is one.
+/// The quantile at `share`, 0 to 1, of sorted values; NaN if there are none.
 pub(super) fn quantile(sorted: &[f64], share: f64) -> f64 {
     let last = sorted.len().saturating_sub(1);
     let place = (share * last as f64).round() as usize;

@@ -1,8 +1,8 @@
 //! The training in the report: curves and pictures.
 
 use super::evaluation::grid;
-use crate::plot::{Axis, Panel, Stroke, number, open};
-use std::fmt::Write;
+use crate::plot::{Axis, Panel, Stroke, number, plot};
+use maud::{Markup, html};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -11,53 +11,52 @@ const SIZE: [f64; 2] = [480.0, 230.0];
 const X_ENDS: [f64; 2] = [60.0, 466.0];
 const Y_ENDS: [f64; 2] = [182.0, 30.0];
 
-/// Points of a curve at most; each is a mean.
+/// Most points of a curve; each is a mean.
 const POINTS: usize = 240;
 
 /// A number at a step.
 type Point = (f64, f64);
 
 /// Curves and the newest pictures of both stages.
-pub(super) fn training(run: &Path) -> String {
-    let folder = run.join("train");
-    let mut html = String::new();
-    for (stage, title) in [
-        ("backtrack", "BT-net alone"),
-        ("separation", "SP-net and BT-net"),
-    ] {
-        let folder = folder.join(stage);
-        let Ok(csv) = fs::read_to_string(folder.join("metrics.csv")) else {
-            continue;
-        };
-        let _ = writeln!(html, "<h3>{title}</h3>\n<div class=\"plots wide\">");
-        html += &curve("loss", "", &column(&csv, "total"));
-        html += &curve(
-            "PSNR on validation scenes",
-            "dB",
-            &column(&csv, "validation_psnr_db"),
-        );
-        html += "</div>\n";
-        if let Some((step, png)) = newest_picture(&folder) {
-            let columns = match stage {
-                "backtrack" => "R&#771;, R*, R",
-                _ => "I, T*, T, R&#771;*, R&#771;, R*, R",
-            };
-            html += &grid(
-                &png,
-                &format!("What the networks make of validation scenes at step {step}"),
-                &format!(
-                    "Validation scenes at step {step}: {columns}. * is what the networks make."
-                ),
-            );
-        }
+pub(super) fn training(run: &Path) -> Markup {
+    let stages = [
+        ("backtrack", "BT-net alone", "R\u{303}, R*, R"),
+        (
+            "separation",
+            "SP-net and BT-net",
+            "I, T*, T, R\u{303}*, R\u{303}, R*, R",
+        ),
+    ];
+    let trained: Vec<Markup> = stages
+        .into_iter()
+        .filter_map(|(name, title, columns)| stage(&run.join("train").join(name), title, columns))
+        .collect();
+    html! {
+        @if trained.is_empty() { p.dim { "Nothing was trained on this run in this folder." } }
+        @for stage in trained { (stage) }
     }
-    if html.is_empty() {
-        return "<p class=\"dim\">Nothing was trained on this run in this folder.</p>\n".to_owned();
-    }
-    html
 }
 
-/// What stands in a column of `metrics.csv`, by step.
+/// Curves and the newest pictures of a stage, if it was trained.
+fn stage(folder: &Path, title: &str, columns: &str) -> Option<Markup> {
+    let csv = fs::read_to_string(folder.join("metrics.csv")).ok()?;
+    Some(html! {
+        h3 { (title) }
+        div.plots.wide {
+            (curve("loss", "", &column(&csv, "total")))
+            (curve("PSNR on validation scenes", "dB", &column(&csv, "validation_psnr_db")))
+        }
+        @if let Some((step, png)) = newest_picture(folder) {
+            (grid(
+                &png,
+                &format!("What the networks make of validation scenes at step {step}"),
+                &format!("Validation scenes at step {step}: {columns}. * is what the networks make."),
+            ))
+        }
+    })
+}
+
+/// A column of `metrics.csv`, by step.
 fn column(csv: &str, name: &str) -> Vec<Point> {
     let mut lines = csv.lines();
     let head: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
@@ -73,8 +72,8 @@ fn column(csv: &str, name: &str) -> Vec<Point> {
     lines.filter_map(point).collect()
 }
 
-/// A curve as SVG, of means where there are many points.
-fn curve(name: &str, unit: &str, points: &[Point]) -> String {
+/// A curve as SVG; of many points, means are drawn.
+fn curve(name: &str, unit: &str, points: &[Point]) -> Markup {
     let at_once = points.len().div_ceil(POINTS).max(1);
     let means: Vec<Point> = points
         .chunks(at_once)
@@ -87,7 +86,7 @@ fn curve(name: &str, unit: &str, points: &[Point]) -> String {
         })
         .collect();
     let (Some(first), Some(last)) = (points.first(), points.last()) else {
-        return String::new();
+        return html! {};
     };
     let with_unit = match unit {
         "" => String::new(),
@@ -110,27 +109,21 @@ fn curve(name: &str, unit: &str, points: &[Point]) -> String {
         number(last.1),
         last.0
     );
-    let mut svg = open(SIZE, &label);
-    let _ = write!(
-        svg,
-        "<text x=\"{}\" y=\"{}\" text-anchor=\"end\">last {}{}</text>",
-        X_ENDS[1],
-        Y_ENDS[1] - 9.0,
-        number(last.1),
-        with_unit.replacen(',', "", 1),
-    );
-    panel.frame(&mut svg);
     let line: Vec<Point> = means.iter().map(|point| panel.at(*point)).collect();
     let stroke = Stroke {
         colour: "var(--busy)",
         width: 1.8,
         dash: "",
     };
-    Panel::line(&mut svg, &line, &stroke);
-    if line.len() < 30 {
-        Panel::dots(&mut svg, &line, "var(--busy)", 2.4);
-    }
-    svg + "</svg>\n"
+    let content = html! {
+        text x=(X_ENDS[1]) y=(Y_ENDS[1] - 9.0) text-anchor="end" {
+            "last " (number(last.1)) (with_unit.replacen(',', "", 1))
+        }
+        (panel.frame())
+        (Panel::line(&line, &stroke))
+        @if line.len() < 30 { (Panel::dots(&line, "var(--busy)", 2.4)) }
+    };
+    plot(SIZE, &label, &content)
 }
 
 /// The newest grid of pictures, with its step.
@@ -161,18 +154,19 @@ mod tests {
             [(2.0, 20.5), (3.0, 21.0)]
         );
         assert!(column(csv, "other").is_empty());
-        let svg = curve("loss", "", &column(csv, "total"));
+        let svg = curve("loss", "", &column(csv, "total")).into_string();
         assert!(svg.contains("0.5 at step 1, 0.25 at step 2"), "{svg}");
-        assert_eq!(curve("loss", "", &[]), "");
+        assert_eq!(curve("loss", "", &[]).into_string(), "");
     }
 
     #[test]
     fn a_run_without_training_says_so() {
         let dir = tempfile::tempdir().unwrap();
-        assert!(training(dir.path()).contains("Nothing was trained"));
+        let page = || training(dir.path()).into_string();
+        assert!(page().contains("Nothing was trained"));
         let folder = dir.path().join("train/backtrack");
         fs::create_dir_all(&folder).unwrap();
         render::atomic_file::write(&folder.join("metrics.csv"), b"step,total\n1,0.5\n").unwrap();
-        assert!(training(dir.path()).contains("BT-net alone"));
+        assert!(page().contains("BT-net alone"));
     }
 }

@@ -5,7 +5,6 @@
 
 pub(crate) mod attempts;
 pub(crate) mod audit;
-pub(crate) mod check_cases;
 pub(crate) mod compare;
 pub(crate) mod control;
 pub(crate) mod done;
@@ -31,14 +30,13 @@ pub use attempts::{
     ATTEMPT_SCHEMA, AttemptRecord, EndKind, Ending, MOST_LOST, WorkerName, attempts,
 };
 pub use audit::{AuditOptions, SceneAudit, Verdict, audit_scene, check_auditor, draw_scenes};
-pub use check_cases::{CheckError, CheckRow, check, table};
 pub use compare::FileDifference;
 pub use control::{CONTROL_SCHEMA, Changed, Control, ControlError, ControlState, set_control};
 pub use done::Progress;
 pub use error::AccessError;
 pub use events::{Event, StageSeconds, process_cpu_s};
 pub use explain::{ExplainError, Explanation, SceneState, ShardFacts, explain};
-pub use overview::{Observer, Overview, StandingAttempt, WorkerTuples};
+pub use overview::{FarmState, Observer, Overview, StandingAttempt, WorkerTuples};
 pub use planning::{PlanError, PlanOptions, Planned, plan_run};
 pub use quarantine::{QUARANTINE_SCHEMA, QuarantineRecord};
 pub use receipt::Receipt;

@@ -10,7 +10,6 @@ use super::quarantine::QuarantineRecord;
 use super::receipt::Receipt;
 use super::run_dir::Run;
 use super::status::{Found, RunStatus, count};
-use crate::serve::FarmState;
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use render::line::SceneLine;
@@ -21,6 +20,45 @@ use std::time::{Duration, Instant, SystemTime};
 
 /// Over so long a time the rate is taken.
 const RATE_OVER: Duration = Duration::from_mins(5);
+
+/// What a run is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FarmState {
+    /// Work is handed out.
+    Running,
+    /// Workers finish what they have opened and start nothing new until someone resumes.
+    Paused,
+    /// The rest was given up; what is done stays.
+    Cancelled,
+    /// Every scene has a tuple or is in quarantine.
+    Finished,
+}
+
+impl FarmState {
+    /// All states.
+    pub const ALL: [Self; 4] = [Self::Running, Self::Paused, Self::Cancelled, Self::Finished];
+
+    /// A finished run stays finished, whatever its control record says.
+    pub fn new(finished: bool, control: ControlState) -> Self {
+        match control {
+            _ if finished => Self::Finished,
+            ControlState::Running => Self::Running,
+            ControlState::Paused => Self::Paused,
+            ControlState::Cancelled => Self::Cancelled,
+        }
+    }
+
+    /// Its name in JSON, metrics and on the page.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Running => "running",
+            Self::Paused => "paused",
+            Self::Cancelled => "cancelled",
+            Self::Finished => "finished",
+        }
+    }
+}
 
 /// A run at one moment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -129,12 +167,7 @@ impl<'a> Observer<'a> {
             .collect();
         let now = now(&times);
         let age = |at: SystemTime| now.duration_since(at).unwrap_or_default();
-        let state = match control.state {
-            _ if counts.is_finished() => FarmState::Finished,
-            ControlState::Running => FarmState::Running,
-            ControlState::Paused => FarmState::Paused,
-            ControlState::Cancelled => FarmState::Cancelled,
-        };
+        let state = FarmState::new(counts.is_finished(), control.state);
         let ages: Vec<Duration> = times.iter().map(|&at| age(at)).collect();
         let rate = rate(&ages).filter(|_| state == FarmState::Running);
         let left = counts.started + counts.waiting;

@@ -3,7 +3,7 @@
 use super::run_dir::{Run, RunDir, RunError};
 use plan::{
     DraftError, Drafted, InputFiles, InvalidInput, Made, RejectedScene, Request, draft,
-    inputs_folder, invalid_text, make_photographs, rejected_lines,
+    invalid_text, make_photographs, rejected_lines,
 };
 use procedural::SampleError;
 use render::atomic_file::{self, WriteError};
@@ -154,7 +154,6 @@ pub fn plan_run(
             write_plan(out, &drafted, &manifest, &spec)?;
         }
     }
-    let pictures = drafted.pictures.iter().map(|p| p.2.len() as u64);
     Ok(Planned {
         spec,
         existed: existing.is_some(),
@@ -164,12 +163,12 @@ pub fn plan_run(
         files: drafted.files,
         parts: drafted.parts,
         input_bytes: drafted.input_bytes,
-        made_bytes: drafted.made.iter().map(Made::about_bytes).sum::<u64>() + pictures.sum::<u64>(),
+        made_bytes: drafted.made.iter().map(Made::about_bytes).sum(),
         lines: drafted.lines,
     })
 }
 
-/// Writes the photographs and pictures that the plan itself makes, where they are missing.
+/// Writes the photographs that the plan itself makes, where they are missing.
 fn write_inputs(
     out: &Path,
     drafted: &Drafted,
@@ -177,11 +176,6 @@ fn write_inputs(
     on_photograph: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<(), PlanError> {
     atomic_file::create_dir(out)?;
-    for (root, name, bytes) in &drafted.pictures {
-        let folder = inputs_folder(out, root);
-        atomic_file::create_dir(&folder)?;
-        atomic_file::write_relaxed(&folder.join(name), bytes)?;
-    }
     Ok(make_photographs(
         out,
         &drafted.made,

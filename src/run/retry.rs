@@ -17,13 +17,16 @@ pub enum RetryScenes<'a> {
 }
 
 /// What was done.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Retried {
     /// No longer in quarantine, in the manifest's order.
+    #[serde(rename = "retried")]
     pub scenes: Vec<SceneId>,
     /// Records of lost attempts that were removed with them.
+    #[serde(rename = "attempts_removed")]
     pub attempts: u64,
     /// Files of tuples, partials and receipts that were removed.
+    #[serde(rename = "results_removed")]
     pub results: u64,
     /// The run counted as finished, so its coordinator and workers have gone home.
     pub was_finished: bool,

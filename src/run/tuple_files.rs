@@ -3,6 +3,7 @@
 use super::{QuarantineRecord, keys};
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
+use std::collections::BTreeSet;
 use train::{TupleFiles, TupleFilesError};
 
 impl TupleFiles for Store {
@@ -14,6 +15,13 @@ impl TupleFiles for Store {
     fn is_quarantined(&self, scene: &SceneId) -> Result<bool, TupleFilesError> {
         let record = QuarantineRecord::get(self, scene).map_err(unavailable)?;
         Ok(record.is_some())
+    }
+
+    fn count(&self, scenes: &[SceneId]) -> Result<usize, TupleFilesError> {
+        let there = self.list(keys::TUPLES).map_err(unavailable)?;
+        let there: BTreeSet<String> = there.into_iter().collect();
+        let has = |scene: &&SceneId| there.contains(&keys::tuple(scene, "tuple.json"));
+        Ok(scenes.iter().filter(has).count())
     }
 }
 

@@ -1,29 +1,29 @@
-//! What may be asked of a run over HTTP, and who may ask.
+//! Actions on a run over HTTP, and the token that allows them.
 
 use render::ids::SceneId;
 
 /// A token has at least this many characters: guesses are not counted, so it must not be guessable.
 pub const MIN_TOKEN_CHARACTERS: usize = 16;
 
-/// Something to do with a run.
+/// A change of a run's state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Action {
     /// Let workers finish what they have opened and take nothing new.
     Pause,
     /// Go on after a pause.
     Resume,
-    /// Give the rest up.
+    /// Give up the rest of the run.
     Cancel,
     /// Take a scene out of quarantine and try it again.
     Retry(SceneId),
 }
 
-/// The secret that opens the actions. Only its digest is kept.
+/// The secret that allows actions. Only its digest is kept.
 #[derive(Clone)]
 pub(super) struct Token(blake3::Hash);
 
 impl Token {
-    /// None if it is too short.
+    /// `None` if it is too short.
     pub(super) fn new(text: &str) -> Option<Self> {
         (text.chars().count() >= MIN_TOKEN_CHARACTERS).then(|| Self(blake3::hash(text.as_bytes())))
     }

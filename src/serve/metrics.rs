@@ -1,14 +1,14 @@
 //! `/metrics`: a view in Prometheus' text format, version 0.0.4.
 
-use super::text::Label;
-use super::view::{FarmState, FarmView, WorkerState, WorkerView};
+use super::view::{FarmView, WorkerState, WorkerView};
+use crate::run::FarmState;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// The content type that scrapers expect.
 pub(super) const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
 
-/// All metrics of a view. A number that is not known has no sample, rather than one that is wrong.
+/// All metrics of a view. An unknown number has no sample.
 pub(super) fn metrics(view: &FarmView) -> String {
     let mut out = Out(String::new());
     out.family("run_info", "gauge", "The run; always 1.");
@@ -53,7 +53,11 @@ pub(super) fn metrics(view: &FarmView) -> String {
         Some(u8::from(view.queue.connected).into()),
     );
     let waiting = view.queue.spans_waiting.map(|n| n as f64);
-    out.one("queue_spans_waiting", "Spans that nobody holds.", waiting);
+    out.one(
+        "queue_spans_waiting",
+        "Spans that no worker holds.",
+        waiting,
+    );
     let held = view.queue.spans_held.map(|n| n as f64);
     out.one("queue_spans_held", "Spans that a worker holds.", held);
     workers(&mut out, &view.workers);
@@ -72,8 +76,8 @@ fn workers(out: &mut Out, workers: &[WorkerView]) {
         let count = workers.iter().filter(|w| w.state == state).count();
         out.sample("workers", &[("state", state.name())], count as f64);
     }
-    // A series that stands there twice makes a scraper refuse the whole page: of two workers of one name on one host,
-    // the livelier one counts.
+    // A scraper refuses the whole page if a series occurs twice: of two workers of one name on one host, the one with the
+    // latest progress counts.
     let mut named: BTreeMap<[&str; 2], &WorkerView> = BTreeMap::new();
     for worker in workers {
         let place = named.entry([&worker.name, &worker.host]).or_insert(worker);
@@ -125,6 +129,12 @@ fn workers(out: &mut Out, workers: &[WorkerView]) {
 
 struct Out(String);
 
+/// The value of a label, without its quotes.
+fn label(text: &str) -> String {
+    let text = text.replace('\\', "\\\\").replace('"', "\\\"");
+    text.replace('\n', "\\n")
+}
+
 impl Out {
     fn family(&mut self, name: &str, kind: &str, help: &str) {
         let _ = writeln!(self.0, "# HELP glasshouse_{name} {help}");
@@ -135,7 +145,7 @@ impl Out {
         let _ = write!(self.0, "glasshouse_{name}");
         for (at, (key, text)) in labels.iter().enumerate() {
             let before = if at == 0 { '{' } else { ',' };
-            let _ = write!(self.0, "{before}{key}=\"{}\"", Label(text));
+            let _ = write!(self.0, "{before}{key}=\"{}\"", label(text));
         }
         if !labels.is_empty() {
             self.0.push('}');
@@ -153,5 +163,15 @@ impl Out {
             self.family(name, "gauge", help);
             self.sample(name, &[], value);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_are_escaped() {
+        assert_eq!(label("a\\b\"c\nd"), "a\\\\b\\\"c\\nd");
     }
 }

@@ -1,8 +1,8 @@
 //! What a coordinator shows of a run over HTTP: a page for people, JSON for scripts, metrics for Prometheus.
 //!
-//! [`FarmView`] is plain data: what there is to show, with ages in seconds. [`FarmSource`] hands it over; [`serve`]
-//! answers requests with it. Nothing here changes a run, unless a token is set and given; even then it only passes an
-//! [`Action`] on. No name from a request reaches a disk or a store but as a [`render::ids::SceneId`] and one of
+//! [`FarmView`] is plain data with ages in seconds. A [`FarmSource`] makes it: [`WatchedRun`] from what a coordinator has
+//! seen. [`serve`] answers requests with it. Nothing here changes a run without the token; with it, the source carries out an
+//! [`Action`]. A name from a request reaches a disk or a store only as a [`render::ids::SceneId`] and one of
 //! [`render::trace::LAYERS`].
 
 mod action;
@@ -10,14 +10,12 @@ mod metrics;
 mod page;
 mod routes;
 mod server;
-pub(crate) mod text;
 mod view;
-mod watch;
+mod watched_run;
 
 pub use action::{Action, MIN_TOKEN_CHARACTERS};
 pub use server::{FarmSource, ServeError, Server, serve};
 pub use view::{
-    Count, FARM_SCHEMA, FarmState, FarmView, QuarantinedScene, QueueView, RecentTuple, WorkerState,
-    WorkerView,
+    Count, FARM_SCHEMA, FarmView, QuarantinedScene, QueueView, RecentTuple, WorkerState, WorkerView,
 };
-pub use watch::WatchedRun;
+pub use watched_run::WatchedRun;

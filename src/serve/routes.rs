@@ -1,4 +1,4 @@
-//! What is asked for, what is refused, what is answered.
+//! Routes: which requests are refused, and the answers to the others.
 
 use super::action::{Action, Token};
 use super::server::FarmSource;
@@ -21,25 +21,24 @@ use std::time::Duration;
 use tokio::sync::Semaphore;
 use tokio::time::timeout;
 
-/// How long an answer of the source is waited for.
+/// Longest wait for an answer of the source.
 const SOURCE_LIMIT: Duration = Duration::from_secs(20);
-/// Calls of the source at a time, for views and actions, and for pictures: a slow store delays no numbers.
+/// Concurrent calls of the source, for views and actions and for pictures: a slow store must not delay numbers.
 const CALLS: usize = 8;
-/// Bytes of a request's body; there is none that needs one.
+/// Bytes of a request's body; no route needs one.
 const BODY_BYTES: u64 = 4096;
 
-/// What every request needs.
+/// State of every request.
 #[derive(Clone)]
 struct App {
     source: Arc<dyn FarmSource>,
     token: Option<Token>,
-    /// Where the server listens.
     listens_on: IpAddr,
     calls: Arc<Semaphore>,
     picture_calls: Arc<Semaphore>,
 }
 
-/// An answer that is not what was asked for: a status and a sentence.
+/// An answer that refuses: a status and a sentence.
 type Refusal = (StatusCode, String);
 
 pub(super) fn router(
@@ -74,7 +73,7 @@ fn refuse(status: StatusCode, sentence: &str) -> Refusal {
     (status, format!("{sentence}\n"))
 }
 
-/// Turns away who should not be here, and marks every answer for browsers: what it is, that nobody else may embed it.
+/// Refuses requests for a foreign host, and tells browsers the type of every answer and that no other site may embed it.
 async fn guard(State(app): State<App>, request: Request, next: Next) -> Response {
     let mut response = match app.admit(&request) {
         Ok(()) => next.run(request).await,
@@ -120,8 +119,8 @@ impl App {
         Ok(())
     }
 
-    /// A server on a loopback address is asked for under a loopback name, or by a page of a stranger who let his own name
-    /// point here (DNS rebinding). The port is not compared: a tunnel may have another one.
+    /// A browser asks a server on a loopback address for a loopback name; for any other name, a foreign page has let its own
+    /// name point here (DNS rebinding). The port is not compared: a tunnel may have another one.
     fn is_ours(&self, request: &Request) -> bool {
         if !self.listens_on.is_loopback() {
             return true;
@@ -182,7 +181,7 @@ impl App {
         self.ask(&self.calls, |source| source.view()).await
     }
 
-    /// Whether the request may act.
+    /// An error if the request carries no valid token.
     fn authorize(&self, headers: &HeaderMap) -> Result<(), Refusal> {
         let Some(token) = &self.token else {
             return Err(refuse(
@@ -233,7 +232,7 @@ async fn index(State(app): State<App>) -> Result<Response, Refusal> {
     Ok((headers, html).into_response())
 }
 
-/// What the page's script fetches.
+/// The changing part of the page, for its script.
 async fn live(State(app): State<App>) -> Result<Response, Refusal> {
     let html = page::live(&app.view().await?, app.token.is_some());
     Ok(([(header::CONTENT_TYPE, "text/html; charset=utf-8")], html).into_response())

@@ -1,4 +1,4 @@
-//! Sockets: who may connect, how long, and how it ends.
+//! Sockets: how many connections, for how long, and how the server ends.
 
 use super::action::{Action, MIN_TOKEN_CHARACTERS, Token};
 use super::routes::router;
@@ -17,23 +17,23 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{Semaphore, oneshot};
 use tokio::time::{sleep, timeout};
 
-/// Connections at a time; more wait until one ends.
+/// Concurrent connections; more wait until one ends.
 const MAX_CONNECTIONS: usize = 256;
-/// A request's head must be there by then; also how long an idle connection is kept.
+/// Time limit of a request's head; also how long an idle connection is kept.
 const HEAD_LIMIT: Duration = Duration::from_secs(10);
 /// Bytes of a request's head.
 const HEAD_BYTES: usize = 16 << 10;
 /// Lines of a request's head.
 const HEAD_LINES: usize = 64;
-/// A connection takes no request after this time, so that one that is read slowly, or never, does not stay.
+/// A connection takes no request after this time, so that a client that reads slowly, or never, does not keep it.
 const CONNECTION_LIMIT: Duration = Duration::from_mins(1);
-/// Then it has this long to take its last answer.
+/// Time limit of its last answer.
 const LAST_ANSWER_LIMIT: Duration = Duration::from_secs(10);
 
-/// What a server shows and passes on. Called from several threads at once; may block for a while (the caller waits for
-/// 20 s at most), but a hung call holds one of few places.
+/// Where a server gets views and passes actions. Called from several threads at once; may block for a while (the caller
+/// waits for 20 s at most), but a hung call occupies one of few places.
 pub trait FarmSource: Send + Sync {
-    /// The run as it is now. Called every two seconds for each open page: cheap, please.
+    /// The run as it is now. Called every two seconds for each open page: it must be cheap.
     fn view(&self) -> FarmView;
     /// A PNG of a layer of a merged scene's tuple, made small enough for a page (256 px wide, say); `None` if there is
     /// none. `layer` is one of [`render::trace::LAYERS`]; the scene may not exist.
@@ -50,9 +50,9 @@ pub enum ServeError {
         "cannot listen on {address}: {source}; choose another address (port 0 picks a free one)"
     )]
     Listen {
-        /// What was asked for.
+        /// The address.
         address: SocketAddr,
-        /// What the system says.
+        /// The system's error.
         source: std::io::Error,
     },
     /// No thread, or no file descriptors.
@@ -74,7 +74,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// The address that it listens on, with the port that was picked if 0 was asked for.
+    /// The address it listens on, with the port that the system chose for port 0.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
@@ -91,8 +91,7 @@ impl Drop for Server {
     }
 }
 
-/// Listens on `listen` and answers requests from `source` on a thread of its own. Without a `token` nothing can be done
-/// but look.
+/// Listens on `listen` and answers requests from `source` on a thread of its own. Without a `token` it only shows.
 pub fn serve(
     listen: SocketAddr,
     source: Arc<dyn FarmSource>,
@@ -140,7 +139,7 @@ fn run(
             let _ = stopped.await;
         }
     });
-    // A call of the source that hangs must not keep the coordinator.
+    // A hung call of the source must not keep the coordinator from ending.
     runtime.shutdown_timeout(Duration::from_millis(500));
 }
 

@@ -1,8 +1,8 @@
-//! What there is to show of a run, as plain data.
+//! What the status page shows of a run, as plain data.
 //!
-//! Whoever makes a view reads the clocks: ages are seconds by a monotonic clock of the coordinator, so that clocks of
-//! workers that are wrong show nowhere.
+//! Ages are seconds by the coordinator's monotonic clock, so that a worker's wrong clock shows nowhere.
 
+use crate::run::FarmState;
 use render::ids::SceneId;
 use serde::Serialize;
 
@@ -42,42 +42,13 @@ pub struct FarmView {
     pub recent: Vec<RecentTuple>,
 }
 
-/// So many done, of so many.
+/// A count of finished things, of all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Count {
-    /// Done.
+    /// Finished.
     pub done: u64,
-    /// Done and to do.
+    /// All.
     pub total: u64,
-}
-
-/// What a run is doing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum FarmState {
-    /// Spans are handed out.
-    Running,
-    /// Workers finish what they have opened; nothing new is begun until someone resumes.
-    Paused,
-    /// Given up; what is done stays.
-    Cancelled,
-    /// Every scene has a tuple or is in quarantine.
-    Finished,
-}
-
-impl FarmState {
-    /// All states.
-    pub const ALL: [Self; 4] = [Self::Running, Self::Paused, Self::Cancelled, Self::Finished];
-
-    /// Its name in JSON, metrics and on the page.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Running => "running",
-            Self::Paused => "paused",
-            Self::Cancelled => "cancelled",
-            Self::Finished => "finished",
-        }
-    }
 }
 
 /// The queue as the coordinator sees it.
@@ -87,7 +58,7 @@ pub struct QueueView {
     pub connected: bool,
     /// Why not, in a sentence.
     pub reason: Option<String>,
-    /// Spans that nobody holds; `null` if unknown.
+    /// Spans that no worker holds; `null` if unknown.
     pub spans_waiting: Option<u64>,
     /// Spans that a worker holds; `null` if unknown.
     pub spans_held: Option<u64>,
@@ -104,11 +75,11 @@ pub struct WorkerView {
     pub version: String,
     /// What it is doing.
     pub state: WorkerState,
-    /// Seconds since it last got on with something.
+    /// Seconds since its last progress.
     pub last_progress_s: f64,
-    /// The scene in hand.
+    /// The scene it works on.
     pub scene: Option<SceneId>,
-    /// The shard in hand, its number in that scene.
+    /// Number of the shard it works on, in that scene.
     pub shard: Option<u32>,
     /// Shards that it has traced since it started.
     pub shards_done: u64,
@@ -118,9 +89,9 @@ pub struct WorkerView {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WorkerState {
-    /// Nothing was heard of it for longer than it may be quiet: hung, lost or cut off.
+    /// It made no progress for too long: hung, lost or cut off.
     Silent,
-    /// It hands its spans back and goes.
+    /// It requeues its spans and ends.
     Stopping,
     /// It holds spans.
     Working,
@@ -129,7 +100,7 @@ pub enum WorkerState {
 }
 
 impl WorkerState {
-    /// All states, those first that a person should look at.
+    /// All states, the most urgent first.
     pub const ALL: [Self; 4] = [Self::Silent, Self::Stopping, Self::Working, Self::Idle];
 
     /// Its name in JSON, metrics and on the page.
@@ -148,20 +119,20 @@ impl WorkerState {
 pub struct QuarantinedScene {
     /// Its id.
     pub scene: SceneId,
-    /// Why.
+    /// The reason.
     pub reason: String,
-    /// The last lines of the log of what crashed, if something did.
+    /// The last lines of the crashed process's log, if one crashed.
     pub log_tail: Option<String>,
 }
 
-/// A tuple that was made lately.
+/// A recent tuple.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RecentTuple {
     /// Its scene.
     pub scene: SceneId,
     /// Seconds since it was finished.
     pub age_s: f64,
-    /// Who finished it.
+    /// The worker that finished it.
     pub worker: Option<String>,
     /// The largest share, among its layers, of paths that met nothing or ended on a border's continuation; 0 to 1.
     pub miss_share: Option<f64>,
@@ -175,9 +146,6 @@ mod tests {
 
     #[test]
     fn names_are_those_of_the_json() {
-        for state in FarmState::ALL {
-            assert_eq!(serde_json::to_value(state).unwrap(), state.name());
-        }
         for state in WorkerState::ALL {
             assert_eq!(serde_json::to_value(state).unwrap(), state.name());
         }

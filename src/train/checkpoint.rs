@@ -102,6 +102,11 @@ pub fn code_path() -> &'static str {
     "baseline"
 }
 
+/// Folder of a stage's checkpoints in a run's folder.
+pub fn stage_folder(run: &Path, stage: Stage) -> PathBuf {
+    run.join("train").join(stage.name())
+}
+
 /// Folder of the checkpoint of a step.
 pub fn checkpoint_folder(stage_folder: &Path, step: u64) -> PathBuf {
     stage_folder.join(format!("step-{step:07}"))

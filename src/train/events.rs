@@ -32,7 +32,7 @@ fn field_bytes(out: &mut Vec<u8>, field: u64, bytes: &[u8]) {
 }
 
 /// The checksum of TFRecords: CRC-32C, rotated and offset so that checksums of checksums are safe.
-pub fn masked_crc(bytes: &[u8]) -> u32 {
+fn masked_crc(bytes: &[u8]) -> u32 {
     crc32c::crc32c(bytes)
         .rotate_right(15)
         .wrapping_add(0xa282_ead8)

@@ -12,6 +12,7 @@
 //! random            random numbers by seed and name     srgb_planes   pixels as networks see them
 //! mixture           photographs added as images, for comparison
 //! separator         the networks of a checkpoint, ready to work
+//! run, resume       a stage's training in a run's folder, from whatever was trained there before
 //! ```
 //!
 //! What is learned is a function of the settings, the scenes and the machine's kind of CPU: not of threads, of time, or of how
@@ -23,6 +24,8 @@ mod adam;
 mod batch;
 mod checkpoint;
 mod discriminator;
+mod error;
+mod evaluation;
 mod events;
 mod example;
 mod example_sampler;
@@ -35,11 +38,15 @@ mod metrics;
 pub mod mixture;
 mod picture;
 mod random;
+mod resume;
+mod run;
+mod scoring;
 mod separator;
 mod session;
 mod source;
 mod srgb_planes;
 mod vgg;
+mod vgg_file;
 
 /// Tensors and devices of this crate's interface.
 pub use candle_core;
@@ -53,10 +60,11 @@ pub use adam::{Adam, AdamOptions, Moments};
 pub use batch::Batch;
 pub use checkpoint::{
     CHECKPOINT_SCHEMA, Checkpoint, CheckpointError, CheckpointState, Origin, checkpoint_folder,
-    clear, code_path, prune, steps, write_checkpoint,
+    clear, code_path, prune, stage_folder, steps, write_checkpoint,
 };
 pub use discriminator::Discriminator;
-pub use events::masked_crc;
+pub use error::TrainError;
+pub use evaluation::{EVALUATION_SCHEMA, Evaluation, EvaluationError, ScoredNetwork};
 pub use example::{Cut, Example, Planes};
 pub use example_sampler::{ExampleSampler, SceneSource};
 pub use generator::{DILATIONS, Generator, GeneratorOptions, SLOPE};
@@ -66,13 +74,18 @@ pub use loader::Loader;
 pub use loss::{FEATURE_DIVISORS, adversarial_loss, discriminator_loss, feature_difference, l1};
 pub use picture::{Grid, Picture, rgb_grid, shrunk};
 pub use random::Stream;
+pub use run::{Pace, TrainSummary, Training, run};
+pub use scoring::Tiled;
 pub use separator::{Separator, SeparatorError};
-pub use session::{Best, Schedule, Session, TrainError, Trained, Watcher};
+pub use session::{Best, Schedule, Session, Trained, Watcher};
 pub use source::{
     Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleFilesError, TupleSource,
 };
 pub use srgb_planes::{bytes_of_planes, planes_of_bytes};
 pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};
+pub use vgg_file::{Features, FeaturesError};
 
+#[cfg(test)]
+mod run_tests;
 #[cfg(test)]
 mod step_tests;

@@ -1,9 +1,8 @@
 //! A training: step after step, watched, written down, resumed.
 
 use super::batch::Batch;
-use super::checkpoint::{
-    Checkpoint, CheckpointError, CheckpointState, Origin, prune, write_checkpoint,
-};
+use super::checkpoint::{Checkpoint, CheckpointState, Origin, prune, write_checkpoint};
+use super::error::TrainError;
 use super::events::EventFile;
 use super::example::Example;
 use super::learner::{Learner, StepLosses};
@@ -15,39 +14,13 @@ use compose::psnr_colour_db;
 use plan::{Stage, TrainSettings};
 use render::atomic_file::{self, WriteError};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// PSNR of pictures that are equal, dB, so that means stay numbers.
 const MOST_DB: f64 = 100.0;
-
-/// A training that cannot go on.
-#[derive(Debug, thiserror::Error)]
-pub enum TrainError {
-    /// An example.
-    #[error(transparent)]
-    Example(#[from] ExampleError),
-    /// A checkpoint.
-    #[error(transparent)]
-    Checkpoint(#[from] CheckpointError),
-    /// The disk.
-    #[error(transparent)]
-    Write(#[from] WriteError),
-    /// candle's.
-    #[error(transparent)]
-    Tensor(#[from] candle_core::Error),
-    /// The loss is no number.
-    #[error(
-        "the loss of step {step} is {loss}: the last checkpoint before it is whole; a smaller learning rate may help (a new training: settings are frozen)"
-    )]
-    NotFinite {
-        /// From 1.
-        step: u64,
-        /// What it is.
-        loss: f32,
-    },
-}
 
 /// When what is done. None of it changes what is learned.
 #[derive(Clone, Copy, Debug)]
@@ -64,26 +37,40 @@ pub struct Schedule {
 
 /// Told of what happens.
 pub trait Watcher {
+    /// All is ready: these steps are taken next, each of so many examples.
+    fn begins(&mut self, _steps: Range<u64>, _batch: usize) {}
     /// A step was taken.
-    fn step(&mut self, step: u64, losses: &StepLosses, wall_s: f64);
+    fn step(&mut self, _step: u64, _losses: &StepLosses, _wall_s: f64) {}
     /// A checkpoint was written.
-    fn checkpoint(&mut self, step: u64, path: &Path, validation_psnr_db: Option<f64>);
+    fn checkpoint(&mut self, _step: u64, _path: &Path, _validation_psnr_db: Option<f64>) {}
+    /// Something that may be worth knowing.
+    fn note(&mut self, _text: &str) {}
+    /// Something that should be known.
+    fn warning(&mut self, _text: &str) {}
 }
 
+/// Nobody watches.
+impl Watcher for () {}
+
 /// How a training ended.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
 pub struct Trained {
     /// Steps so far.
     pub step: u64,
     /// Steps that were taken now.
+    #[serde(rename = "steps_taken")]
     pub taken: u64,
     /// The newest checkpoint, if a step was ever taken.
     pub checkpoint: Option<PathBuf>,
-    /// Its validation, dB.
-    pub validation_psnr_db: Option<f64>,
     /// Loss of the last step that was taken now.
     pub loss: Option<f32>,
+    /// The newest checkpoint's validation, dB.
+    pub validation_psnr_db: Option<f64>,
+    /// Seconds of the steps, without what is written between them.
+    #[serde(skip)]
+    pub busy_s: f64,
     /// It was told to stop.
+    #[serde(skip)]
     pub stopped: bool,
 }
 
@@ -179,7 +166,7 @@ impl Session {
         let mut metrics = Metrics::open(&csv, self.step).map_err(write_error(csv.clone()))?;
         let mut events = EventFile::create(&self.folder, self.step)
             .map_err(write_error(self.folder.join("events.out.tfevents")))?;
-        let (mut taken, mut loss) = (0, None);
+        let (mut taken, mut loss, mut busy_s) = (0, None, 0.0);
         let mut stopped = false;
         while self.step < schedule.until {
             let clock = Instant::now();
@@ -211,6 +198,7 @@ impl Session {
             taken += 1;
             loss = Some(losses.total);
             let wall_s = clock.elapsed().as_secs_f64();
+            busy_s += wall_s;
             let is_due = self.step.is_multiple_of(schedule.checkpoint_every.max(1))
                 || self.step == schedule.until;
             let validated = if is_due { self.validate()? } else { None };
@@ -261,6 +249,7 @@ impl Session {
             checkpoint: self.last.as_ref().map(|last| last.path.clone()),
             validation_psnr_db: self.last.as_ref().and_then(|last| last.validation_psnr_db),
             loss,
+            busy_s,
             stopped,
         })
     }

@@ -11,6 +11,7 @@ use render::line::{Roots, SceneLine};
 use render::merge::{TupleRecord, decode_tuple_exr, is_record_of};
 use render::scene::{Decoded, decode, read_files_by};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// An example that cannot be had.
 #[derive(Debug, thiserror::Error)]
@@ -56,6 +57,9 @@ pub trait TupleFiles: Send + Sync {
 
     /// Whether the scene is quarantined: it gets no tuple unless it is retried.
     fn is_quarantined(&self, scene: &SceneId) -> Result<bool, TupleFilesError>;
+
+    /// How many of these scenes have a tuple.
+    fn count(&self, scenes: &[SceneId]) -> Result<usize, TupleFilesError>;
 }
 
 /// An example before random augmentation.
@@ -86,7 +90,7 @@ impl Base {
 /// Tuples, by the scenes of a manifest.
 pub struct TupleSource {
     /// Where they are stored.
-    pub files: Box<dyn TupleFiles>,
+    pub files: Arc<dyn TupleFiles>,
     /// Scenes to read.
     pub lines: Vec<SceneLine>,
     /// From which files.

@@ -1,5 +1,6 @@
 //! `bench`: what it measures is measured, and what it writes is what it says.
 
+use crate::support::outputs::read_json;
 use crate::support::program::{run, text};
 use crate::support::scenes::{photographs, scene};
 use glasshouse::bench::{Ladder, Slope, Work, climb, own_reference, pair, slopes};
@@ -81,8 +82,7 @@ fn the_error_falls_and_is_written_down() {
         }
     }
     // Files: the same rows as JSON and as CSV, and a picture with a line for each.
-    let file: Value =
-        serde_json::from_slice(&std::fs::read(out.join("error.json")).unwrap()).unwrap();
+    let file = read_json(out.join("error.json"));
     assert_eq!(
         (&file["schema"], &file["rows"]),
         (&result["schema"], &result["rows"])
@@ -129,8 +129,7 @@ fn the_error_falls_and_is_written_down() {
         given.stdout.contains("input, sobol: RMSE ~ samples^-"),
         "{given:?}"
     );
-    let file: Value =
-        serde_json::from_slice(&std::fs::read(other.join("error.json")).unwrap()).unwrap();
+    let file = read_json(other.join("error.json"));
     assert_eq!(rmse(&file), rmse(&result));
 
     // Another pane: the reference does not fit any more.
@@ -272,8 +271,7 @@ fn dumped_rays_hit_the_dumped_mesh() {
     );
     assert_eq!(result["tracer"].as_array().unwrap().len(), 2);
     assert_eq!(result["grids"].as_array().unwrap().len(), 2);
-    let list: Value =
-        serde_json::from_slice(&std::fs::read(dump.join("rays.json")).unwrap()).unwrap();
+    let list = read_json(dump.join("rays.json"));
     let classes = &list["classes"];
     assert_eq!(
         names(classes, "name"),

@@ -1,6 +1,6 @@
 //! Completions that shells accept, and man pages of every command.
 
-use crate::support::program::{command, run, text};
+use crate::support::program::{Ended, command, run, text};
 use clap::CommandFactory;
 use glasshouse::cli::Args;
 use std::path::Path;
@@ -158,7 +158,7 @@ fn render(path: &Path) -> bool {
 
 #[test]
 fn a_page_cannot_be_written_everywhere() {
-    let ended: crate::support::program::Ended = command(&["man", "--out", "/proc/x"])
+    let ended: Ended = command(&["man", "--out", "/proc/x"])
         .output()
         .unwrap()
         .into();

@@ -1,7 +1,8 @@
 //! `doctor`: on a good place, on a bad one, with stores and queues that are there or not.
 
-use crate::support::nats_server::Server;
-use crate::support::program::{command, run, text};
+use crate::support::nats::Nats;
+use crate::support::outputs::{files, read_json};
+use crate::support::program::{Ended, command, run, text};
 use crate::support::s3_server::S3Server;
 use crate::support::workplace::{run_in, workplace};
 use serde_json::Value;
@@ -28,7 +29,7 @@ fn entries(folder: &Path) -> usize {
 fn a_good_place_is_well_and_left_as_it_was() {
     let place = workplace();
     let smoke = place.path().join("runs/smoke");
-    let before = crate::support::outputs::files(&smoke);
+    let before = files(&smoke);
     let doctor = run(&["doctor", text(&smoke), "-j", "1", "--json"])
         .expect(0)
         .json();
@@ -62,7 +63,7 @@ fn a_good_place_is_well_and_left_as_it_was() {
             .unwrap()
             > 0.0
     );
-    assert_eq!(crate::support::outputs::files(&smoke), before);
+    assert_eq!(files(&smoke), before);
     assert_eq!(level(&doctor, "right bits"), "ok");
     // A person's page fits a terminal.
     let page = run_in(place.path(), &["doctor", "runs/smoke", "-j", "1"])
@@ -125,7 +126,7 @@ fn a_place_that_cannot_be_written_fails() {
 fn a_run_of_another_kind_is_told() {
     let place = workplace();
     let spec = place.path().join("runs/smoke/spec.json");
-    let mut other: Value = serde_json::from_slice(&std::fs::read(&spec).unwrap()).unwrap();
+    let mut other = read_json(&spec);
     other["golden"]["blake3"] = "another".into();
     std::fs::write(&spec, other.to_string()).unwrap();
     let doctor = run_in(place.path(), &["doctor", "runs/smoke", "--json"])
@@ -182,7 +183,7 @@ fn a_bucket_is_a_store() {
     let doctor = |address: &str, code| {
         let mut command = command(&["doctor", text(folder.path()), "--store", address, "--json"]);
         bucket.tell(&mut command);
-        let ended: crate::support::program::Ended = command.output().unwrap().into();
+        let ended: Ended = command.output().unwrap().into();
         assert!(!ended.stdout.contains("hush"), "{ended:?}");
         ended.expect(code).json()
     };
@@ -229,9 +230,7 @@ fn a_queue_that_is_not_there_fails() {
 #[cfg(feature = "nats")]
 #[test]
 fn a_server_is_a_queue() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let folder = tempfile::tempdir().unwrap();
     let url = server.url();
     for _ in 0..2 {

@@ -1,11 +1,10 @@
 //! Stopped politely, out of time, busy, out of space: what is done stays done, and the exit code says why.
 
-use crate::support::outputs::{assert_same, assert_tidy, files, tuples};
-use crate::support::program::{Ended, command, run, send, text, wait_until};
+use crate::support::outputs::{assert_same, assert_tidy, files, manifest, tuples};
+use crate::support::program::{Ended, command, run, run_on_full_disk, send, text, wait_until};
 use crate::support::scenes::{SCENES, SHARDS, place, reference};
 use glasshouse::run::Run;
 use render::line::Roots;
-use std::process::Command;
 
 fn stopped_by(signal: &str, code: i32) {
     let place = place();
@@ -57,8 +56,7 @@ fn an_interrupted_render_says_so_in_json() {
     let place = place();
     place.plan();
     let scene = place.run.join("one.json");
-    let manifest = std::fs::read_to_string(place.run.join("manifest.jsonl")).unwrap();
-    std::fs::write(&scene, manifest.lines().next().unwrap()).unwrap();
+    std::fs::write(&scene, manifest(&place.run)[0].to_string()).unwrap();
     let root = format!("sample={}", text(&place.run.join("inputs/sample")));
     let out = place.run.join("out");
     // Far more samples than there is time for; with bars, so that something says that tracing has begun.
@@ -149,20 +147,11 @@ fn a_full_disk_ends_with_1_and_can_be_resumed() {
     let place = place();
     place.plan();
     let folder = text(&place.run);
-    let limited = |arguments: &[&str]| -> Ended {
-        Command::new("sh")
-            .args(["-c", "trap '' XFSZ; ulimit -f 1; exec \"$0\" \"$@\""])
-            .arg(env!("CARGO_BIN_EXE_glasshouse"))
-            .args(arguments)
-            .output()
-            .unwrap()
-            .into()
-    };
-    limited(&["work", folder])
+    run_on_full_disk(&["work", folder])
         .expect(1)
         .says(&["cannot write", folder, "space"]);
     let elsewhere = place.folder.path().join("new");
-    limited(&["plan", text(&place.recipe), "--out", text(&elsewhere)])
+    run_on_full_disk(&["plan", text(&place.recipe), "--out", text(&elsewhere)])
         .expect(1)
         .says(&["cannot write", text(&elsewhere)]);
     assert!(!elsewhere.join("spec.json").exists());

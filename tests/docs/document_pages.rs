@@ -48,22 +48,6 @@ pub(crate) struct Page {
     pub(crate) text: String,
 }
 
-/// A row of the list of what no test runs.
-#[derive(Debug)]
-pub(crate) struct NotRun {
-    pub(crate) pattern: String,
-}
-
-impl NotRun {
-    /// A pattern that ends with ` …` stands for all that begin so.
-    pub(crate) fn is_of(&self, line: &str) -> bool {
-        match self.pattern.strip_suffix(" …") {
-            Some(start) => line == start || line.starts_with(&format!("{start} ")),
-            None => line == self.pattern,
-        }
-    }
-}
-
 pub(crate) fn page(name: &str) -> Page {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(name);
     Page {
@@ -79,6 +63,7 @@ pub(crate) fn pages() -> Vec<Page> {
         "ARCHITECTURE.md",
         "CHANGELOG.md",
         "CONTRIBUTING.md",
+        "docs/decisions/farm-scheduling.md",
         "manifests/README.md",
         "workers/README.md",
         "benches/README.md",
@@ -146,9 +131,7 @@ impl Page {
         let mut open = String::new();
         for (line, is_code) in lines(&self.text) {
             if !is_code {
-                // Tables say which lines no test runs.
-                let own_list = self.name == "docs/commands.md" && line.starts_with("| ");
-                let in_prose = spans(line).filter(|s| !own_list && s.starts_with("glasshouse "));
+                let in_prose = spans(line).filter(|s| s.starts_with("glasshouse "));
                 found.extend(in_prose.map(one_space));
                 continue;
             }
@@ -195,19 +178,5 @@ impl Page {
                     .collect()
             })
             .collect()
-    }
-
-    /// The rows of the section "What no test runs".
-    pub(crate) fn not_run(&self) -> Vec<NotRun> {
-        let (_, section) = self.text.split_once("\n## What no test runs\n").unwrap();
-        let section = section.split("\n## ").next().unwrap();
-        let rows = section.lines().filter(|line| line.starts_with("| `"));
-        rows.map(|row| {
-            let pattern = spans(row).next().unwrap().to_owned();
-            let reason = row.trim_end_matches(" |").rsplit(" | ").next().unwrap();
-            assert!(reason.len() > 5, "no reason: {row}");
-            NotRun { pattern }
-        })
-        .collect()
     }
 }

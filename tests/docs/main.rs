@@ -8,6 +8,8 @@
 
 mod document_pages;
 mod documents;
+mod examples;
 mod launch;
+mod not_run;
 #[path = "../support/mod.rs"]
 mod support;

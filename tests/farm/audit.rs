@@ -1,9 +1,10 @@
 //! One wrong pixel is found, in the right file, with the worker that made it.
 
-use crate::many::{end, start};
-use crate::support::nats_server::Server;
+use crate::processes::{all_done, start};
+use crate::support::nats::Nats;
+use crate::support::outputs::manifest;
 use crate::support::program::{run, text};
-use crate::support::scenes::{SCENES, partials, place, put_partials};
+use crate::support::scenes::{Place, SCENES, partials, place, put_partials};
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, WritableImage, f16, read};
 use render::partial::Partial;
 use serde_json::json;
@@ -139,8 +140,7 @@ fn partials_are_compared_and_other_inputs_are_no_verdict() {
 
     std::fs::remove_dir_all(place.run.join("partials")).unwrap();
     run(&["work", folder, "-q"]).expect(0);
-    let manifest = std::fs::read_to_string(place.run.join("manifest.jsonl")).unwrap();
-    let line: serde_json::Value = serde_json::from_str(manifest.lines().next().unwrap()).unwrap();
+    let line = &manifest(&place.run)[0];
     let color = line["front"]["color"].as_str().unwrap();
     let color = place
         .run
@@ -162,9 +162,7 @@ fn partials_are_compared_and_other_inputs_are_no_verdict() {
 /// In a farm the receipt names who made it; the audit needs only the store.
 #[test]
 fn the_worker_is_named() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let place = place();
     place.plan();
     let store = place.folder.path().join("store");
@@ -176,8 +174,7 @@ fn the_worker_is_named() {
         &server,
         &["-j", "1", "--store", store, "--name", "crooked"],
     );
-    end(coordinator).expect(0);
-    end(named).expect(0);
+    all_done(coordinator, [named]);
     damage(
         &Path::new(store).join("tuples/test-sample-000000/tuple.exr"),
         "clean_reflection.B",
@@ -204,15 +201,10 @@ fn the_worker_is_named() {
     }
     let coordinator = start("coordinate", &place, &server, &["--store", store]);
     let honest = worker_at(&place, &server, store);
-    end(coordinator).expect(0);
-    end(honest).expect(0);
+    all_done(coordinator, [honest]);
     run(&audit).expect(0);
 }
 
-fn worker_at(
-    place: &crate::support::scenes::Place,
-    server: &Server,
-    store: &str,
-) -> std::process::Child {
+fn worker_at(place: &Place, server: &Nats, store: &str) -> std::process::Child {
     start("work", place, server, &["-j", "1", "--store", store])
 }

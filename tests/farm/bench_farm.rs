@@ -1,6 +1,6 @@
 //! `bench farm` on real processes: short runs, whose figures mean little; but they must be there, and be possible.
 
-use crate::support::nats_server::Server;
+use crate::support::nats::Nats;
 use crate::support::program::run;
 use serde_json::Value;
 
@@ -19,9 +19,7 @@ fn number(object: &Value, key: &str) -> f64 {
 
 #[test]
 fn the_makespan_of_a_farm_with_faults_is_measured() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let result = measured(&[
         "--makespan",
         "--queue",

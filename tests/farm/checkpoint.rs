@@ -1,10 +1,11 @@
 //! Partials wait in memory for the rest of their scene: most are never written, and none is lost by a stop.
 
-use crate::many::{alone, coordinator, end, slow_place, start, wait_for};
-use crate::support::nats_server::Server;
+use crate::processes::{all_done, alone, coordinator, end, slow_place, start};
+use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, files, tuples};
 use crate::support::program::{Ended, command, run, send, text};
 use crate::support::scenes::{SCENES, place, reference};
+use crate::support::tools::wait_for;
 use std::path::Path;
 use std::time::Duration;
 
@@ -62,9 +63,7 @@ fn what_waits_is_written_by_who_stops() {
 
 #[test]
 fn what_waits_is_written_for_who_gets_the_rest() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let coordinator = coordinator(&place, &server);
     let mut slow = vec!["-j", "1", "--fault", "slow:20"];
@@ -92,9 +91,7 @@ fn what_waits_is_written_for_who_gets_the_rest() {
 
 #[test]
 fn who_is_killed_loses_what_waited_and_no_more() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let coordinator = coordinator(&place, &server);
     let mut later = vec!["-j", "1"];
@@ -104,8 +101,7 @@ fn who_is_killed_loses_what_waited_and_no_more() {
     victim.kill().unwrap();
     victim.wait().unwrap();
     let heir = start("work", &place, &server, &later);
-    end(coordinator).expect(0);
-    end(heir).expect(0);
+    all_done(coordinator, [heir]);
     assert_same(&tuples(&place.run), &alone(&place));
     assert_eq!(files(&place.run.join("partials")).len(), 0);
 }

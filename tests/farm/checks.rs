@@ -1,5 +1,6 @@
 //! Input files are looked at before anything is traced; and the paper's recipe is planned over folders of the real shape.
 
+use crate::support::outputs::{files, manifest};
 use crate::support::program::{Ended, run, text};
 use crate::support::scenes::{npy, photographs, scene, write_lines};
 use serde_json::{Value, json};
@@ -76,10 +77,7 @@ impl Place {
 
     /// The scenes of a planned run by their ids.
     fn scenes(&self, run: &str) -> BTreeMap<String, Value> {
-        let manifest = self.manifest(run);
-        let lines = manifest
-            .lines()
-            .map(|line| serde_json::from_str::<Value>(line).unwrap());
+        let lines = manifest(&self.path(run)).into_iter();
         lines
             .map(|line| (line["id"].as_str().unwrap().to_owned(), line))
             .collect()
@@ -342,7 +340,7 @@ fn the_paper_is_planned_from_folders_of_the_real_shape() {
     assert!(number("disk_needed_bytes") > number("tuple_bytes"));
     assert!(number("partial_bytes_at_a_time") < number("partial_bytes") / 4.0);
     assert!(number("disk_available_bytes") > 0.0);
-    let all: u64 = crate::support::outputs::files(folder.path())
+    let all: u64 = files(folder.path())
         .iter()
         .map(|path| std::fs::metadata(folder.path().join(path)).unwrap().len())
         .sum();

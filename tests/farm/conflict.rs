@@ -1,11 +1,12 @@
 //! Two workers make different bytes of one shard: neither is believed, both are named, and the farm goes on.
 
-use crate::many::{alone, coordinator, end, slow_place, start, wait_for};
-use crate::support::nats_server::Server;
-use crate::support::outputs::{assert_same, tuples};
+use crate::processes::{alone, coordinator, end, slow_place, start};
+use crate::support::nats::Nats;
+use crate::support::outputs::{assert_same, files, tuples};
 use crate::support::program::{run, text};
 use crate::support::scenes::{Place, SCENES, SHARDS};
-use glasshouse::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper, Waiting};
+use crate::support::tools::wait_for;
+use glasshouse::farm::queue::{NatsCoordinator, QueueKeeper, Waiting};
 use glasshouse::run::{QuarantineRecord, Run, Span};
 use render::ids::SceneId;
 use render::line::Roots;
@@ -17,15 +18,11 @@ use std::time::Duration;
 const SCENE: &str = "train-sample-000001";
 
 /// The queue of a planned run, with one scene in it twice and nothing else.
-fn twice(place: &Place, server: &Server) -> NatsCoordinator {
-    let options = NatsOptions {
-        url: server.url(),
-        name: "mischief".to_owned(),
-        ..NatsOptions::default()
-    };
+fn twice(place: &Place, server: &Nats) -> NatsCoordinator {
     let run = Run::open(&place.run, &Roots::default()).unwrap();
     let scene = run.lines.iter().position(|line| line.id.as_str() == SCENE);
-    let queue = NatsCoordinator::connect(&options, run.id(), Duration::from_secs(2)).unwrap();
+    let queue =
+        NatsCoordinator::connect(&server.options(), run.id(), Duration::from_secs(2)).unwrap();
     queue.ensure().unwrap();
     let again = |handed_on| Waiting {
         span: Span {
@@ -38,7 +35,7 @@ fn twice(place: &Place, server: &Server) -> NatsCoordinator {
     queue
 }
 
-fn named(place: &Place, server: &Server, name: &str, fault: &str) -> Child {
+fn named(place: &Place, server: &Nats, name: &str, fault: &str) -> Child {
     let more = [
         "-j", "1", "--name", name, "--fault", "slow:2", "--fault", fault,
     ];
@@ -59,7 +56,7 @@ fn kept(place: &Place) -> Vec<(String, PathBuf)> {
         .map(|worker| {
             let path = worker.unwrap().path();
             let name = path.file_name().unwrap().to_string_lossy().into_owned();
-            let mut files = crate::support::outputs::files(&path);
+            let mut files = files(&path);
             (name, files.remove(0))
         })
         .collect()
@@ -67,9 +64,7 @@ fn kept(place: &Place) -> Vec<(String, PathBuf)> {
 
 #[test]
 fn who_computes_other_bits_is_found_out() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let queue = twice(&place, &server);
     let workers = [
@@ -127,9 +122,7 @@ fn who_computes_other_bits_is_found_out() {
 /// A scene that is done is made anew beside a coordinator that runs.
 #[test]
 fn a_done_scene_is_made_anew() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let slow = ["-j", "1", "--fault", "slow:3"];
     let worker = start("work", &place, &server, &slow);

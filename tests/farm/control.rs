@@ -1,10 +1,11 @@
 //! A run is paused, resumed and cancelled while it is made, by one process or by many; nothing is lost by it.
 
-use crate::many::{alone, coordinator, end, results, slow_place, wait_for, worker};
-use crate::support::nats_server::Server;
+use crate::processes::{alone, coordinator, end, results, slow_place, worker};
+use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, tuples};
-use crate::support::program::{command, run, text};
+use crate::support::program::{command, run, send, text};
 use crate::support::scenes::{Place, SCENES};
+use crate::support::tools::wait_for;
 use serde_json::Value;
 use std::process::Child;
 use std::time::Duration;
@@ -79,7 +80,7 @@ fn a_paused_process_still_stops() {
     tell(&place, "pause");
     let child = work(&place);
     std::thread::sleep(Duration::from_secs(1));
-    crate::support::program::send(&child, "TERM");
+    send(&child, "TERM");
     end(child).expect(143);
     // A time limit does, too.
     let limited = run(&["work", text(&place.run), "--time-limit", "1"]);
@@ -130,9 +131,7 @@ fn a_damaged_record_holds_the_run() {
 
 #[test]
 fn a_farm_pauses_goes_on_is_cancelled_and_taken_back() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let url = server.url();
     let first = coordinator(&place, &server);

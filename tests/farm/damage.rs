@@ -1,6 +1,6 @@
 //! Partials that are torn, flipped, or belong to something else are noticed and traced again.
 
-use crate::support::outputs::{assert_same, assert_tidy, tuples};
+use crate::support::outputs::{assert_same, assert_tidy, manifest, tuples};
 use crate::support::program::{run, text};
 use crate::support::scenes::{SCENES, SHARDS, partials, place, put_partials, reference};
 use render::partial::{Partial, decode, encode};
@@ -69,8 +69,7 @@ fn partials_of_replaced_inputs_are_traced_again() {
     let (id, good) = partials(&place.run, 0);
     put_partials(&place.run, &id, &good);
     // The scene's front photograph is replaced by its back photograph, in place.
-    let manifest = std::fs::read_to_string(place.run.join("manifest.jsonl")).unwrap();
-    let line: serde_json::Value = serde_json::from_str(manifest.lines().next().unwrap()).unwrap();
+    let line = &manifest(&place.run)[0];
     let path = |side: &str| {
         let text = line[side]["color"].as_str().unwrap();
         place

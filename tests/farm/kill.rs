@@ -1,16 +1,10 @@
 //! SIGKILL at random moments of planning and tracing, then the same command again.
 
 use crate::support::outputs::{assert_same, assert_tidy, files, tuples};
-use crate::support::program::{command, run, text, wait_until};
+use crate::support::program::{command, random, run, text, wait_until};
 use crate::support::scenes::{SCENES, SHARDS, place, reference};
-use std::hash::{BuildHasher, RandomState};
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
-
-/// A random number below `n`, not the same in every run of the tests: it is logged.
-fn random(n: usize) -> usize {
-    (RandomState::new().hash_one(0) % n as u64) as usize
-}
 
 /// Shards that are done, by the files alone.
 fn shards_done(run: &Path) -> usize {

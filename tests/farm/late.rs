@@ -1,6 +1,6 @@
 //! A worker whose scene others have finished meanwhile.
 
-use crate::many::alone;
+use crate::processes::alone;
 use crate::support::outputs::files;
 use crate::support::scenes::place;
 use glasshouse::farm::queue::{LocalQueue, QueueKeeper, Waiting};

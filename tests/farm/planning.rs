@@ -1,6 +1,6 @@
 //! Plans: frozen, compared, refused.
 
-use crate::support::outputs::{assert_same, files, tuples};
+use crate::support::outputs::{assert_same, files, read_json, tuples};
 use crate::support::program::{run, text};
 use crate::support::scenes::{RECIPE, photographs, place, scene, write_lines};
 use serde_json::json;
@@ -108,8 +108,7 @@ fn a_spec_of_another_machine_is_refused() {
     let place = place();
     place.plan();
     let path = place.run.join("spec.json");
-    let mut spec: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    let mut spec = read_json(&path);
     spec["golden"]["blake3"] = json!("0".repeat(64));
     std::fs::write(&path, spec.to_string()).unwrap();
     run(&["work", text(&place.run)])

@@ -1,9 +1,11 @@
 //! Scenes that kill whoever works on them, hang, or cannot be read; workers that are ill. The others' tuples are those
 //! of a run in which nothing went wrong.
 
-use crate::many::{assert_finished, coordinator, end, start, worker};
-use crate::support::nats_server::Server;
-use crate::support::outputs::{Content, assert_same, files, tuples};
+use crate::processes::{all_done, assert_finished, assert_whole, coordinator, end, start, worker};
+use crate::support::nats::Nats;
+use crate::support::outputs::{
+    Content, assert_same, files, manifest, quarantine_reason, read_json, tuples,
+};
 use crate::support::program::{Ended, command, run, text};
 use crate::support::scenes::{Place, SCENES, photographs, place, reference, scene, write_lines};
 use serde_json::{Value, json};
@@ -12,25 +14,15 @@ use std::path::{Path, PathBuf};
 use std::process::Child;
 
 fn ids(run: &Path) -> Vec<String> {
-    let manifest = std::fs::read_to_string(run.join("manifest.jsonl")).unwrap();
-    let id = |line: &str| serde_json::from_str::<Value>(line).unwrap()["id"].clone();
-    let ids = manifest.lines().map(|l| id(l).as_str().unwrap().to_owned());
-    ids.collect()
-}
-
-fn reason(run: &Path, scene: &str) -> String {
-    let record = std::fs::read(run.join(format!("quarantine/{scene}.json"))).unwrap();
-    let record: Value = serde_json::from_slice(&record).unwrap();
-    record["reason"].as_str().unwrap().to_owned()
+    let lines = manifest(run);
+    let ids = lines.iter().map(|line| line["id"].as_str().unwrap());
+    ids.map(str::to_owned).collect()
 }
 
 fn attempts(run: &Path, scene: &str) -> Vec<Value> {
     let folder = run.join("attempts").join(scene);
-    let read = |path: PathBuf| std::fs::read(folder.join(path)).unwrap();
-    let records = files(&folder).into_iter().map(read);
-    records
-        .map(|bytes| serde_json::from_slice(&bytes).unwrap())
-        .collect()
+    let records = files(&folder).into_iter();
+    records.map(|path| read_json(folder.join(path))).collect()
 }
 
 /// All of the reference but one scene.
@@ -67,7 +59,7 @@ fn a_scene_that_kills_its_process_is_set_aside_after_four() {
     assert_eq!(records.len(), 4);
     let crashed = records.iter().filter(|r| r["ended"]["kind"] == "crashed");
     assert_eq!(crashed.count(), 3);
-    let reason = reason(&place.run, poison);
+    let reason = quarantine_reason(&place.run, poison);
     for word in ["4 processes", "SIGABRT", "aborts this process, as ordered"] {
         assert!(reason.contains(word), "{reason}");
     }
@@ -98,9 +90,7 @@ fn a_suspect_that_is_innocent_is_done_in_a_child() {
 /// The same on a farm: workers that die are started again, as by systemd.
 #[test]
 fn poison_costs_a_farm_four_processes_at_most() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let place = place();
     place.plan();
     let poison = ids(&place.run)[0].clone();
@@ -128,16 +118,14 @@ fn poison_costs_a_farm_four_processes_at_most() {
     assert!(deaths >= 1 && deaths + crashes <= 4, "{deaths} {crashes}");
     let ended = end(coordinator).expect(3).json();
     assert_eq!(ended["quarantined"], 1);
-    assert!(reason(&place.run, &poison).contains("SIGABRT"));
+    assert!(quarantine_reason(&place.run, &poison).contains("SIGABRT"));
     assert_same(&tuples(&place.run), &without(&poison));
 }
 
 /// Its lease keeper lives, its tracer does not: it loses its lease, and another does the work.
 #[test]
 fn a_worker_that_hangs_leaves_its_work_to_others() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let place = place();
     place.plan();
     let fault = format!("hang:{}", ids(&place.run)[0]);
@@ -150,18 +138,14 @@ fn a_worker_that_hangs_leaves_its_work_to_others() {
     );
     end(hung).expect(1).says(&["made no progress for 1 s"]);
     let healthy = worker(&place, &server);
-    end(coordinator).expect(0);
-    end(healthy).expect(0);
-    assert_same(&tuples(&place.run), reference());
-    assert_finished(&place.run);
+    all_done(coordinator, [healthy]);
+    assert_whole(&place.run, reference());
 }
 
 /// It hangs everywhere: in children, from the second attempt on.
 #[test]
 fn a_scene_that_always_hangs_is_set_aside() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let place = place();
     place.plan();
     let poison = ids(&place.run)[3].clone();
@@ -180,21 +164,15 @@ fn a_scene_that_always_hangs_is_set_aside() {
 
 #[test]
 fn a_slow_worker_changes_nothing() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let place = place();
     place.plan();
     let coordinator = coordinator(&place, &server);
     let slow = start("work", &place, &server, &["-j", "1", "--fault", "slow:20"]);
     let workers = [worker(&place, &server), worker(&place, &server)];
     end(coordinator).expect(0);
-    end(slow).expect(0);
-    for worker in workers {
-        end(worker).expect(0);
-    }
-    assert_same(&tuples(&place.run), reference());
-    assert_finished(&place.run);
+    all_done(slow, workers);
+    assert_whole(&place.run, reference());
 }
 
 /// Five scenes whose photographs lie in `folder`, planned.
@@ -211,9 +189,7 @@ fn rooted(folder: &Path) -> Place {
 /// Its disk of photographs is not mounted: it says so and goes, having condemned nothing.
 #[test]
 fn a_machine_without_the_photographs_leaves_the_farm() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let folder = tempfile::tempdir().unwrap();
     let place = rooted(folder.path());
     let coordinator = coordinator(&place, &server);
@@ -228,8 +204,7 @@ fn a_machine_without_the_photographs_leaves_the_farm() {
     ]);
     assert!(!place.run.join("quarantine").exists());
     let healthy = worker(&place, &server);
-    end(coordinator).expect(0);
-    end(healthy).expect(0);
+    all_done(coordinator, [healthy]);
     assert_eq!(tuples(&place.run).len(), 5 * 6);
     assert_finished(&place.run);
 }
@@ -237,9 +212,7 @@ fn a_machine_without_the_photographs_leaves_the_farm() {
 /// One photograph is nowhere: four attempts later its scenes are set aside, and the rest is done.
 #[test]
 fn a_file_that_nobody_can_read_is_named() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let folder = tempfile::tempdir().unwrap();
     photographs(folder.path());
     let mut missing = scene("missing");
@@ -259,7 +232,7 @@ fn a_file_that_nobody_can_read_is_named() {
     for worker in workers {
         end(worker).expect(0);
     }
-    assert!(reason(&place.run, "missing").contains("nowhere.png"));
+    assert!(quarantine_reason(&place.run, "missing").contains("nowhere.png"));
     assert_eq!(tuples(&place.run).len(), 2 * 6);
 }
 
@@ -292,6 +265,6 @@ fn a_scene_too_large_for_the_memory_is_set_aside() {
     };
     assert_aborted(&limited());
     limited().expect(3).says(&["SIGABRT", "memory allocation"]);
-    assert!(reason(&out, "large").contains("memory allocation"));
+    assert!(quarantine_reason(&out, "large").contains("memory allocation"));
     assert_eq!(tuples(&out).len(), 2 * 6);
 }

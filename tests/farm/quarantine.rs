@@ -1,6 +1,6 @@
 //! Scenes that cannot be done are set aside with a reason that names file and remedy; the others go on.
 
-use crate::support::outputs::files;
+use crate::support::outputs::{files, quarantine_reason};
 use crate::support::program::{run, text};
 use crate::support::scenes::{npy, photographs, scene, write_lines};
 use serde_json::{Value, json};
@@ -111,9 +111,7 @@ fn bad_scenes_are_set_aside_and_good_ones_done() {
     assert_eq!(files(&out.join("tuples/good")).len(), 6);
     for (line, words) in &bad {
         let id = line["id"].as_str().unwrap();
-        let record = std::fs::read(out.join(format!("quarantine/{id}.json"))).unwrap();
-        let record: Value = serde_json::from_slice(&record).unwrap();
-        let reason = record["reason"].as_str().unwrap();
+        let reason = quarantine_reason(&out, id);
         for word in words {
             assert!(reason.contains(word), "{id}: no {word:?} in {reason}");
         }

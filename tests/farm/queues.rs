@@ -1,9 +1,8 @@
 //! The promises of a queue, kept by both of them.
 
-use crate::support::nats_server::Server;
+use crate::support::nats::Nats;
 use glasshouse::farm::queue::{
-    Answer, Lease, LocalQueue, Message, NatsCoordinator, NatsOptions, NatsWorker, Queue,
-    QueueKeeper, Taken,
+    Answer, Lease, LocalQueue, Message, NatsCoordinator, NatsWorker, Queue, QueueKeeper, Taken,
 };
 use glasshouse::run::Task;
 use std::collections::BTreeSet;
@@ -40,17 +39,12 @@ fn nothing(queue: &dyn Queue) -> bool {
 fn both(test: impl Fn(&dyn QueueKeeper, &dyn Queue, &dyn Queue)) {
     let local = LocalQueue::new(Some(LEASE));
     test(&local, &local.worker(), &local.worker());
-    if let Some(server) = Server::start() {
-        let options = NatsOptions {
-            url: server.url(),
-            name: "test".to_owned(),
-            ..NatsOptions::default()
-        };
+    if let Some(server) = Nats::start() {
         let run = *b"a-run-id";
-        let keeper = NatsCoordinator::connect(&options, run, LEASE).unwrap();
+        let keeper = NatsCoordinator::connect(&server.options(), run, LEASE).unwrap();
         assert!(keeper.ensure().unwrap());
         assert!(!keeper.ensure().unwrap());
-        let worker = || NatsWorker::connect(&options, run, SCENES, LEASE).unwrap();
+        let worker = || NatsWorker::connect(&server.options(), run, SCENES, LEASE).unwrap();
         test(&keeper, &worker(), &worker());
         keeper.remove().unwrap();
     }

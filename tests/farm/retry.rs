@@ -1,10 +1,11 @@
 //! What was in quarantine is tried again, by a run that goes on and by one that is over.
 
-use crate::many::{alone, coordinator, end, results, slow_place, wait_for, worker};
-use crate::support::nats_server::Server;
+use crate::processes::{all_done, alone, coordinator, end, results, slow_place, worker};
+use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, tuples};
 use crate::support::program::{run, text};
 use crate::support::scenes::{SCENES, photographs, scene, write_lines};
+use crate::support::tools::wait_for;
 use serde_json::json;
 
 #[test]
@@ -50,9 +51,7 @@ fn a_repaired_scene_is_made() {
 
 #[test]
 fn a_coordinator_notices_and_a_finished_farm_starts_again() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let quarantine = |scene: &str| {
         let record =
@@ -90,8 +89,6 @@ fn a_coordinator_notices_and_a_finished_farm_starts_again() {
     // The run is over, and is taken up again.
     let done = retry("test-sample-000000");
     assert_eq!(done["was_finished"], true);
-    for one in [coordinator(&place, &server), worker(&place, &server)] {
-        end(one).expect(0);
-    }
+    all_done(coordinator(&place, &server), [worker(&place, &server)]);
     assert_same(&tuples(&place.run), &alone(&place));
 }

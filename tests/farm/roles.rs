@@ -1,113 +1,44 @@
 //! The shipped server configuration with the shipped keys: the program works over TLS with each role's key, and no role
 //! can do more than it must.
 
-use crate::many::end;
+use crate::processes::all_done;
+use crate::support::nats::SecureNats;
 use crate::support::outputs::{assert_same, tuples};
-use crate::support::program::{command, text};
+use crate::support::program::{command, runtime, text};
 use crate::support::scenes::{Place, place, reference};
 use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::Child;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use tempfile::TempDir;
 
-/// A nats-server with `workers/nats/server.conf`.
-struct SecureServer {
-    child: Child,
-    port: u16,
-    folder: TempDir,
-}
-
-impl Drop for SecureServer {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-impl SecureServer {
-    fn start() -> Option<Self> {
-        let folder = tempfile::tempdir().unwrap();
-        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("workers/nats/make-keys.sh");
-        let keys = folder.path().join("keys");
-        let made = Command::new("bash")
-            .arg(script)
-            .args([text(&keys), "localhost"])
-            .output()
-            .unwrap();
-        if !made.status.success() {
-            eprintln!(
-                "skipped: make-keys.sh: {}",
-                String::from_utf8_lossy(&made.stderr)
-            );
-            return None;
-        }
-        let started = Command::new("nats-server")
-            .args(["-a", "127.0.0.1", "-p", "-1", "-m", "-1", "-c"])
-            .arg(keys.join("server/server.conf"))
-            .stdin(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn();
-        let Ok(mut child) = started else {
-            eprintln!("skipped: nats-server is not installed");
-            return None;
-        };
-        let mut log = BufReader::new(child.stderr.take().unwrap()).lines();
-        let port = log.by_ref().find_map(|line| {
-            let line = line.unwrap();
-            let (_, address) = line.split_once("client connections on ")?;
-            address.trim().rsplit_once(':')?.1.parse().ok()
-        });
-        // Its log is read to the end, so that it never waits for a reader.
-        std::thread::spawn(move || log.for_each(drop));
-        Some(Self {
-            child,
-            port: port.expect("it says where it listens"),
-            folder,
-        })
-    }
-
-    fn url(&self) -> String {
-        format!("tls://localhost:{}", self.port)
-    }
-
-    fn key(&self, role: &str, file: &str) -> PathBuf {
-        self.folder.path().join("keys").join(role).join(file)
-    }
-
-    /// The program with a role's key.
-    fn start_as(&self, role: &str, verb: &str, place: &Place, more: &[&str]) -> Child {
-        let (key, ca) = (self.key(role, "nkey"), self.key(role, "ca.pem"));
-        let url = self.url();
-        let mut arguments = vec![verb, text(&place.run), "--queue", &url, "--lease-s", "2"];
-        arguments.extend(["--queue-nkey", text(&key), "--queue-ca", text(&ca)]);
-        arguments.extend(["--progress", "none", "--json"]);
-        arguments.extend(more);
-        command(&arguments).spawn().unwrap()
-    }
+/// The program with a role's key.
+fn start_as(server: &SecureNats, role: &str, verb: &str, place: &Place, more: &[&str]) -> Child {
+    let (key, ca) = (server.key(role, "nkey"), server.key(role, "ca.pem"));
+    let url = server.url();
+    let mut arguments = vec![verb, text(&place.run), "--queue", &url, "--lease-s", "2"];
+    arguments.extend(["--queue-nkey", text(&key), "--queue-ca", text(&ca)]);
+    arguments.extend(["--progress", "none", "--json"]);
+    arguments.extend(more);
+    command(&arguments).spawn().unwrap()
 }
 
 #[test]
 fn a_farm_over_tls_with_the_shipped_keys() {
-    let Some(server) = SecureServer::start() else {
+    let Some(server) = SecureNats::start() else {
         return;
     };
     let place = place();
     place.plan();
-    let coordinator = server.start_as("coordinator", "coordinate", &place, &[]);
-    let workers = [1, 2].map(|_| server.start_as("worker", "work", &place, &["-j", "1"]));
-    end(coordinator).expect(0);
-    for worker in workers {
-        end(worker).expect(0);
-    }
+    let coordinator = start_as(&server, "coordinator", "coordinate", &place, &[]);
+    let workers = [1, 2].map(|_| start_as(&server, "worker", "work", &place, &["-j", "1"]));
+    all_done(coordinator, workers);
     assert_same(&tuples(&place.run), reference());
 }
 
 /// Who may not is told why, and the seed is in no message.
 #[test]
 fn a_wrong_key_or_authority_is_told() {
-    let Some(server) = SecureServer::start() else {
+    let Some(server) = SecureNats::start() else {
         return;
     };
     let place = place();
@@ -145,16 +76,12 @@ fn a_wrong_key_or_authority_is_told() {
 }
 
 /// Publishes to each subject as a role, and tells which of them the server refused.
-fn refused(server: &SecureServer, role: &str, subjects: &[&str]) -> Vec<String> {
+fn refused(server: &SecureNats, role: &str, subjects: &[&str]) -> Vec<String> {
     let seen: Arc<Mutex<Vec<String>>> = Arc::default();
     let events = Arc::clone(&seen);
     let seed = std::fs::read_to_string(server.key(role, "nkey")).unwrap();
     let ca = server.key(role, "ca.pem");
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(1)
-        .enable_all()
-        .build()
-        .unwrap();
+    let runtime = runtime();
     let _ = rustls::crypto::ring::default_provider().install_default();
     let marker = "glasshouse.marker.nobody.may";
     runtime.block_on(async {
@@ -201,7 +128,7 @@ fn refused(server: &SecureServer, role: &str, subjects: &[&str]) -> Vec<String> 
 /// Subjects that each role needs, and those of the others, which it may not use.
 #[test]
 fn a_role_can_do_what_it_must_and_no_more() {
-    let Some(server) = SecureServer::start() else {
+    let Some(server) = SecureNats::start() else {
         return;
     };
     let stream = "GLASSHOUSE_00112233";

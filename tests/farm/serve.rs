@@ -1,17 +1,13 @@
 //! The coordinator's web server as a client sees it: bytes over a socket.
 
-use crate::serve_run::{HOSTILE, Run, TOKEN, get, id, png, request, run, send, start, worker};
+use crate::serve_run::{HOSTILE, TOKEN, get, id, png, request, run, send, start, worker};
 use crate::support::markup::strictly;
-use glasshouse::serve::{
-    Action, FarmSource, FarmState, QuarantinedScene, ServeError, WorkerState, serve,
-};
+use glasshouse::run::FarmState;
+use glasshouse::serve::{Action, FarmSource, QuarantinedScene, WorkerState, serve};
 use render::trace::LAYERS;
-use std::collections::{BTreeMap, BTreeSet};
-use std::io::{Read, Write};
-use std::net::{SocketAddr, TcpStream};
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
 
 #[test]
 fn every_route_answers() {
@@ -271,115 +267,6 @@ fn a_strangers_name_for_this_machine_is_refused() {
     send(at, request).expect(200);
 }
 
-/// One sample of the text format: name, labels, value.
-type Sample = (String, BTreeMap<String, String>, f64);
-
-/// Reads a line by the format's own rules.
-fn sample(line: &str) -> Sample {
-    let name: String = line
-        .chars()
-        .take_while(|c| c.is_ascii_alphanumeric() || *c == '_')
-        .collect();
-    let mut rest = &line[name.len()..];
-    let mut labels = BTreeMap::new();
-    if let Some(inside) = rest.strip_prefix('{') {
-        rest = inside;
-        loop {
-            let (key, value) = rest.split_once("=\"").unwrap();
-            let key = key.trim_start_matches(',');
-            assert!(
-                key.bytes().all(|b| b.is_ascii_lowercase() || b == b'_'),
-                "{line}"
-            );
-            let (mut text, mut at) = (String::new(), value.char_indices());
-            let end = loop {
-                match at.next().unwrap() {
-                    (end, '"') => break end,
-                    (_, '\\') => text.push(match at.next().unwrap().1 {
-                        'n' => '\n',
-                        c @ ('\\' | '"') => c,
-                        c => panic!("\\{c} in {line}"),
-                    }),
-                    (_, c) => text.push(c),
-                }
-            };
-            assert!(labels.insert(key.to_owned(), text).is_none(), "{line}");
-            rest = &value[end + 1..];
-            if let Some(after) = rest.strip_prefix('}') {
-                rest = after;
-                break;
-            }
-        }
-    }
-    let value = rest.strip_prefix(' ').unwrap().parse().unwrap();
-    (name, labels, value)
-}
-
-#[test]
-fn metrics_follow_the_text_format() {
-    let run = run();
-    {
-        let mut view = run.view.lock().unwrap();
-        view.name = HOSTILE.to_owned();
-        view.workers[0].name = HOSTILE.to_owned();
-        view.workers[0].version = "\\".to_owned();
-        view.workers[1].last_progress_s = f64::NAN;
-        // The same name and host a second time, as after a restart.
-        view.workers
-            .push(worker("three", WorkerState::Silent, 99.0));
-        view.workers
-            .push(worker("three", WorkerState::Working, 1.5));
-        view.eta_s = None;
-    }
-    let server = start(&run, None);
-    let answer = get(server.address(), "/metrics").expect(200);
-    assert_eq!(
-        answer.headers["content-type"],
-        "text/plain; version=0.0.4; charset=utf-8"
-    );
-    let (mut help, mut kind) = (BTreeSet::new(), BTreeMap::new());
-    let mut samples: Vec<Sample> = Vec::new();
-    assert!(answer.text().ends_with('\n'));
-    for line in answer.text().lines() {
-        if let Some(text) = line.strip_prefix("# HELP ") {
-            let (name, text) = text.split_once(' ').unwrap();
-            assert!(text.ends_with('.'));
-            assert!(help.insert(name.to_owned()), "{name} is explained twice");
-        } else if let Some(text) = line.strip_prefix("# TYPE ") {
-            let (name, is) = text.split_once(' ').unwrap();
-            assert!(matches!(is, "gauge" | "counter"), "{line}");
-            assert!(kind.insert(name.to_owned(), is.to_owned()).is_none());
-        } else {
-            let sample = sample(line);
-            assert!(sample.0.starts_with("glasshouse_"), "{line}");
-            assert!(help.contains(&sample.0), "{line}");
-            assert_eq!(kind[&sample.0] == "counter", sample.0.ends_with("_total"));
-            let twice = samples.iter().any(|s| s.0 == sample.0 && s.1 == sample.1);
-            assert!(!twice, "twice: {line}");
-            samples.push(sample);
-        }
-    }
-    let value = |name: &str, label: &str, text: &str| {
-        let has = |s: &&Sample| s.0 == name && (label.is_empty() || s.1[label] == text);
-        let found: Vec<&Sample> = samples.iter().filter(has).collect();
-        assert_eq!(found.len(), 1, "{name} {label} {text}: {found:?}");
-        found[0].2
-    };
-    assert_eq!(value("glasshouse_run_info", "name", HOSTILE), 1.0);
-    assert_eq!(value("glasshouse_run_state", "state", "running"), 1.0);
-    assert_eq!(value("glasshouse_run_state", "state", "paused"), 0.0);
-    assert_eq!(value("glasshouse_scenes_done", "", ""), 1234.0);
-    assert_eq!(value("glasshouse_scenes_per_second", "", ""), 0.5);
-    assert_eq!(value("glasshouse_workers", "state", "silent"), 2.0);
-    let age = |name| value("glasshouse_worker_last_progress_seconds", "worker", name);
-    assert_eq!(age(HOSTILE), 0.5);
-    assert!(age("two").is_nan());
-    assert_eq!(age("three"), 1.5);
-    assert_eq!(value("glasshouse_worker_info", "version", "\\"), 1.0);
-    // What is not known is not there.
-    assert!(!answer.text().contains("eta_seconds"));
-}
-
 #[test]
 fn hostile_text_stays_text() {
     let run = run();
@@ -469,113 +356,4 @@ fn states_say_what_is_the_matter() {
     assert!(!page().contains("No worker."), "none is needed");
     run.view.lock().unwrap().state = FarmState::Finished;
     assert!(!page().contains("/api/resume") && !page().contains("/api/cancel"));
-}
-
-#[test]
-fn the_slow_block_nobody() {
-    let run = run();
-    let server = start(&run, None);
-    let at = server.address();
-    let half = |text: &str| {
-        let mut stream = TcpStream::connect(at).unwrap();
-        stream.write_all(text.as_bytes()).unwrap();
-        stream
-    };
-    // Heads that do not end, bodies that do not come, answers that are not read.
-    let mut slow: Vec<TcpStream> = (0..40)
-        .map(|_| half("GET / HTTP/1.1\r\nHost: loc"))
-        .collect();
-    let unread = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n".repeat(50);
-    slow.extend((0..10).map(|_| half(&unread)));
-    // A store that hangs, and more pictures asked for than can be waited for at a time.
-    *run.store_hangs.0.lock().unwrap() = true;
-    let picture = "GET /thumbnails/train-1/input.png HTTP/1.1\r\nHost: localhost\r\n\r\n";
-    slow.extend((0..20).map(|_| half(picture)));
-    let begun = Instant::now();
-    while run.pictures_asked() == 0 {
-        std::thread::sleep(Duration::from_millis(5));
-    }
-    for path in ["/", "/api/view", "/metrics", "/healthz"] {
-        get(at, path).expect(200);
-    }
-    assert!(
-        begun.elapsed() < Duration::from_secs(8),
-        "{:?}",
-        begun.elapsed()
-    );
-    // A head that does not come is not waited for.
-    let limit = Some(Duration::from_secs(30));
-    slow[0].set_read_timeout(limit).unwrap();
-    let _ = slow[0].read_to_end(&mut Vec::new());
-    let waited = begun.elapsed();
-    assert!(waited < Duration::from_secs(25), "{waited:?}");
-    *run.store_hangs.0.lock().unwrap() = false;
-    run.store_hangs.1.notify_all();
-    get(at, "/thumbnails/train-1/input.png").expect(200);
-}
-
-#[test]
-fn a_source_that_fails_does_not_end_the_server() {
-    let run = run();
-    let server = start(&run, None);
-    run.panics.store(true, Ordering::Relaxed);
-    for _ in 0..20 {
-        get(server.address(), "/").expect(500);
-    }
-    run.panics.store(false, Ordering::Relaxed);
-    get(server.address(), "/").expect(200);
-}
-
-#[test]
-fn dropping_it_closes_the_port_and_the_connections() {
-    let run = run();
-    let server = start(&run, None);
-    let at = server.address();
-    assert_ne!(at.port(), 0);
-    let mut open = TcpStream::connect(at).unwrap();
-    open.write_all(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n")
-        .unwrap();
-    let mut first = [0; 12];
-    open.read_exact(&mut first).unwrap();
-    assert_eq!(&first, b"HTTP/1.1 200");
-    // Even while a call of the source hangs.
-    *run.store_hangs.0.lock().unwrap() = true;
-    let mut hung = TcpStream::connect(at).unwrap();
-    hung.write_all(b"GET /thumbnails/train-1/input.png HTTP/1.1\r\nHost: localhost\r\n\r\n")
-        .unwrap();
-    while run.pictures_asked() == 0 {
-        std::thread::sleep(Duration::from_millis(5));
-    }
-    let begun = Instant::now();
-    drop(server);
-    assert!(
-        begun.elapsed() < Duration::from_secs(5),
-        "{:?}",
-        begun.elapsed()
-    );
-    assert!(TcpStream::connect(at).is_err());
-    open.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
-    // The rest of the answer, then the end.
-    let ended = open.read_to_end(&mut Vec::new());
-    assert!(ended.is_ok() || ended.unwrap_err().kind() == std::io::ErrorKind::ConnectionReset);
-    let again: Arc<dyn FarmSource> = Arc::<Run>::clone(&run);
-    let again = serve(at, again, None).unwrap();
-    get(again.address(), "/healthz").expect(200);
-    *run.store_hangs.0.lock().unwrap() = false;
-    run.store_hangs.1.notify_all();
-}
-
-#[test]
-fn what_cannot_be_served_is_said() {
-    let run = run();
-    let server = start(&run, None);
-    let source = || -> Arc<dyn FarmSource> { Arc::<Run>::clone(&run) };
-    let taken = serve(server.address(), source(), None).unwrap_err();
-    assert!(taken.to_string().contains(&server.address().to_string()));
-    assert!(taken.to_string().contains("choose another address"));
-    let any = SocketAddr::from(([127, 0, 0, 1], 0));
-    for token in ["", "short"] {
-        let weak = serve(any, source(), Some(token.to_owned()));
-        assert!(matches!(weak, Err(ServeError::WeakToken)));
-    }
 }

@@ -1,8 +1,9 @@
 //! A run in memory for the web server to show, and a client that sends bytes over a socket.
 
+use glasshouse::run::FarmState;
 use glasshouse::serve::{
-    Action, Count, FARM_SCHEMA, FarmSource, FarmState, FarmView, QuarantinedScene, QueueView,
-    RecentTuple, Server, WorkerState, WorkerView, serve,
+    Action, Count, FARM_SCHEMA, FarmSource, FarmView, QuarantinedScene, QueueView, RecentTuple,
+    Server, WorkerState, WorkerView, serve,
 };
 use render::ids::SceneId;
 use render::trace::LAYERS;

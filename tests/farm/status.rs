@@ -1,9 +1,10 @@
 //! `status` from a store alone, and `--watch`.
 
-use crate::many::{end, slow_place, start, wait_for};
-use crate::support::nats_server::Server;
-use crate::support::program::{command, run, text};
+use crate::processes::{all_done, end, slow_place, start};
+use crate::support::nats::Nats;
+use crate::support::program::{command, run, send, text};
 use crate::support::scenes::{SCENES, place};
+use crate::support::tools::wait_for;
 use serde_json::Value;
 
 #[test]
@@ -59,7 +60,7 @@ fn a_watch_ends_with_a_signal_and_with_a_cancelled_run() {
         .unwrap();
     std::thread::sleep(std::time::Duration::from_millis(500));
     assert!(watch.try_wait().unwrap().is_none());
-    crate::support::program::send(&watch, "INT");
+    send(&watch, "INT");
     end(watch).expect(130);
     run(&["cancel", folder]).expect(0);
     let ended = run(&["status", folder, "--watch", "--json"]).expect(3);
@@ -72,9 +73,7 @@ fn a_watch_ends_with_a_signal_and_with_a_cancelled_run() {
 /// A machine that has nothing but the store's address sees the run, and may tell it something.
 #[test]
 fn a_store_is_enough() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let store = place.folder.path().join("store");
     let store_text = text(&store);
@@ -113,8 +112,7 @@ fn a_store_is_enough() {
         &server,
         &["-j", "1", "--store", store_text, "--name", "one"],
     );
-    end(coordinator).expect(0);
-    end(worker).expect(0);
+    all_done(coordinator, [worker]);
     let over = look(&[]);
     assert_eq!(over["state"], "finished");
     assert_eq!(
@@ -135,7 +133,7 @@ fn a_store_is_enough() {
     assert_eq!(lost["merged"], 0);
 
     // The store of another run is not touched.
-    let other = crate::support::scenes::place();
+    let other = self::place();
     other.plan();
     for verb in ["status", "pause", "resume", "cancel"] {
         run(&[verb, text(&other.run), "--store", store_text])

@@ -1,8 +1,8 @@
 //! A disk that is really full: a small tmpfs in a mount namespace of its own.
 
-use crate::support::nats_server::Server;
+use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, assert_tidy, files, tuples};
-use crate::support::program::{Ended, text};
+use crate::support::program::{Ended, PROGRAM, text};
 use crate::support::scenes::{place, reference};
 use std::process::Command;
 
@@ -57,7 +57,7 @@ fn fill_and_make_room(queue: &str) -> Option<(tempfile::TempDir, Ended)> {
     let ended: Ended = Command::new("unshare")
         .args(["-Urm", "sh", "-c", SCRIPT, "sh"])
         .args([text(&disk), text(&place.recipe), text(&out)])
-        .args([env!("CARGO_BIN_EXE_glasshouse"), queue])
+        .args([PROGRAM, queue])
         .output()
         .unwrap()
         .into();
@@ -94,9 +94,7 @@ fn a_full_disk_stops_the_run_and_room_lets_it_go_on() {
 
 #[test]
 fn a_full_disk_stops_a_farms_workers_and_room_lets_them_go_on() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     if let Some((folder, ended)) = fill_and_make_room(&server.url()) {
         check(folder.path(), ended);
     }

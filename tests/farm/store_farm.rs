@@ -1,12 +1,13 @@
 //! A farm whose store is a bucket: workers have nothing but its address, and the tuples are those of one process on a
 //! disk, whatever dies.
 
-use crate::many::{alone, end, slow_place, wait_for};
-use crate::support::nats_server::Server;
+use crate::processes::{all_done, alone, end, slow_place};
+use crate::support::nats::Nats;
 use crate::support::outputs::{Content, assert_same, tuples};
 use crate::support::program::{Ended, command, text};
 use crate::support::s3_server::S3Server;
 use crate::support::scenes::{Place, SCENES, SHARDS, partials, place, reference};
+use crate::support::tools::wait_for;
 use glasshouse::store::Store;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,7 +18,7 @@ use std::time::Duration;
 const PREFIX: &str = "runs/mine";
 
 /// A coordinator or a worker. `run` need not exist for a worker.
-fn start(verb: &str, run: &Path, queue: &Server, bucket: &S3Server, more: &[&str]) -> Child {
+fn start(verb: &str, run: &Path, queue: &Nats, bucket: &S3Server, more: &[&str]) -> Child {
     let url = queue.url();
     let mut arguments = vec![verb, text(run), "--queue", &url, "--lease-s", "2"];
     arguments.extend(["--store", "s3://bucket/runs/mine"]);
@@ -28,7 +29,7 @@ fn start(verb: &str, run: &Path, queue: &Server, bucket: &S3Server, more: &[&str
     command.spawn().unwrap()
 }
 
-fn coordinator(place: &Place, queue: &Server, bucket: &S3Server) -> Child {
+fn coordinator(place: &Place, queue: &Nats, bucket: &S3Server) -> Child {
     let child = start("coordinate", &place.run, queue, bucket, &[]);
     let store = bucket.store(PREFIX);
     wait_for("the run's rules", || {
@@ -38,7 +39,7 @@ fn coordinator(place: &Place, queue: &Server, bucket: &S3Server) -> Child {
 }
 
 /// With a folder of its own, which does not exist yet.
-fn worker(place: &Place, name: &str, queue: &Server, bucket: &S3Server, more: &[&str]) -> Child {
+fn worker(place: &Place, name: &str, queue: &Nats, bucket: &S3Server, more: &[&str]) -> Child {
     let run = place.folder.path().join(name);
     let mut all = vec!["-j", "1"];
     all.extend(more);
@@ -68,9 +69,7 @@ fn assert_finished(store: &Store) {
 
 #[test]
 fn workers_need_nothing_but_the_bucket() {
-    let Some(queue) = Server::start() else {
-        return;
-    };
+    let Some(queue) = Nats::start() else { return };
     let bucket = S3Server::start(11);
     let place = place();
     place.plan();
@@ -99,7 +98,7 @@ fn workers_need_nothing_but_the_bucket() {
 /// and queue are killed, and the queue forgets everything.
 #[test]
 fn eight_workers_with_everything_failing_make_what_one_process_makes() {
-    let Some(mut queue) = Server::start() else {
+    let Some(mut queue) = Nats::start() else {
         return;
     };
     let bucket = S3Server::start(12);
@@ -128,10 +127,7 @@ fn eight_workers_with_everything_failing_make_what_one_process_makes() {
     bucket.faults.set_away(true);
     std::thread::sleep(Duration::from_secs(3));
     bucket.faults.set_away(false);
-    end(second).expect(0);
-    for worker in workers {
-        end(worker).expect(0);
-    }
+    all_done(second, workers);
     let happened = bucket
         .faults
         .happened
@@ -150,9 +146,7 @@ fn eight_workers_with_everything_failing_make_what_one_process_makes() {
 
 #[test]
 fn a_worker_without_its_store_ends_with_75_and_costs_no_scene() {
-    let Some(queue) = Server::start() else {
-        return;
-    };
+    let Some(queue) = Nats::start() else { return };
     let bucket = S3Server::start(13);
     let place = slow_place();
     let store = bucket.store(PREFIX);

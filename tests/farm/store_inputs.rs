@@ -2,7 +2,7 @@
 
 use crate::support::moto::Moto;
 use crate::support::outputs::{assert_same, files, tuples};
-use crate::support::program::{command, run, text};
+use crate::support::program::{Ended, command, run, text};
 use crate::support::s3_server::S3Server;
 use glasshouse::farm::{FarmError, WorkOptions, work};
 use glasshouse::run::AccessError;
@@ -57,7 +57,7 @@ impl Both {
     }
 
     /// Runs the program, which knows the bucket.
-    fn run(&self, arguments: &[&str]) -> crate::support::program::Ended {
+    fn run(&self, arguments: &[&str]) -> Ended {
         let mut command = command(arguments);
         self.bucket.tell(&mut command);
         command.output().unwrap().into()
@@ -190,9 +190,7 @@ fn objects_that_are_too_short_are_told_by_plan_and_left_out_if_wanted() {
 /// s3s-fs answers every question with the whole object, so this is moto's.
 #[test]
 fn an_object_is_fetched_again_only_when_it_changed() {
-    let Some(server) = Moto::start() else {
-        return;
-    };
+    let Some(server) = Moto::start() else { return };
     let store = server.store("x");
     store.create("a", b"one").unwrap();
     let folder = tempfile::tempdir().unwrap();

@@ -4,34 +4,15 @@
 use crate::support::moto::Moto;
 use crate::support::program::{Ended, command, text};
 use crate::support::scenes::{photographs, scene};
+use crate::support::tools::make_keys;
 use std::path::Path;
-use std::process::Command;
 use std::time::{Duration, Instant};
-
-/// `ca/ca.pem`, `server/cert.pem` and `server/key.pem` in `folder`, by the farm's own script; none, with a line that says
-/// so, where there is no openssl.
-fn make_keys(folder: &Path) -> Option<()> {
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("workers/nats/make-keys.sh");
-    let made = Command::new("bash")
-        .arg(script)
-        .args([text(folder), "localhost", "127.0.0.1"])
-        .output()
-        .unwrap();
-    if !made.status.success() {
-        eprintln!(
-            "skipped: make-keys.sh: {}",
-            String::from_utf8_lossy(&made.stderr)
-        );
-        return None;
-    }
-    Some(())
-}
 
 #[test]
 fn a_private_authority_is_trusted_when_it_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    if make_keys(&path("keys")).is_none() {
+    if make_keys(&path("keys"), &["localhost", "127.0.0.1"]).is_none() {
         return;
     }
     let Some(server) = Moto::start_tls(&path("keys/server")) else {

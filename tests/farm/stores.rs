@@ -240,9 +240,7 @@ fn what_will_not_pass_is_said_at_once_and_without_secrets() {
 /// s3s-fs makes buckets as they are needed, so this is moto's.
 #[test]
 fn an_absent_bucket_is_said_at_once() {
-    let Some(server) = Moto::start() else {
-        return;
-    };
+    let Some(server) = Moto::start() else { return };
     let start = Instant::now();
     let store = server.store_at("s3://absent/x");
     for error in [

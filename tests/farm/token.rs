@@ -1,9 +1,9 @@
 //! The status page's buttons: with the token they do what the commands do.
 
-use crate::many::{end, slow_place, start};
+use crate::processes::{end, slow_place, start};
 use crate::serve_run::{get, request};
-use crate::support::nats_server::Server;
-use crate::support::program::{command, run, text};
+use crate::support::nats::Nats;
+use crate::support::program::{Ended, command, run, text};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read};
 use std::net::SocketAddr;
@@ -17,9 +17,7 @@ fn view(address: SocketAddr) -> Value {
 
 #[test]
 fn the_pages_buttons_act_with_the_token_alone() {
-    let Some(server) = Server::start() else {
-        return;
-    };
+    let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let file = place.folder.path().join("token");
     std::fs::write(&file, format!("{TOKEN}\n")).unwrap();
@@ -95,9 +93,7 @@ fn tokens_are_not_given_on_a_command_line_and_not_weak() {
         ];
         command(&[&all[..], more].concat())
     };
-    let ended = |mut command: std::process::Command| {
-        crate::support::program::Ended::from(command.output().unwrap())
-    };
+    let ended = |mut command: std::process::Command| Ended::from(command.output().unwrap());
     ended(coordinate(&["--token", TOKEN])).expect(2);
     ended(coordinate(&["--token-file", "/nonexistent"]))
         .expect(2)

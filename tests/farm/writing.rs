@@ -1,13 +1,12 @@
 //! The thread that writes: slow disks hold the tracers back, full ones stop the run, and neither changes a pixel.
 
 use crate::support::outputs::{assert_same, assert_tidy, tuples};
-use crate::support::program::{Ended, run, text};
+use crate::support::program::{run, run_on_full_disk, text};
 use crate::support::scenes::{SCENES, SHARDS, place, reference};
 use glasshouse::farm::{WorkOptions, work};
 use glasshouse::run::{Event, Run};
 use render::line::Roots;
 use render::trace::Isa;
-use std::process::Command;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
@@ -65,14 +64,7 @@ fn a_disk_that_is_full_at_the_tuple_ends_with_1_and_can_be_resumed() {
     let (recipe, folder) = (text(&place.recipe), text(&place.run));
     run(&["plan", recipe, "--out", folder, "--tile", "256"]).expect(0);
     for threads in ["1", "2"] {
-        let ended: Ended = Command::new("sh")
-            .args(["-c", "trap '' XFSZ; ulimit -f 1; exec \"$0\" \"$@\""])
-            .arg(env!("CARGO_BIN_EXE_glasshouse"))
-            .args(["work", folder, "-j", threads])
-            .output()
-            .unwrap()
-            .into();
-        ended
+        run_on_full_disk(&["work", folder, "-j", threads])
             .expect(1)
             .says(&["cannot write", folder, "tuples", "permissions"]);
     }

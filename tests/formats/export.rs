@@ -1,6 +1,6 @@
 //! Exported data sets: names, bytes, values, and where the tuples may be.
 
-use crate::support::outputs::files;
+use crate::support::outputs::{exr_channels, files, manifest, read_json, tuple_record};
 use crate::support::program::{Ended, command, run, text};
 use crate::support::s3_server::{BUCKET, S3Server};
 use render::merge::{TupleRecord, decode_exr_channels, decode_tuple_exr, linear_to_srgb16};
@@ -79,9 +79,8 @@ pub(crate) fn assert_equal(found: &Path, expected: &Path) {
 
 /// The tuples of a run: ids, by split.
 pub(crate) fn ids(run: &Path, split: &str) -> Vec<String> {
-    let manifest = std::fs::read_to_string(run.join("manifest.jsonl")).unwrap();
-    let lines = manifest.lines().map(|l| serde_json::from_str(l).unwrap());
-    let of_split = lines.filter(|line: &Value| line["split"] == split);
+    let lines = manifest(run);
+    let of_split = lines.iter().filter(|line| line["split"] == split);
     let mut ids: Vec<String> = of_split
         .map(|line| line["id"].as_str().unwrap().to_owned())
         .collect();
@@ -201,9 +200,7 @@ fn names_are_as_promised_and_pngs_are_copies() {
                 let bytes = std::fs::read(out.join(split).join(file)).unwrap();
                 assert!(bytes == png(row["id"].as_str().unwrap(), layer));
             }
-            let record = made.join("tuples").join(row["id"].as_str().unwrap());
-            let record: Value =
-                serde_json::from_slice(&std::fs::read(record.join("tuple.json")).unwrap()).unwrap();
+            let record = tuple_record(&made, row["id"].as_str().unwrap());
             assert_eq!(
                 row["glass_thickness_m"],
                 record["scene"]["glass"]["thickness_m"]
@@ -218,8 +215,7 @@ fn names_are_as_promised_and_pngs_are_copies() {
             );
         }
     }
-    let croissant = std::fs::read(out.join("croissant.json")).unwrap();
-    let croissant: Value = serde_json::from_slice(&croissant).unwrap();
+    let croissant = read_json(out.join("croissant.json"));
     assert_eq!(
         croissant["conformsTo"],
         "http://mlcommons.org/croissant/1.0"
@@ -287,7 +283,7 @@ fn other_encodings_hold_the_values_of_the_exr() {
                     "{id} {name}"
                 );
             }
-            let kinds: BTreeSet<&str> = crate::support::outputs::exr_channels(&path)
+            let kinds: BTreeSet<&str> = exr_channels(&path)
                 .values()
                 .map(|(kind, _)| *kind)
                 .collect();

@@ -1,7 +1,7 @@
 //! The report of small runs: well formed, whole, and with the numbers of the tuples.
 
 use crate::support::markup::{all, one, strictly, values, words};
-use crate::support::outputs::{exr_channels, files};
+use crate::support::outputs::{copy_folder, exr_channels, files, read_json, tuple_record};
 use crate::support::program::{command, run, send, text, wait_until};
 use crate::support::scenes::{SCENES, SHARDS, photographs, place, scene, write_lines};
 use scraper::{ElementRef, Html};
@@ -38,11 +38,7 @@ pub(crate) fn finished() -> TempDir {
         place.folder
     });
     let copy = tempfile::tempdir().unwrap();
-    for file in files(&made.path().join("run")) {
-        let to = copy.path().join(&file);
-        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
-        std::fs::copy(made.path().join("run").join(&file), to).unwrap();
-    }
+    copy_folder(&made.path().join("run"), copy.path());
     copy
 }
 
@@ -65,11 +61,6 @@ pub(crate) fn report(run_folder: &Path, code: i32, more: &[&str]) -> (String, Va
         assert!(source.starts_with("data:image/"), "{source}");
     }
     (page, said)
-}
-
-pub(crate) fn record(run: &Path, id: &str) -> Value {
-    let path = run.join("tuples").join(id).join("tuple.json");
-    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
 fn tuples(html: &Html) -> Vec<ElementRef<'_>> {
@@ -95,8 +86,7 @@ fn numbers_are_those_of_the_tuples() {
     assert_eq!(report(folder, 0, &[]).0, page);
     let html = strictly(&page);
 
-    let spec: Value =
-        serde_json::from_slice(&std::fs::read(folder.join("spec.json")).unwrap()).unwrap();
+    let spec = read_json(folder.join("spec.json"));
     let glance = words(one(&html, "#glance"));
     for part in [
         "small",
@@ -115,7 +105,7 @@ fn numbers_are_those_of_the_tuples() {
     assert_eq!(tuples(&html).len(), SCENES);
     for tuple in tuples(&html) {
         let id = tuple.attr("id").unwrap().strip_prefix("tuple-").unwrap();
-        let record = record(folder, id);
+        let record = tuple_record(folder, id);
         let stated = LAYERS.map(|l| record["layers"][l]["error_rms"].as_f64().unwrap());
         assert_eq!(values(tuple), stated);
         for (of_layer, error) in errors.iter_mut().zip(stated) {
@@ -166,8 +156,7 @@ fn a_worker_that_is_stopped_leaves_its_log() {
     run(&["work", text(&place.run)]).expect(0);
     let logs: Vec<Value> = files(&place.run.join("logs"))
         .iter()
-        .map(|file| std::fs::read(place.run.join("logs").join(file)).unwrap())
-        .map(|bytes| serde_json::from_slice(&bytes).unwrap())
+        .map(|file| read_json(place.run.join("logs").join(file)))
         .collect();
     let sum = |key: &str| {
         logs.iter()

@@ -1,8 +1,8 @@
 //! Noise maps beside tuples: what they add up to, and that nothing depends on them.
 
-use crate::report::{LAYERS, finished, record, report};
+use crate::report::{LAYERS, finished, report};
 use crate::support::markup::{all, strictly};
-use crate::support::outputs::{exr_channels, files};
+use crate::support::outputs::{exr_channels, files, tuple_record};
 use crate::support::program::{run, text};
 use crate::support::scenes::SCENES;
 use serde_json::json;
@@ -14,7 +14,7 @@ fn noise_maps_add_up_to_the_stated_errors() {
     let maps = files(&folder.join("noise"));
     assert_eq!(maps.len(), SCENES);
     for map in &maps {
-        let record = record(folder, map.file_stem().unwrap().to_str().unwrap());
+        let record = tuple_record(folder, map.file_stem().unwrap().to_str().unwrap());
         let channels = exr_channels(&folder.join("noise").join(map));
         let names: Vec<&String> = channels.keys().collect();
         let mut expected = LAYERS;
@@ -30,13 +30,13 @@ fn noise_maps_add_up_to_the_stated_errors() {
         }
     }
 
-    // Without maps, and with ones that are of no use, there is a report, too; and nothing is missing of the run.
+    // Missing and damaged maps leave the report without them, and nothing else of the run depends on them.
     let first = folder.join("noise").join(&maps[0]);
     std::fs::write(&first, b"no picture").unwrap();
     std::fs::remove_file(folder.join("noise").join(&maps[1])).unwrap();
     let (page, said) = report(folder, 0, &[]);
     assert_eq!(said["noise_maps"], SCENES - 2);
-    assert_eq!(page.matches("Its noise map is of no use").count(), 1);
+    assert_eq!(page.matches("Its noise map cannot be read").count(), 1);
     assert_eq!(page.matches("It has no noise map").count(), 1);
     std::fs::remove_dir_all(folder.join("noise")).unwrap();
     std::fs::remove_dir_all(folder.join("logs")).unwrap();

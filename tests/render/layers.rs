@@ -1,6 +1,6 @@
 //! `film.layers` and `film.target_error` through the program: what is left out, and that nothing else changes.
 
-use crate::support::outputs::{Content, assert_same, assert_tidy, tuples};
+use crate::support::outputs::{Content, assert_same, assert_tidy, tuple_record, tuples};
 use crate::support::program::{command, run, text, wait_until};
 use crate::support::scenes::{Place, RECIPE, SCENES, SHARDS, place, put_partials, reference};
 use glasshouse::run::Run;
@@ -8,9 +8,8 @@ use render::job::{SceneJob, render_partials};
 use render::line::Roots;
 use render::scene::{load, read_files};
 use render::trace::Isa;
-use serde_json::Value;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
@@ -23,11 +22,6 @@ fn place_with(film: &str) -> Place {
     )
     .unwrap();
     place
-}
-
-fn record(run: &Path, scene: &str) -> Value {
-    let path = run.join("tuples").join(scene).join("tuple.json");
-    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
 fn pixels(content: &Content) -> &BTreeMap<String, (&'static str, Vec<u32>)> {
@@ -62,7 +56,7 @@ fn layers_left_out_are_not_written_and_the_others_stay_as_they_are() {
             assert!(content == whole, "{}", path.display());
         }
     }
-    let record = record(&place.run, "train-sample-000000");
+    let record = tuple_record(&place.run, "train-sample-000000");
     let layers: Vec<&String> = record["layers"].as_object().unwrap().keys().collect();
     assert_eq!(layers, ["input", "transmission"]);
 
@@ -120,7 +114,7 @@ fn adaptive_reference() -> &'static BTreeMap<PathBuf, Content> {
             "train-sample-000002",
             "test-sample-000000",
         ] {
-            let record = record(&place.run, scene);
+            let record = tuple_record(&place.run, scene);
             for (name, layer) in record["layers"].as_object().unwrap() {
                 let mean = layer["mean_samples"].as_f64().unwrap();
                 let most = layer["samples"].as_f64().unwrap();

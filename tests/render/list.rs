@@ -1,5 +1,6 @@
 //! Recipes over a list of photographs, panoramas among them: from files to tuples.
 
+use crate::support::outputs::{manifest, tuple_record};
 use crate::support::program::{run, text};
 use crate::support::scenes::photographs;
 use serde_json::{Value, json};
@@ -91,13 +92,10 @@ fn a_list_of_photographs_and_a_panorama_becomes_tuples() {
     write(folder.path(), &list(folder.path()));
     let (recipe, out) = (folder.path().join("recipe.toml"), folder.path().join("run"));
     run(&["run", text(&recipe), "--out", text(&out), "--json"]).expect(0);
-    let manifest = std::fs::read_to_string(out.join("manifest.jsonl")).unwrap();
+    let lines = manifest(&out);
     let (mut fronts, mut backs) = (0, 0);
-    for line in manifest.lines() {
-        let line: Value = serde_json::from_str(line).unwrap();
-        let tuple = out.join("tuples").join(line["id"].as_str().unwrap());
-        let tuple = std::fs::read_to_string(tuple.join("tuple.json")).unwrap();
-        let tuple: Value = serde_json::from_str(&tuple).unwrap();
+    for line in &lines {
+        let tuple = tuple_record(&out, line["id"].as_str().unwrap());
         for (name, side, other) in [
             ("front", &mut fronts, "back"),
             ("back", &mut backs, "front"),
@@ -136,7 +134,7 @@ fn a_list_of_photographs_and_a_panorama_becomes_tuples() {
             "{misses}"
         );
     }
-    assert_eq!((fronts, backs), (3, 3), "{manifest}");
+    assert_eq!((fronts, backs), (3, 3), "{lines:#?}");
 }
 
 #[test]

@@ -9,6 +9,7 @@
 )]
 
 mod estimate;
+mod hard_case_measures;
 mod hard_cases;
 mod layers;
 mod light;

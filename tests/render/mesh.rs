@@ -1,6 +1,6 @@
 //! Scenes with triangle meshes, from PLY files to tuples.
 
-use crate::support::outputs::{exr_channels, files};
+use crate::support::outputs::{exr_channels, files, quarantine_reason, tuple_record};
 use crate::support::program::{run, text};
 use crate::support::scenes::{photographs, scene, write_lines};
 use serde_json::{Value, json};
@@ -189,17 +189,14 @@ fn a_run_takes_meshes_and_sets_bad_ones_aside() {
     let ended = run(&["run", text(&manifest), "--out", text(&out), "--json"]).expect(3);
     assert_eq!(ended.json()["merged"], 1);
     assert_eq!(files(&out.join("tuples/good")).len(), 6);
-    let tuple = std::fs::read(out.join("tuples/good/tuple.json")).unwrap();
-    let tuple: Value = serde_json::from_slice(&tuple).unwrap();
+    let tuple = tuple_record(&out, "good");
     let digest = blake3::hash(&room).to_hex().to_string();
     assert_eq!(tuple["inputs"]["front.mesh"], json!(digest));
     assert_eq!(tuple["scene"]["front"]["mesh"], "manifest:room.ply");
     assert!(tuple["facts"]["meshes"]["front"].is_object());
     for (line, words) in &bad {
         let id = line["id"].as_str().unwrap();
-        let record = std::fs::read(out.join(format!("quarantine/{id}.json"))).unwrap();
-        let record: Value = serde_json::from_slice(&record).unwrap();
-        let reason = record["reason"].as_str().unwrap();
+        let reason = quarantine_reason(&out, id);
         for word in words {
             assert!(reason.contains(word), "{id}: no {word:?} in {reason}");
         }

@@ -1,6 +1,6 @@
 //! Photographs in the layout of PLACES365, with relative depth: from folders to tuples.
 
-use crate::support::outputs::{files, tuples};
+use crate::support::outputs::{files, tuple_record, tuples};
 use crate::support::program::{run, text};
 use serde_json::Value;
 use std::path::Path;
@@ -125,8 +125,7 @@ fn photographs_of_places_become_tuples() {
     let out = folder.path().join("run");
     run(&["work", text(&out), "-q"]).expect(0);
     assert_eq!(tuples(&out).len(), 4 * 6);
-    let record = std::fs::read(out.join("tuples/test-places-000000/tuple.json")).unwrap();
-    let record: Value = serde_json::from_slice(&record).unwrap();
+    let record = tuple_record(&out, "test-places-000000");
     let relative = record["facts"]["relative_depth"].as_object().unwrap();
     for (name, ends) in relative {
         let [near, far] = ["near_m", "far_m"].map(|key| ends[key].as_f64().unwrap());

@@ -1,6 +1,7 @@
 //! Photographs of published RGBD sets through the real binary, against lookups in the same photographs.
 
 use crate::real_sets::{MOTORCYCLE_DEPTH, Photo, SETS, Set, find_sets, write_motorcycle_depth};
+use crate::support::program::PROGRAM;
 use exr::prelude::{ReadChannels, ReadLayers};
 use render::atomic_file;
 use render::merge::TupleRecord;
@@ -152,7 +153,7 @@ fn render(root: &Path, folder: &Path, scenes: &[Value]) -> BTreeMap<String, Real
     let lines: Vec<String> = scenes.iter().map(Value::to_string).collect();
     atomic_file::write(&manifest, lines.join("\n").as_bytes()).unwrap();
     let out = folder.join("run");
-    let run = Command::new(env!("CARGO_BIN_EXE_glasshouse"))
+    let run = Command::new(PROGRAM)
         .args(["run", "--json", "--root"])
         .arg(format!("rgbd={}", root.display()))
         .arg("--out")

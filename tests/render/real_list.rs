@@ -1,6 +1,7 @@
 //! The published sets as one list of photographs, for recipes with `layout = "list"`.
 
 use crate::real_sets::{MOTORCYCLE_DEPTH, SETS, Set, find_sets, write_motorcycle_depth};
+use crate::support::program::PROGRAM;
 use render::atomic_file;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -133,7 +134,7 @@ fn the_sets_are_farmed_from_a_list() {
     let recipe = folder.join("list.toml");
     atomic_file::write(&recipe, RECIPE.as_bytes()).unwrap();
     let out = tempfile::tempdir().unwrap();
-    let ran = Command::new(env!("CARGO_BIN_EXE_glasshouse"))
+    let ran = Command::new(PROGRAM)
         .args(["run", "--json", "--out"])
         .arg(out.path().join("run"))
         .arg(&recipe)

@@ -1,6 +1,7 @@
 //! Scene files of the published sets, for `glasshouse bench`: each set in front and behind, the paper's camera and pane.
 
 use crate::real_sets::{MOTORCYCLE_DEPTH, SETS, find_sets, write_motorcycle_depth};
+use crate::support::program::PROGRAM;
 use render::atomic_file;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -31,7 +32,7 @@ fn scene_files_of_the_sets_are_written_and_taken() {
         });
         let path = folder.join(format!("{}.json", set.name));
         atomic_file::write(&path, format!("{scene:#}\n").as_bytes()).unwrap();
-        let taken = Command::new(env!("CARGO_BIN_EXE_glasshouse"))
+        let taken = Command::new(PROGRAM)
             .args(["render", "-n", "--json", "--out", "nowhere"])
             .arg(&path)
             .output()

@@ -1,10 +1,9 @@
 //! `render`: one scene, the farm's pixels.
 
-use crate::support::outputs::{assert_same, exr_channels, files, tuples};
+use crate::support::outputs::{assert_same, exr_channels, files, read_json, tuples};
 use crate::support::program::{run, text};
 use crate::support::scenes::{photographs, place, reference, scene};
 use exr::prelude::f16;
-use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -118,7 +117,7 @@ fn a_tuple_can_be_made_again() {
     let out = place.folder.path().join("again");
     run(&["render", text(&record), "--out", text(&out), "--tile", "20"]).expect(0);
 
-    let record: Value = serde_json::from_slice(&std::fs::read(record).unwrap()).unwrap();
+    let record = read_json(record);
     let halves = exr_channels(&folder.join("tuple.exr"));
     assert_eq!(halves.len(), 12);
     for layer in LAYERS {

@@ -4,9 +4,10 @@
 pub(crate) mod browser;
 pub(crate) mod markup;
 pub(crate) mod moto;
-pub(crate) mod nats_server;
+pub(crate) mod nats;
 pub(crate) mod outputs;
 pub(crate) mod program;
 pub(crate) mod s3_server;
 pub(crate) mod scenes;
+pub(crate) mod tools;
 pub(crate) mod workplace;

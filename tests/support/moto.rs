@@ -2,15 +2,15 @@
 //! whether a key is taken and then writes, so of two puts at the same instant both may be told that theirs is new.
 
 use super::program::text;
+use super::tools::{Daemon, free_port, listens, wait_for};
 use glasshouse::store::{Store, StoreOptions};
-use std::net::{TcpListener, TcpStream};
+use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::process::Command;
 
 /// A moto_server, killed when it is dropped.
 pub(crate) struct Moto {
-    child: Child,
+    _server: Daemon,
     endpoint: String,
 }
 
@@ -29,37 +29,21 @@ impl Moto {
     }
 
     fn spawn(scheme: &str, more: &[&str]) -> Option<Self> {
-        let skipped =
-            || eprintln!("skipped: moto_server is not installed (pip install 'moto[server]')");
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let port = listener.local_addr().unwrap().port();
-        drop(listener);
-        let child = Command::new("moto_server")
-            .args(["-H", "127.0.0.1", "-p", &port.to_string()])
-            .args(more)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn();
-        let Ok(child) = child else {
-            skipped();
+        let port = free_port();
+        let mut command = Command::new("moto_server");
+        command.args(["-H", "127.0.0.1", "-p", &port.to_string()]);
+        let mut server = Daemon::start(command.args(more))?;
+        wait_for("the start of moto", || {
+            server.ended().is_some() || listens(port)
+        });
+        if server.ended().is_some() {
+            eprintln!("skipped: moto_server does not start (pip install 'moto[server]')");
             return None;
-        };
-        let endpoint = format!("{scheme}://localhost:{port}");
-        let mut server = Self { child, endpoint };
-        let start = Instant::now();
-        while TcpStream::connect(("127.0.0.1", port)).is_err() {
-            if server.child.try_wait().unwrap().is_some() {
-                skipped();
-                return None;
-            }
-            assert!(
-                start.elapsed() < Duration::from_mins(1),
-                "moto does not start"
-            );
-            std::thread::sleep(Duration::from_millis(20));
         }
-        Some(server)
+        Some(Self {
+            _server: server,
+            endpoint: format!("{scheme}://localhost:{port}"),
+        })
     }
 
     /// moto believes every signature, and none.
@@ -92,12 +76,5 @@ impl Moto {
             settings: settings.map(|(k, v)| (k.to_owned(), v.to_owned())).into(),
             ..StoreOptions::default()
         }
-    }
-}
-
-impl Drop for Moto {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
     }
 }

@@ -1,6 +1,7 @@
 //! What a run has made, decoded.
 
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, read};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -60,6 +61,44 @@ pub(crate) fn files(folder: &Path) -> Vec<PathBuf> {
     }
     found.sort();
     found
+}
+
+/// Copies all files of a folder to another one, which may not be there yet.
+pub(crate) fn copy_folder(from: &Path, to: &Path) {
+    for file in files(from) {
+        let copy = to.join(&file);
+        std::fs::create_dir_all(copy.parent().unwrap()).unwrap();
+        std::fs::copy(from.join(&file), copy).unwrap();
+    }
+}
+
+/// A file of JSON.
+#[track_caller]
+pub(crate) fn read_json(path: impl AsRef<Path>) -> Value {
+    let path = path.as_ref();
+    let bytes = std::fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    serde_json::from_slice(&bytes).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// `tuple.json` of a scene.
+#[track_caller]
+pub(crate) fn tuple_record(run: &Path, scene: &str) -> Value {
+    read_json(run.join("tuples").join(scene).join("tuple.json"))
+}
+
+/// Why a scene is in quarantine.
+#[track_caller]
+pub(crate) fn quarantine_reason(run: &Path, scene: &str) -> String {
+    let record = read_json(run.join(format!("quarantine/{scene}.json")));
+    record["reason"].as_str().unwrap().to_owned()
+}
+
+/// The lines of a run's manifest.
+pub(crate) fn manifest(run: &Path) -> Vec<Value> {
+    let text = std::fs::read_to_string(run.join("manifest.jsonl")).unwrap();
+    text.lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect()
 }
 
 /// The tuples of a run, decoded.

@@ -2,13 +2,17 @@
 
 use serde_json::Value;
 use std::ffi::OsStr;
+use std::hash::{BuildHasher, RandomState};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+/// The program's file.
+pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_glasshouse");
+
 /// The program with `arguments`, all output piped. Partials are written at once: there is much to kill in a short time.
 pub(crate) fn command<S: AsRef<OsStr>>(arguments: &[S]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_glasshouse"));
+    let mut command = Command::new(PROGRAM);
     command
         .args(arguments)
         .env("GLASSHOUSE_CHECKPOINT_S", "0")
@@ -68,6 +72,17 @@ pub(crate) fn run<S: AsRef<OsStr>>(arguments: &[S]) -> Ended {
     command(arguments).output().unwrap().into()
 }
 
+/// Runs the program where no file may be larger than a block: a full disk, to it.
+pub(crate) fn run_on_full_disk(arguments: &[&str]) -> Ended {
+    let mut limited = Command::new("sh");
+    limited.args([
+        "-c",
+        "trap '' XFSZ; ulimit -f 1; exec \"$0\" \"$@\"",
+        PROGRAM,
+    ]);
+    limited.args(arguments).output().unwrap().into()
+}
+
 /// Sends a signal (`TERM`, `INT`) to a child.
 pub(crate) fn send(child: &Child, signal: &str) {
     let status = Command::new("kill")
@@ -93,7 +108,18 @@ pub(crate) fn wait_until(child: &mut Child, mut is_so: impl FnMut() -> bool) -> 
     false
 }
 
+/// A number below `n`, not the same in every run of the tests: it is logged.
+pub(crate) fn random(n: usize) -> usize {
+    (RandomState::new().hash_one(0) % n as u64) as usize
+}
+
 /// A path as an argument.
 pub(crate) fn text(path: &Path) -> &str {
     path.to_str().unwrap()
+}
+
+/// A runtime for servers and clients of a test's own.
+pub(crate) fn runtime() -> tokio::runtime::Runtime {
+    let mut builder = tokio::runtime::Builder::new_multi_thread();
+    builder.worker_threads(2).enable_all().build().unwrap()
 }

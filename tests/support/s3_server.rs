@@ -5,6 +5,7 @@
 //! answer, and slow answers. Puts that must not replace anything are done one at a time, so that of two at the same
 //! instant one is refused, as by S3: s3s-fs looks, then writes.
 
+use super::program::runtime;
 use axum::body::Body;
 use futures_util::StreamExt;
 use glasshouse::store::{Store, StoreOptions};
@@ -103,11 +104,7 @@ impl S3Server {
             seed,
             ..Faults::default()
         });
-        let runtime = tokio::runtime::Builder::new_multi_thread()
-            .worker_threads(2)
-            .enable_all()
-            .build()
-            .unwrap();
+        let runtime = runtime();
         let listener = runtime
             .block_on(tokio::net::TcpListener::bind("127.0.0.1:0"))
             .unwrap();

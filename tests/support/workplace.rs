@@ -1,6 +1,6 @@
 //! A folder in which the files that the examples of `--help` name are there: made once, copied for each use.
 
-use super::outputs::files;
+use super::outputs::copy_folder;
 use super::program::{Ended, command};
 use super::scenes::{photographs, scene};
 use std::path::Path;
@@ -10,11 +10,7 @@ use tempfile::TempDir;
 /// A copy for one use.
 pub(crate) fn workplace() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
-    for file in files(made()) {
-        let to = folder.path().join(&file);
-        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
-        std::fs::copy(made().join(&file), to).unwrap();
-    }
+    copy_folder(made(), folder.path());
     folder
 }
 

@@ -1,6 +1,6 @@
 //! Trained networks on a run's scenes, on published pairs and on photographs.
 
-use crate::support::program::{command, run, text};
+use crate::support::program::{Ended, command, run, send, text, wait_until};
 use crate::support::scenes::{Place, place};
 use image::{ExtendedColorType, ImageEncoder, Rgb, RgbImage};
 use serde_json::Value;
@@ -452,11 +452,10 @@ fn ctrl_c_stops_between_pictures() {
     let mut arguments = vec!["separate", text(&place.run), "--out", text(&out), "--json"];
     arguments.extend(images.iter().map(|path| text(path)));
     let mut child = command(&arguments).spawn().unwrap();
-    let begun =
-        crate::support::program::wait_until(&mut child, || out.join("0.transmission.png").exists());
+    let begun = wait_until(&mut child, || out.join("0.transmission.png").exists());
     assert!(begun);
-    crate::support::program::send(&child, "INT");
-    let ended: crate::support::program::Ended = child.wait_with_output().unwrap().into();
+    send(&child, "INT");
+    let ended: Ended = child.wait_with_output().unwrap().into();
     let json = ended.expect(130).json();
     let done = json["images"].as_array().unwrap().len();
     assert!((1..200).contains(&done), "{done}");

@@ -1,11 +1,10 @@
 //! Training by the program: killed and resumed, changed, damaged, fed from everywhere, and the same bits where they are
 //! promised.
 
-use crate::support::outputs::files;
-use crate::support::program::{command, run, text, wait_until};
+use crate::support::outputs::{copy_folder, files};
+use crate::support::program::{command, random, run, text, wait_until};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::hash::{BuildHasher, RandomState};
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -58,11 +57,7 @@ struct Place {
 fn place() -> Place {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
-    for file in files(&made().join("run")) {
-        let to = run.join(&file);
-        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
-        std::fs::copy(made().join("run").join(&file), to).unwrap();
-    }
+    copy_folder(&made().join("run"), &run);
     Place { folder, run }
 }
 
@@ -99,10 +94,6 @@ fn small<'a>(more: &[&'a str]) -> Vec<&'a str> {
     SMALL.into_iter().chain(more.iter().copied()).collect()
 }
 
-fn random(n: u64) -> u64 {
-    RandomState::new().hash_one(0) % n
-}
-
 /// Both stages in one go on one thread.
 fn reference() -> &'static [BTreeMap<String, Vec<u8>>; 2] {
     static REFERENCE: OnceLock<[BTreeMap<String, Vec<u8>>; 2]> = OnceLock::new();
@@ -134,7 +125,7 @@ fn a_training_that_is_killed_ends_with_the_same_bits() {
         for threads in ["1", "2"] {
             let more = ["-j", threads, "--checkpoint-every", "3", "--keep", "2"];
             let more: Vec<&str> = settings.iter().chain(&more).copied().collect();
-            let at = random(all - 5);
+            let at = random(all as usize - 5) as u64;
             let csv = place.run.join("train").join(stage).join("metrics.csv");
             let lines = || {
                 std::fs::read_to_string(&csv)

@@ -29,4 +29,4 @@ pub use bound::lower_bound_s;
 pub use case::{Case, Fault, Fleet, Rules, Work, some_workers};
 pub use engine::simulate;
 pub use outcome::{Messages, Outcome};
-pub use tally::{KINDS, Kind};
+pub use tally::Kind;

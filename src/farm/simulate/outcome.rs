@@ -2,6 +2,7 @@
 
 use super::engine::Sim;
 use super::tally::{KINDS, Kind};
+use serde::{Serialize, Serializer};
 
 /// What is counted on the way.
 #[derive(Clone, Debug, Default)]
@@ -26,9 +27,10 @@ pub(super) struct Counts {
 }
 
 /// Messages of a kind.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Messages {
     /// What kind.
+    #[serde(skip)]
     pub kind: Kind,
     /// In all.
     pub count: u64,
@@ -37,7 +39,7 @@ pub struct Messages {
 }
 
 /// What a simulation reports.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Outcome {
     /// Seconds until the last tuple was in the store.
     pub makespan_s: f64,
@@ -63,7 +65,8 @@ pub struct Outcome {
     pub leases_ended: u64,
     /// Acknowledgements that removed a message of another scene, after the stream was made anew.
     pub wrong_acknowledgements: u64,
-    /// Messages to and from the queue's server.
+    /// Messages to and from the queue's server; by kind in JSON.
+    #[serde(serialize_with = "by_kind")]
     pub messages: Vec<Messages>,
     /// All kinds, in the second with the most.
     pub peak_messages_per_s: u32,
@@ -83,6 +86,10 @@ pub struct Outcome {
     pub published_though_done: u64,
     /// Events of the simulation.
     pub events: u64,
+}
+
+fn by_kind<S: Serializer>(messages: &[Messages], to: S) -> Result<S::Ok, S::Error> {
+    to.collect_map(messages.iter().map(|m| (m.kind.name(), m)))
 }
 
 impl Sim<'_> {

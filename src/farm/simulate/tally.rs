@@ -22,8 +22,15 @@ pub enum Kind {
     Listen,
 }
 
-/// All of them, in this order, with the names that tables show.
-pub const KINDS: [(Kind, &str); 8] = [
+impl Kind {
+    /// As tables and JSON name it.
+    pub fn name(self) -> &'static str {
+        KINDS[self as usize].1
+    }
+}
+
+/// All of them, in this order, with their names.
+pub(super) const KINDS: [(Kind, &str); 8] = [
     (Kind::Publish, "publish"),
     (Kind::Pull, "pull"),
     (Kind::Deliver, "deliver"),

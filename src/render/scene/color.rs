@@ -216,9 +216,9 @@ fn max_of_radiance(
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use crate::formats::npy::tests::npy;
     use crate::formats::raster::tests::{jpeg, png};
-    use super::*;
     use image::ExtendedColorType as Png;
     use std::path::PathBuf;
 

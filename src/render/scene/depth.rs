@@ -117,9 +117,9 @@ impl Depth {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use crate::formats::npy::tests::npy;
     use crate::formats::raster::tests::{jpeg, png};
-    use super::*;
     use image::ExtendedColorType as Png;
 
     #[test]

@@ -120,10 +120,10 @@ fn ends_well(ends: &FileEnds, is_whole: bool) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use crate::formats::npy::tests::npy;
     use crate::formats::openexr::tests::exr;
     use crate::formats::raster::tests::{jpeg, png};
-    use super::*;
     use ::exr::prelude::FlatSamples;
     use image::ExtendedColorType as Png;
     use proptest::prelude::*;

@@ -83,9 +83,9 @@ fn any_above_0<T: Copy + Default + PartialEq>(
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use crate::formats::npy::tests::npy;
     use crate::formats::raster::tests::{jpeg, png};
-    use super::*;
     use image::ExtendedColorType as Png;
 
     fn valid(file: &NamedBytes) -> Vec<bool> {

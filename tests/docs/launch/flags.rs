@@ -2,8 +2,8 @@
 
 use super::yaml::documents;
 use super::{launch_files, repository};
+use crate::support::program::run;
 use std::collections::{BTreeMap, BTreeSet};
-use std::process::Command;
 use yaml_rust2::Yaml;
 
 /// A command line: where it stands, and the words after `glasshouse`.
@@ -118,16 +118,13 @@ fn all_lines() -> Vec<Line> {
 
 /// The flags of a command by its help; nothing if there is no such command.
 fn flags(command: &str) -> Option<BTreeSet<String>> {
-    let help = Command::new(env!("CARGO_BIN_EXE_glasshouse"))
-        .args([command, "--help"])
-        .output()
-        .unwrap();
-    let text = String::from_utf8(help.stdout).unwrap();
-    let flags = text
+    let help = run(&[command, "--help"]);
+    let flags = help
+        .stdout
         .split(|c: char| !c.is_ascii_alphanumeric() && c != '-')
         .filter(|word| word.starts_with('-') && word.len() > 1)
         .map(str::to_owned);
-    help.status.success().then(|| flags.collect())
+    (help.code == Some(0)).then(|| flags.collect())
 }
 
 /// `--name=value`, `-j4`, `[--store`: the flag alone.

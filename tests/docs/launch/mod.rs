@@ -8,7 +8,6 @@ mod services;
 mod yaml;
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
 
 /// The repository.
 pub(crate) fn repository() -> &'static Path {
@@ -38,29 +37,4 @@ pub(crate) fn launch_files(endings: &[&str]) -> Vec<PathBuf> {
     found.sort();
     assert!(!found.is_empty(), "no launch file ends with {endings:?}");
     found
-}
-
-/// Runs a tool; nothing, and a line that says so, if it is not installed.
-pub(crate) fn tool(command: &mut Command) -> Option<Output> {
-    match command.stdin(Stdio::null()).output() {
-        Ok(output) => Some(output),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            let name = command.get_program().to_string_lossy();
-            eprintln!("skipped: {name} is not installed");
-            None
-        }
-        Err(error) => panic!("{command:?}: {error}"),
-    }
-}
-
-/// Asserts that a tool was content, shows what it said otherwise.
-#[track_caller]
-pub(crate) fn content(output: &Output) {
-    assert!(
-        output.status.success(),
-        "{}\n{}\n{}",
-        output.status,
-        String::from_utf8_lossy(&output.stdout),
-        String::from_utf8_lossy(&output.stderr)
-    );
 }

@@ -1,24 +1,16 @@
 //! The queue's server: keys are made, the configuration starts a server that asks for TLS and a key.
 
-use super::{content, launch, tool};
+use super::launch;
+use crate::support::nats::SecureNats;
+use crate::support::tools::{content, make_keys, tool};
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use std::time::Duration;
 
 const ROLES: [&str; 3] = ["coordinator", "worker", "observer"];
-
-/// Keys in `folder`/keys for these names; nothing if a tool is missing.
-fn make_keys(folder: &Path, names: &[&str]) -> Option<()> {
-    tool(Command::new("bash").arg("--version"))?;
-    tool(Command::new("base32").arg("--version"))?;
-    tool(Command::new("openssl").arg("version"))?;
-    let mut command = Command::new(launch("nats/make-keys.sh"));
-    content(&tool(command.arg(folder.join("keys")).args(names))?);
-    Some(())
-}
 
 fn read(folder: &Path, name: &str) -> String {
     std::fs::read_to_string(folder.join("keys").join(name)).unwrap()
@@ -71,7 +63,7 @@ fn the_checksum_is_the_published_one() {
 #[test]
 fn each_role_has_its_own_key() {
     let folder = tempfile::tempdir().unwrap();
-    if make_keys(folder.path(), &["localhost", "127.0.0.1"]).is_none() {
+    if make_keys(&folder.path().join("keys"), &["localhost", "127.0.0.1"]).is_none() {
         return;
     }
     let mut seen = Vec::new();
@@ -110,7 +102,7 @@ fn each_role_has_its_own_key() {
 #[test]
 fn keys_are_for_their_owner_alone() {
     let folder = tempfile::tempdir().unwrap();
-    if make_keys(folder.path(), &["localhost"]).is_none() {
+    if make_keys(&folder.path().join("keys"), &["localhost"]).is_none() {
         return;
     }
     let keys = folder.path().join("keys");
@@ -135,7 +127,7 @@ fn keys_are_for_their_owner_alone() {
 #[test]
 fn what_is_there_is_kept_and_what_is_missing_is_made() {
     let folder = tempfile::tempdir().unwrap();
-    if make_keys(folder.path(), &["localhost"]).is_none() {
+    if make_keys(&folder.path().join("keys"), &["localhost"]).is_none() {
         return;
     }
     let all = || {
@@ -148,11 +140,11 @@ fn what_is_there_is_kept_and_what_is_missing_is_made() {
         names.map(|name| read(folder.path(), name))
     };
     let first = all();
-    make_keys(folder.path(), &["localhost"]).unwrap();
+    make_keys(&folder.path().join("keys"), &["localhost"]).unwrap();
     assert_eq!(all(), first);
     // A key that is exchanged, and a server that has another name.
     std::fs::remove_dir_all(folder.path().join("keys/worker")).unwrap();
-    make_keys(folder.path(), &["queue.example", "::1"]).unwrap();
+    make_keys(&folder.path().join("keys"), &["queue.example", "::1"]).unwrap();
     let second = all();
     assert_eq!(second[0], first[0]);
     assert_ne!(second[1], first[1]);
@@ -180,59 +172,15 @@ fn what_is_there_is_kept_and_what_is_missing_is_made() {
     }
 }
 
-/// A server that ends with its test.
-struct Server(Child);
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
 #[test]
 fn the_server_takes_the_configuration_and_asks_for_tls_and_a_key() {
-    let folder = tempfile::tempdir().unwrap();
-    if make_keys(folder.path(), &["localhost"]).is_none() {
-        return;
-    }
-    let configuration = folder.path().join("keys/server/server.conf");
-    let mut command = Command::new("nats-server");
-    let Some(tested) = tool(command.arg("-t").arg("-c").arg(&configuration)) else {
+    let Some(server) = SecureNats::start() else {
         return;
     };
-    content(&tested);
-    // -1: a port that is free.
-    let child = Command::new("nats-server")
-        .args(["-a", "127.0.0.1", "-p", "-1", "-m", "-1", "-c"])
-        .arg(&configuration)
-        .stdin(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut server = Server(child);
-    let log = BufReader::new(server.0.stderr.take().unwrap());
-    let mut said = String::new();
-    let mut port = None;
-    for line in log.lines() {
-        let line = line.unwrap();
-        said += &line;
-        said += "\n";
-        if let Some((_, address)) = line.split_once("client connections on ") {
-            port = address
-                .trim()
-                .rsplit_once(':')
-                .unwrap()
-                .1
-                .parse::<u16>()
-                .ok();
-        }
-        if line.contains("Server is ready") {
-            break;
-        }
-    }
-    let port = port.unwrap_or_else(|| panic!("{said}"));
-    let stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+    let mut command = Command::new("nats-server");
+    let configuration = server.key("server", "server.conf");
+    content(&tool(command.arg("-t").arg("-c").arg(configuration)).unwrap());
+    let stream = TcpStream::connect(("127.0.0.1", server.port)).unwrap();
     stream
         .set_read_timeout(Some(Duration::from_secs(10)))
         .unwrap();

@@ -1,6 +1,7 @@
 //! Shell scripts and the files that shells read.
 
-use super::{content, launch_files, tool};
+use super::launch_files;
+use crate::support::tools::{content, tool};
 use std::process::Command;
 
 #[test]

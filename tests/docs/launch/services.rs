@@ -1,20 +1,21 @@
 //! systemd's units.
 
-use super::{launch_files, tool};
+use super::launch_files;
+use crate::support::program::PROGRAM;
+use crate::support::tools::tool;
 use std::process::Command;
 
 #[test]
 fn systemd_understands_the_units() {
     // It wants the programs to be there, so copies name one that is.
     let folder = tempfile::tempdir().unwrap();
-    let program = env!("CARGO_BIN_EXE_glasshouse");
     let mut copies = Vec::new();
     for unit in launch_files(&[".service"]) {
         let text = std::fs::read_to_string(&unit).unwrap();
         let text = text
-            .replace("ExecStart=glasshouse ", &format!("ExecStart={program} "))
-            .replace("ExecStart=nats-server ", &format!("ExecStart={program} "));
-        assert!(text.contains(program), "{}", unit.display());
+            .replace("ExecStart=glasshouse ", &format!("ExecStart={PROGRAM} "))
+            .replace("ExecStart=nats-server ", &format!("ExecStart={PROGRAM} "));
+        assert!(text.contains(PROGRAM), "{}", unit.display());
         let copy = folder.path().join(unit.file_name().unwrap());
         std::fs::write(&copy, text).unwrap();
         copies.push(copy);

@@ -1,6 +1,7 @@
 //! Every reader with every seed of the fuzz targets, and with each cut short: it comes back, and what it accepts is
 //! sound. The fuzzers themselves are run as CONTRIBUTING.md says.
 
+mod pictures;
 #[path = "../../../fuzz/readers.rs"]
 mod readers;
 mod seeds;

@@ -1,13 +1,9 @@
 //! Small good files of every kind: where the fuzzers start from.
 
-use exr::prelude::{
-    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer,
-    LayerAttributes, LineOrder, Vec2, WritableImage, f16,
-};
+use super::pictures::{images, png};
 use glasshouse::farm::queue::{Message, write_message};
 use glasshouse::run::Task;
 use image::ExtendedColorType as Png;
-use image::ImageEncoder;
 use render::formats::{NamedBytes, PhotographFiles};
 use render::ids::SceneId;
 use render::line::{SceneLine, Side, parse_scene, to_jsonl};
@@ -17,147 +13,9 @@ use render::scene::{InputDigests, assemble, decode_photograph};
 use render::shard::{Golden, SPEC_SCHEMA, ShardLayout, Spec, scene_digest};
 use render::trace::{Isa, TRACER_VERSION, trace_tile};
 use std::fmt::Write;
-use std::io::Cursor;
 
 /// Reader, file name, bytes.
 type Seed = (&'static str, String, Vec<u8>);
-
-fn png(pixels: &[u8], width: u32, height: u32, kind: Png) -> Vec<u8> {
-    let mut bytes = vec![];
-    image::codecs::png::PngEncoder::new(&mut bytes)
-        .write_image(pixels, width, height, kind)
-        .unwrap();
-    bytes
-}
-
-fn jpeg(pixels: &[u8], width: u32, height: u32) -> Vec<u8> {
-    let mut bytes = vec![];
-    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 80)
-        .write_image(pixels, width, height, Png::Rgb8)
-        .unwrap();
-    bytes
-}
-
-fn npy(descr: &str, fortran: bool, shape: &str, data: &[u8]) -> Vec<u8> {
-    let order = if fortran { "True" } else { "False" };
-    let header = format!("{{'descr': '{descr}', 'fortran_order': {order}, 'shape': {shape}, }}");
-    let mut bytes = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
-    bytes.extend(format!("{header:117}\n").bytes());
-    bytes.extend(data);
-    bytes
-}
-
-fn exr(names: &[&str], compression: Compression, blocks: Blocks) -> Vec<u8> {
-    let samples = |k: usize| match k % 3 {
-        0 => FlatSamples::F16(vec![f16::from_f32(0.5); 6]),
-        1 => FlatSamples::F32(vec![1.5, 0.1, 0.2, 0.3, 2.0, 1e-3]),
-        _ => FlatSamples::U32(vec![1, 2, 3, 4, 5, 6]),
-    };
-    let channels = names
-        .iter()
-        .enumerate()
-        .map(|(k, name)| AnyChannel::new(*name, samples(k)));
-    let encoding = Encoding {
-        compression,
-        blocks,
-        line_order: LineOrder::Increasing,
-    };
-    let layer = Layer::new(
-        (3, 2),
-        LayerAttributes::named("main"),
-        encoding,
-        AnyChannels::sort(channels.collect()),
-    );
-    let mut bytes = Cursor::new(vec![]);
-    Image::from_layer(layer)
-        .write()
-        .non_parallel()
-        .to_buffered(&mut bytes)
-        .unwrap();
-    bytes.into_inner()
-}
-
-fn images() -> Vec<(String, Vec<u8>)> {
-    let ramp: Vec<u8> = (1..=48).collect();
-    let mut files = vec![
-        ("grey8.png", png(&ramp[..6], 3, 2, Png::L8)),
-        ("grey16.png", png(&ramp[..12], 3, 2, Png::L16)),
-        ("rgb8.png", png(&ramp[..18], 3, 2, Png::Rgb8)),
-        ("rgba16.png", png(&ramp, 3, 2, Png::Rgba16)),
-        ("rgb.jpg", jpeg(&ramp[..18], 3, 2)),
-        (
-            "f4.npy",
-            npy("<f4", false, "(2, 3)", &0.5f32.to_le_bytes().repeat(6)),
-        ),
-        (
-            "f8.npy",
-            npy(">f8", true, "(2, 3, 1)", &2.5f64.to_be_bytes().repeat(6)),
-        ),
-        ("u1.npy", npy("|u1", false, "(2, 3, 3)", &ramp[..18])),
-        ("u2.npy", npy("<u2", false, "(1, 2, 3)", &ramp[..12])),
-        ("b1.npy", npy("|b1", false, "(2, 3)", &[1, 0, 1, 1, 0, 1])),
-        ("bits.pbm", b"P1\n3 2\n1 0 1 0 1 0\n".to_vec()),
-        ("text.pgm", b"P2 3 2 255 1 2 3 4 5 6".to_vec()),
-        ("bits4.pbm", b"P4 3 2 \xa0\x40".to_vec()),
-        ("grey16.pgm", b"P5 3 2 65535 abcdefghijkl".to_vec()),
-        ("rgb.ppm", b"P6 3 2 255 abcdefghijklmnopqr".to_vec()),
-        (
-            "grey.pfm",
-            [&b"Pf\n3 2\n-1.0\n"[..], &0.5f32.to_le_bytes().repeat(6)].concat(),
-        ),
-        (
-            "rgb.pfm",
-            [&b"PF\n1 2\n1\n"[..], &0.5f32.to_be_bytes().repeat(6)].concat(),
-        ),
-        (
-            "rgbe.hdr",
-            b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 1\n\x80\x40\x20\x81\x10\x20\x30\x80"
-                .to_vec(),
-        ),
-        (
-            "any.pam",
-            b"P7\nWIDTH 3\nHEIGHT 2\nDEPTH 1\nMAXVAL 255\nTUPLTYPE GRAYSCALE\nENDHDR\nabcdef"
-                .to_vec(),
-        ),
-    ];
-    for (name, names, compression, blocks) in [
-        (
-            "rgb.exr",
-            &["R", "G", "B"][..],
-            Compression::ZIP16,
-            Blocks::ScanLines,
-        ),
-        (
-            "y.exr",
-            &["Y", "A"],
-            Compression::Uncompressed,
-            Blocks::ScanLines,
-        ),
-        (
-            "z.exr",
-            &["Z"],
-            Compression::ZIP1,
-            Blocks::Tiles(Vec2(2, 2)),
-        ),
-        (
-            "rle.exr",
-            &["Y"],
-            Compression::RLE,
-            Blocks::Tiles(Vec2(2, 2)),
-        ),
-        ("piz.exr", &["Y"], Compression::PIZ, Blocks::ScanLines),
-        (
-            "pxr24.exr",
-            &["Y"],
-            Compression::PXR24,
-            Blocks::Tiles(Vec2(64, 64)),
-        ),
-        ("b44.exr", &["Y"], Compression::B44, Blocks::ScanLines),
-    ] {
-        files.push((name, exr(names, compression, blocks)));
-    }
-    files.into_iter().map(|(n, b)| (n.to_owned(), b)).collect()
-}
 
 const LINE: &str = r#"{"schema":"glasshouse.scene/1","id":"a","split":"test","seed":7,"film":{"width":3,"height":2,"spp":4,"filter":"gaussian","order_tolerance":0.001},"camera":{"focal_length_mm":55.0,"aperture_radius_m":0.009,"focus":{"at":"front_center"}},"glass":{"distance_m":0.3,"thickness_m":0.01,"ior":1.6,"absorption_per_m":[0.1,0,5e-1],"tilt_deg":[1.5,-2]},"front":{"color":"a.png","depth":"NAME:a.npy","mask":"m.npy","transfer":"linear","depth_unit_m":0.001,"depth_kind":"distance","intrinsics":{"fx":9,"fy":9.5,"cx":1.5,"cy":1,"size":[3,2]},"exposure":2,"fill":"far"},"back":{"color":"b.png","depth":"b.npy","intrinsics":{"fx":9,"fy":9,"cx":1.5,"cy":1},"apex":"camera"}}"#;
 
@@ -269,41 +127,6 @@ name = "train"
 pairs = { sample = 3 }
 "#,
 ];
-
-const CASES: &str = r#"schema = "glasshouse.cases/1"
-name = "two"
-seed = 3
-[film]
-width = 6
-height = 4
-spp = 16
-[camera]
-focal_length_mm = 55
-aperture_radius_m = 0.01
-focus = { at = "front_center" }
-[glass]
-distance_m = 0.3
-thickness_m = 0.01
-ior = 1.6
-[[case]]
-id = "grey"
-what = "Grey planes."
-film = { filter = "gaussian" }
-apex = "camera"
-front = { radiance = [0.5, 0.5, 0.5], depth_m = 2, depth_points = [[1, 2, nan], [0, 0, -inf]], color_file = "png" }
-back = { ramp = { middle = 1, across_per_m = 0.5, down_per_m = 0 }, texels = [9, 8], depth_m = 2, depth_file = "exr" }
-expect = [
-  { layer = "transmission", value = [0.5, 0.5, 0.5], bound = 0.005 },
-  { layer = "input", same_as = "grey/input", bound = 0 },
-]
-[[case]]
-id = "steep"
-what = "Refused."
-glass = { tilt_deg = [0, 80] }
-front = { checker = true, depth_m = 2, half_fov_tan = [0.1, 0.2] }
-back = { noise = 1, depth_m = 2 }
-refused = "85"
-"#;
 
 /// A square and a triangle, in text and in bytes.
 fn meshes() -> Vec<(&'static str, Vec<u8>)> {
@@ -427,9 +250,6 @@ pub(crate) fn all() -> Vec<Seed> {
     for (k, text) in RECIPES.iter().enumerate() {
         seeds.push(("recipe", format!("{k}.toml"), text.as_bytes().to_vec()));
     }
-    seeds.push(("cases", "two.toml".to_owned(), CASES.as_bytes().to_vec()));
-    let one = CASES.split("[[case]]").next().unwrap_or_default();
-    seeds.push(("cases", "none.toml".to_owned(), one.as_bytes().to_vec()));
     let partial = render::partial::encode(&partials[0]).unwrap();
     seeds.push(("partial", "pixels.exr".to_owned(), partial));
     seeds.push((

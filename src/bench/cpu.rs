@@ -1,0 +1,13 @@
+//! The machine's processor: figures are worth little without its name.
+
+/// The model name, if the system tells.
+pub fn cpu_name() -> Option<String> {
+    let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
+    let line = text.lines().find(|line| line.starts_with("model name"))?;
+    Some(line.split_once(':')?.1.trim().to_owned())
+}
+
+/// ` on NAME`, or nothing.
+pub fn on_cpu() -> String {
+    cpu_name().map_or_else(String::new, |name| format!(" on {name}"))
+}

@@ -1,0 +1,241 @@
+//! The result of `bench error`: tables for a person, an object for a program, and the files of both.
+
+use super::cpu::on_cpu;
+use super::error::BenchError;
+use super::fit::Slope;
+use super::ladder::{LayerRow, VARIANTS};
+use super::plot::error_plot;
+use super::reference::Reference;
+use super::table::{align, csv};
+use render::atomic_file;
+use render::trace::LAYERS;
+use serde::{Serialize, Serializer};
+use std::collections::BTreeMap;
+use std::fmt::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// Its schema.
+pub const ERROR_SCHEMA: &str = "glasshouse.bench_error/1";
+
+/// Errors of a scene's renderings against a reference. Its keys are those of [`ERROR_SCHEMA`].
+#[derive(Serialize)]
+pub struct ErrorReport<'a> {
+    /// Name of the scene.
+    pub scene: &'a str,
+    /// Width and height, px.
+    pub film: [u32; 2],
+    /// Version of the tracer.
+    pub tracer_version: u32,
+    /// Instruction set of the kernels.
+    pub isa: &'static str,
+    /// Threads that rendered.
+    pub threads: usize,
+    /// The processor, if the system tells.
+    pub cpu: Option<String>,
+    /// Seeds that were averaged over.
+    pub seeds: u32,
+    /// Samples a pixel of each rung.
+    pub spp: &'a [u32],
+    /// What the renderings were compared with.
+    #[serde(serialize_with = "reference_object")]
+    pub reference: &'a Reference,
+    /// How errors fall.
+    pub slopes: Vec<Slope>,
+    /// By variant, rung and layer.
+    pub rows: Vec<LayerRow>,
+    /// Folder of the files; not in `error.json`, which lies there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub out: Option<PathBuf>,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks for it")]
+fn reference_object<S: Serializer>(
+    reference: &&Reference,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Own<'a> {
+        dir: &'a Path,
+        spp: u32,
+        seed: u64,
+        stated_rmse: BTreeMap<&'static str, Option<f64>>,
+        cpu_s: f64,
+        reused: bool,
+    }
+    #[derive(Serialize)]
+    struct Given<'a> {
+        dir: &'a Path,
+    }
+    let dir = reference.dir.as_path();
+    match &reference.record {
+        None => Given { dir }.serialize(serializer),
+        Some(record) => Own {
+            dir,
+            spp: record.spp,
+            seed: record.seed,
+            stated_rmse: LAYERS.into_iter().zip(record.error_rms).collect(),
+            cpu_s: record.cpu_s,
+            reused: reference.reused,
+        }
+        .serialize(serializer),
+    }
+}
+
+#[derive(Serialize)]
+struct Document<'a> {
+    schema: &'static str,
+    #[serde(flatten)]
+    report: &'a ErrorReport<'a>,
+}
+
+impl ErrorReport<'_> {
+    /// Writes `error.csv`, `error.json` and `error.svg`.
+    pub fn write(&mut self, folder: &Path) -> Result<(), BenchError> {
+        let title = format!(
+            "Scene {}: error against CPU time (reference: {})",
+            self.scene,
+            truth(self.reference, "samples of another seed")
+        );
+        let document = Document {
+            schema: ERROR_SCHEMA,
+            report: self,
+        };
+        let json = serde_json::to_value(document).unwrap_or_default();
+        atomic_file::create_dir(folder)?;
+        atomic_file::write(&folder.join("error.csv"), csv(&self.rows).as_bytes())?;
+        atomic_file::write(
+            &folder.join("error.svg"),
+            error_plot(&self.rows, &title).as_bytes(),
+        )?;
+        atomic_file::write(&folder.join("error.json"), format!("{json:#}\n").as_bytes())?;
+        self.out = Some(folder.to_owned());
+        Ok(())
+    }
+}
+
+impl fmt::Display for ErrorReport<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&text(self))?;
+        match &self.out {
+            Some(out) => write!(f, "look at {}", out.join("error.svg").display()),
+            None => Ok(()),
+        }
+    }
+}
+
+/// What the error is against, in words.
+fn truth(reference: &Reference, what: &str) -> String {
+    reference.record.as_ref().map_or_else(
+        || format!("the images in {}", reference.dir.display()),
+        |record| format!("{} {what}", record.spp),
+    )
+}
+
+/// The tables: one for each kind of sampling and layer.
+fn text(report: &ErrorReport) -> String {
+    let ErrorReport {
+        reference,
+        rows,
+        slopes,
+        ..
+    } = report;
+    let mut text = format!(
+        "{}, {} x {} px{}, against {}",
+        report.scene,
+        report.film[0],
+        report.film[1],
+        on_cpu(),
+        truth(reference, "samples of another seed")
+    );
+    if let Some(record) = &reference.record {
+        let stated: Vec<String> = LAYERS
+            .iter()
+            .zip(record.error_rms)
+            .map(|(name, error)| format!("{name} {}", optional(error, |e| format!("{e:.1e}"))))
+            .collect();
+        let _ = write!(text, " (its own stated error: {})", stated.join(", "));
+    }
+    text += "\n";
+    for slope in slopes {
+        let tail = slope.tail_slope.map_or_else(String::new, |s| {
+            format!(", samples^{s:.2} from 16 samples on")
+        });
+        let fitted = slope.slope.map_or_else(
+            || "too few rungs for a slope".to_owned(),
+            |s| format!("RMSE ~ samples^{s:.2} over {} rungs{tail}", slope.rungs),
+        );
+        let _ = writeln!(text, "\n{}, {}: {fitted}\n", slope.layer, slope.variant);
+        let head = [
+            "samples",
+            "CPU s",
+            "RMSE",
+            "relative MSE",
+            "bias",
+            "sRGB steps",
+            "worst 8x8",
+            "p99 8x8",
+            "stated/true",
+        ];
+        let mut table = vec![head.map(str::to_owned).to_vec()];
+        let of_slope = |row: &&LayerRow| row.variant == slope.variant && row.layer == slope.layer;
+        for row in rows.iter().filter(of_slope) {
+            let d = &row.deviation;
+            table.push(vec![
+                format!("{}", (row.samples * 10.0).round() / 10.0),
+                format!("{:.3}", row.cpu_s),
+                format!("{:.2e}", d.rmse),
+                format!("{:.2e}", d.relative_mse),
+                format!("{:+.1e}", d.bias),
+                format!("{:.3}", d.srgb_steps),
+                format!("{:.2e}", d.cell_rmse_worst),
+                format!("{:.2e}", d.cell_rmse_p99),
+                optional(row.stated_over_true, |ratio| format!("{ratio:.2}")),
+            ]);
+        }
+        text += &align(&table, 0);
+    }
+    text += "\n";
+    text += &summary(rows, slopes);
+    text += "\n";
+    text
+}
+
+/// One row for each layer: how each kind of sampling falls, and where it ends.
+fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
+    let top = rows.iter().map(|row| row.spp).max().unwrap_or(0);
+    let mut head = vec!["layer".to_owned()];
+    for variant in VARIANTS {
+        head.push(format!("{} slope", variant.name));
+        head.push("from 16".to_owned());
+        head.push(format!("RMSE at {top} spp"));
+        head.push("CPU s".to_owned());
+    }
+    let mut table = vec![head];
+    for layer in LAYERS {
+        let mut cells = vec![layer.to_owned()];
+        for variant in VARIANTS {
+            let slope = slopes
+                .iter()
+                .find(|s| s.variant == variant.name && s.layer == layer);
+            for fitted in [
+                slope.and_then(|s| s.slope),
+                slope.and_then(|s| s.tail_slope),
+            ] {
+                cells.push(optional(fitted, |s| format!("{s:.2}")));
+            }
+            let last = rows
+                .iter()
+                .find(|r| r.variant == variant.name && r.layer == layer && r.spp == top);
+            cells.push(optional(last.map(|r| r.deviation.rmse), |e| {
+                format!("{e:.2e}")
+            }));
+            cells.push(optional(last.map(|r| r.cpu_s), |s| format!("{s:.2}")));
+        }
+        table.push(cells);
+    }
+    align(&table, 1)
+}
+
+fn optional(value: Option<f64>, print: impl Fn(f64) -> String) -> String {
+    value.map_or_else(|| "-".to_owned(), print)
+}

@@ -1,0 +1,185 @@
+//! The figures of [`makespan`](super::makespan()).
+
+use super::median::median;
+use super::setup::Conditions;
+use crate::bench::align;
+use crate::farm::simulate::{Case, Fault, simulate};
+use serde::Serialize;
+use std::fmt;
+
+/// The makespan of a farm.
+#[derive(Clone, Debug, Serialize)]
+pub struct Makespan {
+    #[serde(flatten)]
+    how: Conditions,
+    workers: u32,
+    scenes: u32,
+    shards: u32,
+    seed: u64,
+    load_s: f64,
+    lease_s: f64,
+    /// Without faults, with faults.
+    pub runs: Vec<MakespanRun>,
+    /// Anything else is a defect of the program.
+    #[serde(rename = "tuples_equal_those_of_one_process")]
+    pub tuples_equal: bool,
+}
+
+/// Some passes over one case.
+#[derive(Clone, Debug, Serialize)]
+pub struct MakespanRun {
+    #[serde(skip)]
+    what: &'static str,
+    faults: Vec<FaultRow>,
+    bound_s: f64,
+    simulated_over_bound: Option<f64>,
+    over_bound: f64,
+    makespan_s: f64,
+    known_s: f64,
+    loads_per_scene: f64,
+    /// In their order.
+    pub passes: Vec<Pass>,
+}
+
+/// One run of the farm.
+#[derive(Clone, Debug, Serialize)]
+pub struct Pass {
+    pub(super) makespan_s: f64,
+    pub(super) over_bound: f64,
+    pub(super) known_s: f64,
+    pub(super) loads: u64,
+    pub(super) spans_given: u64,
+    pub(super) shards_traced: u64,
+    /// Of all tuples.
+    #[serde(skip)]
+    pub(super) digest: String,
+}
+
+#[derive(Clone, Debug, Serialize)]
+#[serde(untagged)]
+enum FaultRow {
+    Kill { killed: u32, at_s: f64 },
+    Slow { slow: u32, times: f64 },
+}
+
+impl FaultRow {
+    fn new(fault: &Fault) -> Option<Self> {
+        match *fault {
+            Fault::Kill { worker, at_s } => Some(Self::Kill {
+                killed: worker,
+                at_s,
+            }),
+            Fault::Slow { worker, times } => Some(Self::Slow {
+                slow: worker,
+                times,
+            }),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for FaultRow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Kill { killed, at_s } => write!(
+                f,
+                "worker {killed} was killed after {at_s:.2} s; its shards are not counted"
+            ),
+            Self::Slow { slow, times } => write!(f, "worker {slow} was {times} times slower"),
+        }
+    }
+}
+
+impl MakespanRun {
+    pub(super) fn new(what: &'static str, case: &Case, bound_s: f64, passes: Vec<Pass>) -> Self {
+        let of = |of: fn(&Pass) -> f64| median(&passes.iter().map(of).collect::<Vec<_>>());
+        Self {
+            what,
+            faults: case.faults.iter().filter_map(FaultRow::new).collect(),
+            bound_s,
+            simulated_over_bound: simulate(case).map(|o| o.makespan_s / o.bound_s),
+            over_bound: of(|p| p.over_bound),
+            makespan_s: of(|p| p.makespan_s),
+            known_s: of(|p| p.known_s),
+            loads_per_scene: of(|p| p.loads as f64) / f64::from(case.work.scenes),
+            passes,
+        }
+    }
+
+    fn row(&self) -> Vec<String> {
+        let of = |of: fn(&Pass) -> u64| {
+            median(&self.passes.iter().map(|p| of(p) as f64).collect::<Vec<_>>())
+        };
+        let each = self.passes.iter().map(|p| format!("{:.3}", p.over_bound));
+        let each = each.collect::<Vec<_>>().join(", ");
+        vec![
+            self.what.to_owned(),
+            format!("{:.2} s", self.bound_s),
+            format!("{:.2} s", self.makespan_s),
+            format!("{:.3} ({each})", self.over_bound),
+            format!("{:.3}", self.simulated_over_bound.unwrap_or(f64::NAN)),
+            format!("{:.3}", self.loads_per_scene),
+            format!("{:.0}", of(|p| p.spans_given)),
+            format!("{:.0}", of(|p| p.shards_traced)),
+        ]
+    }
+}
+
+impl Makespan {
+    pub(super) fn new(
+        how: Conditions,
+        case: &Case,
+        runs: Vec<MakespanRun>,
+        tuples_equal: bool,
+    ) -> Self {
+        Self {
+            how,
+            workers: case.fleet.workers,
+            scenes: case.work.scenes,
+            shards: case.work.shards,
+            seed: case.work.seed,
+            load_s: case.work.load_s,
+            lease_s: case.rules.lease_s,
+            runs,
+            tuples_equal,
+        }
+    }
+}
+
+impl fmt::Display for Makespan {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{} workers, {} scenes of {} shards that sleep, seed {}, leases of {} s, {}; medians of {}\n",
+            self.workers,
+            self.scenes,
+            self.shards,
+            self.seed,
+            self.lease_s,
+            self.how,
+            self.runs.first().map_or(0, |run| run.passes.len()),
+        )?;
+        let head = [
+            "",
+            "bound",
+            "makespan",
+            "over bound",
+            "simulated",
+            "loads a scene",
+            "spans given",
+            "shards traced",
+        ];
+        let mut rows = vec![head.map(str::to_owned).to_vec()];
+        rows.extend(self.runs.iter().map(MakespanRun::row));
+        write!(f, "{}", align(&rows, 1))?;
+        for fault in self.runs.last().iter().flat_map(|run| &run.faults) {
+            writeln!(f, "{fault}")?;
+        }
+        let same = if self.tuples_equal {
+            "are bit by bit those"
+        } else {
+            "ARE NOT those"
+        };
+        write!(f, "the tuples of all runs {same} of one process")
+    }
+}

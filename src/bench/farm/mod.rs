@@ -1,0 +1,36 @@
+//! The farm itself, measured with real processes or simulated: `glasshouse bench farm`.
+//!
+//! ```text
+//! overhead       shards a second, 1 to N workers; CPU seconds that the farm adds to a shard
+//! makespan       time of a run over its lower bound, without and with faults
+//! resume         time until a run that is half done goes on
+//! simulation     the same rules in virtual time, for any number of workers (farm::simulate)
+//!
+//! place          a temporary folder, a NATS server -> process, server: children that end with their owner
+//! recipe         runs of tiny scenes that cost nothing to trace; half_done makes half of one
+//! ```
+
+mod error;
+mod half_done;
+mod makespan;
+mod makespan_report;
+mod median;
+mod overhead;
+mod overhead_report;
+mod place;
+mod process;
+mod recipe;
+mod resume;
+mod server;
+mod setup;
+mod simulation;
+
+pub use error::FarmBenchError;
+pub use makespan::makespan;
+pub use makespan_report::{Makespan, MakespanRun, Pass};
+pub use overhead::overhead;
+pub use overhead_report::{Overhead, OverheadRun};
+pub use process::{SCENE_LOADED, WORK_BEGINS};
+pub use resume::{Resume, Times, resume};
+pub use setup::{Conditions, Setup, Watcher};
+pub use simulation::{FaultCounts, Simulation, simulate};

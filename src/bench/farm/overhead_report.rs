@@ -1,0 +1,208 @@
+//! The figures of [`overhead`](super::overhead()).
+
+use super::overhead::{ASLEEP_S, REAL};
+use super::setup::Conditions;
+use crate::bench::align;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// What the farm adds to shards.
+#[derive(Clone, Debug, Serialize)]
+pub struct Overhead {
+    /// How it was measured.
+    #[serde(flatten)]
+    pub how: Conditions,
+    /// Runs with shards that cost nothing, or sleep.
+    pub runs: Vec<OverheadRun>,
+    /// The run with real shards.
+    pub real_shards: OverheadRun,
+}
+
+/// A run of the farm.
+#[derive(Clone, Debug, Serialize)]
+pub struct OverheadRun {
+    /// `nats` or `process`.
+    pub queue: &'static str,
+    /// Processes on `nats`, threads of one `process`.
+    pub workers: u32,
+    /// Shards that were traced.
+    pub shards: u64,
+    /// Seconds that each shard slept.
+    pub shard_s: f64,
+    /// Until the last tuple.
+    pub wall_s: f64,
+    /// Shards over `wall_s`.
+    pub shards_per_s: f64,
+    /// CPU time that the farm adds to a shard.
+    pub overhead_cpu_us_per_shard: f64,
+    /// Time of a worker for a shard, beyond the sleep.
+    pub overhead_wall_us_per_shard: f64,
+    /// Share of all CPU seconds.
+    pub overhead_cpu_share: f64,
+    /// CPU seconds of all workers, by stage.
+    pub cpu_seconds: BTreeMap<String, f64>,
+    /// Of the coordinator.
+    pub coordinator_cpu_s: f64,
+    /// Of the NATS server, if known.
+    pub server_cpu_s: Option<f64>,
+}
+
+impl OverheadRun {
+    pub(super) fn new(queue: &'static str, workers: u32, shard_s: f64) -> Self {
+        Self {
+            queue,
+            workers,
+            shards: 0,
+            shard_s,
+            wall_s: 0.0,
+            shards_per_s: 0.0,
+            overhead_cpu_us_per_shard: 0.0,
+            overhead_wall_us_per_shard: 0.0,
+            overhead_cpu_share: 0.0,
+            cpu_seconds: BTreeMap::new(),
+            coordinator_cpu_s: 0.0,
+            server_cpu_s: None,
+        }
+    }
+
+    /// With the figures that follow from the others.
+    pub(super) fn finished(mut self) -> Self {
+        let shards = self.shards as f64;
+        self.shards_per_s = shards / self.wall_s;
+        self.overhead_cpu_us_per_shard = self.farm_cpu_s() / shards * 1e6;
+        let worker_s = self.wall_s * f64::from(self.workers) / shards;
+        self.overhead_wall_us_per_shard = (worker_s - self.shard_s) * 1e6;
+        self.overhead_cpu_share = self.farm_cpu_s() / self.all_cpu_s();
+        self
+    }
+
+    fn cpu_of(&self, stage: &str) -> f64 {
+        self.cpu_seconds.get(stage).copied().unwrap_or(0.0)
+    }
+
+    /// All CPU seconds except the start's.
+    fn all_cpu_s(&self) -> f64 {
+        let workers: f64 = self.cpu_seconds.values().sum();
+        workers - self.cpu_of("before") + self.coordinator_cpu_s + self.server_cpu_s.unwrap_or(0.0)
+    }
+
+    /// From files to the tracer, and from there to tuples.
+    fn around_cpu_s(&self) -> f64 {
+        let stages = ["read", "decode", "merge", "encode", "write"];
+        stages.map(|stage| self.cpu_of(stage)).iter().sum()
+    }
+
+    /// Checkpoints, queue, leases, coordinator, and all work of the store's threads for tuples: at least the farm's own
+    /// cost, at most a little more.
+    fn farm_cpu_s(&self) -> f64 {
+        self.all_cpu_s() - self.cpu_of("trace") - self.around_cpu_s()
+    }
+
+    fn row(&self) -> Vec<String> {
+        let ideal = f64::from(self.workers) / self.shard_s;
+        let of_ideal = if self.shard_s > 0.0 {
+            format!("{:.1} %", 100.0 * self.shards_per_s / ideal)
+        } else {
+            String::new()
+        };
+        vec![
+            self.workers.to_string(),
+            self.shards.to_string(),
+            format!("{:.1}", self.shards_per_s),
+            of_ideal,
+            format!("{:.0}", self.overhead_cpu_us_per_shard),
+            format!("{:.0}", self.overhead_wall_us_per_shard),
+        ]
+    }
+}
+
+impl Overhead {
+    /// The runs on one kind of queue, with or without sleep, as a table; nothing without runs.
+    fn table(&self, title: &str, asleep: bool, queue: &str) -> Option<String> {
+        let head = [
+            title,
+            "shards",
+            "shards/s",
+            "of ideal",
+            "CPU us a shard",
+            "worker us a shard",
+        ];
+        let mut table = vec![head.map(str::to_owned).to_vec()];
+        let is_row = |run: &&OverheadRun| (run.shard_s > 0.0) == asleep && run.queue == queue;
+        table.extend(self.runs.iter().filter(is_row).map(OverheadRun::row));
+        (table.len() > 1).then(|| align(&table, 0))
+    }
+}
+
+impl fmt::Display for Overhead {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "queue: {}\n", self.how)?;
+        for (queue, who) in [("nats", "workers"), ("process", "threads")] {
+            let titles = [
+                (format!("{who}, shards that cost nothing"), false),
+                (format!("{who}, shards that sleep {ASLEEP_S} s"), true),
+            ];
+            for (title, asleep) in titles {
+                if let Some(table) = self.table(&title, asleep, queue) {
+                    writeln!(f, "{table}")?;
+                }
+            }
+        }
+        let real = &self.real_shards;
+        let share = |s: f64| 100.0 * s / real.all_cpu_s();
+        write!(
+            f,
+            "{} shards of {} px and {} samples, {} workers: {:.2} CPU s: tracer {:.1} %, decoding and merging {:.1} %, \
+             checkpoints and queue {:.2} % ({:.0} us a shard; with coordinator, server and the store's threads)",
+            real.shards,
+            REAL[0],
+            REAL[1],
+            real.workers,
+            real.all_cpu_s(),
+            share(real.cpu_of("trace")),
+            share(real.around_cpu_s()),
+            share(real.farm_cpu_s()),
+            real.overhead_cpu_us_per_shard,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 100 shards in 2 s of 4 workers that slept 0.05 s each; of 3.5 CPU s after the start 1 is the farm's.
+    #[test]
+    fn figures_follow_from_what_was_measured() {
+        let mut run = OverheadRun::new("nats", 4, 0.05);
+        run.shards = 100;
+        run.wall_s = 2.0;
+        let stages = [
+            ("before", 9.0),
+            ("trace", 2.0),
+            ("merge", 0.5),
+            ("queue", 0.5),
+        ];
+        run.cpu_seconds = stages.map(|(stage, s)| (stage.to_owned(), s)).into();
+        run.coordinator_cpu_s = 0.25;
+        run.server_cpu_s = Some(0.25);
+        let run = run.finished();
+        assert_eq!(run.shards_per_s, 50.0);
+        assert_eq!(run.overhead_cpu_us_per_shard, 1e4);
+        assert!((run.overhead_wall_us_per_shard - 3e4).abs() < 1e-6);
+        assert!((run.overhead_cpu_share - 1.0 / 3.5).abs() < 1e-12);
+        let overhead = Overhead {
+            how: Conditions::new("overhead", "none", None),
+            runs: vec![run.clone()],
+            real_shards: run,
+        };
+        let text = overhead.to_string();
+        assert!(text.contains("workers, shards that sleep 0.05 s"), "{text}");
+        assert!(
+            text.contains("62.5 %") && !text.contains("threads"),
+            "{text}"
+        );
+        assert_eq!(serde_json::to_value(&overhead).unwrap()["mode"], "overhead");
+    }
+}

@@ -1,0 +1,146 @@
+//! A process of the measured farm, which ends with its owner.
+
+use super::error::FarmBenchError;
+use super::place::Place;
+use crate::pipe::lines;
+use crossbeam::channel::Receiver;
+use serde_json::Value;
+use std::process::{Child, Command};
+use std::time::{Duration, Instant};
+
+/// `work -v` says this first, when it is ready: a measurement waits for it.
+pub const WORK_BEGINS: &str = "work begins on ";
+/// `work -v` ends its message about a loaded scene with this: a measurement waits for it and counts it.
+pub const SCENE_LOADED: &str = " is loaded";
+
+/// A process that takes longer hangs.
+const TOO_LONG: Duration = Duration::from_mins(10);
+/// Between two polls of a process.
+const POLL: Duration = Duration::from_millis(5);
+
+/// A process of this program.
+pub(super) struct Process<'a> {
+    place: &'a Place<'a>,
+    child: Child,
+    stdout: Receiver<String>,
+    stderr: Receiver<String>,
+    said: Vec<String>,
+    since: Instant,
+}
+
+impl<'a> Process<'a> {
+    pub(super) fn start(
+        place: &'a Place<'a>,
+        mut command: Command,
+    ) -> Result<Self, FarmBenchError> {
+        let since = Instant::now();
+        let child = command.spawn();
+        let mut child = child.map_err(FarmBenchError::system("start another process"))?;
+        Ok(Self {
+            place,
+            stdout: lines(child.stdout.take()),
+            stderr: lines(child.stderr.take()),
+            said: Vec::new(),
+            child,
+            since,
+        })
+    }
+
+    /// Since it was started.
+    pub(super) fn age(&self) -> Duration {
+        self.since.elapsed()
+    }
+
+    /// Waits until it says something like this (with `-v`).
+    fn wait_until_it_says(&mut self, what: &str) -> Result<(), FarmBenchError> {
+        loop {
+            self.place.go_on()?;
+            match self.stderr.recv_timeout(POLL) {
+                Ok(line) => {
+                    let found = line.contains(what);
+                    self.said.push(line);
+                    if found {
+                        return Ok(());
+                    }
+                }
+                Err(error) if error.is_disconnected() => return Err(self.failed("ended")),
+                Err(_) if self.age() > TOO_LONG => return Err(self.failed("hangs")),
+                Err(_) => {}
+            }
+        }
+    }
+
+    /// Waits until a worker takes spans.
+    pub(super) fn wait_until_ready(&mut self) -> Result<(), FarmBenchError> {
+        self.wait_until_it_says(WORK_BEGINS)
+    }
+
+    /// Waits until a worker begins to trace a scene.
+    pub(super) fn wait_until_it_traces(&mut self) -> Result<(), FarmBenchError> {
+        self.wait_until_it_says(SCENE_LOADED)
+    }
+
+    fn failed(&mut self, how: &str) -> FarmBenchError {
+        self.said.extend(self.stderr.try_iter());
+        let last = self.said.len().saturating_sub(5);
+        FarmBenchError::Process {
+            how: how.to_owned(),
+            said: self.said[last..].join("; "),
+        }
+    }
+
+    /// SIGKILL.
+    pub(super) fn kill(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+
+    /// Scenes that it has loaded, by its own messages (with `-v`).
+    pub(super) fn loads(&mut self) -> u64 {
+        self.said.extend(self.stderr.try_iter());
+        let is_load = |line: &&String| line.ends_with(SCENE_LOADED);
+        self.said.iter().filter(is_load).count() as u64
+    }
+
+    /// SIGTERM; waits for its end.
+    pub(super) fn terminate(mut self) -> Result<(), FarmBenchError> {
+        if let Some(pid) = rustix::process::Pid::from_raw(self.child.id() as i32) {
+            let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
+        }
+        self.wait().map(|_| ())
+    }
+
+    fn wait(&mut self) -> Result<Option<i32>, FarmBenchError> {
+        loop {
+            let status = self.child.try_wait();
+            let status = status.map_err(FarmBenchError::system("wait for a process"))?;
+            match status {
+                Some(status) => return Ok(status.code()),
+                None if self.age() > TOO_LONG => return Err(self.failed("hangs")),
+                None => {}
+            }
+            self.place.go_on()?;
+            std::thread::sleep(POLL);
+        }
+    }
+
+    /// Its result, once it has ended with exit code 0, and its duration.
+    pub(super) fn result(mut self) -> Result<(Value, Duration), FarmBenchError> {
+        let code = self.wait()?;
+        let took = self.age();
+        if code != Some(0) {
+            return Err(self.failed(&format!("ended with {code:?}")));
+        }
+        let text: Vec<String> = self.stdout.iter().collect();
+        match serde_json::from_str(&text.join("\n")) {
+            Ok(value) => Ok((value, took)),
+            Err(error) => Err(self.failed(&format!("printed no JSON ({error})"))),
+        }
+    }
+}
+
+impl Drop for Process<'_> {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}

@@ -1,0 +1,221 @@
+//! The time until a run that is half done goes on.
+
+use super::error::FarmBenchError;
+use super::half_done::{HalfDone, half_done};
+use super::median::median;
+use super::place::Place;
+use super::recipe::Recipe;
+use super::setup::{Conditions, Setup};
+use crate::bench::align;
+use crate::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper};
+use crate::run::Run;
+use render::line::Roots;
+use render::trace::Isa;
+use serde::Serialize;
+use std::fmt;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+const LEASE: Duration = Duration::from_secs(30);
+/// Between two polls of the queue.
+const POLL: Duration = Duration::from_millis(20);
+
+/// Times until a run goes on.
+#[derive(Clone, Debug, Serialize)]
+pub struct Resume {
+    #[serde(flatten)]
+    how: Conditions,
+    scenes: u32,
+    shards: u64,
+    tuples_there: u64,
+    partials_there: u64,
+    scenes_missing: u64,
+    /// `status`, to its end.
+    pub status_s: Times,
+    /// `work`, until its first scene is loaded.
+    pub work_s: Times,
+    /// `coordinate`, until all that is missing is in the queue.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coordinate_s: Option<Times>,
+    /// `work --queue`, until its first scene is loaded.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub work_queue_s: Option<Times>,
+}
+
+/// Seconds of several passes; the first one begins just after the files were written.
+#[derive(Clone, Debug, Serialize)]
+pub struct Times {
+    first: f64,
+    median: f64,
+    passes: Vec<f64>,
+}
+
+impl Times {
+    fn new(passes: Vec<f64>) -> Self {
+        Self {
+            first: passes.first().copied().unwrap_or(f64::NAN),
+            median: median(&passes),
+            passes,
+        }
+    }
+}
+
+/// Makes a run of `scenes` of so many `shards`, half of it done, and measures how long it takes to go on.
+pub fn resume(
+    setup: &Setup,
+    scenes: u32,
+    shards: u32,
+    passes: u32,
+    isa: Isa,
+) -> Result<Resume, FarmBenchError> {
+    let place = Place::new(setup)?;
+    let tiny = Recipe::tiny(place.name("resume"), scenes, shards);
+    let recipe = Recipe {
+        tile_px: 4,
+        film_px: tiny.film_px.map(|px| px / 2),
+        ..tiny
+    };
+    let folder = place.plan(&recipe)?;
+    let run = Run::open(&folder, &Roots::default())?;
+    let watcher = place.watcher();
+    watcher.starts(u64::from(scenes));
+    watcher.measures("making a run that is half done");
+    let there = half_done(&run, isa, &|| watcher.part_is_done())?;
+    let mut times: [Vec<f64>; 4] = Default::default();
+    for _ in 0..passes {
+        place.go_on()?;
+        measure_alone(&place, &folder, there, &mut times)?;
+        if let Some(url) = &place.url {
+            measure_on_queue(&place, url, &folder, &run, there, &mut times)?;
+        }
+    }
+    let [status_s, work_s, coordinate_s, work_queue_s] = times.map(Times::new);
+    let on_queue = |times: Times| place.url.is_some().then_some(times);
+    Ok(Resume {
+        how: place.conditions("resume"),
+        scenes,
+        shards: u64::from(scenes) * u64::from(shards),
+        tuples_there: there.tuples,
+        partials_there: there.partials,
+        scenes_missing: there.missing,
+        status_s,
+        work_s,
+        coordinate_s: on_queue(coordinate_s),
+        work_queue_s: on_queue(work_queue_s),
+    })
+}
+
+/// A shard sleeps for an hour: no pass does anything, the next one finds the same run.
+const IDLE: &str = "--fault=cost:1,1,3600,0,0,0,0";
+
+fn work_arguments(path: &str) -> [&str; 6] {
+    ["work", path, "-v", "--progress", "none", IDLE]
+}
+
+fn measure_alone(
+    place: &Place,
+    folder: &Path,
+    there: HalfDone,
+    times: &mut [Vec<f64>; 4],
+) -> Result<(), FarmBenchError> {
+    let path = folder.to_string_lossy();
+    let (status, took) = place.start(&["status", &path, "--json"])?.result()?;
+    if status["merged"] != there.tuples {
+        return Err(FarmBenchError::OtherTuples {
+            counted: status["merged"].to_string(),
+            there: there.tuples,
+        });
+    }
+    times[0].push(took.as_secs_f64());
+    let mut worker = place.start(&work_arguments(&path))?;
+    worker.wait_until_it_traces()?;
+    times[1].push(worker.age().as_secs_f64());
+    worker.kill();
+    Ok(())
+}
+
+fn measure_on_queue(
+    place: &Place,
+    url: &str,
+    folder: &Path,
+    run: &Run,
+    there: HalfDone,
+    times: &mut [Vec<f64>; 4],
+) -> Result<(), FarmBenchError> {
+    let path = folder.to_string_lossy();
+    let options = NatsOptions {
+        url: url.to_owned(),
+        name: "bench".to_owned(),
+        ..NatsOptions::default()
+    };
+    let queue = NatsCoordinator::connect(&options, run.id(), LEASE)?;
+    let coordinator = place.start_on_queue(&["coordinate", &path, "--progress", "none"])?;
+    let since = Instant::now();
+    loop {
+        place.go_on()?;
+        // An error until the coordinator has made the stream.
+        let waiting = queue.look().map_or(0, |state| state.waiting);
+        if waiting == there.missing {
+            times[2].push(since.elapsed().as_secs_f64());
+            break;
+        }
+        if since.elapsed() > Duration::from_mins(2) {
+            return Err(FarmBenchError::NotPublished {
+                waiting,
+                missing: there.missing,
+            });
+        }
+        std::thread::sleep(POLL);
+    }
+    let mut worker = place.start_on_queue(&work_arguments(&path))?;
+    worker.wait_until_it_traces()?;
+    times[3].push(worker.age().as_secs_f64());
+    worker.kill();
+    coordinator.terminate()?;
+    // The worker was killed: without its record the next one does not suspect the scene.
+    let _ = std::fs::remove_dir_all(folder.join(crate::run::keys::ATTEMPTS));
+    queue.remove()?;
+    Ok(())
+}
+
+impl fmt::Display for Resume {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let rows = [
+            ("`status`, to its end", Some(&self.status_s)),
+            (
+                "`work`, until its first scene is loaded",
+                Some(&self.work_s),
+            ),
+            (
+                "`coordinate`, until all that is missing is in the queue",
+                self.coordinate_s.as_ref(),
+            ),
+            (
+                "`work --queue`, until its first scene is loaded",
+                self.work_queue_s.as_ref(),
+            ),
+        ];
+        let head = ["until a run goes on", "first time", "median", "times"];
+        let mut table = vec![head.map(str::to_owned).to_vec()];
+        for (what, times) in rows {
+            table.extend(times.map(|times| {
+                vec![
+                    what.to_owned(),
+                    format!("{:.2} s", times.first),
+                    format!("{:.2} s", times.median),
+                    times.passes.len().to_string(),
+                ]
+            }));
+        }
+        write!(
+            f,
+            "{} shards of {} scenes, {} tuples and {} partials there; queue: {}\n\n{}",
+            self.shards,
+            self.scenes,
+            self.tuples_there,
+            self.partials_there,
+            self.how,
+            align(&table, 1).trim_end()
+        )
+    }
+}

@@ -1,0 +1,209 @@
+//! A farm in virtual time, with its figures.
+
+use super::error::FarmBenchError;
+use crate::bench::{align, thread_cpu_s};
+use crate::farm::simulate::{self as sim, Case, Fault, Outcome};
+use serde::Serialize;
+use std::fmt;
+
+/// A simulated farm.
+#[derive(Clone, Debug, Serialize)]
+pub struct Simulation {
+    simulated: bool,
+    workers: u32,
+    scenes: u32,
+    shards: u32,
+    seed: u64,
+    lease_s: f64,
+    faults: FaultCounts,
+    over_bound: f64,
+    /// What happened.
+    #[serde(flatten)]
+    pub outcome: Outcome,
+    cpu_s: f64,
+}
+
+/// Number of faults of each kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct FaultCounts {
+    killed: u32,
+    slow: u32,
+    stopped: u32,
+    wiped: u32,
+    away: u32,
+}
+
+impl FaultCounts {
+    fn new(faults: &[Fault]) -> Self {
+        let mut counts = Self::default();
+        for fault in faults {
+            *match fault {
+                Fault::Kill { .. } => &mut counts.killed,
+                Fault::Slow { .. } => &mut counts.slow,
+                Fault::Stop { .. } => &mut counts.stopped,
+                Fault::Wipe { .. } => &mut counts.wiped,
+                Fault::Away { .. } => &mut counts.away,
+            } += 1;
+        }
+        counts
+    }
+}
+
+impl fmt::Display for FaultCounts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let counts = [
+            ("killed", self.killed),
+            ("slow", self.slow),
+            ("stopped", self.stopped),
+            ("wiped", self.wiped),
+            ("away", self.away),
+        ];
+        let mut there = counts.iter().filter(|(_, count)| *count > 0);
+        there.try_for_each(|(name, count)| write!(f, ", {name} {count}"))
+    }
+}
+
+/// Simulates a case.
+pub fn simulate(case: &Case) -> Result<Simulation, FarmBenchError> {
+    let since_s = thread_cpu_s();
+    let outcome = sim::simulate(case).ok_or(FarmBenchError::NeverEnds)?;
+    Ok(Simulation {
+        simulated: true,
+        workers: case.fleet.workers,
+        scenes: case.work.scenes,
+        shards: case.work.shards,
+        seed: case.work.seed,
+        lease_s: case.rules.lease_s,
+        faults: FaultCounts::new(&case.faults),
+        over_bound: outcome.makespan_s / outcome.bound_s,
+        outcome,
+        cpu_s: thread_cpu_s() - since_s,
+    })
+}
+
+impl Simulation {
+    fn figures(&self) -> String {
+        let o = &self.outcome;
+        let rows = [
+            ("result", "value".to_owned()),
+            ("lower bound", format!("{:.2} s", o.bound_s)),
+            (
+                "makespan",
+                format!("{:.2} s ({:.3} x bound)", o.makespan_s, self.over_bound),
+            ),
+            ("coordinator knows", format!("{:.2} s", o.known_s)),
+            (
+                "loads",
+                format!("{} ({:.3} a scene)", o.loads, o.loads_per_scene),
+            ),
+            (
+                "shards traced",
+                format!("{} ({} again)", o.shards_traced, o.shards_traced_again),
+            ),
+            (
+                "requests to give",
+                format!(
+                    "{} fulfilled ({} spans), {} in vain",
+                    o.gives, o.spans_given, o.asked_in_vain
+                ),
+            ),
+            ("leases ended", o.leases_ended.to_string()),
+            (
+                "wrong acknowledgements",
+                o.wrong_acknowledgements.to_string(),
+            ),
+            ("most messages in the stream", o.most_in_stream.to_string()),
+            (
+                "looks into the store by workers",
+                o.worker_listings.to_string(),
+            ),
+            (
+                "coordinator",
+                format!(
+                    "{} listings, {} pages of keys, {} of subjects",
+                    o.reconciles, o.coordinator_pages, o.subject_pages
+                ),
+            ),
+            ("published though done", o.published_though_done.to_string()),
+        ];
+        align(&rows.map(|(name, value)| vec![name.to_owned(), value]), 1)
+    }
+
+    fn messages(&self) -> String {
+        let o = &self.outcome;
+        let head = ["message", "count", "most in a second"];
+        let mut table = vec![head.map(str::to_owned).to_vec()];
+        for m in &o.messages {
+            let count = [m.count.to_string(), m.peak_per_s.to_string()];
+            table.push([&[m.kind.name().to_owned()][..], &count].concat());
+        }
+        let all: u64 = o.messages.iter().map(|m| m.count).sum();
+        table.push(vec![
+            "all".to_owned(),
+            all.to_string(),
+            format!(
+                "{} (median {})",
+                o.peak_messages_per_s, o.median_messages_per_s
+            ),
+        ]);
+        align(&table, 1)
+    }
+}
+
+impl fmt::Display for Simulation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{} workers, {} scenes of {} shards, seed {}{} (simulated: {} events in {:.1} CPU s)\n",
+            self.workers,
+            self.scenes,
+            self.shards,
+            self.seed,
+            self.faults,
+            self.outcome.events,
+            self.cpu_s
+        )?;
+        write!(f, "{}\n{}", self.figures(), self.messages().trim_end())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::farm::simulate::{Fleet, Rules, Work};
+
+    fn case(faults: Vec<Fault>) -> Case {
+        Case {
+            work: Work::default(),
+            fleet: Fleet::default(),
+            rules: Rules::default(),
+            faults,
+        }
+    }
+
+    #[test]
+    fn a_simulation_says_the_same_in_text_and_json() {
+        let slow = Fault::Slow {
+            worker: 1,
+            times: 4.0,
+        };
+        let simulation = simulate(&case(vec![slow])).unwrap();
+        let value = serde_json::to_value(&simulation).unwrap();
+        assert_eq!(value["simulated"], true);
+        assert_eq!(value["faults"]["slow"], 1);
+        assert_eq!(value["faults"]["killed"], 0);
+        let loads = value["loads"].as_u64().unwrap();
+        let text = simulation.to_string();
+        assert!(text.starts_with("8 workers, 50 scenes of 16 shards, seed 0, slow 1 ("));
+        assert!(text.contains(&format!("{loads} (")), "{text}");
+        let pulls = &value["messages"]["pull"];
+        assert!(pulls["count"].as_u64() >= pulls["peak_per_s"].as_u64());
+    }
+
+    #[test]
+    fn a_farm_without_workers_never_ends() {
+        let kill = |worker| Fault::Kill { worker, at_s: 1.0 };
+        let error = simulate(&case((0..8).map(kill).collect())).unwrap_err();
+        assert!(error.to_string().contains("no worker is left"), "{error}");
+    }
+}

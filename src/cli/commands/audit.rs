@@ -1,0 +1,311 @@
+//! `audit RUN`
+
+use crate::cli::args::{Global, RootArgs, StoreArgs, isa, parse_scene_id, threads};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::signals::Signals;
+use crate::cli::target;
+use crate::run::{
+    AuditOptions, FileDifference, Receipt, Run, SceneAudit, Verdict, audit_scene, check_auditor,
+    draw_scenes,
+};
+use crate::store::Store;
+use anyhow::anyhow;
+use clap::Args as ClapArgs;
+use render::ids::SceneId;
+use render::line::Roots;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct AuditArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// Share of the scenes that are done, 0 to 1; at least one is traced again
+    #[arg(long, value_name = "SHARE", default_value_t = 0.005, value_parser = parse_share)]
+    share: f64,
+    /// Which ones: the same seed, share and run give the same scenes [default: random, and said]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// This scene instead, repeatable; one that is not done is audited as far as it is there
+    #[arg(long = "scene", value_name = "SCENE", value_parser = parse_scene_id, conflicts_with_all = ["share", "seed"])]
+    scenes: Vec<SceneId>,
+    #[command(flatten)]
+    roots: RootArgs,
+    #[command(flatten)]
+    store: StoreArgs,
+}
+
+pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let roots = Roots::parse(&args.roots.roots)?;
+    let (run, store) = target::open(&args.run, args.store.store.as_deref(), &roots)?;
+    let (places, seed) = places(args, &run, &store)?;
+    if places.is_empty() {
+        let error = anyhow!("no scene of the run is done: there is nothing to compare yet");
+        return Err(Failure::new(Exit::Failed, error));
+    }
+    let shards = |index: &usize| u64::from(run.layout(&run.lines[*index]).len());
+    if global.dry_run {
+        let planned = Planned {
+            run: &args.run,
+            dry_run: true,
+            seed,
+            scenes: places.iter().map(|&i| &run.lines[i].id).collect(),
+        };
+        output.show("glasshouse.audit/1", &planned);
+        return Ok(Exit::Done);
+    }
+    let signals = Signals::catch();
+    let options = AuditOptions {
+        threads: threads(global),
+        isa: isa(global)?,
+        stop: signals.stop(),
+    };
+    check_auditor(&run, &options)?;
+    let progress = Progress::new(global, "shards", places.iter().map(shards).sum());
+    let start = Instant::now();
+    let mut audits = Vec::new();
+    for &index in &places {
+        progress.message(run.lines[index].id.to_string());
+        let before = progress.done();
+        let on_shard = || progress.add(1, false);
+        let Some(audit) = audit_scene(&run, &store, index, &options, &on_shard)? else {
+            break;
+        };
+        // What could not be compared was not traced.
+        progress.add(
+            shards(&index).saturating_sub(progress.done() - before),
+            true,
+        );
+        if audit.verdict != Verdict::Same {
+            progress.suspend(|| output.warning(&describe(&audit)));
+        }
+        audits.push(audit);
+    }
+    progress.finish();
+    let stopped = options.stop.load(Ordering::Relaxed) && audits.len() < places.len();
+    let wall_s = start.elapsed().as_secs_f64();
+    let count = |verdict| audits.iter().filter(|a| a.verdict == verdict).count();
+    let (same, differ) = (count(Verdict::Same), count(Verdict::Differs));
+    let not_compared = count(Verdict::NotCompared);
+    let audit = Audited {
+        run: &args.run,
+        dry_run: false,
+        seed,
+        same,
+        differ,
+        not_compared,
+        workers: workers(&audits),
+        scenes: audits,
+        stopped,
+        wall_s,
+        share: args.share,
+    };
+    output.show("glasshouse.audit/1", &audit);
+    Ok(if differ > 0 {
+        Exit::Failed
+    } else if stopped {
+        signals.exit()
+    } else if not_compared > 0 {
+        Exit::Incomplete
+    } else {
+        Exit::Done
+    })
+}
+
+/// The scenes to trace again, and the seed that chose them.
+fn places(
+    args: &AuditArgs,
+    run: &Run,
+    store: &Store,
+) -> Result<(Vec<usize>, Option<u64>), Failure> {
+    if args.scenes.is_empty() {
+        let seed = args.seed.map_or_else(random_seed, Ok)?;
+        return Ok((draw_scenes(run, store, args.share, seed)?, Some(seed)));
+    }
+    let find = |id: &SceneId| {
+        let place = run.lines.iter().position(|line| line.id == *id);
+        place.ok_or_else(|| {
+            Failure::new(
+                Exit::Usage,
+                anyhow!("{id} is no scene of this run; manifest.jsonl names them all"),
+            )
+        })
+    };
+    let places: Result<Vec<usize>, Failure> = args.scenes.iter().map(find).collect();
+    Ok((places?, None))
+}
+
+/// Small enough to be typed again.
+fn random_seed() -> Result<u64, Failure> {
+    let mut bytes = [0; 4];
+    getrandom::fill(&mut bytes).map_err(|e| {
+        let error = anyhow!("the system has no random numbers ({e}); give --seed N");
+        Failure::new(Exit::Failed, error)
+    })?;
+    Ok(u64::from(u32::from_le_bytes(bytes)))
+}
+
+#[derive(Serialize)]
+struct Planned<'a> {
+    run: &'a Path,
+    dry_run: bool,
+    seed: Option<u64>,
+    scenes: Vec<&'a SceneId>,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("would trace again:")?;
+        self.scenes
+            .iter()
+            .try_for_each(|scene| write!(f, " {scene}"))
+    }
+}
+
+#[derive(Serialize)]
+struct Audited<'a> {
+    run: &'a Path,
+    dry_run: bool,
+    seed: Option<u64>,
+    same: usize,
+    differ: usize,
+    not_compared: usize,
+    scenes: Vec<SceneAudit>,
+    workers: Vec<WorkerAudit>,
+    stopped: bool,
+    wall_s: f64,
+    #[serde(skip)]
+    share: f64,
+}
+
+/// Scenes of a worker that differ, and all that were compared.
+#[derive(Serialize)]
+struct WorkerAudit {
+    worker: String,
+    differ: u64,
+    audited: u64,
+}
+
+impl fmt::Display for Audited<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            same,
+            differ,
+            not_compared,
+            wall_s,
+            ..
+        } = self;
+        write!(
+            f,
+            "scenes traced again in {wall_s:.1} s: {}; the same bit for bit: {same}, different: {differ}, not compared: {not_compared}",
+            same + differ
+        )?;
+        if let Some(seed) = self.seed {
+            write!(f, " (--seed {seed} --share {})", self.share)?;
+        }
+        for worker in self.workers.iter().filter(|worker| worker.differ > 0) {
+            let WorkerAudit {
+                worker,
+                differ,
+                audited,
+            } = worker;
+            write!(f, "\n{worker}: {differ} of {audited} audited scenes differ")?;
+        }
+        if *differ > 0 {
+            f.write_str(
+                "\nTake out the machine that made them, then `glasshouse retry RUN SCENE… --anew` and work again makes them anew. \
+                 `glasshouse audit RUN --share 1` looks at all others.",
+            )?;
+        }
+        if self.stopped {
+            f.write_str("\nstopped by a signal")?;
+        }
+        Ok(())
+    }
+}
+
+fn workers(audits: &[SceneAudit]) -> Vec<WorkerAudit> {
+    let mut workers: BTreeMap<String, [u64; 2]> = BTreeMap::new();
+    for audit in audits.iter().filter(|a| a.verdict != Verdict::NotCompared) {
+        let counts = workers.entry(maker(audit)).or_default();
+        counts[0] += u64::from(audit.verdict == Verdict::Differs);
+        counts[1] += 1;
+    }
+    let worker = |(worker, [differ, audited]): (String, [u64; 2])| WorkerAudit {
+        worker,
+        differ,
+        audited,
+    };
+    workers.into_iter().map(worker).collect()
+}
+
+/// Without a farm nobody leaves a receipt.
+fn maker(audit: &SceneAudit) -> String {
+    let receipt = audit.receipt.as_ref();
+    receipt.map_or_else(|| "no receipt".to_owned(), Receipt::makers)
+}
+
+fn describe(audit: &SceneAudit) -> String {
+    let scene = &audit.scene;
+    if let Some(reason) = &audit.reason {
+        return format!("scene {scene} is not compared: {reason}");
+    }
+    let mut text = format!(
+        "scene {scene} differs, {} of {} files; made by: {}",
+        audit.differences.len(),
+        audit.files,
+        maker(audit)
+    );
+    for difference in &audit.differences {
+        let _ = write!(text, "\n  {}: {}", difference.file, amount(difference));
+    }
+    text
+}
+
+fn amount(difference: &FileDifference) -> String {
+    let unit = if difference.file.rsplit('.').next() == Some("png") {
+        "8-bit steps"
+    } else {
+        "linear"
+    };
+    let (Some(pixels), Some(all)) = (difference.pixels, difference.of_pixels) else {
+        return difference.note.clone();
+    };
+    match (difference.largest, difference.at) {
+        (Some(largest), Some([x, y])) if largest < f64::MAX => {
+            format!(
+                "{pixels} of {all} pixels differ, at most by {largest:.3e} ({unit}) at x {x}, y {y}"
+            )
+        }
+        (Some(_), Some([x, y])) => {
+            format!("{pixels} of {all} pixels differ; at x {x}, y {y} a value is no number")
+        }
+        _ => difference.note.clone(),
+    }
+}
+
+fn parse_share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
+        _ => Err("a share is a number from 0 to 1".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_share_is_a_share() {
+        assert_eq!(parse_share("0.25"), Ok(0.25));
+        for bad in ["-0.1", "1.1", "nan", "x"] {
+            assert!(parse_share(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,203 @@
+//! `bench error`
+
+use crate::bench::{
+    BenchError, ERROR_SCHEMA, ErrorReport, Ladder, VARIANTS, Work, climb, cpu_name, own_reference,
+    pair, read_reference, slopes,
+};
+use crate::cli::args::{Global, RootArgs, isa, parse_spp, threads};
+use crate::cli::commands::bench::{isa_name, read_scene};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::signals::Signals;
+use anyhow::anyhow;
+use clap::Args as ClapArgs;
+use render::line::Roots;
+use render::trace::{Isa, TRACER_VERSION};
+use serde::Serialize;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct BenchErrorArgs {
+    /// Scene (glasshouse.scene/1) [default: a built-in pair, 256 x 256 px]
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// Folder of four reference images (LAYER.exr as `render` writes them, or ref_LAYER.npy) [default: rendered]
+    #[arg(long, value_name = "DIR")]
+    reference: Option<PathBuf>,
+    /// Folder to write error.csv, error.json, error.svg and the own reference to
+    #[arg(long, value_name = "DIR", default_value = "runs/bench-error")]
+    out: PathBuf,
+    /// Samples a pixel of the ladder, powers of two
+    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = parse_spp,
+          default_value = "1,2,4,8,16,32,64,128,256,512,1024")]
+    spp: Vec<u32>,
+    /// Samples a pixel of the own reference, a power of two
+    #[arg(long, value_name = "N", value_parser = parse_spp, default_value = "16384", conflicts_with = "reference")]
+    reference_spp: u32,
+    /// Seeds to average over
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    seeds: u32,
+    #[command(flatten)]
+    roots: RootArgs,
+}
+
+/// Photographs and film of the built-in scene, px.
+const BUILTIN_SIZE: [u32; 2] = [1024, 768];
+const BUILTIN_FILM_PX: u32 = 256;
+
+/// Camera samples that progress counts as one.
+const PROGRESS_UNIT: u64 = 1 << 20;
+
+pub(super) fn run(
+    args: &BenchErrorArgs,
+    global: &Global,
+    output: &Output,
+) -> Result<Exit, Failure> {
+    let mut ladder = Ladder {
+        spp: args.spp.clone(),
+        seeds: args.seeds,
+    };
+    ladder.spp.sort_unstable();
+    ladder.spp.dedup();
+    let roots = Roots::parse(&args.roots.roots)?;
+    let scene = match &args.scene {
+        Some(path) => read_scene(path, &roots)?,
+        None => pair(BUILTIN_SIZE, BUILTIN_FILM_PX)?,
+    };
+    // What cannot be traced is found out before anything is rendered.
+    scene.assemble(&scene.line, VARIANTS[0].sampling)?;
+    let given = match &args.reference {
+        Some(dir) => Some(read_reference(dir, &scene.line)?),
+        None => None,
+    };
+    if global.dry_run {
+        let planned = Planned {
+            dry_run: true,
+            scene: &scene.name,
+            out: &args.out,
+            spp: &ladder.spp,
+            seeds: ladder.seeds,
+            reference: args.reference.as_deref(),
+            reference_spp: args.reference_spp,
+        };
+        output.show(ERROR_SCHEMA, &planned);
+        return Ok(Exit::Done);
+    }
+
+    let signals = Signals::catch();
+    let stopped = || {
+        Failure::new(
+            signals.exit(),
+            anyhow!("stopped by a signal: no table is written"),
+        )
+    };
+    let isa = isa(global)?;
+    let threads = threads(global);
+    let bench = Bench {
+        global,
+        threads,
+        isa,
+        signals: &signals,
+    };
+    let film = &scene.line.film;
+    let pixels = u64::from(film.width) * u64::from(film.height);
+    let mut reference = given;
+    if reference.is_none() {
+        let dir = args.out.join("reference");
+        let samples = pixels * u64::from(args.reference_spp);
+        reference = bench.with_progress(samples, |work| {
+            own_reference(&scene, args.reference_spp, &dir, work)
+        })?;
+    }
+    let reference = reference.ok_or_else(stopped)?;
+    if reference.record.is_some() && reference.reused {
+        output.note(&format!(
+            "the reference in {} fits and is used again",
+            reference.dir.display()
+        ));
+    }
+    let rows = bench.with_progress(ladder.samples(pixels), |work| {
+        climb(&scene, &ladder, &reference, work)
+    })?;
+    let rows = rows.ok_or_else(stopped)?;
+    let mut report = ErrorReport {
+        scene: &scene.name,
+        film: [film.width, film.height],
+        tracer_version: TRACER_VERSION,
+        isa: isa_name(isa),
+        threads,
+        cpu: cpu_name(),
+        seeds: ladder.seeds,
+        spp: &ladder.spp,
+        reference: &reference,
+        slopes: slopes(&rows, &reference),
+        rows,
+        out: None,
+    };
+    report.write(&args.out)?;
+    output.show(ERROR_SCHEMA, &report);
+    Ok(Exit::Done)
+}
+
+/// How renderings are made, with progress.
+struct Bench<'a> {
+    global: &'a Global,
+    threads: usize,
+    isa: Isa,
+    signals: &'a Signals,
+}
+
+impl Bench<'_> {
+    fn with_progress<T>(
+        &self,
+        samples: u64,
+        work: impl FnOnce(&Work) -> Result<T, BenchError>,
+    ) -> Result<T, BenchError> {
+        let progress = Progress::new(self.global, "Msamples", samples.div_ceil(PROGRESS_UNIT));
+        let counted = AtomicU64::new(0);
+        let on_samples = |count: u64| {
+            let before = counted.fetch_add(count, Ordering::Relaxed);
+            let whole = (before + count) / PROGRESS_UNIT - before / PROGRESS_UNIT;
+            if whole > 0 {
+                progress.add(whole, false);
+            }
+        };
+        let result = work(&Work {
+            threads: self.threads,
+            isa: self.isa,
+            stop: self.signals.stop(),
+            on_samples: &on_samples,
+        });
+        progress.finish();
+        result
+    }
+}
+
+#[derive(Serialize)]
+struct Planned<'a> {
+    dry_run: bool,
+    scene: &'a str,
+    out: &'a Path,
+    spp: &'a [u32],
+    seeds: u32,
+    reference: Option<&'a Path>,
+    reference_spp: u32,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "would render scene {} with {} sample counts, {} kinds of sampling and {} seeds, and write error.csv, error.json \
+             and error.svg to {}",
+            self.scene,
+            self.spp.len(),
+            VARIANTS.len(),
+            self.seeds,
+            self.out.display()
+        )
+    }
+}

@@ -1,0 +1,139 @@
+//! `pause RUN`, `resume RUN`, `cancel RUN`
+
+use crate::cli::args::{Global, StoreArgs};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::target;
+use crate::run::{ControlState, set_control};
+use clap::Args as ClapArgs;
+use render::line::Roots;
+use serde::Serialize;
+use std::fmt;
+use std::path::Path;
+use std::path::PathBuf;
+
+/// `pause`, `cancel`
+#[derive(Debug, ClapArgs)]
+pub(super) struct HoldArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// Why, for who wonders; shown by workers, coordinator and status
+    #[arg(long, value_name = "TEXT")]
+    reason: Option<String>,
+    #[command(flatten)]
+    store: StoreArgs,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct ResumeArgs {
+    /// Folder of the run
+    run: PathBuf,
+    #[command(flatten)]
+    store: StoreArgs,
+}
+
+pub(super) fn pause(args: &HoldArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let (store, reason) = (args.store.store.as_deref(), args.reason.as_deref());
+    tell(
+        &args.run,
+        store,
+        ControlState::Paused,
+        reason,
+        global,
+        output,
+    )
+}
+
+pub(super) fn cancel(args: &HoldArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let (store, reason) = (args.store.store.as_deref(), args.reason.as_deref());
+    tell(
+        &args.run,
+        store,
+        ControlState::Cancelled,
+        reason,
+        global,
+        output,
+    )
+}
+
+pub(super) fn resume(args: &ResumeArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let store = args.store.store.as_deref();
+    tell(
+        &args.run,
+        store,
+        ControlState::Running,
+        None,
+        global,
+        output,
+    )
+}
+
+fn tell(
+    folder: &Path,
+    store: Option<&str>,
+    state: ControlState,
+    reason: Option<&str>,
+    global: &Global,
+    output: &Output,
+) -> Result<Exit, Failure> {
+    let (run, store) = target::open(folder, store, &Roots::default())?;
+    let changed = set_control(&store, state, reason, global.dry_run)?;
+    let command = match state {
+        ControlState::Running => "resume",
+        ControlState::Paused => "pause",
+        ControlState::Cancelled => "cancel",
+    };
+    let told = Told {
+        run: folder,
+        dry_run: global.dry_run,
+        before: changed.before,
+        state: changed.now,
+        reason,
+        name: &run.spec.name,
+    };
+    output.show(&format!("glasshouse.{command}/1"), &told);
+    Ok(Exit::Done)
+}
+
+#[derive(Serialize)]
+struct Told<'a> {
+    run: &'a Path,
+    dry_run: bool,
+    before: ControlState,
+    state: ControlState,
+    reason: Option<&'a str>,
+    #[serde(skip)]
+    name: &'a str,
+}
+
+impl fmt::Display for Told<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = self.name;
+        let would = if self.dry_run { "would be" } else { "is" };
+        match (self.before, self.state) {
+            (ControlState::Running, ControlState::Running) => {
+                write!(
+                    f,
+                    "{name} was neither paused nor cancelled: nothing to resume"
+                )
+            }
+            (ControlState::Cancelled, ControlState::Running) => write!(
+                f,
+                "{name} {would} no longer cancelled: start `glasshouse work` (and `coordinate`) again, they go on where it ended"
+            ),
+            (_, ControlState::Running) => {
+                write!(f, "{name} {would} resumed: workers notice within seconds")
+            }
+            (_, ControlState::Paused) => write!(
+                f,
+                "{name} {would} paused: workers notice within seconds, finish what they have opened and wait; `glasshouse resume` goes on"
+            ),
+            (_, ControlState::Cancelled) => write!(
+                f,
+                "{name} {would} cancelled: workers end after the shards in flight, with exit code {}; what is done stays, and \
+                 `glasshouse resume` takes it back",
+                Exit::Incomplete.code()
+            ),
+        }
+    }
+}

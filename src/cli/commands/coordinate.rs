@@ -1,0 +1,204 @@
+//! `coordinate RUN`
+
+use crate::cli::args::{FARM, Global, QueueArgs};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::queue;
+use crate::cli::signals::Signals;
+use crate::farm::{CoordinateOptions, coordinate};
+use crate::run::{Observer, Run, Watch, process_cpu_s};
+use crate::serve::{ServeError, WatchedRun, serve};
+use crate::store::Store;
+use clap::Args as ClapArgs;
+use render::line::Roots;
+use serde::Serialize;
+use std::fmt;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct CoordinateArgs {
+    /// Folder of the run
+    run: PathBuf,
+    #[command(flatten)]
+    queue: QueueArgs,
+    /// Address of the status page; port 0 picks one and prints it
+    #[arg(long, value_name = "ADDR:PORT", help_heading = FARM)]
+    listen: Option<std::net::SocketAddr>,
+    /// File with the secret (16 characters or more) that opens the page's buttons; or GLASSHOUSE_TOKEN in the environment
+    #[arg(long, value_name = "FILE", requires = "listen", help_heading = FARM)]
+    token_file: Option<PathBuf>,
+}
+
+/// Environment variable with the secret for the page's buttons.
+const TOKEN: &str = "GLASSHOUSE_TOKEN";
+/// Shortest time between two looks.
+const EVERY: Duration = Duration::from_secs(1);
+
+pub(super) fn run(
+    args: &CoordinateArgs,
+    global: &Global,
+    output: &Output,
+) -> Result<Exit, Failure> {
+    queue::fetch_run(&args.run, &args.queue)?;
+    let run = Run::open(&args.run, &Roots::default())?;
+    let store = queue::store(&args.run, &args.queue)?;
+    if global.dry_run {
+        return dry_run(args, &run, &store, output);
+    }
+    let signals = Signals::catch();
+    let queue = queue::coordinator(&run, &args.queue)?;
+    let progress = Progress::new(global, "scenes", 0);
+    let options = CoordinateOptions {
+        stop: signals.stop(),
+        every: EVERY,
+        watched: args.listen.is_some(),
+    };
+    let watch = Arc::new(Mutex::new(Watch::default()));
+    let token = token(args, output)?;
+    let silent_s = 20.0 * args.queue.lease_s.as_secs_f64();
+    let page = args.listen.map(|address| {
+        let source = Arc::new(WatchedRun::new(&run, &store, &watch, silent_s));
+        serve(address, source, token.clone()).map_err(|e| Failure::new(serve_exit(&e), e))
+    });
+    let page = page.transpose()?;
+    if let Some(page) = &page {
+        output.note(&format!(
+            "the run can be watched at http://{}/",
+            page.address()
+        ));
+    }
+    let start = Instant::now();
+    let ended = coordinate(&run, &store, &queue, &options, &watch, &|event| {
+        progress.event(event, output);
+    });
+    progress.finish();
+    let ended = ended?;
+    let watch = &ended.watch;
+    let coordinated = Coordinated {
+        run: &args.run,
+        dry_run: false,
+        scenes: watch.scenes,
+        done: watch.done,
+        quarantined: watch.quarantined,
+        spans_published: ended.published,
+        finished: watch.finished,
+        cancelled: ended.cancelled,
+        wall_s: start.elapsed().as_secs_f64(),
+        cpu_s: process_cpu_s(),
+        stopped: ended.stopped,
+    };
+    output.show("glasshouse.coordinate/1", &coordinated);
+    Ok(match (ended.stopped, watch.quarantined) {
+        (true, _) => signals.exit(),
+        (false, 0) if !ended.cancelled => Exit::Done,
+        (false, _) => Exit::Incomplete,
+    })
+}
+
+/// Looks at the store alone: a queue that is away would be waited for.
+fn dry_run(
+    args: &CoordinateArgs,
+    run: &Run,
+    store: &Store,
+    output: &Output,
+) -> Result<Exit, Failure> {
+    let status = Observer::new(run, store).look()?.counts;
+    let quarantined = status.quarantined.len() as u64;
+    let planned = Planned {
+        run: &args.run,
+        dry_run: true,
+        scenes: status.scenes,
+        done: status.merged,
+        quarantined,
+        scenes_left: status.scenes - status.merged - quarantined,
+    };
+    output.show("glasshouse.coordinate/1", &planned);
+    Ok(Exit::Done)
+}
+
+/// The secret for the page's buttons, from a file or the environment: a command line is seen by every user of a machine.
+fn token(args: &CoordinateArgs, output: &Output) -> Result<Option<String>, Failure> {
+    let Some(path) = &args.token_file else {
+        #[allow(
+            clippy::disallowed_methods,
+            reason = "cli is where the environment is read"
+        )]
+        let token = std::env::var(TOKEN).ok();
+        return Ok(token.filter(|token| args.listen.is_some() && !token.is_empty()));
+    };
+    let cannot = |e: std::io::Error| {
+        let error = anyhow::anyhow!("cannot read the token in {}: {e}", path.display());
+        Failure::new(Exit::Usage, error)
+    };
+    let text = std::fs::read_to_string(path).map_err(cannot)?;
+    let others = std::fs::metadata(path).map_err(cannot)?.mode() & 0o077;
+    if others != 0 {
+        output.warning(&format!(
+            "{} can be read by others; `chmod 600` it",
+            path.display()
+        ));
+    }
+    Ok(Some(text.trim().to_owned()))
+}
+
+fn serve_exit(error: &ServeError) -> Exit {
+    match error {
+        ServeError::WeakToken => Exit::Usage,
+        _ => Exit::Failed,
+    }
+}
+
+#[derive(Serialize)]
+struct Planned<'a> {
+    run: &'a Path,
+    dry_run: bool,
+    scenes: u64,
+    done: u64,
+    quarantined: u64,
+    scenes_left: u64,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (left, all) = (self.scenes_left, self.scenes);
+        write!(f, "{left} of {all} scenes would be published")
+    }
+}
+
+#[derive(Serialize)]
+struct Coordinated<'a> {
+    run: &'a Path,
+    dry_run: bool,
+    scenes: u64,
+    done: u64,
+    quarantined: u64,
+    spans_published: u64,
+    finished: bool,
+    cancelled: bool,
+    wall_s: f64,
+    cpu_s: f64,
+    #[serde(skip)]
+    stopped: bool,
+}
+
+impl fmt::Display for Coordinated<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} of {} scenes are done, {} in quarantine",
+            self.done, self.scenes, self.quarantined
+        )?;
+        if self.stopped {
+            f.write_str("; stopped by a signal, the same command goes on")?;
+        } else if self.cancelled {
+            f.write_str(
+                "; the run is cancelled, after `glasshouse resume RUN` the same command goes on",
+            )?;
+        }
+        Ok(())
+    }
+}

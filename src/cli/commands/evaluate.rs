@@ -1,0 +1,461 @@
+//! `evaluate RUN|DIR`
+
+use crate::cli::args::{Global, SplitName};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::network::{Network, NetworkArgs, TILE_PX, Which, use_threads};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::signals::Signals;
+use crate::cli::target;
+use crate::run::keys;
+use anyhow::anyhow;
+use clap::{Args as ClapArgs, ValueEnum};
+use compose::{Gain, LeftOut, Method, Pair, Protocol, Subject, find_pairs, fit_gain};
+use plan::{PixelSource, Stage};
+use render::line::Roots;
+use serde::Serialize;
+use serde_json::json;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use train::{EVALUATION_SCHEMA, Evaluation, ScoredNetwork, Tiled, TupleSource};
+use train::{shrunk, stage_folder, steps};
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct EvaluateArgs {
+    /// Folder of a run; or of pairs: blended/ and transmission_layer/, or as SIR2 and CEILNet name them
+    #[arg(value_name = "RUN|DIR")]
+    place: PathBuf,
+    /// Networks to score, named as here or by stage and step; a folder as of `separate`; repeatable [default: the run's own]
+    #[arg(long = "checkpoint", value_name = "[NAME=]FOLDER")]
+    checkpoints: Vec<String>,
+    /// Which scenes of a run
+    #[arg(long, value_enum, default_value = "test")]
+    split: SplitName,
+    /// Which scores the table shows; the files have all
+    #[arg(long, value_enum, default_value = "both")]
+    protocol: ProtocolName,
+    /// Folder to write evaluation.md, .csv, .png (some pictures) and .json to [default: RUN/train/evaluation; of pairs: none]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Fit the input's gain to pairs of this folder, or to this run's train scenes [default: the run's own; of pairs: no gain]
+    #[arg(long, value_name = "RUN|DIR")]
+    fit_gain: Option<PathBuf>,
+    /// Score only the first N pairs
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    limit: Option<u32>,
+    #[command(flatten)]
+    network: NetworkArgs,
+    /// Where the run's tuples are, if not in its folder
+    #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE")]
+    store: Option<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ProtocolName {
+    /// Kim et al.'s: PSNR of all channels together, SSIM of the grey pictures.
+    Paper,
+    /// Of ERRNet and those after it: means over the channels.
+    Errnet,
+    /// Side by side.
+    Both,
+}
+
+impl From<ProtocolName> for Protocol {
+    fn from(name: ProtocolName) -> Self {
+        match name {
+            ProtocolName::Paper => Self::Paper,
+            ProtocolName::Errnet => Self::Errnet,
+            ProtocolName::Both => Self::Both,
+        }
+    }
+}
+
+impl EvaluateArgs {
+    /// The networks of a run on its test scenes.
+    pub(super) fn of_run(run: &Path) -> Self {
+        Self {
+            place: run.to_owned(),
+            checkpoints: Vec::new(),
+            split: SplitName::Test,
+            protocol: ProtocolName::Both,
+            out: None,
+            fit_gain: None,
+            limit: None,
+            network: NetworkArgs {
+                features: None,
+                tile_px: TILE_PX,
+            },
+            store: None,
+        }
+    }
+}
+
+/// Warnings of one kind that are printed; the files list all.
+const WARNINGS: usize = 8;
+
+pub(super) fn run(args: &EvaluateArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let task = Task::new(args, global, output)?;
+    if global.dry_run {
+        output.show(EVALUATION_SCHEMA, &task.planned());
+        return Ok(Exit::Done);
+    }
+    let (evaluation, exit) = task.score(global, output)?;
+    output.show(EVALUATION_SCHEMA, &evaluation);
+    Ok(exit)
+}
+
+/// The networks of a run on its test scenes.
+pub(super) fn evaluate_run(
+    run: &Path,
+    global: &Global,
+    output: &Output,
+) -> Result<(Evaluation, Exit), Failure> {
+    Task::new(&EvaluateArgs::of_run(run), global, output)?.score(global, output)
+}
+
+/// What to score.
+struct Task<'a> {
+    args: &'a EvaluateArgs,
+    place: Place<'a>,
+    pictures: Pictures,
+    networks: Vec<(String, Network)>,
+    threads: usize,
+}
+
+impl<'a> Task<'a> {
+    fn new(args: &'a EvaluateArgs, global: &Global, output: &Output) -> Result<Self, Failure> {
+        let threads = use_threads(global);
+        let place = Place::new(args);
+        let mut pictures = place.pictures(args.split, output)?;
+        if let Some(limit) = args.limit {
+            pictures.keep_first(limit as usize);
+        }
+        if pictures.subject().count() == 0 {
+            let error = anyhow!(
+                "{} was planned without scenes of the split {:?}; give another --split",
+                args.place.display(),
+                args.split.name()
+            );
+            return Err(Failure::new(Exit::InvalidInput, error));
+        }
+        let networks = networks(args, place.is_run, output)?;
+        Ok(Self {
+            args,
+            place,
+            pictures,
+            networks,
+            threads,
+        })
+    }
+
+    fn planned(&self) -> Planned {
+        let names = self.networks.iter().map(|(name, _)| name.clone());
+        Planned {
+            place: self.args.place.clone(),
+            dry_run: true,
+            images: self.pictures.subject().count(),
+            methods: std::iter::once("input".to_owned()).chain(names).collect(),
+            out: self.place.out(self.args),
+        }
+    }
+
+    /// Scores, and writes the scores.
+    fn score(&self, global: &Global, output: &Output) -> Result<(Evaluation, Exit), Failure> {
+        let Self {
+            args,
+            place,
+            networks,
+            ..
+        } = self;
+        let subject = self.pictures.subject();
+        let signals = Signals::catch();
+        let (gain, of_gain) = gain(args, place, output, &signals)?;
+        let tile_px = args.network.tile_px;
+        let tiled: Vec<Tiled> = networks
+            .iter()
+            .map(|(_, network)| Tiled {
+                separator: &network.separator,
+                tile_px,
+            })
+            .collect();
+        let names = networks.iter().map(|(name, _)| name.clone());
+        let methods = tiled.iter().map(|tiled| tiled as &dyn Method);
+        let methods: Vec<(String, &dyn Method)> = names.zip(methods).collect();
+        let progress = Progress::new(global, "pictures", subject.count() as u64);
+        let on_picture = || progress.add(1, false);
+        let scored = compose::run(
+            subject,
+            gain.as_ref(),
+            &methods,
+            &shrunk,
+            &on_picture,
+            signals.stop(),
+        );
+        progress.finish();
+        let scored = scored?;
+        if scored.stopped {
+            let error = anyhow!(
+                "stopped after {} of {} pictures: nothing is written",
+                scored.done,
+                subject.count()
+            );
+            return Err(Failure::new(signals.exit(), error));
+        }
+        let incomplete: Vec<LeftOut> = of_gain.into_iter().chain(scored.left_out).collect();
+        warn(&incomplete, output);
+        let exit = if incomplete.is_empty() {
+            Exit::Done
+        } else {
+            Exit::Incomplete
+        };
+        let left_out: Vec<LeftOut> = self
+            .pictures
+            .left_out
+            .iter()
+            .cloned()
+            .chain(incomplete)
+            .collect();
+        let name = args.place.display().to_string();
+        if scored.rows.is_empty() {
+            return Err(nothing(&name, place.is_run, &left_out));
+        }
+        let protocol = args.protocol.into();
+        let mut evaluation = Evaluation::new(name, &scored.methods, scored.rows, protocol);
+        evaluation.split = place.is_run.then(|| args.split.name());
+        evaluation.tile_px = tile_px;
+        evaluation.gain = gain;
+        evaluation.left_out = left_out;
+        let network = |(name, network): &(String, Network)| {
+            ScoredNetwork::new(name.clone(), network.path.clone(), &network.state)
+        };
+        evaluation.networks = networks.iter().map(network).collect();
+        if let Some(folder) = place.out(args) {
+            evaluation
+                .write(&folder, &scored.kept)
+                .map_err(|e| Failure::new(Exit::Failed, e))?;
+        }
+        evaluation.threads = Some(self.threads);
+        Ok((evaluation, exit))
+    }
+}
+
+/// A run or a folder of pairs.
+struct Place<'a> {
+    folder: &'a Path,
+    store: Option<&'a str>,
+    is_run: bool,
+}
+
+/// The pictures of a place.
+struct Pictures {
+    of: Source,
+    /// Pictures that are in no pair.
+    left_out: Vec<LeftOut>,
+}
+
+enum Source {
+    Run(TupleSource),
+    Pairs(Vec<Pair>),
+}
+
+impl Pictures {
+    fn subject(&self) -> &dyn Subject {
+        match &self.of {
+            Source::Run(source) => source,
+            Source::Pairs(pairs) => pairs,
+        }
+    }
+
+    fn keep_first(&mut self, count: usize) {
+        match &mut self.of {
+            Source::Run(source) => source.lines.truncate(count),
+            Source::Pairs(pairs) => pairs.truncate(count),
+        }
+    }
+}
+
+impl<'a> Place<'a> {
+    fn new(args: &'a EvaluateArgs) -> Self {
+        let (folder, store) = (args.place.as_path(), args.store.as_deref());
+        Self {
+            folder,
+            store,
+            // A store may bring the run to where nothing is yet.
+            is_run: is_run(folder) || (store.is_some() && !folder.exists()),
+        }
+    }
+
+    /// Folder to write to.
+    fn out(&self, args: &EvaluateArgs) -> Option<PathBuf> {
+        let own = || self.is_run.then(|| evaluation_folder(self.folder));
+        args.out.clone().or_else(own)
+    }
+
+    fn pictures(&self, split: SplitName, output: &Output) -> Result<Pictures, Failure> {
+        if self.is_run {
+            let (run, store) = target::open(self.folder, self.store, &Roots::default())?;
+            let lines = run.lines.iter().filter(|line| split.has(line.split));
+            let source = TupleSource {
+                files: Arc::new(store),
+                lines: lines.cloned().collect(),
+                pixels: PixelSource::Png,
+            };
+            return Ok(Pictures {
+                of: Source::Run(source),
+                left_out: Vec::new(),
+            });
+        }
+        let found = find_pairs(self.folder).map_err(|e| Failure::new(Exit::InvalidInput, e))?;
+        let left_out = found.left_out.into_iter().map(|(path, reason)| {
+            let path = path.strip_prefix(self.folder).unwrap_or(&path);
+            let image = path.display().to_string();
+            LeftOut { image, reason }
+        });
+        let left_out: Vec<LeftOut> = left_out.collect();
+        if !left_out.is_empty() {
+            output.note(&format!(
+                "{} pictures are in no pair{}",
+                left_out.len(),
+                if output.verbose { ":" } else { "; -v says why" }
+            ));
+        }
+        if output.verbose {
+            for LeftOut { image, reason } in &left_out {
+                output.note(&format!("{image}: {reason}"));
+            }
+        }
+        Ok(Pictures {
+            of: Source::Pairs(found.pairs),
+            left_out,
+        })
+    }
+}
+
+/// Where a run's scores are kept.
+pub(super) fn evaluation_folder(run: &Path) -> PathBuf {
+    run.join("train").join("evaluation")
+}
+
+fn is_run(place: &Path) -> bool {
+    place.join(keys::SPEC).is_file()
+}
+
+/// The networks to score, with the names of their rows; no two have the same.
+fn networks(
+    args: &EvaluateArgs,
+    is_run: bool,
+    output: &Output,
+) -> Result<Vec<(String, Network)>, Failure> {
+    let mut places: Vec<(Option<&str>, PathBuf)> = Vec::new();
+    for typed in &args.checkpoints {
+        // A path may have an equals sign in it, too.
+        places.push(match typed.split_once('=') {
+            Some((name, path)) if !Path::new(typed).exists() => (Some(name), PathBuf::from(path)),
+            _ => (None, PathBuf::from(typed)),
+        });
+    }
+    if places.is_empty() && is_run {
+        if steps(&stage_folder(&args.place, Stage::Separation)).is_empty() {
+            output.note(&format!(
+                "no SP-net was trained here, so that the input alone is scored; `glasshouse train {} --stage separation --steps S` trains one",
+                args.place.display()
+            ));
+        } else {
+            places.push((None, args.place.clone()));
+        }
+    }
+    let mut networks: Vec<(String, Network)> = Vec::new();
+    for (name, path) in places {
+        let network = Network::open(
+            &path,
+            Which::Newest,
+            args.network.features.as_deref(),
+            output,
+        )?;
+        let name = network.row_name(name);
+        if name == "input" || networks.iter().any(|(other, _)| *other == name) {
+            let error = anyhow!(
+                "two rows would be called {name:?}; name them with --checkpoint NAME={}",
+                path.display()
+            );
+            return Err(Failure::new(Exit::Usage, error));
+        }
+        networks.push((name, network));
+    }
+    Ok(networks)
+}
+
+/// Fits the gain to what the user says, else to the run's own train scenes.
+fn gain(
+    args: &EvaluateArgs,
+    own: &Place,
+    output: &Output,
+    signals: &Signals,
+) -> Result<(Option<Gain>, Vec<LeftOut>), Failure> {
+    let place = match &args.fit_gain {
+        None if !own.is_run => return Ok((None, Vec::new())),
+        Some(folder) if *folder != args.place => Place {
+            folder,
+            store: None,
+            is_run: is_run(folder),
+        },
+        Some(_) | None => Place { ..*own },
+    };
+    let name = place.folder.display().to_string();
+    let pictures = place.pictures(SplitName::Train, output)?;
+    let (gain, left_out) = fit_gain(pictures.subject(), name.clone(), signals.stop())?;
+    if gain.is_none() {
+        let reason = format!("no gain can be fitted to {name}: nothing there");
+        if args.fit_gain.is_some() {
+            let error = anyhow!("{reason} can be read; `glasshouse work RUN` makes tuples");
+            return Err(Failure::new(Exit::InvalidInput, error));
+        }
+        output.note(&format!("{reason} can be read, so its row is left out"));
+    }
+    Ok((gain, left_out))
+}
+
+/// What would be scored.
+#[derive(Serialize)]
+struct Planned {
+    #[serde(rename = "where")]
+    place: PathBuf,
+    dry_run: bool,
+    images: usize,
+    methods: Vec<String>,
+    out: Option<PathBuf>,
+}
+
+impl fmt::Display for Planned {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let methods = self.methods.join(", ");
+        let images = self.images;
+        write!(
+            f,
+            "would score {images} pictures by {methods}; nothing is written"
+        )
+    }
+}
+
+fn warn(incomplete: &[LeftOut], output: &Output) {
+    for LeftOut { image, reason } in incomplete.iter().take(WARNINGS) {
+        output.warning(&format!("{image} is left out: {reason}"));
+    }
+    if let Some(more @ 1..) = incomplete.len().checked_sub(WARNINGS) {
+        output.warning(&format!("{more} more are left out"));
+    }
+}
+
+fn nothing(place: &str, is_run: bool, left_out: &[LeftOut]) -> Failure {
+    let what = if is_run {
+        format!("run `glasshouse work {place}`, and see `glasshouse status {place}`")
+    } else {
+        "see above what is wrong with its pairs".to_owned()
+    };
+    let error = anyhow!("there is nothing to score in {place}: {what}");
+    let mut failure = Failure::new(Exit::InvalidInput, error);
+    let left_out = json!(left_out);
+    failure.details.insert("left_out".to_owned(), left_out);
+    failure
+}

@@ -1,0 +1,270 @@
+//! `export RUN`
+
+use crate::cli::args::{Global, SplitName, StoreArgs, threads};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::{Output, reasons};
+use crate::cli::progress::Progress;
+use crate::cli::signals::Signals;
+use crate::cli::target;
+use crate::doctor::{available_bytes, bytes_text};
+use crate::export::ExportFormat;
+use crate::export::PixelEncoding;
+use crate::export::{
+    ExportOptions, ExportPlan, ExportWork, Exported, FolderState, export, foretell_bytes, look,
+};
+use anyhow::anyhow;
+use clap::{Args as ClapArgs, ValueEnum};
+use render::ids::SceneId;
+use render::line::{Roots, Split, is_url};
+use serde::Serialize;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct ExportArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// What is to read it
+    #[arg(long, value_enum)]
+    format: FormatName,
+    /// Folder of the export: a new one, or one in which this export was begun
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// How pixels are stored [default: srgb8; of exr: linear]
+    #[arg(long, value_enum)]
+    encoding: Option<EncodingName>,
+    /// Which scenes
+    #[arg(long, value_enum, default_value = "all")]
+    split: SplitName,
+    /// Largest WebDataset shard, MB (1e6 bytes); a larger tuple has one for itself
+    #[arg(long, value_name = "MB", default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    shard_mb: u32,
+    /// Export what is merged of a run that is not finished
+    #[arg(long)]
+    partial: bool,
+    #[command(flatten)]
+    store: StoreArgs,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum FormatName {
+    /// Tars for the WebDataset library.
+    Webdataset,
+    /// Hugging Face's imagefolder.
+    Imagefolder,
+    /// Folders of pictures as published sets of pairs have them.
+    Pairs,
+    /// A multi-part OpenEXR file a tuple.
+    Exr,
+}
+
+impl From<FormatName> for ExportFormat {
+    fn from(name: FormatName) -> Self {
+        match name {
+            FormatName::Webdataset => Self::Webdataset,
+            FormatName::Imagefolder => Self::Imagefolder,
+            FormatName::Pairs => Self::Pairs,
+            FormatName::Exr => Self::Exr,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum EncodingName {
+    /// The tuples' own PNGs, byte by byte.
+    Srgb8,
+    /// PNGs of 16-bit sRGB codes, from the tuples' EXRs.
+    Srgb16,
+    /// OpenEXR files, linear and not clipped.
+    Linear,
+}
+
+impl From<EncodingName> for PixelEncoding {
+    fn from(name: EncodingName) -> Self {
+        match name {
+            EncodingName::Srgb8 => Self::Srgb8,
+            EncodingName::Srgb16 => Self::Srgb16,
+            EncodingName::Linear => Self::Linear,
+        }
+    }
+}
+
+impl ExportArgs {
+    /// As typed, or what the format has.
+    fn encoding(&self) -> PixelEncoding {
+        match (self.encoding, self.format) {
+            (Some(encoding), _) => encoding.into(),
+            (None, FormatName::Exr) => PixelEncoding::Linear,
+            (None, _) => PixelEncoding::Srgb8,
+        }
+    }
+}
+
+const SCHEMA: &str = "glasshouse.export/1";
+
+pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    if is_url(&args.out) {
+        let error = anyhow!(
+            "--out {} is no folder: export into a folder, then copy it there (`aws s3 sync DIR s3://BUCKET/PREFIX`)",
+            args.out.display()
+        );
+        return Err(Failure::new(Exit::Usage, error));
+    }
+    let store = args.store.store.as_deref();
+    let (run, store) = target::open(&args.run, store, &Roots::default())?;
+    let both = [Split::Train, Split::Test].into_iter();
+    let options = ExportOptions {
+        format: args.format.into(),
+        encoding: args.encoding(),
+        splits: both.filter(|split| args.split.has(*split)).collect(),
+        shard_mb: args.shard_mb,
+        partial: args.partial,
+    };
+    let plan = ExportPlan::new(&run, &store, &options)?;
+    let state = look(&args.out, &plan.request)?;
+    let foretold = match state {
+        FolderState::Complete => None,
+        FolderState::Empty | FolderState::Begun(_) => Some(foretell_bytes(&run, &store, &plan)?),
+    };
+    if global.dry_run {
+        let counts = [Split::Train, Split::Test].map(|split| {
+            let scenes = plan.scenes.iter();
+            let count = scenes.filter(|&&s| run.lines[s].split == split).count();
+            (split, count as u64)
+        });
+        let exported = Exported {
+            tuples: counts.into_iter().filter(|(_, count)| *count > 0).collect(),
+            bytes: foretold.unwrap_or(0),
+            already_complete: state == FolderState::Complete,
+            ..Exported::default()
+        };
+        output.show(SCHEMA, &Export::new(args, &plan, exported, None));
+        return Ok(exit(&plan));
+    }
+    // Of what was begun a part is there already.
+    if let (FolderState::Empty, Some(needed)) = (&state, foretold) {
+        check_space(args, needed)?;
+    }
+
+    let signals = Signals::catch();
+    let progress = Progress::new(global, "tuples", plan.scenes.len() as u64);
+    let start = Instant::now();
+    let work = ExportWork {
+        threads: threads(global),
+        stop: signals.stop(),
+        on_tuples: &|count, found| progress.add(count, found),
+    };
+    let ended = export(&run, &store, plan, &args.out, &work);
+    progress.finish();
+    let (plan, exported) = ended?;
+    let wall_s = start.elapsed().as_secs_f64();
+    let total: u64 = exported.tuples.values().sum();
+    if exported.stopped {
+        let error = anyhow!(
+            "stopped after {total} of {} tuples: the same command goes on",
+            plan.scenes.len()
+        );
+        return Err(Failure::new(signals.exit(), error));
+    }
+    output.show(SCHEMA, &Export::new(args, &plan, exported, Some(wall_s)));
+    Ok(exit(&plan))
+}
+
+fn exit(plan: &ExportPlan) -> Exit {
+    if plan.request.left_out.is_empty() {
+        Exit::Done
+    } else {
+        Exit::Incomplete
+    }
+}
+
+#[derive(Serialize)]
+struct Export<'a> {
+    run: &'a Path,
+    out: &'a Path,
+    dry_run: bool,
+    format: ExportFormat,
+    encoding: PixelEncoding,
+    #[serde(flatten)]
+    exported: Exported,
+    #[serde(serialize_with = "reasons")]
+    quarantined: Vec<(SceneId, String)>,
+    missing: usize,
+    /// `None` in a dry run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    wall_s: Option<f64>,
+}
+
+impl<'a> Export<'a> {
+    fn new(
+        args: &'a ExportArgs,
+        plan: &ExportPlan,
+        exported: Exported,
+        wall_s: Option<f64>,
+    ) -> Self {
+        let quarantined = plan.quarantined();
+        Self {
+            run: &args.run,
+            out: &args.out,
+            dry_run: wall_s.is_none(),
+            format: plan.request.format,
+            encoding: plan.request.encoding,
+            exported,
+            quarantined: quarantined
+                .map(|(s, reason)| (s.clone(), reason.to_owned()))
+                .collect(),
+            missing: plan.missing(),
+            wall_s,
+        }
+    }
+}
+
+impl fmt::Display for Export<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (out, exported) = (self.out.display(), &self.exported);
+        let tuples: u64 = exported.tuples.values().sum();
+        let bytes = bytes_text(exported.bytes as f64);
+        match (self.wall_s, exported.already_complete) {
+            (None, true) => return write!(f, "{out} is complete: nothing would be written"),
+            (None, false) => write!(f, "would export {tuples} tuples to {out}, about {bytes}")?,
+            (Some(_), true) => {
+                return write!(
+                    f,
+                    "{out} is complete, nothing to do ({tuples} tuples); `sha256sum -c SHA256SUMS` in it checks its files"
+                );
+            }
+            (Some(wall_s), false) => write!(
+                f,
+                "exported {tuples} tuples to {out} in {wall_s:.1} s: {} files, {bytes}",
+                exported.files
+            )?,
+        }
+        let (quarantined, missing) = (self.quarantined.len(), self.missing);
+        if quarantined > 0 {
+            write!(f, "; {quarantined} scenes in quarantine are not in it")?;
+        }
+        if missing > 0 {
+            write!(
+                f,
+                "; {missing} scenes that are not merged yet are not in it"
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// Refuses what the disk has no room for, as far as its file system tells.
+fn check_space(args: &ExportArgs, needed: u64) -> Result<(), Failure> {
+    match available_bytes(&args.out) {
+        Some(available) if available < needed => {
+            let [needed, available] = [needed, available].map(|b| bytes_text(b as f64));
+            let error = anyhow!(
+                "the export takes about {needed} and there are {available} where {} is to be: make room, or give another --out",
+                args.out.display()
+            );
+            Err(Failure::new(Exit::Failed, error))
+        }
+        _ => Ok(()),
+    }
+}

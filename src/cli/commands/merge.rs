@@ -1,0 +1,91 @@
+//! `merge RUN`
+
+use crate::cli::args::{FARM, Global};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::{Output, reasons};
+use crate::cli::progress::Progress;
+use crate::cli::store_env::store_options;
+use crate::cli::target;
+use crate::farm::merge_run;
+use crate::run::Run;
+use crate::store::Store;
+use clap::Args as ClapArgs;
+use render::ids::SceneId;
+use render::line::Roots;
+use serde::Serialize;
+use std::fmt;
+use std::path::Path;
+use std::path::PathBuf;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct MergeArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// Where the run's objects are, if not in the run's folder: a folder, or s3://BUCKET/PREFIX
+    #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE", help_heading = FARM)]
+    store: Option<String>,
+}
+
+/// Scenes whose reasons are printed.
+const SHOWN: usize = 10;
+
+pub(super) fn run(args: &MergeArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let address = args.store.as_ref();
+    let store = address.map(|address| Store::open(address, &store_options()));
+    let store = store.transpose()?;
+    if let Some(store) = &store {
+        target::fetch(&args.run, store)?;
+    }
+    let run = Run::open(&args.run, &Roots::default())?;
+    let progress = Progress::new(global, "scenes", run.lines.len() as u64);
+    let outcome = merge_run(&run, store.as_ref(), global.dry_run, &|| {
+        progress.add(1, false);
+    });
+    progress.finish();
+    let outcome = outcome?;
+    for (_, reason) in outcome.refused.iter().take(SHOWN) {
+        output.warning(reason);
+    }
+    if outcome.refused.len() > SHOWN {
+        output.warning(&format!(
+            "... and {} more; --json lists all",
+            outcome.refused.len() - SHOWN
+        ));
+    }
+    let merged = Summary {
+        run: &args.run,
+        dry_run: global.dry_run,
+        merged: &outcome.merged,
+        already_merged: outcome.already_merged,
+        refused: &outcome.refused,
+    };
+    output.show("glasshouse.merge/1", &merged);
+    Ok(if outcome.refused.is_empty() {
+        Exit::Done
+    } else {
+        Exit::Incomplete
+    })
+}
+
+#[derive(Serialize)]
+struct Summary<'a> {
+    run: &'a Path,
+    dry_run: bool,
+    merged: &'a [SceneId],
+    already_merged: u64,
+    #[serde(serialize_with = "reasons")]
+    refused: &'a [(SceneId, String)],
+}
+
+impl fmt::Display for Summary<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let would = if self.dry_run { "would be " } else { "" };
+        write!(
+            f,
+            "{} scenes {would}merged, {} were before, {} cannot be",
+            self.merged.len(),
+            self.already_merged,
+            self.refused.len()
+        )
+    }
+}

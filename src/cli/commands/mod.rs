@@ -1,0 +1,300 @@
+//! The commands, a file each: its arguments and what it does.
+
+mod audit;
+mod bench;
+mod completions;
+mod control;
+mod coordinate;
+mod doctor;
+#[cfg(feature = "train")]
+mod evaluate;
+mod explain;
+mod export;
+mod inspect;
+mod man;
+mod merge;
+mod plan;
+mod render;
+mod report;
+mod retry;
+mod run;
+mod sample;
+mod schema;
+#[cfg(feature = "train")]
+mod separate;
+mod status;
+#[cfg(feature = "train")]
+mod train;
+mod work;
+
+use crate::cli::args::Global;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use clap::{CommandFactory, Parser, Subcommand};
+
+/// Farms physically based training data for single-image reflection removal.
+#[derive(Debug, Parser)]
+#[command(
+    name = "glasshouse",
+    version,
+    max_term_width = 100,
+    arg_required_else_help = true,
+    after_help = "Examples:
+  glasshouse doctor                       # is this machine fit for it?
+  glasshouse run manifests/smoke.toml     # everything once, small, in seconds
+  glasshouse run --help                   # every command has examples"
+)]
+pub struct Args {
+    #[command(flatten)]
+    pub(super) global: Global,
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// The commands, in pipeline order.
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Plan, trace, merge and report a recipe on this machine; resumes what is there
+    #[command(after_help = "Examples:
+  glasshouse run manifests/smoke.toml
+  glasshouse run manifests/smoke.toml --out runs/again -j 1")]
+    Run(run::RunArgs),
+    /// Make procedural RGBD photographs (rooms and streets) in the layout of DIODE or of PLACES365
+    #[command(after_help = "Examples:
+  glasshouse sample /tmp/rooms --count 8
+  glasshouse sample /tmp/rooms --count 8 --seed 7 --json
+  glasshouse sample /tmp/places --layout places --count 68
+  glasshouse sample /tmp/many --layout places --count 4160 --width 32 --height 24")]
+    Sample(sample::SampleArgs),
+    /// Turn a recipe or a .jsonl of scenes into a run's frozen manifest and spec
+    #[command(after_help = "Examples:
+  glasshouse plan manifests/smoke.toml -n
+  glasshouse plan my.toml --root diode=/data/diode --out runs/mine
+  glasshouse plan my.toml --root diode=/data/diode -n --json   # files, bytes, hours
+  glasshouse plan my.toml --root diode=/data/diode --skip-invalid --out runs/mine")]
+    Plan(plan::PlanArgs),
+    /// Render one scene (a scene file, or a tuple.json to make again) to four EXRs and PNGs
+    #[command(after_help = "Examples:
+  glasshouse render scene.json --out out --spp 1024 -j 2
+  glasshouse render runs/smoke/tuples/train-sample-000000/tuple.json --out again")]
+    Render(render::RenderArgs),
+    /// Trace shards of a planned run until none are left, merging scenes as they are done
+    #[command(after_help = "Examples:
+  glasshouse work runs/smoke
+  glasshouse work runs/smoke --time-limit 55m   # exits with 75 when more is left")]
+    Work(work::WorkArgs),
+    /// Keep a farm of many machines supplied until every scene is done; may be stopped and started at any time
+    #[command(after_help = "Examples:
+  glasshouse coordinate runs/mine --queue nats://localhost:4222
+  glasshouse work runs/mine --queue nats://localhost:4222      # on as many machines as you like")]
+    Coordinate(coordinate::CoordinateArgs),
+    /// Merge scenes whose partials are complete into tuples; refuses gaps
+    #[command(after_help = "Examples:
+  glasshouse merge runs/smoke
+  glasshouse merge runs/smoke -n --json")]
+    Merge(merge::MergeArgs),
+    /// Say what is done and what is left of a run, who works on it, and when it will be over
+    #[command(after_help = "Examples:
+  glasshouse status runs/smoke
+  glasshouse status runs/smoke --json
+  glasshouse status runs/smoke --watch")]
+    Status(status::StatusArgs),
+    /// Let workers take nothing new until the run is resumed; they finish what they have opened
+    #[command(after_help = "Examples:
+  glasshouse pause runs/smoke
+  glasshouse pause runs/smoke --reason backup")]
+    Pause(control::HoldArgs),
+    /// Let a run go on that was paused or cancelled
+    #[command(after_help = "Examples:
+  glasshouse resume runs/smoke")]
+    Resume(control::ResumeArgs),
+    /// Give up what is left of a run: workers end after the shards in flight; what is done stays
+    #[command(after_help = "Examples:
+  glasshouse cancel runs/smoke
+  glasshouse cancel runs/smoke --json")]
+    Cancel(control::HoldArgs),
+    /// Take scenes out of quarantine, to be tried again; or have some made anew
+    #[command(after_help = "Examples:
+  glasshouse retry runs/smoke --all
+  glasshouse retry runs/smoke --all --json   # or name the scenes")]
+    Retry(retry::RetryArgs),
+    /// Say everything that is known of a scene or a shard, what happens next, and what you can do
+    #[command(after_help = "Examples:
+  glasshouse explain runs/smoke train-sample-000000
+  glasshouse explain runs/smoke train-sample-000000:0")]
+    Explain(explain::ExplainArgs),
+    /// Trace some scenes again and compare every file with what the run holds, bit for bit
+    #[command(after_help = "Examples:
+  glasshouse audit runs/smoke
+  glasshouse audit runs/smoke --share 0.2 --seed 7
+  glasshouse audit runs/smoke --scene train-sample-000000")]
+    Audit(audit::AuditArgs),
+    /// Train BT-net or SP-net on a run's tuples; resumes from the newest checkpoint
+    #[cfg(feature = "train")]
+    #[command(after_help = "\
+Checkpoints stand in RUN/train/STAGE/step-NNNNNNN (model.safetensors, optimizer.safetensors, state.json),
+beside metrics.csv, TensorBoard's event files and pictures/ (validation scenes: I, T*, T, R~*, R~, R*, R).
+Stopping at any time loses the steps since the last checkpoint (Ctrl-C: none); the same command goes on,
+and ends with the same bits on the same kind of CPU, on any number of threads.
+
+The separation stage comes second: the same with --stage separation.
+
+Examples:
+  glasshouse train runs/smoke --stage backtrack --steps 200
+  glasshouse train runs/smoke --stage separation --steps 200 --json")]
+    Train(train::TrainArgs),
+    /// Score trained networks, and the pictures as they were, against the truth
+    #[cfg(feature = "train")]
+    #[command(after_help = "\
+The first row of the table is the input as it is; the second the input times one factor of linear
+light, the best for train scenes: what comes of brightness alone. PSNR and SSIM are of 8-bit
+pictures at their own size, none resized. Real pairs whose truth lies beside the picture are named,
+and a second table leaves them out. In JSON the PSNR of equal pictures is the string \"inf\".
+
+Exit code 3: some pairs are missing or cannot be read, `left_out` tells which. 4: nothing to score.
+
+Examples:
+  glasshouse evaluate runs/smoke
+  glasshouse evaluate runs/smoke --split all --checkpoint runs/smoke/train/separation --json
+  glasshouse evaluate pairs --checkpoint ours=runs/smoke --fit-gain runs/smoke --out scores")]
+    Evaluate(evaluate::EvaluateArgs),
+    /// Take the reflections out of photographs with a trained network
+    #[cfg(feature = "train")]
+    #[command(after_help = "\
+Each picture becomes NAME.transmission.png (what is behind the glass) and
+NAME.glass_reflection.png (what the glass adds): 8-bit sRGB, as large as the picture, turned as its
+EXIF data say.
+
+Exit code 3: some pictures cannot be read or are smaller than 16 px a side; the others are done.
+
+Examples:
+  glasshouse separate runs/smoke photo.jpg --out separated
+  glasshouse separate runs/smoke/train/separation photo.jpg --out separated --tile-px 512 --json")]
+    Separate(separate::SeparateArgs),
+    /// Make a data set of a run's tuples, in a form that loaders know: tars, folders or OpenEXR files
+    #[command(after_help = "\
+webdataset   DIR/SPLIT-000000.tar with ID.LAYER.png and ID.json, for the WebDataset library
+imagefolder  DIR/SPLIT/metadata.jsonl and DIR/SPLIT/LAYER/ID.png, for Hugging Face's datasets
+pairs        DIR/SPLIT/blended/ID.png, transmission_layer/, reflection_layer/, clean_reflection_layer/
+exr          DIR/SPLIT/ID.exr: OpenEXR with a part for each layer, linear light
+
+Beside them a dataset card (README.md), croissant.json (of the first two), export.json and SHA256SUMS.
+Equal runs make equal bytes. An export that was stopped goes on with the same command; a folder that
+holds something else is refused. docs/datasets.md shows how to read each form in PyTorch.
+
+Exit code 3: scenes in quarantine, or (with --partial) not merged yet, are not in it. 75: the run is not
+finished.
+
+Examples:
+  glasshouse export runs/smoke --format webdataset --out smoke-webdataset
+  glasshouse export runs/smoke --format imagefolder --out smoke-imagefolder --split train
+  glasshouse export runs/smoke --format pairs --encoding srgb16 --out smoke-pairs --json")]
+    Export(export::ExportArgs),
+    /// Write report/index.html: the whole run on one page that needs nothing else, to look at and to attach to a mail
+    #[command(after_help = "\
+On the page: the run at a glance, a contact sheet of up to 32 tuples with maps of their noise, stated
+errors and what they cost, where the seconds went, parameters, quarantine, training and scores. It
+has no script and fetches nothing; at most about 10 MB, whatever the size of the run. A run that is
+half done has a report, too. Training and scores are those of RUN, also where --store is given.
+
+Exit code 3: some tuples are damaged; the page and `damaged` tell which.
+
+Examples:
+  glasshouse report runs/smoke
+  glasshouse report runs/smoke --out smoke.html --json")]
+    Report(report::ReportArgs),
+    /// Explain files: what each is, which scene it belongs to, whether it is whole
+    #[command(after_help = "\
+Kinds are told by content: partials, tuples, specs, manifests, recipes, records of the farm, checkpoints, curves, event
+files, scores, exported archives, report pages, input files; and folders of a run, a tuple, a checkpoint.
+
+Exit code 4: a file is damaged, unknown or not there; the text says what is wrong, where, and what to do.
+
+Examples:
+  glasshouse inspect runs/smoke
+  glasshouse inspect runs/smoke/tuples/train-sample-000000/tuple.exr
+  glasshouse inspect runs/smoke/spec.json runs/smoke/manifest.jsonl --json")]
+    Inspect(inspect::InspectArgs),
+    /// Check this machine, a run's disk, a store and a queue, and say what to do
+    #[command(after_help = "\
+Looks at processor and kernels, cores, memory, open files, clock, whether the right bits are computed, and the disk:
+space, speed, what names, links, renames and locks promise there. With --store and --queue also those.
+Small files, an object and a stream are made for it and removed.
+
+Exit code 1: something fails. Warnings alone end with 0.
+
+Examples:
+  glasshouse doctor
+  glasshouse doctor runs/smoke -j 2 --json
+  glasshouse doctor --store s3://bucket/runs/mine --queue nats://localhost:4222")]
+    Doctor(doctor::DoctorArgs),
+    /// Print the JSON Schema of recipes, for editors that check them while you write
+    #[command(after_help = "Examples:
+  glasshouse schema > recipe.schema.json
+  glasshouse schema --json")]
+    Schema,
+    /// Measure speed and error on this machine; needs no data
+    #[command(after_help = "Examples:
+  glasshouse bench error
+  glasshouse bench trace
+  glasshouse bench error --help   # what is measured, and how")]
+    Bench(bench::BenchArgs),
+    /// Print a script that completes this program's command line in a shell
+    #[command(after_help = "Examples:
+  glasshouse completions bash > glasshouse.bash   # then: source glasshouse.bash
+  glasshouse completions zsh > _glasshouse        # into a folder of $fpath
+  glasshouse completions fish --json")]
+    Completions(completions::CompletionsArgs),
+    /// Write a man page for every command, or print the main one
+    #[command(after_help = "Examples:
+  glasshouse man --out man      # then: man -l man/glasshouse-run.1
+  glasshouse man > glasshouse.1")]
+    Man(man::ManArgs),
+}
+
+impl Args {
+    /// Does what the command says.
+    pub(super) fn run(&self, output: &Output) -> Result<Exit, Failure> {
+        let global = &self.global;
+        match &self.command {
+            Command::Run(args) => run::run(args, global, output),
+            Command::Sample(args) => sample::run(args, global, output),
+            Command::Plan(args) => plan::run(args, global, output),
+            Command::Render(args) => render::run(args, global, output),
+            Command::Work(args) => work::run(args, global, output),
+            Command::Coordinate(args) => coordinate::run(args, global, output),
+            Command::Merge(args) => merge::run(args, global, output),
+            Command::Status(args) => status::run(args, global, output),
+            Command::Pause(args) => control::pause(args, global, output),
+            Command::Resume(args) => control::resume(args, global, output),
+            Command::Cancel(args) => control::cancel(args, global, output),
+            Command::Retry(args) => retry::run(args, global, output),
+            Command::Explain(args) => explain::run(args, output),
+            Command::Audit(args) => audit::run(args, global, output),
+            #[cfg(feature = "train")]
+            Command::Train(args) => train::run(args, global, output),
+            #[cfg(feature = "train")]
+            Command::Evaluate(args) => evaluate::run(args, global, output),
+            #[cfg(feature = "train")]
+            Command::Separate(args) => separate::run(args, global, output),
+            Command::Export(args) => export::run(args, global, output),
+            Command::Report(args) => report::run(args, global, output),
+            Command::Schema => Ok(schema::run(output)),
+            Command::Bench(args) => bench::run(args, global, output),
+            Command::Inspect(args) => Ok(inspect::run(args, output)),
+            Command::Doctor(args) => doctor::run(args, global, output),
+            Command::Completions(args) => completions::run(args, Self::command(), output),
+            Command::Man(args) => man::run(args, Self::command(), global, output),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_sound() {
+        Args::command().debug_assert();
+    }
+}

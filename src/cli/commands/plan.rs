@@ -1,0 +1,277 @@
+//! `plan RECIPE --out RUN`
+
+use crate::bench::calibrate;
+use crate::cli::args::{Global, RootArgs, isa, threads};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::store_env;
+use crate::doctor::{available_bytes, bytes_text};
+use crate::run::{PlanOptions, Planned, plan_run};
+use clap::Args as ClapArgs;
+use plan::{Calibration, Cost, Estimate, InvalidInput, Recipe, cost};
+use render::line::{Roots, SceneLine, is_url};
+use render::scene::read_files_by;
+use render::trace::Isa;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct PlanArgs {
+    /// Recipe (.toml) or scenes (.jsonl)
+    pub(super) recipe: PathBuf,
+    /// Folder of the run [default: runs/NAME]
+    #[arg(long, value_name = "RUN")]
+    pub(super) out: Option<PathBuf>,
+    /// Side of a tile, px [default: such that a shard takes 0.2 s, 64 to 256]
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub(super) tile: Option<u32>,
+    /// Leave out photographs whose files cannot be used, and draw others in their place (of a .jsonl: leave out scenes)
+    #[arg(long)]
+    pub(super) skip_invalid: bool,
+    #[command(flatten)]
+    pub(super) roots: RootArgs,
+}
+
+/// Where a run keeps its recipe's `[train]`.
+pub(super) const TRAIN_RECIPE: &str = "train.json";
+
+/// The run's folder: as given, or `runs/NAME` by the recipe's file name.
+pub(super) fn run_folder(args: &PlanArgs) -> PathBuf {
+    args.out.clone().unwrap_or_else(|| {
+        PathBuf::from("runs").join(args.recipe.file_stem().unwrap_or(args.recipe.as_os_str()))
+    })
+}
+
+/// Plans with progress, notes and warnings.
+pub(super) fn plan_with(
+    args: &PlanArgs,
+    global: &Global,
+    output: &Output,
+) -> Result<Planned, Failure> {
+    let roots = Roots::parse(&args.roots.roots)?;
+    let inputs = store_env::inputs();
+    let options = PlanOptions {
+        roots: &roots,
+        inputs: &inputs,
+        tile_px: args.tile,
+        dry_run: global.dry_run,
+        skip_invalid: args.skip_invalid,
+        threads: threads(global),
+    };
+    let steps = Steps {
+        global,
+        bars: Mutex::default(),
+    };
+    let planned = plan_run(
+        &args.recipe,
+        &run_folder(args),
+        &options,
+        &|what, done, all| {
+            steps.tell(what, done, all);
+        },
+    );
+    steps.finish();
+    let planned = planned?;
+    if !global.dry_run {
+        keep_training(args)?;
+    }
+    for note in &planned.notes {
+        output.note(note);
+    }
+    if let Some(text) = planned.invalid_text() {
+        output.warning(&text);
+    }
+    Ok(planned)
+}
+
+/// Leaves the recipe's `[train]` in the run, for `train`.
+fn keep_training(args: &PlanArgs) -> Result<(), Failure> {
+    let text = std::fs::read_to_string(&args.recipe).unwrap_or_default();
+    // What is no recipe has been planned as scene lines.
+    let Some(train) = Recipe::parse(&text).ok().and_then(|recipe| recipe.train) else {
+        return Ok(());
+    };
+    let mut json =
+        serde_json::to_string_pretty(&train).map_err(|e| Failure::new(Exit::Failed, e))?;
+    json.push('\n');
+    render::atomic_file::write(&run_folder(args).join(TRAIN_RECIPE), json.as_bytes())?;
+    Ok(())
+}
+
+/// Progress of what planning does, a bar each.
+struct Steps<'a> {
+    global: &'a Global,
+    bars: Mutex<BTreeMap<&'static str, Progress>>,
+}
+
+impl Steps<'_> {
+    fn tell(&self, what: &'static str, done: usize, all: usize) {
+        let mut bars = self.bars.lock().expect("no holder of this lock panics");
+        let all = all as u64;
+        match bars.get(what) {
+            // A step that is taken again.
+            Some(bar) if done == 0 => bar.set_length(bar.done() + all),
+            Some(bar) => bar.add(1, false),
+            None => drop(bars.insert(what, Progress::new(self.global, what, all))),
+        }
+    }
+
+    fn finish(&self) {
+        let bars = self.bars.lock().expect("no holder of this lock panics");
+        bars.values().for_each(Progress::finish);
+    }
+}
+
+pub(super) fn run(args: &PlanArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let planned = plan_with(args, global, output)?;
+    let folder = run_folder(args);
+    let cost = cost(Estimate {
+        lines: &planned.lines,
+        tile_px: planned.spec.tile_px,
+        threads: threads(global),
+        input_bytes: planned.input_bytes,
+        made_bytes: planned.made_bytes,
+        is_made: planned.existed,
+        disk_available_bytes: available_bytes(&folder),
+        calibration: try_out(&planned, &folder, isa(global)?)?,
+    });
+    if cost.is_too_large() {
+        output.warning(&format!(
+            "the disk of {} has {} left, the run needs about {}: choose another with --out",
+            folder.display(),
+            bytes_text(cost.disk_available_bytes.unwrap_or(0) as f64),
+            bytes_text(cost.disk_needed_bytes as f64)
+        ));
+    }
+    let summary = Summary {
+        run: folder,
+        dry_run: global.dry_run,
+        existed: planned.existed,
+        scenes: planned.lines.len(),
+        tile_px: planned.spec.tile_px,
+        cost,
+        manifest_blake3: planned.spec.manifest_blake3,
+        invalid: planned.invalid,
+        left_out: planned.spec.left_out,
+        rejected: planned.rejected.len(),
+        notes: planned.notes,
+        parts: planned.parts,
+    };
+    output.show("glasshouse.plan/1", &summary);
+    Ok(Exit::Done)
+}
+
+/// Reads, decodes and traces a part of some scenes.
+fn try_out(planned: &Planned, run: &Path, isa: Isa) -> Result<Option<Calibration>, Failure> {
+    let mut roots = Roots::default();
+    for (name, folder) in &planned.spec.roots {
+        // Relative folders are the run's own.
+        let folder = if is_url(folder) {
+            folder.clone()
+        } else {
+            run.join(folder)
+        };
+        roots.insert(name, folder)?;
+    }
+    let inputs = store_env::inputs();
+    let read = |line: &SceneLine| read_files_by(line, &roots, run, &|path| inputs.read(path));
+    Ok(calibrate(&planned.lines, &read, isa))
+}
+
+/// What was planned, and what it will take.
+#[derive(Serialize)]
+struct Summary {
+    run: PathBuf,
+    dry_run: bool,
+    existed: bool,
+    scenes: usize,
+    tile_px: u32,
+    #[serde(flatten)]
+    cost: Cost,
+    manifest_blake3: String,
+    invalid: Vec<InvalidInput>,
+    left_out: Vec<String>,
+    rejected: usize,
+    notes: Vec<String>,
+    /// What is left out: photographs, or scenes.
+    #[serde(skip)]
+    parts: &'static str,
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let verb = match (self.dry_run, self.existed) {
+            (_, true) => "is planned already:",
+            (true, false) => "would plan",
+            (false, false) => "planned",
+        };
+        let cost = &self.cost;
+        write!(
+            f,
+            "{} {verb} {} scenes in {} shards (tile {} px)",
+            self.run.display(),
+            self.scenes,
+            cost.shards,
+            self.tile_px
+        )?;
+        if !self.left_out.is_empty() {
+            write!(f, "; {} left out: {}", self.parts, self.left_out.len())?;
+        }
+        let inputs = cost.input_bytes.map_or_else(
+            || "not looked at: the run is planned".to_owned(),
+            |bytes| bytes_text(bytes as f64),
+        );
+        let available = cost.disk_available_bytes.map_or_else(String::new, |there| {
+            format!(", {} available", bytes_text(there as f64))
+        });
+        let how = match &cost.calibration {
+            Some(c) => format!(
+                "{} scenes tried out here: {:.1} ns a sample, {:.0} ms to load",
+                c.scenes.len(),
+                c.seconds_per_sample * 1e9,
+                c.seconds_per_load * 1e3
+            ),
+            None => "no scene can be tried out here yet: a typical machine's".to_owned(),
+        };
+        let size = |bytes: u64| bytes_text(bytes as f64);
+        write!(
+            f,
+            "\n  inputs    {inputs}\n  \
+             tuples    about {}\n  \
+             partials  up to {} at a time beside one worker here; {} if all were written\n  \
+             disk      about {} needed{available}\n  \
+             time      about {} of one core ({how})",
+            size(cost.tuple_bytes),
+            size(cost.partial_bytes_at_a_time),
+            size(cost.partial_bytes),
+            size(cost.disk_needed_bytes),
+            span_text(cost.core_s),
+        )
+    }
+}
+
+fn span_text(seconds: f64) -> String {
+    match seconds {
+        s if s < 120.0 => format!("{s:.0} s"),
+        s if s < 7200.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_units() {
+        assert_eq!(bytes_text(999.0), "1 kB");
+        assert_eq!(bytes_text(8.86e9), "8.9 GB");
+        assert_eq!(bytes_text(12_340_000.0), "12.3 MB");
+        assert_eq!(span_text(7199.0), "120 min");
+        assert_eq!(span_text(2.0 * 3600.0), "2.0 h");
+    }
+}

@@ -1,0 +1,256 @@
+//! `render SCENE.json --out DIR`
+
+use crate::cli::args::{Global, RootArgs, isa, parse_spp, threads};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::signals::Signals;
+use crate::cli::store_env;
+use crate::run::Run;
+use anyhow::{Context, anyhow};
+use clap::Args as ClapArgs;
+use render::atomic_file;
+use render::ids::SceneId;
+use render::job::{SceneJob, render_partials};
+use render::line::{Roots, SceneLine, parse_scene};
+use render::merge::{
+    LayerRecord, SrgbEncoder, TUPLE_SCHEMA, Tuple, TupleRecord, combine, encode_png, encode_rgb_exr,
+};
+use render::scene::{SceneFacts, load, read_files_by};
+use render::shard::ShardLayout;
+use render::trace::{LAYERS, TRACER_VERSION};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct RenderArgs {
+    /// Scene (glasshouse.scene/1), or a tuple.json
+    scene: PathBuf,
+    /// Folder to write to
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Samples a pixel, a power of two from 1 to 65536 [default: the scene's]
+    #[arg(long, value_name = "N", value_parser = parse_spp)]
+    spp: Option<u32>,
+    /// Side of a tile, px: how the work is cut, never what comes out
+    #[arg(long, value_name = "PX", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=16384))]
+    tile: u32,
+    #[command(flatten)]
+    roots: RootArgs,
+}
+
+/// A scene, the folder its paths start from, and the tuple's record it may come from.
+struct Source {
+    line: SceneLine,
+    base: PathBuf,
+    roots: Roots,
+    record: Option<TupleRecord>,
+}
+
+pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let mut source = read_source(args)?;
+    if let Some(spp) = args.spp {
+        source.line.film.spp = spp;
+    }
+    let invalid = |e: anyhow::Error| Failure::new(Exit::InvalidInput, e.context(describe(args)));
+    let clock = Instant::now();
+    let inputs = store_env::inputs();
+    let files = read_files_by(&source.line, &source.roots, &source.base, &|path| {
+        inputs.read(path)
+    })
+    .map_err(|e| invalid(e.into()))?;
+    let read_s = clock.elapsed().as_secs_f64();
+    let clock = Instant::now();
+    let loaded = load(&source.line, &files).map_err(|e| invalid(e.into()))?;
+    let decode_s = clock.elapsed().as_secs_f64();
+    if let Some(record) = &source.record
+        && record.inputs != loaded.inputs
+    {
+        output.warning(
+            "the input files are not those the tuple was made from: its pixels will differ",
+        );
+    }
+    if global.dry_run {
+        let planned = Planned {
+            out: &args.out,
+            dry_run: true,
+            scene: &source.line.id,
+        };
+        output.show("glasshouse.render/1", &planned);
+        return Ok(Exit::Done);
+    }
+
+    let layout = ShardLayout::of(&source.line, args.tile);
+    let job = SceneJob::new(&source.line, layout, loaded);
+    let signals = Signals::catch();
+    let progress = Progress::new(global, "tiles", u64::from(layout.len()));
+    let clock = Instant::now();
+    let partials = render_partials(&job, threads(global), isa(global)?, signals.stop(), &|| {
+        progress.add(1, false);
+    });
+    progress.finish();
+    let Some(partials) = partials else {
+        return Err(Failure::new(
+            signals.exit(),
+            anyhow!("stopped by a signal: nothing is written"),
+        ));
+    };
+    let trace_s = clock.elapsed().as_secs_f64();
+    let tuple = combine(&source.line, args.tile, &partials).map_err(|e| invalid(e.into()))?;
+    let clock = Instant::now();
+    write(&tuple, &args.out)?;
+    let write_s = clock.elapsed().as_secs_f64();
+
+    let rendered = Rendered {
+        out: &args.out,
+        scene: &source.line.id,
+        spp: source.line.film.spp,
+        layers: &tuple.record.layers,
+        facts: &tuple.record.facts,
+        seconds: Seconds {
+            read: read_s,
+            decode: decode_s,
+            trace: trace_s,
+            write: write_s,
+        },
+        target_error: tuple.record.scene.film.target_error,
+    };
+    output.show("glasshouse.render/1", &rendered);
+    Ok(Exit::Done)
+}
+
+fn describe(args: &RenderArgs) -> String {
+    format!("cannot render {}", args.scene.display())
+}
+
+/// Reads a scene file or a `tuple.json`. Named roots come from the user, or from the run a tuple lies in.
+fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
+    let invalid = |e: anyhow::Error| Failure::new(Exit::InvalidInput, e.context(describe(args)));
+    let text = std::fs::read_to_string(&args.scene)
+        .with_context(|| format!("cannot read {}; check the path", args.scene.display()))
+        .map_err(invalid)?;
+    let given = Roots::parse(&args.roots.roots)?;
+    let folder = args
+        .scene
+        .parent()
+        .map_or_else(PathBuf::new, Path::to_owned);
+    let schema = serde_json::from_str::<serde_json::Value>(&text)
+        .ok()
+        .and_then(|v| v["schema"].as_str().map(str::to_owned));
+    if schema.as_deref() != Some(TUPLE_SCHEMA) {
+        let line = parse_scene(&text).map_err(|e| invalid(e.into()))?;
+        return Ok(Source {
+            line,
+            base: folder,
+            roots: given,
+            record: None,
+        });
+    }
+    let record: TupleRecord = serde_json::from_str(&text).map_err(|e| invalid(e.into()))?;
+    if record.tracer_version != TRACER_VERSION {
+        return Err(Failure::new(
+            Exit::Disagrees,
+            anyhow!(
+                "the tuple was made by tracer version {}, this program has {TRACER_VERSION}: its pixels would differ; use \
+                 the version that made it, or render its \"scene\" as a file of its own",
+                record.tracer_version
+            ),
+        ));
+    }
+    record.scene.validate().map_err(|e| invalid(e.into()))?;
+    let base = folder.join(&record.base);
+    let roots = Run::open(&base, &given).map_or(given, |run| run.roots);
+    Ok(Source {
+        line: record.scene.clone(),
+        base,
+        roots,
+        record: Some(record),
+    })
+}
+
+/// Four float EXRs, four PNGs, and the record.
+fn write(tuple: &Tuple, out: &Path) -> Result<(), Failure> {
+    atomic_file::create_dir(out)?;
+    let encoder = SrgbEncoder::new();
+    for (pixels, name) in tuple.made() {
+        let (w, h) = (tuple.width, tuple.height);
+        let exr = encode_rgb_exr(pixels, w, h).map_err(|e| Failure::new(Exit::Failed, e))?;
+        atomic_file::write(&out.join(format!("{name}.exr")), &exr)?;
+        let png = encode_png(&encoder, pixels, w, h).map_err(|e| Failure::new(Exit::Failed, e))?;
+        atomic_file::write(&out.join(format!("{name}.png")), &png)?;
+    }
+    Ok(())
+}
+
+#[derive(Serialize)]
+struct Planned<'a> {
+    out: &'a Path,
+    dry_run: bool,
+    scene: &'a SceneId,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (scene, out) = (self.scene, self.out.display());
+        write!(f, "would render scene {scene} into {out}")
+    }
+}
+
+#[derive(Serialize)]
+struct Rendered<'a> {
+    out: &'a Path,
+    scene: &'a SceneId,
+    spp: u32,
+    layers: &'a BTreeMap<String, LayerRecord>,
+    facts: &'a SceneFacts,
+    seconds: Seconds,
+    #[serde(skip)]
+    target_error: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct Seconds {
+    read: f64,
+    decode: f64,
+    trace: f64,
+    write: f64,
+}
+
+impl fmt::Display for Rendered<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: ", self.scene)?;
+        match self.target_error {
+            None => write!(f, "{} samples a pixel", self.spp)?,
+            Some(target) => {
+                let means = self.layers.values().filter_map(|layer| layer.mean_samples);
+                let most = means.fold(0.0, f64::max);
+                write!(
+                    f,
+                    "{most:.0} samples a pixel on average for cells within {target:.1e}"
+                )?;
+            }
+        }
+        f.write_str(", estimated error")?;
+        for (name, symbol) in LAYERS.into_iter().zip(["I", "T", "R~", "R"]) {
+            match self.layers.get(name).map(|layer| layer.error_rms) {
+                None => {}
+                Some(None) => write!(f, " {symbol} ?")?,
+                Some(Some(error)) => write!(f, " {symbol} {error:.1e}")?,
+            }
+        }
+        let Seconds {
+            read,
+            decode,
+            trace,
+            write,
+        } = self.seconds;
+        write!(
+            f,
+            " (linear RMS); read {read:.3} s, decode {decode:.3} s, trace {trace:.3} s, write {write:.3} s\nlook at {}",
+            self.out.display()
+        )
+    }
+}

@@ -1,0 +1,104 @@
+//! `retry RUN SCENE…`
+
+use crate::cli::args::{Global, StoreArgs, parse_scene_id};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::target;
+use crate::run::{Retried, RetryScenes, retry};
+use clap::Args as ClapArgs;
+use render::ids::SceneId;
+use render::line::Roots;
+use serde::Serialize;
+use std::fmt;
+use std::path::Path;
+use std::path::PathBuf;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct RetryArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// Scenes to try again
+    #[arg(value_name = "SCENE", value_parser = parse_scene_id, required_unless_present = "all")]
+    scenes: Vec<SceneId>,
+    /// All that are in quarantine
+    #[arg(long, conflicts_with = "scenes")]
+    all: bool,
+    /// The scenes named, also those that are done: what was made of them is removed, and they are traced from nothing
+    #[arg(long, conflicts_with = "all")]
+    anew: bool,
+    #[command(flatten)]
+    store: StoreArgs,
+}
+
+/// Scenes whose names are printed.
+const SHOWN: usize = 20;
+
+pub(super) fn run(args: &RetryArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let (run, store) = target::open(&args.run, args.store.store.as_deref(), &Roots::default())?;
+    let manifest: Vec<_> = run.lines.iter().map(|line| line.id.clone()).collect();
+    let which = if args.all {
+        RetryScenes::All
+    } else if args.anew {
+        RetryScenes::Anew(&args.scenes)
+    } else {
+        RetryScenes::These(&args.scenes)
+    };
+    let retried = retry(&store, &manifest, which, global.dry_run)?;
+    let shown = Shown {
+        run: &args.run,
+        dry_run: global.dry_run,
+        retried,
+        is_anew: args.anew,
+        is_local: args.store.store.is_none(),
+    };
+    output.show("glasshouse.retry/1", &shown);
+    Ok(Exit::Done)
+}
+
+#[derive(Serialize)]
+struct Shown<'a> {
+    run: &'a Path,
+    dry_run: bool,
+    #[serde(flatten)]
+    retried: Retried,
+    #[serde(skip)]
+    is_anew: bool,
+    #[serde(skip)]
+    is_local: bool,
+}
+
+impl fmt::Display for Shown<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Retried {
+            scenes,
+            attempts,
+            results,
+            was_finished,
+        } = &self.retried;
+        if scenes.is_empty() {
+            return f.write_str("nothing is in quarantine");
+        }
+        let were = if self.dry_run { "would be" } else { "were" };
+        write!(f, "{} {were} ", scenes.len())?;
+        if self.is_anew {
+            write!(
+                f,
+                "reset, with {results} files of tuples, partials and receipts"
+            )?;
+        } else {
+            f.write_str("taken out of quarantine")?;
+        }
+        write!(f, ", with {attempts} records of attempts:")?;
+        for scene in scenes.iter().take(SHOWN) {
+            write!(f, " {scene}")?;
+        }
+        if let Some(more @ 1..) = scenes.len().checked_sub(SHOWN) {
+            write!(f, " and {more} more")?;
+        }
+        f.write_str(if *was_finished || self.is_local {
+            "\nstart `glasshouse work` (of a farm `coordinate`, too) again"
+        } else {
+            "\na coordinator that runs publishes them within seconds, else start it again"
+        })
+    }
+}

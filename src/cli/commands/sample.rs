@@ -1,0 +1,193 @@
+//! `sample DIR --count N`
+
+use crate::cli::args::{Global, threads};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use clap::{Args as ClapArgs, ValueEnum};
+use plan::{DepthRanges, Place};
+use procedural::{SampleError, SamplePhotograph};
+use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct SampleArgs {
+    /// Folder to write to
+    dir: PathBuf,
+    /// Photographs to make
+    #[arg(long, value_name = "N")]
+    count: u32,
+    /// Seed
+    #[arg(long, default_value_t = 2020)]
+    seed: u64,
+    /// Pixels across [default: 1024; 256 for places]
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
+    width: Option<u32>,
+    /// Pixels down [default: 768; 256 for places]
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
+    height: Option<u32>,
+    /// Folders and files
+    #[arg(long, value_enum, default_value = "diode")]
+    layout: SampleLayout,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum SampleLayout {
+    /// DIODE's: PNG, depth in metres, mask.
+    Diode,
+    /// PLACES365's: JPEG by category, relative inverse depth in a folder beside it.
+    Places,
+}
+
+impl SampleLayout {
+    /// As it is typed.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Diode => "diode",
+            Self::Places => "places",
+        }
+    }
+}
+
+/// What the command line asks for, by layout.
+struct Plan {
+    size: [u32; 2],
+    /// Of the colour images, relative to the folder.
+    color: Vec<PathBuf>,
+    /// What else each photograph has.
+    with: &'static str,
+    /// Named roots of a recipe that uses them.
+    roots: BTreeMap<&'static str, PathBuf>,
+    /// Such a recipe, and its other roots.
+    recipe: &'static str,
+}
+
+pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let (count, seed, dir) = (args.count as usize, args.seed, args.dir.as_path());
+    let size = |width, height| [args.width.unwrap_or(width), args.height.unwrap_or(height)];
+    let plan = match args.layout {
+        SampleLayout::Diode => {
+            let photographs = procedural::listing(count, seed);
+            let [width, height] = size(1024, 768);
+            make(&photographs, global, |p| {
+                procedural::write(dir, p, width, height)
+            })?;
+            Plan {
+                size: [width, height],
+                color: photographs
+                    .iter()
+                    .map(SamplePhotograph::color_path)
+                    .collect(),
+                with: "depth and mask",
+                roots: [("diode", dir.to_owned())].into(),
+                recipe: "my.toml",
+            }
+        }
+        SampleLayout::Places => {
+            let table = DepthRanges::shipped();
+            let [indoors, outdoors] =
+                [Place::Indoors, Place::Outdoor].map(|p| table.categories_of(p));
+            let photographs = procedural::places_listing(count, seed, &indoors, &outdoors);
+            let [width, height] = size(256, 256);
+            make(&photographs, global, |p| {
+                procedural::write_places(dir, p, width, height)
+            })?;
+            let below = Path::new(procedural::PLACES_COLOR);
+            Plan {
+                size: [width, height],
+                color: photographs
+                    .iter()
+                    .map(|p| below.join(p.color_path()))
+                    .collect(),
+                with: "relative inverse depth",
+                roots: [
+                    ("places", dir.join(procedural::PLACES_COLOR)),
+                    ("places-depth", dir.join(procedural::PLACES_DEPTH)),
+                ]
+                .into(),
+                recipe: "manifests/paper.toml --root diode=DIODE",
+            }
+        }
+    };
+    let [width, height] = plan.size;
+    let sample = Sample {
+        dir,
+        layout: args.layout.name(),
+        count,
+        seed,
+        dry_run: global.dry_run,
+        width,
+        height,
+        color: plan.color,
+        roots: plan.roots,
+        with: plan.with,
+        recipe: plan.recipe,
+    };
+    output.show("glasshouse.sample/1", &sample);
+    Ok(Exit::Done)
+}
+
+/// Makes all `photographs` with `write`, unless this is only thought through.
+fn make<P: Sync>(
+    photographs: &[P],
+    global: &Global,
+    write: impl Fn(&P) -> Result<(), SampleError> + Sync,
+) -> Result<(), Failure> {
+    if global.dry_run {
+        return Ok(());
+    }
+    let progress = Progress::new(global, "photographs", photographs.len() as u64);
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads(global))
+        .build()
+        .map_err(|e| Failure::new(Exit::Failed, e))?;
+    let written = pool.install(|| {
+        photographs.par_iter().try_for_each(|photograph| {
+            let result = write(photograph);
+            progress.add(1, false);
+            result
+        })
+    });
+    progress.finish();
+    written.map_err(|e| Failure::new(Exit::Failed, e))
+}
+
+#[derive(Serialize)]
+struct Sample<'a> {
+    dir: &'a Path,
+    layout: &'static str,
+    count: usize,
+    seed: u64,
+    dry_run: bool,
+    width: u32,
+    height: u32,
+    color: Vec<PathBuf>,
+    roots: BTreeMap<&'static str, PathBuf>,
+    #[serde(skip)]
+    with: &'static str,
+    #[serde(skip)]
+    recipe: &'static str,
+}
+
+impl fmt::Display for Sample<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} {} photographs of {} x {} px with {} in {}\nplan with them: glasshouse plan {}",
+            if self.dry_run { "would make" } else { "made" },
+            self.count,
+            self.width,
+            self.height,
+            self.with,
+            self.dir.display(),
+            self.recipe
+        )?;
+        for (name, folder) in &self.roots {
+            write!(f, " --root {name}={}", folder.display())?;
+        }
+        Ok(())
+    }
+}

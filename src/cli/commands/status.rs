@@ -1,0 +1,189 @@
+//! `status RUN`, once or again and again.
+
+use crate::cli::args::{Global, ServerArgs, StoreArgs, parse_duration};
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::queue;
+use crate::cli::signals::Signals;
+use crate::cli::status_text::{Queue, line, page};
+use crate::cli::target;
+use crate::farm::queue::{NatsCoordinator, QueueKeeper};
+use crate::run::{FarmState, Observer, Overview, Run};
+use clap::Args as ClapArgs;
+use render::line::Roots;
+use serde::Serialize;
+use std::fmt;
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct StatusArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// Look again every S seconds [default: 2] until the run is over; with --json one object a line
+    #[arg(long, value_name = "S", num_args = 0..=1, default_missing_value = "2", value_parser = parse_duration)]
+    watch: Option<Duration>,
+    #[command(flatten)]
+    store: StoreArgs,
+    #[command(flatten)]
+    server: ServerArgs,
+}
+
+/// Entries shown of each list: at the end, and on a screen that has an end.
+const SHOWN: usize = 20;
+const SHOWN_WATCHING: usize = 6;
+/// A look must not cost more than a tenth of the time.
+const LOOK_SHARE: u32 = 10;
+
+/// To the other screen, without wrapping; and back.
+const ENTER: &str = "\x1b[?1049h\x1b[?7l\x1b[?25l";
+const LEAVE: &str = "\x1b[?25h\x1b[?7h\x1b[?1049l";
+/// To its first character, with an empty screen.
+const HOME: &str = "\x1b[H\x1b[2J";
+
+pub(super) fn run(args: &StatusArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let (run, store) = target::open(&args.run, args.store.store.as_deref(), &Roots::default())?;
+    let server = queue::observer(&run, &args.server)?;
+    let mut observer = Observer::new(&run, &store);
+    match args.watch {
+        None => {
+            let view = observer.look()?;
+            let queue = look_at(server.as_ref(), &view);
+            tell(args, &run, &view, &queue, output);
+            Ok(exit(&view))
+        }
+        Some(every) => watch(
+            args,
+            &run,
+            &mut observer,
+            server.as_ref(),
+            every,
+            global,
+            output,
+        ),
+    }
+}
+
+/// Looks until the run is over or a signal comes.
+fn watch(
+    args: &StatusArgs,
+    run: &Run,
+    observer: &mut Observer,
+    server: Option<&NatsCoordinator>,
+    every: Duration,
+    global: &Global,
+    output: &Output,
+) -> Result<Exit, Failure> {
+    let signals = Signals::catch();
+    let screen = Screen::new(!global.json && std::io::stdout().is_terminal());
+    loop {
+        let start = Instant::now();
+        let view = observer.look()?;
+        let queue = look_at(server, &view);
+        let is_over = matches!(view.state, FarmState::Finished | FarmState::Cancelled);
+        let is_stopped = signals.stop().load(Ordering::Relaxed);
+        if is_over || is_stopped || global.dry_run {
+            drop(screen);
+            tell(args, run, &view, &queue, output);
+            return Ok(if is_over || !is_stopped {
+                exit(&view)
+            } else {
+                signals.exit()
+            });
+        }
+        if global.json {
+            tell(args, run, &view, &queue, output);
+        } else if screen.is_open {
+            screen.draw(&page(&run.spec.name, &view, &queue, SHOWN_WATCHING));
+        } else {
+            output.text(&line(&run.spec.name, &view));
+        }
+        let until = start + every.max(start.elapsed() * LOOK_SHARE);
+        while Instant::now() < until && !signals.stop().load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(20).min(every));
+        }
+    }
+}
+
+fn look_at(server: Option<&NatsCoordinator>, view: &Overview) -> Queue {
+    match server {
+        Some(server) if view.state != FarmState::Finished => match server.look() {
+            Ok(state) => Queue::There(state),
+            Err(error) => Queue::Lost(error.to_string()),
+        },
+        _ => Queue::None,
+    }
+}
+
+fn tell(args: &StatusArgs, run: &Run, view: &Overview, queue: &Queue, output: &Output) {
+    let shown = Shown {
+        view,
+        run: &args.run,
+        name: &run.spec.name,
+        finished: view.state == FarmState::Finished,
+        queue,
+    };
+    output.show("glasshouse.status/1", &shown);
+}
+
+#[derive(Serialize)]
+struct Shown<'a> {
+    #[serde(flatten)]
+    view: &'a Overview,
+    run: &'a Path,
+    name: &'a str,
+    finished: bool,
+    queue: &'a Queue,
+}
+
+impl fmt::Display for Shown<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&page(self.name, self.view, self.queue, SHOWN))
+    }
+}
+
+fn exit(view: &Overview) -> Exit {
+    if view.counts.quarantined.is_empty() && view.state != FarmState::Cancelled {
+        Exit::Done
+    } else {
+        Exit::Incomplete
+    }
+}
+
+/// A terminal's other screen, which is left whatever happens.
+struct Screen {
+    is_open: bool,
+}
+
+impl Screen {
+    fn new(is_terminal: bool) -> Self {
+        if is_terminal {
+            put(ENTER);
+        }
+        Self {
+            is_open: is_terminal,
+        }
+    }
+
+    #[allow(clippy::unused_self, reason = "only who holds the screen draws")]
+    fn draw(&self, text: &str) {
+        // In one write, so that nothing flickers.
+        put(&format!("{HOME}{text}\n"));
+    }
+}
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        if std::mem::take(&mut self.is_open) {
+            put(LEAVE);
+        }
+    }
+}
+
+fn put(text: &str) {
+    let mut stdout = std::io::stdout().lock();
+    let _ = stdout.write_all(text.as_bytes());
+    let _ = stdout.flush();
+}

@@ -1,0 +1,373 @@
+//! `train RUN --stage STAGE --steps S`
+
+use crate::cli::args::{Global, RootArgs};
+use crate::cli::commands::plan::TRAIN_RECIPE;
+use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::network::{DeviceName, use_threads, weights_file};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::signals::Signals;
+use crate::cli::{store_env, target};
+use crate::run::Run;
+use crate::store::Store;
+use anyhow::anyhow;
+use clap::{Args as ClapArgs, ValueEnum};
+use compose::{Pair, find_pairs};
+use plan::{ExampleKind, FeatureSource, PixelSource};
+use plan::{Stage, TrainRecipe, TrainSettings};
+use render::line::Roots;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use train::candle_core::Device;
+use train::{self, StepLosses, TrainSummary, Training, Watcher};
+
+/// Checkpoints that are kept.
+const KEEP: usize = 3;
+/// Scenes that are validated on.
+const VALIDATE: usize = 8;
+/// Memory for examples.
+const MEMORY_GB: f64 = 2.0;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct TrainArgs {
+    /// Folder of the run
+    run: PathBuf,
+    /// Which networks learn; separation begins with the newest checkpoint of backtrack
+    #[arg(long, value_enum)]
+    stage: StageName,
+    /// Steps in all; a training that has fewer goes on, whenever it was stopped
+    #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..))]
+    steps: u64,
+    /// Folder of real pairs: blended/ and transmission_layer/, or as SIR2 and CEILNet name them
+    #[arg(long, value_name = "DIR", requires = "real_share")]
+    real: Option<PathBuf>,
+    /// Write a checkpoint every so many steps [default: a twentieth of --steps, 10 to 1000]
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(1..))]
+    checkpoint_every: Option<u64>,
+    /// Checkpoints to keep, besides the best
+    #[arg(long, value_name = "N", default_value_t = KEEP)]
+    keep: usize,
+    /// Scenes of the split "test" to measure every checkpoint on; the first ones
+    #[arg(long, value_name = "N", default_value_t = VALIDATE)]
+    validate: usize,
+    /// Write a grid of pictures every so many steps; 0 for none [default: as --checkpoint-every]
+    #[arg(long, value_name = "K")]
+    pictures_every: Option<u64>,
+    /// Memory for examples that were read, GB: a set that fits is read once
+    #[arg(long, value_name = "GB", default_value_t = MEMORY_GB)]
+    memory_gb: f64,
+    /// Where networks compute; on a GPU last bits differ from run to run
+    #[arg(long, value_enum, default_value = "cpu", hide = cfg!(not(feature = "cuda")))]
+    device: DeviceName,
+    /// Where the run's tuples are, if not in its folder
+    #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE")]
+    store: Option<String>,
+    #[command(flatten)]
+    roots: RootArgs,
+    #[command(flatten)]
+    settings: SettingArgs,
+}
+
+/// Settings: frozen with the first checkpoint, from then on they need not be given.
+#[derive(Debug, Default, ClapArgs)]
+#[command(next_help_heading = "Settings (frozen with the first checkpoint; left out, they stay)")]
+struct SettingArgs {
+    /// What images are described by: none, random (VGG-19 with random weights), or a file of torchvision's vgg19 weights
+    /// (.safetensors or .pth) [default: none]
+    #[arg(long, value_name = "none|random|FILE")]
+    features: Option<String>,
+    /// Divides the widths of a random VGG-19 [default: 1]
+    #[arg(long, value_name = "N")]
+    vgg_divisor: Option<usize>,
+    /// Channels of the generators [default: 64]
+    #[arg(long, value_name = "N")]
+    width: Option<usize>,
+    /// Channels after the discriminator's first convolution [default: 64]
+    #[arg(long, value_name = "N")]
+    discriminator_width: Option<usize>,
+    /// Examples a step [default: 1]
+    #[arg(long, value_name = "N")]
+    batch: Option<usize>,
+    /// Side of the square that is cut from an example, px [default: 256]
+    #[arg(long, value_name = "PX")]
+    crop: Option<usize>,
+    /// Do not mirror examples
+    #[arg(long)]
+    no_flip: bool,
+    /// Step size of Adam [default: 1e-4]
+    #[arg(long, value_name = "RATE")]
+    learning_rate: Option<f64>,
+    /// Weight of mean absolute differences [default: 1]
+    #[arg(long, value_name = "W")]
+    pixel_weight: Option<f64>,
+    /// Weight of feature losses [default: 0.2]
+    #[arg(long, value_name = "W")]
+    feature_weight: Option<f64>,
+    /// Weight of adversarial losses; 0: no discriminator [default: 0.01]
+    #[arg(long, value_name = "W")]
+    adversarial_weight: Option<f64>,
+    /// Without the a priori loss: SP-net does not learn through BT-net (the paper's ablation)
+    #[arg(long)]
+    no_a_priori: bool,
+    /// Where examples come from [default: rendered]
+    #[arg(long, value_enum)]
+    examples: Option<ExampleName>,
+    /// From which files of a tuple [default: exr]
+    #[arg(long, value_enum)]
+    pixels: Option<PixelName>,
+    /// Share of the steps that see pairs of --real [default: 0]
+    #[arg(long, value_name = "SHARE")]
+    real_share: Option<f64>,
+    /// Train while the farm still merges: the first epoch goes in the manifest's order and waits for tuples
+    #[arg(long)]
+    follow: bool,
+    /// Seed of weights, order, crops and flips [default: 2020]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum StageName {
+    /// BT-net alone: R~ -> R.
+    Backtrack,
+    /// SP-net, I -> T and R~, with BT-net behind it.
+    Separation,
+}
+
+impl From<StageName> for Stage {
+    fn from(name: StageName) -> Self {
+        match name {
+            StageName::Backtrack => Self::Backtrack,
+            StageName::Separation => Self::Separation,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ExampleName {
+    /// The run's tuples.
+    Rendered,
+    /// Its photographs, mixed as images by Zhang et al.'s recipe.
+    Zhang,
+    /// Its photographs, mixed as images by CEILNet's recipe.
+    Ceilnet,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum PixelName {
+    /// tuple.exr: not rounded to 8 bit.
+    Exr,
+    /// The PNGs.
+    Png,
+}
+
+impl SettingArgs {
+    /// `base` with what was typed in its place.
+    fn over(&self, base: &TrainSettings) -> TrainSettings {
+        let mut settings = base.clone();
+        settings.features = match self.features.as_deref() {
+            None => settings.features,
+            Some("none") => FeatureSource::None,
+            Some("random") => FeatureSource::Random,
+            Some(_) => FeatureSource::File,
+        };
+        put(&mut settings.vgg_divisor, self.vgg_divisor);
+        put(&mut settings.width, self.width);
+        put(&mut settings.discriminator_width, self.discriminator_width);
+        put(&mut settings.batch, self.batch);
+        put(&mut settings.crop_px, self.crop);
+        put(&mut settings.learning_rate, self.learning_rate);
+        put(&mut settings.pixel_weight, self.pixel_weight);
+        put(&mut settings.feature_weight, self.feature_weight);
+        put(&mut settings.adversarial_weight, self.adversarial_weight);
+        put(&mut settings.real_share, self.real_share);
+        put(&mut settings.seed, self.seed);
+        let examples = self.examples.map(|name| match name {
+            ExampleName::Rendered => ExampleKind::Rendered,
+            ExampleName::Zhang => ExampleKind::Zhang,
+            ExampleName::Ceilnet => ExampleKind::Ceilnet,
+        });
+        put(&mut settings.examples, examples);
+        let pixels = self.pixels.map(|name| match name {
+            PixelName::Exr => PixelSource::Exr,
+            PixelName::Png => PixelSource::Png,
+        });
+        put(&mut settings.pixels, pixels);
+        settings.flip &= !self.no_flip;
+        settings.a_priori &= !self.no_a_priori;
+        settings.follow |= self.follow;
+        settings
+    }
+}
+
+/// What was typed, in its place.
+fn put<T: Copy>(place: &mut T, typed: Option<T>) {
+    if let Some(value) = typed {
+        *place = value;
+    }
+}
+
+pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let roots = Roots::parse(&args.roots.roots)?;
+    let (run, store) = target::open(&args.run, args.store.as_deref(), &roots)?;
+    let recipe = train_recipe(run.dir.root())?;
+    let settings = |frozen: Option<&TrainSettings>| {
+        let typed = args.settings.features.as_deref();
+        if frozen.is_none() && typed == Some("random") {
+            output.note(
+                "features come from random weights: that is not the paper's setting, and every checkpoint says so",
+            );
+        }
+        let of_recipe = || recipe.as_ref().map(|recipe| recipe.settings.clone());
+        let base = frozen.cloned().or_else(of_recipe).unwrap_or_default();
+        args.settings.over(&base)
+    };
+    let real = args.real.as_deref();
+    let training = Training {
+        pairs: real.map(|folder| real_pairs(folder, output)).transpose()?,
+        features: weights_file(args.settings.features.as_deref()).map(Path::to_owned),
+        device: args.device.open()?,
+        checkpoint_every: args.checkpoint_every,
+        keep: args.keep,
+        validate: args.validate,
+        pictures_every: args.pictures_every,
+        memory_bytes: bytes_of_gb(args.memory_gb),
+        dry_run: global.dry_run,
+        ..training_of(&run, &store, args.stage.into(), args.steps, &settings)
+    };
+    let (summary, exit) = train(training, global, output)?;
+    output.show("glasshouse.train/1", &summary);
+    Ok(exit)
+}
+
+/// A stage of a run with everything else as if nothing was typed.
+pub(super) fn training_of<'a>(
+    run: &'a Run,
+    store: &Store,
+    stage: Stage,
+    steps: u64,
+    settings: &'a dyn Fn(Option<&TrainSettings>) -> TrainSettings,
+) -> Training<'a> {
+    Training {
+        run: run.dir.root().to_owned(),
+        stage,
+        steps,
+        scenes: &run.lines,
+        tuples: Arc::new(store.clone()),
+        roots: run.roots.clone(),
+        inputs: Box::new(store_env::inputs()),
+        pairs: None,
+        settings,
+        features: None,
+        device: Device::Cpu,
+        checkpoint_every: None,
+        keep: KEEP,
+        validate: VALIDATE,
+        pictures_every: None,
+        memory_bytes: bytes_of_gb(MEMORY_GB),
+        dry_run: false,
+    }
+}
+
+/// Trains with progress and signals.
+pub(super) fn train(
+    training: Training,
+    global: &Global,
+    output: &Output,
+) -> Result<(TrainSummary, Exit), Failure> {
+    use_threads(global);
+    let signals = Signals::catch();
+    let mut watch = Watch {
+        global,
+        output,
+        progress: None,
+        batch: 1,
+        images: 0,
+        busy_s: 0.0,
+    };
+    let summary = train::run(training, &mut watch, signals.stop());
+    if let Some(progress) = &watch.progress {
+        progress.finish();
+    }
+    let summary = summary?;
+    let is_stopped = summary.trained.as_ref().is_some_and(|t| t.stopped);
+    let exit = if is_stopped {
+        signals.exit()
+    } else {
+        Exit::Done
+    };
+    Ok((summary, exit))
+}
+
+/// The recipe's `[train]`, if the run was planned with one.
+pub(super) fn train_recipe(run: &Path) -> Result<Option<TrainRecipe>, Failure> {
+    let path = run.join(TRAIN_RECIPE);
+    let Ok(bytes) = std::fs::read(&path) else {
+        return Ok(None);
+    };
+    let recipe = serde_json::from_slice(&bytes).map_err(|e| {
+        let error = anyhow!("{} is damaged: {e}; plan the run again", path.display());
+        Failure::new(Exit::Disagrees, error)
+    })?;
+    Ok(Some(recipe))
+}
+
+fn real_pairs(folder: &Path, output: &Output) -> Result<Vec<Pair>, Failure> {
+    let found = find_pairs(folder).map_err(|e| Failure::new(Exit::InvalidInput, e))?;
+    for (path, reason) in &found.left_out {
+        output.warning(&format!("{} is left out: {reason}", path.display()));
+    }
+    Ok(found.pairs)
+}
+
+fn bytes_of_gb(gb: f64) -> usize {
+    (gb.max(0.0) * 1e9) as usize
+}
+
+/// Shows a training's progress.
+struct Watch<'a> {
+    global: &'a Global,
+    output: &'a Output,
+    progress: Option<Progress>,
+    batch: usize,
+    images: usize,
+    busy_s: f64,
+}
+
+impl Watcher for Watch<'_> {
+    fn begins(&mut self, steps: Range<u64>, batch: usize) {
+        self.batch = batch;
+        self.progress = Some(Progress::new(self.global, "steps", steps.end - steps.start));
+    }
+
+    fn step(&mut self, _step: u64, losses: &StepLosses, wall_s: f64) {
+        self.images += self.batch;
+        self.busy_s += wall_s;
+        let rate = self.images as f64 / self.busy_s.max(1e-9);
+        if let Some(progress) = &self.progress {
+            progress.message(format!("loss {:.4}, {rate:.1} images/s", losses.total));
+            progress.add(1, false);
+        }
+    }
+
+    fn checkpoint(&mut self, step: u64, _path: &Path, validation_psnr_db: Option<f64>) {
+        if let (true, Some(db)) = (self.output.verbose, validation_psnr_db) {
+            self.note(&format!("step {step}: {db:.2} dB on validation scenes"));
+        }
+    }
+
+    fn note(&mut self, text: &str) {
+        match &self.progress {
+            Some(progress) => progress.suspend(|| self.output.note(text)),
+            None => self.output.note(text),
+        }
+    }
+
+    fn warning(&mut self, text: &str) {
+        match &self.progress {
+            Some(progress) => progress.suspend(|| self.output.warning(text)),
+            None => self.output.warning(text),
+        }
+    }
+}

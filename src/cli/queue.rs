@@ -1,0 +1,97 @@
+//! From `--queue` and `--store` to a queue and a store.
+
+use super::args::{QueueArgs, ServerArgs};
+use super::exit_code::{Exit, Failure};
+use crate::farm::queue::{NatsCoordinator, NatsOptions, NatsWorker};
+use crate::run::Run;
+use crate::store::{Store, StoreOptions};
+use std::path::Path;
+use std::time::Duration;
+
+/// The run's store.
+pub(super) fn store(run: &Path, args: &QueueArgs) -> Result<Store, Failure> {
+    Ok(match &args.store {
+        Some(address) => Store::open(address, &store_options(args))?,
+        None => Store::local(run)?,
+    })
+}
+
+fn store_options(args: &QueueArgs) -> StoreOptions {
+    StoreOptions {
+        patience: args.store_patience_s,
+        ..super::store_env::store_options()
+    }
+}
+
+/// Brings the run's rules to a machine that has only the store.
+pub(super) fn fetch_run(run: &Path, args: &QueueArgs) -> Result<(), Failure> {
+    match &args.store {
+        None => Ok(()),
+        Some(_) => super::target::fetch(run, &store(run, args)?),
+    }
+}
+
+/// Host and process.
+pub(super) fn worker_name() -> String {
+    format!("{}-{}", host_name(), std::process::id())
+}
+
+/// This machine.
+pub(super) fn host_name() -> String {
+    let host = rustix::system::uname();
+    host.nodename().to_string_lossy().into_owned()
+}
+
+fn options(args: &QueueArgs, name: &str) -> Result<NatsOptions, Failure> {
+    let url = args.queue.clone().ok_or_else(|| {
+        let error = anyhow::anyhow!(
+            "--queue URL is missing (or GLASSHOUSE_QUEUE): where is the NATS server?"
+        );
+        Failure::new(Exit::Usage, error)
+    })?;
+    Ok(NatsOptions {
+        url,
+        nkey: args.queue_nkey.clone(),
+        creds: args.queue_creds.clone(),
+        ca: args.queue_ca.clone(),
+        name: name.to_owned(),
+    })
+}
+
+/// A worker's end of the queue.
+pub(super) fn worker(run: &Run, args: &QueueArgs, name: &str) -> Result<NatsWorker, Failure> {
+    let options = options(args, name)?;
+    let scenes = run.lines.len();
+    Ok(NatsWorker::connect(
+        &options,
+        run.id(),
+        scenes,
+        args.lease_s,
+    )?)
+}
+
+/// The coordinator's end of the queue.
+pub(super) fn coordinator(run: &Run, args: &QueueArgs) -> Result<NatsCoordinator, Failure> {
+    let options = options(args, "coordinator")?;
+    Ok(NatsCoordinator::connect(&options, run.id(), args.lease_s)?)
+}
+
+/// The queue for who only looks; none if no server was given.
+pub(super) fn observer(run: &Run, args: &ServerArgs) -> Result<Option<NatsCoordinator>, Failure> {
+    let Some(url) = args.queue.clone() else {
+        return Ok(None);
+    };
+    let options = NatsOptions {
+        url,
+        nkey: args.queue_nkey.clone(),
+        creds: args.queue_creds.clone(),
+        ca: args.queue_ca.clone(),
+        name: "status".to_owned(),
+    };
+    // Nothing is made by it, so it needs no lease.
+    Ok(Some(NatsCoordinator::connect(
+        &options,
+        run.id(),
+        Duration::ZERO,
+    )?))
+}

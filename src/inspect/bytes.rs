@@ -1,0 +1,185 @@
+//! From a file's bytes to what is known of it: its kind, and the kind's reader.
+
+use super::facts::{Inspection, Problem};
+use super::input::{AGAIN, Input};
+use super::kind::{Kind, kind_by_name, kind_of, schema_of};
+use super::{archive, checkpoint, lists, manifest, partial, picture, record, tuple};
+use render::trace::LAYERS;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// Bytes that tell the kind.
+pub(super) const HEAD_BYTES: usize = 1 << 16;
+
+/// Explains a file. Never panics.
+pub fn inspect_bytes(input: &Input) -> Inspection {
+    let head = &input.bytes[..input.bytes.len().min(HEAD_BYTES)];
+    let by_content = kind_of(input.name, head);
+    let kind = by_content
+        .or_else(|| kind_by_name(input.name))
+        .unwrap_or(Kind::Unknown);
+    let read = || match by_content {
+        None => unknown(input, kind),
+        Some(kind) => read(kind, input),
+    };
+    // Foreign decoders may panic on hostile bytes.
+    let mut found = catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
+        let mut found = Inspection::new(kind);
+        found.wrong(Problem::new(
+            "its reader gave up on it: the bytes make no sense",
+            AGAIN,
+        ));
+        found
+    });
+    found.bytes = Some(input.bytes.len() as u64);
+    found
+}
+
+fn read(kind: Kind, input: &Input) -> Inspection {
+    match kind {
+        Kind::Exr | Kind::Partial | Kind::TupleExr => image(input),
+        Kind::TupleRecord => tuple::read_record(input),
+        Kind::Manifest | Kind::Scene => manifest::read(kind, input),
+        Kind::CheckpointState => checkpoint::read_state(input),
+        Kind::Tensors => checkpoint::read_tensors(input),
+        Kind::Archive => archive::read(input.bytes, input.bytes.len() as u64),
+        Kind::Picture | Kind::Array | Kind::Mesh => picture::read(kind, input),
+        Kind::PhotographList
+        | Kind::Rejected
+        | Kind::Listing
+        | Kind::Metrics
+        | Kind::EvaluationRows
+        | Kind::EvaluationTable
+        | Kind::Sums
+        | Kind::Report => lists::read(kind, input),
+        Kind::Events => {
+            let mut found = Inspection::new(kind);
+            found.may_be_whole("TensorBoard checks every record when it reads the file");
+            found
+        }
+        _ => record::read(kind, input),
+    }
+}
+
+/// An OpenEXR file: a partial has the attribute `glasshouse`, a tuple has layers.
+fn image(input: &Input) -> Inspection {
+    match super::exr::head(input.bytes) {
+        Err(reason) => {
+            let kind = kind_by_name(input.name).unwrap_or(Kind::Exr);
+            let mut found = Inspection::new(kind);
+            let what = format!("its header cannot be read: {reason}");
+            found.wrong(Problem::new(what, super::exr::to_do(kind)));
+            found
+        }
+        Ok(head) if head.attribute.is_some() => partial::read(input, &head),
+        Ok(head) if LAYERS.iter().any(|layer| head.has_layer(layer)) => {
+            tuple::read_exr(input, &head)
+        }
+        Ok(head) => super::exr::read(input, &head),
+    }
+}
+
+/// A file whose bytes tell nothing; its name may say what was expected.
+fn unknown(input: &Input, kind: Kind) -> Inspection {
+    let mut found = Inspection::new(kind);
+    let name = input.name;
+    let is_empty = input.bytes.is_empty();
+    let problem = match kind {
+        Kind::Lock if is_empty => {
+            found.is_whole("a lock has no bytes");
+            return found;
+        }
+        _ if name.starts_with(".tmp-") => Problem::new(
+            "it is being written, or was left by a process that was killed",
+            "delete it if no process works here",
+        ),
+        _ if is_empty => Problem::new("it is empty: 0 bytes", AGAIN),
+        Kind::Unknown => Problem::new(
+            format!(
+                "nothing that this program writes or reads begins like this: {}",
+                beginning(input.bytes)
+            ),
+            "give a file of a run, of `render`, `train`, `evaluate` or `export`, a recipe, an input file, or a run's folder",
+        ),
+        _ => {
+            let expected = schema_of(kind).map_or_else(
+                || "it does not begin like one".to_owned(),
+                |schema| format!("no schema {schema:?} is found at its beginning"),
+            );
+            Problem::new(
+                format!(
+                    "its name is that of a {}, but {expected}: {}",
+                    kind.words(),
+                    beginning(input.bytes)
+                ),
+                AGAIN,
+            )
+        }
+    };
+    found.wrong(problem);
+    found
+}
+
+/// The first bytes: as text if they are that, else as numbers.
+fn beginning(bytes: &[u8]) -> String {
+    let start = &bytes[..bytes.len().min(16)];
+    if start.is_empty() {
+        return "nothing".to_owned();
+    }
+    match std::str::from_utf8(start) {
+        Ok(text) if text.chars().all(|c| !c.is_control() || c == '\n') => format!("{text:?}"),
+        _ => {
+            let hex: Vec<String> = start.iter().map(|byte| format!("{byte:02x}")).collect();
+            format!("bytes {}", hex.join(" "))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// No bytes of any kind, cut or changed anywhere, make a reader panic or say that all is well when it cannot know.
+    #[test]
+    fn hostile_bytes_come_back() {
+        let beginnings: &[&[u8]] = &[
+            b"",
+            b"\0",
+            b"\x76\x2f\x31\x01",
+            b"\x76\x2f\x31\x01\x02\0\0\0channels\0chlist\0\xff\xff\xff\x7f",
+            b"\x89PNG\r\n\x1a\n",
+            b"\x93NUMPY\x01\0\xff\xff",
+            b"ply\nformat ascii 1.0\nelement vertex 99999999999\n",
+            b"\xff\xff\xff\xff\xff\0\0\0{",
+            b"\x02\0\0\0\0\0\0\0{}",
+            b"\xff\xff\xff\xff\xff\xff\xff\xff\0\0\0\0brain.Event:2",
+            b"{\"schema\":\"glasshouse.spec/1\"",
+            b"{\"schema\":\"glasshouse.tuple/1\"}",
+            b"{\"schema\":\"glasshouse.scene/1\"}\n{",
+            b"step,total,x\n1,\n",
+            b"method,image,width,height,\n\"",
+            b"schema = \"glasshouse.recipe/1\"\nname = ",
+            b"<!doctype html><title>x - Glasshouse</title>",
+            b"P6 99999 99999 255 ",
+            b"{\"@context\"",
+        ];
+        for start in beginnings {
+            for length in 0..=start.len() {
+                for fill in [0u8, 0xff, b'9'] {
+                    let mut bytes = start[..length].to_vec();
+                    bytes.resize(length + 600, fill);
+                    for bytes in [&bytes[..], &start[..length]] {
+                        let found = inspect_bytes(&Input {
+                            name: "x",
+                            bytes,
+                            beside: &|_| None,
+                        });
+                        assert_eq!(
+                            found.whole == super::super::facts::Whole::No,
+                            !found.problems.is_empty()
+                        );
+                    }
+                }
+            }
+        }
+    }
+}

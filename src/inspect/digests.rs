@@ -1,0 +1,124 @@
+//! Records that hold the digests of files beside them: each is compared with the other.
+
+use super::facts::{Inspection, Problem};
+use super::input::Input;
+use render::shard::{Spec, manifest_digest};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
+
+/// A record that holds digests of files beside it.
+pub(super) trait Digested: DeserializeOwned {
+    /// Its name in its folder.
+    const NAME: &'static str;
+    /// What to do if a digest does not fit.
+    const TO_DO: &'static str;
+    /// Whether a missing file is damage.
+    const NEEDS_FILES: bool;
+
+    /// The files whose digests it holds.
+    fn files(&self) -> Vec<&str>;
+
+    /// What is wrong with the bytes of one of them.
+    fn compare(&self, name: &str, bytes: &[u8]) -> Result<(), String>;
+}
+
+/// Compares a file with the record beside it.
+pub(super) fn hold_file<D: Digested>(found: &mut Inspection, input: &Input) {
+    let record = (input.beside)(D::NAME).and_then(|bytes| serde_json::from_slice::<D>(&bytes).ok());
+    let record = record.filter(|record| record.files().contains(&input.name));
+    let Some(record) = record else {
+        found.may_be_whole(format!(
+            "all of it can be read; no {} beside it holds its digest",
+            D::NAME
+        ));
+        return;
+    };
+    match record.compare(input.name, input.bytes) {
+        Ok(()) => found.is_whole(format!("its digest is that of {}", D::NAME)),
+        Err(reason) => found.wrong(Problem::new(reason, D::TO_DO)),
+    }
+}
+
+/// Compares the files beside a record with it.
+pub(super) fn hold_record<D: Digested>(found: &mut Inspection, input: &Input, record: &D) {
+    let mut compared = Vec::new();
+    for name in record.files() {
+        let Some(bytes) = (input.beside)(name) else {
+            if D::NEEDS_FILES {
+                let what = format!("{name}, which belongs to it, is not beside it");
+                found.wrong(Problem::new(what, D::TO_DO));
+            }
+            continue;
+        };
+        match record.compare(name, &bytes) {
+            Ok(()) => compared.push(name),
+            Err(reason) => {
+                found.wrong(Problem::new(
+                    format!("{name} beside it: {reason}"),
+                    D::TO_DO,
+                ));
+            }
+        }
+    }
+    found.may_be_whole(match compared.as_slice() {
+        [] => format!(
+            "{}, whose digest it holds, is not beside it",
+            record.files().join(", ")
+        ),
+        fitting => format!(
+            "its digests fit {} beside it; it has no digest of its own",
+            fitting.join(" and ")
+        ),
+    });
+}
+
+/// An error if a digest is not the one that a record holds.
+fn same(digest: &str, expected: &str, record: &str) -> Result<(), String> {
+    if digest == expected {
+        Ok(())
+    } else {
+        Err(format!(
+            "it is not what was written: its digest differs from that of {record}"
+        ))
+    }
+}
+
+impl Digested for Spec {
+    const NAME: &'static str = "spec.json";
+    const TO_DO: &'static str =
+        "plan again into a new folder, from the recipe or from this manifest";
+    const NEEDS_FILES: bool = false;
+
+    fn files(&self) -> Vec<&str> {
+        vec!["manifest.jsonl"]
+    }
+
+    fn compare(&self, _: &str, bytes: &[u8]) -> Result<(), String> {
+        let digest = manifest_digest(&String::from_utf8_lossy(bytes));
+        same(&digest, &self.manifest_blake3, Self::NAME)
+    }
+}
+
+/// Digests of a checkpoint's `state.json`. Only the trainer knows the rest of it.
+#[derive(Deserialize)]
+pub(super) struct CheckpointDigests {
+    files: BTreeMap<String, String>,
+}
+
+impl Digested for CheckpointDigests {
+    const NAME: &'static str = "state.json";
+    const TO_DO: &'static str =
+        "delete its folder: `glasshouse train` goes on from the checkpoint before it";
+    const NEEDS_FILES: bool = true;
+
+    fn files(&self) -> Vec<&str> {
+        self.files.keys().map(String::as_str).collect()
+    }
+
+    fn compare(&self, name: &str, bytes: &[u8]) -> Result<(), String> {
+        let digest = blake3::hash(bytes).to_hex();
+        let expected = self.files.get(name).map_or("", String::as_str);
+        same(&digest, expected, Self::NAME)
+    }
+}

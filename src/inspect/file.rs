@@ -1,0 +1,88 @@
+//! From the path of a file to what is known of it.
+
+use super::archive;
+use super::bytes::{HEAD_BYTES, inspect_bytes};
+use super::facts::{Inspection, Problem};
+use super::input::Input;
+use super::kind::{Kind, kind_of};
+use std::fs::File;
+use std::io::{self, Read, Seek};
+use std::path::Path;
+
+/// Longest file that is read as a whole; archives are read as a stream.
+const MAX_WHOLE_BYTES: u64 = 1 << 32;
+
+/// Explains a file. Whatever is wrong, a missing file too, becomes a problem of the inspection.
+pub(super) fn inspect_file(path: &Path) -> Inspection {
+    match read(path) {
+        Ok(found) => found,
+        Err(error) => {
+            let mut found = Inspection::new(Kind::Unknown);
+            let to_do = match error.kind() {
+                io::ErrorKind::NotFound => "check the path: it is relative to where you are",
+                io::ErrorKind::PermissionDenied => "check its permissions",
+                _ => "check the disk",
+            };
+            found.wrong(Problem::new(format!("it cannot be read: {error}"), to_do));
+            found
+        }
+    }
+}
+
+fn read(path: &Path) -> io::Result<Inspection> {
+    let name = path
+        .file_name()
+        .map(|name| name.to_string_lossy().into_owned())
+        .unwrap_or_default();
+    let mut file = File::open(path)?;
+    let metadata = file.metadata()?;
+    if !metadata.is_file() {
+        // A pipe or a device may never end.
+        return Err(io::Error::other("it is neither a file nor a folder"));
+    }
+    let length = metadata.len();
+    let mut bytes = Vec::new();
+    (&mut file)
+        .take(HEAD_BYTES as u64)
+        .read_to_end(&mut bytes)?;
+    let beside = |name: &str| file_beside(path, name);
+    if kind_of(&name, &bytes) == Some(Kind::Archive) {
+        file.rewind()?;
+        let stream = io::BufReader::with_capacity(1 << 20, file);
+        return Ok(archive::read(stream, length));
+    }
+    if length > MAX_WHOLE_BYTES {
+        let mut found = Inspection::new(kind_of(&name, &bytes).unwrap_or(Kind::Unknown));
+        found.bytes = Some(length);
+        let what =
+            format!("it has {length} bytes; files above {MAX_WHOLE_BYTES} bytes are not read");
+        found.wrong(Problem::new(
+            what,
+            "only archives of this program are longer",
+        ));
+        return Ok(found);
+    }
+    file.take(MAX_WHOLE_BYTES).read_to_end(&mut bytes)?;
+    Ok(inspect_bytes(&Input {
+        name: &name,
+        bytes: &bytes,
+        beside: &beside,
+    }))
+}
+
+/// A file below the folder of `path`; never one above it.
+fn file_beside(path: &Path, name: &str) -> Option<Vec<u8>> {
+    let is_plain = |part: std::path::Component| matches!(part, std::path::Component::Normal(_));
+    if !Path::new(name).components().all(is_plain) {
+        return None;
+    }
+    let path = path.parent()?.join(name);
+    let length = std::fs::metadata(&path)
+        .ok()
+        .filter(std::fs::Metadata::is_file)?
+        .len();
+    if length > MAX_WHOLE_BYTES {
+        return None;
+    }
+    std::fs::read(path).ok()
+}

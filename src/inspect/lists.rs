@@ -1,0 +1,173 @@
+//! Text files of one entry a line, and the report page: whether every line can be read, and how many there are.
+
+use super::facts::{Inspection, Problem, first_of, many};
+use super::input::{AGAIN, Input};
+use super::kind::Kind;
+use crate::plot::number;
+use crate::text::csv_cells;
+use plan::RejectedScene;
+use plan::parse_list;
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value, json};
+
+/// Names that are shown.
+const SHOWN: usize = 12;
+
+pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
+    let mut found = Inspection::new(kind);
+    let Some(text) = input.text(&mut found) else {
+        return found;
+    };
+    match kind {
+        Kind::PhotographList => photographs(&mut found, text),
+        Kind::Rejected => {
+            let draws: Vec<RejectedScene> = json_lines(&mut found, text);
+            count(&mut found, "draws", draws.len());
+        }
+        Kind::Listing => {
+            let samples: Vec<Map<String, Value>> = json_lines(&mut found, text);
+            count(&mut found, "samples", samples.len());
+            let columns = samples.first().map(|first| first.keys().cloned().collect());
+            say_columns(&mut found, columns.unwrap_or_default());
+        }
+        Kind::Sums => {
+            let names = text.lines().filter_map(|line| line.get(66..));
+            let names: Vec<&str> = names.collect();
+            let files = many(names.len() as u64, "file");
+            found.facts.fact("files", files, json!(names));
+        }
+        Kind::Report => {
+            report(&mut found, text);
+            return found;
+        }
+        Kind::EvaluationTable => {
+            let cells = |line: &str| {
+                let cells = line
+                    .trim_matches('|')
+                    .split('|')
+                    .map(|cell| cell.trim().to_owned());
+                Some(cells.collect())
+            };
+            let lines = text
+                .lines()
+                .filter(|line| line.starts_with('|') && !line.contains("---"));
+            table(&mut found, lines, cells);
+        }
+        _ => table(&mut found, text.lines(), csv_cells),
+    }
+    if !text.ends_with('\n') {
+        let place = format!("line {}", text.lines().count());
+        found.wrong(Problem::new("its last line is cut", AGAIN).at(place));
+    }
+    found.may_be_whole(match kind {
+        Kind::Sums => "`sha256sum -c SHA256SUMS` compares the files beside it",
+        _ => "every line can be read; files of this kind have no digest",
+    });
+    found
+}
+
+fn count(found: &mut Inspection, what: &str, count: usize) {
+    let text = many(count as u64, what.trim_end_matches('s'));
+    found.facts.fact(what, text, count);
+}
+
+fn say_columns(found: &mut Inspection, columns: Vec<String>) {
+    found
+        .facts
+        .fact("columns", first_of(&columns, SHOWN), columns);
+}
+
+fn photographs(found: &mut Inspection, text: &str) {
+    match parse_list(text) {
+        Ok(images) => count(found, "photographs", images.len()),
+        Err(error) => found.wrong(Problem::new(error.to_string(), "correct that line")),
+    }
+}
+
+/// The lines of a list, up to the first bad one.
+fn json_lines<T: DeserializeOwned>(found: &mut Inspection, text: &str) -> Vec<T> {
+    let lines = text.lines().enumerate();
+    let lines = lines.filter(|(_, line)| !line.trim().is_empty());
+    let mut read = Vec::new();
+    for (index, line) in lines {
+        match serde_json::from_str(line) {
+            Ok(value) => read.push(value),
+            Err(error) => {
+                let problem = Problem::new(format!("it cannot be read: {error}"), AGAIN);
+                found.wrong(problem.at(format!("line {}", index + 1)));
+                break;
+            }
+        }
+    }
+    read
+}
+
+/// Rows with as many cells as there are columns. Columns of numbers are summarised by their ranges.
+fn table<'a>(
+    found: &mut Inspection,
+    mut lines: impl Iterator<Item = &'a str>,
+    cells: impl Fn(&str) -> Option<Vec<String>>,
+) {
+    let columns = lines.next().and_then(&cells).unwrap_or_default();
+    let mut rows = 0;
+    let mut ranges: Vec<Option<[f64; 2]>> =
+        vec![Some([f64::INFINITY, f64::NEG_INFINITY]); columns.len()];
+    for line in lines {
+        rows += 1;
+        let Some(row) = cells(line).filter(|row| row.len() == columns.len()) else {
+            let what = format!("it has not {} cells", columns.len());
+            found.wrong(Problem::new(what, AGAIN).at(format!("row {rows}")));
+            break;
+        };
+        for (range, cell) in ranges
+            .iter_mut()
+            .zip(row)
+            .filter(|(_, cell)| !cell.is_empty())
+        {
+            *range = range.and_then(|[least, most]| {
+                let value: f64 = cell.parse().ok()?;
+                Some([least.min(value), most.max(value)])
+            });
+            if found.kind == Kind::Metrics && !cell.parse().is_ok_and(f64::is_finite) {
+                found.wrong(
+                    Problem::new(format!("{cell} is no finite number"), FINITE)
+                        .at(format!("row {rows}")),
+                );
+            }
+        }
+    }
+    count(found, "rows", rows);
+    for (column, range) in columns.iter().zip(ranges) {
+        if let Some([least, most]) = range.filter(|[least, most]| least <= most) {
+            let range = if least == most {
+                number(least)
+            } else {
+                format!("{} to {}", number(least), number(most))
+            };
+            found.facts.say(column.replace('_', " "), range);
+        }
+    }
+    say_columns(found, columns);
+}
+
+/// What to do about a loss that is not finite.
+const FINITE: &str = "train again with a smaller --learning-rate, in a new run";
+
+/// The page is made from the run alone.
+fn report(found: &mut Inspection, text: &str) {
+    let title = text
+        .split_once("<title>")
+        .and_then(|(_, rest)| rest.split_once("</title>"));
+    if let Some((title, _)) = title {
+        found.facts.value("title", title);
+    }
+    if text.trim_end().ends_with("</html>") {
+        found.may_be_whole("it ends as a page does; pages have no digest");
+    } else {
+        let what = "it is cut: it does not end with </html>";
+        found.wrong(Problem::new(
+            what,
+            "`glasshouse report RUN` writes it again",
+        ));
+    }
+}

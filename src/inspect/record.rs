@@ -1,0 +1,254 @@
+//! Small files of one JSON object or TOML table: each is checked by its type and shown as a table of keys and values.
+
+use super::digests::{Digested, hold_record};
+use super::facts::{Inspection, Problem, text_of};
+use super::input::{AGAIN, Input};
+use super::kind::{Kind, schema_of};
+use crate::run::{AttemptRecord, Control, QuarantineRecord, Receipt, keys};
+use plan::{DepthRanges, Recipe, TrainRecipe};
+use render::shard::Spec;
+use render::trace::TRACER_VERSION;
+use serde::Deserialize;
+use serde::de::{DeserializeOwned, IgnoredAny};
+use serde_json::{Map, Value, json};
+
+#[derive(Deserialize)]
+#[allow(dead_code, reason = "only its form is checked")]
+struct MadeBy {
+    shards: [u32; 2],
+    worker: String,
+    host: String,
+}
+
+#[derive(Deserialize)]
+#[allow(dead_code, reason = "only its form is checked")]
+struct Finished {
+    scenes: u64,
+    quarantined: u64,
+}
+
+#[derive(Deserialize)]
+#[allow(dead_code, reason = "only its form is checked")]
+struct Best {
+    step: u64,
+    validation_psnr_db: f64,
+}
+
+/// Explains a record of a kind that has no reader of its own.
+pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
+    let mut found = Inspection::new(kind);
+    let object = match kind {
+        Kind::Spec => {
+            let spec = typed::<Spec>(&mut found, input, Spec::TO_DO);
+            spec.map(|(spec, object)| {
+                hold_record(&mut found, input, &spec);
+                object
+            })
+        }
+        Kind::Quarantine => keys_of::<QuarantineRecord>(&mut found, input),
+        Kind::Attempt => keys_of::<AttemptRecord>(&mut found, input),
+        Kind::Receipt => keys_of::<Receipt>(&mut found, input),
+        Kind::MadeBy => keys_of::<MadeBy>(&mut found, input),
+        Kind::Finished => keys_of::<Finished>(&mut found, input),
+        Kind::Best => keys_of::<Best>(&mut found, input),
+        Kind::TrainRecipe => keys_of::<TrainRecipe>(&mut found, input),
+        Kind::Control => {
+            let object = keys_of::<IgnoredAny>(&mut found, input);
+            if let (Some(_), Err(reason)) = (&object, Control::read(input.bytes)) {
+                found.wrong(Problem::new(
+                    format!("it cannot be read: {reason}"),
+                    to_do(kind),
+                ));
+            }
+            object
+        }
+        Kind::Recipe => toml_table(&mut found, input, |text| Recipe::parse(text).map(drop)),
+        Kind::DepthRanges => {
+            toml_table(&mut found, input, |text| DepthRanges::parse(text).map(drop))
+        }
+        _ => keys_of::<IgnoredAny>(&mut found, input).map(|object| summary(kind, object)),
+    };
+    if let Some(object) = object {
+        tell(&mut found, &object);
+        check_name(&mut found, input.name, &object);
+        advise(&mut found, &object);
+        if kind != Kind::Spec {
+            found.may_be_whole("it can be read; files of this kind have no digest");
+        }
+    }
+    found
+}
+
+/// Parses a JSON file of the schema of `found`'s kind; what is wrong with it is added to `found`.
+pub(super) fn typed<T: DeserializeOwned>(
+    found: &mut Inspection,
+    input: &Input,
+    to_do: &str,
+) -> Option<(T, Map<String, Value>)> {
+    let problem = match serde_json::from_slice::<Map<String, Value>>(input.bytes) {
+        Err(error) => json_problem(&error, to_do),
+        Ok(object) => {
+            let schema = object.get("schema").unwrap_or(&Value::Null);
+            match schema_of(found.kind).filter(|expected| schema != expected) {
+                Some(expected) => Problem::new(
+                    format!("its schema is {schema}, this program reads {expected:?}"),
+                    "use the version of the program that wrote it",
+                ),
+                None => match serde_json::from_slice(input.bytes) {
+                    Ok(record) => return Some((record, object)),
+                    Err(error) => json_problem(&error, to_do),
+                },
+            }
+        }
+    };
+    found.wrong(problem);
+    None
+}
+
+fn json_problem(error: &serde_json::Error, to_do: &str) -> Problem {
+    let text = error.to_string();
+    let reason = text
+        .rsplit_once(" at line ")
+        .map_or(text.as_str(), |(reason, _)| reason);
+    let what = if error.is_eof() {
+        "it is cut"
+    } else {
+        "it cannot be read"
+    };
+    let place = format!("line {}, column {}", error.line(), error.column());
+    Problem::new(format!("{what}: {reason}"), to_do).at(place)
+}
+
+fn keys_of<T: DeserializeOwned>(
+    found: &mut Inspection,
+    input: &Input,
+) -> Option<Map<String, Value>> {
+    let to_do = to_do(found.kind);
+    typed::<T>(found, input, to_do).map(|(_, object)| object)
+}
+
+/// A table in TOML; of nested tables the keys, of lists of tables the count.
+fn toml_table<E: std::fmt::Display>(
+    found: &mut Inspection,
+    input: &Input,
+    parse: impl Fn(&str) -> Result<(), E>,
+) -> Option<Map<String, Value>> {
+    let text = input.text(found)?;
+    if let Err(error) = parse(text) {
+        found.wrong(Problem::new(error.to_string(), to_do(found.kind)));
+        return None;
+    }
+    let table: Map<String, Value> = toml::from_str(text).ok()?;
+    let keys = |value: Value| match value {
+        Value::Object(object) => json!(object.keys().collect::<Vec<_>>()),
+        Value::Array(all) if all.iter().any(Value::is_object) => json!(all.len()),
+        value => value,
+    };
+    Some(
+        table
+            .into_iter()
+            .map(|(key, value)| (key, keys(value)))
+            .collect(),
+    )
+}
+
+/// The keys of what a command printed; the texts of a data set's description.
+fn summary(kind: Kind, object: Map<String, Value>) -> Map<String, Value> {
+    if kind == Kind::Croissant {
+        let texts = object.into_iter().filter(|(_, value)| value.is_string());
+        return texts.collect();
+    }
+    let keys = json!(object.keys().collect::<Vec<_>>());
+    let schema = object.get("schema").cloned().unwrap_or_default();
+    [("schema".to_owned(), schema), ("keys".to_owned(), keys)]
+        .into_iter()
+        .collect()
+}
+
+/// Keys and values; the keys of a nested object follow its own key.
+fn tell(found: &mut Inspection, object: &Map<String, Value>) {
+    let known = schema_of(found.kind).is_some();
+    for (key, value) in object
+        .iter()
+        .filter(|(key, _)| !(known && *key == "schema"))
+    {
+        let Value::Object(inside) = value else {
+            found.facts.value(key, value.clone());
+            continue;
+        };
+        for (name, value) in inside {
+            found
+                .facts
+                .say(format!("{key} {name}").replace('_', " "), text_of(value));
+        }
+        found.facts.put(key, value.clone());
+    }
+}
+
+/// A record's name in a run follows from what is in it.
+fn check_name(found: &mut Inspection, name: &str, object: &Map<String, Value>) {
+    let scene = object.get("scene").and_then(Value::as_str);
+    let is_named_so = |scene: &&str| name.strip_suffix(".json") == Some(scene);
+    match found.kind {
+        Kind::Quarantine | Kind::Receipt => {
+            if let Some(scene) = scene.filter(|scene| !is_named_so(scene)) {
+                found.next.push(format!(
+                    "its name in a run is {scene}.json: under another one the run takes it for that scene's"
+                ));
+            }
+        }
+        Kind::Attempt => {
+            let named = keys::attempt_of(name);
+            if named.is_some_and(|(shards, n)| {
+                object["shards"] != json!(shards) || object["n"] != json!(n)
+            }) {
+                found.wrong(Problem::new(
+                    "its name says other shards or another number than it does",
+                    "delete it: the attempt is then not counted",
+                ));
+            }
+        }
+        _ => {}
+    }
+}
+
+/// What to do about a damaged record.
+fn to_do(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Quarantine => "delete it to have the scene tried again",
+        Kind::Attempt => "nothing: it counts as a lost attempt",
+        Kind::Control => "`glasshouse resume RUN` removes it; until then the run is paused",
+        Kind::Receipt | Kind::MadeBy => "delete it: nothing depends on it",
+        Kind::TrainRecipe => "plan the run again into a new folder",
+        Kind::Recipe | Kind::DepthRanges => {
+            "correct it; manifests/README.md has every key with its range"
+        }
+        _ => AGAIN,
+    }
+}
+
+/// What can be done with a record.
+fn advise(found: &mut Inspection, object: &Map<String, Value>) {
+    let scene = object
+        .get("scene")
+        .and_then(Value::as_str)
+        .unwrap_or("SCENE");
+    let next = match found.kind {
+        Kind::Spec if object["tracer_version"] != TRACER_VERSION => format!(
+            "it was planned with tracer version {}, this program has {TRACER_VERSION}: finish the run with the version \
+             that planned it, or plan again into a new folder",
+            object["tracer_version"]
+        ),
+        Kind::Quarantine => format!(
+            "correct the cause, then `glasshouse retry RUN {scene}`; `glasshouse explain RUN {scene}` tells more"
+        ),
+        Kind::Attempt => {
+            format!("`glasshouse explain RUN {scene}` tells what becomes of its shards")
+        }
+        Kind::Control => "`glasshouse resume RUN` lets the run go on".to_owned(),
+        Kind::Recipe => "`glasshouse plan RECIPE -n` tells what a run of it takes".to_owned(),
+        Kind::Output => "docs/formats.md has its fields".to_owned(),
+        _ => return,
+    };
+    found.next.push(next);
+}

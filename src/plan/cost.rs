@@ -1,0 +1,213 @@
+//! What a run will take: bytes on the disk, and hours of a core.
+
+use render::ids::SceneId;
+use render::line::{ExrPrecision, SceneLine};
+use render::shard::{SECONDS_PER_SAMPLE, ShardLayout};
+use serde::Serialize;
+
+/// Bytes of a partial a pixel: 36 floats, which hardly shrink.
+const PARTIAL_BYTES: f64 = 144.0;
+/// Bytes of one layer of a tuple a pixel, in `tuple.exr` (half floats) and a PNG: 5.2 were measured on published photographs,
+/// 4.5 on the smoke recipe, each 256 x 256 px with 256 samples.
+const HALF_LAYER_BYTES: f64 = 5.3;
+/// The same with single floats: 12.1 on the smoke recipe.
+const FLOAT_LAYER_BYTES: f64 = 13.0;
+/// Bytes of a scene besides: its line in the manifest, `tuple.json`, the receipt.
+const SCENE_BYTES: f64 = 6_000.0;
+/// Seconds of one core for reading and decoding two photographs, about, where no scene can be tried out.
+const SECONDS_PER_LOAD: f64 = 0.07;
+/// Seconds of one core for a pixel of a tuple: combined, coded, written.
+const SECONDS_PER_TUPLE_PIXEL: f64 = 5e-7;
+
+/// What scenes cost that were tried out.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Calibration {
+    /// The scenes that were tried out.
+    pub scenes: Vec<SceneId>,
+    /// Seconds of one core a camera sample (of all that `film.spp` asks for).
+    pub seconds_per_sample: f64,
+    /// Seconds of one core for reading and decoding a scene's files.
+    pub seconds_per_load: f64,
+}
+
+/// The plan and the machine that a cost is estimated for.
+#[derive(Clone, Debug)]
+pub struct Estimate<'a> {
+    /// The run's scenes.
+    pub lines: &'a [SceneLine],
+    /// Side of a tile, px.
+    pub tile_px: u32,
+    /// Threads that compute.
+    pub threads: usize,
+    /// Of the input files, if they were looked at.
+    pub input_bytes: Option<u64>,
+    /// Of the photographs that planning makes.
+    pub made_bytes: u64,
+    /// Those photographs are in the run's folder already.
+    pub is_made: bool,
+    /// `None`: the system does not say.
+    pub disk_available_bytes: Option<u64>,
+    /// `None`: no scene could be tried out, and a typical machine is assumed.
+    pub calibration: Option<Calibration>,
+}
+
+/// What a run takes. Its keys are those of `glasshouse.plan/1`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Cost {
+    /// Shards of all scenes.
+    pub shards: u64,
+    /// Of the input files, if they were looked at; with the photographs that planning makes.
+    pub input_bytes: Option<u64>,
+    /// If all partials were written, as when every scene is traced by several workers.
+    pub partial_bytes: u64,
+    /// Partials that can be on the disk at a time beside one worker here: those of the scenes that it has open.
+    pub partial_bytes_at_a_time: u64,
+    /// Of all tuples.
+    pub tuple_bytes: u64,
+    /// Tuples, partials at a time, and what planning makes.
+    pub disk_needed_bytes: u64,
+    /// `None`: the system does not say.
+    pub disk_available_bytes: Option<u64>,
+    /// Seconds of one core.
+    #[serde(rename = "core_seconds_estimate")]
+    pub core_s: f64,
+    /// `None`: the estimate is of a typical machine.
+    pub calibration: Option<Calibration>,
+}
+
+/// Estimates what a run takes.
+pub fn cost(estimate: Estimate<'_>) -> Cost {
+    let rates = estimate.calibration.as_ref();
+    let per_sample = rates.map_or(SECONDS_PER_SAMPLE, |c| c.seconds_per_sample);
+    let per_load = rates.map_or(SECONDS_PER_LOAD, |c| c.seconds_per_load);
+    let (mut shards, mut partial_bytes, mut largest) = (0, 0.0, 0.0f64);
+    let (mut tuple_bytes, mut core_s) = (0.0, 0.0);
+    for line in estimate.lines {
+        let layout = ShardLayout::of(line, estimate.tile_px);
+        let pixels = f64::from(line.film.width) * f64::from(line.film.height);
+        let of_scene = pixels * f64::from(layout.ranges()) * PARTIAL_BYTES;
+        shards += u64::from(layout.len());
+        partial_bytes += of_scene;
+        largest = largest.max(of_scene);
+        tuple_bytes += pixels * tuple_bytes_per_pixel(line) + SCENE_BYTES;
+        core_s += pixels * f64::from(line.film.spp) * per_sample
+            + pixels * SECONDS_PER_TUPLE_PIXEL
+            + per_load;
+    }
+    // One open scene a thread, and one that is begun.
+    let open = (estimate.threads + 1).min(estimate.lines.len());
+    let at_a_time = largest * open as f64;
+    let to_make = if estimate.is_made {
+        0
+    } else {
+        estimate.made_bytes
+    };
+    let input_bytes = estimate.input_bytes;
+    Cost {
+        shards,
+        input_bytes: input_bytes.map(|bytes| bytes + estimate.made_bytes),
+        partial_bytes: partial_bytes as u64,
+        partial_bytes_at_a_time: at_a_time as u64,
+        tuple_bytes: tuple_bytes as u64,
+        disk_needed_bytes: (tuple_bytes + at_a_time + to_make as f64) as u64,
+        disk_available_bytes: estimate.disk_available_bytes,
+        core_s,
+        calibration: estimate.calibration,
+    }
+}
+
+impl Cost {
+    /// The disk has no room for it.
+    pub fn is_too_large(&self) -> bool {
+        self.disk_available_bytes
+            .is_some_and(|there| self.disk_needed_bytes > there)
+    }
+}
+
+fn tuple_bytes_per_pixel(line: &SceneLine) -> f64 {
+    let layers = line.film.layers.names().count() as f64;
+    layers
+        * match line.film.exr {
+            ExrPrecision::Half => HALF_LAYER_BYTES,
+            ExrPrecision::Float => FLOAT_LAYER_BYTES,
+        }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line() -> SceneLine {
+        serde_json::from_str(
+            r#"{"schema":"glasshouse.scene/1","id":"a","seed":1,
+                "film":{"width":128,"height":64,"spp":512,"exr":"half"},
+                "camera":{"focal_length_mm":55,"aperture_radius_m":0.01,"focus":{"distance_m":7}},
+                "glass":{"distance_m":0.3,"thickness_m":0.01,"ior":1.5,"tilt_deg":[0,0]},
+                "front":{"color":"a.png","depth":"a.npy",
+                         "intrinsics":{"fx":900,"fy":900,"cx":512,"cy":384}},
+                "back":{"color":"b.png","depth":"b.npy",
+                        "intrinsics":{"fx":900,"fy":900,"cx":512,"cy":384}}}"#,
+        )
+        .unwrap()
+    }
+
+    fn estimate(lines: &[SceneLine]) -> Estimate<'_> {
+        Estimate {
+            lines,
+            tile_px: 64,
+            threads: 2,
+            input_bytes: Some(1000),
+            made_bytes: 500,
+            is_made: false,
+            disk_available_bytes: None,
+            calibration: None,
+        }
+    }
+
+    #[test]
+    fn a_run_costs_what_its_scenes_cost() {
+        let lines = vec![line(); 5];
+        let found = cost(estimate(&lines));
+        // Two tiles and two ranges of 256 samples a scene; two threads have three scenes open.
+        assert_eq!(found.shards, 5 * 2 * 2);
+        assert_eq!(found.partial_bytes, 5 * 128 * 64 * 2 * 144);
+        assert_eq!(found.partial_bytes_at_a_time, 3 * 128 * 64 * 2 * 144);
+        assert_eq!(found.input_bytes, Some(1500));
+        let needed = found.tuple_bytes + found.partial_bytes_at_a_time + 500;
+        assert_eq!(found.disk_needed_bytes, needed);
+        assert!(!found.is_too_large());
+        let full = cost(Estimate {
+            disk_available_bytes: Some(needed - 1),
+            ..estimate(&lines)
+        });
+        assert!(full.is_too_large());
+        let made = cost(Estimate {
+            is_made: true,
+            ..estimate(&lines)
+        });
+        assert_eq!(made.disk_needed_bytes, needed - 500);
+        // Twice the seconds a sample cost the samples' seconds more.
+        let rate = |factor: f64| {
+            let calibration = Calibration {
+                scenes: Vec::new(),
+                seconds_per_sample: SECONDS_PER_SAMPLE * factor,
+                seconds_per_load: SECONDS_PER_LOAD,
+            };
+            cost(Estimate {
+                calibration: Some(calibration),
+                ..estimate(&lines)
+            })
+            .core_s
+        };
+        assert_eq!(rate(1.0), found.core_s);
+        let samples = 5.0 * 128.0 * 64.0 * 512.0;
+        let more = rate(2.0) - rate(1.0);
+        assert!(
+            (more / (samples * SECONDS_PER_SAMPLE) - 1.0).abs() < 1e-9,
+            "{more}"
+        );
+        let mut float = lines.clone();
+        float[0].film.exr = ExrPrecision::Float;
+        assert!(cost(estimate(&float)).tuple_bytes > found.tuple_bytes);
+    }
+}

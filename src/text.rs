@@ -1,0 +1,157 @@
+//! Numbers, times and cut texts as people read them.
+
+/// `1,234,567`
+pub(crate) fn grouped(count: u64) -> String {
+    let digits = count.to_string();
+    let mut text = String::new();
+    for (at, digit) in digits.char_indices() {
+        if at > 0 && (digits.len() - at).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// `3 s`, `12 min`, `2 h 05 min`, `3 d 4 h`: what a glance needs, rounded down.
+pub(crate) fn duration(seconds: f64) -> String {
+    if !seconds.is_finite() {
+        return "unknown".to_owned();
+    }
+    let s = seconds.max(0.0) as u64;
+    match s {
+        0..60 => format!("{s} s"),
+        60..600 => format!("{} min {:02} s", s / 60, s % 60),
+        600..3600 => format!("{} min", s / 60),
+        3600..86400 => format!("{} h {:02} min", s / 3600, s % 3600 / 60),
+        _ => format!("{} d {} h", s / 86400, s % 86400 / 3600),
+    }
+}
+
+/// A rate as a number and the unit that makes it readable: per second, minute or hour.
+pub(crate) fn rate(per_s: f64) -> (String, &'static str) {
+    let (value, unit) = if per_s >= 1.0 {
+        (per_s, "scenes a second")
+    } else if per_s * 60.0 >= 1.0 {
+        (per_s * 60.0, "scenes a minute")
+    } else {
+        (per_s * 3600.0, "scenes an hour")
+    };
+    let text = match value {
+        v if !v.is_finite() => "unknown".to_owned(),
+        v if v >= 100.0 => grouped(v as u64),
+        v => format!("{v:.1}"),
+    };
+    (text, unit)
+}
+
+/// A share in percent with one decimal, rounded down: 100 % means all.
+pub(crate) fn percent(done: u64, total: u64) -> f64 {
+    if total == 0 {
+        return 100.0;
+    }
+    let tenths = u128::from(done.min(total)) * 1000 / u128::from(total);
+    tenths as f64 / 10.0
+}
+
+/// At most `limit` characters of a text.
+pub(crate) fn cut(text: &str, limit: usize) -> String {
+    let mut characters = text.chars();
+    let mut first: String = characters.by_ref().take(limit).collect();
+    if characters.next().is_some() {
+        first.push('…');
+    }
+    first
+}
+
+/// A page without control characters other than tabs and line ends: escape codes of a terminal's log, and what could hide
+/// text.
+pub(crate) fn printable(page: String) -> String {
+    let is_hidden = |c: char| c.is_control() && c != '\n' && c != '\t';
+    if page.contains(is_hidden) {
+        page.replace(is_hidden, "\u{fffd}")
+    } else {
+        page
+    }
+}
+
+/// Cells of a line of CSV (RFC 4180); none if a quote is not closed.
+pub(crate) fn csv_cells(line: &str) -> Option<Vec<String>> {
+    let (mut cells, mut cell, mut is_quoted) = (Vec::new(), String::new(), false);
+    let mut letters = line.chars().peekable();
+    while let Some(letter) = letters.next() {
+        match letter {
+            '"' if is_quoted && letters.peek() == Some(&'"') => {
+                cell.push('"');
+                letters.next();
+            }
+            '"' => is_quoted = !is_quoted,
+            ',' if !is_quoted => cells.push(std::mem::take(&mut cell)),
+            letter => cell.push(letter),
+        }
+    }
+    cells.push(cell);
+    (!is_quoted).then_some(cells)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_readable() {
+        assert_eq!(grouped(0), "0");
+        assert_eq!(grouped(999), "999");
+        assert_eq!(grouped(1000), "1,000");
+        assert_eq!(grouped(1234567), "1,234,567");
+        let durations = [0.4, 59.9, 61.0, 3599.0, 7500.0, 100_000.0, -1.0].map(duration);
+        let expected = [
+            "0 s",
+            "59 s",
+            "1 min 01 s",
+            "59 min",
+            "2 h 05 min",
+            "1 d 3 h",
+            "0 s",
+        ];
+        assert_eq!(durations, expected);
+        assert_eq!(duration(f64::NAN), "unknown");
+        assert_eq!(rate(12.34), ("12.3".to_owned(), "scenes a second"));
+        assert_eq!(rate(0.05), ("3.0".to_owned(), "scenes a minute"));
+        assert_eq!(rate(0.001), ("3.6".to_owned(), "scenes an hour"));
+        assert_eq!(rate(4321.0).0, "4,321");
+    }
+
+    #[test]
+    fn only_all_is_a_hundred_percent() {
+        assert_eq!(percent(4999, 5000), 99.9);
+        assert_eq!(percent(5000, 5000), 100.0);
+        assert_eq!(percent(0, 5000), 0.0);
+        assert_eq!(percent(0, 0), 100.0);
+        assert_eq!(percent(u64::MAX, u64::MAX), 100.0);
+    }
+
+    #[test]
+    fn long_text_is_cut_between_characters() {
+        assert_eq!(cut("R̃äx", 9), "R̃äx");
+        assert_eq!(cut("äöü", 2), "äö…");
+        assert_eq!(cut("äöü", 3), "äöü");
+    }
+
+    #[test]
+    fn control_characters_are_made_visible() {
+        assert_eq!(
+            printable("a\x1b[31m\n\tb\0".to_owned()),
+            "a\u{fffd}[31m\n\tb\u{fffd}"
+        );
+    }
+
+    #[test]
+    fn cells_may_hold_commas_and_quotes() {
+        assert_eq!(
+            csv_cells("a,\"b,\"\"c\"\"\",").unwrap(),
+            ["a", "b,\"c\"", ""]
+        );
+        assert_eq!(csv_cells("a,\"b"), None);
+    }
+}

@@ -1,0 +1,229 @@
+//! What `evaluate` found: a table with what one must know of it, the same as JSON, and the files of both.
+
+use super::checkpoint::CheckpointState;
+use super::picture::rgb_grid;
+use compose::{Gain, LeftOut, MethodMeans, Protocol, Row, means_table, per_image_csv};
+use image::RgbImage;
+use plan::{ExampleKind, FeatureSource};
+use render::atomic_file::{self, WriteError};
+use serde::Serialize;
+use std::fmt::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// Its schema.
+pub const EVALUATION_SCHEMA: &str = "glasshouse.evaluate/1";
+
+/// Scores that cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum EvaluationError {
+    /// The disk.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// The grid of pictures.
+    #[error("the pictures that were scored make no PNG: {0}")]
+    Picture(#[from] image::ImageError),
+    /// The JSON.
+    #[error("the scores make no JSON: {0}")]
+    Json(#[from] serde_json::Error),
+}
+
+/// A network that was scored.
+#[derive(Clone, Debug, Serialize)]
+pub struct ScoredNetwork {
+    /// Its row.
+    pub method: String,
+    /// Folder of its checkpoint.
+    pub path: PathBuf,
+    stage: &'static str,
+    step: u64,
+    features: FeatureSource,
+    examples: ExampleKind,
+    a_priori: bool,
+}
+
+impl ScoredNetwork {
+    /// The network of a checkpoint.
+    pub fn new(method: String, path: PathBuf, state: &CheckpointState) -> Self {
+        Self {
+            method,
+            path,
+            stage: state.stage.name(),
+            step: state.step,
+            features: state.settings.features,
+            examples: state.settings.examples,
+            a_priori: state.settings.a_priori,
+        }
+    }
+}
+
+/// All that an evaluation found. Its keys are those of [`EVALUATION_SCHEMA`].
+#[derive(Clone, Debug, Serialize)]
+pub struct Evaluation {
+    /// Folder of the run, or of the pairs.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// Of a run.
+    pub split: Option<&'static str>,
+    /// Pictures.
+    pub images: usize,
+    resized: bool,
+    bits: u8,
+    /// Side of the networks' tiles, px.
+    pub tile_px: u32,
+    /// By method.
+    #[serde(rename = "rows")]
+    pub means: Vec<MethodMeans>,
+    /// What comes of brightness alone.
+    pub gain: Option<Gain>,
+    /// The networks.
+    #[serde(rename = "checkpoints")]
+    pub networks: Vec<ScoredNetwork>,
+    /// Pictures without scores.
+    pub left_out: Vec<LeftOut>,
+    /// What was written.
+    pub files: Vec<PathBuf>,
+    /// Threads that computed; not in the file, whose bytes they do not change.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub threads: Option<usize>,
+    /// By method, then by picture.
+    #[serde(skip)]
+    rows: Vec<Row>,
+    #[serde(skip)]
+    protocol: Protocol,
+}
+
+#[derive(Serialize)]
+struct Document<'a> {
+    schema: &'static str,
+    #[serde(flatten)]
+    evaluation: &'a Evaluation,
+}
+
+impl Evaluation {
+    /// Of scores, whose methods are `methods`.
+    pub fn new(place: String, methods: &[String], rows: Vec<Row>, protocol: Protocol) -> Self {
+        Self {
+            place,
+            split: None,
+            images: rows.len() / methods.len().max(1),
+            resized: false,
+            bits: 8,
+            tile_px: 0,
+            means: methods
+                .iter()
+                .map(|method| MethodMeans::of(method, &rows))
+                .collect(),
+            gain: None,
+            networks: Vec::new(),
+            left_out: Vec::new(),
+            files: Vec::new(),
+            threads: None,
+            rows,
+            protocol,
+        }
+    }
+
+    /// Writes `evaluation.md`, `.csv`, `.png` (with the rows of `pictures`) and `.json`.
+    pub fn write(
+        &mut self,
+        folder: &Path,
+        pictures: &[Vec<RgbImage>],
+    ) -> Result<(), EvaluationError> {
+        let grid = rgb_grid(pictures)?;
+        let [markdown, csv, png, json] =
+            ["md", "csv", "png", "json"].map(|ending| folder.join(format!("evaluation.{ending}")));
+        self.files = [&markdown, &csv, &png, &json].map(Clone::clone).to_vec();
+        let mut pretty = serde_json::to_string_pretty(&Document {
+            schema: EVALUATION_SCHEMA,
+            evaluation: self,
+        })?;
+        pretty.push('\n');
+        atomic_file::create_dir(folder)?;
+        atomic_file::write(&markdown, self.markdown().as_bytes())?;
+        atomic_file::write(&csv, per_image_csv(&self.rows).as_bytes())?;
+        atomic_file::write_relaxed(&png, &grid.png)?;
+        atomic_file::write(&json, pretty.as_bytes())?;
+        Ok(())
+    }
+
+    /// The table, and the lines under it.
+    fn table(&self) -> [String; 2] {
+        let mut notes =
+            "Protocol: no resizing; scored as 8-bit sRGB. Means over images.\ninput: the pictures as they are.\n".to_owned();
+        if let Some(gain) = &self.gain {
+            let _ = writeln!(
+                notes,
+                "{}: their linear light times the factor that is best for {} of {}: what comes of brightness alone.",
+                gain.row_name(),
+                counted(gain.images, gain.kind),
+                gain.fitted_to,
+            );
+        }
+        for network in &self.networks {
+            let _ = writeln!(notes, "{}: {}.", network.method, network.path.display());
+        }
+        let is_tiled = |row: &&Row| row.width.max(row.height) > self.tile_px;
+        let inputs = self.rows.iter().filter(|row| row.method == "input");
+        let tiled = inputs.filter(is_tiled).count();
+        if tiled > 0 && !self.networks.is_empty() {
+            let _ = writeln!(
+                notes,
+                "Networks saw {} in overlapping tiles of {} px, each with a norm of its own.",
+                counted(tiled, "picture"),
+                self.tile_px,
+            );
+        }
+        [means_table(&self.rows, self.protocol), notes]
+    }
+
+    /// A document of its own.
+    fn markdown(&self) -> String {
+        let [table, notes] = self.table();
+        let mut text = format!("# Evaluation\n\n{}\n\n{table}\n", self.what());
+        // Lines would run into one another here: each is an item.
+        for note in notes.lines() {
+            let _ = writeln!(text, "- {note}");
+        }
+        if !self.left_out.is_empty() {
+            text += "\n## Left out\n\n";
+            for LeftOut { image, reason } in &self.left_out {
+                let _ = writeln!(text, "- {image}: {reason}");
+            }
+        }
+        text
+    }
+
+    /// What was scored, in a line.
+    fn what(&self) -> String {
+        let what = match self.split {
+            Some("all") => counted(self.images, "scene"),
+            Some(split) => counted(self.images, &format!("{split} scene")),
+            None => counted(self.images, "pair"),
+        };
+        let left_out = match self.left_out.len() {
+            0 => String::new(),
+            count => format!("; left out: {}", counted(count, "picture")),
+        };
+        format!("{what} of {}{left_out}.", self.place)
+    }
+}
+
+impl fmt::Display for Evaluation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [table, notes] = self.table();
+        write!(f, "{}\n\n{table}\n{}", self.what(), notes.trim_end())?;
+        if let Some((first, rest)) = self.files.split_first() {
+            write!(f, "\n\n{}", first.display())?;
+            for file in rest {
+                write!(f, "\n{}", file.display())?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// `1 pair`, `2 pairs`.
+fn counted(count: usize, what: &str) -> String {
+    let plural = if count == 1 { "" } else { "s" };
+    format!("{count} {what}{plural}")
+}

@@ -1,0 +1,200 @@
+//! Where a training begins: the stage's newest checkpoint, the BT-net of the stage before, or nothing.
+
+use super::checkpoint::{Checkpoint, Origin, code_path, stage_folder};
+use super::error::TrainError;
+use super::learner::Learner;
+use super::run::Training;
+use super::session::Watcher;
+use super::vgg::Vgg;
+use candle_core::Device;
+use compose::Pair;
+use plan::{Stage, TrainSettings};
+use render::line::SceneLine;
+use render::shard::scene_digest;
+use std::fs::{File, TryLockError};
+use std::path::Path;
+
+/// Settings that make networks what they are: the next stage takes them over.
+const OF_NETWORKS: [&str; 4] = ["features", "vgg_divisor", "width", "start"];
+
+/// What the run's folder holds to begin with.
+pub(super) struct Beginning {
+    /// The newest checkpoint of this stage.
+    pub(super) own: Option<Checkpoint>,
+    /// The newest BT-net, where the separation stage has no checkpoint yet.
+    before: Option<Checkpoint>,
+}
+
+/// Takes a stage's folder; the lock ends with the file.
+pub(super) fn lock(folder: &Path) -> Result<File, TrainError> {
+    render::atomic_file::create_dir(folder)?;
+    let path = folder.join("train.lock");
+    let opened = File::options().create(true).append(true).open(&path);
+    let file = match opened {
+        Ok(file) => file,
+        Err(source) => return Err(TrainError::Lock { path, source }),
+    };
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(TrainError::Busy {
+            folder: folder.to_owned(),
+        }),
+        Err(TryLockError::Error(source)) => Err(TrainError::Lock { path, source }),
+    }
+}
+
+impl Beginning {
+    /// Finds the checkpoints, and warns of those that are damaged.
+    pub(super) fn find(
+        run: &Path,
+        stage: Stage,
+        device: &Device,
+        watcher: &mut dyn Watcher,
+    ) -> Self {
+        let mut newest = |stage| {
+            let (checkpoint, refused) = Checkpoint::newest(&stage_folder(run, stage), device);
+            for error in refused {
+                let older = match &checkpoint {
+                    Some(older) => format!("the one of step {} is taken", older.state.step),
+                    None => "there is no other".to_owned(),
+                };
+                watcher.warning(&format!("{error}; {older}"));
+            }
+            checkpoint
+        };
+        let own = newest(stage);
+        let before = match stage {
+            Stage::Separation if own.is_none() => newest(Stage::Backtrack),
+            _ => None,
+        };
+        Self { own, before }
+    }
+
+    /// Steps that were taken before.
+    pub(super) fn step(&self) -> u64 {
+        self.own.as_ref().map_or(0, |own| own.state.step)
+    }
+
+    /// The settings of the training, which must be those of its checkpoint.
+    pub(super) fn settings(&self, training: &Training) -> Result<TrainSettings, TrainError> {
+        let frozen = self.own.as_ref().or(self.before.as_ref());
+        let settings = (training.settings)(frozen.map(|frozen| &frozen.state.settings));
+        settings.validate()?;
+        if let Some(frozen) = frozen {
+            let state = &frozen.state;
+            let mut differences = state.settings.differences(&settings);
+            if state.stage != training.stage {
+                let is_of_networks = |line: &String| {
+                    let name = line.split(':').next();
+                    name.is_some_and(|name| OF_NETWORKS.contains(&name))
+                };
+                differences.retain(is_of_networks);
+            }
+            if !differences.is_empty() {
+                return Err(TrainError::Frozen {
+                    checkpoint: frozen.path.clone(),
+                    differences,
+                });
+            }
+        } else if training.stage == Stage::Separation && settings.a_priori {
+            return Err(TrainError::NoBacktrack {
+                run: training.run.clone(),
+            });
+        }
+        if settings.real_share > 0.0 && training.pairs.is_none() {
+            return Err(TrainError::NoRealPairs {
+                share: settings.real_share,
+            });
+        }
+        Ok(settings)
+    }
+
+    /// What the networks are made of besides the settings; it must be what the checkpoint was made of.
+    pub(super) fn origin(
+        &self,
+        lines: &[SceneLine],
+        pairs: &[Pair],
+        vgg_blake3: Option<String>,
+        watcher: &mut dyn Watcher,
+    ) -> Result<Origin, TrainError> {
+        let backtrack = match (&self.own, &self.before) {
+            (Some(own), _) => own.state.origin.backtrack.clone(),
+            (None, Some(before)) => {
+                let digest = before.state.files.get("model.safetensors");
+                Some((before.state.step, digest.cloned().unwrap_or_default()))
+            }
+            (None, None) => None,
+        };
+        let names = pairs.iter().map(|pair| pair.name.clone());
+        let origin = Origin {
+            vgg_blake3,
+            scenes_blake3: digest_of(lines.iter().map(scene_digest)),
+            real_blake3: (!pairs.is_empty()).then(|| digest_of(names)),
+            backtrack,
+        };
+        if let Some(own) = &self.own {
+            check_origin(own, &origin)?;
+            if own.state.code_path != code_path() {
+                watcher.warning(&format!(
+                    "the checkpoint was computed with {} instructions, this machine has {}: the last bits will differ from here on",
+                    own.state.code_path,
+                    code_path()
+                ));
+            }
+        }
+        // BT-net knows the features of its own weights alone.
+        match &self.before {
+            Some(before) if before.state.origin.vgg_blake3 != origin.vgg_blake3 => {
+                Err(other_origin(VGG, before))
+            }
+            _ => Ok(origin),
+        }
+    }
+
+    /// Networks with random weights, BT-net's with those of the stage before. [`super::Session`] puts in the stage's own.
+    pub(super) fn learner(
+        &self,
+        stage: Stage,
+        settings: &TrainSettings,
+        vgg: Option<Vgg>,
+        device: &Device,
+    ) -> Result<Learner, TrainError> {
+        let mut learner = Learner::new(stage, settings, vgg, device)?;
+        if let Some(before) = &self.before {
+            learner.set_model(&before.model, "backtrack.")?;
+        }
+        Ok(learner)
+    }
+}
+
+const VGG: &str = "VGG-19's weights";
+
+fn check_origin(own: &Checkpoint, origin: &Origin) -> Result<(), TrainError> {
+    let was = &own.state.origin;
+    let changed = if was.scenes_blake3 != origin.scenes_blake3 {
+        "the run's train scenes"
+    } else if was.real_blake3 != origin.real_blake3 {
+        "the real pairs"
+    } else if was.vgg_blake3 != origin.vgg_blake3 {
+        VGG
+    } else {
+        return Ok(());
+    };
+    Err(other_origin(changed, own))
+}
+
+fn other_origin(changed: &'static str, checkpoint: &Checkpoint) -> TrainError {
+    TrainError::OtherOrigin {
+        changed,
+        checkpoint: checkpoint.path.clone(),
+    }
+}
+
+fn digest_of(parts: impl Iterator<Item = String>) -> String {
+    let mut hasher = blake3::Hasher::new();
+    for part in parts {
+        hasher.update(part.as_bytes());
+        hasher.update(b"\n");
+    }
+    hasher.finalize().to_hex().to_string()
+}

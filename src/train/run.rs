@@ -1,0 +1,310 @@
+//! One stage's training from a run's folder, first step to last, whatever was trained there before.
+
+use super::checkpoint::{clear, code_path, stage_folder};
+use super::error::TrainError;
+use super::example::Example;
+use super::example_sampler::{ExampleSampler, SceneSource};
+use super::loader::Loader;
+use super::resume::{Beginning, lock};
+use super::session::{Schedule, Session, Trained, Watcher};
+use super::source::{Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleSource};
+use super::vgg_file::Features;
+use candle_core::Device;
+use compose::Pair;
+use crossbeam::channel::bounded;
+use plan::{ExampleKind, InputFiles, Stage, TrainSettings};
+use render::atomic_file::WriteError;
+use render::line::{Roots, SceneLine, Split};
+use serde::Serialize;
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+/// Threads that read examples: networks leave them little to do.
+const READERS: usize = 1;
+/// Steps between checkpoints, where nothing is said: a twentieth of all, within these.
+const CHECKPOINT_EVERY: [u64; 2] = [10, 1000];
+
+/// What to train, on what, how often to write it down.
+pub struct Training<'a> {
+    /// Folder of the run; checkpoints go to `train/STAGE` in it.
+    pub run: PathBuf,
+    /// Which networks learn.
+    pub stage: Stage,
+    /// Steps in all, those of earlier calls included.
+    pub steps: u64,
+    /// Scenes of the run: those of the split "train" are learned from, those of "test" validate.
+    pub scenes: &'a [SceneLine],
+    /// Their tuples.
+    pub tuples: Arc<dyn TupleFiles>,
+    /// Named folders of their photographs, which mixtures are made of.
+    pub roots: Roots,
+    /// Reads a photograph.
+    pub inputs: Box<dyn InputFiles + Send + Sync>,
+    /// Real pairs; `None` if no folder of them was given.
+    pub pairs: Option<Vec<Pair>>,
+    /// The settings, given those that are frozen in a checkpoint, if there is one.
+    pub settings: &'a dyn Fn(Option<&TrainSettings>) -> TrainSettings,
+    /// VGG-19's weights, where the settings ask for a file.
+    pub features: Option<PathBuf>,
+    /// Where networks compute.
+    pub device: Device,
+    /// Steps between checkpoints; a twentieth of `steps` if `None`.
+    pub checkpoint_every: Option<u64>,
+    /// Checkpoints that are kept, besides the best.
+    pub keep: usize,
+    /// Scenes to validate on, at most.
+    pub validate: usize,
+    /// Steps between grids of pictures, 0 for none; as checkpoints if `None`.
+    pub pictures_every: Option<u64>,
+    /// Memory for examples that were read, bytes.
+    pub memory_bytes: usize,
+    /// Check everything, write and train nothing.
+    pub dry_run: bool,
+}
+
+/// What a training did. Its keys are those of `glasshouse.train/1`.
+#[derive(Clone, Debug, Serialize)]
+pub struct TrainSummary {
+    /// Folder of the run.
+    pub run: PathBuf,
+    /// Name of the stage.
+    pub stage: &'static str,
+    /// Nothing was trained.
+    pub dry_run: bool,
+    /// Steps that were taken before.
+    pub from_step: u64,
+    /// Numbers that are learned.
+    pub parameters: usize,
+    /// Scenes to learn from.
+    pub scenes: usize,
+    /// Real pairs to learn from.
+    pub real_pairs: usize,
+    /// All settings.
+    pub settings: TrainSettings,
+    /// Threads that computed.
+    pub threads: usize,
+    /// Instructions that products of matrices were computed with.
+    pub code_path: &'static str,
+    /// `None` after a dry run.
+    #[serde(flatten)]
+    pub trained: Option<Trained>,
+    /// `None` where no step was left to take.
+    #[serde(flatten)]
+    pub pace: Option<Pace>,
+}
+
+/// How fast steps were taken.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Pace {
+    /// Seconds in all.
+    pub wall_s: f64,
+    /// `None` if no step was taken.
+    pub images_per_s: Option<f64>,
+}
+
+impl fmt::Display for TrainSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some(trained) = &self.trained else {
+            return f.write_str("would train; nothing is written");
+        };
+        match trained.taken {
+            0 => write!(f, "was at step {}", trained.step)?,
+            taken => write!(f, "took {taken} steps to step {}", trained.step)?,
+        }
+        if let Some(loss) = trained.loss {
+            write!(f, ", loss {loss:.4}")?;
+        }
+        if let Some(db) = trained.validation_psnr_db {
+            write!(f, ", {db:.2} dB on validation scenes")?;
+        }
+        if let Some(path) = &trained.checkpoint {
+            write!(f, "\n{}", path.display())?;
+        }
+        Ok(())
+    }
+}
+
+/// Trains until `training.steps` steps are taken in all, or until `stop` is set: resumes from the newest checkpoint of the
+/// stage, and the separation stage begins with the newest BT-net.
+pub fn run(
+    training: Training<'_>,
+    watcher: &mut dyn Watcher,
+    stop: &AtomicBool,
+) -> Result<TrainSummary, TrainError> {
+    let stage = training.stage;
+    let folder = stage_folder(&training.run, stage);
+    let _lock = if training.dry_run {
+        None
+    } else {
+        Some(lock(&folder)?)
+    };
+    let beginning = Beginning::find(&training.run, stage, &training.device, watcher);
+    let settings = beginning.settings(&training)?;
+    let features = load_features(&training, &settings, watcher)?;
+    let lines = of_split(training.scenes, Split::Train);
+    let pairs = training.pairs.clone().unwrap_or_default();
+    let origin = beginning.origin(&lines, &pairs, features.blake3, watcher)?;
+    if settings.examples == ExampleKind::Rendered {
+        warn_of_missing(&lines, &*training.tuples, settings.follow, watcher)?;
+    }
+    let learner = beginning.learner(stage, &settings, features.vgg, &training.device)?;
+    let mut summary = TrainSummary {
+        run: training.run.clone(),
+        stage: stage.name(),
+        dry_run: training.dry_run,
+        from_step: beginning.step(),
+        parameters: learner.parameters(),
+        scenes: lines.len(),
+        real_pairs: pairs.len(),
+        settings: settings.clone(),
+        threads: rayon::current_num_threads(),
+        code_path: code_path(),
+        trained: None,
+        pace: None,
+    };
+    if training.dry_run {
+        return Ok(summary);
+    }
+    if let Some(own) = beginning
+        .own
+        .as_ref()
+        .filter(|own| own.state.step >= training.steps)
+    {
+        summary.trained = Some(Trained {
+            step: own.state.step,
+            taken: 0,
+            checkpoint: Some(own.path.clone()),
+            loss: None,
+            validation_psnr_db: own.state.validation_psnr_db,
+            busy_s: 0.0,
+            stopped: false,
+        });
+        return Ok(summary);
+    }
+    clear(&folder).map_err(|source| WriteError {
+        path: folder.clone(),
+        source,
+    })?;
+    let validation = validation(&training, &settings)?;
+    let schedule = schedule(&training);
+    let steps = beginning.step()..schedule.until;
+    let mut session = Session::new(
+        &folder,
+        learner,
+        settings.clone(),
+        origin,
+        validation,
+        beginning.own.as_ref(),
+    )?;
+    let (stop_sender, stopped) = bounded(0);
+    let memory = training.memory_bytes;
+    let scenes = scene_source(training, &settings, lines);
+    let sampler = ExampleSampler::new(&settings, scenes, PairSource { pairs }, memory, stopped)?;
+    let mut loader = Loader::start(sampler, steps.clone(), READERS, stop_sender);
+    watcher.begins(steps, settings.batch);
+    let clock = Instant::now();
+    let trained = session.run(&mut loader, &schedule, watcher, stop)?;
+    let images = trained.taken as f64 * settings.batch as f64;
+    summary.pace = Some(Pace {
+        wall_s: clock.elapsed().as_secs_f64(),
+        images_per_s: (trained.taken > 0).then(|| images / trained.busy_s.max(1e-9)),
+    });
+    summary.trained = Some(trained);
+    Ok(summary)
+}
+
+fn load_features(
+    training: &Training,
+    settings: &TrainSettings,
+    watcher: &mut dyn Watcher,
+) -> Result<Features, TrainError> {
+    let file = training.features.as_deref();
+    let features = Features::load(settings, file, &training.device)?;
+    if let (Some(path), Some(blake3)) = (file, &features.blake3) {
+        watcher.note(&format!("VGG-19 from {}, BLAKE3 {blake3}", path.display()));
+    }
+    Ok(features)
+}
+
+fn of_split(scenes: &[SceneLine], split: Split) -> Vec<SceneLine> {
+    let lines = scenes.iter().filter(|line| line.split == split);
+    lines.cloned().collect()
+}
+
+/// Says how many of the scenes cannot be learned from yet.
+fn warn_of_missing(
+    lines: &[SceneLine],
+    tuples: &dyn TupleFiles,
+    follow: bool,
+    watcher: &mut dyn Watcher,
+) -> Result<(), TrainError> {
+    let ids: Vec<_> = lines.iter().map(|line| line.id.clone()).collect();
+    let there = tuples.count(&ids).map_err(TrainError::Tuples)?;
+    let (missing, all) = (lines.len() - there, lines.len());
+    if missing > 0 {
+        watcher.warning(&if follow {
+            format!(
+                "{missing} of {all} train scenes have no tuple yet: the training waits for them"
+            )
+        } else {
+            format!(
+                "{missing} of {all} train scenes have no tuple: others take their place; --follow waits for the farm"
+            )
+        });
+    }
+    Ok(())
+}
+
+fn schedule(training: &Training) -> Schedule {
+    let [least, most] = CHECKPOINT_EVERY;
+    let every = (training.steps / 20).clamp(least, most);
+    let checkpoint_every = training.checkpoint_every.unwrap_or(every);
+    Schedule {
+        until: training.steps,
+        checkpoint_every,
+        keep: training.keep,
+        pictures_every: training.pictures_every.unwrap_or(checkpoint_every),
+    }
+}
+
+/// Whole images of the first test scenes that have a tuple.
+fn validation(training: &Training, settings: &TrainSettings) -> Result<Vec<Example>, ExampleError> {
+    let source = TupleSource {
+        files: Arc::clone(&training.tuples),
+        lines: of_split(training.scenes, Split::Test),
+        pixels: settings.pixels,
+    };
+    let mut examples = Vec::new();
+    for index in 0..source.lines.len() {
+        if examples.len() >= training.validate {
+            break;
+        }
+        if let Some(Base::Example(example)) = source.read(index)? {
+            examples.push(example);
+        }
+    }
+    Ok(examples)
+}
+
+fn scene_source(
+    training: Training,
+    settings: &TrainSettings,
+    lines: Vec<SceneLine>,
+) -> SceneSource {
+    match settings.examples {
+        ExampleKind::Rendered => SceneSource::Tuples(TupleSource {
+            files: training.tuples,
+            lines,
+            pixels: settings.pixels,
+        }),
+        ExampleKind::Zhang | ExampleKind::Ceilnet => SceneSource::Photographs(PhotographSource {
+            lines,
+            roots: training.roots,
+            base: training.run,
+            inputs: training.inputs,
+        }),
+    }
+}

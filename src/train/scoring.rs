@@ -1,0 +1,84 @@
+//! A run's tuples and trained networks, as [`compose`] scores them.
+
+use super::inference::LEAST_PX;
+use super::separator::Separator;
+use super::source::{Base, ExampleError, TupleSource};
+use super::srgb_planes::bytes_of_planes;
+use compose::{Method, Subject, Unread, WithTruth};
+use image::RgbImage;
+use std::error::Error;
+
+/// Inputs and transmissions, as 8-bit pictures.
+impl Subject for TupleSource {
+    fn count(&self) -> usize {
+        self.lines.len()
+    }
+
+    fn name(&self, index: usize) -> String {
+        self.lines[index].id.to_string()
+    }
+
+    fn read(&self, index: usize) -> Result<WithTruth, Unread> {
+        let missing = |text: &str| Err(Unread::Missing(text.to_owned()));
+        let example = match Self::read(self, index)? {
+            Some(Base::Example(example)) => example,
+            Some(Base::Photographs { .. }) => {
+                return Err(Unread::Unreadable("it is no tuple".to_owned()));
+            }
+            None if self.is_in_quarantine(index)? => {
+                return missing(
+                    "its scene is in quarantine; `glasshouse retry` has it tried again",
+                );
+            }
+            None => return missing("it has no tuple yet; `glasshouse work` makes it"),
+        };
+        let picture = |planes: &[f32]| {
+            let (width, height) = (example.columns as u32, example.rows as u32);
+            RgbImage::from_raw(width, height, bytes_of_planes(planes))
+                .ok_or_else(|| Unread::Unreadable("it has fewer pixels than its film".to_owned()))
+        };
+        Ok(WithTruth {
+            input: picture(&example.input)?,
+            truth: picture(&example.transmission)?,
+        })
+    }
+
+    fn is_aligned(&self) -> bool {
+        true
+    }
+
+    fn kind(&self) -> &'static str {
+        "train scene"
+    }
+}
+
+impl From<ExampleError> for Unread {
+    fn from(error: ExampleError) -> Self {
+        match error {
+            ExampleError::Store(error) => Self::Fatal(error.0),
+            ExampleError::Damaged { .. } | ExampleError::Unusable { .. } => {
+                Self::Unreadable(error.to_string())
+            }
+            ExampleError::None(_) | ExampleError::Stopped => Self::Fatal(error.into()),
+        }
+    }
+}
+
+/// Networks, with the side of their tiles.
+pub struct Tiled<'a> {
+    /// The networks.
+    pub separator: &'a Separator,
+    /// Larger pictures are done in overlapping tiles of this side, px.
+    pub tile_px: u32,
+}
+
+impl Method for Tiled<'_> {
+    fn least_px(&self) -> u32 {
+        LEAST_PX as u32
+    }
+
+    fn make(&self, input: &RgbImage) -> Result<RgbImage, Box<dyn Error + Send + Sync>> {
+        let [transmission, _] = self.separator.separate(input, self.tile_px as usize)?;
+        Ok(transmission)
+    }
+}

@@ -1,0 +1,90 @@
+//! VGG-19 as the settings ask for it: none, random, or from a file of torchvision's weights.
+
+use super::vgg::{Vgg, VggError};
+use candle_core::{Device, Tensor};
+use plan::{FeatureSource, TrainSettings};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// A feature network that cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum FeaturesError {
+    /// The settings ask for a file and none was given.
+    #[error("these networks see features of a VGG-19 from a file: give it with --features FILE")]
+    NoFile,
+    /// The file cannot be read.
+    #[error("cannot read {}: {source}; check the path", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// The file holds other tensors.
+    #[error("{} holds no VGG-19 that can be used: {source}", path.display())]
+    Weights {
+        /// The file.
+        path: PathBuf,
+        /// The missing or misshapen tensor.
+        source: VggError,
+    },
+    /// candle's.
+    #[error(transparent)]
+    Tensor(#[from] candle_core::Error),
+}
+
+/// The feature network, and the digest of its file.
+#[derive(Default)]
+pub struct Features {
+    /// `None` where images are described by their colours alone.
+    pub vgg: Option<Vgg>,
+    /// BLAKE3 of the file, if the weights are from one.
+    pub blake3: Option<String>,
+}
+
+impl Features {
+    /// What `settings` ask for; `file` has the weights where they are from a file.
+    pub fn load(
+        settings: &TrainSettings,
+        file: Option<&Path>,
+        device: &Device,
+    ) -> Result<Self, FeaturesError> {
+        let divisor = settings.vgg_divisor;
+        match settings.features {
+            FeatureSource::None => Ok(Self::default()),
+            FeatureSource::Random => Ok(Self {
+                vgg: Some(Vgg::random(settings.seed, divisor, device)?),
+                blake3: None,
+            }),
+            FeatureSource::File => {
+                let path = file.ok_or(FeaturesError::NoFile)?;
+                let bytes = std::fs::read(path).map_err(|source| FeaturesError::Read {
+                    path: path.to_owned(),
+                    source,
+                })?;
+                let vgg = weights(path, &bytes)
+                    .map_err(VggError::from)
+                    .and_then(|weights| Vgg::new(&weights, divisor, device))
+                    .map_err(|source| FeaturesError::Weights {
+                        path: path.to_owned(),
+                        source,
+                    })?;
+                Ok(Self {
+                    vgg: Some(vgg),
+                    blake3: Some(blake3::hash(&bytes).to_hex().to_string()),
+                })
+            }
+        }
+    }
+}
+
+fn weights(path: &Path, bytes: &[u8]) -> Result<HashMap<String, Tensor>, candle_core::Error> {
+    if path
+        .extension()
+        .is_some_and(|ending| ending == "safetensors")
+    {
+        return candle_core::safetensors::load_buffer(bytes, &Device::Cpu);
+    }
+    let tensors = candle_core::pickle::read_all(path)?;
+    Ok(tensors.into_iter().collect())
+}

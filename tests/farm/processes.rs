@@ -1,0 +1,121 @@
+//! A farm's processes: coordinators and workers are started, watched and waited for.
+
+use crate::support::nats::Nats;
+use crate::support::outputs::{Content, assert_same, files, tuples};
+use crate::support::program::{Ended, LONGEST, command, run, send, text};
+use crate::support::scenes::{Place, place};
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Output};
+use std::time::{Duration, Instant};
+
+/// Scenes take a few tenths of a second each, so that there is time to kill somebody.
+pub(crate) fn slow_place() -> Place {
+    let place = place();
+    let recipe = std::fs::read_to_string(&place.recipe).unwrap();
+    std::fs::write(&place.recipe, recipe.replace("spp = 256", "spp = 4096")).unwrap();
+    place.plan();
+    place
+}
+
+/// The tuples of one process.
+pub(crate) fn alone(place: &Place) -> BTreeMap<PathBuf, Content> {
+    let folder = place.folder.path().join("alone");
+    run(&[
+        "plan",
+        text(&place.recipe),
+        "--out",
+        text(&folder),
+        "--tile",
+        "16",
+    ])
+    .expect(0);
+    run(&["work", text(&folder), "-q"]).expect(0);
+    tuples(&folder)
+}
+
+pub(crate) fn start(verb: &str, place: &Place, server: &Nats, more: &[&str]) -> Child {
+    let url = server.url();
+    let mut arguments = vec![verb, text(&place.run), "--queue", &url];
+    arguments.extend(["--progress", "none", "--json"]);
+    arguments.extend(more);
+    if !more.contains(&"--lease-s") {
+        arguments.extend(["--lease-s", "2"]);
+    }
+    command(&arguments).spawn().unwrap()
+}
+
+pub(crate) fn coordinator(place: &Place, server: &Nats) -> Child {
+    start("coordinate", place, server, &[])
+}
+
+pub(crate) fn worker(place: &Place, server: &Nats) -> Child {
+    start("work", place, server, &["-j", "1"])
+}
+
+/// Waits for the end of a process, no longer than [`LONGEST`]. What it says is read meanwhile: who fills a pipe waits for ever.
+#[track_caller]
+pub(crate) fn end(mut child: Child) -> Ended {
+    let pid = child.id();
+    let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
+    let read = |from: Option<Box<dyn Read + Send>>| {
+        std::thread::spawn(move || {
+            let mut bytes = Vec::new();
+            if let Some(mut from) = from {
+                from.read_to_end(&mut bytes).unwrap();
+            }
+            bytes
+        })
+    };
+    let stdout = read(stdout.map(|pipe| Box::new(pipe) as _));
+    let stderr = read(stderr.map(|pipe| Box::new(pipe) as _));
+    let start = Instant::now();
+    let (mut status, mut is_late) = (child.try_wait().unwrap(), false);
+    while status.is_none() {
+        if start.elapsed() > LONGEST && !is_late {
+            is_late = true;
+            send(&child, "KILL");
+        }
+        std::thread::sleep(Duration::from_millis(10));
+        status = child.try_wait().unwrap();
+    }
+    let ended = Ended::from(Output {
+        status: status.unwrap(),
+        stdout: stdout.join().unwrap(),
+        stderr: stderr.join().unwrap(),
+    });
+    assert!(!is_late, "process {pid} does not end: {ended:#?}");
+    ended
+}
+
+/// Partials that were written and tuples that are whole.
+pub(crate) fn results(run: &Path) -> usize {
+    files(&run.join("partials")).len() + files(&run.join("tuples")).len()
+}
+
+/// Waits for the end of a coordinator and of its workers, which all say that the run is done.
+#[track_caller]
+pub(crate) fn all_done(coordinator: Child, workers: impl IntoIterator<Item = Child>) {
+    end(coordinator).expect(0);
+    for worker in workers {
+        end(worker).expect(0);
+    }
+}
+
+/// The run is finished, and has these tuples.
+#[track_caller]
+pub(crate) fn assert_whole(run: &Path, expected: &BTreeMap<PathBuf, Content>) {
+    assert_same(&tuples(run), expected);
+    assert_finished(run);
+}
+
+/// Nothing unfinished, no partial, no queue's leftovers.
+pub(crate) fn assert_finished(run: &Path) {
+    assert!(run.join("finished.json").is_file());
+    assert_eq!(files(&run.join("partials")), Vec::<PathBuf>::new());
+    let odd = files(&run.join("tuples"))
+        .into_iter()
+        .find(|p| p.to_string_lossy().contains('#'));
+    assert_eq!(odd, None);
+}

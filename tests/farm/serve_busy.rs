@@ -1,0 +1,115 @@
+//! The coordinator's web server with clients that are slow, a store that hangs, and at its end.
+
+use crate::serve_run::{Run, get, run, start};
+use crate::support::tools::wait_for;
+use glasshouse::serve::{FarmSource, ServeError, serve};
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+#[test]
+fn the_slow_block_nobody() {
+    let run = run();
+    let server = start(&run, None);
+    let at = server.address();
+    let half = |text: &str| {
+        let mut stream = TcpStream::connect(at).unwrap();
+        stream.write_all(text.as_bytes()).unwrap();
+        stream
+    };
+    // Heads that do not end, bodies that do not come, answers that are not read.
+    let mut slow: Vec<TcpStream> = (0..40)
+        .map(|_| half("GET / HTTP/1.1\r\nHost: loc"))
+        .collect();
+    let unread = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n".repeat(50);
+    slow.extend((0..10).map(|_| half(&unread)));
+    // A store that hangs, and more pictures asked for than can be waited for at a time.
+    *run.store_hangs.0.lock().unwrap() = true;
+    let picture = "GET /thumbnails/train-1/input.png HTTP/1.1\r\nHost: localhost\r\n\r\n";
+    slow.extend((0..20).map(|_| half(picture)));
+    let begun = Instant::now();
+    wait_for("a call of the source", || run.pictures_asked() > 0);
+    for path in ["/", "/api/view", "/metrics", "/healthz"] {
+        get(at, path).expect(200);
+    }
+    assert!(
+        begun.elapsed() < Duration::from_secs(8),
+        "{:?}",
+        begun.elapsed()
+    );
+    // A head that does not come is not waited for.
+    let limit = Some(Duration::from_secs(30));
+    slow[0].set_read_timeout(limit).unwrap();
+    let _ = slow[0].read_to_end(&mut Vec::new());
+    let waited = begun.elapsed();
+    assert!(waited < Duration::from_secs(25), "{waited:?}");
+    *run.store_hangs.0.lock().unwrap() = false;
+    run.store_hangs.1.notify_all();
+    get(at, "/thumbnails/train-1/input.png").expect(200);
+}
+
+#[test]
+fn a_source_that_fails_does_not_end_the_server() {
+    let run = run();
+    let server = start(&run, None);
+    run.panics.store(true, Ordering::Relaxed);
+    for _ in 0..20 {
+        get(server.address(), "/").expect(500);
+    }
+    run.panics.store(false, Ordering::Relaxed);
+    get(server.address(), "/").expect(200);
+}
+
+#[test]
+fn dropping_it_closes_the_port_and_the_connections() {
+    let run = run();
+    let server = start(&run, None);
+    let at = server.address();
+    assert_ne!(at.port(), 0);
+    let mut open = TcpStream::connect(at).unwrap();
+    open.write_all(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        .unwrap();
+    let mut first = [0; 12];
+    open.read_exact(&mut first).unwrap();
+    assert_eq!(&first, b"HTTP/1.1 200");
+    // Even while a call of the source hangs.
+    *run.store_hangs.0.lock().unwrap() = true;
+    let mut hung = TcpStream::connect(at).unwrap();
+    hung.write_all(b"GET /thumbnails/train-1/input.png HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        .unwrap();
+    wait_for("a call of the source", || run.pictures_asked() > 0);
+    let begun = Instant::now();
+    drop(server);
+    assert!(
+        begun.elapsed() < Duration::from_secs(5),
+        "{:?}",
+        begun.elapsed()
+    );
+    assert!(TcpStream::connect(at).is_err());
+    open.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    // The rest of the answer, then the end.
+    let ended = open.read_to_end(&mut Vec::new());
+    assert!(ended.is_ok() || ended.unwrap_err().kind() == std::io::ErrorKind::ConnectionReset);
+    let again: Arc<dyn FarmSource> = Arc::<Run>::clone(&run);
+    let again = serve(at, again, None).unwrap();
+    get(again.address(), "/healthz").expect(200);
+    *run.store_hangs.0.lock().unwrap() = false;
+    run.store_hangs.1.notify_all();
+}
+
+#[test]
+fn what_cannot_be_served_is_said() {
+    let run = run();
+    let server = start(&run, None);
+    let source = || -> Arc<dyn FarmSource> { Arc::<Run>::clone(&run) };
+    let taken = serve(server.address(), source(), None).unwrap_err();
+    assert!(taken.to_string().contains(&server.address().to_string()));
+    assert!(taken.to_string().contains("choose another address"));
+    let any = SocketAddr::from(([127, 0, 0, 1], 0));
+    for token in ["", "short"] {
+        let weak = serve(any, source(), Some(token.to_owned()));
+        assert!(matches!(weak, Err(ServeError::WeakToken)));
+    }
+}

@@ -1,0 +1,106 @@
+//! A real NATS server on loopback.
+
+use super::tools::{Daemon, free_port, listens, make_keys, wait_for};
+use glasshouse::farm::queue::NatsOptions;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+use tempfile::TempDir;
+
+/// A nats-server with JetStream, killed when it is dropped.
+pub(crate) struct Nats {
+    server: Option<Daemon>,
+    port: u16,
+    folder: TempDir,
+}
+
+impl Nats {
+    /// Starts one; none, with a line that says so, where the program is not installed.
+    pub(crate) fn start() -> Option<Self> {
+        let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
+        let server = Some(spawn(port, &folder.path().join("jetstream"))?);
+        Some(Self {
+            server,
+            port,
+            folder,
+        })
+    }
+
+    pub(crate) fn url(&self) -> String {
+        format!("nats://127.0.0.1:{}", self.port)
+    }
+
+    /// For a client of a test's own.
+    pub(crate) fn options(&self) -> NatsOptions {
+        NatsOptions {
+            url: self.url(),
+            name: "test".to_owned(),
+            ..NatsOptions::default()
+        }
+    }
+
+    fn store(&self) -> PathBuf {
+        self.folder.path().join("jetstream")
+    }
+
+    /// SIGKILL, some time without a server, and a new one: with what the old one kept, or without.
+    pub(crate) fn kill_and_restart(&mut self, forget: bool) {
+        self.server = None;
+        if forget {
+            std::fs::remove_dir_all(self.store()).unwrap();
+        }
+        std::thread::sleep(Duration::from_millis(300));
+        self.server = spawn(self.port, &self.store());
+    }
+}
+
+fn spawn(port: u16, store: &Path) -> Option<Daemon> {
+    let mut command = Command::new("nats-server");
+    command.args(["-js", "-a", "127.0.0.1", "-p", &port.to_string(), "-sd"]);
+    let server = Daemon::start(command.arg(store))?;
+    wait_for("the start of the server", || listens(port));
+    Some(server)
+}
+
+/// A nats-server with `workers/nats/server.conf` and keys for `localhost`.
+pub(crate) struct SecureNats {
+    _server: Daemon,
+    pub(crate) port: u16,
+    folder: TempDir,
+}
+
+impl SecureNats {
+    pub(crate) fn start() -> Option<Self> {
+        let folder = tempfile::tempdir().unwrap();
+        make_keys(&folder.path().join("keys"), &["localhost"])?;
+        let mut command = Command::new("nats-server");
+        // -1: a port that is free.
+        command.args(["-a", "127.0.0.1", "-p", "-1", "-m", "-1", "-c"]);
+        command.arg(folder.path().join("keys/server/server.conf"));
+        let (server, said) = Daemon::start_and_hear(&mut command)?;
+        let mut log = BufReader::new(said).lines();
+        let port = log.by_ref().find_map(|line| {
+            let line = line.unwrap();
+            let (_, address) = line.split_once("client connections on ")?;
+            address.trim().rsplit_once(':')?.1.parse().ok()
+        });
+        // Its log is read to the end, so that it never waits for a reader.
+        std::thread::spawn(move || log.for_each(drop));
+        let port = port.expect("it says where it listens");
+        wait_for("the start of the server", || listens(port));
+        Some(Self {
+            _server: server,
+            port,
+            folder,
+        })
+    }
+
+    pub(crate) fn url(&self) -> String {
+        format!("tls://localhost:{}", self.port)
+    }
+
+    pub(crate) fn key(&self, role: &str, file: &str) -> PathBuf {
+        self.folder.path().join("keys").join(role).join(file)
+    }
+}

@@ -1,0 +1,97 @@
+//! Other programs: run where they are installed, ended with their test.
+
+use super::program::LONGEST;
+use std::net::{TcpListener, TcpStream};
+use std::path::Path;
+use std::process::{Child, ChildStderr, Command, ExitStatus, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// A server that is killed when it is dropped.
+pub(crate) struct Daemon(Child);
+
+impl Daemon {
+    /// Starts one without output; none, with a line that says so, where it is not installed.
+    pub(crate) fn start(command: &mut Command) -> Option<Self> {
+        command.stdin(Stdio::null()).stdout(Stdio::null());
+        installed(command.stderr(Stdio::null()).spawn(), command).map(Self)
+    }
+
+    /// The same, which is given back with what it says on stderr.
+    pub(crate) fn start_and_hear(command: &mut Command) -> Option<(Self, ChildStderr)> {
+        command.stdin(Stdio::null()).stderr(Stdio::piped());
+        let mut child = installed(command.spawn(), command)?;
+        let said = child.stderr.take().unwrap();
+        Some((Self(child), said))
+    }
+
+    /// How it ended, if it did.
+    pub(crate) fn ended(&mut self) -> Option<ExitStatus> {
+        self.0.try_wait().unwrap()
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn installed<T>(started: std::io::Result<T>, command: &Command) -> Option<T> {
+    match started {
+        Ok(started) => Some(started),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            let name = command.get_program().to_string_lossy();
+            eprintln!("skipped: {name} is not installed");
+            None
+        }
+        Err(error) => panic!("{command:?}: {error}"),
+    }
+}
+
+/// Runs a tool; nothing, and a line that says so, if it is not installed.
+pub(crate) fn tool(command: &mut Command) -> Option<Output> {
+    installed(command.stdin(Stdio::null()).output(), command)
+}
+
+/// Asserts that a tool was content, shows what it said otherwise.
+#[track_caller]
+pub(crate) fn content(output: &Output) {
+    assert!(
+        output.status.success(),
+        "{}\n{}\n{}",
+        output.status,
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    );
+}
+
+/// Waits until something is so, no longer than [`LONGEST`].
+#[track_caller]
+pub(crate) fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !is_so() {
+        assert!(start.elapsed() < LONGEST, "{what} does not happen");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// A port that was free a moment ago.
+pub(crate) fn free_port() -> u16 {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    listener.local_addr().unwrap().port()
+}
+
+/// Whether something listens there.
+pub(crate) fn listens(port: u16) -> bool {
+    TcpStream::connect(("127.0.0.1", port)).is_ok()
+}
+
+/// Keys and certificates of all roles for these names, by the shipped script; nothing if a tool is missing.
+pub(crate) fn make_keys(folder: &Path, names: &[&str]) -> Option<()> {
+    tool(Command::new("base32").arg("--version"))?;
+    tool(Command::new("openssl").arg("version"))?;
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("workers/nats/make-keys.sh");
+    content(&tool(Command::new(script).arg(folder).args(names))?);
+    Some(())
+}
