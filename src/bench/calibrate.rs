@@ -106,6 +106,7 @@ mod tests {
     use super::super::scenes::{pair, photograph};
     use super::*;
     use procedural::listing;
+    use render::ids::SceneId;
     use render::scene::SideFiles;
 
     fn line(width: u32, height: u32) -> SceneLine {

@@ -15,15 +15,6 @@ mod status_text;
 mod store_env;
 mod target;
 
-/// What `bench farm` takes from here.
-mod bench_cmd {
-    pub(super) use crate::bench::{cpu_name, on_cpu};
-}
-/// The same.
-mod work_cmd {
-    pub(super) use super::args::isa;
-}
-
 pub use commands::Args;
 pub use exit_code::Exit;
 

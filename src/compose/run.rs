@@ -163,7 +163,7 @@ fn readable(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use compose::{MethodMeans, Pair, fit_gain};
+    use crate::{MethodMeans, Pair, fit_gain};
     use image::Rgb;
     use std::cell::Cell;
     use std::path::Path;

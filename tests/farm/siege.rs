@@ -26,8 +26,9 @@ use std::time::{Duration, Instant};
 
 /// Kills or hangs whoever traces it.
 const POISON: &str = "test-sample-000000";
-/// 24 tiles, 16 ranges of samples.
-const SHARDS: u32 = 384;
+/// Shards of one range of samples, and its samples.
+const TILES: u32 = 24;
+const RANGE_SPP: u32 = 256;
 /// The last three workers.
 const FAULTS: [&[&str]; 3] = [
     &["slow:4"],
@@ -58,6 +59,8 @@ struct Size {
     workers: usize,
     /// The last one is the poison.
     scenes: usize,
+    /// Ranges of samples of a scene.
+    ranges: u32,
     /// How often each event happens.
     events: [(Event, usize); 7],
 }
@@ -65,6 +68,7 @@ struct Size {
 const LONG: Size = Size {
     workers: 8,
     scenes: 8,
+    ranges: 16,
     events: [
         (Event::KillWorker, 6),
         (Event::Sleep, 3),
@@ -79,6 +83,7 @@ const LONG: Size = Size {
 const SHORT: Size = Size {
     workers: 4,
     scenes: 5,
+    ranges: 4,
     events: [
         (Event::KillWorker, 2),
         (Event::Sleep, 1),
@@ -89,6 +94,13 @@ const SHORT: Size = Size {
         (Event::StoreAway, 1),
     ],
 };
+
+impl Size {
+    /// Shards of a scene.
+    fn shards(&self) -> usize {
+        (TILES * self.ranges) as usize
+    }
+}
 
 struct Siege {
     size: Size,
@@ -110,7 +122,7 @@ impl Siege {
         let server = Nats::start()?;
         let place = place();
         let recipe = std::fs::read_to_string(&place.recipe).unwrap();
-        let recipe = recipe.replace("spp = 256", "spp = 4096");
+        let recipe = recipe.replace("spp = 256", &format!("spp = {}", RANGE_SPP * size.ranges));
         let recipe = recipe.replace(
             "{ sample = 3 }",
             &format!("{{ sample = {} }}", size.scenes - 1),
@@ -257,7 +269,7 @@ impl Siege {
         let tuples = count("receipts").len();
         let partials = count("partials");
         let partials = partials.iter().filter(|key| shard_of(key).is_some());
-        tuples * SHARDS as usize + partials.count()
+        tuples * self.size.shards() + partials.count()
     }
 
     fn is_over(&self) -> bool {
@@ -305,8 +317,8 @@ impl Siege {
         let again: Vec<Message> = (0..6)
             .map(|_| {
                 let scene = self.draw(self.size.scenes) as u32;
-                let start = self.draw(SHARDS as usize) as u32;
-                let length = 1 + self.draw((SHARDS - start) as usize) as u32;
+                let start = self.draw(self.size.shards()) as u32;
+                let length = 1 + self.draw(self.size.shards() - start as usize) as u32;
                 let shards = start..start + length;
                 Message {
                     task: Task { scene, shards },
@@ -330,7 +342,7 @@ impl Siege {
         let all = events.len() * 3 / 2;
         let mut coordinator = self.coordinate();
         let mut done = 0;
-        let results = self.size.scenes * SHARDS as usize;
+        let results = self.size.scenes * self.size.shards();
         while !self.is_over() {
             assert!(start.elapsed() < LONGEST, "{:#?}", self.ends);
             if self.store.get("spec.json").unwrap().is_some() {

@@ -3,8 +3,8 @@
 use crate::bench::cpu_name;
 use crate::bench::farm::{FarmBenchError, Setup, makespan, overhead, resume, simulate};
 use crate::cli::args::Global;
+use crate::cli::args::isa;
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::isa;
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;

@@ -17,7 +17,7 @@ use clap::Args as ClapArgs;
 use render::line::Roots;
 use serde::Serialize;
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct RunArgs {

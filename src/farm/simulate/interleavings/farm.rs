@@ -153,9 +153,12 @@ impl Farm {
             0..8 => self.lease(w),
             8..58 => self.work(w)?,
             58..64 => self.donate(w),
-            64..84 => self.network(),
-            84 | 85 => self.network_repeats(),
-            86 | 87 => self.network_loses(),
+            64..84 => self.network(false),
+            84 | 85 => self.network(true),
+            86 | 87 => {
+                let lost = self.packet(false);
+                self.note(|| format!("lost: {lost:?}"));
+            }
             88..91 => self.lease_ends(),
             91 => self.crash(w),
             92 => self.stop(w),
@@ -199,27 +202,22 @@ impl Farm {
         }
     }
 
-    fn network(&mut self) {
-        if !self.packets.is_empty() {
-            let k = self.draw(self.packets.len());
-            let packet = self.packets.swap_remove(k);
-            self.arrive(packet);
+    /// A packet that is on its way, taken out or copied.
+    fn packet(&mut self, copy: bool) -> Option<Packet> {
+        if self.packets.is_empty() {
+            return None;
         }
+        let k = self.draw(self.packets.len());
+        Some(if copy {
+            self.packets[k].clone()
+        } else {
+            self.packets.swap_remove(k)
+        })
     }
 
-    fn network_repeats(&mut self) {
-        if !self.packets.is_empty() {
-            let k = self.draw(self.packets.len());
-            let packet = self.packets[k].clone();
+    fn network(&mut self, copy: bool) {
+        if let Some(packet) = self.packet(copy) {
             self.arrive(packet);
-        }
-    }
-
-    fn network_loses(&mut self) {
-        if !self.packets.is_empty() {
-            let k = self.draw(self.packets.len());
-            let packet = self.packets.swap_remove(k);
-            self.note(|| format!("lost: {packet:?}"));
         }
     }
 
@@ -353,7 +351,7 @@ impl Farm {
     fn settle(&mut self) -> Result<(), String> {
         for _ in 0..10_000 {
             while !self.packets.is_empty() {
-                self.network();
+                self.network(false);
             }
             for w in 0..WORKERS {
                 self.now += Time::from_millis(1);
