@@ -4,6 +4,12 @@
 check:
     .ci/run
 
+# under two minutes when warm: form, rules, lints, optics
+quick:
+    cargo fmt --check
+    cargo clippy --release --workspace -- -D warnings
+    cargo test --release -p glasshouse-render --lib
+
 build:
     cargo build --release
 

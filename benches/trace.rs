@@ -10,9 +10,10 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
 use glasshouse::bench::{BenchScene, Work, indoor, outdoor, pair, render, stress};
+use render::color::SrgbEncoder;
 use render::formats::{NamedBytes, PhotographFiles};
 use render::line::{Apex, Fill, Focus};
-use render::merge::{SrgbEncoder, Tuple, encode_png, encode_tuple_exr};
+use render::merge::{Tuple, encode_png, encode_tuple_exr};
 use render::scene::{Decoded, Polygons, decode_photograph};
 use render::trace::{
     BLOCK, BundleProbe, Grid, Isa, Order, PixelSeed, Sampling, Scene, Tile, sample_block,
@@ -210,6 +211,7 @@ fn tuples(c: &mut Criterion) {
         b.iter(|| {
             tuple
                 .layers
+                .0
                 .each_ref()
                 .map(|pixels| encode_png(&encoder, pixels, tuple.width, tuple.height).unwrap())
         });

@@ -7,6 +7,7 @@
 
 #![allow(clippy::print_stdout, reason = "examples show their results")]
 
+use render::layer::PerLayer;
 use render::merge::{TupleRecord, decode_tuple_exr};
 use std::error::Error;
 use std::path::Path;
@@ -31,7 +32,7 @@ pub(crate) fn read(folder: &Path) -> Result<f64, Box<dyn Error>> {
     );
     // Linear Rec.709, row by row; checked against the size and the digests of the record.
     let exr = std::fs::read(folder.join("tuple.exr"))?;
-    let [input, transmission, glass_reflection, _clean_reflection] =
+    let PerLayer([input, transmission, glass_reflection, _clean_reflection]) =
         decode_tuple_exr(&exr, &record)?;
     let sum =
         |layer: &[[f32; 3]]| -> f64 { layer.as_flattened().iter().map(|&v| f64::from(v)).sum() };

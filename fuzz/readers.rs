@@ -8,13 +8,13 @@
 
 use glasshouse::farm::queue::{read_message, write_message};
 use glasshouse::inspect::{Input, Whole, inspect_bytes};
-use glasshouse::run::{Control, QuarantineRecord, Receipt, attempts};
+use glasshouse::run::{Control, Provenance, QuarantineRecord, attempts};
 use glasshouse::store::Store;
 use plan::Recipe;
 use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
 use render::formats::{NamedBytes, PhotographFiles, SceneError};
 use render::ids::SceneId;
-use render::line::{Photograph, Side, parse_jsonl, parse_scene, refuse, to_jsonl};
+use render::line::{Photograph, Side, parse_jsonl, parse_scene, to_jsonl};
 use render::merge::TupleRecord;
 use render::partial;
 use render::scene::{decode_mesh, decode_photograph};
@@ -161,7 +161,7 @@ pub(crate) fn scene_line(bytes: &[u8]) -> bool {
     };
     let again = parse_scene(to_jsonl(std::slice::from_ref(&line)).trim());
     assert_eq!(again.expect("a written line can be read"), line);
-    let _ = refuse(&line, 0.5);
+    let _ = render::scene::check_geometry(&line, 0.5);
     true
 }
 
@@ -267,7 +267,7 @@ pub(crate) fn record(bytes: &[u8]) -> bool {
     let control = Control::get(&store).expect("it is there");
     assert!(is_json || control.because().contains("damaged"));
     assert_eq!(attempts(&store, &scene).expect("it is there").len(), 1);
-    let receipt = Receipt::get(&store, &scene).expect("it is there");
+    let receipt = Provenance::get(&store, &scene).expect("it is there");
     let _ = receipt.expect("it is there").makers();
     let set_aside = QuarantineRecord::get(&store, &scene).expect("it is there");
     set_aside.is_some() && is_json

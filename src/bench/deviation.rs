@@ -1,6 +1,6 @@
 //! How far an image is from its reference, in several measures.
 
-use render::merge::linear_to_srgb;
+use render::color::linear_to_srgb;
 use serde::Serialize;
 
 /// Side of a cell, px: the unit in which the worst place of an image is looked for.

@@ -8,7 +8,7 @@ use super::plot::error_plot;
 use super::reference::Reference;
 use super::table::{align, csv};
 use render::atomic_file;
-use render::trace::LAYERS;
+use render::layer::Layer;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
@@ -73,7 +73,7 @@ fn reference_object<S: Serializer>(
             dir,
             spp: record.spp,
             seed: record.seed,
-            stated_rmse: LAYERS.into_iter().zip(record.error_rms).collect(),
+            stated_rmse: Layer::NAMES.into_iter().zip(record.error_rms).collect(),
             cpu_s: record.cpu_s,
             reused: reference.reused,
         }
@@ -148,7 +148,7 @@ fn text(report: &ErrorReport) -> String {
         truth(reference, "samples of another seed")
     );
     if let Some(record) = &reference.record {
-        let stated: Vec<String> = LAYERS
+        let stated: Vec<String> = Layer::NAMES
             .iter()
             .zip(record.error_rms)
             .map(|(name, error)| format!("{name} {}", optional(error, |e| format!("{e:.1e}"))))
@@ -211,7 +211,7 @@ fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
         head.push("CPU s".to_owned());
     }
     let mut table = vec![head];
-    for layer in LAYERS {
+    for layer in Layer::NAMES {
         let mut cells = vec![layer.to_owned()];
         for variant in VARIANTS {
             let slope = slopes

@@ -3,6 +3,7 @@
 use super::clock::{median_and_best, thread_cpu_s};
 use super::error::BenchError;
 use super::scenes::BenchScene;
+use render::layer::Layer;
 use render::line::Apex;
 use render::scene::Decoded;
 use render::trace::{
@@ -217,7 +218,7 @@ pub fn tracer(
             for tile in &tiles {
                 let result = black_box(trace_tile(&assembled, *tile, 0..BLOCK as u32, isa));
                 // Every order's paths count in I, the pinhole's in R.
-                rays += result.paths[0] + result.paths[3];
+                rays += result.paths[Layer::Input] + result.paths[Layer::CleanReflection];
             }
         });
         let timings = isas

@@ -6,8 +6,9 @@ use super::fit::{Slope, log_log_slope};
 use super::reference::Reference;
 use super::render::{Work, render};
 use super::scenes::BenchScene;
+use render::layer::Layer;
 use render::line::{LayerSet, SceneLine};
-use render::trace::{LAYERS, Sampling};
+use render::trace::Sampling;
 use serde::Serialize;
 
 /// A way to sample: what a number of the ladder means to it.
@@ -129,9 +130,9 @@ pub fn climb(
     for variant in VARIANTS {
         for &spp in &ladder.spp {
             let mut seconds = Vec::new();
-            let mut deviations = LAYERS.map(|_| Vec::new());
-            let mut stated = LAYERS.map(|_| Vec::new());
-            let mut samples = LAYERS.map(|_| 0.0);
+            let mut deviations = Layer::NAMES.map(|_| Vec::new());
+            let mut stated = Layer::NAMES.map(|_| Vec::new());
+            let mut samples = Layer::NAMES.map(|_| 0.0);
             for seed in 0..ladder.seeds {
                 let mut line = (variant.line)(&scene.line, spp);
                 line.seed = line.seed.wrapping_add(u64::from(seed));
@@ -156,11 +157,11 @@ pub fn climb(
                         seconds.push(again.cpu_s);
                     }
                 }
-                for (k, name) in LAYERS.iter().enumerate() {
-                    let record = &rendering.tuple.record.layers[*name];
+                for (k, layer) in Layer::ALL.into_iter().enumerate() {
+                    let record = &rendering.tuple.record.layers[layer.name()];
                     deviations[k].push(Deviation::between(
-                        &rendering.tuple.layers[k],
-                        &reference.layers[k],
+                        &rendering.tuple.layers[layer],
+                        &reference.layers[layer],
                         line.film.width as usize,
                     ));
                     stated[k].extend(record.error_rms);
@@ -168,7 +169,7 @@ pub fn climb(
                 }
             }
             let (cpu_s, _) = super::clock::median_and_best(&seconds);
-            for (k, layer) in LAYERS.into_iter().enumerate() {
+            for (k, layer) in Layer::NAMES.into_iter().enumerate() {
                 let deviation = Deviation::over_seeds(&deviations[k]);
                 let square: f64 = stated[k].iter().map(|s| s * s).sum();
                 let stated_rmse =
@@ -199,7 +200,7 @@ const TAIL_SAMPLES: f64 = 16.0;
 pub fn slopes(rows: &[LayerRow], reference: &Reference) -> Vec<Slope> {
     let mut slopes = Vec::new();
     for variant in VARIANTS {
-        for (k, layer) in LAYERS.into_iter().enumerate() {
+        for (k, layer) in Layer::NAMES.into_iter().enumerate() {
             let noise = reference.record.as_ref().and_then(|r| r.error_rms[k]);
             let floor = CLEAR_OF_REFERENCE * noise.unwrap_or(0.0);
             let points: Vec<(f64, f64)> = rows

@@ -1,9 +1,9 @@
 //! Error against CPU seconds as a log-log plot in SVG: no script, no style sheet, no font of its own.
 
 use super::ladder::{LayerRow, VARIANTS};
-use crate::plot::{Axis, LAYER_COLOURS, LAYER_SYMBOLS, Panel, Stroke};
+use crate::plot::{Axis, LAYER_COLOURS, Panel, Stroke};
 use maud::{Markup, html};
-use render::trace::LAYERS;
+use render::layer::Layer;
 
 /// Lines of the variants, in their order: solid, dashed, dotted.
 const DASHES: [&str; 3] = ["", "7 4", "1.5 4"];
@@ -55,27 +55,25 @@ fn panel(rows: &[&LayerRow], label: &str, measure: Measure, left: f64) -> Markup
         x_label: "CPU seconds of the tracer, all four layers",
         y_label: label,
     };
-    let points = |variant: usize, layer: usize| -> Vec<(f64, f64)> {
+    let points = |variant: usize, layer: Layer| -> Vec<(f64, f64)> {
         let is_of = |row: &&&LayerRow| {
-            row.variant == VARIANTS[variant].name
-                && row.layer == LAYERS[layer]
-                && measure(row) > 0.0
+            row.variant == VARIANTS[variant].name && row.layer == layer.name() && measure(row) > 0.0
         };
         let of = rows.iter().filter(is_of);
         of.map(|row| panel.at((row.cpu_s, measure(row)))).collect()
     };
-    let lines = (0..VARIANTS.len()).flat_map(|v| (0..LAYERS.len()).map(move |k| (v, k)));
+    let lines = (0..VARIANTS.len()).flat_map(|v| Layer::ALL.map(move |layer| (v, layer)));
     // The first variant's lines have dots, and names at their ends.
-    let names = (0..LAYERS.len()).filter_map(|k| {
-        let (x, y) = *points(0, k).last()?;
-        Some((y, x, LAYER_SYMBOLS[k], LAYER_COLOURS[k]))
+    let names = Layer::ALL.into_iter().filter_map(|layer| {
+        let (x, y) = *points(0, layer).last()?;
+        Some((y, x, layer.symbol(), LAYER_COLOURS[layer]))
     });
     html! {
         (panel.frame())
-        @for (v, k) in lines {
-            @let points = points(v, k);
-            (Panel::line(&points, &Stroke { colour: LAYER_COLOURS[k], width: 1.8, dash: DASHES[v % DASHES.len()] }))
-            @if v == 0 { (Panel::dots(&points, LAYER_COLOURS[k], 2.4)) }
+        @for (v, layer) in lines {
+            @let points = points(v, layer);
+            (Panel::line(&points, &Stroke { colour: LAYER_COLOURS[layer], width: 1.8, dash: DASHES[v % DASHES.len()] }))
+            @if v == 0 { (Panel::dots(&points, LAYER_COLOURS[layer], 2.4)) }
         }
         (Panel::names(names.collect()))
     }

@@ -5,11 +5,12 @@ use super::render::{Work, render};
 use super::scenes::BenchScene;
 use render::atomic_file;
 use render::formats::NamedBytes;
+use render::formats::encode_rgb_exr;
+use render::layer::{Layer, PerLayer};
 use render::line::SceneLine;
-use render::merge::encode_rgb_exr;
 use render::scene::decode_linear_image;
 use render::shard::scene_digest;
-use render::trace::{LAYERS, Sampling, TRACER_VERSION};
+use render::trace::{Sampling, TRACER_VERSION};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -21,8 +22,8 @@ const SEED_STEP: u64 = 1 << 32;
 
 /// Four images that count as the truth.
 pub struct Reference {
-    /// I, T, R~, R; row by row, linear.
-    pub layers: [Vec<[f32; 3]>; 4],
+    /// Row by row, linear.
+    pub layers: PerLayer<Vec<[f32; 3]>>,
     /// How it was made; `None` for images from elsewhere.
     pub record: Option<ReferenceRecord>,
     /// Its folder.
@@ -103,13 +104,14 @@ pub fn own_reference(
         tracer_version: TRACER_VERSION,
         spp,
         seed: line.seed,
-        error_rms: LAYERS.map(|name| tuple.record.layers[name].error_rms),
+        error_rms: Layer::NAMES.map(|name| tuple.record.layers[name].error_rms),
         cpu_s: rendering.cpu_s,
     };
     atomic_file::create_dir(dir)?;
     // The record goes first and comes last, so that it never stands beside other images than its own.
     let _ = std::fs::remove_file(&record_path);
-    for (pixels, name) in tuple.layers.iter().zip(LAYERS) {
+    for (layer, pixels) in tuple.layers.iter() {
+        let name = layer.name();
         let exr =
             encode_rgb_exr(pixels, tuple.width, tuple.height).map_err(|e| BenchError::Encode {
                 name,
@@ -162,14 +164,14 @@ pub fn read_reference(dir: &Path, line: &SceneLine) -> Result<Reference, BenchEr
         }
         Ok(pixels)
     };
-    let [input, transmission, glass, clean] = LAYERS;
+    let [input, transmission, glass, clean] = Layer::NAMES;
     Ok(Reference {
-        layers: [
+        layers: PerLayer([
             read(input)?,
             read(transmission)?,
             read(glass)?,
             read(clean)?,
-        ],
+        ]),
         record: None,
         dir: dir.to_owned(),
         reused: true,

@@ -1,7 +1,7 @@
 //! A run's state for people.
 
 use crate::farm::queue::QueueState;
-use crate::run::{EndKind, FarmState, Overview, StandingAttempt};
+use crate::run::{EndKind, RunState, StandingAttempt, Status};
 use crate::text::{duration, grouped, percent, rate};
 use serde::{Serialize, Serializer};
 use std::fmt::Write;
@@ -53,7 +53,7 @@ fn many(count: u64, what: &str) -> String {
 }
 
 /// Rate and time left, as far as they are known.
-fn pace(view: &Overview) -> Vec<String> {
+fn pace(view: &Status) -> Vec<String> {
     let mut parts = Vec::new();
     if let Some(per_s) = view.rate_scenes_per_s {
         let (number, unit) = rate(per_s);
@@ -66,7 +66,7 @@ fn pace(view: &Overview) -> Vec<String> {
 }
 
 /// One line, for logs.
-pub(super) fn line(name: &str, view: &Overview) -> String {
+pub(super) fn line(name: &str, view: &Status) -> String {
     let counts = &view.counts;
     let mut parts = vec![
         format!("{} of {} scenes", counts.merged, counts.scenes),
@@ -80,7 +80,7 @@ pub(super) fn line(name: &str, view: &Overview) -> String {
 }
 
 /// All of it; of each list at most `shown` entries.
-pub(super) fn page(name: &str, view: &Overview, queue: &Queue, shown: usize) -> String {
+pub(super) fn page(name: &str, view: &Status, queue: &Queue, shown: usize) -> String {
     let counts = &view.counts;
     let mut text = format!(
         "{name}: {}, {} of {} scenes ({:.1} %)",
@@ -153,9 +153,9 @@ pub(super) fn page(name: &str, view: &Overview, queue: &Queue, shown: usize) -> 
     let reasons = reasons.map(|q| format!("{}: {}", q.scene, cut(&q.reason)));
     list(&mut text, "quarantine", reasons, shown);
     match view.state {
-        FarmState::Paused => text += "\n`glasshouse resume RUN` goes on",
-        FarmState::Cancelled => text += "\n`glasshouse resume RUN` takes that back",
-        FarmState::Running | FarmState::Finished => {}
+        RunState::Paused => text += "\n`glasshouse resume RUN` goes on",
+        RunState::Cancelled => text += "\n`glasshouse resume RUN` takes that back",
+        RunState::Running | RunState::Finished => {}
     }
     if !counts.quarantined.is_empty() {
         text += "\n`glasshouse retry RUN SCENE` tries a scene in quarantine again";

@@ -30,7 +30,7 @@ pub(super) fn inputs() -> Inputs {
 /// A reader of a run's input files. Objects are kept in the run's folder unless `args` say where.
 pub(super) fn inputs_of(run: &Run, args: &CacheArgs) -> Inputs {
     let folder = args.cache.clone();
-    let folder = folder.unwrap_or_else(|| run.dir.root().join("cache"));
+    let folder = folder.unwrap_or_else(|| run.root().join("cache"));
     let limit_bytes = (args.cache_gb * GB) as u64;
     let cache = (limit_bytes > 0).then(|| Cache::new(folder, limit_bytes));
     Inputs::new(store_options(), cache)

@@ -52,7 +52,8 @@ pub(super) fn fetch(folder: &Path, store: &Store) -> Result<(), Failure> {
 
 /// The store's objects are of this run. One without a spec is empty yet.
 fn check(run: &Run, store: &Store) -> Result<(), Failure> {
-    let (Some(there), Ok(here)) = (store.get(keys::SPEC)?, std::fs::read(run.dir.spec())) else {
+    let (Some(there), Ok(here)) = (store.get(keys::SPEC)?, std::fs::read(run.path(keys::SPEC)))
+    else {
         return Ok(());
     };
     if there == here {
@@ -61,7 +62,7 @@ fn check(run: &Run, store: &Store) -> Result<(), Failure> {
     let error = anyhow::anyhow!(
         "{} holds another run than {}: their {} differ; give the store of this run",
         store.name(),
-        run.dir.root().display(),
+        run.root().display(),
         keys::SPEC
     );
     Err(Failure::new(Exit::Disagrees, error))

@@ -6,7 +6,7 @@
 use super::EvaluateError;
 use super::score::{check_same_size, psnr_db};
 use image::{Rgb, RgbImage};
-use render::merge::{SrgbEncoder, srgb_to_linear};
+use render::color::{SrgbEncoder, srgb_to_linear};
 
 /// Least and greatest factor that are tried, in hundredths.
 const HUNDREDTHS: std::ops::RangeInclusive<u32> = 50..=200;

@@ -5,7 +5,7 @@ use super::finish::Summary;
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, PixelEncoding};
 use crate::run::Run;
-use render::trace::LAYERS;
+use render::layer::Layer;
 use serde_json::json;
 use std::fmt::Write;
 
@@ -83,7 +83,7 @@ fn what(plan: &ExportPlan, summary: &Summary) -> String {
         "R: the back scene mirrored, without effects of glass and lens",
     ];
     for (layer, contents) in contents.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
-        let _ = writeln!(text, "| `{}` | {contents} |", LAYERS[layer]);
+        let _ = writeln!(text, "| `{}` | {contents} |", Layer::NAMES[layer]);
     }
     let pixels = match plan.request.encoding {
         PixelEncoding::Srgb8 => "PNG of 8-bit sRGB codes; values above 1 are clipped",
@@ -119,7 +119,11 @@ fn errors(plan: &ExportPlan, summary: &Summary) -> String {
                     white is 1). Over all tuples, and the share of values above 1, which PNGs clip:\n\n\
                     | layer | pictures | mean error | largest error | mean share clipped | largest share |\n|---|---|---|---|---|---|\n"
         .to_owned();
-    for (_, name) in LAYERS.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
+    for (_, name) in Layer::NAMES
+        .iter()
+        .enumerate()
+        .filter(|(l, _)| plan.layers[*l])
+    {
         let Some(layer) = summary.numbers.layers.get(*name) else {
             continue;
         };

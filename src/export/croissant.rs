@@ -5,7 +5,7 @@
 use super::finish::Summary;
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, PixelEncoding};
-use render::trace::LAYERS;
+use render::layer::Layer;
 use serde_json::{Value, json};
 
 /// The method's.
@@ -69,7 +69,11 @@ pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
         ));
     }
     let is_png = plan.request.encoding != PixelEncoding::Linear;
-    for (_, layer) in LAYERS.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
+    for (_, layer) in Layer::NAMES
+        .iter()
+        .enumerate()
+        .filter(|(l, _)| plan.layers[*l])
+    {
         let files = format!("{layer}-files");
         let (includes, id) = match (is_tars, is_png) {
             (true, true) => (format!("*.{layer}.png"), r"^(?:.*/)?([^/.]+)\.[^/]*$"),

@@ -2,8 +2,8 @@
 
 use super::plan::ExportPlan;
 use super::sample::layer_file;
+use render::layer::Layer;
 use render::merge::TupleRecord;
-use render::trace::LAYERS;
 use serde_json::{Map, Value, json};
 
 /// The file, in each split's folder.
@@ -15,8 +15,12 @@ pub(super) fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
     let mut row = Map::new();
     let mut put = |key: String, value: Value| row.insert(key, value);
     put("id".to_owned(), json!(scene.id));
-    let asked = scene.film.layers.asked();
-    for (layer, name) in LAYERS.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
+    let asked = scene.film.layers.asked().0;
+    for (layer, name) in Layer::NAMES
+        .iter()
+        .enumerate()
+        .filter(|(l, _)| plan.layers[*l])
+    {
         let file = layer_file(request.format, request.encoding, scene, layer);
         // Relative to the metadata.
         let file = file.split_once('/').map(|(_, rest)| rest.to_owned());
@@ -49,7 +53,11 @@ pub(super) fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
     ] {
         put(key.to_owned(), value);
     }
-    for (_, name) in LAYERS.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
+    for (_, name) in Layer::NAMES
+        .iter()
+        .enumerate()
+        .filter(|(l, _)| plan.layers[*l])
+    {
         let error = record.layers.get(*name).and_then(|layer| layer.error_rms);
         put(format!("{name}_error_rms"), json!(error));
     }

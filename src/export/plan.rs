@@ -2,7 +2,7 @@
 
 use super::error::ExportError;
 use super::request::{EXPORT_REQUEST_SCHEMA, ExportFormat, ExportRequest, PixelEncoding, check};
-use crate::run::{Progress, Run};
+use crate::run::{AccessError, Run, Scope, Snapshot};
 use crate::store::Store;
 use render::ids::SceneId;
 use render::line::Split;
@@ -49,13 +49,12 @@ impl ExportPlan {
     /// Looks at what is there of the run.
     pub fn new(run: &Run, store: &Store, options: &ExportOptions) -> Result<Self, ExportError> {
         check(options.format, options.encoding)?;
-        let mut progress = Progress::new(run.lines.len());
-        progress.look(run, store)?;
+        let snapshot = Snapshot::take(run, store, Scope::DONE).map_err(AccessError::from)?;
         let mut left_out = Vec::new();
         let mut missing = 0;
         let asked: Vec<usize> = scenes(run, &options.splits);
-        for &scene in asked.iter().filter(|&&scene| !progress.done[scene]) {
-            let reason = progress.quarantined[scene].as_deref();
+        for &scene in asked.iter().filter(|&&scene| !snapshot.is_done(scene)) {
+            let reason = snapshot.reason(scene);
             let reason = reason.map(|reason| without_places(run, reason));
             missing += usize::from(reason.is_none());
             left_out.push(LeftOut {
@@ -101,7 +100,7 @@ impl ExportPlan {
         let mut layers = [false; 4];
         for &scene in &scenes {
             let asked = run.lines[scene].film.layers.asked();
-            layers = std::array::from_fn(|k| layers[k] | asked[k]);
+            layers = std::array::from_fn(|k| layers[k] | asked.0[k]);
         }
         Self {
             request,
@@ -146,7 +145,7 @@ fn without_places(run: &Run, reason: &str) -> String {
             ))
         })
         .collect();
-    places.push((format!("{}/", run.dir.root().display()), String::new()));
+    places.push((format!("{}/", run.root().display()), String::new()));
     // A root may lie in the run's folder.
     places.sort_by_key(|(place, _)| std::cmp::Reverse(place.len()));
     let text = reason.to_owned();

@@ -6,12 +6,12 @@ use super::request::{ExportFormat, PixelEncoding};
 use crate::run::keys;
 use crate::store::Store;
 use bytes::Bytes;
+use render::formats::encode_parts_exr;
+use render::layer::Layer;
 use render::line::{ExrPrecision, SceneLine, Split};
 use render::merge::{
-    TupleRecord, check_png, decode_tuple_exr, encode_parts_exr, encode_png16, is_record_of,
-    tuple_files,
+    TupleRecord, check_png, decode_tuple_exr, encode_png16, is_record_of, tuple_files,
 };
-use render::trace::LAYERS;
 use std::collections::BTreeMap;
 
 /// A tuple, ready to be written.
@@ -41,7 +41,7 @@ pub(super) fn layer_file(
         PixelEncoding::Srgb8 | PixelEncoding::Srgb16 => "png",
         PixelEncoding::Linear => "exr",
     };
-    let (split, id, name) = (line.split, &line.id, LAYERS[layer]);
+    let (split, id, name) = (line.split, &line.id, Layer::NAMES[layer]);
     match format {
         ExportFormat::Webdataset => format!("{id}.{name}.{ending}"),
         ExportFormat::Imagefolder => format!("{split}/{name}/{id}.{ending}"),
@@ -52,10 +52,12 @@ pub(super) fn layer_file(
 
 /// Folders that files of a split stand in, from the exported folder; none of tars.
 pub(super) fn layer_folders(plan: &ExportPlan, split: Split) -> Vec<String> {
-    let layers = (0..LAYERS.len()).filter(|&layer| plan.layers[layer]);
+    let layers = (0..Layer::NAMES.len()).filter(|&layer| plan.layers[layer]);
     match plan.request.format {
         ExportFormat::Webdataset => Vec::new(),
-        ExportFormat::Imagefolder => layers.map(|l| format!("{split}/{}", LAYERS[l])).collect(),
+        ExportFormat::Imagefolder => layers
+            .map(|l| format!("{split}/{}", Layer::NAMES[l]))
+            .collect(),
         ExportFormat::Pairs => layers
             .map(|l| format!("{split}/{}", PAIR_FOLDERS[l]))
             .collect(),
@@ -161,7 +163,7 @@ fn encoded(
     if format == ExportFormat::Exr {
         let name = layer_file(format, encoding, line, 0);
         let parts: Vec<(&str, &[[f32; 3]])> = made(line)
-            .map(|(layer, name)| (name, layers[layer].as_slice()))
+            .map(|(layer, name)| (name, layers.0[layer].as_slice()))
             .collect();
         let bytes =
             encode_parts_exr(&parts, width, height, precision).map_err(|e| failed(&name, &e))?;
@@ -170,7 +172,7 @@ fn encoded(
     let mut files = Vec::new();
     for (layer, _) in made(line) {
         let name = layer_file(format, encoding, line, layer);
-        let pixels = &layers[layer];
+        let pixels = &layers.0[layer];
         let bytes = if encoding == PixelEncoding::Linear {
             encode_parts_exr(&[("", pixels)], width, height, precision)
                 .map_err(|e| failed(&name, &e))?
@@ -184,8 +186,8 @@ fn encoded(
 
 /// Layers that a scene makes: places and names.
 pub(super) fn made(line: &SceneLine) -> impl Iterator<Item = (usize, &'static str)> {
-    let asked = line.film.layers.asked();
-    LAYERS
+    let asked = line.film.layers.asked().0;
+    Layer::NAMES
         .into_iter()
         .enumerate()
         .filter(move |(layer, _)| asked[*layer])

@@ -5,19 +5,17 @@
 //! nothing and merging twice makes the same bytes.
 
 use super::error::FarmError;
-use super::queue::{Message, QueueError, QueueKeeper};
+use super::queue::{Message, QueueError, QueueKeeper, QueueState};
 use super::round::{Carried, Decision, QueueLook, Round, decide};
 use super::share::share_run;
 use super::sweep::sweep_staged;
 use super::tuples::remove_partials;
 use super::worker::whole;
-use crate::run::AccessError;
-use crate::run::control::{Control, ControlState};
-use crate::run::done::Progress;
-use crate::run::events::Event;
+use crate::run::Event;
+use crate::run::Run;
 use crate::run::keys;
-use crate::run::run_dir::Run;
-use crate::run::seen::{Watch, see_attempts, see_tuples};
+use crate::run::{AccessError, Scope, Snapshot};
+use crate::run::{Control, ControlState};
 use crate::store::Store;
 use std::collections::BTreeSet;
 use std::sync::Mutex;
@@ -34,11 +32,33 @@ pub struct CoordinateOptions<'a> {
     pub watched: bool,
 }
 
+/// What a coordinator knows, for the status page.
+#[derive(Debug)]
+pub struct Watch {
+    /// The run.
+    pub snapshot: Snapshot,
+    /// The queue, when it answered last.
+    pub queue: QueueState,
+    /// Why the queue does not answer, if it does not.
+    pub queue_lost: Option<String>,
+}
+
+impl Watch {
+    /// Before the first look.
+    pub fn new(run: &Run) -> Self {
+        Self {
+            snapshot: Snapshot::new(run, Scope::DONE),
+            queue: QueueState::default(),
+            queue_lost: None,
+        }
+    }
+}
+
 /// How coordinating ended.
 #[derive(Debug)]
 pub struct Coordinated {
-    /// What was known at the end.
-    pub watch: Watch,
+    /// The run at the end.
+    pub snapshot: Snapshot,
     /// Messages published.
     pub published: u64,
     /// Ended by `stop`.
@@ -75,7 +95,13 @@ pub fn coordinate(
         options,
         watch,
         on_event,
-        progress: Progress::new(run.lines.len()),
+        snapshot: Snapshot::new(
+            run,
+            Scope {
+                workers: options.watched,
+                ..Scope::DONE
+            },
+        ),
         told: vec![false; run.lines.len()],
         first: true,
         control: Control::default(),
@@ -94,7 +120,7 @@ struct Coordinator<'a> {
     options: &'a CoordinateOptions<'a>,
     watch: &'a Mutex<Watch>,
     on_event: &'a (dyn Fn(Event) + Sync),
-    progress: Progress,
+    snapshot: Snapshot,
     /// Scenes of which it has told that they are done.
     told: Vec<bool>,
     /// It has not looked yet: what is done was done before.
@@ -110,7 +136,6 @@ struct Coordinator<'a> {
 struct Looked {
     queue: Result<QueueLook, QueueError>,
     taken_back: bool,
-    control: Control,
 }
 
 impl Coordinator<'_> {
@@ -135,13 +160,13 @@ impl Coordinator<'_> {
             };
             self.store_complained = None;
             self.tell_done();
-            let missing: Vec<usize> = self.progress.missing().collect();
+            let missing: Vec<usize> = self.snapshot.missing().collect();
             let round = Round {
                 everything,
                 queue: looked.queue.as_ref().ok(),
                 missing: &missing,
                 taken_back: looked.taken_back,
-                control: looked.control.state,
+                control: self.snapshot.control.state,
             };
             let (decision, after) = decide(&round, carried);
             carried = after;
@@ -183,16 +208,12 @@ impl Coordinator<'_> {
     fn look(&mut self, everything: bool) -> Result<Looked, FarmError> {
         let queue = self.look_at_queue(everything);
         let taken_back = if everything {
-            self.progress.look(self.run, self.store)?;
+            self.snapshot.refresh(self.run, self.store)?;
             false
         } else {
-            self.progress.look_for_news(self.run, self.store)?
+            self.snapshot.refresh_news(self.run, self.store)?
         };
-        Ok(Looked {
-            queue,
-            taken_back,
-            control: Control::get(self.store)?,
-        })
+        Ok(Looked { queue, taken_back })
     }
 
     fn look_at_queue(&self, everything: bool) -> Result<QueueLook, QueueError> {
@@ -212,14 +233,11 @@ impl Coordinator<'_> {
 
     /// Tells of each scene once that it is done.
     fn tell_done(&mut self) {
-        let (run, done) = (self.run, &self.progress.done);
-        let is_new =
-            |&scene: &usize| done[scene] && !std::mem::replace(&mut self.told[scene], true);
+        let (run, snapshot) = (self.run, &self.snapshot);
+        let is_new = |&scene: &usize| {
+            snapshot.is_done(scene) && !std::mem::replace(&mut self.told[scene], true)
+        };
         let new: Vec<usize> = (0..run.lines.len()).filter(is_new).collect();
-        see_tuples(run, self.store, &new, self.first, self.watch);
-        if self.options.watched {
-            see_attempts(self.store, self.watch);
-        }
         for &scene in &new {
             (self.on_event)(Event::ShardDone {
                 resumed: self.first,
@@ -234,26 +252,15 @@ impl Coordinator<'_> {
 
     /// Brings `watch` up to date, and tells of a change of control and of a queue that is away.
     fn tell(&mut self, looked: &Looked, finished: bool) {
-        {
+        if self.options.watched {
             let mut watch = self.watch.lock().expect("no holder of this lock panics");
-            let count = |n: usize| n as u64;
-            let progress = &self.progress;
-            watch.scenes = count(self.run.lines.len());
-            watch.done = count(progress.done.iter().filter(|d| **d).count());
-            watch.quarantined = count(progress.quarantined.iter().flatten().count());
-            watch.finished = finished;
-            watch.control = looked.control.clone();
-            let reasons = progress.quarantined.iter().enumerate();
-            watch.reasons = reasons.filter_map(|(s, r)| Some((s, r.clone()?))).collect();
-            match &looked.queue {
-                Ok(QueueLook { state, .. }) => {
-                    (watch.waiting, watch.held) = (state.waiting, state.held);
-                    watch.queue_lost = None;
-                }
-                Err(error) => watch.queue_lost = Some(error.to_string()),
+            watch.snapshot = self.snapshot.clone();
+            watch.queue_lost = looked.queue.as_ref().err().map(QueueError::to_string);
+            if let Ok(queue) = &looked.queue {
+                watch.queue = queue.state;
             }
         }
-        let told_to = &looked.control;
+        let told_to = &self.snapshot.control;
         if std::mem::replace(&mut self.control, told_to.clone()) != *told_to {
             (self.on_event)(Event::Controlled {
                 state: told_to.state,
@@ -323,20 +330,20 @@ impl Coordinator<'_> {
     }
 
     fn ended(&self, stopped: bool) -> Coordinated {
-        let watch = self.watch.lock().expect("no holder of this lock panics");
+        let is_cancelled = self.snapshot.control.state == ControlState::Cancelled;
         Coordinated {
-            watch: watch.clone(),
+            snapshot: self.snapshot.clone(),
             published: self.published,
             stopped,
-            cancelled: !watch.finished && watch.control.state == ControlState::Cancelled,
+            cancelled: is_cancelled && !self.snapshot.is_finished(),
         }
     }
 
     /// Removes what is left of scenes that are done. What cannot be removed does no harm.
     fn clear_away(&self) {
-        let (run, store, progress) = (self.run, self.store, &self.progress);
-        let done = || (0..run.lines.len()).filter(|&scene| progress.done[scene]);
-        if store.local_root().is_some() {
+        let (run, store, snapshot) = (self.run, self.store, &self.snapshot);
+        let done = || (0..run.lines.len()).filter(|&scene| snapshot.is_done(scene));
+        if store.is_local() {
             done().for_each(|scene| remove_partials(store, &run.lines[scene]));
             return;
         }
@@ -350,10 +357,10 @@ impl Coordinator<'_> {
 
     /// Says that the run is over, and clears away what is not needed any more.
     fn finish(&self) -> Result<(), FarmError> {
-        let (run, store, progress) = (self.run, self.store, &self.progress);
+        let (run, store, snapshot) = (self.run, self.store, &self.snapshot);
         self.clear_away();
         sweep_staged(run, store);
-        let quarantined = progress.quarantined.iter().flatten().count();
+        let quarantined = snapshot.counts().quarantined.len();
         let note = serde_json::json!({
             "schema": "glasshouse.finished/1",
             "scenes": run.lines.len(),

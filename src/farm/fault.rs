@@ -1,7 +1,7 @@
 //! Misbehaviour on order, to rehearse and to test what a farm does when a worker misbehaves.
 
 use super::simulate as sim;
-use crate::run::events::Event;
+use crate::run::Event;
 use render::ids::SceneId;
 use render::trace::TileResult;
 use std::str::FromStr;

@@ -4,15 +4,14 @@ use super::error::FarmError;
 use crate::farm::sweep::sweep;
 use crate::farm::tuples::{self, encode_noise, remove_partials, write_noise};
 use crate::run::AccessError;
-use crate::run::done::is_done;
+use crate::run::is_done;
 use crate::run::{QuarantineRecord, Run, keys};
 use crate::store::Store;
 use bytes::Bytes;
+use render::color::SrgbEncoder;
 use render::ids::SceneId;
 use render::line::SceneLine;
-use render::merge::{
-    MergeError, SrgbEncoder, Tuple, combine, encode_tuple_file, tuple_files, write_tuple,
-};
+use render::merge::{MergeError, Tuple, combine, encode_tuple_file, tuple_files, write_tuple};
 use render::partial;
 use std::path::Path;
 
@@ -45,7 +44,7 @@ pub fn merge_run(
     };
     let store = match elsewhere {
         Some(store) => store.clone(),
-        None => Store::local(run.dir.root())?,
+        None => Store::local(run.root())?,
     };
     let mut outcome = MergeOutcome::default();
     for line in &run.lines {
@@ -86,7 +85,7 @@ pub fn merge_run(
                     remove_partials(&store, line);
                 } else {
                     // What stands there without being this scene's tuple is replaced.
-                    write_tuple(&tuple, &run.dir.tuple(&line.id))
+                    write_tuple(&tuple, &run.path(&keys::tuple_folder(&line.id)))
                         .map_err(|e| AccessError::Tuple(e.to_string()))?;
                     remove_partials(&store, line);
                 }

@@ -17,7 +17,7 @@ mod sweep;
 mod tuples;
 mod worker;
 
-pub use coordinator::{CoordinateOptions, Coordinated, coordinate};
+pub use coordinator::{CoordinateOptions, Coordinated, Watch, coordinate};
 pub use error::FarmError;
 pub use fault::Fault;
 pub use merge_run::{MergeOutcome, merge_run};

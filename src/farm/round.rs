@@ -1,7 +1,7 @@
 //! What a coordinator does after a look at the queue and the store: a function of what it found.
 
 use super::queue::QueueState;
-use crate::run::control::ControlState;
+use crate::run::ControlState;
 use std::collections::BTreeSet;
 
 /// What one look at the queue found.

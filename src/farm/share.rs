@@ -2,7 +2,7 @@
 
 use super::error::FarmError;
 use crate::run::keys;
-use crate::run::run_dir::{Run, RunError};
+use crate::run::{Run, RunError};
 use crate::store::{Store, StoreError};
 use render::line::{Roots, is_url};
 use std::collections::{BTreeMap, BTreeSet};
@@ -15,8 +15,8 @@ const AT_ONCE: usize = 32;
 pub(super) fn share_run(run: &Run, store: &Store) -> Result<(), FarmError> {
     share_inputs(run, store)?;
     for (key, path) in [
-        (keys::MANIFEST, run.dir.manifest()),
-        (keys::SPEC, run.dir.spec()),
+        (keys::MANIFEST, run.path(keys::MANIFEST)),
+        (keys::SPEC, run.path(keys::SPEC)),
     ] {
         let bytes = std::fs::read(&path).map_err(|source| RunError::Read { path, source })?;
         store.create(key, &bytes)?;
@@ -34,7 +34,7 @@ fn own_roots(run: &Run) -> impl Iterator<Item = (&String, &PathBuf)> {
 /// Puts the files of the run's own roots that its scenes need. What is not here is not missed: another coordinator has
 /// put it, or workers bring it.
 fn share_inputs(run: &Run, store: &Store) -> Result<(), StoreError> {
-    let is_own = |root: &Path| root.canonicalize().ok() == run.dir.root().canonicalize().ok();
+    let is_own = |root: &Path| root.canonicalize().ok() == run.root().canonicalize().ok();
     if store.local_root().is_some_and(is_own) {
         return Ok(());
     }
@@ -58,7 +58,7 @@ fn share_inputs(run: &Run, store: &Store) -> Result<(), StoreError> {
         let read = |key: &String| {
             Some((
                 key.clone(),
-                std::fs::read(run.dir.root().join(key)).ok()?.into(),
+                std::fs::read(run.root().join(key)).ok()?.into(),
             ))
         };
         store.create_all(keys.iter().filter_map(read).collect())?;
@@ -72,7 +72,7 @@ impl Run {
     pub fn take_inputs_from(&mut self, store: &Store, given: &Roots) {
         let own: Vec<(String, PathBuf)> = own_roots(self)
             .filter(|(name, folder)| {
-                given.get(name).is_none() && !self.dir.root().join(folder).is_dir()
+                given.get(name).is_none() && !self.root().join(folder).is_dir()
             })
             .map(|(name, folder)| (name.clone(), folder.clone()))
             .collect();

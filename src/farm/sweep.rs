@@ -1,7 +1,7 @@
 //! What a killed process leaves behind: half-written files under their temporary names, and partials whose scene
 //! is merged already.
 
-use crate::run::run_dir::Run;
+use crate::run::{Run, keys};
 use crate::store::Store;
 use render::atomic_file::{self, is_temporary};
 use render::merge::is_written;
@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// Removes it. For whoever holds the run's lock; what cannot be removed does no harm.
 pub(super) fn sweep(run: &Run) {
-    let root = run.dir.root();
+    let root = run.root();
     sweep_folder(root, 0);
     sweep_folder(&root.join("quarantine"), 0);
     sweep_folder(&root.join("report"), 0);
@@ -21,9 +21,9 @@ pub(super) fn sweep(run: &Run) {
     sweep_folder(&root.join("partials"), 1);
     sweep_folder(&root.join("attempts"), 1);
     for line in &run.lines {
-        if is_written(&run.dir.tuple(&line.id), line) {
-            let _ = std::fs::remove_dir_all(run.dir.partials(&line.id));
-            let _ = std::fs::remove_dir_all(root.join(crate::run::keys::attempts(&line.id)));
+        if is_written(&run.path(&keys::tuple_folder(&line.id)), line) {
+            let _ = std::fs::remove_dir_all(run.path(&keys::partials(&line.id)));
+            let _ = std::fs::remove_dir_all(run.path(&keys::attempts(&line.id)));
         }
     }
 }
@@ -31,8 +31,8 @@ pub(super) fn sweep(run: &Run) {
 /// Removes what puts of killed workers left in a store on a local disk. For when all is done: a late put of something
 /// that is there already may fail by it, which nobody waits for.
 pub(super) fn sweep_staged(run: &Run, store: &Store) {
-    if store.local_root().is_some() {
-        let root = run.dir.root();
+    if store.is_local() {
+        let root = run.root();
         sweep_folder(&root.join("tuples"), 1);
         sweep_folder(&root.join("partials"), 1);
         sweep_folder(&root.join("attempts"), 1);

@@ -27,11 +27,10 @@ pub(in crate::farm) fn write_noise(store: &Store, line: &SceneLine, bytes: &[u8]
 
 /// The tuple is durable: its partials, and records of attempts, are of no more use. What cannot be removed does no harm.
 pub(in crate::farm) fn remove_partials(store: &Store, line: &SceneLine) {
-    if let Some(root) = store.local_root() {
-        let _ = std::fs::remove_dir_all(root.join(keys::partials(&line.id)));
-        let _ = std::fs::remove_dir_all(root.join(keys::attempts(&line.id)));
-    } else if let Ok(partials) = store.list(&keys::partials(&line.id)) {
-        let _ = store.delete(&partials);
+    let _ = store.remove_folder(&keys::partials(&line.id));
+    if store.is_local() {
+        // The folder stays when its last attempt is removed.
+        let _ = store.remove_folder(&keys::attempts(&line.id));
     }
 }
 

@@ -113,12 +113,11 @@ impl Sample {
                 .iter()
                 .any(|e| e.starts_with(&format!("{layer}.")))
         };
-        match &self.layers {
-            Some(layers) => layers.iter().filter(|layer| !has(layer)).cloned().collect(),
-            None => {
-                let missing = all.iter().filter(|e| !self.endings.contains(**e));
-                missing.map(|e| (*e).clone()).collect()
-            }
+        if let Some(layers) = &self.layers {
+            layers.iter().filter(|layer| !has(layer)).cloned().collect()
+        } else {
+            let missing = all.iter().filter(|e| !self.endings.contains(**e));
+            missing.map(|e| (*e).clone()).collect()
         }
     }
 }

@@ -4,7 +4,7 @@ use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};
 use super::kind::{Kind, kind_by_name, kind_of, schema_of};
 use super::{archive, checkpoint, lists, manifest, partial, picture, record, tuple};
-use render::trace::LAYERS;
+use render::layer::Layer;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Bytes that tell the kind.
@@ -71,7 +71,7 @@ fn image(input: &Input) -> Inspection {
             found
         }
         Ok(head) if head.attribute.is_some() => partial::read(input, &head),
-        Ok(head) if LAYERS.iter().any(|layer| head.has_layer(layer)) => {
+        Ok(head) if Layer::NAMES.iter().any(|layer| head.has_layer(layer)) => {
             tuple::read_exr(input, &head)
         }
         Ok(head) => super::exr::read(input, &head),

@@ -6,8 +6,8 @@ use super::kind::Kind;
 use exr::meta::MetaData;
 use exr::prelude::{AttributeValue, SampleType, Text, Vec2};
 use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
-use render::merge::{ExrChannels, decode_exr_channels};
-use render::trace::LAYERS;
+use render::formats::{ExrChannels, decode_exr_channels};
+use render::layer::Layer;
 use serde_json::json;
 use std::fmt::Write;
 use std::io::Cursor;
@@ -104,7 +104,7 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
     let mut found = Inspection::new(Kind::Exr);
     say_size(&mut found, head);
     let stem = input.name.strip_suffix(".exr").unwrap_or(input.name);
-    if LAYERS.contains(&stem) {
+    if Layer::NAMES.contains(&stem) {
         let text = format!("{stem}, linear radiance, as `glasshouse render` and `bench` write it");
         found.facts.fact("layer", text, stem);
     }
@@ -179,7 +179,7 @@ pub(super) fn say_values<'a>(
 /// Layers by name, each with the values of its channels; returns how many are not finite.
 pub(super) fn say_layers(found: &mut Inspection, channels: &ExrChannels) -> u64 {
     let mut not_finite = 0;
-    for layer in LAYERS {
+    for layer in Layer::NAMES {
         let is_of = |name: &str| {
             name.strip_prefix(layer)
                 .is_some_and(|rest| rest.starts_with('.'))

@@ -4,9 +4,10 @@ use super::digests::{CheckpointDigests, Digested};
 use super::facts::{Inspection, Problem, Whole, many};
 use super::file::inspect_file;
 use super::kind::Kind;
-use crate::run::{Control, ControlState, Run, RunStatus, keys, run_status};
+use crate::run::{Control, ControlState, Counts, Run, Scope, Snapshot, keys};
+use crate::store::Store;
+use render::layer::Layer;
 use render::line::Roots;
-use render::trace::LAYERS;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -65,7 +66,7 @@ fn tuple(folder: &Path) -> Inspection {
         found.wrong(Problem::new("tuple.exr is missing", AGAIN));
     }
     // The record's reader has reported missing pictures.
-    let pictures = LAYERS.map(|layer| format!("{layer}.png"));
+    let pictures = Layer::NAMES.map(|layer| format!("{layer}.png"));
     for name in pictures.iter().filter(|name| folder.join(name).is_file()) {
         add_problems(&mut found, inspect_file(&folder.join(name)), name);
     }
@@ -138,7 +139,14 @@ fn run(folder: &Path) -> Inspection {
             return found;
         }
     };
-    let status = run_status(&run);
+    let snapshot = Store::local(folder).and_then(|s| Snapshot::take(&run, &s, Scope::COUNTS));
+    let status = match snapshot {
+        Ok(snapshot) => snapshot.counts(),
+        Err(error) => {
+            found.wrong(Problem::new(error.to_string(), "make the folder readable"));
+            return found;
+        }
+    };
     say_status(&mut found, &run, &status);
     say_training(&mut found, folder);
     let has_report = folder.join("report/index.html").is_file();
@@ -156,7 +164,7 @@ fn run(folder: &Path) -> Inspection {
     found
 }
 
-fn say_status(found: &mut Inspection, run: &Run, status: &RunStatus) {
+fn say_status(found: &mut Inspection, run: &Run, status: &Counts) {
     let facts = &mut found.facts;
     facts.value("name", run.spec.name.as_str());
     let text = format!(
@@ -210,7 +218,7 @@ fn say_control(found: &mut Inspection, folder: &Path) {
     }
 }
 
-fn advise(found: &mut Inspection, status: &RunStatus, folder: &Path, has_report: bool) {
+fn advise(found: &mut Inspection, status: &Counts, folder: &Path, has_report: bool) {
     let (shown, next) = (folder.display(), &mut found.next);
     if !status.is_finished() {
         next.push(format!("`glasshouse work {shown}` does what is left"));

@@ -5,8 +5,9 @@ use super::facts::{Inspection, Problem};
 use super::input::Input;
 use super::kind::Kind;
 use crate::run::keys;
+use render::layer::Layer;
 use render::partial::{PARTIAL_SCHEMA, PartialHeader, decode};
-use render::trace::{LAYERS, TRACER_VERSION};
+use render::trace::TRACER_VERSION;
 use serde_json::json;
 use std::path::Path;
 
@@ -23,18 +24,18 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
     }
     match decode(Path::new(input.name), input.bytes) {
         Ok(partial) => {
-            for (index, layer) in LAYERS.iter().enumerate() {
-                if partial.header.layer_samples[index] == 0 {
+            for layer in Layer::ALL {
+                if partial.header.layer_samples[layer] == 0 {
                     found
                         .facts
-                        .say(*layer, "not asked for, or no samples in this range");
+                        .say(layer.name(), "not asked for, or no samples in this range");
                     continue;
                 }
                 let values = partial
                     .pixels
                     .iter()
-                    .flat_map(|pixel| pixel.mean[index].iter());
-                say_values(&mut found, layer, values);
+                    .flat_map(|pixel| pixel.mean[layer as usize].iter());
+                say_values(&mut found, layer.name(), values);
             }
             found.is_whole("its digest fits its header and every pixel");
         }

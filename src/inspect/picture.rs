@@ -5,8 +5,8 @@ use super::input::{AGAIN, Input};
 use super::kind::Kind;
 use crate::text::grouped;
 use render::formats::{NamedBytes, SceneError, npy_facts, ply_counts};
+use render::layer::Layer;
 use render::scene::{FileRole, look_at_whole};
-use render::trace::LAYERS;
 use serde_json::json;
 
 pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
@@ -39,7 +39,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
 fn picture(found: &mut Inspection, file: &NamedBytes) -> Result<(), SceneError> {
     let name = file.path.to_string_lossy();
     let stem = name.strip_suffix(".png").unwrap_or(&name);
-    if LAYERS.contains(&stem) {
+    if Layer::NAMES.contains(&stem) {
         let text =
             format!("{stem}, 8-bit sRGB, values above 1 clipped; tuple.exr has the radiance");
         found.facts.fact("layer", text, stem);

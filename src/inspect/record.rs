@@ -4,7 +4,7 @@ use super::digests::{Digested, hold_record};
 use super::facts::{Inspection, Problem, text_of};
 use super::input::{AGAIN, Input};
 use super::kind::{Kind, schema_of};
-use crate::run::{AttemptRecord, Control, QuarantineRecord, Receipt, keys};
+use crate::run::{AttemptRecord, Control, Provenance, QuarantineRecord, keys};
 use plan::{DepthRanges, Recipe, TrainRecipe};
 use render::shard::Spec;
 use render::trace::TRACER_VERSION;
@@ -47,7 +47,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
         }
         Kind::Quarantine => keys_of::<QuarantineRecord>(&mut found, input),
         Kind::Attempt => keys_of::<AttemptRecord>(&mut found, input),
-        Kind::Receipt => keys_of::<Receipt>(&mut found, input),
+        Kind::Receipt => keys_of::<Provenance>(&mut found, input),
         Kind::MadeBy => keys_of::<MadeBy>(&mut found, input),
         Kind::Finished => keys_of::<Finished>(&mut found, input),
         Kind::Best => keys_of::<Best>(&mut found, input),

@@ -6,8 +6,10 @@ use super::facts::{Inspection, Problem, many};
 use super::input::Input;
 use super::kind::Kind;
 use super::record::typed;
-use render::merge::{TupleRecord, decode_exr_channels, decode_tuple_exr, tuple_files};
-use render::trace::{LAYERS, TRACER_VERSION};
+use render::formats::decode_exr_channels;
+use render::layer::Layer;
+use render::merge::{TupleRecord, decode_tuple_exr, tuple_files};
+use render::trace::TRACER_VERSION;
 use serde_json::json;
 use std::fmt::Write;
 
@@ -98,7 +100,7 @@ fn say(found: &mut Inspection, record: &TupleRecord) {
     facts.fact("film", text, size);
     facts.value("front", scene.front.name());
     facts.value("back", scene.back.name());
-    let made = LAYERS.map(|name| Some((name, record.layers.get(name)?)));
+    let made = Layer::NAMES.map(|name| Some((name, record.layers.get(name)?)));
     for (name, layer) in made.into_iter().flatten() {
         let error = layer.error_rms;
         let error = error.map_or_else(|| "unknown".to_owned(), |e| format!("{e:.1e}"));

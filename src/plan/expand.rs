@@ -13,10 +13,10 @@ use super::recipe_error::RecipeError;
 use super::source::Source;
 use super::source_values::source_values;
 use render::line::Side;
-use render::line::refuse;
 use render::line::{
     Apex, Camera, DepthKind, Film, Focus, FocusAt, Glass, Photograph, SCENE_SCHEMA, SceneLine,
 };
+use render::scene::check_geometry;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// How often a scene is drawn before its recipe is given up.
@@ -137,7 +137,7 @@ pub(super) fn draw_line(
             Focus::Distance { distance_m } => 1.0 / distance_m,
             Focus::At { .. } => 0.0,
         };
-        match refuse(&line, inverse_focus_distance_per_m) {
+        match check_geometry(&line, inverse_focus_distance_per_m) {
             Ok(()) => return Ok((line, attempt)),
             Err(reason) => refusal = Some(reason),
         }
@@ -416,7 +416,7 @@ mod tests {
         let expansion = expand_counted(&steep, &sources, &BTreeSet::new()).unwrap();
         assert!(expansion.redrawn > 0);
         for line in &expansion.lines {
-            refuse(line, 0.0).unwrap();
+            check_geometry(line, 0.0).unwrap();
         }
 
         let hopeless = recipe("tilt_deg = [0, { uniform = [85, 89] }]", 4, 4);

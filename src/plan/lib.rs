@@ -7,7 +7,7 @@
 //! draw.rs, source_values.rs                  every random number, and what photographs say of themselves
 //! expand.rs                                  all of it: recipe -> scene lines
 //! line.rs, side.rs, side_json.rs             a scene line; photograph, panorama or mesh     jsonl.rs   manifests as text
-//! validate.rs, refuse.rs                     which lines are sound, which panes cannot be looked through
+//! validate.rs, check_geometry.rs                     which lines are sound, which panes cannot be looked through
 //! roots.rs                                   where a line's paths lead
 //! cost.rs                                    what the lines will take on a machine
 //! training.rs                                what is trained on the tuples, and how

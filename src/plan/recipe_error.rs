@@ -3,6 +3,7 @@
 use render::ids::SceneId;
 use render::line::LineError;
 use render::line::Split;
+use render::scene::GeometryError;
 
 /// A recipe that cannot be used, or that cannot be expanded with the photographs at hand.
 #[derive(Debug, thiserror::Error)]
@@ -60,7 +61,7 @@ pub enum RecipeError {
         /// The parameters that decide it, with their ranges.
         ranges: String,
         /// Why the last draw was refused.
-        source: LineError,
+        source: GeometryError,
     },
     /// A photograph's record does not have what a recipe takes from it.
     #[error(

@@ -10,4 +10,4 @@ mod style;
 
 pub(crate) use axis::Axis;
 pub(crate) use panel::{Panel, Stroke, legend, plot};
-pub(crate) use style::{LAYER_COLOURS, LAYER_SYMBOLS, PAPER_SYMBOLS, number};
+pub(crate) use style::{LAYER_COLOURS, PAPER_SYMBOLS, number};

@@ -1,13 +1,13 @@
 //! How layers look in plots, and how numbers are written there.
 
-/// Symbols of the layers, in the order in which everything stores them.
-pub(crate) const LAYER_SYMBOLS: [&str; 4] = ["I", "T", "R~", "R"];
+use render::layer::PerLayer;
 
 /// The same as the paper prints them: a combining tilde above the R.
-pub(crate) const PAPER_SYMBOLS: [&str; 4] = ["I", "T", "R\u{303}", "R"];
+pub(crate) const PAPER_SYMBOLS: PerLayer<&str> = PerLayer(["I", "T", "R\u{303}", "R"]);
 
 /// Their colours (Okabe and Ito's, which colour-blind eyes tell apart).
-pub(crate) const LAYER_COLOURS: [&str; 4] = ["#0072B2", "#D55E00", "#009E73", "#CC79A7"];
+pub(crate) const LAYER_COLOURS: PerLayer<&str> =
+    PerLayer(["#0072B2", "#D55E00", "#009E73", "#CC79A7"]);
 
 /// Three significant digits; a power of 10 for very small and very large numbers.
 pub(crate) fn number(value: f64) -> String {

@@ -1,12 +1,6 @@
 //! Random numbers of the procedural photographs: integer hashes, no state but a counter.
 
-/// Mixes a 64-bit key (the finaliser of splitmix64).
-pub(super) fn mix(key: u64) -> u64 {
-    let mut z = key.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    z ^ (z >> 31)
-}
+pub(super) use render::hash::splitmix64 as mix;
 
 /// Hash of a lattice point, for textures.
 pub(super) fn lattice(x: i32, y: i32, z: i32) -> u32 {

@@ -10,10 +10,10 @@ use tempfile::NamedTempFile;
 /// A file or folder could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {source}; check the disk's space and the folder's permissions", path.display())]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub struct WriteError {
     /// What was to be written.
     pub path: PathBuf,
-    /// Why it was not.
     pub source: io::Error,
 }
 
@@ -26,8 +26,8 @@ pub fn is_temporary(path: &Path) -> bool {
         .is_some_and(|name| name.to_string_lossy().starts_with(TEMPORARY_PREFIX))
 }
 
-/// Removes files that `is_leftover` from a folder and from those in it, `depth` deep. For whoever is alone there; what
-/// cannot be removed does no harm.
+/// Removes files that `is_leftover` from a folder and from those in it, `depth` deep. The caller must be the
+/// folder's only user; files that cannot be removed do no harm.
 pub fn sweep(folder: &Path, depth: u32, is_leftover: &dyn Fn(&Path) -> bool) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         match entry.file_type() {

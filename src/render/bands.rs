@@ -3,13 +3,13 @@
 //! Pixels do not depend on the tile they are traced in, and paths, misses and samples are whole numbers: so a shard put
 //! together from bands, in whatever order they come, has the bits of the shard traced in one piece.
 
+use crate::layer::{Layer, PerLayer};
 use crate::trace::{CELL_PX, PixelMeans, Tile, TileResult};
 use std::sync::Mutex;
 
 /// Rows of a band. Whole cells, for adaptive scenes; few, so that no thread waits long for the last one.
 pub(crate) const BAND_ROWS: u32 = CELL_PX;
 
-/// Bands of a tile.
 pub(crate) fn bands(tile: Tile) -> u32 {
     tile.height.div_ceil(BAND_ROWS)
 }
@@ -24,7 +24,7 @@ fn band(tile: Tile, index: u32) -> Tile {
     }
 }
 
-/// A shard whose bands are traced by whoever is free.
+/// A shard whose bands any free thread may trace.
 #[derive(Default)]
 pub(crate) struct BandedShard {
     joined: Mutex<Joined>,
@@ -38,7 +38,7 @@ struct Joined {
 }
 
 impl BandedShard {
-    /// Traces band `index` of the shard's `tile` with `trace`; the whole shard's result for whoever does the last band.
+    /// Traces band `index` of the shard's `tile` with `trace`; the last band returns the whole shard's result.
     pub(crate) fn trace(
         &self,
         tile: Tile,
@@ -53,14 +53,14 @@ impl BandedShard {
         }
         let whole = joined.result.get_or_insert_with(|| TileResult {
             pixels: vec![PixelMeans::default(); tile.width as usize * tile.height as usize],
-            samples: [0; 4],
-            sample_sums: result.sample_sums.map(|_| [0; 4]),
-            paths: [0; 4],
-            misses: [0; 4],
+            samples: PerLayer::default(),
+            sample_sums: result.sample_sums.map(|_| PerLayer::default()),
+            paths: PerLayer::default(),
+            misses: PerLayer::default(),
         });
         let start = index as usize * BAND_ROWS as usize * tile.width as usize;
         whole.pixels[start..start + result.pixels.len()].copy_from_slice(&result.pixels);
-        for layer in 0..4 {
+        for layer in Layer::ALL {
             // Of an adaptive scene the most, of others the same in all bands.
             whole.samples[layer] = whole.samples[layer].max(result.samples[layer]);
             whole.paths[layer] += result.paths[layer];

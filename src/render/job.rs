@@ -15,19 +15,23 @@ pub struct SceneJob<'a> {
     pub line: &'a SceneLine,
     /// Its shards.
     pub layout: ShardLayout,
-    loaded: LoadedScene,
+    loaded: Arc<LoadedScene>,
     line_blake3: String,
     shards: Vec<BandedShard>,
     results: Mutex<Vec<Arc<Partial>>>,
 }
 
 impl<'a> SceneJob<'a> {
-    /// A scene of which nothing is done.
-    pub fn new(line: &'a SceneLine, layout: ShardLayout, loaded: LoadedScene) -> Self {
+    /// A scene without any finished shard.
+    pub fn new(
+        line: &'a SceneLine,
+        layout: ShardLayout,
+        loaded: impl Into<Arc<LoadedScene>>,
+    ) -> Self {
         Self {
             line,
             layout,
-            loaded,
+            loaded: loaded.into(),
             line_blake3: scene_digest(line),
             shards: (0..layout.len()).map(|_| BandedShard::default()).collect(),
             results: Mutex::new(Vec::new()),
@@ -44,7 +48,7 @@ impl<'a> SceneJob<'a> {
         bands(self.layout.shard(shard).tile)
     }
 
-    /// Traces one band of a shard; the whole shard's result for whoever does its last band.
+    /// Traces one band of a shard; its last band returns the whole shard's result.
     pub fn trace_band(&self, shard: &Shard, band: u32, isa: Isa) -> Option<TileResult> {
         self.shards[shard.index as usize].trace(shard.tile, band, |tile| {
             trace_tile(&self.loaded.scene, tile, shard.samples.clone(), isa)
@@ -123,7 +127,7 @@ impl<'a> SceneJob<'a> {
     }
 }
 
-/// Traces all shards of one scene on `threads` threads, nothing being written. For `render`.
+/// Traces all shards of one scene on `threads` threads and writes nothing. See [`crate::Loaded`] for the whole path.
 ///
 /// Returns `None` when `stop` was set before the end.
 pub fn render_partials(

@@ -1,8 +1,8 @@
 //! A scene line and its files become four exact images: everything from decoding photographs to writing tuples.
 //!
 //! ```text
-//! line -> formats -> scene -> trace -> shard, partial -> merge        job: all of it for one scene, in memory
-//! (what)  (bytes)    (sheets) (rays)   (work, on disk)   (tuples)
+//! line -> formats -> scene -> trace -> shard, partial -> merge        job, Loaded: all of it for one scene, in memory
+//! (what)  (bytes)    (sheets) (rays)   (work, on disk)   (tuples)     layer, color, hash: what all of them share
 //! ```
 //!
 //! No clock, no environment variable, no asynchronous runtime and no command line: a pixel follows from the line and the bytes
@@ -10,12 +10,18 @@
 
 pub mod atomic_file;
 mod bands;
+pub mod color;
 pub mod formats;
+pub mod hash;
 pub mod ids;
 pub mod job;
+pub mod layer;
 pub mod line;
+mod loaded;
 pub mod merge;
 pub mod partial;
 pub mod scene;
 pub mod shard;
 pub mod trace;
+
+pub use loaded::Loaded;

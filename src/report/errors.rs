@@ -2,10 +2,10 @@
 
 use super::survey::{DoneScene, Survey};
 use super::text::{error, evenly, exact, quantile, table};
-use crate::plot::{Axis, LAYER_COLOURS, LAYER_SYMBOLS, Panel, Stroke, legend, number, plot};
+use crate::plot::{Axis, LAYER_COLOURS, Panel, Stroke, legend, number, plot};
 use crate::run::Run;
 use maud::{Markup, html};
-use render::trace::LAYERS;
+use render::layer::Layer;
 use std::collections::BTreeMap;
 
 /// Size of a plot, px of its own coordinates, and its area.
@@ -23,7 +23,9 @@ pub(super) type Costs = BTreeMap<usize, f64>;
 
 /// Plots and a table.
 pub(super) fn errors(run: &Run, survey: &Survey) -> Markup {
-    let layers: Vec<Layer> = (0..4).filter_map(|k| Layer::of(k, &survey.done)).collect();
+    let layers: Vec<LayerErrors> = (0..4)
+        .filter_map(|k| LayerErrors::of(k, &survey.done))
+        .collect();
     if layers.is_empty() {
         return html! { p.dim { "No tuple states an error yet." } };
     }
@@ -49,7 +51,7 @@ pub(super) fn errors(run: &Run, survey: &Survey) -> Markup {
                 (cloud(survey, "Stated error against CPU seconds of tracing a scene",
                     "CPU seconds of tracing a scene, all its layers", cost))
             }
-            @if layers.iter().any(Layer::samples_differ) {
+            @if layers.iter().any(LayerErrors::samples_differ) {
                 (cloud(survey, "Stated error against samples a pixel", "samples a pixel", samples))
             }
         }
@@ -58,7 +60,7 @@ pub(super) fn errors(run: &Run, survey: &Survey) -> Markup {
 }
 
 /// One layer's errors.
-struct Layer {
+struct LayerErrors {
     k: usize,
     /// Error and index of the scene in the manifest, sorted.
     sorted: Vec<(f64, usize)>,
@@ -66,7 +68,7 @@ struct Layer {
     samples: Vec<f64>,
 }
 
-impl Layer {
+impl LayerErrors {
     fn of(k: usize, done: &[DoneScene]) -> Option<Self> {
         let made = done
             .iter()
@@ -88,7 +90,7 @@ impl Layer {
 }
 
 /// Cumulative distribution of the stated errors.
-fn distribution(layers: &[Layer]) -> Markup {
+fn distribution(layers: &[LayerErrors]) -> Markup {
     let all = layers.iter().flat_map(|layer| &layer.sorted);
     let positive = all.map(|(error, _)| *error).filter(|error| *error > 0.0);
     if positive.clone().next().is_none() {
@@ -100,7 +102,7 @@ fn distribution(layers: &[Layer]) -> Markup {
         x_label: "stated RMS error of a layer, linear radiance",
         y_label: "% of the scenes state at most this error",
     };
-    let steps = |layer: &Layer| {
+    let steps = |layer: &LayerErrors| {
         let count = layer.sorted.len();
         let (mut points, mut below) = (Vec::new(), 0.0);
         let mut places = evenly(count, STEPS);
@@ -116,12 +118,17 @@ fn distribution(layers: &[Layer]) -> Markup {
         }
         points
     };
-    let entry = |layer: &Layer| (LAYER_SYMBOLS[layer.k], LAYER_COLOURS[layer.k]);
+    let entry = |layer: &LayerErrors| {
+        (
+            Layer::ALL[layer.k].symbol(),
+            LAYER_COLOURS[Layer::ALL[layer.k]],
+        )
+    };
     let entries: Vec<_> = layers.iter().map(entry).collect();
     let content = html! {
         (panel.frame())
         @for layer in layers {
-            (Panel::line(&steps(layer), &Stroke { colour: LAYER_COLOURS[layer.k], width: 2.0, dash: "" }))
+            (Panel::line(&steps(layer), &Stroke { colour: LAYER_COLOURS[Layer::ALL[layer.k]], width: 2.0, dash: "" }))
         }
         (legend(LEGEND, &entries))
     };
@@ -164,11 +171,11 @@ fn cloud(
     };
     let shown = (0..layers.len()).filter(|&k| !layers[k].is_empty());
     let entries: Vec<_> = shown
-        .map(|k| (LAYER_SYMBOLS[k], LAYER_COLOURS[k]))
+        .map(|k| (Layer::ALL[k].symbol(), LAYER_COLOURS[Layer::ALL[k]]))
         .collect();
     let content = html! {
         (panel.frame())
-        @for (points, colour) in layers.iter().zip(LAYER_COLOURS) {
+        @for (points, colour) in layers.iter().zip(LAYER_COLOURS.0) {
             @let at: Vec<(f64, f64)> = points.iter().map(|point| panel.at(*point)).collect();
             (Panel::dots(&at, colour, 2.8))
         }
@@ -177,17 +184,17 @@ fn cloud(
     plot(SIZE, label, &content)
 }
 
-fn summary(run: &Run, layers: &[Layer]) -> Markup {
-    let row = |layer: &Layer| {
+fn summary(run: &Run, layers: &[LayerErrors]) -> Markup {
+    let row = |layer: &LayerErrors| {
         let errors: Vec<f64> = layer.sorted.iter().map(|(error, _)| *error).collect();
         let (most, worst) = layer.sorted[layer.sorted.len() - 1];
         let [least_samples, samples, most_samples] =
             [0.0, 0.5, 1.0].map(|share| quantile(&layer.samples, share));
         html! {
-            tr id={ "errors-" (LAYERS[layer.k]) } {
+            tr id={ "errors-" (Layer::ALL[layer.k].name()) } {
                 td {
-                    b style={ "color:" (LAYER_COLOURS[layer.k]) } { "\u{25a0}" }
-                    " " (LAYER_SYMBOLS[layer.k]) " " small { (LAYERS[layer.k]) }
+                    b style={ "color:" (LAYER_COLOURS[Layer::ALL[layer.k]]) } { "\u{25a0}" }
+                    " " (Layer::ALL[layer.k].symbol()) " " small { (Layer::ALL[layer.k].name()) }
                 }
                 td.n { (errors.len()) }
                 td.n {

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Facts, splits and sources.
 pub(super) fn glance(run: &Run, survey: &Survey) -> Markup {
-    let counts = &survey.overview.counts;
+    let counts = &survey.status.counts;
     let fact = |id: &str, name: &str, value: &str, note: &str| {
         html! { div id={ "fact-" (id) } { dt { (name) } dd { (value) " " small { (note) } } } }
     };
@@ -115,7 +115,7 @@ fn splits(run: &Run, survey: &Survey) -> Markup {
     for scene in &survey.done {
         counts.entry(run.lines[scene.index].split).or_default()[1] += 1;
     }
-    for scene in &survey.overview.counts.quarantined {
+    for scene in &survey.status.counts.quarantined {
         if let Some(split) = split_of.get(scene.scene.as_str()) {
             counts.entry(*split).or_default()[2] += 1;
         }

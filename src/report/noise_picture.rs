@@ -3,6 +3,7 @@
 use crate::plot::{Axis, PAPER_SYMBOLS, plot};
 use image::{Rgb, RgbImage, imageops};
 use maud::{Markup, html};
+use render::layer::Layer;
 use render::merge::NoiseMap;
 
 /// Errors (linear radiance) at the ends of the colours. The same for all scenes and runs, so that pages can be compared.
@@ -29,13 +30,14 @@ const COLOURS: [[u8; 3]; 9] = [
     [0xfd, 0xe7, 0x25],
 ];
 
-/// The maps of all layers in one picture, two a row, and their symbols in that order.
+/// The maps of all layers in one picture, two a row, and the layers in that order.
 pub(super) fn noise_picture(map: &NoiseMap) -> (RgbImage, Vec<&'static str>) {
-    let made: Vec<usize> = (0..4).filter(|&k| !map.layers[k].is_empty()).collect();
+    let mut made = Layer::ALL.to_vec();
+    made.retain(|&layer| !map.layers[layer].is_empty());
     let most = if made.len() > 1 { PART_PX } else { ONLY_PX };
     let parts: Vec<RgbImage> = made
         .iter()
-        .map(|&k| part(&map.layers[k], [map.width, map.height], most))
+        .map(|&layer| part(&map.layers[layer], [map.width, map.height], most))
         .collect();
     let [width, height] = parts.first().map_or([1, 1], |p| [p.width(), p.height()]);
     let columns = parts.len().clamp(1, 2) as u32;
@@ -127,6 +129,7 @@ pub(super) fn scale() -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use render::layer::PerLayer;
 
     #[test]
     fn colours_follow_the_error() {
@@ -147,7 +150,7 @@ mod tests {
         let mut map = NoiseMap {
             width: 512,
             height: 256,
-            layers: [layer(1e-3), layer(1e-4), layer(1e-2), layer(0.0)],
+            layers: PerLayer([layer(1e-3), layer(1e-4), layer(1e-2), layer(0.0)]),
         };
         let (picture, symbols) = noise_picture(&map);
         assert_eq!(picture.dimensions(), (258, 130));
@@ -155,14 +158,14 @@ mod tests {
         assert_eq!(picture.get_pixel(5, 5).0, colour(1e-3));
         assert_eq!(picture.get_pixel(200, 5).0, colour(f64::from(1e-4f32)));
         assert_eq!(picture.get_pixel(200, 120).0, COLOURS[0]);
-        map.layers[0].clear();
-        map.layers[3].clear();
+        map.layers[Layer::Input].clear();
+        map.layers[Layer::CleanReflection].clear();
         let (picture, symbols) = noise_picture(&map);
         assert_eq!(
             (picture.dimensions(), symbols),
             ((258, 64), vec!["T", "R\u{303}"])
         );
-        map.layers[1].clear();
+        map.layers[Layer::Transmission].clear();
         assert_eq!(noise_picture(&map).0.dimensions(), (256, 128));
         // Sides that do not divide, and thin ones.
         let odd = part(&vec![1e-3; 131 * 3], [131, 3], 128);

@@ -9,7 +9,7 @@ use super::seconds::seconds_of;
 use super::sheet::sheet;
 use super::survey::Survey;
 use super::training::training;
-use crate::run::Run;
+use crate::run::{Run, keys};
 use crate::store::{Store, StoreError};
 use crate::text::{cut, printable};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -66,7 +66,7 @@ pub fn write_report(run: &Run, store: &Store, path: Option<&Path>) -> Result<Rep
     survey.damaged.extend(sheet.damaged);
     let tuples = html! { (damaged(&survey.damaged)) (sheet.html) };
     let page = printable(page(run, &survey, tuples).into_string());
-    let path = path.map_or_else(|| run.dir.report().join("index.html"), Path::to_owned);
+    let path = path.map_or_else(|| run.path(keys::REPORT), Path::to_owned);
     if let Some(folder) = path.parent() {
         atomic_file::create_dir(folder)?;
     }
@@ -84,7 +84,7 @@ pub fn write_report(run: &Run, store: &Store, path: Option<&Path>) -> Result<Rep
 }
 
 fn page(run: &Run, survey: &Survey, tuples: Markup) -> Markup {
-    let folder = run.dir.root();
+    let folder = run.root();
     let parameters = html! { (parameters(&run.lines)) (rejected(run)) };
     let sections = [
         ("glance", "The run at a glance", glance(run, survey)),
@@ -99,13 +99,13 @@ fn page(run: &Run, survey: &Survey, tuples: Markup) -> Markup {
         (
             "quarantine",
             "Quarantine",
-            quarantine(&survey.overview.counts.quarantined),
+            quarantine(&survey.status.counts.quarantined),
         ),
         ("training", "Training", training(folder)),
         ("evaluation", "Evaluation", evaluation(folder)),
         ("again", "How to make it again", again(run)),
     ];
-    let state = survey.overview.state.name();
+    let state = survey.status.state.name();
     html! {
         (DOCTYPE)
         html lang="en" {
@@ -138,7 +138,7 @@ fn page(run: &Run, survey: &Survey, tuples: Markup) -> Markup {
 
 /// Draws that were not kept, or why nothing is known of them.
 fn rejected(run: &Run) -> Markup {
-    match read_rejected(run.dir.rejected()) {
+    match read_rejected(run.path(keys::REJECTED)) {
         Ok(rejected) => rejections(run.lines.len(), &rejected),
         Err((_, reason)) => html! {
             p.bad { code { "rejected.jsonl" } " cannot be read: " (cut(&reason, 500)) }

@@ -10,10 +10,11 @@ use crate::store::{Store, StoreError};
 use image::RgbImage;
 use maud::{Markup, html};
 use rayon::prelude::*;
+use render::color::{SrgbEncoder, srgb_to_linear};
 use render::ids::SceneId;
+use render::layer::Layer;
 use render::line::SceneLine;
-use render::merge::{LayerRecord, NoiseMap, SrgbEncoder, TupleRecord, srgb_to_linear};
-use render::trace::LAYERS;
+use render::merge::{LayerRecord, NoiseMap, TupleRecord};
 
 /// Tuples on the sheet.
 const SHOWN: usize = 32;
@@ -89,7 +90,7 @@ fn content(rows: &[&Row], done: usize, noise_maps: usize) -> Markup {
             for the screen, at most " (THUMBNAIL_PX) " px a side; JPEG of quality " (QUALITY)
             " where that takes less than 1/" (MUCH_SMALLER) " of a PNG. "
             b { "I" } " is what the camera sees; " b { "T" } " the scene behind the glass, bent as by it; "
-            b { (PAPER_SYMBOLS[2]) } " the scene reflected by both faces of the glass, through the lens; "
+            b { (PAPER_SYMBOLS[Layer::GlassReflection]) } " the scene reflected by both faces of the glass, through the lens; "
             b { "R" } " the same without glass and lens. The error beside a layer is its stated RMS error over the film and \
             its colours, linear radiance."
         }
@@ -117,7 +118,7 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
     let record = parse(line, &get("tuple.json")?).map_err(damaged)?;
     let id = line.id.as_str();
     let mut figures = Vec::new();
-    for (name, symbol) in LAYERS.iter().zip(PAPER_SYMBOLS) {
+    for (name, symbol) in Layer::NAMES.iter().zip(PAPER_SYMBOLS.0) {
         let Some(layer) = record.layers.get(*name) else {
             continue;
         };

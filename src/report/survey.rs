@@ -1,19 +1,17 @@
 //! Everything that the report needs from a run's store, read once.
 
-use crate::run::{Observer, Overview, Run, WorkLog, keys, read_logs};
+use crate::run::{Run, Scope, Snapshot, Status, WorkLog, keys, read_logs};
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
+use render::layer::Layer;
 use render::line::SceneLine;
 use render::merge::{TupleRecord, tuple_files};
-use render::trace::{LAYERS, TRACER_VERSION};
+use render::trace::TRACER_VERSION;
 use std::collections::BTreeSet;
-
-/// Records in memory at once.
-const RECORDS_AT_ONCE: usize = 256;
 
 pub(super) struct Survey {
     /// Counts, quarantine, state.
-    pub(super) overview: Overview,
+    pub(super) status: Status,
     /// Scenes with a usable tuple, in the manifest's order.
     pub(super) done: Vec<DoneScene>,
     /// Scenes whose tuples cannot be used, with the reason.
@@ -45,39 +43,31 @@ pub(super) struct LayerFacts {
 impl Survey {
     /// Reads every record, and no picture.
     pub(super) fn of(run: &Run, store: &Store) -> Result<Self, StoreError> {
-        let overview = Observer::new(run, store).look()?;
+        let snapshot = Snapshot::take(run, store, Scope::STATUS)?;
         let listed: BTreeSet<String> = store.list(keys::TUPLES)?.into_iter().collect();
         let mut survey = Self {
-            overview,
+            status: snapshot.status(),
             done: Vec::new(),
             damaged: Vec::new(),
             noise: BTreeSet::new(),
             logs: Vec::new(),
             damaged_logs: Vec::new(),
         };
-        let record = |line: &SceneLine| keys::tuple(&line.id, "tuple.json");
         let lines = run.lines.iter().enumerate();
-        let recorded: Vec<(usize, String)> = lines
-            .map(|(index, line)| (index, record(line)))
+        let (indices, records): (Vec<usize>, Vec<String>) = lines
+            .map(|(index, line)| (index, keys::tuple_record(&line.id)))
             .filter(|(_, key)| listed.contains(key))
-            .collect();
-        for some in recorded.chunks(RECORDS_AT_ONCE) {
-            let keys: Vec<String> = some.iter().map(|(_, key)| key.clone()).collect();
-            for ((index, _), bytes) in some.iter().zip(store.get_all(&keys)?) {
-                let line = &run.lines[*index];
-                // It may be removed meanwhile.
-                let Some(bytes) = bytes else {
-                    continue;
-                };
-                match facts(line, &bytes, &listed) {
-                    Ok(layers) => survey.done.push(DoneScene {
-                        index: *index,
-                        layers,
-                    }),
-                    Err(reason) => survey.damaged.push((line.id.clone(), reason)),
-                }
+            .unzip();
+        store.for_each(&records, |at, bytes| {
+            let index = indices[at];
+            let line = &run.lines[index];
+            match bytes.map(|bytes| facts(line, &bytes, &listed)) {
+                // It was removed meanwhile.
+                None => {}
+                Some(Ok(layers)) => survey.done.push(DoneScene { index, layers }),
+                Some(Err(reason)) => survey.damaged.push((line.id.clone(), reason)),
             }
-        }
+        })?;
         let maps: BTreeSet<String> = store.list(keys::NOISE)?.into_iter().collect();
         let ids = run.lines.iter().map(|line| &line.id);
         let with_map = ids.filter(|id| maps.contains(&keys::noise(id)));
@@ -100,7 +90,7 @@ fn facts(
     {
         return Err(format!("{file} is not there"));
     }
-    Ok(LAYERS.map(|name| {
+    Ok(Layer::NAMES.map(|name| {
         let layer = record.layers.get(name)?;
         Some(LayerFacts {
             samples: layer.mean_samples.unwrap_or(f64::from(layer.samples)),

@@ -1,9 +1,9 @@
-//! What is written down before a task is worked on, so that a scene that kills whoever works on it is found out.
+//! Records of attempts, by which scenes that kill their workers are detected.
 //!
-//! Whoever takes a task first puts `attempts/<scene>/<start>-<end>.<n>.json`, and removes it when the task ends in order.
-//! A record that stands is of work that goes on, or of work that was lost. The queue tells which: a task that it gives
-//! out again has lost its holder. What was lost once is tried in a child process, whose death costs nobody else, and what
-//! was lost four times is set aside.
+//! A worker that takes a task first puts `attempts/<scene>/<start>-<end>.<n>.json`, and removes it when the task ends in
+//! order. A record that remains belongs to an attempt that goes on, or to one that was lost. The queue tells which: when it
+//! delivers a task again, the last holder's lease has expired. A task that was lost once is tried in a child process; after
+//! four losses its scene goes into quarantine.
 
 use super::keys;
 use super::task::Task;
@@ -11,14 +11,15 @@ use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
+use std::time::SystemTime;
 
-/// The schema name of an attempt's record.
+/// Schema of an [`AttemptRecord`].
 pub const ATTEMPT_SCHEMA: &str = "glasshouse.attempt/1";
 
-/// A scene that was lost so often, without anything new of it in the store, is set aside.
+/// A scene that was lost so often, without new partials in between, goes into quarantine.
 pub const MOST_LOST: u32 = 4;
 
-/// Machines that must find a file unreadable before it counts as that.
+/// A scene goes into quarantine when its files are unreadable on so many machines.
 const HOSTS_TO_REFUSE: usize = 2;
 
 /// `attempts/<scene>/<start>-<end>.<n>.json`
@@ -33,61 +34,61 @@ pub struct AttemptRecord {
     pub shards: [u32; 2],
     /// From 1, of those with the same shards.
     pub n: u32,
-    /// Who tries.
+    /// The worker that tries.
     pub worker: String,
-    /// On which machine.
+    /// The worker's machine.
     pub host: String,
-    /// Of these shards, those in the store before.
+    /// How many of these shards had a partial before.
     pub found: u32,
-    /// How it ended, if it did not end in order.
+    /// How it failed; `null` while it goes on.
     pub ended: Option<Ending>,
 }
 
-/// How an attempt ended, told by its worker.
+/// How an attempt failed, as a worker recorded it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ending {
-    /// In which way.
+    /// Kind of failure.
     pub kind: EndKind,
     /// What happened.
     pub reason: String,
-    /// Last lines that the child process wrote.
+    /// Last lines of the child process's log.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub log_tail: String,
 }
 
-/// In which way an attempt ended.
+/// Kind of an attempt's failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EndKind {
-    /// Its worker gave no sign any more; told by the next one.
+    /// Its worker's lease expired; recorded by the next worker.
     Lost,
     /// The child process died.
     Crashed,
     /// The child process made no progress and was killed.
     Hung,
-    /// The scene's files cannot be read on this machine.
+    /// The scene's files cannot be read on the worker's machine.
     Unreadable,
 }
 
-/// Who works.
+/// A worker and its machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WorkerName {
-    /// Different for each process.
+    /// Unique to the process.
     pub worker: String,
-    /// The same for all of a machine.
+    /// The same for all workers of a machine.
     pub host: String,
 }
 
-/// What earlier attempts say of a task.
+/// What earlier attempts tell about a task.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Verdict {
-    /// Nothing.
-    Fresh,
-    /// It may have killed whoever worked on it.
+pub(crate) enum PoisonCheck {
+    /// No attempt at it was lost.
+    Clean,
+    /// It may have killed a worker: only a child process may trace it.
     Suspect,
-    /// It is set aside, for this reason.
-    SetAside(String),
+    /// It has killed too many: its scene goes into quarantine for this reason.
+    Poison(String),
 }
 
 impl AttemptRecord {
@@ -104,7 +105,7 @@ impl AttemptRecord {
         }
     }
 
-    /// The record of a scene under `key`, if that is an attempt's name. One that cannot be read counts as lost.
+    /// Reads the record under `key`; `None` if the key is no attempt's. A damaged record counts as lost.
     pub(crate) fn parse(scene: &SceneId, key: &str, bytes: &[u8]) -> Option<Self> {
         let (shards, n) = keys::attempt_of(key)?;
         let damaged = |e| Self {
@@ -134,33 +135,33 @@ impl AttemptRecord {
         json
     }
 
-    /// Puts the record under the next number that is free.
+    /// Puts the record under the next free number.
     pub(crate) fn begin(&mut self, store: &Store, earlier: &[Self]) -> Result<(), StoreError> {
         let same = earlier.iter().filter(|r| r.shards == self.shards);
         self.n = 1 + same.map(|r| r.n).max().unwrap_or(0);
         loop {
             match store.create(&self.key(), &self.json()) {
                 Ok(_) => return Ok(()),
-                // Another worker was first: it takes this one for lost, or the queue forgot it.
+                // Another worker took the task, too: this one's lease expired, or the queue lost its memory.
                 Err(StoreError::Differs { .. }) => self.n += 1,
                 Err(error) => return Err(error),
             }
         }
     }
 
-    /// Says how it ended.
+    /// Records a failure.
     pub(crate) fn end(mut self, store: &Store, ending: Ending) -> Result<Self, StoreError> {
         self.ended = Some(ending);
         store.replace(&self.key(), &self.json())?;
         Ok(self)
     }
 
-    /// Its task has ended in order. What cannot be removed counts when the task's next holder is lost, too.
+    /// Removes the record: the task has ended in order. One that remains counts if the task's next holder is lost.
     pub(crate) fn forget(&self, store: &Store) {
         let _ = store.delete(&[self.key()]);
     }
 
-    /// The scene's files could not be read on this machine.
+    /// The scene's files could not be read on this host.
     pub(crate) fn could_not_read(&self, host: &str) -> bool {
         let kind = self.ended.as_ref().map(|ending| ending.kind);
         self.host == host && kind == Some(EndKind::Unreadable)
@@ -174,31 +175,41 @@ impl AttemptRecord {
         self.shards[0] < task.shards.end && task.shards.start < self.shards[1]
     }
 
-    /// The worker may have died of this task.
+    /// This task may have killed the worker.
     fn was_lost(&self, task: &Task) -> bool {
         match self.ended.as_ref().map(|ending| ending.kind) {
             None | Some(EndKind::Unreadable) => false,
-            // Parts of it may have been given away, and are not to blame.
+            // Parts of it may have been donated since, and are not to blame.
             Some(EndKind::Lost) => self.is_of(task),
             Some(EndKind::Crashed | EndKind::Hung) => self.overlaps(task),
         }
     }
 }
 
-/// The records of a scene that stand, the latest last. One that cannot be read counts as lost.
+/// A scene's records, sorted by shards and number. A damaged record counts as lost.
 pub fn attempts(store: &Store, scene: &SceneId) -> Result<Vec<AttemptRecord>, StoreError> {
-    let mut there = store.list(&keys::attempts(scene))?;
-    there.sort();
+    let records = attempts_with_times(store, scene)?.into_iter();
+    Ok(records.map(|(record, _)| record).collect())
+}
+
+/// [`attempts`] with the times when they were put.
+pub(crate) fn attempts_with_times(
+    store: &Store,
+    scene: &SceneId,
+) -> Result<Vec<(AttemptRecord, SystemTime)>, StoreError> {
+    let listed = store.list_times(&keys::attempts(scene))?;
+    let (keys, times): (Vec<String>, Vec<SystemTime>) = listed.into_iter().unzip();
     let mut records = Vec::new();
-    for (key, bytes) in there.iter().zip(store.get_all(&there)?) {
-        records.extend(bytes.and_then(|bytes| AttemptRecord::parse(scene, key, &bytes)));
-    }
-    records.sort_by_key(|record| (record.shards, record.n));
+    store.for_each(&keys, |index, bytes| {
+        let record = bytes.and_then(|bytes| AttemptRecord::parse(scene, &keys[index], &bytes));
+        records.extend(record.map(|record| (record, times[index])));
+    })?;
+    records.sort_by_key(|(record, _)| (record.shards, record.n));
     Ok(records)
 }
 
-/// The queue gives a task out again: whoever has tried it has lost its lease. It counts, unless it wakes up and ends in
-/// order.
+/// Marks earlier attempts at a task as lost, because the queue has delivered it again: their leases have expired. A worker
+/// that was only slow removes its record when it ends.
 pub(crate) fn mark_lost(
     store: &Store,
     records: Vec<AttemptRecord>,
@@ -221,21 +232,21 @@ pub(crate) fn mark_lost(
     records.into_iter().map(mark).collect()
 }
 
-/// What the records of a scene say of a task of which `found` shards are in the store.
-pub(crate) fn verdict(records: &[AttemptRecord], task: &Task, found: u32) -> Verdict {
+/// Judges a task by the records of its scene; `found` of its shards have partials.
+pub(crate) fn poison_check(records: &[AttemptRecord], task: &Task, found: u32) -> PoisonCheck {
     let lost: Vec<&AttemptRecord> = records
         .iter()
         .filter(|record| record.was_lost(task))
         .collect();
     let Some(last) = lost.last() else {
-        return Verdict::Fresh;
+        return PoisonCheck::Clean;
     };
-    // Who was lost after adding to what is there was killed at most once by what is left.
+    // Attempts that added partials before they were lost count as one: the shards that are left killed at most the last.
     let advanced = |record: &&&AttemptRecord| record.is_of(task) && record.found < found;
     let moved = lost.iter().filter(advanced).count();
     let count = lost.len() - moved + moved.min(1);
     if count < MOST_LOST as usize {
-        return Verdict::Suspect;
+        return PoisonCheck::Suspect;
     }
     let told = match &last.ended {
         Some(ending) if ending.log_tail.is_empty() => ending.reason.clone(),
@@ -246,14 +257,14 @@ pub(crate) fn verdict(records: &[AttemptRecord], task: &Task, found: u32) -> Ver
         ),
         None => String::new(),
     };
-    Verdict::SetAside(format!(
+    PoisonCheck::Poison(format!(
         "{count} processes were lost with shards {} to {}; the last one: {told}",
         task.shards.start,
         task.shards.end - 1
     ))
 }
 
-/// Whether enough machines have tried in vain to read the scene's files; with `MOST_LOST` attempts one is enough.
+/// Enough machines have failed to read the scene's files; after `MOST_LOST` attempts one machine is enough.
 pub(crate) fn is_unreadable(records: &[AttemptRecord]) -> bool {
     let told: Vec<&AttemptRecord> = records
         .iter()
@@ -304,22 +315,31 @@ mod tests {
 
     #[test]
     fn only_lost_attempts_count() {
-        assert_eq!(verdict(&[], &SPAN, 0), Verdict::Fresh);
-        // It goes on, or the queue forgot it.
-        assert_eq!(verdict(&[record(1, 0, None)], &SPAN, 0), Verdict::Fresh);
-        assert_eq!(verdict(&[record(1, 0, LOST)], &SPAN, 0), Verdict::Suspect);
-        // A part that was given away before is not to blame; but what a child died of may be in it.
-        assert_eq!(verdict(&[record(1, 0, LOST)], &TAIL, 0), Verdict::Fresh);
+        assert_eq!(poison_check(&[], &SPAN, 0), PoisonCheck::Clean);
+        // It goes on, or the queue lost its memory.
         assert_eq!(
-            verdict(&[record(1, 0, CRASHED)], &TAIL, 0),
-            Verdict::Suspect
+            poison_check(&[record(1, 0, None)], &SPAN, 0),
+            PoisonCheck::Clean
+        );
+        assert_eq!(
+            poison_check(&[record(1, 0, LOST)], &SPAN, 0),
+            PoisonCheck::Suspect
+        );
+        // A part that was donated before is not to blame; but the shard that killed a child may be in it.
+        assert_eq!(
+            poison_check(&[record(1, 0, LOST)], &TAIL, 0),
+            PoisonCheck::Clean
+        );
+        assert_eq!(
+            poison_check(&[record(1, 0, CRASHED)], &TAIL, 0),
+            PoisonCheck::Suspect
         );
         let unreadable = [record(1, 0, Some(EndKind::Unreadable))];
-        assert_eq!(verdict(&unreadable, &SPAN, 0), Verdict::Fresh);
+        assert_eq!(poison_check(&unreadable, &SPAN, 0), PoisonCheck::Clean);
     }
 
     #[test]
-    fn what_the_queue_gives_out_again_was_lost() {
+    fn a_span_that_is_delivered_again_was_lost() {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::local(dir.path()).unwrap();
         let mut running = record(1, 0, None);
@@ -330,7 +350,7 @@ mod tests {
         let marked = mark_lost(&store, there, &SPAN).unwrap();
         assert_eq!(marked[0].ended.as_ref().unwrap().kind, EndKind::Lost);
         assert_eq!(attempts(&store, &scene()).unwrap(), marked);
-        // It only slept.
+        // Its worker was only slow.
         running.forget(&store);
         assert!(attempts(&store, &scene()).unwrap().is_empty());
     }
@@ -340,10 +360,10 @@ mod tests {
         let mut lost = vec![record(1, 0, LOST)];
         for n in 2..4 {
             lost.push(record(n, 0, CRASHED));
-            assert_eq!(verdict(&lost, &SPAN, 0), Verdict::Suspect);
+            assert_eq!(poison_check(&lost, &SPAN, 0), PoisonCheck::Suspect);
         }
         lost.push(record(4, 0, CRASHED));
-        let Verdict::SetAside(reason) = verdict(&lost, &SPAN, 0) else {
+        let PoisonCheck::Poison(reason) = poison_check(&lost, &SPAN, 0) else {
             panic!("it goes on");
         };
         let words = "the last one: signal 6; its last lines: out of memory";
@@ -353,19 +373,22 @@ mod tests {
         );
     }
 
-    /// A process killed again and again from outside goes on where the last one was: that is no poison.
+    /// Processes that are killed from outside, and resume where the last one ended, do not make a scene poison.
     #[test]
-    fn who_gets_on_is_not_blamed() {
+    fn attempts_that_add_partials_count_once() {
         let steps: Vec<AttemptRecord> = (1..10).map(|n| record(n, n * 4, LOST)).collect();
-        assert_eq!(verdict(&steps, &SPAN, 40), Verdict::Suspect);
-        // Poison behind forty good shards: whoever reached it counts, the first one included.
+        assert_eq!(poison_check(&steps, &SPAN, 40), PoisonCheck::Suspect);
+        // Poison behind forty good shards: each attempt that reached it counts, and so does the first.
         let mut stuck = vec![record(1, 0, LOST)];
         for n in 2..4 {
             stuck.push(record(n, 40, CRASHED));
-            assert_eq!(verdict(&stuck, &SPAN, 40), Verdict::Suspect);
+            assert_eq!(poison_check(&stuck, &SPAN, 40), PoisonCheck::Suspect);
         }
         stuck.push(record(4, 40, CRASHED));
-        assert!(matches!(verdict(&stuck, &SPAN, 40), Verdict::SetAside(_)));
+        assert!(matches!(
+            poison_check(&stuck, &SPAN, 40),
+            PoisonCheck::Poison(_)
+        ));
     }
 
     #[test]
@@ -395,7 +418,7 @@ mod tests {
         let mut second = record(9, 3, None);
         second.worker = "another".to_owned();
         first.begin(&store, &[]).unwrap();
-        // It saw the same empty folder.
+        // It listed the same empty folder.
         second.begin(&store, &[]).unwrap();
         assert_eq!(second.key(), "attempts/train-00000/0-64.2.json");
         let ending = record(1, 0, CRASHED).ended.unwrap();

@@ -1,18 +1,19 @@
-//! Traces scenes again, in memory, and compares what comes out with what the run holds, bit for bit.
+//! Traces scenes again, in memory, and compares the results with the run's, bit for bit.
 //!
-//! The golden shard refuses machines that compute other bits always; an audit finds those that do so now and then, or
-//! objects that were damaged later, and names who made them.
+//! The golden shard refuses machines that always compute other bits. An audit finds those that sometimes do, and objects
+//! that were damaged later, and names the workers that made them.
 
 use super::compare::{FileDifference, compare};
 use super::error::AccessError;
 use super::keys;
-use super::receipt::Receipt;
-use super::run_dir::Run;
+use super::open::Run;
+use super::provenance::Provenance;
 use crate::store::{Store, StoreError};
+use render::color::SrgbEncoder;
 use render::ids::SceneId;
 use render::job::{SceneJob, render_partials};
 use render::line::SceneLine;
-use render::merge::{SrgbEncoder, TupleRecord, combine, encode_tuple_file, tuple_files};
+use render::merge::{TupleRecord, combine, encode_tuple_file, tuple_files};
 use render::partial::{self, Partial};
 use render::scene::{InputDigests, load, read_files_by};
 use render::shard::golden;
@@ -23,46 +24,40 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 /// How to trace again.
-pub struct AuditOptions<'a> {
-    /// Threads that compute.
-    pub threads: usize,
-    /// Kernels to use.
-    pub isa: Isa,
-    /// Set from outside to end.
-    pub stop: &'a AtomicBool,
+pub(crate) struct AuditOptions<'a> {
+    pub(crate) threads: usize,
+    /// Instruction set of the tracer.
+    pub(crate) isa: Isa,
+    /// Set by another thread to end the audit.
+    pub(crate) stop: &'a AtomicBool,
 }
 
-/// What became of a scene's audit.
+/// Result of a scene's audit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Verdict {
+pub(crate) enum Verdict {
     /// Every file is the same, bit for bit.
     Same,
-    /// Some are not.
     Differs,
-    /// It cannot be told.
+    /// The scene could not be compared.
     NotCompared,
 }
 
 /// One scene's audit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct SceneAudit {
-    /// Which.
-    pub scene: SceneId,
-    /// What came out.
-    pub verdict: Verdict,
-    /// Who made its tuple.
-    pub receipt: Option<Receipt>,
-    /// Files compared.
-    pub files: u64,
-    /// Those that differ.
-    pub differences: Vec<FileDifference>,
+pub(crate) struct SceneAudit {
+    pub(crate) scene: SceneId,
+    pub(crate) verdict: Verdict,
+    /// Workers that made its tuple.
+    pub(crate) receipt: Option<Provenance>,
+    pub(crate) files: u64,
+    pub(crate) differences: Vec<FileDifference>,
     /// Why it could not be compared.
-    pub reason: Option<String>,
+    pub(crate) reason: Option<String>,
 }
 
-/// This machine must compute the golden shard's bits, or its verdicts mean nothing.
-pub fn check_auditor(run: &Run, options: &AuditOptions) -> Result<(), AccessError> {
+/// Checks that this machine computes the golden shard's bits; without that its verdicts would mean nothing.
+pub(crate) fn check_auditor(run: &Run, options: &AuditOptions) -> Result<(), AccessError> {
     let found = golden(options.isa, options.threads.max(1));
     if found == run.spec.golden {
         return Ok(());
@@ -74,19 +69,16 @@ pub fn check_auditor(run: &Run, options: &AuditOptions) -> Result<(), AccessErro
     })
 }
 
-/// Scenes with a tuple, by their places in the manifest: `share` of them (0 to 1), at least one if there is any, chosen
-/// by `seed` and their ids alone, in the manifest's order. More of a share keeps those of a smaller one.
-pub fn draw_scenes(
+/// Draws scenes that have a tuple: a share of them (0 to 1), but at least one if any has. Returns their indices in the
+/// manifest, ascending. The choice depends only on `seed` and the ids; a larger share contains a smaller one.
+pub(crate) fn draw_scenes(
     run: &Run,
     store: &Store,
     share: f64,
     seed: u64,
 ) -> Result<Vec<usize>, StoreError> {
     let listed: BTreeSet<String> = store.list(keys::TUPLES)?.into_iter().collect();
-    let is_there = |line: &SceneLine| {
-        let mut names = tuple_files(line).into_iter();
-        names.all(|file| listed.contains(&keys::tuple(&line.id, &file)))
-    };
+    let is_there = |line: &SceneLine| keys::tuple_keys(line).all(|key| listed.contains(&key));
     let lines = run.lines.iter().enumerate();
     let done = lines.filter(|(_, line)| is_there(line));
     Ok(draw(
@@ -118,9 +110,9 @@ fn draw<'a>(
     places
 }
 
-/// Traces a scene again and compares all of it that the store has: its tuple's files and its partials. `on_shard` is
-/// called after each shard. None if it was stopped.
-pub fn audit_scene(
+/// Traces a scene again and compares everything that the store holds of it: its tuple's files and its partials. Calls
+/// `on_shard` after each shard. Returns `None` if it was stopped.
+pub(crate) fn audit_scene(
     run: &Run,
     store: &Store,
     index: usize,
@@ -131,12 +123,12 @@ pub fn audit_scene(
     let mut audit = SceneAudit {
         scene: line.id.clone(),
         verdict: Verdict::NotCompared,
-        receipt: Receipt::get(store, &line.id)?,
+        receipt: Provenance::get(store, &line.id)?,
         files: 0,
         differences: Vec::new(),
         reason: None,
     };
-    let mut there = store.list(&format!("{}/{}", keys::TUPLES, line.id))?;
+    let mut there = store.list(&keys::tuple_folder(&line.id))?;
     let partials = store.list(&keys::partials(&line.id))?;
     there.extend(
         partials
@@ -149,7 +141,7 @@ pub fn audit_scene(
         return Ok(Some(audit));
     }
     let open = |path: &Path| run.inputs.read(path);
-    let files = read_files_by(line, &run.roots, run.dir.root(), &open);
+    let files = read_files_by(line, &run.roots, run.root(), &open);
     let loaded = files.and_then(|files| load(line, &files));
     let loaded = match loaded {
         Ok(loaded) => loaded,
@@ -173,7 +165,7 @@ pub fn audit_scene(
     let made = Made::new(run, line, &partials)?;
     for (key, stored) in there.iter().zip(store.get_all(&there)?) {
         let (Some(made), Some(stored)) = (made.file(key)?, stored) else {
-            // No file of a scene's, or one that has gone meanwhile.
+            // A file that belongs to no scene, or was removed meanwhile.
             continue;
         };
         audit.files += 1;
@@ -187,14 +179,14 @@ pub fn audit_scene(
     Ok(Some(audit))
 }
 
-/// Names the input files whose digests in the tuple's record are not those here. A record that cannot be read is
-/// compared like any other file.
+/// Names input files whose digests differ between the tuple's record and this machine. A damaged record is compared like
+/// any other file.
 fn other_inputs(
     store: &Store,
     line: &SceneLine,
     here: &InputDigests,
 ) -> Result<Option<String>, StoreError> {
-    let Some(bytes) = store.get(&keys::tuple(&line.id, "tuple.json"))? else {
+    let Some(bytes) = store.get(&keys::tuple_record(&line.id))? else {
         return Ok(None);
     };
     let Ok(record) = serde_json::from_slice::<TupleRecord>(&bytes) else {
@@ -207,7 +199,7 @@ fn other_inputs(
     Ok((!names.is_empty()).then(|| names.join(", ")))
 }
 
-/// What was made now, to be encoded file by file.
+/// The scene as traced now, to be encoded file by file.
 struct Made<'p> {
     partials: &'p [Partial],
     tuple: render::merge::Tuple,
@@ -226,7 +218,7 @@ impl<'p> Made<'p> {
         })
     }
 
-    /// The bytes that belong under `key`; none if nothing does.
+    /// The bytes that belong under `key`; `None` if the scene has no such file.
     fn file(&self, key: &str) -> Result<Option<Vec<u8>>, AccessError> {
         let cannot =
             |e: &dyn std::fmt::Display| AccessError::Tuple(format!("cannot encode {key}: {e}"));

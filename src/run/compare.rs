@@ -1,28 +1,28 @@
-//! How two files of a tuple differ: bit for bit first, then by pixels or fields, so that a person can judge.
+//! How two files of a tuple or two partials differ: bits first, then pixels or fields, for a person to judge.
 
-use render::merge::decode_exr_channels;
+use render::formats::decode_exr_channels;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeSet;
 
-/// Two files that are not the same.
+/// Two files with different bytes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct FileDifference {
+pub(crate) struct FileDifference {
     /// Key of the file in the store.
-    pub file: String,
+    pub(crate) file: String,
     /// Of an image: pixels that differ.
-    pub pixels: Option<u64>,
-    /// Of an image: pixels that it has.
-    pub of_pixels: Option<u64>,
+    pub(crate) pixels: Option<u64>,
+    /// Of an image: all pixels.
+    pub(crate) of_pixels: Option<u64>,
     /// Of an image: the largest difference of a channel; linear radiance in an EXR, 8-bit steps in a PNG.
-    pub largest: Option<f64>,
+    pub(crate) largest: Option<f64>,
     /// Where the largest difference is, `[x, y]`, px.
-    pub at: Option<[u32; 2]>,
-    /// What is to be said of it.
-    pub note: String,
+    pub(crate) at: Option<[u32; 2]>,
+    /// Explanation in words, if numbers do not tell.
+    pub(crate) note: String,
 }
 
-/// An image's numbers: all channels of a pixel in a row.
+/// A decoded image, channels interleaved.
 struct Pixels {
     width: usize,
     height: usize,
@@ -30,10 +30,10 @@ struct Pixels {
     values: Vec<f32>,
 }
 
-/// Fields of a JSON file that are named.
+/// At most so many fields of a JSON file are named.
 const FIELDS_NAMED: usize = 8;
 
-/// How what is `stored` under `file` differs from what was `made` now; nothing if it does not.
+/// Compares the bytes that are `stored` under `file` with those that were `made` now; `None` if they are equal.
 pub(crate) fn compare(file: &str, made: &[u8], stored: &[u8]) -> Option<FileDifference> {
     if made == stored {
         return None;
@@ -82,7 +82,7 @@ fn images(difference: &mut FileDifference, made: &Pixels, stored: &Pixels) {
             continue;
         }
         count += 1;
-        // A value that is no number is as far off as can be.
+        // NaN and infinities count as the largest possible difference.
         let off = pairs().map(|(a, b)| match f64::from(*a) - f64::from(*b) {
             off if off.is_finite() => off.abs(),
             _ => f64::MAX,
@@ -181,7 +181,9 @@ fn walk(path: &str, a: &Value, b: &Value, found: &mut Vec<String>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use render::merge::{SrgbEncoder, encode_png, encode_rgb_exr};
+    use render::color::SrgbEncoder;
+    use render::formats::encode_rgb_exr;
+    use render::merge::encode_png;
 
     const PIXELS: [[f32; 3]; 6] = [[0.25, 0.5, 0.75]; 6];
 

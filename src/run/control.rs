@@ -1,29 +1,29 @@
-//! Pausing, resuming and cancelling a run: one small object in its store, at which workers and coordinators look now and
-//! then. No queue and no coordinator is needed for it.
+//! Pausing, resuming and cancelling a run by one small object in its store, which workers and coordinators poll. That needs
+//! neither a queue nor a coordinator.
 //!
-//! *Paused*: workers finish the scenes that they have opened, keep the leases of what else they hold, and take nothing
-//! new; coordinators publish nothing. *Cancelled*: workers finish the shards in flight and end without handing anything
-//! back; coordinators remove the queue and end. Either is taken back by removing the object; what is done stays done.
+//! *Paused*: workers finish the scenes that they have opened, keep the leases of their other spans, and take no new ones;
+//! coordinators publish nothing. *Cancelled*: workers finish the shards in flight and end without requeueing anything;
+//! coordinators remove the queue and end. `resume` removes the object. Finished tuples always stay.
 
 use super::keys;
 use crate::store::{Store, StoreError};
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU8, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-/// The schema name of `control.json`.
-pub const CONTROL_SCHEMA: &str = "glasshouse.control/1";
+/// Schema of `control.json`.
+pub(crate) const CONTROL_SCHEMA: &str = "glasshouse.control/1";
 
 /// What a run has been told to do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ControlState {
-    /// Go on: nothing is said.
+    /// Go on; the default without an object.
     #[default]
     Running,
-    /// Take nothing new.
+    /// Take no new spans.
     Paused,
-    /// Give the rest up.
+    /// Abandon the rest.
     Cancelled,
 }
 
@@ -38,12 +38,12 @@ impl ControlState {
     }
 }
 
-/// What a run has been told, and why.
+/// Content of `control.json`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Control {
-    /// What.
+    /// What the run has been told.
     pub state: ControlState,
-    /// As the user gave it.
+    /// Why, as the user gave it.
     pub reason: Option<String>,
 }
 
@@ -58,18 +58,18 @@ struct Record {
 }
 
 impl Control {
-    /// What the run in `store` has been told.
+    /// Reads a run's; without an object it is running.
     pub fn get(store: &Store) -> Result<Self, StoreError> {
         let bytes = store.get(keys::CONTROL)?;
         Ok(bytes.map_or_else(Self::default, |bytes| Self::parse(&bytes)))
     }
 
-    /// Somebody meant to hold the run, so a damaged record holds it.
+    /// A damaged record pauses the run: its writer meant to hold it.
     fn parse(bytes: &[u8]) -> Self {
         Self::read(bytes).unwrap_or_else(|reason| Self::damaged(&reason))
     }
 
-    /// Reads the object's bytes; an error says in words what is wrong with them.
+    /// Reads the object's bytes, or says what is wrong with them.
     pub fn read(bytes: &[u8]) -> Result<Self, String> {
         match serde_json::from_slice::<Record>(bytes) {
             Ok(record) if record.schema == CONTROL_SCHEMA => Ok(Self {
@@ -91,20 +91,19 @@ impl Control {
         }
     }
 
-    /// ` (reason)`, or nothing.
+    /// ` (reason)`, or an empty string.
     pub fn because(&self) -> String {
         let reason = self.reason.as_ref();
         reason.map_or_else(String::new, |reason| format!(" ({reason})"))
     }
 }
 
-/// Why a run cannot be told so.
+/// A run that cannot be paused or cancelled.
 #[derive(Debug, thiserror::Error)]
-pub enum ControlError {
+pub(crate) enum ControlError {
     /// The store cannot be used.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// Nothing is left to do in it.
     #[error("every scene of the run is done or in quarantine: there is nothing to hold")]
     Finished,
     /// A pause would weaken a cancel.
@@ -112,18 +111,15 @@ pub enum ControlError {
     Cancelled,
 }
 
-/// What telling a run did.
+/// A change of `control.json`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Changed {
-    /// What it had been told before.
-    pub before: ControlState,
-    /// What it is told now.
-    pub now: ControlState,
+pub(crate) struct Changed {
+    pub(crate) before: ControlState,
+    pub(crate) now: ControlState,
 }
 
-/// Tells a run to pause, to end or to go on; with `dry_run` only looks whether that could be done. Telling it what it
-/// has been told is no error.
-pub fn set_control(
+/// Pauses, cancels or resumes a run; with `dry_run` only checks that it can. Repeating the present state is no error.
+pub(crate) fn set_control(
     store: &Store,
     state: ControlState,
     reason: Option<&str>,
@@ -155,12 +151,7 @@ pub fn set_control(
     Ok(changed)
 }
 
-/// Between two looks in a folder.
-const LOOK_LOCAL: Duration = Duration::from_secs(2);
-/// Between two looks in a bucket, where each costs something.
-const LOOK_REMOTE: Duration = Duration::from_secs(5);
-
-/// Looks now and then at what a run has been told.
+/// Polls `control.json`.
 #[derive(Debug, Default)]
 pub(crate) struct ControlLook {
     looked: Option<Instant>,
@@ -168,17 +159,9 @@ pub(crate) struct ControlLook {
 }
 
 impl ControlLook {
-    pub(crate) fn every(store: &Store) -> Duration {
-        if store.local_root().is_some() {
-            LOOK_LOCAL
-        } else {
-            LOOK_REMOTE
-        }
-    }
-
-    /// What the run has been told, as far as is known: a store that does not answer changes nothing.
+    /// The last known control; reads it again when it is due. A store that does not answer changes nothing.
     pub(crate) fn look(&mut self, store: &Store) -> &Control {
-        let every = Self::every(store);
+        let every = store.poll_interval();
         if self.looked.is_none_or(|at| at.elapsed() >= every) {
             self.looked = Some(Instant::now());
             if let Ok(control) = Control::get(store) {
@@ -189,7 +172,7 @@ impl ControlLook {
     }
 }
 
-/// What a worker's threads know of it.
+/// The control's state, for a worker's threads.
 #[derive(Debug, Default)]
 pub(crate) struct ControlFlag(AtomicU8);
 
@@ -202,12 +185,12 @@ impl ControlFlag {
         self.0.load(Ordering::Relaxed) == state as u8
     }
 
-    /// Nothing new may be taken or opened.
+    /// No further span may be taken, no further scene opened.
     pub(crate) fn is_paused(&self) -> bool {
         self.is(ControlState::Paused)
     }
 
-    /// No further shard may be begun.
+    /// No further shard may start.
     pub(crate) fn is_cancelled(&self) -> bool {
         self.is(ControlState::Cancelled)
     }
@@ -224,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_is_told_and_told_otherwise() {
+    fn a_run_is_paused_cancelled_and_resumed() {
         use ControlState::{Cancelled, Paused, Running};
         let (_folder, store) = store();
         assert_eq!(Control::get(&store).unwrap(), Control::default());

@@ -1,8 +1,64 @@
-//! A run whose files cannot be used.
+//! Errors of access to a run.
 
-use super::run_dir::RunError;
 use crate::store::StoreError;
 use render::atomic_file::WriteError;
+use render::line::{ManifestError, RootError};
+use std::io;
+use std::path::PathBuf;
+
+/// A run that cannot be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The folder holds no run.
+    #[error("{} is no run: it has no {missing}; make one with `glasshouse plan RECIPE --out {}`", root.display(), root.display())]
+    Missing {
+        /// The folder.
+        root: PathBuf,
+        /// The missing file.
+        missing: &'static str,
+    },
+    /// A file cannot be read.
+    #[error("cannot read {}: {source}; check the folder and its permissions", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// `spec.json` is damaged, or a file beside it is no text.
+    #[error("{} is damaged: {reason}; plan the run again into a new folder", path.display())]
+    Spec {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// `manifest.jsonl` is damaged.
+    #[error("{}: {source}", path.display())]
+    Manifest {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: ManifestError,
+    },
+    /// It was planned by another version, or its files do not fit each other.
+    #[error("{} disagrees with this program: {reason}; finish it with the version that planned it, or plan again into a new folder", root.display())]
+    Disagrees {
+        /// The folder.
+        root: PathBuf,
+        /// What differs.
+        reason: String,
+    },
+    /// A root of the spec is unusable.
+    #[error(transparent)]
+    Root(#[from] RootError),
+    /// Another process works on it.
+    #[error("another process is working on {}; wait for it, or stop it", root.display())]
+    Busy {
+        /// The folder.
+        root: PathBuf,
+    },
+}
 
 /// A run's files cannot be read or written, or this machine may not work on it.
 #[derive(Debug, thiserror::Error)]
@@ -10,13 +66,13 @@ pub enum AccessError {
     /// A file of the run cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// The run's store cannot be used, or holds other bits.
+    /// The run's store cannot be used, or holds other bytes.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The run is in use.
+    /// The run cannot be opened or is in use.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// A tuple cannot be written.
+    /// A tuple cannot be encoded or written.
     #[error("{0}")]
     Tuple(String),
     /// This machine computes other pixels.

@@ -1,4 +1,4 @@
-//! What the farm tells whoever watches it.
+//! Events of a worker or coordinator, and the time that its stages take.
 
 use super::control::ControlState;
 use render::ids::SceneId;
@@ -6,96 +6,96 @@ use rustix::time::{ClockId, clock_gettime};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Something happened. Told from worker threads.
+/// An event; reported from worker threads.
 #[derive(Clone, Debug)]
 pub enum Event {
-    /// Work begins.
+    /// Work starts.
     Started {
-        /// Shards of all scenes that have no tuple yet.
+        /// Shards of all scenes without a tuple.
         shards: u64,
         /// Scenes without a tuple.
         scenes: u64,
     },
     /// A scene is loaded; its shards will be traced.
     SceneOpened {
-        /// Which.
+        /// Its id.
         scene: SceneId,
     },
     /// A shard is done.
     ShardDone {
-        /// Its partial was found and is intact, so it was not traced again.
+        /// An intact partial was found, so it was not traced again.
         resumed: bool,
     },
-    /// A partial on disk was no use.
+    /// A partial on disk is damaged or of another plan.
     PartialRejected {
-        /// Why, and what happens.
+        /// What is wrong, and what happens next.
         reason: String,
     },
     /// A tuple is durable.
     SceneMerged {
-        /// Which.
+        /// Its scene.
         scene: SceneId,
-        /// Of its layers, the largest share of paths that ended on the continuation of a photograph's border.
+        /// The largest share, among its layers, of paths that ended beyond a photograph's border.
         miss_share: f64,
     },
-    /// The queue cannot be reached; what is held goes on.
+    /// The queue cannot be reached; spans that are held go on.
     QueueLost {
         /// Why.
         reason: String,
     },
-    /// The store is away; it is looked at again.
+    /// The store cannot be reached; it is tried again.
     StoreLost {
         /// Why.
         reason: String,
     },
-    /// A scene that was lost with an earlier process is traced in one of its own.
+    /// A scene that was lost with an earlier process is traced in a child process.
     Isolated {
-        /// Which.
+        /// Its id.
         scene: SceneId,
     },
-    /// That process was lost, too.
+    /// That child process was lost, too.
     ChildLost {
-        /// With which scene.
+        /// Its scene.
         scene: SceneId,
-        /// How.
+        /// How it ended.
         reason: String,
     },
-    /// This process is about to abort, as it was ordered to.
+    /// This process aborts, as `--fault` asked.
     Aborts {
-        /// When it came to this scene.
+        /// The scene at which it aborts.
         scene: SceneId,
     },
-    /// Too many scenes failed on this worker: it ends.
+    /// Too many scenes failed on this worker, so it ends.
     Drained {
-        /// Which, and what to do.
+        /// Which scenes, and what to do.
         reason: String,
     },
-    /// The run was told to pause, to end, or to go on.
+    /// The run was paused, cancelled or resumed.
     Controlled {
-        /// What it was told.
+        /// Its new state.
         state: ControlState,
-        /// Why, if that was said.
+        /// Why, if the user gave a reason.
         reason: Option<String>,
     },
-    /// A scene cannot be done.
+    /// A scene was put into quarantine.
     SceneQuarantined {
-        /// Which.
+        /// Its id.
         scene: SceneId,
         /// Why.
         reason: String,
-        /// Its shards, which will not be traced.
+        /// Its shards, which are not traced.
         shards: u64,
     },
 }
 
-/// Seconds of the clock, and of the thread that worked in them.
+/// Wall-clock and CPU time of a piece of work.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Spent {
     pub(crate) wall: Duration,
     pub(crate) cpu: Duration,
 }
 
-/// Measures a piece of one thread's work.
+/// Measures the work of one thread.
 pub(crate) struct Stopwatch {
     wall: Instant,
     cpu: Duration,
@@ -117,21 +117,21 @@ impl Stopwatch {
     }
 }
 
-/// User and system time.
+/// User and system time so far.
 fn cpu_so_far(clock: ClockId) -> Duration {
     let time = clock_gettime(clock);
     Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
 }
 
-/// User and system seconds of this process so far, of all its threads.
+/// User and system seconds of all threads of this process so far.
 pub fn process_cpu_s() -> f64 {
     cpu_so_far(ClockId::ProcessCPUTime).as_secs_f64()
 }
 
-/// Stages that are told apart.
+/// Number of stages.
 const STAGES: usize = 7;
 
-/// Where the threads' seconds went, summed over threads.
+/// Time by stage, summed over threads.
 #[derive(Debug)]
 pub struct StageSeconds {
     read: Counter,
@@ -141,7 +141,7 @@ pub struct StageSeconds {
     merge: Counter,
     encode: Counter,
     write: Counter,
-    /// CPU time of the process before it began to work.
+    /// CPU time of the process before work started.
     before: Duration,
 }
 
@@ -167,7 +167,7 @@ fn seconds(counter: &AtomicU64) -> f64 {
 }
 
 impl StageSeconds {
-    /// The process begins to work.
+    /// Starts to count.
     pub(crate) fn begin() -> Self {
         Self {
             read: Counter::default(),
@@ -229,8 +229,8 @@ impl StageSeconds {
             .map(|(name, counter)| (name, seconds(&counter.wall)))
     }
 
-    /// CPU seconds of the process so far: before it began to work, of the stages, and the rest, which is queue, leases
-    /// and what the store's own threads do.
+    /// CPU seconds of the process so far: before work started, by stage, and the rest, which is the queue, leases and the
+    /// store's threads.
     pub fn cpu(&self) -> Vec<(&'static str, f64)> {
         let before = self.before.as_secs_f64();
         let mut all = vec![("before", before)];

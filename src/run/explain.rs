@@ -1,90 +1,68 @@
-//! Everything that is known of one scene, or one of its shards, and what happens next.
+//! `explain`: all that a run's store tells about one scene or shard, and what happens next.
 
-use super::attempts::{AttemptRecord, MOST_LOST};
+use super::attempts::{MOST_LOST, attempts_with_times};
 use super::control::{Control, ControlState};
 use super::done::is_done;
 use super::error::AccessError;
 use super::keys;
-use super::overview::StandingAttempt;
-use super::receipt::Receipt;
-use super::run_dir::Run;
+use super::open::Run;
+use super::provenance::Provenance;
+use super::snapshot::{SceneState, StandingAttempt};
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use render::line::SceneLine;
 use render::partial;
 use render::trace::Tile;
 use serde::Serialize;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
-use std::time::SystemTime;
 
-/// How far a scene is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum SceneState {
-    /// Its tuple is there.
-    Done,
-    /// It is left out until someone takes it back.
-    Quarantined,
-    /// All of its partials are there, its tuple is not.
-    Complete,
-    /// Some of its partials are there, or somebody is at it.
-    Begun,
-    /// Nothing of it is there.
-    Waiting,
-}
-
-/// What is known of a scene.
+/// All about a scene.
 #[derive(Clone, Debug, Serialize)]
-pub struct Explanation {
-    /// Its id.
-    pub scene: SceneId,
-    /// Its place in the manifest, from 0.
-    pub index: usize,
-    /// How far it is.
-    pub state: SceneState,
-    /// Its manifest line.
-    pub line: SceneLine,
-    /// Shards of it.
-    pub shards: u32,
+pub(crate) struct Explanation {
+    pub(crate) scene: SceneId,
+    /// Index in the manifest.
+    pub(crate) index: usize,
+    pub(crate) state: SceneState,
+    pub(crate) line: SceneLine,
+    pub(crate) shards: u32,
     /// Side of its tiles, px.
-    pub tile_px: u32,
+    pub(crate) tile_px: u32,
     /// Sample ranges of each tile.
-    pub ranges: u32,
-    /// Shards whose partials are there: first, and the one after the last, of each row of them.
-    pub there: Vec<[u32; 2]>,
-    /// Shards that are not.
-    pub missing: Vec<[u32; 2]>,
-    /// The shard that was asked for.
-    pub shard: Option<ShardFacts>,
-    /// Who has it in hand, or was lost with it.
-    pub attempts: Vec<StandingAttempt>,
+    pub(crate) ranges: u32,
+    /// Shards whose partials are there, as half-open ranges.
+    pub(crate) there: Vec<[u32; 2]>,
+    /// The other shards, as half-open ranges.
+    pub(crate) missing: Vec<[u32; 2]>,
+    /// The shard that the caller asked for.
+    pub(crate) shard: Option<ShardFacts>,
+    /// Attempts at it that go on or were lost.
+    pub(crate) attempts: Vec<StandingAttempt>,
     /// Its record of quarantine.
-    pub quarantine: Option<serde_json::Value>,
-    /// Who made its tuple, in a farm.
-    pub receipt: Option<Receipt>,
-    /// What the run has been told.
-    pub run: ControlState,
+    pub(crate) quarantine: Option<serde_json::Value>,
+    /// Workers that made its tuple, in a farm.
+    pub(crate) receipt: Option<Provenance>,
+    /// Whether the run is paused or cancelled.
+    pub(crate) run: ControlState,
     /// What happens next, and what the user can do.
-    pub next: Vec<String>,
+    pub(crate) next: Vec<String>,
 }
 
-/// What is known of a shard.
+/// All about a shard.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ShardFacts {
+pub(crate) struct ShardFacts {
     /// Its number in the scene.
-    pub index: u32,
-    /// Pixels.
-    pub tile: Tile,
+    pub(crate) index: u32,
+    pub(crate) tile: Tile,
     /// Samples of each pixel, half open.
-    pub samples: [u32; 2],
-    /// Where its result is, or why it is of no use.
-    pub result: String,
+    pub(crate) samples: [u32; 2],
+    /// Where its result is, or why it cannot be used.
+    pub(crate) result: String,
 }
 
-/// Why nothing can be said.
+/// A scene that cannot be explained.
 #[derive(Debug, thiserror::Error)]
-pub enum ExplainError {
+pub(crate) enum ExplainError {
     /// The store cannot be used.
     #[error(transparent)]
     Access(#[from] AccessError),
@@ -99,8 +77,8 @@ impl From<StoreError> for ExplainError {
     }
 }
 
-/// Says what is known of a scene, and of one of its shards if one is named.
-pub fn explain(
+/// Explains a scene, and one of its shards if it is given.
+pub(crate) fn explain(
     run: &Run,
     store: &Store,
     scene: &SceneId,
@@ -121,7 +99,13 @@ pub fn explain(
             layout.len()
         )));
     }
-    let attempts = attempts(store, scene)?;
+    let attempts = attempts_with_times(store, scene)?.into_iter();
+    let attempts: Vec<StandingAttempt> = attempts
+        .map(|(note, put)| StandingAttempt {
+            note,
+            age_s: put.elapsed().unwrap_or_default().as_secs_f64(),
+        })
+        .collect();
     let partials: BTreeSet<u32> = store
         .list(&keys::partials(scene))?
         .iter()
@@ -135,14 +119,13 @@ pub fn explain(
     });
     let state = if is_done(store, line)? {
         SceneState::Done
-    } else if quarantine.is_some() {
-        SceneState::Quarantined
-    } else if partials.len() == layout.len() as usize {
-        SceneState::Complete
-    } else if partials.is_empty() && attempts.is_empty() {
-        SceneState::Waiting
     } else {
-        SceneState::Begun
+        SceneState::of_unfinished(
+            quarantine.is_some(),
+            partials.len() as u32,
+            layout.len(),
+            !attempts.is_empty(),
+        )
     };
     let control = Control::get(store)?;
     let facts = shard.map(|shard| {
@@ -168,7 +151,7 @@ pub fn explain(
         shard: facts.transpose()?,
         attempts,
         quarantine,
-        receipt: Receipt::get(store, scene)?,
+        receipt: Provenance::get(store, scene)?,
         run: control.state,
         next: Vec::new(),
     };
@@ -180,27 +163,7 @@ pub fn explain(
     Ok(explanation)
 }
 
-fn attempts(store: &Store, scene: &SceneId) -> Result<Vec<StandingAttempt>, StoreError> {
-    let listed: BTreeMap<String, SystemTime> = store
-        .list_times(&keys::attempts(scene))?
-        .into_iter()
-        .collect();
-    let names: Vec<String> = listed.keys().cloned().collect();
-    let mut attempts: Vec<StandingAttempt> = names
-        .iter()
-        .zip(store.get_all(&names)?)
-        .filter_map(|(key, bytes)| {
-            Some(StandingAttempt {
-                note: AttemptRecord::parse(scene, key, &bytes?)?,
-                age_s: listed[key].elapsed().unwrap_or_default().as_secs_f64(),
-            })
-        })
-        .collect();
-    attempts.sort_by_key(|attempt| (attempt.note.shards, attempt.note.n));
-    Ok(attempts)
-}
-
-/// Where a shard's result is. A partial is read and checked.
+/// Says where a shard's result is. Its partial is read and checked.
 fn result_of(
     store: &Store,
     scene: &SceneId,
@@ -229,7 +192,7 @@ fn result_of(
     })
 }
 
-/// Numbers in a row, as half-open ranges.
+/// Ascending numbers as half-open ranges.
 fn rows(numbers: impl Iterator<Item = u32>) -> Vec<[u32; 2]> {
     let mut rows: Vec<[u32; 2]> = Vec::new();
     for number in numbers {

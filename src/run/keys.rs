@@ -1,33 +1,53 @@
-//! Names of a run's objects: files of the run directory, keys of an object store.
+//! Names of a run's objects: keys of an object store, paths below the folder of a run.
 
 use render::ids::SceneId;
+use render::line::SceneLine;
+use render::merge::tuple_files;
 
-/// Frozen rules.
+/// The run's rules; written last by planning, never changed.
 pub const SPEC: &str = "spec.json";
-/// Every scene, one a line.
+/// All scenes, one a line.
 pub const MANIFEST: &str = "manifest.jsonl";
-/// Written by the coordinator when nothing is left to do.
+/// Scenes that planning drew, previewed and rejected.
+pub(crate) const REJECTED: &str = "rejected.jsonl";
+/// Locked by a process that works on the run's folder alone.
+pub(crate) const LOCK: &str = "work.lock";
+/// Written by the coordinator when every scene is done or in quarantine.
 pub const FINISHED: &str = "finished.json";
-/// Folder of the pictures that planning made, if it made any.
+/// Folder of procedural photographs, if planning made any.
 pub const INPUTS: &str = "inputs";
-/// What the run has been told to do, if not simply to go on.
+/// Pauses or cancels the run.
 pub const CONTROL: &str = "control.json";
 /// Folder of all tuples.
 pub const TUPLES: &str = "tuples";
-/// Folder of the reasons for quarantine.
+/// Folder of the scenes in quarantine.
 pub const QUARANTINE: &str = "quarantine";
-/// Folder of maps of where tuples are uncertain; not part of what comes out.
+/// Folder of noise maps, which are no part of the tuples.
 pub const NOISE: &str = "noise";
-/// Folder of what workers wrote down of themselves when they ended; not part of what comes out.
+/// Folder of the logs that workers write when they end.
 pub const LOGS: &str = "logs";
 /// Folder of all partials.
 pub const PARTIALS: &str = "partials";
-/// Folder of the attempts that stand.
+/// Folder of attempts that have not ended, or were lost.
 pub const ATTEMPTS: &str = "attempts";
-/// Folder of what was made otherwise than what is there.
+/// Folder of results that differ from those in the store.
 pub const CONFLICTS: &str = "conflicts";
-/// Folder of who made what.
+/// Folder of the tuples' provenance.
 pub const RECEIPTS: &str = "receipts";
+/// The report's page.
+pub(crate) const REPORT: &str = "report/index.html";
+
+/// The file of a tuple that is written last.
+const RECORD: &str = "tuple.json";
+
+/// The scene of a key in one of the folders: `partials/<scene>/000001.exr`, `receipts/<scene>.json`.
+pub(crate) fn scene_of(key: &str) -> Option<&str> {
+    let (_, rest) = key.split_once('/')?;
+    match rest.split_once('/') {
+        Some((scene, _)) => Some(scene),
+        None => rest.strip_suffix(".json"),
+    }
+}
 
 /// Folder of a scene's partials.
 pub fn partials(scene: &SceneId) -> String {
@@ -39,24 +59,40 @@ pub fn partial(scene: &SceneId, shard: u32) -> String {
     format!("{PARTIALS}/{scene}/{shard:06}.exr")
 }
 
-/// The shard of a [`partial`]'s name.
+/// The shard of a [`partial`]'s key.
 pub fn shard_of(key: &str) -> Option<u32> {
     key.rsplit('/').next()?.strip_suffix(".exr")?.parse().ok()
 }
 
-/// Who made some of a scene's partials.
+/// Provenance of a scene's partials from `start` to `end`.
 pub fn made_by(scene: &SceneId, [start, end]: [u32; 2]) -> String {
     format!("{PARTIALS}/{scene}/{start}-{end}.json")
 }
 
-/// What a worker made of the object under `key`, when another had put other bytes there.
+/// The result of `worker` for `key`, where another result was there before.
 pub fn conflict(worker: &str, key: &str) -> String {
     format!("{CONFLICTS}/{worker}/{key}")
+}
+
+/// Folder of a scene's tuple.
+pub(crate) fn tuple_folder(scene: &SceneId) -> String {
+    format!("{TUPLES}/{scene}")
 }
 
 /// A file of a scene's tuple.
 pub fn tuple(scene: &SceneId, file: &str) -> String {
     format!("{TUPLES}/{scene}/{file}")
+}
+
+/// All files of a scene's tuple, its record last.
+pub(crate) fn tuple_keys(line: &SceneLine) -> impl Iterator<Item = String> {
+    let files = tuple_files(line).into_iter();
+    files.map(|file| tuple(&line.id, &file))
+}
+
+/// `tuple.json` of a scene, which is written after the tuple's other files.
+pub(crate) fn tuple_record(scene: &SceneId) -> String {
+    tuple(scene, RECORD)
 }
 
 /// The map of a scene's noise, beside its tuple.
@@ -74,12 +110,12 @@ pub fn attempts(scene: &SceneId) -> String {
     format!("{ATTEMPTS}/{scene}")
 }
 
-/// Attempt `n` at a scene's shards (first, and one past the last).
+/// Attempt `n` at a scene's shards from `start` to `end`.
 pub fn attempt(scene: &SceneId, [start, end]: [u32; 2], n: u32) -> String {
     format!("{ATTEMPTS}/{scene}/{start}-{end}.{n}.json")
 }
 
-/// The shards and the number of an [`attempt`]'s name.
+/// The shards and the number of an [`attempt`]'s key.
 pub fn attempt_of(key: &str) -> Option<([u32; 2], u32)> {
     let (shards, n) = key
         .rsplit('/')
@@ -90,7 +126,32 @@ pub fn attempt_of(key: &str) -> Option<([u32; 2], u32)> {
     Some(([start.parse().ok()?, end.parse().ok()?], n.parse().ok()?))
 }
 
-/// Who made a scene's tuple, when it was made by a farm; not part of what comes out.
+/// Provenance of a scene's tuple, when a farm made it.
 pub fn receipt(scene: &SceneId) -> String {
     format!("{RECEIPTS}/{scene}.json")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_are_read_back() {
+        let scene = SceneId::new("train-1").unwrap();
+        for key in [
+            partial(&scene, 7),
+            tuple_record(&scene),
+            receipt(&scene),
+            quarantine(&scene),
+            attempt(&scene, [3, 64], 2),
+        ] {
+            assert_eq!(scene_of(&key), Some("train-1"), "{key}");
+        }
+        assert_eq!(scene_of("quarantine/notes.txt"), None);
+        assert_eq!(scene_of(SPEC), None);
+        assert_eq!(shard_of(&partial(&scene, 7)), Some(7));
+        assert_eq!(shard_of(&made_by(&scene, [0, 7])), None);
+        assert_eq!(attempt_of(&attempt(&scene, [3, 64], 2)), Some(([3, 64], 2)));
+        assert_eq!(attempt_of("attempts/train-1/notes.json"), None);
+    }
 }

@@ -1,48 +1,61 @@
-//! A run's folder or bucket: what it holds, under which names, and what its records say.
+//! A run's folder or bucket: its objects by key, the records in them, and what they say about its progress.
 //!
-//! A run directory is the only state. Starting, resuming and recovering are the same thing: look at what is there, do what
-//! is missing.
+//! The store is the only state. Starting, resuming and recovering are the same: see which results are there, make those
+//! that are missing. Modules import only modules above them.
 
-pub(crate) mod attempts;
-pub(crate) mod audit;
-pub(crate) mod compare;
-pub(crate) mod control;
-pub(crate) mod done;
-pub(crate) mod error;
-pub(crate) mod events;
-pub(crate) mod explain;
+mod error;
 pub mod keys;
-pub(crate) mod made_by;
-pub(crate) mod overview;
-pub(crate) mod planning;
-pub(crate) mod quarantine;
-pub(crate) mod receipt;
-pub(crate) mod retry;
-pub(crate) mod run_dir;
-pub(crate) mod seen;
-pub(crate) mod status;
-pub(crate) mod task;
+mod task;
+
+// Records.
+mod attempts;
+mod control;
+mod events;
+mod open;
+mod provenance;
+mod quarantine;
+mod work_log;
+
+// Progress.
+mod done;
+mod snapshot;
+
+// Commands.
+mod compare;
+mod explain;
+mod planning;
+mod retry;
 #[cfg(feature = "train")]
-pub(crate) mod tuple_files;
-pub(crate) mod work_log;
+mod tuples;
+
+mod audit;
 
 pub use attempts::{
     ATTEMPT_SCHEMA, AttemptRecord, EndKind, Ending, MOST_LOST, WorkerName, attempts,
 };
-pub use audit::{AuditOptions, SceneAudit, Verdict, audit_scene, check_auditor, draw_scenes};
-pub use compare::FileDifference;
-pub use control::{CONTROL_SCHEMA, Changed, Control, ControlError, ControlState, set_control};
-pub use done::Progress;
-pub use error::AccessError;
+pub(crate) use attempts::{PoisonCheck, is_unreadable, mark_lost, poison_check};
+pub(crate) use audit::{
+    AuditOptions, SceneAudit, Verdict, audit_scene, check_auditor, draw_scenes,
+};
+pub(crate) use compare::FileDifference;
+pub(crate) use control::{CONTROL_SCHEMA, ControlError, ControlFlag, ControlLook, set_control};
+pub use control::{Control, ControlState};
+pub(crate) use done::is_done;
+pub use error::{AccessError, RunError};
+pub(crate) use events::Stopwatch;
 pub use events::{Event, StageSeconds, process_cpu_s};
-pub use explain::{ExplainError, Explanation, SceneState, ShardFacts, explain};
-pub use overview::{FarmState, Observer, Overview, StandingAttempt, WorkerTuples};
-pub use planning::{PlanError, PlanOptions, Planned, plan_run};
+pub(crate) use explain::{ExplainError, Explanation, explain};
+pub use open::Run;
+pub use planning::PlanError;
+pub(crate) use planning::{PlanOptions, Planned, plan_run};
+pub use provenance::Provenance;
+pub(crate) use provenance::{PartialsProvenance, other_workers};
 pub use quarantine::{QUARANTINE_SCHEMA, QuarantineRecord};
-pub use receipt::Receipt;
 pub use retry::{Retried, RetryError, RetryScenes, retry};
-pub use run_dir::{Run, RunDir, RunError};
-pub use seen::{SeenAttempt, SeenTuple, Watch};
-pub use status::{Quarantined, RunStatus, run_status};
+pub use snapshot::{
+    Counts, Quarantined, RunState, SceneState, Scope, SeenAttempt, SeenTuple, Snapshot,
+    StandingAttempt, Status, WorkerTuples,
+};
 pub use task::Task;
-pub use work_log::{SceneTrace, Stop, WORK_LOG_SCHEMA, WorkLog, read_logs};
+pub use work_log::Stop;
+pub(crate) use work_log::{LogTime, SceneSeconds, SceneTrace, WORK_LOG_SCHEMA, WorkLog, read_logs};

@@ -1,6 +1,8 @@
-//! `plan`: a recipe or a `.jsonl` becomes `RUN/manifest.jsonl` and `RUN/spec.json`, frozen.
+//! `plan`: writes `RUN/manifest.jsonl` and `RUN/spec.json` from a recipe or a `.jsonl`. Neither changes afterwards.
 
-use super::run_dir::{Run, RunDir, RunError};
+use super::error::RunError;
+use super::keys;
+use super::open::Run;
 use plan::{
     DraftError, Drafted, InputFiles, InvalidInput, Made, RejectedScene, Request, draft,
     invalid_text, make_photographs, rejected_lines,
@@ -13,49 +15,46 @@ use render::trace::{Isa, TRACER_VERSION};
 use std::path::Path;
 
 /// How to plan.
-pub struct PlanOptions<'a> {
+pub(crate) struct PlanOptions<'a> {
     /// `--root NAME=DIR`.
-    pub roots: &'a Roots,
+    pub(crate) roots: &'a Roots,
     /// Lists roots that are in an object store.
-    pub inputs: &'a dyn InputFiles,
-    /// Side of a tile, px; chosen if `None`.
-    pub tile_px: Option<u32>,
-    /// Write nothing.
-    pub dry_run: bool,
-    /// Leave out photographs whose files cannot be used (of a manifest: scenes), and go on.
-    pub skip_invalid: bool,
-    /// Threads that look at input files and make procedural photographs.
-    pub threads: usize,
+    pub(crate) inputs: &'a dyn InputFiles,
+    /// Side of a tile, px; `None` chooses one.
+    pub(crate) tile_px: Option<u32>,
+    pub(crate) dry_run: bool,
+    /// Leave out photographs (of a manifest: scenes) whose files cannot be used.
+    pub(crate) skip_invalid: bool,
+    /// Threads that check input files and make procedural photographs.
+    pub(crate) threads: usize,
 }
 
 /// A plan, written or not.
 #[derive(Debug)]
-pub struct Planned {
-    /// The run's rules.
-    pub spec: Spec,
-    /// Its scenes.
-    pub lines: Vec<SceneLine>,
-    /// The run was there already, with the same plan.
-    pub existed: bool,
-    /// What a reader should know: images without depth, scenes paired less well than wished.
-    pub notes: Vec<String>,
-    /// Draws that were looked at and not kept.
-    pub rejected: Vec<RejectedScene>,
-    /// Files that cannot be used, by path.
-    pub invalid: Vec<InvalidInput>,
-    /// Input files that were looked at.
-    pub files: usize,
-    /// What is left out, in a word: photographs, or scenes.
-    pub parts: &'static str,
-    /// Size of the input files together; `None` where they were not looked at, as the run was there already.
-    pub input_bytes: Option<u64>,
-    /// About what procedural photographs take in the run's folder, bytes.
-    pub made_bytes: u64,
+pub(crate) struct Planned {
+    pub(crate) spec: Spec,
+    pub(crate) lines: Vec<SceneLine>,
+    /// The same run was planned before.
+    pub(crate) existed: bool,
+    /// Notes for the user: images without depth, scenes that are paired less well than the recipe asks.
+    pub(crate) notes: Vec<String>,
+    /// Draws that the preview rejected.
+    pub(crate) rejected: Vec<RejectedScene>,
+    /// Input files that cannot be used, by path.
+    pub(crate) invalid: Vec<InvalidInput>,
+    /// Input files that were checked.
+    pub(crate) files: usize,
+    /// What is left out: `photographs` or `scenes`.
+    pub(crate) parts: &'static str,
+    /// Total size of the input files; `None` if they were not checked, because the run was planned before.
+    pub(crate) input_bytes: Option<u64>,
+    /// Estimated size of procedural photographs in the run's folder, bytes.
+    pub(crate) made_bytes: u64,
 }
 
 impl Planned {
-    /// What of the input files is wrong, as a table, and what was done about it; nothing if all is well.
-    pub fn invalid_text(&self) -> Option<String> {
+    /// A table of the input files that cannot be used, and what was done about them; `None` if all can be used.
+    pub(crate) fn invalid_text(&self) -> Option<String> {
         if self.invalid.is_empty() {
             return None;
         }
@@ -81,13 +80,13 @@ pub enum PlanError {
     /// The recipe or manifest gives no scenes.
     #[error(transparent)]
     Draft(#[from] DraftError),
-    /// The run is another one.
+    /// The folder holds a run of another plan.
     #[error(transparent)]
     Mismatch(#[from] SpecMismatch),
-    /// The run that is there cannot be opened.
+    /// The folder's run cannot be opened.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// The disk.
+    /// A file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
     /// Procedural photographs cannot be written.
@@ -95,9 +94,9 @@ pub enum PlanError {
     Sample(#[from] SampleError),
 }
 
-/// Plans `source` into the folder `out`. `on_progress` receives (what, done, all) as files are checked, scenes previewed and
-/// photographs made.
-pub fn plan_run(
+/// Plans `source` into the folder `out`. Calls `on_progress` with (what, done, all) while it checks files, previews scenes
+/// and makes photographs.
+pub(crate) fn plan_run(
     source: &Path,
     out: &Path,
     options: &PlanOptions,
@@ -108,7 +107,7 @@ pub fn plan_run(
         Err(RunError::Missing { .. }) => None,
         Err(error) => return Err(error.into()),
     };
-    // A run keeps what was left out of it, whatever has become of the files.
+    // Inputs that were left out of a run stay out, even if their files can be used now.
     let left_out = existing.iter().flat_map(|run| run.spec.left_out.clone());
     let request = Request {
         roots: options.roots,
@@ -185,14 +184,13 @@ fn write_inputs(
 }
 
 fn write_plan(out: &Path, drafted: &Drafted, manifest: &str, spec: &Spec) -> Result<(), PlanError> {
-    let dir = RunDir::new(out);
     if !drafted.rejected.is_empty() {
         let lines = rejected_lines(&drafted.rejected);
-        atomic_file::write(&dir.rejected(), lines.as_bytes())?;
+        atomic_file::write(&out.join(keys::REJECTED), lines.as_bytes())?;
     }
-    atomic_file::write(&dir.manifest(), manifest.as_bytes())?;
-    // Last: a run is planned as soon as its spec exists.
+    atomic_file::write(&out.join(keys::MANIFEST), manifest.as_bytes())?;
+    // Last: the spec says that the run is planned.
     let mut json = serde_json::to_string_pretty(spec).expect("a spec is JSON");
     json.push('\n');
-    Ok(atomic_file::write(&dir.spec(), json.as_bytes())?)
+    Ok(atomic_file::write(&out.join(keys::SPEC), json.as_bytes())?)
 }

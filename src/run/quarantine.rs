@@ -1,12 +1,11 @@
-//! Scenes that cannot be done, each with its reason; the farm goes on without them.
+//! Scenes in quarantine, each with its reason: they cannot be traced or merged, and the run goes on without them.
 
 use super::keys;
-use super::run_dir::RunDir;
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
 
-/// The schema name of a quarantine record.
+/// Schema of a [`QuarantineRecord`].
 pub const QUARANTINE_SCHEMA: &str = "glasshouse.quarantine/1";
 
 /// `quarantine/<scene>.json`
@@ -22,7 +21,7 @@ pub struct QuarantineRecord {
 }
 
 impl QuarantineRecord {
-    /// Puts the record. If another worker was first, its reason stands.
+    /// Puts a record. If another worker was first, its reason stays.
     pub fn put(store: &Store, scene: &SceneId, reason: &str) -> Result<(), StoreError> {
         let record = Self {
             schema: QUARANTINE_SCHEMA.to_owned(),
@@ -37,31 +36,18 @@ impl QuarantineRecord {
         }
     }
 
-    /// The scene's record in a store, if it is in quarantine.
+    /// Reads a scene's record, if it is in quarantine.
     pub fn get(store: &Store, scene: &SceneId) -> Result<Option<Self>, StoreError> {
         let bytes = store.get(&keys::quarantine(scene))?;
         Ok(bytes.map(|bytes| Self::parse(scene, &bytes)))
     }
 
-    /// A damaged record counts, with that as its reason.
+    /// A damaged record keeps its scene in quarantine, and is the reason.
     fn parse(scene: &SceneId, bytes: &[u8]) -> Self {
-        serde_json::from_slice(bytes).unwrap_or_else(|e| Self::damaged(scene, &e))
-    }
-
-    fn damaged(scene: &SceneId, what: &dyn std::fmt::Display) -> Self {
-        Self {
+        serde_json::from_slice(bytes).unwrap_or_else(|e| Self {
             schema: QUARANTINE_SCHEMA.to_owned(),
             scene: scene.clone(),
-            reason: format!("its quarantine record is damaged ({what}); delete it to try again"),
-        }
-    }
-
-    /// The scene's record, if it is in quarantine. A damaged record counts, with that as its reason.
-    pub fn read(dir: &RunDir, scene: &SceneId) -> Option<Self> {
-        Some(match std::fs::read(dir.quarantine(scene)) {
-            Ok(bytes) => Self::parse(scene, &bytes),
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return None,
-            Err(e) => Self::damaged(scene, &e),
+            reason: format!("its quarantine record is damaged ({e}); delete it to try again"),
         })
     }
 }

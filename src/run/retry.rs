@@ -1,4 +1,4 @@
-//! Takes scenes out of quarantine, to be tried again from the start of their attempts.
+//! `retry`: takes scenes out of quarantine, and forgets their attempts.
 
 use super::keys;
 use crate::store::{Store, StoreError};
@@ -8,43 +8,43 @@ use std::collections::BTreeSet;
 /// Which scenes to try again.
 #[derive(Clone, Copy, Debug)]
 pub enum RetryScenes<'a> {
-    /// All that are in quarantine.
+    /// All scenes in quarantine.
     All,
-    /// These, each of which must be.
+    /// These; each must be in quarantine.
     These(&'a [SceneId]),
-    /// These, whatever is there of them: it is removed, and they are made from nothing.
+    /// These, in whatever state: all their results are removed.
     Anew(&'a [SceneId]),
 }
 
-/// What was done.
+/// What `retry` did.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Retried {
-    /// No longer in quarantine, in the manifest's order.
+    /// Scenes to be tried again, in the manifest's order.
     #[serde(rename = "retried")]
     pub scenes: Vec<SceneId>,
-    /// Records of lost attempts that were removed with them.
+    /// Records of attempts that were removed.
     #[serde(rename = "attempts_removed")]
     pub attempts: u64,
-    /// Files of tuples, partials and receipts that were removed.
+    /// Files of tuples, partials and provenance that were removed.
     #[serde(rename = "results_removed")]
     pub results: u64,
-    /// The run counted as finished, so its coordinator and workers have gone home.
+    /// The run was finished, so its coordinator and workers have ended.
     pub was_finished: bool,
 }
 
-/// Why scenes cannot be tried again.
+/// Scenes that cannot be tried again.
 #[derive(Debug, thiserror::Error)]
 pub enum RetryError {
     /// The store cannot be used.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// Some are not what they should be.
+    /// Some are not in quarantine or not in the manifest.
     #[error("{0}; nothing was changed")]
     Refused(String),
 }
 
-/// Removes the records of quarantine and of attempts of `which`, of a run whose scenes are `manifest`, and of those that
-/// are to be made anew all results; with `dry_run` only looks. If one of them is not what it should be nothing is changed.
+/// Removes the quarantine records and attempts of `which`, and all results of [`RetryScenes::Anew`], from a run with the
+/// scenes `manifest`; with `dry_run` only counts them. An error changes nothing.
 pub fn retry(
     store: &Store,
     manifest: &[SceneId],
@@ -77,7 +77,7 @@ pub fn retry(
         } else {
             Vec::new()
         };
-        // Not counted: it is no result, and may be missing.
+        // Not counted: it is no result, and it may be missing.
         let noise = [keys::noise(scene)];
         retried.attempts += attempts.len() as u64;
         retried.results += results.len() as u64;
@@ -87,7 +87,7 @@ pub fn retry(
             if matches!(which, RetryScenes::Anew(_)) {
                 store.delete(&noise)?;
             }
-            // In this order, so that who is killed in between leaves it in quarantine, not free with old attempts.
+            // The quarantine record last: a scene that is freed must have no old attempts.
             store.delete(&attempts)?;
             store.delete(&[keys::quarantine(scene)])?;
         }
@@ -98,10 +98,10 @@ pub fn retry(
     Ok(retried)
 }
 
-/// All that was made of a scene: first what says that it is done.
+/// Keys of all results of a scene, its tuple's record first: without it the tuple is not done.
 fn results(store: &Store, scene: &SceneId) -> Result<Vec<String>, StoreError> {
-    let record = keys::tuple(scene, "tuple.json");
-    let mut results = store.list(&format!("{}/{scene}", keys::TUPLES))?;
+    let record = keys::tuple_record(scene);
+    let mut results = store.list(&keys::tuple_folder(scene))?;
     results.sort_by_key(|key| *key != record);
     results.extend(store.list(&keys::partials(scene))?);
     let receipt = keys::receipt(scene);
@@ -111,13 +111,13 @@ fn results(store: &Store, scene: &SceneId) -> Result<Vec<String>, StoreError> {
     Ok(results)
 }
 
-/// Says of each what it is instead.
+/// Says of each scene which state it is in.
 fn refusal(store: &Store, manifest: &[SceneId], wrong: &[&SceneId]) -> Result<String, StoreError> {
     let mut reasons = Vec::new();
     for scene in wrong {
         reasons.push(if !manifest.contains(scene) {
             format!("{scene} is no scene of this run")
-        } else if store.get(&keys::tuple(scene, "tuple.json"))?.is_some() {
+        } else if store.get(&keys::tuple_record(scene))?.is_some() {
             format!("{scene} is not in quarantine: it is done")
         } else {
             format!("{scene} is not in quarantine: it waits or is being made")

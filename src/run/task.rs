@@ -1,13 +1,13 @@
-//! The unit that workers lease.
+//! What a worker leases from the queue.
 
 use std::ops::Range;
 
-/// Shards in a row of one scene.
+/// Consecutive shards of one scene.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Task {
-    /// Its place in the manifest, from 0.
+    /// Index of the scene in the manifest.
     pub scene: u32,
-    /// Numbers in the scene; not empty.
+    /// Indices of the shards in the scene; not empty.
     pub shards: Range<u32>,
 }
 

@@ -1,8 +1,8 @@
-//! What a worker writes down of itself when it ends: `RUN/logs/work-*.json`. The report adds these up. Nothing depends on
-//! them, and who is killed leaves none.
+//! Logs that workers write when they end, `RUN/logs/work-*.json`. The report adds them up, nothing else reads them; a
+//! worker that is killed leaves none.
 
 use super::keys;
-use super::run_dir::Run;
+use super::open::Run;
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
@@ -10,63 +10,50 @@ use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::time::{Duration, Instant, SystemTime};
 
-/// The schema name of a log.
-pub const WORK_LOG_SCHEMA: &str = "glasshouse.work_log/1";
-/// Logs in memory at once.
-const LOGS_AT_ONCE: usize = 64;
+/// Schema of a [`WorkLog`].
+pub(crate) const WORK_LOG_SCHEMA: &str = "glasshouse.work_log/1";
 
-/// `logs/work-<milliseconds>-<worker>.json`, one a process; of another version, what can be read of it.
+/// `logs/work-<milliseconds>-<worker>.json`, one a process. Fields that another version does not write are empty.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub struct WorkLog {
-    /// [`WORK_LOG_SCHEMA`].
-    pub schema: String,
-    /// Who.
-    pub worker: String,
-    /// On which machine.
-    pub host: String,
-    /// With which version of the program.
-    pub version: String,
-    /// And of the tracer.
-    pub tracer_version: u32,
-    /// It was started by a worker, for a scene that was lost before.
-    pub is_child: bool,
-    /// Threads that compute.
-    pub threads: u32,
-    /// When it began, seconds since 1970 by its own clock.
-    pub started_unix_s: f64,
-    /// How long it worked.
-    pub wall_s: f64,
-    /// Why it ended before the end: `signal`, `time_limit`, `drained`, `cancelled`.
-    pub stopped: Option<String>,
-    /// Tuples that it wrote.
-    pub merged: u64,
-    /// Shards that it traced.
-    pub shards_traced: u64,
-    /// Shards that it found.
-    pub shards_resumed: u64,
-    /// Scenes that it loaded.
-    pub scenes_loaded: u64,
-    /// Seconds of all threads, by stage.
-    pub thread_seconds: BTreeMap<String, f64>,
-    /// CPU seconds of the process: before it began to work, by stage, and the rest.
-    pub cpu_seconds: BTreeMap<String, f64>,
-    /// What tracing cost, by scene.
-    pub scenes: Vec<SceneTrace>,
+pub(crate) struct WorkLog {
+    pub(crate) schema: String,
+    pub(crate) worker: String,
+    pub(crate) host: String,
+    pub(crate) version: String,
+    pub(crate) tracer_version: u32,
+    /// The process was a worker's child, for a scene that was lost before.
+    pub(crate) is_child: bool,
+    pub(crate) threads: u32,
+    /// Start, seconds since 1970 by its own clock.
+    pub(crate) started_unix_s: f64,
+    pub(crate) wall_s: f64,
+    /// Why it ended early, if it did: `signal`, `time_limit`, `drained`, `cancelled`.
+    pub(crate) stopped: Option<String>,
+    pub(crate) merged: u64,
+    pub(crate) shards_traced: u64,
+    /// Shards whose partials it found.
+    pub(crate) shards_resumed: u64,
+    pub(crate) scenes_loaded: u64,
+    /// Wall-clock seconds by stage, summed over threads.
+    pub(crate) thread_seconds: BTreeMap<String, f64>,
+    /// CPU seconds of the process: before work started, by stage, and the rest.
+    pub(crate) cpu_seconds: BTreeMap<String, f64>,
+    /// Cost of tracing by scene.
+    pub(crate) scenes: Vec<SceneTrace>,
 }
 
-/// What a worker traced of a scene.
+/// A worker's share of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SceneTrace {
-    /// Which.
-    pub scene: SceneId,
-    /// Shards of it.
-    pub shards: u32,
+pub(crate) struct SceneTrace {
+    pub(crate) scene: SceneId,
+    /// Shards that the worker traced.
+    pub(crate) shards: u32,
     /// CPU seconds of the tracer.
-    pub cpu_s: f64,
+    pub(crate) cpu_s: f64,
 }
 
-/// When a worker began.
+/// When a worker started.
 pub(crate) struct LogTime {
     pub(crate) clock: SystemTime,
     pub(crate) start: Instant,
@@ -81,7 +68,7 @@ impl LogTime {
     }
 }
 
-/// Shards and CPU time of the tracer, by a scene's place in the manifest.
+/// Shards and CPU time of the tracer, by index of the scene.
 #[derive(Default)]
 pub(crate) struct SceneSeconds(Mutex<BTreeMap<u32, (u32, Duration)>>);
 
@@ -101,7 +88,7 @@ impl SceneSeconds {
         change(scenes.entry(scene).or_default());
     }
 
-    /// As it is written down.
+    /// As the log has it.
     pub(crate) fn of(&self, run: &Run) -> Vec<SceneTrace> {
         let scenes = self.0.lock().expect("no holder of this lock panics");
         let trace = |(&scene, &(shards, cpu)): (&u32, &(u32, Duration))| SceneTrace {
@@ -114,8 +101,8 @@ impl SceneSeconds {
 }
 
 impl WorkLog {
-    /// Puts it, if there is anything to tell. One that cannot be put is missed by the report alone, which says of how many
-    /// tuples it knows.
+    /// Puts it, unless the worker did nothing. A failure is ignored: only the report misses it, and says of how many tuples
+    /// it knows.
     pub(crate) fn leave(&self, store: &Store) {
         if self.merged + self.shards_traced + self.scenes_loaded == 0 {
             return;
@@ -126,7 +113,7 @@ impl WorkLog {
         let _ = store.create(&self.key(), &json);
     }
 
-    /// Two processes have different keys: of one name they do not begin in the same millisecond.
+    /// Unique: two processes with the same worker name do not start in the same millisecond.
     fn key(&self) -> String {
         let safe = |c: char| {
             if c.is_ascii_alphanumeric() || "-_.".contains(c) {
@@ -141,8 +128,8 @@ impl WorkLog {
     }
 }
 
-/// All logs of a run, oldest first, and the keys of those that cannot be read.
-pub fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), StoreError> {
+/// All logs of a run, oldest first, and the keys of damaged ones.
+pub(crate) fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), StoreError> {
     let mut keys = store.list(keys::LOGS)?;
     keys.retain(|key| {
         let name = key.rsplit('/').next().unwrap_or_default();
@@ -150,17 +137,13 @@ pub fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), StoreErro
     });
     keys.sort();
     let (mut logs, mut damaged) = (Vec::new(), Vec::new());
-    for keys in keys.chunks(LOGS_AT_ONCE) {
-        for (key, bytes) in keys.iter().zip(store.get_all(keys)?) {
-            let Some(bytes) = bytes else {
-                continue;
-            };
-            match serde_json::from_slice::<WorkLog>(&bytes) {
-                Ok(log) if log.is_sound() => logs.push(log),
-                _ => damaged.push(key.clone()),
-            }
+    store.for_each(&keys, |index, bytes| {
+        match bytes.map(|bytes| serde_json::from_slice::<WorkLog>(&bytes)) {
+            None => {}
+            Some(Ok(log)) if log.is_sound() => logs.push(log),
+            Some(_) => damaged.push(keys[index].clone()),
         }
-    }
+    })?;
     Ok((logs, damaged))
 }
 
@@ -177,14 +160,14 @@ impl WorkLog {
     }
 }
 
-/// Why work ended before the end.
+/// Why work ended early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
-    /// `stop` was set.
+    /// A signal came.
     Asked,
     /// The deadline passed.
     TimeLimit,
-    /// Too many scenes failed here.
+    /// Too many scenes failed on this worker.
     Drained,
     /// The run was cancelled.
     Cancelled,
@@ -221,7 +204,7 @@ mod tests {
         let (late, early) = (log("a/../b c", 3, 2000.25), log("x", 1, 1000.0));
         late.leave(&store);
         early.leave(&store);
-        // Who did nothing has nothing to tell.
+        // A worker that did nothing leaves no log.
         log("idle", 0, 1.0).leave(&store);
         store.create("logs/work-0.json", b"{").unwrap();
         store.create("logs/other.txt", b"{").unwrap();
@@ -238,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_later_version_adds_is_passed_over() {
+    fn fields_of_a_later_version_are_ignored() {
         let log: WorkLog =
             serde_json::from_str(r#"{"worker":"w","scenes":[],"new":{"x":1}}"#).unwrap();
         assert_eq!(log.worker, "w");

@@ -1,7 +1,7 @@
 //! `/metrics`: a view in Prometheus' text format, version 0.0.4.
 
 use super::view::{FarmView, WorkerState, WorkerView};
-use crate::run::FarmState;
+use crate::run::RunState;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -19,7 +19,7 @@ pub(super) fn metrics(view: &FarmView) -> String {
     ];
     out.sample("run_info", &labels, 1.0);
     out.family("run_state", "gauge", "1 for the state that the run is in.");
-    for state in FarmState::ALL {
+    for state in RunState::ALL {
         let is_it = u8::from(state == view.state);
         out.sample("run_state", &[("state", state.name())], is_it.into());
     }

@@ -3,7 +3,7 @@
 //! [`FarmView`] is plain data with ages in seconds. A [`FarmSource`] makes it: [`WatchedRun`] from what a coordinator has
 //! seen. [`serve`] answers requests with it. Nothing here changes a run without the token; with it, the source carries out an
 //! [`Action`]. A name from a request reaches a disk or a store only as a [`render::ids::SceneId`] and one of
-//! [`render::trace::LAYERS`].
+//! [`render::layer::Layer::NAMES`].
 
 mod action;
 mod metrics;

@@ -5,10 +5,10 @@
 
 use super::view::{FarmView, QuarantinedScene, RecentTuple, WorkerState, WorkerView};
 use crate::plot::PAPER_SYMBOLS;
-use crate::run::FarmState;
+use crate::run::RunState;
 use crate::text::{cut, duration, grouped, percent, printable, rate};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use render::trace::LAYERS;
+use render::layer::Layer;
 
 /// Workers on the page, the most urgent first.
 const WORKERS_SHOWN: usize = 100;
@@ -95,7 +95,7 @@ fn dialog() -> Markup {
 
 fn head(view: &FarmView, can_act: bool) -> Markup {
     let state = view.state.name();
-    let is_open = matches!(view.state, FarmState::Running | FarmState::Paused);
+    let is_open = matches!(view.state, RunState::Running | RunState::Paused);
     html! {
         header {
             h1 { (view.name) }
@@ -103,7 +103,7 @@ fn head(view: &FarmView, can_act: bool) -> Markup {
             span.state.(state) { (state) }
             span.push {
                 @if can_act && is_open {
-                    @if view.state == FarmState::Running {
+                    @if view.state == RunState::Running {
                         (button("/api/pause", "Pause", "Start nothing new? Open scenes are finished."))
                     } @else {
                         (button("/api/resume", "Resume", "Go on?"))
@@ -131,7 +131,7 @@ fn alerts(view: &FarmView) -> Markup {
                 " Workers finish what they hold; the coordinator keeps trying."
             }
         }
-        @if view.state == FarmState::Running && view.workers.iter().all(is_silent) {
+        @if view.state == RunState::Running && view.workers.iter().all(is_silent) {
             div.card.alert data-key="workers" {
                 b.bad { "No worker." } " Nothing is traced until one starts: "
                 code { "glasshouse work RUN --queue URL" }
@@ -178,9 +178,9 @@ fn progress(view: &FarmView) -> Markup {
 
 fn facts(view: &FarmView) -> Markup {
     let (eta, eta_note) = match (view.state, view.eta_s) {
-        (FarmState::Finished, _) => ("none".to_owned(), ""),
-        (FarmState::Paused | FarmState::Cancelled, _) | (_, None) => ("unknown".to_owned(), ""),
-        (FarmState::Running, Some(s)) => (duration(s), "at this rate"),
+        (RunState::Finished, _) => ("none".to_owned(), ""),
+        (RunState::Paused | RunState::Cancelled, _) | (_, None) => ("unknown".to_owned(), ""),
+        (RunState::Running, Some(s)) => (duration(s), "at this rate"),
     };
     let rate = view.rate_scenes_per_s.map(rate);
     let (rate, unit) = rate.unwrap_or(("unknown".to_owned(), ""));
@@ -245,7 +245,7 @@ fn tuple_card(tuple: &RecentTuple, run: &str) -> Markup {
                 }
             }
             div.layers {
-                @for (layer, symbol) in LAYERS.iter().zip(PAPER_SYMBOLS).filter(|(layer, _)| has(layer)) {
+                @for (layer, symbol) in Layer::NAMES.iter().zip(PAPER_SYMBOLS.0).filter(|(layer, _)| has(layer)) {
                     figure title=(layer) {
                         // The run is in the address because a browser keeps pictures, and the next run may have the same
                         // scenes.

@@ -14,7 +14,7 @@ use axum::routing::{get, post};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use render::ids::SceneId;
-use render::trace::LAYERS;
+use render::layer::Layer;
 use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
@@ -258,7 +258,10 @@ async fn thumbnail(
     let none = || refuse(StatusCode::NOT_FOUND, "no such picture");
     let scene = SceneId::new(scene).map_err(|_| none())?;
     let layer = file.strip_suffix(".png").ok_or_else(none)?;
-    let layer = LAYERS.into_iter().find(|l| *l == layer).ok_or_else(none)?;
+    let layer = Layer::NAMES
+        .into_iter()
+        .find(|l| *l == layer)
+        .ok_or_else(none)?;
     let png = app
         .ask(&app.picture_calls, move |s| s.thumbnail(&scene, layer))
         .await?

@@ -36,7 +36,7 @@ pub trait FarmSource: Send + Sync {
     /// The run as it is now. Called every two seconds for each open page: it must be cheap.
     fn view(&self) -> FarmView;
     /// A PNG of a layer of a merged scene's tuple, made small enough for a page (256 px wide, say); `None` if there is
-    /// none. `layer` is one of [`render::trace::LAYERS`]; the scene may not exist.
+    /// none. `layer` is one of [`render::layer::Layer::NAMES`]; the scene may not exist.
     fn thumbnail(&self, scene: &SceneId, layer: &str) -> Option<Vec<u8>>;
     /// Does something, or says in a sentence why not. Called only if a token is set and was given.
     fn act(&self, action: Action) -> Result<(), String>;

@@ -2,7 +2,7 @@
 //!
 //! Ages are seconds by the coordinator's monotonic clock, so that a worker's wrong clock shows nowhere.
 
-use crate::run::FarmState;
+use crate::run::RunState;
 use render::ids::SceneId;
 use serde::Serialize;
 
@@ -21,7 +21,7 @@ pub struct FarmView {
     /// Version of the coordinator's program.
     pub version: String,
     /// What the run is doing.
-    pub state: FarmState,
+    pub state: RunState,
     /// Scenes with a tuple, of all.
     pub scenes: Count,
     /// Shards done, of all.
@@ -136,7 +136,7 @@ pub struct RecentTuple {
     pub worker: Option<String>,
     /// The largest share, among its layers, of paths that met nothing or ended on a border's continuation; 0 to 1.
     pub miss_share: Option<f64>,
-    /// Its layers, names of [`render::trace::LAYERS`].
+    /// Its layers, names of [`render::layer::Layer::NAMES`].
     pub layers: Vec<String>,
 }
 

@@ -5,8 +5,9 @@ use super::server::FarmSource;
 use super::view::{
     Count, FARM_SCHEMA, FarmView, QuarantinedScene, QueueView, RecentTuple, WorkerState, WorkerView,
 };
+use crate::farm::Watch;
 use crate::run::{
-    ControlState, FarmState, RetryScenes, Run, SeenAttempt, Watch, keys, retry, set_control,
+    ControlState, RetryScenes, Run, RunState, SeenAttempt, Snapshot, keys, retry, set_control,
 };
 use crate::store::Store;
 use render::ids::SceneId;
@@ -26,7 +27,6 @@ pub struct WatchedRun {
     id: String,
     scenes: Vec<SceneId>,
     layers: Vec<Vec<String>>,
-    shards: Vec<u32>,
     store: Store,
     watch: Arc<Mutex<Watch>>,
     /// A worker that made no tuple for so many seconds is shown as silent.
@@ -44,17 +44,12 @@ impl WatchedRun {
             .id()
             .iter()
             .fold(String::new(), |hex, b| format!("{hex}{b:02x}"));
-        let folder = run.dir.root().file_name();
+        let folder = run.root().file_name();
         Self {
             name: folder.map_or_else(|| "run".to_owned(), |n| n.to_string_lossy().into_owned()),
             id: digest,
             scenes: run.lines.iter().map(|line| line.id.clone()).collect(),
             layers: run.lines.iter().map(names).collect(),
-            shards: run
-                .lines
-                .iter()
-                .map(|line| run.layout(line).len())
-                .collect(),
             store: store.clone(),
             watch: Arc::clone(watch),
             silent_s,
@@ -76,91 +71,105 @@ fn new_worker(name: &str, host: &str) -> WorkerView {
     }
 }
 
-impl FarmSource for WatchedRun {
-    fn view(&self) -> FarmView {
-        let watch = self.watch.lock().expect("no holder of this lock panics");
+impl WatchedRun {
+    /// Workers that made a tuple since this process started, or hold an attempt.
+    fn workers(&self, snapshot: &Snapshot, state: RunState) -> Vec<WorkerView> {
         let seconds = |at: Instant| at.elapsed().as_secs_f64();
-        let left = (watch.scenes - watch.done - watch.quarantined) as f64;
         let mut workers: BTreeMap<&str, WorkerView> = BTreeMap::new();
-        let mut shards_done = 0;
-        for tuple in &watch.tuples {
-            let shards = u64::from(self.shards[tuple.scene]);
-            shards_done += shards;
-            let receipt = &tuple.receipt;
-            let (Some(worker), Some(at)) = (&receipt.worker, tuple.at) else {
+        for tuple in snapshot.tuples() {
+            let provenance = snapshot.provenance(tuple.scene);
+            let (Some(provenance), Some(seen)) = (provenance, tuple.seen) else {
                 continue;
             };
-            let host = receipt.host.as_deref().unwrap_or_default();
+            let Some(worker) = &provenance.worker else {
+                continue;
+            };
+            let host = provenance.host.as_deref().unwrap_or_default();
             let view = workers
                 .entry(worker)
                 .or_insert_with(|| new_worker(worker, host));
-            view.version = receipt.version.clone().unwrap_or_default();
-            view.shards_done += shards;
-            view.last_progress_s = view.last_progress_s.min(seconds(at));
+            view.version = provenance.version.clone().unwrap_or_default();
+            view.shards_done += u64::from(snapshot.shards(tuple.scene));
+            view.last_progress_s = view.last_progress_s.min(seconds(seen));
         }
-        let in_hand = |seen: &&SeenAttempt| seen.record.ended.is_none();
-        for SeenAttempt { record, at } in watch.attempts.values().filter(in_hand) {
+        let is_held = |attempt: &&SeenAttempt| attempt.record.ended.is_none();
+        for SeenAttempt { record, seen, .. } in snapshot.attempts().filter(is_held) {
             let view = workers
                 .entry(&record.worker)
                 .or_insert_with(|| new_worker(&record.worker, &record.host));
             view.state = WorkerState::Working;
             view.scene.get_or_insert_with(|| record.scene.clone());
-            view.last_progress_s = view.last_progress_s.min(seconds(*at));
+            view.last_progress_s = view.last_progress_s.min(seconds(*seen));
         }
         for worker in workers.values_mut() {
-            if watch.finished {
+            if state == RunState::Finished {
                 worker.state = WorkerState::Idle;
             } else if worker.last_progress_s > self.silent_s {
                 worker.state = WorkerState::Silent;
             }
         }
-        let recent = watch
-            .tuples
-            .iter()
-            .rev()
-            .take(RECENT)
-            .map(|tuple| RecentTuple {
-                scene: self.scenes[tuple.scene].clone(),
-                age_s: tuple.at.map_or(0.0, seconds),
-                worker: tuple.receipt.worker.clone(),
-                miss_share: None,
-                layers: self.layers[tuple.scene].clone(),
-            });
-        let rate = watch.rate_scenes_per_s();
+        workers.into_values().collect()
+    }
+
+    fn recent(&self, snapshot: &Snapshot) -> Vec<RecentTuple> {
+        let newest = snapshot.tuples().iter().rev().take(RECENT);
+        let recent = newest.map(|tuple| RecentTuple {
+            scene: self.scenes[tuple.scene].clone(),
+            age_s: tuple.seen.map_or(0.0, |at| at.elapsed().as_secs_f64()),
+            worker: snapshot
+                .provenance(tuple.scene)
+                .and_then(|provenance| provenance.worker.clone()),
+            miss_share: None,
+            layers: self.layers[tuple.scene].clone(),
+        });
+        recent.collect()
+    }
+
+    fn quarantine(&self, snapshot: &Snapshot) -> Vec<QuarantinedScene> {
+        let scenes = self.scenes.iter().enumerate();
+        let view = |(index, scene): (usize, &SceneId)| {
+            Some(QuarantinedScene {
+                scene: scene.clone(),
+                reason: snapshot.reason(index)?.to_owned(),
+                log_tail: None,
+            })
+        };
+        scenes.filter_map(view).collect()
+    }
+}
+
+impl FarmSource for WatchedRun {
+    fn view(&self) -> FarmView {
+        let watch = self.watch.lock().expect("no holder of this lock panics");
+        let snapshot = &watch.snapshot;
+        let status = snapshot.status();
+        let counts = &status.counts;
         FarmView {
             schema: FARM_SCHEMA,
             name: self.name.clone(),
             run: self.id.clone(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            state: FarmState::new(watch.finished, watch.control.state),
+            state: status.state,
             scenes: Count {
-                done: watch.done,
-                total: watch.scenes,
+                done: counts.merged,
+                total: counts.scenes,
             },
             shards: Count {
-                done: shards_done,
-                total: self.shards.iter().map(|&n| u64::from(n)).sum(),
+                done: counts.shards_done,
+                total: counts.shards,
             },
-            quarantined: watch.quarantined,
-            rate_scenes_per_s: rate,
-            eta_s: rate.filter(|r| *r > 0.0).map(|r| left / r),
+            quarantined: counts.quarantined.len() as u64,
+            rate_scenes_per_s: status.rate_scenes_per_s,
+            eta_s: status.eta_s,
             queue: QueueView {
                 connected: watch.queue_lost.is_none(),
                 reason: watch.queue_lost.clone(),
-                spans_waiting: Some(watch.waiting),
-                spans_held: Some(watch.held),
+                spans_waiting: Some(watch.queue.waiting),
+                spans_held: Some(watch.queue.held),
             },
-            workers: workers.into_values().collect(),
-            quarantine: watch
-                .reasons
-                .iter()
-                .map(|(scene, reason)| QuarantinedScene {
-                    scene: self.scenes[*scene].clone(),
-                    reason: reason.clone(),
-                    log_tail: None,
-                })
-                .collect(),
-            recent: recent.collect(),
+            workers: self.workers(snapshot, status.state),
+            quarantine: self.quarantine(snapshot),
+            recent: self.recent(snapshot),
         }
     }
 
@@ -186,7 +195,7 @@ impl FarmSource for WatchedRun {
             set_control(&self.store, state, None, false).map_err(|e| e.to_string())?;
             // The coordinator sees it at its next poll; the page that asked shows it at once.
             let mut watch = self.watch.lock().expect("no holder of this lock panics");
-            watch.control.state = state;
+            watch.snapshot.control.state = state;
             Ok(())
         };
         match action {

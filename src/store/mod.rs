@@ -95,6 +95,16 @@ impl Store {
         self.local.as_deref()
     }
 
+    /// It is a folder, where reading costs little.
+    pub(crate) fn is_local(&self) -> bool {
+        self.local.is_some()
+    }
+
+    /// Shortest time between two reads of an object that may change: in a bucket each costs something.
+    pub(crate) fn poll_interval(&self) -> Duration {
+        Duration::from_secs(if self.is_local() { 2 } else { 5 })
+    }
+
     fn key(&self, key: &str) -> Key {
         key.split('/').fold(self.prefix.clone(), Key::join)
     }
@@ -219,19 +229,47 @@ impl Store {
         })
     }
 
+    /// Reads objects in the order of `keys` and gives each to `take` with its index; few are in memory at once. `take` must
+    /// not call a store.
+    pub(crate) fn for_each(
+        &self,
+        keys: &[String],
+        mut take: impl FnMut(usize, Option<Bytes>),
+    ) -> Result<(), StoreError> {
+        RUNTIME.block_on(async {
+            let reads = futures_util::stream::iter(keys).map(|key| self.get_async(key));
+            let mut objects = reads.buffered(CALLS_AT_ONCE).enumerate();
+            while let Some((index, bytes)) = objects.next().await {
+                take(index, bytes?);
+            }
+            Ok(())
+        })
+    }
+
+    /// All of these files are in `folder`.
+    pub(crate) fn has_files(&self, folder: &str, files: &[String]) -> Result<bool, StoreError> {
+        if let Some(root) = &self.local {
+            let folder = root.join(folder);
+            return Ok(files.iter().all(|file| folder.join(file).is_file()));
+        }
+        let listed = self.list(folder)?;
+        let is_listed = |file: &String| listed.contains(&format!("{folder}/{file}"));
+        Ok(files.iter().all(is_listed))
+    }
+
+    /// Removes all objects below `folder`, on a disk the folder, too.
+    pub(crate) fn remove_folder(&self, folder: &str) -> Result<(), StoreError> {
+        if let Some(root) = &self.local {
+            let _ = std::fs::remove_dir_all(root.join(folder));
+            return Ok(());
+        }
+        self.delete(&self.list(folder)?)
+    }
+
     /// Keys below `folder` (with all folders in it), in no order; unfinished puts are not among them.
     pub fn list(&self, folder: &str) -> Result<Vec<String>, StoreError> {
-        let prefix = self.key(folder);
-        let skip = self.prefix.as_ref().len() + usize::from(!self.prefix.as_ref().is_empty());
-        let list = || {
-            let found = self.objects.list(Some(&prefix));
-            found
-                .map_ok(|meta| meta.location.as_ref()[skip..].to_owned())
-                .try_collect::<Vec<String>>()
-        };
-        RUNTIME
-            .block_on(with_patience(self.patience, list))
-            .map_err(|e| self.failed("list", folder, &e))
+        let listed = self.list_times(folder)?.into_iter();
+        Ok(listed.map(|(key, _)| key).collect())
     }
 
     /// Removes objects; those that are gone already do not matter.
@@ -300,6 +338,29 @@ mod tests {
         store.delete(&keys).unwrap();
         store.delete(&keys).unwrap();
         assert_eq!(store.list("partials").unwrap(), ["partials/t/000000.exr"]);
+    }
+
+    #[test]
+    fn folders_are_looked_through_and_removed() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = Store::local(dir.path()).unwrap();
+        let keys = ["t/a.exr", "t/b.json"].map(str::to_owned);
+        for key in &keys {
+            store.create(key, key.as_bytes()).unwrap();
+        }
+        let files = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>();
+        assert!(store.has_files("t", &files(&["a.exr", "b.json"])).unwrap());
+        assert!(!store.has_files("t", &files(&["a.exr", "c.json"])).unwrap());
+        let asked = [keys[1].clone(), "t/none".to_owned(), keys[0].clone()];
+        let mut found = Vec::new();
+        store
+            .for_each(&asked, |index, bytes| found.push((index, bytes)))
+            .unwrap();
+        let of = |index: usize| Some(Bytes::copy_from_slice(asked[index].as_bytes()));
+        assert_eq!(found, [(0, of(0)), (1, None), (2, of(2))]);
+        store.remove_folder("t").unwrap();
+        store.remove_folder("t").unwrap();
+        assert!(store.list("t").unwrap().is_empty());
     }
 
     #[test]

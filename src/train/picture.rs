@@ -4,7 +4,7 @@ use super::example::Planes;
 use super::srgb_planes::bytes_of_planes;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ImageEncoder, RgbImage, imageops};
-use render::merge::SrgbEncoder;
+use render::color::SrgbEncoder;
 
 /// Pixels between pictures.
 const GAP: u32 = 4;

@@ -133,7 +133,8 @@ fn a_training_resumes_to_the_same_bits_and_begins_the_next_stage() {
     };
     let mut seen = Seen::default();
     let summary = go(whole, Stage::Backtrack, 4, &mut seen);
-    assert_eq!((seen.begun, seen.steps), (vec![0..4], vec![1, 2, 3, 4]));
+    assert!(seen.begun.iter().eq([&(0..4)]));
+    assert_eq!(seen.steps, [1, 2, 3, 4]);
     assert_eq!((seen.checkpoints, seen.warnings.len()), (vec![2, 4], 0));
     assert_eq!((summary.from_step, summary.real_pairs), (0, 3));
     assert!(
@@ -146,7 +147,7 @@ fn a_training_resumes_to_the_same_bits_and_begins_the_next_stage() {
     assert_eq!(first.trained.unwrap().step, 2);
     let mut seen = Seen::default();
     let rest = go(parts, Stage::Backtrack, 4, &mut seen);
-    assert_eq!((rest.from_step, seen.begun), (2, vec![2..4]));
+    assert!(rest.from_step == 2 && seen.begun.iter().eq([&(2..4)]));
     assert!(model(whole, 4) == model(parts, 4));
     // No step is left.
     let done = go(parts, Stage::Backtrack, 3, &mut ());

@@ -152,7 +152,9 @@ impl TupleSource {
     ) -> Result<[Option<Planes>; 4], ExampleError> {
         let (key, bytes) = self.file(line, "tuple.exr")?;
         let layers = decode_tuple_exr(&bytes, record).map_err(|e| damaged(&key, &e))?;
-        Ok(layers.map(|pixels| (!pixels.is_empty()).then(|| planes_of_linear(&pixels))))
+        Ok(layers
+            .0
+            .map(|pixels| (!pixels.is_empty()).then(|| planes_of_linear(&pixels))))
     }
 
     fn read_pngs(
@@ -161,7 +163,7 @@ impl TupleSource {
         record: &TupleRecord,
     ) -> Result<[Option<Planes>; 4], ExampleError> {
         let mut layers = [const { None }; 4];
-        for (layer, name) in layers.iter_mut().zip(render::trace::LAYERS) {
+        for (layer, name) in layers.iter_mut().zip(render::layer::Layer::NAMES) {
             if !record.layers.contains_key(name) {
                 continue;
             }

@@ -2,7 +2,7 @@
 
 use super::example::Planes;
 use exr::prelude::f16;
-use render::merge::linear_to_srgb;
+use render::color::linear_to_srgb;
 use std::sync::LazyLock;
 
 /// Codes of all half floats from 0 to 1, by their bits: tuples are stored as such.
@@ -61,7 +61,7 @@ pub fn bytes_of_planes(planes: &[f32]) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use render::merge::{SrgbEncoder, srgb_to_linear};
+    use render::color::{SrgbEncoder, srgb_to_linear};
 
     #[test]
     fn codes_are_those_of_the_pictures() {

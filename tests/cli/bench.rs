@@ -4,7 +4,8 @@ use crate::support::outputs::read_json;
 use crate::support::program::{run, text};
 use crate::support::scenes::{photographs, scene};
 use glasshouse::bench::{Ladder, Slope, Work, climb, own_reference, pair, slopes};
-use render::trace::{Isa, LAYERS};
+use render::layer::Layer;
+use render::trace::Isa;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -51,7 +52,7 @@ fn the_error_falls_and_is_written_down() {
     assert_eq!(result["reference"]["reused"], false);
     assert_eq!(result["rows"].as_array().unwrap().len(), 3 * 3 * 4);
     for variant in ["sobol", "independent"] {
-        for layer in LAYERS {
+        for layer in Layer::NAMES {
             let rows = rows(&result, variant, layer);
             let of = |key: &str| -> Vec<f64> {
                 rows.iter().map(|row| row[key].as_f64().unwrap()).collect()

@@ -55,7 +55,7 @@ fn what_waits_is_written_by_who_stops() {
     assert!(there > 0, "{stopped}");
     let resumed = run(&["work", folder, "--json"]).expect(0).json();
     assert_eq!(resumed["shards_resumed"], there);
-    assert_same(&tuples(&place.run), &alone(&place));
+    assert_same(&tuples(&place.run), alone(&place));
     let shards = |end: &serde_json::Value| end["shards_traced"].as_u64().unwrap();
     // Nothing was traced twice.
     assert_eq!(shards(&stopped) + shards(&resumed), SCENES as u64 * 384);
@@ -85,7 +85,7 @@ fn what_waits_is_written_for_who_gets_the_rest() {
         })
         .sum();
     assert!(given > 0);
-    assert_same(&tuples(&place.run), &alone(&place));
+    assert_same(&tuples(&place.run), alone(&place));
     assert_eq!(files(&place.run.join("partials")).len(), 0);
 }
 
@@ -102,6 +102,6 @@ fn who_is_killed_loses_what_waited_and_no_more() {
     victim.wait().unwrap();
     let heir = start("work", &place, &server, &later);
     all_done(coordinator, [heir]);
-    assert_same(&tuples(&place.run), &alone(&place));
+    assert_same(&tuples(&place.run), alone(&place));
     assert_eq!(files(&place.run.join("partials")).len(), 0);
 }

@@ -116,7 +116,7 @@ fn who_computes_other_bits_is_found_out() {
     let good = start("work", &place, &server, &["-j", "2"]);
     end(coordinator(&place, &server)).expect(0);
     end(good).expect(0);
-    assert_same(&tuples(&place.run), &alone(&place));
+    assert_same(&tuples(&place.run), alone(&place));
 }
 
 /// A scene that is done is made anew beside a coordinator that runs.
@@ -147,5 +147,5 @@ fn a_done_scene_is_made_anew() {
     assert_eq!(coordinated["done"], SCENES);
     end(worker).expect(0);
     assert!(tuple(first).is_file());
-    assert_same(&tuples(&place.run), &alone(&place));
+    assert_same(&tuples(&place.run), alone(&place));
 }

@@ -71,7 +71,7 @@ fn a_process_waits_while_its_run_is_paused() {
     tell(&place, "resume");
     let ended = end(child).expect(0).says(&["paused (backup)", "resumed"]);
     assert_eq!(ended.json()["merged"], SCENES);
-    assert_same(&tuples(&place.run), &alone(&place));
+    assert_same(&tuples(&place.run), alone(&place));
 }
 
 #[test]
@@ -111,7 +111,7 @@ fn a_cancelled_run_ends_and_can_be_taken_back() {
     let traced = ended["shards_traced"].as_u64().unwrap();
     let done = cancelled["shards_done"].as_u64().unwrap();
     assert_eq!(traced + done, cancelled["shards"].as_u64().unwrap());
-    assert_same(&tuples(&place.run), &alone(&place));
+    assert_same(&tuples(&place.run), alone(&place));
 }
 
 #[test]
@@ -174,7 +174,7 @@ fn a_farm_pauses_goes_on_is_cancelled_and_taken_back() {
     for one in all {
         end(one).expect(0);
     }
-    assert_same(&tuples(&place.run), &alone(&place));
+    assert_same(&tuples(&place.run), alone(&place));
     run(&["pause", text(&place.run)])
         .expect(1)
         .says(&["done or in quarantine"]);

@@ -1,6 +1,6 @@
 //! A worker whose scene others have finished meanwhile.
 
-use crate::processes::alone;
+use crate::processes::run_alone;
 use crate::support::outputs::files;
 use crate::support::scenes::place;
 use glasshouse::farm::queue::{LocalQueue, Message, QueueKeeper};
@@ -22,10 +22,9 @@ fn partials_on_their_way_are_dropped_when_the_scene_is_done() {
     place.plan();
     let run = Run::open(&place.run, &Roots::default()).unwrap();
     let scene = run.lines[0].id.as_str();
-    alone(&place);
-    let made_by_others = place.folder.path().join("alone/tuples").join(scene);
+    let made_by_others = run_alone(&place).join("tuples").join(scene);
 
-    let store = Store::local(run.dir.root()).unwrap();
+    let store = Store::local(run.root()).unwrap();
     let queue = LocalQueue::new(Some(LEASE));
     let task = Task {
         scene: 0,

@@ -31,6 +31,7 @@ mod serve_busy;
 mod serve_metrics;
 mod serve_run;
 mod siege;
+mod snapshot;
 mod status;
 mod store_disk_full;
 mod store_farm;

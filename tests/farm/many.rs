@@ -55,7 +55,7 @@ fn killed_workers_and_coordinators_cost_time_alone() {
     let second = coordinator(&place, &server);
     let workers = [worker(&place, &server), worker(&place, &server)];
     all_done(second, workers);
-    assert_whole(&place.run, &alone(&place));
+    assert_whole(&place.run, alone(&place));
 }
 
 #[test]
@@ -74,7 +74,7 @@ fn a_server_may_die_and_forget_everything() {
     });
     server.kill_and_restart(true);
     all_done(coordinator, workers);
-    assert_whole(&place.run, &alone(&place));
+    assert_whole(&place.run, alone(&place));
 }
 
 #[test]
@@ -93,7 +93,7 @@ fn a_holder_that_slept_beyond_its_lease_does_no_harm() {
     std::thread::sleep(Duration::from_millis(2500));
     send(&sleeper, "CONT");
     all_done(coordinator, [sleeper, other]);
-    assert_whole(&place.run, &alone(&place));
+    assert_whole(&place.run, alone(&place));
 }
 
 #[test]
@@ -110,7 +110,7 @@ fn a_worker_that_is_told_to_stop_hands_its_work_back() {
     assert!(left["spans_given"].as_u64().unwrap() > 0, "{left}");
     let heir = start("work", &place, &server, &work);
     all_done(coordinator, [heir]);
-    assert_same(&tuples(&place.run), &alone(&place));
+    assert_same(&tuples(&place.run), alone(&place));
 }
 
 /// The second worker comes when the first holds the only scene: it gets the later half of it.
@@ -134,7 +134,7 @@ fn an_idle_worker_gets_a_part_of_a_scene() {
     let idle = end(idle).expect(0).json();
     assert!(busy["spans_given"].as_u64().unwrap() > 0, "{busy}");
     assert!(idle["shards_traced"].as_u64().unwrap() > 0, "{idle}");
-    assert_whole(&place.run, &alone(&place));
+    assert_whole(&place.run, alone(&place));
 }
 
 /// Spans twice, cut otherwise, in any order, of scenes that are done; and messages of somebody else.
@@ -174,7 +174,7 @@ fn repeated_reordered_and_foreign_messages_change_nothing() {
         client.flush().await.unwrap();
     });
     all_done(coordinator, workers);
-    assert_whole(&place.run, &alone(&place));
+    assert_whole(&place.run, alone(&place));
 }
 
 #[test]

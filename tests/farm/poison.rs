@@ -4,13 +4,12 @@
 use crate::processes::{all_done, assert_finished, assert_whole, coordinator, end, start, worker};
 use crate::support::nats::Nats;
 use crate::support::outputs::{
-    Content, assert_same, files, manifest, quarantine_reason, read_json, tuples,
+    Tuples, assert_same, files, manifest, quarantine_reason, read_json, tuples,
 };
 use crate::support::program::{Ended, command, run, text};
 use crate::support::scenes::{Place, SCENES, photographs, place, reference, scene, write_lines};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Child;
 
 fn ids(run: &Path) -> Vec<String> {
@@ -26,7 +25,7 @@ fn attempts(run: &Path, scene: &str) -> Vec<Value> {
 }
 
 /// All of the reference but one scene.
-fn without(scene: &str) -> BTreeMap<PathBuf, Content> {
+fn without(scene: &str) -> Tuples {
     let mut all = reference().clone();
     all.retain(|path, _| !path.to_string_lossy().contains(scene));
     assert_eq!(all.len(), (SCENES - 1) * 6);

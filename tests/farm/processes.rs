@@ -1,13 +1,14 @@
 //! A farm's processes: coordinators and workers are started, watched and waited for.
 
 use crate::support::nats::Nats;
-use crate::support::outputs::{Content, assert_same, files, tuples};
+use crate::support::outputs::{Tuples, assert_same, files, tuples};
 use crate::support::program::{Ended, LONGEST, command, run, send, text};
 use crate::support::scenes::{Place, place};
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Output};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 /// Scenes take a few tenths of a second each, so that there is time to kill somebody.
@@ -19,20 +20,22 @@ pub(crate) fn slow_place() -> Place {
     place
 }
 
-/// The tuples of one process.
-pub(crate) fn alone(place: &Place) -> BTreeMap<PathBuf, Content> {
+/// Has one process make a place's recipe, in a folder of its own.
+pub(crate) fn run_alone(place: &Place) -> PathBuf {
     let folder = place.folder.path().join("alone");
-    run(&[
-        "plan",
-        text(&place.recipe),
-        "--out",
-        text(&folder),
-        "--tile",
-        "16",
-    ])
-    .expect(0);
-    run(&["work", text(&folder), "-q"]).expect(0);
-    tuples(&folder)
+    let (recipe, out) = (text(&place.recipe), text(&folder));
+    run(&["plan", recipe, "--out", out, "--tile", "16"]).expect(0);
+    run(&["work", out, "-q"]).expect(0);
+    folder
+}
+
+/// The tuples that one process makes of a place's recipe; each recipe is run once.
+pub(crate) fn alone(place: &Place) -> &'static Tuples {
+    static MADE: Mutex<BTreeMap<String, &'static Tuples>> = Mutex::new(BTreeMap::new());
+    let recipe = std::fs::read_to_string(&place.recipe).unwrap();
+    let mut made = MADE.lock().unwrap();
+    made.entry(recipe)
+        .or_insert_with(|| Box::leak(Box::new(tuples(&run_alone(place)))))
 }
 
 pub(crate) fn start(verb: &str, place: &Place, server: &Nats, more: &[&str]) -> Child {
@@ -105,7 +108,7 @@ pub(crate) fn all_done(coordinator: Child, workers: impl IntoIterator<Item = Chi
 
 /// The run is finished, and has these tuples.
 #[track_caller]
-pub(crate) fn assert_whole(run: &Path, expected: &BTreeMap<PathBuf, Content>) {
+pub(crate) fn assert_whole(run: &Path, expected: &Tuples) {
     assert_same(&tuples(run), expected);
     assert_finished(run);
 }

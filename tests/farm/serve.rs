@@ -2,9 +2,9 @@
 
 use crate::serve_run::{HOSTILE, TOKEN, get, id, png, request, run, send, start, worker};
 use crate::support::markup::strictly;
-use glasshouse::run::FarmState;
+use glasshouse::run::RunState;
 use glasshouse::serve::{Action, FarmSource, QuarantinedScene, WorkerState, serve};
-use render::trace::LAYERS;
+use render::layer::Layer;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -88,7 +88,7 @@ fn pictures_have_names_and_nothing_else_is_reached() {
     let run = run();
     let server = start(&run, None);
     let at = server.address();
-    for layer in LAYERS {
+    for layer in Layer::NAMES {
         let path = format!("/thumbnails/train-1/{layer}.png?run=0123abcd");
         let picture = get(at, &path).expect(200);
         assert_eq!(picture.headers["content-type"], "image/png");
@@ -351,9 +351,9 @@ fn states_say_what_is_the_matter() {
     }
     assert!(page().contains("No queue.</b> connection refused. Workers"));
     assert!(page().contains("No worker."));
-    run.view.lock().unwrap().state = FarmState::Paused;
+    run.view.lock().unwrap().state = RunState::Paused;
     assert!(page().contains("/api/resume") && !page().contains("/api/pause"));
     assert!(!page().contains("No worker."), "none is needed");
-    run.view.lock().unwrap().state = FarmState::Finished;
+    run.view.lock().unwrap().state = RunState::Finished;
     assert!(!page().contains("/api/resume") && !page().contains("/api/cancel"));
 }

@@ -1,12 +1,12 @@
 //! A run in memory for the web server to show, and a client that sends bytes over a socket.
 
-use glasshouse::run::FarmState;
+use glasshouse::run::RunState;
 use glasshouse::serve::{
     Action, Count, FARM_SCHEMA, FarmSource, FarmView, QuarantinedScene, QueueView, RecentTuple,
     Server, WorkerState, WorkerView, serve,
 };
 use render::ids::SceneId;
-use render::trace::LAYERS;
+use render::layer::Layer;
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -101,7 +101,7 @@ pub(crate) fn run() -> Arc<Run> {
         age_s: 4.2,
         worker: Some("one".to_owned()),
         miss_share: Some(0.25),
-        layers: LAYERS.map(str::to_owned).to_vec(),
+        layers: Layer::NAMES.map(str::to_owned).to_vec(),
     };
     let bad = QuarantinedScene {
         scene: id("train-5"),
@@ -113,7 +113,7 @@ pub(crate) fn run() -> Arc<Run> {
         name: "paper".to_owned(),
         run: "0123abcd".to_owned(),
         version: "0.1.0".to_owned(),
-        state: FarmState::Running,
+        state: RunState::Running,
         scenes: Count {
             done: 1234,
             total: 5000,

@@ -442,7 +442,7 @@ fn hold(size: Size, in_bucket: bool) {
         assert_eq!(files(&siege.place.run.join("partials")).len(), 0);
         tuples(&siege.place.run)
     };
-    assert_same(&found, &alone(&siege.place));
+    assert_same(&found, alone(&siege.place));
 }
 
 /// Another seed, another siege: `GLASSHOUSE_SIEGE=7 cargo test --release --test farm siege -- --include-ignored`.

@@ -3,14 +3,13 @@
 
 use crate::processes::{all_done, alone, end, slow_place};
 use crate::support::nats::Nats;
-use crate::support::outputs::{Content, assert_same, tuples};
+use crate::support::outputs::{Tuples, assert_same, tuples};
 use crate::support::program::{Ended, command, text};
 use crate::support::s3_server::S3Server;
 use crate::support::scenes::{Place, SCENES, SHARDS, partials, place, reference};
 use crate::support::tools::wait_for;
 use glasshouse::store::Store;
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Child;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -47,7 +46,7 @@ fn worker(place: &Place, name: &str, queue: &Nats, bucket: &S3Server, more: &[&s
 }
 
 /// The tuples, brought here.
-pub(crate) fn fetched(store: &Store, to: &Path) -> BTreeMap<PathBuf, Content> {
+pub(crate) fn fetched(store: &Store, to: &Path) -> Tuples {
     let keys = store.list("tuples").unwrap();
     for (key, bytes) in keys.iter().zip(store.get_all(&keys).unwrap()) {
         let path = to.join(key);
@@ -139,7 +138,7 @@ fn eight_workers_with_everything_failing_make_what_one_process_makes() {
     bucket.faults.set(0);
     assert_same(
         &fetched(&store, &place.folder.path().join("found")),
-        &alone(&place),
+        alone(&place),
     );
     assert_finished(&store);
 }
@@ -170,7 +169,7 @@ fn a_worker_without_its_store_ends_with_75_and_costs_no_scene() {
     end(heir).expect(0);
     assert_same(
         &fetched(&store, &place.folder.path().join("found")),
-        &alone(&place),
+        alone(&place),
     );
     assert_finished(&store);
 }

@@ -82,7 +82,9 @@ fn a_put_that_is_cleared_away_is_made_again() {
 fn listing_and_removing_many() {
     on_all_stores(|name, store| {
         assert_eq!(store.list("partials").unwrap(), [""; 0], "{name}");
-        let keys: Vec<String> = (0..MANY)
+        // Faults cost seconds: with them a page is enough.
+        let many = if name.contains("faults") { 100 } else { MANY };
+        let keys: Vec<String> = (0..many)
             .map(|k| format!("partials/s/{k:06}.exr"))
             .collect();
         let objects = keys.iter().map(|k| (k.clone(), k.clone().into()));
@@ -92,9 +94,9 @@ fn listing_and_removing_many() {
         store.create("partials/s/deep/x", b"t").unwrap();
         let mut found = store.list("partials/s").unwrap();
         found.sort();
-        assert_eq!(found.len(), MANY + 1, "{name}");
-        assert!(found[..MANY] == keys[..], "{name}");
-        assert_eq!(store.list("partials").unwrap().len(), MANY + 2, "{name}");
+        assert_eq!(found.len(), many + 1, "{name}");
+        assert!(found[..many] == keys[..], "{name}");
+        assert_eq!(store.list("partials").unwrap().len(), many + 2, "{name}");
         let bytes = store.get_all(&keys).unwrap();
         let same = |(b, k): (&Option<bytes::Bytes>, &String)| b.as_ref().unwrap() == k.as_bytes();
         assert!(bytes.iter().zip(&keys).all(same), "{name}");

@@ -3,8 +3,10 @@
 use crate::support::outputs::{exr_channels, files, manifest, read_json, tuple_record};
 use crate::support::program::{Ended, command, run, text};
 use crate::support::s3_server::{BUCKET, S3Server};
-use render::merge::{TupleRecord, decode_exr_channels, decode_tuple_exr, linear_to_srgb16};
-use render::trace::LAYERS;
+use render::color::linear_to_srgb16;
+use render::formats::decode_exr_channels;
+use render::layer::Layer;
+use render::merge::{TupleRecord, decode_tuple_exr};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -176,7 +178,7 @@ fn names_are_as_promised_and_pngs_are_copies() {
         let mut expected: Vec<String> = ids(&made, split)
             .iter()
             .flat_map(|id| {
-                let pictures = LAYERS.map(|layer| format!("{id}.{layer}.png"));
+                let pictures = Layer::NAMES.map(|layer| format!("{id}.{layer}.png"));
                 pictures.into_iter().chain([format!("{id}.json")])
             })
             .collect();
@@ -195,7 +197,7 @@ fn names_are_as_promised_and_pngs_are_copies() {
         let found: Vec<&str> = rows.iter().map(|row| row["id"].as_str().unwrap()).collect();
         assert_eq!(found, ids(&made, split));
         for row in &rows {
-            for layer in LAYERS {
+            for layer in Layer::NAMES {
                 let file = row[format!("{layer}_file_name")].as_str().unwrap();
                 let bytes = std::fs::read(out.join(split).join(file)).unwrap();
                 assert!(bytes == png(row["id"].as_str().unwrap(), layer));
@@ -234,7 +236,7 @@ fn names_are_as_promised_and_pngs_are_copies() {
         "reflection_layer",
         "clean_reflection_layer",
     ];
-    for (folder, layer) in folders.iter().zip(LAYERS) {
+    for (folder, layer) in folders.iter().zip(Layer::NAMES) {
         for id in ids(&made, "test") {
             let bytes = std::fs::read(out.join(format!("test/{folder}/{id}.png"))).unwrap();
             assert!(bytes == png(&id, layer));
@@ -248,7 +250,8 @@ fn layers(run: &Path, id: &str) -> [Vec<[f32; 3]>; 4] {
     let folder = run.join("tuples").join(id);
     let record = std::fs::read(folder.join("tuple.json")).unwrap();
     let record: TupleRecord = serde_json::from_slice(&record).unwrap();
-    decode_tuple_exr(&std::fs::read(folder.join("tuple.exr")).unwrap(), &record).unwrap()
+    let bytes = std::fs::read(folder.join("tuple.exr")).unwrap();
+    decode_tuple_exr(&bytes, &record).unwrap().0
 }
 
 #[test]

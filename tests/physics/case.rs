@@ -1,6 +1,7 @@
 //! Small scenes in the words of the scene line, and their rendering.
 
 use glam::{DMat3, DVec3};
+use render::layer::PerLayer;
 use render::trace::{
     FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, Sampling, Scene, Slab,
     Texture, Tile, TileResult, View, trace_tile,
@@ -208,7 +209,7 @@ impl Case {
         Scene {
             first_reflection_alone: false,
             target_error: None,
-            layers: [true; 4],
+            layers: PerLayer([true; 4]),
             seed: self.seed,
             sampling: Sampling::Sobol,
             spp: self.spp,

@@ -8,8 +8,9 @@
 //! cargo test --release --test physics golden -- --nocapture
 //! ```
 
+use render::layer::Layer;
 use render::shard::{golden_scenes, whole};
-use render::trace::{Isa, LAYERS, Scene, trace_tile};
+use render::trace::{Isa, Scene, trace_tile};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -46,7 +47,7 @@ fn render(scene: &Scene) -> Vec<f64> {
     let mut samples = [0u32; 4];
     for range in ranges {
         let result = trace_tile(scene, tile, range, Isa::detect());
-        for (layer, taken) in result.samples.into_iter().enumerate() {
+        for (layer, taken) in result.samples.0.into_iter().enumerate() {
             samples[layer] += taken;
             for (q, pixel) in result.pixels.iter().enumerate() {
                 for c in 0..3 {
@@ -95,7 +96,7 @@ fn scenes_are_near_their_references() {
     let mut failures = vec![];
     println!(
         "golden scene              relative RMSE of {}",
-        LAYERS.join(", ")
+        Layer::NAMES.join(", ")
     );
     for golden in golden_scenes() {
         let image = render(&golden.scene);
@@ -136,7 +137,7 @@ fn references_are_where_scenes_go() {
                 .scene;
             scene.spp = spp;
             scene.target_error = None;
-            let layer = scene.layers.iter().position(|asked| *asked).unwrap();
+            let layer = scene.layers.0.iter().position(|asked| *asked).unwrap();
             relative_rmse(&render(&scene), &reference, layer)
         };
         let (few, many) = (error(16), error(256));

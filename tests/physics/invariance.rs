@@ -2,6 +2,7 @@
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
 use crate::mesh::rooms;
+use render::layer::{Layer, PerLayer};
 use render::trace::{Isa, PixelMeans, Scene, Tile, trace_tile};
 
 fn rough(key: u64) -> Photo {
@@ -87,12 +88,12 @@ fn adaptive_pixels_depend_on_neither_tiles_nor_instruction_sets() {
             let result = loop {
                 scene.target_error = Some(target);
                 let result = whole_film(&scene, Isa::Baseline);
-                if result.sample_sums.unwrap()[0] > 16 * 43 * 21 {
+                if result.sample_sums.unwrap()[Layer::Input] > 16 * 43 * 21 {
                     break result;
                 }
                 target *= 0.5;
             };
-            assert!(result.sample_sums.unwrap()[0] < 256 * 43 * 21);
+            assert!(result.sample_sums.unwrap()[Layer::Input] < 256 * 43 * 21);
             let whole = bits(&result.pixels);
             assert!(whole == bits(&whole_film(&scene, Isa::detect()).pixels));
             for side in [8, 16, 24, 64] {
@@ -111,12 +112,12 @@ fn layers_are_the_same_without_the_others() {
         let mut scene = case.scene();
         let whole = whole_film(&scene, Isa::detect());
         for chosen in 1..15u32 {
-            scene.layers = [0, 1, 2, 3].map(|layer| (chosen >> layer) & 1 == 1);
+            scene.layers = PerLayer::of(|layer| (chosen >> layer as u32) & 1 == 1);
             let some = whole_film(&scene, Isa::detect());
             for layer in 0..4 {
-                let asked = scene.layers[layer];
-                let kept = u32::from(asked) * whole.samples[layer];
-                assert_eq!(some.samples[layer], kept);
+                let asked = scene.layers.0[layer];
+                let kept = u32::from(asked) * whole.samples.0[layer];
+                assert_eq!(some.samples.0[layer], kept);
                 for (q, pixel) in some.pixels.iter().enumerate() {
                     let all = &whole.pixels[q];
                     let parts = [pixel.mean, pixel.half, pixel.quarter];
@@ -141,7 +142,7 @@ fn every_power_of_two_of_samples_renders() {
             assert!(bits(&result.pixels) == bits(&whole_film(&scene, Isa::detect()).pixels));
             let block = spp.min(256);
             let reflected = scene.orders.back[0].samples_of_block(block) * (spp / block);
-            assert_eq!(result.samples[..3], [spp, spp, reflected]);
+            assert_eq!(result.samples.0[..3], [spp, spp, reflected]);
             for pixel in &result.pixels {
                 let mut values = pixel.values();
                 assert!(values.all(|v| (0.0..=1.001).contains(&v)));
@@ -171,15 +172,15 @@ fn ranges_of_256_merge() {
             .map(|k| trace_tile(&scene, tile, k * 256..(k + 1) * 256, Isa::detect()))
             .collect();
         for layer in 0..4 {
-            let counts: Vec<u32> = parts.iter().map(|p| p.samples[layer]).collect();
-            assert_eq!(counts.iter().sum::<u32>(), whole.samples[layer]);
+            let counts: Vec<u32> = parts.iter().map(|p| p.samples.0[layer]).collect();
+            assert_eq!(counts.iter().sum::<u32>(), whole.samples.0[layer]);
             assert_eq!(
-                parts.iter().map(|p| p.paths[layer]).sum::<u64>(),
-                whole.paths[layer]
+                parts.iter().map(|p| p.paths.0[layer]).sum::<u64>(),
+                whole.paths.0[layer]
             );
             assert_eq!(
-                parts.iter().map(|p| p.misses[layer]).sum::<u64>(),
-                whole.misses[layer]
+                parts.iter().map(|p| p.misses.0[layer]).sum::<u64>(),
+                whole.misses.0[layer]
             );
             for (q, pixel) in whole.pixels.iter().enumerate() {
                 for c in 0..3 {
@@ -188,7 +189,7 @@ fn ranges_of_256_merge() {
                             f64::from(parts[k].pixels[q].mean[layer][c]) * f64::from(counts[k])
                         })
                         .sum();
-                    let mean = sum / f64::from(whole.samples[layer]);
+                    let mean = sum / f64::from(whole.samples.0[layer]);
                     assert!((mean - f64::from(pixel.mean[layer][c])).abs() < 1e-7);
                     if layer < 3 {
                         let half = 0.5

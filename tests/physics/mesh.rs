@@ -83,7 +83,7 @@ fn white_rooms_stay_white() {
         scene.back = room(2, true).into();
         let tail = scene.orders.front_tail + scene.orders.back_tail;
         let result = whole_film(&scene, Isa::detect());
-        assert_eq!(result.misses, [0; 4], "a ray left a closed room");
+        assert_eq!(result.misses.0, [0; 4], "a ray left a closed room");
         let mut worst = 0f64;
         for pixel in &result.pixels {
             assert_eq!(pixel.mean[T], [1.0; 3]);
@@ -130,8 +130,8 @@ fn a_sphere_has_its_size_and_depth() {
             println!("{center}, {}: area off by {error:.1e}", NAMES[layer]);
             assert!(error.abs() < 5e-4);
             // Each path sees white or nothing.
-            let met = result.paths[layer] - result.misses[layer];
-            let share = met as f64 / result.paths[layer] as f64;
+            let met = result.paths.0[layer] - result.misses.0[layer];
+            let share = met as f64 / result.paths.0[layer] as f64;
             assert!((share * 4096.0 / sum - 1.0).abs() < 1e-6);
         }
         if center.x == 0.0 {
@@ -210,7 +210,7 @@ fn a_photograph_and_its_mesh_give_the_same_pixels() {
         scene.front = mesh_of(&case.front, |x| x).into();
         scene.back = mesh_of(&case.back, into_mirror).into();
         let meshes = whole_film(&scene, Isa::detect());
-        assert_eq!((sheets.misses, meshes.misses), ([0; 4], [0; 4]));
+        assert_eq!((sheets.misses.0, meshes.misses.0), ([0; 4], [0; 4]));
         let mut worst = [0f64; 4];
         for (a, b) in sheets.pixels.iter().zip(&meshes.pixels) {
             for layer in [I, T, GLASS, CLEAN] {

@@ -150,7 +150,7 @@ proptest! {
             within_bounds(&case, &scene.orders, &pixel.half)?;
         }
         for layer in 0..4 {
-            prop_assert!(whole.misses[layer] <= whole.paths[layer]);
+            prop_assert!(whole.misses.0[layer] <= whole.paths.0[layer]);
         }
 
         // Neither the instruction set nor the tiles are seen in a bit.

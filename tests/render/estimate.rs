@@ -4,9 +4,10 @@ use render::job::{SceneJob, render_partials};
 use render::line::{Roots, SceneLine, parse_scene};
 use render::merge::{Tuple, combine};
 
+use render::layer::Layer;
 use render::scene::{load, read_files};
 use render::shard::ShardLayout;
-use render::trace::{Isa, LAYERS};
+use render::trace::Isa;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
@@ -57,14 +58,15 @@ fn stated_errors_are_of_the_size_of_true_ones() {
     // One range of samples, and several.
     for spp in [64, 256, 1024] {
         let tuple = render(folder.path(), spp, 2);
-        for (k, name) in LAYERS.iter().enumerate() {
+        for layer in Layer::ALL {
+            let name = layer.name();
             let (a, b) = (
-                tuple.layers[k].as_flattened(),
-                reference.layers[k].as_flattened(),
+                tuple.layers[layer].as_flattened(),
+                reference.layers[layer].as_flattened(),
             );
             let square = |(a, b): (&f32, &f32)| f64::from(a - b) * f64::from(a - b);
             let error = (a.iter().zip(b).map(square).sum::<f64>() / a.len() as f64).sqrt();
-            let stated = tuple.record.layers[*name].error_rms.unwrap();
+            let stated = tuple.record.layers[name].error_rms.unwrap();
             println!("{spp} samples, {name}: true {error:.2e}, stated {stated:.2e}");
             let ratio = stated / error;
             assert!(

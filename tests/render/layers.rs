@@ -1,6 +1,6 @@
 //! `film.layers` and `film.target_error` through the program: what is left out, and that nothing else changes.
 
-use crate::support::outputs::{Content, assert_same, assert_tidy, tuple_record, tuples};
+use crate::support::outputs::{Content, Tuples, assert_same, assert_tidy, tuple_record, tuples};
 use crate::support::program::{command, run, text, wait_until};
 use crate::support::scenes::{Place, RECIPE, SCENES, SHARDS, place, put_partials, reference};
 use glasshouse::run::Run;
@@ -9,7 +9,6 @@ use render::line::Roots;
 use render::scene::{load, read_files};
 use render::trace::Isa;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
@@ -102,8 +101,8 @@ fn unknown_and_missing_layers_are_refused() {
 const ADAPTIVE: &str = "target_error = 2e-3";
 
 /// An adaptive run in one go.
-fn adaptive_reference() -> &'static BTreeMap<PathBuf, Content> {
-    static REFERENCE: OnceLock<BTreeMap<PathBuf, Content>> = OnceLock::new();
+fn adaptive_reference() -> &'static Tuples {
+    static REFERENCE: OnceLock<Tuples> = OnceLock::new();
     REFERENCE.get_or_init(|| {
         let place = place_with(ADAPTIVE);
         run(&place.arguments("run", &["-j", "1"])).expect(0);
@@ -172,7 +171,7 @@ fn adaptive_partials_are_taken_up() {
     place.plan();
     let opened = Run::open(&place.run, &Roots::default()).unwrap();
     let line = &opened.lines[1];
-    let files = read_files(line, &opened.roots, opened.dir.root()).unwrap();
+    let files = read_files(line, &opened.roots, opened.root()).unwrap();
     let job = SceneJob::new(line, opened.layout(line), load(line, &files).unwrap());
     let never = AtomicBool::new(false);
     let partials = render_partials(&job, 1, Isa::detect(), &never, &|| {}).unwrap();

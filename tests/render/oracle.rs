@@ -5,7 +5,7 @@ use render::merge::combine;
 use render::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
 use render::scene::{load, read_files};
 use render::shard::{ShardLayout, scene_digest};
-use render::trace::{Isa, LAYERS, TRACER_VERSION, trace_tile};
+use render::trace::{Isa, TRACER_VERSION, trace_tile};
 use std::path::{Path, PathBuf};
 
 fn oracle() -> Option<PathBuf> {
@@ -96,9 +96,10 @@ fn agrees_with_an_independent_renderer() {
 
     let meta: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(folder.join("meta.json")).unwrap()).unwrap();
-    for (layer, name) in tuple.layers.iter().zip(LAYERS) {
+    for (layer, pixels) in tuple.layers.iter() {
+        let name = layer.name();
         let reference = reference(&folder.join(format!("ref_{name}.npy")));
-        let (pixels, blocks) = rmse(layer, &reference, line.film.width as usize);
+        let (pixels, blocks) = rmse(pixels, &reference, line.film.width as usize);
         let limit = |key: &str| meta["layers"][name][key].as_f64().unwrap();
         println!(
             "{name}: RMSE {pixels:.3e} (limit {:.1e}), 16x16 means {blocks:.3e} (limit {:.2e}), own estimate {:?}",

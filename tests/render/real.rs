@@ -4,8 +4,8 @@ use crate::real_sets::{MOTORCYCLE_DEPTH, Photo, SETS, Set, find_sets, write_moto
 use crate::support::program::PROGRAM;
 use exr::prelude::{ReadChannels, ReadLayers};
 use render::atomic_file;
+use render::layer::Layer;
 use render::merge::TupleRecord;
-use render::trace::LAYERS;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -56,7 +56,7 @@ fn every_layout_renders_and_the_clean_reflection_is_the_photograph() {
             tuple.record.scene.id.to_string(),
             facts.filled_share.front * 100.0,
             facts.filled_share.back * 100.0,
-            LAYERS
+            Layer::NAMES
                 .map(|name| format!("{:5.2} %", tuple.miss(name) * 100.0))
                 .join(" "),
             lookup.map_or(String::new(), |(rmse, _)| format!("{rmse:.1e}")),
@@ -204,13 +204,13 @@ impl RealTuple {
                 .map(|((r, g), b)| [r, g, b])
                 .collect()
         };
-        for name in LAYERS {
+        for name in Layer::NAMES {
             let png = image::open(folder.join(format!("{name}.png"))).unwrap();
             assert_eq!([png.width(), png.height()], [FILM as u32; 2]);
         }
         Self {
             record: serde_json::from_str(&record).unwrap(),
-            layers: LAYERS.map(|name| (name, layer(name))).into(),
+            layers: Layer::NAMES.map(|name| (name, layer(name))).into(),
         }
     }
 
@@ -227,7 +227,7 @@ impl RealTuple {
         let id = &self.record.scene.id;
         let most = &self.record.facts.max_radiance;
         let bounds = [most.front + most.back, most.front, most.back, most.back];
-        for (name, bound) in LAYERS.into_iter().zip(bounds) {
+        for (name, bound) in Layer::NAMES.into_iter().zip(bounds) {
             let values = self.layer(name).as_flattened();
             assert_eq!(values.len(), FILM * FILM * 3);
             for value in values {

@@ -13,6 +13,9 @@ pub(crate) enum Content {
     Bytes(Vec<u8>),
 }
 
+/// The files of a run's tuples, by their paths below `tuples/`.
+pub(crate) type Tuples = BTreeMap<PathBuf, Content>;
+
 impl fmt::Debug for Content {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -102,7 +105,7 @@ pub(crate) fn manifest(run: &Path) -> Vec<Value> {
 }
 
 /// The tuples of a run, decoded.
-pub(crate) fn tuples(run: &Path) -> BTreeMap<PathBuf, Content> {
+pub(crate) fn tuples(run: &Path) -> Tuples {
     let folder = run.join("tuples");
     let decode = |path: PathBuf| {
         let full = folder.join(&path);
@@ -118,12 +121,9 @@ pub(crate) fn tuples(run: &Path) -> BTreeMap<PathBuf, Content> {
 
 /// Asserts that two sets of tuples are equal, naming the first file that is not.
 #[track_caller]
-pub(crate) fn assert_same(
-    found: &BTreeMap<PathBuf, Content>,
-    expected: &BTreeMap<PathBuf, Content>,
-) {
+pub(crate) fn assert_same(found: &Tuples, expected: &Tuples) {
     assert!(!expected.is_empty());
-    let names = |of: &BTreeMap<PathBuf, Content>| of.keys().cloned().collect::<Vec<_>>();
+    let names = |of: &Tuples| of.keys().cloned().collect::<Vec<_>>();
     assert_eq!(names(found), names(expected));
     for (path, content) in expected {
         let same = found[path] == *content;

@@ -1,6 +1,6 @@
 //! Recipes, photographs and scene lines to work on, and the run that all others are compared with.
 
-use super::outputs::{Content, tuples};
+use super::outputs::{Tuples, tuples};
 use super::program::{run, text};
 use glasshouse::run::Run;
 use render::job::{SceneJob, render_partials};
@@ -9,7 +9,6 @@ use render::partial::Partial;
 use render::scene::{load, read_files};
 use render::trace::Isa;
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
@@ -76,8 +75,8 @@ impl Place {
 }
 
 /// The tuples of an uninterrupted run.
-pub(crate) fn reference() -> &'static BTreeMap<PathBuf, Content> {
-    static REFERENCE: OnceLock<BTreeMap<PathBuf, Content>> = OnceLock::new();
+pub(crate) fn reference() -> &'static Tuples {
+    static REFERENCE: OnceLock<Tuples> = OnceLock::new();
     REFERENCE.get_or_init(|| {
         let place = place();
         run(&place.arguments("run", &[])).expect(0);
@@ -91,7 +90,7 @@ pub(crate) fn reference() -> &'static BTreeMap<PathBuf, Content> {
 pub(crate) fn partials(run: &Path, scene: usize) -> (String, Vec<Partial>) {
     let run = Run::open(run, &Roots::default()).unwrap();
     let line = &run.lines[scene];
-    let files = read_files(line, &run.roots, run.dir.root()).unwrap();
+    let files = read_files(line, &run.roots, run.root()).unwrap();
     let job = SceneJob::new(line, run.layout(line), load(line, &files).unwrap());
     let never = AtomicBool::new(false);
     let mut partials = render_partials(&job, 2, Isa::detect(), &never, &|| {}).unwrap();

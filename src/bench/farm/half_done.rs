@@ -1,12 +1,13 @@
 //! A run that was left in the middle, made quickly: for measuring how long it takes to go on.
 
 use crate::bench::BenchError;
-use crate::run::Run;
+use crate::run::{Run, keys};
 use rayon::prelude::*;
 use render::atomic_file::{create_dir, write_relaxed};
+use render::color::SrgbEncoder;
 use render::job::SceneJob;
 use render::line::SceneLine;
-use render::merge::{SrgbEncoder, combine, encode_tuple_file, tuple_files};
+use render::merge::{combine, encode_tuple_file, tuple_files};
 use render::partial;
 use render::scene::{load, read_files};
 use render::trace::Isa;
@@ -52,7 +53,7 @@ pub(super) fn half_done(
 }
 
 fn job<'a>(run: &Run, line: &'a SceneLine) -> Result<SceneJob<'a>, BenchError> {
-    let files = read_files(line, &run.roots, run.dir.root())?;
+    let files = read_files(line, &run.roots, run.root())?;
     Ok(SceneJob::new(line, run.layout(line), load(line, &files)?))
 }
 
@@ -68,7 +69,7 @@ fn tuple(
         .map(|s| job.trace(&job.layout.shard(s), isa))
         .collect();
     let tuple = combine(line, run.spec.tile_px, &partials)?;
-    let folder = run.dir.tuple(&line.id);
+    let folder = run.path(&keys::tuple_folder(&line.id));
     create_dir(&folder)?;
     for name in tuple_files(line) {
         let bytes = encode_tuple_file(&tuple, encoder, &name).map_err(|e| BenchError::Encode {
@@ -85,7 +86,7 @@ fn tuple(
 
 fn half(run: &Run, line: &SceneLine, isa: Isa) -> Result<HalfDone, BenchError> {
     let job = job(run, line)?;
-    create_dir(&run.dir.partials(&line.id))?;
+    create_dir(&run.path(&keys::partials(&line.id)))?;
     let there = job.layout.len() / 2;
     for shard in 0..there {
         let partial = job.trace(&job.layout.shard(shard), isa);
@@ -93,7 +94,7 @@ fn half(run: &Run, line: &SceneLine, isa: Isa) -> Result<HalfDone, BenchError> {
             name: "partial",
             reason: e.to_string(),
         })?;
-        write_relaxed(&run.dir.partial(&line.id, shard), &bytes)?;
+        write_relaxed(&run.path(&keys::partial(&line.id, shard)), &bytes)?;
     }
     Ok(HalfDone {
         partials: u64::from(there),

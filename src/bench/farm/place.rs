@@ -5,7 +5,7 @@ use super::process::Process;
 use super::recipe::Recipe;
 use super::server::Server;
 use super::setup::{Conditions, Setup, Watcher};
-use crate::run::{PlanOptions, Run, plan_run};
+use crate::run::{PlanOptions, Run, keys, plan_run};
 use crate::store::Inputs;
 use render::line::Roots;
 use std::path::{Path, PathBuf};
@@ -134,7 +134,7 @@ pub(super) fn tuples(run: &Path) -> Result<(SystemTime, String), FarmBenchError>
     let mut last = SystemTime::UNIX_EPOCH;
     let mut digest = blake3::Hasher::new();
     for line in &open.lines {
-        let folder = open.dir.tuple(&line.id);
+        let folder = open.path(&keys::tuple_folder(&line.id));
         for name in render::merge::tuple_files(line) {
             let path = folder.join(name);
             let bytes = std::fs::read(&path);

@@ -7,7 +7,7 @@ use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::target;
 use crate::run::{
-    AuditOptions, FileDifference, Receipt, Run, SceneAudit, Verdict, audit_scene, check_auditor,
+    AuditOptions, FileDifference, Provenance, Run, SceneAudit, Verdict, audit_scene, check_auditor,
     draw_scenes,
 };
 use crate::store::Store;
@@ -248,7 +248,7 @@ fn workers(audits: &[SceneAudit]) -> Vec<WorkerAudit> {
 /// Without a farm nobody leaves a receipt.
 fn maker(audit: &SceneAudit) -> String {
     let receipt = audit.receipt.as_ref();
-    receipt.map_or_else(|| "no receipt".to_owned(), Receipt::makers)
+    receipt.map_or_else(|| "no receipt".to_owned(), Provenance::makers)
 }
 
 fn describe(audit: &SceneAudit) -> String {

@@ -6,8 +6,8 @@ use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::queue;
 use crate::cli::signals::Signals;
-use crate::farm::{CoordinateOptions, coordinate};
-use crate::run::{Observer, Run, Watch, process_cpu_s};
+use crate::farm::{CoordinateOptions, Watch, coordinate};
+use crate::run::{Run, Scope, Snapshot, process_cpu_s};
 use crate::serve::{ServeError, WatchedRun, serve};
 use crate::store::Store;
 use clap::Args as ClapArgs;
@@ -57,7 +57,7 @@ pub(super) fn run(
         every: EVERY,
         watched: args.listen.is_some(),
     };
-    let watch = Arc::new(Mutex::new(Watch::default()));
+    let watch = Arc::new(Mutex::new(Watch::new(&run)));
     let token = token(args, output)?;
     let silent_s = 20.0 * args.queue.lease_s.as_secs_f64();
     let page = args.listen.map(|address| {
@@ -77,22 +77,23 @@ pub(super) fn run(
     });
     progress.finish();
     let ended = ended?;
-    let watch = &ended.watch;
+    let counts = ended.snapshot.counts();
+    let quarantined = counts.quarantined.len() as u64;
     let coordinated = Coordinated {
         run: &args.run,
         dry_run: false,
-        scenes: watch.scenes,
-        done: watch.done,
-        quarantined: watch.quarantined,
+        scenes: counts.scenes,
+        done: counts.merged,
+        quarantined,
         spans_published: ended.published,
-        finished: watch.finished,
+        finished: counts.is_finished(),
         cancelled: ended.cancelled,
         wall_s: start.elapsed().as_secs_f64(),
         cpu_s: process_cpu_s(),
         stopped: ended.stopped,
     };
     output.show("glasshouse.coordinate/1", &coordinated);
-    Ok(match (ended.stopped, watch.quarantined) {
+    Ok(match (ended.stopped, quarantined) {
         (true, _) => signals.exit(),
         (false, 0) if !ended.cancelled => Exit::Done,
         (false, _) => Exit::Incomplete,
@@ -106,15 +107,14 @@ fn dry_run(
     store: &Store,
     output: &Output,
 ) -> Result<Exit, Failure> {
-    let status = Observer::new(run, store).look()?.counts;
-    let quarantined = status.quarantined.len() as u64;
+    let counts = Snapshot::take(run, store, Scope::COUNTS)?.counts();
     let planned = Planned {
         run: &args.run,
         dry_run: true,
-        scenes: status.scenes,
-        done: status.merged,
-        quarantined,
-        scenes_left: status.scenes - status.merged - quarantined,
+        scenes: counts.scenes,
+        done: counts.merged,
+        quarantined: counts.quarantined.len() as u64,
+        scenes_left: counts.scenes_left(),
     };
     output.show("glasshouse.coordinate/1", &planned);
     Ok(Exit::Done)

@@ -9,16 +9,17 @@ use crate::cli::store_env;
 use crate::run::Run;
 use anyhow::{Context, anyhow};
 use clap::Args as ClapArgs;
+use render::Loaded;
 use render::atomic_file;
+use render::color::SrgbEncoder;
+use render::formats::encode_rgb_exr;
 use render::ids::SceneId;
-use render::job::{SceneJob, render_partials};
+use render::layer::Layer;
 use render::line::{Roots, SceneLine, parse_scene};
-use render::merge::{
-    LayerRecord, SrgbEncoder, TUPLE_SCHEMA, Tuple, TupleRecord, combine, encode_png, encode_rgb_exr,
-};
-use render::scene::{SceneFacts, load, read_files_by};
+use render::merge::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord, encode_png};
+use render::scene::{SceneFacts, read_files_by};
 use render::shard::ShardLayout;
-use render::trace::{LAYERS, TRACER_VERSION};
+use render::trace::TRACER_VERSION;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -64,10 +65,11 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     .map_err(|e| invalid(e.into()))?;
     let read_s = clock.elapsed().as_secs_f64();
     let clock = Instant::now();
-    let loaded = load(&source.line, &files).map_err(|e| invalid(e.into()))?;
+    let mut loaded = Loaded::new(source.line.clone(), &files).map_err(|e| invalid(e.into()))?;
+    loaded.threads = threads(global);
     let decode_s = clock.elapsed().as_secs_f64();
     if let Some(record) = &source.record
-        && record.inputs != loaded.inputs
+        && record.inputs != loaded.scene().inputs
     {
         output.warning(
             "the input files are not those the tuple was made from: its pixels will differ",
@@ -84,22 +86,21 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     }
 
     let layout = ShardLayout::of(&source.line, args.tile);
-    let job = SceneJob::new(&source.line, layout, loaded);
     let signals = Signals::catch();
     let progress = Progress::new(global, "tiles", u64::from(layout.len()));
     let clock = Instant::now();
-    let partials = render_partials(&job, threads(global), isa(global)?, signals.stop(), &|| {
+    let tuple = loaded.tuple(args.tile, isa(global)?, signals.stop(), &|| {
         progress.add(1, false);
     });
     progress.finish();
-    let Some(partials) = partials else {
+    let Some(tuple) = tuple else {
         return Err(Failure::new(
             signals.exit(),
             anyhow!("stopped by a signal: nothing is written"),
         ));
     };
     let trace_s = clock.elapsed().as_secs_f64();
-    let tuple = combine(&source.line, args.tile, &partials).map_err(|e| invalid(e.into()))?;
+    let tuple = tuple.map_err(|e| invalid(e.into()))?;
     let clock = Instant::now();
     write(&tuple, &args.out)?;
     let write_s = clock.elapsed().as_secs_f64();
@@ -175,12 +176,12 @@ fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
 fn write(tuple: &Tuple, out: &Path) -> Result<(), Failure> {
     atomic_file::create_dir(out)?;
     let encoder = SrgbEncoder::new();
-    for (pixels, name) in tuple.made() {
+    for (layer, pixels) in tuple.made() {
         let (w, h) = (tuple.width, tuple.height);
         let exr = encode_rgb_exr(pixels, w, h).map_err(|e| Failure::new(Exit::Failed, e))?;
-        atomic_file::write(&out.join(format!("{name}.exr")), &exr)?;
+        atomic_file::write(&out.join(format!("{layer}.exr")), &exr)?;
         let png = encode_png(&encoder, pixels, w, h).map_err(|e| Failure::new(Exit::Failed, e))?;
-        atomic_file::write(&out.join(format!("{name}.png")), &png)?;
+        atomic_file::write(&out.join(format!("{layer}.png")), &png)?;
     }
     Ok(())
 }
@@ -234,7 +235,7 @@ impl fmt::Display for Rendered<'_> {
             }
         }
         f.write_str(", estimated error")?;
-        for (name, symbol) in LAYERS.into_iter().zip(["I", "T", "R~", "R"]) {
+        for (name, symbol) in Layer::ALL.map(|layer| (layer.name(), layer.symbol())) {
             match self.layers.get(name).map(|layer| layer.error_rms) {
                 None => {}
                 Some(None) => write!(f, " {symbol} ?")?,

@@ -5,6 +5,7 @@ use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::{Output, reasons};
 use crate::cli::target;
 use crate::report::{Report, write_report};
+use crate::run::keys;
 use clap::Args as ClapArgs;
 use render::ids::SceneId;
 use render::line::Roots;
@@ -29,7 +30,7 @@ const SHOWN: usize = 10;
 pub(super) fn run(args: &ReportArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let (run, store) = target::open(&args.run, args.store.store.as_deref(), &Roots::default())?;
     if global.dry_run {
-        let default = || run.dir.report().join("index.html");
+        let default = || run.path(keys::REPORT);
         let report = args.out.clone().unwrap_or_else(default);
         let planned = Planned {
             report,

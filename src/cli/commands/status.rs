@@ -8,7 +8,8 @@ use crate::cli::signals::Signals;
 use crate::cli::status_text::{Queue, line, page};
 use crate::cli::target;
 use crate::farm::queue::{NatsCoordinator, QueueKeeper};
-use crate::run::{FarmState, Observer, Overview, Run};
+use crate::run::{Run, RunState, Scope, Snapshot, Status};
+use crate::store::Store;
 use clap::Args as ClapArgs;
 use render::line::Roots;
 use serde::Serialize;
@@ -46,23 +47,14 @@ const HOME: &str = "\x1b[H\x1b[2J";
 pub(super) fn run(args: &StatusArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let (run, store) = target::open(&args.run, args.store.store.as_deref(), &Roots::default())?;
     let server = queue::observer(&run, &args.server)?;
-    let mut observer = Observer::new(&run, &store);
     match args.watch {
         None => {
-            let view = observer.look()?;
+            let view = Snapshot::take(&run, &store, Scope::STATUS)?.status();
             let queue = look_at(server.as_ref(), &view);
             tell(args, &run, &view, &queue, output);
             Ok(exit(&view))
         }
-        Some(every) => watch(
-            args,
-            &run,
-            &mut observer,
-            server.as_ref(),
-            every,
-            global,
-            output,
-        ),
+        Some(every) => watch(args, &run, &store, server.as_ref(), every, global, output),
     }
 }
 
@@ -70,19 +62,21 @@ pub(super) fn run(args: &StatusArgs, global: &Global, output: &Output) -> Result
 fn watch(
     args: &StatusArgs,
     run: &Run,
-    observer: &mut Observer,
+    store: &Store,
     server: Option<&NatsCoordinator>,
     every: Duration,
     global: &Global,
     output: &Output,
 ) -> Result<Exit, Failure> {
     let signals = Signals::catch();
+    let mut snapshot = Snapshot::new(run, Scope::STATUS);
     let screen = Screen::new(!global.json && std::io::stdout().is_terminal());
     loop {
         let start = Instant::now();
-        let view = observer.look()?;
+        snapshot.refresh(run, store)?;
+        let view = snapshot.status();
         let queue = look_at(server, &view);
-        let is_over = matches!(view.state, FarmState::Finished | FarmState::Cancelled);
+        let is_over = matches!(view.state, RunState::Finished | RunState::Cancelled);
         let is_stopped = signals.stop().load(Ordering::Relaxed);
         if is_over || is_stopped || global.dry_run {
             drop(screen);
@@ -107,9 +101,9 @@ fn watch(
     }
 }
 
-fn look_at(server: Option<&NatsCoordinator>, view: &Overview) -> Queue {
+fn look_at(server: Option<&NatsCoordinator>, view: &Status) -> Queue {
     match server {
-        Some(server) if view.state != FarmState::Finished => match server.look() {
+        Some(server) if view.state != RunState::Finished => match server.look() {
             Ok(state) => Queue::There(state),
             Err(error) => Queue::Lost(error.to_string()),
         },
@@ -117,12 +111,12 @@ fn look_at(server: Option<&NatsCoordinator>, view: &Overview) -> Queue {
     }
 }
 
-fn tell(args: &StatusArgs, run: &Run, view: &Overview, queue: &Queue, output: &Output) {
+fn tell(args: &StatusArgs, run: &Run, view: &Status, queue: &Queue, output: &Output) {
     let shown = Shown {
         view,
         run: &args.run,
         name: &run.spec.name,
-        finished: view.state == FarmState::Finished,
+        finished: view.state == RunState::Finished,
         queue,
     };
     output.show("glasshouse.status/1", &shown);
@@ -131,7 +125,7 @@ fn tell(args: &StatusArgs, run: &Run, view: &Overview, queue: &Queue, output: &O
 #[derive(Serialize)]
 struct Shown<'a> {
     #[serde(flatten)]
-    view: &'a Overview,
+    view: &'a Status,
     run: &'a Path,
     name: &'a str,
     finished: bool,
@@ -144,8 +138,8 @@ impl fmt::Display for Shown<'_> {
     }
 }
 
-fn exit(view: &Overview) -> Exit {
-    if view.counts.quarantined.is_empty() && view.state != FarmState::Cancelled {
+fn exit(view: &Status) -> Exit {
+    if view.counts.quarantined.is_empty() && view.state != RunState::Cancelled {
         Exit::Done
     } else {
         Exit::Incomplete

@@ -211,7 +211,7 @@ fn put<T: Copy>(place: &mut T, typed: Option<T>) {
 pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let roots = Roots::parse(&args.roots.roots)?;
     let (run, store) = target::open(&args.run, args.store.as_deref(), &roots)?;
-    let recipe = train_recipe(run.dir.root())?;
+    let recipe = train_recipe(run.root())?;
     let settings = |frozen: Option<&TrainSettings>| {
         let typed = args.settings.features.as_deref();
         if frozen.is_none() && typed == Some("random") {
@@ -250,7 +250,7 @@ pub(super) fn training_of<'a>(
     settings: &'a dyn Fn(Option<&TrainSettings>) -> TrainSettings,
 ) -> Training<'a> {
     Training {
-        run: run.dir.root().to_owned(),
+        run: run.root().to_owned(),
         stage,
         steps,
         scenes: &run.lines,

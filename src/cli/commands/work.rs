@@ -13,7 +13,7 @@ use crate::cli::signals::Signals;
 use crate::cli::store_env;
 use crate::farm::queue::{LocalQueue, Message, Queue};
 use crate::farm::{Fault, Outcome, SharedQueue, WorkOptions, work, work_shared, work_span};
-use crate::run::{Event, Observer, Quarantined, Run, Stop, Task, WorkerName, run_status};
+use crate::run::{Event, Quarantined, Run, Scope, Snapshot, Stop, Task, WorkerName};
 use crate::store::Store;
 use clap::Args as ClapArgs;
 use render::ids::SceneId;
@@ -61,7 +61,7 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
     run.inputs = store_env::inputs_of(&run, &args.cache);
     if global.dry_run {
         let store = queue::store(&args.run, &args.queue)?;
-        let status = Observer::new(&run, &store).look()?.counts;
+        let status = Snapshot::take(&run, &store, Scope::COUNTS)?.counts();
         let planned = Planned {
             run: &args.run,
             dry_run: true,
@@ -161,6 +161,11 @@ impl<'a> How<'a> {
     }
 }
 
+fn is_finished(run: &Run) -> Result<bool, Failure> {
+    let store = Store::local(run.root())?;
+    Ok(Snapshot::take(run, &store, Scope::DONE)?.is_finished())
+}
+
 /// Traces and merges with progress and signals. Also `run`'s middle part.
 pub(super) fn work_on(
     run: &Run,
@@ -182,7 +187,7 @@ pub(super) fn work_on(
     let outcome = outcome?;
     let exit = match outcome.stopped {
         Some(Stop::Asked) => signals.exit(),
-        Some(Stop::TimeLimit) if !run_status(run).is_finished() => Exit::TryAgain,
+        Some(Stop::TimeLimit) if !is_finished(run)? => Exit::TryAgain,
         Some(Stop::Cancelled) => Exit::Incomplete,
         _ if !outcome.quarantined.is_empty() => Exit::Incomplete,
         _ => Exit::Done,

@@ -8,7 +8,7 @@ use super::work::check_golden;
 use crate::farm::FarmError;
 use crate::farm::tuples::write_tuple;
 use crate::run::keys;
-use crate::run::made_by::who_else;
+use crate::run::other_workers;
 use crate::store::StoreError;
 use bytes::Bytes;
 use render::partial;
@@ -86,7 +86,7 @@ impl<'a> Worker<'a> {
         for (key, bytes) in own {
             self.store.replace(&keys::conflict(me, key), bytes)?;
         }
-        let others = who_else(self.store, scene, shard, me)?;
+        let others = other_workers(self.store, scene, shard, me)?;
         let others = if others.is_empty() {
             "another worker, of which no record is left,".to_owned()
         } else {

@@ -1,8 +1,8 @@
 //! The thread that watches whether the run is paused or cancelled.
 
 use super::core::Worker;
-use crate::run::control::ControlLook;
-use crate::run::events::Event;
+use crate::run::ControlLook;
+use crate::run::Event;
 use crate::run::{Control, ControlState, keys};
 use crossbeam::channel::{Receiver, RecvTimeoutError};
 
@@ -31,7 +31,7 @@ impl Worker<'_> {
 
     /// Looks again and again, until `ended` is closed.
     pub(super) fn watch_control(&self, mut look: ControlLook, ended: &Receiver<()>) {
-        let every = ControlLook::every(self.store);
+        let every = self.store.poll_interval();
         while ended.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {
             self.look_at_control(&mut look);
         }

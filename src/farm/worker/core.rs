@@ -10,12 +10,12 @@ use super::tasks::{Action, TaskId, Tasks, Time};
 use crate::farm::FarmError;
 use crate::farm::queue::Queue;
 use crate::farm::tuples::remove_partials;
-use crate::run::done::is_done;
-use crate::run::events::Event;
+use crate::run::Event;
+use crate::run::PartialsProvenance;
+use crate::run::QuarantineRecord;
+use crate::run::Run;
+use crate::run::is_done;
 use crate::run::keys;
-use crate::run::made_by::MadeBy;
-use crate::run::quarantine::QuarantineRecord;
-use crate::run::run_dir::Run;
 use crate::store::Store;
 use crossbeam::deque::Injector;
 use render::line::SceneLine;
@@ -117,7 +117,7 @@ impl<'a> Worker<'a> {
                 Action::CheckScene { task } => self.check_scene(task)?,
                 Action::LeaveNote { task } => {
                     let scene = &self.line(task.scene).id;
-                    MadeBy::leave(store, scene, &task, &self.options.who);
+                    PartialsProvenance::put(store, scene, &task, &self.options.who);
                 }
                 Action::Quarantine { scene, reason } => {
                     let line = self.line(scene);

@@ -4,7 +4,8 @@ use super::active_task::ActiveTask;
 use crate::farm::FarmError;
 use crate::farm::tuples::encode_noise;
 use crate::run::AccessError;
-use render::merge::{SrgbEncoder, Tuple, encode_tuple_file, tuple_files};
+use render::color::SrgbEncoder;
+use render::merge::{Tuple, encode_tuple_file, tuple_files};
 use std::sync::{Arc, Mutex};
 
 /// A tuple in memory and those of its files that are encoded.

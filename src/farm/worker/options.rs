@@ -3,9 +3,9 @@
 use super::sandbox::Sandbox;
 use crate::farm::fault::Fault;
 use crate::farm::queue::Queue;
+use crate::run::StageSeconds;
 use crate::run::Stop;
-use crate::run::attempts::WorkerName;
-use crate::run::events::StageSeconds;
+use crate::run::WorkerName;
 use render::ids::SceneId;
 use render::trace::Isa;
 use std::sync::atomic::AtomicBool;

@@ -3,7 +3,7 @@
 use super::active_task::ActiveTask;
 use super::pool::ComputeThread;
 use crate::farm::FarmError;
-use crate::run::events::Event;
+use crate::run::Event;
 use crate::run::keys;
 use render::partial::{self, Partial};
 use std::collections::BTreeSet;

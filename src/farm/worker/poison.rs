@@ -5,12 +5,12 @@ use super::core::Worker;
 use super::tasks::TaskId;
 use crate::farm::FarmError;
 use crate::farm::queue::Lease;
-use crate::run::attempts::{
-    AttemptRecord, EndKind, Ending, Verdict, attempts, is_unreadable, mark_lost, verdict,
-};
-use crate::run::done::is_done;
+use crate::run::QuarantineRecord;
+use crate::run::is_done;
 use crate::run::keys;
-use crate::run::quarantine::QuarantineRecord;
+use crate::run::{
+    AttemptRecord, EndKind, Ending, PoisonCheck, attempts, is_unreadable, mark_lost, poison_check,
+};
 use render::line::SceneLine;
 use std::time::{Duration, Instant};
 
@@ -51,8 +51,8 @@ impl Worker<'_> {
             records = mark_lost(store, records, leased)?;
         }
         let found = self.found(line, lease)?;
-        let verdict = verdict(&records, leased, found);
-        if let Verdict::SetAside(reason) = verdict {
+        let check = poison_check(&records, leased, found);
+        if let PoisonCheck::Poison(reason) = check {
             let actions = self.tasks().set_aside(task, &reason);
             self.perform(actions)?;
             return Ok(Finding::Over);
@@ -70,9 +70,9 @@ impl Worker<'_> {
             record.forget(store);
             return Ok(Finding::Over);
         }
-        Ok(match verdict {
-            Verdict::Suspect => Finding::Suspect(record),
-            Verdict::Fresh | Verdict::SetAside(_) => Finding::Fresh(Some(record)),
+        Ok(match check {
+            PoisonCheck::Suspect => Finding::Suspect(record),
+            PoisonCheck::Clean | PoisonCheck::Poison(_) => Finding::Fresh(Some(record)),
         })
     }
 

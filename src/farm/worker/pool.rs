@@ -8,7 +8,7 @@ use super::prefetch::Loaded;
 use super::writer::Order;
 use crossbeam::channel::{Receiver, Sender, TryRecvError};
 use crossbeam::deque::{Steal, Stealer, Worker as Deque};
-use render::merge::SrgbEncoder;
+use render::color::SrgbEncoder;
 use std::sync::Arc;
 use std::time::Duration;
 

@@ -5,7 +5,7 @@ use super::poison::Finding;
 use super::tasks::TaskId;
 use crate::farm::FarmError;
 use crate::farm::queue::{Lease, Taken};
-use crate::run::events::{Event, Stopwatch};
+use crate::run::{Event, Stopwatch};
 use crate::run::{Task, keys};
 use crate::store::StoreError;
 use crossbeam::channel::Sender;
@@ -244,7 +244,7 @@ impl<'a> Prefetcher<'_, 'a> {
         let start = Stopwatch::start();
         let run = self.worker.run;
         let open = |path: &Path| run.inputs.read(path);
-        let files = read_files_by(line, &run.roots, run.dir.root(), &open);
+        let files = read_files_by(line, &run.roots, run.root(), &open);
         self.worker.tally.seconds.add_read(start.spent());
         match files {
             Ok(files) => Ok(Ok(files)),

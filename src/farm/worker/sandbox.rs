@@ -3,9 +3,9 @@
 use super::core::Worker;
 use super::tasks::TaskId;
 use crate::farm::FarmError;
+use crate::run::Event;
 use crate::run::Task;
-use crate::run::attempts::{AttemptRecord, Ending, Verdict, attempts, verdict};
-use crate::run::events::Event;
+use crate::run::{AttemptRecord, Ending, PoisonCheck, attempts, poison_check};
 use render::ids::SceneId;
 use render::line::SceneLine;
 
@@ -121,9 +121,9 @@ impl Worker<'_> {
         });
         let found = record.found;
         record.end(self.store, ending)?;
-        let actions = match verdict(&attempts(self.store, &line.id)?, task, found) {
-            Verdict::SetAside(reason) => self.tasks().set_aside(id, &reason),
-            Verdict::Fresh | Verdict::Suspect => self.tasks().retry(id),
+        let actions = match poison_check(&attempts(self.store, &line.id)?, task, found) {
+            PoisonCheck::Poison(reason) => self.tasks().set_aside(id, &reason),
+            PoisonCheck::Clean | PoisonCheck::Suspect => self.tasks().retry(id),
         };
         self.perform(actions)?;
         self.went_wrong(line);

@@ -1,8 +1,8 @@
 //! Why a worker stops: it is told to, its time is over, its machine is at fault, or the farm broke.
 
 use crate::farm::FarmError;
+use crate::run::ControlFlag;
 use crate::run::Stop;
-use crate::run::control::ControlFlag;
 use render::ids::SceneId;
 use std::collections::BTreeSet;
 use std::sync::Mutex;

@@ -2,9 +2,9 @@
 
 use super::costs::Costs;
 use super::options::Outcome;
+use crate::run::SceneSeconds;
+use crate::run::StageSeconds;
 use crate::run::Stop;
-use crate::run::events::StageSeconds;
-use crate::run::work_log::SceneSeconds;
 use render::ids::SceneId;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -13,18 +13,18 @@ use super::writer::Writer;
 use crate::farm::FarmError;
 use crate::farm::queue::{LocalQueue, Message, Queue, QueueKeeper};
 use crate::farm::sweep::sweep;
-use crate::run::control::ControlLook;
-use crate::run::done::is_done;
-use crate::run::events::Event;
-use crate::run::quarantine::QuarantineRecord;
-use crate::run::run_dir::Run;
-use crate::run::work_log::LogTime;
+use crate::run::ControlLook;
+use crate::run::Event;
+use crate::run::LogTime;
+use crate::run::QuarantineRecord;
+use crate::run::Run;
+use crate::run::is_done;
 use crate::run::{AccessError, Task, keys};
 use crate::store::Store;
 use crossbeam::channel::bounded;
 use crossbeam::deque::{Injector, Worker as Deque};
+use render::color::SrgbEncoder;
 use render::ids::SceneId;
-use render::merge::SrgbEncoder;
 use render::shard::golden;
 use std::collections::BTreeSet;
 use std::sync::Mutex;
@@ -40,7 +40,7 @@ pub fn work(
     let _lock = run.lock()?;
     check_golden(run, options)?;
     sweep(run);
-    let store = Store::local(run.dir.root())?;
+    let store = Store::local(run.root())?;
     let queue = LocalQueue::new(None);
     let (mut quarantined, mut already_merged) = (Vec::new(), 0);
     let tried = scenes_tried(&store)?;
@@ -48,11 +48,11 @@ pub fn work(
     for (scene, line) in run.lines.iter().enumerate() {
         if is_done(&store, line)? {
             already_merged += 1;
-        } else if let Some(record) = QuarantineRecord::read(&run.dir, &line.id) {
+        } else if let Some(record) = QuarantineRecord::get(&store, &line.id)? {
             quarantined.push((line.id.clone(), record.reason));
         } else {
             // What stands there is no tuple of this scene, and no other process works here.
-            let _ = std::fs::remove_dir_all(run.dir.tuple(&line.id));
+            store.remove_folder(&keys::tuple_folder(&line.id))?;
             shards += u64::from(run.layout(line).len());
             // No other process works here: an attempt that stands was lost.
             if tried.contains(&line.id) {

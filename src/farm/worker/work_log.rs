@@ -1,8 +1,8 @@
 //! What a worker records of itself when it ends.
 
 use super::options::{Outcome, WorkOptions};
-use crate::run::events::StageSeconds;
-use crate::run::work_log::LogTime;
+use crate::run::LogTime;
+use crate::run::StageSeconds;
 use crate::run::{SceneTrace, WORK_LOG_SCHEMA, WorkLog};
 use render::trace::TRACER_VERSION;
 use std::collections::BTreeMap;

@@ -5,8 +5,8 @@ use super::core::Worker;
 use super::finished::Encoded;
 use crate::farm::FarmError;
 use crate::farm::tuples::write_noise;
-use crate::run::events::{Event, Stopwatch};
-use crate::run::receipt::Receipt;
+use crate::run::Provenance;
+use crate::run::{Event, Stopwatch};
 use crossbeam::channel::Receiver;
 use std::sync::Arc;
 
@@ -96,11 +96,11 @@ impl<'a> Writer<'_, 'a> {
     }
 
     /// Beside other workers: which worker makes the tuple.
-    fn receipt(&self, task: &ActiveTask<'a>) -> Option<Receipt> {
+    fn receipt(&self, task: &ActiveTask<'a>) -> Option<Provenance> {
         let worker = self.worker;
         worker.shared_queue?;
         let alone = worker.tasks().is_alone(task.id);
         let (scene, who) = (&task.job.line.id, &worker.options.who);
-        Some(Receipt::new(worker.store, scene, who, alone))
+        Some(Provenance::new(worker.store, scene, who, alone))
     }
 }

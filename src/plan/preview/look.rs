@@ -2,8 +2,8 @@
 
 use crate::luminance;
 use compose::ssim_grey;
+use render::color::SrgbEncoder;
 use render::line::SceneLine;
-use render::merge::SrgbEncoder;
 use render::scene::{AssembleError, DecodedScene, assemble};
 use render::trace::{Isa, Tile, trace_tile};
 

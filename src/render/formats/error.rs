@@ -4,31 +4,24 @@ use std::path::PathBuf;
 
 /// A photograph or mesh is refused; its scene goes to quarantine with this text.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub enum SceneError {
     /// The file has no bytes.
     #[error("{} is empty; write or fetch it again", path.display())]
-    Empty {
-        /// The file.
-        path: PathBuf,
-    },
+    Empty { path: PathBuf },
     /// The magic bytes belong to no format that may stand here.
     #[error("{} is {found}; give {expected}", path.display())]
     Format {
-        /// The file.
         path: PathBuf,
-        /// What the file is.
         found: String,
-        /// What it may be.
         expected: &'static str,
     },
     /// The file is damaged, cut short or of an unusual kind.
     #[error("cannot read {} as {format}: {source}; write or fetch it again", path.display())]
     Unreadable {
-        /// The file.
         path: PathBuf,
         /// The format that its magic bytes name.
         format: &'static str,
-        /// What the decoder says.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
     /// The image has no pixels, or more than the limits allow.
@@ -39,21 +32,15 @@ pub enum SceneError {
         max_pixels = super::limits::MAX_PIXELS
     )]
     Size {
-        /// The file.
         path: PathBuf,
-        /// Pixels across.
         width: u64,
-        /// Pixels down.
         height: u64,
     },
     /// The file is readable, but its channels, element type or array shape do not fit its use.
     #[error("{} holds {found}; give {expected}", path.display())]
     Layout {
-        /// The file.
         path: PathBuf,
-        /// What the file holds.
         found: String,
-        /// What it may hold.
         expected: &'static str,
     },
     /// The mask does not cover the depth image.
@@ -63,17 +50,11 @@ pub enum SceneError {
         depth_path.display()
     )]
     MaskSize {
-        /// The mask.
         path: PathBuf,
-        /// Its pixels across.
         width: usize,
-        /// Its pixels down.
         height: usize,
-        /// The depth image.
         depth_path: PathBuf,
-        /// Its pixels across.
         depth_width: usize,
-        /// Its pixels down.
         depth_height: usize,
     },
     /// A colour image holds what is no radiance, after `transfer` and `exposure`.
@@ -82,13 +63,11 @@ pub enum SceneError {
         path.display()
     )]
     Radiance {
-        /// The colour image.
         path: PathBuf,
         /// Pixels with at least one such channel.
         count: usize,
         /// Column of the first, in reading order.
         x: usize,
-        /// Row of the first.
         y: usize,
     },
     /// Not one usable depth is left.
@@ -96,37 +75,27 @@ pub enum SceneError {
         "{} has no pixel whose depth is finite, above 0 and valid in the mask; check depth_unit_m and the mask, or leave this photograph out",
         path.display()
     )]
-    NoDepth {
-        /// The depth image.
-        path: PathBuf,
-    },
+    NoDepth { path: PathBuf },
     /// Depths whose inverse is no normal `f32`.
     #[error(
         "{} has {count} pixels too near or too far to calculate with, the first of {z_m:e} m at column {x}, row {y}; check depth_unit_m, or mask them out",
         path.display()
     )]
     DepthRange {
-        /// The depth image.
         path: PathBuf,
-        /// How many.
         count: usize,
         /// Distance along the optical axis of the first, in reading order.
         z_m: f64,
-        /// Column of the first.
         x: usize,
-        /// Row of the first.
         y: usize,
     },
     /// A vertex, face or table of a mesh that cannot be used.
     #[error("{}: {what} {problem}; {remedy}", path.display())]
     Element {
-        /// The mesh.
         path: PathBuf,
-        /// Which part of it.
         what: String,
         /// What is wrong with it.
         problem: String,
-        /// What to do.
         remedy: &'static str,
     },
     /// A number of the manifest line is out of its range.
@@ -136,9 +105,7 @@ pub enum SceneError {
         path: PathBuf,
         /// The key in the manifest.
         name: &'static str,
-        /// Its value.
         value: f64,
-        /// Its range.
         expected: &'static str,
     },
 }

@@ -1,20 +1,24 @@
-//! Readers of image, array and mesh files: bytes in, numbers or a typed error out.
+//! Image, array and mesh files: bytes in, numbers or a typed error out; and OpenEXR the other way.
 //!
 //! Hostile bytes end in a [`SceneError`], never in a panic, and sizes are checked before anything of that size is allocated
 //! ([`limits`]).
 
 pub(crate) mod error;
+pub(crate) mod exr_raster;
+pub(crate) mod exr_read;
+pub(crate) mod exr_write;
 pub(crate) mod files;
 pub mod limits;
 pub(crate) mod npy;
 pub(crate) mod npy_header;
-pub(crate) mod openexr;
 pub(crate) mod pfm;
 pub(crate) mod ply;
 pub(crate) mod ply_header;
 pub(crate) mod raster;
 
 pub use error::SceneError;
+pub use exr_read::{ExrChannels, decode_exr_channels};
+pub use exr_write::{encode_parts_exr, encode_rgb_exr};
 pub use files::{NamedBytes, PanoramaFiles, PhotographFiles};
 pub use npy_header::npy_facts;
 pub use ply::ply_counts;

@@ -100,7 +100,7 @@ impl Element {
     }
 }
 
-/// Element type (`f4`) and shape of a `.npy` file, for who only looks at it.
+/// Element type (`f4`) and shape of a `.npy` file, from its header alone.
 pub fn npy_facts(file: &NamedBytes) -> Result<(&'static str, Vec<usize>), SceneError> {
     let failed = |error: NpyError| file.unreadable(FileFormat::Npy, error);
     let header = NpyHeader::parse(&file.bytes).map_err(failed)?;

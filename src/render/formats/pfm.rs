@@ -60,7 +60,6 @@ pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<PfmHead, SceneError
     })
 }
 
-/// Decodes a PFM file.
 pub(crate) fn decode(file: &NamedBytes) -> Result<Raster, SceneError> {
     let PfmHead {
         width,

@@ -1,7 +1,7 @@
 //! PLY files with vertex colours, ASCII or binary of either byte order.
 //!
-//! Read by hand: a number costs a table lookup instead of a call by property name, counts are held against the bytes
-//! that are there before anything is allocated, and errors name the element.
+//! Read by hand: a number costs a table lookup instead of a call by property name, counts are checked against the
+//! length before anything is allocated, and errors name the element.
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
@@ -25,7 +25,7 @@ pub(crate) struct Ply {
     pub(crate) empty_faces: u64,
 }
 
-/// Reads the header and holds it against the length of the file, of which `file` may hold the beginning alone.
+/// Reads the header and checks it against the length of the file; `file` may hold only its beginning.
 pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<Header, SceneError> {
     match file.format(USABLE)? {
         FileFormat::Ply => {}
@@ -39,7 +39,7 @@ pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<Header, SceneError>
     Ok(header)
 }
 
-/// Names and counts of the elements of a PLY file, for who only looks at it.
+/// Names and counts of the elements of a PLY file, from its header alone.
 pub fn ply_counts(file: &NamedBytes) -> Result<Vec<(String, u64)>, SceneError> {
     let header = head(file, file.bytes.len() as u64)?;
     Ok(header
@@ -49,7 +49,6 @@ pub fn ply_counts(file: &NamedBytes) -> Result<Vec<(String, u64)>, SceneError> {
         .collect())
 }
 
-/// Decodes a PLY file.
 pub(crate) fn decode(file: &NamedBytes) -> Result<Ply, SceneError> {
     let torn = |reason: String| file.unreadable(FileFormat::Ply, reason);
     let header = head(file, file.bytes.len() as u64)?;

@@ -100,7 +100,6 @@ impl Element {
     }
 }
 
-/// A PLY file's header.
 #[derive(Debug)]
 pub(crate) struct Header {
     pub(crate) coding: Coding,

@@ -55,7 +55,7 @@ impl Head {
     }
 }
 
-/// Reads the header of a PNG, JPEG, PNM or Radiance HDR file, of which `file` may hold the beginning alone.
+/// Reads the header of a PNG, JPEG, PNM or Radiance HDR file; `file` may hold only its beginning.
 pub(crate) fn head(file: &NamedBytes, format: FileFormat) -> Result<Head, SceneError> {
     let bytes = Cursor::new(file.bytes.as_slice());
     let failed = |error: image::ImageError| file.unreadable(format, error);

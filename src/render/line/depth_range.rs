@@ -1,8 +1,8 @@
 //! Metres for depths that are known only up to scale and shift.
 
+use super::error::{LineError, within};
+use super::image::DepthKind;
 use super::limits;
-use super::scene_line::DepthKind;
-use super::validate::{LineError, within};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -111,7 +111,7 @@ pub(crate) fn check(
 #[cfg(test)]
 mod tests {
     use super::super::jsonl::parse_scene;
-    use super::super::validate::tests::published;
+    use super::super::published::published;
 
     fn line(kind: &str, range: &str) -> Result<(), String> {
         let text = serde_json::to_string(&published()).unwrap();

@@ -1,8 +1,8 @@
 //! Light for what a photograph clipped.
 
+use super::error::{LineError, within};
+use super::image::Transfer;
 use super::limits;
-use super::scene_line::Transfer;
-use super::validate::{LineError, within};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,19 +1,18 @@
 //! Manifests as text: one scene line a line of JSON, in order; and single scenes.
 
+use super::error::LineError;
 use super::scene_line::SceneLine;
-use super::validate::LineError;
 use crate::ids::SceneId;
 use std::collections::BTreeMap;
 
 /// A manifest or scene file that cannot be used.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub enum ManifestError {
     /// Not JSON, or not a scene.
     #[error("manifest line {line}, column {column}: {reason}; correct that line")]
     Json {
-        /// Counted from 1.
         line: usize,
-        /// Counted from 1.
         column: usize,
         /// What was expected and what was found.
         reason: String,
@@ -21,11 +20,8 @@ pub enum ManifestError {
     /// A scene that makes no sense.
     #[error("manifest line {line}, scene {id}: {source}")]
     Scene {
-        /// Counted from 1.
         line: usize,
-        /// The scene.
         id: SceneId,
-        /// Which field.
         source: LineError,
     },
     /// Two scenes of one name.
@@ -35,9 +31,7 @@ pub enum ManifestError {
     DuplicateId {
         /// The second one, counted from 1.
         line: usize,
-        /// The first one.
         first: usize,
-        /// Their id.
         id: SceneId,
     },
 }
@@ -108,10 +102,9 @@ fn parse_at(json: &str, first_line: usize) -> Result<SceneLine, ManifestError> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::scene_line::{
-        Apex, DepthKind, Fill, Filter, Focus, FocusAt, Split, Transfer,
-    };
-    use super::super::validate::tests::{photograph, published};
+    use super::super::image::{Apex, DepthKind, Fill, Transfer};
+    use super::super::published::{photograph, published};
+    use super::super::scene_line::{Filter, Focus, FocusAt, Split};
     use super::*;
     use proptest::prelude::*;
 

@@ -1,38 +1,35 @@
 //! Which of the four layers a scene makes: what is not asked for is not traced.
 
+use crate::layer::{Layer, PerLayer};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{self, Deserializer};
 use serde::{Deserialize, Serialize, Serializer};
 use std::borrow::Cow;
 
-/// The layers' names, in the order in which everything stores them: I, T, R~, R.
-pub const LAYER_NAMES: [&str; 4] = [
-    "input",
-    "transmission",
-    "glass_reflection",
-    "clean_reflection",
-];
-
 /// A set of layers, in JSON and TOML a list of names; never empty.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LayerSet([bool; 4]);
+pub struct LayerSet(PerLayer<bool>);
 
 impl Default for LayerSet {
     fn default() -> Self {
-        Self([true; 4])
+        Self(PerLayer([true; 4]))
     }
 }
 
 impl LayerSet {
-    /// For each layer, in the order of [`LAYER_NAMES`], whether it is made.
-    pub fn asked(self) -> [bool; 4] {
+    /// Whether each layer is made.
+    pub fn asked(self) -> PerLayer<bool> {
         self.0
     }
 
     /// Names of the layers that are made.
     pub fn names(self) -> impl Iterator<Item = &'static str> {
-        let pairs = LAYER_NAMES.into_iter().zip(self.0);
-        pairs.filter_map(|(name, asked)| asked.then_some(name))
+        self.iter().map(Layer::name)
+    }
+
+    /// The layers that are made, in order.
+    pub fn iter(self) -> impl Iterator<Item = Layer> {
+        Layer::ALL.into_iter().filter(move |&layer| self.0[layer])
     }
 }
 
@@ -44,20 +41,19 @@ impl Serialize for LayerSet {
 
 impl<'de> Deserialize<'de> for LayerSet {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let mut set = [false; 4];
+        let mut set = PerLayer([false; 4]);
         for name in Vec::<String>::deserialize(deserializer)? {
-            let place = LAYER_NAMES.iter().position(|known| *known == name);
-            let place = place.ok_or_else(|| {
+            let layer = Layer::from_name(&name).ok_or_else(|| {
                 de::Error::custom(format!(
                     "there is no layer {name:?}; the layers are {}",
-                    LAYER_NAMES.join(", ")
+                    Layer::NAMES.join(", ")
                 ))
             })?;
-            if std::mem::replace(&mut set[place], true) {
+            if std::mem::replace(&mut set[layer], true) {
                 return Err(de::Error::custom(format!("layer {name} is listed twice")));
             }
         }
-        if set == [false; 4] {
+        if set.0 == [false; 4] {
             return Err(de::Error::custom("layers is empty: name at least one"));
         }
         Ok(Self(set))
@@ -72,7 +68,7 @@ impl JsonSchema for LayerSet {
     fn json_schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({
             "description": "Layers that are made.",
-            "type": "array", "items": { "enum": LAYER_NAMES }, "minItems": 1, "uniqueItems": true,
+            "type": "array", "items": { "enum": Layer::NAMES }, "minItems": 1, "uniqueItems": true,
         })
     }
 }
@@ -84,10 +80,9 @@ mod tests {
     #[test]
     fn sets_are_lists_of_names() {
         let set: LayerSet = serde_json::from_str(r#"["glass_reflection","input"]"#).unwrap();
-        assert_eq!(set.asked(), [true, false, true, false]);
+        assert_eq!(set.asked().0, [true, false, true, false]);
         let text = serde_json::to_string(&set).unwrap();
         assert_eq!(text, r#"["input","glass_reflection"]"#);
-        assert_eq!(crate::trace::LAYERS, LAYER_NAMES);
     }
 
     #[test]

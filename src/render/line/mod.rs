@@ -1,18 +1,37 @@
 //! A scene line: everything that determines one scene, resolved, checked, and written as one line of JSON.
 //!
 //! ```text
-//! scene_line, side, side_json, panorama, highlights, depth_range   the line's types      layers    which images are made
-//! jsonl                                                            manifests as text     roots     where a line's paths lead
-//! validate, limits, refuse                                         which lines are sound, which panes cannot be looked through
+//! scene_line -> side -> photograph, panorama -> image, highlights, depth_range   the line's types
+//! layers       which images are made          side_json, jsonl   sides and manifests as text
+//! roots        where a line's paths lead      validate, limits   which lines are sound by themselves
+//! ```
+//!
+//! ```
+//! use render::line::{Focus, parse_scene};
+//!
+//! let side = r#"{"panorama": "room.exr", "transfer": "linear", "depth_m": 4}"#;
+//! let line = parse_scene(&format!(r#"{{
+//!     "schema": "glasshouse.scene/1", "id": "000412", "seed": 412,
+//!     "film": {{"width": 256, "height": 256, "spp": 256}},
+//!     "camera": {{"focal_length_mm": 55, "aperture_radius_m": 0.009, "focus": {{"distance_m": 7}}}},
+//!     "glass": {{"distance_m": 0.3, "thickness_m": 0.01, "ior": 1.6}},
+//!     "front": {side}, "back": {side}}}"#))?;
+//! assert_eq!(line.camera.focus, Focus::Distance { distance_m: 7.0 });
+//! assert_eq!(line.front.paths(), [("panorama", "room.exr")]);
+//! # Ok::<(), render::line::ManifestError>(())
 //! ```
 
 mod depth_range;
+mod error;
 mod highlights;
+mod image;
 mod jsonl;
 mod layers;
 pub mod limits;
 mod panorama;
-mod refuse;
+mod photograph;
+#[cfg(test)]
+mod published;
 mod roots;
 mod scene_line;
 mod side;
@@ -20,12 +39,17 @@ mod side_json;
 mod validate;
 
 pub use depth_range::DepthRange;
+pub use error::LineError;
 pub use highlights::Highlights;
+pub use image::{Apex, DepthKind, Fill, Intrinsics, Transfer, one};
 pub use jsonl::{ManifestError, parse_jsonl, parse_scene, to_jsonl};
-pub use layers::{LAYER_NAMES, LayerSet};
+pub use layers::LayerSet;
 pub use panorama::{DepthMap, PanoramaDepth, PanoramaFile};
-pub use refuse::{MAX_INCIDENCE_DEG, refuse};
+pub use photograph::Photograph;
 pub use roots::{RootError, Roots, is_root_name, is_url};
 pub use scene_line::*;
 pub use side::{MeshFile, MeshPose, Side};
-pub use validate::{LineError, side as validate_side};
+pub use validate::side as validate_side;
+
+#[cfg(test)]
+pub(crate) use published::published;

@@ -2,7 +2,7 @@
 
 use super::depth_range::DepthRange;
 use super::highlights::Highlights;
-use super::scene_line::{Apex, DepthKind, Fill, Transfer, is_white};
+use super::image::{Apex, DepthKind, Fill, Transfer, is_white};
 use serde::Serialize;
 
 /// All directions around one point, seen from there: columns are longitude, rows latitude, the centre is +z.

@@ -5,27 +5,22 @@ use std::path::{Component, Path, PathBuf};
 
 /// A path or a root that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub enum RootError {
     /// Not of the form `NAME=DIR`.
     #[error(
         "root {argument:?} is not NAME=DIR with a NAME of two or more of [A-Za-z0-9_-]: write --root \
          diode=/path/to/diode"
     )]
-    Argument {
-        /// What was given.
-        argument: String,
-    },
+    Argument { argument: String },
     /// One name, two folders.
     #[error("root {name} is given twice, as {} and as {}: keep one", first.display(), second.display())]
     Twice {
-        /// The name.
         name: String,
-        /// Its first folder.
         first: PathBuf,
-        /// Its second folder.
         second: PathBuf,
     },
-    /// A path under a root that nobody named.
+    /// A path under a root that no `--root` names.
     #[error(
         "path {text:?} lies under root {name}, which is unknown: pass --root {name}=DIR, or write \
          \"./{text}\" if it is a file's name"
@@ -33,7 +28,6 @@ pub enum RootError {
     Unknown {
         /// The path as in the line.
         text: String,
-        /// The root's name.
         name: String,
     },
     /// A path that would leave its root.

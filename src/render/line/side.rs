@@ -1,7 +1,9 @@
 //! What one side of the pane shows: an RGBD photograph, or a panorama or a triangle mesh in its place.
 
+use super::image::{Apex, Transfer, is_white};
 use super::panorama::{PanoramaDepth, PanoramaFile};
-use super::scene_line::{Apex, Camera, Photograph, Transfer, is_white};
+use super::photograph::Photograph;
+use super::scene_line::Camera;
 use serde::{Deserialize, Serialize};
 
 /// One side of the pane. In JSON the keys `panorama` and `mesh` tell them apart; a photograph has neither.

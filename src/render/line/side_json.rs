@@ -2,8 +2,9 @@
 
 use super::depth_range::DepthRange;
 use super::highlights::Highlights;
+use super::image::{Apex, DepthKind, Fill, Intrinsics, Transfer, one, white};
 use super::panorama::{DepthMap, PanoramaDepth, PanoramaFile};
-use super::scene_line::{Apex, DepthKind, Fill, Intrinsics, Photograph, Transfer, one, white};
+use super::photograph::Photograph;
 use super::side::{MeshFile, MeshPose, Side};
 use serde::{Deserialize, Deserializer};
 

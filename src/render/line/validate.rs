@@ -1,107 +1,15 @@
 //! Whether a scene line makes sense by itself: every number within its range, every path given.
 
 use super::depth_range;
-use super::limits::{self, Limit};
+use super::error::{LineError, out_of_range, within};
+use super::limits;
 use super::panorama::{PanoramaDepth, PanoramaFile};
-use super::scene_line::{Focus, Photograph, SCENE_SCHEMA, SceneLine};
+use super::photograph::Photograph;
+use super::scene_line::{Focus, SCENE_SCHEMA, SceneLine};
 use super::side::{MeshFile, Side};
 
-/// A scene line that cannot be rendered, whatever its files hold.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum LineError {
-    /// Another schema, or another version of it.
-    #[error("schema is {found:?}, but must be \"glasshouse.scene/1\": write the line in that form")]
-    Schema {
-        /// What stands in its place.
-        found: String,
-    },
-    /// A number outside its range.
-    #[error("{field} is {value}, but must be {allowed}")]
-    OutOfRange {
-        /// The key, with dots.
-        field: String,
-        /// Its value.
-        value: f64,
-        /// The range in words.
-        allowed: &'static str,
-    },
-    /// A path without a letter.
-    #[error("{field} is empty, but must be the path of a file")]
-    EmptyPath {
-        /// The key, with dots.
-        field: String,
-    },
-    /// A relative depth without metres, or metres twice.
-    #[error(
-        "{}",
-        if *given {
-            format!("{side}.depth_range is given, but only depth_kind \"relative\" and \"relative_inverse\" have one: remove it")
-        } else {
-            format!("{side}.depth_kind is relative, but {side}.depth_range is missing: give {{\"mean_m\": metres}}")
-        }
-    )]
-    DepthRange {
-        /// `front` or `back`.
-        side: String,
-        /// A range stands there.
-        given: bool,
-    },
-    /// Light has no clipped codes.
-    #[error("{field} is given, but only images of transfer \"srgb\" have clipped codes: remove it")]
-    HighlightsOfLight {
-        /// The key, with dots.
-        field: String,
-    },
-    /// `apex` says where the reflected side's camera stands; the front one's is the lens.
-    #[error("front.apex is given, but only the back has an apex: move it to back")]
-    ApexOfFront,
-    /// A matrix that turns nothing, or that bends or mirrors the mesh.
-    #[error(
-        "{field} is no rotation: its rows must be of length 1 and at right angles (to 1e-4), its determinant +1; \
-         scale with unit_m"
-    )]
-    NoRotation {
-        /// The key, with dots.
-        field: String,
-    },
-    /// A ray that nearly slides along the pane.
-    #[error(
-        "a ray of film point ({u} px, {v} px) meets the pane at {angle_deg:.2} degrees, but at most \
-         85 are allowed: lessen glass.tilt_deg ({pitch_deg}, {yaw_deg}), lengthen \
-         camera.focal_length_mm ({focal_length_mm}) or narrow camera.aperture_radius_m"
-    )]
-    Grazing {
-        /// Film point of the worst ray, px.
-        u: f64,
-        /// Film point of the worst ray, px.
-        v: f64,
-        /// Its angle to the pane's normal.
-        angle_deg: f64,
-        /// `glass.tilt_deg[0]`.
-        pitch_deg: f64,
-        /// `glass.tilt_deg[1]`.
-        yaw_deg: f64,
-        /// `camera.focal_length_mm`.
-        focal_length_mm: f64,
-    },
-    /// The tilted pane reaches into the lens opening.
-    #[error(
-        "the pane cuts the lens: its plane is {plane_distance_m} m from the lens centre, but must be \
-         farther than {reach_m} m, the opening's reach towards it: raise glass.distance_m \
-         ({distance_m}), lessen glass.tilt_deg or narrow camera.aperture_radius_m"
-    )]
-    PaneCutsLens {
-        /// D, from the lens centre along the normal.
-        plane_distance_m: f64,
-        /// Farthest point of the lens opening along the normal.
-        reach_m: f64,
-        /// `glass.distance_m`.
-        distance_m: f64,
-    },
-}
-
 impl SceneLine {
-    /// Checks every field by itself; [`refuse`](super::refuse) looks at pane, lens and film together.
+    /// Checks every field by itself; [`crate::scene::check_geometry`] checks pane, lens and film together.
     pub fn validate(&self) -> Result<(), LineError> {
         if self.schema != SCENE_SCHEMA {
             return Err(LineError::Schema {
@@ -272,53 +180,11 @@ fn photograph(side: &str, photograph: &Photograph) -> Result<(), LineError> {
     depth_range::check(side, photograph.depth_kind, photograph.depth_range.as_ref())
 }
 
-/// `Ok` if `limit` holds `value`.
-pub(crate) fn within(field: &str, value: f64, limit: Limit) -> Result<(), LineError> {
-    if limit.contains(value) {
-        Ok(())
-    } else {
-        Err(out_of_range(field, value, limit))
-    }
-}
-
-fn out_of_range(field: &str, value: f64, limit: Limit) -> LineError {
-    LineError::OutOfRange {
-        field: field.to_owned(),
-        value,
-        allowed: limit.allowed,
-    }
-}
-
 #[cfg(test)]
-pub(super) mod tests {
-    use super::super::scene_line::Apex;
+mod tests {
+    use super::super::image::Apex;
+    use super::super::published::{photograph, published};
     use super::*;
-
-    /// The scene line of the design page.
-    pub(in super::super) fn published() -> SceneLine {
-        serde_json::from_str(
-            r#"{"schema":"glasshouse.scene/1","id":"000412","seed":412,
-                "film":{"width":256,"height":256,"spp":256,"filter":"box"},
-                "camera":{"focal_length_mm":55.0,"aperture_radius_m":0.00893,
-                          "focus":{"distance_m":7.05}},
-                "glass":{"distance_m":0.30,"thickness_m":0.010,"ior":1.6,
-                         "absorption_per_m":[0,0,0],"tilt_deg":[0,0]},
-                "front":{"color":"a.png","depth":"a_depth.npy","mask":"a_depth_mask.npy",
-                         "transfer":"srgb","depth_unit_m":1.0,"exposure":1.0,
-                         "intrinsics":{"fx":886.81,"fy":927.06,"cx":512,"cy":384}},
-                "back":{"color":"b.png","depth":"b_depth.npy","apex":"mirror",
-                        "intrinsics":{"fx":886.81,"fy":927.06,"cx":512,"cy":384}}}"#,
-        )
-        .unwrap()
-    }
-
-    /// The photograph of a side that is one.
-    pub(in super::super) fn photograph(side: &mut Side) -> &mut Photograph {
-        match side {
-            Side::Photograph(photograph) => photograph,
-            Side::Panorama(_) | Side::Mesh(_) => panic!("no photograph"),
-        }
-    }
 
     #[test]
     fn the_published_scene_is_sound() {
@@ -420,103 +286,106 @@ pub(super) mod tests {
         );
     }
 
+    type Spoil = fn(&mut SceneLine);
+
+    /// A change that spoils a line, and how its error begins.
+    const SPOILED: [(Spoil, &str); 28] = [
+        (
+            |l| l.film.width = 0,
+            "film.width is 0, but must be 1 to 16384",
+        ),
+        (|l| l.film.height = 16_385, "film.height is 16385"),
+        (
+            |l| l.film.spp = 0,
+            "film.spp is 0, but must be a power of two",
+        ),
+        (|l| l.film.spp = 96, "film.spp is 96"),
+        (|l| l.film.spp = 131_072, "film.spp is 131072"),
+        (
+            |l| l.film.order_tolerance = -1.0,
+            "film.order_tolerance is -1",
+        ),
+        (
+            |l| l.film.target_error = Some(0.0),
+            "film.target_error is 0, but must be finite and above 0",
+        ),
+        (
+            |l| l.camera.focal_length_mm = 0.0,
+            "camera.focal_length_mm is 0",
+        ),
+        (
+            |l| l.camera.aperture_radius_m = -0.1,
+            "camera.aperture_radius_m is -0.1",
+        ),
+        (
+            |l| l.camera.focus = Focus::Distance { distance_m: 0.0 },
+            "camera.focus.distance_m is 0",
+        ),
+        (
+            |l| l.glass.distance_m = f64::INFINITY,
+            "glass.distance_m is inf",
+        ),
+        (
+            |l| l.glass.thickness_m = -0.01,
+            "glass.thickness_m is -0.01",
+        ),
+        (
+            |l| l.glass.ior = 0.99,
+            "glass.ior is 0.99, but must be 1 to 10",
+        ),
+        (|l| l.glass.ior = 11.0, "glass.ior is 11"),
+        (|l| l.glass.ior = f64::NAN, "glass.ior is NaN"),
+        (
+            |l| l.glass.absorption_per_m[2] = -1.0,
+            "glass.absorption_per_m[2] is -1",
+        ),
+        (|l| l.glass.tilt_deg[0] = 90.0, "glass.tilt_deg[0] is 90"),
+        (|l| l.glass.tilt_deg[1] = -90.0, "glass.tilt_deg[1] is -90"),
+        (
+            |l| photograph(&mut l.front).depth_unit_m = 0.0,
+            "front.depth_unit_m is 0",
+        ),
+        (
+            |l| photograph(&mut l.back).exposure = f64::NAN,
+            "back.exposure is NaN",
+        ),
+        (
+            |l| photograph(&mut l.front).intrinsics.fx = 0.0,
+            "front.intrinsics.fx is 0",
+        ),
+        (
+            |l| photograph(&mut l.back).intrinsics.fy = -1.0,
+            "back.intrinsics.fy is -1",
+        ),
+        (
+            |l| photograph(&mut l.back).intrinsics.cx = f64::NAN,
+            "back.intrinsics.cx is NaN",
+        ),
+        (
+            |l| photograph(&mut l.front).intrinsics.size = Some([0, 3]),
+            "front.intrinsics.size[0] is 0",
+        ),
+        (
+            |l| photograph(&mut l.front).apex = Some(Apex::Mirror),
+            "front.apex",
+        ),
+        (
+            |l| photograph(&mut l.front).color.clear(),
+            "front.color is empty",
+        ),
+        (
+            |l| photograph(&mut l.back).mask = Some(String::new()),
+            "back.mask is empty",
+        ),
+        (
+            |l| l.schema = "glasshouse.scene/2".into(),
+            "schema is \"glasshouse.scene/2\"",
+        ),
+    ];
+
     #[test]
     fn every_bad_field_is_named_with_its_value_and_range() {
-        type Spoil = fn(&mut SceneLine);
-        let cases: [(Spoil, &str); 28] = [
-            (
-                |l| l.film.width = 0,
-                "film.width is 0, but must be 1 to 16384",
-            ),
-            (|l| l.film.height = 16_385, "film.height is 16385"),
-            (
-                |l| l.film.spp = 0,
-                "film.spp is 0, but must be a power of two",
-            ),
-            (|l| l.film.spp = 96, "film.spp is 96"),
-            (|l| l.film.spp = 131_072, "film.spp is 131072"),
-            (
-                |l| l.film.order_tolerance = -1.0,
-                "film.order_tolerance is -1",
-            ),
-            (
-                |l| l.film.target_error = Some(0.0),
-                "film.target_error is 0, but must be finite and above 0",
-            ),
-            (
-                |l| l.camera.focal_length_mm = 0.0,
-                "camera.focal_length_mm is 0",
-            ),
-            (
-                |l| l.camera.aperture_radius_m = -0.1,
-                "camera.aperture_radius_m is -0.1",
-            ),
-            (
-                |l| l.camera.focus = Focus::Distance { distance_m: 0.0 },
-                "camera.focus.distance_m is 0",
-            ),
-            (
-                |l| l.glass.distance_m = f64::INFINITY,
-                "glass.distance_m is inf",
-            ),
-            (
-                |l| l.glass.thickness_m = -0.01,
-                "glass.thickness_m is -0.01",
-            ),
-            (
-                |l| l.glass.ior = 0.99,
-                "glass.ior is 0.99, but must be 1 to 10",
-            ),
-            (|l| l.glass.ior = 11.0, "glass.ior is 11"),
-            (|l| l.glass.ior = f64::NAN, "glass.ior is NaN"),
-            (
-                |l| l.glass.absorption_per_m[2] = -1.0,
-                "glass.absorption_per_m[2] is -1",
-            ),
-            (|l| l.glass.tilt_deg[0] = 90.0, "glass.tilt_deg[0] is 90"),
-            (|l| l.glass.tilt_deg[1] = -90.0, "glass.tilt_deg[1] is -90"),
-            (
-                |l| photograph(&mut l.front).depth_unit_m = 0.0,
-                "front.depth_unit_m is 0",
-            ),
-            (
-                |l| photograph(&mut l.back).exposure = f64::NAN,
-                "back.exposure is NaN",
-            ),
-            (
-                |l| photograph(&mut l.front).intrinsics.fx = 0.0,
-                "front.intrinsics.fx is 0",
-            ),
-            (
-                |l| photograph(&mut l.back).intrinsics.fy = -1.0,
-                "back.intrinsics.fy is -1",
-            ),
-            (
-                |l| photograph(&mut l.back).intrinsics.cx = f64::NAN,
-                "back.intrinsics.cx is NaN",
-            ),
-            (
-                |l| photograph(&mut l.front).intrinsics.size = Some([0, 3]),
-                "front.intrinsics.size[0] is 0",
-            ),
-            (
-                |l| photograph(&mut l.front).apex = Some(Apex::Mirror),
-                "front.apex",
-            ),
-            (
-                |l| photograph(&mut l.front).color.clear(),
-                "front.color is empty",
-            ),
-            (
-                |l| photograph(&mut l.back).mask = Some(String::new()),
-                "back.mask is empty",
-            ),
-            (
-                |l| l.schema = "glasshouse.scene/2".into(),
-                "schema is \"glasshouse.scene/2\"",
-            ),
-        ];
-        for (spoil, message) in cases {
+        for (spoil, message) in SPOILED {
             let mut line = published();
             spoil(&mut line);
             let error = line.validate().unwrap_err().to_string();

@@ -4,32 +4,29 @@ use super::moves::{Moves, SMOOTH, SMOOTH_OF_STOPPED};
 use super::noise::NoiseMap;
 use super::tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord, layer_digest};
 use super::write::{halved, is_half};
+use crate::layer::{Layer, PerLayer};
 use crate::line::SceneLine;
 use crate::partial::Partial;
 use crate::shard::{ShardLayout, scene_digest};
-use crate::trace::{LAYERS, TRACER_VERSION};
+use crate::trace::TRACER_VERSION;
 use std::borrow::Borrow;
 use std::collections::BTreeMap;
 
 /// Why partials do not make a tuple.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub enum MergeError {
     /// Shards are missing.
     #[error("scene {scene}: {} of {total} shards are missing (first: {}); trace them with `work`, then merge again", missing.len(), missing[0])]
     Gaps {
-        /// The scene.
         scene: String,
-        /// Their numbers.
         missing: Vec<u32>,
-        /// All shards.
         total: u32,
     },
     /// A partial belongs to something else.
     #[error("scene {scene}: shard {shard} {reason}; delete that partial and run `work` again")]
     Foreign {
-        /// The scene.
         scene: String,
-        /// The shard.
         shard: u32,
         /// Why it does not belong.
         reason: &'static str,
@@ -39,13 +36,9 @@ pub enum MergeError {
         "scene {scene}: layer {layer} is not finite at pixel ({x}, {y}); check the inputs' radiance and depth"
     )]
     NotFinite {
-        /// The scene.
         scene: String,
-        /// The layer.
         layer: &'static str,
-        /// Pixel.
         x: u32,
-        /// Pixel.
         y: u32,
     },
 }
@@ -56,16 +49,29 @@ pub fn combine<P: Borrow<Partial>>(
     tile_px: u32,
     partials: &[P],
 ) -> Result<Tuple, MergeError> {
-    let scene = || line.id.to_string();
     let layout = ShardLayout::of(line, tile_px);
-    let partials = partials.iter().map(Borrow::borrow);
+    let in_order = check_partials(line, &layout, partials.iter().map(Borrow::borrow))?;
+    let mut combined = Combined::new(line);
+    // The sample ranges of a tile are neighbours.
+    for of_tile in in_order.chunks(layout.ranges() as usize) {
+        combined.add_tile(line, of_tile)?;
+    }
+    Ok(combined.tuple(line, in_order[0]))
+}
+
+/// The partials in the order of their shards, if each shard has one and all belong to this scene.
+fn check_partials<'a>(
+    line: &SceneLine,
+    layout: &ShardLayout,
+    partials: impl Iterator<Item = &'a Partial>,
+) -> Result<Vec<&'a Partial>, MergeError> {
     let by_shard: BTreeMap<u32, &Partial> = partials.map(|p| (p.header.shard, p)).collect();
     let missing: Vec<u32> = (0..layout.len())
         .filter(|index| !by_shard.contains_key(index))
         .collect();
     if !missing.is_empty() {
         return Err(MergeError::Gaps {
-            scene: scene(),
+            scene: line.id.to_string(),
             missing,
             total: layout.len(),
         });
@@ -76,7 +82,7 @@ pub fn combine<P: Borrow<Partial>>(
         let header = &by_shard[&shard.index].header;
         let foreign = |reason| {
             Err(MergeError::Foreign {
-                scene: scene(),
+                scene: line.id.to_string(),
                 shard: shard.index,
                 reason,
             })
@@ -94,28 +100,48 @@ pub fn combine<P: Borrow<Partial>>(
             return foreign("was made from other input files than shard 0");
         }
     }
+    Ok((0..layout.len()).map(|index| by_shard[&index]).collect())
+}
 
-    let (width, height) = (line.film.width as usize, line.film.height as usize);
-    let asked = line.film.layers.asked();
-    let mut layers = asked.map(|asked| vec![[0f32; 3]; width * height * usize::from(asked)]);
-    // Values for each pixel, so that they are added row by row whatever the tile.
-    let mut moves = asked.map(|asked| Moves::new(width * height * usize::from(asked)));
-    let (mut paths, mut misses, mut samples) = ([0u64; 4], [0u64; 4], [0u32; 4]);
-    let mut sample_sums: Option<[u64; 4]> = line.film.target_error.map(|_| [0; 4]);
-    let ranges = layout.ranges();
-    for tile_index in 0..layout.len() / ranges {
-        let of_tile: Vec<&Partial> = (0..ranges)
-            .map(|range| by_shard[&(tile_index * ranges + range)])
-            .collect();
+/// The partials so far, as images.
+struct Combined {
+    layers: PerLayer<Vec<[f32; 3]>>,
+    /// Values for each pixel, so that they are added row by row whatever the tile.
+    moves: PerLayer<Moves>,
+    samples: PerLayer<u32>,
+    sample_sums: Option<PerLayer<u64>>,
+    paths: PerLayer<u64>,
+    misses: PerLayer<u64>,
+}
+
+impl Combined {
+    /// Black images of the layers that the line asks for.
+    fn new(line: &SceneLine) -> Self {
+        let asked = line.film.layers.asked();
+        let pixels = line.film.width as usize * line.film.height as usize;
+        let pixels = |layer| pixels * usize::from(asked[layer]);
+        Self {
+            layers: PerLayer::of(|layer| vec![[0.0; 3]; pixels(layer)]),
+            moves: PerLayer::of(|layer| Moves::new(pixels(layer))),
+            samples: PerLayer::default(),
+            sample_sums: line.film.target_error.map(|_| PerLayer::default()),
+            paths: PerLayer::default(),
+            misses: PerLayer::default(),
+        }
+    }
+
+    /// Adds the partials of one tile, its sample ranges in order.
+    fn add_tile(&mut self, line: &SceneLine, of_tile: &[&Partial]) -> Result<(), MergeError> {
         let tile = of_tile[0].header.tile;
-        for layer in (0..4).filter(|&layer| asked[layer]) {
+        let width = line.film.width as usize;
+        for layer in line.film.layers.iter() {
             let counted: Vec<&Partial> = of_tile
                 .iter()
                 .copied()
                 .filter(|p| p.header.layer_samples[layer] > 0)
                 .collect();
             let total: u32 = counted.iter().map(|p| p.header.layer_samples[layer]).sum();
-            samples[layer] = samples[layer].max(total);
+            self.samples[layer] = self.samples[layer].max(total);
             for q in 0..of_tile[0].pixels.len() {
                 let x = tile.x as usize + q % tile.width as usize;
                 let y = tile.y as usize + q / tile.width as usize;
@@ -123,78 +149,86 @@ pub fn combine<P: Borrow<Partial>>(
                     let [mean, half, quarter] = combine_value(&counted, layer, q, c, total);
                     if !mean.is_finite() {
                         return Err(MergeError::NotFinite {
-                            scene: scene(),
-                            layer: LAYERS[layer],
+                            scene: line.id.to_string(),
+                            layer: layer.name(),
                             x: x as u32,
                             y: y as u32,
                         });
                     }
-                    layers[layer][y * width + x][c] = mean as f32;
-                    moves[layer].add(y * width + x, half - mean, quarter - half);
+                    self.layers[layer][y * width + x][c] = mean as f32;
+                    self.moves[layer].add(y * width + x, half - mean, quarter - half);
                 }
             }
         }
         for partial in of_tile {
-            for layer in 0..4 {
-                paths[layer] += partial.header.paths[layer];
-                misses[layer] += partial.header.misses[layer];
-                if let (Some(sums), Some(of_shard)) = (&mut sample_sums, partial.header.sample_sums)
+            for layer in Layer::ALL {
+                self.paths[layer] += partial.header.paths[layer];
+                self.misses[layer] += partial.header.misses[layer];
+                if let (Some(sums), Some(of_shard)) =
+                    (&mut self.sample_sums, partial.header.sample_sums)
                 {
                     sums[layer] += of_shard[layer];
                 }
             }
         }
+        Ok(())
     }
-    let pixels = (width * height) as f64;
-    let half = is_half(line, &layers);
-    let made = LAYERS.iter().enumerate().filter(|(k, _)| asked[*k]);
-    let mut noise = NoiseMap::of(&line.film);
-    let mut records = BTreeMap::new();
-    for (k, name) in made {
-        // R has no lens.
-        let tail = if sample_sums.is_some() && k != 3 {
-            SMOOTH_OF_STOPPED
-        } else {
-            SMOOTH
-        };
-        let error_rms = (samples[k] > 1).then(|| moves[k].rms_error(tail));
-        let mut record = LayerRecord::new(&layers[k], samples[k], error_rms, paths[k], misses[k]);
-        record.exr_blake3 = half.then(|| layer_digest(&halved(&layers[k])));
-        record.mean_samples = sample_sums.map(|sums| sums[k] as f64 / pixels);
-        if let Some(error_rms) = error_rms {
-            noise.layers[k] = moves[k].map(width, error_rms);
+
+    /// The tuple, with the stated errors and the digests of its layers.
+    fn tuple(self, line: &SceneLine, first: &Partial) -> Tuple {
+        let (width, height) = (line.film.width, line.film.height);
+        let half = is_half(line, &self.layers);
+        let mut noise = NoiseMap::of(&line.film);
+        let mut records = BTreeMap::new();
+        for layer in line.film.layers.iter() {
+            let (pixels, samples) = (&self.layers[layer], self.samples[layer]);
+            // R has no lens.
+            let tail = if self.sample_sums.is_some() && layer != Layer::CleanReflection {
+                SMOOTH_OF_STOPPED
+            } else {
+                SMOOTH
+            };
+            let error_rms = (samples > 1).then(|| self.moves[layer].rms_error(tail));
+            let (paths, misses) = (self.paths[layer], self.misses[layer]);
+            let mut record = LayerRecord::new(pixels, samples, error_rms, paths, misses);
+            record.exr_blake3 = half.then(|| layer_digest(&halved(pixels)));
+            let mean_samples = |sums: PerLayer<u64>| sums[layer] as f64 / pixels.len() as f64;
+            record.mean_samples = self.sample_sums.map(mean_samples);
+            if let Some(error_rms) = error_rms {
+                noise.layers[layer] = self.moves[layer].map(width as usize, error_rms);
+            }
+            records.insert(layer.name().to_owned(), record);
         }
-        records.insert((*name).to_owned(), record);
+        let record = TupleRecord {
+            schema: TUPLE_SCHEMA.to_owned(),
+            tracer_version: TRACER_VERSION,
+            base: "../..".to_owned(),
+            layers: records,
+            facts: first.header.facts.clone(),
+            inputs: first.header.inputs.clone(),
+            scene: line.clone(),
+        };
+        Tuple {
+            width,
+            height,
+            layers: self.layers,
+            record,
+            noise,
+        }
     }
-    let record = TupleRecord {
-        schema: TUPLE_SCHEMA.to_owned(),
-        tracer_version: TRACER_VERSION,
-        base: "../..".to_owned(),
-        layers: records,
-        facts: first.facts.clone(),
-        inputs: first.inputs.clone(),
-        scene: line.clone(),
-    };
-    Ok(Tuple {
-        width: line.film.width,
-        height: line.film.height,
-        layers,
-        record,
-        noise,
-    })
 }
 
 /// Means of all samples, of the first half and of the first quarter: from the ranges, or from within the only one.
 fn combine_value(
     counted: &[&Partial],
-    layer: usize,
+    layer: Layer,
     pixel: usize,
     colour: usize,
     total: u32,
 ) -> [f64; 3] {
     let of = |partial: &Partial| {
         let means = &partial.pixels[pixel];
-        [means.mean, means.half, means.quarter].map(|part| f64::from(part[layer][colour]))
+        [means.mean, means.half, means.quarter].map(|part| f64::from(part[layer as usize][colour]))
     };
     if let [only] = counted {
         return of(only);

@@ -1,19 +1,34 @@
-//! Stage 6: a scene's partials become a tuple.
+//! A scene's partials become a tuple: four images and their record.
+//!
+//! ```
+//! use render::merge::{MergeError, combine};
+//! use render::partial::Partial;
+//! # let side = r#"{"panorama": "room.exr", "transfer": "linear", "depth_m": 4}"#;
+//! # let line = render::line::parse_scene(&format!(r#"{{
+//! #     "schema": "glasshouse.scene/1", "id": "a", "seed": 1,
+//! #     "film": {{"width": 100, "height": 50, "spp": 1024}},
+//! #     "camera": {{"focal_length_mm": 55, "aperture_radius_m": 0, "focus": {{"at": "infinity"}}}},
+//! #     "glass": {{"distance_m": 0.3, "thickness_m": 0.01, "ior": 1.6}},
+//! #     "front": {side}, "back": {side}}}"#))?;
+//!
+//! // A film of two tiles and four sample ranges has eight shards; none of them is traced.
+//! let error = combine::<Partial>(&line, 64, &[]).unwrap_err();
+//! assert!(matches!(error, MergeError::Gaps { total: 8, .. }));
+//! # Ok::<(), render::line::ManifestError>(())
+//! ```
 
 mod combine;
 mod moves;
 mod noise;
 mod read;
-mod srgb;
 mod tuple;
 mod write;
 
 pub use combine::{MergeError, combine};
 pub use noise::NoiseMap;
-pub use read::{ExrChannels, check_png, decode_exr_channels, decode_tuple_exr};
-pub use srgb::{SrgbEncoder, linear_to_srgb, linear_to_srgb16, srgb_to_linear};
+pub use read::{check_png, decode_tuple_exr};
 pub use tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord};
 pub use write::{
-    TupleWriteError, encode_parts_exr, encode_png, encode_png16, encode_rgb_exr, encode_tuple_exr,
-    encode_tuple_file, is_record_of, is_written, tuple_files, write_tuple,
+    TupleWriteError, encode_png, encode_png16, encode_tuple_exr, encode_tuple_file, is_record_of,
+    is_written, tuple_files, write_tuple,
 };

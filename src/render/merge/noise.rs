@@ -1,15 +1,15 @@
-//! How uncertain a tuple is, and where: `RUN/noise/<scene>.exr`, for people who look.
+//! How uncertain a tuple is, and where: `RUN/noise/<scene>.exr`, for the report.
 //!
 //! A pixel's mean moved by some amount when its samples were doubled for the last time (first half against all). A value of
 //! the map is the RMS of these moves over the pixels of a cell and their colours, times one factor for the layer, such that
 //! the RMS over all pixels is the layer's stated error. A cell has 2 x 2 px: one pixel's move is a single draw and tells
-//! little of its own error, four tell more, and take a quarter of the room. The map is no part of the tuple: it
-//! may be missing, and nothing but the report reads it.
+//! little of its own error, four tell more, and take a quarter of the room. The map is no part of the tuple and
+//! may be missing.
 
-use super::read::{check_headers, decode_exr_channels};
-use super::write::{HALF_MAX, encode_exr};
+use crate::formats::exr_read::{check_headers, decode_exr_channels};
+use crate::formats::exr_write::{HALF_MAX, encode_exr};
+use crate::layer::{Layer, PerLayer};
 use crate::line::Film;
-use crate::trace::LAYERS;
 use exr::prelude::{AnyChannel, FlatSamples, f16};
 
 /// Side of a cell, px; those at the right and lower border may be smaller.
@@ -22,8 +22,8 @@ pub struct NoiseMap {
     pub width: u32,
     /// Cells down.
     pub height: u32,
-    /// I, T, R~, R; row by row, linear radiance. A layer that was not made, or of one sample, is empty.
-    pub layers: [Vec<f32>; 4],
+    /// Row by row, linear radiance. A layer that was not made, or of one sample, is empty.
+    pub layers: PerLayer<Vec<f32>>,
 }
 
 impl NoiseMap {
@@ -32,13 +32,13 @@ impl NoiseMap {
         Self {
             width: film.width.div_ceil(CELL_PX),
             height: film.height.div_ceil(CELL_PX),
-            layers: Default::default(),
+            layers: PerLayer::default(),
         }
     }
 
     /// No layer has a map.
     pub fn is_empty(&self) -> bool {
-        self.layers.iter().all(Vec::is_empty)
+        self.layers.0.iter().all(Vec::is_empty)
     }
 
     /// OpenEXR, ZIP: a channel for each layer, by its name; half floats, or floats if a value needs them.
@@ -47,18 +47,16 @@ impl NoiseMap {
     ///
     /// Of the encoder.
     pub fn encode(&self) -> Result<Vec<u8>, exr::error::Error> {
-        let half = self.layers.iter().flatten().all(|&v| v <= HALF_MAX);
-        let made = self.layers.iter().zip(LAYERS);
-        let channels = made
-            .filter(|(values, _)| !values.is_empty())
-            .map(|(values, name)| {
-                let samples = if half {
-                    FlatSamples::F16(values.iter().map(|&v| coarse(v)).collect())
-                } else {
-                    FlatSamples::F32(values.clone())
-                };
-                AnyChannel::new(name, samples)
-            });
+        let half = self.layers.0.iter().flatten().all(|&v| v <= HALF_MAX);
+        let made = self.layers.iter().filter(|(_, values)| !values.is_empty());
+        let channels = made.map(|(layer, values)| {
+            let samples = if half {
+                FlatSamples::F16(values.iter().map(|&v| coarse(v)).collect())
+            } else {
+                FlatSamples::F32(values.clone())
+            };
+            AnyChannel::new(layer.name(), samples)
+        });
         encode_exr(channels.collect(), self.width, self.height)
     }
 
@@ -72,18 +70,17 @@ impl NoiseMap {
         let size = [map.width, map.height];
         // The exr crate may panic on bytes that are no image.
         let decoded = std::panic::catch_unwind(|| {
-            check_headers(bytes, size, LAYERS.len())?;
+            check_headers(bytes, size, Layer::ALL.len())?;
             decode_exr_channels(bytes)
         });
         let decoded =
             decoded.unwrap_or_else(|_| Err("the OpenEXR reader gave up on it".to_owned()))?;
         for (name, values) in decoded.list {
-            let place = LAYERS.iter().position(|layer| *layer == name);
-            let place = place.ok_or_else(|| format!("{name:?} is no layer"))?;
+            let layer = Layer::from_name(&name).ok_or_else(|| format!("{name:?} is no layer"))?;
             if !values.iter().all(|v| v.is_finite() && *v >= 0.0) {
                 return Err(format!("its {name} holds what is no error"));
             }
-            map.layers[place] = values;
+            map.layers[layer] = values;
         }
         Ok(map)
     }
@@ -122,7 +119,7 @@ mod tests {
     fn map() -> NoiseMap {
         let values = |scale: f32| (0..15).map(|k| k as f32 * scale).collect();
         NoiseMap {
-            layers: [values(1e-4), Vec::new(), values(3e-3), values(0.0)],
+            layers: PerLayer([values(1e-4), Vec::new(), values(3e-3), values(0.0)]),
             ..NoiseMap::of(&film())
         }
     }
@@ -131,14 +128,14 @@ mod tests {
     fn maps_are_read_back_within_two_percent() {
         let map = map();
         let read = NoiseMap::decode(&map.encode().unwrap(), &film()).unwrap();
-        for (read, wrote) in read.layers.iter().zip(&map.layers) {
+        for (read, wrote) in read.layers.0.iter().zip(&map.layers.0) {
             assert_eq!(read.len(), wrote.len());
             for (read, wrote) in read.iter().zip(wrote) {
                 assert!((read - wrote).abs() <= 0.017 * wrote, "{read} {wrote}");
             }
         }
         let mut large = map;
-        large.layers[0][3] = 1e6;
+        large.layers[Layer::Input][3] = 1e6;
         let read = NoiseMap::decode(&large.encode().unwrap(), &film()).unwrap();
         assert_eq!(read, large);
         assert!(!large.is_empty() && NoiseMap::default().is_empty());
@@ -158,7 +155,7 @@ mod tests {
         let huge = NoiseMap {
             width: 4,
             height: 4,
-            layers: [vec![0.0; 16], Vec::new(), Vec::new(), Vec::new()],
+            layers: PerLayer([vec![0.0; 16], Vec::new(), Vec::new(), Vec::new()]),
         };
         let mut bytes = huge.encode().unwrap();
         // The data window's and the display window's last column and row are 3: make them 16383.

@@ -1,9 +1,9 @@
 //! A tuple: the four images of a scene, and the record of how they came to be.
 
 use super::noise::NoiseMap;
+use crate::layer::{Layer, PerLayer};
 use crate::line::SceneLine;
 use crate::scene::{InputDigests, SceneFacts};
-use crate::trace::LAYERS;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -17,8 +17,8 @@ pub struct Tuple {
     pub width: u32,
     /// Pixels down.
     pub height: u32,
-    /// I, T, R~, R; row by row. A layer that was not asked for is empty.
-    pub layers: [Vec<[f32; 3]>; 4],
+    /// Row by row. A layer that was not asked for is empty.
+    pub layers: PerLayer<Vec<[f32; 3]>>,
     /// `tuple.json`.
     pub record: TupleRecord,
     /// Written beside the tuple, and no part of it.
@@ -26,10 +26,9 @@ pub struct Tuple {
 }
 
 impl Tuple {
-    /// The layers that were asked for, with their names.
-    pub fn made(&self) -> impl Iterator<Item = (&Vec<[f32; 3]>, &'static str)> {
-        let named = self.layers.iter().zip(LAYERS);
-        named.filter(|(pixels, _)| !pixels.is_empty())
+    /// The layers that were asked for.
+    pub fn made(&self) -> impl Iterator<Item = (Layer, &Vec<[f32; 3]>)> {
+        self.layers.iter().filter(|(_, pixels)| !pixels.is_empty())
     }
 }
 

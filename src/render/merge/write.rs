@@ -1,18 +1,15 @@
 //! A tuple as files: `tuple.exr`, the layers' PNGs, `tuple.json` last, so that its presence means all are there.
 
-use super::srgb::{SrgbEncoder, linear_to_srgb16};
 use super::tuple::{Tuple, TupleRecord};
 use crate::atomic_file::{self, WriteError};
+use crate::color::{SrgbEncoder, linear_to_srgb16};
+use crate::formats::exr_write::{HALF_MAX, channel, encode_exr};
+use crate::layer::PerLayer;
 use crate::line::{ExrPrecision, SceneLine};
 use crate::trace::TRACER_VERSION;
-use exr::image::write::layers::WritableLayers;
-use exr::prelude::{
-    AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, ImageAttributes,
-    IntegerBounds, Layer, LayerAttributes, LineOrder, WritableImage, f16,
-};
+use exr::prelude::f16;
 use image::ImageEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use std::io::Cursor;
 use std::path::Path;
 
 /// Files of the folder of a scene's tuple, in the order in which they are written.
@@ -24,23 +21,16 @@ pub fn tuple_files(line: &SceneLine) -> Vec<String> {
         .collect()
 }
 
-/// Largest value of a half float.
-pub(super) const HALF_MAX: f32 = 65_504.0;
-
 /// A tuple could not be written.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub enum TupleWriteError {
     /// The disk.
     #[error(transparent)]
     File(#[from] WriteError),
     /// The encoder.
     #[error("cannot encode {name}: {reason}")]
-    Encode {
-        /// Which file.
-        name: String,
-        /// Why.
-        reason: String,
-    },
+    Encode { name: String, reason: String },
 }
 
 fn encode_error(name: &str, reason: &dyn std::fmt::Display) -> TupleWriteError {
@@ -96,11 +86,11 @@ pub fn encode_tuple_file(
         }
         _ => {
             let stem = name.strip_suffix(".png").unwrap_or(name);
-            let (layer, _) = tuple
+            let (_, pixels) = tuple
                 .made()
-                .find(|(_, layer)| *layer == stem)
+                .find(|(layer, _)| layer.name() == stem)
                 .ok_or_else(|| encode_error(name, &"the tuple has no such layer"))?;
-            encode_png(encoder, layer, tuple.width, tuple.height)
+            encode_png(encoder, pixels, tuple.width, tuple.height)
                 .map_err(|e| encode_error(name, &e))
         }
     }
@@ -141,53 +131,9 @@ pub fn encode_png16(
     Ok(png)
 }
 
-/// One layer as 32-bit float OpenEXR with channels R, G, B.
-pub fn encode_rgb_exr(
-    pixels: &[[f32; 3]],
-    width: u32,
-    height: u32,
-) -> Result<Vec<u8>, exr::error::Error> {
-    encode_exr(rgb_channels(pixels, ExrPrecision::Float), width, height)
-}
-
-/// Layers as the parts of one OpenEXR file, each of its name, with channels R, G, B. With [`ExrPrecision::Half`] values are
-/// rounded to halves. A single layer without a name is a plain file of one part.
-pub fn encode_parts_exr(
-    parts: &[(&str, &[[f32; 3]])],
-    width: u32,
-    height: u32,
-    precision: ExrPrecision,
-) -> Result<Vec<u8>, exr::error::Error> {
-    if let [("", pixels)] = parts {
-        return encode_exr(rgb_channels(pixels, precision), width, height);
-    }
-    let layers = parts.iter().map(|(name, pixels)| {
-        layer_of(
-            LayerAttributes::named(*name),
-            rgb_channels(pixels, precision),
-            [width, height],
-        )
-    });
-    let layers: Vec<Layer<AnyChannels<FlatSamples>>> = layers.collect();
-    let bounds = IntegerBounds::new((0, 0), (width as usize, height as usize));
-    write_exr(&Image::from_layers(ImageAttributes::new(bounds), layers))
-}
-
-fn rgb_channels(pixels: &[[f32; 3]], precision: ExrPrecision) -> Vec<AnyChannel<FlatSamples>> {
-    let channel = |c: usize| {
-        let values = pixels.iter().map(|p| p[c]);
-        let samples = match precision {
-            ExrPrecision::Half => FlatSamples::F16(values.map(f16::from_f32).collect()),
-            ExrPrecision::Float => FlatSamples::F32(values.collect()),
-        };
-        AnyChannel::new(["R", "G", "B"][c], samples)
-    };
-    (0..3).map(channel).collect()
-}
-
 /// The layers are stored as half floats: the scene asks for it and their values allow it.
-pub(super) fn is_half(line: &SceneLine, layers: &[Vec<[f32; 3]>; 4]) -> bool {
-    let mut values = layers.iter().flatten().flatten();
+pub(super) fn is_half(line: &SceneLine, layers: &PerLayer<Vec<[f32; 3]>>) -> bool {
+    let mut values = layers.0.iter().flatten().flatten();
     line.film.exr == ExrPrecision::Half && values.all(|&v| v <= HALF_MAX)
 }
 
@@ -201,59 +147,17 @@ pub(super) fn halved(pixels: &[[f32; 3]]) -> Vec<[f32; 3]> {
 
 /// All layers in one file, channels `input.R`, ...: half floats if the values allow it, else floats.
 pub fn encode_tuple_exr(tuple: &Tuple) -> Result<Vec<u8>, exr::error::Error> {
-    let half = is_half(&tuple.record.scene, &tuple.layers);
+    let precision = if is_half(&tuple.record.scene, &tuple.layers) {
+        ExrPrecision::Half
+    } else {
+        ExrPrecision::Float
+    };
     let mut list = Vec::new();
-    for (layer, name) in tuple.made() {
+    for (layer, pixels) in tuple.made() {
         for (c, colour) in ["R", "G", "B"].into_iter().enumerate() {
-            let samples = layer.iter().map(|p| p[c]);
-            let samples = if half {
-                FlatSamples::F16(samples.map(f16::from_f32).collect())
-            } else {
-                FlatSamples::F32(samples.collect())
-            };
-            list.push(AnyChannel::new(
-                format!("{name}.{colour}").as_str(),
-                samples,
-            ));
+            let values = pixels.iter().map(|p| p[c]);
+            list.push(channel(&format!("{layer}.{colour}"), values, precision));
         }
     }
     encode_exr(list, tuple.width, tuple.height)
-}
-
-pub(super) fn encode_exr(
-    channels: Vec<AnyChannel<FlatSamples>>,
-    width: u32,
-    height: u32,
-) -> Result<Vec<u8>, exr::error::Error> {
-    write_exr(&Image::from_layer(layer_of(
-        LayerAttributes::default(),
-        channels,
-        [width, height],
-    )))
-}
-
-fn layer_of(
-    attributes: LayerAttributes,
-    channels: Vec<AnyChannel<FlatSamples>>,
-    [width, height]: [u32; 2],
-) -> Layer<AnyChannels<FlatSamples>> {
-    let encoding = Encoding {
-        compression: Compression::ZIP16,
-        blocks: exr::image::Blocks::ScanLines,
-        line_order: LineOrder::Increasing,
-    };
-    Layer::new(
-        (width as usize, height as usize),
-        attributes,
-        encoding,
-        AnyChannels::sort(channels.into_iter().collect()),
-    )
-}
-
-fn write_exr<'image, Layers: WritableLayers<'image>>(
-    image: &'image Image<Layers>,
-) -> Result<Vec<u8>, exr::error::Error> {
-    let mut bytes = Cursor::new(Vec::new());
-    image.write().non_parallel().to_buffered(&mut bytes)?;
-    Ok(bytes.into_inner())
 }

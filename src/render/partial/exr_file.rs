@@ -1,21 +1,22 @@
 //! Partials as OpenEXR bytes.
 
 use super::{Partial, PartialHeader};
-use crate::trace::{LAYERS, PixelMeans};
+use crate::formats::exr_read::{check_claim, first_layer, headers};
+use crate::formats::exr_write::write_exr_into;
+use crate::layer::Layer;
+use crate::trace::PixelMeans;
 use exr::prelude::{
-    AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, IntegerBounds, Layer,
-    LayerAttributes, MetaData, ReadChannels, ReadLayers, Text, Vec2, WritableImage, read,
+    AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, IntegerBounds,
+    Layer as Part, LayerAttributes, Text, Vec2,
 };
-use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 /// A file that is no usable partial. It is traced again.
 #[derive(Debug, thiserror::Error)]
 #[error("partial {} is not usable: {reason}; it will be traced again", path.display())]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub struct PartialError {
-    /// The file.
     pub path: PathBuf,
-    /// What is wrong.
     pub reason: String,
 }
 
@@ -28,25 +29,26 @@ const BLOCK_PIXELS: usize = 128;
 const HEADER_BYTES: usize = 1 << 16;
 
 /// Channel name, and where its value stands in a pixel.
-fn channels() -> impl Iterator<Item = (String, usize, usize, usize)> {
+fn channels() -> impl Iterator<Item = (String, usize, Layer, usize)> {
     ["", "_half", "_quarter"]
         .into_iter()
         .enumerate()
         .flat_map(|(part, suffix)| {
-            LAYERS.iter().enumerate().flat_map(move |(layer, name)| {
+            Layer::ALL.into_iter().flat_map(move |layer| {
                 let colours = COLOURS.iter().enumerate();
-                colours.map(move |(c, colour)| (format!("{name}{suffix}.{colour}"), part, layer, c))
+                colours
+                    .map(move |(c, colour)| (format!("{layer}{suffix}.{colour}"), part, layer, c))
             })
         })
 }
 
-fn value(pixel: &mut PixelMeans, part: usize, layer: usize, colour: usize) -> &mut f32 {
+fn value(pixel: &mut PixelMeans, part: usize, layer: Layer, colour: usize) -> &mut f32 {
     let means = match part {
         0 => &mut pixel.mean,
         1 => &mut pixel.half,
         _ => &mut pixel.quarter,
     };
-    &mut means[layer][colour]
+    &mut means[layer as usize][colour]
 }
 
 /// The channels' values, in the order of [`channels`].
@@ -61,6 +63,7 @@ fn planes(pixels: &[PixelMeans]) -> Vec<Vec<f32>> {
     // So few pixels at a time that they stay in the cache for all channels.
     for block in pixels.chunks(BLOCK_PIXELS) {
         for (plane, &(part, layer, c)) in planes.iter_mut().zip(&places) {
+            let layer = layer as usize;
             match part {
                 0 => plane.extend(block.iter().map(|pixel| pixel.mean[layer][c])),
                 1 => plane.extend(block.iter().map(|pixel| pixel.half[layer][c])),
@@ -92,7 +95,7 @@ pub(super) fn encode_as(
         Text::from(ATTRIBUTE),
         AttributeValue::Text(Text::from(header.to_json().as_str())),
     );
-    let layer = Layer::new(
+    let layer = Part::new(
         (tile.width as usize, tile.height as usize),
         attributes,
         Encoding::UNCOMPRESSED,
@@ -102,9 +105,7 @@ pub(super) fn encode_as(
     image.attributes.display_window =
         IntegerBounds::from_dimensions((header.film[0] as usize, header.film[1] as usize));
     let length = size_of_val(pixels) + HEADER_BYTES;
-    let mut bytes = Cursor::new(Vec::with_capacity(length));
-    image.write().non_parallel().to_buffered(&mut bytes)?;
-    Ok(bytes.into_inner())
+    write_exr_into(&image, Vec::with_capacity(length))
 }
 
 /// Reads a partial and checks its digest. `path` is for the error's text.
@@ -121,25 +122,8 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Partial, PartialError> {
 
 fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
     // Before anything of the claimed size is allocated: partials are not compressed, so a file holds its pixels.
-    let meta =
-        MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| e.to_string())?;
-    let claimed = meta.headers.iter().fold(0u128, |sum, header| {
-        let size = header.layer_size;
-        sum + size.width() as u128 * size.height() as u128 * header.channels.bytes_per_pixel as u128
-    });
-    if claimed > bytes.len() as u128 {
-        return Err("it is shorter than the image that its header describes".to_owned());
-    }
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .non_parallel()
-        .from_buffered(Cursor::new(bytes))
-        .map_err(|e| e.to_string())?;
-    let layer = &image.layer_data;
+    check_claim(&headers(bytes)?, bytes.len() as u128)?;
+    let layer = first_layer(bytes)?;
     let header = match layer.attributes.other.get(&Text::from(ATTRIBUTE)) {
         Some(AttributeValue::Text(json)) => {
             serde_json::from_str::<PartialHeader>(&json.to_string()).map_err(|e| e.to_string())?
@@ -151,7 +135,7 @@ fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
         return Err("its size is not its tile's".to_owned());
     }
     let mut pixels = vec![PixelMeans::default(); count];
-    for (name, part, layer_index, c) in channels() {
+    for (name, part, of, c) in channels() {
         let channel = layer
             .channel_data
             .list
@@ -161,7 +145,7 @@ fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
             return Err(format!("it has no float channel {name}"));
         };
         for (pixel, &sample) in pixels.iter_mut().zip(samples) {
-            *value(pixel, part, layer_index, c) = sample;
+            *value(pixel, part, of, c) = sample;
         }
     }
     let partial = Partial { header, pixels };

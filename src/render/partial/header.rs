@@ -1,6 +1,7 @@
 //! The JSON attribute of a partial.
 
 use crate::ids::SceneId;
+use crate::layer::PerLayer;
 use crate::scene::{InputDigests, SceneFacts};
 use crate::trace::Tile;
 use serde::{Deserialize, Serialize};
@@ -30,15 +31,15 @@ pub struct PartialHeader {
     pub tile: Tile,
     /// Half-open range of sample indices.
     pub samples: [u32; 2],
-    /// Samples a pixel that each layer took (I, T, R~, R).
-    pub layer_samples: [u32; 4],
+    /// Samples a pixel that each layer took.
+    pub layer_samples: PerLayer<u32>,
     /// Of an adaptive scene: each layer's samples, summed over the pixels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub sample_sums: Option<[u64; 4]>,
+    pub sample_sums: Option<PerLayer<u64>>,
     /// Paths of each layer.
-    pub paths: [u64; 4],
+    pub paths: PerLayer<u64>,
     /// Paths that ended on the border's continuation.
-    pub misses: [u64; 4],
+    pub misses: PerLayer<u64>,
     /// What was found out about the scene.
     pub facts: SceneFacts,
     /// BLAKE3 of this header without this field, and of the pixels' bits.

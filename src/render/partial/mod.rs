@@ -1,9 +1,15 @@
-//! Stage 5: one shard's result on disk.
+//! One shard's result on disk.
 //!
 //! An uncompressed OpenEXR file: its data window is the shard's tile, its display window the film; 36 float
-//! channels hold each layer's mean and the means of the first half and the first quarter of its samples (the error
-//! estimate's, see [`crate::trace::square_error`]); one header attribute, `glasshouse`, holds the rest as JSON. A partial is believed only if its
-//! own digest fits its bits: a torn or foreign file is traced again.
+//! channels hold each layer's mean and the means of the first half and the first quarter of its samples (for the error
+//! estimate, see [`crate::trace::square_error`]); one header attribute, `glasshouse`, holds the rest as JSON. A partial
+//! is accepted only if its own digest fits its bits: a torn or foreign file is traced again.
+//!
+//! ```
+//! let torn = render::partial::decode("partials/a/0007.exr".as_ref(), b"v/1");
+//! let error = torn.unwrap_err().to_string();
+//! assert!(error.starts_with("partial partials/a/0007.exr is not usable"));
+//! ```
 
 mod exr_file;
 mod header;

@@ -6,14 +6,13 @@ use crate::formats::files::{FileFormat, NamedBytes};
 use crate::formats::npy::{Axes, NpyHead, NpyImage};
 use crate::formats::npy_header::Element;
 use crate::formats::raster::{self, Raster, Samples};
-use crate::formats::{openexr, pfm};
+use crate::formats::{exr_raster, pfm};
 use crate::line::{Highlights, Transfer};
 use std::rc::Rc;
 
 pub(super) const FORMATS: &str = "a PNG, JPEG, PNM, EXR, Radiance HDR, PFM or .npy colour image";
 const NPY: &str = "(H,W), (H,W,1), (H,W,3) or (H,W,4) of u1, u2, f2, f4 or f8";
 
-/// Radiance of a photograph.
 pub(super) struct Color {
     pub(super) width: usize,
     pub(super) height: usize,
@@ -33,7 +32,7 @@ pub(super) fn decode(
     scale: [f64; 3],
 ) -> Result<Color, SceneError> {
     let raster = match file.format(FORMATS)? {
-        FileFormat::Exr => openexr::decode_color(file)?,
+        FileFormat::Exr => exr_raster::decode_color(file)?,
         FileFormat::Npy => decode_npy(file)?,
         FileFormat::Pfm => pfm::decode(file)?,
         format => raster::decode(file, format)?,
@@ -85,7 +84,7 @@ pub(super) fn decode_expanded(
 /// Width and height, from the header of a file of `length` bytes; `file` may hold the beginning alone.
 pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
     match file.format(FORMATS)? {
-        FileFormat::Exr => openexr::color_size(file),
+        FileFormat::Exr => exr_raster::color_size(file),
         FileFormat::Npy => {
             let head = NpyHead::parse(file, length, Axes::Color, NPY)?;
             match head.element() {

@@ -5,7 +5,7 @@ use crate::formats::files::{FileFormat, NamedBytes};
 use crate::formats::npy::{Axes, NpyHead, NpyImage};
 use crate::formats::npy_header::Element;
 use crate::formats::raster::{self, Raster, Samples};
-use crate::formats::{openexr, pfm};
+use crate::formats::{exr_raster, pfm};
 use crate::line::{DepthKind, Intrinsics};
 
 const FORMATS: &str = "a .npy, grey PNG, grey PNM, PFM or EXR depth image";
@@ -49,7 +49,7 @@ pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneEr
             check_element(file, head.element())?;
             return Ok([head.width, head.height]);
         }
-        FileFormat::Exr => return openexr::depth_size(file),
+        FileFormat::Exr => return exr_raster::depth_size(file),
         FileFormat::Pfm => {
             let head = pfm::head(file, length)?;
             (head.width, head.height, head.channels, false)
@@ -67,7 +67,7 @@ pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneEr
 pub(super) fn decode(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError> {
     let raster = match format(file)? {
         FileFormat::Npy => return decode_npy(file, unit_m),
-        FileFormat::Exr => openexr::decode_depth(file)?,
+        FileFormat::Exr => exr_raster::decode_depth(file)?,
         FileFormat::Pfm => pfm::decode(file)?,
         format => raster::decode(file, format)?,
     };

@@ -1,5 +1,6 @@
 //! The one place where a scene's files are read; decoding them is pure.
 
+use super::facts::order_facts;
 use super::panorama::decode_panorama;
 use super::window::Sight;
 use super::{AssembleError, Decoded, SceneFacts, assemble, decode_mesh, decode_photograph};
@@ -12,6 +13,7 @@ use std::path::{Path, PathBuf};
 
 /// Why a scene cannot be made from its files: a reason for quarantine.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub enum LoadError {
     /// A path leads nowhere.
     #[error(transparent)]
@@ -19,9 +21,7 @@ pub enum LoadError {
     /// A file cannot be read.
     #[error("cannot read {}: {source}; check the path and the roots (--root NAME=DIR)", path.display())]
     Read {
-        /// The file.
         path: PathBuf,
-        /// Why.
         source: std::io::Error,
     },
     /// A file's content cannot be used.
@@ -34,9 +34,9 @@ pub enum LoadError {
 
 /// The bytes of a scene's files.
 pub struct SceneFiles {
-    /// Of the front.
+    /// Seen through the pane.
     pub front: SideFiles,
-    /// Of the back.
+    /// Seen reflected in it.
     pub back: SideFiles,
 }
 
@@ -57,7 +57,7 @@ pub struct DecodedScene {
     pub front: Decoded,
     /// Seen reflected in it.
     pub back: Decoded,
-    /// Of the files.
+    /// BLAKE3 digests of the files.
     pub inputs: InputDigests,
 }
 
@@ -68,12 +68,22 @@ pub struct InputDigests(pub BTreeMap<String, String>);
 
 /// A scene that can be traced, and what is known about it.
 pub struct LoadedScene {
-    /// For the tracer.
+    /// What the tracer takes.
     pub scene: Scene,
-    /// For the record.
+    /// What loading found out, for partials and `tuple.json`.
     pub facts: SceneFacts,
-    /// Of the files it was made from.
+    /// BLAKE3 digests of its files.
     pub inputs: InputDigests,
+}
+
+impl LoadedScene {
+    /// Takes over the line's seed, sample count and layers; nothing else of the line may have changed.
+    pub(crate) fn resample(&mut self, line: &SceneLine) {
+        let scene = &mut self.scene;
+        (scene.seed, scene.spp) = (line.seed, line.film.spp);
+        scene.layers = line.film.layers.asked();
+        self.facts.orders = order_facts(&scene.orders, scene.spp);
+    }
 }
 
 /// Reads all of a scene's files. Paths are relative to `base` or under a named root.
@@ -81,7 +91,7 @@ pub fn read_files(line: &SceneLine, roots: &Roots, base: &Path) -> Result<SceneF
     read_files_by(line, roots, base, &|path| std::fs::read(path))
 }
 
-/// [`read_files`] for who reads from elsewhere, too: `read` is given what [`Roots::resolve`] makes of the line's paths.
+/// [`read_files`] from any storage: `read` gets the line's paths as [`Roots::resolve`] resolves them.
 pub fn read_files_by(
     line: &SceneLine,
     roots: &Roots,
@@ -129,8 +139,8 @@ pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadErr
     })
 }
 
-/// The first half of [`load`], for who assembles several scenes from the same photographs (of a panorama only what this
-/// line sees of it is decoded).
+/// The first half of [`load`], for several scenes of the same photographs. Of a panorama it decodes only the part that
+/// this line sees.
 pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, LoadError> {
     Ok(DecodedScene {
         front: decode_side(&line.front.seen_by(&line.camera), &files.front, || {
@@ -143,7 +153,7 @@ pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, Load
     })
 }
 
-/// `sight` is asked for by panoramas alone, of which a line needs a part.
+/// Only panoramas call `sight`: a line needs a part of them.
 fn decode_side(
     side: &Side,
     files: &SideFiles,

@@ -1,7 +1,7 @@
 //! What the beginning and the end of a file tell: whether it can be what a scene line takes it for.
 //!
 //! Nothing is refused here that a scene could be made from: where a header alone does not settle it, the file is read as
-//! a scene's files are. What is wrong with the pixels themselves (NaN, no valid depth) is not looked for.
+//! a scene's files are. The pixels themselves (NaN, no valid depth) are not checked.
 
 use super::{color, depth, mask, panorama};
 use crate::formats::error::SceneError;
@@ -101,8 +101,8 @@ fn whole_sphere(file: &NamedBytes, [width, height]: [usize; 2]) -> Result<[usize
     Ok([width, height])
 }
 
-/// Whether the file ends as its format does. True of those whose header was held against the length already, and of
-/// those whose end was not read.
+/// Whether the file ends as its format does. True where the header was checked against the length already, and
+/// where the end was not read.
 fn ends_well(ends: &FileEnds, is_whole: bool) -> bool {
     let end = match &ends.end {
         _ if is_whole => &ends.start.bytes,
@@ -121,8 +121,8 @@ fn ends_well(ends: &FileEnds, is_whole: bool) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::formats::exr_raster::tests::exr;
     use crate::formats::npy::tests::npy;
-    use crate::formats::openexr::tests::exr;
     use crate::formats::raster::tests::{jpeg, png};
     use ::exr::prelude::FlatSamples;
     use image::ExtendedColorType as Png;

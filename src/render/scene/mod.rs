@@ -1,16 +1,16 @@
-//! Stage 3: the files of a manifest line become sheets of radiance and inverse depth (or meshes), in metres.
+//! The files of a scene line become sheets of radiance and inverse depth (or meshes), in metres.
 //!
 //! Everything here is pure: the caller reads the files, this module reads their bytes. A
 //! photograph goes through these files, in this order:
 //!
 //! ```text
-//! files (format by magic bytes) -> npy | openexr | raster -> depth, mask, color (transfer)
+//! files (format by magic bytes) -> npy | exr_raster | raster -> depth, mask, color (transfer)
 //!                                                      -> fill, center -> photograph (Sheet)
 //! ```
 //!
 //! a panorama through `window` (what the film sees of it) and `equirect` to `panorama` (Sheet),
-//! and a mesh through `ply_header`, `ply`, `transfer` to `mesh` (Polygons); `assemble` takes either. Who checks many files has
-//! `look`, which reads little more than their headers.
+//! and a mesh through `ply_header`, `ply`, `transfer` to `mesh` (Polygons). `assemble` takes either: `place`, `check_geometry`,
+//! `near`, `surface`, with the coordinates of `geometry`. `look` checks many files by little more than their headers.
 //!
 //! Hostile bytes end in a [`SceneError`], never in a panic, and sizes are checked before anything
 //! of that size is allocated ([`limits`]). A sheet's bits are a function of the bytes and the
@@ -18,10 +18,14 @@
 
 mod assemble;
 mod center;
+mod check_geometry;
 mod color;
 mod depth;
 mod equirect;
+mod error;
+mod facts;
 mod fill;
+mod geometry;
 mod highlights;
 mod load;
 mod look;
@@ -32,17 +36,21 @@ mod panorama;
 mod photograph;
 mod place;
 mod relative;
+mod surface;
 mod transfer;
 mod window;
 
-pub use assemble::{AssembleError, OrderFact, SceneFacts, Sides, assemble};
+pub use assemble::assemble;
+pub use check_geometry::{GeometryError, MAX_INCIDENCE_DEG, check_geometry};
+pub use error::{AssembleError, MAX_TOO_NEAR_SHARE};
+pub use facts::{OrderFact, SceneFacts, Sides};
+pub(crate) use geometry::BackCamera;
 pub use load::{
     DecodedScene, InputDigests, LoadError, LoadedScene, SceneFiles, SideFiles, decode, load,
     read_files, read_files_by,
 };
 pub use look::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
 pub use mesh::{Polygons, decode_mesh};
-pub use near::MAX_TOO_NEAR_SHARE;
 pub use photograph::{Sheet, decode_linear_image, decode_photograph};
 pub use place::{Decoded, MeshFacts, MeshSides};
 pub use relative::{RelativeEnds, RelativeSides};

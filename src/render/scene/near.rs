@@ -1,13 +1,10 @@
 //! How much of a side stands between the lens and the pane.
 
-use super::assemble::AssembleError;
+use super::error::{AssembleError, MAX_TOO_NEAR_SHARE};
 use super::photograph::Sheet;
 use super::place::Placed;
 use crate::trace::{NEAR_M, Slab};
 use glam::DVec3;
-
-/// Share of the valid depth pixels, or of the vertices in the field of view, that may lie nearer than the pane.
-pub const MAX_TOO_NEAR_SHARE: f64 = 0.01;
 
 /// The pane and the view that surfaces are measured against.
 pub(super) struct Near<'a> {

@@ -20,7 +20,7 @@ const MAX_VIEW_SIDE: usize = 2048;
 /// Least pixels a radian: on a coarser grid a sphere, flat between vertices, would be off by more than 1e-4 of its radius.
 const MIN_PX_PER_RAD: f64 = 36.0;
 
-/// Pixels along one side of the view in which the nearest surface is looked for.
+/// Pixels along one side of the view that is searched for the nearest surface.
 const MAX_SEARCH_SIDE: usize = 512;
 
 /// Distances along the rays of a panorama.

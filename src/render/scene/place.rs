@@ -1,6 +1,6 @@
 //! What the files of one side became, and where it stands.
 
-use super::assemble::AssembleError;
+use super::error::AssembleError;
 use super::mesh::Polygons;
 use super::photograph::Sheet;
 use super::relative::RelativeEnds;

@@ -5,8 +5,8 @@
 //! of the nearest surface to infinity, and its image is monotone in between: the two ends of the outermost lines bound
 //! all that can be hit.
 
-use super::assemble::{film_directions, film_plane, film_reach, mirror, slab};
-use crate::line::{Apex, Focus, FocusAt, SceneLine};
+use super::geometry::{BackCamera, film_directions, film_plane, film_reach, slab};
+use crate::line::{Focus, FocusAt, SceneLine};
 use crate::trace::{Lens, Order, Slab};
 use glam::{DMat3, DVec3};
 
@@ -37,31 +37,24 @@ pub(super) struct Sight {
 impl Sight {
     /// Through the pane.
     pub(super) fn front(line: &SceneLine) -> Self {
-        Self::new(line, DMat3::IDENTITY, |_| DVec3::ZERO, Order::Transmitted)
+        let aligned = (DMat3::IDENTITY, DVec3::ZERO);
+        Self::new(line, slab(line), aligned, Order::Transmitted)
     }
 
     /// Reflected in it.
     pub(super) fn back(line: &SceneLine) -> Self {
-        match line.back.apex().unwrap_or_default() {
-            Apex::Mirror => {
-                let flip = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
-                Self::new(line, flip, |_| DVec3::ZERO, Order::Reflected)
-            }
-            Apex::Camera => {
-                let turn = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0));
-                let to_lens = |slab: &Slab| turn * (slab.normal * (2.0 * slab.plane_distance_m));
-                Self::new(line, turn * mirror(&slab(line)), to_lens, Order::Reflected)
-            }
-        }
+        let slab = slab(line);
+        let capture_from_lens =
+            BackCamera::new(line.back.apex().unwrap_or_default(), &slab).capture_from_lens();
+        Self::new(line, slab, capture_from_lens, Order::Reflected)
     }
 
     fn new(
         line: &SceneLine,
-        rotation: DMat3,
-        translation_m: impl Fn(&Slab) -> DVec3,
+        slab: Slab,
+        (rotation, translation_m): (DMat3, DVec3),
         order: fn(u32) -> Order,
     ) -> Self {
-        let slab = slab(line);
         let film = film_plane(line);
         let aperture_radius_m = line.camera.aperture_radius_m;
         let inverse_focus_per_m = match line.camera.focus {
@@ -80,7 +73,7 @@ impl Sight {
         };
         Self {
             directions: film_directions(film_reach(&film, &lens)),
-            translation_m: translation_m(&slab),
+            translation_m,
             slab,
             aperture_radius_m,
             rotation,

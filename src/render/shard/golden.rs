@@ -3,6 +3,7 @@
 use super::golden_scenes::{GoldenScene, golden_scenes};
 use super::layout::samples_per_range;
 use super::spec::Golden;
+use crate::layer::Layer;
 use crate::trace::{Isa, Scene, Tile, trace_tile};
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -99,7 +100,7 @@ fn digest(golden: &GoldenScene, isa: Isa) -> String {
                 hasher.update(&value.to_le_bytes());
             }
         }
-        for layer in 0..4 {
+        for layer in Layer::ALL {
             hasher.update(&result.samples[layer].to_le_bytes());
             hasher.update(&result.misses[layer].to_le_bytes());
         }

@@ -1,12 +1,15 @@
 //! The built-in scenes: small, and between them every branch of the tracer.
 //!
-//! To add one: a row in [`golden_scenes`], its digest in the table of `golden.rs` (the test prints it), its reference
+//! To add one: a row in [`SCENES`], its digest in the table of `golden.rs` (the test prints it), its reference
 //! image (see `tests/physics/golden.rs`), and a new [`super::golden::SET`] name.
 
+use crate::layer::PerLayer;
+use crate::line::Apex;
+use crate::scene::BackCamera;
 use crate::trace::{
     FilmPlane, FilterTable, Grid, Lens, OrderPlan, Pose, Sampling, Scene, Slab, Texture, View,
 };
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 /// A scene of the golden set.
 pub struct GoldenScene {
@@ -34,7 +37,6 @@ struct Words {
     light: f32,
     order_tolerance: f64,
     target_error: Option<f64>,
-    /// I, T, R~, R.
     layers: [bool; 4],
 }
 
@@ -78,21 +80,20 @@ impl Words {
             tan_half_fov: FilmPlane::tan_half_fov(16, 10, 55.0),
             filter: self.gaussian.then(FilterTable::gaussian),
         };
-        let extra_m = if self.from_camera {
-            2.0 * slab.plane_distance_m
-        } else {
-            0.0
-        };
+        let camera = BackCamera::new(Apex::Camera, &slab);
         let (pose, sign) = if self.from_camera && slab.is_tilted() {
-            let mirror = DMat3::IDENTITY
-                - DMat3::from_cols(normal.x * normal, normal.y * normal, normal.z * normal) * 2.0;
-            let turn = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0));
+            let (rotation, translation_m) = camera.capture_from_lens();
             let pose = Pose::General {
-                rotation: turn * mirror,
-                translation_m: turn * (normal * extra_m),
+                rotation,
+                translation_m,
             };
             (pose, 1.0)
         } else {
+            let extra_m = if self.from_camera {
+                camera.twice_distance_m()
+            } else {
+                0.0
+            };
             (Pose::Aligned { extra_m }, -1.0)
         };
         // Cosines from straight on to the farthest corner of film and lens, as in `scene::assemble`, but fewer.
@@ -109,7 +110,7 @@ impl Words {
             sampling: Sampling::Sobol,
             spp: self.spp,
             target_error: self.target_error,
-            layers: self.layers,
+            layers: PerLayer(self.layers),
             first_reflection_alone: false,
             film,
             lens: Lens {
@@ -152,120 +153,64 @@ fn hash(q: usize, salt: u32) -> u32 {
     x ^ (x >> 15)
 }
 
+type Change = fn(&mut Words);
+
+/// How each scene differs from [`Words::new`], in a fixed order.
+const SCENES: [(&str, Change); 14] = [
+    ("mirror", |_| {}),
+    ("camera", |w| w.from_camera = true),
+    ("tilted-absorbing", |w| {
+        w.tilt_deg = [9.0, -14.0];
+        w.absorption_per_m = [3.0, 1.0, 2.0];
+    }),
+    ("tilted-camera-gaussian", |w| {
+        w.tilt_deg = [-6.0, 12.0];
+        w.from_camera = true;
+        w.gaussian = true;
+    }),
+    // Brighter than white: the first orders and R take all samples.
+    ("lights", |w| w.light = 1e4),
+    ("pinhole", |w| {
+        w.aperture_radius_m = 0.0;
+        w.inverse_focus_per_m = 0.0;
+    }),
+    ("thin-pane", |w| w.thickness_m = 0.0),
+    ("air", |w| w.ior = 1.0),
+    // Sixty degrees: a dozen orders, the last ones thinned.
+    ("steep", |w| {
+        w.tilt_deg = [0.0, 60.0];
+        w.thickness_m = 0.03;
+        w.order_tolerance = 1e-6;
+    }),
+    // Two ranges of 256; only the first holds samples of R.
+    ("two-ranges", |w| w.spp = 512),
+    // Four samples, less than a group; depth images of one row and of one pixel's width.
+    ("one-row", |w| {
+        w.spp = 4;
+        w.depth_px = [40, 1];
+    }),
+    ("one-column", |w| {
+        w.spp = 1;
+        w.depth_px = [1, 40];
+    }),
+    ("adaptive", |w| {
+        w.spp = 256;
+        w.target_error = Some(0.02);
+    }),
+    ("two-layers", |w| w.layers = [false, true, false, true]),
+];
+
 /// All of them, in a fixed order.
 pub fn golden_scenes() -> Vec<GoldenScene> {
-    let plain = Words::new;
-    let rows: Vec<(&'static str, Words)> = vec![
-        ("mirror", plain()),
-        (
-            "camera",
-            Words {
-                from_camera: true,
-                ..plain()
-            },
-        ),
-        (
-            "tilted-absorbing",
-            Words {
-                tilt_deg: [9.0, -14.0],
-                absorption_per_m: [3.0, 1.0, 2.0],
-                ..plain()
-            },
-        ),
-        (
-            "tilted-camera-gaussian",
-            Words {
-                tilt_deg: [-6.0, 12.0],
-                from_camera: true,
-                gaussian: true,
-                ..plain()
-            },
-        ),
-        // Brighter than white: the first orders and R take all samples.
-        (
-            "lights",
-            Words {
-                light: 1e4,
-                ..plain()
-            },
-        ),
-        (
-            "pinhole",
-            Words {
-                aperture_radius_m: 0.0,
-                inverse_focus_per_m: 0.0,
-                ..plain()
-            },
-        ),
-        (
-            "thin-pane",
-            Words {
-                thickness_m: 0.0,
-                ..plain()
-            },
-        ),
-        (
-            "air",
-            Words {
-                ior: 1.0,
-                ..plain()
-            },
-        ),
-        // Sixty degrees: a dozen orders, the last ones thinned.
-        (
-            "steep",
-            Words {
-                tilt_deg: [0.0, 60.0],
-                thickness_m: 0.03,
-                order_tolerance: 1e-6,
-                ..plain()
-            },
-        ),
-        // Two ranges of 256; only the first holds samples of R.
-        (
-            "two-ranges",
-            Words {
-                spp: 512,
-                ..plain()
-            },
-        ),
-        // Four samples, less than a group; depth images of one row and of one pixel's width.
-        (
-            "one-row",
-            Words {
-                spp: 4,
-                depth_px: [40, 1],
-                ..plain()
-            },
-        ),
-        (
-            "one-column",
-            Words {
-                spp: 1,
-                depth_px: [1, 40],
-                ..plain()
-            },
-        ),
-        (
-            "adaptive",
-            Words {
-                spp: 256,
-                target_error: Some(0.02),
-                ..plain()
-            },
-        ),
-        (
-            "two-layers",
-            Words {
-                layers: [false, true, false, true],
-                ..plain()
-            },
-        ),
-    ];
-    rows.into_iter()
-        .map(|(name, words)| GoldenScene {
-            name,
-            scene: words.scene(),
+    SCENES
+        .into_iter()
+        .map(|(name, change)| {
+            let mut words = Words::new();
+            change(&mut words);
+            GoldenScene {
+                name,
+                scene: words.scene(),
+            }
         })
         .collect()
 }
@@ -308,7 +253,7 @@ mod tests {
         }
         any("many orders", &|s| s.orders.back.len() >= 8);
         any("a target", &|s| s.target_error.is_some());
-        any("layers left out", &|s| s.layers != [true; 4]);
+        any("layers left out", &|s| s.layers.0 != [true; 4]);
         any("several blocks", &|s| s.spp > 256);
         any("one sample", &|s| s.spp == 1);
         any("a depth image of one row", &|s| sheet(&s.front).1.1 == 1);

@@ -1,4 +1,14 @@
-//! Stage 2, *who does what*: a scene becomes tile-level shards, and a run's rules are frozen in its spec.
+//! A scene becomes shards, tiles times sample ranges, and a run's rules are frozen in its spec.
+//!
+//! ```
+//! use render::shard::ShardLayout;
+//!
+//! // 100 x 50 px in tiles of 64 px: two across, one down. 1024 samples: four ranges of 256.
+//! let layout = ShardLayout::new(100, 50, 1024, 64);
+//! assert_eq!(layout.len(), 8);
+//! let last = layout.shard(7);
+//! assert_eq!((last.tile.x, last.tile.width, last.samples), (64, 36, 768..1024));
+//! ```
 
 mod golden;
 mod golden_scenes;

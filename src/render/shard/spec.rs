@@ -51,8 +51,8 @@ pub struct Golden {
     "{} holds another run than this recipe makes:\n{diff}finish it with the recipe it was planned from, or plan \
      into a new folder with --out", run.display()
 )]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub struct SpecMismatch {
-    /// The run's folder.
     pub run: PathBuf,
     /// What differs, a line each.
     pub diff: String,

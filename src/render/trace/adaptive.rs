@@ -9,6 +9,7 @@ use super::bundle::Tracer;
 use super::means::{Components, Means, NOTHING, PixelMeans, Wanted};
 use super::scene::Scene;
 use super::tile::{Tile, TileResult};
+use crate::layer::{Layer, PerLayer};
 
 /// Side of a cell, px. Tiles of an adaptive scene begin at multiples of it.
 pub const CELL_PX: u32 = 8;
@@ -40,7 +41,7 @@ pub(super) fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, target: f64) ->
     );
     let mut tracer = Tracer::<AVX2>::new(scene);
     let mut pixels = vec![PixelMeans::default(); (tile.width * tile.height) as usize];
-    let (mut samples, mut sums) = ([0u32; 4], [0u64; 4]);
+    let (mut samples, mut sums) = (PerLayer([0u32; 4]), PerLayer([0u64; 4]));
     for y in (0..tile.height).step_by(CELL_PX as usize) {
         for x in (0..tile.width).step_by(CELL_PX as usize) {
             let (width, height) = (CELL_PX.min(tile.width - x), CELL_PX.min(tile.height - y));
@@ -56,7 +57,7 @@ pub(super) fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, target: f64) ->
                 let (x, y) = at(q as u32);
                 pixels[(y * tile.width + x) as usize] = components.pixel(scene.layers);
             }
-            for (layer, count) in cell.samples(scene).into_iter().enumerate() {
+            for (layer, &count) in cell.samples(scene).iter() {
                 samples[layer] = samples[layer].max(count);
                 sums[layer] += u64::from(count) * u64::from(width * height);
             }
@@ -144,15 +145,15 @@ impl Cell {
 
     /// Which parts go on.
     fn decide(&mut self, scene: &Scene, target: f64) {
-        let of = |layer: usize| self.error(|c| c.layers()[layer]);
-        let above = |layer: usize| scene.layers[layer] && of(layer) > target;
-        let is_input_above = above(0);
+        let of = |layer: Layer| self.error(|c| c.layers()[layer]);
+        let above = |layer: Layer| scene.layers[layer] && of(layer) > target;
+        let is_input_above = above(Layer::Input);
         // What I still lacks is sought where the larger share of its error comes from.
         let (front, back) = (self.error(|c| c.front), self.error(|c| c.reflected));
         let go_on = [
-            above(1) || (is_input_above && front >= back),
-            above(2) || (is_input_above && back > front),
-            above(3),
+            above(Layer::Transmission) || (is_input_above && front >= back),
+            above(Layer::GlassReflection) || (is_input_above && back > front),
+            above(Layer::CleanReflection),
         ];
         for (part, go_on) in self.parts.iter_mut().zip(go_on) {
             part.goes_on = go_on && part.samples < scene.spp;
@@ -176,15 +177,11 @@ impl Cell {
     }
 
     /// Samples a pixel of each layer's strongest order.
-    fn samples(&self, scene: &Scene) -> [u32; 4] {
+    fn samples(&self, scene: &Scene) -> PerLayer<u32> {
         let [front, back, clean] = self.parts.map(|part| part.samples);
         let thinning = scene.orders.back.first().map_or(1, |order| order.thinning);
-        let counts = [front.max(back), front, (back / thinning).max(1), clean];
-        let mut asked = [0; 4];
-        for layer in 0..4 {
-            asked[layer] = counts[layer] * u32::from(scene.layers[layer]);
-        }
-        asked
+        let taken = PerLayer([front.max(back), front, (back / thinning).max(1), clean]);
+        PerLayer::of(|layer| taken[layer] * u32::from(scene.layers[layer]))
     }
 }
 

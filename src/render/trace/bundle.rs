@@ -25,6 +25,7 @@ use super::shade::{absorbed, weights};
 use super::slab::Order;
 use super::tile::Isa;
 use super::walk::{Lines, Walkers, walk_bundle};
+use crate::layer::{Layer, PerLayer};
 use std::ops::Range;
 
 /// Traces pixels of a scene and counts paths.
@@ -36,8 +37,8 @@ pub(super) struct Tracer<'a, const AVX2: bool> {
     rays: Box<BundleRays>,
     front: Vec<Sums>,
     back: Vec<Sums>,
-    paths: [u64; 4],
-    misses: [u64; 4],
+    paths: PerLayer<u64>,
+    misses: PerLayer<u64>,
 }
 
 /// A bundle's lines and where they end. Kept from bundle to bundle.
@@ -86,18 +87,18 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
             rays: BundleRays::new(),
             front: vec![NOTHING; scene.orders.front.len()],
             back: vec![NOTHING; scene.orders.back.len()],
-            paths: [0; 4],
-            misses: [0; 4],
+            paths: PerLayer::default(),
+            misses: PerLayer::default(),
         }
     }
 
     /// Paths and missed paths of the layers so far.
-    pub(super) fn counts(&self) -> ([u64; 4], [u64; 4]) {
+    pub(super) fn counts(&self) -> (PerLayer<u64>, PerLayer<u64>) {
         (self.paths, self.misses)
     }
 
-    /// What is `wanted` of pixel (`x`, `y`) from `samples`, an aligned power-of-two block of which R takes the first
-    /// `clean`.
+    /// What is `wanted` of pixel (`x`, `y`) from `samples`, an aligned power-of-two block; R takes its first
+    /// `clean` samples.
     #[inline(always)]
     pub(super) fn pixel(
         &mut self,
@@ -292,13 +293,15 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
     }
 
     fn count_paths(&mut self, bundle: &Bundle, misses: u64) {
-        let layers: &[usize] = match (bundle.order, bundle.feeds) {
-            (Some(Order::Transmitted(_)), Feeds::Both) => &[0, 1],
-            (Some(Order::Transmitted(_)), Feeds::Bare) => &[1],
-            (Some(Order::Transmitted(_)), Feeds::Order) => &[0],
-            (Some(Order::Reflected(1..)), _) if self.scene.first_reflection_alone => &[0],
-            (Some(Order::Reflected(_)), _) => &[0, 2],
-            (None, _) => &[3],
+        let layers: &[Layer] = match (bundle.order, bundle.feeds) {
+            (Some(Order::Transmitted(_)), Feeds::Both) => &[Layer::Input, Layer::Transmission],
+            (Some(Order::Transmitted(_)), Feeds::Bare) => &[Layer::Transmission],
+            (Some(Order::Transmitted(_)), Feeds::Order) => &[Layer::Input],
+            (Some(Order::Reflected(1..)), _) if self.scene.first_reflection_alone => {
+                &[Layer::Input]
+            }
+            (Some(Order::Reflected(_)), _) => &[Layer::Input, Layer::GlassReflection],
+            (None, _) => &[Layer::CleanReflection],
         };
         for &layer in layers {
             self.paths[layer] += u64::from(bundle.ends[2]);

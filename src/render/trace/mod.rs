@@ -1,9 +1,25 @@
-//! Stage 4: rays. A pure function from a scene, a tile and a range of samples to the four layers' means.
+//! Rays: a pure function from a scene, a tile and a range of samples to the four layers' means.
 //!
 //! The estimator is written down in `bundle`, the glass in `slab`, the intersection in `walk`
 //! and, for triangle meshes, in `mesh`. No file,
 //! clock, environment or thread pool is used here, and every sum has a fixed order: a pixel's bits depend on the
 //! scene and the sample range alone.
+//!
+//! ```
+//! use render::trace::{Order, Slab};
+//!
+//! let pane = Slab {
+//!     normal: glam::DVec3::Z,
+//!     plane_distance_m: 0.3,
+//!     thickness_m: 0.01,
+//!     ior: 1.5,
+//!     absorption_per_m: [0.0; 3],
+//! };
+//! // At normal incidence a face reflects ((n - 1) / (n + 1))^2, and glass that absorbs nothing loses nothing.
+//! assert!((pane.weight(Order::Reflected(0), 1.0)[0] - 0.04).abs() < 1e-15);
+//! let all = pane.total_transmittance(1.0)[0] + pane.total_reflectance(1.0)[0];
+//! assert!((all - 1.0).abs() < 1e-15);
+//! ```
 
 #![allow(
     clippy::needless_bitwise_bool,
@@ -44,7 +60,7 @@ pub use sampler::{BLOCK, PixelSeed, sample};
 pub use scene::{FilmPlane, FilterTable, Lens, Pose, Sampling, Scene, Surface, View};
 pub use slab::{Order, Slab};
 pub use texture::Texture;
-pub use tile::{Isa, LAYERS, Tile, TileResult, trace_tile};
+pub use tile::{Isa, Tile, TileResult, trace_tile};
 
 /// Version of the tracer's results: raised whenever any pixel or stated error changes. A run refuses to continue with another.
 pub const TRACER_VERSION: u32 = 3;

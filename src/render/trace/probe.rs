@@ -1,7 +1,7 @@
 //! The intersection kernel by itself: what a pixel's bundle does in [`super::bundle`] between its lines and its hits.
 //!
 //! There is no clock here: a probe prepares camera samples and lines once, then finds each bundle's span and walks the
-//! grid as often as it is asked to, and whoever measures holds the watch.
+//! grid as often as it is asked to. The caller measures the time.
 
 use super::camera::{CameraBlock, GROUPS, Pixel};
 use super::lanes::{LANES, Lane};
@@ -87,7 +87,7 @@ pub struct WalkCount {
 
 impl<'a> BundleProbe<'a> {
     /// Bundles of `order` (`None`: R's pinhole, which sees no glass) of every `step_px`-th pixel across and down: their
-    /// first 256 samples, of which the scene must have as many.
+    /// first 256 samples; the scene must have at least as many.
     ///
     /// `None` if no grid is walked: R with apex `mirror`, whose hits do not depend on the sheet, and meshes.
     pub fn new(scene: &'a Scene, order: Option<Order>, step_px: u32) -> Option<Self> {
@@ -152,8 +152,8 @@ impl<'a> BundleProbe<'a> {
         self.view
     }
 
-    /// Span and walk of every bundle: inverse depths (1/m) of all hits into `hits`, in the order of the rays. This is what
-    /// is to be timed. The result depends on the scene alone, not on `isa`. Panics if `hits` has another length.
+    /// Span and walk of every bundle: inverse depths (1/m) of all hits into `hits`, in the order of the rays. Benchmarks time
+    /// this call. The result depends on the scene alone, not on `isa`. Panics if `hits` has another length.
     pub fn intersect(&self, isa: Isa, hits: &mut [f32]) {
         assert_eq!(hits.len(), self.len(), "a hit for each ray");
         match isa {

@@ -11,6 +11,7 @@
 
 use super::lanes::{LANES, Lane};
 use super::scene::Sampling;
+use crate::hash::{GOLDEN_GAMMA, mix64};
 
 /// Samples that `block` makes at a time; ranges of more samples are whole numbers of blocks.
 pub const BLOCK: usize = 256;
@@ -22,20 +23,12 @@ pub struct PixelSeed {
     value: [u32; 4],
 }
 
-/// Mixes all bits (the finaliser of SplitMix64).
-const fn mix64(mut x: u64) -> u64 {
-    x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
-}
-
 impl PixelSeed {
     /// Seeds of pixel (`x`, `y`) of the scene with `scene_seed`.
     pub fn new(scene_seed: u64, x: u32, y: u32) -> Self {
         let pixel = mix64(u64::from(x) | u64::from(y) << 32);
-        let key = mix64(scene_seed.wrapping_add(0x9e37_79b9_7f4a_7c15) ^ pixel);
-        let word =
-            |k: u64| (mix64(key.wrapping_add(k.wrapping_mul(0x9e37_79b9_7f4a_7c15))) >> 32) as u32;
+        let key = mix64(scene_seed.wrapping_add(GOLDEN_GAMMA) ^ pixel);
+        let word = |k: u64| (mix64(key.wrapping_add(k.wrapping_mul(GOLDEN_GAMMA))) >> 32) as u32;
         Self {
             index: [word(1), word(2)],
             value: [word(3), word(4), word(5), word(6)],

@@ -1,4 +1,4 @@
-//! The grid kernel and its bounds against f64: every triangle tried, every ray of a bundle looked at.
+//! The grid kernel and its bounds against f64: every triangle is tried, every ray of a bundle checked.
 
 #![allow(
     clippy::print_stdout,
@@ -352,7 +352,7 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
         sampling: Sampling::Sobol,
         spp: 256,
         target_error: None,
-        layers: [true; 4],
+        layers: crate::layer::PerLayer([true; 4]),
         first_reflection_alone: false,
         film: FilmPlane {
             width: 120,

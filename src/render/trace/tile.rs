@@ -5,6 +5,7 @@ use super::bundle::Tracer;
 use super::means::{PixelMeans, Wanted};
 use super::sampler::BLOCK;
 use super::scene::Scene;
+use crate::layer::PerLayer;
 use std::ops::Range;
 
 /// A rectangle of the film, px.
@@ -40,14 +41,6 @@ impl Isa {
     }
 }
 
-/// The four layers, in the order in which everything stores them.
-pub const LAYERS: [&str; 4] = [
-    "input",
-    "transmission",
-    "glass_reflection",
-    "clean_reflection",
-];
-
 /// A traced tile.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TileResult {
@@ -55,13 +48,13 @@ pub struct TileResult {
     pub pixels: Vec<PixelMeans>,
     /// Samples a pixel that each layer's strongest order took (0: the layer is not asked for, or the range holds none of
     /// R's); of an adaptive scene the most.
-    pub samples: [u32; 4],
+    pub samples: PerLayer<u32>,
     /// Of an adaptive scene: the same summed over the pixels.
-    pub sample_sums: Option<[u64; 4]>,
+    pub sample_sums: Option<PerLayer<u64>>,
     /// Paths of each layer.
-    pub paths: [u64; 4],
+    pub paths: PerLayer<u64>,
     /// Paths of each layer that ended on the border's continuation.
-    pub misses: [u64; 4],
+    pub misses: PerLayer<u64>,
 }
 
 /// Traces `samples` (a power-of-two block, or all) of each pixel of `tile`.
@@ -123,13 +116,10 @@ fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, samples: Range<u32>) -> Ti
     let block = count.min(BLOCK as u32);
     let strongest = scene.orders.back.first();
     let reflected = strongest.map_or(count, |o| o.samples_of_block(block) * (count / block));
-    let mut of_layer = [count, count, reflected, clean];
-    for layer in 0..4 {
-        of_layer[layer] *= u32::from(scene.layers[layer]);
-    }
+    let taken = PerLayer([count, count, reflected, clean]);
     TileResult {
         pixels,
-        samples: of_layer,
+        samples: PerLayer::of(|layer| taken[layer] * u32::from(scene.layers[layer])),
         sample_sums: None,
         paths,
         misses,

@@ -86,7 +86,7 @@ struct Rays {
     active: [u32; RAYS],
 }
 
-/// The rays of one bundle on their way. Kept by who walks many bundles, so that it is not made anew.
+/// The rays of one bundle on their way; reused from bundle to bundle.
 pub(crate) struct Walkers(Vec<Rays>);
 
 impl Walkers {
@@ -273,14 +273,13 @@ impl<'a> Ground<'a> {
         }
     }
 
-    /// Takes each ray through its cell; 0 when all have met the sheet.
+    /// Inverse depths at the four corners of each ray's cell: upper left, upper right, lower left, lower right.
     #[inline(always)]
     #[allow(
         unsafe_code,
         reason = "a bounds check for each corner of each cell would double the loop's cost"
     )]
-    fn step<const AVX2: bool, const CLAMP: bool>(&self, r: &mut Rays) -> u32 {
-        // Inverse depths at the four corners of each ray's cell.
+    fn corners<const AVX2: bool, const CLAMP: bool>(&self, r: &Rays) -> [[f32; RAYS]; 4] {
         let (mut w00, mut w10) = ([0f32; RAYS], [0f32; RAYS]);
         let (mut w01, mut w11) = ([0f32; RAYS], [0f32; RAYS]);
         if CLAMP {
@@ -309,8 +308,8 @@ impl<'a> Ground<'a> {
             for l in 0..RAYS {
                 q[l] = (r.cell[l] as u32).min(self.last_cell);
             }
-            // SAFETY: q <= self.last_cell = (self.ny - 2) self.nx + self.nx - 2, so q + self.nx + 1 <= self.ny self.nx - 1 < self.w.len(); `AVX2` is only
-            // set inside a function that is compiled for AVX2.
+            // SAFETY: q <= last_cell = (ny - 2) nx + nx - 2, so q + nx + 1 <= ny nx - 1 < w.len(); `AVX2` is only set inside
+            // a function that is compiled for AVX2.
             [w00, w10, w01, w11] = unsafe {
                 #[cfg(target_arch = "x86_64")]
                 if AVX2 {
@@ -322,6 +321,13 @@ impl<'a> Ground<'a> {
                 corners(self.w, self.nx as usize, &q)
             };
         }
+        [w00, w10, w01, w11]
+    }
+
+    /// Takes each ray through its cell; 0 when all have met the sheet.
+    #[inline(always)]
+    fn step<const AVX2: bool, const CLAMP: bool>(&self, r: &mut Rays) -> u32 {
+        let [w00, w10, w01, w11] = self.corners::<AVX2, CLAMP>(r);
         let mut any = 0u32;
         for l in 0..RAYS {
             // Where the line leaves the cell, and where it crosses the diagonal inside it.

@@ -21,7 +21,7 @@ const MOST_WORKERS: u32 = 256;
 
 /// `bench farm`
 #[derive(Debug, ClapArgs)]
-pub struct BenchFarmArgs {
+pub(super) struct BenchFarmArgs {
     /// Simulate the farm in virtual time, without servers and tracer
     #[arg(long)]
     pub simulate: bool,
@@ -307,21 +307,21 @@ enum Which {
 
 /// `--kill`; a share has its times drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Kill {
+pub(super) struct Kill {
     which: Which,
     at_s: Option<f64>,
 }
 
 /// `--slow`
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Slow {
+pub(super) struct Slow {
     which: Which,
     times: f64,
 }
 
 /// `--stop`; a share has its times drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stop {
+pub(super) struct Stop {
     which: Which,
     at_s: Option<f64>,
     for_s: f64,

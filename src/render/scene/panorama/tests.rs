@@ -1,7 +1,7 @@
 use super::super::{LoadedScene, SceneFiles, SideFiles, load};
 use super::*;
+use crate::formats::exr_raster::tests::exr;
 use crate::formats::npy::tests::npy;
-use crate::formats::openexr::tests::exr;
 use crate::formats::raster::tests::png;
 use crate::line::{SceneLine, Side};
 use crate::trace::{Isa, Tile, TileResult, trace_tile};
@@ -226,11 +226,11 @@ fn no_path_ends_on_a_border_s_continuation() {
         let loaded = made(&line, &image, Some(&depth));
         let result = traced(&loaded);
         assert_eq!(
-            result.misses, [0; 4],
+            result.misses.0, [0; 4],
             "{apex} {glass} of {:?}",
             result.paths
         );
-        assert!(result.paths.iter().all(|&paths| paths > 0));
+        assert!(result.paths.0.iter().all(|&paths| paths > 0));
     }
 }
 

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::formats::NamedBytes;
+use crate::formats::exr_raster::tests::{exr, exr_coded};
 use crate::formats::npy::tests::npy;
-use crate::formats::openexr::tests::{exr, exr_coded};
 use crate::formats::raster::tests::{jpeg, png, repair_png};
 use ::exr::prelude::{Blocks, Compression, Encoding, FlatSamples, LineOrder, Vec2};
 use image::ExtendedColorType as Png;

@@ -60,7 +60,7 @@ impl Tree {
                 Aabb::from_points(&points)
             })
             .collect();
-        // The builder adds up how long it took; nobody here wants to know.
+        // The builder measures its own time; it is not used here.
         let built = build_bvh2(
             &boxes,
             BvhBuildParams::medium_build(),

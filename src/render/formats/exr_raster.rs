@@ -76,7 +76,7 @@ pub(crate) fn decode_depth(file: &NamedBytes) -> Result<Raster, SceneError> {
     file.contain(FileFormat::Exr, || read_single(file, &depth_layer(file)?.0))
 }
 
-/// The layers' headers, none of which asks for too much memory.
+/// The layers' headers; an error if one asks for too much memory.
 fn headers(file: &NamedBytes) -> Result<Vec<Header>, SceneError> {
     let meta = MetaData::read_from_buffered(Cursor::new(file.bytes.as_slice()), false)
         .map_err(|error| file.unreadable(FileFormat::Exr, error))?;

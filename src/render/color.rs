@@ -1,4 +1,6 @@
-//! Linear light to 8-bit sRGB, exactly rounded and fast.
+//! The sRGB curve (IEC 61966-2-1) and its inverse, and 8-bit codes, exactly rounded and fast.
+//!
+//! Through `libm`, whose bits do not depend on the machine, unlike those of `f64::powf`.
 
 /// Maps linear values to the nearest 8-bit IEC 61966-2-1 code; values outside [0, 1] are clamped.
 pub struct SrgbEncoder {
@@ -12,15 +14,15 @@ const CELLS: usize = 4096;
 
 /// Linear value of an 8-bit code.
 pub fn srgb_to_linear(code: u8) -> f32 {
-    linear(f64::from(code) / 255.0) as f32
+    decode_srgb(f64::from(code) / 255.0) as f32
 }
 
-/// The inverse curve: code value in [0, 1] to linear.
-fn linear(code: f64) -> f64 {
-    if code <= 0.04045 {
-        code / 12.92
+/// The inverse curve, continued above 1; negative values and NaN stay so.
+pub fn decode_srgb(coded: f64) -> f64 {
+    if coded > 0.04045 {
+        libm::pow((coded + 0.055) / 1.055, 2.4)
     } else {
-        libm::pow((code + 0.055) / 1.055, 2.4)
+        coded / 12.92
     }
 }
 
@@ -44,7 +46,7 @@ impl SrgbEncoder {
     pub fn new() -> Self {
         let mut thresholds = [0f32; 255];
         for (c, threshold) in thresholds.iter_mut().enumerate() {
-            *threshold = linear((c as f64 + 0.5) / 255.0) as f32;
+            *threshold = decode_srgb((c as f64 + 0.5) / 255.0) as f32;
         }
         let code = |value: f32| thresholds.iter().filter(|&&t| value >= t).count() as u8;
         let start = (0..=CELLS).map(|i| code(i as f32 / CELLS as f32)).collect();
@@ -73,6 +75,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn known_values() {
+        // 128/255 and 188/255, to 12 digits from the standard's formula in exact arithmetic.
+        assert!((decode_srgb(128.0 / 255.0) - 0.215860500114).abs() < 1e-12);
+        assert!((decode_srgb(188.0 / 255.0) - 0.502886458033).abs() < 1e-12);
+        assert_eq!(decode_srgb(0.0), 0.0);
+        assert_eq!(decode_srgb(1.0), 1.0);
+        assert!(decode_srgb(f64::NAN).is_nan());
+        assert!(decode_srgb(-1.0) < 0.0);
+    }
+
+    #[test]
     fn sixteen_bits_are_the_rounded_curve() {
         for (value, code) in [
             (0.0, 0),
@@ -85,7 +98,7 @@ mod tests {
         }
         // 8-bit codes are every 257th.
         for code in 0..=255u8 {
-            let linear = linear(f64::from(code) / 255.0) as f32;
+            let linear = srgb_to_linear(code);
             assert_eq!(linear_to_srgb16(linear), u16::from(code) * 257);
         }
     }
@@ -108,7 +121,7 @@ mod tests {
         assert_eq!(encoder.encode(2.0), 255);
         assert_eq!(encoder.encode(f32::NAN), 0);
         for code in 0..=255u8 {
-            assert_eq!(encoder.encode(linear(f64::from(code) / 255.0) as f32), code);
+            assert_eq!(encoder.encode(srgb_to_linear(code)), code);
         }
     }
 }

@@ -1,29 +1,69 @@
 //! Panes that cannot be looked through: met at a grazing angle, or cutting the lens.
 
-use super::scene_line::{Filter, SceneLine};
-use super::validate::LineError;
+use super::geometry::{filter_reach_px, slab, unfiltered_film};
+use crate::line::SceneLine;
+use glam::DVec3;
 
 /// Largest angle between a camera ray and the pane's normal.
 pub const MAX_INCIDENCE_DEG: f64 = 85.0;
 
-/// How far the Gaussian filter reaches beyond the film, px.
-const GAUSSIAN_REACH_PX: f64 = 2.0;
+/// Why no image can be made through a pane.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum GeometryError {
+    /// A ray that nearly slides along the pane.
+    #[error(
+        "a ray of film point ({u} px, {v} px) meets the pane at {angle_deg:.2} degrees, but at most \
+         85 are allowed: lessen glass.tilt_deg ({pitch_deg}, {yaw_deg}), lengthen \
+         camera.focal_length_mm ({focal_length_mm}) or narrow camera.aperture_radius_m"
+    )]
+    Grazing {
+        /// Film point of the worst ray, px.
+        u: f64,
+        /// Film point of the worst ray, px.
+        v: f64,
+        /// Its angle to the pane's normal.
+        angle_deg: f64,
+        /// `glass.tilt_deg[0]`.
+        pitch_deg: f64,
+        /// `glass.tilt_deg[1]`.
+        yaw_deg: f64,
+        /// `camera.focal_length_mm`.
+        focal_length_mm: f64,
+    },
+    /// The tilted pane reaches into the lens opening.
+    #[error(
+        "the pane cuts the lens: its plane is {plane_distance_m} m from the lens centre, but must be \
+         farther than {reach_m} m, the opening's reach towards it: raise glass.distance_m \
+         ({distance_m}), lessen glass.tilt_deg or narrow camera.aperture_radius_m"
+    )]
+    PaneCutsLens {
+        /// D, from the lens centre along the normal.
+        plane_distance_m: f64,
+        /// Farthest point of the lens opening along the normal.
+        reach_m: f64,
+        /// `glass.distance_m`.
+        distance_m: f64,
+    },
+}
 
 /// Refuses a pane that cuts the lens, or that a ray of the film and the lens meets at more than
 /// [`MAX_INCIDENCE_DEG`].
 ///
 /// `inverse_focus_distance_per_m` is 1 / focus distance; 0 is focus at infinity. It is a parameter
 /// because a focus on the front photograph is known only when the photograph has been read.
-pub fn refuse(line: &SceneLine, inverse_focus_distance_per_m: f64) -> Result<(), LineError> {
-    let normal = pane_normal(line.glass.tilt_deg);
+pub fn check_geometry(
+    line: &SceneLine,
+    inverse_focus_distance_per_m: f64,
+) -> Result<(), GeometryError> {
+    let slab = slab(line);
+    let (normal, plane_distance_m) = (slab.normal, slab.plane_distance_m);
     let aperture_radius_m = line.camera.aperture_radius_m;
 
-    let plane_distance_m = line.glass.distance_m * normal[2];
-    let reach_m = aperture_radius_m * libm::sqrt((1.0 - normal[2] * normal[2]).max(0.0));
+    let reach_m = aperture_radius_m * libm::sqrt((1.0 - normal.z * normal.z).max(0.0));
     // This way round, as below, NaN is refused as well.
     let is_clear = plane_distance_m > reach_m;
     if !is_clear {
-        return Err(LineError::PaneCutsLens {
+        return Err(GeometryError::PaneCutsLens {
             plane_distance_m,
             reach_m,
             distance_m: line.glass.distance_m,
@@ -37,8 +77,8 @@ pub fn refuse(line: &SceneLine, inverse_focus_distance_per_m: f64) -> Result<(),
         if !is_steep_enough {
             let length =
                 libm::sqrt(direction[0] * direction[0] + direction[1] * direction[1] + 1.0);
-            let cos_i = (dot(direction, normal) + normal[2]) / length;
-            return Err(LineError::Grazing {
+            let cos_i = (dot(direction, normal) + normal.z) / length;
+            return Err(GeometryError::Grazing {
                 // -0 is printed with its sign.
                 u: corner.u + 0.0,
                 v: corner.v + 0.0,
@@ -52,13 +92,6 @@ pub fn refuse(line: &SceneLine, inverse_focus_distance_per_m: f64) -> Result<(),
     Ok(())
 }
 
-/// Unit normal of the pane, away from the lens: Ry(yaw) Rx(pitch) (0, 0, 1).
-fn pane_normal([pitch_deg, yaw_deg]: [f64; 2]) -> [f64; 3] {
-    let (sin_pitch, cos_pitch) = libm::sincos(pitch_deg.to_radians());
-    let (sin_yaw, cos_yaw) = libm::sincos(yaw_deg.to_radians());
-    [sin_yaw * cos_pitch, -sin_pitch, cos_yaw * cos_pitch]
-}
-
 /// A corner of the film: its pixel coordinates, and x/z and y/z of its pinhole ray.
 struct Corner {
     u: f64,
@@ -67,21 +100,13 @@ struct Corner {
 }
 
 fn film_corners(line: &SceneLine) -> [Corner; 4] {
-    let (width, height) = (f64::from(line.film.width), f64::from(line.film.height));
-    let half_diagonal = libm::hypot(36.0, 24.0) / (2.0 * line.camera.focal_length_mm);
-    let film_diagonal = libm::hypot(width, height);
-    let beyond = match line.film.filter {
-        Filter::Box => 0.0,
-        Filter::Gaussian => GAUSSIAN_REACH_PX,
-    };
+    let film = unfiltered_film(line);
+    let (width, height) = (f64::from(film.width), f64::from(film.height));
+    let beyond = filter_reach_px(line.film.filter);
     let corner = |u: f64, v: f64| Corner {
         u,
         v,
-        // (2u/W - 1) * tx with tx = half_diagonal * W / film_diagonal.
-        slope: [
-            (2.0 * u - width) * half_diagonal / film_diagonal,
-            (2.0 * v - height) * half_diagonal / film_diagonal,
-        ],
+        slope: film.tangent(u, v),
     };
     [
         corner(-beyond, -beyond),
@@ -95,20 +120,20 @@ fn film_corners(line: &SceneLine) -> [Corner; 4] {
 ///
 /// Concave in the slope, so its least value over the film widened by the lens (a rectangle and a
 /// disc, added) lies on the circle about one of the four corners.
-fn excess(slope: [f64; 2], normal: [f64; 3]) -> f64 {
+fn excess(slope: [f64; 2], normal: DVec3) -> f64 {
     let length = libm::sqrt(slope[0] * slope[0] + slope[1] * slope[1] + 1.0);
-    dot(slope, normal) + normal[2] - libm::cos(MAX_INCIDENCE_DEG.to_radians()) * length
+    dot(slope, normal) + normal.z - libm::cos(MAX_INCIDENCE_DEG.to_radians()) * length
 }
 
-fn dot(slope: [f64; 2], normal: [f64; 3]) -> f64 {
-    slope[0] * normal[0] + slope[1] * normal[1]
+fn dot(slope: [f64; 2], normal: DVec3) -> f64 {
+    slope[0] * normal.x + slope[1] * normal.y
 }
 
 /// The slope with the least [`excess`] on the circle of radius `spread` about `corner`.
 ///
 /// The step to the point of the circle straight down the gradient never rises, as the function is
 /// concave; eight starts keep it out of a lesser minimum.
-fn worst_direction(corner: [f64; 2], spread: f64, normal: [f64; 3]) -> [f64; 2] {
+fn worst_direction(corner: [f64; 2], spread: f64, normal: DVec3) -> [f64; 2] {
     const STARTS: u32 = 8;
     const STEPS: u32 = 32;
     if spread == 0.0 {
@@ -130,8 +155,8 @@ fn worst_direction(corner: [f64; 2], spread: f64, normal: [f64; 3]) -> [f64; 2] 
             }
             let length = libm::sqrt(slope[0] * slope[0] + slope[1] * slope[1] + 1.0);
             let gradient = [
-                normal[0] - cos_max * slope[0] / length,
-                normal[1] - cos_max * slope[1] / length,
+                normal.x - cos_max * slope[0] / length,
+                normal.y - cos_max * slope[1] / length,
             ];
             let steepness = libm::hypot(gradient[0], gradient[1]);
             if steepness == 0.0 {
@@ -145,8 +170,10 @@ fn worst_direction(corner: [f64; 2], spread: f64, normal: [f64; 3]) -> [f64; 2] 
 
 #[cfg(test)]
 mod tests {
-    use super::super::validate::tests::published;
     use super::*;
+    use crate::line::Filter;
+    use crate::line::published;
+    use crate::trace::Slab;
     use proptest::prelude::*;
 
     fn tilted(pitch_deg: f64, yaw_deg: f64) -> SceneLine {
@@ -158,16 +185,16 @@ mod tests {
     #[test]
     fn the_published_pane_stands_at_every_focus() {
         for inverse_focus_per_m in [0.0, 1.0 / 7.05, 2.0] {
-            refuse(&published(), inverse_focus_per_m).unwrap();
+            check_geometry(&published(), inverse_focus_per_m).unwrap();
         }
     }
 
     #[test]
     fn a_pane_is_refused_from_the_angle_of_the_film_s_corner_on() {
         // A square film's corner, with pitch alone: 85 degrees are met at a tilt of 70.04.
-        refuse(&tilted(69.0, 0.0), 0.0).unwrap();
-        let error = refuse(&tilted(72.0, 0.0), 0.0).unwrap_err();
-        assert!(matches!(error, LineError::Grazing { .. }), "{error}");
+        check_geometry(&tilted(69.0, 0.0), 0.0).unwrap();
+        let error = check_geometry(&tilted(72.0, 0.0), 0.0).unwrap_err();
+        assert!(matches!(error, GeometryError::Grazing { .. }), "{error}");
         assert!(
             error.to_string().contains("glass.tilt_deg (72, 0)"),
             "{error}"
@@ -181,10 +208,10 @@ mod tests {
         line.film.height = 4;
         let limit = (0..900)
             .map(|tenth| f64::from(tenth) / 10.0)
-            .find(|&yaw| refuse(&tilted_film(&line, yaw), 0.0).is_err())
+            .find(|&yaw| check_geometry(&tilted_film(&line, yaw), 0.0).is_err())
             .unwrap();
         line.film.filter = Filter::Gaussian;
-        assert!(refuse(&tilted_film(&line, limit - 5.0), 0.0).is_err());
+        assert!(check_geometry(&tilted_film(&line, limit - 5.0), 0.0).is_err());
     }
 
     fn tilted_film(line: &SceneLine, yaw_deg: f64) -> SceneLine {
@@ -197,10 +224,13 @@ mod tests {
     fn a_pane_in_the_lens_is_refused() {
         let mut line = tilted(0.0, 60.0);
         line.glass.distance_m = 0.015;
-        let error = refuse(&line, 0.0).unwrap_err();
-        assert!(matches!(error, LineError::PaneCutsLens { .. }), "{error}");
+        let error = check_geometry(&line, 0.0).unwrap_err();
+        assert!(
+            matches!(error, GeometryError::PaneCutsLens { .. }),
+            "{error}"
+        );
         line.glass.distance_m = 0.016;
-        refuse(&line, 0.0).unwrap();
+        check_geometry(&line, 0.0).unwrap();
     }
 
     proptest! {
@@ -222,7 +252,7 @@ mod tests {
             let beyond = if gaussian { 2.0 } else { 0.0 };
             let (w, h) = (f64::from(width), f64::from(height));
 
-            let normal = pane_normal(line.glass.tilt_deg);
+            let normal = Slab::tilted_normal(line.glass.tilt_deg).to_array();
             let diagonal = 36f64.hypot(24.0) / (2.0 * focal_length_mm) / w.hypot(h);
             let mut widest_deg = 0.0f64;
             for film in 0..121 {
@@ -244,16 +274,15 @@ mod tests {
                     widest_deg = widest_deg.max(cos_i.acos().to_degrees());
                 }
             }
-            match refuse(&line, inverse_focus_per_m) {
+            match check_geometry(&line, inverse_focus_per_m) {
                 Ok(()) => prop_assert!(widest_deg <= 85.0 + 1e-9, "{widest_deg}"),
-                Err(LineError::Grazing { angle_deg, .. }) => {
+                Err(GeometryError::Grazing { angle_deg, .. }) => {
                     prop_assert!(angle_deg > 85.0);
                     prop_assert!(widest_deg > 84.9, "{widest_deg} for {angle_deg}");
                 }
-                Err(LineError::PaneCutsLens { plane_distance_m, reach_m, .. }) => {
+                Err(GeometryError::PaneCutsLens { plane_distance_m, reach_m, .. }) => {
                     prop_assert!(plane_distance_m <= reach_m);
                 }
-                Err(other) => prop_assert!(false, "{other}"),
             }
         }
     }

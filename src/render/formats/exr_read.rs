@@ -1,0 +1,118 @@
+//! OpenEXR files of ours, read back: the first part with all channels, and headers that are checked before it is unpacked.
+
+use exr::image::{AnyChannels, Layer};
+use exr::math::Vec2;
+use exr::meta::MetaData;
+use exr::meta::attribute::ChannelDescription;
+use exr::meta::header::Header;
+use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, read};
+use std::io::Cursor;
+
+/// An EXR's channels, by name.
+pub struct ExrChannels {
+    /// Pixels across.
+    pub width: usize,
+    /// Pixels down.
+    pub height: usize,
+    /// Names (`input.R`, ...) and values, row by row; halves as floats, which is exact.
+    pub list: Vec<(String, Vec<f32>)>,
+}
+
+impl ExrChannels {
+    /// Pixels of the tuple's layer of that name, from `NAME.R`, `NAME.G`, `NAME.B`.
+    ///
+    /// # Errors
+    ///
+    /// Which channel is missing, in words.
+    pub fn layer(&self, name: &str) -> Result<Vec<[f32; 3]>, String> {
+        let of = |colour: &str| {
+            let name = format!("{name}.{colour}");
+            let found = self.list.iter().find(|(n, _)| *n == name);
+            found
+                .map(|(_, values)| values)
+                .ok_or(format!("it has no channel {name}"))
+        };
+        let (r, g, b) = (of("R")?, of("G")?, of("B")?);
+        let pixels = r.iter().zip(g).zip(b);
+        Ok(pixels.map(|((r, g), b)| [*r, *g, *b]).collect())
+    }
+}
+
+/// Decodes the first layer of an EXR whose channels are floats.
+///
+/// # Errors
+///
+/// What is wrong with it, in words.
+pub fn decode_exr_channels(bytes: &[u8]) -> Result<ExrChannels, String> {
+    let layer = first_layer(bytes)?;
+    let mut list = Vec::new();
+    for channel in layer.channel_data.list {
+        // Nothing here writes integers.
+        if matches!(channel.sample_data, FlatSamples::U32(_)) {
+            return Err(format!("channel {} holds integers", channel.name));
+        }
+        let values = channel.sample_data.values_as_f32().collect();
+        list.push((channel.name.to_string(), values));
+    }
+    Ok(ExrChannels {
+        width: layer.size.width(),
+        height: layer.size.height(),
+        list,
+    })
+}
+
+/// The first part with all its channels.
+pub(crate) fn first_layer(bytes: &[u8]) -> Result<Layer<AnyChannels<FlatSamples>>, String> {
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(|e| e.to_string())?;
+    Ok(image.layer_data)
+}
+
+/// The headers of all parts; nothing of the claimed size is allocated.
+pub(crate) fn headers(bytes: &[u8]) -> Result<Vec<Header>, String> {
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false);
+    Ok(meta.map_err(|e| e.to_string())?.headers.into_vec())
+}
+
+/// The pixels that the headers describe take at most so many bytes.
+pub(crate) fn check_claim(headers: &[Header], most: u128) -> Result<(), String> {
+    let bytes = |header: &Header| {
+        let size = header.layer_size;
+        size.width() as u128 * size.height() as u128 * header.channels.bytes_per_pixel as u128
+    };
+    if headers.iter().map(bytes).sum::<u128>() > most {
+        return Err("it is shorter than the image that its header describes".to_owned());
+    }
+    Ok(())
+}
+
+/// Deflate makes nothing smaller than by this factor.
+const MOST_COMPRESSION: u128 = 1032;
+
+/// Looks at an EXR's headers before anything is unpacked: a damaged one may claim any size. Its pixels must be `size`, in at
+/// most so many channels, and no more of them than bytes of this length can hold.
+pub(crate) fn check_headers(bytes: &[u8], size: [u32; 2], most: usize) -> Result<(), String> {
+    let headers = headers(bytes)?;
+    for header in &headers {
+        let found = [header.layer_size.width(), header.layer_size.height()];
+        if found != size.map(|side| side as usize) {
+            return Err(format!(
+                "it has {} x {} px instead of {} x {}",
+                found[0], found[1], size[0], size[1]
+            ));
+        }
+        let is_plain = |c: &ChannelDescription| c.sampling == Vec2(1, 1);
+        let channels = &header.channels;
+        if header.deep || channels.list.len() > most || !channels.list.iter().all(is_plain) {
+            return Err("it has other channels than were written".to_owned());
+        }
+    }
+    check_claim(&headers, MOST_COMPRESSION * bytes.len() as u128)
+}

@@ -1,0 +1,105 @@
+//! How the images of a side are coded, what their depths measure, which camera took them.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Coding of a colour image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Transfer {
+    /// IEC 61966-2-1.
+    #[default]
+    Srgb,
+    /// Values are radiance.
+    Linear,
+}
+
+/// What a depth value measures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum DepthKind {
+    /// Distance along the optical axis.
+    #[default]
+    Z,
+    /// Distance along the ray.
+    Distance,
+    /// An estimate of z up to scale and shift: larger is farther. `depth_range` gives metres.
+    Relative,
+    /// An estimate of 1/z up to scale and shift (MiDaS, Depth Anything): larger is nearer. `depth_range` gives metres.
+    RelativeInverse,
+}
+
+/// How holes in a depth image are filled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Fill {
+    /// Pull-push interpolation of inverse depth.
+    #[default]
+    Smooth,
+    /// The farthest valid depth of the image: for sky.
+    Far,
+}
+
+/// Where the capture camera of the back photograph stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Apex {
+    /// At the mirror image of the lens in the front face: R is the mirrored photograph itself.
+    #[default]
+    Mirror,
+    /// At the lens, turned by 180 degrees about the vertical.
+    Camera,
+}
+
+/// A pinhole camera, in pixels with the image's top left corner at (0, 0): pixel (i, j) has its centre at
+/// (i + 0.5, j + 0.5).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Intrinsics {
+    /// Focal length across, px.
+    pub fx: f64,
+    /// Focal length down, px.
+    pub fy: f64,
+    /// Principal point across, px.
+    pub cx: f64,
+    /// Principal point down, px.
+    pub cy: f64,
+    /// Size `[width, height]` of the image that the four numbers are for; the depth image's if missing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub size: Option<[u32; 2]>,
+}
+
+impl Intrinsics {
+    /// DIODE's capture camera, the same for every image (intrinsics.txt of its devkit).
+    pub fn diode() -> Self {
+        Self {
+            fx: 886.81,
+            fy: 927.06,
+            cx: 512.0,
+            cy: 384.0,
+            size: Some([1024, 768]),
+        }
+    }
+}
+
+/// The default of factors: serde takes a function.
+pub fn one() -> f64 {
+    1.0
+}
+
+pub(super) const fn white() -> [f64; 3] {
+    [1.0; 3]
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+pub(super) fn is_one(value: &f64) -> bool {
+    *value == 1.0
+}
+
+pub(super) fn is_white(value: &[f64; 3]) -> bool {
+    *value == white()
+}
+
+pub(super) fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}

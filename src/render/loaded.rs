@@ -1,0 +1,199 @@
+//! The one path from a scene line to pixels, for callers that hold the whole scene in memory.
+
+use crate::job::{SceneJob, render_partials};
+use crate::layer::PerLayer;
+use crate::line::{LayerSet, Roots, SceneLine};
+use crate::merge::{MergeError, Tuple, combine};
+use crate::scene::{LoadError, LoadedScene, SceneFiles, load, read_files};
+use crate::shard::ShardLayout;
+use crate::trace::Isa;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// Tiles of [`Loaded::render`], px. No pixel depends on it.
+const TILE_PX: u32 = 64;
+
+/// A scene line with its decoded files: all that its pixels follow from.
+///
+/// ```
+/// use render::Loaded;
+/// use render::formats::{NamedBytes, PhotographFiles};
+/// use render::layer::{Layer, PerLayer};
+/// use render::line::{LayerSet, parse_scene};
+/// use render::scene::{SceneFiles, SideFiles};
+///
+/// // A grey wall, 2 m away, on both sides of the pane: PFM files of 2 x 2 px.
+/// let pfm = |kind: &str, value: f32, count: usize| {
+///     let header = format!("{kind}\n2 2\n-1.0\n").into_bytes();
+///     let bytes = [header, value.to_le_bytes().repeat(count)].concat();
+///     NamedBytes { path: "wall.pfm".into(), bytes }
+/// };
+/// let wall = || SideFiles::Photograph(PhotographFiles {
+///     color: pfm("PF", 0.5, 12),
+///     depth: pfm("Pf", 2.0, 4),
+///     mask: None,
+/// });
+/// let side = r#"{"color": "c", "depth": "d", "transfer": "linear",
+///                "intrinsics": {"fx": 2, "fy": 2, "cx": 1, "cy": 1}}"#;
+/// let line = parse_scene(&format!(r#"{{
+///     "schema": "glasshouse.scene/1", "id": "wall", "seed": 1,
+///     "film": {{"width": 8, "height": 6, "spp": 16}},
+///     "camera": {{"focal_length_mm": 55, "aperture_radius_m": 0.01, "focus": {{"distance_m": 2}}}},
+///     "glass": {{"distance_m": 0.3, "thickness_m": 0.01, "ior": 1.5}},
+///     "front": {side}, "back": {side}}}"#))?;
+/// let mut scene = Loaded::new(line, &SceneFiles { front: wall(), back: wall() })?;
+///
+/// let mut images = PerLayer::default();
+/// scene.render(7, 64, LayerSet::default(), &mut images)?;
+/// assert_eq!(images[Layer::Transmission], [[0.5; 3]; 48]);
+/// // Glass that absorbs nothing passes on all light that it does not reflect.
+/// assert!((images[Layer::Input][0][0] - 0.5).abs() < 1e-4);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct Loaded {
+    line: SceneLine,
+    scene: Arc<LoadedScene>,
+    /// Threads that trace. No pixel depends on their number.
+    pub threads: usize,
+}
+
+impl Loaded {
+    /// Decodes the files of `line`.
+    ///
+    /// # Errors
+    ///
+    /// A file cannot be used, or the parts do not make a scene.
+    pub fn new(line: SceneLine, files: &SceneFiles) -> Result<Self, LoadError> {
+        let scene = Arc::new(load(&line, files)?);
+        Ok(Self {
+            line,
+            scene,
+            threads: 1,
+        })
+    }
+
+    /// Reads and decodes the files of `line`, whose relative paths start from `base`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::new`]; or a file cannot be read.
+    pub fn read(line: SceneLine, roots: &Roots, base: &Path) -> Result<Self, LoadError> {
+        let files = read_files(&line, roots, base)?;
+        Self::new(line, &files)
+    }
+
+    /// What loading found out: the scene, its facts, the digests of its files.
+    pub fn scene(&self) -> &LoadedScene {
+        &self.scene
+    }
+
+    /// Renders `layers` with another seed and sample count than the line's; the other images become empty.
+    ///
+    /// The bits are those that a run merges for a line with this seed, `spp` and these layers.
+    ///
+    /// # Errors
+    ///
+    /// A pixel is not a number.
+    ///
+    /// # Panics
+    ///
+    /// If `spp` is no power of two.
+    pub fn render(
+        &mut self,
+        seed: u64,
+        spp: u32,
+        layers: LayerSet,
+        images: &mut PerLayer<Vec<[f32; 3]>>,
+    ) -> Result<(), MergeError> {
+        assert!(spp.is_power_of_two(), "{spp} samples are no power of two");
+        let film = &mut self.line.film;
+        (self.line.seed, film.spp, film.layers) = (seed, spp, layers);
+        Arc::get_mut(&mut self.scene)
+            .expect("no job outlives the call that made it")
+            .resample(&self.line);
+        let tuple = self.tuple(TILE_PX, Isa::detect(), &AtomicBool::new(false), &|| {});
+        *images = tuple.expect("nothing stops it")?.layers;
+        Ok(())
+    }
+
+    /// Renders the line as it is into a tuple, in tiles of `tile_px`; `on_shard` is called after each shard.
+    ///
+    /// Returns `None` when `stop` was set before the end.
+    pub fn tuple(
+        &self,
+        tile_px: u32,
+        isa: Isa,
+        stop: &AtomicBool,
+        on_shard: &(dyn Fn() + Sync),
+    ) -> Option<Result<Tuple, MergeError>> {
+        let layout = ShardLayout::of(&self.line, tile_px);
+        let job = SceneJob::new(&self.line, layout, Arc::clone(&self.scene));
+        let partials = render_partials(&job, self.threads, isa, stop, on_shard)?;
+        Some(combine(&self.line, tile_px, &partials))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::formats::{NamedBytes, PanoramaFiles};
+    use crate::layer::Layer;
+    use crate::line::parse_scene;
+    use crate::scene::SideFiles;
+
+    /// A panorama of stripes: 8 x 4 px.
+    fn stripes() -> SideFiles {
+        let values = (0..96u8).flat_map(|k| (f32::from(k % 7) * 0.1).to_le_bytes());
+        let bytes = b"PF\n8 4\n-1.0\n".iter().copied().chain(values).collect();
+        let path = "stripes.pfm".into();
+        SideFiles::Panorama(PanoramaFiles {
+            panorama: NamedBytes { path, bytes },
+            depth: None,
+        })
+    }
+
+    fn loaded(seed: u64, spp: u32, more: &str) -> Loaded {
+        let side = r#"{"panorama":"p","transfer":"linear","depth_m":3}"#;
+        let line = format!(
+            r#"{{"schema":"glasshouse.scene/1","id":"s","seed":{seed},
+            "film":{{"width":70,"height":9,"spp":{spp}{more}}},
+            "camera":{{"focal_length_mm":55,"aperture_radius_m":0.01,"focus":{{"distance_m":3}}}},
+            "glass":{{"distance_m":0.3,"thickness_m":0.01,"ior":1.5}},"front":{side},"back":{side}}}"#
+        );
+        let files = SceneFiles {
+            front: stripes(),
+            back: stripes(),
+        };
+        Loaded::new(parse_scene(&line).unwrap(), &files).unwrap()
+    }
+
+    fn tuple(scene: &Loaded, tile_px: u32) -> Tuple {
+        let never = AtomicBool::new(false);
+        let tuple = scene.tuple(tile_px, Isa::Baseline, &never, &|| {});
+        tuple.unwrap().unwrap()
+    }
+
+    #[test]
+    fn another_seed_and_count_give_the_bits_of_their_own_line() {
+        let mut scene = loaded(1, 16, "");
+        scene.threads = 2;
+        let before = tuple(&scene, 64);
+        // Two ranges of samples, then one with two layers, then the line itself.
+        for (seed, spp, more) in [
+            (5, 512, ""),
+            (6, 64, r#","layers":["input","clean_reflection"]"#),
+            (1, 16, ""),
+        ] {
+            let own = loaded(seed, spp, more);
+            let expected = tuple(&own, 96);
+            let mut images = PerLayer::default();
+            let layers = own.line.film.layers;
+            scene.render(seed, spp, layers, &mut images).unwrap();
+            assert!(images == expected.layers);
+            assert_eq!(scene.scene().facts, own.scene().facts);
+            assert_eq!(images[Layer::Transmission].is_empty(), !more.is_empty());
+        }
+        assert!(tuple(&scene, 64) == before);
+    }
+}

@@ -1,0 +1,132 @@
+//! Where the pane, the film and the capture cameras of a scene line stand, in the lens's coordinates.
+
+use crate::line::{Apex, Filter, SceneLine};
+use crate::trace::{FilmPlane, FilterTable, Lens, Slab};
+use glam::{DMat3, DVec3};
+
+/// The pane of a line.
+pub(super) fn slab(line: &SceneLine) -> Slab {
+    let normal = if line.glass.tilt_deg == [0.0, 0.0] {
+        DVec3::Z
+    } else {
+        Slab::tilted_normal(line.glass.tilt_deg)
+    };
+    Slab {
+        normal,
+        plane_distance_m: line.glass.distance_m * normal.z,
+        thickness_m: line.glass.thickness_m,
+        ior: line.glass.ior,
+        absorption_per_m: line.glass.absorption_per_m,
+    }
+}
+
+/// The film of a line.
+pub(super) fn film_plane(line: &SceneLine) -> FilmPlane {
+    FilmPlane {
+        filter: match line.film.filter {
+            Filter::Box => None,
+            Filter::Gaussian => Some(FilterTable::gaussian()),
+        },
+        ..unfiltered_film(line)
+    }
+}
+
+/// The film without the table of its filter, which takes a thousand times longer to make than the rest.
+pub(super) fn unfiltered_film(line: &SceneLine) -> FilmPlane {
+    let (width, height) = (line.film.width, line.film.height);
+    FilmPlane {
+        width,
+        height,
+        tan_half_fov: FilmPlane::tan_half_fov(width, height, line.camera.focal_length_mm),
+        filter: None,
+    }
+}
+
+/// How far beyond the film its filter reaches, px.
+pub(super) fn filter_reach_px(filter: Filter) -> f64 {
+    match filter {
+        Filter::Box => 0.0,
+        Filter::Gaussian => FilterTable::GAUSSIAN_RADIUS_PX,
+    }
+}
+
+/// Tangents of half the field of view, widened by the lens and the filter.
+pub(super) fn film_reach(film: &FilmPlane, lens: &Lens) -> [f64; 2] {
+    let spread = lens.aperture_radius_m * lens.inverse_focus_per_m;
+    let beyond = film.filter.as_ref().map_or(0.0, FilterTable::radius_px);
+    let pixel = film.pixel_tangent();
+    [0, 1].map(|k| film.tan_half_fov[k] + beyond * pixel[k] + spread)
+}
+
+/// A dense set of camera directions: a grid over the film's reach.
+pub(super) fn film_directions(reach: [f64; 2]) -> Vec<DVec3> {
+    const STEPS: u32 = 32;
+    let at = |i: u32| 2.0 * f64::from(i) / f64::from(STEPS) - 1.0;
+    (0..=STEPS)
+        .flat_map(|j| (0..=STEPS).map(move |i| DVec3::new(at(i) * reach[0], at(j) * reach[1], 1.0)))
+        .collect()
+}
+
+/// The capture camera of the back, seen from the mirrored world: there the reflected rays go straight on.
+pub(crate) struct BackCamera {
+    pub(super) apex: Apex,
+    normal: DVec3,
+    plane_distance_m: f64,
+}
+
+impl BackCamera {
+    pub(crate) fn new(apex: Apex, slab: &Slab) -> Self {
+        Self {
+            apex,
+            normal: slab.normal,
+            plane_distance_m: slab.plane_distance_m,
+        }
+    }
+
+    /// H = I - 2 n n^T.
+    fn mirror(&self) -> DMat3 {
+        let n = self.normal;
+        DMat3::IDENTITY - DMat3::from_cols(n * n.x, n * n.y, n * n.z) * 2.0
+    }
+
+    /// Distance of a mirrored lens from the lens, along the normal.
+    pub(crate) fn twice_distance_m(&self) -> f64 {
+        2.0 * self.plane_distance_m
+    }
+
+    /// From capture coordinates to the lens's, in the mirrored world.
+    pub(super) fn lens_from_capture(&self) -> impl Fn(DVec3) -> DVec3 + use<> {
+        let (apex, mirror) = (self.apex, self.mirror());
+        let twice = self.normal * self.twice_distance_m();
+        move |x| match apex {
+            // The capture camera is the lens's own mirror image: in the mirrored world it is the lens, whatever the tilt.
+            Apex::Mirror => DVec3::new(-x.x, x.y, x.z),
+            Apex::Camera => mirror * DVec3::new(-x.x, x.y, -x.z) + twice,
+        }
+    }
+
+    /// The inverse: rotation and translation.
+    pub(crate) fn capture_from_lens(&self) -> (DMat3, DVec3) {
+        match self.apex {
+            Apex::Mirror => (
+                DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)),
+                DVec3::ZERO,
+            ),
+            // x = H x' + 2 D n mirrors the mirrored world back; then diag(-1, 1, -1) turns.
+            Apex::Camera => {
+                let turn = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0));
+                let twice = self.normal * self.twice_distance_m();
+                (turn * self.mirror(), turn * twice)
+            }
+        }
+    }
+
+    /// Distance of a point in capture coordinates from the lens, along the pane's normal in the mirrored world.
+    pub(super) fn height_m(&self, p: DVec3) -> f64 {
+        match self.apex {
+            Apex::Mirror => DVec3::new(-p.x, p.y, p.z).dot(self.normal),
+            // The surface must stay on the camera's side of the pane: mirrored there, it is measured alike.
+            Apex::Camera => self.twice_distance_m() - DVec3::new(-p.x, p.y, -p.z).dot(self.normal),
+        }
+    }
+}

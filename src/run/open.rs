@@ -1,0 +1,148 @@
+//! Opening a run.
+
+use super::error::RunError;
+use super::keys;
+use crate::store::Inputs;
+use render::line::{Roots, SceneLine, is_url, parse_jsonl};
+use render::shard::{SPEC_SCHEMA, ShardLayout, Spec, manifest_digest};
+use render::trace::TRACER_VERSION;
+use std::fs::{File, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// An open run.
+#[derive(Debug)]
+pub struct Run {
+    root: PathBuf,
+    /// How it is divided and traced.
+    pub spec: Spec,
+    /// Its scenes.
+    pub lines: Vec<SceneLine>,
+    /// Roots of its input files: the spec's, overridden by the user's.
+    pub roots: Roots,
+    /// Reads the files of its scenes.
+    pub inputs: Inputs,
+}
+
+impl Run {
+    /// Opens a planned run. `given` roots override the spec's.
+    pub fn open(root: &Path, given: &Roots) -> Result<Self, RunError> {
+        let damaged = |reason: String| RunError::Spec {
+            path: root.join(keys::SPEC),
+            reason,
+        };
+        let text = read(root, keys::SPEC)?;
+        let spec: Spec = serde_json::from_str(&text).map_err(|e| damaged(e.to_string()))?;
+        let manifest = match read(root, keys::MANIFEST) {
+            // Planning writes the spec last: without its manifest it is half of a run, not none.
+            Err(RunError::Missing { .. }) => {
+                return Err(damaged(
+                    "manifest.jsonl, which belongs to it, is gone".to_owned(),
+                ));
+            }
+            other => other?,
+        };
+        let disagrees = |reason: String| {
+            Err(RunError::Disagrees {
+                root: root.to_owned(),
+                reason,
+            })
+        };
+        if spec.schema != SPEC_SCHEMA {
+            return disagrees(format!(
+                "its spec has schema {:?}, not {SPEC_SCHEMA:?}",
+                spec.schema
+            ));
+        }
+        if spec.tracer_version != TRACER_VERSION {
+            return disagrees(format!(
+                "tracer_version is {} in the run and {TRACER_VERSION} in this program",
+                spec.tracer_version
+            ));
+        }
+        if spec.manifest_blake3 != manifest_digest(&manifest) {
+            return disagrees(
+                "manifest.jsonl is not the one that spec.json was made for".to_owned(),
+            );
+        }
+        let lines = parse_jsonl(&manifest).map_err(|source| RunError::Manifest {
+            path: root.join(keys::MANIFEST),
+            source,
+        })?;
+        let mut roots = given.clone();
+        for (name, folder) in &spec.roots {
+            if roots.get(name).is_none() {
+                // Relative folders are the run's own and move with it.
+                let is_own = !is_url(folder);
+                let folder = folder.clone();
+                roots.insert(name, if is_own { root.join(folder) } else { folder })?;
+            }
+        }
+        Ok(Self {
+            root: root.to_owned(),
+            spec,
+            lines,
+            roots,
+            inputs: Inputs::default(),
+        })
+    }
+
+    /// Its folder.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// The file or folder of a key, where the run's objects are in its folder.
+    pub fn path(&self, key: &str) -> PathBuf {
+        self.root.join(key)
+    }
+
+    /// Identifies the run: the first bytes of its spec's digest.
+    pub fn id(&self) -> [u8; 8] {
+        let spec = serde_json::to_vec(&self.spec).expect("a spec is JSON");
+        let digest = blake3::hash(&spec);
+        digest.as_bytes()[..8]
+            .try_into()
+            .expect("a digest has 32 bytes")
+    }
+
+    /// How a scene is divided into shards.
+    pub fn layout(&self, line: &SceneLine) -> ShardLayout {
+        ShardLayout::of(line, self.spec.tile_px)
+    }
+
+    /// Locks the run for this process until the file is dropped.
+    pub fn lock(&self) -> Result<File, RunError> {
+        let path = self.path(keys::LOCK);
+        let file = File::options()
+            .create(true)
+            .append(true)
+            .open(&path)
+            .map_err(|source| RunError::Read {
+                path: path.clone(),
+                source,
+            })?;
+        match file.try_lock() {
+            Ok(()) => Ok(file),
+            Err(TryLockError::WouldBlock) => Err(RunError::Busy {
+                root: self.root.clone(),
+            }),
+            Err(TryLockError::Error(source)) => Err(RunError::Read { path, source }),
+        }
+    }
+}
+
+fn read(root: &Path, file: &'static str) -> Result<String, RunError> {
+    let path = root.join(file);
+    std::fs::read_to_string(&path).map_err(|source| match source.kind() {
+        io::ErrorKind::InvalidData => RunError::Spec {
+            path,
+            reason: source.to_string(),
+        },
+        io::ErrorKind::NotFound => RunError::Missing {
+            root: root.to_owned(),
+            missing: file,
+        },
+        _ => RunError::Read { path, source },
+    })
+}

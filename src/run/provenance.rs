@@ -1,0 +1,192 @@
+//! Which worker made which results, to find the wrong one when two disagree: of a tuple in `receipts/<scene>.json`, of
+//! partials in a record beside them, which is removed with them. Both are only shown; nothing is decided by them.
+
+use super::attempts::{WorkerName, attempts};
+use super::keys;
+use super::task::Task;
+use crate::store::{Store, StoreError};
+use render::ids::SceneId;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+
+pub(crate) const RECEIPT_SCHEMA: &str = "glasshouse.receipt/1";
+pub(crate) const MADE_BY_SCHEMA: &str = "glasshouse.made_by/1";
+
+/// `receipts/<scene>.json`: the worker of a tuple. Fields that another version does not write, or that are damaged, are
+/// empty.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Provenance {
+    /// `glasshouse.receipt/1`.
+    #[serde(default)]
+    pub schema: String,
+    /// Its scene.
+    #[serde(default)]
+    pub scene: Option<SceneId>,
+    /// The worker that merged the partials.
+    #[serde(default)]
+    pub worker: Option<String>,
+    /// The worker's machine.
+    #[serde(default)]
+    pub host: Option<String>,
+    /// Version of the worker's program.
+    #[serde(default)]
+    pub version: Option<String>,
+    /// Other workers that made partials of it, as far as is known.
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+    pub with: BTreeSet<String>,
+}
+
+impl Provenance {
+    /// For a tuple that `who` made, alone or with others, whose partials are still in the store.
+    pub(crate) fn new(store: &Store, scene: &SceneId, who: &WorkerName, alone: bool) -> Self {
+        Self {
+            schema: RECEIPT_SCHEMA.to_owned(),
+            scene: Some(scene.clone()),
+            worker: Some(who.worker.clone()),
+            host: Some(who.host.clone()),
+            version: Some(env!("CARGO_PKG_VERSION").to_owned()),
+            with: if alone {
+                BTreeSet::new()
+            } else {
+                other_workers(store, scene, None, &who.worker).unwrap_or_default()
+            },
+        }
+    }
+
+    /// Puts it. If another worker has made the same tuple, that worker's stays.
+    pub(crate) fn put(&self, store: &Store, scene: &SceneId) -> Result<(), StoreError> {
+        match store.create(&keys::receipt(scene), &json_line(self)) {
+            Ok(_) | Err(StoreError::Differs { .. }) => Ok(()),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Reads a scene's, if it is there.
+    pub fn get(store: &Store, scene: &SceneId) -> Result<Option<Self>, StoreError> {
+        let bytes = store.get(&keys::receipt(scene))?;
+        Ok(bytes.map(|bytes| Self::parse(&bytes)))
+    }
+
+    pub(crate) fn parse(bytes: &[u8]) -> Self {
+        serde_json::from_slice(bytes).unwrap_or_default()
+    }
+
+    /// The worker and all others that took part.
+    pub fn workers(&self) -> impl Iterator<Item = &String> {
+        self.worker.iter().chain(&self.with)
+    }
+
+    /// The same as text.
+    pub fn makers(&self) -> String {
+        let worker = self.worker.as_deref().unwrap_or("unknown");
+        let with: Vec<&str> = self.with.iter().map(String::as_str).collect();
+        if with.is_empty() {
+            worker.to_owned()
+        } else {
+            format!("{worker} with {}", with.join(", "))
+        }
+    }
+}
+
+/// `partials/<scene>/<start>-<end>.json`: the worker that left some partials of these shards in the store.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct PartialsProvenance {
+    pub(crate) schema: String,
+    /// First shard, and one past the last.
+    pub(crate) shards: [u32; 2],
+    pub(crate) worker: String,
+    pub(crate) host: String,
+}
+
+impl PartialsProvenance {
+    /// Puts the record. A failure is ignored: only [`other_workers`] misses it.
+    pub(crate) fn put(store: &Store, scene: &SceneId, task: &Task, who: &WorkerName) {
+        let shards = [task.shards.start, task.shards.end];
+        let record = Self {
+            schema: MADE_BY_SCHEMA.to_owned(),
+            shards,
+            worker: who.worker.clone(),
+            host: who.host.clone(),
+        };
+        let _ = store.replace(&keys::made_by(scene, shards), &json_line(&record));
+    }
+
+    /// Reads the records among the keys of a scene's partials.
+    fn read(store: &Store, partials: &[String]) -> Result<Vec<Self>, StoreError> {
+        let mut keys: Vec<String> = partials.to_vec();
+        keys.retain(|key| keys::shard_of(key).is_none());
+        keys.sort();
+        let found = store.get_all(&keys)?.into_iter().flatten();
+        Ok(found
+            .filter_map(|bytes| serde_json::from_slice(&bytes).ok())
+            .collect())
+    }
+}
+
+fn json_line(record: &impl Serialize) -> Vec<u8> {
+    let mut json = serde_json::to_vec(record).expect("strings and numbers are JSON");
+    json.push(b'\n');
+    json
+}
+
+/// Workers other than `me` that may have put a shard's partial, or (without a shard) a scene's tuple.
+pub(crate) fn other_workers(
+    store: &Store,
+    scene: &SceneId,
+    shard: Option<u32>,
+    me: &str,
+) -> Result<BTreeSet<String>, StoreError> {
+    let is_of = |[start, end]: [u32; 2]| shard.is_none_or(|shard| (start..end).contains(&shard));
+    let mut names = BTreeSet::new();
+    if shard.is_none() {
+        let tuple = Provenance::get(store, scene)?;
+        names.extend(tuple.iter().flat_map(Provenance::workers).cloned());
+    }
+    if names.is_empty() {
+        let keys = store.list(&keys::partials(scene))?;
+        let partials = PartialsProvenance::read(store, &keys)?.into_iter();
+        names.extend(partials.filter(|p| is_of(p.shards)).map(|p| p.worker));
+        let attempts = attempts(store, scene)?.into_iter();
+        names.extend(attempts.filter(|a| is_of(a.shards)).map(|a| a.worker));
+    }
+    names.remove(me);
+    Ok(names)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn who(name: &str) -> WorkerName {
+        WorkerName {
+            worker: name.to_owned(),
+            host: "h".to_owned(),
+        }
+    }
+
+    #[test]
+    fn other_workers_of_a_shard_and_of_a_tuple() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::local(folder.path()).unwrap();
+        let scene = SceneId::new("s").unwrap();
+        let put = |name: &str, shards| {
+            let task = Task { scene: 0, shards };
+            PartialsProvenance::put(&store, &scene, &task, &who(name));
+        };
+        put("a", 0..8);
+        put("b", 8..16);
+        store.create("partials/s/000003.exr", b"x").unwrap();
+        let others = |shard, me: &str| {
+            let names = other_workers(&store, &scene, shard, me).unwrap();
+            names.into_iter().collect::<Vec<_>>()
+        };
+        assert_eq!(others(Some(3), "b"), ["a"]);
+        assert_eq!(others(Some(8), "a"), ["b"]);
+        assert_eq!(others(Some(8), "b"), [""; 0]);
+        assert_eq!(others(None, "c"), ["a", "b"]);
+        store
+            .create("receipts/s.json", br#"{"worker":"d"}"#)
+            .unwrap();
+        assert_eq!(others(None, "c"), ["d"]);
+    }
+}

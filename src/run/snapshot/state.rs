@@ -1,0 +1,137 @@
+//! States of a scene and of a run, and how many scenes are in which.
+
+use crate::run::control::ControlState;
+use serde::Serialize;
+
+/// How far a scene is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SceneState {
+    /// Its tuple is there.
+    Done,
+    /// It is left out until `retry`.
+    Quarantined,
+    /// All of its partials are there, its tuple is not.
+    Complete,
+    /// Some of its partials are there, or a worker holds it.
+    Begun,
+    /// It has neither partials nor attempts.
+    Waiting,
+}
+
+impl SceneState {
+    /// The state of a scene without a tuple, of `shards` shards.
+    pub(crate) fn of_unfinished(
+        is_quarantined: bool,
+        partials: u32,
+        shards: u32,
+        has_attempts: bool,
+    ) -> Self {
+        match partials {
+            _ if is_quarantined => Self::Quarantined,
+            n if n >= shards => Self::Complete,
+            0 if !has_attempts => Self::Waiting,
+            _ => Self::Begun,
+        }
+    }
+}
+
+/// What a run is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RunState {
+    /// Spans are handed out.
+    Running,
+    /// Workers finish the scenes that they have opened; no other scene starts before `resume`.
+    Paused,
+    /// No further shard starts; finished tuples stay.
+    Cancelled,
+    /// Every scene has a tuple or is in quarantine.
+    Finished,
+}
+
+impl RunState {
+    /// All states.
+    pub const ALL: [Self; 4] = [Self::Running, Self::Paused, Self::Cancelled, Self::Finished];
+
+    pub(crate) fn new(is_finished: bool, control: ControlState) -> Self {
+        match control {
+            _ if is_finished => Self::Finished,
+            ControlState::Running => Self::Running,
+            ControlState::Paused => Self::Paused,
+            ControlState::Cancelled => Self::Cancelled,
+        }
+    }
+
+    /// Its name in JSON, metrics and on the page.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Running => "running",
+            Self::Paused => "paused",
+            Self::Cancelled => "cancelled",
+            Self::Finished => "finished",
+        }
+    }
+}
+
+/// A run's scenes and shards by their states.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Counts {
+    /// Scenes of the manifest.
+    pub scenes: u64,
+    /// Scenes with a tuple.
+    pub merged: u64,
+    /// Scenes with partials and no tuple yet.
+    pub started: u64,
+    /// Scenes with neither.
+    pub waiting: u64,
+    /// Shards of the manifest.
+    pub shards: u64,
+    /// Shards of merged scenes, and partials.
+    pub shards_done: u64,
+    /// Scenes in quarantine, in the manifest's order.
+    pub quarantined: Vec<Quarantined>,
+}
+
+/// A scene in quarantine.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Quarantined {
+    /// Its id.
+    pub scene: String,
+    /// What happened, to which file, and what to do.
+    pub reason: String,
+}
+
+impl Counts {
+    /// Every scene has a tuple or is in quarantine.
+    pub fn is_finished(&self) -> bool {
+        self.scenes_left() == 0
+    }
+
+    /// Scenes that are neither done nor in quarantine.
+    pub fn scenes_left(&self) -> u64 {
+        self.started + self.waiting
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_those_of_the_json() {
+        for state in RunState::ALL {
+            assert_eq!(serde_json::to_value(state).unwrap(), state.name());
+        }
+    }
+
+    #[test]
+    fn quarantine_wins_over_partials_and_partials_over_attempts() {
+        let of = SceneState::of_unfinished;
+        assert_eq!(of(true, 4, 4, true), SceneState::Quarantined);
+        assert_eq!(of(false, 4, 4, true), SceneState::Complete);
+        assert_eq!(of(false, 3, 4, false), SceneState::Begun);
+        assert_eq!(of(false, 0, 4, true), SceneState::Begun);
+        assert_eq!(of(false, 0, 4, false), SceneState::Waiting);
+    }
+}

@@ -1,0 +1,193 @@
+//! A run in numbers: counts, rate, time left, workers.
+
+use super::state::{Counts, Quarantined, RunState};
+use super::{SeenTuple, Snapshot};
+use crate::run::attempts::AttemptRecord;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant, SystemTime};
+
+/// Rates are means over this time.
+const RATE_OVER: Duration = Duration::from_mins(5);
+
+/// A run at one moment, as `status` shows it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Status {
+    /// Scenes and shards by their states.
+    #[serde(flatten)]
+    pub counts: Counts,
+    /// What the run is doing, as far as its store tells.
+    pub state: RunState,
+    /// Why it was paused or cancelled, if the user said so.
+    pub reason: Option<String>,
+    /// Spans that workers hold, or were lost with.
+    pub attempts: Vec<StandingAttempt>,
+    /// Workers that made tuples, the busiest first.
+    pub workers: Vec<WorkerTuples>,
+    /// Seconds since the newest tuple was put.
+    pub last_tuple_s: Option<f64>,
+    /// Scenes a second over the last minutes.
+    pub rate_scenes_per_s: Option<f64>,
+    /// Seconds until the last tuple: at the rate of shards between refreshes, or else at that of scenes.
+    pub eta_s: Option<f64>,
+}
+
+/// An attempt that has not ended in order.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StandingAttempt {
+    /// What its worker wrote.
+    #[serde(flatten)]
+    pub note: AttemptRecord,
+    /// Seconds since then.
+    pub age_s: f64,
+}
+
+/// A worker's tuples, by their provenance.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct WorkerTuples {
+    /// Its name; `unknown` if the provenance tells none.
+    pub worker: String,
+    /// Version of its program, for its newest tuple.
+    pub version: Option<String>,
+    /// Tuples that it made.
+    pub tuples: u64,
+    /// Seconds since its last.
+    pub last_tuple_s: f64,
+}
+
+impl Snapshot {
+    /// Scenes and shards by their states.
+    pub fn counts(&self) -> Counts {
+        let mut counts = Counts {
+            scenes: self.scenes.len() as u64,
+            ..Counts::default()
+        };
+        for (index, scene) in self.scenes.iter().enumerate() {
+            let shards = u64::from(self.plan.shards[index]);
+            counts.shards += shards;
+            if scene.is_done {
+                counts.merged += 1;
+                counts.shards_done += shards;
+            } else if let Some(reason) = &scene.reason {
+                counts.quarantined.push(Quarantined {
+                    scene: self.plan.ids[index].to_string(),
+                    reason: reason.to_string(),
+                });
+            } else {
+                counts.shards_done += u64::from(scene.partials);
+                counts.started += u64::from(scene.partials > 0);
+                counts.waiting += u64::from(scene.partials == 0);
+            }
+        }
+        counts
+    }
+
+    /// The run in numbers, now.
+    pub fn status(&self) -> Status {
+        let counts = self.counts();
+        let state = RunState::new(counts.is_finished(), self.control.state);
+        let now = self.now();
+        let age = |put: SystemTime| now.duration_since(put).unwrap_or_default();
+        let newest = self.tuples.iter().map(|tuple| age(tuple.put)).min();
+        let (mut scene_rate, mut shard_rate) = (None, None);
+        if state == RunState::Running {
+            // Of tuples that this process saw appear, the age by its own clock.
+            let age_of = |tuple: &SeenTuple| tuple.seen.map_or(age(tuple.put), |at| at.elapsed());
+            scene_rate = rate(self.tuples.iter().map(age_of));
+            shard_rate = self.shard_rate();
+        }
+        let shards_left = self.missing().map(|index| {
+            let there = self.scenes[index].partials;
+            u64::from(self.plan.shards[index].saturating_sub(there))
+        });
+        let by_shards = shard_rate.map(|rate| shards_left.sum::<u64>() as f64 / rate);
+        let by_scenes = scene_rate.map(|rate| counts.scenes_left() as f64 / rate);
+        let attempts = self.attempts().map(|attempt| StandingAttempt {
+            note: attempt.record.clone(),
+            age_s: age(attempt.put).as_secs_f64(),
+        });
+        Status {
+            state,
+            reason: self.control.reason.clone(),
+            attempts: attempts.collect(),
+            workers: self.workers(&age),
+            last_tuple_s: newest.as_ref().map(Duration::as_secs_f64),
+            rate_scenes_per_s: scene_rate,
+            eta_s: by_shards.or(by_scenes),
+            counts,
+        }
+    }
+
+    /// This machine's time, or the store's newest if that is ahead: no age is negative.
+    fn now(&self) -> SystemTime {
+        let newest = self.tuples.iter().map(|tuple| tuple.put).max();
+        SystemTime::now().max(newest.unwrap_or(SystemTime::UNIX_EPOCH))
+    }
+
+    /// A refresh has ended.
+    pub(super) fn remember(&mut self) {
+        let is_old = |at: &Instant| at.elapsed() > RATE_OVER;
+        while self.history.front().is_some_and(|(at, _)| is_old(at)) {
+            self.history.pop_front();
+        }
+        let done = self.counts().shards_done;
+        self.history.push_back((Instant::now(), done));
+    }
+
+    /// Shards a second since the first refresh of the last minutes.
+    fn shard_rate(&self) -> Option<f64> {
+        let ((at, first), (_, last)) = (self.history.front()?, self.history.back()?);
+        let (seconds, shards) = (at.elapsed().as_secs_f64(), last.saturating_sub(*first));
+        (shards > 0 && seconds > 0.0).then(|| shards as f64 / seconds)
+    }
+
+    fn workers(&self, age: &dyn Fn(SystemTime) -> Duration) -> Vec<WorkerTuples> {
+        let mut workers: BTreeMap<&str, WorkerTuples> = BTreeMap::new();
+        for scene in &self.scenes {
+            let (Some(put), Some(provenance)) = (scene.receipt, &scene.provenance) else {
+                continue;
+            };
+            let name = provenance.worker.as_deref().unwrap_or("unknown");
+            let age_s = age(put).as_secs_f64();
+            let worker = workers.entry(name).or_insert_with(|| WorkerTuples {
+                worker: name.to_owned(),
+                version: None,
+                tuples: 0,
+                last_tuple_s: f64::MAX,
+            });
+            worker.tuples += 1;
+            if age_s < worker.last_tuple_s {
+                worker.last_tuple_s = age_s;
+                worker.version.clone_from(&provenance.version);
+            }
+        }
+        let mut workers: Vec<WorkerTuples> = workers.into_values().collect();
+        // Stable: those with equally many stay sorted by name.
+        workers.sort_by_key(|worker| std::cmp::Reverse(worker.tuples));
+        workers
+    }
+}
+
+/// Tuples a second, from the ages of all tuples: those of the last minutes that followed the first of them.
+fn rate(ages: impl Iterator<Item = Duration>) -> Option<f64> {
+    let recent: Vec<Duration> = ages.filter(|age| *age < RATE_OVER).collect();
+    let oldest = recent.iter().max()?.as_secs_f64();
+    (recent.len() > 1 && oldest > 0.0).then(|| (recent.len() - 1) as f64 / oldest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rate_is_that_of_the_last_minutes() {
+        let ages = |seconds: &[u64]| rate(seconds.iter().map(|&s| Duration::from_secs(s)));
+        assert_eq!(ages(&[]), None);
+        assert_eq!(ages(&[4]), None);
+        assert_eq!(ages(&[400, 500]), None);
+        assert_eq!(ages(&[0, 0]), None);
+        assert_eq!(ages(&[10, 0, 5]), Some(0.2));
+        // No tuple came for long: the rate falls.
+        assert_eq!(ages(&[110, 100, 105, 9999]), Some(2.0 / 110.0));
+    }
+}
