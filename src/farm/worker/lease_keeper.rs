@@ -88,7 +88,9 @@ impl LeaseKeeper<'_, '_> {
         let hung = worker.tasks().hung(worker.now(), hang).cloned();
         let Some(hung) = hung else {
             let leases = worker.tasks().leases();
-            leases.into_iter().for_each(|lease| queue.renew(lease));
+            for lease in leases {
+                queue.renew(lease);
+            }
             return;
         };
         queue.accept_requests(false);

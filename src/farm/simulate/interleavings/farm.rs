@@ -387,7 +387,7 @@ impl Farm {
     pub(super) fn record(&mut self, w: usize, task: &Task) -> u32 {
         let key = |n| (task.scene, task.shards.start, task.shards.end, n);
         let attempts = &self.store.attempts;
-        let n = (1..)
+        let n = (1..u32::MAX)
             .find(|&n| !attempts.contains_key(&key(n)))
             .unwrap_or(1);
         let owner = (w, self.workers[w].incarnation);

@@ -117,8 +117,8 @@ pub(in crate::farm) fn next(state: TaskState, event: TaskEvent) -> Option<Next> 
         (S::Partial, E::OthersMissing) => Ends(End::DoneInPart),
         (S::Gathering, E::Gathered) => To(S::Complete),
         (S::Gathering, E::Damaged) => Ends(End::Damaged),
-        (S::Complete, E::TupleStored) => Ends(End::Merged),
-        (S::Tracing | S::Complete | S::Partial | S::Gathering, E::DoneElsewhere) => {
+        (S::Complete, E::TupleStored)
+        | (S::Tracing | S::Complete | S::Partial | S::Gathering, E::DoneElsewhere) => {
             Ends(End::Merged)
         }
         (S::Loading | S::Tracing | S::Complete | S::Partial | S::Gathering, E::Failed) => {

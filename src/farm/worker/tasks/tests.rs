@@ -13,7 +13,7 @@ const START: Time = Duration::ZERO;
 
 fn lease(id: u64, scene: u32, shards: Range<u32>) -> Lease {
     Lease {
-        id: id,
+        id,
         message: Message {
             task: Task { scene, shards },
             hops: 0,
