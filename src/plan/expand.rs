@@ -2,21 +2,15 @@
 
 use super::cast::{Cast, Role};
 use super::diode::SourceImage;
-use super::draw::{Draw, nine_digits, scene_seed};
-use super::focus::FocusRecipe;
-use super::light::{SideLight, WhiteBalance, gains_against, illuminant};
-use super::list;
+use super::draw::{Draw, scene_seed};
+use super::light::{WhiteBalance, gains_against};
 use super::pair::Pair;
 use super::param::Param;
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
-use super::source::Source;
+use super::sections::{camera, film, glass, light, side};
 use super::source_values::source_values;
-use render::line::Side;
-use render::line::refuse;
-use render::line::{
-    Apex, Camera, DepthKind, Film, Focus, FocusAt, Glass, Photograph, SCENE_SCHEMA, SceneLine,
-};
+use render::line::{Apex, Focus, SCENE_SCHEMA, SceneLine, refuse};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// How often a scene is drawn before its recipe is given up.
@@ -109,14 +103,9 @@ pub(super) fn draw_line(
         front,
         back,
     };
-    let attempts = if deciding(recipe)
-        .iter()
-        .all(|(_, param)| param.is_constant())
-    {
-        1
-    } else {
-        MAX_ATTEMPTS
-    };
+    let deciding = geometry_params(recipe);
+    let is_constant = deciding.iter().all(|(_, param)| param.is_constant());
+    let attempts = if is_constant { 1 } else { MAX_ATTEMPTS };
     let white_balance = match recipe.light.white_balance {
         WhiteBalance::Front => gains_against(line.front.illuminant()),
         WhiteBalance::Back => gains_against(line.back.illuminant()),
@@ -145,7 +134,7 @@ pub(super) fn draw_line(
     Err(RecipeError::Refused {
         id: id.clone(),
         attempts,
-        ranges: deciding(recipe)
+        ranges: deciding
             .iter()
             .map(|(name, param)| format!("{name} ({param})"))
             .collect::<Vec<_>>()
@@ -154,149 +143,17 @@ pub(super) fn draw_line(
     })
 }
 
-/// The parameters that decide whether a pane is refused.
-fn deciding(recipe: &Recipe) -> Vec<(&'static str, &Param)> {
-    let mut params = vec![
-        ("camera.focal_length_mm", &recipe.camera.focal_length_mm),
-        ("camera.aperture_radius_m", &recipe.camera.aperture_radius_m),
-        ("glass.distance_m", &recipe.glass.distance_m),
-        ("glass.tilt_deg[0]", &recipe.glass.tilt_deg[0]),
-        ("glass.tilt_deg[1]", &recipe.glass.tilt_deg[1]),
-    ];
-    if let Some(param) = &recipe.camera.f_number {
-        params[1] = ("camera.f_number", param);
-    }
-    for focus in recipe.camera.focus.each() {
-        if let FocusRecipe::DistanceM(param) = focus {
-            params.push(("camera.focus", param));
-        }
-    }
+/// The parameters that decide whether pane, lens and film fit together.
+fn geometry_params(recipe: &Recipe) -> Vec<(String, &Param)> {
+    let has_f_number = recipe.camera.f_number.is_some();
+    let decides = |key: &str| match key {
+        "camera.aperture_radius_m" => !has_f_number,
+        "camera.f_number" | "camera.focal_length_mm" | "camera.focus" | "glass.distance_m" => true,
+        _ => key.starts_with("glass.tilt_deg"),
+    };
+    let mut params = recipe.params();
+    params.retain(|(key, _)| decides(key));
     params
-}
-
-fn film(recipe: &Recipe, draw: Draw<'_>) -> Film {
-    let film = &recipe.film;
-    Film {
-        width: draw.value("film.width", &film.width) as u32,
-        height: draw.value("film.height", &film.height) as u32,
-        spp: draw.value("film.spp", &film.spp) as u32,
-        filter: film.filter,
-        glass_reflection_orders: film.glass_reflection_orders,
-        order_tolerance: draw.value("film.order_tolerance", &film.order_tolerance),
-        exr: film.exr,
-        target_error: film.target_error,
-        layers: film.layers,
-    }
-}
-
-fn camera(recipe: &Recipe, draw: Draw<'_>) -> Camera {
-    let camera = &recipe.camera;
-    let focal_length_mm = draw.value("camera.focal_length_mm", &camera.focal_length_mm);
-    let aperture_radius_m = match &camera.f_number {
-        Some(param) => {
-            let f_number = draw.value("camera.f_number", param);
-            nine_digits(focal_length_mm * 1e-3 / (2.0 * f_number))
-        }
-        None => draw.value("camera.aperture_radius_m", &camera.aperture_radius_m),
-    };
-    let choices = camera.focus.each();
-    let chosen = match choices {
-        [one] => one,
-        many => {
-            let place = (draw.unit("camera.focus") * many.len() as f64) as usize;
-            &many[place.min(many.len() - 1)]
-        }
-    };
-    let at = |at| Focus::At { at };
-    Camera {
-        focal_length_mm,
-        aperture_radius_m,
-        focus: match chosen {
-            FocusRecipe::FrontCenter => at(FocusAt::FrontCenter),
-            FocusRecipe::BackCenter => at(FocusAt::BackCenter),
-            FocusRecipe::Infinity => at(FocusAt::Infinity),
-            FocusRecipe::Glass => Focus::Distance {
-                distance_m: draw.value("glass.distance_m", &recipe.glass.distance_m),
-            },
-            FocusRecipe::DistanceM(param) => Focus::Distance {
-                distance_m: draw.value("camera.focus", param),
-            },
-            FocusRecipe::Choice(_) => unreachable!("a recipe with a choice of choices is refused"),
-        },
-        exposure: 1.0,
-        white_balance: [1.0; 3],
-    }
-}
-
-fn glass(recipe: &Recipe, draw: Draw<'_>) -> Glass {
-    let glass = &recipe.glass;
-    let each = |name: &str, index: usize, param| draw.value(&format!("{name}[{index}]"), param);
-    Glass {
-        distance_m: draw.value("glass.distance_m", &glass.distance_m),
-        thickness_m: draw.value("glass.thickness_m", &glass.thickness_m),
-        ior: draw.value("glass.ior", &glass.ior),
-        absorption_per_m: std::array::from_fn(|index| {
-            each(
-                "glass.absorption_per_m",
-                index,
-                &glass.absorption_per_m[index],
-            )
-        }),
-        tilt_deg: std::array::from_fn(|index| {
-            each("glass.tilt_deg", index, &glass.tilt_deg[index])
-        }),
-    }
-}
-
-/// Draws the light of a side, on top of what a list says of its photograph.
-fn light(name: &str, recipe: SideLight<'_>, draw: Draw<'_>, side: &mut Side) {
-    let (exposure, side_illuminant) = side.light_mut();
-    *exposure *= draw.value(&format!("{name}.exposure"), recipe.exposure);
-    if let Some(param) = recipe.exposure_ev {
-        let ev = draw.value(&format!("{name}.exposure_ev"), param);
-        *exposure = nine_digits(*exposure * libm::exp2(ev));
-    }
-    if let Some(param) = recipe.illuminant_k {
-        let kelvin = draw.value(&format!("{name}.illuminant_k"), param);
-        for (channel, drawn) in side_illuminant.iter_mut().zip(illuminant(kelvin)) {
-            *channel = nine_digits(*channel * drawn);
-        }
-    }
-}
-
-fn side((name, source): (&str, &Source), image: &SourceImage) -> Side {
-    match &image.side {
-        Some(side) => list::rooted(side, name),
-        None => photograph((name, source), image).into(),
-    }
-}
-
-fn photograph((name, source): (&str, &Source), image: &SourceImage) -> Photograph {
-    let rooted = |path: &String| format!("{name}:{path}");
-    Photograph {
-        color: rooted(&image.color),
-        depth: match &image.depth_root {
-            Some(root) => format!("{root}:{}", image.depth),
-            None => rooted(&image.depth),
-        },
-        mask: image.mask.as_ref().map(rooted),
-        transfer: source.transfer,
-        depth_unit_m: source.depth_unit_m,
-        depth_kind: source.depth_kind,
-        // A table of categories has them for estimates; metric depths need none.
-        depth_range: match source.depth_kind {
-            DepthKind::Relative | DepthKind::RelativeInverse => {
-                image.depth_range.or(source.depth_range)
-            }
-            DepthKind::Z | DepthKind::Distance => None,
-        },
-        intrinsics: source.intrinsics,
-        exposure: 1.0,
-        illuminant: [1.0; 3],
-        highlights: source.highlights,
-        fill: source.fill,
-        apex: None,
-    }
 }
 
 #[cfg(test)]
@@ -305,8 +162,7 @@ mod tests {
     use super::super::recipe::tests::PAPER;
     use super::*;
     use proptest::prelude::*;
-    use render::line::Split;
-    use render::line::{parse_jsonl, to_jsonl};
+    use render::line::{Side, Split, parse_jsonl, to_jsonl};
     use std::collections::BTreeSet;
 
     fn two_sources(indoors: usize, outdoor: usize) -> BTreeMap<String, Vec<SourceImage>> {

@@ -38,7 +38,9 @@ mod recipe_check;
 mod recipe_error;
 mod recipe_schema;
 mod sample_bytes;
+mod sections;
 mod source;
+mod source_check;
 mod source_values;
 mod training;
 

@@ -80,14 +80,18 @@ impl Param {
         least == most
     }
 
-    /// The first value that `limit` does not hold.
+    /// The first value that can be drawn and is outside `limit`.
     pub(super) fn outside(&self, limit: Limit) -> Option<f64> {
         if *self == Self::FromSource {
-            // Each scene line is checked again.
+            // The value of each photograph is checked with its scene line.
             return None;
         }
         let (least, most) = self.bounds();
-        [least, most].into_iter().find(|&v| !limit.contains(v))
+        let values = match self {
+            Self::Choice(values) => values.as_slice(),
+            _ => &[least, most],
+        };
+        values.iter().copied().find(|&v| !limit.contains(v))
     }
 
     /// The distribution's own rules.

@@ -250,20 +250,19 @@ impl Recipe {
     /// All numbers that scenes draw, with their keys.
     pub fn params(&self) -> Vec<(String, &Param)> {
         let (film, camera, glass) = (&self.film, &self.camera, &self.glass);
-        let mut params = vec![
-            ("film.width".to_owned(), &film.width),
-            ("film.height".to_owned(), &film.height),
-            ("film.spp".to_owned(), &film.spp),
-            ("film.order_tolerance".to_owned(), &film.order_tolerance),
-            ("camera.focal_length_mm".to_owned(), &camera.focal_length_mm),
-            (
-                "camera.aperture_radius_m".to_owned(),
-                &camera.aperture_radius_m,
-            ),
-            ("glass.distance_m".to_owned(), &glass.distance_m),
-            ("glass.thickness_m".to_owned(), &glass.thickness_m),
-            ("glass.ior".to_owned(), &glass.ior),
-        ];
+        let mut params: Vec<(String, &Param)> = [
+            ("film.width", &film.width),
+            ("film.height", &film.height),
+            ("film.spp", &film.spp),
+            ("film.order_tolerance", &film.order_tolerance),
+            ("camera.focal_length_mm", &camera.focal_length_mm),
+            ("camera.aperture_radius_m", &camera.aperture_radius_m),
+            ("glass.distance_m", &glass.distance_m),
+            ("glass.thickness_m", &glass.thickness_m),
+            ("glass.ior", &glass.ior),
+        ]
+        .map(|(key, param)| (key.to_owned(), param))
+        .into();
         if let Some(param) = &camera.f_number {
             params.push(("camera.f_number".to_owned(), param));
         }

@@ -1,17 +1,15 @@
-//! Whether a recipe makes sense before anything is drawn: ranges, names, keys that go together.
+//! Checks a recipe before anything is drawn: ranges, names, keys that exclude each other. `source_check.rs` checks sources.
 
 use super::cast::sides;
-use super::focus::FocusRecipe;
 use super::param::Param;
 use super::places::depth_root;
 use super::recipe::{CameraRecipe, RECIPE_SCHEMA, Recipe};
 use super::recipe_error::RecipeError;
-use super::source::{Layout, Source};
+use super::source::Layout;
 use super::training::{FeatureSource, TrainRecipe};
 use render::ids::SceneId;
 use render::line::is_root_name;
-use render::line::limits::{self, Limit};
-use render::line::{DepthKind, Fill, Intrinsics, Transfer};
+use render::line::limits::limit_of;
 use std::collections::BTreeMap;
 
 /// Most pairs of one split: ids have six digits.
@@ -75,102 +73,38 @@ impl Recipe {
     }
 
     fn check_params(&self) -> Result<(), RecipeError> {
-        let (film, camera, glass) = (&self.film, &self.camera, &self.glass);
-        whole("film.width", &film.width, limits::FILM_SIDE.allowed, |v| {
-            limits::FILM_SIDE.contains(v)
-        })?;
-        whole(
-            "film.height",
-            &film.height,
-            limits::FILM_SIDE.allowed,
-            |v| limits::FILM_SIDE.contains(v),
-        )?;
-        whole(
-            "film.spp",
-            &film.spp,
-            limits::SPP.allowed,
-            limits::is_sample_count,
-        )?;
-        if let Some(target) = film.target_error {
-            within(
-                "film.target_error",
-                &Param::Constant(target),
-                limits::TARGET_ERROR,
-            )?;
+        for (key, param) in self.params() {
+            within(&key, param)?;
         }
-        let [red, green, blue] = &glass.absorption_per_m;
-        let [pitch, yaw] = &glass.tilt_deg;
-        let params = [
+        let constants = [
+            ("film.target_error", self.film.target_error),
             (
-                "film.order_tolerance",
-                &film.order_tolerance,
-                limits::ORDER_TOLERANCE,
+                "light.auto_exposure.percentile",
+                self.light.auto_exposure.map(|auto| auto.percentile),
             ),
             (
-                "camera.focal_length_mm",
-                &camera.focal_length_mm,
-                limits::FOCAL_LENGTH_MM,
+                "light.auto_exposure.level",
+                self.light.auto_exposure.map(|auto| auto.level),
             ),
-            (
-                "camera.aperture_radius_m",
-                &camera.aperture_radius_m,
-                limits::APERTURE_RADIUS_M,
-            ),
-            (
-                "glass.distance_m",
-                &glass.distance_m,
-                limits::GLASS_DISTANCE_M,
-            ),
-            ("glass.thickness_m", &glass.thickness_m, limits::THICKNESS_M),
-            ("glass.ior", &glass.ior, limits::IOR),
-            ("glass.absorption_per_m[0]", red, limits::ABSORPTION_PER_M),
-            ("glass.absorption_per_m[1]", green, limits::ABSORPTION_PER_M),
-            ("glass.absorption_per_m[2]", blue, limits::ABSORPTION_PER_M),
-            ("glass.tilt_deg[0]", pitch, limits::TILT_DEG),
-            ("glass.tilt_deg[1]", yaw, limits::TILT_DEG),
-            ("front.exposure", &self.front.exposure, limits::EXPOSURE),
-            ("back.exposure", &self.back.exposure, limits::EXPOSURE),
         ];
-        for (key, param, limit) in params {
-            within(key, param, limit)?;
-        }
-        for focus in camera.focus.each() {
-            if let FocusRecipe::DistanceM(param) = focus {
-                within("camera.focus", param, limits::FOCUS_DISTANCE_M)?;
+        for (key, value) in constants {
+            if let Some(value) = value {
+                within(key, &Param::Constant(value))?;
             }
         }
-        if let Some(f_number) = &camera.f_number {
-            within("camera.f_number", f_number, limits::F_NUMBER)?;
-            if camera.aperture_radius_m != CameraRecipe::default().aperture_radius_m {
-                return bad(
-                    "camera.f_number",
-                    "says what aperture_radius_m says: remove one of them",
-                );
-            }
+        let camera = &self.camera;
+        if camera.f_number.is_some()
+            && camera.aperture_radius_m != CameraRecipe::default().aperture_radius_m
+        {
+            return bad(
+                "camera.f_number",
+                "excludes aperture_radius_m: remove one of them",
+            );
         }
-        self.check_light()
+        self.check_reject()
     }
 
-    fn check_light(&self) -> Result<(), RecipeError> {
-        for (name, side) in [("front", self.front.light()), ("back", self.back.light())] {
-            for (key, param, limit) in [
-                ("exposure_ev", side.exposure_ev, limits::EXPOSURE_EV),
-                ("illuminant_k", side.illuminant_k, limits::ILLUMINANT_K),
-            ] {
-                if let Some(param) = param {
-                    within(&format!("{name}.{key}"), param, limit)?;
-                }
-            }
-        }
-        if let Some(auto) = &self.light.auto_exposure {
-            for (key, value, limit) in [
-                ("percentile", auto.percentile, limits::PERCENTILE),
-                ("level", auto.level, limits::ABOVE_0),
-            ] {
-                let key = format!("light.auto_exposure.{key}");
-                within(&key, &Param::Constant(value), limit)?;
-            }
-        }
+    fn check_reject(&self) -> Result<(), RecipeError> {
         let Some(reject) = &self.reject else {
             return Ok(());
         };
@@ -282,226 +216,43 @@ impl Recipe {
     }
 }
 
-impl Source {
-    /// `key` is where it stands in the recipe.
-    fn check(&self, key: &str) -> Result<(), RecipeError> {
-        use Layout::{Diode, List, Places, Sample};
-        let keys: [(&str, bool, &[Layout]); 9] = [
-            ("root", self.root.is_some(), &[Diode, Places, List]),
-            ("list", self.list.is_some(), &[List]),
-            ("depth_ranges", self.depth_ranges.is_some(), &[Places]),
-            ("depth_root", self.depth_root.is_some(), &[Places]),
-            ("depth_range", self.depth_range.is_some(), &[Diode, Sample]),
-            ("count", self.count.is_some(), &[Sample]),
-            ("seed", self.seed.is_some(), &[Sample]),
-            ("width", self.width.is_some(), &[Sample]),
-            ("height", self.height.is_some(), &[Sample]),
-        ];
-        for (name, given, layouts) in keys {
-            if given && !layouts.contains(&self.layout) {
-                return bad(
-                    &format!("{key}.{name}"),
-                    format!("does not belong to layout \"{}\": remove it", self.layout),
-                );
-            }
-        }
-        if self.layout == Places && self.depth_ranges.is_none() {
-            return bad(
-                &format!("{key}.depth_ranges"),
-                "is missing: name the table of categories, such as \"depth-ranges.toml\"",
-            );
-        }
-        if self.layout == List {
-            self.check_list(key)?;
-        }
-        if self.layout == Sample {
-            if self.count.is_none_or(|count| count < 2) {
-                return bad(&format!("{key}.count"), "must be given and at least 2");
-            }
-            for (side, pixels) in ["width", "height"].iter().zip(self.sample_size()) {
-                if !(16..=16_384).contains(&pixels) {
-                    return bad(
-                        &format!("{key}.{side}"),
-                        format!("is {pixels}, but must be 16 to 16384 px"),
-                    );
-                }
-            }
-        }
-        if let Some(highlights) = &self.highlights {
-            let is_sound = highlights.validate("highlights", self.transfer);
-            if let Err(error) = is_sound {
-                return bad(&format!("{key}.highlights"), format!("is wrong: {error}"));
-            }
-        }
-        let camera = &self.intrinsics;
-        let mut numbers = vec![
-            ("depth_unit_m", self.depth_unit_m, limits::DEPTH_UNIT_M),
-            ("intrinsics.fx", camera.fx, limits::FOCAL_LENGTH_PX),
-            ("intrinsics.fy", camera.fy, limits::FOCAL_LENGTH_PX),
-            ("intrinsics.cx", camera.cx, limits::PRINCIPAL_POINT_PX),
-            ("intrinsics.cy", camera.cy, limits::PRINCIPAL_POINT_PX),
-        ];
-        for side in camera.size.into_iter().flatten() {
-            numbers.push(("intrinsics.size", side.into(), limits::IMAGE_SIDE));
-        }
-        for (name, value, limit) in numbers {
-            within(&format!("{key}.{name}"), &Param::Constant(value), limit)?;
-        }
-        Ok(())
-    }
-}
-
-impl Source {
-    /// A list says of each photograph what other sources say of all of theirs.
-    fn check_list(&self, key: &str) -> Result<(), RecipeError> {
-        let keys = [
-            ("intrinsics", self.intrinsics != Intrinsics::diode()),
-            ("transfer", self.transfer != Transfer::default()),
-            ("depth_unit_m", self.depth_unit_m != 1.0),
-            ("depth_kind", self.depth_kind != DepthKind::default()),
-            ("highlights", self.highlights.is_some()),
-            ("fill", self.fill != Fill::default()),
-        ];
-        for (name, given) in keys {
-            if given {
-                return bad(
-                    &format!("{key}.{name}"),
-                    "does not belong to layout \"list\": write it in the lines of the list",
-                );
-            }
-        }
-        Ok(())
-    }
-}
-
-fn bad(key: &str, problem: impl Into<String>) -> Result<(), RecipeError> {
+/// An error of the recipe under `key`.
+pub(super) fn bad(key: &str, problem: impl Into<String>) -> Result<(), RecipeError> {
     Err(RecipeError::Key {
         key: key.to_owned(),
         problem: problem.into(),
     })
 }
 
-fn within(key: &str, param: &Param, limit: Limit) -> Result<(), RecipeError> {
-    match param.outside(limit) {
-        None => Ok(()),
-        Some(value) if param.is_constant() => {
-            bad(key, format!("is {value}, but must be {}", limit.allowed))
-        }
-        Some(value) => bad(
+/// Checks all values that `param` may take against the table of limits.
+pub(super) fn within(key: &str, param: &Param) -> Result<(), RecipeError> {
+    let limit = limit_of(key);
+    // A range of whole numbers or of powers of two has no uniform distribution.
+    if limit.is_whole() && !matches!(param, Param::Constant(_) | Param::Choice(_)) {
+        return bad(
             key,
-            format!("({param}) can be {value}, but must be {}", limit.allowed),
-        ),
+            "must be a whole number or { choice = [..] } of whole numbers",
+        );
     }
-}
-
-/// Sizes and counts: constants and choices, as a range of powers of two has no uniform distribution.
-fn whole(
-    key: &str,
-    param: &Param,
-    allowed: &str,
-    is_allowed: impl Fn(f64) -> bool,
-) -> Result<(), RecipeError> {
-    let values = match param {
-        Param::Constant(value) => std::slice::from_ref(value),
-        Param::Choice(values) => values,
-        _ => {
-            return bad(
-                key,
-                "must be a whole number or { choice = [..] } of whole numbers",
-            );
-        }
+    let Some(value) = param.outside(limit) else {
+        return Ok(());
     };
-    match values.iter().find(|v| v.fract() != 0.0 || !is_allowed(**v)) {
-        None => Ok(()),
-        Some(value) => bad(key, format!("is {value}, but must be whole and {allowed}")),
-    }
+    let whole = if limit.is_whole() { "whole and " } else { "" };
+    let found = if param.is_constant() {
+        format!("is {value}")
+    } else {
+        format!("({param}) can be {value}")
+    };
+    bad(
+        key,
+        format!("{found}, but must be {whole}{}", limit.allowed),
+    )
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::recipe::tests::PAPER;
     use super::*;
-
-    #[test]
-    fn sample_sources_need_a_count_and_make_different_photographs() {
-        let parse = |sources: &str| {
-            let head = "schema = \"glasshouse.recipe/1\"\nname = \"x\"\n";
-            let split = "[[split]]\nname = \"train\"\npairs = { aa = 2 }\n";
-            Recipe::parse(&format!("{head}{sources}{split}")).map_err(|error| error.to_string())
-        };
-        let recipe = parse("[sources.aa]\nlayout = \"sample\"\ncount = 4\nwidth = 64\n").unwrap();
-        assert_eq!(recipe.sources["aa"].sample_size(), [64, 768]);
-        for (source, message) in [
-            ("", "sources.aa.count must be given"),
-            ("count = 1", "sources.aa.count must be given and at least 2"),
-            ("count = 4\nwidth = 8", "sources.aa.width is 8"),
-            (
-                "count = 4\nroot = \"x\"",
-                "sources.aa.root does not belong to layout \"sample\"",
-            ),
-            (
-                "count = 4\n[sources.bb]\nlayout = \"sample\"\ncount = 9\nseed = 2020",
-                "sources.bb has seed 2020 as source aa has",
-            ),
-        ] {
-            let error = parse(&format!("[sources.aa]\nlayout = \"sample\"\n{source}\n"));
-            let error = error.unwrap_err();
-            assert!(error.contains(message), "{source}: {error}");
-        }
-    }
-
-    #[test]
-    fn a_list_says_itself_what_other_sources_say_of_all_photographs() {
-        let with = |keys: &str| {
-            let text = PAPER.replacen(
-                "layout = \"diode\"",
-                &format!("layout = \"list\"\n{keys}"),
-                1,
-            );
-            Recipe::parse(&text).map_err(|error| error.to_string())
-        };
-        let recipe = with("list = \"mine.jsonl\"").unwrap();
-        assert_eq!(recipe.sources["diode"].list.as_deref(), Some("mine.jsonl"));
-        assert_eq!(with("").unwrap().sources["diode"].list, None);
-        for (keys, message) in [
-            (
-                "list = \"m\"\ntransfer = \"linear\"",
-                "sources.diode.transfer does not belong to layout \"list\"",
-            ),
-            (
-                "list = \"m\"\ndepth_range = { mean_m = 3 }",
-                "sources.diode.depth_range does not belong",
-            ),
-            (
-                "list = \"m\"\ncount = 3",
-                "sources.diode.count does not belong",
-            ),
-        ] {
-            let error = with(keys).unwrap_err();
-            assert!(error.contains(message), "{keys}: {error}");
-        }
-        let other = PAPER.replacen("root = \"diode\"", "list = \"m\"", 1);
-        let error = Recipe::parse(&other).unwrap_err().to_string();
-        assert!(
-            error.contains("sources.diode.list does not belong"),
-            "{error}"
-        );
-    }
-
-    #[test]
-    fn highlights_belong_to_srgb() {
-        let with = |keys: &str| {
-            let text = PAPER.replacen("root = \"diode\"", keys, 1);
-            Recipe::parse(&text).map_err(|error| error.to_string())
-        };
-        let recipe = with("highlights = { above = 0.9, to = 8 }").unwrap();
-        assert_eq!(recipe.sources["diode"].highlights.map(|h| h.to), Some(8.0));
-        assert_eq!(recipe.sources["places"].highlights, None);
-        let error = with("highlights = { above = 1.5, to = 8 }").unwrap_err();
-        assert!(error.contains("highlights.above is 1.5"), "{error}");
-        let light = with("highlights = { above = 0.9, to = 8 }\ntransfer = \"linear\"");
-        assert!(light.unwrap_err().contains("only images of transfer"));
-    }
 
     #[test]
     fn mistakes_are_named_with_their_place() {
