@@ -83,84 +83,35 @@ pub fn render_through(
         let ray = view.centre_ray(i, j);
         Some(point(&ray, pixel.hit, pixel.normal))
     });
-    let centre = |k: usize| {
-        let (i, j) = (k % w, k / w);
-        view.radiance(&view.centre_ray(i, j), pixels[k].as_ref(), &grid, i, j)
-    };
-    let metered: Vec<Vec3> = (0..w * h)
-        .filter(|k| {
-            k % w % METERING_STEP == METERING_STEP / 2 && k / w % METERING_STEP == METERING_STEP / 2
-        })
-        .map(|k| centre(k).0)
+    let inverse_depth_per_m = pixels
+        .iter()
+        .map(|pixel| pixel.map_or(0.0, |p| 1.0 / p.hit.depth_m))
         .collect();
-    let tone = Tone::aimed(&metered, model.brightness);
+    let film = Film {
+        view,
+        grid,
+        pixels,
+        size: [w, h],
+    };
+    let tone = film.metered_tone();
     let seed = (photograph.seed as u32 ^ photograph.scan).cast_signed();
 
     let mut rgb = vec![0; 3 * w * h];
     let mut depth_m = vec![0.0; w * h];
     let mut valid = vec![false; w * h];
-    let inverse_depth_per_m = pixels
-        .iter()
-        .map(|pixel| pixel.map_or(0.0, |p| 1.0 / p.hit.depth_m))
-        .collect();
     rgb.par_chunks_mut(3 * w)
         .zip(depth_m.par_chunks_mut(w))
         .zip(valid.par_chunks_mut(w))
         .enumerate()
         .for_each(|(j, ((rgb, depth_m), valid))| {
             for i in 0..w {
-                let k = j * w + i;
-                let around = [
-                    pixels[if i > 0 { k - 1 } else { k }],
-                    pixels[if i + 1 < w { k + 1 } else { k }],
-                    pixels[if j > 0 { k - w } else { k }],
-                    pixels[if j + 1 < h { k + w } else { k }],
-                ];
-                let (radiance, glass) = centre(k);
-                let mut coded = tone.coded(radiance);
-                if around
-                    .iter()
-                    .any(|other| differs(pixels[k].as_ref(), other.as_ref()))
-                {
-                    coded = Vec3::ZERO;
-                    // All around lit: what lies between is, too. (A shaded one may face away.)
-                    let lit = pixels[k]
-                        .iter()
-                        .chain(around.iter().flatten())
-                        .all(|p| p.in_sun);
-                    let known_sun = lit.then_some(true);
-                    for (du, dv) in OFFSETS {
-                        let ray = camera.ray(i as f32 + 0.5 + du, j as f32 + 0.5 + dv);
-                        let pixel = view.seen(&ray, i, j, known_sun);
-                        let (radiance, _) = view.radiance(&ray, pixel.as_ref(), &grid, i, j);
-                        coded += tone.coded(radiance);
-                    }
-                    coded *= 0.25;
-                }
+                let (radiance, glass) = film.centre(i, j);
+                let coded = film.antialiased(i, j, radiance, &tone);
                 for (byte, c) in rgb[3 * i..3 * i + 3].iter_mut().zip(coded.to_array()) {
                     *byte = (c * 255.0 + 0.5) as u8;
                 }
-                let Some(pixel) = pixels[k] else { continue };
-                let depths = || around.iter().flatten().map(|p| p.hit.depth_m);
-                let found = Return {
-                    depth_m: pixel.hit.depth_m,
-                    cos: -pixel
-                        .normal
-                        .dot(view.centre_ray(i, j).direction.normalize()),
-                    glass,
-                    neighbours_m: (
-                        depths().fold(f32::MAX, f32::min),
-                        depths().fold(0.0, f32::max),
-                    ),
-                };
-                if hole::is_valid(
-                    &found,
-                    model.range_m,
-                    [i as u32, j as u32].map(u32::cast_signed),
-                    seed,
-                ) {
-                    depth_m[i] = found.depth_m;
-                    valid[i] = true;
+                if let Some(found) = film.measured_depth_m(i, j, glass, seed) {
+                    (depth_m[i], valid[i]) = (found, true);
                 }
             }
         });
@@ -171,6 +122,94 @@ pub fn render_through(
         depth_m,
         valid,
         inverse_depth_per_m,
+    }
+}
+
+/// A view with what all pixel centres show.
+struct Film<'a> {
+    view: View<'a>,
+    grid: SoftGrid<'a>,
+    pixels: Vec<Option<Pixel>>,
+    size: [usize; 2],
+}
+
+impl Film<'_> {
+    /// Radiance at a pixel's centre, and whether glass is seen there.
+    fn centre(&self, i: usize, j: usize) -> (Vec3, bool) {
+        let pixel = self.pixels[j * self.size[0] + i].as_ref();
+        let ray = self.view.centre_ray(i, j);
+        self.view.radiance(&ray, pixel, &self.grid, i, j)
+    }
+
+    /// Exposes for every [`METERING_STEP`]th pixel.
+    fn metered_tone(&self) -> Tone {
+        let [w, h] = self.size;
+        let first = METERING_STEP / 2;
+        let rows = (first..h).step_by(METERING_STEP);
+        let metered: Vec<Vec3> = rows
+            .flat_map(|j| (first..w).step_by(METERING_STEP).map(move |i| (i, j)))
+            .map(|(i, j)| self.centre(i, j).0)
+            .collect();
+        Tone::aimed(&metered, self.view.model.brightness)
+    }
+
+    /// The four neighbours of a pixel; at the border the pixel itself.
+    fn neighbours(&self, i: usize, j: usize) -> [Option<Pixel>; 4] {
+        let ([w, h], k) = (self.size, j * self.size[0] + i);
+        [
+            self.pixels[if i > 0 { k - 1 } else { k }],
+            self.pixels[if i + 1 < w { k + 1 } else { k }],
+            self.pixels[if j > 0 { k - w } else { k }],
+            self.pixels[if j + 1 < h { k + w } else { k }],
+        ]
+    }
+
+    /// sRGB-coded colour of a pixel whose centre has this radiance: the mean of four samples where an edge is near.
+    fn antialiased(&self, i: usize, j: usize, radiance: Vec3, tone: &Tone) -> Vec3 {
+        let pixel = &self.pixels[j * self.size[0] + i];
+        let around = self.neighbours(i, j);
+        if !around
+            .iter()
+            .any(|other| differs(pixel.as_ref(), other.as_ref()))
+        {
+            return tone.coded(radiance);
+        }
+        // If all around are lit, so is what lies between. (A shaded one may face away.)
+        let is_lit = pixel
+            .iter()
+            .chain(around.iter().flatten())
+            .all(|p| p.in_sun);
+        let known_sun = is_lit.then_some(true);
+        let mut coded = Vec3::ZERO;
+        for (du, dv) in OFFSETS {
+            let ray = self
+                .view
+                .camera
+                .ray(i as f32 + 0.5 + du, j as f32 + 0.5 + dv);
+            let seen = self.view.seen(&ray, i, j, known_sun);
+            let (radiance, _) = self.view.radiance(&ray, seen.as_ref(), &self.grid, i, j);
+            coded += tone.coded(radiance);
+        }
+        coded * 0.25
+    }
+
+    /// The depth that a scanner would measure at a pixel; `None` in a hole.
+    fn measured_depth_m(&self, i: usize, j: usize, glass: bool, seed: i32) -> Option<f32> {
+        let pixel = self.pixels[j * self.size[0] + i]?;
+        let around = self.neighbours(i, j);
+        let depths = || around.iter().flatten().map(|p| p.hit.depth_m);
+        let direction = self.view.centre_ray(i, j).direction.normalize();
+        let found = Return {
+            depth_m: pixel.hit.depth_m,
+            cos: -pixel.normal.dot(direction),
+            glass,
+            neighbours_m: (
+                depths().fold(f32::MAX, f32::min),
+                depths().fold(0.0, f32::max),
+            ),
+        };
+        let at = [i as u32, j as u32].map(u32::cast_signed);
+        hole::is_valid(&found, self.view.model.range_m, at, seed).then_some(found.depth_m)
     }
 }
 
