@@ -1,6 +1,6 @@
 //! A recipe and its photographs become scene lines.
 
-use super::cast::{Cast, Role};
+use super::assign::{Cast, Role};
 use super::diode::SourceImage;
 use super::draw::{Draw, scene_seed};
 use super::light::{WhiteBalance, gains_against};
@@ -158,7 +158,7 @@ fn geometry_params(recipe: &Recipe) -> Vec<(String, &Param)> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::divide::tests::set;
+    use super::super::split::tests::set;
     use super::super::recipe::tests::PAPER;
     use super::*;
     use proptest::prelude::*;

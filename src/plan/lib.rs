@@ -15,11 +15,11 @@
 //! Pure, apart from the listings of `diode.rs`, `places.rs` and `list.rs`.
 
 pub mod cases;
-mod cast;
+mod assign;
 mod check;
 mod content;
 mod diode;
-mod divide;
+mod split;
 mod drafting;
 mod draw;
 mod draw_scenes;
@@ -44,7 +44,7 @@ mod source_check;
 mod source_values;
 mod training;
 
-pub use cast::{Cast, Drawn, photograph_name};
+pub use assign::{Cast, Drawn, photograph_name};
 pub use check::{InvalidInput, invalid_text};
 pub use content::Made;
 pub use diode::{Index, IndexError, Place, SourceImage, from_paths, index_paths, index_source};

@@ -215,7 +215,7 @@ fn within<'a>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::divide::tests::set;
+    use super::super::split::tests::set;
     use super::*;
     use proptest::prelude::*;
 

@@ -1,6 +1,6 @@
 //! Checks a recipe before anything is drawn: ranges, names, keys that exclude each other. `source_check.rs` checks sources.
 
-use super::cast::sides;
+use super::assign::sides;
 use super::param::Param;
 use super::places::depth_root;
 use super::recipe::{CameraRecipe, RECIPE_SCHEMA, Recipe};

@@ -7,9 +7,9 @@
 //!
 //! Pure: the same scene, the same numbers, on any machine.
 
-mod judge;
-mod look;
+mod rules;
+mod images;
 mod meter;
-mod settle;
+mod auto_expose;
 
-pub(crate) use settle::{SettleError, settle};
+pub(crate) use auto_expose::{SettleError, settle};

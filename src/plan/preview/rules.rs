@@ -1,6 +1,6 @@
 //! Whether a scene keeps to a recipe's bounds.
 
-use super::look::Look;
+use super::images::Look;
 use crate::RejectRecipe;
 use serde::{Deserialize, Serialize};
 use std::fmt;

@@ -1,7 +1,7 @@
 //! Who is in which scene: every scene's id and its two photographs, and who stands in for whom.
 
 use super::diode::SourceImage;
-use super::divide::divide;
+use super::split::divide;
 use super::draw::keyed;
 use super::expand::draw_line;
 use super::pair::{Pair, pairs, pairs_between};

@@ -1,7 +1,7 @@
 //! Exposures and white balance become numbers of the scene line: what is farmed depends on the line alone.
 
-use super::judge::{Bound, reject};
-use super::look::Look;
+use super::rules::{Bound, reject};
+use super::images::Look;
 use super::meter::mean_luminance;
 use crate::{LightRecipe, LuminanceScale, RejectRecipe, WhiteBalance, gains_against, nine_digits};
 use render::line::SceneLine;
