@@ -12,11 +12,11 @@ use render::line::is_root_name;
 use render::line::limits::limit_of;
 use std::collections::BTreeMap;
 
-/// Most pairs of one split: ids have six digits.
+/// Largest number of pairs in a split: ids have six digits.
 const MAX_PAIRS: u64 = 1_000_000;
 
 impl Recipe {
-    /// Everything that the TOML reader cannot tell.
+    /// Checks everything that the TOML parser does not.
     pub(super) fn check(&self) -> Result<(), RecipeError> {
         if self.schema != RECIPE_SCHEMA {
             return bad(
@@ -36,7 +36,7 @@ impl Recipe {
         self.check_train()
     }
 
-    /// What would end the training when all scenes have been traced is said before.
+    /// Reports errors of `[train]` now, not after all scenes have been traced.
     fn check_train(&self) -> Result<(), RecipeError> {
         let Some(TrainRecipe { settings, .. }) = &self.train else {
             return Ok(());
@@ -48,13 +48,13 @@ impl Recipe {
         if settings.features == FeatureSource::File {
             return bad(
                 "train.settings.features",
-                "is \"file\", which a recipe cannot name: leave [train] away and give the file to `glasshouse train --features FILE`".to_owned(),
+                "is \"file\", but a recipe cannot name the file: remove [train] and run `glasshouse train --features FILE`".to_owned(),
             );
         }
         if settings.real_share > 0.0 {
             return bad(
                 "train.settings.real_share",
-                "is above 0, but a recipe has no real pairs: leave [train] away and give them to `glasshouse train --real DIR`".to_owned(),
+                "is above 0, but a recipe has no real pairs: remove [train] and run `glasshouse train --real DIR`".to_owned(),
             );
         }
         for (key, side) in [("width", &self.film.width), ("height", &self.film.height)] {
@@ -63,7 +63,7 @@ impl Recipe {
                 return bad(
                     "train.settings.crop_px",
                     format!(
-                        "is {}, but film.{key} may be {least}: make it as small",
+                        "is {}, but film.{key} can be {least}: set it to at most that",
                         settings.crop_px
                     ),
                 );
@@ -120,7 +120,7 @@ impl Recipe {
             {
                 return bad(
                     &format!("reject.{key}"),
-                    format!("is {least} to {most}: write the least and the most, finite"),
+                    format!("is {least} to {most}: write two finite numbers, the smaller first"),
                 );
             }
         }
@@ -138,7 +138,7 @@ impl Recipe {
             if source.layout == Layout::Places && self.sources.contains_key(&depth_root(name)) {
                 let taken = depth_root(name);
                 let problem = format!(
-                    "has its depth maps under the root {taken}, which is a source, too: rename one"
+                    "has its depth maps under the root {taken}, which is also a source: rename one of them"
                 );
                 return bad(&key, problem);
             }
@@ -152,8 +152,7 @@ impl Recipe {
                 return bad(
                     &key,
                     format!(
-                        "has {photographs} as source {other} has, so two splits could share their \
-                         photographs: use one source"
+                        "has {photographs} like source {other}, so two splits could share photographs: use one source"
                     ),
                 );
             }
@@ -167,7 +166,7 @@ impl Recipe {
         for split in &self.splits {
             let key = format!("split {}", split.name);
             if seen.contains(&split.name) {
-                return bad(&key, "stands there twice: merge the two into one [[split]]");
+                return bad(&key, "is given twice: merge the two into one [[split]]");
             }
             seen.push(split.name);
             let mut labels = BTreeMap::new();
@@ -178,17 +177,17 @@ impl Recipe {
                         return bad(
                             &format!("{key}, pairs.{pair}"),
                             format!(
-                                "names no source: the recipe has {}, add [sources.{name}]; of two sources write FRONT/BACK",
+                                "is not a source: the recipe has {}; add [sources.{name}], or write FRONT/BACK for two sources",
                                 known.join(", ")
                             ),
                         );
                     }
                 }
-                // Scenes are named by them.
+                // Ids of scenes contain the label.
                 if let Some(other) = labels.insert(pair.replace('/', "-"), pair) {
                     return bad(
                         &format!("{key}, pairs.{pair}"),
-                        format!("would name its scenes like those of {other:?}: rename a source"),
+                        format!("would give its scenes the ids of {other:?}: rename a source"),
                     );
                 }
             }
@@ -306,7 +305,7 @@ mod tests {
             (
                 "root = \"places\"",
                 "root = \"diode\"",
-                "sources.places has root \"diode\" as source diode has",
+                "sources.places has root \"diode\" like source diode",
             ),
             (
                 "root = \"diode\"",
@@ -321,7 +320,7 @@ mod tests {
             (
                 "name = \"test\"",
                 "name = \"train\"",
-                "split train stands there twice",
+                "split train is given twice",
             ),
             (
                 "name = \"test\"",
@@ -331,7 +330,7 @@ mod tests {
             (
                 "diode = 120",
                 "dioed = 120",
-                "pairs.dioed names no source: the recipe has diode, places",
+                "pairs.dioed is not a source: the recipe has diode, places",
             ),
             ("diode = 120, places = 80", "diode = 0", "add up to 0"),
             ("seed = 2020", "seed = -1", "line 4"),

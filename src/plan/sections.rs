@@ -56,7 +56,7 @@ pub(super) fn camera(recipe: &Recipe, draw: Draw<'_>) -> Camera {
             FocusRecipe::DistanceM(param) => Focus::Distance {
                 distance_m: draw.value("camera.focus", param),
             },
-            FocusRecipe::Choice(_) => unreachable!("a recipe with a choice of choices is refused"),
+            FocusRecipe::Choice(_) => unreachable!("a choice of choices is not parsed"),
         },
         exposure: 1.0,
         white_balance: [1.0; 3],
@@ -83,7 +83,7 @@ pub(super) fn glass(recipe: &Recipe, draw: Draw<'_>) -> Glass {
     }
 }
 
-/// Draws the light of a side, on top of what a list says of its photograph.
+/// Draws the light of a side; it multiplies the light that a list gives for the photograph.
 pub(super) fn light(name: &str, recipe: SideLight<'_>, draw: Draw<'_>, side: &mut Side) {
     let (exposure, side_illuminant) = side.light_mut();
     *exposure *= draw.value(&format!("{name}.exposure"), recipe.exposure);
@@ -118,7 +118,7 @@ fn photograph((name, source): (&str, &Source), image: &SourceImage) -> Photograp
         transfer: source.transfer,
         depth_unit_m: source.depth_unit_m,
         depth_kind: source.depth_kind,
-        // A table of categories has them for estimates; metric depths need none.
+        // Estimated depths take the range from a table of categories; metric depths need none.
         depth_range: match source.depth_kind {
             DepthKind::Relative | DepthKind::RelativeInverse => {
                 image.depth_range.or(source.depth_range)

@@ -7,7 +7,7 @@ use super::source::{Layout, Source};
 use render::line::{DepthKind, Fill, Intrinsics, Transfer};
 
 impl Source {
-    /// `key` is where it stands in the recipe.
+    /// Checks the source; `key` is its place in the recipe.
     pub(super) fn check(&self, key: &str) -> Result<(), RecipeError> {
         use Layout::{Diode, List, Places, Sample};
         let keys: [(&str, bool, &[Layout]); 9] = [
@@ -74,7 +74,7 @@ impl Source {
         Ok(())
     }
 
-    /// A list says of each photograph what other sources say of all of theirs.
+    /// A list gives these keys for each photograph, not for the source.
     fn check_list(&self, key: &str) -> Result<(), RecipeError> {
         let keys = [
             ("intrinsics", self.intrinsics != Intrinsics::diode()),
@@ -102,7 +102,7 @@ mod tests {
     use crate::recipe::tests::PAPER;
 
     #[test]
-    fn sample_sources_need_a_count_and_make_different_photographs() {
+    fn sample_sources_need_a_count_and_different_seeds() {
         let parse = |sources: &str| {
             let head = "schema = \"glasshouse.recipe/1\"\nname = \"x\"\n";
             let split = "[[split]]\nname = \"train\"\npairs = { aa = 2 }\n";
@@ -120,7 +120,7 @@ mod tests {
             ),
             (
                 "count = 4\n[sources.bb]\nlayout = \"sample\"\ncount = 9\nseed = 2020",
-                "sources.bb has seed 2020 as source aa has",
+                "sources.bb has seed 2020 like source aa",
             ),
         ] {
             let error = parse(&format!("[sources.aa]\nlayout = \"sample\"\n{source}\n"));
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_list_says_itself_what_other_sources_say_of_all_photographs() {
+    fn keys_of_photographs_do_not_belong_to_a_list() {
         let with = |keys: &str| {
             let text = PAPER.replacen(
                 "layout = \"diode\"",

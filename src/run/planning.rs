@@ -2,7 +2,7 @@
 
 use super::run_dir::{Run, RunDir, RunError};
 use plan::{
-    DraftError, Drafted, InputFiles, InvalidInput, Made, RejectedScene, Request, draft,
+    DraftError, Drafted, InputFiles, InvalidInput, ProceduralPhotograph, RejectedScene, Request, draft,
     inputs_folder, invalid_text, make_photographs, rejected_lines,
 };
 use procedural::SampleError;
@@ -162,9 +162,9 @@ pub fn plan_run(
         rejected: drafted.rejected,
         invalid: drafted.invalid,
         files: drafted.files,
-        parts: drafted.parts,
+        parts: drafted.left_out_kind,
         input_bytes: drafted.input_bytes,
-        made_bytes: drafted.made.iter().map(Made::about_bytes).sum::<u64>() + pictures.sum::<u64>(),
+        made_bytes: drafted.to_make.iter().map(ProceduralPhotograph::estimated_bytes).sum::<u64>() + pictures.sum::<u64>(),
         lines: drafted.lines,
     })
 }
@@ -184,7 +184,7 @@ fn write_inputs(
     }
     Ok(make_photographs(
         out,
-        &drafted.made,
+        &drafted.to_make,
         threads,
         on_photograph,
     )?)
