@@ -11,7 +11,7 @@ use super::style::{Style, seed};
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
-/// Furnishes a room; `lamps` receives where lamps shine. The order of all draws decides the pictures.
+/// Furnishes a room; `lamps` receives the positions of bulbs. Another order of the draws would change the pictures.
 pub(super) fn furnish(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
     b.start_piece();
     match room.kind {
@@ -244,7 +244,7 @@ fn back_wall(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>
     }
 }
 
-/// The same along the two side walls.
+/// Furniture, doors and pictures along the two side walls.
 fn side_walls(b: &mut Builder, room: &Room, r: &mut Stream) {
     let d = room.size[2];
     let style = room.style;

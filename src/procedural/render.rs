@@ -1,4 +1,4 @@
-//! Photographing a model: visibility, light, antialiasing, depth.
+//! Renders a model: visibility, light, antialiasing, depth.
 
 use super::bounds::Bounds;
 use super::camera::{Camera, Ray, intrinsics};
@@ -20,13 +20,13 @@ pub struct Rgbd {
     pub width: u32,
     /// Pixels down.
     pub height: u32,
-    /// sRGB-coded colour, three bytes a pixel.
+    /// sRGB-coded colour, three bytes per pixel.
     pub rgb: Vec<u8>,
     /// Depth along the optical axis, 0 where invalid.
     pub depth_m: Vec<f32>,
-    /// Whether the pixel has a depth.
+    /// Whether a pixel has a depth.
     pub valid: Vec<bool>,
-    /// 1/z of what each pixel shows, holes or not; 0 of the sky.
+    /// 1/z of the surface at each pixel, also in holes; 0 for the sky.
     pub inverse_depth_per_m: Vec<f32>,
 }
 
@@ -38,10 +38,10 @@ const OFFSETS: [(f32, f32); 4] = [
     (-0.375, 0.125),
 ];
 
-/// Pixels between the ones that the exposure looks at.
+/// Distance of metered pixels, px.
 const METERING_STEP: usize = 16;
 
-/// What the centre of a pixel shows.
+/// The surface at the centre of a pixel.
 #[derive(Clone, Copy, Debug)]
 struct Pixel {
     hit: Hit,
@@ -49,12 +49,12 @@ struct Pixel {
     in_sun: bool,
 }
 
-/// Photographs the place with DIODE's camera. Pure: the same arguments give the same bytes on every machine.
+/// Renders the photograph with DIODE's camera. Pure: equal arguments give equal bytes on all machines.
 pub fn render(photograph: &SamplePhotograph, width: u32, height: u32) -> Rgbd {
     render_through(photograph, &intrinsics(width, height), width, height)
 }
 
-/// The same with another camera; its `intrinsics` are for pixels of this size.
+/// Renders the photograph with another camera; `intrinsics` are in pixels of this size.
 pub fn render_through(
     photograph: &SamplePhotograph,
     intrinsics: &Intrinsics,
@@ -125,7 +125,7 @@ pub fn render_through(
     }
 }
 
-/// A view with what all pixel centres show.
+/// A view with the surfaces at all pixel centres.
 struct Film<'a> {
     view: View<'a>,
     grid: SoftGrid<'a>,
@@ -134,14 +134,14 @@ struct Film<'a> {
 }
 
 impl Film<'_> {
-    /// Radiance at a pixel's centre, and whether glass is seen there.
+    /// Radiance at a pixel's centre, and whether it shows glass or sky.
     fn centre(&self, i: usize, j: usize) -> (Vec3, bool) {
         let pixel = self.pixels[j * self.size[0] + i].as_ref();
         let ray = self.view.centre_ray(i, j);
         self.view.radiance(&ray, pixel, &self.grid, i, j)
     }
 
-    /// Exposes for every [`METERING_STEP`]th pixel.
+    /// The tone curve, metered on every [`METERING_STEP`]th pixel.
     fn metered_tone(&self) -> Tone {
         let [w, h] = self.size;
         let first = METERING_STEP / 2;
@@ -174,7 +174,7 @@ impl Film<'_> {
         {
             return tone.coded(radiance);
         }
-        // If all around are lit, so is what lies between. (A shaded one may face away.)
+        // If all neighbours are lit, so are the points between. (A shaded one may only face away.)
         let is_lit = pixel
             .iter()
             .chain(around.iter().flatten())
@@ -193,7 +193,7 @@ impl Film<'_> {
         coded * 0.25
     }
 
-    /// The depth that a scanner would measure at a pixel; `None` in a hole.
+    /// The depth that a scanner measures at a pixel; `None` in a hole.
     fn measured_depth_m(&self, i: usize, j: usize, glass: bool, seed: i32) -> Option<f32> {
         let pixel = self.pixels[j * self.size[0] + i]?;
         let around = self.neighbours(i, j);
@@ -249,14 +249,14 @@ impl View<'_> {
         self.seen(&self.centre_ray(i, j), i, j, None)
     }
 
-    /// What a ray through pixel (i, j) meets; `known_sun` spares the shadow ray.
+    /// The surface that a ray through pixel (i, j) meets; `known_sun` saves the shadow ray.
     fn seen(&self, ray: &Ray, i: usize, j: usize, known_sun: Option<bool>) -> Option<Pixel> {
         let hit = self.tiles.nearest(&self.model.solids, ray, i, j)?;
         let solid = &self.model.solids[hit.solid as usize];
         let position = ray.at(hit.depth_m);
         let mut normal = solid.axes * solid.normal(solid.local(position - solid.centre));
         if matches!(solid.shape, Shape::Foliage(..)) {
-            // Leaves face the light more than the ball they stand on does.
+            // Leaves face the light more than the surface of the crown.
             normal = (normal + Vec3::Y * 0.5).normalize();
         } else if normal.dot(ray.direction) > 0.0 {
             normal = -normal;
@@ -274,7 +274,7 @@ impl View<'_> {
         })
     }
 
-    /// Radiance along a ray, and whether it ends on glass.
+    /// Radiance along a ray, and whether it ends on glass or in the sky.
     fn radiance(
         &self,
         ray: &Ray,
@@ -331,7 +331,7 @@ impl View<'_> {
         (radiance, surface.glass)
     }
 
-    /// What a glossy surface mirrors, without looking for solids.
+    /// Radiance mirrored by a glossy surface, ignoring solids.
     fn reflected(&self, position: Vec3, direction: Vec3, light: Vec3) -> Vec3 {
         let lights = &self.model.lights;
         if lights.openings.is_empty() {

@@ -1,4 +1,4 @@
-//! Rooms: four walls, a floor, windows; `furnish.rs` sets out the furniture.
+//! Rooms: four walls, a floor, windows; `furnish.rs` adds the furniture.
 
 use super::build::{Builder, Frame};
 use super::camera::Pose;
@@ -71,12 +71,12 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
         hole(r, x)
     });
     if lit == 0 || r.chance(0.35) {
-        // Light from behind the camera keeps the back wall from being a silhouette.
+        // Light from behind the camera: otherwise the back wall would be a silhouette.
         walls[3].window = Some(hole(r, 0.2 * w));
     }
     shell(&mut b, &walls, [w, h, d], &style, r);
 
-    // The wall's own x of the lit back wall runs the other way round: the free half is known.
+    // x of the back wall runs against the world's: a window there leaves the other half free.
     let free = if lit == 0 { -side } else { side };
     let eye = Vec3::new(
         r.range(-0.12, 0.12) * w,
@@ -129,7 +129,7 @@ fn shell(b: &mut Builder, walls: &[Wall], [w, h, d]: [f32; 3], style: &Style, r:
     for wall in walls {
         let f = &wall.frame;
         let half = 0.5 * wall.length;
-        // The long walls close the corners.
+        // All walls extend into the corners.
         let end = half + WALL_M;
         let mut part = |x0: f32, x1: f32, y0: f32, y1: f32| {
             let centre = [0.5 * (x0 + x1), 0.5 * (y0 + y1), -0.5 * WALL_M];
@@ -157,7 +157,7 @@ pub(super) struct Room<'a> {
     pub(super) walls: &'a [Wall],
     pub(super) size: [f32; 3],
     pub(super) style: &'a Style,
-    /// Where the camera looks, on the floor.
+    /// The point on the floor that the camera faces.
     pub(super) focus: Vec3,
     /// Half of the back wall without a window: sign of the wall's x.
     pub(super) free: f32,
