@@ -75,6 +75,10 @@ pub(crate) const BELOW_WHITE: Limit =
 pub(crate) const WHITE_BECOMES: Limit = Limit::between(1.0, 1.0e6, "1 to 1e6");
 
 /// The table. A key without `film`, `camera`, `glass` or `light` is one of a side or of a source.
+#[allow(
+    clippy::match_same_arms,
+    reason = "an arm per group of keys is easier to scan"
+)]
 fn row(key: &str) -> Option<Limit> {
     Some(match key {
         "film.width" | "film.height" => {

@@ -206,7 +206,7 @@ mod tests {
     fn errors_name_the_wrong_key_and_the_allowed_ones() {
         let photograph = r#"{"color":"c","depth":"d","intrinsics":{"fx":1,"fy":1,"cx":0,"cy":0}"#;
         assert!(read(&format!("{photograph}}}")).is_ok());
-        let with = |key: &str| format!(r#"{photograph},{key}}}"#);
+        let with = |key: &str| format!(r"{photograph},{key}}}");
         for (json, words) in [
             (
                 with(r#""mesh":"m""#).as_str(),
