@@ -83,7 +83,7 @@ const LONG: Size = Size {
 const SHORT: Size = Size {
     workers: 4,
     scenes: 5,
-    ranges: 12,
+    ranges: 16,
     events: [
         (Event::KillWorker, 2),
         (Event::Sleep, 1),
