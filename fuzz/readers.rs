@@ -6,7 +6,7 @@
 
 #![allow(dead_code, reason = "each fuzz target uses one of them")]
 
-use glasshouse::farm::queue::{read_waiting, write_waiting};
+use glasshouse::farm::queue::{read_message, write_message};
 use glasshouse::inspect::{Input, Whole, inspect_bytes};
 use glasshouse::run::{Control, Provenance, QuarantineRecord, attempts};
 use glasshouse::store::Store;
@@ -237,11 +237,11 @@ pub(crate) fn tuple(bytes: &[u8]) -> bool {
 /// A message of the queue: work that waits.
 pub(crate) fn message(bytes: &[u8]) -> bool {
     let run = *b"8 bytes!";
-    let Ok(Some(waiting)) = read_waiting(bytes, run, 1000) else {
+    let Ok(Some(message)) = read_message(bytes, run, 1000) else {
         return false;
     };
-    assert!(waiting.span.scene < 1000 && !waiting.span.shards.is_empty());
-    assert_eq!(write_waiting(run, &waiting), bytes);
+    assert!(message.task.scene < 1000 && !message.task.shards.is_empty());
+    assert_eq!(write_message(run, &message), bytes);
     true
 }
 

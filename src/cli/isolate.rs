@@ -1,12 +1,12 @@
-//! A worker's child: a process for a span that was lost with an earlier one.
+//! A worker's child: a process for a task that was lost with an earlier one.
 //!
 //! The child is `work --only SCENE:A-B` on the same run and store. It prints a line when it renews its lease, a line
 //! with `hung` when it finds out that it makes no progress, and at last its outcome as JSON.
 
 use super::args::{CacheArgs, QueueArgs};
-use crate::farm::{Fault, Isolate, IsolatedEnd};
+use crate::farm::{Fault, Sandbox, SandboxEnd};
 use crate::pipe::lines;
-use crate::run::{EndKind, Ending, Span};
+use crate::run::{EndKind, Ending, Task};
 use crossbeam::channel::{Receiver, RecvTimeoutError};
 use render::ids::SceneId;
 use serde_json::Value;
@@ -116,22 +116,22 @@ impl Children<'_> {
     }
 }
 
-impl Isolate for Children<'_> {
+impl Sandbox for Children<'_> {
     fn trace(
         &self,
         scene: &SceneId,
-        span: &Span,
+        task: &Task,
         on_sign: &dyn Fn(),
         must_stop: &dyn Fn() -> bool,
-    ) -> IsolatedEnd {
+    ) -> SandboxEnd {
         let only = Only {
             scene: scene.to_string(),
-            shards: span.shards.clone(),
+            shards: task.shards.clone(),
         };
         let started = self.command(&only).and_then(|mut command| command.spawn());
         let mut child = match started {
             Ok(child) => child,
-            Err(error) => return IsolatedEnd::Failed(format!("it cannot be started: {error}")),
+            Err(error) => return SandboxEnd::Failed(format!("it cannot be started: {error}")),
         };
         let messages = lines(child.stderr.take());
         let lines = lines(child.stdout.take());
@@ -152,7 +152,7 @@ impl Isolate for Children<'_> {
                 Err(RecvTimeoutError::Disconnected) => break,
                 Err(RecvTimeoutError::Timeout) if must_stop() => {
                     end(&mut child);
-                    return IsolatedEnd::Stopped;
+                    return SandboxEnd::Stopped;
                 }
                 Err(RecvTimeoutError::Timeout) if heard.elapsed() > self.hang => {
                     let reason = format!("it gave no sign for {} s", self.hang.as_secs_f64());
@@ -165,7 +165,7 @@ impl Isolate for Children<'_> {
         }
         let status = match child.wait() {
             Ok(status) => status,
-            Err(error) => return IsolatedEnd::Failed(error.to_string()),
+            Err(error) => return SandboxEnd::Failed(error.to_string()),
         };
         let log_tail = tail(&messages);
         let lost = |kind, reason| {
@@ -174,16 +174,16 @@ impl Isolate for Children<'_> {
                 reason,
                 log_tail: log_tail.clone(),
             };
-            IsolatedEnd::Lost(ending)
+            SandboxEnd::Lost(ending)
         };
         match (hung, status.code()) {
             (Some(reason), _) => lost(EndKind::Hung, reason),
             (None, None) => lost(EndKind::Crashed, signal(status)),
             (None, Some(0 | 3)) => done(&last),
             // A signal for all of a terminal's processes.
-            (None, Some(75 | 130 | 143)) => IsolatedEnd::Stopped,
+            (None, Some(75 | 130 | 143)) => SandboxEnd::Stopped,
             (None, Some(code)) => {
-                IsolatedEnd::Failed(format!("it ended with {code}: {}", log_tail.trim_end()))
+                SandboxEnd::Failed(format!("it ended with {code}: {}", log_tail.trim_end()))
             }
         }
     }
@@ -206,12 +206,12 @@ fn signal(status: ExitStatus) -> String {
     format!("its process was killed by signal {number} ({name}){hint}")
 }
 
-fn done(outcome: &str) -> IsolatedEnd {
+fn done(outcome: &str) -> SandboxEnd {
     let Ok(outcome) = serde_json::from_str::<Value>(outcome) else {
-        return IsolatedEnd::Failed("it ended without saying what it did".to_owned());
+        return SandboxEnd::Failed("it ended without saying what it did".to_owned());
     };
     let count = |key: &str| outcome[key].as_u64().unwrap_or(0);
-    IsolatedEnd::Done {
+    SandboxEnd::Done {
         merged: count("merged"),
         traced: count("shards_traced"),
         resumed: count("shards_resumed"),

@@ -1,6 +1,6 @@
 //! Misbehaviour on order, to rehearse and to test what a farm does when a worker misbehaves.
 
-use super::sim;
+use super::simulate as sim;
 use crate::run::Event;
 use render::ids::SceneId;
 use render::trace::TileResult;

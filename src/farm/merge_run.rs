@@ -1,12 +1,9 @@
 //! `merge RUN`: tuples from complete partials, without the scenes' input files.
 
 use super::error::FarmError;
-use crate::farm::finished::encode_noise;
 use crate::farm::sweep::sweep;
-use crate::farm::writer::{self, remove_partials, write_noise};
-use crate::run::AccessError;
-use crate::run::is_done;
-use crate::run::{QuarantineRecord, Run, keys};
+use crate::farm::tuples::{self, encode_noise, remove_partials, write_noise};
+use crate::run::{AccessError, QuarantineRecord, Run, is_done, keys};
 use crate::store::Store;
 use bytes::Bytes;
 use render::color::SrgbEncoder;
@@ -82,7 +79,7 @@ pub fn merge_run(
                     write_noise(&store, line, &encode_noise(&tuple)?);
                 }
                 if elsewhere.is_some() {
-                    writer::write_tuple(&store, &encoded(&tuple, line)?)?;
+                    tuples::write_tuple(&store, &encoded(&tuple, line)?)?;
                     remove_partials(&store, line);
                 } else {
                     // What stands there without being this scene's tuple is replaced.

@@ -1,11 +1,11 @@
 //! Everything that goes over the wire between processes of a run, in one place: a version byte, then bincode.
 
-use super::queue::{Answer, Waiting};
-use crate::run::Span;
+use super::queue::{Answer, Message};
+use crate::run::Task;
 use bincode::config::{Configuration, Fixint, LittleEndian};
 use bincode::{Decode, Encode};
 
-/// Version of the messages. A message of another version is left for who knows it.
+/// Version of the messages. A message of another version is left for a worker that knows it.
 const VERSION: u8 = 1;
 
 const CONFIG: Configuration<LittleEndian, Fixint> =
@@ -22,18 +22,18 @@ struct SpanMessage {
     start: u32,
     /// One past the last.
     end: u32,
-    /// How often it was handed on, whole or in part.
-    handed_on: u32,
+    /// How often it went from worker to worker, whole or in part.
+    hops: u32,
 }
 
 /// Question of a worker that has nothing to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
-pub(super) struct GiveRequest {
+pub(super) struct DonationRequest {
     /// Microseconds in which it loads a scene; 0 if it has loaded none.
     load_us: u32,
 }
 
-impl GiveRequest {
+impl DonationRequest {
     pub(super) fn new(load_s: Option<f64>) -> Self {
         Self {
             load_us: micros(load_s),
@@ -55,24 +55,24 @@ fn seconds(micros: u32) -> Option<f64> {
 
 /// Answer of a worker that was asked for work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
-pub(super) struct GiveReply {
-    /// Spans that it published.
-    spans: u32,
+pub(super) struct DonationReply {
+    /// Tasks that it published.
+    tasks: u32,
     /// Microseconds in which it loads a scene; 0 if it has loaded none.
     load_us: u32,
 }
 
-impl GiveReply {
+impl DonationReply {
     pub(super) fn new(answer: Answer) -> Self {
         Self {
-            spans: answer.spans,
+            tasks: answer.tasks,
             load_us: micros(answer.load_s),
         }
     }
 
     pub(super) fn answer(self) -> Answer {
         Answer {
-            spans: self.spans,
+            tasks: self.tasks,
             load_s: seconds(self.load_us),
         }
     }
@@ -89,34 +89,34 @@ pub struct MessageError {
 }
 
 /// The bytes that tell workers of `run` of work that waits.
-pub fn write_waiting(run: [u8; 8], waiting: &Waiting) -> Vec<u8> {
+pub fn write_message(run: [u8; 8], message: &Message) -> Vec<u8> {
     encode(&SpanMessage {
         run,
-        scene: waiting.span.scene,
-        start: waiting.span.shards.start,
-        end: waiting.span.shards.end,
-        handed_on: waiting.handed_on,
+        scene: message.task.scene,
+        start: message.task.shards.start,
+        end: message.task.shards.end,
+        hops: message.hops,
     })
 }
 
 /// Work that waits, from bytes that may come from anybody. None if it is of another run than `run`, which has so many
 /// `scenes`, or of no shard. A scene may have fewer shards than it says.
-pub fn read_waiting(
+pub fn read_message(
     bytes: &[u8],
     run: [u8; 8],
     scenes: usize,
-) -> Result<Option<Waiting>, MessageError> {
+) -> Result<Option<Message>, MessageError> {
     let message: SpanMessage = decode(bytes)?;
-    let handed_on = message.handed_on;
-    let span = message.span(run, scenes);
-    Ok(span.map(|span| Waiting { span, handed_on }))
+    let hops = message.hops;
+    let task = message.task(run, scenes);
+    Ok(task.map(|task| Message { task, hops }))
 }
 
 impl SpanMessage {
-    /// The span, if it belongs to this run and its scene is one of `scenes`.
-    fn span(&self, run: [u8; 8], scenes: usize) -> Option<Span> {
+    /// The task, if it belongs to this run and its scene is one of `scenes`.
+    fn task(&self, run: [u8; 8], scenes: usize) -> Option<Task> {
         let valid = self.run == run && (self.scene as usize) < scenes && self.start < self.end;
-        valid.then_some(Span {
+        valid.then_some(Task {
             scene: self.scene,
             shards: self.start..self.end,
         })
@@ -160,7 +160,7 @@ mod tests {
         scene: 7,
         start: 16,
         end: 32,
-        handed_on: 1,
+        hops: 1,
     };
 
     /// The bytes are a format: other versions of the program read them.
@@ -173,16 +173,16 @@ mod tests {
         assert_eq!(bytes, expected);
         assert_eq!(decode::<SpanMessage>(&bytes).unwrap(), MESSAGE);
         let answer = Answer {
-            spans: 3,
+            tasks: 3,
             load_s: Some(0.2),
         };
-        let reply = GiveReply::new(answer);
+        let reply = DonationReply::new(answer);
         assert_eq!(encode(&reply), [1, 3, 0, 0, 0, 0x40, 0x0d, 3, 0]);
         assert_eq!(reply.answer(), answer);
-        let request = GiveRequest::new(Some(0.2));
+        let request = DonationRequest::new(Some(0.2));
         assert_eq!(encode(&request), [1, 0x40, 0x0d, 3, 0]);
         assert_eq!(request.load_s(), Some(0.2));
-        assert_eq!(GiveRequest::new(None).load_s(), None);
+        assert_eq!(DonationRequest::new(None).load_s(), None);
     }
 
     #[test]
@@ -203,11 +203,11 @@ mod tests {
     #[test]
     fn a_span_of_another_run_or_no_scene_is_none() {
         let run = *b"8 bytes!";
-        let span = MESSAGE.span(run, 8).unwrap();
-        assert_eq!((span.scene, span.shards), (7, 16..32));
-        assert_eq!(MESSAGE.span(*b"another!", 8), None);
-        assert_eq!(MESSAGE.span(run, 7), None);
+        let task = MESSAGE.task(run, 8).unwrap();
+        assert_eq!((task.scene, task.shards), (7, 16..32));
+        assert_eq!(MESSAGE.task(*b"another!", 8), None);
+        assert_eq!(MESSAGE.task(run, 7), None);
         let empty = SpanMessage { end: 16, ..MESSAGE };
-        assert_eq!(empty.span(run, 8), None);
+        assert_eq!(empty.task(run, 8), None);
     }
 }

@@ -4,34 +4,23 @@
 //! there, do what is missing. A scene goes through `files -> shards -> partials -> tuple`; each arrow writes
 //! whole files or nothing, so a process may be killed at any instruction.
 
-mod conflict;
-mod control;
-mod coordinate;
+mod coordinator;
 mod error;
 mod fault;
-mod finished;
-mod hand;
-mod held;
-mod intake;
-mod leases;
 mod merge_run;
 mod message;
-mod open_span;
 pub mod queue;
+mod round;
 mod share;
-mod shared;
-pub mod sim;
-mod span;
-mod suspect;
+pub mod simulate;
 mod sweep;
-mod work;
-mod work_log;
-mod writer;
+mod tuples;
+mod worker;
 
-pub use coordinate::{CoordinateOptions, Coordinated, Watch, coordinate};
+pub use coordinator::{CoordinateOptions, Coordinated, Watch, coordinate};
 pub use error::FarmError;
 pub use fault::Fault;
 pub use merge_run::{MergeOutcome, merge_run};
-pub use span::{HeldSpan, uncovered, what_to_give};
-pub use suspect::{Isolate, IsolatedEnd};
-pub use work::{Outcome, SharedQueue, WorkOptions, work, work_shared, work_span};
+pub use worker::{
+    Outcome, Sandbox, SandboxEnd, SharedQueue, WorkOptions, work, work_shared, work_span,
+};

@@ -1,8 +1,7 @@
 //! What a coordinator puts into a store for workers that have nothing but the store.
 
 use super::error::FarmError;
-use crate::run::keys;
-use crate::run::{Run, RunError};
+use crate::run::{Run, RunError, keys};
 use crate::store::{Store, StoreError};
 use render::line::{Roots, is_url};
 use std::collections::{BTreeMap, BTreeSet};

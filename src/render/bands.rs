@@ -6,7 +6,6 @@
 use crate::layer::{Layer, PerLayer};
 use crate::trace::{CELL_PX, PixelMeans, Tile, TileResult};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU8, Ordering};
 
 /// Rows of a band. Whole cells, for adaptive scenes; few, so that no thread waits long for the last one.
 pub(crate) const BAND_ROWS: u32 = CELL_PX;
@@ -25,14 +24,9 @@ fn band(tile: Tile, index: u32) -> Tile {
     }
 }
 
-const WAITING: u8 = 0;
-const BEGUN: u8 = 1;
-const DROPPED: u8 = 2;
-
 /// A shard whose bands any free thread may trace.
 #[derive(Default)]
 pub(crate) struct BandedShard {
-    state: AtomicU8,
     joined: Mutex<Joined>,
 }
 
@@ -44,24 +38,6 @@ struct Joined {
 }
 
 impl BandedShard {
-    /// Whether to trace one of its bands. While stopping, no new shard starts; a started one is finished. All threads
-    /// get the same answer.
-    pub(crate) fn may_trace(&self, must_stop: bool) -> bool {
-        let wanted = if must_stop { DROPPED } else { BEGUN };
-        let change =
-            self.state
-                .compare_exchange(WAITING, wanted, Ordering::AcqRel, Ordering::Acquire);
-        match change {
-            Ok(_) => wanted == BEGUN,
-            Err(state) => state == BEGUN,
-        }
-    }
-
-    /// No thread has started it, and it was not dropped.
-    pub(crate) fn is_waiting(&self) -> bool {
-        self.state.load(Ordering::Acquire) == WAITING
-    }
-
     /// Traces band `index` of the shard's `tile` with `trace`; the last band returns the whole shard's result.
     pub(crate) fn trace(
         &self,
@@ -134,7 +110,6 @@ mod tests {
                 let mut found = None;
                 for index in (0..bands(tile)).rev() {
                     assert!(found.is_none(), "{}", golden.name);
-                    assert!(shard.may_trace(false));
                     let trace = |tile| trace_tile(scene, tile, range.clone(), isa);
                     found = shard.trace(tile, index, trace);
                 }
@@ -143,14 +118,6 @@ mod tests {
             }
         }
         assert!(adaptive > 0);
-    }
-
-    #[test]
-    fn a_shard_is_begun_or_dropped_for_all() {
-        let begun = BandedShard::default();
-        assert!(begun.may_trace(false) && begun.may_trace(true) && begun.may_trace(false));
-        let dropped = BandedShard::default();
-        assert!(!dropped.may_trace(true) && !dropped.may_trace(false));
     }
 
     #[test]

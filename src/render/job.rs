@@ -6,8 +6,8 @@ use crate::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
 use crate::scene::LoadedScene;
 use crate::shard::{Shard, ShardLayout, scene_digest};
 use crate::trace::{Isa, TRACER_VERSION, TileResult, trace_tile};
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 /// A scene whose shards are being traced.
 pub struct SceneJob<'a> {
@@ -19,8 +19,6 @@ pub struct SceneJob<'a> {
     line_blake3: String,
     shards: Vec<BandedShard>,
     results: Mutex<Vec<Arc<Partial>>>,
-    untraced: AtomicU32,
-    failed: Arc<AtomicBool>,
 }
 
 impl<'a> SceneJob<'a> {
@@ -37,8 +35,6 @@ impl<'a> SceneJob<'a> {
             line_blake3: scene_digest(line),
             shards: (0..layout.len()).map(|_| BandedShard::default()).collect(),
             results: Mutex::new(Vec::new()),
-            untraced: AtomicU32::new(layout.len()),
-            failed: Arc::default(),
         }
     }
 
@@ -50,11 +46,6 @@ impl<'a> SceneJob<'a> {
     /// Bands of a shard.
     pub fn bands(&self, shard: u32) -> u32 {
         bands(self.layout.shard(shard).tile)
-    }
-
-    /// Whether to trace a band of `shard`.
-    pub fn may_trace(&self, shard: u32, must_stop: bool) -> bool {
-        self.shards[shard as usize].may_trace(must_stop)
     }
 
     /// Traces one band of a shard; its last band returns the whole shard's result.
@@ -114,48 +105,25 @@ impl<'a> SceneJob<'a> {
             && header.facts == self.loaded.facts
     }
 
-    /// No thread has started the shard, and it was not dropped.
-    pub fn is_waiting(&self, shard: u32) -> bool {
-        self.shards[shard as usize].is_waiting()
+    /// Keeps a finished shard.
+    pub fn add(&self, partial: Partial) {
+        self.results().push(Arc::new(partial));
     }
 
-    /// All shards of the scene are traced here or were found.
-    pub fn is_whole(&self) -> bool {
-        self.untraced.load(Ordering::Acquire) == 0
-    }
-
-    /// Counts a shard that is traced, or found in the store; true for the scene's last one.
-    pub fn count_traced(&self) -> bool {
-        self.untraced.fetch_sub(1, Ordering::AcqRel) == 1
-    }
-
-    /// Takes a finished shard; the scene's last one returns all of them.
-    pub fn finish(&self, partial: Partial) -> Option<Vec<Arc<Partial>>> {
-        let mut results = self.results.lock().expect("no holder of this lock panics");
-        results.push(Arc::new(partial));
-        (results.len() == self.layout.len() as usize).then(|| std::mem::take(&mut *results))
-    }
-
-    /// A finished shard, unless the scene is complete already.
+    /// A finished shard, unless they were taken.
     pub fn result(&self, shard: u32) -> Option<Arc<Partial>> {
-        let results = self.results.lock().expect("no holder of this lock panics");
+        let results = self.results();
         let mut results = results.iter();
         results.find(|p| p.header.shard == shard).cloned()
     }
 
     /// The finished shards so far.
     pub fn take_results(&self) -> Vec<Arc<Partial>> {
-        std::mem::take(&mut *self.results.lock().expect("no holder of this lock panics"))
+        std::mem::take(&mut *self.results())
     }
 
-    /// Set once the scene has failed; for what outlives this job.
-    pub fn failed(&self) -> &Arc<AtomicBool> {
-        &self.failed
-    }
-
-    /// The scene has failed: its shards need not be traced.
-    pub fn has_failed(&self) -> bool {
-        self.failed.load(Ordering::Acquire)
+    fn results(&self) -> MutexGuard<'_, Vec<Arc<Partial>>> {
+        self.results.lock().expect("no holder of this lock panics")
     }
 }
 
@@ -173,7 +141,6 @@ pub fn render_partials(
         .flat_map(|shard| (0..job.bands(shard)).map(move |band| (shard, band)))
         .collect();
     let next = AtomicUsize::new(0);
-    let complete = Mutex::new(None);
     std::thread::scope(|scope| {
         for _ in 0..threads.max(1) {
             scope.spawn(|| {
@@ -185,17 +152,13 @@ pub fn render_partials(
                     let Some(result) = job.trace_band(&shard, band, isa) else {
                         continue;
                     };
-                    if let Some(partials) = job.finish(job.partial(&shard, result)) {
-                        *complete.lock().expect("no holder of this lock panics") = Some(partials);
-                    }
+                    job.add(job.partial(&shard, result));
                     on_shard();
                 }
             });
         }
     });
-    let complete = complete
-        .into_inner()
-        .expect("no holder of this lock panics");
-    let own = |partials: Vec<_>| partials.into_iter().map(Arc::unwrap_or_clone).collect();
-    complete.map(own)
+    let partials = job.take_results();
+    let is_whole = partials.len() == job.layout.len() as usize;
+    is_whole.then(|| partials.into_iter().map(Arc::unwrap_or_clone).collect())
 }

@@ -1,12 +1,12 @@
 //! Records of attempts, by which scenes that kill their workers are detected.
 //!
-//! A worker that takes a span first puts `attempts/<scene>/<start>-<end>.<n>.json`, and removes it when the span ends in
+//! A worker that takes a task first puts `attempts/<scene>/<start>-<end>.<n>.json`, and removes it when the task ends in
 //! order. A record that remains belongs to an attempt that goes on, or to one that was lost. The queue tells which: when it
-//! delivers a span again, the last holder's lease has expired. A span that was lost once is tried in a child process; after
+//! delivers a task again, the last holder's lease has expired. A task that was lost once is tried in a child process; after
 //! four losses its scene goes into quarantine.
 
 use super::keys;
-use super::span::Span;
+use super::task::Task;
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
@@ -80,7 +80,7 @@ pub struct WorkerName {
     pub host: String,
 }
 
-/// What earlier attempts tell about a span.
+/// What earlier attempts tell about a task.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum PoisonCheck {
     /// No attempt at it was lost.
@@ -92,14 +92,14 @@ pub(crate) enum PoisonCheck {
 }
 
 impl AttemptRecord {
-    pub(crate) fn new(scene: &SceneId, span: &Span, who: &WorkerName, found: u32) -> Self {
+    pub(crate) fn new(scene: &SceneId, task: &Task, worker: &WorkerName, found: u32) -> Self {
         Self {
             schema: ATTEMPT_SCHEMA.to_owned(),
             scene: scene.clone(),
-            shards: [span.shards.start, span.shards.end],
+            shards: [task.shards.start, task.shards.end],
             n: 1,
-            worker: who.worker.clone(),
-            host: who.host.clone(),
+            worker: worker.worker.clone(),
+            host: worker.host.clone(),
             found,
             ended: None,
         }
@@ -142,7 +142,7 @@ impl AttemptRecord {
         loop {
             match store.create(&self.key(), &self.json()) {
                 Ok(_) => return Ok(()),
-                // Another worker took the span, too: this one's lease expired, or the queue lost its memory.
+                // Another worker took the task, too: this one's lease expired, or the queue lost its memory.
                 Err(StoreError::Differs { .. }) => self.n += 1,
                 Err(error) => return Err(error),
             }
@@ -156,7 +156,7 @@ impl AttemptRecord {
         Ok(self)
     }
 
-    /// Removes the record: the span has ended in order. One that remains counts if the span's next holder is lost.
+    /// Removes the record: the task has ended in order. One that remains counts if the task's next holder is lost.
     pub(crate) fn forget(&self, store: &Store) {
         let _ = store.delete(&[self.key()]);
     }
@@ -167,21 +167,21 @@ impl AttemptRecord {
         self.host == host && kind == Some(EndKind::Unreadable)
     }
 
-    fn is_of(&self, span: &Span) -> bool {
-        self.shards == [span.shards.start, span.shards.end]
+    fn is_of(&self, task: &Task) -> bool {
+        self.shards == [task.shards.start, task.shards.end]
     }
 
-    fn overlaps(&self, span: &Span) -> bool {
-        self.shards[0] < span.shards.end && span.shards.start < self.shards[1]
+    fn overlaps(&self, task: &Task) -> bool {
+        self.shards[0] < task.shards.end && task.shards.start < self.shards[1]
     }
 
-    /// This span may have killed the worker.
-    fn was_lost(&self, span: &Span) -> bool {
+    /// This task may have killed the worker.
+    fn was_lost(&self, task: &Task) -> bool {
         match self.ended.as_ref().map(|ending| ending.kind) {
             None | Some(EndKind::Unreadable) => false,
             // Parts of it may have been donated since, and are not to blame.
-            Some(EndKind::Lost) => self.is_of(span),
-            Some(EndKind::Crashed | EndKind::Hung) => self.overlaps(span),
+            Some(EndKind::Lost) => self.is_of(task),
+            Some(EndKind::Crashed | EndKind::Hung) => self.overlaps(task),
         }
     }
 }
@@ -208,15 +208,15 @@ pub(crate) fn attempts_with_times(
     Ok(records)
 }
 
-/// Marks earlier attempts at a span as lost, because the queue has delivered it again: their leases have expired. A worker
+/// Marks earlier attempts at a task as lost, because the queue has delivered it again: their leases have expired. A worker
 /// that was only slow removes its record when it ends.
 pub(crate) fn mark_lost(
     store: &Store,
     records: Vec<AttemptRecord>,
-    span: &Span,
+    task: &Task,
 ) -> Result<Vec<AttemptRecord>, StoreError> {
     let mark = |record: AttemptRecord| {
-        if record.ended.is_some() || !record.is_of(span) {
+        if record.ended.is_some() || !record.is_of(task) {
             return Ok(record);
         }
         let reason = format!("worker {} was lost with it", record.worker);
@@ -232,17 +232,17 @@ pub(crate) fn mark_lost(
     records.into_iter().map(mark).collect()
 }
 
-/// Judges a span by the records of its scene; `found` of its shards have partials.
-pub(crate) fn poison_check(records: &[AttemptRecord], span: &Span, found: u32) -> PoisonCheck {
+/// Judges a task by the records of its scene; `found` of its shards have partials.
+pub(crate) fn poison_check(records: &[AttemptRecord], task: &Task, found: u32) -> PoisonCheck {
     let lost: Vec<&AttemptRecord> = records
         .iter()
-        .filter(|record| record.was_lost(span))
+        .filter(|record| record.was_lost(task))
         .collect();
     let Some(last) = lost.last() else {
         return PoisonCheck::Clean;
     };
     // Attempts that added partials before they were lost count as one: the shards that are left killed at most the last.
-    let advanced = |record: &&&AttemptRecord| record.is_of(span) && record.found < found;
+    let advanced = |record: &&&AttemptRecord| record.is_of(task) && record.found < found;
     let moved = lost.iter().filter(advanced).count();
     let count = lost.len() - moved + moved.min(1);
     if count < MOST_LOST as usize {
@@ -259,8 +259,8 @@ pub(crate) fn poison_check(records: &[AttemptRecord], span: &Span, found: u32) -
     };
     PoisonCheck::Poison(format!(
         "{count} processes were lost with shards {} to {}; the last one: {told}",
-        span.shards.start,
-        span.shards.end - 1
+        task.shards.start,
+        task.shards.end - 1
     ))
 }
 
@@ -281,7 +281,7 @@ pub(crate) fn is_unreadable(records: &[AttemptRecord]) -> bool {
 mod tests {
     use super::*;
 
-    const SPAN: Span = Span {
+    const TASK: Task = Task {
         scene: 0,
         shards: 0..64,
     };
@@ -295,7 +295,7 @@ mod tests {
             worker: format!("w{n}"),
             host: "h".to_owned(),
         };
-        let mut record = AttemptRecord::new(&scene(), &SPAN, &who, found);
+        let mut record = AttemptRecord::new(&scene(), &TASK, &who, found);
         record.n = n;
         record.ended = kind.map(|kind| Ending {
             kind,
@@ -308,21 +308,21 @@ mod tests {
     const CRASHED: Option<EndKind> = Some(EndKind::Crashed);
 
     const LOST: Option<EndKind> = Some(EndKind::Lost);
-    const TAIL: Span = Span {
+    const TAIL: Task = Task {
         scene: 0,
         shards: 32..64,
     };
 
     #[test]
     fn only_lost_attempts_count() {
-        assert_eq!(poison_check(&[], &SPAN, 0), PoisonCheck::Clean);
+        assert_eq!(poison_check(&[], &TASK, 0), PoisonCheck::Clean);
         // It goes on, or the queue lost its memory.
         assert_eq!(
-            poison_check(&[record(1, 0, None)], &SPAN, 0),
+            poison_check(&[record(1, 0, None)], &TASK, 0),
             PoisonCheck::Clean
         );
         assert_eq!(
-            poison_check(&[record(1, 0, LOST)], &SPAN, 0),
+            poison_check(&[record(1, 0, LOST)], &TASK, 0),
             PoisonCheck::Suspect
         );
         // A part that was donated before is not to blame; but the shard that killed a child may be in it.
@@ -335,7 +335,7 @@ mod tests {
             PoisonCheck::Suspect
         );
         let unreadable = [record(1, 0, Some(EndKind::Unreadable))];
-        assert_eq!(poison_check(&unreadable, &SPAN, 0), PoisonCheck::Clean);
+        assert_eq!(poison_check(&unreadable, &TASK, 0), PoisonCheck::Clean);
     }
 
     #[test]
@@ -347,7 +347,7 @@ mod tests {
         let there = attempts(&store, &scene()).unwrap();
         let there = mark_lost(&store, there, &TAIL).unwrap();
         assert_eq!(there, [running.clone()]);
-        let marked = mark_lost(&store, there, &SPAN).unwrap();
+        let marked = mark_lost(&store, there, &TASK).unwrap();
         assert_eq!(marked[0].ended.as_ref().unwrap().kind, EndKind::Lost);
         assert_eq!(attempts(&store, &scene()).unwrap(), marked);
         // Its worker was only slow.
@@ -360,10 +360,10 @@ mod tests {
         let mut lost = vec![record(1, 0, LOST)];
         for n in 2..4 {
             lost.push(record(n, 0, CRASHED));
-            assert_eq!(poison_check(&lost, &SPAN, 0), PoisonCheck::Suspect);
+            assert_eq!(poison_check(&lost, &TASK, 0), PoisonCheck::Suspect);
         }
         lost.push(record(4, 0, CRASHED));
-        let PoisonCheck::Poison(reason) = poison_check(&lost, &SPAN, 0) else {
+        let PoisonCheck::Poison(reason) = poison_check(&lost, &TASK, 0) else {
             panic!("it goes on");
         };
         let words = "the last one: signal 6; its last lines: out of memory";
@@ -377,16 +377,16 @@ mod tests {
     #[test]
     fn attempts_that_add_partials_count_once() {
         let steps: Vec<AttemptRecord> = (1..10).map(|n| record(n, n * 4, LOST)).collect();
-        assert_eq!(poison_check(&steps, &SPAN, 40), PoisonCheck::Suspect);
+        assert_eq!(poison_check(&steps, &TASK, 40), PoisonCheck::Suspect);
         // Poison behind forty good shards: each attempt that reached it counts, and so does the first.
         let mut stuck = vec![record(1, 0, LOST)];
         for n in 2..4 {
             stuck.push(record(n, 40, CRASHED));
-            assert_eq!(poison_check(&stuck, &SPAN, 40), PoisonCheck::Suspect);
+            assert_eq!(poison_check(&stuck, &TASK, 40), PoisonCheck::Suspect);
         }
         stuck.push(record(4, 40, CRASHED));
         assert!(matches!(
-            poison_check(&stuck, &SPAN, 40),
+            poison_check(&stuck, &TASK, 40),
             PoisonCheck::Poison(_)
         ));
     }
@@ -427,7 +427,7 @@ mod tests {
         store.replace(&first.key(), b"{").unwrap();
         let there = attempts(&store, &scene()).unwrap();
         assert_eq!(there.len(), 2);
-        assert!(there[0].was_lost(&SPAN));
+        assert!(there[0].was_lost(&TASK));
         store
             .replace("attempts/train-00000/notes.txt", b"?")
             .unwrap();

@@ -1,7 +1,7 @@
 //! Pausing, resuming and cancelling a run by one small object in its store, which workers and coordinators poll. That needs
 //! neither a queue nor a coordinator.
 //!
-//! *Paused*: workers finish the scenes that they have opened, keep the leases of their other spans, and take no new ones;
+//! *Paused*: workers finish the scenes that they have opened, keep the leases of their other tasks, and take no new ones;
 //! coordinators publish nothing. *Cancelled*: workers finish the shards in flight and end without requeueing anything;
 //! coordinators remove the queue and end. `resume` removes the object. Finished tuples always stay.
 
@@ -21,7 +21,7 @@ pub enum ControlState {
     /// Go on; the default without an object.
     #[default]
     Running,
-    /// Take no new spans.
+    /// Take no new tasks.
     Paused,
     /// Abandon the rest.
     Cancelled,
@@ -153,17 +153,17 @@ pub(crate) fn set_control(
 
 /// Polls `control.json`.
 #[derive(Debug, Default)]
-pub(crate) struct ControlLook {
-    looked: Option<Instant>,
+pub(crate) struct ControlPoll {
+    polled: Option<Instant>,
     pub(crate) known: Control,
 }
 
-impl ControlLook {
+impl ControlPoll {
     /// The last known control; reads it again when it is due. A store that does not answer changes nothing.
-    pub(crate) fn look(&mut self, store: &Store) -> &Control {
+    pub(crate) fn poll(&mut self, store: &Store) -> &Control {
         let every = store.poll_interval();
-        if self.looked.is_none_or(|at| at.elapsed() >= every) {
-            self.looked = Some(Instant::now());
+        if self.polled.is_none_or(|at| at.elapsed() >= every) {
+            self.polled = Some(Instant::now());
             if let Ok(control) = Control::get(store) {
                 self.known = control;
             }
@@ -185,7 +185,7 @@ impl ControlFlag {
         self.0.load(Ordering::Relaxed) == state as u8
     }
 
-    /// No further span may be taken, no further scene opened.
+    /// No further task may be taken, no further scene opened.
     pub(crate) fn is_paused(&self) -> bool {
         self.is(ControlState::Paused)
     }

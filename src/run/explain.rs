@@ -229,8 +229,8 @@ fn next(known: &Explanation, control: &Control) -> Vec<String> {
                 .to_owned(),
         ),
         SceneState::Begun if known.attempts.iter().any(|a| a.note.ended.is_none()) => next.push(format!(
-            "{left} shards are to trace. If the worker that has them lives, it goes on; else they come back after a lease and \
-             are tried again in a process of their own. After {MOST_LOST} losses without a new partial the scene is set aside."
+            "{left} shards are left. If the worker that holds them lives, it goes on; else the queue delivers them again after \
+             a lease, and a child process tries them. After {MOST_LOST} losses without a new partial the scene goes into quarantine."
         )),
         SceneState::Begun | SceneState::Waiting => next.push(format!(
             "The next worker that takes it traces the {left} shards that are missing."
@@ -238,15 +238,15 @@ fn next(known: &Explanation, control: &Control) -> Vec<String> {
     }
     match control.state {
         ControlState::Running => next.push(
-            "If nobody works on the run: `glasshouse work RUN`; of a farm, `glasshouse coordinate` publishes what is missing."
+            "If no worker is running: `glasshouse work RUN`; in a farm, `glasshouse coordinate` publishes what is missing."
                 .to_owned(),
         ),
         ControlState::Paused => next.push(format!(
-            "The run is paused{}: nobody takes it before `glasshouse resume RUN`.",
+            "The run is paused{}: no worker takes it before `glasshouse resume RUN`.",
             control.because()
         )),
         ControlState::Cancelled => next.push(format!(
-            "The run is cancelled{}: nobody takes it before `glasshouse resume RUN` and `glasshouse work RUN`.",
+            "The run is cancelled{}: no worker takes it before `glasshouse resume RUN` and `glasshouse work RUN`.",
             control.because()
         )),
     }

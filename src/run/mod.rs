@@ -5,7 +5,7 @@
 
 mod error;
 pub mod keys;
-mod span;
+mod task;
 
 // Records.
 mod attempts;
@@ -14,6 +14,7 @@ mod events;
 mod open;
 mod provenance;
 mod quarantine;
+mod stages;
 mod work_log;
 
 // Progress.
@@ -38,12 +39,11 @@ pub(crate) use audit::{
     AuditOptions, SceneAudit, Verdict, audit_scene, check_auditor, draw_scenes,
 };
 pub(crate) use compare::FileDifference;
-pub(crate) use control::{CONTROL_SCHEMA, ControlError, ControlFlag, ControlLook, set_control};
+pub(crate) use control::{CONTROL_SCHEMA, ControlError, ControlFlag, ControlPoll, set_control};
 pub use control::{Control, ControlState};
 pub(crate) use done::is_done;
 pub use error::{AccessError, RunError};
-pub(crate) use events::Stopwatch;
-pub use events::{Event, StageSeconds, process_cpu_s};
+pub use events::Event;
 pub(crate) use explain::{ExplainError, Explanation, explain};
 pub use open::Run;
 pub use planning::PlanError;
@@ -56,6 +56,8 @@ pub use snapshot::{
     Counts, Quarantined, RunState, SceneState, Scope, SeenAttempt, SeenTuple, Snapshot,
     StandingAttempt, Status, WorkerTuples,
 };
-pub use span::Span;
+pub(crate) use stages::{Stage, Stopwatch};
+pub use stages::{StageSeconds, process_cpu_s};
+pub use task::Task;
 pub use work_log::Stop;
 pub(crate) use work_log::{LogTime, SceneSeconds, SceneTrace, WORK_LOG_SCHEMA, WorkLog, read_logs};

@@ -3,7 +3,7 @@
 
 use super::attempts::{WorkerName, attempts};
 use super::keys;
-use super::span::Span;
+use super::task::Task;
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
@@ -38,17 +38,17 @@ pub struct Provenance {
 
 impl Provenance {
     /// For a tuple that `who` made, alone or with others, whose partials are still in the store.
-    pub(crate) fn new(store: &Store, scene: &SceneId, who: &WorkerName, alone: bool) -> Self {
+    pub(crate) fn new(store: &Store, scene: &SceneId, worker: &WorkerName, alone: bool) -> Self {
         Self {
             schema: RECEIPT_SCHEMA.to_owned(),
             scene: Some(scene.clone()),
-            worker: Some(who.worker.clone()),
-            host: Some(who.host.clone()),
+            worker: Some(worker.worker.clone()),
+            host: Some(worker.host.clone()),
             version: Some(env!("CARGO_PKG_VERSION").to_owned()),
             with: if alone {
                 BTreeSet::new()
             } else {
-                other_workers(store, scene, None, &who.worker).unwrap_or_default()
+                other_workers(store, scene, None, &worker.worker).unwrap_or_default()
             },
         }
     }
@@ -100,13 +100,13 @@ pub(crate) struct PartialsProvenance {
 
 impl PartialsProvenance {
     /// Puts the record. A failure is ignored: only [`other_workers`] misses it.
-    pub(crate) fn put(store: &Store, scene: &SceneId, span: &Span, who: &WorkerName) {
-        let shards = [span.shards.start, span.shards.end];
+    pub(crate) fn put(store: &Store, scene: &SceneId, task: &Task, worker: &WorkerName) {
+        let shards = [task.shards.start, task.shards.end];
         let record = Self {
             schema: MADE_BY_SCHEMA.to_owned(),
             shards,
-            worker: who.worker.clone(),
-            host: who.host.clone(),
+            worker: worker.worker.clone(),
+            host: worker.host.clone(),
         };
         let _ = store.replace(&keys::made_by(scene, shards), &json_line(&record));
     }
@@ -170,8 +170,8 @@ mod tests {
         let store = Store::local(folder.path()).unwrap();
         let scene = SceneId::new("s").unwrap();
         let put = |name: &str, shards| {
-            let span = Span { scene: 0, shards };
-            PartialsProvenance::put(&store, &scene, &span, &who(name));
+            let task = Task { scene: 0, shards };
+            PartialsProvenance::put(&store, &scene, &task, &who(name));
         };
         put("a", 0..8);
         put("b", 8..16);

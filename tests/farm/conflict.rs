@@ -6,8 +6,8 @@ use crate::support::outputs::{assert_same, files, tuples};
 use crate::support::program::{run, text};
 use crate::support::scenes::{Place, SCENES, SHARDS};
 use crate::support::tools::wait_for;
-use glasshouse::farm::queue::{NatsCoordinator, QueueKeeper, Waiting};
-use glasshouse::run::{QuarantineRecord, Run, Span};
+use glasshouse::farm::queue::{Message, NatsCoordinator, QueueKeeper};
+use glasshouse::run::{QuarantineRecord, Run, Task};
 use render::ids::SceneId;
 use render::line::Roots;
 use serde_json::json;
@@ -24,12 +24,12 @@ fn twice(place: &Place, server: &Nats) -> NatsCoordinator {
     let queue =
         NatsCoordinator::connect(&server.options(), run.id(), Duration::from_secs(2)).unwrap();
     queue.ensure().unwrap();
-    let again = |handed_on| Waiting {
-        span: Span {
+    let again = |hops| Message {
+        task: Task {
             scene: scene.unwrap() as u32,
             shards: 0..SHARDS as u32,
         },
-        handed_on,
+        hops,
     };
     queue.publish(&[again(1), again(2)]).unwrap();
     queue

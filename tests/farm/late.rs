@@ -3,9 +3,9 @@
 use crate::processes::run_alone;
 use crate::support::outputs::files;
 use crate::support::scenes::place;
-use glasshouse::farm::queue::{LocalQueue, QueueKeeper, Waiting};
+use glasshouse::farm::queue::{LocalQueue, Message, QueueKeeper};
 use glasshouse::farm::{SharedQueue, WorkOptions, work_shared};
-use glasshouse::run::{Event, Run, Span, Stop};
+use glasshouse::run::{Event, Run, Stop, Task};
 use glasshouse::store::Store;
 use render::line::Roots;
 use render::trace::Isa;
@@ -26,11 +26,11 @@ fn partials_on_their_way_are_dropped_when_the_scene_is_done() {
 
     let store = Store::local(run.root()).unwrap();
     let queue = LocalQueue::new(Some(LEASE));
-    let span = Span {
+    let task = Task {
         scene: 0,
         shards: 0..run.layout(&run.lines[0]).len(),
     };
-    queue.publish(&[Waiting { span, handed_on: 0 }]).unwrap();
+    queue.publish(&[Message { task, hops: 0 }]).unwrap();
     let worker = queue.worker();
     let shared = SharedQueue {
         queue: &worker,

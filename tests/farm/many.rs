@@ -8,8 +8,8 @@ use crate::support::outputs::{assert_same, files, tuples};
 use crate::support::program::{run, runtime, send, text};
 use crate::support::scenes::{SCENES, SHARDS, place, reference};
 use crate::support::tools::wait_for;
-use glasshouse::farm::queue::{NatsWorker, Queue, Waiting};
-use glasshouse::run::{Run, Span};
+use glasshouse::farm::queue::{Message, NatsWorker, Queue};
+use glasshouse::run::{Run, Task};
 use render::line::Roots;
 use std::time::Duration;
 
@@ -154,9 +154,9 @@ fn repeated_reordered_and_foreign_messages_change_nothing() {
         for scene in (0..SCENES as u32).rev() {
             let cut = 3 + 5 * round;
             for shards in [cut..shards, 0..shards, 0..cut, cut..cut + 1] {
-                let span = Span { scene, shards };
-                let handed_on = 7 + round;
-                again.push(Waiting { span, handed_on });
+                let task = Task { scene, shards };
+                let hops = 7 + round;
+                again.push(Message { task, hops });
             }
         }
         mischief.publish(&again).unwrap();

@@ -2,30 +2,30 @@
 
 use crate::support::nats::Nats;
 use glasshouse::farm::queue::{
-    Answer, Delivery, LocalQueue, NatsCoordinator, NatsWorker, Queue, QueueKeeper, Taken, Waiting,
+    Answer, Lease, LocalQueue, Message, NatsCoordinator, NatsWorker, Queue, QueueKeeper, Taken,
 };
-use glasshouse::run::Span;
+use glasshouse::run::Task;
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
 const LEASE: Duration = Duration::from_millis(700);
 const SCENES: usize = 10;
 
-fn waiting(scene: u32, start: u32, end: u32, handed_on: u32) -> Waiting {
-    Waiting {
-        span: Span {
+fn message(scene: u32, start: u32, end: u32, hops: u32) -> Message {
+    Message {
+        task: Task {
             scene,
             shards: start..end,
         },
-        handed_on,
+        hops,
     }
 }
 
 #[track_caller]
-fn take(queue: &dyn Queue) -> Delivery {
+fn take(queue: &dyn Queue) -> Lease {
     let start = Instant::now();
     while start.elapsed() < Duration::from_secs(10) {
-        if let Taken::Span(delivery) = queue.take(Duration::from_millis(200)) {
+        if let Taken::Lease(delivery) = queue.take(Duration::from_millis(200)) {
             return delivery;
         }
     }
@@ -33,7 +33,7 @@ fn take(queue: &dyn Queue) -> Delivery {
 }
 
 fn nothing(queue: &dyn Queue) -> bool {
-    !matches!(queue.take(Duration::from_millis(200)), Taken::Span(_))
+    !matches!(queue.take(Duration::from_millis(200)), Taken::Lease(_))
 }
 
 fn both(test: impl Fn(&dyn QueueKeeper, &dyn Queue, &dyn Queue)) {
@@ -53,7 +53,7 @@ fn both(test: impl Fn(&dyn QueueKeeper, &dyn Queue, &dyn Queue)) {
 #[test]
 fn a_queue_is_a_set() {
     both(|keeper, a, b| {
-        let spans = [waiting(0, 0, 4, 0), waiting(1, 0, 4, 0)];
+        let spans = [message(0, 0, 4, 0), message(1, 0, 4, 0)];
         keeper.publish(&spans).unwrap();
         keeper.publish(&spans).unwrap();
         a.publish(&spans[..1]).unwrap();
@@ -61,83 +61,83 @@ fn a_queue_is_a_set() {
         assert_eq!((state.waiting, state.held), (2, 0));
         assert_eq!(keeper.scenes().unwrap(), BTreeSet::from([0, 1]));
         let (first, second) = (take(a), take(b));
-        assert_eq!([first.waiting.clone(), second.waiting.clone()], spans);
-        assert!(!first.suspect && !second.suspect);
+        assert_eq!([first.message.clone(), second.message.clone()], spans);
+        assert!(!first.redelivered && !second.redelivered);
         // Held ones are in it, too.
         keeper.publish(&spans).unwrap();
         assert!(nothing(a));
         let state = keeper.look().unwrap();
         assert_eq!((state.waiting, state.held), (0, 2));
-        a.finish(first.ticket);
-        b.finish(second.ticket);
+        a.finish(first.id);
+        b.finish(second.id);
         assert!(keeper.look().unwrap().is_quiet());
         // Finished ones are not.
         keeper.publish(&spans[..1]).unwrap();
-        assert_eq!(take(b).waiting, spans[0]);
+        assert_eq!(take(b).message, spans[0]);
     });
 }
 
 #[test]
 fn a_lease_ends_unless_it_is_renewed() {
     both(|keeper, a, b| {
-        keeper.publish(&[waiting(3, 0, 9, 0)]).unwrap();
+        keeper.publish(&[message(3, 0, 9, 0)]).unwrap();
         let held = take(a);
         for _ in 0..8 {
             std::thread::sleep(LEASE / 4);
-            a.renew(held.ticket);
+            a.renew(held.id);
             assert!(matches!(b.take(Duration::from_millis(50)), Taken::Nothing));
         }
         // Its holder is lost.
         let start = Instant::now();
         let again = take(b);
-        assert!(again.suspect);
-        assert_eq!(again.waiting, held.waiting);
+        assert!(again.redelivered);
+        assert_eq!(again.message, held.message);
         assert!(start.elapsed() > LEASE / 2, "{:?}", start.elapsed());
         // Both say that it is done: it is gone, once.
-        b.finish(again.ticket);
-        a.finish(held.ticket);
+        b.finish(again.id);
+        a.finish(held.id);
         assert!(nothing(a));
         assert!(keeper.look().unwrap().is_quiet());
     });
 }
 
 #[test]
-fn handing_on_is_no_loss_of_a_holder() {
+fn a_donation_is_no_loss_of_a_holder() {
     both(|keeper, a, b| {
-        keeper.publish(&[waiting(2, 0, 8, 0)]).unwrap();
+        keeper.publish(&[message(2, 0, 8, 0)]).unwrap();
         let held = take(a);
-        a.publish(&[waiting(2, 4, 8, 1)]).unwrap();
+        a.publish(&[message(2, 4, 8, 1)]).unwrap();
         let tail = take(b);
-        assert_eq!(tail.waiting, waiting(2, 4, 8, 1));
-        assert!(!tail.suspect);
+        assert_eq!(tail.message, message(2, 4, 8, 1));
+        assert!(!tail.redelivered);
         // The rest, as one that stops does it.
-        a.publish(&[waiting(2, 0, 4, 1)]).unwrap();
-        a.finish(held.ticket);
+        a.publish(&[message(2, 0, 4, 1)]).unwrap();
+        a.finish(held.id);
         let rest = take(b);
-        assert!(!rest.suspect);
-        assert_eq!(rest.waiting, waiting(2, 0, 4, 1));
-        b.finish(tail.ticket);
-        b.finish(rest.ticket);
+        assert!(!rest.redelivered);
+        assert_eq!(rest.message, message(2, 0, 4, 1));
+        b.finish(tail.id);
+        b.finish(rest.id);
         assert!(keeper.scenes().unwrap().is_empty());
     });
 }
 
 #[test]
-fn who_has_something_is_asked() {
+fn a_busy_worker_is_requested_to_donate() {
     both(|_, idle, busy| {
-        assert_eq!(idle.ask(None).spans, 0, "nobody has anything");
-        busy.offer(true);
+        assert_eq!(idle.request(None).tasks, 0, "nobody has anything");
+        busy.accept_requests(true);
         let answer = Answer {
-            spans: 3,
+            tasks: 3,
             load_s: Some(0.5),
         };
         let answered = std::thread::scope(|scope| {
             let answering = scope.spawn(|| {
                 let start = Instant::now();
                 while start.elapsed() < Duration::from_secs(10) {
-                    if let Some(ask) = busy.asked(Duration::from_millis(50)) {
-                        assert_eq!(ask.load_s, Some(0.25));
-                        ask.answer(answer);
+                    if let Some(request) = busy.requested(Duration::from_millis(50)) {
+                        assert_eq!(request.load_s, Some(0.25));
+                        request.answer(answer);
                         return true;
                     }
                 }
@@ -145,29 +145,29 @@ fn who_has_something_is_asked() {
             });
             let start = Instant::now();
             let mut found = Answer::default();
-            while found.spans == 0 && start.elapsed() < Duration::from_secs(10) {
-                found = idle.ask(Some(0.25));
+            while found.tasks == 0 && start.elapsed() < Duration::from_secs(10) {
+                found = idle.request(Some(0.25));
             }
             assert_eq!(found, answer);
             answering.join().unwrap()
         });
         assert!(answered);
-        busy.offer(false);
+        busy.accept_requests(false);
         std::thread::sleep(Duration::from_millis(300));
-        assert_eq!(idle.ask(None).spans, 0, "it is not asked any more");
+        assert_eq!(idle.request(None).tasks, 0, "it is not asked any more");
     });
 }
 
 #[test]
 fn what_is_purged_is_forgotten() {
     both(|keeper, a, _| {
-        let spans: Vec<Waiting> = (0..SCENES as u32).map(|s| waiting(s, 0, 1, 0)).collect();
+        let spans: Vec<Message> = (0..SCENES as u32).map(|s| message(s, 0, 1, 0)).collect();
         keeper.publish(&spans).unwrap();
         assert_eq!(keeper.scenes().unwrap().len(), SCENES);
         keeper.purge().unwrap();
         assert!(keeper.scenes().unwrap().is_empty());
         assert!(nothing(a));
         keeper.publish(&spans[..1]).unwrap();
-        assert_eq!(take(a).waiting, spans[0]);
+        assert_eq!(take(a).message, spans[0]);
     });
 }

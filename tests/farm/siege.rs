@@ -14,9 +14,9 @@ use crate::support::outputs::{assert_same, files, tuples};
 use crate::support::program::{Ended, command, send, text};
 use crate::support::s3_server::S3Server;
 use crate::support::scenes::{Place, place};
-use glasshouse::farm::queue::{NatsCoordinator, QueueKeeper, Waiting};
+use glasshouse::farm::queue::{Message, NatsCoordinator, QueueKeeper};
 use glasshouse::run::keys::shard_of;
-use glasshouse::run::{Run, Span};
+use glasshouse::run::{Run, Task};
 use glasshouse::store::Store;
 use render::line::Roots;
 use std::collections::BTreeSet;
@@ -314,20 +314,20 @@ impl Siege {
         let queue =
             NatsCoordinator::connect(&self.server.options(), run.id(), Duration::from_secs(2))
                 .unwrap();
-        let again: Vec<Waiting> = (0..6)
+        let again: Vec<Message> = (0..6)
             .map(|_| {
                 let scene = self.draw(self.size.scenes) as u32;
                 let start = self.draw(self.size.shards()) as u32;
                 let length = 1 + self.draw(self.size.shards() - start as usize) as u32;
                 let shards = start..start + length;
-                Waiting {
-                    span: Span { scene, shards },
-                    handed_on: 5 + self.draw(9) as u32,
+                Message {
+                    task: Task { scene, shards },
+                    hops: 5 + self.draw(9) as u32,
                 }
             })
             .collect();
         let poison = run.lines.iter().position(|line| line.id.as_str() == POISON);
-        let of_poison = |waiting: &&Waiting| Some(waiting.span.scene as usize) == poison;
+        let of_poison = |message: &&Message| Some(message.task.scene as usize) == poison;
         self.poison_spans += again.iter().filter(of_poison).count();
         // The server may be on its way up.
         let _ = queue.publish(&again);

@@ -7,7 +7,7 @@ use super::process::Process;
 use super::recipe::Recipe;
 use super::setup::Setup;
 use crate::farm::Fault as Ordered;
-use crate::farm::sim::{Case, Fault, lower_bound_s};
+use crate::farm::simulate::{Case, Fault, lower_bound_s};
 use std::time::{Duration, Instant, SystemTime};
 
 /// One worker is killed at this share of the lower bound of a farm with a slow worker.

@@ -3,7 +3,7 @@
 use super::median::median;
 use super::setup::Conditions;
 use crate::bench::align;
-use crate::farm::sim::{Case, Fault, simulate};
+use crate::farm::simulate::{Case, Fault, simulate};
 use serde::Serialize;
 use std::fmt;
 

@@ -4,7 +4,7 @@
 //! overhead       shards a second, 1 to N workers; CPU seconds that the farm adds to a shard
 //! makespan       time of a run over its lower bound, without and with faults
 //! resume         time until a run that is half done goes on
-//! simulation     the same rules in virtual time, for any number of workers (farm::sim)
+//! simulation     the same rules in virtual time, for any number of workers (farm::simulate)
 //!
 //! place          a temporary folder, a NATS server -> process, server: children that end with their owner
 //! recipe         runs of tiny scenes that cost nothing to trace; half_done makes half of one

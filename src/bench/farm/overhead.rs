@@ -7,7 +7,7 @@ use super::process::Process;
 use super::recipe::Recipe;
 use super::setup::Setup;
 use crate::farm::Fault;
-use crate::farm::sim::Work;
+use crate::farm::simulate::Work;
 use std::time::SystemTime;
 
 /// Seconds of the shards that show how the farm scales where there are fewer cores than workers.

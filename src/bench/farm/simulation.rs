@@ -2,7 +2,7 @@
 
 use super::error::FarmBenchError;
 use crate::bench::{align, thread_cpu_s};
-use crate::farm::sim::{self, Case, Fault, Outcome};
+use crate::farm::simulate::{self as sim, Case, Fault, Outcome};
 use serde::Serialize;
 use std::fmt;
 
@@ -170,7 +170,7 @@ impl fmt::Display for Simulation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::farm::sim::{Fleet, Rules, Work};
+    use crate::farm::simulate::{Fleet, Rules, Work};
 
     fn case(faults: Vec<Fault>) -> Case {
         Case {

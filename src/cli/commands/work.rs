@@ -11,9 +11,9 @@ use crate::cli::progress::Progress;
 use crate::cli::queue;
 use crate::cli::signals::Signals;
 use crate::cli::store_env;
-use crate::farm::queue::{LocalQueue, Queue, Waiting};
+use crate::farm::queue::{LocalQueue, Message, Queue};
 use crate::farm::{Fault, Outcome, SharedQueue, WorkOptions, work, work_shared, work_span};
-use crate::run::{Event, Quarantined, Run, Scope, Snapshot, Span, Stop, WorkerName};
+use crate::run::{Event, Quarantined, Run, Scope, Snapshot, Stop, Task, WorkerName};
 use crate::store::Store;
 use clap::Args as ClapArgs;
 use render::ids::SceneId;
@@ -178,7 +178,7 @@ pub(super) fn work_on(
     let start = Instant::now();
     let children = how.children(global);
     let options = WorkOptions {
-        isolate: Some(&children),
+        sandbox: Some(&children),
         ..how.options(global, signals.stop())?
     };
     let outcome = work(run, &options, &|event| progress.event(event, output));
@@ -218,7 +218,7 @@ fn work_for(
     let start = Instant::now();
     let children = how.children(global);
     let options = WorkOptions {
-        isolate: Some(&children),
+        sandbox: Some(&children),
         ..how.options(global, signals.stop())?
     };
     let queue = queue::worker(run, args, &how.name)?;
@@ -248,7 +248,7 @@ fn work_for(
     Ok((outcome, exit, start.elapsed()))
 }
 
-/// A child: works on one span, and says that it goes on (see [`crate::cli::isolate`]).
+/// A child: works on one task, and says that it goes on (see [`crate::cli::isolate`]).
 fn work_only(
     run: &Run,
     store: &Store,
@@ -266,12 +266,12 @@ fn work_only(
     let start = Instant::now();
     let options = how.options(global, signals.stop())?;
     let queue = LocalQueue::new(None);
-    let span = Span {
+    let task = Task {
         scene: scene as u32,
         shards: only.shards.clone(),
     };
     let worker = queue.worker();
-    worker.publish(&[Waiting { span, handed_on: 0 }])?;
+    worker.publish(&[Message { task, hops: 0 }])?;
     let shared = SharedQueue {
         queue: &worker,
         lease: SIGNS_EVERY * 3,
@@ -347,7 +347,7 @@ impl<'a> Worked<'a> {
             shards_traced: outcome.traced,
             shards_resumed: outcome.resumed,
             scenes_loaded: outcome.loaded,
-            spans_given: outcome.given,
+            spans_given: outcome.donated,
             quarantined: &outcome.quarantined,
             stopped: outcome.stopped.map(Stop::name),
             wall_s: wall.as_secs_f64(),

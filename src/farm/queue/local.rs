@@ -1,6 +1,6 @@
 //! The queue of a single process: no server, and the same promises.
 
-use super::{Answer, Ask, Delivery, Queue, QueueError, QueueKeeper, QueueState, Taken, Waiting};
+use super::{Answer, Lease, Message, Queue, QueueError, QueueKeeper, QueueState, Request, Taken};
 use crossbeam::channel::{Receiver, Sender, bounded, unbounded};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
@@ -20,46 +20,41 @@ struct Shared {
 
 #[derive(Default)]
 struct State {
-    waiting: VecDeque<Message>,
-    held: BTreeMap<u64, (Message, Option<Instant>)>,
-    /// All that waits or is held.
+    waiting: VecDeque<Entry>,
+    held: BTreeMap<u64, (Entry, Option<Instant>)>,
+    /// All that waits or is leased.
     there: BTreeSet<Key>,
-    next_ticket: u64,
-    /// Workers that have something to give, by number.
-    able: BTreeMap<u64, Sender<Ask>>,
+    next_lease: u64,
+    /// Workers that have something to donate, by number.
+    able: BTreeMap<u64, Sender<Request>>,
     next_worker: u64,
-    next_asked: u64,
+    next_request: u64,
     /// A keeper has looked.
     seen: bool,
 }
 
-struct Message {
-    waiting: Waiting,
+struct Entry {
+    message: Message,
     deliveries: u32,
 }
 
-/// Scene, first shard, one past the last, times handed on.
+/// Scene, first shard, one past the last, hops.
 type Key = [u32; 4];
 
-fn key(waiting: &Waiting) -> Key {
-    let span = &waiting.span;
-    [
-        span.scene,
-        span.shards.start,
-        span.shards.end,
-        waiting.handed_on,
-    ]
+fn key(message: &Message) -> Key {
+    let task = &message.task;
+    [task.scene, task.shards.start, task.shards.end, message.hops]
 }
 
 /// One worker's end of it.
 pub struct LocalWorker {
     queue: LocalQueue,
     number: u64,
-    asks: (Sender<Ask>, Receiver<Ask>),
+    requests: (Sender<Request>, Receiver<Request>),
 }
 
 impl LocalQueue {
-    /// An empty queue. Without a `lease` what is held stays held: for a process that is its only worker.
+    /// An empty queue. Without a `lease` leases never end: for a process that is its only worker.
     pub fn new(lease: Option<Duration>) -> Self {
         Self {
             shared: Arc::new(Shared {
@@ -77,13 +72,13 @@ impl LocalQueue {
         LocalWorker {
             queue: self.clone(),
             number: state.next_worker,
-            asks: unbounded(),
+            requests: unbounded(),
         }
     }
 
-    /// Publishes spans whose holder was lost by an earlier process.
-    pub fn publish_suspects(&self, waiting: &[Waiting]) {
-        self.put(waiting, 1);
+    /// Publishes tasks whose worker was lost with an earlier process.
+    pub fn publish_redelivered(&self, messages: &[Message]) {
+        self.put(messages, 1);
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -93,12 +88,12 @@ impl LocalQueue {
             .expect("no holder of this lock panics")
     }
 
-    fn put(&self, waiting: &[Waiting], deliveries: u32) {
+    fn put(&self, messages: &[Message], deliveries: u32) {
         let mut state = self.state();
-        for waiting in waiting {
-            if state.there.insert(key(waiting)) {
-                state.waiting.push_back(Message {
-                    waiting: waiting.clone(),
+        for message in messages {
+            if state.there.insert(key(message)) {
+                state.waiting.push_back(Entry {
+                    message: message.clone(),
                     deliveries,
                 });
             }
@@ -108,17 +103,17 @@ impl LocalQueue {
 }
 
 impl State {
-    /// What was held too long waits again, before all else.
+    /// Messages whose lease has ended wait again, before all others.
     fn expire(&mut self, now: Instant) {
         let late: Vec<u64> = self
             .held
             .iter()
             .filter(|(_, (_, end))| end.is_some_and(|end| end <= now))
-            .map(|(&ticket, _)| ticket)
+            .map(|(&lease, _)| lease)
             .collect();
-        for ticket in late.into_iter().rev() {
-            if let Some((message, _)) = self.held.remove(&ticket) {
-                self.waiting.push_front(message);
+        for lease in late.into_iter().rev() {
+            if let Some((entry, _)) = self.held.remove(&lease) {
+                self.waiting.push_front(entry);
             }
         }
     }
@@ -131,18 +126,18 @@ impl Queue for LocalWorker {
         loop {
             let now = Instant::now();
             state.expire(now);
-            if let Some(mut message) = state.waiting.pop_front() {
-                message.deliveries += 1;
-                state.next_ticket += 1;
-                let ticket = state.next_ticket;
-                let delivery = Delivery {
-                    ticket,
-                    waiting: message.waiting.clone(),
-                    suspect: message.deliveries > 1,
+            if let Some(mut entry) = state.waiting.pop_front() {
+                entry.deliveries += 1;
+                state.next_lease += 1;
+                let id = state.next_lease;
+                let leased = Lease {
+                    id,
+                    message: entry.message.clone(),
+                    redelivered: entry.deliveries > 1,
                 };
                 let end = self.queue.shared.lease.map(|lease| now + lease);
-                state.held.insert(ticket, (message, end));
-                return Taken::Span(delivery);
+                state.held.insert(id, (entry, end));
+                return Taken::Lease(leased);
             }
             if state.held.is_empty() {
                 return Taken::Ended;
@@ -161,50 +156,50 @@ impl Queue for LocalWorker {
         }
     }
 
-    fn publish(&self, waiting: &[Waiting]) -> Result<(), QueueError> {
-        self.queue.put(waiting, 0);
+    fn publish(&self, messages: &[Message]) -> Result<(), QueueError> {
+        self.queue.put(messages, 0);
         Ok(())
     }
 
-    fn renew(&self, ticket: u64) {
-        let lease = self.queue.shared.lease;
-        if let Some((_, end)) = self.queue.state().held.get_mut(&ticket) {
-            *end = lease.map(|lease| Instant::now() + lease);
+    fn renew(&self, lease: u64) {
+        let time = self.queue.shared.lease;
+        if let Some((_, end)) = self.queue.state().held.get_mut(&lease) {
+            *end = time.map(|time| Instant::now() + time);
         }
     }
 
-    fn finish(&self, ticket: u64) {
+    fn finish(&self, lease: u64) {
         let mut state = self.queue.state();
-        if let Some((message, _)) = state.held.remove(&ticket) {
-            state.there.remove(&key(&message.waiting));
+        if let Some((entry, _)) = state.held.remove(&lease) {
+            state.there.remove(&key(&entry.message));
         }
         drop(state);
         self.queue.shared.changed.notify_all();
     }
 
-    fn ask(&self, load_s: Option<f64>) -> Answer {
+    fn request(&self, load_s: Option<f64>) -> Answer {
         let (sender, answer) = bounded(1);
         let asked = {
             let mut state = self.queue.state();
-            state.next_asked += 1;
-            // In turns, as a server spreads the questions over those who may be asked.
-            let turn = state.next_asked;
-            let others: Vec<&Sender<Ask>> = state
+            state.next_request += 1;
+            // In turns, as a server spreads requests over its listeners.
+            let turn = state.next_request;
+            let others: Vec<&Sender<Request>> = state
                 .able
                 .iter()
                 .filter(|(number, _)| **number != self.number)
-                .map(|(_, asks)| asks)
+                .map(|(_, requests)| requests)
                 .collect();
-            let Some(asks) = others.get(turn as usize % others.len().max(1)) else {
+            let Some(requests) = others.get(turn as usize % others.len().max(1)) else {
                 return Answer::default();
             };
-            let ask = Ask {
+            let request = Request {
                 load_s,
                 tell: Box::new(move |answer| {
                     let _ = sender.send(answer);
                 }),
             };
-            asks.send(ask).is_ok()
+            requests.send(request).is_ok()
         };
         if asked {
             let answer = answer.recv_timeout(Duration::from_secs(2));
@@ -214,23 +209,23 @@ impl Queue for LocalWorker {
         }
     }
 
-    fn offer(&self, able: bool) {
+    fn accept_requests(&self, able: bool) {
         let mut state = self.queue.state();
         if able {
-            state.able.insert(self.number, self.asks.0.clone());
+            state.able.insert(self.number, self.requests.0.clone());
         } else {
             state.able.remove(&self.number);
         }
     }
 
-    fn asked(&self, wait: Duration) -> Option<Ask> {
-        self.asks.1.recv_timeout(wait).ok()
+    fn requested(&self, wait: Duration) -> Option<Request> {
+        self.requests.1.recv_timeout(wait).ok()
     }
 }
 
 impl Drop for LocalWorker {
     fn drop(&mut self) {
-        self.offer(false);
+        self.accept_requests(false);
     }
 }
 
@@ -257,8 +252,8 @@ impl QueueKeeper for LocalQueue {
             .collect())
     }
 
-    fn publish(&self, waiting: &[Waiting]) -> Result<(), QueueError> {
-        self.put(waiting, 0);
+    fn publish(&self, messages: &[Message]) -> Result<(), QueueError> {
+        self.put(messages, 0);
         Ok(())
     }
 

@@ -1,7 +1,7 @@
-//! Who works on what: a set of spans that workers take, hold for a while, and finish.
+//! Which worker does what: a set of messages, each a task, that workers lease, renew and finish.
 //!
-//! A queue is a hint. It may forget, repeat or bring back any span, and the results do not change: what is done is told
-//! by the store alone. Two queues keep the same promises and pass the same tests (`tests/farm/queues.rs`): one inside a
+//! A queue is a hint. It may forget, repeat or bring back any message, and the results do not change: the store alone tells
+//! what is done. Two queues keep the same promises and pass the same tests (`tests/farm/queues.rs`): one inside a
 //! process, and NATS JetStream.
 
 mod local;
@@ -24,36 +24,36 @@ pub use nats_probe::{NatsAccount, NatsFacts, probe_nats};
 #[cfg(feature = "nats")]
 pub use nats_worker::NatsWorker;
 
-pub use super::message::{MessageError, read_waiting, write_waiting};
-use crate::run::Span;
+pub use super::message::{MessageError, read_message, write_message};
+use crate::run::Task;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// Work that waits, and how often it was handed on from worker to worker.
+/// A task in the queue, and how often it went from worker to worker.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Waiting {
-    /// The work.
-    pub span: Span,
+pub struct Message {
+    /// What to do.
+    pub task: Task,
     /// 0 as the coordinator publishes it.
-    pub handed_on: u32,
+    pub hops: u32,
 }
 
-/// A span that this worker holds now, until its lease ends.
+/// A task that this worker has, until its lease ends.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Delivery {
+pub struct Lease {
     /// Names it in the calls of [`Queue`].
-    pub ticket: u64,
-    /// The work.
-    pub waiting: Waiting,
+    pub id: u64,
+    /// What was leased.
+    pub message: Message,
     /// An earlier holder was lost with it.
-    pub suspect: bool,
+    pub redelivered: bool,
 }
 
 /// What [`Queue::take`] found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Taken {
     /// Something to do.
-    Span(Delivery),
+    Lease(Lease),
     /// Nothing now.
     Nothing,
     /// Nothing any more.
@@ -62,23 +62,23 @@ pub enum Taken {
     Lost(String),
 }
 
-/// Another worker has nothing to do.
-pub struct Ask {
+/// Another worker has nothing to do, and requests a donation.
+pub struct Request {
     /// Seconds in which it loads a scene, if it has loaded one.
     pub load_s: Option<f64>,
     tell: Box<dyn FnOnce(Answer) + Send>,
 }
 
-/// What a worker that was asked for work says.
+/// What a worker says to a request.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Answer {
-    /// Spans that it published.
-    pub spans: u32,
+    /// Tasks that it published.
+    pub tasks: u32,
     /// Seconds in which it loads a scene, if it has loaded one.
     pub load_s: Option<f64>,
 }
 
-impl Ask {
+impl Request {
     /// Answers it.
     pub fn answer(self, answer: Answer) {
         (self.tell)(answer);
@@ -92,20 +92,20 @@ pub struct QueueError(pub String);
 
 /// One worker's end of a queue.
 pub trait Queue: Send + Sync {
-    /// Takes a span, waiting for one up to `wait`; with a `wait` of zero, one that is there now.
+    /// Leases a task, waiting for one up to `wait`; with a `wait` of zero, one that is there now.
     fn take(&self, wait: Duration) -> Taken;
-    /// Publishes spans. On return the queue has them; one that it has already is no error.
-    fn publish(&self, waiting: &[Waiting]) -> Result<(), QueueError>;
-    /// Begins the lease of a held span anew.
-    fn renew(&self, ticket: u64);
-    /// Gives a span up: all of it is done, or published again.
-    fn finish(&self, ticket: u64);
-    /// Asks some busy worker for work, telling in how many seconds this one loads a scene, if that is known.
-    fn ask(&self, load_s: Option<f64>) -> Answer;
-    /// Says whether this worker may be asked.
-    fn offer(&self, able: bool);
-    /// Waits for another worker's question.
-    fn asked(&self, wait: Duration) -> Option<Ask>;
+    /// Publishes messages. On return the queue has them; one that it has already is no error.
+    fn publish(&self, messages: &[Message]) -> Result<(), QueueError>;
+    /// Renews a lease.
+    fn renew(&self, lease: u64);
+    /// Gives a lease back: all of its task is done, or published again.
+    fn finish(&self, lease: u64);
+    /// Requests work of some busy worker, telling in how many seconds this one loads a scene, if that is known.
+    fn request(&self, load_s: Option<f64>) -> Answer;
+    /// Says whether this worker may be requested to donate.
+    fn accept_requests(&self, able: bool);
+    /// Waits for another worker's request.
+    fn requested(&self, wait: Duration) -> Option<Request>;
 }
 
 /// The coordinator's end of a queue.
@@ -114,11 +114,11 @@ pub trait QueueKeeper: Send + Sync {
     fn ensure(&self) -> Result<bool, QueueError>;
     /// How much is in it.
     fn look(&self) -> Result<QueueState, QueueError>;
-    /// Scenes of which a span waits or is held.
+    /// Scenes that have a message in it.
     fn scenes(&self) -> Result<BTreeSet<u32>, QueueError>;
-    /// Publishes spans. On return the queue has them; one that it has already is no error.
-    fn publish(&self, waiting: &[Waiting]) -> Result<(), QueueError>;
-    /// Forgets all spans.
+    /// Publishes messages. On return the queue has them; one that it has already is no error.
+    fn publish(&self, messages: &[Message]) -> Result<(), QueueError>;
+    /// Forgets all messages.
     fn purge(&self) -> Result<(), QueueError>;
     /// Removes the queue.
     fn remove(&self) -> Result<(), QueueError>;
@@ -127,14 +127,14 @@ pub trait QueueKeeper: Send + Sync {
 /// How much is in a queue.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct QueueState {
-    /// Spans that wait.
+    /// Messages that wait.
     pub waiting: u64,
-    /// Spans that are held.
+    /// Messages that are leased.
     pub held: u64,
 }
 
 impl QueueState {
-    /// Nobody will get anything more from it, whatever is said to be in it.
+    /// No worker will get anything more from it, whatever is said to be in it.
     pub fn is_quiet(&self) -> bool {
         self.waiting == 0 && self.held == 0
     }

@@ -1,11 +1,12 @@
-//! The queue on NATS JetStream (a worker's end in `nats_worker`, the coordinator's in `nats_coordinator`): one work-queue stream a run, whose subjects are the spans.
+//! The queue on NATS JetStream (a worker's end in `nats_worker`, the coordinator's in `nats_coordinator`): one work-queue
+//! stream a run, whose subjects are the tasks.
 //!
 //! A subject holds one message at most, so the stream is a set: publishing what is in it is refused by the server, which
-//! counts as done. Nothing is ever sent back (NAK): who cannot do a span publishes it anew under the next number of
-//! [`Waiting::handed_on`] and acknowledges the old one. A second delivery therefore always means a lost holder.
+//! counts as done. Nothing is ever sent back (NAK): a worker that cannot do a task publishes it anew under the next number of
+//! [`Message::hops`] and acknowledges the old one. A second delivery therefore always means a lost worker.
 
-use super::super::message::write_waiting;
-use super::{QueueError, Waiting};
+use super::super::message::write_message;
+use super::{Message, QueueError};
 use crate::store::RUNTIME;
 use async_nats::jetstream::{self, Context};
 use async_nats::{Client, ConnectOptions, ServerAddr};
@@ -169,22 +170,22 @@ impl Connection {
         })
     }
 
-    pub(super) fn subject(&self, waiting: &Waiting) -> String {
-        let Waiting { span, handed_on } = waiting;
-        let (scene, shards) = (span.scene, &span.shards);
+    pub(super) fn subject(&self, message: &Message) -> String {
+        let Message { task, hops } = message;
+        let (scene, shards) = (task.scene, &task.shards);
         format!(
-            "{}.span.{scene}.{}-{}.{handed_on}",
+            "{}.span.{scene}.{}-{}.{hops}",
             self.subjects, shards.start, shards.end
         )
     }
 
-    pub(super) async fn publish(&self, waiting: &[Waiting]) -> Result<(), QueueError> {
-        futures_util::stream::iter(waiting)
-            .map(|waiting| async move {
-                let message = write_waiting(self.run, waiting);
+    pub(super) async fn publish(&self, messages: &[Message]) -> Result<(), QueueError> {
+        futures_util::stream::iter(messages)
+            .map(|message| async move {
+                let bytes = write_message(self.run, message);
                 let sent = self
                     .context
-                    .publish(self.subject(waiting), message.into())
+                    .publish(self.subject(message), bytes.into())
                     .await;
                 let acknowledged = match sent {
                     Ok(acknowledgement) => acknowledgement.await,

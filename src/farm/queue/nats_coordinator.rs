@@ -1,6 +1,6 @@
 //! The coordinator's end of the queue on NATS JetStream.
 
-use super::{QueueError, QueueKeeper, QueueState, Waiting};
+use super::{Message, QueueError, QueueKeeper, QueueState};
 use crate::store::RUNTIME;
 use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
 use async_nats::jetstream::stream::{Config, DiscardPolicy, RetentionPolicy, StorageType, Stream};
@@ -98,7 +98,7 @@ impl NatsCoordinator {
                 .map_err(|e| connection.lost(&e))?;
             let got = &consumer.cached_info().config;
             if got.ack_wait != self.lease || got.max_ack_pending != -1 {
-                // Made by a coordinator with another lease: made anew; held spans come back, which costs time alone.
+                // Made by a coordinator with another lease: made anew; leased tasks come back, which costs time alone.
                 stream.delete_consumer(CONSUMER).await.map_err(|e| connection.lost(&e))?;
                 return Err(QueueError(format!(
                     "the consumer {CONSUMER} had leases of {} s; it was removed and will be made with {} s",
@@ -154,8 +154,8 @@ impl QueueKeeper for NatsCoordinator {
         })
     }
 
-    fn publish(&self, waiting: &[Waiting]) -> Result<(), QueueError> {
-        RUNTIME.block_on(self.connection.publish(waiting))
+    fn publish(&self, messages: &[Message]) -> Result<(), QueueError> {
+        RUNTIME.block_on(self.connection.publish(messages))
     }
 
     fn purge(&self) -> Result<(), QueueError> {

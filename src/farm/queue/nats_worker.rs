@@ -1,10 +1,10 @@
 //! A worker's end of the queue on NATS JetStream.
 
-use super::super::message::{GiveReply, GiveRequest, decode, encode, read_waiting};
-use super::{Answer, Ask, Delivery, Queue, QueueError, Taken, Waiting};
+use super::super::message::{DonationReply, DonationRequest, decode, encode, read_message};
+use super::{Answer, Lease, Message, Queue, QueueError, Request, Taken};
 use crate::store::RUNTIME;
 use async_nats::jetstream::consumer::PullConsumer;
-use async_nats::jetstream::{AckKind, Message};
+use async_nats::jetstream::{self, AckKind};
 use crossbeam::channel::{Receiver, Sender, unbounded};
 use futures_util::StreamExt;
 use std::collections::BTreeMap;
@@ -20,8 +20,8 @@ pub struct NatsWorker {
     scenes: usize,
     lease: Duration,
     consumer: Mutex<Option<PullConsumer>>,
-    held: Mutex<BTreeMap<u64, Arc<Message>>>,
-    asks: (Sender<Ask>, Receiver<Ask>),
+    held: Mutex<BTreeMap<u64, Arc<jetstream::Message>>>,
+    requests: (Sender<Request>, Receiver<Request>),
     listener: Mutex<Option<JoinHandle<()>>>,
 }
 
@@ -39,7 +39,7 @@ impl NatsWorker {
             lease,
             consumer: Mutex::default(),
             held: Mutex::default(),
-            asks: unbounded(),
+            requests: unbounded(),
             listener: Mutex::default(),
         })
     }
@@ -75,7 +75,7 @@ impl NatsWorker {
         Ok(found)
     }
 
-    async fn pull(&self, wait: Duration) -> Result<Option<Message>, QueueError> {
+    async fn pull(&self, wait: Duration) -> Result<Option<jetstream::Message>, QueueError> {
         let consumer = self.consumer().await?;
         let pull = async {
             let mut batch = if wait.is_zero() {
@@ -97,15 +97,15 @@ impl NatsWorker {
         }
     }
 
-    fn held(&self, ticket: u64) -> Option<Arc<Message>> {
+    fn held(&self, lease: u64) -> Option<Arc<jetstream::Message>> {
         let held = self.held.lock().expect("no holder of this lock panics");
-        held.get(&ticket).cloned()
+        held.get(&lease).cloned()
     }
 }
 
 impl Queue for NatsWorker {
     fn take(&self, wait: Duration) -> Taken {
-        let message = match RUNTIME.block_on(self.pull(wait)) {
+        let delivered = match RUNTIME.block_on(self.pull(wait)) {
             Ok(Some(message)) => message,
             Ok(None) => return Taken::Nothing,
             Err(error) => {
@@ -114,64 +114,64 @@ impl Queue for NatsWorker {
                 return Taken::Lost(self.connection.explained(error).0);
             }
         };
-        let (deliveries, ticket) = match message.info() {
+        let (deliveries, id) = match delivered.info() {
             Ok(info) => (info.delivered, info.stream_sequence),
             Err(error) => return Taken::Lost(error.to_string()),
         };
-        match read_waiting(&message.payload, self.connection.run, self.scenes) {
-            Ok(Some(waiting)) => {
-                let delivery = Delivery {
-                    ticket,
-                    waiting,
-                    suspect: deliveries > 1,
+        match read_message(&delivered.payload, self.connection.run, self.scenes) {
+            Ok(Some(message)) => {
+                let lease = Lease {
+                    id,
+                    message,
+                    redelivered: deliveries > 1,
                 };
                 let mut held = self.held.lock().expect("no holder of this lock panics");
-                held.insert(ticket, Arc::new(message));
-                Taken::Span(delivery)
+                held.insert(id, Arc::new(delivered));
+                Taken::Lease(lease)
             }
-            // Of another version, or damaged: left for who knows it, out of the way for a while.
-            Ok(None) => leave(&message, "a message does not belong to this run"),
-            Err(error) => leave(&message, &error.to_string()),
+            // Of another version, or damaged: left for a worker that knows it, out of the way for a while.
+            Ok(None) => leave(&delivered, "a message does not belong to this run"),
+            Err(error) => leave(&delivered, &error.to_string()),
         }
     }
 
-    fn publish(&self, waiting: &[Waiting]) -> Result<(), QueueError> {
-        RUNTIME.block_on(self.connection.publish(waiting))
+    fn publish(&self, messages: &[Message]) -> Result<(), QueueError> {
+        RUNTIME.block_on(self.connection.publish(messages))
     }
 
-    fn renew(&self, ticket: u64) {
-        if let Some(message) = self.held(ticket) {
+    fn renew(&self, lease: u64) {
+        if let Some(message) = self.held(lease) {
             // If it is lost the lease ends, which costs time alone.
             let _ = RUNTIME.block_on(message.ack_with(AckKind::Progress));
         }
     }
 
-    fn finish(&self, ticket: u64) {
-        if let Some(message) = self.held(ticket) {
-            // Who cannot tell the server goes on: the span comes back and is found done.
+    fn finish(&self, lease: u64) {
+        if let Some(message) = self.held(lease) {
+            // If the server cannot be told, the task comes back and is found done.
             let _ = within(ANSWER, message.double_ack());
             let mut held = self.held.lock().expect("no holder of this lock panics");
-            held.remove(&ticket);
+            held.remove(&lease);
         }
     }
 
-    fn ask(&self, load_s: Option<f64>) -> Answer {
+    fn request(&self, load_s: Option<f64>) -> Answer {
         let subject = format!("{}.give", self.connection.subjects);
-        let question = encode(&GiveRequest::new(load_s));
+        let question = encode(&DonationRequest::new(load_s));
         let request = self.connection.client.request(subject, question.into());
-        // Who asks keeps leases, too.
+        // The thread that requests keeps leases, too.
         let answer = within(ANSWER.min(self.lease / 3), request);
         match answer {
             Some(Ok(answer)) => {
-                let reply = decode::<GiveReply>(&answer.payload);
-                reply.map(GiveReply::answer).unwrap_or_default()
+                let reply = decode::<DonationReply>(&answer.payload);
+                reply.map(DonationReply::answer).unwrap_or_default()
             }
-            // Nobody may be asked, or the server is away.
+            // No worker listens, or the server is away.
             Some(Err(_)) | None => Answer::default(),
         }
     }
 
-    fn offer(&self, able: bool) {
+    fn accept_requests(&self, able: bool) {
         let mut listener = self.listener.lock().expect("no holder of this lock panics");
         if !able {
             if let Some(task) = listener.take() {
@@ -184,7 +184,7 @@ impl Queue for NatsWorker {
         }
         let client = self.connection.client.clone();
         let subject = format!("{}.give", self.connection.subjects);
-        let asks = self.asks.0.clone();
+        let requests = self.requests.0.clone();
         *listener = Some(RUNTIME.spawn(async move {
             let Ok(mut questions) = client.queue_subscribe(subject, "give".to_owned()).await else {
                 return;
@@ -194,27 +194,27 @@ impl Queue for NatsWorker {
                     continue;
                 };
                 let client = client.clone();
-                let request = decode::<GiveRequest>(&question.payload);
-                let ask = Ask {
-                    load_s: request.ok().and_then(GiveRequest::load_s),
+                let request = decode::<DonationRequest>(&question.payload);
+                let request = Request {
+                    load_s: request.ok().and_then(DonationRequest::load_s),
                     tell: Box::new(move |answer| {
-                        let answer = encode(&GiveReply::new(answer));
+                        let answer = encode(&DonationReply::new(answer));
                         let _ = RUNTIME.block_on(client.publish(reply, answer.into()));
                     }),
                 };
-                if asks.send(ask).is_err() {
+                if requests.send(request).is_err() {
                     return;
                 }
             }
         }));
     }
 
-    fn asked(&self, wait: Duration) -> Option<Ask> {
-        self.asks.1.recv_timeout(wait).ok()
+    fn requested(&self, wait: Duration) -> Option<Request> {
+        self.requests.1.recv_timeout(wait).ok()
     }
 }
 
-fn leave(message: &Message, reason: &str) -> Taken {
+fn leave(message: &jetstream::Message, reason: &str) -> Taken {
     let delay = AckKind::Nak(Some(Duration::from_mins(1)));
     let _ = RUNTIME.block_on(message.ack_with(delay));
     Taken::Lost(reason.to_owned())
@@ -222,7 +222,7 @@ fn leave(message: &Message, reason: &str) -> Taken {
 
 impl Drop for NatsWorker {
     fn drop(&mut self) {
-        self.offer(false);
+        self.accept_requests(false);
         let client = self.connection.client.clone();
         let _ = within(Duration::from_secs(1), client.flush());
     }

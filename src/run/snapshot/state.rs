@@ -40,7 +40,7 @@ impl SceneState {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RunState {
-    /// Spans are handed out.
+    /// Tasks are published and leased.
     Running,
     /// Workers finish the scenes that they have opened; no other scene starts before `resume`.
     Paused,

@@ -20,7 +20,7 @@ pub struct Status {
     pub state: RunState,
     /// Why it was paused or cancelled, if the user said so.
     pub reason: Option<String>,
-    /// Spans that workers hold, or were lost with.
+    /// Attempts that go on or were lost, at scenes without a tuple.
     pub attempts: Vec<StandingAttempt>,
     /// Workers that made tuples, the busiest first.
     pub workers: Vec<WorkerTuples>,

@@ -1,8 +1,8 @@
 //! Small good files of every kind: where the fuzzers start from.
 
 use super::pictures::{images, png};
-use glasshouse::farm::queue::{Waiting, write_waiting};
-use glasshouse::run::Span;
+use glasshouse::farm::queue::{Message, write_message};
+use glasshouse::run::Task;
 use image::ExtendedColorType as Png;
 use render::formats::{NamedBytes, PhotographFiles};
 use render::ids::SceneId;
@@ -293,12 +293,12 @@ pub(crate) fn all() -> Vec<Seed> {
 
 /// What the processes of a farm tell each other.
 fn farm() -> Vec<(&'static str, String, Vec<u8>)> {
-    let waiting = Waiting {
-        span: Span {
+    let waiting = Message {
+        task: Task {
             scene: 7,
             shards: 16..32,
         },
-        handed_on: 1,
+        hops: 1,
     };
     let records = [
         (
@@ -322,7 +322,7 @@ fn farm() -> Vec<(&'static str, String, Vec<u8>)> {
             r#"{"schema":"glasshouse.quarantine/1","scene":"a","reason":"no depth"}"#,
         ),
     ];
-    let message = |run| write_waiting(run, &waiting);
+    let message = |run| write_message(run, &waiting);
     let mut seeds = vec![
         ("message", "mine.bin".to_owned(), message(*b"8 bytes!")),
         ("message", "foreign.bin".to_owned(), message([0; 8])),

@@ -7,7 +7,7 @@ use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
-use crate::farm::sim::{Case, Fault, Fleet, Rules, Work, lower_bound_s, some_workers};
+use crate::farm::simulate::{Case, Fault, Fleet, Rules, Work, lower_bound_s, some_workers};
 use anyhow::anyhow;
 use clap::Args as ClapArgs;
 use serde::Serialize;

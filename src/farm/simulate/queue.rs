@@ -1,0 +1,271 @@
+//! A model of the work queue: a JetStream work-queue stream with one durable pull consumer.
+//!
+//! As measured of the real one: a message's name (its subject) is in the stream at most once; an acknowledgement names a
+//! number in the stream, is accepted from any sender, and removes the message, even under a new holder; a lease that
+//! ends puts the message before those that were never delivered. A stream that is made anew counts from the start again,
+//! so that an acknowledgement from before removes a message that it does not mean.
+
+use crate::farm::queue::Message;
+use crate::run::Task;
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, VecDeque};
+use std::ops::Range;
+
+/// A message's number in the stream.
+pub(super) type Sequence = u32;
+
+const NONE: u32 = u32::MAX;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Waiting,
+    Held,
+    #[cfg_attr(not(test), expect(dead_code, reason = "only tests make one"))]
+    /// In the stream, but the consumer never delivers it (seen after a restart of an old server).
+    Zombie,
+    Gone,
+}
+
+/// What is in the stream, at 32 bytes a message.
+#[derive(Clone, Debug)]
+struct Entry {
+    lease_end_us: u64,
+    scene: u32,
+    start: u32,
+    end: u32,
+    /// The next message of the same scene.
+    next: u32,
+    hops: u32,
+    delivered: bool,
+    state: State,
+}
+
+/// A message on its way to a worker.
+#[derive(Clone, Debug)]
+pub(super) struct Delivered {
+    pub(super) sequence: Sequence,
+    pub(super) message: Message,
+    /// It was delivered before.
+    pub(super) again: bool,
+}
+
+/// The stream and its consumer.
+#[derive(Clone, Debug)]
+pub(super) struct Queue {
+    messages: Vec<Entry>,
+    /// First message of each scene.
+    first_of_scene: Vec<u32>,
+    fresh: VecDeque<Sequence>,
+    redelivered: BinaryHeap<Reverse<Sequence>>,
+    waiting: usize,
+    held: usize,
+    zombies: usize,
+}
+
+impl Queue {
+    /// An empty stream for a run of `scenes` scenes.
+    pub(super) fn new(scenes: u32) -> Self {
+        Self {
+            messages: Vec::new(),
+            first_of_scene: vec![NONE; scenes as usize],
+            fresh: VecDeque::new(),
+            redelivered: BinaryHeap::new(),
+            waiting: 0,
+            held: 0,
+            zombies: 0,
+        }
+    }
+
+    /// Messages that no worker has.
+    pub(super) fn waiting(&self) -> usize {
+        self.waiting
+    }
+
+    /// Messages that are delivered and not acknowledged.
+    pub(super) fn held(&self) -> usize {
+        self.held
+    }
+
+    /// Messages in the stream.
+    pub(super) fn len(&self) -> usize {
+        self.waiting + self.held + self.zombies
+    }
+
+    /// Adds a message; false if one of this name is there.
+    pub(super) fn publish(&mut self, message: &Message) -> bool {
+        let scene = message.task.scene;
+        let shards = &message.task.shards;
+        let same =
+            |m: &Entry| m.start == shards.start && m.end == shards.end && m.hops == message.hops;
+        if self
+            .of_scene(scene)
+            .any(|k| same(&self.messages[k as usize]))
+        {
+            return false;
+        }
+        let sequence = self.messages.len() as Sequence;
+        let first = &mut self.first_of_scene[scene as usize];
+        self.messages.push(Entry {
+            lease_end_us: 0,
+            scene,
+            start: shards.start,
+            end: shards.end,
+            next: std::mem::replace(first, sequence),
+            hops: message.hops,
+            delivered: false,
+            state: State::Waiting,
+        });
+        self.fresh.push_back(sequence);
+        self.waiting += 1;
+        true
+    }
+
+    /// Delivers the next message: those whose lease ended first.
+    pub(super) fn take(&mut self, lease_end_us: u64) -> Option<Delivered> {
+        loop {
+            let sequence = match self.redelivered.pop() {
+                Some(Reverse(sequence)) => sequence,
+                None => self.fresh.pop_front()?,
+            };
+            let message = &mut self.messages[sequence as usize];
+            // It was acknowledged while it waited.
+            if message.state != State::Waiting {
+                continue;
+            }
+            message.state = State::Held;
+            let again = std::mem::replace(&mut message.delivered, true);
+            message.lease_end_us = lease_end_us;
+            self.waiting -= 1;
+            self.held += 1;
+            return Some(Delivered {
+                sequence,
+                again,
+                message: Message {
+                    task: Task {
+                        scene: message.scene,
+                        shards: message.start..message.end,
+                    },
+                    hops: message.hops,
+                },
+            });
+        }
+    }
+
+    /// Lengthens a lease; without effect on a message that is not held.
+    pub(super) fn renew(&mut self, sequence: Sequence, lease_end_us: u64) {
+        if let Some(message) = self.messages.get_mut(sequence as usize)
+            && message.state == State::Held
+        {
+            message.lease_end_us = lease_end_us;
+        }
+    }
+
+    /// Removes a message, whoever has it; false if it is not there.
+    pub(super) fn acknowledge(&mut self, sequence: Sequence) -> bool {
+        let Some(message) = self.messages.get_mut(sequence as usize) else {
+            return false;
+        };
+        match message.state {
+            State::Gone => return false,
+            State::Waiting => self.waiting -= 1,
+            State::Held => self.held -= 1,
+            State::Zombie => self.zombies -= 1,
+        }
+        message.state = State::Gone;
+        let scene = message.scene as usize;
+        let next = message.next;
+        if self.first_of_scene[scene] == sequence {
+            self.first_of_scene[scene] = next;
+        } else {
+            let before = self
+                .of_scene(scene as u32)
+                .find(|&k| self.messages[k as usize].next == sequence);
+            if let Some(before) = before {
+                self.messages[before as usize].next = next;
+            }
+        }
+        true
+    }
+
+    /// Ends a lease if its time has come: true, or when it is worth looking again; none if nobody holds the message.
+    pub(super) fn expire(&mut self, sequence: Sequence, now_us: u64) -> Expiry {
+        match self.messages.get_mut(sequence as usize) {
+            Some(message) if message.state == State::Held => {
+                if message.lease_end_us > now_us {
+                    return Expiry::At(message.lease_end_us);
+                }
+                message.state = State::Waiting;
+                self.redelivered.push(Reverse(sequence));
+                self.held -= 1;
+                self.waiting += 1;
+                Expiry::Ended
+            }
+            _ => Expiry::NotHeld,
+        }
+    }
+
+    /// Ranges of a scene's messages.
+    pub(super) fn ranges(&self, scene: u32) -> Vec<Range<u32>> {
+        self.of_scene(scene)
+            .map(|k| &self.messages[k as usize])
+            .map(|m| m.start..m.end)
+            .collect()
+    }
+
+    /// Forgets everything, the count included.
+    pub(super) fn wipe(&mut self) {
+        *self = Self::new(self.first_of_scene.len() as u32);
+    }
+
+    fn of_scene(&self, scene: u32) -> impl Iterator<Item = u32> {
+        let first = Some(self.first_of_scene[scene as usize]);
+        std::iter::successors(first, |&k| self.messages.get(k as usize).map(|m| m.next))
+            .take_while(|&k| k != NONE)
+    }
+}
+
+/// What became of a lease.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Expiry {
+    /// It was renewed: it ends then, in microseconds.
+    At(u64),
+    /// The message waits again.
+    Ended,
+    /// Acknowledged in the meantime, or forgotten.
+    NotHeld,
+}
+
+#[cfg(test)]
+impl Queue {
+    /// Sequences of messages that are held.
+    pub(super) fn all_held(&self) -> Vec<Sequence> {
+        let is_held = |&k: &Sequence| self.messages[k as usize].state == State::Held;
+        (0..self.messages.len() as Sequence)
+            .filter(is_held)
+            .collect()
+    }
+
+    /// Sequences of messages that were acknowledged.
+    pub(super) fn all_gone(&self) -> Vec<Sequence> {
+        let is_gone = |&k: &Sequence| self.messages[k as usize].state == State::Gone;
+        (0..self.messages.len() as Sequence)
+            .filter(is_gone)
+            .collect()
+    }
+
+    /// Puts an acknowledged message back, to be delivered again, or never.
+    pub(super) fn resurrect(&mut self, sequence: Sequence, zombie: bool) {
+        let message = &mut self.messages[sequence as usize];
+        assert_eq!(message.state, State::Gone);
+        message.next =
+            std::mem::replace(&mut self.first_of_scene[message.scene as usize], sequence);
+        if zombie {
+            message.state = State::Zombie;
+            self.zombies += 1;
+        } else {
+            message.state = State::Waiting;
+            self.waiting += 1;
+            self.redelivered.push(Reverse(sequence));
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! Two workers made different bytes of the same object: neither is believed. The object stays, the other bytes are kept
+//! beside it, and the scene goes into quarantine with the names of both; the farm goes on.
+
+use super::active_task::ActiveTask;
+use super::core::Worker;
+use super::finished::Files;
+use super::work::check_golden;
+use crate::farm::FarmError;
+use crate::farm::tuples::write_tuple;
+use crate::run::{keys, other_workers};
+use crate::store::StoreError;
+use bytes::Bytes;
+use render::partial;
+use std::path::PathBuf;
+
+impl<'a> Worker<'a> {
+    /// Puts a shard's partial. If another worker has put other bytes there, that is settled, too; false then.
+    pub(super) fn put_partial(
+        &self,
+        task: &ActiveTask<'a>,
+        shard: u32,
+        bytes: &Bytes,
+    ) -> Result<bool, FarmError> {
+        let key = keys::partial(&task.job.line.id, shard);
+        let Err(mut error) = self.store.create_bytes(&key, bytes.clone()) else {
+            return Ok(true);
+        };
+        if self.is_damaged(task, shard, &key)? {
+            self.store.delete(std::slice::from_ref(&key))?;
+            match self.store.create_bytes(&key, bytes.clone()) {
+                Ok(_) => return Ok(true),
+                Err(again) => error = again,
+            }
+        }
+        let StoreError::Differs { here, there, .. } = &error else {
+            return Err(error.into());
+        };
+        let own = [(key, bytes.clone())];
+        self.disagree(task, [here, there], Some(shard), &own)?;
+        Ok(false)
+    }
+
+    /// The object is no partial of this scene: it gives way, as it does before tracing.
+    fn is_damaged(&self, task: &ActiveTask<'a>, shard: u32, key: &str) -> Result<bool, FarmError> {
+        let Some(there) = self.store.get(key)? else {
+            return Ok(false);
+        };
+        let path = PathBuf::from(self.store.name()).join(key);
+        let expected = task.job.layout.shard(shard);
+        let found = partial::decode(&path, &there);
+        Ok(!found.is_ok_and(|found| task.job.accepts(&expected, &found)))
+    }
+
+    /// Writes a scene's tuple. If another worker has put other bytes there, that is settled, too; false then.
+    pub(super) fn put_tuple(&self, task: &ActiveTask<'a>, files: Files) -> Result<bool, FarmError> {
+        let line = task.job.line;
+        let named = |(name, bytes): (String, Vec<u8>)| (keys::tuple(&line.id, &name), bytes.into());
+        let own: Vec<(String, Bytes)> = files.into_iter().map(named).collect();
+        match write_tuple(self.store, &own) {
+            Err(StoreError::Differs {
+                key, here, there, ..
+            }) => {
+                let first = own.iter().position(|(own, _)| *own == key).unwrap_or(0);
+                let mut own = own;
+                own.swap(0, first);
+                self.disagree(task, [&here, &there], None, &own)?;
+                Ok(false)
+            }
+            written => Ok(written.map(|()| true)?),
+        }
+    }
+
+    /// Another worker has put other bytes than the first of `own`, which is all that this worker has to put.
+    pub(super) fn disagree(
+        &self,
+        task: &ActiveTask<'a>,
+        [here, there]: [&str; 2],
+        shard: Option<u32>,
+        own: &[(String, Bytes)],
+    ) -> Result<(), FarmError> {
+        // It may be this machine that went wrong since it was let in.
+        check_golden(self.run, self.options)?;
+        let (scene, me) = (&task.job.line.id, &self.options.who.worker);
+        let key = &own[0].0;
+        for (key, bytes) in own {
+            self.store.replace(&keys::conflict(me, key), bytes)?;
+        }
+        let others = other_workers(self.store, scene, shard, me)?;
+        let others = if others.is_empty() {
+            "another worker, of which no record is left,".to_owned()
+        } else {
+            let names: Vec<String> = others.into_iter().collect();
+            format!("worker {}", names.join(" or "))
+        };
+        let reason = format!(
+            "two workers made different bytes of {key}: {others} put those that are there (BLAKE3 {there}), worker {me} made \
+             others (BLAKE3 {here}, kept as {}); one of the machines computes wrong bits, or the object was damaged. \
+             `glasshouse audit RUN --scene {scene}` on a third machine tells whose are right; take the other out, then \
+             `glasshouse retry RUN {scene} --anew` traces the scene from nothing",
+            keys::conflict(me, key),
+        );
+        self.fail(task.id, &reason)?;
+        self.went_wrong(task.job.line);
+        Ok(())
+    }
+}

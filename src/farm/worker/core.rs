@@ -1,0 +1,214 @@
+//! What the threads of a worker share: the machine behind its one lock, and how they do what it asks for.
+
+use super::active_task::ActiveTask;
+use super::costs::Costs;
+use super::options::{SharedQueue, WorkOptions};
+use super::pool::Job;
+use super::stop::StopSigns;
+use super::tally::Tally;
+use super::tasks::{Action, TaskId, Tasks, Time};
+use crate::farm::FarmError;
+use crate::farm::queue::Queue;
+use crate::farm::tuples::remove_partials;
+use crate::run::{Event, PartialsProvenance, QuarantineRecord, Run, is_done, keys};
+use crate::store::Store;
+use crossbeam::deque::Injector;
+use render::line::SceneLine;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::Instant;
+
+pub(super) struct Worker<'a> {
+    pub(super) run: &'a Run,
+    pub(super) store: &'a Store,
+    pub(super) queue: &'a dyn Queue,
+    /// Other workers take part in the run.
+    pub(super) shared_queue: Option<&'a SharedQueue<'a>>,
+    pub(super) options: &'a WorkOptions<'a>,
+    pub(super) on_event: &'a (dyn Fn(Event) + Sync),
+    pub(super) start: Instant,
+    pub(super) tasks: Mutex<Tasks<Arc<ActiveTask<'a>>>>,
+    /// For the compute threads, before all else: what is traced is to be in the store soon, and its memory free.
+    pub(super) jobs: Injector<Job<'a>>,
+    pub(super) stop: StopSigns,
+    pub(super) tally: Tally,
+}
+
+impl<'a> Worker<'a> {
+    /// For one event, or one question: no other lock is taken under this one, and nothing waits under it.
+    pub(super) fn tasks(&self) -> MutexGuard<'_, Tasks<Arc<ActiveTask<'a>>>> {
+        self.tasks.lock().expect("no holder of this lock panics")
+    }
+
+    pub(super) fn now(&self) -> Time {
+        self.start.elapsed()
+    }
+
+    /// No further shard starts.
+    pub(super) fn must_stop(&self) -> bool {
+        let stops = self.stop.any(self.options.stop, self.options.deadline);
+        if stops {
+            self.tasks().stop();
+        }
+        stops
+    }
+
+    pub(super) fn costs(&self) -> Costs {
+        self.tally.costs(self.options.threads)
+    }
+
+    pub(super) fn line(&self, scene: u32) -> &'a SceneLine {
+        let run: &'a Run = self.run;
+        &run.lines[scene as usize]
+    }
+
+    /// Something was done for a task.
+    pub(super) fn progress(&self, task: TaskId) {
+        let now = self.now();
+        self.tasks().progress(task, now);
+    }
+
+    /// Does a piece of a task's work; a panic in it costs its scene, not the farm.
+    pub(super) fn step(&self, task: &ActiveTask, work: impl FnOnce() -> Result<(), FarmError>) {
+        self.progress(task.id);
+        let done = match catch_unwind(AssertUnwindSafe(work)) {
+            Ok(done) => done,
+            Err(panic) => self.fail(task.id, &panic_reason(&*panic)),
+        };
+        self.break_down_if(done);
+        self.progress(task.id);
+    }
+
+    pub(super) fn break_down_if(&self, done: Result<(), FarmError>) {
+        if let Err(error) = done {
+            self.stop.break_down(error);
+        }
+    }
+
+    /// A task's scene cannot be done.
+    pub(super) fn fail(&self, task: TaskId, reason: &str) -> Result<(), FarmError> {
+        let actions = self.tasks().fail(task, reason);
+        self.perform(actions)
+    }
+
+    /// Does what the machine asks for, in order.
+    pub(super) fn perform(&self, actions: Vec<Action>) -> Result<(), FarmError> {
+        self.perform_in(self.store, actions).map(|_| ())
+    }
+
+    /// The same, with this handle of the run's store. Returns how many messages were published. What the queue cannot be
+    /// told ends it without an error: leases that are not given back end by themselves.
+    pub(super) fn perform_in(&self, store: &Store, actions: Vec<Action>) -> Result<u64, FarmError> {
+        let mut published = 0;
+        for action in actions {
+            match action {
+                Action::Store { task, shards } => {
+                    for shard in shards {
+                        self.for_pool(task, |task| Job::Seal(task, shard));
+                    }
+                }
+                Action::Merge { task } => self.for_pool(task, Job::Merge),
+                Action::Gather { task } => self.for_pool(task, Job::Gather),
+                Action::CheckScene { task } => self.check_scene(task)?,
+                Action::LeaveNote { task } => {
+                    let scene = &self.line(task.scene).id;
+                    PartialsProvenance::put(store, scene, &task, &self.options.who);
+                }
+                Action::Quarantine { scene, reason } => {
+                    let line = self.line(scene);
+                    QuarantineRecord::put(store, &line.id, &reason)?;
+                    self.tell_quarantine(line, &reason);
+                }
+                Action::RemovePartials { scene } => remove_partials(store, self.line(scene)),
+                Action::ForgetAttempt { task, n } => {
+                    let shards = [task.shards.start, task.shards.end];
+                    let key = keys::attempt(&self.line(task.scene).id, shards, n);
+                    // What cannot be removed counts when the task's next holder is lost, too.
+                    let _ = store.delete(&[key]);
+                }
+                Action::Publish { messages } => {
+                    if self.queue.publish(&messages).is_err() {
+                        return Ok(published);
+                    }
+                    published += messages.len() as u64;
+                }
+                Action::Finish { lease } => self.queue.finish(lease),
+            }
+        }
+        Ok(published)
+    }
+
+    fn for_pool(&self, task: TaskId, job: impl FnOnce(Arc<ActiveTask<'a>>) -> Job<'a>) {
+        let active = self.tasks().payload(task).cloned();
+        if let Some(active) = active {
+            self.jobs.push(job(active));
+        }
+    }
+
+    /// A task's own shards are in the store: whichever worker finds all of the scene's shards there completes it.
+    fn check_scene(&self, task: TaskId) -> Result<(), FarmError> {
+        let Some(active) = self.tasks().payload(task).cloned() else {
+            return Ok(());
+        };
+        let line = active.job.line;
+        let there = self.store.list(&keys::partials(&line.id))?;
+        let shards = there.iter().filter_map(|key| keys::shard_of(key)).count();
+        let all = shards >= active.job.layout.len() as usize;
+        if !all {
+            if self.is_done_elsewhere(&active)? {
+                return Ok(());
+            }
+            self.stop.went_well();
+        }
+        let actions = self.tasks().scene_checked(task, all);
+        self.perform(actions)
+    }
+
+    /// Another worker has made the scene's tuple: this one slept, and what it still has is of no use. True if so; the task
+    /// has ended then.
+    pub(super) fn is_done_elsewhere(&self, task: &ActiveTask<'a>) -> Result<bool, FarmError> {
+        if self.shared_queue.is_none() || !is_done(self.store, task.job.line)? {
+            return Ok(false);
+        }
+        let actions = self.tasks().done_elsewhere(task.id);
+        self.perform(actions)?;
+        Ok(true)
+    }
+
+    pub(super) fn tell_quarantine(&self, line: &SceneLine, reason: &str) {
+        self.tally.add_quarantined(&line.id, reason);
+        (self.on_event)(Event::SceneQuarantined {
+            scene: line.id.clone(),
+            reason: reason.to_owned(),
+            shards: u64::from(self.run.layout(line).len()),
+        });
+    }
+
+    /// A scene failed here in a way that may be this machine's fault.
+    pub(super) fn went_wrong(&self, line: &SceneLine) {
+        let Some(scenes) = self.stop.went_wrong(&line.id) else {
+            return;
+        };
+        if self.shared_queue.is_some() && self.stop.drain() {
+            (self.on_event)(Event::Drained {
+                reason: format!(
+                    "{} scenes in a row failed here ({}): this worker leaves the rest to others; check this machine's \
+                     inputs (--root) and memory, then start it again",
+                    scenes.len(),
+                    scenes.join(", ")
+                ),
+            });
+        }
+    }
+}
+
+pub(super) fn panic_reason(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic
+        .downcast_ref::<&str>()
+        .map(|text| (*text).to_owned())
+        .or_else(|| panic.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "no message".to_owned());
+    format!(
+        "the program failed on this scene ({text}); please report it with the scene's manifest line"
+    )
+}

@@ -1,0 +1,106 @@
+//! The thread that renews a worker's leases while there is progress, donates work to workers that request it, and requests
+//! work when there is nothing left.
+
+use super::core::Worker;
+use super::options::SharedQueue;
+use super::prefetch::Appetite;
+use crate::farm::queue::Answer;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// Pauses between two requests for work, at least and at most. The simulator chose them.
+const REQUEST: [Duration; 2] = [Duration::from_millis(20), Duration::from_secs(10)];
+/// How long one look for requests waits.
+const WAIT: Duration = Duration::from_millis(20);
+
+pub(super) struct LeaseKeeper<'s, 'a> {
+    pub(super) worker: &'s Worker<'a>,
+    pub(super) shared: &'s SharedQueue<'a>,
+    pub(super) appetite: &'s Appetite,
+}
+
+impl LeaseKeeper<'_, '_> {
+    /// Until the compute threads have ended.
+    pub(super) fn run(&self) {
+        let (worker, queue) = (self.worker, self.shared.queue);
+        let every = self.shared.lease / 3;
+        let (mut renewed, mut requested) = (Instant::now(), Instant::now());
+        let mut pause = REQUEST[0];
+        while !worker.stop.over.load(Ordering::Acquire) {
+            queue.accept_requests(self.may_donate());
+            if let Some(request) = queue.requested(WAIT) {
+                self.appetite.hear_of(request.load_s);
+                let tasks = self.donate(request.load_s);
+                let load_s = worker.costs().known_load_s();
+                request.answer(Answer { tasks, load_s });
+            }
+            if !worker.tasks().is_empty() {
+                pause = REQUEST[0];
+            } else if self.appetite.is_hungry()
+                && !worker.stop.control.is_paused()
+                && requested.elapsed() > pause
+            {
+                // What is donated for it goes through the queue, where this worker waits.
+                queue.request(worker.costs().known_load_s());
+                requested = Instant::now();
+                pause = (pause * 2).min(REQUEST[1]);
+            }
+            if renewed.elapsed() >= every {
+                renewed = Instant::now();
+                (self.shared.on_sign)();
+                self.renew();
+            }
+        }
+        queue.accept_requests(false);
+    }
+
+    fn may_donate(&self) -> bool {
+        let costs = self.worker.costs();
+        !self.worker.must_stop() && !self.worker.tasks().offers(costs, None).is_empty()
+    }
+
+    /// Publishes first, leaves alone then.
+    fn donate(&self, load_s: Option<f64>) -> u32 {
+        let worker = self.worker;
+        if worker.must_stop() {
+            return 0;
+        }
+        let offers = worker.tasks().offers(worker.costs(), load_s);
+        let mut count = 0;
+        for offer in offers {
+            let (task, shards) = (offer.task, offer.shards());
+            // A queue that cannot be told: the rest stays here, and what was donated before stays donated.
+            if self.shared.queue.publish(&[offer.message]).is_err() {
+                break;
+            }
+            count += 1;
+            let actions = worker.tasks().donated(task, shards);
+            worker.break_down_if(worker.perform(actions));
+        }
+        worker.tally.add_donated(u64::from(count));
+        count
+    }
+
+    /// Unless this worker hangs.
+    fn renew(&self) {
+        let (worker, queue) = (self.worker, self.shared.queue);
+        let hang = worker.options.hang;
+        let hung = worker.tasks().hung(worker.now(), hang).cloned();
+        let Some(hung) = hung else {
+            let leases = worker.tasks().leases();
+            for lease in leases {
+                queue.renew(lease);
+            }
+            return;
+        };
+        queue.accept_requests(false);
+        let hurried = worker.store.with_patience(Duration::ZERO);
+        let actions = worker.tasks().requeue_waiting();
+        let _ = worker.perform_in(&hurried, actions);
+        (self.shared.on_hung)(&format!(
+            "scene {} made no progress for {} s: this worker hangs and leaves it to others; see --hang-s",
+            worker.line(hung.scene).id,
+            hang.as_secs_f64()
+        ));
+    }
+}

@@ -1,0 +1,96 @@
+//! How a worker works, and how its work ended.
+
+use super::sandbox::Sandbox;
+use crate::farm::fault::Fault;
+use crate::farm::queue::Queue;
+use crate::run::StageSeconds;
+use crate::run::Stop;
+use crate::run::WorkerName;
+use render::ids::SceneId;
+use render::trace::Isa;
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+
+/// How to work.
+#[derive(Clone)]
+pub struct WorkOptions<'a> {
+    /// Compute threads. One more reads files and one writes them.
+    pub threads: usize,
+    /// Kernels to use.
+    pub isa: Isa,
+    /// Set from outside to stop after the shards in flight.
+    pub stop: &'a AtomicBool,
+    /// No shard starts after this time.
+    pub deadline: Option<Instant>,
+    /// This worker's name in attempts and receipts.
+    pub who: WorkerName,
+    /// A task without any progress for this time counts as hung.
+    pub hang: Duration,
+    /// Partials of a scene that is here as a whole wait in memory for so long, for its other shards.
+    pub checkpoint: Duration,
+    /// Traces tasks that may be dangerous in another process; without it they are traced in this one.
+    pub sandbox: Option<&'a dyn Sandbox>,
+    /// How to misbehave.
+    pub faults: &'a [Fault],
+}
+
+/// A partial of 9 MB costs some 0.04 s of a core; a worker that is killed once an hour loses half of this time each time.
+/// The best is the root of twice the one times the other (Young, Communications of the ACM 17, 1974), 17 s.
+const CHECKPOINT: Duration = Duration::from_secs(20);
+
+impl<'a> WorkOptions<'a> {
+    /// Without a deadline, in one process.
+    pub fn new(threads: usize, isa: Isa, stop: &'a AtomicBool) -> Self {
+        Self {
+            threads,
+            isa,
+            stop,
+            deadline: None,
+            who: WorkerName {
+                worker: "local".to_owned(),
+                host: "local".to_owned(),
+            },
+            hang: Duration::from_mins(2),
+            checkpoint: CHECKPOINT,
+            sandbox: None,
+            faults: &[],
+        }
+    }
+}
+
+/// A queue from which other workers lease, too.
+pub struct SharedQueue<'a> {
+    /// This worker's end of it.
+    pub queue: &'a dyn Queue,
+    /// A lease that is not renewed for this time goes to another worker.
+    pub lease: Duration,
+    /// Called when a task is hung. It must end the process: the thread cannot be stopped.
+    pub on_hung: &'a (dyn Fn(&str) + Sync),
+    /// Called before leases are renewed, three times a lease.
+    pub on_sign: &'a (dyn Fn() + Sync),
+    /// This process was started by a worker, which records what comes of it.
+    pub is_child: bool,
+}
+
+/// How work ended.
+#[derive(Debug)]
+pub struct Outcome {
+    /// Tuples written now.
+    pub merged: u64,
+    /// Tuples that were there before.
+    pub already_merged: u64,
+    /// Shards traced now.
+    pub traced: u64,
+    /// Shards whose partials were found.
+    pub resumed: u64,
+    /// Scenes loaded; one that several workers share is loaded by each.
+    pub loaded: u64,
+    /// Tasks donated to other workers, while working or at the end.
+    pub donated: u64,
+    /// Scenes in quarantine, those of earlier times included, with their reasons.
+    pub quarantined: Vec<(SceneId, String)>,
+    /// Ended early.
+    pub stopped: Option<Stop>,
+    /// Where the threads' seconds went.
+    pub seconds: StageSeconds,
+}

@@ -1,0 +1,124 @@
+//! The poison check, between the queue and the compute threads: is a task still to do, was it lost before, can its files
+//! be read?
+
+use super::core::Worker;
+use super::tasks::TaskId;
+use crate::farm::FarmError;
+use crate::farm::queue::Lease;
+use crate::run::{
+    AttemptRecord, EndKind, Ending, PoisonCheck, QuarantineRecord, attempts, is_done,
+    is_unreadable, keys, mark_lost, poison_check,
+};
+use render::line::SceneLine;
+use std::time::{Duration, Instant};
+
+/// What is to be done with a task.
+pub(super) enum Finding {
+    /// Nothing: its scene is done or set aside, or another worker has it now.
+    Over,
+    /// Trace it. A child records no attempt: its parent does.
+    Fresh(Option<AttemptRecord>),
+    /// Its scene may have killed a process.
+    Suspect(AttemptRecord),
+}
+
+/// A machine waits so long before it reads files again that it could not read, times how often it tried.
+const READ_AGAIN: Duration = Duration::from_secs(1);
+
+impl Worker<'_> {
+    /// Looks at what is known of a task that was leased, and records the attempt if it is to be traced.
+    pub(super) fn examine(
+        &self,
+        line: &SceneLine,
+        task: TaskId,
+        lease: &Lease,
+    ) -> Result<Finding, FarmError> {
+        let (store, leased) = (self.store, &lease.message.task);
+        if self.shared_queue.is_some()
+            && (is_done(store, line)? || QuarantineRecord::get(store, &line.id)?.is_some())
+        {
+            let actions = self.tasks().nothing_to_do(task);
+            self.perform(actions)?;
+            return Ok(Finding::Over);
+        }
+        if self.shared_queue.is_some_and(|shared| shared.is_child) {
+            return Ok(Finding::Fresh(None));
+        }
+        let mut records = attempts(store, &line.id)?;
+        if lease.redelivered {
+            records = mark_lost(store, records, leased)?;
+        }
+        let found = self.found(line, lease)?;
+        let check = poison_check(&records, leased, found);
+        if let PoisonCheck::Poison(reason) = check {
+            let actions = self.tasks().set_aside(task, &reason);
+            self.perform(actions)?;
+            return Ok(Finding::Over);
+        }
+        // A task that has failed before is not donated.
+        if !records.is_empty() && !self.tasks().pin(task) {
+            return Ok(Finding::Over);
+        }
+        let host = &self.options.who.host;
+        let tried_here = records.iter().filter(|r| r.could_not_read(host));
+        self.pause(READ_AGAIN * tried_here.count() as u32);
+        let mut record = AttemptRecord::new(&line.id, leased, &self.options.who, found);
+        record.begin(store, &records)?;
+        if !self.tasks().attempted(task, record.n) {
+            record.forget(store);
+            return Ok(Finding::Over);
+        }
+        Ok(match check {
+            PoisonCheck::Suspect => Finding::Suspect(record),
+            PoisonCheck::Clean | PoisonCheck::Poison(_) => Finding::Fresh(Some(record)),
+        })
+    }
+
+    /// How many of a task's shards the store has.
+    fn found(&self, line: &SceneLine, lease: &Lease) -> Result<u32, FarmError> {
+        if self.run.layout(line).len() == 1 {
+            return Ok(0);
+        }
+        let there = self.store.list(&keys::partials(&line.id))?;
+        let shards = there.iter().filter_map(|key| keys::shard_of(key));
+        let own = &lease.message.task.shards;
+        Ok(shards.filter(|shard| own.contains(shard)).count() as u32)
+    }
+
+    fn pause(&self, time: Duration) {
+        let start = Instant::now();
+        while start.elapsed() < time && !self.must_stop() {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// A scene's files cannot be read on this machine: on others perhaps.
+    pub(super) fn could_not_read(
+        &self,
+        line: &SceneLine,
+        task: TaskId,
+        record: Option<AttemptRecord>,
+        reason: &str,
+    ) -> Result<(), FarmError> {
+        if !self.tasks().pin(task) {
+            // Another worker has it: let it see for itself.
+            return Ok(());
+        }
+        if let Some(record) = record {
+            let ending = Ending {
+                kind: EndKind::Unreadable,
+                reason: reason.to_owned(),
+                log_tail: String::new(),
+            };
+            record.end(self.store, ending)?;
+        }
+        let actions = if is_unreadable(&attempts(self.store, &line.id)?) {
+            self.tasks().set_aside(task, reason)
+        } else {
+            self.tasks().retry(task)
+        };
+        self.perform(actions)?;
+        self.went_wrong(line);
+        Ok(())
+    }
+}

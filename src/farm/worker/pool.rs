@@ -1,0 +1,125 @@
+//! The compute threads: each does a job of a task if there is one, else traces a band of a shard from its own deque, else
+//! steals one from the others', and only when there is nothing to steal does it load the next scene and fill its own deque.
+
+use super::active_task::ActiveTask;
+use super::core::Worker;
+use super::finished::FinishedScene;
+use super::prefetch::Loaded;
+use super::writer::Order;
+use crossbeam::channel::{Receiver, Sender, TryRecvError};
+use crossbeam::deque::{Steal, Stealer, Worker as Deque};
+use render::color::SrgbEncoder;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A piece of work that the machine has asked for.
+pub(super) enum Job<'a> {
+    /// Encode a shard's partial for the writer.
+    Seal(Arc<ActiveTask<'a>>, u32),
+    /// Fetch the shards of other workers.
+    Gather(Arc<ActiveTask<'a>>),
+    /// Make the tuple.
+    Merge(Arc<ActiveTask<'a>>),
+    /// Encode a file of a tuple for the writer.
+    Encode(Arc<FinishedScene<'a>>, usize),
+}
+
+impl<'a> Job<'a> {
+    fn task(&self) -> Arc<ActiveTask<'a>> {
+        match self {
+            Self::Seal(task, _) | Self::Gather(task) | Self::Merge(task) => Arc::clone(task),
+            Self::Encode(scene, _) => Arc::clone(&scene.task),
+        }
+    }
+}
+
+/// One band of a shard of a task.
+pub(super) struct Band<'a> {
+    pub(super) task: Arc<ActiveTask<'a>>,
+    pub(super) shard: u32,
+    /// From the top.
+    pub(super) index: u32,
+}
+
+/// What all compute threads have in common.
+pub(super) struct Pool<'a> {
+    pub(super) files: Receiver<Loaded<'a>>,
+    pub(super) stealers: Vec<Stealer<Band<'a>>>,
+    pub(super) encoder: SrgbEncoder,
+}
+
+pub(super) struct ComputeThread<'s, 'a> {
+    pub(super) worker: &'s Worker<'a>,
+    pub(super) pool: &'s Pool<'a>,
+    pub(super) index: usize,
+    pub(super) deque: Deque<Band<'a>>,
+    pub(super) writer: Sender<Order<'a>>,
+}
+
+/// While there is nothing to do.
+const IDLE: Duration = Duration::from_micros(500);
+/// While the run is paused.
+const PAUSED: Duration = Duration::from_millis(5);
+
+impl<'a> ComputeThread<'_, 'a> {
+    /// Until there is nothing left to do, or work must stop.
+    pub(super) fn run(&self) {
+        let worker = self.worker;
+        while !worker.stop.is_broken() {
+            if let Some(job) = take(|| worker.jobs.steal()) {
+                worker.step(&job.task(), || self.do_job(job));
+                continue;
+            }
+            if let Some(band) = self.deque.pop().or_else(|| self.steal()) {
+                worker.step(&band.task, || self.trace(&band));
+                continue;
+            }
+            if worker.must_stop() {
+                let actions = worker.tasks().store_all();
+                if actions.is_empty() {
+                    return;
+                }
+                worker.break_down_if(worker.perform(actions));
+                continue;
+            }
+            if worker.stop.control.is_paused() && !self.pool.files.is_empty() {
+                std::thread::sleep(PAUSED);
+                continue;
+            }
+            match self.pool.files.try_recv() {
+                Ok(loaded) => self.open(loaded),
+                Err(error) => {
+                    // No thread ends while another may still share its scene's shards.
+                    if error == TryRecvError::Disconnected && worker.tasks().is_empty() {
+                        return;
+                    }
+                    std::thread::sleep(IDLE);
+                }
+            }
+        }
+    }
+
+    fn steal(&self) -> Option<Band<'a>> {
+        let stealers = &self.pool.stealers;
+        let count = stealers.len();
+        (1..count).find_map(|offset| take(|| stealers[(self.index + offset) % count].steal()))
+    }
+
+    /// Waits while the channel is full. The writer takes orders until the last compute thread has ended.
+    pub(super) fn order(&self, order: Order<'a>) {
+        if self.writer.send(order).is_err() {
+            self.worker.stop.break_down_silently();
+        }
+    }
+}
+
+/// Takes something from a deque that others take from, too.
+fn take<T>(steal: impl Fn() -> Steal<T>) -> Option<T> {
+    loop {
+        match steal() {
+            Steal::Success(taken) => return Some(taken),
+            Steal::Empty => return None,
+            Steal::Retry => {}
+        }
+    }
+}

@@ -1,0 +1,284 @@
+//! The prefetch thread: it leases tasks from the queue and reads their scenes' files before compute threads need them.
+
+use super::core::Worker;
+use super::poison::Finding;
+use super::tasks::TaskId;
+use crate::farm::FarmError;
+use crate::farm::queue::{Lease, Taken};
+use crate::run::{Event, Stage, Stopwatch, Task, keys};
+use crate::store::StoreError;
+use crossbeam::channel::Sender;
+use render::line::SceneLine;
+use render::scene::{LoadError, SceneFiles, read_files_by};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+/// A task and its scene's files.
+pub(super) struct Loaded<'a> {
+    pub(super) line: &'a SceneLine,
+    pub(super) task: TaskId,
+    pub(super) leased: Task,
+    pub(super) files: Result<SceneFiles, LoadError>,
+}
+
+/// How long one call waits for a task; a stop is noticed in between.
+const WAIT: Duration = Duration::from_millis(500);
+/// Between two looks whether another task is needed.
+const PAUSE: Duration = Duration::from_millis(5);
+/// Between two calls that do not wait.
+const AGAIN: Duration = Duration::from_millis(50);
+/// Between two looks whether a pause is over.
+const HOLD: Duration = Duration::from_millis(50);
+/// Between two looks whether the run is over, when there is nothing to do.
+const LOOK: Duration = Duration::from_secs(1);
+/// Between two complaints about a queue that is away.
+const COMPLAIN: Duration = Duration::from_secs(30);
+
+/// What the prefetch thread and the lease keeper tell each other.
+#[derive(Default)]
+pub(super) struct Appetite {
+    /// There is nothing to do here, and nothing in the queue.
+    hungry: AtomicBool,
+    /// In which time other workers load a scene; 0 if none has told.
+    others_load_us: AtomicU64,
+}
+
+impl Appetite {
+    pub(super) fn is_hungry(&self) -> bool {
+        self.hungry.load(Ordering::Acquire)
+    }
+
+    fn set_hungry(&self, hungry: bool) {
+        self.hungry.store(hungry, Ordering::Release);
+    }
+
+    /// Another worker loads a scene in this time.
+    pub(super) fn hear_of(&self, load_s: Option<f64>) {
+        let Some(load_s) = load_s else { return };
+        let known = self.others_load_us.load(Ordering::Relaxed);
+        let heard = (load_s * 1e6) as u64;
+        // Scenes differ, and so do workers: the mean of what was heard, the latest most.
+        let mean = if known == 0 {
+            heard
+        } else {
+            u64::midpoint(known, heard)
+        };
+        self.others_load_us.store(mean.max(1), Ordering::Relaxed);
+    }
+
+    fn others_load_s(&self) -> Option<f64> {
+        let others_us = self.others_load_us.load(Ordering::Relaxed);
+        (others_us > 0).then_some(others_us as f64 * 1e-6)
+    }
+}
+
+pub(super) struct Prefetcher<'s, 'a> {
+    pub(super) worker: &'s Worker<'a>,
+    pub(super) appetite: &'s Appetite,
+    pub(super) sender: Sender<Loaded<'a>>,
+}
+
+impl<'a> Prefetcher<'_, 'a> {
+    /// Until the queue ends, the run is over or work must stop.
+    pub(super) fn run(&self) {
+        let worker = self.worker;
+        let is_shared = worker.shared_queue.is_some();
+        let (mut looked, mut complained) = (Instant::now(), None::<Instant>);
+        let mut hungry_since = None;
+        while !worker.must_stop() {
+            if is_shared && worker.tasks().has_enough(self.ahead(), worker.costs()) {
+                std::thread::sleep(PAUSE);
+                continue;
+            }
+            let idle = self.sender.is_empty() && worker.tasks().is_empty();
+            match self.take(self.wait(idle, hungry_since)) {
+                Taken::Lease(lease) => {
+                    self.appetite.set_hungry(false);
+                    (complained, hungry_since) = (None, None);
+                    if !self.prepare(&lease) {
+                        return;
+                    }
+                    continue;
+                }
+                Taken::Nothing => {
+                    complained = None;
+                    self.appetite.set_hungry(idle);
+                    hungry_since = idle.then(|| hungry_since.unwrap_or_else(Instant::now));
+                    if is_shared {
+                        self.pause_before_looking(idle);
+                    }
+                }
+                Taken::Ended => return,
+                Taken::Lost(reason) => {
+                    self.appetite.set_hungry(false);
+                    if self.is_run_over() {
+                        return;
+                    }
+                    if complained.is_none_or(|at| at.elapsed() > COMPLAIN) {
+                        complained = Some(Instant::now());
+                        (worker.on_event)(Event::QueueLost { reason });
+                    }
+                }
+            }
+            if is_shared && looked.elapsed() > LOOK {
+                looked = Instant::now();
+                if self.is_run_over() {
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Tasks to have read before they are needed. Beside other workers nothing is hoarded.
+    fn ahead(&self) -> usize {
+        self.worker.options.threads.div_ceil(4)
+    }
+
+    /// How long to wait at the queue for a task.
+    ///
+    /// A busy worker must not wait there, or it takes work donated for an idle one. Slow workers poll, too: a donation to
+    /// them would finish last. All other idle workers wait there all the time, and request work besides; but the first
+    /// times not for long, until they know how fast others are.
+    fn wait(&self, idle: bool, hungry_since: Option<Instant>) -> Duration {
+        match hungry_since {
+            _ if self.worker.shared_queue.is_none() => WAIT,
+            Some(since) if idle && !self.is_slower() => since.elapsed().clamp(AGAIN, WAIT),
+            _ => Duration::ZERO,
+        }
+    }
+
+    /// This worker needs longer than others for the same, as far as is known.
+    fn is_slower(&self) -> bool {
+        let others_load_s = self.appetite.others_load_s();
+        others_load_s.is_some() && self.worker.costs().slowness(others_load_s) < 1.0
+    }
+
+    /// After a look at an empty queue. A worker that waits there looks again at once.
+    fn pause_before_looking(&self, idle: bool) {
+        if !idle {
+            std::thread::sleep(AGAIN);
+        } else if self.is_slower() {
+            let since = Instant::now();
+            while since.elapsed() < WAIT && !self.worker.must_stop() {
+                std::thread::sleep(PAUSE);
+            }
+        }
+    }
+
+    /// As its coordinator says. A store that is away says nothing.
+    fn is_run_over(&self) -> bool {
+        let store = self.worker.store.with_patience(Duration::ZERO);
+        matches!(store.get(keys::FINISHED), Ok(Some(_)))
+    }
+
+    /// The next task; while the run is paused none that another worker could have later.
+    fn take(&self, wait: Duration) -> Taken {
+        let worker = self.worker;
+        if worker.shared_queue.is_none() || !worker.stop.control.is_paused() {
+            return worker.queue.take(wait);
+        }
+        std::thread::sleep(HOLD);
+        Taken::Nothing
+    }
+
+    /// Examines a task, reads its files and passes them on. False: they are not taken any more.
+    fn prepare(&self, lease: &Lease) -> bool {
+        let worker = self.worker;
+        let now = worker.now();
+        let task = worker.tasks().lease(lease, now);
+        let Some(task) = task else {
+            // It is here already.
+            return true;
+        };
+        match self.examine_and_read(lease, task) {
+            Ok(Some(loaded)) => self.send(loaded),
+            Ok(None) => true,
+            Err(error) => {
+                worker.stop.break_down(error);
+                false
+            }
+        }
+    }
+
+    /// None if there is nothing to trace in this process.
+    fn examine_and_read(
+        &self,
+        lease: &Lease,
+        task: TaskId,
+    ) -> Result<Option<Loaded<'a>>, FarmError> {
+        let worker = self.worker;
+        let leased = &lease.message.task;
+        let line = worker.line(leased.scene);
+        let (record, is_suspect) = match worker.examine(line, task, lease)? {
+            Finding::Over => return Ok(None),
+            Finding::Fresh(record) => (record, false),
+            Finding::Suspect(record) => (Some(record), true),
+        };
+        let files = self.read(line)?;
+        match &files {
+            Err(error) if self.may_be_mine(error) => {
+                worker.could_not_read(line, task, record, &error.to_string())?;
+                return Ok(None);
+            }
+            Ok(_) if is_suspect => {
+                if let (Some(sandbox), Some(record)) = (worker.options.sandbox, record) {
+                    worker.trace_in(sandbox, line, (task, leased), record)?;
+                    return Ok(None);
+                }
+            }
+            _ => {}
+        }
+        let leased = leased.clone();
+        Ok(Some(Loaded {
+            line,
+            task,
+            leased,
+            files,
+        }))
+    }
+
+    /// A store that is away or closed is an error of this worker's, and no fault of the scene.
+    fn read(&self, line: &SceneLine) -> Result<Result<SceneFiles, LoadError>, StoreError> {
+        let start = Stopwatch::start();
+        let run = self.worker.run;
+        let open = |path: &Path| run.inputs.read(path);
+        let files = read_files_by(line, &run.roots, run.root(), &open);
+        self.worker.tally.seconds.add(Stage::Read, start.spent());
+        match files {
+            Ok(files) => Ok(Ok(files)),
+            Err(error) => without_store(error).map(Err),
+        }
+    }
+
+    /// Another machine may be able to read what this one cannot.
+    fn may_be_mine(&self, error: &LoadError) -> bool {
+        let shared_queue = self.worker.shared_queue;
+        shared_queue.is_some_and(|shared| !shared.is_child)
+            && matches!(error, LoadError::Read { .. } | LoadError::Root(_))
+    }
+
+    fn send(&self, mut loaded: Loaded<'a>) -> bool {
+        loop {
+            if self.worker.must_stop() {
+                return false;
+            }
+            match self.sender.send_timeout(loaded, Duration::from_millis(50)) {
+                Ok(()) => return true,
+                Err(error) if error.is_disconnected() => return false,
+                Err(error) => loaded = error.into_inner(),
+            }
+        }
+    }
+}
+
+/// The error of a file, unless it is that of a store.
+fn without_store(error: LoadError) -> Result<LoadError, StoreError> {
+    match error {
+        LoadError::Read { path, source } => match source.downcast::<StoreError>() {
+            Ok(error) => Err(error),
+            Err(source) => Ok(LoadError::Read { path, source }),
+        },
+        error => Ok(error),
+    }
+}

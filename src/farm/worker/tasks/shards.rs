@@ -1,0 +1,179 @@
+//! The shards of a loaded scene, as one of its tasks sees them.
+
+use std::ops::Range;
+
+/// Where a shard is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Shard {
+    /// Not in this task: other workers have it.
+    Elsewhere,
+    /// No thread has begun it.
+    Waiting,
+    /// It is not begun any more, because the worker stops.
+    Dropped,
+    /// Threads trace its bands.
+    Tracing,
+    /// Traced, and in memory alone.
+    InMemory,
+    /// On its way into the store.
+    Writing,
+    /// This worker has put it into the store.
+    Stored,
+    /// The store had it before.
+    Found,
+}
+
+/// All shards of a scene; none before the scene is loaded.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Shards(Vec<Shard>);
+
+impl Shards {
+    /// Of a scene of `count` shards: those of the task, of which the store has `found`, as it has of others.
+    pub(super) fn new(count: u32, own: &Range<u32>, found: &[u32]) -> Self {
+        let of = |shard: u32| {
+            if found.contains(&shard) {
+                Shard::Found
+            } else if own.contains(&shard) {
+                Shard::Waiting
+            } else {
+                Shard::Elsewhere
+            }
+        };
+        Self((0..count).map(of).collect())
+    }
+
+    fn with(&self, is: impl Fn(Shard) -> bool) -> impl Iterator<Item = u32> {
+        let all = (0..).zip(&self.0);
+        all.filter(move |(_, shard)| is(**shard)).map(|(k, _)| k)
+    }
+
+    fn change(&mut self, shard: u32, from: &[Shard], to: Shard) -> bool {
+        match self.0.get_mut(shard as usize) {
+            Some(shard) if from.contains(shard) => {
+                *shard = to;
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// Whether a band of a shard is to be traced. While stopping, no new shard starts; a started one is finished.
+    pub(super) fn begin(&mut self, shard: u32, stopping: bool) -> bool {
+        let to = if stopping {
+            Shard::Dropped
+        } else {
+            Shard::Tracing
+        };
+        self.change(shard, &[Shard::Waiting], to);
+        self.0.get(shard as usize) == Some(&Shard::Tracing)
+    }
+
+    /// False if it was not being traced: an event of a task that came to an end.
+    pub(super) fn traced(&mut self, shard: u32) -> bool {
+        self.change(shard, &[Shard::Tracing], Shard::InMemory)
+    }
+
+    /// Shards that are in memory alone; from now on they are on their way.
+    pub(super) fn write(&mut self) -> Vec<u32> {
+        let shards: Vec<u32> = self.with(|s| s == Shard::InMemory).collect();
+        for &shard in &shards {
+            self.change(shard, &[Shard::InMemory], Shard::Writing);
+        }
+        shards
+    }
+
+    pub(super) fn stored(&mut self, shard: u32) {
+        self.change(shard, &[Shard::Writing], Shard::Stored);
+    }
+
+    /// Another worker has these: those that are begun are finished here, too.
+    pub(super) fn leave(&mut self, shards: Range<u32>) {
+        for shard in shards {
+            self.change(shard, &[Shard::Waiting, Shard::Dropped], Shard::Elsewhere);
+        }
+    }
+
+    /// Shards to trace.
+    pub(super) fn waiting(&self) -> Vec<u32> {
+        self.with(|s| s == Shard::Waiting).collect()
+    }
+
+    /// Shards at the end of those that are left, of which no thread has begun any.
+    pub(super) fn unbegun(&self) -> Range<u32> {
+        let left = |s| matches!(s, Shard::Waiting | Shard::Dropped | Shard::Tracing);
+        let end = self.with(left).last().map_or(0, |last| last + 1);
+        let waits = |&&k: &&u32| self.0[k as usize] == Shard::Waiting;
+        let before: Vec<u32> = (0..end).rev().collect();
+        let count = before.iter().take_while(waits).count() as u32;
+        end - count..end
+    }
+
+    /// Every shard of the scene is in this worker's memory.
+    pub(super) fn are_all_here(&self) -> bool {
+        let here = |s: &Shard| {
+            matches!(
+                s,
+                Shard::InMemory | Shard::Writing | Shard::Stored | Shard::Found
+            )
+        };
+        !self.0.is_empty() && self.0.iter().all(here)
+    }
+
+    /// What is not in the store, and of no other worker.
+    pub(super) fn undone(&self) -> impl Iterator<Item = u32> {
+        self.with(|s| !matches!(s, Shard::Elsewhere | Shard::Stored | Shard::Found))
+    }
+
+    pub(super) fn has_stored(&self) -> bool {
+        self.0.contains(&Shard::Stored)
+    }
+}
+
+/// Shards in a row.
+pub(super) fn rows(shards: impl Iterator<Item = u32>) -> Vec<Range<u32>> {
+    let mut rows: Vec<Range<u32>> = Vec::new();
+    for shard in shards {
+        match rows.last_mut() {
+            Some(row) if row.end == shard => row.end += 1,
+            _ => rows.push(shard..shard + 1),
+        }
+    }
+    rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shard_is_begun_or_dropped_for_all_threads() {
+        let mut shards = Shards::new(3, &(0..3), &[]);
+        assert!(shards.begin(0, false) && shards.begin(0, true) && shards.begin(0, false));
+        assert!(!shards.begin(1, true) && !shards.begin(1, false));
+        assert!(!shards.begin(7, false));
+        assert_eq!(shards.undone().collect::<Vec<_>>(), [0, 1, 2]);
+        assert_eq!(shards.waiting(), [2]);
+    }
+
+    #[test]
+    fn what_is_found_or_begun_is_not_left_to_others() {
+        let mut shards = Shards::new(8, &(2..8), &[0, 5]);
+        assert!(shards.begin(6, false));
+        assert_eq!(shards.unbegun(), 7..8);
+        shards.leave(2..8);
+        assert_eq!(shards.undone().collect::<Vec<_>>(), [6]);
+        assert!(shards.traced(6) && !shards.traced(6) && !shards.traced(7));
+        assert_eq!(shards.write(), [6]);
+        assert_eq!(shards.write(), [0; 0]);
+        assert_eq!(shards.undone().count(), 1);
+        shards.stored(6);
+        assert_eq!(shards.undone().count(), 0);
+        assert!(shards.has_stored() && !shards.are_all_here());
+    }
+
+    #[test]
+    fn shards_in_rows() {
+        assert_eq!(rows([1, 2, 5, 7, 8].into_iter()), [1..3, 5..6, 7..9]);
+        assert_eq!(rows([].into_iter()), []);
+    }
+}

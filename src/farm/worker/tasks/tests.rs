@@ -1,0 +1,318 @@
+//! The machine's rules, one by one.
+
+use super::*;
+
+const COSTS: Costs = Costs {
+    shard_s: 1.0,
+    threads: 1.0,
+    load_s: 0.1,
+    load_is_known: true,
+};
+const CHECKPOINT: Time = Duration::from_secs(20);
+const START: Time = Duration::ZERO;
+
+fn lease(id: u64, scene: u32, shards: Range<u32>) -> Lease {
+    Lease {
+        id,
+        message: Message {
+            task: Task { scene, shards },
+            hops: 0,
+        },
+        redelivered: false,
+    }
+}
+
+/// A machine with one task whose scene of `count` shards is loaded.
+fn opened(shards: Range<u32>, count: u32, found: &[u32]) -> (Tasks<()>, TaskId, Vec<Action>) {
+    let mut tasks = Tasks::new(CHECKPOINT);
+    let task = tasks.lease(&lease(1, 7, shards), START).unwrap();
+    assert!(tasks.attempted(task, 1));
+    assert!(tasks.load(task, START));
+    let actions = tasks.loaded(task, count, found, ());
+    (tasks, task, actions)
+}
+
+fn trace(tasks: &mut Tasks<()>, task: TaskId, shard: u32, at_s: u64) -> Vec<Action> {
+    assert!(tasks.begin(task, shard));
+    tasks.traced(task, shard, Duration::from_secs(at_s))
+}
+
+fn forget(shards: Range<u32>) -> Action {
+    let task = Task { scene: 7, shards };
+    Action::ForgetAttempt { task, n: 1 }
+}
+
+fn message(shards: Range<u32>) -> Message {
+    Message {
+        task: Task { scene: 7, shards },
+        hops: 1,
+    }
+}
+
+const FINISH: Action = Action::Finish { lease: 1 };
+
+#[test]
+fn a_whole_scene_is_merged_from_memory_and_its_lease_given_back_after_that() {
+    let (mut tasks, task, actions) = opened(0..3, 3, &[]);
+    assert_eq!(actions, []);
+    assert_eq!(tasks.waiting(task), [0, 1, 2]);
+    assert_eq!(trace(&mut tasks, task, 2, 1), []);
+    assert_eq!(trace(&mut tasks, task, 0, 2), []);
+    assert_eq!(trace(&mut tasks, task, 1, 3), [Action::Merge { task }]);
+    assert!(tasks.is_alone(task));
+    let ended = tasks.merged(task);
+    assert_eq!(
+        ended,
+        [Action::RemovePartials { scene: 7 }, forget(0..3), FINISH]
+    );
+    assert!(tasks.is_empty());
+    assert_eq!(tasks.merged(task), []);
+}
+
+#[test]
+fn shards_wait_in_memory_for_the_checkpoint_only() {
+    let (mut tasks, task, _) = opened(0..4, 4, &[]);
+    assert_eq!(trace(&mut tasks, task, 0, 1), []);
+    assert_eq!(trace(&mut tasks, task, 1, 20), []);
+    let write = trace(&mut tasks, task, 2, 21);
+    assert_eq!(
+        write,
+        [Action::Store {
+            task,
+            shards: vec![0, 1, 2]
+        }]
+    );
+    // What is on its way counts as here.
+    assert_eq!(tasks.stored(task, 1), []);
+    assert_eq!(trace(&mut tasks, task, 3, 22), [Action::Merge { task }]);
+    assert_eq!(tasks.stored(task, 0), []);
+}
+
+#[test]
+fn a_part_of_a_scene_is_written_at_once_and_ends_when_it_is_stored() {
+    let (mut tasks, task, _) = opened(2..4, 6, &[]);
+    let write = |shard| Action::Store {
+        task,
+        shards: vec![shard],
+    };
+    assert_eq!(trace(&mut tasks, task, 2, 1), [write(2)]);
+    assert_eq!(trace(&mut tasks, task, 3, 1), [write(3)]);
+    assert_eq!(tasks.stored(task, 3), []);
+    assert_eq!(tasks.stored(task, 2), [Action::CheckScene { task }]);
+    let mut last = tasks.clone();
+    let note = Action::LeaveNote {
+        task: Task {
+            scene: 7,
+            shards: 2..4,
+        },
+    };
+    assert_eq!(
+        tasks.scene_checked(task, false),
+        [note, forget(2..4), FINISH]
+    );
+    // The last worker of the scene fetches the rest.
+    assert_eq!(last.scene_checked(task, true), [Action::Gather { task }]);
+    let mut damaged = last.clone();
+    assert_eq!(last.gathered(task, &[]), [Action::Merge { task }]);
+    assert!(!last.is_alone(task));
+    let messages = vec![message(5..6)];
+    let again = [forget(2..4), Action::Publish { messages }, FINISH];
+    assert_eq!(damaged.gathered(task, &[5]), again);
+}
+
+#[test]
+fn what_the_store_has_is_not_traced_again() {
+    let (tasks, task, actions) = opened(0..3, 3, &[1]);
+    assert_eq!((tasks.waiting(task), actions), (vec![0, 2], vec![]));
+    assert!(!tasks.is_alone(task));
+    let (_, task, all) = opened(0..3, 3, &[0, 1, 2]);
+    assert_eq!(all, [Action::Merge { task }]);
+    let (_, task, own) = opened(0..3, 6, &[0, 1, 2]);
+    assert_eq!(own, [Action::CheckScene { task }]);
+}
+
+#[test]
+fn a_donor_finishes_what_it_has_begun_and_writes_what_it_has() {
+    let (mut tasks, task, _) = opened(0..8, 8, &[]);
+    assert_eq!(trace(&mut tasks, task, 0, 1), []);
+    assert!(tasks.begin(task, 1));
+    let offers = tasks.offers(COSTS, None);
+    assert_eq!(offers.len(), 1);
+    assert_eq!((offers[0].task, &offers[0].message), (task, &message(5..8)));
+    // Until the queue has it, work goes on, into what is offered.
+    assert!(tasks.begin(task, 5));
+    let write = tasks.donated(task, 5..8);
+    assert_eq!(
+        write,
+        [Action::Store {
+            task,
+            shards: vec![0]
+        }]
+    );
+    assert!(!tasks.begin(task, 6) && !tasks.begin(task, 7) && tasks.begin(task, 5));
+    assert_eq!(tasks.waiting(task), [2, 3, 4]);
+    // A confirmation may come twice.
+    assert_eq!(tasks.donated(task, 5..8), []);
+    for shard in [2, 3, 4, 1, 5] {
+        let write = trace(&mut tasks, task, shard, 1);
+        assert_eq!(
+            write,
+            [Action::Store {
+                task,
+                shards: vec![shard]
+            }]
+        );
+    }
+    for shard in 0..5 {
+        assert_eq!(tasks.stored(task, shard), []);
+    }
+    assert_eq!(tasks.stored(task, 5), [Action::CheckScene { task }]);
+}
+
+#[test]
+fn a_task_that_waits_is_donated_whole_unless_it_is_pinned_or_loaded_meanwhile() {
+    let mut tasks: Tasks<()> = Tasks::new(CHECKPOINT);
+    let ids = [1, 2, 3, 4].map(|k| tasks.lease(&lease(k, k as u32, 0..2), START).unwrap());
+    assert!(tasks.pin(ids[0]));
+    let offers = tasks.offers(COSTS, None);
+    let offered: Vec<TaskId> = offers.iter().map(|offer| offer.task).collect();
+    assert_eq!(offered, ids[2..]);
+    assert!(tasks.load(ids[2], START));
+    assert_eq!(tasks.donated(ids[2], 0..2), []);
+    assert_eq!(tasks.donated(ids[3], 0..2), [Action::Finish { lease: 4 }]);
+    assert!(tasks.has(ids[2]) && !tasks.has(ids[3]));
+    assert!(!tasks.load(ids[3], START) && !tasks.pin(ids[3]) && !tasks.attempted(ids[3], 1));
+    // The one that both do is never done by this worker alone.
+    assert_eq!(tasks.loaded(ids[2], 2, &[], ()), []);
+    assert!(!tasks.is_alone(ids[2]));
+}
+
+#[test]
+fn the_same_message_is_not_leased_twice() {
+    let mut tasks: Tasks<()> = Tasks::new(CHECKPOINT);
+    let task = tasks.lease(&lease(1, 7, 0..2), START).unwrap();
+    assert_eq!(tasks.lease(&lease(1, 7, 0..2), START), None);
+    // A queue that was made anew counts from the start: another message under the same number.
+    let other = tasks.lease(&lease(1, 8, 0..2), START).unwrap();
+    assert_ne!(task, other);
+    assert_eq!(tasks.leases(), [1, 1]);
+}
+
+#[test]
+fn a_worker_that_stops_starts_nothing_and_requeues_all_that_is_not_stored() {
+    let (mut tasks, task, _) = opened(0..8, 8, &[0]);
+    assert!(tasks.begin(task, 1) && tasks.begin(task, 2));
+    assert_eq!(tasks.traced(task, 1, START), []);
+    tasks.stop();
+    assert!(!tasks.begin(task, 5) && tasks.begin(task, 2));
+    // Shards that are traced from now on are written at once, with those that waited.
+    let store = |shards: &[u32]| {
+        [Action::Store {
+            task,
+            shards: shards.to_vec(),
+        }]
+    };
+    assert_eq!(tasks.store_all(), store(&[1]));
+    assert_eq!(tasks.traced(task, 2, START), store(&[2]));
+    assert_eq!(tasks.stored(task, 2), []);
+    // The writer has lost shard 1.
+    let messages = vec![message(1..2), message(3..8)];
+    let note = Action::LeaveNote {
+        task: Task {
+            scene: 7,
+            shards: 0..8,
+        },
+    };
+    let requeued = [forget(0..8), note, Action::Publish { messages }, FINISH];
+    assert_eq!(tasks.requeue_all(), requeued);
+    assert!(tasks.is_empty());
+}
+
+/// Its shards are in the store, but it was not checked whether the scene is complete.
+#[test]
+fn a_stored_task_that_was_not_checked_is_requeued_whole() {
+    let (mut tasks, task, actions) = opened(0..2, 4, &[0, 1]);
+    assert_eq!(actions, [Action::CheckScene { task }]);
+    let messages = vec![message(0..2)];
+    let requeued = [forget(0..2), Action::Publish { messages }, FINISH];
+    assert_eq!(tasks.requeue_all(), requeued);
+}
+
+#[test]
+fn what_fails_before_it_is_traced_keeps_its_record_or_not() {
+    let queued = || {
+        let mut tasks: Tasks<()> = Tasks::new(CHECKPOINT);
+        let task = tasks.lease(&lease(1, 7, 0..2), START).unwrap();
+        assert!(tasks.pin(task) && tasks.attempted(task, 1));
+        (tasks, task)
+    };
+    let again = || Action::Publish {
+        messages: vec![message(0..2)],
+    };
+    let aside = |reason: &str| Action::Quarantine {
+        scene: 7,
+        reason: reason.to_owned(),
+    };
+    let (mut tasks, task) = queued();
+    assert_eq!(tasks.retry(task), [again(), FINISH]);
+    let (mut tasks, task) = queued();
+    assert_eq!(tasks.requeue(task), [forget(0..2), again(), FINISH]);
+    let (mut tasks, task) = queued();
+    assert_eq!(tasks.set_aside(task, "lost"), [aside("lost"), FINISH]);
+    let (mut tasks, task) = queued();
+    assert_eq!(tasks.nothing_to_do(task), [forget(0..2), FINISH]);
+    let (mut tasks, task) = queued();
+    assert!(tasks.load(task, START));
+    assert_eq!(
+        tasks.fail(task, "cut"),
+        [aside("cut"), forget(0..2), FINISH]
+    );
+    let (mut tasks, _) = queued();
+    assert_eq!(tasks.cancel(), [forget(0..2)]);
+}
+
+#[test]
+fn a_worker_that_hangs_leaves_what_it_has_not_opened() {
+    let (mut tasks, _, _) = opened(0..4, 4, &[]);
+    let second = tasks.lease(&lease(2, 8, 0..4), START).unwrap();
+    let hang = Duration::from_mins(2);
+    assert_eq!(tasks.hung(hang, hang), None);
+    let late = hang + Duration::from_secs(1);
+    assert_eq!(tasks.hung(late, hang).map(|task| task.scene), Some(7));
+    assert!(tasks.attempted(second, 3));
+    let task = Task {
+        scene: 8,
+        shards: 0..4,
+    };
+    let again = Message {
+        task: task.clone(),
+        hops: 1,
+    };
+    let left = [
+        Action::Publish {
+            messages: vec![again],
+        },
+        Action::Finish { lease: 2 },
+        Action::ForgetAttempt { task, n: 3 },
+    ];
+    assert_eq!(tasks.requeue_waiting(), left);
+    assert_eq!(tasks.leases(), [1]);
+}
+
+#[test]
+fn a_worker_leases_more_when_the_open_tasks_end_soon() {
+    let (mut tasks, task, _) = opened(0..8, 8, &[]);
+    assert!(tasks.has_enough(1, COSTS));
+    for shard in 0..8 {
+        assert!(tasks.begin(task, shard));
+    }
+    assert!(!tasks.has_enough(1, COSTS));
+    let next = tasks.lease(&lease(2, 8, 0..4), START).unwrap();
+    assert!(tasks.has_enough(1, COSTS) && !tasks.has_enough(2, COSTS));
+    // What it measured of a scene counts more than the mean of all.
+    assert!(tasks.load(next, START));
+    assert!(tasks.has_enough(2, COSTS));
+    tasks.loaded(next, 4, &[], ());
+    tasks.spent(next, 0.001, 1.0);
+    assert!(!tasks.has_enough(2, COSTS));
+}

@@ -1,0 +1,233 @@
+//! A worker: one process, some threads, until nothing is left to do.
+
+use super::core::Worker;
+use super::lease_keeper::LeaseKeeper;
+use super::options::{Outcome, SharedQueue, WorkOptions};
+use super::pool::{Band, ComputeThread, Pool};
+use super::prefetch::{Appetite, Prefetcher};
+use super::stop::StopSigns;
+use super::tally::Tally;
+use super::tasks::Tasks;
+use super::work_log::work_log;
+use super::writer::Writer;
+use crate::farm::FarmError;
+use crate::farm::queue::{LocalQueue, Message, Queue, QueueKeeper};
+use crate::farm::sweep::sweep;
+use crate::run::{AccessError, ControlPoll, Event, LogTime, Run, Scope, Snapshot, Task, keys};
+use crate::store::Store;
+use crossbeam::channel::bounded;
+use crossbeam::deque::{Injector, Worker as Deque};
+use render::color::SrgbEncoder;
+use render::ids::SceneId;
+use render::shard::golden;
+use std::collections::BTreeSet;
+use std::sync::Mutex;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// Traces and merges all that the run lacks, alone.
+pub fn work(
+    run: &Run,
+    options: &WorkOptions,
+    on_event: &(dyn Fn(Event) + Sync),
+) -> Result<Outcome, FarmError> {
+    let _lock = run.lock()?;
+    check_golden(run, options)?;
+    sweep(run);
+    let store = Store::local(run.root())?;
+    let queue = LocalQueue::new(None);
+    let scope = Scope {
+        workers: true,
+        ..Scope::DONE
+    };
+    let snapshot = Snapshot::take(run, &store, scope)?;
+    // No other process works here: an attempt that stands was lost.
+    let lost: BTreeSet<&SceneId> = snapshot.attempts().map(|a| &a.record.scene).collect();
+    let (mut shards, mut waiting, mut suspects) = (0, Vec::new(), Vec::new());
+    for scene in snapshot.missing() {
+        let id = &run.lines[scene].id;
+        // No tuple of this scene is there, and no other process works here: what is in its folder is of no use.
+        store.remove_folder(&keys::tuple_folder(id))?;
+        shards += u64::from(snapshot.shards(scene));
+        if lost.contains(id) {
+            suspects.push(whole(run, scene));
+        } else {
+            waiting.push(whole(run, scene));
+        }
+    }
+    on_event(Event::Started {
+        shards,
+        scenes: (waiting.len() + suspects.len()) as u64,
+    });
+    queue.publish(&waiting)?;
+    queue.publish_redelivered(&suspects);
+    let worker = queue.worker();
+    let mut outcome = work_on(run, &store, &worker, None, options, on_event)?;
+    outcome.already_merged += snapshot.counts().merged;
+    let reason = |scene: usize| {
+        let reason = snapshot.reason(scene)?.to_owned();
+        Some((run.lines[scene].id.clone(), reason))
+    };
+    let before = (0..run.lines.len()).filter_map(reason);
+    outcome.quarantined.extend(before);
+    outcome.quarantined.sort();
+    Ok(outcome)
+}
+
+/// Works on what a queue gives until the run is over, beside other workers.
+pub fn work_shared(
+    run: &Run,
+    store: &Store,
+    shared: &SharedQueue,
+    options: &WorkOptions,
+    on_event: &(dyn Fn(Event) + Sync),
+) -> Result<Outcome, FarmError> {
+    check_golden(run, options)?;
+    let shards = run.lines.iter().map(|l| u64::from(run.layout(l).len()));
+    on_event(Event::Started {
+        shards: shards.sum(),
+        scenes: run.lines.len() as u64,
+    });
+    work_on(run, store, shared.queue, Some(shared), options, on_event)
+}
+
+/// Works on a queue that this process has for itself, of a run on which others work, too. It records nothing: the worker
+/// that started this process does.
+pub fn work_span(
+    run: &Run,
+    store: &Store,
+    shared: &SharedQueue,
+    options: &WorkOptions,
+    on_event: &(dyn Fn(Event) + Sync),
+) -> Result<Outcome, FarmError> {
+    work_on(run, store, shared.queue, Some(shared), options, on_event)
+}
+
+/// All of a scene.
+pub(in crate::farm) fn whole(run: &Run, scene: usize) -> Message {
+    let shards = 0..run.layout(&run.lines[scene]).len();
+    Message {
+        task: Task {
+            scene: scene as u32,
+            shards,
+        },
+        hops: 0,
+    }
+}
+
+pub(super) fn check_golden(run: &Run, options: &WorkOptions) -> Result<(), FarmError> {
+    let found = golden(options.isa, options.threads.max(1));
+    if found == run.spec.golden {
+        return Ok(());
+    }
+    Err(FarmError::from(AccessError::Golden {
+        scene: run.spec.golden.scene.clone(),
+        found: found.blake3,
+        expected: run.spec.golden.blake3.clone(),
+    }))
+}
+
+fn work_on<'a>(
+    run: &'a Run,
+    store: &'a Store,
+    queue: &'a dyn Queue,
+    shared_queue: Option<&'a SharedQueue<'a>>,
+    options: &'a WorkOptions<'a>,
+    on_event: &'a (dyn Fn(Event) + Sync),
+) -> Result<Outcome, FarmError> {
+    let worker = Worker {
+        run,
+        store,
+        queue,
+        shared_queue,
+        options,
+        on_event,
+        start: Instant::now(),
+        tasks: Mutex::new(Tasks::new(options.checkpoint)),
+        jobs: Injector::new(),
+        stop: StopSigns::default(),
+        tally: Tally::begin(),
+    };
+    let began = LogTime::now();
+    run_threads(&worker);
+    let cancelled = worker.stop.is_cancelled();
+    let actions = if cancelled {
+        // Nothing is wanted back.
+        worker.tasks().cancel()
+    } else {
+        worker.tasks().requeue_all()
+    };
+    // A store is not waited for that has just been in vain. If the server is away, the leases end by themselves.
+    let hurried = store.with_patience(Duration::ZERO);
+    let requeued = worker.perform_in(if cancelled { store } else { &hurried }, actions);
+    if shared_queue.is_some() {
+        worker.tally.add_donated(requeued.unwrap_or(0));
+    }
+    if let Some(error) = worker.stop.take_failure() {
+        return Err(error);
+    }
+    let scenes = worker.tally.scene_seconds.of(run);
+    let stopped = worker.stop.reason(options.stop);
+    let outcome = worker.tally.outcome(stopped);
+    let is_child = shared_queue.is_some_and(|queue| queue.is_child);
+    work_log(&outcome, options, scenes, is_child, &began).leave(store);
+    Ok(outcome)
+}
+
+/// Until all threads have ended.
+fn run_threads(worker: &Worker) {
+    let threads = worker.options.threads.max(1);
+    let (sender, files) = bounded(threads);
+    let (writer, orders) = bounded(threads);
+    let deques: Vec<Deque<Band>> = (0..threads).map(|_| Deque::new_fifo()).collect();
+    let pool = Pool {
+        files,
+        stealers: deques.iter().map(Deque::stealer).collect(),
+        encoder: SrgbEncoder::new(),
+    };
+    let appetite = Appetite::default();
+    let mut control = ControlPoll::default();
+    worker.poll_control(&mut control);
+    let (working, ended) = bounded(0);
+    std::thread::scope(|scope| {
+        let (pool, appetite) = (&pool, &appetite);
+        scope.spawn(move || worker.watch_control(control, &ended));
+        let prefetcher = Prefetcher {
+            worker,
+            appetite,
+            sender,
+        };
+        scope.spawn(move || prefetcher.run());
+        if let Some(shared) = worker.shared_queue {
+            let keeper = LeaseKeeper {
+                worker,
+                shared,
+                appetite,
+            };
+            scope.spawn(move || keeper.run());
+        }
+        let writing = Writer { worker, orders };
+        let writing = scope.spawn(move || writing.run());
+        let compute = |(index, deque)| {
+            let thread = ComputeThread {
+                worker,
+                pool,
+                index,
+                deque,
+                writer: writer.clone(),
+            };
+            scope.spawn(move || thread.run())
+        };
+        let computing: Vec<_> = deques.into_iter().enumerate().map(compute).collect();
+        // The writer exits after the last compute thread.
+        drop(writer);
+        let panics = computing
+            .into_iter()
+            .map(|thread| thread.join().is_err())
+            .filter(|panicked| *panicked);
+        let panicked = panics.count() > 0 || writing.join().is_err();
+        worker.stop.over.store(true, Ordering::Release);
+        drop(working);
+        assert!(!panicked, "a thread of the farm panicked");
+    });
+}
