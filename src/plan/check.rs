@@ -1,7 +1,7 @@
-//! Early news: every input file of a plan is looked at before a scene is traced.
+//! Checks all input files of a plan before any scene is traced.
 //!
-//! A file's beginning and end are read, no more (of an object in a store the beginning alone). What is wrong with the
-//! pixels themselves is told when the scene is loaded, and costs that scene.
+//! Reads only the beginning and the end of a file, and only the beginning of an object in a store. Errors in the pixels are
+//! found when the scene is loaded: that scene is quarantined.
 
 use super::content::Content;
 use super::drafting::{DraftError, Request};
@@ -18,23 +18,23 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Threads that ask a store at least: they wait for answers.
+/// Least number of threads for a store: they wait for responses.
 const STORE_THREADS: usize = 32;
-/// Rows of the table that a person is shown.
+/// Largest number of rows in the table for people.
 const SHOWN: usize = 20;
 
-/// A file that a scene cannot be made from.
+/// An input file that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct InvalidInput {
-    /// As in the scene lines.
+    /// Path as in the scene lines.
     pub path: String,
-    /// What is wrong with it, and what to do.
+    /// What is wrong, and what to do.
     pub problem: String,
-    /// Those that need it.
+    /// Scenes that need the file.
     pub scenes: Vec<SceneId>,
 }
 
-/// A table of what is wrong, of at most twenty rows, after a line that counts.
+/// A line with the counts and a table of at most twenty files with their problems.
 pub fn invalid_text(invalid: &[InvalidInput], files: usize) -> String {
     let scenes: BTreeSet<&SceneId> = invalid.iter().flat_map(|input| &input.scenes).collect();
     let mut text = format!(
@@ -62,9 +62,9 @@ pub fn invalid_text(invalid: &[InvalidInput], files: usize) -> String {
     text
 }
 
-/// What a look at a file gave.
+/// The result of checking a file.
 #[derive(Clone, Debug)]
-enum Seen {
+enum Checked {
     Sound {
         bytes: u64,
         /// Width and height of an image.
@@ -73,19 +73,19 @@ enum Seen {
     Wrong(String),
 }
 
-/// Looks at each file once.
+/// Checks each file once.
 pub(super) struct Checker<'a> {
     roots: Roots,
-    /// Roots whose files planning writes itself: they are not looked at.
+    /// Roots of files that planning writes: not checked.
     own: BTreeSet<&'a str>,
     inputs: &'a dyn InputFiles,
     threads: usize,
     on_file: &'a (dyn Fn(usize, usize) + Sync),
-    seen: BTreeMap<(String, FileRole), Seen>,
+    seen: BTreeMap<(String, FileRole), Checked>,
 }
 
 impl<'a> Checker<'a> {
-    /// Of the content's files; `on_file` is told (done, all).
+    /// `on_file` receives (done, all).
     pub(super) fn new(
         content: &'a Content,
         request: &'a Request,
@@ -105,27 +105,26 @@ impl<'a> Checker<'a> {
         })
     }
 
-    /// Files that were looked at.
+    /// Number of checked files.
     pub(super) fn files(&self) -> usize {
         let paths: BTreeSet<&str> = self.seen.keys().map(|(path, _)| path.as_str()).collect();
         paths.len()
     }
 
-    /// Size of the scenes' files together.
+    /// Total size of the scenes' files.
     pub(super) fn bytes(&self, lines: &[SceneLine]) -> u64 {
         let mut sizes = BTreeMap::new();
         for (path, role) in lines.iter().flat_map(files_of) {
             let key = (path.to_owned(), role);
-            if let Some(Seen::Sound { bytes, .. }) = self.seen.get(&key) {
+            if let Some(Checked::Sound { bytes, .. }) = self.seen.get(&key) {
                 sizes.insert(path, *bytes);
             }
         }
         sizes.values().sum()
     }
 
-    /// Looks at the scenes' files, as far as that was not done before; those that cannot be used, by path.
-    ///
-    /// An error is one of a store, not of a file.
+    /// Checks the files of the scenes that are not checked yet. Returns all files of these scenes that cannot be used, sorted
+    /// by path. An error means that a store does not respond.
     pub(super) fn check(
         &mut self,
         lines: &[SceneLine],
@@ -137,7 +136,7 @@ impl<'a> Checker<'a> {
                 && !self.seen.contains_key(&((*path).to_owned(), *role))
         };
         let new: Vec<(&str, FileRole)> = wanted.into_iter().filter(is_new).collect();
-        let found = self.look_at_all(&new)?;
+        let found = self.check_files(&new)?;
         for ((path, role), seen) in new.into_iter().zip(found) {
             self.seen.insert((path.to_owned(), role), seen);
         }
@@ -157,7 +156,7 @@ impl<'a> Checker<'a> {
         Ok(invalid.into_values().collect())
     }
 
-    fn look_at_all(&self, files: &[(&str, FileRole)]) -> Result<Vec<Seen>, StoreUnavailable> {
+    fn check_files(&self, files: &[(&str, FileRole)]) -> Result<Vec<Checked>, StoreUnavailable> {
         let paths: Vec<_> = files
             .iter()
             .map(|(path, role)| (self.roots.resolve(Path::new(""), path), *role))
@@ -177,8 +176,8 @@ impl<'a> Checker<'a> {
                 .into_par_iter()
                 .map(|(path, role)| {
                     let seen = match path {
-                        Ok(path) => look_at(&path, role, self.inputs)?,
-                        Err(error) => Seen::Wrong(error.to_string()),
+                        Ok(path) => check_file(&path, role, self.inputs)?,
+                        Err(error) => Checked::Wrong(error.to_string()),
                     };
                     (self.on_file)(done.fetch_add(1, Ordering::Relaxed) + 1, all);
                     Ok(seen)
@@ -187,28 +186,28 @@ impl<'a> Checker<'a> {
         };
         match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
             Ok(pool) => pool.install(look),
-            // No thread to be had: the caller's own will do.
+            // The system refuses threads: use the caller's.
             Err(_) => look(),
         }
     }
 
-    /// The files of a scene that cannot be used, and why.
+    /// Files of a scene that cannot be used, with the reasons.
     fn problems<'l>(&self, line: &'l SceneLine) -> Vec<(&'l str, String)> {
         let seen = |path: &str, role| self.seen.get(&(path.to_owned(), role));
         let mut problems = Vec::new();
         for side in [&line.front, &line.back] {
             for (path, role) in roles(side) {
-                if let Some(Seen::Wrong(problem)) = seen(path, role) {
+                if let Some(Checked::Wrong(problem)) = seen(path, role) {
                     problems.push((path, problem.clone()));
                 }
             }
             if let Side::Photograph(photograph) = side
                 && let Some(mask) = &photograph.mask
-                && let Some(Seen::Sound {
+                && let Some(Checked::Sound {
                     size: Some(of_mask),
                     ..
                 }) = seen(mask, FileRole::Mask)
-                && let Some(Seen::Sound {
+                && let Some(Checked::Sound {
                     size: Some(of_depth),
                     ..
                 }) = seen(&photograph.depth, FileRole::Depth)
@@ -231,7 +230,7 @@ fn files_of(line: &SceneLine) -> impl Iterator<Item = (&str, FileRole)> {
     [&line.front, &line.back].into_iter().flat_map(roles)
 }
 
-/// A side's files.
+/// The files of a side with their roles.
 fn roles(side: &Side) -> Vec<(&str, FileRole)> {
     let paths = side.paths().into_iter();
     let role = |key| match (side, key) {
@@ -245,8 +244,12 @@ fn roles(side: &Side) -> Vec<(&str, FileRole)> {
     paths.map(|(key, path)| (path, role(key))).collect()
 }
 
-/// Looks at one file or object.
-fn look_at(path: &Path, role: FileRole, inputs: &dyn InputFiles) -> Result<Seen, StoreUnavailable> {
+/// Checks one file or object.
+fn check_file(
+    path: &Path,
+    role: FileRole,
+    inputs: &dyn InputFiles,
+) -> Result<Checked, StoreUnavailable> {
     let ends = match ends(path, inputs) {
         Ok(ends) => ends,
         Err(error) => return unreadable(error, inputs),
@@ -261,20 +264,20 @@ fn look_at(path: &Path, role: FileRole, inputs: &dyn InputFiles) -> Result<Seen,
         Err(error) => Err(error),
     };
     Ok(match seen {
-        Ok(size) => Seen::Sound { bytes, size },
-        Err(error) => Seen::Wrong(error.to_string()),
+        Ok(size) => Checked::Sound { bytes, size },
+        Err(error) => Checked::Wrong(error.to_string()),
     })
 }
 
-/// A store that cannot be asked says nothing of its objects.
-fn unreadable(error: io::Error, inputs: &dyn InputFiles) -> Result<Seen, StoreUnavailable> {
+/// Separates a store that does not respond (an error) from a file that cannot be read (a problem).
+fn unreadable(error: io::Error, inputs: &dyn InputFiles) -> Result<Checked, StoreUnavailable> {
     match inputs.store_failure(error) {
         Ok(error) => Err(error),
-        Err(error) => Ok(Seen::Wrong(format!("it cannot be read: {error}"))),
+        Err(error) => Ok(Checked::Wrong(format!("it cannot be read: {error}"))),
     }
 }
 
-/// Bytes whose errors begin with "it": the path stands beside them.
+/// Bytes whose error messages begin with "it", since the table shows the path beside them.
 fn named(bytes: Vec<u8>) -> NamedBytes {
     NamedBytes {
         path: PathBuf::from("it"),
@@ -294,7 +297,7 @@ fn ends(path: &Path, inputs: &dyn InputFiles) -> io::Result<FileEnds> {
     let mut file = File::open(path)?;
     let metadata = file.metadata()?;
     if !metadata.is_file() {
-        return Err(io::Error::other("it is no file"));
+        return Err(io::Error::other("it is not a file"));
     }
     let length = metadata.len();
     let mut start = Vec::with_capacity(START_BYTES.min(length as usize));
@@ -316,18 +319,38 @@ fn ends(path: &Path, inputs: &dyn InputFiles) -> io::Result<FileEnds> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::inputs::LocalFiles;
     use render::atomic_file;
 
-    fn seen(path: &Path, role: FileRole) -> Seen {
-        look_at(path, role, &LocalFiles).unwrap()
+    /// Local files, without a store.
+    struct LocalFiles;
+
+    impl InputFiles for LocalFiles {
+        fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+            std::fs::read(path)
+        }
+
+        fn read_start(&self, url: &Path, _: usize) -> io::Result<(Vec<u8>, u64)> {
+            panic!("{} is a local path", url.display())
+        }
+
+        fn list(&self, folder: &Path) -> Result<Vec<String>, StoreUnavailable> {
+            panic!("{} is not listed", folder.display())
+        }
+
+        fn store_failure(&self, error: io::Error) -> Result<StoreUnavailable, io::Error> {
+            Err(error)
+        }
+    }
+
+    fn seen(path: &Path, role: FileRole) -> Checked {
+        check_file(path, role, &LocalFiles).unwrap()
     }
 
     #[test]
-    fn files_of_any_length_are_looked_at() {
+    fn files_of_any_length_are_checked() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("depth.npy");
-        // Around the number of bytes that are read.
+        // Lengths around START_BYTES and END_BYTES.
         for count in [1, 4000, 4060, 4064, 4068, 4100, 9000] {
             let text =
                 format!("{{'descr': '<f4', 'fortran_order': False, 'shape': (1, {count:5}), }}");
@@ -337,17 +360,17 @@ mod tests {
             bytes.resize(bytes.len() + 4 * count, 0);
             atomic_file::write_relaxed(&path, &bytes).unwrap();
             match seen(&path, FileRole::Depth) {
-                Seen::Sound {
+                Checked::Sound {
                     bytes: length,
                     size,
                 } => {
                     assert_eq!((length, size), (bytes.len() as u64, Some([count, 1])));
                 }
-                wrong @ Seen::Wrong(_) => panic!("{wrong:?}"),
+                wrong @ Checked::Wrong(_) => panic!("{wrong:?}"),
             }
             bytes.pop();
             atomic_file::write_relaxed(&path, &bytes).unwrap();
-            let Seen::Wrong(problem) = seen(&path, FileRole::Depth) else {
+            let Checked::Wrong(problem) = seen(&path, FileRole::Depth) else {
                 panic!("{count}");
             };
             assert!(problem.starts_with("cannot read it as .npy: "), "{problem}");
@@ -355,10 +378,10 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_file_is_wrong() {
+    fn folders_and_missing_files_are_wrong() {
         let folder = tempfile::tempdir().unwrap();
         for path in [folder.path(), &folder.path().join("nowhere")] {
-            assert!(matches!(seen(path, FileRole::Color), Seen::Wrong(_)));
+            assert!(matches!(seen(path, FileRole::Color), Checked::Wrong(_)));
         }
     }
 

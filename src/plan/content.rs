@@ -1,66 +1,67 @@
-//! What a recipe or a manifest says: scenes, where their files are, and what can be left out of it.
+//! The content of a recipe or a manifest: scenes, roots of their files, notes.
 
-use super::drafting::{DraftError, Request, Tell};
-use super::draw_scenes::{Looked, RejectedScene, Surroundings, draw_all};
+use super::diode::{Index, SourceImage, from_paths, index_paths, index_source};
+use super::drafting::{DraftError, Progress, Request};
+use super::draw_scenes::{DrawnScenes, PreviewContext, RejectedScene, draw_all};
+use super::expand::expand_counted;
+use super::list::{LIST_NAME, index_list};
+use super::places::{PlacesFolders, index_places};
+use super::recipe::Recipe;
+use super::recipe_error::RecipeError;
 use super::sample_bytes::SampleBytes;
-use crate::{
-    Index, LIST_NAME, Layout, PlacesFolders, Recipe, RecipeError, Source, SourceImage,
-    expand_counted, from_paths, index_list, index_paths, index_places, index_source,
-};
+use super::source::{Layout, Source};
 use procedural::SamplePhotograph;
 use render::line::{Roots, SceneLine, is_url, parse_jsonl};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
-/// Name of the root under which a `.jsonl`'s own relative paths lie.
+/// Root of a manifest's own relative paths.
 const MANIFEST_ROOT: &str = "manifest";
 
-/// A procedural photograph that planning makes.
+/// A procedural photograph that planning writes into the run's folder.
 #[derive(Clone, Debug)]
-pub struct Made {
-    /// The root that it lies under.
-    pub root: String,
-    /// The photograph.
-    pub photograph: SamplePhotograph,
-    /// Pixels across and down.
-    pub size: [u32; 2],
+pub struct ProceduralPhotograph {
+    pub(crate) root: String,
+    pub(crate) photograph: SamplePhotograph,
+    /// Width and height, px.
+    pub(crate) size: [u32; 2],
 }
 
-/// What the recipe or manifest says, before anything is compared or written.
+/// The parsed source with its photographs listed; nothing is drawn, compared or written yet.
 pub(super) struct Content {
     pub(super) name: String,
-    /// Root folders for the spec; relative ones are the run's own.
+    /// Root folders for the spec; relative ones are below the run's folder.
     pub(super) roots: BTreeMap<String, PathBuf>,
-    /// What was noticed while photographs were listed.
+    /// Remarks about the listing of photographs.
     notes: Vec<String>,
     scenes: Scenes,
 }
 
-/// Where the scenes are from.
+/// The scenes, or the recipe that draws them.
 enum Scenes {
-    /// Drawn by a recipe from the photographs of its sources, some of which are to be made.
+    /// A recipe with the photographs of its sources; `to_make` are the procedural ones among them.
     Drawn {
         path: PathBuf,
         recipe: Box<Recipe>,
         images: BTreeMap<String, Vec<SourceImage>>,
-        made: Vec<Made>,
+        to_make: Vec<ProceduralPhotograph>,
     },
-    /// Written down.
+    /// The lines of a manifest.
     Lines(Vec<SceneLine>),
 }
 
-/// Scenes, and what belongs to them.
+/// Drawn scenes with notes.
 pub(super) struct Draft {
     pub(super) lines: Vec<SceneLine>,
     pub(super) notes: Vec<String>,
-    /// Draws that were looked at and not kept.
+    /// Draws rejected after their preview.
     pub(super) rejected: Vec<RejectedScene>,
-    /// Photographs to make that the scenes use.
-    pub(super) made: Vec<Made>,
+    /// Procedural photographs that the scenes use.
+    pub(super) to_make: Vec<ProceduralPhotograph>,
 }
 
 impl Content {
-    /// The scenes before any was looked at: see [`Self::draft`].
+    /// The scenes of [`Self::draft`] before any preview.
     pub(super) fn first_lines(
         &self,
         left_out: &BTreeSet<String>,
@@ -72,7 +73,7 @@ impl Content {
                 images,
                 ..
             } => Ok(expand_counted(recipe, images, left_out)
-                .map_err(|source| wrong(path, source))?
+                .map_err(|source| recipe_error(path, source))?
                 .lines),
             Scenes::Lines(all) => {
                 let stays = |line: &&SceneLine| !left_out.contains(line.id.as_str());
@@ -81,34 +82,34 @@ impl Content {
         }
     }
 
-    /// The scenes, with other photographs in place of those that are left out; of a manifest, without the scenes that are.
+    /// Draws the scenes, with substitutes for photographs that are left out; of a manifest, drops the scenes left out.
     pub(super) fn draft(
         &self,
         left_out: &BTreeSet<String>,
         request: &Request,
-        on_progress: &Tell,
+        on_progress: &Progress,
     ) -> Result<Draft, DraftError> {
         let mut notes = self.notes.clone();
         let Scenes::Drawn {
             path,
             recipe,
             images,
-            made,
+            to_make,
         } = &self.scenes
         else {
             return Ok(Draft {
                 lines: self.first_lines(left_out)?,
                 notes,
                 rejected: Vec::new(),
-                made: Vec::new(),
+                to_make: Vec::new(),
             });
         };
-        let bytes = SampleBytes::new(request.run, made);
+        let bytes = SampleBytes::new(request.run, to_make);
         let mut folders = Roots::default();
         for (name, folder) in &self.roots {
             folders.insert(name, request.run.join(folder))?;
         }
-        let around = Surroundings {
+        let context = PreviewContext {
             roots: &folders,
             base: request.run,
             read: &|path| {
@@ -117,36 +118,34 @@ impl Content {
                     .unwrap_or_else(|| request.inputs.read(path))
             },
             threads: request.threads,
-            on_scene: &|done, all| on_progress("scenes looked at", done, all),
+            on_scene: &|done, all| on_progress("scenes previewed", done, all),
         };
-        let Looked {
+        let DrawnScenes {
             lines,
             rejected,
             same_place,
             same_scan,
             redrawn,
-        } = draw_all(recipe, images, left_out, &around).map_err(|source| wrong(path, source))?;
+        } = draw_all(recipe, images, left_out, &context)
+            .map_err(|source| recipe_error(path, source))?;
         if !rejected.is_empty() {
-            let looks = lines.len() + rejected.len();
+            let draws = lines.len() + rejected.len();
             notes.push(format!(
-                "{} of {looks} draws that were looked at were not kept ({:.1} %); others took their places",
+                "{} of {draws} previewed draws were rejected ({:.1} %) and drawn again",
                 rejected.len(),
-                100.0 * rejected.len() as f64 / looks as f64,
+                100.0 * rejected.len() as f64 / draws as f64,
             ));
         }
         for (count, what) in [
             (
                 same_place,
-                "scenes pair two photographs of the same kind of place: no others were left",
+                "scenes pair two indoor or two outdoor photographs: no others were available",
             ),
             (
                 same_scan,
-                "scenes pair two photographs of the same scan: no others were left",
+                "scenes pair two photographs of one scan: no others were available",
             ),
-            (
-                redrawn,
-                "draws were refused by the geometry and drawn again",
-            ),
+            (redrawn, "draws failed the geometry check and were repeated"),
         ] {
             if count > 0 {
                 notes.push(format!("{count} {what}"));
@@ -156,21 +155,21 @@ impl Content {
             .iter()
             .flat_map(|l| [l.front.name(), l.back.name()])
             .collect();
-        let is_used = |made: &&Made| {
-            let path = made.photograph.color_path();
-            used.contains(format!("{}:{}", made.root, path.display()).as_str())
+        let is_used = |one: &&ProceduralPhotograph| {
+            let path = one.photograph.color_path();
+            used.contains(format!("{}:{}", one.root, path.display()).as_str())
         };
-        let made = made.iter().filter(is_used).cloned().collect();
+        let to_make = to_make.iter().filter(is_used).cloned().collect();
         Ok(Draft {
             lines,
             notes,
             rejected,
-            made,
+            to_make,
         })
     }
 
-    /// What is to be left out, so that `line` does without the file `path`: the photograph, or the scene of a manifest.
-    pub(super) fn names_without(&self, line: &SceneLine, path: &str) -> Vec<String> {
+    /// What to leave out, so that `line` does not need the file `path`: the photograph, or the scene of a manifest.
+    pub(super) fn names_to_leave_out(&self, line: &SceneLine, path: &str) -> Vec<String> {
         if let Scenes::Lines(_) = self.scenes {
             return vec![line.id.to_string()];
         }
@@ -181,45 +180,45 @@ impl Content {
             .collect()
     }
 
-    /// What is left out, in a word.
-    pub(super) fn parts(&self) -> &'static str {
+    /// "photographs" or "scenes": what can be left out.
+    pub(super) fn left_out_kind(&self) -> &'static str {
         match self.scenes {
             Scenes::Drawn { .. } => "photographs",
             Scenes::Lines(_) => "scenes",
         }
     }
 
-    /// The same, and what becomes of them.
-    pub(super) fn parts_replaced(&self) -> &'static str {
+    /// The same with the effect of leaving them out.
+    pub(super) fn left_out_effect(&self) -> &'static str {
         match self.scenes {
-            Scenes::Drawn { .. } => "photographs and draws others in their place",
+            Scenes::Drawn { .. } => "photographs and draws others instead",
             Scenes::Lines(_) => "scenes",
         }
     }
 
-    /// It names scenes, and draws none.
+    /// Whether the scenes are given, not drawn.
     pub(super) fn is_manifest(&self) -> bool {
         matches!(self.scenes, Scenes::Lines(_))
     }
 
-    /// Roots whose files planning writes itself.
+    /// Roots of files that planning writes.
     pub(super) fn own_roots(&self) -> BTreeSet<&str> {
         match &self.scenes {
-            Scenes::Drawn { made, .. } => made.iter().map(|m| m.root.as_str()).collect(),
+            Scenes::Drawn { to_make, .. } => to_make.iter().map(|m| m.root.as_str()).collect(),
             Scenes::Lines(_) => BTreeSet::new(),
         }
     }
 }
 
-/// Of the recipe in the file `path`.
-fn wrong(path: &Path, source: RecipeError) -> DraftError {
+/// An error of the recipe in the file `path`.
+fn recipe_error(path: &Path, source: RecipeError) -> DraftError {
     DraftError::Recipe {
         path: path.to_owned(),
         source: Box::new(source),
     }
 }
 
-/// A path that means the same from everywhere; URLs do.
+/// An absolute path; URLs stay as they are.
 fn absolute(path: &Path) -> PathBuf {
     if is_url(path) {
         return path.to_owned();
@@ -232,7 +231,7 @@ fn parent(path: &Path) -> PathBuf {
     absolute(parent.unwrap_or(Path::new(".")))
 }
 
-/// Lists a source of PLACES365, on disk or in a bucket.
+/// Lists a source of PLACES365, on a disk or in an object store.
 fn places(
     name: &str,
     source: &Source,
@@ -261,7 +260,7 @@ pub(super) fn from_recipe(
     text: &str,
     request: &Request,
 ) -> Result<Content, DraftError> {
-    let recipe = Recipe::parse(text).map_err(|source| wrong(path, source))?;
+    let recipe = Recipe::parse(text).map_err(|source| recipe_error(path, source))?;
     let folders = recipe.roots(&parent(path), request.roots);
     let mut roots: BTreeMap<String, PathBuf> = folders
         .iter()
@@ -269,7 +268,7 @@ pub(super) fn from_recipe(
         .collect();
     let mut images = BTreeMap::new();
     let mut notes = Vec::new();
-    let mut made = Vec::new();
+    let mut to_make = Vec::new();
     for (name, source) in &recipe.sources {
         let index: Index = if source.layout == Layout::Sample {
             let seed = source.seed.unwrap_or(recipe.seed);
@@ -279,11 +278,15 @@ pub(super) fn from_recipe(
                 .flat_map(|p| [p.color_path(), p.depth_path(), p.mask_path()])
                 .map(|p| p.to_string_lossy().into_owned())
                 .collect();
-            made.extend(photographs.into_iter().map(|photograph| Made {
-                root: name.clone(),
-                photograph,
-                size: source.sample_size(),
-            }));
+            to_make.extend(
+                photographs
+                    .into_iter()
+                    .map(|photograph| ProceduralPhotograph {
+                        root: name.clone(),
+                        photograph,
+                        size: source.sample_size(),
+                    }),
+            );
             roots.insert(name.clone(), Path::new("inputs").join(name));
             from_paths(&paths)
         } else {
@@ -326,7 +329,7 @@ pub(super) fn from_recipe(
             path: path.to_owned(),
             recipe: Box::new(recipe),
             images,
-            made,
+            to_make,
         },
     })
 }

@@ -1,4 +1,4 @@
-//! The photographs of a DIODE folder, and of procedural sets that have its layout.
+//! Lists the photographs of a DIODE folder, or of a procedural set in its layout.
 //!
 //! ```text
 //! [train|val/](indoors|outdoor)/scene_NNNNN/scan_NNNNN/NAME{.png,_depth.npy,_depth_mask.npy}
@@ -17,47 +17,43 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Place {
-    /// DIODE's `indoors`.
+    /// A room; DIODE's `indoors`.
     Indoors,
-    /// DIODE's `outdoor`.
+    /// A street, garden or landscape; DIODE's `outdoor`.
     Outdoor,
 }
 
 /// An RGBD photograph of a source. Paths are relative to the source's root, with `/`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourceImage {
-    /// The colour image.
     pub color: String,
-    /// The depth image.
     pub depth: String,
     /// The root that the depth image lies under, if it is not the source's.
     pub depth_root: Option<String>,
     /// Metres for a relative depth, if they are not the source's.
     pub depth_range: Option<DepthRange>,
-    /// The mask, if there is one.
     pub mask: Option<String>,
-    /// Indoors or outdoors.
     pub place: Place,
     /// Folder of the scene.
     pub scene: String,
     /// Folder of the scan: the views from one standpoint.
     pub scan: String,
-    /// Of a list: all keys of the side, in place of the source's and of the paths above but `color`, its name.
+    /// From a list: the whole side. It replaces the keys of the source and all paths above but `color`, its name.
     pub side: Option<Side>,
-    /// Of a list: numbers that go with the photograph, by the recipe's parameter.
+    /// From a list: values for `"from_source"` parameters.
     pub values: BTreeMap<String, f64>,
 }
 
-/// What a folder holds.
+/// The photographs of a source.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Index {
-    /// Photographs by path.
+    /// Sorted by path, except those of a list.
     pub images: Vec<SourceImage>,
     /// Colour images that lack a depth image and are left out, by path.
     pub without_depth: Vec<String>,
 }
 
-/// A source that cannot be listed.
+/// A source cannot be listed.
 #[derive(Debug, thiserror::Error)]
 pub enum IndexError {
     /// The folder, or one below it, cannot be read.
@@ -66,14 +62,11 @@ pub enum IndexError {
         path.display()
     )]
     Read {
-        /// The source.
         name: String,
-        /// The folder.
         path: PathBuf,
-        /// Why not.
         source: io::Error,
     },
-    /// No photograph there.
+    /// The folder has no photograph with depth.
     #[error(
         "source {name}: {} holds no photograph with depth of the form \
          [train|val/](indoors|outdoor)/scene_*/scan_*/*.png with *_depth.npy beside it{}; pass --root \
@@ -81,60 +74,45 @@ pub enum IndexError {
         path.display(), left_out(*without_depth)
     )]
     Empty {
-        /// The source.
         name: String,
-        /// The folder.
         path: PathBuf,
-        /// Colour images that were seen, but lack depth.
+        /// Number of colour images without depth.
         without_depth: usize,
     },
-    /// No photograph of a wanted category there.
+    /// The folder has no photograph of a category in the table.
     #[error(
         "source {name}: {} holds no photograph of a category in {table} with a depth map below {}{}; pass --root {name}=DIR \
          and --root {name}-depth=DIR",
         path.display(), depth_path.display(), left_out(*without_depth)
     )]
     NoPlaces {
-        /// The source.
         name: String,
-        /// The folder of the photographs.
         path: PathBuf,
-        /// The folder of the depth maps.
         depth_path: PathBuf,
-        /// The table of categories.
         table: String,
-        /// Colour images that were seen, but lack depth.
+        /// Number of colour images without depth.
         without_depth: usize,
     },
     /// The table of categories cannot be used.
     #[error("source {name}: cannot use its depth_ranges {}: {reason}", path.display())]
     Table {
-        /// The source.
         name: String,
-        /// The table.
         path: PathBuf,
-        /// Why not.
         reason: String,
     },
     /// The list of photographs cannot be read.
     #[error("source {name}: cannot read its list {}: {source}; write `list` with a path relative to the recipe, or put \
          photographs.jsonl into the source's root (--root {name}=DIR)", path.display())]
     NoList {
-        /// The source.
         name: String,
-        /// The list.
         path: PathBuf,
-        /// Why not.
         source: io::Error,
     },
     /// The list of photographs cannot be used.
     #[error("source {name}: list {}: {source}", path.display())]
     List {
-        /// The source.
         name: String,
-        /// The list.
         path: PathBuf,
-        /// Why not.
         source: ListError,
     },
 }
@@ -147,7 +125,7 @@ fn left_out(without_depth: usize) -> String {
 }
 
 /// Lists the photographs of the source `name`, in DIODE's layout, in `folder`.
-pub fn index_source(name: &str, folder: &Path) -> Result<Index, IndexError> {
+pub(crate) fn index_source(name: &str, folder: &Path) -> Result<Index, IndexError> {
     let mut paths = Vec::new();
     list(folder, "", &mut paths).map_err(|(path, source)| IndexError::Read {
         name: name.to_owned(),
@@ -158,7 +136,11 @@ pub fn index_source(name: &str, folder: &Path) -> Result<Index, IndexError> {
 }
 
 /// The photographs of the source `name` among `paths`, which are relative to its `folder`, with `/`.
-pub fn index_paths(name: &str, folder: &Path, paths: &[String]) -> Result<Index, IndexError> {
+pub(crate) fn index_paths(
+    name: &str,
+    folder: &Path,
+    paths: &[String],
+) -> Result<Index, IndexError> {
     let index = from_paths(paths);
     if index.images.is_empty() {
         return Err(IndexError::Empty {
@@ -195,7 +177,7 @@ fn list(root: &Path, below: &str, paths: &mut Vec<String>) -> Result<(), (PathBu
     Ok(())
 }
 
-/// Whether `path` is a folder on the way to photographs, by its name alone.
+/// Whether `path` can be a folder above photographs, by its name.
 fn may_hold_photographs(path: &str) -> bool {
     let mut parts = path.split('/').peekable();
     parts.next_if(|part| matches!(*part, "train" | "val"));
@@ -214,7 +196,7 @@ fn place(folder: &str) -> Option<Place> {
 }
 
 /// Finds the photographs among `paths`, which are relative to the source's root, with `/`.
-pub fn from_paths(paths: &[String]) -> Index {
+pub(crate) fn from_paths(paths: &[String]) -> Index {
     let sorted: BTreeSet<&str> = paths.iter().map(String::as_str).collect();
     let mut index = Index::default();
     for path in &sorted {

@@ -1,127 +1,118 @@
-//! A recipe or a manifest becomes scene lines whose input files are sound.
+//! Turns a recipe or a manifest into scene lines whose input files have been checked.
 
 use super::check::{Checker, InvalidInput, invalid_text};
-use super::content::{self, Content, Draft, Made};
+use super::content::{self, Content, Draft, ProceduralPhotograph};
+use super::diode::IndexError;
 use super::draw_scenes::RejectedScene;
 use super::inputs::{InputFiles, StoreUnavailable};
-use super::{IndexError, RecipeError};
+use super::recipe_error::RecipeError;
 use render::ids::SceneId;
 use render::line::{ManifestError, RootError, Roots, SceneLine};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// How to draft.
+/// Inputs and options of [`draft`].
 pub struct Request<'a> {
-    /// Folders by name, as the user gave them.
+    /// Folders by name, as given by the user.
     pub roots: &'a Roots,
-    /// Reads input files and lists roots that are in an object store.
+    /// Reads input files and lists roots in object stores.
     pub inputs: &'a dyn InputFiles,
-    /// The run's folder: procedural photographs are made below it.
+    /// The run's folder; procedural photographs are written below it.
     pub run: &'a Path,
-    /// Photographs (of a manifest: scenes) that are left out from the start.
+    /// Photographs (of a manifest: scenes) that are left out from the beginning.
     pub left_out: BTreeSet<String>,
-    /// The run exists: its plan stays as it is, whatever is wrong with the files.
+    /// The run exists: its plan is kept even if files cannot be used.
     pub is_planned: bool,
-    /// Check input files.
+    /// Whether input files are checked.
     pub checks_files: bool,
-    /// Leave out photographs whose files cannot be used (of a manifest: scenes), and go on.
+    /// Whether photographs (of a manifest: scenes) whose files cannot be used are left out, instead of an error.
     pub skip_invalid: bool,
-    /// Threads that check input files and make procedural photographs.
+    /// Threads for checks and previews.
     pub threads: usize,
 }
 
-/// Receives progress: (what, done, all).
-pub type Tell<'a> = dyn Fn(&'static str, usize, usize) + Sync + 'a;
+/// Receives progress: (step, done, all).
+pub type Progress<'a> = dyn Fn(&'static str, usize, usize) + Sync + 'a;
 
-/// Scenes with their files checked; nothing is written yet.
+/// Scenes with checked files; nothing is written yet.
 #[derive(Debug)]
 pub struct Drafted {
-    /// The recipe's name, or the manifest's.
+    /// Name of the recipe or manifest.
     pub name: String,
-    /// Root folders; relative ones lie below the run's folder.
+    /// Root folders; relative ones are below the run's folder.
     pub roots: BTreeMap<String, PathBuf>,
-    /// The scenes.
+    /// All scenes.
     pub lines: Vec<SceneLine>,
-    /// What a reader should know: images without depth, scenes paired less well than wished.
+    /// Remarks for people: images without depth, pairs of one place or scan, repeated draws.
     pub notes: Vec<String>,
-    /// Draws that a preview rejected.
+    /// Draws rejected after their preview.
     pub rejected: Vec<RejectedScene>,
     /// Files that cannot be used, by path.
     pub invalid: Vec<InvalidInput>,
-    /// Number of input files that were checked.
+    /// Number of checked input files.
     pub files: usize,
-    /// What `left_out` names: "photographs" or "scenes".
-    pub parts: &'static str,
-    /// Photographs or scenes that are left out.
+    /// "photographs" or "scenes": the entries of `left_out`.
+    pub left_out_kind: &'static str,
+    /// Photographs or scenes left out.
     pub left_out: BTreeSet<String>,
-    /// Size of the input files together; `None` if they were not checked.
+    /// Total size of the input files; `None` if they were not checked.
     pub input_bytes: Option<u64>,
-    /// Procedural photographs to make.
-    pub made: Vec<Made>,
+    /// Procedural photographs that the scenes use.
+    pub to_make: Vec<ProceduralPhotograph>,
 }
 
-/// A recipe or manifest that gives no scenes.
+/// Drafting failed.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the fields are named after what they hold")]
 pub enum DraftError {
     /// The recipe or manifest cannot be read.
     #[error("cannot read {}: {source}; check the path", path.display())]
     Read {
-        /// The file.
         path: PathBuf,
-        /// Why.
         source: std::io::Error,
     },
     /// Neither recipe nor manifest.
     #[error("{} is neither a recipe (.toml) nor a manifest (.jsonl)", path.display())]
-    Kind {
-        /// The file.
-        path: PathBuf,
-    },
-    /// The recipe is wrong.
+    Kind { path: PathBuf },
+    /// The recipe is invalid.
     #[error("{}: {source}", path.display())]
     Recipe {
-        /// The file.
         path: PathBuf,
-        /// What is wrong.
         source: Box<RecipeError>,
     },
-    /// The manifest is wrong.
+    /// The manifest is invalid.
     #[error("{}: {source}", path.display())]
     Manifest {
-        /// The file.
         path: PathBuf,
-        /// What is wrong.
         source: Box<ManifestError>,
     },
-    /// No scene at all.
+    /// No scene is described.
     #[error("{} describes no scene: add scenes to it", path.display())]
-    Empty {
-        /// The file.
-        path: PathBuf,
-    },
+    Empty { path: PathBuf },
     /// A source cannot be listed.
     #[error(transparent)]
     Index(#[from] IndexError),
-    /// A source's store cannot be listed.
+    /// A store does not respond.
     #[error(transparent)]
     Store(#[from] StoreUnavailable),
-    /// A root is wrong.
+    /// A root is invalid.
     #[error(transparent)]
     Root(#[from] RootError),
     /// Input files cannot be used.
     #[error("{}{remedy}", invalid_text(invalid, *files))]
     Invalid {
-        /// The files, by path.
         invalid: Vec<InvalidInput>,
-        /// Number of files that were checked.
         files: usize,
-        /// What to do.
         remedy: String,
     },
 }
 
 /// Drafts the scenes of `source`, a recipe (`.toml`) or a manifest (`.jsonl`). Writes nothing.
-pub fn draft(source: &Path, request: &Request, on_progress: &Tell) -> Result<Drafted, DraftError> {
+pub fn draft(
+    source: &Path,
+    request: &Request,
+    on_progress: &Progress,
+) -> Result<Drafted, DraftError> {
     let content = read(source, request)?;
     let on_file = |done, all| on_progress("inputs checked", done, all);
     let mut checker = Checker::new(&content, request, &on_file)?;
@@ -144,8 +135,8 @@ pub fn draft(source: &Path, request: &Request, on_progress: &Tell) -> Result<Dra
                 invalid,
                 files: checker.files(),
                 remedy: format!(
-                    "correct them, or go on without them: --skip-invalid leaves out these {}",
-                    content.parts_replaced()
+                    "correct them, or leave them out: --skip-invalid leaves out these {}",
+                    content.left_out_effect()
                 ),
             });
         }
@@ -160,11 +151,11 @@ pub fn draft(source: &Path, request: &Request, on_progress: &Tell) -> Result<Dra
     Ok(Drafted {
         input_bytes: request.checks_files.then(|| checker.bytes(&draft.lines)),
         files: checker.files(),
-        parts: content.parts(),
+        left_out_kind: content.left_out_kind(),
         lines: draft.lines,
         notes: draft.notes,
         rejected: draft.rejected,
-        made: draft.made,
+        to_make: draft.to_make,
         invalid,
         left_out,
         name: content.name.clone(),
@@ -186,19 +177,19 @@ fn read(source: &Path, request: &Request) -> Result<Content, DraftError> {
     }
 }
 
-/// Draws scenes until those that are left need no file that cannot be used. The inner error is a remedy other than
+/// Draws scenes and leaves out photographs until no scene needs an invalid file. The inner error is a remedy other than
 /// `--skip-invalid`.
 fn choose(
     source: &Path,
     content: &Content,
     request: &Request,
-    on_progress: &Tell,
+    on_progress: &Progress,
     checker: &mut Checker,
     left_out: &mut BTreeSet<String>,
     invalid: &mut Vec<InvalidInput>,
 ) -> Result<Result<Draft, Option<String>>, DraftError> {
-    // A manifest names its scenes: each that cannot be made is quarantined with its reason. A recipe's photographs can be
-    // replaced by others.
+    // Scenes of a manifest cannot be replaced: those with invalid files are quarantined when they are traced. Photographs of
+    // a recipe can be replaced by others.
     let keeps = content.is_manifest() && !request.skip_invalid;
     loop {
         let mut check = |lines: &[SceneLine]| {
@@ -208,10 +199,10 @@ fn choose(
                 Ok(Vec::new())
             }
         };
-        // Files first, previews second: previews take longer, and may draw other photographs.
+        // Check files before previews: previews take longer and may draw other photographs.
         let first = match content.first_lines(left_out) {
             Err(error) if !invalid.is_empty() => {
-                let remedy = format!("correct them; without them it does not go: {error}");
+                let remedy = format!("correct them: the recipe cannot do without them ({error})");
                 return Ok(Err(Some(remedy)));
             }
             first => first?,
@@ -241,13 +232,13 @@ fn choose(
     }
 }
 
-/// What to leave out, so that the scenes do without the files `found`.
+/// Photographs or scenes to leave out, so that no scene needs the files `found`.
 fn names(content: &Content, lines: &[SceneLine], found: &[InvalidInput]) -> BTreeSet<String> {
     let by_id: BTreeMap<&SceneId, &SceneLine> = lines.iter().map(|line| (&line.id, line)).collect();
     let needs = found
         .iter()
         .flat_map(|input| input.scenes.iter().map(|id| (by_id[id], &input.path)));
     needs
-        .flat_map(|(line, path)| content.names_without(line, path))
+        .flat_map(|(line, path)| content.names_to_leave_out(line, path))
         .collect()
 }

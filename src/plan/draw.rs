@@ -1,26 +1,24 @@
-//! Every random number of a manifest: a pure function of the dataset seed and of names.
+//! Random numbers of a manifest: pure functions of the dataset seed and of names.
 //!
-//! A new scene, split, source or parameter therefore never changes what the others draw.
+//! Adding a scene, split, source or parameter therefore changes no other draw.
 
 use super::param::{Normal, Param};
 use std::collections::BTreeMap;
 
-/// Draws of one scene.
+/// Draws the parameters of one scene.
 #[derive(Clone, Copy, Debug)]
-pub struct Draw<'a> {
-    /// The recipe's seed.
+pub(crate) struct Draw<'a> {
     pub dataset_seed: u64,
-    /// The scene's id.
     pub scene: &'a str,
-    /// 0, or how often this scene's pane has been refused.
+    /// How often a draw of this scene has failed the geometry check.
     pub attempt: u32,
-    /// What the photographs' records say, by parameter: for [`Param::FromSource`].
+    /// Values of the photographs' records by parameter, for [`Param::FromSource`].
     pub values: &'a BTreeMap<String, f64>,
 }
 
 impl Draw<'_> {
-    /// Uniform in [0, 1) for the parameter of that name (its key in the recipe, with dots).
-    pub fn unit(&self, parameter: &str) -> f64 {
+    /// Uniform in [0, 1) for the parameter with this key in the recipe.
+    pub(crate) fn unit(&self, parameter: &str) -> f64 {
         let attempt = self.attempt.to_string();
         let bits = keyed(
             self.dataset_seed,
@@ -29,13 +27,12 @@ impl Draw<'_> {
         (bits >> 11) as f64 / TWO_TO_53
     }
 
-    /// A value of `param`, rounded to nine significant digits: short in the manifest, and the same bits
-    /// when its text is read again.
-    pub fn value(&self, parameter: &str, param: &Param) -> f64 {
+    /// Draws a value of `param`, rounded by [`nine_digits`].
+    pub(crate) fn value(&self, parameter: &str, param: &Param) -> f64 {
         let (least, most) = param.bounds();
         let drawn = match param {
             Param::Constant(value) => return *value,
-            // Who draws has made sure that it is there; a line with this is refused.
+            // `source_values` has checked that it exists; a line with NaN fails its validation.
             Param::FromSource => return self.values.get(parameter).copied().unwrap_or(f64::NAN),
             Param::Choice(values) => {
                 let index = (self.unit(parameter) * values.len() as f64) as usize;
@@ -55,11 +52,11 @@ impl Draw<'_> {
 const TWO_TO_53: f64 = 9_007_199_254_740_992.0;
 
 /// Seed of a scene's sample points, below 2^53 so that every JSON reader keeps it whole.
-pub fn scene_seed(dataset_seed: u64, id: &str) -> u64 {
+pub(crate) fn scene_seed(dataset_seed: u64, id: &str) -> u64 {
     keyed(dataset_seed, &["scene seed", id]) >> 11
 }
 
-/// 64 bits that depend on all of the key and on nothing else.
+/// A hash of the seed and all parts of `key`: 64 uniform bits.
 pub(super) fn keyed(dataset_seed: u64, key: &[&str]) -> u64 {
     let mut hasher = blake3::Hasher::new();
     hasher.update(b"glasshouse.draw/1");
@@ -74,8 +71,7 @@ pub(super) fn keyed(dataset_seed: u64, key: &[&str]) -> u64 {
     u64::from_le_bytes(bytes)
 }
 
-/// A shuffled copy of `items`, each placed by its own key: an item more moves no other two past each
-/// other.
+/// A shuffled copy of `items`, sorted by a hash of each name: adding an item keeps the order of the others.
 pub(super) fn shuffled<'a, T>(
     dataset_seed: u64,
     key: &[&str],
@@ -94,8 +90,8 @@ pub(super) fn shuffled<'a, T>(
     placed.into_iter().map(|(_, item)| item).collect()
 }
 
-/// The value with nine significant digits: short in the manifest, and the same bits when its text is read again.
-pub fn nine_digits(value: f64) -> f64 {
+/// The value with nine significant digits: short in the manifest, and parsed to the same bits.
+pub(crate) fn nine_digits(value: f64) -> f64 {
     format!("{value:.8e}")
         .parse()
         .expect("a printed number can be read")
@@ -103,7 +99,7 @@ pub fn nine_digits(value: f64) -> f64 {
 
 fn truncated_normal(unit: f64, normal: &Normal) -> f64 {
     let (mut a, mut b) = normal.standardised();
-    // In the upper tail the distribution function is too near 1 to tell values apart: mirror it down.
+    // In the upper tail the distribution function is too close to 1 to resolve values: mirror it.
     let sign = if a > 0.0 { -1.0 } else { 1.0 };
     if sign < 0.0 {
         (a, b) = (-b, -a);

@@ -1,8 +1,12 @@
-//! Scenes of a recipe that asks for it are looked at before they are farmed: their light is settled, and those that nobody
-//! would want are replaced.
+//! Draws all scenes of a recipe. If the recipe needs previews, each scene is previewed: exposures and white balance are
+//! computed from the preview, and scenes outside the recipe's `[reject]` bounds are drawn again.
 
-use crate::preview::{SettleError, settle};
-use crate::{Cast, Drawn, Recipe, RecipeError, SourceImage, expand_counted};
+use super::assign::{Assignment, Drawn};
+use super::diode::SourceImage;
+use super::expand::expand_counted;
+use super::recipe::Recipe;
+use super::recipe_error::RecipeError;
+use crate::preview::{ExposureError, auto_expose};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use render::line::{Roots, SceneLine};
 use render::scene::{SceneFiles, read_files_by};
@@ -12,31 +16,30 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// How often a scene is drawn before its recipe is given up.
-const MAX_LOOKS: u32 = 64;
+/// Previews of one scene before planning fails.
+const MAX_PREVIEWS: u32 = 64;
 
-/// After so many looks in vain, other photographs are tried.
-const LOOKS_A_PAIR: u32 = 4;
+/// Rejected previews of a scene before it gets other photographs.
+const PREVIEWS_PER_PAIR: u32 = 4;
 
-/// A scene that was drawn and not kept, as a line of `RUN/rejected.jsonl`.
+/// A rejected draw of a scene, one line of `RUN/rejected.jsonl`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RejectedScene {
-    /// The scene that another draw took the place of.
+    /// Id of the scene.
     pub id: String,
-    /// Which draw it was.
+    /// Number of the draw.
     pub attempt: u32,
-    /// The rule: `scene` (it refuses what was drawn), `black`, or a measure of `[reject]`.
+    /// `scene` (the scene cannot be assembled), `black`, or a measure of `[reject]`.
     pub rule: String,
-    /// Why, in words.
+    /// Explanation for people.
     pub reason: String,
-    /// Its front photograph.
+    /// Path of the front's image.
     pub front: String,
-    /// Its back photograph.
+    /// Path of the back's image.
     pub back: String,
 }
 
-/// The lines of the file `path`, a `RUN/rejected.jsonl`; none if there is no such file. An error names the file and says
-/// what is wrong.
+/// Reads a `RUN/rejected.jsonl`; a missing file has no lines. An error names the file and the reason.
 pub fn read_rejected(path: PathBuf) -> Result<Vec<RejectedScene>, (PathBuf, String)> {
     let text = match std::fs::read_to_string(&path) {
         Ok(text) => text,
@@ -49,8 +52,8 @@ pub fn read_rejected(path: PathBuf) -> Result<Vec<RejectedScene>, (PathBuf, Stri
         .map_err(|error| (path, error.to_string()))
 }
 
-/// What became of a recipe's scenes.
-pub(super) struct Looked {
+/// All scenes of a recipe.
+pub(super) struct DrawnScenes {
     pub(super) lines: Vec<SceneLine>,
     pub(super) rejected: Vec<RejectedScene>,
     pub(super) same_place: u32,
@@ -58,11 +61,11 @@ pub(super) struct Looked {
     pub(super) redrawn: u32,
 }
 
-/// Reads a photograph's file, wherever it is.
+/// Reads a photograph's file by path or URL.
 pub(super) type Read<'a> = dyn Fn(&Path) -> std::io::Result<Vec<u8>> + Sync + 'a;
 
-/// Where scenes' files are, and how fast to look.
-pub(super) struct Surroundings<'a> {
+/// What previews need besides the recipe.
+pub(super) struct PreviewContext<'a> {
     pub(super) roots: &'a Roots,
     pub(super) base: &'a Path,
     pub(super) read: &'a Read<'a>,
@@ -76,18 +79,18 @@ pub fn rejected_lines(rejected: &[RejectedScene]) -> String {
     rejected.iter().map(line).collect()
 }
 
-/// Draws every scene of a recipe; looks at it, too, where the recipe asks for what only a look can tell.
+/// Draws all scenes of a recipe, with previews if it needs them.
 pub(super) fn draw_all(
     recipe: &Recipe,
     images: &BTreeMap<String, Vec<SourceImage>>,
     excluded: &BTreeSet<String>,
-    around: &Surroundings,
-) -> Result<Looked, RecipeError> {
+    context: &PreviewContext,
+) -> Result<DrawnScenes, RecipeError> {
     if recipe.needs_preview() {
-        return look_at_all(recipe, images, excluded, around);
+        return preview_all(recipe, images, excluded, context);
     }
     let drawn = expand_counted(recipe, images, excluded)?;
-    Ok(Looked {
+    Ok(DrawnScenes {
         lines: drawn.lines,
         rejected: Vec::new(),
         same_place: drawn.same_place,
@@ -96,33 +99,33 @@ pub(super) fn draw_all(
     })
 }
 
-/// Draws, looks at and settles every scene. The result depends on no number of threads: each scene is drawn for itself.
-fn look_at_all(
+/// Draws and previews every scene. Scenes are independent: the number of threads does not change the result.
+fn preview_all(
     recipe: &Recipe,
     images: &BTreeMap<String, Vec<SourceImage>>,
     excluded: &BTreeSet<String>,
-    around: &Surroundings,
-) -> Result<Looked, RecipeError> {
-    let cast = Cast::new(recipe, images, excluded)?;
+    context: &PreviewContext,
+) -> Result<DrawnScenes, RecipeError> {
+    let assignment = Assignment::new(recipe, images, excluded)?;
     let done = AtomicUsize::new(0);
-    (around.on_scene)(0, cast.len());
-    let all = || -> Vec<Result<Kept, RecipeError>> {
-        let scenes = (0..cast.len()).into_par_iter();
+    (context.on_scene)(0, assignment.len());
+    let all = || -> Vec<Result<KeptScene, RecipeError>> {
+        let scenes = (0..assignment.len()).into_par_iter();
         scenes
             .map(|number| {
-                let kept = look_at(recipe, &cast, number, around);
-                (around.on_scene)(done.fetch_add(1, Ordering::Relaxed) + 1, cast.len());
+                let kept = preview_scene(recipe, &assignment, number, context);
+                (context.on_scene)(done.fetch_add(1, Ordering::Relaxed) + 1, assignment.len());
                 kept
             })
             .collect()
     };
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(around.threads);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(context.threads);
     let kept = match pool.build() {
         Ok(pool) => pool.install(all),
-        // No thread to be had: the caller's own will do.
+        // The system refuses threads: use the caller's.
         Err(_) => all(),
     };
-    let mut looked = Looked {
+    let mut scenes = DrawnScenes {
         lines: Vec::new(),
         rejected: Vec::new(),
         same_place: 0,
@@ -130,75 +133,75 @@ fn look_at_all(
         redrawn: 0,
     };
     for kept in kept {
-        let Kept {
+        let KeptScene {
             drawn,
             rejected,
             redrawn,
         } = kept?;
-        looked.same_place += u32::from(drawn.same_place);
-        looked.same_scan += u32::from(drawn.same_scan);
-        looked.redrawn += redrawn;
-        looked.lines.push(drawn.line);
-        looked.rejected.extend(rejected);
+        scenes.same_place += u32::from(drawn.same_place);
+        scenes.same_scan += u32::from(drawn.same_scan);
+        scenes.redrawn += redrawn;
+        scenes.lines.push(drawn.line);
+        scenes.rejected.extend(rejected);
     }
-    Ok(looked)
+    Ok(scenes)
 }
 
-struct Kept {
+struct KeptScene {
     drawn: Drawn,
     rejected: Vec<RejectedScene>,
-    /// Draws that the geometry refused.
+    /// Draws that failed the geometry check.
     redrawn: u32,
 }
 
-fn look_at(
+fn preview_scene(
     recipe: &Recipe,
-    cast: &Cast,
+    assignment: &Assignment,
     number: usize,
-    around: &Surroundings,
-) -> Result<Kept, RecipeError> {
+    context: &PreviewContext,
+) -> Result<KeptScene, RecipeError> {
     let rules = recipe.reject.clone().unwrap_or_default();
     let mut rejected = Vec::new();
     let mut next = 0;
     let mut files: Option<(u32, SceneFiles)> = None;
-    for look in 0..MAX_LOOKS {
-        let change = look / LOOKS_A_PAIR;
-        let mut drawn = cast.draw(number, change, next)?;
+    for preview in 0..MAX_PREVIEWS {
+        let change = preview / PREVIEWS_PER_PAIR;
+        let mut drawn = assignment.draw(number, change, next)?;
         next = drawn.attempt + 1;
         let kept = |drawn: Drawn, rejected: Vec<RejectedScene>| {
-            // Every attempt before this one was refused by the geometry or rejected by a look.
+            // Every earlier attempt failed the geometry check or was rejected after its preview.
             let redrawn = drawn.attempt - rejected.len() as u32;
-            Ok(Kept {
+            Ok(KeptScene {
                 drawn,
                 rejected,
                 redrawn,
             })
         };
         if files.as_ref().is_none_or(|(of, _)| *of != change) {
-            let read = read_files_by(&drawn.line, around.roots, around.base, around.read);
-            // Files that cannot be read are quarantined when the scene is farmed, like any others.
+            let read = read_files_by(&drawn.line, context.roots, context.base, context.read);
+            // The scene is quarantined with the reason when it is loaded for tracing.
             let Ok(read) = read else {
                 return kept(drawn, rejected);
             };
             files = Some((change, read));
         }
         let (_, read) = files.as_ref().expect("they were just read");
-        let settled = settle(&drawn.line, read, &recipe.light, &rules, Isa::detect());
-        let (rule, reason) = match settled {
-            Ok(settled) => {
-                drawn.line = settled.line;
-                match settled.rejected {
+        let exposed = auto_expose(&drawn.line, read, &recipe.light, &rules, Isa::detect());
+        let (rule, reason) = match exposed {
+            Ok(exposed) => {
+                drawn.line = exposed.line;
+                match exposed.rejected {
                     None => {
                         return kept(drawn, rejected);
                     }
-                    Some(bound) => (bound.measure.to_string(), bound.to_string()),
+                    Some(violation) => (violation.measure.to_string(), violation.to_string()),
                 }
             }
-            Err(SettleError::Load(_)) => {
+            Err(ExposureError::Load(_)) => {
                 return kept(drawn, rejected);
             }
-            Err(SettleError::Refused(error)) => ("scene".to_owned(), error.to_string()),
-            Err(error @ SettleError::Black) => ("black".to_owned(), error.to_string()),
+            Err(ExposureError::Refused(error)) => ("scene".to_owned(), error.to_string()),
+            Err(error @ ExposureError::Black) => ("black".to_owned(), error.to_string()),
         };
         rejected.push(RejectedScene {
             id: drawn.line.id.to_string(),
@@ -209,10 +212,10 @@ fn look_at(
             back: drawn.line.back.name().to_owned(),
         });
     }
-    let last = rejected.last().expect("there was at least one look");
+    let last = rejected.last().expect("there was at least one preview");
     Err(RecipeError::NoneKept {
         id: last.id.clone(),
-        looks: MAX_LOOKS,
+        previews: MAX_PREVIEWS,
         reason: last.reason.clone(),
     })
 }

@@ -1,65 +1,60 @@
-//! A recipe and its photographs become scene lines.
+//! Expands a recipe and its photographs into scene lines.
 
-use super::cast::{Cast, Role};
+use super::assign::{AssignedScene, Assignment};
 use super::diode::SourceImage;
-use super::draw::{Draw, nine_digits, scene_seed};
-use super::focus::FocusRecipe;
-use super::light::{SideLight, WhiteBalance, gains_against, illuminant};
-use super::list;
+use super::draw::{Draw, scene_seed};
+use super::light::{WhiteBalance, gains_against};
 use super::pair::Pair;
 use super::param::Param;
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
-use super::source::Source;
+use super::sections::{camera, film, glass, light, side};
 use super::source_values::source_values;
-use render::line::Side;
-use render::line::{
-    Apex, Camera, DepthKind, Film, Focus, FocusAt, Glass, Photograph, SCENE_SCHEMA, SceneLine,
-};
+use render::line::{Apex, Focus, SCENE_SCHEMA, SceneLine};
 use render::scene::check_geometry;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// How often a scene is drawn before its recipe is given up.
+/// Draws of one scene before expansion fails.
 const MAX_ATTEMPTS: u32 = 100;
 
-/// A manifest, and what was less than wished for.
+/// The scene lines of a recipe, with counts for notes.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Expansion {
+pub(crate) struct Expansion {
     /// Splits in the recipe's order, sources by name.
     pub lines: Vec<SceneLine>,
-    /// Scenes whose photographs are both indoors or both outdoors, as their part had no others.
+    /// Scenes whose photographs are both indoors or both outdoors, for lack of others.
     pub same_place: u32,
-    /// Scenes whose photographs are from one scan, as their part had no other.
+    /// Scenes whose photographs are from one scan, for lack of others.
     pub same_scan: u32,
-    /// Draws that were refused and drawn again.
+    /// Draws that failed the geometry check.
     pub redrawn: u32,
 }
 
-/// [`expand_counted`] without the counts, of all photographs.
-pub fn expand(
+/// [`expand_counted`] without counts and exclusions.
+#[cfg(test)]
+pub(crate) fn expand(
     recipe: &Recipe,
     sources: &BTreeMap<String, Vec<SourceImage>>,
 ) -> Result<Vec<SceneLine>, RecipeError> {
     expand_counted(recipe, sources, &BTreeSet::new()).map(|expansion| expansion.lines)
 }
 
-/// Draws all scenes of `recipe` from the photographs of its `sources`, less those that are `excluded` by their names
-/// (`source:path of the colour image`). Pure: the same arguments, the same lines; and a photograph left out changes those
-/// scenes alone that it was in.
-pub fn expand_counted(
+/// Draws all scenes of `recipe` from the photographs of its `sources`, without those named in `excluded`
+/// (`source:path of the colour image`). Pure; excluding a photograph changes only its own scenes.
+pub(crate) fn expand_counted(
     recipe: &Recipe,
     sources: &BTreeMap<String, Vec<SourceImage>>,
     excluded: &BTreeSet<String>,
 ) -> Result<Expansion, RecipeError> {
-    let cast = Cast::new(recipe, sources, excluded)?;
+    let assignment = Assignment::new(recipe, sources, excluded)?;
     let mut expansion = Expansion {
         lines: Vec::new(),
         same_place: 0,
         same_scan: 0,
         redrawn: 0,
     };
-    for number in 0..cast.len() {
-        let drawn = cast.draw(number, 0, 0)?;
+    for number in 0..assignment.len() {
+        let drawn = assignment.draw(number, 0, 0)?;
         expansion.same_place += u32::from(drawn.same_place);
         expansion.same_scan += u32::from(drawn.same_scan);
         expansion.redrawn += drawn.attempt;
@@ -68,15 +63,16 @@ pub fn expand_counted(
     Ok(expansion)
 }
 
-/// Draws a scene from attempt number `from` on; also the number of the attempt that was not refused.
+/// Draws a scene, starting with attempt `from`. Returns the line and the number of the first attempt that passes the
+/// geometry check.
 pub(super) fn draw_line(
     recipe: &Recipe,
-    role: &Role<'_>,
+    scene: &AssignedScene<'_>,
     pair: Pair<'_>,
     from: u32,
 ) -> Result<(SceneLine, u32), RecipeError> {
-    let id = &role.id;
-    let [front_source, back_source] = role.sources.map(|name| (name, &recipe.sources[name]));
+    let id = &scene.id;
+    let [front_source, back_source] = scene.sources.map(|name| (name, &recipe.sources[name]));
     let dataset_seed = recipe.seed;
     let mut front = side(front_source, pair.front);
     let mut back = side(back_source, pair.back);
@@ -101,7 +97,7 @@ pub(super) fn draw_line(
     let mut line = SceneLine {
         schema: SCENE_SCHEMA.to_owned(),
         id: id.clone(),
-        split: role.split,
+        split: scene.split,
         seed: scene_seed(dataset_seed, id.as_str()),
         film: film(recipe, first),
         camera: camera(recipe, first),
@@ -109,21 +105,16 @@ pub(super) fn draw_line(
         front,
         back,
     };
-    let attempts = if deciding(recipe)
-        .iter()
-        .all(|(_, param)| param.is_constant())
-    {
-        1
-    } else {
-        MAX_ATTEMPTS
-    };
+    let deciding = geometry_params(recipe);
+    let is_constant = deciding.iter().all(|(_, param)| param.is_constant());
+    let attempts = if is_constant { 1 } else { MAX_ATTEMPTS };
     let white_balance = match recipe.light.white_balance {
         WhiteBalance::Front => gains_against(line.front.illuminant()),
         WhiteBalance::Back => gains_against(line.back.illuminant()),
-        // The mean colour is not known yet.
+        // The mean colour is only known after a preview.
         WhiteBalance::None | WhiteBalance::GreyWorld => [1.0; 3],
     };
-    let mut refusal = None;
+    let mut last_error = None;
     for attempt in from..from + attempts {
         line.camera = camera(recipe, draw_of(attempt));
         line.camera.white_balance = white_balance;
@@ -132,181 +123,48 @@ pub(super) fn draw_line(
             id: id.clone(),
             source,
         })?;
-        // A focus on the photograph is not known yet; the tracer looks again when it is.
+        // A focus on the photograph is only known when the scene is loaded, which checks the geometry again.
         let inverse_focus_distance_per_m = match line.camera.focus {
             Focus::Distance { distance_m } => 1.0 / distance_m,
             Focus::At { .. } => 0.0,
         };
         match check_geometry(&line, inverse_focus_distance_per_m) {
             Ok(()) => return Ok((line, attempt)),
-            Err(reason) => refusal = Some(reason),
+            Err(reason) => last_error = Some(reason),
         }
     }
     Err(RecipeError::Refused {
         id: id.clone(),
         attempts,
-        ranges: deciding(recipe)
+        ranges: deciding
             .iter()
             .map(|(name, param)| format!("{name} ({param})"))
             .collect::<Vec<_>>()
             .join(", "),
-        source: refusal.expect("there was at least one attempt"),
+        source: last_error.expect("there was at least one attempt"),
     })
 }
 
-/// The parameters that decide whether a pane is refused.
-fn deciding(recipe: &Recipe) -> Vec<(&'static str, &Param)> {
-    let mut params = vec![
-        ("camera.focal_length_mm", &recipe.camera.focal_length_mm),
-        ("camera.aperture_radius_m", &recipe.camera.aperture_radius_m),
-        ("glass.distance_m", &recipe.glass.distance_m),
-        ("glass.tilt_deg[0]", &recipe.glass.tilt_deg[0]),
-        ("glass.tilt_deg[1]", &recipe.glass.tilt_deg[1]),
-    ];
-    if let Some(param) = &recipe.camera.f_number {
-        params[1] = ("camera.f_number", param);
-    }
-    for focus in recipe.camera.focus.each() {
-        if let FocusRecipe::DistanceM(param) = focus {
-            params.push(("camera.focus", param));
-        }
-    }
+/// The parameters that decide whether pane, lens and film fit together.
+fn geometry_params(recipe: &Recipe) -> Vec<(String, &Param)> {
+    let has_f_number = recipe.camera.f_number.is_some();
+    let decides = |key: &str| match key {
+        "camera.aperture_radius_m" => !has_f_number,
+        "camera.f_number" | "camera.focal_length_mm" | "camera.focus" | "glass.distance_m" => true,
+        _ => key.starts_with("glass.tilt_deg"),
+    };
+    let mut params = recipe.params();
+    params.retain(|(key, _)| decides(key));
     params
-}
-
-fn film(recipe: &Recipe, draw: Draw<'_>) -> Film {
-    let film = &recipe.film;
-    Film {
-        width: draw.value("film.width", &film.width) as u32,
-        height: draw.value("film.height", &film.height) as u32,
-        spp: draw.value("film.spp", &film.spp) as u32,
-        filter: film.filter,
-        glass_reflection_orders: film.glass_reflection_orders,
-        order_tolerance: draw.value("film.order_tolerance", &film.order_tolerance),
-        exr: film.exr,
-        target_error: film.target_error,
-        layers: film.layers,
-    }
-}
-
-fn camera(recipe: &Recipe, draw: Draw<'_>) -> Camera {
-    let camera = &recipe.camera;
-    let focal_length_mm = draw.value("camera.focal_length_mm", &camera.focal_length_mm);
-    let aperture_radius_m = match &camera.f_number {
-        Some(param) => {
-            let f_number = draw.value("camera.f_number", param);
-            nine_digits(focal_length_mm * 1e-3 / (2.0 * f_number))
-        }
-        None => draw.value("camera.aperture_radius_m", &camera.aperture_radius_m),
-    };
-    let choices = camera.focus.each();
-    let chosen = match choices {
-        [one] => one,
-        many => {
-            let place = (draw.unit("camera.focus") * many.len() as f64) as usize;
-            &many[place.min(many.len() - 1)]
-        }
-    };
-    let at = |at| Focus::At { at };
-    Camera {
-        focal_length_mm,
-        aperture_radius_m,
-        focus: match chosen {
-            FocusRecipe::FrontCenter => at(FocusAt::FrontCenter),
-            FocusRecipe::BackCenter => at(FocusAt::BackCenter),
-            FocusRecipe::Infinity => at(FocusAt::Infinity),
-            FocusRecipe::Glass => Focus::Distance {
-                distance_m: draw.value("glass.distance_m", &recipe.glass.distance_m),
-            },
-            FocusRecipe::DistanceM(param) => Focus::Distance {
-                distance_m: draw.value("camera.focus", param),
-            },
-            FocusRecipe::Choice(_) => unreachable!("a recipe with a choice of choices is refused"),
-        },
-        exposure: 1.0,
-        white_balance: [1.0; 3],
-    }
-}
-
-fn glass(recipe: &Recipe, draw: Draw<'_>) -> Glass {
-    let glass = &recipe.glass;
-    let each = |name: &str, index: usize, param| draw.value(&format!("{name}[{index}]"), param);
-    Glass {
-        distance_m: draw.value("glass.distance_m", &glass.distance_m),
-        thickness_m: draw.value("glass.thickness_m", &glass.thickness_m),
-        ior: draw.value("glass.ior", &glass.ior),
-        absorption_per_m: std::array::from_fn(|index| {
-            each(
-                "glass.absorption_per_m",
-                index,
-                &glass.absorption_per_m[index],
-            )
-        }),
-        tilt_deg: std::array::from_fn(|index| {
-            each("glass.tilt_deg", index, &glass.tilt_deg[index])
-        }),
-    }
-}
-
-/// Draws the light of a side, on top of what a list says of its photograph.
-fn light(name: &str, recipe: SideLight<'_>, draw: Draw<'_>, side: &mut Side) {
-    let (exposure, side_illuminant) = side.light_mut();
-    *exposure *= draw.value(&format!("{name}.exposure"), recipe.exposure);
-    if let Some(param) = recipe.exposure_ev {
-        let ev = draw.value(&format!("{name}.exposure_ev"), param);
-        *exposure = nine_digits(*exposure * libm::exp2(ev));
-    }
-    if let Some(param) = recipe.illuminant_k {
-        let kelvin = draw.value(&format!("{name}.illuminant_k"), param);
-        for (channel, drawn) in side_illuminant.iter_mut().zip(illuminant(kelvin)) {
-            *channel = nine_digits(*channel * drawn);
-        }
-    }
-}
-
-fn side((name, source): (&str, &Source), image: &SourceImage) -> Side {
-    match &image.side {
-        Some(side) => list::rooted(side, name),
-        None => photograph((name, source), image).into(),
-    }
-}
-
-fn photograph((name, source): (&str, &Source), image: &SourceImage) -> Photograph {
-    let rooted = |path: &String| format!("{name}:{path}");
-    Photograph {
-        color: rooted(&image.color),
-        depth: match &image.depth_root {
-            Some(root) => format!("{root}:{}", image.depth),
-            None => rooted(&image.depth),
-        },
-        mask: image.mask.as_ref().map(rooted),
-        transfer: source.transfer,
-        depth_unit_m: source.depth_unit_m,
-        depth_kind: source.depth_kind,
-        // A table of categories has them for estimates; metric depths need none.
-        depth_range: match source.depth_kind {
-            DepthKind::Relative | DepthKind::RelativeInverse => {
-                image.depth_range.or(source.depth_range)
-            }
-            DepthKind::Z | DepthKind::Distance => None,
-        },
-        intrinsics: source.intrinsics,
-        exposure: 1.0,
-        illuminant: [1.0; 3],
-        highlights: source.highlights,
-        fill: source.fill,
-        apex: None,
-    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::divide::tests::set;
     use super::super::recipe::tests::PAPER;
+    use super::super::split::tests::set;
     use super::*;
     use proptest::prelude::*;
-    use render::line::Split;
-    use render::line::{parse_jsonl, to_jsonl};
+    use render::line::{Side, Split, parse_jsonl, to_jsonl};
     use std::collections::BTreeSet;
 
     fn two_sources(indoors: usize, outdoor: usize) -> BTreeMap<String, Vec<SourceImage>> {
@@ -357,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_list_says_of_a_photograph_stands_and_light_comes_on_top() {
+    fn drawn_light_multiplies_the_light_of_a_list() {
         let listed = |n: usize| {
             let place = if n.is_multiple_of(2) {
                 "indoors"
@@ -410,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn refused_panes_are_drawn_again() {
+    fn draws_that_fail_the_geometry_check_are_repeated() {
         let sources = two_sources(6, 6);
         let steep = recipe("tilt_deg = [0, { uniform = [0, 89] }]", 60, 4);
         let expansion = expand_counted(&steep, &sources, &BTreeSet::new()).unwrap();
@@ -421,7 +279,7 @@ mod tests {
 
         let hopeless = recipe("tilt_deg = [0, { uniform = [85, 89] }]", 4, 4);
         let error = expand(&hopeless, &sources).unwrap_err().to_string();
-        assert!(error.contains("100 draws of"), "{error}");
+        assert!(error.contains("all 100 draws of"), "{error}");
         assert!(
             error.contains("glass.tilt_deg[1] (uniform 85 to 89)"),
             "{error}"
@@ -430,7 +288,7 @@ mod tests {
         let constant = recipe("tilt_deg = [0, 88]", 4, 4);
         let error = expand(&constant, &sources).unwrap_err().to_string();
         assert!(
-            error.contains("scene train-diode-000000: 1 draws of"),
+            error.contains("scene train-diode-000000: all 1 draws of"),
             "{error}"
         );
     }
@@ -455,7 +313,7 @@ mod tests {
         let mut sources = two_sources(6, 6);
         let error = expand(&recipe, &sources).unwrap_err().to_string();
         assert!(
-            error.contains("glass.ior is from_source, but") && error.contains("does not say it"),
+            error.contains("glass.ior is from_source, but") && error.contains("has no value"),
             "{error}"
         );
         for (number, image) in sources.get_mut("diode").unwrap().iter_mut().enumerate() {
@@ -474,7 +332,7 @@ mod tests {
             assert_eq!(line.back.exposure(), 1.0);
         }
 
-        // DIODE's cameras see 60 by 45 degrees: a square film sees as much as is high.
+        // DIODE's cameras see 60 by 45 degrees: a square film sees the smaller angle.
         let own = PAPER.replace(
             "focal_length_mm = 55.0",
             "focal_length_mm = \"from_source\"",
@@ -518,7 +376,7 @@ mod tests {
             );
         let error = Recipe::parse(&twice).unwrap_err().to_string();
         assert!(
-            error.contains("would name its scenes like those of"),
+            error.contains("would give its scenes the ids of"),
             "{error}"
         );
     }
@@ -526,7 +384,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(48))]
         #[test]
-        fn a_scene_more_leaves_all_others_as_they_are(
+        fn adding_a_scene_changes_no_other(
             indoors in 2usize..20, outdoor in 2usize..20, seed: u64,
             pairs in prop::array::uniform4(1u32..40), which in 0usize..4,
         ) {
@@ -550,7 +408,7 @@ mod tests {
         }
 
         #[test]
-        fn a_photograph_left_out_changes_its_own_scenes_alone(
+        fn excluding_a_photograph_changes_only_its_own_scenes(
             indoors in 3usize..20, outdoor in 3usize..20, train in 1u32..60, test in 1u32..20, out in 0usize..100,
         ) {
             let recipe = recipe("ior = { uniform = [1.3, 1.7] }", train, test);
@@ -559,8 +417,8 @@ mod tests {
             let out = whole[out % whole.len()].front.name().to_owned();
             let excluded = BTreeSet::from([out.clone()]);
             let made = expand_counted(&recipe, &sources, &excluded);
-            if let Err(RecipeError::NoStandIn { .. }) = &made {
-                // A part of two photographs cannot spare one.
+            if let Err(RecipeError::NoSubstitute { .. }) = &made {
+                // A subset of two photographs cannot lose one.
                 return Ok(());
             }
             let made = made.unwrap();

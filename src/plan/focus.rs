@@ -1,29 +1,29 @@
-//! Where a recipe's scenes are sharp.
+//! `camera.focus` of a recipe.
 
 use super::param::{Param, ParamVisitor};
 use serde::Deserialize;
 use serde::de::{self, Deserializer, MapAccess, Visitor};
 use std::fmt;
 
-/// What is sharp.
+/// The plane in focus.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FocusRecipe {
     /// `"front_center"`: the four centre pixels of the front depth image.
     FrontCenter,
-    /// `"back_center"`: the same of the back, as it is seen in the pane.
+    /// `"back_center"`: the same of the back, as seen in the pane.
     BackCenter,
     /// `"glass"`: the pane's front face.
     Glass,
     /// `"infinity"`
     Infinity,
-    /// `{ choice = [..] }` of such words: one of them, all equally likely.
+    /// `{ choice = [..] }` of words and metres, all equally likely.
     Choice(Vec<FocusRecipe>),
     /// A distance from the lens, m.
     DistanceM(Param),
 }
 
 impl FocusRecipe {
-    /// All that it can be.
+    /// All alternatives of a choice; otherwise itself alone.
     pub(super) fn each(&self) -> &[Self] {
         match self {
             Self::Choice(words) => words,
@@ -83,7 +83,7 @@ impl<'de> Visitor<'de> for FocusVisitor {
         };
         if words.is_empty() || !words.iter().all(is_plain) {
             return Err(de::Error::custom(
-                "choice must list one or more of the words and of plain metres",
+                "choice must list one or more words or numbers (metres)",
             ));
         }
         if let Some(second) = map.next_key::<String>()? {

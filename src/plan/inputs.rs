@@ -1,29 +1,29 @@
-//! Where planning reads input files: folders of this machine, and whatever else the caller can read.
+//! How planning reads input files: from local folders, or from stores through the caller.
 
 use std::io;
 use std::path::Path;
 
-/// Reads input files by path or URL ([`render::line::is_url`] tells which a path is).
+/// Reads input files by path or URL (see [`render::line::is_url`]).
 pub trait InputFiles: Sync {
     /// The whole file or object.
     fn read(&self, path: &Path) -> io::Result<Vec<u8>>;
 
-    /// The first `count` bytes of the object at a URL, all of it if it has no more, and its size.
+    /// The first `count` bytes (fewer if the object is shorter) and the size of the object at a URL.
     fn read_start(&self, url: &Path, count: usize) -> io::Result<(Vec<u8>, u64)>;
 
-    /// Names of all objects below a URL, relative to it.
+    /// Paths of all objects below a URL, relative to it.
     fn list(&self, folder: &Path) -> Result<Vec<String>, StoreUnavailable>;
 
-    /// Separates an error of the store, which says nothing about the file, from one of the file.
+    /// `Ok` if the store failed, `Err` with the error of the file otherwise.
     fn store_failure(&self, error: io::Error) -> Result<StoreUnavailable, io::Error>;
 }
 
-/// A store that cannot be asked: nothing is known of its objects.
+/// A store does not respond.
 #[derive(Debug, thiserror::Error)]
 #[error(transparent)]
 pub struct StoreUnavailable(pub Box<dyn std::error::Error + Send + Sync>);
 
-/// Folders of this machine alone.
+/// Local folders only: URLs are refused.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LocalFiles;
 

@@ -1,26 +1,23 @@
-//! Stage 1, *what*: a recipe (distributions) becomes a manifest (one resolved scene a line).
+//! Planning: a recipe (distributions) becomes scene lines (`render::line`), one resolved scene per line.
 //!
 //! ```text
-//! recipe.rs, source.rs, param.rs, light.rs   what a .toml says        recipe_check.rs, recipe_schema.rs   whether it may
-//! diode.rs, places.rs, list.rs               which photographs there are
-//! divide.rs -> pair.rs -> cast.rs            who is in which scene, who stands in for whom
-//! draw.rs, source_values.rs                  every random number, and what photographs say of themselves
-//! expand.rs                                  all of it: recipe -> scene lines
-//! line.rs, side.rs, side_json.rs             a scene line; photograph, panorama or mesh     jsonl.rs   manifests as text
-//! validate.rs, check_geometry.rs                     which lines are sound, which panes cannot be looked through
-//! roots.rs                                   where a line's paths lead
-//! cost.rs                                    what the lines will take on a machine
-//! training.rs                                what is trained on the tuples, and how
+//! recipe, source, param, focus, light, training   the TOML file      recipe_check, source_check, recipe_schema   its rules
+//! diode, places, list                             list the photographs of a source
+//! split -> pair -> assign                         photographs to splits, pairs and scenes; substitutes for excluded ones
+//! draw, source_values, sections -> expand         random numbers, values of photographs; scene lines
+//! preview, draw_scenes                            previews for exposure, white balance and rejection
+//! content, check -> drafting                      a recipe or manifest -> checked scenes: the entry point, `draft`
+//! make, sample_bytes                              procedural photographs of a recipe
 //! ```
 //!
-//! Pure, apart from the listings of `diode.rs`, `places.rs` and `list.rs`.
+//! Pure, except for the listings (`diode`, `places`), `check`, `content`, `drafting`, `draw_scenes` and `make`, which read
+//! and write files. Files in stores are read through `InputFiles`.
 
-mod cast;
+mod assign;
 mod check;
 mod content;
 mod cost;
 mod diode;
-mod divide;
 mod drafting;
 mod draw;
 mod draw_scenes;
@@ -39,38 +36,26 @@ mod recipe_check;
 mod recipe_error;
 mod recipe_schema;
 mod sample_bytes;
+mod sections;
 mod source;
+mod source_check;
 mod source_values;
+mod split;
 mod training;
 
-pub use cast::{Cast, Drawn, photograph_name};
 pub use check::{InvalidInput, invalid_text};
-pub use content::Made;
+pub use content::ProceduralPhotograph;
 pub use cost::{Calibration, Cost, Estimate, cost};
-pub use diode::{Index, IndexError, Place, SourceImage, from_paths, index_paths, index_source};
-pub use drafting::{DraftError, Drafted, Request, Tell, draft};
-pub use draw::{Draw, nine_digits, scene_seed};
+pub use diode::Place;
+pub use drafting::{DraftError, Drafted, Progress, Request, draft};
 pub use draw_scenes::{RejectedScene, read_rejected, rejected_lines};
-pub use expand::{Expansion, expand, expand_counted};
-pub use focus::FocusRecipe;
 pub use inputs::{InputFiles, LocalFiles, StoreUnavailable};
-pub use light::{
-    AutoExposure, LightRecipe, LuminanceScale, RejectRecipe, WhiteBalance, gains_against,
-    illuminant, luminance,
-};
-pub use list::{LIST_NAME, ListError, PHOTOGRAPH_SCHEMA, index_list, parse_list};
+pub use list::{PHOTOGRAPH_SCHEMA, parse_list};
 pub use make::make_photographs;
-pub use param::{Normal, Param};
-pub use places::{
-    Category, DEPTH_RANGES_SCHEMA, DepthRanges, DepthRangesError, PlacesFolders, index_places,
-};
-pub use recipe::{
-    BackRecipe, CameraRecipe, FilmRecipe, FrontRecipe, GlassRecipe, RECIPE_SCHEMA, Recipe,
-    SplitRecipe,
-};
+pub use places::{DEPTH_RANGES_SCHEMA, DepthRanges};
+pub use recipe::{RECIPE_SCHEMA, Recipe};
 pub use recipe_error::RecipeError;
 pub use recipe_schema::recipe_schema;
-pub use source::{Layout, Source};
 pub use training::{
     ExampleKind, FeatureSource, PixelSource, SettingError, Stage, Start, TrainRecipe, TrainSettings,
 };

@@ -1,4 +1,4 @@
-//! `[light]` and `[reject]` of a recipe: how bright the two sides are, what the camera makes of it, which scenes are kept.
+//! `[light]` and `[reject]` of a recipe: luminance scale, white balance, exposure, and the bounds of accepted scenes.
 
 use super::draw::nine_digits;
 use super::param::Param;
@@ -9,27 +9,27 @@ use serde::Deserialize;
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct LightRecipe {
-    /// What an exposure of 1 means. Default `stored`.
+    /// The luminance scale at exposure 1. Default `stored`.
     pub scale: LuminanceScale,
-    /// What the camera takes for white. Default `none`.
+    /// Reference white of the camera. Default `none`.
     pub white_balance: WhiteBalance,
-    /// Default none: the camera's exposure is 1.
+    /// Exposure by a percentile of I. Default none: the camera's exposure is 1.
     pub auto_exposure: Option<AutoExposure>,
 }
 
-/// What an exposure of 1 means.
+/// The luminance scale of a side at exposure 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LuminanceScale {
     /// The values of the file.
     #[default]
     Stored,
-    /// A geometric mean luminance of 0.18: photographs have each been exposed for themselves, and only so brought to one
-    /// scale do the exposures of front and back say by how much the one is brighter.
+    /// Scaled to a geometric mean luminance of 0.18. Photographs have individual exposures: only on a common scale do the
+    /// exposures of front and back determine their ratio.
     Metered,
 }
 
-/// What the camera takes for white.
+/// Reference white of the camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WhiteBalance {
@@ -48,13 +48,13 @@ pub enum WhiteBalance {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AutoExposure {
-    /// Of the pixels' largest channels: above 0, at most 100.
+    /// Percentile of the pixels' largest channels: above 0, at most 100.
     pub percentile: f64,
-    /// What it is brought to, linear: above 0. 1 is where 8-bit pictures clip.
+    /// Target value, linear: above 0. 8-bit pictures clip at 1.
     pub level: f64,
 }
 
-/// `[reject]`: bounds that a scene must keep to, looked at before it is farmed. Each is off unless given.
+/// `[reject]`: bounds of accepted scenes, measured on a preview. A missing bound is not checked.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct RejectRecipe {
@@ -62,7 +62,7 @@ pub struct RejectRecipe {
     pub reflected_share: Option<[f64; 2]>,
     /// Standard deviation of R~'s luminance / mean luminance of I: `[least, most]`. A reflection without contrast is a veil.
     pub contrast: Option<[f64; 2]>,
-    /// Most pixels of I with a channel of 1 or more, as a share.
+    /// Largest share of pixels of I with a channel of 1 or more.
     pub clipped_share: Option<f64>,
     /// Structural similarity of I and T (sRGB-coded grey, 7 x 7 px): `[least, most]`.
     pub ssim: Option<[f64; 2]>,
@@ -81,7 +81,7 @@ pub(super) struct SideLight<'a> {
 /// The Planckian locus by Kim et al.'s cubic splines (US patent 7,024,034, 2006; 1,667 to 25,000 K, within 0.001 of x and y);
 /// below about 2,000 K blue would be negative. Photographs are taken to be balanced for D65, so a side's light of 6,504 K
 /// leaves them nearly as they are.
-pub fn illuminant(kelvin: f64) -> [f64; 3] {
+pub(crate) fn illuminant(kelvin: f64) -> [f64; 3] {
     let t = 1e3 / kelvin;
     let x = if kelvin <= 4000.0 {
         -0.266_123_9 * t * t * t - 0.234_358_9 * t * t + 0.877_695_6 * t + 0.179_910
@@ -104,13 +104,13 @@ pub fn illuminant(kelvin: f64) -> [f64; 3] {
     ]
 }
 
-/// Gains that make a colour grey and leave green as it is, as cameras do. All of `color` is above 0.
-pub fn gains_against(color: [f64; 3]) -> [f64; 3] {
+/// Gains that make a colour grey without changing green, as in cameras. All channels of `color` are above 0.
+pub(crate) fn gains_against(color: [f64; 3]) -> [f64; 3] {
     color.map(|channel| nine_digits(color[1] / channel))
 }
 
 /// Luminance of a linear Rec.709 colour.
-pub fn luminance([red, green, blue]: [f64; 3]) -> f64 {
+pub(crate) fn luminance([red, green, blue]: [f64; 3]) -> f64 {
     0.2126 * red + 0.7152 * green + 0.0722 * blue
 }
 

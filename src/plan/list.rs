@@ -1,7 +1,7 @@
-//! A list of anybody's photographs: the layout of sets that have none of the known ones.
+//! The layout `list`: photographs in any folders, listed in a file.
 //!
-//! One JSON object a line, `glasshouse.photograph/1`: the keys of a scene line's side, paths relative to the source's
-//! root, and where it was taken.
+//! One JSON object per line, `glasshouse.photograph/1`: the keys of a scene line's side with paths relative to the source's
+//! root, and `place`, optionally `scan` and `values`.
 
 use super::diode::{Index, IndexError, Place, SourceImage};
 use render::line::Side;
@@ -15,26 +15,25 @@ use std::path::{Component, Path};
 /// The schema name that a line of the list must carry.
 pub const PHOTOGRAPH_SCHEMA: &str = "glasshouse.photograph/1";
 
-/// The name of a list that lies in its source's root.
-pub const LIST_NAME: &str = "photographs.jsonl";
+/// Default name of the list in the source's root.
+pub(crate) const LIST_NAME: &str = "photographs.jsonl";
 
 /// A list that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ListError {
-    /// A line that is no photograph.
+    /// A line is not a valid photograph.
     #[error("line {line}: {reason}; correct that line")]
     Line {
         /// Counted from 1.
         line: usize,
-        /// What is wrong with it.
         reason: String,
     },
-    /// Nothing listed.
-    #[error("it holds no line: write one JSON object a photograph")]
+    /// The list is empty.
+    #[error("it is empty: write one JSON object per photograph")]
     Empty,
 }
 
-/// One line. What is left in `side` are the keys of a scene line's side.
+/// One line; `side` has the remaining keys.
 #[derive(Deserialize)]
 struct Listed {
     schema: String,
@@ -47,7 +46,7 @@ struct Listed {
     side: serde_json::Map<String, serde_json::Value>,
 }
 
-/// Reads a list: order kept, blank lines skipped, every side checked by itself.
+/// Parses a list and checks each side. Keeps the order, skips blank lines.
 pub fn parse_list(text: &str) -> Result<Vec<SourceImage>, ListError> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut images = Vec::new();
@@ -67,7 +66,7 @@ pub fn parse_list(text: &str) -> Result<Vec<SourceImage>, ListError> {
 fn parse_line(json: &str) -> Result<SourceImage, String> {
     let listed: Listed = serde_json::from_str(json).map_err(|error| {
         let text = error.to_string();
-        // serde_json counts lines within this one alone.
+        // serde_json numbers lines within this one: always 1.
         text.replace(" at line 1 column ", " at column ")
     })?;
     if listed.schema != PHOTOGRAPH_SCHEMA {
@@ -79,7 +78,7 @@ fn parse_line(json: &str) -> Result<SourceImage, String> {
     let side = Side::deserialize(serde_json::Value::Object(listed.side))
         .map_err(|error| error.to_string())?;
     if side.apex().is_some() {
-        return Err("`apex` is not a photograph's: the recipe's back.apex says it".to_owned());
+        return Err("`apex` is not allowed in a list: set back.apex in the recipe".to_owned());
     }
     for (key, path) in side.paths() {
         if is_url(path) || !stays_below(path) {
@@ -90,7 +89,7 @@ fn parse_line(json: &str) -> Result<SourceImage, String> {
     }
     validate_side("photograph", &side).map_err(|error| error.to_string())?;
     let color = side.name().to_owned();
-    // Names of scans are apart from paths, so that no photograph without one meets them.
+    // The scene keeps names of scans and paths apart: a scan may be named like a photograph.
     let (scene, scan) = match listed.scan {
         Some(scan) => ("scan".to_owned(), scan),
         None => (String::new(), color.clone()),
@@ -115,7 +114,7 @@ fn stays_below(path: &str) -> bool {
         .all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
 }
 
-/// The listed side, its paths below the root `root`.
+/// The side with its paths below the root `root`.
 pub(super) fn rooted(side: &Side, root: &str) -> Side {
     let mut side = side.clone();
     for path in side.paths_mut() {
@@ -124,10 +123,14 @@ pub(super) fn rooted(side: &Side, root: &str) -> Side {
     side
 }
 
-/// The photographs in the list of the source `name`, whose bytes (or why there are none) are in `read`. Whether their files
-/// are there is seen when the run is planned, as for all sources.
-pub fn index_list(name: &str, list: &Path, read: io::Result<Vec<u8>>) -> Result<Index, IndexError> {
-    let no_text = |_| io::Error::new(io::ErrorKind::InvalidData, "it is no UTF-8 text");
+/// The photographs of the source `name`, whose list has the content `read`. Their files are checked later, as for all
+/// sources.
+pub(crate) fn index_list(
+    name: &str,
+    list: &Path,
+    read: io::Result<Vec<u8>>,
+) -> Result<Index, IndexError> {
+    let no_text = |_| io::Error::new(io::ErrorKind::InvalidData, "it is not UTF-8 text");
     let text = read
         .and_then(|bytes| String::from_utf8(bytes).map_err(no_text))
         .map_err(|source| IndexError::NoList {
@@ -218,7 +221,7 @@ mod tests {
             "{error}"
         );
         assert!(parse("{").unwrap_err().contains("at column 1"));
-        assert!(parse(" \n").unwrap_err().contains("holds no line"));
+        assert!(parse(" \n").unwrap_err().contains("it is empty"));
     }
 
     #[test]

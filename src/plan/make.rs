@@ -1,36 +1,37 @@
-//! Procedural photographs that a recipe asks for, made in the run's folder.
+//! Writes the procedural photographs of a recipe into the run's folder.
 
-use super::content::Made;
+use super::content::ProceduralPhotograph;
 use procedural::SampleError;
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Bytes a pixel: depth and mask of four bytes each, and a PNG of which 0.76 were measured.
+/// Bytes per pixel: four each for depth and mask, and a measured 0.76 for the PNG.
 const BYTES_A_PIXEL: f64 = 8.76;
 
-impl Made {
-    /// About the size of its files.
-    pub fn about_bytes(&self) -> u64 {
+impl ProceduralPhotograph {
+    /// Estimated total size of the three files.
+    pub fn estimated_bytes(&self) -> u64 {
         let [width, height] = self.size.map(f64::from);
         (width * height * BYTES_A_PIXEL) as u64
     }
 }
 
-/// The folder in which planning makes the files of the root `source`, below the run's folder.
+/// The folder for the files that planning writes for the root `source`, below the run's folder.
 pub(crate) fn inputs_folder(run: &Path, source: &str) -> PathBuf {
     run.join("inputs").join(source)
 }
 
-/// Makes those that are not there yet.
+/// Writes the photographs that are missing in the run's folder. `on_photograph` receives (done, all).
 pub fn make_photographs(
     run: &Path,
-    all: &[Made],
+    all: &[ProceduralPhotograph],
     threads: usize,
     on_photograph: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<(), SampleError> {
-    let is_missing =
-        |made: &&Made| !procedural::is_written(&inputs_folder(run, &made.root), &made.photograph);
+    let is_missing = |made: &&ProceduralPhotograph| {
+        !procedural::is_written(&inputs_folder(run, &made.root), &made.photograph)
+    };
     let missing: Vec<_> = all.iter().filter(is_missing).collect();
     if missing.is_empty() {
         return Ok(());
@@ -53,7 +54,7 @@ pub fn make_photographs(
     };
     match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
         Ok(pool) => pool.install(make),
-        // No thread to be had: the caller's own will do.
+        // The system refuses threads: use the caller's.
         Err(_) => make(),
     }
 }

@@ -1,6 +1,6 @@
-//! Who shares a scene: a front and a back photograph of one split.
+//! Pairs a front with a back photograph of one split.
 //!
-//! Every pair is a function of the photographs and its own number, so more pairs change no earlier one.
+//! Every pair is a function of the photographs and its own number: adding pairs changes no earlier one.
 
 use super::diode::{Place, SourceImage};
 use super::draw::{keyed, shuffled};
@@ -14,54 +14,53 @@ pub(super) struct Pair<'a> {
 }
 
 impl Pair<'_> {
-    /// What two photographs from one standpoint have in common.
+    /// The key of a scan: equal for all photographs from one standpoint.
     pub(super) fn scan_of(image: &SourceImage) -> (Place, &str, &str) {
         scan_of(image)
     }
 
     /// Whether both were taken from one standpoint.
-    pub(super) fn is_of_one_scan(&self) -> bool {
+    pub(super) fn is_same_scan(&self) -> bool {
         scan_of(self.front) == scan_of(self.back)
     }
 
     /// Whether both are indoors, or both outdoors.
-    pub(super) fn is_of_one_place(&self) -> bool {
+    pub(super) fn is_same_place(&self) -> bool {
         self.front.place == self.back.place
     }
 }
 
-/// Pairs `part`, two or more photographs, `count` times: opposite places where there are both, else
-/// another scan where there is one; each photograph as often as the next one of its side in each role.
+/// Makes `count` pairs of `subset`, two or more photographs: an indoor with an outdoor one if both exist, else two of
+/// different scans if several exist. All photographs of a side are used equally often as front and as back.
 ///
-/// `key` is what the shuffles depend on besides the seed.
+/// The shuffles depend on `key` and the seed.
 pub(super) fn pairs<'a>(
     dataset_seed: u64,
     key: [&str; 2],
-    part: &[&'a SourceImage],
+    subset: &[&'a SourceImage],
     count: u32,
 ) -> Vec<Pair<'a>> {
-    let indoors: Vec<_> = of(part, |image| image.place == Place::Indoors);
-    let outdoor: Vec<_> = of(part, |image| image.place == Place::Outdoor);
+    let indoors: Vec<_> = of(subset, |image| image.place == Place::Indoors);
+    let outdoor: Vec<_> = of(subset, |image| image.place == Place::Outdoor);
     if !indoors.is_empty() && !outdoor.is_empty() {
         return across(dataset_seed, key, &indoors, &outdoor, count);
     }
     let mut scans: BTreeMap<Scan<'_>, usize> = BTreeMap::new();
-    for image in part {
+    for image in subset {
         *scans.entry(scan_of(image)).or_default() += 1;
     }
     match scans.iter().max_by_key(|(_, size)| **size) {
-        // One scan outweighs all others together: its photographs face those of the others.
-        Some((largest, &size)) if scans.len() > 1 && 2 * size > part.len() => {
-            let inside = of(part, |image| scan_of(image) == *largest);
-            let outside = of(part, |image| scan_of(image) != *largest);
+        // One scan holds more than half of all photographs: pair these with the others.
+        Some((largest, &size)) if scans.len() > 1 && 2 * size > subset.len() => {
+            let inside = of(subset, |image| scan_of(image) == *largest);
+            let outside = of(subset, |image| scan_of(image) != *largest);
             across(dataset_seed, key, &inside, &outside, count)
         }
-        _ => within(dataset_seed, key, part, scans.len() > 1, count),
+        _ => within(dataset_seed, key, subset, scans.len() > 1, count),
     }
 }
 
-/// Pairs the photographs of two sources `count` times: fronts of the one, backs of the other, each photograph as often as
-/// the next one of its source.
+/// Makes `count` pairs of two sources, fronts of the first, backs of the second, using all photographs equally often.
 pub(super) fn pairs_between<'a>(
     dataset_seed: u64,
     key: [&str; 2],
@@ -84,11 +83,11 @@ fn scan_of(image: &SourceImage) -> Scan<'_> {
     (image.place, &image.scene, &image.scan)
 }
 
-fn of<'a>(part: &[&'a SourceImage], keep: impl Fn(&SourceImage) -> bool) -> Vec<&'a SourceImage> {
-    part.iter().copied().filter(|image| keep(image)).collect()
+fn of<'a>(subset: &[&'a SourceImage], keep: impl Fn(&SourceImage) -> bool) -> Vec<&'a SourceImage> {
+    subset.iter().copied().filter(|image| keep(image)).collect()
 }
 
-/// Fronts from either side in turn, backs from the other.
+/// Takes fronts alternately from `one` and `other`, backs from the opposite group.
 fn across<'a>(
     dataset_seed: u64,
     key: [&str; 2],
@@ -119,12 +118,12 @@ fn across<'a>(
         .collect()
 }
 
-/// Photographs in an order that is shuffled anew each time all have been dealt.
+/// Deals photographs in shuffled order and shuffles again after the last.
 struct Deck<'k, 'a> {
     dataset_seed: u64,
     key: [&'k str; 3],
     round: u32,
-    /// The next one last.
+    /// In reverse order: the next one is popped.
     left: Vec<&'a SourceImage>,
 }
 
@@ -161,15 +160,15 @@ fn shuffle<'a>(
     })
 }
 
-/// Pairs from one pool, in rounds in which each photograph is front once and back once.
+/// Pairs photographs of one pool in rounds; each round uses every photograph once as front and once as back.
 ///
-/// A round sorts the photographs by group (scan, or the photograph itself if all are of one scan) and
-/// sets each against the one `shift` places on. From the largest group's size on, and up to what is left
-/// of the pool without it, no shift stays in a group.
+/// A round sorts the photographs by group (scan, or the photograph itself if all are of one scan) and pairs each with the
+/// one `shift` positions later. A shift between the size of the largest group and the number of photographs outside of it
+/// never pairs within a group.
 fn within<'a>(
     dataset_seed: u64,
     key: [&str; 2],
-    part: &[&'a SourceImage],
+    subset: &[&'a SourceImage],
     by_scan: bool,
     count: u32,
 ) -> Vec<Pair<'a>> {
@@ -178,7 +177,7 @@ fn within<'a>(
     while made.len() < count as usize {
         let round_text = round.to_string();
         let round_key = |role| [key[0], key[1], role, round_text.as_str()];
-        let mut ring = shuffle(dataset_seed, &round_key("ring"), part);
+        let mut ring = shuffle(dataset_seed, &round_key("ring"), subset);
         let mut largest = 1;
         if by_scan {
             let mut sizes: BTreeMap<Scan<'_>, usize> = BTreeMap::new();
@@ -203,7 +202,7 @@ fn within<'a>(
             .enumerate()
             .map(|(place, image)| (image.color.as_str(), ring[(place + shift) % ring.len()]))
             .collect();
-        for front in shuffle(dataset_seed, &round_key("order"), part) {
+        for front in shuffle(dataset_seed, &round_key("order"), subset) {
             let back = partner[front.color.as_str()];
             made.push(Pair { front, back });
         }
@@ -215,7 +214,7 @@ fn within<'a>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::divide::tests::set;
+    use super::super::split::tests::set;
     use super::*;
     use proptest::prelude::*;
 
@@ -240,7 +239,7 @@ mod tests {
     fn one_scan_alone_still_pairs_different_photographs() {
         let images = set(4, 0);
         for pair in pairs(3, ["train", "s"], &refs(&images), 20) {
-            assert!(pair.is_of_one_scan());
+            assert!(pair.is_same_scan());
             assert_ne!(pair.front.color, pair.back.color);
         }
     }
@@ -250,7 +249,7 @@ mod tests {
         // Scans of four and one.
         let images = set(5, 0);
         let made = pairs(3, ["train", "s"], &refs(&images), 40);
-        assert!(made.iter().all(|pair| !pair.is_of_one_scan()));
+        assert!(made.iter().all(|pair| !pair.is_same_scan()));
     }
 
     proptest! {
@@ -260,18 +259,18 @@ mod tests {
         ) {
             let images = set(indoors, outdoor);
             prop_assume!(images.len() >= 2);
-            let part = refs(&images);
-            let made = pairs(seed, ["train", "s"], &part, count);
+            let subset = refs(&images);
+            let made = pairs(seed, ["train", "s"], &subset, count);
             prop_assert_eq!(made.len(), count as usize);
             for pair in &made {
                 prop_assert_ne!(&pair.front.color, &pair.back.color);
-                prop_assert_eq!(pair.is_of_one_place(), indoors == 0 || outdoor == 0);
-                prop_assert_eq!(pair.is_of_one_scan(), indoors.max(outdoor) <= 4 && pair.is_of_one_place());
+                prop_assert_eq!(pair.is_same_place(), indoors == 0 || outdoor == 0);
+                prop_assert_eq!(pair.is_same_scan(), indoors.max(outdoor) <= 4 && pair.is_same_place());
             }
 
             // Even within a side; a lone side is even unless one scan outweighs the others.
             for side in [Place::Indoors, Place::Outdoor] {
-                let side = of(&part, |image| image.place == side);
+                let side = of(&subset, |image| image.place == side);
                 let lopsided = (indoors == 0 || outdoor == 0) && (5..8).contains(&side.len());
                 if !side.is_empty() && !lopsided {
                     for (least, most) in uses(&made, &side) {
@@ -280,7 +279,7 @@ mod tests {
                 }
             }
 
-            let more = pairs(seed, ["train", "s"], &part, count + 7);
+            let more = pairs(seed, ["train", "s"], &subset, count + 7);
             for (a, b) in made.iter().zip(&more) {
                 prop_assert_eq!((&a.front.color, &a.back.color), (&b.front.color, &b.back.color));
             }

@@ -1,4 +1,4 @@
-//! A number of a recipe: a constant, or a distribution that each scene draws from.
+//! A number of a recipe: a constant, or a distribution with a draw per scene.
 
 use super::draw::normal_cdf;
 use render::line::limits::Limit;
@@ -24,13 +24,13 @@ pub enum Param {
     FromSource,
 }
 
-/// A normal distribution, cut to `min` to `max` (what lies outside is not piled up at the ends).
+/// A normal distribution truncated to `min` to `max` (not clamped).
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Normal {
-    /// Mean before the cut.
+    /// Mean before truncation.
     pub mean: f64,
-    /// Standard deviation before the cut, above 0.
+    /// Standard deviation before truncation, above 0.
     pub std: f64,
     /// Least value.
     pub min: f64,
@@ -59,7 +59,7 @@ impl Normal {
 }
 
 impl Param {
-    /// Least and largest value that can be drawn; of what a source says, nothing is known.
+    /// Least and largest value that can be drawn; infinite for `from_source`.
     pub fn bounds(&self) -> (f64, f64) {
         match self {
             Self::Constant(value) => (*value, *value),
@@ -74,30 +74,34 @@ impl Param {
         }
     }
 
-    /// Whether all scenes get the same value.
+    /// Whether every draw gives the same value.
     pub fn is_constant(&self) -> bool {
         let (least, most) = self.bounds();
         least == most
     }
 
-    /// The first value that `limit` does not hold.
+    /// The first value that can be drawn and is outside `limit`.
     pub(super) fn outside(&self, limit: Limit) -> Option<f64> {
         if *self == Self::FromSource {
-            // Each scene line is checked again.
+            // The value of each photograph is checked with its scene line.
             return None;
         }
         let (least, most) = self.bounds();
-        [least, most].into_iter().find(|&v| !limit.contains(v))
+        let values = match self {
+            Self::Choice(values) => values.as_slice(),
+            _ => &[least, most],
+        };
+        values.iter().copied().find(|&v| !limit.contains(v))
     }
 
-    /// The distribution's own rules.
+    /// Checks the numbers of the distribution.
     fn check(self) -> Result<Self, String> {
         let interval = |name: &str, [a, b]: [f64; 2]| {
             if a.is_finite() && b.is_finite() && a <= b {
                 Ok(())
             } else {
                 Err(format!(
-                    "{name} = [{a}, {b}] is no interval: write the smaller finite number first"
+                    "{name} = [{a}, {b}] is not an interval: write two finite numbers, the smaller first"
                 ))
             }
         };
@@ -160,7 +164,7 @@ impl<'de> Deserialize<'de> for Param {
     }
 }
 
-/// A visitor and not an untagged enum, whose errors would lose both reason and place.
+/// A visitor, because errors of an untagged enum have neither reason nor position.
 pub(super) struct ParamVisitor;
 
 impl<'de> Visitor<'de> for ParamVisitor {
@@ -201,7 +205,7 @@ impl<'de> Visitor<'de> for ParamVisitor {
 }
 
 impl ParamVisitor {
-    /// The rest of a distribution whose `kind` has been read.
+    /// Reads the rest of a distribution after the key `kind`.
     pub(super) fn visit_kind<'de, A: MapAccess<'de>>(
         kind: &str,
         mut map: A,
@@ -270,7 +274,7 @@ mod tests {
                 "{ unifrom = [1, 2] }",
                 "unknown field `unifrom`, expected one of `uniform`",
             ),
-            ("{ uniform = [2, 1] }", "no interval"),
+            ("{ uniform = [2, 1] }", "not an interval"),
             ("{ uniform = [1] }", "invalid length 1"),
             (
                 "{ uniform = [1, 2], choice = [1] }",

@@ -1,11 +1,11 @@
-//! The photographs of a PLACES365 folder, and the depth that was estimated for them.
+//! Lists the photographs of a PLACES365 folder with their estimated depth maps.
 //!
 //! ```text
 //! ROOT/       [data_256/|data_large/][LETTER/]CATEGORY[/KIND]/NAME.(jpg|jpeg|png)
 //! DEPTH_ROOT/ the same folders/NAME(.npy|.pfm|.exr|.png), or NAME_depth.*, or NAME-MODEL.* as MiDaS writes them
 //! ```
 //!
-//! Which categories are wanted, and how far such places reach, is a table of its own.
+//! A table names the categories and their depth ranges.
 
 use super::diode::{Index, IndexError, Place, SourceImage};
 use render::line::DepthRange;
@@ -17,7 +17,7 @@ use std::{fs, io};
 /// The schema name of a table of categories.
 pub const DEPTH_RANGES_SCHEMA: &str = "glasshouse.depth_ranges/1";
 
-/// Formats of depth maps; of several for one photograph the first is taken.
+/// Formats of depth maps, by preference.
 const DEPTHS: [&str; 4] = ["npy", "pfm", "exr", "png"];
 
 /// `depth-ranges.toml`
@@ -38,23 +38,23 @@ pub struct Category {
     pub place: Place,
     /// Metres for relative depths.
     pub range: DepthRange,
-    /// Where the metres are from.
+    /// Source of the range.
     pub why: String,
 }
 
-/// A table that cannot be used.
+/// The table cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum DepthRangesError {
-    /// It is no such TOML.
+    /// Not valid TOML.
     #[error("{0}")]
     Toml(#[from] Box<toml::de::Error>),
     /// Another schema, or another version of it.
     #[error("its schema is {0:?}, but must be \"glasshouse.depth_ranges/1\"")]
     Schema(String),
-    /// No category.
+    /// The table is empty.
     #[error("it names no category: add [category.NAME] with place, range and why")]
     Empty,
-    /// A range that no depth can have.
+    /// A range is invalid.
     #[error("{0}")]
     Range(#[from] render::line::LineError),
 }
@@ -150,7 +150,7 @@ impl DepthRanges {
     }
 }
 
-/// All files below `folder`, relative to it, with `/`. Links are followed; names that are no text are passed over.
+/// All files below `folder`, relative to it, with `/`. Follows links and skips names that are not UTF-8.
 fn files(folder: &Path) -> Result<Vec<String>, (PathBuf, io::Error)> {
     let (mut open, mut found) = (vec![String::new()], Vec::new());
     while let Some(below) = open.pop() {
@@ -177,20 +177,17 @@ fn files(folder: &Path) -> Result<Vec<String>, (PathBuf, io::Error)> {
     Ok(found)
 }
 
-/// Where a source's files are.
+/// The folders of a source.
 #[derive(Clone, Copy, Debug)]
-pub struct PlacesFolders<'a> {
-    /// Of the photographs.
+pub(crate) struct PlacesFolders<'a> {
     pub color: &'a Path,
-    /// Of the depth maps.
     pub depth: &'a Path,
-    /// The table of categories.
     pub table: &'a Path,
 }
 
-/// Lists the photographs of the source `name` whose categories are in the table. `list` lists a folder that is an address;
-/// others are walked.
-pub fn index_places(
+/// Lists the photographs of the source `name` whose categories are in the table. `list` returns the files of a URL, and
+/// `None` for a local folder.
+pub(crate) fn index_places(
     name: &str,
     folders: &PlacesFolders,
     list: &dyn Fn(&Path) -> Option<Vec<String>>,
@@ -229,7 +226,7 @@ pub(super) fn depth_root(name: &str) -> String {
     format!("{name}-depth")
 }
 
-/// The depth map of a photograph: the plainest name first, then by format.
+/// The depth map of a photograph, by preference of name, then of format.
 fn map_of<'m>(maps: &BTreeMap<&'m str, Vec<&'m str>>, stem: &str) -> Option<&'m str> {
     let depth = format!("{stem}_depth");
     let model = format!("{stem}-");

@@ -1,4 +1,4 @@
-//! `glasshouse.recipe/1`: what a set of scenes is drawn from. Defaults are the paper's constants.
+//! `glasshouse.recipe/1`: the distributions of a data set. Defaults are the paper's constants.
 
 use super::focus::FocusRecipe;
 use super::light::{LightRecipe, LuminanceScale, RejectRecipe, SideLight, WhiteBalance};
@@ -18,15 +18,15 @@ use std::path::{Path, PathBuf};
 /// The schema name that a recipe must carry.
 pub const RECIPE_SCHEMA: &str = "glasshouse.recipe/1";
 
-/// A recipe.
+/// Recipe of a data set.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {
     /// Always [`RECIPE_SCHEMA`].
     pub schema: String,
-    /// Of the set, for people: `[A-Za-z0-9_-]+`.
+    /// Name of the set, for people: `[A-Za-z0-9_-]+`.
     pub name: String,
-    /// Dataset seed: all draws, pairs and divisions follow from it. Default 2020.
+    /// Dataset seed of all draws, pairs and splits. Default 2020.
     #[serde(default = "default_seed")]
     pub seed: u64,
     /// Film.
@@ -38,23 +38,23 @@ pub struct Recipe {
     /// Pane.
     #[serde(default)]
     pub glass: GlassRecipe,
-    /// What is seen through the pane.
+    /// The side seen through the pane.
     #[serde(default)]
     pub front: FrontRecipe,
-    /// What is seen reflected.
+    /// The side reflected in the pane.
     #[serde(default)]
     pub back: BackRecipe,
-    /// How bright the sides are, and what the camera makes of it.
+    /// Luminance scale, white balance and exposure.
     #[serde(default)]
     pub light: LightRecipe,
-    /// Bounds that scenes must keep to. Default none.
+    /// Bounds of accepted scenes. Default none.
     pub reject: Option<RejectRecipe>,
-    /// Where photographs come from, by name. The name is also the named root of their paths.
+    /// Sets of photographs by name. The name is also the named root of their paths.
     pub sources: BTreeMap<String, Source>,
-    /// Parts of the set, which share no photograph.
+    /// The splits of the set. No two splits share a photograph.
     #[serde(rename = "split")]
     pub splits: Vec<SplitRecipe>,
-    /// What is trained on the tuples. Default nothing.
+    /// Training after rendering. Default none.
     pub train: Option<TrainRecipe>,
 }
 
@@ -78,11 +78,11 @@ pub struct FilmRecipe {
     pub order_tolerance: Param,
     /// Precision of `tuple.exr`. Default half.
     pub exr: ExrPrecision,
-    /// Adaptive sampling: RMS error (linear) at which a cell of 8 x 8 px is done. Default none: all take `spp`.
+    /// Adaptive sampling: RMS error (linear) at which a cell of 8 x 8 px stops. Default none: all pixels take `spp`.
     pub target_error: Option<f64>,
     /// Which orders of the glass's reflection R~ holds: `all` (default) or `first`.
     pub glass_reflection_orders: ReflectionOrders,
-    /// Layers that are made. Default all four.
+    /// Layers to render. Default all four.
     pub layers: LayerSet,
 }
 
@@ -110,9 +110,9 @@ pub struct CameraRecipe {
     pub focal_length_mm: Param,
     /// Radius of the lens opening. Default 0.00893.
     pub aperture_radius_m: Param,
-    /// In place of `aperture_radius_m`: the focal length / the diameter of the opening, of a lens for a 36 x 24 mm frame.
+    /// Instead of `aperture_radius_m`: focal length / diameter of the opening, for a 36 x 24 mm frame.
     pub f_number: Option<Param>,
-    /// What is sharp. Default `"front_center"`.
+    /// The plane in focus. Default `"front_center"`.
     pub focus: FocusRecipe,
 }
 
@@ -131,13 +131,13 @@ impl Default for CameraRecipe {
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct GlassRecipe {
-    /// Front face from the lens along the axis. Default 0.30.
+    /// Distance of the front face from the lens along the axis. Default 0.30.
     pub distance_m: Param,
     /// Thickness. Default 0.010.
     pub thickness_m: Param,
     /// Index of refraction. Default 1.6.
     pub ior: Param,
-    /// Of red, green and blue, per metre of path. Default none.
+    /// Absorption coefficients of red, green and blue, per metre of path. Default 0.
     pub absorption_per_m: [Param; 3],
     /// Pitch and yaw. Default perpendicular.
     pub tilt_deg: [Param; 2],
@@ -161,10 +161,9 @@ impl Default for GlassRecipe {
 pub struct FrontRecipe {
     /// Multiplies linear radiance. Default 1.
     pub exposure: Param,
-    /// The same in stops, on top: 2^EV. Default none.
+    /// Multiplies the exposure by 2^EV. Default none.
     pub exposure_ev: Option<Param>,
-    /// Temperature of a black body whose light falls on this side (see [`super::illuminant`]). Default none: light as it
-    /// was photographed.
+    /// Temperature of a black body that illuminates this side. Default none: the light of the photograph.
     pub illuminant_k: Option<Param>,
 }
 
@@ -184,9 +183,9 @@ impl Default for FrontRecipe {
 pub struct BackRecipe {
     /// Multiplies linear radiance. Default 1.
     pub exposure: Param,
-    /// The same in stops, on top: 2^EV. Default none.
+    /// Multiplies the exposure by 2^EV. Default none.
     pub exposure_ev: Option<Param>,
-    /// Temperature of a black body whose light falls on this side. Default none.
+    /// Temperature of a black body that illuminates this side. Default none.
     pub illuminant_k: Option<Param>,
     /// Where the capture camera stands. Default mirror.
     pub apex: Apex,
@@ -209,16 +208,16 @@ impl Default for BackRecipe {
 pub struct SplitRecipe {
     /// `train` or `test`.
     pub name: Split,
-    /// Scenes to make of each source, or of two as `FRONT/BACK`.
+    /// Number of scenes by source, or by two sources as `FRONT/BACK`.
     pub pairs: BTreeMap<String, u32>,
-    /// Share of each source's photographs that belong to this split, against the other's. Default 0.9 for `train`, 0.1 for
-    /// `test`; a source that one split alone uses belongs to it whole.
+    /// Relative share of each source's photographs in this split. Default 0.9 for `train`, 0.1 for `test`. If only one split
+    /// uses a source, it gets all of its photographs.
     pub photographs: Option<f64>,
 }
 
 impl SplitRecipe {
-    /// See the field.
-    pub fn photographs(&self) -> f64 {
+    /// The share of photographs with its default.
+    pub(crate) fn photographs(&self) -> f64 {
         self.photographs.unwrap_or(match self.name {
             Split::Train => 0.9,
             Split::Test => 0.1,
@@ -247,23 +246,22 @@ impl BackRecipe {
 }
 
 impl Recipe {
-    /// All numbers that scenes draw, with their keys.
+    /// All numbers that scenes draw, by key.
     pub fn params(&self) -> Vec<(String, &Param)> {
         let (film, camera, glass) = (&self.film, &self.camera, &self.glass);
-        let mut params = vec![
-            ("film.width".to_owned(), &film.width),
-            ("film.height".to_owned(), &film.height),
-            ("film.spp".to_owned(), &film.spp),
-            ("film.order_tolerance".to_owned(), &film.order_tolerance),
-            ("camera.focal_length_mm".to_owned(), &camera.focal_length_mm),
-            (
-                "camera.aperture_radius_m".to_owned(),
-                &camera.aperture_radius_m,
-            ),
-            ("glass.distance_m".to_owned(), &glass.distance_m),
-            ("glass.thickness_m".to_owned(), &glass.thickness_m),
-            ("glass.ior".to_owned(), &glass.ior),
-        ];
+        let mut params: Vec<(String, &Param)> = [
+            ("film.width", &film.width),
+            ("film.height", &film.height),
+            ("film.spp", &film.spp),
+            ("film.order_tolerance", &film.order_tolerance),
+            ("camera.focal_length_mm", &camera.focal_length_mm),
+            ("camera.aperture_radius_m", &camera.aperture_radius_m),
+            ("glass.distance_m", &glass.distance_m),
+            ("glass.thickness_m", &glass.thickness_m),
+            ("glass.ior", &glass.ior),
+        ]
+        .map(|(key, param)| (key.to_owned(), param))
+        .into();
         if let Some(param) = &camera.f_number {
             params.push(("camera.f_number".to_owned(), param));
         }
@@ -292,7 +290,7 @@ impl Recipe {
         params
     }
 
-    /// Whether its scenes must be looked at to be settled: photographs are then read while it is planned.
+    /// Whether scenes need previews, for which planning reads photographs.
     pub fn needs_preview(&self) -> bool {
         let light = &self.light;
         self.reject.is_some()
@@ -301,17 +299,17 @@ impl Recipe {
             || light.white_balance == WhiteBalance::GreyWorld
     }
 
-    /// Reads and checks a recipe.
+    /// Parses and checks a recipe.
     pub fn parse(text: &str) -> Result<Self, RecipeError> {
         let recipe: Self = toml::from_str(text).map_err(Box::new)?;
         recipe.check()?;
         Ok(recipe)
     }
 
-    /// The named roots of this recipe's scene lines: those given, and for each source that has none its
-    /// own `root` beside the recipe, which lies in `base`.
+    /// The named roots of the scene lines: those `given`, and for every other source its `root` below `base`, the folder of
+    /// the recipe.
     ///
-    /// `sample` sources are left out: whoever makes their photographs knows where.
+    /// `sample` sources are missing: planning writes them into the run's folder.
     pub fn roots(&self, base: &Path, given: &Roots) -> Roots {
         let mut roots = given.clone();
         for (name, source) in &self.sources {
@@ -326,7 +324,7 @@ impl Recipe {
                 let folder: PathBuf = base.join(source.depth_root.as_deref().unwrap_or(&depth));
                 roots
                     .insert(&depth, folder)
-                    .expect("no source is called like the depths of another one");
+                    .expect("no source has the name of another one's depth root");
             }
         }
         roots
@@ -437,7 +435,7 @@ pairs = { diode = 120, places = 80 }
     }
 
     #[test]
-    fn a_given_root_goes_before_the_recipe_s() {
+    fn a_given_root_precedes_the_recipe_s() {
         let recipe = Recipe::parse(PAPER).unwrap();
         let given = Roots::parse(&["diode=/big/diode", "other=/o"]).unwrap();
         let roots = recipe.roots(Path::new("/recipes"), &given);

@@ -1,113 +1,92 @@
-//! What can be wrong with a recipe, or with the photographs at hand.
+//! Errors of a recipe, or of a recipe with its photographs.
 
 use render::ids::SceneId;
 use render::line::LineError;
 use render::line::Split;
 use render::scene::GeometryError;
 
-/// A recipe that cannot be used, or that cannot be expanded with the photographs at hand.
+/// A recipe cannot be used, or cannot be expanded with its photographs.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message names its fields")]
 pub enum RecipeError {
     /// Not TOML, an unknown key, or a value of the wrong kind; the source names the place.
     #[error("the recipe cannot be read: {0}")]
     Toml(#[from] Box<toml::de::Error>),
-    /// A value that a recipe may not have.
+    /// An invalid value.
     #[error("recipe key {key} {problem}")]
     Key {
         /// The key, with dots.
         key: String,
-        /// Its value, what is wrong with it, and what is right.
+        /// Its value, the problem, and the allowed values.
         problem: String,
     },
-    /// `expand` was not told which photographs a source has.
+    /// `expand` did not get the photographs of a source.
     #[error("source {source_name} has not been indexed: list its photographs before expanding")]
-    NotIndexed {
-        /// The source.
-        source_name: String,
-    },
-    /// A photograph listed twice could reach both splits.
+    NotIndexed { source_name: String },
+    /// A photograph is listed twice and could reach both splits.
     #[error("source {source_name} lists {color} twice: list each colour image once")]
-    ListedTwice {
-        /// The source.
-        source_name: String,
-        /// The colour image.
-        color: String,
-    },
-    /// Splits may not share photographs, and a pair needs two.
+    ListedTwice { source_name: String, color: String },
+    /// Splits share no photographs, and each needs two for a pair.
     #[error(
         "source {source_name} has {found} photographs, but {splits} splits that share none need at \
          least {needed}: add photographs, or take this source out of a split"
     )]
     TooFewImages {
-        /// The source.
         source_name: String,
-        /// What there is.
         found: usize,
-        /// Two a split.
+        /// Two per split.
         needed: usize,
         /// Splits that draw from this source.
         splits: usize,
     },
-    /// No pane drawn for this scene can be looked through.
+    /// Every drawn pane failed the geometry check.
     #[error(
-        "scene {id}: {attempts} draws of {ranges} were all refused, at last because {source}; narrow \
-         these ranges"
+        "scene {id}: all {attempts} draws of {ranges} failed, the last because {source}; narrow these ranges"
     )]
     Refused {
-        /// The scene.
         id: SceneId,
-        /// How often it was drawn.
         attempts: u32,
-        /// The parameters that decide it, with their ranges.
+        /// The geometry's parameters with their ranges.
         ranges: String,
-        /// Why the last draw was refused.
+        /// Why the last draw failed.
         source: GeometryError,
     },
-    /// A photograph's record does not have what a recipe takes from it.
+    /// A photograph's record lacks a value that the recipe takes from it.
     #[error(
-        "scene {id}: {parameter} is from_source, but {photograph} does not say it: give it under \"values\" in the \
+        "scene {id}: {parameter} is from_source, but {photograph} has no value: give it under \"values\" in the \
          source's list, or write a number or a distribution"
     )]
     NoValue {
-        /// The scene.
         id: SceneId,
-        /// The recipe's key.
         parameter: String,
-        /// The photograph.
         photograph: String,
     },
-    /// All photographs that could stand in for one that is left out are left out, too.
+    /// No substitute is left for an excluded photograph.
     #[error(
-        "scene {id}: source {source_name} has no usable photograph left in split {split}: repair the files that \
-         are wrong, or add photographs"
+        "scene {id}: source {source_name} has no usable photograph left in split {split}: repair the invalid files, \
+         or add photographs"
     )]
-    NoStandIn {
-        /// The scene.
+    NoSubstitute {
         id: SceneId,
-        /// The source.
         source_name: String,
-        /// The split.
         split: Split,
     },
-    /// Every draw of a scene was rejected.
+    /// Every draw of a scene was rejected after its preview.
     #[error(
-        "scene {id}: none of {looks} draws, with different photographs, was kept, the last because {reason}; widen \
+        "scene {id}: all {previews} draws, with different photographs, were rejected, the last because {reason}; widen \
          [reject], or narrow the distributions"
     )]
     NoneKept {
-        /// The scene.
         id: String,
-        /// How often it was looked at.
-        looks: u32,
-        /// Why the last was not kept.
+        previews: u32,
+        /// Why the last draw was rejected.
         reason: String,
     },
-    /// A drawn line that is not sound.
+    /// A drawn line is invalid.
     #[error("scene {id}: {source}")]
     Line {
-        /// The scene.
         id: SceneId,
-        /// Which field.
+        /// The invalid field.
         source: LineError,
     },
 }

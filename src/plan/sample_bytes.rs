@@ -1,6 +1,6 @@
-//! Procedural photographs that are not on disk yet, for who looks at scenes while a run is planned.
+//! Files of procedural photographs that are not written yet, for previews while a run is planned.
 
-use super::content::Made;
+use super::content::ProceduralPhotograph;
 use super::make::inputs_folder;
 use procedural::SampleFiles;
 use std::collections::BTreeMap;
@@ -8,16 +8,15 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-/// Makes each photograph once, when one of its files is first asked for.
+/// Renders each photograph once, when one of its files is first read.
 pub(super) struct SampleBytes<'a> {
-    photographs: Vec<(&'a Made, OnceLock<Option<SampleFiles>>)>,
-    /// Which photograph a path belongs to, and which of its files it is.
+    photographs: Vec<(&'a ProceduralPhotograph, OnceLock<Option<SampleFiles>>)>,
+    /// Path to (index of the photograph, index of the file).
     places: BTreeMap<PathBuf, (usize, usize)>,
 }
 
 impl<'a> SampleBytes<'a> {
-    /// Of all photographs that a run may make.
-    pub(super) fn new(run: &Path, all: &'a [Made]) -> Self {
+    pub(super) fn new(run: &Path, all: &'a [ProceduralPhotograph]) -> Self {
         let (mut photographs, mut places) = (Vec::new(), BTreeMap::new());
         for one in all {
             let (folder, photograph) = (inputs_folder(run, &one.root), &one.photograph);
@@ -37,7 +36,7 @@ impl<'a> SampleBytes<'a> {
         }
     }
 
-    /// The bytes of a file; `None` if it is no procedural photograph's.
+    /// The bytes of a file; `None` if it does not belong to a procedural photograph.
     pub(super) fn read(&self, path: &Path) -> Option<io::Result<Vec<u8>>> {
         let &(index, kind) = self.places.get(path)?;
         if path.is_file() {
@@ -48,7 +47,7 @@ impl<'a> SampleBytes<'a> {
         let files = made.get_or_init(|| procedural::encode(&one.photograph, width, height).ok());
         Some(match files {
             Some(files) => Ok([&files.color, &files.depth, &files.mask][kind].clone()),
-            None => Err(io::Error::other("the photograph cannot be coded")),
+            None => Err(io::Error::other("the photograph cannot be encoded")),
         })
     }
 }

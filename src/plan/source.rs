@@ -1,4 +1,4 @@
-//! `[sources.NAME]` of a recipe: where photographs come from.
+//! `[sources.NAME]` of a recipe: a set of photographs.
 
 use render::line::DepthRange;
 use render::line::Highlights;
@@ -13,11 +13,11 @@ use std::fmt;
 pub enum Layout {
     /// A DIODE folder.
     Diode,
-    /// Procedural photographs in DIODE's layout, made on the fly.
+    /// Procedural photographs in DIODE's layout, rendered while planning.
     Sample,
     /// A PLACES365 folder with estimated depth.
     Places,
-    /// Photographs that a list names, one JSON object a line.
+    /// A list of photographs, one JSON object per line.
     List,
 }
 
@@ -38,21 +38,20 @@ impl fmt::Display for Layout {
 pub struct Source {
     /// How the files are laid out.
     pub layout: Layout,
-    /// Folder relative to the recipe, unless `--root NAME=DIR` says where. Default: the source's name.
-    /// Not for `sample`.
+    /// Folder relative to the recipe; `--root NAME=DIR` overrides it. Default: the source's name. Not for `sample`.
     pub root: Option<String>,
-    /// `sample` alone: photographs to make.
+    /// `sample` only: number of photographs.
     pub count: Option<u32>,
-    /// `sample` alone: seed of the photographs. Default: the recipe's seed.
+    /// `sample` only: seed of the photographs. Default: the recipe's seed.
     pub seed: Option<u64>,
-    /// `sample` alone: pixels across. Default 1024.
+    /// `sample` only: pixels across. Default 1024.
     pub width: Option<u32>,
-    /// `sample` alone: pixels down. Default 768.
+    /// `sample` only: pixels down. Default 768.
     pub height: Option<u32>,
-    /// `places` alone: table of mean depths by category.
+    /// `places` only: table of depth ranges by category.
     pub depth_ranges: Option<String>,
-    /// `list` alone: the list, relative to the recipe; `photographs.jsonl` in the root if missing. Its lines say what
-    /// the keys below say of all photographs of other sources.
+    /// `list` only: the list, relative to the recipe; `photographs.jsonl` in the root if missing. Its lines give the keys
+    /// below for each photograph.
     pub list: Option<String>,
     /// Capture camera. Default: DIODE's, for images of the same field of view.
     #[serde(default = "Intrinsics::diode")]
@@ -66,9 +65,9 @@ pub struct Source {
     /// What the depth files measure. Default z.
     #[serde(default)]
     pub depth_kind: DepthKind,
-    /// Metres for relative depths; of `places` the table of categories has them.
+    /// Metres for relative depths. Not for `places`: the table of categories has them.
     pub depth_range: Option<DepthRange>,
-    /// `places`: folder of the depth maps, relative to the recipe; `NAME-depth` if missing.
+    /// `places` only: folder of the depth maps, relative to the recipe; `NAME-depth` if missing.
     pub depth_root: Option<String>,
     /// Light for clipped sRGB values. Default none.
     pub highlights: Option<Highlights>,

@@ -1,4 +1,4 @@
-//! What photographs say of themselves, for parameters that are `"from_source"`.
+//! Values of `"from_source"` parameters, from the photographs' records.
 
 use super::pair::Pair;
 use super::param::Param;
@@ -9,8 +9,8 @@ use render::line::Film;
 use render::line::Side;
 use std::collections::BTreeMap;
 
-/// The values of all parameters that are from the source: `back.*` from the back's record, others from the front's. A focal
-/// length that no record has is that of the front photograph's own camera.
+/// The values of all `"from_source"` parameters: `back.*` from the back's record, others from the front's. The default of
+/// the focal length is that of the front photograph's camera.
 pub(super) fn source_values(
     recipe: &Recipe,
     id: &SceneId,
@@ -30,7 +30,7 @@ pub(super) fn source_values(
         };
         let own = || match (name.as_str(), front) {
             ("camera.focal_length_mm", Side::Photograph(photograph)) => {
-                Some(super::nine_digits(focal_length_mm(photograph, film)))
+                Some(super::draw::nine_digits(focal_length_mm(photograph, film)))
             }
             _ => None,
         };
@@ -45,11 +45,11 @@ pub(super) fn source_values(
     Ok(values)
 }
 
-/// The focal length with which the film sees as much as the photograph shows, and no more on any side.
+/// The shortest focal length with which the film sees nothing outside of the photograph.
 ///
-/// A film's half field of view is `hypot(36, 24) / (2 f) * side / diagonal` in tangents, a photograph's the distance of its
-/// nearer border from the principal point over its focal length. Intrinsics without a size are taken to have the principal
-/// point in the middle.
+/// A film's half field of view is `hypot(36, 24) / (2 f) * side / diagonal` in tangents, a photograph's is the distance of
+/// the nearer border from the principal point over its focal length. Intrinsics without a size are assumed to have the
+/// principal point in the middle.
 fn focal_length_mm(photograph: &render::line::Photograph, film: &Film) -> f64 {
     let camera = &photograph.intrinsics;
     let size = camera

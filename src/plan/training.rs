@@ -1,4 +1,4 @@
-//! What a training is made of: everything that changes its result. `[train]` of a recipe.
+//! `[train]` of a recipe: all settings that change the result of a training.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -23,20 +23,20 @@ impl Stage {
     }
 }
 
-/// What images are described by, for hypercolumn and feature loss.
+/// Image features for the hypercolumn and the feature loss.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FeatureSource {
-    /// Nothing: networks see red, green and blue, and there is no feature loss.
+    /// None: networks see red, green and blue, without a feature loss.
     #[default]
     None,
-    /// VGG-19 with random weights of a fixed seed: not what the paper has.
+    /// VGG-19 with random weights of a fixed seed; the paper's are trained.
     Random,
     /// VGG-19 with weights from a file.
     File,
 }
 
-/// Where training examples come from.
+/// Source of training examples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ExampleKind {
@@ -49,7 +49,7 @@ pub enum ExampleKind {
     Ceilnet,
 }
 
-/// From which of a tuple's files pixels are read.
+/// Files of a tuple that pixels are read from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PixelSource {
@@ -60,18 +60,18 @@ pub enum PixelSource {
     Png,
 }
 
-/// How weights of generators begin.
+/// Initial weights of generators.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Start {
-    /// Each convolution passes its first channels on (Zhang et al.'s).
+    /// Each convolution copies its first channels (Zhang et al.).
     #[default]
     Identity,
-    /// Normal numbers of deviation sqrt(2 / inputs) (He et al.'s).
+    /// Normal distribution with standard deviation sqrt(2 / inputs) (He et al.).
     Random,
 }
 
-/// `[train]`: what `run` does when all tuples are there.
+/// `[train]`: training that `run` starts when all tuples are complete.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrainRecipe {
@@ -84,13 +84,13 @@ pub struct TrainRecipe {
     pub settings: TrainSettings,
 }
 
-/// The settings. Frozen with the first checkpoint: another value is another training.
+/// Settings of a training, frozen with its first checkpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainSettings {
-    /// Of first weights and of the order, crops and flips of examples.
+    /// Seed of initial weights and of the order, crops and flips of examples.
     pub seed: u64,
-    /// What images are described by.
+    /// Image features for the hypercolumn and the feature loss.
     pub features: FeatureSource,
     /// Divides the widths of a random VGG-19; 1 for the published ones.
     pub vgg_divisor: usize,
@@ -98,11 +98,11 @@ pub struct TrainSettings {
     pub width: usize,
     /// Channels after the discriminators' first convolution.
     pub discriminator_width: usize,
-    /// How generators begin.
+    /// Initial weights of the generators.
     pub start: Start,
-    /// Examples a step.
+    /// Examples per step.
     pub batch: usize,
-    /// Side of the square that is cut from an example, px.
+    /// Side of the square crop of an example, px.
     pub crop_px: usize,
     /// Mirror every other example.
     pub flip: bool,
@@ -114,17 +114,17 @@ pub struct TrainSettings {
     pub feature_weight: f64,
     /// Weight of the adversarial losses (Zhang et al.: 100 times the others against 1 time this). 0: no discriminator.
     pub adversarial_weight: f64,
-    /// Discriminators learn at every so many-th step (Zhang et al.).
+    /// Steps between updates of the discriminators (Zhang et al.).
     pub discriminator_every: u64,
-    /// SP-net learns from what BT-net makes of its R~*, too.
+    /// SP-net also gets gradients through BT-net's output for its R~*.
     pub a_priori: bool,
-    /// Where examples come from.
+    /// Source of the examples.
     pub examples: ExampleKind,
-    /// From which files.
+    /// Files that pixels are read from.
     pub pixels: PixelSource,
-    /// Share of the steps that see real photographs.
+    /// Share of steps with real photographs.
     pub real_share: f64,
-    /// The first epoch goes through the scenes in the manifest's order, as a farm makes them.
+    /// Whether the first epoch follows the manifest's order, in which a farm renders the scenes.
     pub follow: bool,
 }
 
@@ -154,7 +154,7 @@ impl Default for TrainSettings {
     }
 }
 
-/// A setting that cannot be.
+/// A setting is out of range.
 #[derive(Debug, PartialEq, thiserror::Error)]
 #[error("{name} is {value}, but must be {expected}")]
 pub struct SettingError {
@@ -167,7 +167,7 @@ pub struct SettingError {
 }
 
 impl TrainSettings {
-    /// Refuses what cannot be.
+    /// Checks all ranges.
     pub fn validate(&self) -> Result<(), SettingError> {
         let refuse = |name, value: String, expected| {
             Err(SettingError {
@@ -244,7 +244,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_cannot_be_is_refused_and_differences_are_named() {
+    fn ranges_are_checked_and_differences_named() {
         let settings = TrainSettings::default();
         settings.validate().unwrap();
         let bad = [

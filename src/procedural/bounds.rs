@@ -5,7 +5,7 @@ use super::shape::{Solid, slabs};
 use glam::Vec3;
 
 const LEAF_COUNT: usize = 3;
-/// Depth from which on halves are equal, so that no tree outgrows the stack.
+/// From this depth on, ranges are halved, so that no tree exceeds the stack.
 const MAX_DEPTH: usize = 48;
 
 #[derive(Clone, Copy, Debug)]
@@ -42,7 +42,7 @@ impl Bounds {
         }
     }
 
-    /// Whether anything stands in the way of the ray before `t_max`.
+    /// Whether a solid occludes the ray before `t_max`.
     pub(super) fn occluded(&self, ray: &Ray, t_max: f32) -> bool {
         if self.nodes.is_empty() {
             return false;
@@ -99,7 +99,7 @@ fn split(solids: &mut [Solid], first: u32, depth: usize, nodes: &mut Vec<Node>) 
     split(right, first + middle as u32, depth + 1, nodes);
 }
 
-/// Axis and place of the split whose halves have the least surface, weighted by their solids.
+/// Axis and position of the split with the least surface area weighted by solids.
 fn best_split(solids: &mut [Solid], depth: usize) -> (usize, usize) {
     let count = solids.len();
     if depth >= MAX_DEPTH {

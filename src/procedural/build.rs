@@ -1,10 +1,10 @@
-//! Setting up solids in the axes of a piece of furniture, a wall, a car.
+//! Adds solids in the local axes of a piece of furniture, a wall, a car.
 
 use super::material::Material;
 use super::shape::{Shape, Solid};
 use glam::{Mat3, Vec3};
 
-/// Upright axes somewhere in the world: x right, y up, z ahead.
+/// Upright local axes: x right, y up, z ahead.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Frame {
     pub(super) origin: Vec3,
@@ -20,12 +20,11 @@ impl Frame {
         }
     }
 
-    /// The world's own axes.
     pub(super) fn world() -> Self {
         Self::new(Vec3::ZERO, 0.0)
     }
 
-    /// The same axes at a point given in them, turned further.
+    /// Local axes at a point of these, rotated further.
     pub(super) fn at(&self, x: f32, y: f32, z: f32, yaw_rad: f32) -> Self {
         Self {
             origin: self.point(Vec3::new(x, y, z)),
@@ -33,7 +32,7 @@ impl Frame {
         }
     }
 
-    /// A point of these axes in the world.
+    /// World coordinates of a local point.
     pub(super) fn point(&self, p: Vec3) -> Vec3 {
         self.origin + self.axes * p
     }
@@ -53,18 +52,18 @@ pub(super) struct Builder {
 }
 
 impl Builder {
-    /// Starts a piece that is left out as a whole when it stands too near to the camera.
+    /// Starts a piece, which [`Self::clear_around`] removes as a whole.
     pub(super) fn start_piece(&mut self) {
         self.group_count += 1;
         self.group = self.group_count;
     }
 
-    /// What follows belongs to the place itself and always stays.
+    /// Starts solids of the place itself, which are never removed.
     pub(super) fn start_place(&mut self) {
         self.group = 0;
     }
 
-    /// Leaves out the pieces that come nearer to `eye` than `distance_m`.
+    /// Removes all pieces closer to `eye` than `distance_m`.
     pub(super) fn clear_around(&mut self, eye: Vec3, distance_m: f32) {
         let near: Vec<u32> = self
             .solids

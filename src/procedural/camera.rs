@@ -15,7 +15,7 @@ pub fn intrinsics(width: u32, height: u32) -> Intrinsics {
     }
 }
 
-/// A field of view of 60 degrees across and down, as the paper's recipe assumes of PLACES365.
+/// A field of view of 60 degrees across and down, which the paper's recipe assumes for PLACES365.
 pub fn places_intrinsics(width: u32, height: u32) -> Intrinsics {
     let (w, h) = (f64::from(width), f64::from(height));
     // 0.5 / tan(30 degrees)

@@ -1,4 +1,4 @@
-//! Light in rooms: windows, sun, lamps.
+//! Light sources of rooms: windows, sun, lamps.
 
 use super::build::Frame;
 use super::material::color;
@@ -44,7 +44,7 @@ pub(super) fn lights(
             let o = wall.window?;
             let axes = &wall.frame.axes;
             Some(Opening {
-                // Outside the frame and bars, whose shadows it then casts.
+                // Outside of frame and bars, so that they cast shadows.
                 centre: wall.frame.point(Vec3::new(o.x, o.sill + 0.5 * o.h, -0.14)),
                 half_u: axes.x_axis * (0.5 * o.w),
                 half_v: axes.y_axis * (0.5 * o.h),
@@ -89,7 +89,7 @@ pub(super) fn lights(
     }
 }
 
-/// What is seen through the windows.
+/// The sky outside the windows.
 pub(super) fn sky(evening: bool, r: &mut Stream) -> Sky {
     let dim = if evening { 0.1 } else { 1.6 };
     Sky {

@@ -1,4 +1,4 @@
-//! DIODE's own files: a PNG, a depth `.npy`, a mask `.npy`.
+//! Writes photographs in DIODE's layout: a PNG, a depth `.npy`, a mask `.npy`.
 
 use super::listing::SamplePhotograph;
 use super::render::{Rgbd, render};
@@ -16,17 +16,17 @@ pub enum SampleError {
     /// A file or folder could not be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// An image could not be coded.
-    #[error("cannot code {}: {source}; choose another size", path.display())]
+    /// An image could not be encoded.
+    #[error("cannot encode {}: {source}; choose another size", path.display())]
     Code {
-        /// The file that was to be written.
+        /// The file.
         path: PathBuf,
-        /// Why it was not.
+        /// The encoder's error.
         source: image::ImageError,
     },
 }
 
-/// Whether all three files of `photograph` lie under `root`.
+/// Whether all three files of `photograph` exist under `root`.
 pub fn is_written(root: &Path, photograph: &SamplePhotograph) -> bool {
     [
         photograph.color_path(),
@@ -48,7 +48,7 @@ pub struct SampleFiles {
     pub mask: Vec<u8>,
 }
 
-/// Renders `photograph` and codes its three files; nothing is written.
+/// Renders `photograph` and encodes its three files, without writing them.
 pub fn encode(
     photograph: &SamplePhotograph,
     width: u32,
@@ -68,7 +68,7 @@ pub fn encode(
     })
 }
 
-/// Renders `photograph` and writes its three files under `root`, each whole or not at all.
+/// Renders `photograph` and writes its three files under `root`, each atomically, the colour image last.
 pub fn write(
     root: &Path,
     photograph: &SamplePhotograph,

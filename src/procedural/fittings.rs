@@ -1,4 +1,4 @@
-//! What hangs, shines and grows in rooms: lamps, pictures, doors, windows, plants.
+//! Fittings of rooms: lamps, pictures, doors, windows, plants.
 
 use super::build::{Builder, Frame};
 use super::material::{Material, color};
@@ -7,7 +7,7 @@ use super::random::Stream;
 use super::style::{Style, accent, seed};
 use glam::{Vec2, Vec3};
 
-/// A standing lamp; returns where it shines.
+/// A standing lamp; returns the position of its bulb.
 pub(super) fn floor_lamp(b: &mut Builder, f: &Frame, style: &Style, on: bool) -> Vec3 {
     b.post(f, [0.0; 3], [0.15, 0.14], 0.025, style.metal);
     b.post(f, [0.0; 3], [0.012, 0.012], 1.45, style.metal);
@@ -15,7 +15,7 @@ pub(super) fn floor_lamp(b: &mut Builder, f: &Frame, style: &Style, on: bool) ->
     f.point(Vec3::new(0.0, 1.5, 0.0))
 }
 
-/// A lamp on a table; returns where it shines.
+/// A lamp on a table; returns the position of its bulb.
 pub(super) fn table_lamp(b: &mut Builder, f: &Frame, style: &Style, on: bool) -> Vec3 {
     b.post(f, [0.0; 3], [0.08, 0.05], 0.05, style.accent);
     b.ball(
@@ -29,7 +29,7 @@ pub(super) fn table_lamp(b: &mut Builder, f: &Frame, style: &Style, on: bool) ->
     f.point(Vec3::new(0.0, 0.36, 0.0))
 }
 
-/// A lamp hanging from a ceiling of height `ceiling` to `y`; returns where it shines.
+/// A lamp hanging from a ceiling of height `ceiling` to `y`; returns the position of its bulb.
 pub(super) fn pendant(
     b: &mut Builder,
     f: &Frame,

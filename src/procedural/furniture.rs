@@ -18,7 +18,7 @@ pub(super) fn table(b: &mut Builder, f: &Frame, size: [f32; 3], top: Material, l
     }
 }
 
-/// Things on a table top of height `h`, spread over `w` by `d`.
+/// Small objects on a table top of height `h`, spread over `w` by `d`.
 pub(super) fn things(
     b: &mut Builder,
     f: &Frame,
@@ -90,7 +90,6 @@ fn vase(b: &mut Builder, f: &Frame, r: &mut Stream) {
     }
 }
 
-/// A chair.
 pub(super) fn chair(b: &mut Builder, f: &Frame, wood: Material, seat: Material) {
     for (x, z, h) in [
         (-0.19, 0.19, 0.44),
@@ -283,7 +282,7 @@ pub(super) fn bed(b: &mut Builder, f: &Frame, style: &Style, r: &mut Stream) {
     }
 }
 
-/// A desk with a screen, facing +z like a chair that stands behind it would not.
+/// A desk whose screen faces +z.
 pub(super) fn desk(b: &mut Builder, f: &Frame, style: &Style, r: &mut Stream) {
     table(b, f, [1.4, 0.74, 0.65], style.wood, style.metal);
     let black = Material::plain(color(0x1d2126)).glossy(0.05);

@@ -1,4 +1,4 @@
-//! What stands about outdoors: cars, lamp posts, people, benches, signs, café tables.
+//! Objects of outdoor places: cars, lamp posts, people, benches, signs, café tables.
 
 use super::build::{Builder, Frame};
 use super::material::{Material, color};
@@ -30,7 +30,7 @@ pub(super) fn car(b: &mut Builder, f: &Frame, r: &mut Stream) {
         [0.14, 0.14],
         body,
     );
-    // A cut cone stretched to a cabin: glass below, a roof on top.
+    // The cabin is a stretched frustum: glass below, a roof on top.
     let cabin = 0.46 + tall;
     b.block(
         f,
@@ -85,7 +85,7 @@ pub(super) fn car(b: &mut Builder, f: &Frame, r: &mut Stream) {
     b.panel(f, [0.0, 0.55, -2.08], [0.52, 0.12, 0.02], plate);
 }
 
-/// A street lamp; its arm points to +x. Returns where it shines.
+/// A street lamp; its arm points to +x. Returns the position of its bulb.
 pub(super) fn lamp_post(b: &mut Builder, f: &Frame, on: bool) -> Vec3 {
     let metal = Material::plain(color(0x3c4447)).glossy(0.05);
     b.post(f, [0.0; 3], [0.1, 0.08], 0.7, metal);
@@ -97,7 +97,7 @@ pub(super) fn lamp_post(b: &mut Builder, f: &Frame, on: bool) -> Vec3 {
     f.point(Vec3::new(1.0, 4.55, 0.0))
 }
 
-/// Somebody standing or walking.
+/// A standing or walking person.
 pub(super) fn person(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let coat = Material::plain(bright(r));
     let trousers = Material::plain(color(r.pick(&[0x2a3140, 0x4a4438, 0x22242a, 0x5f6a78])));
@@ -227,7 +227,6 @@ pub(super) fn planter(b: &mut Builder, f: &Frame, r: &mut Stream) {
     super::tree::shrub(b, &f.at(0.0, 0.45, 0.0, 0.0), r.range(0.42, 0.6), r);
 }
 
-/// A bollard.
 pub(super) fn bollard(b: &mut Builder, f: &Frame) {
     let iron = Material::plain(color(0x2f3436)).glossy(0.05);
     b.post(f, [0.0; 3], [0.075, 0.06], 0.85, iron);

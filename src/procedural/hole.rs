@@ -1,29 +1,29 @@
-//! Where a scanner sees nothing: glass, sky, out of range, grazing edges.
+//! Holes of a scanner's depth image: glass, sky, out of range, grazing surfaces, edges.
 
 use super::random::{lattice, unit};
 
-/// Least depth that a scanner reports, in metres.
+/// Least depth of a scanner, m.
 const NEAREST_M: f32 = 0.5;
 
-/// What decides about one pixel.
+/// The surface at one pixel.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Return {
     pub(super) depth_m: f32,
-    /// Cosine between the ray and the surface.
+    /// Cosine of the angle between the ray and the surface normal.
     pub(super) cos: f32,
     pub(super) glass: bool,
-    /// Least and greatest depth of the four neighbours; none of them sky if finite.
+    /// Least and largest depth of the neighbours that show a surface.
     pub(super) neighbours_m: (f32, f32),
 }
 
-/// Whether the scanner gets a depth at pixel (i, j).
+/// Whether a scanner measures a depth at pixel (i, j).
 pub(super) fn is_valid(r: &Return, range_m: f32, [i, j]: [i32; 2], seed: i32) -> bool {
     if r.glass || r.depth_m < NEAREST_M || r.depth_m > range_m {
         return false;
     }
     let chance = unit(lattice(i, j, seed));
     let (nearest_m, farthest_m) = r.neighbours_m;
-    // The beam straddles the edge: some returns are lost, on the far side above all.
+    // The beam covers both sides of an edge: some returns are lost, mainly on the far side.
     let far_side = nearest_m < 0.85 * r.depth_m;
     let near_side = farthest_m > 1.2 * r.depth_m;
     let loss = if far_side {

@@ -1,12 +1,11 @@
-//! Procedural RGBD photographs: rooms and streets for smoke runs, tests and benches.
+//! Procedural RGBD photographs of rooms, streets, squares and parks: inputs without downloads.
 //!
-//! They look like places, not like noise: lit rooms and streets with occlusion edges, depths from
-//! half a metre to sixty metres, and holes where a scanner has them. Every byte follows from the
-//! seed: no clock, no thread count and no system mathematics library takes part.
+//! Lit places with occlusion edges, depths from half a metre to sixty metres, and the holes of a scanner. The seed determines
+//! every byte, on all machines and with any number of threads: no clock, no system mathematics library.
 //!
 //! ```text
-//! listing -> room | street -> model -> tiles -> light -> render -> diode | places
-//! (which)    (what stands where)      (visible) (lit)   (picture)  (files)
+//! listing -> room, furnish | outdoors, street -> model -> tiles    -> light -> render -> diode | places
+//! (numbers)  (solids in a Builder)               (place)  (visibility) (soft)  (picture)  (files)
 //! ```
 
 mod bounds;
@@ -15,8 +14,11 @@ mod camera;
 mod daylight;
 mod diode;
 mod fittings;
+mod furnish;
 mod furniture;
 mod garden;
+#[cfg(test)]
+mod golden;
 mod hole;
 mod light;
 mod listing;

@@ -1,7 +1,7 @@
-//! Soft light: what windows, lamps and surroundings send to a surface, with soft shadows.
+//! Soft light of windows, lamps and surroundings on a surface, with soft shadows.
 //!
-//! Rays are traced on a coarse grid of pixels, sixteen interleaved patterns a 4 x 4 block; a blur over
-//! the block that keeps to the surface puts the patterns together.
+//! Rays are traced on a coarse grid of pixels in sixteen interleaved patterns per 4 x 4 block. A blur over the block, limited
+//! to one surface, combines the patterns.
 
 use super::bounds::Bounds;
 use super::camera::Ray;
@@ -26,7 +26,7 @@ pub(super) struct Point {
     pub(super) depth_m: f32,
 }
 
-/// Sends rays from surface points to everything that shines softly.
+/// Traces rays from surface points to all sources of soft light.
 #[derive(Debug)]
 pub(super) struct SoftLight<'a> {
     lights: &'a Lights,
@@ -40,7 +40,7 @@ impl<'a> SoftLight<'a> {
         let count = PATTERN_COUNT * AMBIENT_RAYS;
         let hemisphere = (0..count)
             .map(|i| {
-                // Pattern i / RAYS holds every sixteenth ring, so that each alone spreads well.
+                // Pattern i / RAYS has every sixteenth ring, so that each pattern alone is well distributed.
                 let (pattern, ray) = (i / AMBIENT_RAYS, i % AMBIENT_RAYS);
                 let n = ray * PATTERN_COUNT + pattern;
                 let square = (n as f32 + 0.5) / count as f32;
@@ -80,7 +80,7 @@ impl<'a> SoftLight<'a> {
                 .lerp(lights.ambient_up, 0.5 + 0.5 * direction.y);
             let ray = Ray { origin, direction };
             let hidden = self.bounds.occluded(&ray, lights.ambient_reach_m);
-            // What hides the surroundings sends a part of their light on.
+            // An occluder reflects a part of the ambient light.
             sum += ambient * if hidden { 0.3 } else { 1.0 };
         }
         let mut light = sum / AMBIENT_RAYS as f32;
@@ -147,7 +147,7 @@ pub(super) struct SoftGrid<'a> {
 }
 
 impl<'a> SoftGrid<'a> {
-    /// Lights the grid; `visible` tells the surface point at the centre of a pixel.
+    /// Lights the grid; `visible` returns the surface point at the centre of a pixel.
     pub(super) fn new(
         soft: &'a SoftLight<'a>,
         width: usize,
@@ -212,7 +212,7 @@ fn pattern(a: usize, b: usize) -> usize {
     ORDER[(b & 3) * 4 + (a & 3)]
 }
 
-/// How much two points are the same piece of surface, 0..1.
+/// Similarity of two surface points, 0..1: 1 on one smooth surface.
 fn likeness(a: &Point, b: &Point) -> f32 {
     let facing = a.normal.dot(b.normal);
     if facing < 0.8 {
@@ -223,7 +223,7 @@ fn likeness(a: &Point, b: &Point) -> f32 {
     (facing - 0.8) * 5.0 * (1.0 - off / allowed).max(0.0)
 }
 
-/// Half weights at both ends: each of the sixteen patterns counts the same.
+/// Half weights at both ends, so that all sixteen patterns have equal weight.
 const ENDS: [f32; 5] = [0.5, 1.0, 1.0, 1.0, 0.5];
 
 fn blurred(raw: &[Option<Cell>], index: usize, across: usize, down: usize) -> Option<Cell> {

@@ -1,4 +1,4 @@
-//! Which photographs a procedural set holds, and what they are called.
+//! The photographs of a procedural set and their paths.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ const SCENES_PER_BLOCK: u32 = 2;
 const SCANS_PER_SCENE: u32 = 3;
 const VIEWS_PER_SCAN: u32 = 2;
 
-/// Kind of place, spelled as DIODE spells it.
+/// Kind of place, as in DIODE.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Place {
     /// Rooms: depths of a few metres, daylight through windows, lamps.
@@ -25,7 +25,7 @@ impl Place {
     }
 }
 
-/// One photograph of a procedural set; its picture follows from these five numbers and its size.
+/// One photograph of a procedural set. These five numbers and the size determine the picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SamplePhotograph {
     /// Indoors or outdoor.
@@ -68,8 +68,7 @@ impl SamplePhotograph {
 
 /// The first `count` photographs of the set with this seed.
 ///
-/// Indoors and outdoor alternate, scenes alternate within a place, scans within a scene. A shorter
-/// listing is the beginning of a longer one.
+/// Places alternate, scenes within a place, scans within a scene. A shorter listing is a prefix of a longer one.
 pub fn listing(count: usize, seed: u64) -> Vec<SamplePhotograph> {
     (0..count as u32).map(|i| photograph(i, seed)).collect()
 }
@@ -100,7 +99,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     #[test]
-    fn a_shorter_listing_is_the_beginning_of_a_longer_one() {
+    fn a_shorter_listing_is_a_prefix_of_a_longer_one() {
         let long = listing(60, 3);
         for count in [0, 1, 2, 7, 24, 59] {
             assert_eq!(listing(count, 3), long[..count]);

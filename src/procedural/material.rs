@@ -1,4 +1,4 @@
-//! What solids are made of: colours, a pattern, gloss, light of their own.
+//! Materials of solids: two colours, a pattern, gloss, emission.
 
 use super::pattern::Pattern;
 use glam::Vec3;
@@ -30,7 +30,7 @@ pub(super) struct Material {
     pub(super) second: Vec3,
     /// Share of mirror reflection at normal incidence, and 1/roughness of the highlight.
     pub(super) gloss: f32,
-    /// Linear radiance of its own, times `main`.
+    /// Emitted radiance, linear, times `main`.
     pub(super) glow: f32,
     pub(super) seed: i32,
     pub(super) casts_shadow: bool,
@@ -60,7 +60,7 @@ impl Material {
         }
     }
 
-    /// A lamp: shines, and hides nothing from its own light.
+    /// A lamp shade: emits light and casts no shadow.
     pub(super) fn lamp(main: Vec3, glow: f32) -> Self {
         Self {
             glow,

@@ -1,4 +1,4 @@
-//! A place ready to be photographed: solids, lights, sky, camera.
+//! The model of a photograph: solids, lights, sky, camera.
 
 use super::camera::{Camera, Pose};
 use super::listing::{Place, SamplePhotograph};
@@ -8,7 +8,7 @@ use super::{outdoors, room};
 use glam::Vec3;
 use render::line::Intrinsics;
 
-/// A rectangle that shines to one side: an open window.
+/// An open window: a rectangle that emits light to one side.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Opening {
     pub(super) centre: Vec3,
@@ -23,22 +23,22 @@ pub(super) struct Opening {
 pub(super) struct Bulb {
     pub(super) centre: Vec3,
     pub(super) radius_m: f32,
-    /// Intensity, so that irradiance is this over the squared distance.
+    /// Irradiance times squared distance.
     pub(super) intensity: Vec3,
 }
 
-/// Everything that shines.
+/// All light sources.
 #[derive(Clone, Debug)]
 pub(super) struct Lights {
     pub(super) sun_direction: Vec3,
-    /// Irradiance of the sun at right angles; zero without one.
+    /// Irradiance of the sun on a perpendicular surface; zero without sun.
     pub(super) sun: Vec3,
     pub(super) openings: Vec<Opening>,
     pub(super) bulbs: Vec<Bulb>,
     /// Ambient radiance from above and from below.
     pub(super) ambient_up: Vec3,
     pub(super) ambient_down: Vec3,
-    /// How far ambient rays look for something that hides the rest.
+    /// Length of ambient rays.
     pub(super) ambient_reach_m: f32,
 }
 
@@ -49,9 +49,9 @@ pub(super) struct Model {
     pub(super) lights: Lights,
     pub(super) sky: Sky,
     pub(super) pose: Pose,
-    /// Mean of the sRGB-coded picture that the exposure aims at.
+    /// Target mean of the sRGB-coded picture.
     pub(super) brightness: f32,
-    /// Depth beyond which the scanner sees nothing.
+    /// Largest depth of the scanner.
     pub(super) range_m: f32,
 }
 

@@ -1,9 +1,9 @@
-//! Value noise and filtered stripes: what the textures are made of.
+//! Value noise and filtered stripes for textures.
 
 use super::random::{lattice, unit};
 use glam::Vec3;
 
-/// Largest integer not above `x`, without the library call that baseline x86-64 makes of `floor`.
+/// `floor`, without the library call of baseline x86-64.
 #[inline]
 pub(super) fn floor(x: f32) -> i32 {
     let truncated = x as i32;

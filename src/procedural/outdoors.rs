@@ -1,4 +1,4 @@
-//! Outdoor places: streets, squares with cafés, parks, under a sky of the day or the evening.
+//! Outdoor places: streets, squares with cafés, parks, by day or in the evening.
 
 use super::build::{Builder, Frame};
 use super::camera::Pose;
@@ -21,7 +21,7 @@ enum Hour {
     Evening,
 }
 
-/// A place before light falls on it.
+/// The camera and lamps of a place.
 struct Place {
     eye: Vec3,
     target: Vec3,
@@ -78,7 +78,7 @@ fn street_place(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
         let begin = r.range(-9.0, -3.0);
         street::row(b, side, half_m + pavement_m, [begin, 52.0], night, r);
     }
-    // A house across the end closes the view.
+    // A house at the end of the street closes the view.
     let end = Frame::new(Vec3::new(r.range(-4.0, 4.0), 0.1, r.range(54.0, 58.0)), PI);
     street::building(b, &end, [16.0, r.range(11.0, 16.0), 8.0], false, night, r);
     let mut lamps = Vec::new();
@@ -298,7 +298,7 @@ fn park(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
     Place { eye, target, lamps }
 }
 
-/// What may stand in the foreground.
+/// Objects of the foreground.
 #[derive(Clone, Copy, Debug)]
 enum Thing {
     Bollard,
@@ -309,7 +309,7 @@ enum Thing {
     Person,
 }
 
-/// Something near and thin in the middle of the view: edges to reflect.
+/// Near, thin objects in the middle of the view: depth edges for reflections.
 fn foreground(b: &mut Builder, eye: Vec3, target: Vec3, kinds: &[Thing], r: &mut Stream) {
     let ahead = (target - eye) * Vec3::new(1.0, 0.0, 1.0);
     let ahead = ahead.normalize();
@@ -325,7 +325,7 @@ fn foreground(b: &mut Builder, eye: Vec3, target: Vec3, kinds: &[Thing], r: &mut
     for (k, f) in [first, second, third].into_iter().enumerate() {
         b.start_piece();
         match r.pick(kinds) {
-            // Nearer than this a person or a sign hides the place.
+            // At this distance a person or a sign would hide the place.
             Thing::Person | Thing::Sign if k == 0 => garden::bollard(b, &f),
             Thing::Bollard => garden::bollard(b, &f),
             Thing::Sign => garden::road_sign(b, &f, r),
@@ -357,7 +357,7 @@ fn sky(hour: Hour, r: &mut Stream) -> Sky {
 }
 
 fn lights(hour: Hour, sky: &Sky, lamps: &[Vec3], r: &mut Stream) -> Lights {
-    // The sun stands beside or behind the camera: what is looked at is lit.
+    // The sun is beside or behind the camera, so that visible surfaces are lit.
     let turn = r.range(0.5, 1.5) * PI + r.range(-0.4, 0.4);
     let (s, c) = libm::sincosf(turn);
     let elevation = match hour {

@@ -5,7 +5,7 @@ use super::noise::{band, cloudy, floor, stripe};
 use super::random::{lattice, unit};
 use glam::{Vec2, Vec3};
 
-/// How the two colours of a material are laid out. Lengths are in metres.
+/// Layout of the two colours of a material. Lengths in metres.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Pattern {
     /// One colour, faintly mottled.
@@ -42,13 +42,13 @@ pub(super) enum Pattern {
     Pane,
 }
 
-/// What a ray finds on a surface.
+/// Optical properties at a point of a surface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Surface {
     pub(super) albedo: Vec3,
     pub(super) glow: Vec3,
     pub(super) gloss: f32,
-    /// A scanner sees nothing here.
+    /// Glass: a hole in the scanner's depth.
     pub(super) glass: bool,
 }
 

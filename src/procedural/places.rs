@@ -1,4 +1,4 @@
-//! PLACES365's folders: JPEGs by category, and beside them relative inverse depth as networks write it.
+//! Writes photographs in the layout of PLACES365: JPEGs by category, and relative inverse depth as networks write it.
 //!
 //! ```text
 //! DIR/data_256/LETTER/CATEGORY[/KIND]/00000001.jpg
@@ -15,20 +15,20 @@ use image::{ExtendedColorType, ImageEncoder};
 use render::atomic_file;
 use std::path::{Path, PathBuf};
 
-/// Folder of the photographs below the set's.
+/// Folder of the photographs below the set's root.
 pub const PLACES_COLOR: &str = "data_256";
-/// Folder of the depth maps below the set's.
+/// Folder of the depth maps below the set's root.
 pub const PLACES_DEPTH: &str = "depth";
 
-/// Of 100.
+/// JPEG quality, of 100.
 const JPEG_QUALITY: u8 = 92;
 
 /// A photograph of a procedural set in the layout of PLACES365.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlacesPhotograph {
-    /// Of which place.
+    /// The photograph in DIODE's numbering.
     pub photograph: SamplePhotograph,
-    /// By the names of the official list, `bedroom` or `library/indoor`.
+    /// Category as in the official list: `bedroom`, `library/indoor`.
     pub category: String,
     /// Number in its category, from 1.
     pub number: u32,
@@ -52,8 +52,8 @@ impl PlacesPhotograph {
     }
 }
 
-/// The first `count` photographs of the set with this seed: those of [`listing::listing`], rooms in the `indoors` categories
-/// in turn, streets and gardens in the `outdoors` ones.
+/// The first `count` photographs of the set with this seed: those of [`listing::listing`], with rooms distributed over the
+/// `indoors` categories in turn, streets and parks over the `outdoors` ones.
 ///
 /// Categories are names of the official list. Panics if a list is empty.
 pub fn places_listing(
@@ -82,7 +82,7 @@ pub fn places_listing(
         .collect()
 }
 
-/// Renders `photograph` and writes its two files under `root`, each whole or not at all.
+/// Renders `photograph` and writes its two files under `root`, each atomically.
 pub fn write_places(
     root: &Path,
     photograph: &PlacesPhotograph,
@@ -123,7 +123,7 @@ fn jpeg(rgbd: &Rgbd) -> Result<Vec<u8>, image::ImageError> {
     Ok(bytes)
 }
 
-/// Inverse depth from the picture's least to its largest as 0 to 65535: gain and shift are lost, as an estimator's are.
+/// Inverse depth scaled from the picture's least and largest value to 0 to 65535: scale and shift are lost, as in estimates.
 fn relative_inverse(inverse_depth_per_m: &[f32]) -> Vec<u16> {
     let least = inverse_depth_per_m.iter().copied().fold(f32::MAX, f32::min);
     let most = inverse_depth_per_m.iter().copied().fold(0.0, f32::max);

@@ -1,4 +1,4 @@
-//! Random numbers of the procedural photographs: integer hashes, no state but a counter.
+//! Random numbers of procedural photographs: integer hashes of a key and a counter.
 
 pub(super) use render::hash::splitmix64 as mix;
 
@@ -18,7 +18,7 @@ pub(super) fn unit(hash: u32) -> f32 {
     (hash >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
-/// A stream of random numbers that follows from its key alone.
+/// A stream of random numbers, determined by its key.
 #[derive(Clone, Debug)]
 pub(super) struct Stream {
     key: u64,

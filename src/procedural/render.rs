@@ -1,4 +1,4 @@
-//! Photographing a model: visibility, light, antialiasing, depth.
+//! Renders a model: visibility, light, antialiasing, depth.
 
 use super::bounds::Bounds;
 use super::camera::{Camera, Ray, intrinsics};
@@ -20,13 +20,13 @@ pub struct Rgbd {
     pub width: u32,
     /// Pixels down.
     pub height: u32,
-    /// sRGB-coded colour, three bytes a pixel.
+    /// sRGB-coded colour, three bytes per pixel.
     pub rgb: Vec<u8>,
     /// Depth along the optical axis, 0 where invalid.
     pub depth_m: Vec<f32>,
-    /// Whether the pixel has a depth.
+    /// Whether a pixel has a depth.
     pub valid: Vec<bool>,
-    /// 1/z of what each pixel shows, holes or not; 0 of the sky.
+    /// 1/z of the surface at each pixel, also in holes; 0 for the sky.
     pub inverse_depth_per_m: Vec<f32>,
 }
 
@@ -38,10 +38,10 @@ const OFFSETS: [(f32, f32); 4] = [
     (-0.375, 0.125),
 ];
 
-/// Pixels between the ones that the exposure looks at.
+/// Distance of metered pixels, px.
 const METERING_STEP: usize = 16;
 
-/// What the centre of a pixel shows.
+/// The surface at the centre of a pixel.
 #[derive(Clone, Copy, Debug)]
 struct Pixel {
     hit: Hit,
@@ -49,12 +49,12 @@ struct Pixel {
     in_sun: bool,
 }
 
-/// Photographs the place with DIODE's camera. Pure: the same arguments give the same bytes on every machine.
+/// Renders the photograph with DIODE's camera. Pure: equal arguments give equal bytes on all machines.
 pub fn render(photograph: &SamplePhotograph, width: u32, height: u32) -> Rgbd {
     render_through(photograph, &intrinsics(width, height), width, height)
 }
 
-/// The same with another camera; its `intrinsics` are for pixels of this size.
+/// Renders the photograph with another camera; `intrinsics` are in pixels of this size.
 pub fn render_through(
     photograph: &SamplePhotograph,
     intrinsics: &Intrinsics,
@@ -83,84 +83,35 @@ pub fn render_through(
         let ray = view.centre_ray(i, j);
         Some(point(&ray, pixel.hit, pixel.normal))
     });
-    let centre = |k: usize| {
-        let (i, j) = (k % w, k / w);
-        view.radiance(&view.centre_ray(i, j), pixels[k].as_ref(), &grid, i, j)
-    };
-    let metered: Vec<Vec3> = (0..w * h)
-        .filter(|k| {
-            k % w % METERING_STEP == METERING_STEP / 2 && k / w % METERING_STEP == METERING_STEP / 2
-        })
-        .map(|k| centre(k).0)
+    let inverse_depth_per_m = pixels
+        .iter()
+        .map(|pixel| pixel.map_or(0.0, |p| 1.0 / p.hit.depth_m))
         .collect();
-    let tone = Tone::aimed(&metered, model.brightness);
+    let film = Film {
+        view,
+        grid,
+        pixels,
+        size: [w, h],
+    };
+    let tone = film.metered_tone();
     let seed = (photograph.seed as u32 ^ photograph.scan).cast_signed();
 
     let mut rgb = vec![0; 3 * w * h];
     let mut depth_m = vec![0.0; w * h];
     let mut valid = vec![false; w * h];
-    let inverse_depth_per_m = pixels
-        .iter()
-        .map(|pixel| pixel.map_or(0.0, |p| 1.0 / p.hit.depth_m))
-        .collect();
     rgb.par_chunks_mut(3 * w)
         .zip(depth_m.par_chunks_mut(w))
         .zip(valid.par_chunks_mut(w))
         .enumerate()
         .for_each(|(j, ((rgb, depth_m), valid))| {
             for i in 0..w {
-                let k = j * w + i;
-                let around = [
-                    pixels[if i > 0 { k - 1 } else { k }],
-                    pixels[if i + 1 < w { k + 1 } else { k }],
-                    pixels[if j > 0 { k - w } else { k }],
-                    pixels[if j + 1 < h { k + w } else { k }],
-                ];
-                let (radiance, glass) = centre(k);
-                let mut coded = tone.coded(radiance);
-                if around
-                    .iter()
-                    .any(|other| differs(pixels[k].as_ref(), other.as_ref()))
-                {
-                    coded = Vec3::ZERO;
-                    // All around lit: what lies between is, too. (A shaded one may face away.)
-                    let lit = pixels[k]
-                        .iter()
-                        .chain(around.iter().flatten())
-                        .all(|p| p.in_sun);
-                    let known_sun = lit.then_some(true);
-                    for (du, dv) in OFFSETS {
-                        let ray = camera.ray(i as f32 + 0.5 + du, j as f32 + 0.5 + dv);
-                        let pixel = view.seen(&ray, i, j, known_sun);
-                        let (radiance, _) = view.radiance(&ray, pixel.as_ref(), &grid, i, j);
-                        coded += tone.coded(radiance);
-                    }
-                    coded *= 0.25;
-                }
+                let (radiance, glass) = film.centre(i, j);
+                let coded = film.antialiased(i, j, radiance, &tone);
                 for (byte, c) in rgb[3 * i..3 * i + 3].iter_mut().zip(coded.to_array()) {
                     *byte = (c * 255.0 + 0.5) as u8;
                 }
-                let Some(pixel) = pixels[k] else { continue };
-                let depths = || around.iter().flatten().map(|p| p.hit.depth_m);
-                let found = Return {
-                    depth_m: pixel.hit.depth_m,
-                    cos: -pixel
-                        .normal
-                        .dot(view.centre_ray(i, j).direction.normalize()),
-                    glass,
-                    neighbours_m: (
-                        depths().fold(f32::MAX, f32::min),
-                        depths().fold(0.0, f32::max),
-                    ),
-                };
-                if hole::is_valid(
-                    &found,
-                    model.range_m,
-                    [i as u32, j as u32].map(u32::cast_signed),
-                    seed,
-                ) {
-                    depth_m[i] = found.depth_m;
-                    valid[i] = true;
+                if let Some(found) = film.measured_depth_m(i, j, glass, seed) {
+                    (depth_m[i], valid[i]) = (found, true);
                 }
             }
         });
@@ -171,6 +122,94 @@ pub fn render_through(
         depth_m,
         valid,
         inverse_depth_per_m,
+    }
+}
+
+/// A view with the surfaces at all pixel centres.
+struct Film<'a> {
+    view: View<'a>,
+    grid: SoftGrid<'a>,
+    pixels: Vec<Option<Pixel>>,
+    size: [usize; 2],
+}
+
+impl Film<'_> {
+    /// Radiance at a pixel's centre, and whether it shows glass or sky.
+    fn centre(&self, i: usize, j: usize) -> (Vec3, bool) {
+        let pixel = self.pixels[j * self.size[0] + i].as_ref();
+        let ray = self.view.centre_ray(i, j);
+        self.view.radiance(&ray, pixel, &self.grid, i, j)
+    }
+
+    /// The tone curve, metered on every [`METERING_STEP`]th pixel.
+    fn metered_tone(&self) -> Tone {
+        let [w, h] = self.size;
+        let first = METERING_STEP / 2;
+        let rows = (first..h).step_by(METERING_STEP);
+        let metered: Vec<Vec3> = rows
+            .flat_map(|j| (first..w).step_by(METERING_STEP).map(move |i| (i, j)))
+            .map(|(i, j)| self.centre(i, j).0)
+            .collect();
+        Tone::aimed(&metered, self.view.model.brightness)
+    }
+
+    /// The four neighbours of a pixel; at the border the pixel itself.
+    fn neighbours(&self, i: usize, j: usize) -> [Option<Pixel>; 4] {
+        let ([w, h], k) = (self.size, j * self.size[0] + i);
+        [
+            self.pixels[if i > 0 { k - 1 } else { k }],
+            self.pixels[if i + 1 < w { k + 1 } else { k }],
+            self.pixels[if j > 0 { k - w } else { k }],
+            self.pixels[if j + 1 < h { k + w } else { k }],
+        ]
+    }
+
+    /// sRGB-coded colour of a pixel whose centre has this radiance: the mean of four samples where an edge is near.
+    fn antialiased(&self, i: usize, j: usize, radiance: Vec3, tone: &Tone) -> Vec3 {
+        let pixel = &self.pixels[j * self.size[0] + i];
+        let around = self.neighbours(i, j);
+        if !around
+            .iter()
+            .any(|other| differs(pixel.as_ref(), other.as_ref()))
+        {
+            return tone.coded(radiance);
+        }
+        // If all neighbours are lit, so are the points between. (A shaded one may only face away.)
+        let is_lit = pixel
+            .iter()
+            .chain(around.iter().flatten())
+            .all(|p| p.in_sun);
+        let known_sun = is_lit.then_some(true);
+        let mut coded = Vec3::ZERO;
+        for (du, dv) in OFFSETS {
+            let ray = self
+                .view
+                .camera
+                .ray(i as f32 + 0.5 + du, j as f32 + 0.5 + dv);
+            let seen = self.view.seen(&ray, i, j, known_sun);
+            let (radiance, _) = self.view.radiance(&ray, seen.as_ref(), &self.grid, i, j);
+            coded += tone.coded(radiance);
+        }
+        coded * 0.25
+    }
+
+    /// The depth that a scanner measures at a pixel; `None` in a hole.
+    fn measured_depth_m(&self, i: usize, j: usize, glass: bool, seed: i32) -> Option<f32> {
+        let pixel = self.pixels[j * self.size[0] + i]?;
+        let around = self.neighbours(i, j);
+        let depths = || around.iter().flatten().map(|p| p.hit.depth_m);
+        let direction = self.view.centre_ray(i, j).direction.normalize();
+        let found = Return {
+            depth_m: pixel.hit.depth_m,
+            cos: -pixel.normal.dot(direction),
+            glass,
+            neighbours_m: (
+                depths().fold(f32::MAX, f32::min),
+                depths().fold(0.0, f32::max),
+            ),
+        };
+        let at = [i as u32, j as u32].map(u32::cast_signed);
+        hole::is_valid(&found, self.view.model.range_m, at, seed).then_some(found.depth_m)
     }
 }
 
@@ -210,14 +249,14 @@ impl View<'_> {
         self.seen(&self.centre_ray(i, j), i, j, None)
     }
 
-    /// What a ray through pixel (i, j) meets; `known_sun` spares the shadow ray.
+    /// The surface that a ray through pixel (i, j) meets; `known_sun` saves the shadow ray.
     fn seen(&self, ray: &Ray, i: usize, j: usize, known_sun: Option<bool>) -> Option<Pixel> {
         let hit = self.tiles.nearest(&self.model.solids, ray, i, j)?;
         let solid = &self.model.solids[hit.solid as usize];
         let position = ray.at(hit.depth_m);
         let mut normal = solid.axes * solid.normal(solid.local(position - solid.centre));
         if matches!(solid.shape, Shape::Foliage(..)) {
-            // Leaves face the light more than the ball they stand on does.
+            // Leaves face the light more than the surface of the crown.
             normal = (normal + Vec3::Y * 0.5).normalize();
         } else if normal.dot(ray.direction) > 0.0 {
             normal = -normal;
@@ -235,7 +274,7 @@ impl View<'_> {
         })
     }
 
-    /// Radiance along a ray, and whether it ends on glass.
+    /// Radiance along a ray, and whether it ends on glass or in the sky.
     fn radiance(
         &self,
         ray: &Ray,
@@ -292,7 +331,7 @@ impl View<'_> {
         (radiance, surface.glass)
     }
 
-    /// What a glossy surface mirrors, without looking for solids.
+    /// Radiance mirrored by a glossy surface, ignoring solids.
     fn reflected(&self, position: Vec3, direction: Vec3, light: Vec3) -> Vec3 {
         let lights = &self.model.lights;
         if lights.openings.is_empty() {

@@ -1,11 +1,11 @@
-//! Solids that a ray meets in closed form: blocks, ellipsoids, frustums, ragged foliage.
+//! Solids with closed-form intersections: blocks, ellipsoids, frustums, foliage.
 
 use super::camera::Ray;
 use super::material::Material;
 use super::noise::noise3;
 use glam::{Mat3, Vec3};
 
-/// Ray parameters below this are the surface that the ray starts from.
+/// Intersections with smaller ray parameters are the surface that the ray starts from.
 const NEAREST: f32 = 1e-3;
 
 /// A shape in its own axes, centred at the origin.
@@ -15,13 +15,13 @@ pub(super) enum Shape {
     Block(Vec3),
     /// An ellipsoid with these radii.
     Ellipsoid(Vec3),
-    /// A cut cone along y: radius at the bottom, at the top, half the height.
+    /// A frustum along y: radius at the bottom, at the top, half the height.
     Frustum(f32, f32, f32),
     /// An ellipsoid with holes like those between leaves.
     Foliage(Vec3, i32),
 }
 
-/// A shape somewhere, made of something.
+/// A placed shape with its material.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Solid {
     pub(super) shape: Shape,
@@ -29,9 +29,9 @@ pub(super) struct Solid {
     /// Columns are the shape's axes in the world.
     pub(super) axes: Mat3,
     pub(super) material: Material,
-    /// Where the texture's origin lies seen from the centre, so that neighbours continue it.
+    /// Offset of the texture's origin, so that textures continue across neighbours.
     pub(super) texture_shift: Vec3,
-    /// Solids of one piece of furniture share it; 0 is the place itself.
+    /// Number of the piece that the solid belongs to; 0 is the place itself.
     pub(super) group: u32,
 }
 
@@ -119,8 +119,7 @@ impl Solid {
 /// Parameters at which a ray enters and leaves a box; `low` and `high` are its corners seen from
 /// the ray's origin.
 ///
-/// Comparisons instead of `f32::min`: one instruction each, at the price of an unspecified answer
-/// for a ray that lies exactly in a face.
+/// Uses comparisons instead of `f32::min`, one instruction each; the result for a ray exactly in a face is unspecified.
 #[inline]
 pub(super) fn slabs(low: Vec3, high: Vec3, inverse: Vec3) -> (f32, f32) {
     let less = |a: f32, b: f32| if a < b { a } else { b };
@@ -141,7 +140,7 @@ fn block(o: Vec3, d: Vec3, half: Vec3, t_max: f32) -> Option<f32> {
 #[inline]
 fn ellipsoid(o: Vec3, d: Vec3) -> Option<(f32, f32)> {
     let a = d.dot(d);
-    // The point of the line nearest to the centre, for digits: the sphere may be small and far.
+    // Relative to the point nearest to the centre: keeps digits for small, far spheres.
     let t0 = -o.dot(d) / a;
     let nearest = o + d * t0;
     let under = 1.0 - nearest.dot(nearest);

@@ -10,7 +10,7 @@ pub(super) struct Sky {
     pub(super) zenith: Vec3,
     pub(super) horizon: Vec3,
     pub(super) cloud: Vec3,
-    /// Share of the sky that is clouds, 0..1.
+    /// Cloud cover, 0..1.
     pub(super) cover: f32,
     pub(super) seed: i32,
 }

@@ -22,7 +22,20 @@ fn seed(r: &mut Stream) -> i32 {
     (r.bits() >> 40) as i32
 }
 
-/// A building of this width, height and depth, facing +z, its front at z = 0.
+/// A building, facing +z, its front at z = 0. Lengths in metres.
+#[derive(Clone, Copy)]
+struct Building {
+    width: f32,
+    /// Height of the ground floor.
+    base: f32,
+    storeys: usize,
+    bays: usize,
+    /// Width of a bay and height of a storey.
+    cell: Vec2,
+    stone: Material,
+}
+
+/// Builds a building of this width, height and depth; its height is rounded to whole storeys.
 ///
 /// `near` buildings get sills and balconies that stand out.
 pub(super) fn building(
@@ -76,69 +89,85 @@ pub(super) fn building(
         stone,
     );
     roof(b, f, [w, h, d], r);
-    let door_x = (r.index(bays) as f32 + 0.5) * cell.x - 0.5 * w;
-    let paint = Material::plain(color(r.pick(&[0x2f4a3c, 0x5a2a24, 0x2a3a55, 0x6a4a2a])));
-    b.block(f, [door_x, 1.1, 0.0], [1.2, 2.2, 0.12], stone);
-    b.block(
-        f,
-        [door_x, 1.05, 0.04],
-        [0.96, 2.05, 0.12],
-        paint.glossy(0.03),
-    );
-    b.block(f, [door_x, 0.08, 0.3], [1.4, 0.16, 0.6], stone);
+    let house = Building {
+        width: w,
+        base,
+        storeys,
+        bays,
+        cell,
+        stone,
+    };
+    door(b, f, &house, r);
     if shop {
-        let colour = color(r.pick(&[0x27483f, 0x7a2a26, 0x283a5c, 0x2a2a2c, 0xb08a3a]));
-        let half = Vec2::new(0.35 * w, 0.22);
-        let board = Material::new(Pattern::Sign(half), colour, color(0xf0e6cc), seed(r));
-        b.panel(f, [0.0, base - 0.38, 0.05], [0.7 * w, 0.44, 0.1], board);
-        if r.chance(0.7) {
-            let cloth = Material::new(Pattern::Stripes(0.6), colour * 1.6, color(0xe8e2d4), 1);
-            let (z0, z1) = (0.05, 1.1);
-            for k in 0..6 {
-                let t = (k as f32 + 0.5) / 6.0;
-                let at = [0.0, base - 0.72 - 0.42 * t, z0 + (z1 - z0) * t];
-                b.block(f, at, [0.8 * w, 0.08, 0.19], cloth);
-            }
+        shop_front(b, f, &house, r);
+    }
+    if near {
+        windows(b, f, &house, r);
+        let pipe = Material::plain(color(0x6a6e70));
+        b.post(f, [0.5 * w - 0.15, 0.0, 0.08], [0.05, 0.05], h, pipe);
+    }
+}
+
+/// A door in one of the bays, with a frame and a step.
+fn door(b: &mut Builder, f: &Frame, house: &Building, r: &mut Stream) {
+    let stone = house.stone;
+    let x = (r.index(house.bays) as f32 + 0.5) * house.cell.x - 0.5 * house.width;
+    let paint = Material::plain(color(r.pick(&[0x2f4a3c, 0x5a2a24, 0x2a3a55, 0x6a4a2a])));
+    b.block(f, [x, 1.1, 0.0], [1.2, 2.2, 0.12], stone);
+    b.block(f, [x, 1.05, 0.04], [0.96, 2.05, 0.12], paint.glossy(0.03));
+    b.block(f, [x, 0.08, 0.3], [1.4, 0.16, 0.6], stone);
+}
+
+/// A sign over the ground floor, most often with an awning.
+fn shop_front(b: &mut Builder, f: &Frame, house: &Building, r: &mut Stream) {
+    let (w, base) = (house.width, house.base);
+    let colour = color(r.pick(&[0x27483f, 0x7a2a26, 0x283a5c, 0x2a2a2c, 0xb08a3a]));
+    let half = Vec2::new(0.35 * w, 0.22);
+    let board = Material::new(Pattern::Sign(half), colour, color(0xf0e6cc), seed(r));
+    b.panel(f, [0.0, base - 0.38, 0.05], [0.7 * w, 0.44, 0.1], board);
+    if r.chance(0.7) {
+        let cloth = Material::new(Pattern::Stripes(0.6), colour * 1.6, color(0xe8e2d4), 1);
+        let (z0, z1) = (0.05, 1.1);
+        for k in 0..6 {
+            let t = (k as f32 + 0.5) / 6.0;
+            let at = [0.0, base - 0.72 - 0.42 * t, z0 + (z1 - z0) * t];
+            b.block(f, at, [0.8 * w, 0.08, 0.19], cloth);
         }
     }
-    if !near {
-        return;
-    }
-    let iron = Material::plain(color(0x2c3033));
-    let balconies = r.chance(0.45);
-    for j in 0..storeys.min(4) {
-        for i in 0..bays {
-            let x = (i as f32 + 0.5) * cell.x - 0.5 * w;
-            let y = base + (j as f32 + 0.55) * cell.y;
-            let (ww, hh) = (0.46 * cell.x, 0.56 * cell.y);
-            b.block(
-                f,
-                [x, y - 0.5 * hh - 0.06, 0.06],
-                [1.2 * ww, 0.1, 0.2],
-                stone,
-            );
-            b.block(
-                f,
-                [x, y + 0.5 * hh + 0.08, 0.03],
-                [1.14 * ww, 0.15, 0.1],
-                stone,
-            );
+}
+
+/// Sills, lintels and jambs of the lower storeys' windows, on some buildings balconies.
+fn windows(b: &mut Builder, f: &Frame, house: &Building, r: &mut Stream) {
+    let Building { cell, stone, .. } = *house;
+    let has_balconies = r.chance(0.45);
+    let (ww, hh) = (0.46 * cell.x, 0.56 * cell.y);
+    for j in 0..house.storeys.min(4) {
+        for i in 0..house.bays {
+            let x = (i as f32 + 0.5) * cell.x - 0.5 * house.width;
+            let y = house.base + (j as f32 + 0.55) * cell.y;
+            let sill = [x, y - 0.5 * hh - 0.06, 0.06];
+            b.block(f, sill, [1.2 * ww, 0.1, 0.2], stone);
+            let lintel = [x, y + 0.5 * hh + 0.08, 0.03];
+            b.block(f, lintel, [1.14 * ww, 0.15, 0.1], stone);
             for side in [-0.53, 0.53] {
                 b.block(f, [x + side * ww, y, 0.02], [0.08, hh, 0.07], stone);
             }
-            if balconies && (i + j) % 2 == 0 {
-                let foot = y - 0.5 * hh - 0.12;
-                b.block(f, [x, foot, 0.4], [0.85 * cell.x, 0.1, 0.8], stone);
-                b.block(f, [x, foot + 0.95, 0.78], [0.85 * cell.x, 0.05, 0.04], iron);
-                for k in 0..9 {
-                    let at = x + 0.83 * cell.x * (k as f32 / 8.0 - 0.5);
-                    b.post(f, [at, foot, 0.78], [0.014, 0.014], 0.95, iron);
-                }
+            if has_balconies && (i + j) % 2 == 0 {
+                balcony(b, f, [x, y - 0.5 * hh - 0.12], cell.x, stone);
             }
         }
     }
-    let pipe = Material::plain(color(0x6a6e70));
-    b.post(f, [0.5 * w - 0.15, 0.0, 0.08], [0.05, 0.05], h, pipe);
+}
+
+/// A balcony with railings in a bay of this width; `x` is its middle, `foot` its height.
+fn balcony(b: &mut Builder, f: &Frame, [x, foot]: [f32; 2], bay: f32, stone: Material) {
+    let iron = Material::plain(color(0x2c3033));
+    b.block(f, [x, foot, 0.4], [0.85 * bay, 0.1, 0.8], stone);
+    b.block(f, [x, foot + 0.95, 0.78], [0.85 * bay, 0.05, 0.04], iron);
+    for k in 0..9 {
+        let at = x + 0.83 * bay * (k as f32 / 8.0 - 0.5);
+        b.post(f, [at, foot, 0.78], [0.014, 0.014], 0.95, iron);
+    }
 }
 
 fn roof(b: &mut Builder, f: &Frame, [w, h, d]: [f32; 3], r: &mut Stream) {

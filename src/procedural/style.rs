@@ -5,7 +5,7 @@ use super::pattern::Pattern;
 use super::random::Stream;
 use glam::Vec3;
 
-/// Colours and materials that the rooms of one building share.
+/// Colours and materials shared by the rooms of one building.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Style {
     pub(super) wall: Material,
@@ -17,13 +17,13 @@ pub(super) struct Style {
     pub(super) metal: Material,
 }
 
-/// Colours of small things.
+/// Colours of small objects.
 const ACCENTS: [u32; 10] = [
     0xb5443a, 0x2f6f7e, 0xd9a441, 0x5b7f4a, 0x7a4e6f, 0xc96f3b, 0x34507d, 0x8fa6a3, 0xd7c9a7,
     0x3d4147,
 ];
 
-/// The colour of some small thing.
+/// A random colour of a small object.
 pub(super) fn accent(r: &mut Stream) -> Vec3 {
     color(r.pick(&ACCENTS))
 }
@@ -33,12 +33,12 @@ pub(super) fn seed(r: &mut Stream) -> i32 {
     (r.bits() >> 40) as i32
 }
 
-/// The style of a building; `building` counts them.
+/// The style of building number `building`.
 pub(super) fn style(r: &mut Stream, building: usize) -> Style {
     let walls = [
         0xe6dfd0, 0xd3dcd6, 0xdcd3c8, 0xc3cfd8, 0xe3d2b8, 0xb7c4b1, 0xd9c2b6, 0xece8df, 0x8fa3a8,
     ];
-    // Neighbouring buildings never share their walls or their accents.
+    // Consecutive buildings have different walls and accents.
     let turn = r.index(2);
     let wall_a = color(walls[(4 * building + turn) % walls.len()]);
     let wall_b = color(r.pick(&walls));

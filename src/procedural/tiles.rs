@@ -1,4 +1,4 @@
-//! Which solids a tile of the picture can see: their outlines, binned once.
+//! Bins the outlines of solids into tiles of the picture.
 
 use super::camera::{Camera, Ray};
 use super::shape::Solid;
@@ -6,7 +6,7 @@ use glam::Vec3;
 
 /// Pixels along a tile's side.
 pub(super) const TILE: usize = 16;
-/// Depth at which outlines are cut off in front.
+/// Near plane of outlines, m.
 const NEAR_M: f32 = 0.05;
 
 /// A visible point.
@@ -37,7 +37,7 @@ impl Tiles {
             .collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         for (z, solid, [u0, v0, u1, v1]) in order {
-            // One pixel more on each side: antialiasing looks past the pixel's centre.
+            // A margin of one pixel for the antialiasing samples.
             for j in tile_range(v0 - 1.0, v1 + 1.0, down) {
                 for i in tile_range(u0 - 1.0, u1 + 1.0, across) {
                     lists[j * across + i].push((z, solid));
@@ -47,7 +47,7 @@ impl Tiles {
         Self { across, lists }
     }
 
-    /// What the ray through pixel (i, j) meets first.
+    /// The first intersection of the ray through pixel (i, j).
     #[inline]
     pub(super) fn nearest(&self, solids: &[Solid], ray: &Ray, i: usize, j: usize) -> Option<Hit> {
         let mut best = None;
@@ -70,13 +70,13 @@ fn tile_range(from: f32, to: f32, count: usize) -> std::ops::Range<usize> {
     if to < 0.0 {
         return 0..0;
     }
-    // The cast saturates: what lies left of the picture starts at its first tile.
+    // The cast saturates: outlines left of the picture start at its first tile.
     let first = (from / TILE as f32) as usize;
     let last = (to / TILE as f32) as usize;
     first..last.saturating_add(1).min(count)
 }
 
-/// Least depth and image rectangle of the box around a solid; nothing if it lies behind.
+/// Least depth and image rectangle of the box around a solid; `None` if it is behind the camera.
 fn outline(solid: &Solid, camera: &Camera) -> Option<(f32, [f32; 4])> {
     let half = solid.half();
     let corner = |k: usize| {

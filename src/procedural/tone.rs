@@ -1,4 +1,4 @@
-//! From linear radiance to coded photographs: exposure, film curve, sRGB.
+//! Codes linear radiance: exposure, film curve, sRGB.
 
 use glam::Vec3;
 
@@ -47,7 +47,7 @@ impl Tone {
 
     /// sRGB-coded colour, 0..1.
     pub(super) fn coded(&self, radiance: Vec3) -> Vec3 {
-        // A little less colour than the surfaces have: the curve below adds some.
+        // Desaturate a little: the curve below adds saturation.
         let grey = radiance.dot(Vec3::new(0.2126, 0.7152, 0.0722));
         let x = radiance.lerp(Vec3::splat(grey), 0.14) * self.exposure;
         // Narkowicz's fit of the ACES film curve: soft shoulder, deep shadows.

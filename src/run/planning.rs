@@ -4,8 +4,8 @@ use super::error::RunError;
 use super::keys;
 use super::open::Run;
 use plan::{
-    DraftError, Drafted, InputFiles, InvalidInput, Made, RejectedScene, Request, draft,
-    invalid_text, make_photographs, rejected_lines,
+    DraftError, Drafted, InputFiles, InvalidInput, ProceduralPhotograph, RejectedScene, Request,
+    draft, invalid_text, make_photographs, rejected_lines,
 };
 use procedural::SampleError;
 use render::atomic_file::{self, WriteError};
@@ -160,9 +160,13 @@ pub(crate) fn plan_run(
         rejected: drafted.rejected,
         invalid: drafted.invalid,
         files: drafted.files,
-        parts: drafted.parts,
+        parts: drafted.left_out_kind,
         input_bytes: drafted.input_bytes,
-        made_bytes: drafted.made.iter().map(Made::about_bytes).sum(),
+        made_bytes: drafted
+            .to_make
+            .iter()
+            .map(ProceduralPhotograph::estimated_bytes)
+            .sum(),
         lines: drafted.lines,
     })
 }
@@ -177,7 +181,7 @@ fn write_inputs(
     atomic_file::create_dir(out)?;
     Ok(make_photographs(
         out,
-        &drafted.made,
+        &drafted.to_make,
         threads,
         on_photograph,
     )?)

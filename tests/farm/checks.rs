@@ -224,7 +224,7 @@ fn where_too_little_is_left_the_table_is_still_told() {
     let ended = ended.says(&[
         "input files cannot be used",
         "_depth.npy",
-        "without them it does not go",
+        "the recipe cannot do without them",
     ]);
     assert!(!ended.json()["invalid"].as_array().unwrap().is_empty());
 }

@@ -208,5 +208,5 @@ fn a_run_takes_meshes_and_sets_bad_ones_aside() {
     write_lines(&manifest, &[mixed]);
     run(&["plan", text(&manifest), "--out", text(&folder.join("no"))])
         .expect(4)
-        .says(&["`color` belongs to a photograph", "line 1"]);
+        .says(&["a side with `mesh`: unknown field `color`", "line 1"]);
 }

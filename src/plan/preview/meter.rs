@@ -1,12 +1,12 @@
-//! How bright a photograph is.
+//! Mean luminance of a photograph.
 
-use crate::luminance;
+use crate::light::luminance;
 use render::scene::Decoded;
 
-/// Luminance below which a pixel counts as this dark: black has no logarithm. About a quarter of an 8-bit step.
+/// Least luminance of a pixel, since black has no logarithm: about a quarter of an 8-bit step.
 const FLOOR: f64 = 7.6e-5;
 
-/// Geometric mean of the luminance of one side's pixels (of a mesh, its vertices), as light meters weigh it.
+/// Geometric mean of the luminance of one side's pixels (of a mesh, its vertices), as a light meter averages it.
 pub(crate) fn mean_luminance(side: &Decoded) -> f64 {
     let radiance = match side {
         Decoded::Sheet(sheet) => &sheet.radiance,

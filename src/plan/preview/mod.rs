@@ -1,15 +1,15 @@
-//! A cheap look at a scene before it is farmed: 64 px and 16 samples tell how bright it is and whether it is worth farming.
+//! Previews a scene at 64 px and 16 samples, before it is traced in full: for exposures, white balance and rejection.
 //!
 //! ```text
-//! meter.rs    how bright a photograph is            settle.rs   exposures and white balance, as numbers of the scene line
-//! look.rs     the four small pictures, measured     judge.rs    whether a scene keeps to a recipe's bounds
+//! meter.rs    mean luminance of a photograph     auto_expose.rs   sets exposures and white balance of the scene line
+//! images.rs   the preview and its measures       rules.rs         the `[reject]` bounds of a recipe
 //! ```
 //!
-//! Pure: the same scene, the same numbers, on any machine.
+//! Pure: a scene's numbers are equal on all machines.
 
-mod judge;
-mod look;
+mod auto_expose;
+mod images;
 mod meter;
-mod settle;
+mod rules;
 
-pub(crate) use settle::{SettleError, settle};
+pub(crate) use auto_expose::{ExposureError, auto_expose};

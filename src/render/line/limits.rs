@@ -1,143 +1,167 @@
-//! The range of every number of a scene line: one table for lines and for recipes.
+//! The range of every number of a scene line and of a recipe: one table for both.
 
-#![allow(
-    missing_docs,
-    reason = "each constant is named after the field that it limits"
-)]
-
-use std::ops::{Bound, RangeBounds};
+use std::ops::Bound::{self, Excluded, Included, Unbounded};
+use std::ops::RangeBounds;
 
 /// The values that a field may have.
 #[derive(Clone, Copy, Debug)]
 pub struct Limit {
     range: (Bound<f64>, Bound<f64>),
+    grid: Grid,
     /// The same range in words, as it follows "must be".
     pub allowed: &'static str,
+}
+
+/// Which values within a range are allowed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Grid {
+    All,
+    Whole,
+    PowersOfTwo,
 }
 
 impl Limit {
     const fn new(least: Bound<f64>, most: Bound<f64>, allowed: &'static str) -> Self {
         Self {
             range: (least, most),
+            grid: Grid::All,
             allowed,
         }
     }
 
+    /// Both ends are allowed.
+    const fn between(least: f64, most: f64, allowed: &'static str) -> Self {
+        Self::new(Included(least), Included(most), allowed)
+    }
+
+    const fn on(self, grid: Grid) -> Self {
+        Self { grid, ..self }
+    }
+
     /// Whether `value` is allowed. Never true for NaN or an infinity.
     pub fn contains(&self, value: f64) -> bool {
-        value.is_finite() && self.range.contains(&value)
+        let is_on_grid = match self.grid {
+            Grid::All => true,
+            Grid::Whole => value.fract() == 0.0,
+            Grid::PowersOfTwo => value.fract() == 0.0 && (value as u64).is_power_of_two(),
+        };
+        value.is_finite() && self.range.contains(&value) && is_on_grid
+    }
+
+    /// Whether only whole numbers are allowed.
+    pub fn is_whole(&self) -> bool {
+        self.grid != Grid::All
     }
 }
 
-pub const ABOVE_0: Limit = Limit::new(Bound::Excluded(0.0), Bound::Unbounded, "finite and above 0");
-const FROM_0: Limit = Limit::new(
-    Bound::Included(0.0),
-    Bound::Unbounded,
-    "finite and at least 0",
-);
-
-/// Width and height, px.
-pub const FILM_SIDE: Limit = Limit::new(
-    Bound::Included(1.0),
-    Bound::Included(16_384.0),
-    "1 to 16384 px",
-);
-/// Samples a pixel; [`is_sample_count`] has the rest of the rule.
-pub const SPP: Limit = Limit::new(
-    Bound::Included(1.0),
-    Bound::Included(65_536.0),
-    "a power of two from 1 to 65536",
-);
-/// Stops.
-pub const EXPOSURE_EV: Limit = Limit::new(
-    Bound::Included(-30.0),
-    Bound::Included(30.0),
-    "-30 to 30 stops",
-);
-/// Where the light of a black body has no negative channel and its formula holds.
-pub const ILLUMINANT_K: Limit = Limit::new(
-    Bound::Included(2000.0),
-    Bound::Included(25_000.0),
-    "2000 to 25000 K",
-);
-pub const F_NUMBER: Limit = ABOVE_0;
-pub const PERCENTILE: Limit = Limit::new(
-    Bound::Excluded(0.0),
-    Bound::Included(100.0),
-    "above 0 and at most 100",
-);
-pub const ORDER_TOLERANCE: Limit = FROM_0;
-pub const TARGET_ERROR: Limit = ABOVE_0;
-pub const FOCAL_LENGTH_MM: Limit = ABOVE_0;
-pub const APERTURE_RADIUS_M: Limit = FROM_0;
-pub const FOCUS_DISTANCE_M: Limit = ABOVE_0;
-pub const GLASS_DISTANCE_M: Limit = ABOVE_0;
-pub const THICKNESS_M: Limit = FROM_0;
-pub const IOR: Limit = Limit::new(Bound::Included(1.0), Bound::Included(10.0), "1 to 10");
-pub const ABSORPTION_PER_M: Limit = FROM_0;
-pub const TILT_DEG: Limit = Limit::new(
-    Bound::Excluded(-90.0),
-    Bound::Excluded(90.0),
+pub(crate) const ABOVE_0: Limit = Limit::new(Excluded(0.0), Unbounded, "finite and above 0");
+const FROM_0: Limit = Limit::new(Included(0.0), Unbounded, "finite and at least 0");
+const FINITE: Limit = Limit::new(Unbounded, Unbounded, "finite");
+const BELOW_90_DEG: Limit = Limit::new(
+    Excluded(-90.0),
+    Excluded(90.0),
     "above -90 and below 90 degrees",
 );
-pub const DEPTH_UNIT_M: Limit = ABOVE_0;
-pub const MESH_UNIT_M: Limit = ABOVE_0;
-/// Each part of a mesh's translation, m: what the tracer takes.
-pub const TRANSLATION_M: Limit = Limit::new(
-    Bound::Included(-1.0e7),
-    Bound::Included(1.0e7),
-    "-1e7 to 1e7",
-);
-/// The ends and the mean of a relative depth, m.
-pub const RELATIVE_DEPTH_M: Limit = Limit::new(
-    Bound::Included(1.0e-3),
-    Bound::Included(1.0e6),
-    "0.001 to 1e6 m",
-);
-pub const FAR_OVER_NEAR: Limit = Limit::new(
-    Bound::Excluded(1.0),
-    Bound::Included(1.0e6),
-    "above 1, and 1e6 at most",
-);
-pub const PERCENT: Limit = Limit::new(Bound::Included(0.0), Bound::Included(100.0), "0 to 100");
-pub const EXPOSURE: Limit = FROM_0;
+const PERCENTILE: Limit = Limit::new(Excluded(0.0), Included(100.0), "above 0 and at most 100");
+/// The ends and the mean of a relative depth; the sphere of a panorama without a depth map.
+pub(crate) const RELATIVE_DEPTH_M: Limit = Limit::between(1.0e-3, 1.0e6, "0.001 to 1e6 m");
+pub(crate) const FAR_OVER_NEAR: Limit =
+    Limit::new(Excluded(1.0), Included(1.0e6), "above 1, and 1e6 at most");
+pub(crate) const PERCENT: Limit = Limit::between(0.0, 100.0, "0 to 100");
 /// Where the curve for clipped highlights begins, linear.
-pub const BELOW_WHITE: Limit = Limit::new(
-    Bound::Included(0.0),
-    Bound::Excluded(1.0),
-    "0 or more and below 1",
-);
+pub(crate) const BELOW_WHITE: Limit =
+    Limit::new(Included(0.0), Excluded(1.0), "0 or more and below 1");
 /// What white becomes, linear.
-pub const WHITE_BECOMES: Limit =
-    Limit::new(Bound::Included(1.0), Bound::Included(1.0e6), "1 to 1e6");
-/// The sphere of a panorama without a depth map, m.
-pub const PANORAMA_DEPTH_M: Limit = Limit::new(
-    Bound::Included(1.0e-3),
-    Bound::Included(1.0e6),
-    "0.001 to 1e6 m",
-);
-pub const YAW_DEG: Limit = Limit::new(
-    Bound::Included(-360.0),
-    Bound::Included(360.0),
-    "-360 to 360 degrees",
-);
-pub const PITCH_DEG: Limit = Limit::new(
-    Bound::Included(-90.0),
-    Bound::Included(90.0),
-    "-90 to 90 degrees",
-);
-/// fx and fy, px.
-pub const FOCAL_LENGTH_PX: Limit = ABOVE_0;
-/// cx and cy, px.
-pub const PRINCIPAL_POINT_PX: Limit = Limit::new(Bound::Unbounded, Bound::Unbounded, "finite");
-/// Each side of `intrinsics.size`, px.
-pub const IMAGE_SIDE: Limit = Limit::new(
-    Bound::Included(1.0),
-    Bound::Included(4_294_967_295.0),
-    "at least 1 px",
-);
+pub(crate) const WHITE_BECOMES: Limit = Limit::between(1.0, 1.0e6, "1 to 1e6");
 
-/// Whether `spp` is a sample count that scrambled Sobol points serve in full: a power of two.
-pub fn is_sample_count(spp: f64) -> bool {
-    SPP.contains(spp) && spp.fract() == 0.0 && (spp as u32).is_power_of_two()
+/// The table. A key without `film`, `camera`, `glass` or `light` is one of a side or of a source.
+#[allow(
+    clippy::match_same_arms,
+    reason = "an arm per group of keys is easier to scan"
+)]
+fn row(key: &str) -> Option<Limit> {
+    Some(match key {
+        "film.width" | "film.height" => {
+            Limit::between(1.0, 16_384.0, "1 to 16384 px").on(Grid::Whole)
+        }
+        "film.spp" => {
+            Limit::between(1.0, 65_536.0, "a power of two from 1 to 65536").on(Grid::PowersOfTwo)
+        }
+        "film.target_error" | "camera.focal_length_mm" | "camera.f_number" | "camera.focus" => {
+            ABOVE_0
+        }
+        "focus.distance_m" | "glass.distance_m" | "auto_exposure.level" => ABOVE_0,
+        "depth_unit_m" | "unit_m" | "intrinsics.fx" | "intrinsics.fy" => ABOVE_0,
+        "film.order_tolerance" | "camera.aperture_radius_m" | "camera.white_balance" => FROM_0,
+        "glass.thickness_m" | "glass.absorption_per_m" | "exposure" | "illuminant" => FROM_0,
+        "glass.ior" => Limit::between(1.0, 10.0, "1 to 10"),
+        "glass.tilt_deg" => BELOW_90_DEG,
+        "auto_exposure.percentile" => PERCENTILE,
+        "exposure_ev" => Limit::between(-30.0, 30.0, "-30 to 30 stops"),
+        // Where the light of a black body has no negative channel and its formula holds.
+        "illuminant_k" => Limit::between(2000.0, 25_000.0, "2000 to 25000 K"),
+        "intrinsics.cx" | "intrinsics.cy" => FINITE,
+        "intrinsics.size" => Limit::between(1.0, 4_294_967_295.0, "at least 1 px"),
+        // The range of the tracer.
+        "pose.translation_m" => Limit::between(-1.0e7, 1.0e7, "-1e7 to 1e7"),
+        "depth_m" => RELATIVE_DEPTH_M,
+        "yaw_deg" => Limit::between(-360.0, 360.0, "-360 to 360 degrees"),
+        "pitch_deg" => Limit::between(-90.0, 90.0, "-90 to 90 degrees"),
+        _ => return None,
+    })
+}
+
+/// The limit of a number by its key in a scene line or recipe, such as `glass.tilt_deg[1]`, `front.exposure` or
+/// `sources.diode.intrinsics.fx`: the row of the longest end of `key`, without an index.
+///
+/// # Panics
+///
+/// If the table has no such row: a new number needs one.
+pub fn limit_of(key: &str) -> Limit {
+    let mut end = key.split('[').next().unwrap_or(key);
+    loop {
+        if let Some(limit) = row(end) {
+            return limit;
+        }
+        let Some((_, rest)) = end.split_once('.') else {
+            panic!("{key} has no row in the table of limits");
+        };
+        end = rest;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_find_their_row() {
+        for (key, allowed) in [
+            ("film.spp", "a power of two from 1 to 65536"),
+            ("glass.tilt_deg[1]", "above -90 and below 90 degrees"),
+            ("glass.distance_m", "finite and above 0"),
+            ("camera.exposure", "finite and at least 0"),
+            ("back.exposure_ev", "-30 to 30 stops"),
+            ("back.depth_m", "0.001 to 1e6 m"),
+            ("sources.diode.depth_unit_m", "finite and above 0"),
+            ("sources.diode.intrinsics.cx", "finite"),
+        ] {
+            assert_eq!(limit_of(key).allowed, allowed, "{key}");
+        }
+    }
+
+    #[test]
+    fn limits_hold_at_their_ends_and_on_their_grid() {
+        let spp = limit_of("film.spp");
+        assert_eq!(
+            [1.0, 96.0, 256.0, 256.5, 65_536.0, 131_072.0, 0.0].map(|v| spp.contains(v)),
+            [true, false, true, false, true, false, false]
+        );
+        let tilt = limit_of("glass.tilt_deg[0]");
+        assert_eq!(
+            [-90.0, -89.9, f64::NAN, 90.0].map(|v| tilt.contains(v)),
+            [false, true, false, false]
+        );
+        assert!(!limit_of("intrinsics.cx").contains(f64::INFINITY));
+    }
 }

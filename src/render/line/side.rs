@@ -1,6 +1,6 @@
 //! What one side of the pane shows: an RGBD photograph, or a panorama or a triangle mesh in its place.
 
-use super::image::{Apex, Transfer, is_white};
+use super::image::{Apex, Transfer, is_white, one, white};
 use super::panorama::{PanoramaDepth, PanoramaFile};
 use super::photograph::Photograph;
 use super::scene_line::Camera;
@@ -19,24 +19,28 @@ pub enum Side {
 }
 
 /// A triangle mesh: stands in place of `color` and `depth`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct MeshFile {
     /// Path of the PLY file: relative to the manifest, or `NAME:path` under a named root.
     pub mesh: String,
     /// Coding of the vertex colours.
+    #[serde(default)]
     pub transfer: Transfer,
     /// Metres per unit of the file's coordinates.
+    #[serde(default = "one")]
     pub unit_m: f64,
     /// Multiplies linear radiance.
+    #[serde(default = "one")]
     pub exposure: f64,
     /// Multiplies red, green and blue of linear radiance: the colour of the light that falls on this side.
-    #[serde(skip_serializing_if = "is_white")]
+    #[serde(default = "white", skip_serializing_if = "is_white")]
     pub illuminant: [f64; 3],
     /// Where the mesh stands; without it the file's axes are the capture camera's.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose: Option<MeshPose>,
     /// Of the back alone: where the capture camera stands (`mirror` if missing).
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub apex: Option<Apex>,
 }
 

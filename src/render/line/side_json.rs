@@ -1,242 +1,133 @@
-//! A side as it stands in JSON: which keys go together, and errors that say so.
+//! A side as it stands in JSON: which of `mesh`, `panorama` and `color` is given decides which other keys are allowed.
 
 use super::depth_range::DepthRange;
 use super::highlights::Highlights;
-use super::image::{Apex, DepthKind, Fill, Intrinsics, Transfer, one, white};
+use super::image::{Apex, DepthKind, Fill, Transfer, one, white};
 use super::panorama::{DepthMap, PanoramaDepth, PanoramaFile};
-use super::photograph::Photograph;
-use super::side::{MeshFile, MeshPose, Side};
-use serde::{Deserialize, Deserializer};
-
-/// Every key that any kind may have. Deserialised as one struct, so that an error can say which keys go together
-/// (serde's untagged enums only say that nothing matched).
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct AnySide {
-    #[serde(default, deserialize_with = "given")]
-    mesh: Option<String>,
-    #[serde(default, deserialize_with = "given")]
-    panorama: Option<String>,
-    #[serde(default, deserialize_with = "given")]
-    color: Option<String>,
-    #[serde(default, deserialize_with = "given")]
-    depth: Option<String>,
-    #[serde(default)]
-    mask: Option<String>,
-    #[serde(default, deserialize_with = "given")]
-    transfer: Option<Transfer>,
-    #[serde(default, deserialize_with = "given")]
-    highlights: Option<Highlights>,
-    #[serde(default, deserialize_with = "given")]
-    depth_m: Option<f64>,
-    #[serde(default, deserialize_with = "given")]
-    depth_unit_m: Option<f64>,
-    #[serde(default, deserialize_with = "given")]
-    depth_kind: Option<DepthKind>,
-    #[serde(default, deserialize_with = "given")]
-    depth_range: Option<DepthRange>,
-    #[serde(default, deserialize_with = "given")]
-    intrinsics: Option<Intrinsics>,
-    #[serde(default, deserialize_with = "given")]
-    unit_m: Option<f64>,
-    #[serde(default, deserialize_with = "given")]
-    exposure: Option<f64>,
-    #[serde(default, deserialize_with = "given")]
-    illuminant: Option<[f64; 3]>,
-    #[serde(default, deserialize_with = "given")]
-    fill: Option<Fill>,
-    #[serde(default)]
-    pose: Option<MeshPose>,
-    #[serde(default, deserialize_with = "given")]
-    yaw_deg: Option<f64>,
-    #[serde(default, deserialize_with = "given")]
-    pitch_deg: Option<f64>,
-    #[serde(default)]
-    apex: Option<Apex>,
-}
-
-/// A key that may be missing, but not `null`.
-fn given<'de, D: Deserializer<'de>, T: Deserialize<'de>>(from: D) -> Result<Option<T>, D::Error> {
-    T::deserialize(from).map(Some)
-}
+use super::side::Side;
+use serde::Deserialize;
+use serde::de::{DeserializeOwned, Deserializer, Error, MapAccess, Visitor};
+use serde_json::{Map, Value, from_value};
+use std::fmt;
 
 impl<'de> Deserialize<'de> for Side {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let any = AnySide::deserialize(deserializer)?;
-        any.side().map_err(serde::de::Error::custom)
+        let keys = deserializer.deserialize_map(KeysVisitor)?;
+        let side = if keys.contains_key("mesh") {
+            read("mesh", keys).map(Self::Mesh)
+        } else if keys.contains_key("panorama") {
+            read::<PanoramaKeys>("panorama", keys).and_then(|keys| keys.side().map(Self::Panorama))
+        } else if keys.contains_key("color") {
+            read("color", keys).map(Self::Photograph)
+        } else {
+            Err(
+                "a side is missing its image: give `color`, `depth` and `intrinsics` of a photograph, or `panorama`, \
+                 or `mesh`"
+                    .to_owned(),
+            )
+        };
+        side.map_err(D::Error::custom)
     }
 }
 
-const PHOTOGRAPH_KEYS: &str = "color, depth, mask, transfer, highlights, depth_unit_m, depth_kind, depth_range, \
-                               intrinsics, exposure, illuminant, fill and apex";
-const PANORAMA_KEYS: &str = "transfer, highlights, exposure, illuminant, depth_m or depth (with depth_unit_m, depth_kind, \
-                             depth_range and fill), yaw_deg, pitch_deg and apex";
-const MESH_KEYS: &str = "transfer, unit_m, exposure, illuminant, pose and apex";
+/// One kind of side. Its own `Deserialize` names a wrong key and all allowed ones, which an untagged enum cannot.
+fn read<T: DeserializeOwned>(kind: &str, keys: Map<String, Value>) -> Result<T, String> {
+    from_value(Value::Object(keys)).map_err(|error| format!("a side with `{kind}`: {error}"))
+}
 
-impl AnySide {
-    fn side(self) -> Result<Side, String> {
-        match (&self.mesh, &self.panorama) {
-            (None, None) => self.into_photograph().map(Side::Photograph),
-            (Some(_), None) => self.into_mesh().map(Side::Mesh),
-            (None, Some(_)) => self.into_panorama().map(Side::Panorama),
-            (Some(_), Some(_)) => {
-                Err("`mesh` and `panorama` are two sides: give one of them".to_owned())
+/// Reads any keys, each once: a `Map` by itself would keep the last of two values in silence.
+struct KeysVisitor;
+
+impl<'de> Visitor<'de> for KeysVisitor {
+    type Value = Map<String, Value>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a photograph, a panorama or a mesh")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut access: A) -> Result<Self::Value, A::Error> {
+        let mut keys = Map::new();
+        while let Some((key, value)) = access.next_entry::<String, Value>()? {
+            if keys.contains_key(&key) {
+                return Err(A::Error::custom(format!("duplicate field `{key}`")));
             }
+            keys.insert(key, value);
         }
+        Ok(keys)
     }
+}
 
-    /// The first key that is given and belongs to photographs alone.
-    fn of_photographs(&self) -> Option<&'static str> {
-        [
-            ("color", self.color.is_some()),
-            ("mask", self.mask.is_some()),
-            ("intrinsics", self.intrinsics.is_some()),
-        ]
-        .into_iter()
-        .find_map(|(key, is_given)| is_given.then_some(key))
-    }
+/// The keys of a [`PanoramaFile`], whose depth is a constant or a map: serde cannot flatten that and refuse unknown keys.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PanoramaKeys {
+    panorama: String,
+    #[serde(default)]
+    transfer: Transfer,
+    #[serde(default = "one")]
+    exposure: f64,
+    #[serde(default = "white")]
+    illuminant: [f64; 3],
+    highlights: Option<Highlights>,
+    depth_m: Option<f64>,
+    depth: Option<String>,
+    depth_unit_m: Option<f64>,
+    depth_kind: Option<DepthKind>,
+    depth_range: Option<DepthRange>,
+    fill: Option<Fill>,
+    #[serde(default)]
+    yaw_deg: f64,
+    #[serde(default)]
+    pitch_deg: f64,
+    apex: Option<Apex>,
+}
 
-    /// The same of the keys that describe a depth image.
-    fn of_depth(&self) -> Option<&'static str> {
-        [
-            ("depth", self.depth.is_some()),
+impl PanoramaKeys {
+    fn side(self) -> Result<PanoramaFile, String> {
+        if self.depth_kind == Some(DepthKind::Z) {
+            return Err(
+                "`depth_kind` of a panorama must be \"distance\" (along the ray), \"relative\" or \
+                 \"relative_inverse\": a panorama has no axis"
+                    .to_owned(),
+            );
+        }
+        let of_depth = [
             ("depth_unit_m", self.depth_unit_m.is_some()),
             ("depth_kind", self.depth_kind.is_some()),
             ("depth_range", self.depth_range.is_some()),
             ("fill", self.fill.is_some()),
-        ]
-        .into_iter()
-        .find_map(|(key, is_given)| is_given.then_some(key))
-    }
-
-    fn of_meshes(&self) -> Option<&'static str> {
-        [
-            ("unit_m", self.unit_m.is_some()),
-            ("pose", self.pose.is_some()),
-        ]
-        .into_iter()
-        .find_map(|(key, is_given)| is_given.then_some(key))
-    }
-
-    fn of_panoramas(&self) -> Option<&'static str> {
-        [
-            ("depth_m", self.depth_m.is_some()),
-            ("yaw_deg", self.yaw_deg.is_some()),
-            ("pitch_deg", self.pitch_deg.is_some()),
-        ]
-        .into_iter()
-        .find_map(|(key, is_given)| is_given.then_some(key))
-    }
-
-    fn into_mesh(self) -> Result<MeshFile, String> {
-        if let Some(key) = self.of_photographs().or(self.of_depth()) {
-            return Err(format!(
-                "`{key}` belongs to a photograph and cannot stand beside `mesh`, which takes {MESH_KEYS}"
-            ));
-        }
-        if let Some(key) = self.of_panoramas() {
-            return Err(format!(
-                "`{key}` belongs to a panorama and cannot stand beside `mesh`, which takes {MESH_KEYS}"
-            ));
-        }
-        if self.highlights.is_some() {
-            return Err(format!(
-                "`highlights` belongs to an image and cannot stand beside `mesh`, which takes {MESH_KEYS}"
-            ));
-        }
-        Ok(MeshFile {
-            mesh: self.mesh.unwrap_or_default(),
-            transfer: self.transfer.unwrap_or_default(),
-            unit_m: self.unit_m.unwrap_or_else(one),
-            exposure: self.exposure.unwrap_or_else(one),
-            illuminant: self.illuminant.unwrap_or_else(white),
-            pose: self.pose,
-            apex: self.apex,
-        })
-    }
-
-    fn into_panorama(self) -> Result<PanoramaFile, String> {
-        for (key, of) in [
-            (self.of_photographs(), "photograph"),
-            (self.of_meshes(), "mesh"),
-        ] {
-            if let Some(key) = key {
-                return Err(format!(
-                    "`{key}` belongs to a {of} and cannot stand beside `panorama`, which takes {PANORAMA_KEYS}"
-                ));
+        ];
+        let depth = match (self.depth, self.depth_m) {
+            (Some(_), Some(_)) => {
+                return Err("`depth_m` and `depth` exclude each other: give one of them".to_owned());
             }
-        }
-        if self.depth.is_some() && self.depth_m.is_some() {
-            return Err("`depth_m` is a constant and cannot stand beside `depth`".to_owned());
-        }
-        let depth_key = self.of_depth();
-        let depth = match self.depth {
-            Some(depth) => PanoramaDepth::Map(DepthMap {
+            (Some(depth), None) => PanoramaDepth::Map(DepthMap {
                 depth,
                 depth_unit_m: self.depth_unit_m.unwrap_or_else(one),
                 depth_kind: self.depth_kind.unwrap_or(DepthKind::Distance),
                 depth_range: self.depth_range,
                 fill: self.fill.unwrap_or_default(),
             }),
-            None => match depth_key {
-                Some(key) => {
-                    return Err(format!("`{key}` describes a `depth`, which is not given"));
+            (None, depth_m) => {
+                if let Some((key, _)) = of_depth.into_iter().find(|(_, is_given)| *is_given) {
+                    return Err(format!(
+                        "`{key}` needs `depth`, which is missing: add it, or remove `{key}`"
+                    ));
                 }
-                None => PanoramaDepth::Constant {
-                    depth_m: self.depth_m.unwrap_or(PanoramaDepth::DEFAULT_M),
-                },
-            },
+                PanoramaDepth::Constant {
+                    depth_m: depth_m.unwrap_or(PanoramaDepth::DEFAULT_M),
+                }
+            }
         };
-        if self.depth_kind == Some(DepthKind::Z) {
-            return Err(
-                "`depth_kind` of a panorama is \"distance\" (along the ray), \"relative\" or \"relative_inverse\": \
-                 it has no axis"
-                    .to_owned(),
-            );
-        }
         Ok(PanoramaFile {
-            panorama: self.panorama.unwrap_or_default(),
-            transfer: self.transfer.unwrap_or_default(),
-            exposure: self.exposure.unwrap_or_else(one),
-            illuminant: self.illuminant.unwrap_or_else(white),
+            panorama: self.panorama,
+            transfer: self.transfer,
+            exposure: self.exposure,
+            illuminant: self.illuminant,
             highlights: self.highlights,
             depth,
-            yaw_deg: self.yaw_deg.unwrap_or(0.0),
-            pitch_deg: self.pitch_deg.unwrap_or(0.0),
-            apex: self.apex,
-        })
-    }
-
-    fn into_photograph(self) -> Result<Photograph, String> {
-        for (key, of) in [
-            (self.of_meshes(), "mesh"),
-            (self.of_panoramas(), "panorama"),
-        ] {
-            if let Some(key) = key {
-                return Err(format!(
-                    "`{key}` belongs to a `{of}`, which is not given; a photograph takes {PHOTOGRAPH_KEYS}"
-                ));
-            }
-        }
-        let missing = |key: &str| {
-            format!(
-                "missing field `{key}`: give color, depth and intrinsics of a photograph, or a panorama, or the mesh of a PLY \
-                 file"
-            )
-        };
-        Ok(Photograph {
-            color: self.color.ok_or_else(|| missing("color"))?,
-            depth: self.depth.ok_or_else(|| missing("depth"))?,
-            mask: self.mask,
-            transfer: self.transfer.unwrap_or_default(),
-            depth_unit_m: self.depth_unit_m.unwrap_or_else(one),
-            depth_kind: self.depth_kind.unwrap_or_default(),
-            depth_range: self.depth_range,
-            intrinsics: self.intrinsics.ok_or_else(|| missing("intrinsics"))?,
-            exposure: self.exposure.unwrap_or_else(one),
-            illuminant: self.illuminant.unwrap_or_else(white),
-            highlights: self.highlights,
-            fill: self.fill.unwrap_or_default(),
+            yaw_deg: self.yaw_deg,
+            pitch_deg: self.pitch_deg,
             apex: self.apex,
         })
     }
@@ -309,90 +200,75 @@ mod tests {
             (3.0, "a:hall.npyx")
         );
         assert_eq!(map.depth_unit_m, 1.0);
-        for (json, words) in [
-            (r#"{"panorama":"p","mesh":"m"}"#, "give one of them"),
-            (
-                r#"{"panorama":"p","color":"c"}"#,
-                "`color` belongs to a photograph and cannot stand beside `panorama`",
-            ),
-            (
-                r#"{"panorama":"p","pose":{}}"#,
-                "`pose` belongs to a mesh and cannot stand beside `panorama`",
-            ),
-            (
-                r#"{"panorama":"p","depth":"d","depth_m":3}"#,
-                "`depth_m` is a constant and cannot stand beside `depth`",
-            ),
-            (
-                r#"{"panorama":"p","fill":"far"}"#,
-                "`fill` describes a `depth`, which is not given",
-            ),
-            (
-                r#"{"panorama":"p","depth":"d","depth_kind":"z"}"#,
-                "`depth_kind` of a panorama is \"distance\"",
-            ),
-            (
-                r#"{"mesh":"m","yaw_deg":3}"#,
-                "`yaw_deg` belongs to a panorama and cannot stand beside `mesh`",
-            ),
-            (
-                r#"{"mesh":"m","highlights":{"above":0.5,"to":2}}"#,
-                "`highlights` belongs to an image",
-            ),
-            (
-                r#"{"color":"c","depth":"d","depth_m":1}"#,
-                "`depth_m` belongs to a `panorama`, which is not given",
-            ),
-            (
-                r#"{"color":"c","depth":"d","highlights":{"above":0.5}}"#,
-                "missing field `to`",
-            ),
-        ] {
-            let error = read(json).unwrap_err();
-            assert!(error.contains(words), "{json}: {error}");
-        }
     }
 
     #[test]
-    fn errors_say_which_keys_go_together() {
+    fn errors_name_the_wrong_key_and_the_allowed_ones() {
         let photograph = r#"{"color":"c","depth":"d","intrinsics":{"fx":1,"fy":1,"cx":0,"cy":0}"#;
         assert!(read(&format!("{photograph}}}")).is_ok());
+        let with = |key: &str| format!(r"{photograph},{key}}}");
         for (json, words) in [
             (
-                format!(r#"{photograph},"mesh":"m"}}"#),
-                "`color` belongs to a photograph",
+                with(r#""mesh":"m""#).as_str(),
+                "a side with `mesh`: unknown field `color`, expected one of `mesh`, `transfer`",
             ),
             (
-                r#"{"mesh":"m","depth_unit_m":1}"#.into(),
-                "`depth_unit_m` belongs to a photograph and cannot stand beside `mesh`",
+                &with(r#""unit_m":1"#),
+                "a side with `color`: unknown field `unit_m`, expected one of `color`, `depth`",
+            ),
+            (&with(r#""pose":{}"#), "unknown field `pose`"),
+            (&with(r#""depth_m":1"#), "unknown field `depth_m`"),
+            (&with(r#""highlights":{"above":0.5}"#), "missing field `to`"),
+            (
+                &with(r#""fill":"far","fill":"far""#),
+                "duplicate field `fill`",
             ),
             (
-                format!(r#"{photograph},"unit_m":1}}"#),
-                "`unit_m` belongs to a `mesh`",
+                r#"{"mesh":"m","depth_unit_m":1}"#,
+                "unknown field `depth_unit_m`, expected one of `mesh`",
+            ),
+            (r#"{"mesh":"m","yaw_deg":3}"#, "unknown field `yaw_deg`"),
+            (
+                r#"{"mesh":"m","highlights":{"above":0.5,"to":2}}"#,
+                "unknown field `highlights`",
             ),
             (
-                format!(r#"{photograph},"pose":{{}}}}"#),
-                "`pose` belongs to a `mesh`",
-            ),
-            (
-                r#"{"color":"c"}"#.into(),
-                "missing field `depth`: give color, depth",
-            ),
-            (
-                "{}".into(),
-                "missing field `color`: give color, depth and intrinsics",
-            ),
-            (
-                r#"{"mesh":"m","meshes":1}"#.into(),
-                "unknown field `meshes`",
-            ),
-            (r#"{"mesh":null}"#.into(), "invalid type: null"),
-            (
-                r#"{"mesh":"m","pose":{"scale":2}}"#.into(),
+                r#"{"mesh":"m","pose":{"scale":2}}"#,
                 "unknown field `scale`",
             ),
+            (r#"{"mesh":null}"#, "a side with `mesh`: invalid type: null"),
+            (
+                r#"{"panorama":"p","mesh":"m"}"#,
+                "unknown field `panorama`, expected one of `mesh`",
+            ),
+            (
+                r#"{"panorama":"p","color":"c"}"#,
+                "a side with `panorama`: unknown field `color`, expected one of `panorama`, `transfer`",
+            ),
+            (r#"{"panorama":"p","pose":{}}"#, "unknown field `pose`"),
+            (
+                r#"{"panorama":"p","depth":"d","depth_m":3}"#,
+                "`depth_m` and `depth` exclude each other",
+            ),
+            (
+                r#"{"panorama":"p","fill":"far"}"#,
+                "`fill` needs `depth`, which is missing",
+            ),
+            (
+                r#"{"panorama":"p","depth":"d","depth_kind":"z"}"#,
+                "`depth_kind` of a panorama must be \"distance\"",
+            ),
+            (
+                r#"{"color":"c"}"#,
+                "a side with `color`: missing field `depth`",
+            ),
+            (
+                r#"{"depth":"d"}"#,
+                "give `color`, `depth` and `intrinsics` of a photograph",
+            ),
+            ("[]", "expected a photograph, a panorama or a mesh"),
         ] {
-            let error = read(&json).unwrap_err();
+            let error = read(json).unwrap_err();
             assert!(error.contains(words), "{json}: {error}");
         }
     }

@@ -1,16 +1,16 @@
-//! Which split a photograph belongs to: each to one. How many go where depends on shares that the recipe states and never on
-//! how many scenes are made of them, so that a scene more moves no photograph to another split.
+//! Splits photographs between `train` and `test`. The sizes follow from the recipe's shares and never from the number of
+//! scenes, so that adding a scene moves no photograph to another split.
 
 use super::diode::{Place, SourceImage};
 use super::draw::shuffled;
 use super::recipe_error::RecipeError;
 use std::collections::BTreeSet;
 
-/// Divides the photographs of a source among splits in proportion to `shares` (all above 0).
+/// Distributes the photographs of a source over splits in proportion to `shares` (all above 0).
 ///
-/// Every split gets at least two, and some of each place where there are enough. The parts follow from
+/// Every split gets at least two, and some of each place where there are enough. The subsets follow from
 /// the seed, the source's name and the paths alone.
-pub(super) fn divide<'a>(
+pub(super) fn split_photographs<'a>(
     dataset_seed: u64,
     source_name: &str,
     images: &'a [SourceImage],
@@ -24,7 +24,7 @@ pub(super) fn divide<'a>(
         });
     }
     let splits = shares.len();
-    // In whole numbers, which round alike everywhere.
+    // Integers: floating-point shares could round differently between machines.
     let weights: Vec<u32> = shares
         .iter()
         .map(|s| (s * 1e9).round().max(1.0) as u32)
@@ -73,7 +73,7 @@ pub(super) fn divide<'a>(
         .collect())
 }
 
-/// Gives `total` out in proportion to `weights`, by largest remainder, nobody less than `least`.
+/// Distributes `total` in proportion to `weights` by largest remainder, with at least `least` each.
 ///
 /// `total` is at least the sum of `least`.
 fn apportion(total: usize, weights: &[u32], least: &[usize]) -> Vec<usize> {
@@ -81,7 +81,7 @@ fn apportion(total: usize, weights: &[u32], least: &[usize]) -> Vec<usize> {
     let mut open: Vec<usize> = (0..weights.len()).collect();
     let mut left = total;
     let mut weight: u128 = weights.iter().map(|&w| u128::from(w)).sum();
-    // Whoever deserves less than the least gets the least, which lowers the share of the others.
+    // A split whose share is below its minimum gets the minimum, which lowers the share of the others.
     while let Some(position) = open
         .iter()
         .position(|&k| (left as u128) * u128::from(weights[k]) < (least[k] as u128) * weight)
@@ -105,7 +105,7 @@ fn apportion(total: usize, weights: &[u32], least: &[usize]) -> Vec<usize> {
     sizes
 }
 
-/// Gives `total`, fewer than there are splits, one each to those with the largest shares.
+/// Distributes `total`, fewer than the splits: one each to those with the largest shares.
 fn one_each(total: usize, weights: &[u32]) -> Vec<usize> {
     let mut by_share: Vec<usize> = (0..weights.len()).collect();
     by_share.sort_by_key(|&k| std::cmp::Reverse(weights[k]));
@@ -143,10 +143,10 @@ pub(super) mod tests {
     #[test]
     fn parts_are_proportional() {
         let images = set(400, 600);
-        let parts = divide(1, "s", &images, &[0.96, 0.04]).unwrap();
-        let sizes: Vec<_> = parts.iter().map(Vec::len).collect();
+        let subsets = split_photographs(1, "s", &images, &[0.96, 0.04]).unwrap();
+        let sizes: Vec<_> = subsets.iter().map(Vec::len).collect();
         assert!(sizes[0] == 960, "{sizes:?}");
-        let inside = parts[1]
+        let inside = subsets[1]
             .iter()
             .filter(|i| i.place == Place::Indoors)
             .count();
@@ -155,14 +155,14 @@ pub(super) mod tests {
 
     #[test]
     fn too_few_photographs_are_refused() {
-        let error = divide(1, "s", &set(2, 1), &[0.8, 0.2])
+        let error = split_photographs(1, "s", &set(2, 1), &[0.8, 0.2])
             .unwrap_err()
             .to_string();
         assert!(error.contains("has 3 photographs, but 2 splits"), "{error}");
         let mut twice = set(2, 2);
         twice.push(twice[0].clone());
         assert!(matches!(
-            divide(1, "s", &twice, &[1.0]),
+            split_photographs(1, "s", &twice, &[1.0]),
             Err(RecipeError::ListedTwice { .. })
         ));
     }
@@ -175,16 +175,16 @@ pub(super) mod tests {
         ) {
             let images = set(indoors, outdoor);
             prop_assume!(images.len() >= 2 * shares.len());
-            let parts = divide(seed, "s", &images, &shares).unwrap();
-            prop_assert_eq!(parts.len(), shares.len());
+            let subsets = split_photographs(seed, "s", &images, &shares).unwrap();
+            prop_assert_eq!(subsets.len(), shares.len());
             let mut seen = BTreeSet::new();
-            for part in &parts {
-                prop_assert!(part.len() >= 2);
-                for image in part {
+            for subset in &subsets {
+                prop_assert!(subset.len() >= 2);
+                for image in subset {
                     prop_assert!(seen.insert(&image.color));
                 }
                 for (place, count) in [(Place::Indoors, indoors), (Place::Outdoor, outdoor)] {
-                    let has = part.iter().any(|image| image.place == place);
+                    let has = subset.iter().any(|image| image.place == place);
                     prop_assert!(has || count < shares.len());
                 }
             }

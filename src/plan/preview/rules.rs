@@ -1,13 +1,11 @@
-//! Whether a scene keeps to a recipe's bounds.
+//! The `[reject]` bounds of a recipe.
 
-use super::look::Look;
-use crate::RejectRecipe;
-use serde::{Deserialize, Serialize};
+use super::images::Preview;
+use crate::light::RejectRecipe;
 use std::fmt;
 
-/// What is measured of a scene.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+/// A measure of a preview.
+#[derive(Clone, Copy, Debug)]
 pub(crate) enum Measure {
     /// Mean luminance of R~ / that of I.
     ReflectedShare,
@@ -30,45 +28,40 @@ impl fmt::Display for Measure {
     }
 }
 
-/// A bound that a scene does not keep to.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Bound {
-    /// What was measured.
+/// A measure outside its bounds.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Violation {
     pub measure: Measure,
-    /// Its value.
     pub value: f64,
-    /// The least and the most that the recipe allows.
+    /// Least and largest value that the recipe allows.
     pub allowed: [f64; 2],
 }
 
-impl fmt::Display for Bound {
+impl fmt::Display for Violation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [least, most] = self.allowed;
         let Self { measure, value, .. } = self;
-        write!(
-            f,
-            "{measure} is {value:.4}, but {least} to {most} is allowed"
-        )
+        write!(f, "{measure} is {value:.4}, but must be {least} to {most}")
     }
 }
 
-/// The first bound that a scene does not keep to.
-pub(crate) fn reject(look: &Look, rules: &RejectRecipe) -> Option<Bound> {
+/// The first bound that a preview violates.
+pub(crate) fn first_violation(preview: &Preview, rules: &RejectRecipe) -> Option<Violation> {
     type Rule<'a> = (Measure, Option<[f64; 2]>, &'a dyn Fn() -> f64);
     let clipped = rules.clipped_share.map(|most| [0.0, most]);
     let rules: [Rule; 4] = [
         (Measure::ReflectedShare, rules.reflected_share, &|| {
-            look.reflected_share()
+            preview.reflected_share()
         }),
-        (Measure::Contrast, rules.contrast, &|| look.contrast()),
-        (Measure::ClippedShare, clipped, &|| look.clipped_share()),
-        (Measure::Ssim, rules.ssim, &|| look.ssim()),
+        (Measure::Contrast, rules.contrast, &|| preview.contrast()),
+        (Measure::ClippedShare, clipped, &|| preview.clipped_share()),
+        (Measure::Ssim, rules.ssim, &|| preview.ssim()),
     ];
     rules.into_iter().find_map(|(measure, allowed, value)| {
         let (allowed, value) = (allowed?, value());
         let [least, most] = allowed;
         let is_kept = (least..=most).contains(&value);
-        (!is_kept).then_some(Bound {
+        (!is_kept).then_some(Violation {
             measure,
             value,
             allowed,

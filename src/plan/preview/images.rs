@@ -1,6 +1,6 @@
-//! The small pictures of a scene, and what is measured of them.
+//! The images of a preview and their measures.
 
-use crate::luminance;
+use crate::light::luminance;
 use compose::ssim_grey;
 use render::color::SrgbEncoder;
 use render::line::SceneLine;
@@ -15,7 +15,7 @@ pub(crate) const PREVIEW_SPP: u32 = 16;
 
 /// A scene's I, T and R~, small, in linear light.
 #[derive(Clone, Debug)]
-pub(crate) struct Look {
+pub(crate) struct Preview {
     width: usize,
     height: usize,
     input: Vec<[f64; 3]>,
@@ -23,8 +23,8 @@ pub(crate) struct Look {
     glass_reflection: Vec<[f64; 3]>,
 }
 
-impl Look {
-    /// Traces the preview of `line` from what its files became, with the light that is in them.
+impl Preview {
+    /// Traces the preview of `line` with the exposures and illuminants of the decoded `scene`.
     pub(crate) fn new(
         line: &SceneLine,
         scene: &DecodedScene,
@@ -64,7 +64,7 @@ impl Look {
         })
     }
 
-    /// What a camera makes of it: red, green and blue of all layers times `gains`.
+    /// Multiplies red, green and blue of all layers by `gains`.
     #[must_use]
     pub(crate) fn times(mut self, gains: [f64; 3]) -> Self {
         for layer in [

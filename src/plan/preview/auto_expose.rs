@@ -1,9 +1,10 @@
-//! Exposures and white balance become numbers of the scene line: what is farmed depends on the line alone.
+//! Computes exposures and white balance from a preview and writes them into the scene line.
 
-use super::judge::{Bound, reject};
-use super::look::Look;
+use super::images::Preview;
 use super::meter::mean_luminance;
-use crate::{LightRecipe, LuminanceScale, RejectRecipe, WhiteBalance, gains_against, nine_digits};
+use super::rules::{Violation, first_violation};
+use crate::draw::nine_digits;
+use crate::light::{LightRecipe, LuminanceScale, RejectRecipe, WhiteBalance, gains_against};
 use render::line::SceneLine;
 use render::scene::{AssembleError, Decoded, LoadError, SceneFiles, decode};
 use render::trace::Isa;
@@ -11,39 +12,39 @@ use render::trace::Isa;
 /// Geometric mean luminance of a metered photograph: middle grey.
 const MIDDLE_GREY: f64 = 0.18;
 
-/// A scene that cannot be looked at.
+/// A scene that cannot be previewed.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum SettleError {
-    /// Its files cannot be used.
+pub(crate) enum ExposureError {
+    /// A file cannot be read or decoded.
     #[error(transparent)]
     Load(#[from] LoadError),
-    /// The scene refuses what was drawn for it.
+    /// The drawn numbers do not fit the photographs.
     #[error(transparent)]
     Refused(#[from] AssembleError),
-    /// Nothing to expose for.
-    #[error("I is black: there is nothing to expose or balance for")]
+    /// No pixel to expose for.
+    #[error("I is black: no exposure or white balance brightens it")]
     Black,
 }
 
-/// A scene whose light is settled.
+/// A scene line with its exposures.
 #[derive(Clone, Debug)]
-pub(crate) struct Settled {
-    /// The line with its exposures and white balance.
+pub(crate) struct Exposed {
+    /// With exposures and white balance.
     pub line: SceneLine,
-    /// Why the scene is not wanted, if it is not.
-    pub rejected: Option<Bound>,
+    /// The `[reject]` bound that the scene violates.
+    pub rejected: Option<Violation>,
 }
 
-/// Settles the light of a drawn line, whose sides' exposures and illuminants are the recipe's.
-pub(crate) fn settle(
+/// Sets exposures and white balance of a drawn line, whose sides have the exposures and illuminants of the recipe.
+pub(crate) fn auto_expose(
     line: &SceneLine,
     files: &SceneFiles,
     light: &LightRecipe,
     rules: &RejectRecipe,
     isa: Isa,
-) -> Result<Settled, SettleError> {
+) -> Result<Exposed, ExposureError> {
     let mut line = line.clone();
-    // Decoded as they are stored; light is linear, so the rest are factors.
+    // Decode the stored values; light is linear, so exposures and illuminants are factors.
     let mut plain = line.clone();
     for side in [&mut plain.front, &mut plain.back] {
         let (exposure, illuminant) = side.light_mut();
@@ -63,34 +64,34 @@ pub(crate) fn settle(
         }
         scale(decoded, illuminant.map(|c| c * *exposure));
     }
-    let look = Look::new(&plain_camera(&line), &scene, isa)?;
+    let preview = Preview::new(&plain_camera(&line), &scene, isa)?;
     let balance = match light.white_balance {
         WhiteBalance::GreyWorld => {
-            let color = look.mean_color();
+            let color = preview.mean_color();
             if color.iter().any(|c| *c <= 0.0) {
-                return Err(SettleError::Black);
+                return Err(ExposureError::Black);
             }
             gains_against(color)
         }
-        // Known when it was drawn.
+        // Set when the line was drawn.
         WhiteBalance::None | WhiteBalance::Front | WhiteBalance::Back => line.camera.white_balance,
     };
     line.camera.white_balance = balance;
-    let look = look.times(balance);
+    let preview = preview.times(balance);
     let mut gain = 1.0;
     if let Some(auto) = light.auto_exposure {
-        let value = look.percentile(auto.percentile);
+        let value = preview.percentile(auto.percentile);
         if value <= 0.0 {
-            return Err(SettleError::Black);
+            return Err(ExposureError::Black);
         }
         gain = nine_digits(auto.level / value);
         line.camera.exposure = gain;
     }
-    let rejected = reject(&look.times([gain; 3]), rules);
-    Ok(Settled { line, rejected })
+    let rejected = first_violation(&preview.times([gain; 3]), rules);
+    Ok(Exposed { line, rejected })
 }
 
-/// The line with a camera that leaves light as it is.
+/// The line with camera exposure and white balance of 1.
 fn plain_camera(line: &SceneLine) -> SceneLine {
     let mut line = line.clone();
     line.camera.exposure = 1.0;

@@ -1,31 +1,31 @@
-//! Who is in which scene: every scene's id and its two photographs, and who stands in for whom.
+//! Assigns photographs to scenes: every scene's id, its front and back photograph, and substitutes for excluded ones.
 
 use super::diode::SourceImage;
-use super::divide::divide;
 use super::draw::keyed;
 use super::expand::draw_line;
 use super::pair::{Pair, pairs, pairs_between};
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
+use super::split::split_photographs;
 use render::ids::SceneId;
 use render::line::{SceneLine, Split};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The photographs of each split and source that has pairs.
-type Parts<'a> = BTreeMap<(Split, &'a str), Vec<&'a SourceImage>>;
+/// Photographs by split and source, for the sources that have pairs.
+type Subsets<'a> = BTreeMap<(Split, &'a str), Vec<&'a SourceImage>>;
 
-/// The scenes of a recipe, before anything is drawn.
-pub struct Cast<'a> {
+/// The scenes of a recipe with their photographs, before any number is drawn.
+pub(crate) struct Assignment<'a> {
     /// Splits in the recipe's order, sources by name.
-    roles: Vec<Role<'a>>,
+    scenes: Vec<AssignedScene<'a>>,
     recipe: &'a Recipe,
-    parts: Parts<'a>,
+    subsets: Subsets<'a>,
     excluded: &'a BTreeSet<String>,
 }
 
-/// A scene and its photographs.
+/// A scene's id and photographs.
 #[derive(Clone, Debug)]
-pub(super) struct Role<'a> {
+pub(super) struct AssignedScene<'a> {
     pub(super) id: SceneId,
     pub(super) split: Split,
     /// Names of the sources of the front and of the back.
@@ -33,44 +33,43 @@ pub(super) struct Role<'a> {
     pair: Pair<'a>,
 }
 
-impl Role<'_> {
-    pub(super) fn is_of_one_place(&self, pair: &Pair<'_>) -> bool {
-        self.sources[0] == self.sources[1] && pair.is_of_one_place()
+impl AssignedScene<'_> {
+    pub(super) fn is_same_place(&self, pair: &Pair<'_>) -> bool {
+        self.sources[0] == self.sources[1] && pair.is_same_place()
     }
 
-    pub(super) fn is_of_one_scan(&self, pair: &Pair<'_>) -> bool {
-        self.sources[0] == self.sources[1] && pair.is_of_one_scan()
+    pub(super) fn is_same_scan(&self, pair: &Pair<'_>) -> bool {
+        self.sources[0] == self.sources[1] && pair.is_same_scan()
     }
 }
 
-/// A scene as it was drawn.
+/// One draw of a scene.
 #[derive(Clone, Debug)]
-pub struct Drawn {
-    /// The scene.
+pub(crate) struct Drawn {
     pub line: SceneLine,
-    /// The attempt that the geometry did not refuse.
+    /// Number of the attempt that passed the geometry check.
     pub attempt: u32,
-    /// Its photographs are both indoors or both outdoors, of one source.
+    /// Both photographs are of one source and both indoors or both outdoors.
     pub same_place: bool,
-    /// Its photographs are from one scan.
+    /// Both photographs are from one scan.
     pub same_scan: bool,
 }
 
-/// The name under which a photograph can be left out: `source:path of its colour image`.
-pub fn photograph_name(source: &str, image: &SourceImage) -> String {
+/// The name that excludes a photograph: `source:path of its colour image`.
+pub(crate) fn photograph_name(source: &str, image: &SourceImage) -> String {
     format!("{source}:{}", image.color)
 }
 
-impl<'a> Cast<'a> {
-    /// Divides the photographs among the splits and pairs them. Those `excluded` (see [`photograph_name`]) keep their places
-    /// until the end, so that leaving one out changes only the scenes that it is in.
-    pub fn new(
+impl<'a> Assignment<'a> {
+    /// Splits the photographs and pairs them. Those `excluded` (see [`photograph_name`]) take part and are replaced last, so
+    /// that excluding one changes only its own scenes.
+    pub(crate) fn new(
         recipe: &'a Recipe,
         sources: &'a BTreeMap<String, Vec<SourceImage>>,
         excluded: &'a BTreeSet<String>,
     ) -> Result<Self, RecipeError> {
-        let parts = divide_all(recipe, sources)?;
-        let mut roles = Vec::new();
+        let subsets = split_all(recipe, sources)?;
+        let mut scenes = Vec::new();
         for split in &recipe.splits {
             for (key, &count) in &split.pairs {
                 if count == 0 {
@@ -78,7 +77,7 @@ impl<'a> Cast<'a> {
                 }
                 let names = sides(key);
                 let split_name = split.name.to_string();
-                let [front, back] = names.map(|name| parts[&(split.name, name)].as_slice());
+                let [front, back] = names.map(|name| subsets[&(split.name, name)].as_slice());
                 let shuffle = [split_name.as_str(), key.as_str()];
                 let made = if names[0] == names[1] {
                     pairs(recipe.seed, shuffle, front, count)
@@ -86,8 +85,8 @@ impl<'a> Cast<'a> {
                     pairs_between(recipe.seed, shuffle, [front, back], count)
                 };
                 let label = key.replace('/', "-");
-                roles.extend(made.into_iter().enumerate().map(|(number, pair)| {
-                    Role {
+                scenes.extend(made.into_iter().enumerate().map(|(number, pair)| {
+                    AssignedScene {
                         id: SceneId::new(format!("{split_name}-{label}-{number:06}"))
                             .expect("names and digits make an id"),
                         split: split.name,
@@ -98,72 +97,66 @@ impl<'a> Cast<'a> {
             }
         }
         Ok(Self {
-            roles,
+            scenes,
             recipe,
-            parts,
+            subsets,
             excluded,
         })
     }
 
-    /// How many scenes there are.
-    pub fn len(&self) -> usize {
-        self.roles.len()
+    pub(crate) fn len(&self) -> usize {
+        self.scenes.len()
     }
 
-    /// True of a recipe without scenes, which is refused.
-    pub fn is_empty(&self) -> bool {
-        self.roles.is_empty()
-    }
-
-    /// Draws scene `number` from attempt `from` on, with its photographs or, with `change` above 0, with two others.
-    pub fn draw(&self, number: usize, change: u32, from: u32) -> Result<Drawn, RecipeError> {
-        let role = &self.roles[number];
-        let pair = self.pair(role, change)?;
-        let (line, attempt) = draw_line(self.recipe, role, pair, from)?;
+    /// Draws scene `number`, starting with attempt `from`. A `change` above 0 selects two other photographs.
+    pub(crate) fn draw(&self, number: usize, change: u32, from: u32) -> Result<Drawn, RecipeError> {
+        let scene = &self.scenes[number];
+        let pair = self.pair(scene, change)?;
+        let (line, attempt) = draw_line(self.recipe, scene, pair, from)?;
         Ok(Drawn {
             line,
             attempt,
-            same_place: role.is_of_one_place(&pair),
-            same_scan: role.is_of_one_scan(&pair),
+            same_place: scene.is_same_place(&pair),
+            same_scan: scene.is_same_scan(&pair),
         })
     }
 
-    /// The photographs of a scene: those that the cast has for it, or with `change` above 0 two others. Photographs that
-    /// are left out are stood in for, each by another of its part.
-    fn pair(&self, role: &Role<'a>, change: u32) -> Result<Pair<'a>, RecipeError> {
+    /// The photographs of a scene: its own, or two others if `change` is above 0. Excluded ones are substituted from their
+    /// subset.
+    fn pair(&self, scene: &AssignedScene<'a>, change: u32) -> Result<Pair<'a>, RecipeError> {
         let is_out = |side: usize, image: &SourceImage| {
             self.excluded
-                .contains(&photograph_name(role.sources[side], image))
+                .contains(&photograph_name(scene.sources[side], image))
         };
-        let mut pair = role.pair;
+        let mut pair = scene.pair;
         if change > 0 || is_out(0, pair.front) {
-            pair.front = self.stand_in(role, 0, change, pair.back, role.pair.front)?;
+            pair.front = self.substitute(scene, 0, change, pair.back, scene.pair.front)?;
         }
         if change > 0 || is_out(1, pair.back) {
-            pair.back = self.stand_in(role, 1, change, pair.front, role.pair.back)?;
+            pair.back = self.substitute(scene, 1, change, pair.front, scene.pair.back)?;
         }
         Ok(pair)
     }
 
-    /// Another photograph for one side: of the place of the one that it stands in for, from another scan than its partner,
-    /// where there is one. By rendezvous: which one it is depends on no other photograph.
-    fn stand_in(
+    /// Another photograph for one side, if possible of the original's place and from another scan than the partner's.
+    /// Rendezvous hashing: the choice does not depend on the other photographs of the subset.
+    fn substitute(
         &self,
-        role: &Role<'a>,
+        scene: &AssignedScene<'a>,
         side: usize,
         change: u32,
         partner: &SourceImage,
         original: &SourceImage,
     ) -> Result<&'a SourceImage, RecipeError> {
-        let source = role.sources[side];
-        let part = &self.parts[&(role.split, source)];
-        let same_source = role.sources[0] == role.sources[1];
+        let source = scene.sources[side];
+        let subset = &self.subsets[&(scene.split, source)];
+        let same_source = scene.sources[0] == scene.sources[1];
         let number = change.to_string();
         let side_name = ["front", "back"][side];
         let fitness = |image: &SourceImage| {
             let key = [
                 "stand-in",
-                role.id.as_str(),
+                scene.id.as_str(),
                 side_name,
                 &number,
                 &image.color,
@@ -174,15 +167,16 @@ impl<'a> Cast<'a> {
                 keyed(self.recipe.seed, &key),
             )
         };
-        part.iter()
+        subset
+            .iter()
             .filter(|image| !self.excluded.contains(&photograph_name(source, image)))
             .filter(|image| !(same_source && image.color == partner.color))
             .min_by_key(|image| fitness(image))
             .copied()
-            .ok_or_else(|| RecipeError::NoStandIn {
-                id: role.id.clone(),
+            .ok_or_else(|| RecipeError::NoSubstitute {
+                id: scene.id.clone(),
                 source_name: source.to_owned(),
-                split: role.split,
+                split: scene.split,
             })
     }
 }
@@ -195,11 +189,11 @@ pub(super) fn sides(key: &str) -> [&str; 2] {
     }
 }
 
-fn divide_all<'a>(
+fn split_all<'a>(
     recipe: &'a Recipe,
     sources: &'a BTreeMap<String, Vec<SourceImage>>,
-) -> Result<Parts<'a>, RecipeError> {
-    let mut parts = BTreeMap::new();
+) -> Result<Subsets<'a>, RecipeError> {
+    let mut subsets = BTreeMap::new();
     for name in recipe.sources.keys() {
         let uses = |key: &str| sides(key).contains(&name.as_str());
         let wanted: Vec<(Split, f64)> = recipe
@@ -215,10 +209,10 @@ fn divide_all<'a>(
             source_name: name.clone(),
         })?;
         let shares: Vec<f64> = wanted.iter().map(|(_, share)| *share).collect();
-        let divided = divide(recipe.seed, name, images, &shares)?;
-        for ((split, _), part) in wanted.into_iter().zip(divided) {
-            parts.insert((split, name.as_str()), part);
+        let split = split_photographs(recipe.seed, name, images, &shares)?;
+        for ((split, _), subset) in wanted.into_iter().zip(split) {
+            subsets.insert((split, name.as_str()), subset);
         }
     }
-    Ok(parts)
+    Ok(subsets)
 }

@@ -1,0 +1,135 @@
+//! Draws the sections of a scene line: `film`, `camera`, `glass`, `front` and `back`.
+
+use super::diode::SourceImage;
+use super::draw::{Draw, nine_digits};
+use super::focus::FocusRecipe;
+use super::light::{SideLight, illuminant};
+use super::list;
+use super::recipe::Recipe;
+use super::source::Source;
+use render::line::{Camera, DepthKind, Film, Focus, FocusAt, Glass, Photograph, Side};
+
+pub(super) fn film(recipe: &Recipe, draw: Draw<'_>) -> Film {
+    let film = &recipe.film;
+    Film {
+        width: draw.value("film.width", &film.width) as u32,
+        height: draw.value("film.height", &film.height) as u32,
+        spp: draw.value("film.spp", &film.spp) as u32,
+        filter: film.filter,
+        glass_reflection_orders: film.glass_reflection_orders,
+        order_tolerance: draw.value("film.order_tolerance", &film.order_tolerance),
+        exr: film.exr,
+        target_error: film.target_error,
+        layers: film.layers,
+    }
+}
+
+pub(super) fn camera(recipe: &Recipe, draw: Draw<'_>) -> Camera {
+    let camera = &recipe.camera;
+    let focal_length_mm = draw.value("camera.focal_length_mm", &camera.focal_length_mm);
+    let aperture_radius_m = match &camera.f_number {
+        Some(param) => {
+            let f_number = draw.value("camera.f_number", param);
+            nine_digits(focal_length_mm * 1e-3 / (2.0 * f_number))
+        }
+        None => draw.value("camera.aperture_radius_m", &camera.aperture_radius_m),
+    };
+    let choices = camera.focus.each();
+    let chosen = match choices {
+        [one] => one,
+        many => {
+            let place = (draw.unit("camera.focus") * many.len() as f64) as usize;
+            &many[place.min(many.len() - 1)]
+        }
+    };
+    let at = |at| Focus::At { at };
+    Camera {
+        focal_length_mm,
+        aperture_radius_m,
+        focus: match chosen {
+            FocusRecipe::FrontCenter => at(FocusAt::FrontCenter),
+            FocusRecipe::BackCenter => at(FocusAt::BackCenter),
+            FocusRecipe::Infinity => at(FocusAt::Infinity),
+            FocusRecipe::Glass => Focus::Distance {
+                distance_m: draw.value("glass.distance_m", &recipe.glass.distance_m),
+            },
+            FocusRecipe::DistanceM(param) => Focus::Distance {
+                distance_m: draw.value("camera.focus", param),
+            },
+            FocusRecipe::Choice(_) => unreachable!("a choice of choices is not parsed"),
+        },
+        exposure: 1.0,
+        white_balance: [1.0; 3],
+    }
+}
+
+pub(super) fn glass(recipe: &Recipe, draw: Draw<'_>) -> Glass {
+    let glass = &recipe.glass;
+    let each = |name: &str, index: usize, param| draw.value(&format!("{name}[{index}]"), param);
+    Glass {
+        distance_m: draw.value("glass.distance_m", &glass.distance_m),
+        thickness_m: draw.value("glass.thickness_m", &glass.thickness_m),
+        ior: draw.value("glass.ior", &glass.ior),
+        absorption_per_m: std::array::from_fn(|index| {
+            each(
+                "glass.absorption_per_m",
+                index,
+                &glass.absorption_per_m[index],
+            )
+        }),
+        tilt_deg: std::array::from_fn(|index| {
+            each("glass.tilt_deg", index, &glass.tilt_deg[index])
+        }),
+    }
+}
+
+/// Draws the light of a side; it multiplies the light that a list gives for the photograph.
+pub(super) fn light(name: &str, recipe: SideLight<'_>, draw: Draw<'_>, side: &mut Side) {
+    let (exposure, side_illuminant) = side.light_mut();
+    *exposure *= draw.value(&format!("{name}.exposure"), recipe.exposure);
+    if let Some(param) = recipe.exposure_ev {
+        let ev = draw.value(&format!("{name}.exposure_ev"), param);
+        *exposure = nine_digits(*exposure * libm::exp2(ev));
+    }
+    if let Some(param) = recipe.illuminant_k {
+        let kelvin = draw.value(&format!("{name}.illuminant_k"), param);
+        for (channel, drawn) in side_illuminant.iter_mut().zip(illuminant(kelvin)) {
+            *channel = nine_digits(*channel * drawn);
+        }
+    }
+}
+
+pub(super) fn side((name, source): (&str, &Source), image: &SourceImage) -> Side {
+    match &image.side {
+        Some(side) => list::rooted(side, name),
+        None => photograph((name, source), image).into(),
+    }
+}
+
+fn photograph((name, source): (&str, &Source), image: &SourceImage) -> Photograph {
+    let rooted = |path: &String| format!("{name}:{path}");
+    Photograph {
+        color: rooted(&image.color),
+        depth: match &image.depth_root {
+            Some(root) => format!("{root}:{}", image.depth),
+            None => rooted(&image.depth),
+        },
+        mask: image.mask.as_ref().map(rooted),
+        transfer: source.transfer,
+        depth_unit_m: source.depth_unit_m,
+        depth_kind: source.depth_kind,
+        // Estimated depths take the range from a table of categories; metric depths need none.
+        depth_range: match source.depth_kind {
+            DepthKind::Relative | DepthKind::RelativeInverse => {
+                image.depth_range.or(source.depth_range)
+            }
+            DepthKind::Z | DepthKind::Distance => None,
+        },
+        intrinsics: source.intrinsics,
+        exposure: 1.0,
+        illuminant: [1.0; 3],
+        highlights: source.highlights,
+        fill: source.fill,
+        apex: None,
+    }
+}

@@ -1,0 +1,324 @@
+//! Furniture, lamps, pictures and plants of a room, set out by its kind.
+
+use super::build::{Builder, Frame};
+use super::fittings as fit;
+use super::furniture as piece;
+use super::material::Material;
+use super::pattern::Pattern;
+use super::random::Stream;
+use super::room::{Kind, Room};
+use super::style::{Style, seed};
+use core::f32::consts::PI;
+use glam::{Vec2, Vec3};
+
+/// Furnishes a room; `lamps` receives the positions of bulbs. Another order of the draws would change the pictures.
+pub(super) fn furnish(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
+    b.start_piece();
+    match room.kind {
+        Kind::Living => living(b, room, r, lamps),
+        Kind::Dining => dining(b, room, r, lamps),
+        Kind::Study => study(b, room, r, lamps),
+        Kind::Bedroom => bedroom(b, room, r, lamps),
+        Kind::Kitchen => kitchen(b, room, r, lamps),
+    }
+    back_wall(b, room, r, lamps);
+    side_walls(b, room, r);
+    plants(b, room, r);
+    if room.kind != Kind::Dining && room.kind != Kind::Kitchen {
+        b.start_piece();
+        let [_, h, d] = room.size;
+        let at = Frame::new(Vec3::new(0.0, 0.0, 0.55 * d), 0.0);
+        lamps.push(fit::pendant(b, &at, h - 0.4, h, room.style, room.lamps_on));
+    }
+}
+
+/// A low table, two sofas, a standing lamp.
+fn living(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
+    let style = room.style;
+    let f = &Frame::new(room.focus, 0.0);
+    let size = [r.range(0.9, 1.2), r.range(0.38, 0.46), 0.6];
+    piece::table(
+        b,
+        &f.at(0.0, 0.0, 0.1, r.range(-0.2, 0.2)),
+        size,
+        style.wood,
+        style.metal,
+    );
+    piece::things(b, &f.at(0.0, 0.0, 0.1, 0.0), size, 3, r);
+    rug(b, &f.at(0.0, 0.0, 0.3, 0.0), [1.3, 0.95], style, r);
+    b.start_piece();
+    let back_z = (room.focus.z + r.range(1.1, 1.4)).min(room.size[2] - 0.5);
+    let at = Frame::new(
+        Vec3::new(room.focus.x, 0.0, back_z),
+        PI + r.range(-0.1, 0.1),
+    );
+    piece::sofa(b, &at, r.range(1.9, 2.2), style.cloth, r);
+    b.start_piece();
+    let side = if r.chance(0.5) { 1.0 } else { -1.0 };
+    let at = f.at(side * 1.35, 0.0, 0.2, -side * r.range(1.1, 1.6));
+    piece::sofa(b, &at, 0.85, style.accent, r);
+    b.start_piece();
+    let at = f.at(-side * r.range(0.95, 1.3), 0.0, 0.75, 0.0);
+    lamps.push(fit::floor_lamp(b, &at, style, room.lamps_on));
+}
+
+/// A table with chairs below a pendant lamp.
+fn dining(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
+    let style = room.style;
+    let f = &Frame::new(room.focus, 0.0);
+    let size = [r.range(1.3, 1.7), 0.75, 0.85];
+    let yaw = r.range(-0.35, 0.35);
+    let at = f.at(0.0, 0.0, 0.2, yaw);
+    piece::table(b, &at, size, style.wood, style.wood);
+    piece::things(b, &at, size, 4, r);
+    for (x, z, turn) in [
+        (-0.4, -0.62, 0.0),
+        (0.4, -0.66, 0.1),
+        (-0.4, 0.62, PI),
+        (0.4, 0.6, PI),
+    ] {
+        b.start_piece();
+        let chair = at.at(x, 0.0, z, turn + r.range(-0.2, 0.2));
+        piece::chair(b, &chair, style.wood, style.accent);
+    }
+    b.start_piece();
+    rug(b, &at, [1.3, 1.1], style, r);
+    b.start_piece();
+    let lamp = fit::pendant(
+        b,
+        &f.at(0.0, 0.0, 0.2, 0.0),
+        r.range(1.6, 1.75),
+        room.size[1],
+        style,
+        room.lamps_on,
+    );
+    lamps.push(lamp);
+}
+
+/// A desk with a lamp, a chair, boxes.
+fn study(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
+    let style = room.style;
+    let f = &Frame::new(room.focus, 0.0);
+    let at = f.at(
+        0.0,
+        0.0,
+        0.5,
+        r.range(-0.5, 0.5) + if r.chance(0.5) { PI } else { 0.0 },
+    );
+    piece::desk(b, &at, style, r);
+    let lamp = at.at(-0.55, 0.74, -0.18, 0.0);
+    lamps.push(fit::table_lamp(b, &lamp, style, room.lamps_on));
+    b.start_piece();
+    piece::chair(
+        b,
+        &at.at(0.05, 0.0, 0.6, PI + r.range(-0.5, 0.5)),
+        style.metal,
+        style.accent,
+    );
+    b.start_piece();
+    fit::boxes(b, &f.at(r.range(0.75, 1.0), 0.0, -0.3, 0.4), r);
+}
+
+/// A bed against the back wall, between bedside tables.
+fn bedroom(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
+    let style = room.style;
+    let f = &Frame::new(room.focus, 0.0);
+    let back = &room.walls[0].frame;
+    let at = back.at(-room.focus.x, 0.0, 0.03, r.range(-0.03, 0.03));
+    piece::bed(b, &at, style, r);
+    for side in [-1.15, 1.15] {
+        b.start_piece();
+        let stand = at.at(side, 0.0, 0.0, 0.0);
+        piece::chest(b, &stand, [0.45, 0.5, 0.4], 2, style);
+        let lamp = stand.at(0.0, 0.52, 0.2, 0.0);
+        lamps.push(fit::table_lamp(b, &lamp, style, room.lamps_on));
+    }
+    b.start_piece();
+    rug(b, &f.at(0.1, 0.0, 0.0, 0.0), [1.2, 0.8], style, r);
+    b.start_piece();
+    piece::chair(
+        b,
+        &f.at(r.range(-0.7, 0.7), 0.0, 0.1, r.range(1.0, 5.0)),
+        style.wood,
+        style.cloth,
+    );
+}
+
+/// Units along the back wall and an island with chairs.
+fn kitchen(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
+    let style = room.style;
+    let f = &Frame::new(room.focus, 0.0);
+    let back = &room.walls[0].frame;
+    let at = back.at(0.0, 0.0, 0.0, 0.0);
+    if room.walls[0].window.is_none() {
+        piece::kitchen(b, &at, room.size[0] - 1.6, style, r);
+    } else {
+        piece::chest(b, &at, [room.size[0] - 1.4, 0.8, 0.55], 1, style);
+    }
+    b.start_piece();
+    let size = [r.range(0.9, 1.2), 0.9, 0.7];
+    let island = f.at(0.0, 0.0, 0.3, r.range(-0.3, 0.3));
+    piece::chest(
+        b,
+        &island.at(0.0, 0.0, -0.3, PI),
+        [size[0], 0.9, 0.6],
+        1,
+        style,
+    );
+    piece::things(
+        b,
+        &island.at(0.0, 0.018, -0.6, 0.0),
+        [size[0], 0.9, 0.4],
+        4,
+        r,
+    );
+    b.start_piece();
+    lamps.push(fit::pendant(
+        b,
+        &island.at(0.0, 0.0, -0.5, 0.0),
+        1.72,
+        room.size[1],
+        style,
+        room.lamps_on,
+    ));
+    for side in [-0.85, 0.85] {
+        b.start_piece();
+        piece::chair(
+            b,
+            &island.at(side, 0.0, -0.8, -side * 1.5),
+            style.wood,
+            style.accent,
+        );
+    }
+}
+
+/// Bookcases, chests, doors and pictures along the back wall.
+fn back_wall(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
+    let w = room.size[0];
+    let style = room.style;
+    let back = &room.walls[0].frame;
+    // The wall's x runs against the world's.
+    let free_x = room.free * 0.24 * w;
+    if matches!(room.kind, Kind::Living | Kind::Dining | Kind::Study) {
+        let has_window = room.walls[0].window.is_some();
+        let places: &[f32] = if has_window {
+            &[free_x]
+        } else {
+            &[-0.24 * w, 0.24 * w]
+        };
+        for &x in places {
+            b.start_piece();
+            let at = back.at(x, 0.0, 0.01, 0.0);
+            match r.index(4) {
+                0 | 1 => {
+                    let size = [r.range(0.9, 1.5), r.range(1.7, 2.15)];
+                    piece::bookcase(b, &at, size, style.wood, r);
+                }
+                2 => {
+                    let width = r.range(1.1, 1.6);
+                    piece::chest(b, &at, [width, 0.8, 0.42], 2, style);
+                    piece::things(b, &at.at(0.0, 0.018, 0.2, 0.0), [width, 0.8, 0.3], 3, r);
+                    lamps.push(fit::table_lamp(
+                        b,
+                        &at.at(0.38 * width, 0.82, 0.2, 0.0),
+                        style,
+                        room.lamps_on,
+                    ));
+                    fit::picture(b, &at.at(0.0, 1.62, 0.0, 0.0), [0.9, 0.62], style, r);
+                }
+                _ => {
+                    fit::door(b, &at, style);
+                    fit::picture(b, &at.at(-0.85, 1.55, 0.0, 0.0), [0.45, 0.6], style, r);
+                }
+            }
+        }
+    } else if room.kind == Kind::Bedroom && room.walls[0].window.is_none() {
+        b.start_piece();
+        fit::picture(
+            b,
+            &back.at(-room.focus.x, 1.65, 0.0, 0.0),
+            [1.1, 0.65],
+            style,
+            r,
+        );
+    }
+}
+
+/// Furniture, doors and pictures along the two side walls.
+fn side_walls(b: &mut Builder, room: &Room, r: &mut Stream) {
+    let d = room.size[2];
+    let style = room.style;
+    for wall in [1, 2] {
+        let f = &room.walls[wall].frame;
+        // On the left wall x runs towards the camera, on the right one away from it.
+        let away = if wall == 1 { -1.0 } else { 1.0 };
+        let mut places = vec![0.33 * d, -0.02 * d];
+        if let Some(o) = room.walls[wall].window {
+            places.retain(|x| (away * x - o.x).abs() > 0.5 * o.w + 0.95);
+        }
+        for x in places {
+            b.start_piece();
+            let at = f.at(away * x, 0.0, 0.01, 0.0);
+            match r.index(5) {
+                0 => fit::door(b, &at, style),
+                1 => piece::bookcase(
+                    b,
+                    &at,
+                    [r.range(0.8, 1.2), r.range(1.2, 2.1)],
+                    style.wood,
+                    r,
+                ),
+                2 => {
+                    piece::chest(b, &at, [1.1, 0.75, 0.42], 3, style);
+                    piece::things(b, &at.at(0.0, 0.018, 0.2, 0.0), [1.1, 0.75, 0.3], 3, r);
+                    fit::picture(b, &at.at(0.0, 1.55, 0.0, 0.0), [0.8, 0.6], style, r);
+                }
+                3 => {
+                    for k in 0..3 {
+                        let at = at.at(0.62 * (k as f32 - 1.0), 1.55, 0.0, 0.0);
+                        fit::picture(b, &at, [0.42, 0.55], style, r);
+                    }
+                }
+                _ => fit::picture(b, &at.at(0.0, 1.5, 0.0, 0.0), [1.2, 0.8], style, r),
+            }
+        }
+    }
+}
+
+/// Plants in the corners and near the middle of the view.
+fn plants(b: &mut Builder, room: &Room, r: &mut Stream) {
+    let [w, _, d] = room.size;
+    for side in [-1.0, 1.0] {
+        if r.chance(0.7) {
+            b.start_piece();
+            let at = Frame::new(Vec3::new(side * (0.5 * w - 0.42), 0.0, d - 0.45), r.unit());
+            fit::plant(b, &at, r.range(0.9, 1.6), r);
+        }
+    }
+    if r.chance(0.6) {
+        b.start_piece();
+        let x = if r.chance(0.5) { -1.0 } else { 1.0 } * r.range(0.55, 0.8);
+        let at = Frame::new(
+            room.focus + Vec3::new(x, 0.0, r.range(-0.75, -0.45)),
+            r.unit(),
+        );
+        fit::plant(b, &at, r.range(0.75, 1.15), r);
+    }
+}
+
+fn rug(b: &mut Builder, f: &Frame, half: [f32; 2], style: &Style, r: &mut Stream) {
+    let pattern = Pattern::Rug(Vec2::from(half));
+    let seed = seed(r);
+    let wool = Material::new(
+        pattern,
+        style.accent.main * 0.8,
+        style.cloth.main * 0.7,
+        seed,
+    );
+    b.panel(
+        f,
+        [0.0, 0.006, 0.0],
+        [2.0 * half[0], 0.012, 2.0 * half[1]],
+        wool,
+    );
+}
