@@ -232,7 +232,7 @@ mod tests {
         assert_eq!(there.images.len(), 1);
         for (read, words) in [
             (Err(io::ErrorKind::NotFound.into()), "entity not found"),
-            (Ok(vec![0xff]), "no UTF-8 text"),
+            (Ok(vec![0xff]), "it is not UTF-8 text"),
         ] {
             let error = index(read).unwrap_err();
             assert!(
