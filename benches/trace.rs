@@ -1,11 +1,7 @@
 //! Does a kernel get slower? Built-in scenes, both instruction sets.
 //!
 //!     cargo bench --bench trace
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    reason = "criterion's macros; benches may panic"
-)]
+#![allow(missing_docs, clippy::unwrap_used, reason = "criterion's macros; benches may panic")]
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
@@ -76,19 +72,10 @@ fn tiles(c: &mut Criterion) {
     let Decoded::Sheet(front) = &pair.photographs.front else {
         panic!("the built-in pair are photographs");
     };
-    meshes.line.camera.focus = Focus::Distance {
-        distance_m: front.front_center_z_m,
-    };
-    let tile = Tile {
-        x: 112,
-        y: 112,
-        width: 32,
-        height: 32,
-    };
+    meshes.line.camera.focus = Focus::Distance { distance_m: front.front_center_z_m };
+    let tile = Tile { x: 112, y: 112, width: 32, height: 32 };
     let mut group = c.benchmark_group("trace_tile");
-    group
-        .sample_size(20)
-        .throughput(Throughput::Elements(32 * 32 * 256));
+    group.sample_size(20).throughput(Throughput::Elements(32 * 32 * 256));
     for (apex, value) in [("mirror", Apex::Mirror), ("camera", Apex::Camera)] {
         let scene = scene(&pair, value);
         for (name, isa) in isas() {
@@ -112,11 +99,9 @@ fn walks(c: &mut Criterion) {
         ("t0", Order::Transmitted(0), Apex::Mirror),
         ("r0_camera", Order::Reflected(0), Apex::Camera),
     ];
-    for bench_scene in [
-        indoor(SIZE, FILM_PX).unwrap(),
-        outdoor(SIZE, FILM_PX).unwrap(),
-        stress(FILM_PX),
-    ] {
+    for bench_scene in
+        [indoor(SIZE, FILM_PX).unwrap(), outdoor(SIZE, FILM_PX).unwrap(), stress(FILM_PX)]
+    {
         for (class, order, apex) in classes {
             let scene = scene(&bench_scene, apex);
             let probe = BundleProbe::new(&scene, Some(order), 16).unwrap();
@@ -138,10 +123,7 @@ fn samplers(c: &mut Criterion) {
     let seed = PixelSeed::new(1, 2, 3);
     let mut group = c.benchmark_group("sampler");
     group.throughput(Throughput::Elements(BLOCK as u64));
-    for (kind, sampling) in [
-        ("sobol", Sampling::Sobol),
-        ("independent", Sampling::Independent),
-    ] {
+    for (kind, sampling) in [("sobol", Sampling::Sobol), ("independent", Sampling::Independent)] {
         for (name, isa) in isas() {
             group.bench_function(format!("{kind}/{name}"), |b| {
                 b.iter(|| sample_block(sampling, black_box(&seed), 512, isa));
@@ -156,10 +138,7 @@ fn scenes(c: &mut Criterion) {
     let bench_scene = pair(SIZE, FILM_PX).unwrap();
     let photograph = &procedural::listing(2, 2020)[1];
     let files = procedural::encode(photograph, SIZE[0], SIZE[1]).unwrap();
-    let named = |bytes| NamedBytes {
-        path: photograph.color_path(),
-        bytes,
-    };
+    let named = |bytes| NamedBytes { path: photograph.color_path(), bytes };
     let files = PhotographFiles {
         color: named(files.color),
         depth: named(files.depth),
@@ -193,12 +172,7 @@ fn tuples(c: &mut Criterion) {
     let mut line = bench_scene.line.clone();
     line.film.spp = 16;
     let stop = AtomicBool::new(false);
-    let work = Work {
-        threads: 1,
-        isa: Isa::detect(),
-        stop: &stop,
-        on_samples: &|_| {},
-    };
+    let work = Work { threads: 1, isa: Isa::detect(), stop: &stop, on_samples: &|_| {} };
     let rendering = render(&bench_scene, &line, Sampling::Sobol, &work).unwrap();
     let tuple: Tuple = rendering.unwrap().tuple;
     let encoder = SrgbEncoder::new();

@@ -14,10 +14,7 @@ use std::path::Path;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let transmitted = read(Path::new("target/example"))?;
-    println!(
-        "the glass transmits {:.1} % of the light",
-        100.0 * transmitted
-    );
+    println!("the glass transmits {:.1} % of the light", 100.0 * transmitted);
     Ok(())
 }
 

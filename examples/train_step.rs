@@ -35,12 +35,7 @@ pub(crate) fn train(folder: &Path, steps: u64) -> Result<Vec<f32>, Box<dyn Error
         glass_reflection: Some(planes("glass_reflection")?),
         clean_reflection: Some(planes("clean_reflection")?),
     };
-    let cut = Cut {
-        row: 32,
-        column: 64,
-        size: 64,
-        mirrored: false,
-    };
+    let cut = Cut { row: 32, column: 64, size: 64, mirrored: false };
 
     // SP-net separates I into T* and R~*, BT-net restores R* from R~*; the paper's networks have a width of 64.
     let settings = TrainSettings {
@@ -51,7 +46,5 @@ pub(crate) fn train(folder: &Path, steps: u64) -> Result<Vec<f32>, Box<dyn Error
     };
     let mut learner = Learner::new(Stage::Separation, &settings, None, &Device::Cpu)?;
     let batch = Batch::new(&[example.cut(cut)], learner.device())?;
-    (0..steps)
-        .map(|step| Ok(learner.step(step, &batch, &mut |_| {})?.total))
-        .collect()
+    (0..steps).map(|step| Ok(learner.step(step, &batch, &mut |_| {})?.total)).collect()
 }

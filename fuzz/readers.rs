@@ -51,44 +51,21 @@ pub(crate) fn let_panics_unwind() {
 fn photograph(color: &[u8], depth: &[u8], mask: Option<&[u8]>) -> bool {
     let line = r#"{"color":"c","depth":"d","intrinsics":{"fx":10,"fy":10,"cx":2,"cy":1}}"#;
     let line: Photograph = serde_json::from_str(line).expect("a line as in a manifest");
-    let named = |bytes: &[u8]| NamedBytes {
-        path: "a file".into(),
-        bytes: bytes.to_vec(),
-    };
-    let files = PhotographFiles {
-        color: named(color),
-        depth: named(depth),
-        mask: mask.map(named),
-    };
+    let named = |bytes: &[u8]| NamedBytes { path: "a file".into(), bytes: bytes.to_vec() };
+    let files = PhotographFiles { color: named(color), depth: named(depth), mask: mask.map(named) };
     match decode_photograph(&line, &files) {
         Ok(sheet) => {
-            let sizes = [
-                sheet.width,
-                sheet.height,
-                sheet.color_width,
-                sheet.color_height,
-            ];
+            let sizes = [sheet.width, sheet.height, sheet.color_width, sheet.color_height];
             assert!(sizes.iter().all(|n| (1..=MAX_SIDE).contains(n)));
-            let (vertices, texels) = (
-                sheet.width * sheet.height,
-                sheet.color_width * sheet.color_height,
-            );
+            let (vertices, texels) =
+                (sheet.width * sheet.height, sheet.color_width * sheet.color_height);
             assert!(vertices <= MAX_PIXELS && texels <= MAX_PIXELS);
             assert_eq!(sheet.inverse_depth_per_m.len(), vertices);
             assert_eq!(sheet.valid.len(), vertices);
             assert_eq!(sheet.radiance.len(), texels);
-            assert!(
-                sheet
-                    .inverse_depth_per_m
-                    .iter()
-                    .all(|w| w.is_normal() && *w > 0.0)
-            );
+            assert!(sheet.inverse_depth_per_m.iter().all(|w| w.is_normal() && *w > 0.0));
             let radiance = sheet.radiance.as_flattened();
-            assert!(
-                radiance
-                    .iter()
-                    .all(|v| (0.0..=sheet.max_radiance).contains(v))
-            );
+            assert!(radiance.iter().all(|v| (0.0..=sheet.max_radiance).contains(v)));
             assert!(sheet.max_radiance.is_finite() && sheet.front_center_z_m > 0.0);
             true
         }
@@ -123,10 +100,7 @@ pub(crate) fn ply(bytes: &[u8]) -> bool {
     let Side::Mesh(line) = side else {
         panic!("the line names a mesh");
     };
-    let file = NamedBytes {
-        path: "a file".into(),
-        bytes: bytes.to_vec(),
-    };
+    let file = NamedBytes { path: "a file".into(), bytes: bytes.to_vec() };
     match decode_mesh(&line, &file) {
         Ok(mesh) => {
             let vertices = mesh.vertices_m.len();
@@ -135,11 +109,7 @@ pub(crate) fn ply(bytes: &[u8]) -> bool {
             let corners = mesh.triangles.as_flattened();
             assert!(corners.iter().all(|&corner| (corner as usize) < vertices));
             let radiance = mesh.radiance.as_flattened();
-            assert!(
-                radiance
-                    .iter()
-                    .all(|v| (0.0..=mesh.max_radiance).contains(v))
-            );
+            assert!(radiance.iter().all(|v| (0.0..=mesh.max_radiance).contains(v)));
             assert!(mesh.max_radiance.is_finite());
             true
         }
@@ -201,21 +171,14 @@ pub(crate) fn spec(bytes: &[u8]) -> bool {
         return false;
     };
     let text = serde_json::to_string(&spec).expect("plain numbers and strings");
-    assert_eq!(
-        serde_json::from_str::<Spec>(&text).expect("as written"),
-        spec
-    );
+    assert_eq!(serde_json::from_str::<Spec>(&text).expect("as written"), spec);
     assert_eq!(spec.diff(&[], &spec, &[]), "");
     true
 }
 
 /// `inspect` on a file of any kind, alone in its folder.
 pub(crate) fn inspect(bytes: &[u8]) -> bool {
-    let found = inspect_bytes(&Input {
-        name: "file",
-        bytes,
-        beside: &|_| None,
-    });
+    let found = inspect_bytes(&Input { name: "file", bytes, beside: &|_| None });
     // What is wrong and what is whole exclude each other.
     assert_eq!(found.whole == Whole::No, !found.is_sound());
     found.is_sound()
@@ -227,10 +190,7 @@ pub(crate) fn tuple(bytes: &[u8]) -> bool {
         return false;
     };
     let text = serde_json::to_string(&record).expect("plain numbers and strings");
-    assert_eq!(
-        serde_json::from_str::<TupleRecord>(&text).expect("as written"),
-        record
-    );
+    assert_eq!(serde_json::from_str::<TupleRecord>(&text).expect("as written"), record);
     true
 }
 
@@ -254,12 +214,7 @@ pub(crate) fn record(bytes: &[u8]) -> bool {
     let folder = FOLDER.with(|folder| folder.path().to_owned());
     let store = Store::local(&folder).expect("a folder is a store");
     let scene = SceneId::new("a").expect("a name");
-    let keys = [
-        "control.json",
-        "attempts/a/0-4.1.json",
-        "receipts/a.json",
-        "quarantine/a.json",
-    ];
+    let keys = ["control.json", "attempts/a/0-4.1.json", "receipts/a.json", "quarantine/a.json"];
     for key in keys {
         store.replace(key, bytes).expect("a small file");
     }

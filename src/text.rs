@@ -68,11 +68,7 @@ pub(crate) fn cut(text: &str, limit: usize) -> String {
 /// text.
 pub(crate) fn printable(page: String) -> String {
     let is_hidden = |c: char| c.is_control() && c != '\n' && c != '\t';
-    if page.contains(is_hidden) {
-        page.replace(is_hidden, "\u{fffd}")
-    } else {
-        page
-    }
+    if page.contains(is_hidden) { page.replace(is_hidden, "\u{fffd}") } else { page }
 }
 
 /// Cells of a line of CSV (RFC 4180); none if a quote is not closed.
@@ -105,15 +101,7 @@ mod tests {
         assert_eq!(grouped(1000), "1,000");
         assert_eq!(grouped(1234567), "1,234,567");
         let durations = [0.4, 59.9, 61.0, 3599.0, 7500.0, 100_000.0, -1.0].map(duration);
-        let expected = [
-            "0 s",
-            "59 s",
-            "1 min 01 s",
-            "59 min",
-            "2 h 05 min",
-            "1 d 3 h",
-            "0 s",
-        ];
+        let expected = ["0 s", "59 s", "1 min 01 s", "59 min", "2 h 05 min", "1 d 3 h", "0 s"];
         assert_eq!(durations, expected);
         assert_eq!(duration(f64::NAN), "unknown");
         assert_eq!(rate(12.34), ("12.3".to_owned(), "scenes a second"));
@@ -140,18 +128,12 @@ mod tests {
 
     #[test]
     fn control_characters_are_made_visible() {
-        assert_eq!(
-            printable("a\x1b[31m\n\tb\0".to_owned()),
-            "a\u{fffd}[31m\n\tb\u{fffd}"
-        );
+        assert_eq!(printable("a\x1b[31m\n\tb\0".to_owned()), "a\u{fffd}[31m\n\tb\u{fffd}");
     }
 
     #[test]
     fn cells_may_hold_commas_and_quotes() {
-        assert_eq!(
-            csv_cells("a,\"b,\"\"c\"\"\",").unwrap(),
-            ["a", "b,\"c\"", ""]
-        );
+        assert_eq!(csv_cells("a,\"b,\"\"c\"\"\",").unwrap(), ["a", "b,\"c\"", ""]);
         assert_eq!(csv_cells("a,\"b"), None);
     }
 }

@@ -87,12 +87,7 @@ fn pieces(line: &SceneLine) -> Vec<Tile> {
     let piece = |k: u64| {
         let index = (k * stride % count) as u32;
         let (x, y) = (index % columns * PIECE_PX, index / columns * CELL_PX);
-        Tile {
-            x,
-            y,
-            width: PIECE_PX.min(film.width - x),
-            height: CELL_PX.min(film.height - y),
-        }
+        Tile { x, y, width: PIECE_PX.min(film.width - x), height: CELL_PX.min(film.height - y) }
     };
     (0..count).map(piece).collect()
 }
@@ -139,19 +134,14 @@ mod tests {
             source: std::io::Error::other("on purpose"),
         };
         let photographs = listing(2, 1).into_iter();
-        let photographs: Vec<_> = photographs
-            .map(|p| photograph(&p, [16, 12]).unwrap())
-            .collect();
+        let photographs: Vec<_> = photographs.map(|p| photograph(&p, [16, 12]).unwrap()).collect();
         let read = |line: &SceneLine| {
             // What is in the middle is not there.
             if line.seed == 6 {
                 return Err(nowhere());
             }
             let side = |k: usize| SideFiles::Photograph(photographs[k].clone());
-            Ok(SceneFiles {
-                front: side(0),
-                back: side(1),
-            })
+            Ok(SceneFiles { front: side(0), back: side(1) })
         };
         let lines: Vec<SceneLine> = (0..12u32)
             .map(|k| {

@@ -51,10 +51,8 @@ impl Deviation {
             }
         }
         let values = (image.len() * 3) as f64;
-        let mut cells: Vec<f64> = cells
-            .iter()
-            .map(|(square, count)| (square / f64::from(*count)).sqrt())
-            .collect();
+        let mut cells: Vec<f64> =
+            cells.iter().map(|(square, count)| (square / f64::from(*count)).sqrt()).collect();
         cells.sort_by(f64::total_cmp);
         Self {
             rmse: (square / values).sqrt(),
@@ -103,10 +101,7 @@ mod tests {
         close(d.rmse, 0.25 * f64::sqrt(share));
         close(d.bias, 0.25 * share);
         close(d.relative_mse, 0.0625 / 0.26 * share);
-        close(
-            d.srgb_steps,
-            (linear_to_srgb(0.75) - linear_to_srgb(0.5)) * 255.0 * share,
-        );
+        close(d.srgb_steps, (linear_to_srgb(0.75) - linear_to_srgb(0.5)) * 255.0 * share);
         close(d.cell_rmse_worst, 0.25 / f64::sqrt(3.0));
         close(d.cell_rmse_p99, 0.25 / f64::sqrt(3.0));
         // Above white nothing is seen.

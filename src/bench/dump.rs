@@ -37,10 +37,7 @@ impl RayDump {
     /// Begins a dump into `dir`, which is made.
     pub fn new(dir: &Path) -> Result<Self, BenchError> {
         atomic_file::create_dir(dir)?;
-        Ok(Self {
-            dir: dir.to_owned(),
-            classes: Vec::new(),
-        })
+        Ok(Self { dir: dir.to_owned(), classes: Vec::new() })
     }
 
     /// Writes one class: its rays, their hits (inverse depths, 1/m) and the vertices of its sheet.
@@ -52,12 +49,8 @@ impl RayDump {
         kernel_mrays_per_s: f64,
     ) -> Result<(), BenchError> {
         let view = probe.view();
-        let rays: Vec<f32> = probe
-            .rays()
-            .iter()
-            .flat_map(|ray| [ray.origin, ray.direction])
-            .flatten()
-            .collect();
+        let rays: Vec<f32> =
+            probe.rays().iter().flat_map(|ray| [ray.origin, ray.direction]).flatten().collect();
         let depths: Vec<f32> = hits.iter().map(|w| 1.0 / w).collect();
         // The sheet is the same for every class of one side of a scene: written each time, so that a class stands alone.
         let class = Class {

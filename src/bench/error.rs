@@ -27,35 +27,19 @@ pub enum BenchError {
     Write(#[from] WriteError),
     /// An EXR cannot be coded.
     #[error("cannot encode {name}.exr: {reason}")]
-    Encode {
-        /// The layer.
-        name: &'static str,
-        /// Why.
-        reason: String,
-    },
+    Encode { name: &'static str, reason: String },
     /// A reference image is missing.
     #[error("no reference for {layer} in {}: give a folder with {layer}.exr or ref_{layer}.npy", dir.display())]
-    NoReference {
-        /// The layer.
-        layer: &'static str,
-        /// The folder.
-        dir: PathBuf,
-    },
+    NoReference { layer: &'static str, dir: PathBuf },
     /// A reference image cannot be read.
     #[error("cannot read {}: {source}; check the folder given to --reference", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     /// A reference image cannot be used.
     #[error(transparent)]
     Image(#[from] SceneError),
     /// A reference image has another size than the film.
     #[error("{} has {found_width} x {found_height} px, the scene's film {width} x {height}: give references of that size", path.display())]
     Size {
-        /// The file.
         path: PathBuf,
         /// Its pixels across.
         found_width: usize,

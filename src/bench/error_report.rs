@@ -14,7 +14,6 @@ use std::collections::BTreeMap;
 use std::fmt::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// Its schema.
 pub const ERROR_SCHEMA: &str = "glasshouse.bench_error/1";
 
 /// Errors of a scene's renderings against a reference. Its keys are those of [`ERROR_SCHEMA`].
@@ -24,11 +23,9 @@ pub struct ErrorReport<'a> {
     pub scene: &'a str,
     /// Width and height, px.
     pub film: [u32; 2],
-    /// Version of the tracer.
     pub tracer_version: u32,
     /// Instruction set of the kernels.
     pub isa: &'static str,
-    /// Threads that rendered.
     pub threads: usize,
     /// The processor, if the system tells.
     pub cpu: Option<String>,
@@ -39,7 +36,6 @@ pub struct ErrorReport<'a> {
     /// What the renderings were compared with.
     #[serde(serialize_with = "reference_object")]
     pub reference: &'a Reference,
-    /// How errors fall.
     pub slopes: Vec<Slope>,
     /// By variant, rung and layer.
     pub rows: Vec<LayerRow>,
@@ -96,17 +92,11 @@ impl ErrorReport<'_> {
             self.scene,
             truth(self.reference, "samples of another seed")
         );
-        let document = Document {
-            schema: ERROR_SCHEMA,
-            report: self,
-        };
+        let document = Document { schema: ERROR_SCHEMA, report: self };
         let json = serde_json::to_value(document).unwrap_or_default();
         atomic_file::create_dir(folder)?;
         atomic_file::write(&folder.join("error.csv"), csv(&self.rows).as_bytes())?;
-        atomic_file::write(
-            &folder.join("error.svg"),
-            error_plot(&self.rows, &title).as_bytes(),
-        )?;
+        atomic_file::write(&folder.join("error.svg"), error_plot(&self.rows, &title).as_bytes())?;
         atomic_file::write(&folder.join("error.json"), format!("{json:#}\n").as_bytes())?;
         self.out = Some(folder.to_owned());
         Ok(())
@@ -133,12 +123,7 @@ fn truth(reference: &Reference, what: &str) -> String {
 
 /// The tables: one for each kind of sampling and layer.
 fn text(report: &ErrorReport) -> String {
-    let ErrorReport {
-        reference,
-        rows,
-        slopes,
-        ..
-    } = report;
+    let ErrorReport { reference, rows, slopes, .. } = report;
     let mut text = format!(
         "{}, {} x {} px{}, against {}",
         report.scene,
@@ -157,9 +142,9 @@ fn text(report: &ErrorReport) -> String {
     }
     text += "\n";
     for slope in slopes {
-        let tail = slope.tail_slope.map_or_else(String::new, |s| {
-            format!(", samples^{s:.2} from 16 samples on")
-        });
+        let tail = slope
+            .tail_slope
+            .map_or_else(String::new, |s| format!(", samples^{s:.2} from 16 samples on"));
         let fitted = slope.slope.map_or_else(
             || "too few rungs for a slope".to_owned(),
             |s| format!("RMSE ~ samples^{s:.2} over {} rungs{tail}", slope.rungs),
@@ -214,21 +199,13 @@ fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
     for layer in Layer::NAMES {
         let mut cells = vec![layer.to_owned()];
         for variant in VARIANTS {
-            let slope = slopes
-                .iter()
-                .find(|s| s.variant == variant.name && s.layer == layer);
-            for fitted in [
-                slope.and_then(|s| s.slope),
-                slope.and_then(|s| s.tail_slope),
-            ] {
+            let slope = slopes.iter().find(|s| s.variant == variant.name && s.layer == layer);
+            for fitted in [slope.and_then(|s| s.slope), slope.and_then(|s| s.tail_slope)] {
                 cells.push(optional(fitted, |s| format!("{s:.2}")));
             }
-            let last = rows
-                .iter()
-                .find(|r| r.variant == variant.name && r.layer == layer && r.spp == top);
-            cells.push(optional(last.map(|r| r.deviation.rmse), |e| {
-                format!("{e:.2e}")
-            }));
+            let last =
+                rows.iter().find(|r| r.variant == variant.name && r.layer == layer && r.spp == top);
+            cells.push(optional(last.map(|r| r.deviation.rmse), |e| format!("{e:.2e}")));
             cells.push(optional(last.map(|r| r.cpu_s), |s| format!("{s:.2}")));
         }
         table.push(cells);

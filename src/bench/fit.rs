@@ -5,9 +5,7 @@ use serde::Serialize;
 /// Slope of a layer's error over its samples, in logarithms: -0.5 for independent samples.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Slope {
-    /// Kind of sampling.
     pub variant: &'static str,
-    /// The layer.
     pub layer: &'static str,
     /// Of RMSE against samples; `null` with fewer than two different numbers of samples.
     pub slope: Option<f64>,
@@ -25,10 +23,8 @@ pub fn log_log_slope(points: &[(f64, f64)]) -> Option<f64> {
         .map(|(x, y)| (libm::log(*x), libm::log(*y)))
         .collect();
     let n = logs.len() as f64;
-    let (mean_x, mean_y) = (
-        logs.iter().map(|p| p.0).sum::<f64>() / n,
-        logs.iter().map(|p| p.1).sum::<f64>() / n,
-    );
+    let (mean_x, mean_y) =
+        (logs.iter().map(|p| p.0).sum::<f64>() / n, logs.iter().map(|p| p.1).sum::<f64>() / n);
     let over: f64 = logs.iter().map(|p| (p.0 - mean_x) * (p.1 - mean_y)).sum();
     let under: f64 = logs.iter().map(|p| (p.0 - mean_x) * (p.0 - mean_x)).sum();
     (under > 0.0).then(|| over / under)
@@ -40,10 +36,8 @@ mod tests {
 
     #[test]
     fn powers_have_their_exponent() {
-        let points: Vec<(f64, f64)> = (0..6)
-            .map(|k| f64::from(1 << k))
-            .map(|n| (n, 3.0 * libm::pow(n, -0.75)))
-            .collect();
+        let points: Vec<(f64, f64)> =
+            (0..6).map(|k| f64::from(1 << k)).map(|n| (n, 3.0 * libm::pow(n, -0.75))).collect();
         assert!((log_log_slope(&points).unwrap() + 0.75).abs() < 1e-12);
         assert_eq!(log_log_slope(&points[..1]), None);
         assert_eq!(log_log_slope(&[]), None);

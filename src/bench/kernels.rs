@@ -26,14 +26,12 @@ pub struct KernelTiming {
     pub isa: &'static str,
     /// Median of the passes.
     pub mrays_per_s: f64,
-    /// Best pass.
     pub best_mrays_per_s: f64,
 }
 
 /// Intersection alone: span and walk of one order's bundles, camera samples and lines made before.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct KernelRow {
-    /// The scene.
     pub scene: String,
     /// `t0`, `t1`, `r0`, `r1`, or `R` (the pinhole).
     pub kernel: &'static str,
@@ -45,14 +43,12 @@ pub struct KernelRow {
     pub cells_per_ray: f64,
     /// Mean number of cells of the longest of sixteen rays.
     pub rounds_per_16_rays: f64,
-    /// By instruction set.
     pub timings: Vec<KernelTiming>,
 }
 
 /// The whole tracer on some tiles: camera samples, every followed order, radiance, sums.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TracerRow {
-    /// The scene.
     pub scene: String,
     /// Where the back photograph's camera stands.
     pub apex: &'static str,
@@ -60,7 +56,6 @@ pub struct TracerRow {
     pub samples: u64,
     /// Rays of a pass: of all orders and R.
     pub rays: u64,
-    /// By instruction set.
     pub timings: Vec<TracerTiming>,
 }
 
@@ -71,7 +66,6 @@ pub struct TracerTiming {
     pub isa: &'static str,
     /// Millions of camera samples a second, median of the passes.
     pub msamples_per_s: f64,
-    /// Best pass.
     pub best_msamples_per_s: f64,
     /// Millions of rays a second, median of the passes.
     pub mrays_per_s: f64,
@@ -80,7 +74,6 @@ pub struct TracerTiming {
 /// Building a grid and its pyramid.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BuildRow {
-    /// The scene.
     pub scene: String,
     /// `front` or `back`.
     pub side: &'static str,
@@ -90,7 +83,6 @@ pub struct BuildRow {
     pub ny: usize,
     /// Milliseconds, median of the passes.
     pub build_ms: f64,
-    /// Best pass.
     pub best_build_ms: f64,
 }
 
@@ -172,12 +164,7 @@ pub fn kernels(
                     }
                 })
                 .collect();
-            let WalkCount {
-                rays,
-                cells,
-                groups,
-                rounds,
-            } = probe.count(&hits);
+            let WalkCount { rays, cells, groups, rounds } = probe.count(&hits);
             let apex = (!is_front).then_some(apex_name);
             let class = apex.map_or_else(
                 || format!("{}.{kernel}", scene.name),
@@ -208,10 +195,8 @@ pub fn tracer(
     for (apex_name, apex) in APEXES {
         let assembled = scene_at(scene, apex)?;
         let tiles = tiles(assembled.film.width, assembled.film.height);
-        let samples: u64 = tiles
-            .iter()
-            .map(|tile| u64::from(tile.width * tile.height) * BLOCK as u64)
-            .sum();
+        let samples: u64 =
+            tiles.iter().map(|tile| u64::from(tile.width * tile.height) * BLOCK as u64).sum();
         let mut rays = 0;
         let seconds = seconds_of(isas, passes, |isa| {
             rays = 0;
@@ -234,13 +219,7 @@ pub fn tracer(
                 }
             })
             .collect();
-        rows.push(TracerRow {
-            scene: scene.name.clone(),
-            apex: apex_name,
-            samples,
-            rays,
-            timings,
-        });
+        rows.push(TracerRow { scene: scene.name.clone(), apex: apex_name, samples, rays, timings });
     }
     Ok(rows)
 }
@@ -248,12 +227,7 @@ pub fn tracer(
 /// Tiles in the middle of a grid of parts of the film; the whole film if it is small.
 fn tiles(width: u32, height: u32) -> Vec<Tile> {
     if width < TILES * TILE_PX || height < TILES * TILE_PX {
-        return vec![Tile {
-            x: 0,
-            y: 0,
-            width,
-            height,
-        }];
+        return vec![Tile { x: 0, y: 0, width, height }];
     }
     let at = |k: u32, n: u32| (2 * k + 1) * n / (2 * TILES) - TILE_PX / 2;
     (0..TILES * TILES)
@@ -268,16 +242,11 @@ fn tiles(width: u32, height: u32) -> Vec<Tile> {
 
 /// Times [`Grid::new`] on a scene's photographs (a mesh has no grid).
 pub fn grid_builds(scene: &BenchScene, passes: usize) -> Vec<BuildRow> {
-    let sides = [
-        ("front", &scene.photographs.front),
-        ("back", &scene.photographs.back),
-    ];
-    let sheets = sides
-        .into_iter()
-        .filter_map(|(side, decoded)| match decoded {
-            Decoded::Sheet(sheet) => Some((side, sheet)),
-            Decoded::Mesh(_) => None,
-        });
+    let sides = [("front", &scene.photographs.front), ("back", &scene.photographs.back)];
+    let sheets = sides.into_iter().filter_map(|(side, decoded)| match decoded {
+        Decoded::Sheet(sheet) => Some((side, sheet)),
+        Decoded::Mesh(_) => None,
+    });
     let rows = sheets.map(|(side, sheet)| {
         let mut seconds = Vec::new();
         for round in 0..=passes {

@@ -16,7 +16,6 @@ use serde::Serialize;
 pub struct Variant {
     /// What files call it.
     pub name: &'static str,
-    /// What people read.
     pub title: &'static str,
     /// Kind of the sample points.
     pub sampling: Sampling,
@@ -66,7 +65,6 @@ fn with_target(line: &SceneLine, rung: u32) -> SceneLine {
 /// Samples a pixel that an adaptive rendering may take.
 const MOST_SAMPLES: u32 = 65_536;
 
-/// What to render.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Ladder {
     /// Samples a pixel, ascending powers of two.
@@ -86,9 +84,7 @@ impl Ladder {
 /// One layer on one rung.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LayerRow {
-    /// Kind of sampling.
     pub variant: &'static str,
-    /// The layer.
     pub layer: &'static str,
     /// The rung: samples a pixel that were asked for.
     pub spp: u32,
@@ -102,7 +98,6 @@ pub struct LayerRow {
     pub deviation: Deviation,
     /// The RMS error that the tuple states of itself; `null` where one sample has no halves.
     pub stated_rmse: Option<f64>,
-    /// Stated over true.
     pub stated_over_true: Option<f64>,
 }
 
@@ -120,10 +115,7 @@ pub fn climb(
     let mut rows = Vec::new();
     // The first rendering of a process, which has the memory to fetch, does not count.
     let first = (VARIANTS[0].line)(&scene.line, 1);
-    let uncounted = Work {
-        on_samples: &|_| {},
-        ..*work
-    };
+    let uncounted = Work { on_samples: &|_| {}, ..*work };
     if render(scene, &first, VARIANTS[0].sampling, &uncounted)?.is_none() {
         return Ok(None);
     }
@@ -140,10 +132,7 @@ pub fn climb(
                 let on_samples = |count: u64| {
                     (work.on_samples)(count / u64::from(line.film.spp) * u64::from(spp));
                 };
-                let counted = Work {
-                    on_samples: &on_samples,
-                    ..*work
-                };
+                let counted = Work { on_samples: &on_samples, ..*work };
                 let Some(rendering) = render(scene, &line, variant.sampling, &counted)? else {
                     return Ok(None);
                 };
@@ -209,11 +198,8 @@ pub fn slopes(rows: &[LayerRow], reference: &Reference) -> Vec<Slope> {
                 .map(|row| (row.samples, row.deviation.rmse))
                 .filter(|(_, rmse)| *rmse >= floor)
                 .collect();
-            let tail: Vec<(f64, f64)> = points
-                .iter()
-                .copied()
-                .filter(|(samples, _)| *samples >= TAIL_SAMPLES)
-                .collect();
+            let tail: Vec<(f64, f64)> =
+                points.iter().copied().filter(|(samples, _)| *samples >= TAIL_SAMPLES).collect();
             slopes.push(Slope {
                 variant: variant.name,
                 layer,

@@ -22,9 +22,7 @@ type Measure = fn(&LayerRow) -> f64;
 pub fn error_plot(rows: &[LayerRow], title: &str) -> String {
     let panels: [(&str, Measure); 2] = [
         ("RMSE of the layer, linear light", |row| row.deviation.rmse),
-        ("RMSE of its worst 8 x 8 px", |row| {
-            row.deviation.cell_rmse_worst
-        }),
+        ("RMSE of its worst 8 x 8 px", |row| row.deviation.cell_rmse_worst),
     ];
     let is_drawn = |row: &&LayerRow| row.deviation.rmse > 0.0 && row.cpu_s > 0.0;
     let drawn: Vec<&LayerRow> = rows.iter().filter(is_drawn).collect();

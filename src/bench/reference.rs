@@ -26,7 +26,6 @@ pub struct Reference {
     pub layers: PerLayer<Vec<[f32; 3]>>,
     /// How it was made; `None` for images from elsewhere.
     pub record: Option<ReferenceRecord>,
-    /// Its folder.
     pub dir: PathBuf,
     /// It was found, not rendered now.
     pub reused: bool,
@@ -40,9 +39,7 @@ pub struct ReferenceRecord {
     pub schema: String,
     /// BLAKE3 (hex) of the reference's scene line (its samples and seed included) and of its input files' digests.
     pub scene_blake3: String,
-    /// Version of the tracer.
     pub tracer_version: u32,
-    /// Samples a pixel.
     pub spp: u32,
     /// Seed of its sample points.
     pub seed: u64,
@@ -80,9 +77,8 @@ pub fn own_reference(
     let line = reference_line(&scene.line, spp);
     let scene_blake3 = digest(scene, &line);
     let record_path = dir.join("reference.json");
-    let found: Option<ReferenceRecord> = std::fs::read(&record_path)
-        .ok()
-        .and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    let found: Option<ReferenceRecord> =
+        std::fs::read(&record_path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
     if let Some(record) = found.filter(|record| {
         record.schema == REFERENCE_SCHEMA
             && record.scene_blake3 == scene_blake3
@@ -112,11 +108,8 @@ pub fn own_reference(
     let _ = std::fs::remove_file(&record_path);
     for (layer, pixels) in tuple.layers.iter() {
         let name = layer.name();
-        let exr =
-            encode_rgb_exr(pixels, tuple.width, tuple.height).map_err(|e| BenchError::Encode {
-                name,
-                reason: e.to_string(),
-            })?;
+        let exr = encode_rgb_exr(pixels, tuple.width, tuple.height)
+            .map_err(|e| BenchError::Encode { name, reason: e.to_string() })?;
         atomic_file::write(&dir.join(format!("{name}.exr")), &exr)?;
     }
     let mut json = serde_json::to_string_pretty(&record).expect("a record has string keys alone");
@@ -133,23 +126,14 @@ pub fn own_reference(
 /// Images of the film's size from a folder: for each layer `LAYER.exr`, `ref_LAYER.npy` or `LAYER.npy`, linear R G B.
 pub fn read_reference(dir: &Path, line: &SceneLine) -> Result<Reference, BenchError> {
     let read = |layer: &'static str| -> Result<Vec<[f32; 3]>, BenchError> {
-        let names = [
-            format!("{layer}.exr"),
-            format!("ref_{layer}.npy"),
-            format!("{layer}.npy"),
-        ];
+        let names = [format!("{layer}.exr"), format!("ref_{layer}.npy"), format!("{layer}.npy")];
         let path = names
             .iter()
             .map(|name| dir.join(name))
             .find(|path| path.is_file())
-            .ok_or_else(|| BenchError::NoReference {
-                layer,
-                dir: dir.to_owned(),
-            })?;
-        let bytes = std::fs::read(&path).map_err(|source| BenchError::Read {
-            path: path.clone(),
-            source,
-        })?;
+            .ok_or_else(|| BenchError::NoReference { layer, dir: dir.to_owned() })?;
+        let bytes = std::fs::read(&path)
+            .map_err(|source| BenchError::Read { path: path.clone(), source })?;
         let file = NamedBytes { path, bytes };
         let (found_width, found_height, pixels) = decode_linear_image(&file)?;
         let (width, height) = (line.film.width, line.film.height);
@@ -166,12 +150,7 @@ pub fn read_reference(dir: &Path, line: &SceneLine) -> Result<Reference, BenchEr
     };
     let [input, transmission, glass, clean] = Layer::NAMES;
     Ok(Reference {
-        layers: PerLayer([
-            read(input)?,
-            read(transmission)?,
-            read(glass)?,
-            read(clean)?,
-        ]),
+        layers: PerLayer([read(input)?, read(transmission)?, read(glass)?, read(clean)?]),
         record: None,
         dir: dir.to_owned(),
         reused: true,

@@ -15,11 +15,8 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 /// Side of a tile, px: enough tiles to share among threads, few enough to cost nothing.
 const TILE_PX: u32 = 32;
 
-/// How to work.
 pub struct Work<'a> {
-    /// Tracer threads.
     pub threads: usize,
-    /// Kernels.
     pub isa: Isa,
     /// Set from outside to stop after the shards in flight.
     pub stop: &'a AtomicBool,
@@ -27,7 +24,6 @@ pub struct Work<'a> {
     pub on_samples: &'a (dyn Fn(u64) + Sync),
 }
 
-/// A rendered scene.
 pub struct Rendering {
     /// The four layers and their stated errors.
     pub tuple: Tuple,

@@ -18,9 +18,7 @@ const PHOTOGRAPHS_SEED: u64 = 2020;
 pub struct BenchScene {
     /// What to call it.
     pub name: String,
-    /// Its line.
     pub line: SceneLine,
-    /// Its photographs.
     pub photographs: DecodedScene,
 }
 
@@ -31,18 +29,10 @@ impl BenchScene {
         line: &SceneLine,
         sampling: Sampling,
     ) -> Result<LoadedScene, BenchError> {
-        let DecodedScene {
-            front,
-            back,
-            inputs,
-        } = self.photographs.clone();
+        let DecodedScene { front, back, inputs } = self.photographs.clone();
         let (mut scene, facts) = assemble(line, front, back)?;
         scene.sampling = sampling;
-        Ok(LoadedScene {
-            scene,
-            facts,
-            inputs,
-        })
+        Ok(LoadedScene { scene, facts, inputs })
     }
 }
 
@@ -53,12 +43,10 @@ pub fn pair(size: [u32; 2], film_px: u32) -> Result<BenchScene, BenchError> {
     procedural("pair", [Place::Indoors, Place::Outdoor], size, film_px)
 }
 
-/// Two rooms.
 pub fn indoor(size: [u32; 2], film_px: u32) -> Result<BenchScene, BenchError> {
     procedural("indoor", [Place::Indoors; 2], size, film_px)
 }
 
-/// Two streets.
 pub fn outdoor(size: [u32; 2], film_px: u32) -> Result<BenchScene, BenchError> {
     procedural("outdoor", [Place::Outdoor; 2], size, film_px)
 }
@@ -109,11 +97,7 @@ pub fn stress(film_px: u32) -> BenchScene {
         back: sheet(0x3c6e_f372).into(),
         inputs: InputDigests::default(),
     };
-    BenchScene {
-        name: "stress".to_owned(),
-        line,
-        photographs,
-    }
+    BenchScene { name: "stress".to_owned(), line, photographs }
 }
 
 fn procedural(
@@ -138,11 +122,7 @@ fn procedural(
         back: SideFiles::Photograph(photograph(back, size)?),
     };
     let photographs = decode(&line, &files)?;
-    Ok(BenchScene {
-        name: name.to_owned(),
-        line,
-        photographs,
-    })
+    Ok(BenchScene { name: name.to_owned(), line, photographs })
 }
 
 /// The files of a procedural photograph, in memory.

@@ -23,11 +23,8 @@ pub fn align(rows: &[Vec<String>], left: usize) -> String {
         if n == 0 {
             for (k, width) in widths.iter().enumerate() {
                 let dashes = "-".repeat(width + 1);
-                let _ = if k < left {
-                    write!(text, "|{dashes}-")
-                } else {
-                    write!(text, "|{dashes}:")
-                };
+                let _ =
+                    if k < left { write!(text, "|{dashes}-") } else { write!(text, "|{dashes}:") };
             }
             text += "|\n";
         }
@@ -71,9 +68,6 @@ mod tests {
     #[test]
     fn tables_are_aligned() {
         let rows = [["a", "R~"], ["long", "10.5"]].map(|row| row.map(str::to_owned).to_vec());
-        assert_eq!(
-            align(&rows, 1),
-            "| a    |   R~ |\n|------|-----:|\n| long | 10.5 |\n"
-        );
+        assert_eq!(align(&rows, 1), "| a    |   R~ |\n|------|-----:|\n| long | 10.5 |\n");
     }
 }

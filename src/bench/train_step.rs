@@ -5,12 +5,10 @@ use std::time::Instant;
 use train::candle_core::{Device, Result, Tensor};
 use train::{Batch, FeatureSource, Learner, Stage, Stream, TrainSettings, Vgg};
 
-/// One measured step.
 #[derive(Clone, Debug)]
 pub struct TrainStep {
     /// User and system, of all threads.
     pub cpu_s: f64,
-    /// On the wall.
     pub wall_s: f64,
     /// CPU seconds of its parts, in order of time; a name may stand more than once.
     pub parts: Vec<(&'static str, f64)>,
@@ -28,10 +26,7 @@ impl TrainBench {
     /// SP-net, BT-net, a discriminator that learns in every step, a random VGG-19; random images of `size_px` squared.
     /// `settings` say widths, batch, features.
     pub fn new(settings: &TrainSettings, size_px: usize, device: &Device) -> Result<Self> {
-        let settings = TrainSettings {
-            discriminator_every: 1,
-            ..settings.clone()
-        };
+        let settings = TrainSettings { discriminator_every: 1, ..settings.clone() };
         let vgg = match settings.features {
             FeatureSource::None => None,
             _ => Some(Vgg::random(settings.seed, settings.vgg_divisor, device)?),
@@ -59,7 +54,6 @@ impl TrainBench {
         self.learner.parameters()
     }
 
-    /// Takes a step.
     pub fn step(&mut self) -> Result<TrainStep> {
         let (wall, cpu) = (Instant::now(), process_cpu_s());
         let mut parts = Vec::new();

@@ -28,22 +28,10 @@ pub(super) struct Global {
     #[arg(short = 'n', long, global = true)]
     pub(super) dry_run: bool,
     /// Colour of messages
-    #[arg(
-        long,
-        global = true,
-        value_enum,
-        default_value = "auto",
-        value_name = "WHEN"
-    )]
+    #[arg(long, global = true, value_enum, default_value = "auto", value_name = "WHEN")]
     pub(super) color: ColorWhen,
     /// Progress: bars on a terminal, plain lines elsewhere
-    #[arg(
-        long,
-        global = true,
-        value_enum,
-        default_value = "auto",
-        value_name = "HOW"
-    )]
+    #[arg(long, global = true, value_enum, default_value = "auto", value_name = "HOW")]
     pub(super) progress: ProgressHow,
     /// Instruction set of the tracer's kernels; all give the same bits
     #[arg(long, global = true, value_enum, default_value = "auto", hide = true)]
@@ -144,12 +132,7 @@ pub(super) struct StoreArgs {
 #[command(next_help_heading = FARM)]
 pub(super) struct QueueArgs {
     /// NATS server: nats://host:4222, tls://host:4222, several with commas
-    #[arg(
-        long,
-        value_name = "URL",
-        env = "GLASSHOUSE_QUEUE",
-        hide_env_values = true
-    )]
+    #[arg(long, value_name = "URL", env = "GLASSHOUSE_QUEUE", hide_env_values = true)]
     pub(super) queue: Option<String>,
     /// Where the run's objects are, if not in the run's folder: a folder that all machines see, or s3://BUCKET/PREFIX
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE", requires = "queue")]
@@ -161,28 +144,13 @@ pub(super) struct QueueArgs {
     #[arg(long, value_name = "S", default_value = "30", value_parser = parse_duration, requires = "queue")]
     pub(super) lease_s: Duration,
     /// File with the seed of an nkey
-    #[arg(
-        long,
-        value_name = "FILE",
-        env = "GLASSHOUSE_QUEUE_NKEY",
-        requires = "queue"
-    )]
+    #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_NKEY", requires = "queue")]
     pub(super) queue_nkey: Option<PathBuf>,
     /// File with NATS credentials, as nsc writes it
-    #[arg(
-        long,
-        value_name = "FILE",
-        env = "GLASSHOUSE_QUEUE_CREDS",
-        requires = "queue"
-    )]
+    #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_CREDS", requires = "queue")]
     pub(super) queue_creds: Option<PathBuf>,
     /// File with certificates (PEM) to trust besides the system's
-    #[arg(
-        long,
-        value_name = "FILE",
-        env = "GLASSHOUSE_QUEUE_CA",
-        requires = "queue"
-    )]
+    #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_CA", requires = "queue")]
     pub(super) queue_ca: Option<PathBuf>,
 }
 
@@ -191,12 +159,7 @@ pub(super) struct QueueArgs {
 #[command(next_help_heading = FARM)]
 pub(super) struct ServerArgs {
     /// NATS server, to show how full the queue is: nats://host:4222, tls://host:4222, several with commas
-    #[arg(
-        long,
-        value_name = "URL",
-        env = "GLASSHOUSE_QUEUE",
-        hide_env_values = true
-    )]
+    #[arg(long, value_name = "URL", env = "GLASSHOUSE_QUEUE", hide_env_values = true)]
     pub(super) queue: Option<String>,
     /// File with the seed of an nkey
     #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_NKEY")]
@@ -261,14 +224,10 @@ pub(super) fn parse_duration(text: &str) -> Result<Duration, String> {
         "m" => 60.0,
         "h" => 3600.0,
         unit => {
-            return Err(format!(
-                "unknown unit {unit:?}: write seconds, 90s, 55m or 2h"
-            ));
+            return Err(format!("unknown unit {unit:?}: write seconds, 90s, 55m or 2h"));
         }
     };
-    let number: f64 = digits
-        .parse()
-        .map_err(|_| "write seconds, 90s, 55m or 2h".to_owned())?;
+    let number: f64 = digits.parse().map_err(|_| "write seconds, 90s, 55m or 2h".to_owned())?;
     Duration::try_from_secs_f64(number * scale).map_err(|e| e.to_string())
 }
 

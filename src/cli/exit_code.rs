@@ -26,7 +26,6 @@ pub enum Exit {
 }
 
 impl Exit {
-    /// The number.
     pub fn code(self) -> u8 {
         match self {
             Self::Done => 0,
@@ -59,9 +58,7 @@ impl From<Exit> for ExitCode {
 /// An error with its exit code.
 #[derive(Debug)]
 pub(super) struct Failure {
-    /// What to exit with.
     pub(super) exit: Exit,
-    /// What happened.
     pub(super) error: anyhow::Error,
     /// More of it for the object of --json.
     pub(super) details: serde_json::Map<String, serde_json::Value>,
@@ -70,11 +67,7 @@ pub(super) struct Failure {
 impl Failure {
     /// An error that ends the program with `exit`.
     pub(super) fn new(exit: Exit, error: impl Into<anyhow::Error>) -> Self {
-        Self {
-            exit,
-            error: error.into(),
-            details: serde_json::Map::new(),
-        }
+        Self { exit, error: error.into(), details: serde_json::Map::new() }
     }
 }
 

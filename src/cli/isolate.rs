@@ -26,9 +26,7 @@ const TAIL_LINES: usize = 20;
 /// Shards of a scene, as `SCENE:A-B`: from A up to, not with, B.
 #[derive(Clone, Debug)]
 pub(super) struct Only {
-    /// The scene.
     pub(super) scene: String,
-    /// The shards.
     pub(super) shards: std::ops::Range<u32>,
 }
 
@@ -39,16 +37,14 @@ impl std::str::FromStr for Only {
         let parts = text.split_once(':');
         let parts = parts.and_then(|(scene, shards)| Some((scene, shards.split_once('-')?)));
         match parts.map(|(scene, (a, b))| (scene, a.parse(), b.parse())) {
-            Some((scene, Ok(start), Ok(end))) if start < end => Ok(Self {
-                scene: scene.to_owned(),
-                shards: start..end,
-            }),
+            Some((scene, Ok(start), Ok(end))) if start < end => {
+                Ok(Self { scene: scene.to_owned(), shards: start..end })
+            }
             _ => Err(format!("{text:?} is not SCENE:A-B with A below B")),
         }
     }
 }
 
-/// Starts children.
 pub(super) struct Children<'a> {
     pub(super) run: &'a Path,
     pub(super) roots: &'a [String],
@@ -67,10 +63,7 @@ impl Children<'_> {
         let mut command = Command::new(program);
         command.arg("work").arg(self.run);
         let Only { scene, shards } = only;
-        command.args([
-            "--only",
-            &format!("{scene}:{}-{}", shards.start, shards.end),
-        ]);
+        command.args(["--only", &format!("{scene}:{}-{}", shards.start, shards.end)]);
         command.args(["--json", "--progress", "none", "--isa", self.isa]);
         command.args(["-j", &self.threads.to_string(), "--name", self.name]);
         command.args(["--hang-s", &self.hang.as_secs_f64().to_string()]);
@@ -91,16 +84,8 @@ impl Children<'_> {
         // Its last lines are to say what happened; where in the program is of less use.
         command.env("RUST_BACKTRACE", "0");
         // Not on the command line, where others would see what may be in a URL.
-        command
-            .env_remove("GLASSHOUSE_QUEUE")
-            .env_remove("GLASSHOUSE_STORE");
-        if let Some(QueueArgs {
-            queue: Some(url),
-            store,
-            store_patience_s,
-            ..
-        }) = self.queue
-        {
+        command.env_remove("GLASSHOUSE_QUEUE").env_remove("GLASSHOUSE_STORE");
+        if let Some(QueueArgs { queue: Some(url), store, store_patience_s, .. }) = self.queue {
             let patience = store_patience_s.as_secs_f64().to_string();
             command.args(["--store-patience-s", &patience]);
             command.env("GLASSHOUSE_QUEUE", url);
@@ -108,10 +93,7 @@ impl Children<'_> {
                 command.env("GLASSHOUSE_STORE", store);
             }
         }
-        command
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped());
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         Ok(command)
     }
 }
@@ -124,10 +106,7 @@ impl Sandbox for Children<'_> {
         on_sign: &dyn Fn(),
         must_stop: &dyn Fn() -> bool,
     ) -> SandboxEnd {
-        let only = Only {
-            scene: scene.to_string(),
-            shards: task.shards.clone(),
-        };
+        let only = Only { scene: scene.to_string(), shards: task.shards.clone() };
         let started = self.command(&only).and_then(|mut command| command.spawn());
         let mut child = match started {
             Ok(child) => child,
@@ -169,11 +148,7 @@ impl Sandbox for Children<'_> {
         };
         let log_tail = tail(&messages);
         let lost = |kind, reason| {
-            let ending = Ending {
-                kind,
-                reason,
-                log_tail: log_tail.clone(),
-            };
+            let ending = Ending { kind, reason, log_tail: log_tail.clone() };
             SandboxEnd::Lost(ending)
         };
         match (hung, status.code()) {
@@ -198,11 +173,7 @@ fn end(child: &mut Child) {
 fn signal(status: ExitStatus) -> String {
     let number = status.signal().unwrap_or(0);
     let name = signal_hook::low_level::signal_name(number).unwrap_or("unknown");
-    let hint = if name == "SIGKILL" {
-        ": is there enough memory?"
-    } else {
-        ""
-    };
+    let hint = if name == "SIGKILL" { ": is there enough memory?" } else { "" };
     format!("its process was killed by signal {number} ({name}){hint}")
 }
 
@@ -216,9 +187,7 @@ fn done(outcome: &str) -> SandboxEnd {
         traced: count("shards_traced"),
         resumed: count("shards_resumed"),
         loaded: count("scenes_loaded"),
-        quarantined: outcome["quarantined"][0]["reason"]
-            .as_str()
-            .map(str::to_owned),
+        quarantined: outcome["quarantined"][0]["reason"].as_str().map(str::to_owned),
     }
 }
 

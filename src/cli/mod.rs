@@ -28,11 +28,7 @@ pub fn main() -> ExitCode {
         Ok(args) => args,
         Err(error) => {
             // Help and version go to stdout and are no error; the rest is usage.
-            let code = if error.use_stderr() {
-                Exit::Usage
-            } else {
-                Exit::Done
-            };
+            let code = if error.use_stderr() { Exit::Usage } else { Exit::Done };
             let _ = error.print();
             // The arguments were not understood, so --json is looked for by hand.
             let json = std::env::args_os()

@@ -63,17 +63,13 @@ impl DeviceName {
 pub(super) fn use_threads(global: &Global) -> usize {
     let threads = threads(global);
     // `run` comes here twice: the pool stands already.
-    let _ = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build_global();
+    let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     threads
 }
 
 /// The file of VGG-19's weights, if `--features` names one.
 pub(super) fn weights_file(typed: Option<&str>) -> Option<&Path> {
-    typed
-        .filter(|typed| !["none", "random"].contains(typed))
-        .map(Path::new)
+    typed.filter(|typed| !["none", "random"].contains(typed)).map(Path::new)
 }
 
 /// Networks, ready to work.
@@ -122,20 +118,14 @@ impl Network {
             };
             Failure::new(exit, error)
         })?;
-        Ok(Self {
-            separator,
-            path: checkpoint.path,
-            state: checkpoint.state,
-        })
+        Ok(Self { separator, path: checkpoint.path, state: checkpoint.state })
     }
 
     /// How a table's row is called: `name`, or stage and step, and what is unlike the paper's features.
     pub(super) fn row_name(&self, name: Option<&str>) -> String {
         let state = &self.state;
-        let name = name.map_or_else(
-            || format!("{} step {}", state.stage.name(), state.step),
-            str::to_owned,
-        );
+        let name = name
+            .map_or_else(|| format!("{} step {}", state.stage.name(), state.step), str::to_owned);
         match state.settings.features {
             FeatureSource::File => name,
             FeatureSource::Random => format!("{name} (features random)"),
@@ -152,19 +142,15 @@ fn checkpoint(place: &Path, which: Which, output: &Output) -> Result<Checkpoint,
             .map_err(|e| Failure::new(Exit::InvalidInput, e));
     }
     let is_run = place.join(keys::SPEC).is_file();
-    let folder = if is_run {
-        stage_folder(place, Stage::Separation)
-    } else {
-        place.to_owned()
-    };
+    let folder = if is_run { stage_folder(place, Stage::Separation) } else { place.to_owned() };
     if which == Which::Best
         && let Some(best) = Best::read(&folder)
     {
         match Checkpoint::read(&checkpoint_folder(&folder, best.step), &Device::Cpu) {
             Ok(checkpoint) => return Ok(checkpoint),
-            Err(error) => output.warning(&format!(
-                "{error}; it was the best, the newest is taken instead"
-            )),
+            Err(error) => {
+                output.warning(&format!("{error}; it was the best, the newest is taken instead"))
+            }
         }
     }
     let (newest, refused) = Checkpoint::newest(&folder, &Device::Cpu);

@@ -28,11 +28,7 @@ pub(super) fn reasons<S: Serializer>(
         scene: &'a SceneId,
         reason: &'a str,
     }
-    serializer.collect_seq(
-        scenes
-            .iter()
-            .map(|(scene, reason)| Reason { scene, reason }),
-    )
+    serializer.collect_seq(scenes.iter().map(|(scene, reason)| Reason { scene, reason }))
 }
 
 /// Names with numbers as an object, in their order.
@@ -61,22 +57,14 @@ pub(super) struct Output {
 
 impl Output {
     pub(super) fn new(global: &Global) -> Self {
-        #[allow(
-            clippy::disallowed_methods,
-            reason = "cli is where the environment is read"
-        )]
+        #[allow(clippy::disallowed_methods, reason = "cli is where the environment is read")]
         let no_color = std::env::var("NO_COLOR").is_ok_and(|v| !v.is_empty());
         let color = match global.color {
             ColorWhen::Always => true,
             ColorWhen::Never => false,
             ColorWhen::Auto => std::io::stderr().is_terminal() && !no_color,
         };
-        Self {
-            json: global.json,
-            quiet: global.quiet,
-            verbose: global.verbose,
-            color,
-        }
+        Self { json: global.json, quiet: global.quiet, verbose: global.verbose, color }
     }
 
     /// The command's result: with --json an object that begins with its schema, else a text. A closed pipe is no error.

@@ -13,7 +13,6 @@ use std::time::{Duration, Instant};
 /// Time between plain lines.
 const PLAIN_EVERY: Duration = Duration::from_secs(10);
 
-/// One task's progress.
 pub(super) struct Progress {
     bar: Option<ProgressBar>,
     plain: Option<Mutex<Instant>>,
@@ -94,10 +93,8 @@ impl Progress {
     }
 
     fn plain_line(&self) {
-        let (done, length) = (
-            self.done.load(Ordering::Relaxed),
-            self.length.load(Ordering::Relaxed),
-        );
+        let (done, length) =
+            (self.done.load(Ordering::Relaxed), self.length.load(Ordering::Relaxed));
         let worked = done.saturating_sub(self.free.load(Ordering::Relaxed));
         let rate = worked as f64 / self.start.elapsed().as_secs_f64();
         let left = length.saturating_sub(done) as f64 / rate.max(1e-9);
@@ -144,7 +141,6 @@ impl Progress {
         }
     }
 
-    /// Follows the farm.
     pub(super) fn event(&self, event: Event, output: &Output) {
         match event {
             Event::Started { shards, scenes } => {
@@ -202,16 +198,10 @@ impl Progress {
                 output.warning(&format!("scene {scene} aborts this process, as ordered"));
             }),
             Event::ChildLost { scene, reason } => self.suspend(|| {
-                output.warning(&format!(
-                    "scene {scene} was lost with its process: {reason}"
-                ));
+                output.warning(&format!("scene {scene} was lost with its process: {reason}"));
             }),
             Event::Drained { reason } => self.suspend(|| output.warning(&reason)),
-            Event::SceneQuarantined {
-                scene,
-                reason,
-                shards,
-            } => {
+            Event::SceneQuarantined { scene, reason, shards } => {
                 self.set_length(self.length.load(Ordering::Relaxed).saturating_sub(shards));
                 self.suspend(|| {
                     output.warning(&format!("scene {scene} is in quarantine: {reason}"));

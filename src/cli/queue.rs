@@ -8,7 +8,6 @@ use crate::store::{Store, StoreOptions};
 use std::path::Path;
 use std::time::Duration;
 
-/// The run's store.
 pub(super) fn store(run: &Path, args: &QueueArgs) -> Result<Store, Failure> {
     Ok(match &args.store {
         Some(address) => Store::open(address, &store_options(args))?,
@@ -17,10 +16,7 @@ pub(super) fn store(run: &Path, args: &QueueArgs) -> Result<Store, Failure> {
 }
 
 fn store_options(args: &QueueArgs) -> StoreOptions {
-    StoreOptions {
-        patience: args.store_patience_s,
-        ..super::store_env::store_options()
-    }
+    StoreOptions { patience: args.store_patience_s, ..super::store_env::store_options() }
 }
 
 /// Brings the run's rules to a machine that has only the store.
@@ -36,7 +32,6 @@ pub(super) fn worker_name() -> String {
     format!("{}-{}", host_name(), std::process::id())
 }
 
-/// This machine.
 pub(super) fn host_name() -> String {
     let host = rustix::system::uname();
     host.nodename().to_string_lossy().into_owned()
@@ -62,12 +57,7 @@ fn options(args: &QueueArgs, name: &str) -> Result<NatsOptions, Failure> {
 pub(super) fn worker(run: &Run, args: &QueueArgs, name: &str) -> Result<NatsWorker, Failure> {
     let options = options(args, name)?;
     let scenes = run.lines.len();
-    Ok(NatsWorker::connect(
-        &options,
-        run.id(),
-        scenes,
-        args.lease_s,
-    )?)
+    Ok(NatsWorker::connect(&options, run.id(), scenes, args.lease_s)?)
 }
 
 /// The coordinator's end of the queue.
@@ -89,9 +79,5 @@ pub(super) fn observer(run: &Run, args: &ServerArgs) -> Result<Option<NatsCoordi
         name: "status".to_owned(),
     };
     // Nothing is made by it, so it needs no lease.
-    Ok(Some(NatsCoordinator::connect(
-        &options,
-        run.id(),
-        Duration::ZERO,
-    )?))
+    Ok(Some(NatsCoordinator::connect(&options, run.id(), Duration::ZERO)?))
 }

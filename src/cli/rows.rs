@@ -13,10 +13,7 @@ pub(super) fn rows<'a>(rows: impl IntoIterator<Item = (&'a str, &'a str)>) -> St
     let width = labels.max().unwrap_or(0).max(LEAST_LABEL);
     let mut text = String::new();
     for (label, value) in rows {
-        for (index, line) in wrapped(value, WIDTH - width.min(WIDTH / 2) - 4)
-            .iter()
-            .enumerate()
-        {
+        for (index, line) in wrapped(value, WIDTH - width.min(WIDTH / 2) - 4).iter().enumerate() {
             let label = if index == 0 { label } else { "" };
             text += format!("\n  {label:<width$}  {line}").trim_end();
         }
@@ -57,17 +54,9 @@ mod tests {
     fn long_texts_go_on_below_their_beginning() {
         let long = "word ".repeat(30);
         let text = rows([("a", "b"), ("label", long.trim())]);
-        assert!(
-            text.starts_with("\n  a           b\n  label       word word"),
-            "{text}"
-        );
+        assert!(text.starts_with("\n  a           b\n  label       word word"), "{text}");
         assert!(text.lines().all(|line| line.len() <= WIDTH), "{text}");
-        assert!(
-            text.lines()
-                .skip(3)
-                .all(|line| line.starts_with("              word")),
-            "{text}"
-        );
+        assert!(text.lines().skip(3).all(|line| line.starts_with("              word")), "{text}");
         assert_eq!(wrapped("min 0  max 1", 40), ["min 0  max 1"]);
         let digest = "f".repeat(100);
         assert_eq!(wrapped(&digest, 40), [digest]);

@@ -15,7 +15,6 @@ const REASON: usize = 160;
 pub(super) enum Queue {
     /// None was given, or none is needed any more.
     None,
-    /// It answered.
     There(QueueState),
     /// It did not, for this reason.
     Lost(String),
@@ -36,11 +35,9 @@ impl Serialize for Queue {
                 spans_held: Some(state.held),
                 reason: None,
             }),
-            Self::Lost(reason) => Some(Known {
-                spans_waiting: None,
-                spans_held: None,
-                reason: Some(reason),
-            }),
+            Self::Lost(reason) => {
+                Some(Known { spans_waiting: None, spans_held: None, reason: Some(reason) })
+            }
         };
         known.serialize(serializer)
     }
@@ -93,21 +90,12 @@ pub(super) fn page(name: &str, view: &Status, queue: &Queue, shown: usize) -> St
         let _ = write!(text, "; {}", cut(reason));
     }
     let full = (counts.shards_done * BAR as u64 / counts.shards.max(1)) as usize;
-    let _ = write!(
-        text,
-        "\n  [{:<BAR$}]  {}",
-        "=".repeat(full),
-        pace(view).join(", ")
-    );
+    let _ = write!(text, "\n  [{:<BAR$}]  {}", "=".repeat(full), pace(view).join(", "));
     text.truncate(text.trim_end().len());
     row(
         &mut text,
         "shards",
-        &format!(
-            "{} of {}",
-            grouped(counts.shards_done),
-            grouped(counts.shards)
-        ),
+        &format!("{} of {}", grouped(counts.shards_done), grouped(counts.shards)),
     );
     row(
         &mut text,
@@ -127,11 +115,7 @@ pub(super) fn page(name: &str, view: &Status, queue: &Queue, shown: usize) -> St
         Queue::There(state) => row(
             &mut text,
             "queue",
-            &format!(
-                "{} waiting, {} held",
-                many(state.waiting, "span"),
-                grouped(state.held)
-            ),
+            &format!("{} waiting, {} held", many(state.waiting, "span"), grouped(state.held)),
         ),
         Queue::Lost(reason) => row(&mut text, "queue", &cut(reason)),
     }
@@ -143,12 +127,7 @@ pub(super) fn page(name: &str, view: &Status, queue: &Queue, shown: usize) -> St
         format!("{:<width$}  {tuples}, the last {ago} ago", w.worker)
     });
     list(&mut text, "workers", workers, shown);
-    list(
-        &mut text,
-        "attempts",
-        view.attempts.iter().map(attempt),
-        shown,
-    );
+    list(&mut text, "attempts", view.attempts.iter().map(attempt), shown);
     let reasons = counts.quarantined.iter();
     let reasons = reasons.map(|q| format!("{}: {}", q.scene, cut(&q.reason)));
     list(&mut text, "quarantine", reasons, shown);
@@ -194,11 +173,7 @@ fn list(text: &mut String, name: &str, rows: impl ExactSizeIterator<Item = Strin
         row(text, if index == 0 { name } else { "" }, &value);
     }
     if more > 0 {
-        row(
-            text,
-            "",
-            &format!("and {} more; --json lists all", grouped(more as u64)),
-        );
+        row(text, "", &format!("and {} more; --json lists all", grouped(more as u64)));
     }
 }
 

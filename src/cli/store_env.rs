@@ -16,10 +16,7 @@ pub(super) fn store_options() -> StoreOptions {
         let known = SETTINGS.iter().any(|start| name.starts_with(start));
         known.then_some((name, value))
     });
-    StoreOptions {
-        settings: settings.collect(),
-        ..StoreOptions::default()
-    }
+    StoreOptions { settings: settings.collect(), ..StoreOptions::default() }
 }
 
 /// A reader of input files without a cache, for what reads each file once.

@@ -31,7 +31,6 @@ pub struct Shift {
 }
 
 impl Shift {
-    /// Its length, px.
     pub fn length_px(&self) -> f64 {
         libm::hypot(self.across, self.down)
     }
@@ -78,41 +77,25 @@ pub fn shift_px(a: &RgbImage, b: &RgbImage) -> Result<Shift, EvaluateError> {
 fn edges(image: &RgbImage, block: usize) -> (Vec<f64>, usize, usize) {
     let full_width = image.width() as usize;
     let codes = grey(image);
-    let (width, height) = (
-        (full_width / block).max(1),
-        (image.height() as usize / block).max(1),
-    );
+    let (width, height) = ((full_width / block).max(1), (image.height() as usize / block).max(1));
     let of_block = |x: usize, y: usize| -> f64 {
         let rows = (y * block..(y + 1) * block).take_while(|row| row * full_width < codes.len());
         rows.map(|row| {
             let row = &codes[row * full_width..][..full_width];
             let end = full_width.min((x + 1) * block);
-            row[x * block..end]
-                .iter()
-                .map(|&v| u32::from(v))
-                .sum::<u32>()
+            row[x * block..end].iter().map(|&v| u32::from(v)).sum::<u32>()
         })
         .sum::<u32>()
         .into()
     };
-    let small: Vec<f64> = (0..width * height)
-        .map(|k| of_block(k % width, k / width))
-        .collect();
+    let small: Vec<f64> = (0..width * height).map(|k| of_block(k % width, k / width)).collect();
     let mut lengths = vec![0.0; width * height];
     for y in 0..height {
         for x in 0..width {
             let at = |x: usize, y: usize| small[y * width + x];
             let inside = |v: usize, side: usize| v > 0 && v + 1 < side;
-            let across = if inside(x, width) {
-                at(x + 1, y) - at(x - 1, y)
-            } else {
-                0.0
-            };
-            let down = if inside(y, height) {
-                at(x, y + 1) - at(x, y - 1)
-            } else {
-                0.0
-            };
+            let across = if inside(x, width) { at(x + 1, y) - at(x - 1, y) } else { 0.0 };
+            let down = if inside(y, height) { at(x, y + 1) - at(x, y - 1) } else { 0.0 };
             lengths[y * width + x] = (across * across + down * down).sqrt();
         }
     }
@@ -129,16 +112,9 @@ fn edges(image: &RgbImage, block: usize) -> (Vec<f64>, usize, usize) {
 /// Phase correlation by shift, row by row, with a Gaussian in place of a point; 1 where everything fits.
 fn correlate(a: &[f64], b: &[f64], width: usize, height: usize) -> Vec<f64> {
     let mut planner = FftPlanner::new();
-    let (rows, columns) = (
-        planner.plan_fft_forward(width),
-        planner.plan_fft_forward(height),
-    );
+    let (rows, columns) = (planner.plan_fft_forward(width), planner.plan_fft_forward(height));
     // Both are real: one transform of a + ib holds those of both.
-    let mut both: Vec<Complex64> = a
-        .iter()
-        .zip(b)
-        .map(|(p, q)| Complex64::new(*p, *q))
-        .collect();
+    let mut both: Vec<Complex64> = a.iter().zip(b).map(|(p, q)| Complex64::new(*p, *q)).collect();
     rows.process(&mut both);
     let mut both = transpose(&both, width, height);
     columns.process(&mut both);
@@ -185,11 +161,7 @@ fn transpose(values: &[Complex64], width: usize, height: usize) -> Vec<Complex64
 fn between(before: f64, top: f64, after: f64) -> f64 {
     let [before, top, after] = [before, top, after].map(|v| libm::log(v.max(1e-9)));
     let bend = before - 2.0 * top + after;
-    if bend < 0.0 {
-        (0.5 * (before - after) / bend).clamp(-0.5, 0.5)
-    } else {
-        0.0
-    }
+    if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -225,13 +197,7 @@ mod tests {
 
     #[test]
     fn known_shifts_are_found() {
-        for (across, down) in [
-            (0.0, 0.0),
-            (0.5, 0.0),
-            (-1.25, 0.75),
-            (3.0, -2.0),
-            (-20.4, 31.3),
-        ] {
+        for (across, down) in [(0.0, 0.0), (0.5, 0.0), (-1.25, 0.75), (3.0, -2.0), (-20.4, 31.3)] {
             let a = picture(300, 220, 0.0, 0.0, 0.5);
             let b = picture(300, 220, across, down, 0.0);
             let found = shift_px(&a, &b).unwrap();
@@ -259,10 +225,7 @@ mod tests {
     fn odd_pictures() {
         let a = picture(97, 61, 0.0, 0.0, 0.0);
         let found = shift_px(&a, &a).unwrap();
-        assert!(
-            found.length_px() < 1e-6 && (found.peak - 1.0).abs() < 1e-6,
-            "{found:?}"
-        );
+        assert!(found.length_px() < 1e-6 && (found.peak - 1.0).abs() < 1e-6, "{found:?}");
         let flat = RgbImage::from_pixel(40, 30, Rgb([9; 3]));
         let found = shift_px(&flat, &flat).unwrap();
         assert_eq!((found.across, found.down, found.peak), (0.0, 0.0, 0.0));

@@ -18,7 +18,6 @@ pub enum EvaluateError {
     /// Bytes that are no picture.
     #[error("cannot read {} as a PNG or JPEG picture: {reason}; fetch or export it again", path.display())]
     Picture {
-        /// The file.
         path: PathBuf,
         /// What the decoder said.
         reason: String,
@@ -28,23 +27,13 @@ pub enum EvaluateError {
         "{} has {width} x {height} px; pictures have 1 to {MAX_SIDE} px a side and at most {MAX_PIXELS} in all",
         path.display()
     )]
-    Size {
-        /// The file.
-        path: PathBuf,
-        /// Columns.
-        width: u32,
-        /// Rows.
-        height: u32,
-    },
+    Size { path: PathBuf, width: u32, height: u32 },
     /// What shows through it is not in the file.
     #[error(
         "{} is transparent in places; flatten it onto a background and save it without an alpha channel",
         path.display()
     )]
-    Transparent {
-        /// The file.
-        path: PathBuf,
-    },
+    Transparent { path: PathBuf },
     /// Two pictures that do not fit onto each other.
     #[error(
         "a picture of {} x {} px cannot be compared with one of {} x {} px; crop or scale one of them to the other's size",
@@ -56,7 +45,6 @@ pub enum EvaluateError {
         /// Columns and rows of the second.
         b: [u32; 2],
     },
-    /// Nothing to compare.
     #[error("a picture without pixels cannot be compared; give one with at least 1 x 1 px")]
     Empty,
     /// Pictures cannot be read any more.
@@ -71,7 +59,6 @@ pub enum EvaluateError {
         path.display()
     )]
     NoPairs {
-        /// The folder.
         path: PathBuf,
         /// Pictures that were found and not understood.
         left_out_count: usize,

@@ -132,11 +132,8 @@ mod tests {
         assert!((gain - 1.0 / 0.9).abs() < 0.005, "{gain}");
         // It is what the score is best with.
         let psnr_db = |gain: f64| {
-            let of = |(output, truth)| {
-                score(&apply_gain(output, gain), truth)
-                    .unwrap()
-                    .psnr_colour_db
-            };
+            let of =
+                |(output, truth)| score(&apply_gain(output, gain), truth).unwrap().psnr_colour_db;
             outputs.iter().zip(&truths).map(of).sum::<f64>()
         };
         for other in [0.9, 0.99, 1.01, 1.1] {
@@ -149,9 +146,7 @@ mod tests {
         let (output, truth) = (picture(1), picture(2));
         let table = codes(&SrgbEncoder::new(), 1.3);
         let found = CodeSums::of(&output, &truth).unwrap().psnr_db(&table);
-        let expected = score(&apply_gain(&output, 1.3), &truth)
-            .unwrap()
-            .psnr_colour_db;
+        let expected = score(&apply_gain(&output, 1.3), &truth).unwrap().psnr_colour_db;
         assert!((found - expected).abs() < 1e-9, "{found} {expected}");
     }
 

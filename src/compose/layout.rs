@@ -42,17 +42,12 @@ pub(super) fn layer_folder(name: &str) -> Option<Role> {
 pub(super) fn picture_stem(name: &str) -> Option<&str> {
     let (stem, ending) = name.rsplit_once('.')?;
     let known = ["jpg", "jpeg", "png"];
-    known
-        .iter()
-        .any(|k| ending.eq_ignore_ascii_case(k))
-        .then_some(stem)
+    known.iter().any(|k| ending.eq_ignore_ascii_case(k)).then_some(stem)
 }
 
 /// Whether a file is a picture in a form that is not read here.
 pub(super) fn is_other_picture(name: &str) -> bool {
-    let others = [
-        "bmp", "gif", "tif", "tiff", "webp", "ppm", "pgm", "exr", "hdr", "heic", "avif",
-    ];
+    let others = ["bmp", "gif", "tif", "tiff", "webp", "ppm", "pgm", "exr", "hdr", "heic", "avif"];
     name.rsplit_once('.')
         .is_some_and(|(_, ending)| others.iter().any(|k| ending.eq_ignore_ascii_case(k)))
 }
@@ -68,20 +63,17 @@ pub(super) fn recognise(stem: &str) -> Option<(Layout, Role, String)> {
     if let Some(role) = letter(stem) {
         return Some((Layout::Sir2Folders, role, String::new()));
     }
-    for (ending, role) in [
-        ("-input", Role::Blended),
-        ("-label1", Role::Transmission),
-        ("-label2", Role::Reflection),
-    ] {
+    for (ending, role) in
+        [("-input", Role::Blended), ("-label1", Role::Transmission), ("-label2", Role::Reflection)]
+    {
         if let Some(name) = stem.strip_suffix(ending).filter(|name| !name.is_empty()) {
             return Some((Layout::CeilNet, role, name.to_owned()));
         }
     }
     // The last part that is one of the letters; what stands first is the picture's own.
     let parts: Vec<&str> = stem.split('-').collect();
-    let (place, role) = (1..parts.len())
-        .rev()
-        .find_map(|place| Some((place, letter(parts[place])?)))?;
+    let (place, role) =
+        (1..parts.len()).rev().find_map(|place| Some((place, letter(parts[place])?)))?;
     let name = [&parts[..place], &parts[place + 1..]].concat().join("-");
     Some((Layout::Sir2Files, role, name))
 }
@@ -93,22 +85,10 @@ mod tests {
     #[test]
     fn names_tell_layout_and_role() {
         let found = |stem: &str| recognise(stem).unwrap();
-        assert_eq!(
-            found("g"),
-            (Layout::Sir2Folders, Role::Transmission, String::new())
-        );
-        assert_eq!(
-            found("7-m-11"),
-            (Layout::Sir2Files, Role::Blended, "7-11".to_owned())
-        );
-        assert_eq!(
-            found("a-r-m-3"),
-            (Layout::Sir2Files, Role::Blended, "a-r-3".to_owned())
-        );
-        assert_eq!(
-            found("12-r"),
-            (Layout::Sir2Files, Role::Reflection, "12".to_owned())
-        );
+        assert_eq!(found("g"), (Layout::Sir2Folders, Role::Transmission, String::new()));
+        assert_eq!(found("7-m-11"), (Layout::Sir2Files, Role::Blended, "7-11".to_owned()));
+        assert_eq!(found("a-r-m-3"), (Layout::Sir2Files, Role::Blended, "a-r-3".to_owned()));
+        assert_eq!(found("12-r"), (Layout::Sir2Files, Role::Reflection, "12".to_owned()));
         assert_eq!(
             found("2007_1-label2"),
             (Layout::CeilNet, Role::Reflection, "2007_1".to_owned())

@@ -7,7 +7,6 @@ use serde::{Serialize, Serializer};
 /// Means over some pictures. The PSNR of equal pictures is the string `inf`; means of nothing are null.
 #[derive(Clone, Debug, Serialize)]
 pub struct Means {
-    /// Pictures.
     pub images: usize,
     /// See [`Scores`].
     #[serde(serialize_with = "number")]
@@ -26,9 +25,7 @@ pub struct Means {
 /// The means of a method.
 #[derive(Clone, Debug, Serialize)]
 pub struct MethodMeans {
-    /// Its name.
     pub method: String,
-    /// Of all pictures.
     #[serde(flatten)]
     pub all: Means,
     /// Of those whose truth lies on the picture; `None` where no shift was measured.

@@ -107,10 +107,7 @@ impl Search {
     ) -> Result<(), EvaluateError> {
         for (name, path) in self.entries(dir)? {
             if path.is_dir() {
-                self.leave_out(
-                    &path,
-                    "is a folder in a layer's folder; move its pictures up",
-                );
+                self.leave_out(&path, "is a folder in a layer's folder; move its pictures up");
             } else if let Some(stem) = picture_stem(&name) {
                 self.place(within(stem), Layout::LayerFolders, role, path);
             } else {
@@ -122,10 +119,7 @@ impl Search {
 
     /// Names and paths of a folder's entries but hidden ones.
     fn entries(&mut self, dir: &Path) -> Result<Vec<(String, PathBuf)>, EvaluateError> {
-        let failed = |source| EvaluateError::Read {
-            path: dir.to_owned(),
-            source,
-        };
+        let failed = |source| EvaluateError::Read { path: dir.to_owned(), source };
         let mut entries = Vec::new();
         for entry in fs::read_dir(dir).map_err(failed)? {
             let path = entry.map_err(failed)?.path();
@@ -147,7 +141,6 @@ impl Search {
         self.left_out.push((path.to_owned(), reason.to_owned()));
     }
 
-    /// Files become pairs.
     fn settle(mut self) -> Found {
         let mut pairs = Vec::new();
         for ((name, _), files) in std::mem::take(&mut self.by_name) {
@@ -223,11 +216,7 @@ mod tests {
 
     fn left_out(dir: &Path, found: &Found) -> Vec<(String, String)> {
         let relative = |path: &Path| path.strip_prefix(dir).unwrap().display().to_string();
-        found
-            .left_out
-            .iter()
-            .map(|(path, reason)| (relative(path), reason.clone()))
-            .collect()
+        found.left_out.iter().map(|(path, reason)| (relative(path), reason.clone())).collect()
     }
 
     #[test]
@@ -253,11 +242,7 @@ mod tests {
         let found = find_pairs(dir.path()).unwrap();
         assert_eq!(names(&found), ["103", "22"]);
         assert!(found.pairs[0].reflection.is_none() && found.pairs[1].reflection.is_some());
-        assert!(
-            found.pairs[0]
-                .transmission
-                .ends_with("transmission_layer/103.jpeg")
-        );
+        assert!(found.pairs[0].transmission.ends_with("transmission_layer/103.jpeg"));
         assert!(found.pairs[0].clean_reflection.is_some());
         let left_out = left_out(dir.path(), &found);
         let expected = [
@@ -272,10 +257,7 @@ mod tests {
         ];
         assert_eq!(left_out.len(), expected.len(), "{left_out:?}");
         for ((path, reason), (expected_path, part)) in left_out.iter().zip(expected) {
-            assert!(
-                path == expected_path && reason.contains(part),
-                "{path} {reason}"
-            );
+            assert!(path == expected_path && reason.contains(part), "{path} {reason}");
         }
     }
 
@@ -298,15 +280,8 @@ mod tests {
             "own/transmission_layer/x.png",
         ]);
         let found = find_pairs(dir.path()).unwrap();
-        assert_eq!(
-            names(&found),
-            ["ceil/a", "own/x", "post/3-7", "post/4", "wild/1"]
-        );
-        let with_reflection = found
-            .pairs
-            .iter()
-            .filter(|p| p.reflection.is_some())
-            .count();
+        assert_eq!(names(&found), ["ceil/a", "own/x", "post/3-7", "post/4", "wild/1"]);
+        let with_reflection = found.pairs.iter().filter(|p| p.reflection.is_some()).count();
         assert_eq!(with_reflection, 3);
         assert_eq!(left_out(dir.path(), &found)[0].0, "wild/2/m.jpg");
         let one = find_pairs(&dir.path().join("wild/1")).unwrap();

@@ -18,10 +18,8 @@ const JPEG_MAGIC: [u8; 2] = [0xff, 0xd8];
 
 /// Reads a PNG or JPEG file, whatever its ending says. See [`decode_picture`].
 pub fn read_picture(path: &Path) -> Result<RgbImage, EvaluateError> {
-    let bytes = fs::read(path).map_err(|source| EvaluateError::Read {
-        path: path.to_owned(),
-        source,
-    })?;
+    let bytes =
+        fs::read(path).map_err(|source| EvaluateError::Read { path: path.to_owned(), source })?;
     decode_picture(path, &bytes)
 }
 
@@ -30,17 +28,11 @@ pub fn read_picture(path: &Path) -> Result<RgbImage, EvaluateError> {
 /// Turned and mirrored as its EXIF orientation says. 16-bit samples become the nearest 8-bit ones, grey becomes three equal
 /// channels, an alpha channel that is opaque everywhere is dropped and any other refused.
 pub fn decode_picture(path: &Path, bytes: &[u8]) -> Result<RgbImage, EvaluateError> {
-    let unreadable = |reason: String| EvaluateError::Picture {
-        path: path.to_owned(),
-        reason,
-    };
+    let unreadable = |reason: String| EvaluateError::Picture { path: path.to_owned(), reason };
     let failed = |error: ImageError| unreadable(error.to_string());
     let reader = Cursor::new(bytes);
     let (mut picture, orientation) = if bytes.starts_with(&PNG_MAGIC) {
-        read(
-            path,
-            PngDecoder::with_limits(reader, limits()).map_err(failed)?,
-        )?
+        read(path, PngDecoder::with_limits(reader, limits()).map_err(failed)?)?
     } else if bytes.starts_with(&JPEG_MAGIC) {
         if !jpeg_is_whole(bytes) {
             return Err(unreadable("it ends before the picture does".to_owned()));
@@ -51,9 +43,7 @@ pub fn decode_picture(path: &Path, bytes: &[u8]) -> Result<RgbImage, EvaluateErr
     };
     picture.apply_orientation(orientation);
     if picture.color().has_alpha() && !is_opaque(&picture) {
-        return Err(EvaluateError::Transparent {
-            path: path.to_owned(),
-        });
+        return Err(EvaluateError::Transparent { path: path.to_owned() });
     }
     Ok(match picture {
         DynamicImage::ImageRgb8(image) => image,
@@ -85,11 +75,7 @@ fn read(
     let side = 1..=MAX_SIDE as u32;
     let fits = side.contains(&width) && side.contains(&height);
     if !fits || width as usize * height as usize > MAX_PIXELS {
-        return Err(EvaluateError::Size {
-            path: path.to_owned(),
-            width,
-            height,
-        });
+        return Err(EvaluateError::Size { path: path.to_owned(), width, height });
     }
     // EXIF data that cannot be understood say nothing of the pixels.
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
@@ -139,9 +125,8 @@ mod tests {
 
     /// A JPEG of 16 x 8 px, left half red and right half blue, with this EXIF orientation.
     fn turned_jpeg(orientation: Option<u8>) -> Vec<u8> {
-        let picture = RgbImage::from_fn(16, 8, |x, _| {
-            Rgb(if x < 8 { [220, 20, 20] } else { [20, 20, 220] })
-        });
+        let picture =
+            RgbImage::from_fn(16, 8, |x, _| Rgb(if x < 8 { [220, 20, 20] } else { [20, 20, 220] }));
         let mut bytes = Vec::new();
         image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 95)
             .write_image(&picture, 16, 8, ExtendedColorType::Rgb8)
@@ -192,10 +177,7 @@ mod tests {
         let opaque = png(&[1, 2, 3, 255], 1, 1, ExtendedColorType::Rgba8);
         assert_eq!(decode(&opaque).unwrap().as_raw(), &[1, 2, 3]);
         let error = decode(&png(&[1, 2, 3, 254], 1, 1, ExtendedColorType::Rgba8)).unwrap_err();
-        assert!(
-            error.to_string().contains("flatten it onto a background"),
-            "{error}"
-        );
+        assert!(error.to_string().contains("flatten it onto a background"), "{error}");
     }
 
     #[test]

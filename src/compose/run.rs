@@ -43,7 +43,6 @@ impl Method for Gain {
     }
 }
 
-/// All scores.
 #[derive(Default)]
 pub struct Scored {
     /// Names of the methods: `input`, the gain's, those that were given.
@@ -117,8 +116,7 @@ pub fn run(
         for ((index, shift_px, truth, pictures), scores) in made.iter().zip(scores?) {
             if kept.contains(index) {
                 let row = pictures.iter().chain([truth]);
-                all.kept
-                    .push(row.map(|picture| shrink(picture.clone())).collect());
+                all.kept.push(row.map(|picture| shrink(picture.clone())).collect());
             }
             for (rows, (scores, (name, _))) in
                 by_method.iter_mut().zip(scores.into_iter().zip(&methods))
@@ -241,11 +239,8 @@ mod tests {
         let shrink = |picture: RgbImage| picture;
         let scored = run(&pairs, Some(&gain), &named, &shrink, &on_picture, &stop).unwrap();
         assert_eq!(scored.methods, ["input", gain.row_name().as_str(), "spot"]);
-        let rows: Vec<(&str, &str)> = scored
-            .rows
-            .iter()
-            .map(|row| (row.method.as_str(), row.image.as_str()))
-            .collect();
+        let rows: Vec<(&str, &str)> =
+            scored.rows.iter().map(|row| (row.method.as_str(), row.image.as_str())).collect();
         assert_eq!(rows.len(), 3 * 2);
         assert_eq!(rows[..2], [("input", "equal"), ("input", "dark")]);
         let left_out: Vec<&str> = scored.left_out.iter().map(|l| l.image.as_str()).collect();
@@ -255,10 +250,7 @@ mod tests {
         // The methods' pictures and the truth.
         assert!(scored.kept.iter().all(|row| row.len() == 4));
         let json = serde_json::to_value(MethodMeans::of("input", &scored.rows)).unwrap();
-        assert_eq!(
-            (&json["images"], &json["psnr_colour_db"]),
-            (&2.into(), &"inf".into())
-        );
+        assert_eq!((&json["images"], &json["psnr_colour_db"]), (&2.into(), &"inf".into()));
         let spot = MethodMeans::of("spot", &scored.rows);
         assert!(spot.all.psnr_colour_db.is_finite() && spot.aligned.is_some());
     }

@@ -114,9 +114,8 @@ mod tests {
     /// The pictures of `tests/train/scores.py`.
     fn pictures() -> (RgbImage, RgbImage) {
         let at = |x: u32, y: u32, c: u32| (x * x * 3 + y * 7 + x * y * (c + 2) + c * 41) % 251;
-        let truth = RgbImage::from_fn(45, 31, |x, y| {
-            Rgb([0, 1, 2].map(|c| at(x, y, c as u32) as u8))
-        });
+        let truth =
+            RgbImage::from_fn(45, 31, |x, y| Rgb([0, 1, 2].map(|c| at(x, y, c as u32) as u8)));
         let output = RgbImage::from_fn(45, 31, |x, y| {
             Rgb([0, 1, 2].map(|c: u32| ((at(x, y, c) * 5 + at(x + 2, y + c, c)) / 6) as u8))
         });

@@ -71,9 +71,8 @@ mod tests {
         let (width, height) = (23usize, 17usize);
         let at = |k: usize| ((k * k * 31 + k * 7) % 251) as f64;
         let a: Vec<f64> = (0..width * height).map(at).collect();
-        let b: Vec<f64> = (0..width * height)
-            .map(|k| ((at(k) * 3.0 + at(k + 5)) / 4.0).floor())
-            .collect();
+        let b: Vec<f64> =
+            (0..width * height).map(|k| ((at(k) * 3.0 + at(k + 5)) / 4.0).floor()).collect();
         let found = ssim_grey(&a, &b, width, height);
         assert!((found - SKIMAGE).abs() < 1e-9, "{found}");
     }
@@ -102,26 +101,14 @@ mod tests {
             let at = |k: usize, salt: usize| ((k * k * 37 + k * salt) % 256) as f64;
             let a: Vec<f64> = (0..width * height).map(|k| at(k, 11)).collect();
             let b: Vec<f64> = (0..width * height).map(|k| at(k, 5)).collect();
-            let (fast, exact) = (
-                ssim_grey(&a, &b, width, height),
-                slow(&a, &b, width, height),
-            );
-            assert!(
-                (fast - exact).abs() < 1e-12,
-                "{width}x{height} {fast} {exact}"
-            );
+            let (fast, exact) = (ssim_grey(&a, &b, width, height), slow(&a, &b, width, height));
+            assert!((fast - exact).abs() < 1e-12, "{width}x{height} {fast} {exact}");
             // Not whole numbers, nearly flat: what rounding does to sums that move shows here first.
             let near = |v: &f64| 250.0 + v / 768.0;
             let (a, b): (Vec<f64>, Vec<f64>) =
                 (a.iter().map(near).collect(), b.iter().map(near).collect());
-            let (fast, exact) = (
-                ssim_grey(&a, &b, width, height),
-                slow(&a, &b, width, height),
-            );
-            assert!(
-                (fast - exact).abs() < 1e-9,
-                "{width}x{height} {fast} {exact}"
-            );
+            let (fast, exact) = (ssim_grey(&a, &b, width, height), slow(&a, &b, width, height));
+            assert!((fast - exact).abs() < 1e-9, "{width}x{height} {fast} {exact}");
         }
     }
 

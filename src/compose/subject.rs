@@ -36,7 +36,6 @@ pub struct LeftOut {
 
 /// Pictures with their truths, in order.
 pub trait Subject: Sync {
-    /// Pictures.
     fn count(&self) -> usize;
     /// What a picture is called.
     fn name(&self, index: usize) -> String;

@@ -9,7 +9,6 @@ use std::fmt::Write;
 pub struct Row {
     /// What made the picture: a network's name, `input` for the picture as it was.
     pub method: String,
-    /// The pair's name.
     pub image: String,
     /// Columns, px.
     pub width: u32,
@@ -18,15 +17,13 @@ pub struct Row {
     /// How far picture and truth are apart, px; nothing where it was not measured, as of rendered pairs, which lie on each
     /// other by construction.
     pub shift_px: Option<f64>,
-    /// The scores.
     pub scores: Scores,
 }
 
 impl Row {
     /// Whether picture and truth lie on each other; a pair that was not measured counts as such.
     pub fn is_aligned(&self) -> bool {
-        self.shift_px
-            .is_none_or(|shift| shift <= MAX_ALIGNED_SHIFT_PX)
+        self.shift_px.is_none_or(|shift| shift <= MAX_ALIGNED_SHIFT_PX)
     }
 }
 
@@ -37,7 +34,6 @@ pub enum Protocol {
     Paper,
     /// ERRNet's: means over the channels.
     Errnet,
-    /// Side by side.
     Both,
 }
 
@@ -59,11 +55,7 @@ pub fn means_table(rows: &[Row], protocol: Protocol) -> String {
     let _ = write!(
         text,
         "\nAll pairs, also those whose truth lies more than {MAX_ALIGNED_SHIFT_PX} px beside the picture: {}. Without them:\n\n{}",
-        shifted
-            .iter()
-            .map(|name| escaped(name))
-            .collect::<Vec<_>>()
-            .join(", "),
+        shifted.iter().map(|name| escaped(name)).collect::<Vec<_>>().join(", "),
         table(&aligned, protocol)
     );
     text
@@ -81,12 +73,8 @@ fn table(rows: &[&Row], protocol: Protocol) -> String {
         cells.extend(scores_of(scores));
         cells
     };
-    let head = [
-        "PSNR (dB, colour)",
-        "SSIM (grey)",
-        "PSNR (dB, channel mean)",
-        "SSIM (channel mean)",
-    ];
+    let head =
+        ["PSNR (dB, colour)", "SSIM (grey)", "PSNR (dB, channel mean)", "SSIM (channel mean)"];
     let mut lines = vec![line("Method", "Images".to_owned(), head.map(str::to_owned))];
     let mut methods: Vec<&str> = Vec::new();
     for row in rows {
@@ -190,7 +178,6 @@ mod tests {
         }
     }
 
-    /// Without the padding.
     fn packed(table: &str) -> String {
         let mut text = table.to_owned();
         while text.contains("  ") || text.contains("--") {
@@ -226,10 +213,7 @@ mod tests {
 
     #[test]
     fn pairs_beside_each_other_are_left_out_of_a_second_table() {
-        let rows = [
-            row("ours", "b", Some(0.5), f64::INFINITY),
-            row("ours", "a", Some(9.0), 30.0),
-        ];
+        let rows = [row("ours", "b", Some(0.5), f64::INFINITY), row("ours", "a", Some(9.0), 30.0)];
         let text = packed(&means_table(&rows, Protocol::Both));
         assert_eq!(text.matches(HEAD).count(), 2);
         assert!(text.contains("|ours|2|inf|"), "{text}");

@@ -71,24 +71,14 @@ fn published_pairs_have_their_scores_and_shifts() {
         // PNG files to the digits that are printed. JPEG decoders round differently and scale colours up differently: pixels
         // of ours and of libjpeg differ by some codes at coloured edges.
         let format = ImageFormat::from_path(&row["blended"]).unwrap();
-        let (psnr_near_db, ssim_near) = if format == ImageFormat::Png {
-            (0.00501, 0.0000501)
-        } else {
-            (0.012, 0.00012)
-        };
+        let (psnr_near_db, ssim_near) =
+            if format == ImageFormat::Png { (0.00501, 0.0000501) } else { (0.012, 0.00012) };
         let psnr_off = (found.psnr_colour_db - number("input_psnr_rgb")).abs();
         let ssim_off = (found.ssim_grey - number("input_ssim_gray")).abs();
-        assert!(
-            psnr_off <= psnr_near_db && ssim_off <= ssim_near,
-            "{}",
-            row["id"]
-        );
+        assert!(psnr_off <= psnr_near_db && ssim_off <= ssim_near, "{}", row["id"]);
         assert_eq!(shift.is_aligned(), row["aligned"] == "yes", "{}", row["id"]);
         // Their estimator finds fractions of a pixel in another way, and prints tenths.
-        let off = [
-            shift.across - number("shift_x"),
-            shift.down - number("shift_y"),
-        ];
+        let off = [shift.across - number("shift_x"), shift.down - number("shift_y")];
         assert!(off.iter().all(|d| d.abs() < 0.25), "{}", row["id"]);
     }
 }

@@ -45,11 +45,8 @@ pub(super) fn compare(
     [before, after]: [SystemTime; 2],
     exact_s: f64,
 ) -> Finding {
-    let seconds = |time: SystemTime| {
-        time.duration_since(UNIX_EPOCH)
-            .unwrap_or_default()
-            .as_secs_f64()
-    };
+    let seconds =
+        |time: SystemTime| time.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64();
     let (there, before, after) = (seconds(there), seconds(before), seconds(after));
     // Nothing is known of what lies between.
     let off = if there + exact_s < before {

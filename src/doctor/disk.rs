@@ -18,7 +18,6 @@ const SMALL_FILES: usize = 100;
 /// Less space hardly does for a run.
 const LITTLE_SPACE: u64 = 1_000_000_000;
 const NO_SPACE: u64 = 50_000_000;
-/// Slower is told.
 const SLOW_MB_PER_S: f64 = 20.0;
 const SLOW_DURABLE_S: f64 = 0.05;
 const SLOW_SMALL_S: f64 = 5.0;
@@ -34,9 +33,7 @@ pub fn available_bytes(folder: &Path) -> Option<u64> {
 /// Measures in a temporary folder in `folder`, which is removed.
 pub fn check_disk(folder: &Path) -> Vec<Finding> {
     let mut findings = vec![space(available_bytes(folder))];
-    let place = tempfile::Builder::new()
-        .prefix(".tmp-doctor-")
-        .tempdir_in(folder);
+    let place = tempfile::Builder::new().prefix(".tmp-doctor-").tempdir_in(folder);
     let probes: [fn(&Path) -> io::Result<Finding>; 4] = [speed, durable, small_files, promises];
     match place {
         Err(error) => findings.push(cannot("disk", &error)),
@@ -70,11 +67,7 @@ fn space(bytes: Option<u64>) -> Finding {
         return Finding::warn("disk space", "the system does not say", "`df` may know");
     };
     Finding::ok("disk space", format!("{} free", bytes_text(bytes as f64)))
-        .unless(
-            bytes >= NO_SPACE,
-            Level::Fail,
-            "make room, or take another disk",
-        )
+        .unless(bytes >= NO_SPACE, Level::Fail, "make room, or take another disk")
         .unless(
             bytes >= LITTLE_SPACE,
             Level::Warn,
@@ -86,9 +79,8 @@ fn space(bytes: Option<u64>) -> Finding {
 /// A long file, to the disk.
 fn speed(place: &Path) -> io::Result<Finding> {
     // No two blocks alike, so that a disk that packs or shares them is not taken for a fast one.
-    let mut block: Vec<u8> = (0..1u32 << 20)
-        .map(|i| (i.wrapping_mul(0x9e37_79b1) >> 24) as u8)
-        .collect();
+    let mut block: Vec<u8> =
+        (0..1u32 << 20).map(|i| (i.wrapping_mul(0x9e37_79b1) >> 24) as u8).collect();
     let start = Instant::now();
     let mut file = File::create_new(place.join("long"))?;
     for number in 0..WRITTEN >> 20 {
@@ -101,10 +93,7 @@ fn speed(place: &Path) -> io::Result<Finding> {
     let rate = WRITTEN as f64 / start.elapsed().as_secs_f64() / 1e6;
     drop(file);
     fs::remove_file(place.join("long"))?;
-    let text = format!(
-        "{rate:.0} MB/s ({} written and synced)",
-        bytes_text(WRITTEN as f64)
-    );
+    let text = format!("{rate:.0} MB/s ({} written and synced)", bytes_text(WRITTEN as f64));
     Ok(Finding::ok("disk speed", text)
         .unless(
             rate >= SLOW_MB_PER_S,
@@ -119,10 +108,8 @@ fn durable(place: &Path) -> io::Result<Finding> {
     let mut seconds = Vec::new();
     for number in 0..DURABLE_FILES {
         let start = Instant::now();
-        let written = atomic_file::write(
-            &place.join(format!("durable-{number}")),
-            &[number as u8; 4096],
-        );
+        let written =
+            atomic_file::write(&place.join(format!("durable-{number}")), &[number as u8; 4096]);
         written.map_err(|error| error.source)?;
         seconds.push(start.elapsed().as_secs_f64());
     }
@@ -151,10 +138,7 @@ fn small_files(place: &Path) -> io::Result<Finding> {
     let listed = fs::read_dir(&folder)?.count();
     fs::remove_dir_all(&folder)?;
     let seconds = start.elapsed().as_secs_f64();
-    let text = format!(
-        "{SMALL_FILES} made, listed and removed in {}",
-        seconds_text(seconds)
-    );
+    let text = format!("{SMALL_FILES} made, listed and removed in {}", seconds_text(seconds));
     Ok(Finding::ok("small files", text)
         .unless(
             seconds <= SLOW_SMALL_S,
@@ -205,10 +189,7 @@ fn promises(place: &Path) -> io::Result<Finding> {
         broken.push("locks do not hold, so that two programs could work on one run");
     }
     Ok(if broken.is_empty() {
-        Finding::ok(
-            "disk promises",
-            "names are taken once, renames replace, links and locks hold",
-        )
+        Finding::ok("disk promises", "names are taken once, renames replace, links and locks hold")
     } else {
         let to_do = "take another disk for runs; a bucket with --store needs none of this";
         Finding::fail("disk promises", broken.join("; "), to_do)
@@ -233,12 +214,7 @@ mod tests {
         let found = check_disk(Path::new("/proc"));
         let worst = found.iter().map(|f| f.level).max();
         assert_eq!(worst, Some(Level::Fail), "{found:?}");
-        assert!(
-            found
-                .iter()
-                .filter(|f| f.level == Level::Fail)
-                .all(|f| f.to_do.is_some())
-        );
+        assert!(found.iter().filter(|f| f.level == Level::Fail).all(|f| f.to_do.is_some()));
     }
 
     #[test]

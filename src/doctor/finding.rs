@@ -16,7 +16,6 @@ pub enum Level {
 }
 
 impl Level {
-    /// Its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Ok => "ok",
@@ -26,7 +25,6 @@ impl Level {
     }
 }
 
-/// One check's outcome.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
     /// What was looked at, in a word or two.
@@ -42,15 +40,8 @@ pub struct Finding {
 }
 
 impl Finding {
-    /// All is well.
     pub fn ok(check: &'static str, value: impl Into<String>) -> Self {
-        Self {
-            check,
-            level: Level::Ok,
-            value: value.into(),
-            to_do: None,
-            measured: Map::new(),
-        }
+        Self { check, level: Level::Ok, value: value.into(), to_do: None, measured: Map::new() }
     }
 
     /// It could be better.

@@ -9,10 +9,7 @@ use std::time::Instant;
 pub fn check_golden(isa: Isa, threads: usize, run: Option<&Golden>) -> Finding {
     let start = Instant::now();
     let found = golden(isa, threads);
-    let text = format!(
-        "golden shard traced in {}",
-        seconds_text(start.elapsed().as_secs_f64())
-    );
+    let text = format!("golden shard traced in {}", seconds_text(start.elapsed().as_secs_f64()));
     judge(&found, &pinned(), run, &text)
         .with("blake3", found.blake3)
         .with("tracer_version", TRACER_VERSION)
@@ -33,10 +30,7 @@ fn judge(found: &Golden, pinned: &Golden, run: Option<&Golden>, text: &str) -> F
             "finish the run with the version that planned it, or plan again into a new folder",
         );
     }
-    Finding::ok(
-        "right bits",
-        format!("{text}: every bit as in tracer version {TRACER_VERSION}"),
-    )
+    Finding::ok("right bits", format!("{text}: every bit as in tracer version {TRACER_VERSION}"))
 }
 
 #[cfg(test)]
@@ -52,9 +46,6 @@ mod tests {
         assert_eq!(judge(&right, &right, None, "").level, Level::Ok);
         assert_eq!(judge(&wrong, &right, None, "").level, Level::Fail);
         assert_eq!(judge(&right, &right, Some(&wrong), "").level, Level::Fail);
-        assert_eq!(
-            check_golden(Isa::Baseline, 2, Some(&right)).level,
-            Level::Ok
-        );
+        assert_eq!(check_golden(Isa::Baseline, 2, Some(&right)).level, Level::Ok);
     }
 }

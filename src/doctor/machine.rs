@@ -18,11 +18,8 @@ pub fn check_cpu(isa: Isa, threads: usize) -> [Finding; 2] {
         Isa::Avx2 => "AVX2",
         Isa::Baseline => "the baseline",
     };
-    let text = format!(
-        "{model}; AVX2 {}, AVX-512 {}; the tracer takes {taken}",
-        yes(avx2),
-        yes(avx512)
-    );
+    let text =
+        format!("{model}; AVX2 {}, AVX-512 {}; the tracer takes {taken}", yes(avx2), yes(avx512));
     let kernels = Finding::ok("processor", text)
         .unless(
             isa == Isa::Avx2,
@@ -40,18 +37,15 @@ pub fn check_cpu(isa: Isa, threads: usize) -> [Finding; 2] {
     } else {
         String::new()
     };
-    let cores = Finding::ok(
-        "cores",
-        format!("{there}{limited}; {threads} threads would compute"),
-    )
-    .unless(
-        threads <= there,
-        Level::Warn,
-        format!("more threads than cores only cost memory: -j {there}"),
-    )
-    .with("cores", there)
-    .with("cores_of_machine", online)
-    .with("threads", threads);
+    let cores = Finding::ok("cores", format!("{there}{limited}; {threads} threads would compute"))
+        .unless(
+            threads <= there,
+            Level::Warn,
+            format!("more threads than cores only cost memory: -j {there}"),
+        )
+        .with("cores", there)
+        .with("cores_of_machine", online)
+        .with("threads", threads);
     [kernels, cores]
 }
 
@@ -75,10 +69,7 @@ fn model() -> Option<String> {
 /// Cores of the machine, whatever this process may use of them.
 fn online() -> Option<usize> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
-    let count = text
-        .lines()
-        .filter(|line| line.starts_with("processor"))
-        .count();
+    let count = text.lines().filter(|line| line.starts_with("processor")).count();
     (count > 0).then_some(count)
 }
 
@@ -89,9 +80,9 @@ pub fn check_open_files() -> Finding {
 }
 
 fn judge_open_files(soft: Option<u64>, hard: Option<u64>) -> Finding {
-    let (Some(limit), text) = (soft, |limit: Option<u64>| {
-        limit.map_or("no limit".to_owned(), |n| n.to_string())
-    }) else {
+    let (Some(limit), text) =
+        (soft, |limit: Option<u64>| limit.map_or("no limit".to_owned(), |n| n.to_string()))
+    else {
         return Finding::ok("open files", "no limit");
     };
     let raise = if hard.is_none_or(|hard| hard >= OPEN_FILES) {
@@ -101,14 +92,11 @@ fn judge_open_files(soft: Option<u64>, hard: Option<u64>) -> Finding {
             "have the hard limit raised to {OPEN_FILES} (limits.conf, or LimitNOFILE= of the service)"
         )
     };
-    Finding::ok(
-        "open files",
-        format!("{limit} allowed, {} at most", text(hard)),
-    )
-    .unless(limit >= FEWEST_OPEN_FILES, Level::Fail, raise.clone())
-    .unless(limit >= OPEN_FILES, Level::Warn, raise)
-    .with("limit", limit)
-    .with("hard_limit", hard)
+    Finding::ok("open files", format!("{limit} allowed, {} at most", text(hard)))
+        .unless(limit >= FEWEST_OPEN_FILES, Level::Fail, raise.clone())
+        .unless(limit >= OPEN_FILES, Level::Warn, raise)
+        .with("limit", limit)
+        .with("hard_limit", hard)
 }
 
 #[cfg(test)]

@@ -28,10 +28,7 @@ pub fn check_memory(threads: usize) -> Finding {
 
 fn judge(memory: Memory, threads: usize) -> Finding {
     let need = BASE_BYTES + THREAD_BYTES * threads as u64;
-    let there = [memory.available, memory.left_in_group]
-        .into_iter()
-        .flatten()
-        .min();
+    let there = [memory.available, memory.left_in_group].into_iter().flatten().min();
     let Some(there) = there else {
         return Finding::warn(
             "memory",
@@ -57,10 +54,7 @@ fn judge(memory: Memory, threads: usize) -> Finding {
         .unless(
             there >= need,
             Level::Warn,
-            format!(
-                "fewer threads: -j {}; larger photographs need more than that",
-                most.max(1)
-            ),
+            format!("fewer threads: -j {}; larger photographs need more than that", most.max(1)),
         )
         .with("free_bytes", there)
         .with("group_limit_bytes", memory.group_limit)
@@ -69,20 +63,12 @@ fn judge(memory: Memory, threads: usize) -> Finding {
 
 /// What the files below `root` (`/` but in tests) say.
 fn look(root: &Path) -> Memory {
-    let available = read_to_string(root.join("proc/meminfo"))
-        .ok()
-        .and_then(|text| {
-            let line = text
-                .lines()
-                .find(|line| line.starts_with("MemAvailable:"))?
-                .to_owned();
-            let kib: u64 = line.split_ascii_whitespace().nth(1)?.parse().ok()?;
-            Some(kib * 1024)
-        });
-    let mut memory = Memory {
-        available,
-        ..Memory::default()
-    };
+    let available = read_to_string(root.join("proc/meminfo")).ok().and_then(|text| {
+        let line = text.lines().find(|line| line.starts_with("MemAvailable:"))?.to_owned();
+        let kib: u64 = line.split_ascii_whitespace().nth(1)?.parse().ok()?;
+        Some(kib * 1024)
+    });
+    let mut memory = Memory { available, ..Memory::default() };
     for (limit, used) in groups(root) {
         let number = |path: &Path| read_to_string(path).ok()?.trim().parse::<u64>().ok();
         // `max`, or a number near the largest, is no limit.
@@ -109,19 +95,15 @@ fn groups(root: &Path) -> Vec<(PathBuf, PathBuf)> {
         };
         let (mount, names) = match controllers {
             "" => ("sys/fs/cgroup", ["memory.max", "memory.current"]),
-            "memory" => (
-                "sys/fs/cgroup/memory",
-                ["memory.limit_in_bytes", "memory.usage_in_bytes"],
-            ),
+            "memory" => {
+                ("sys/fs/cgroup/memory", ["memory.limit_in_bytes", "memory.usage_in_bytes"])
+            }
             _ => continue,
         };
         // Inside of a container the own group is often mounted at the top.
         let mount = root.join(mount);
         let own = mount.join(path.trim_start_matches('/'));
-        for folder in own
-            .ancestors()
-            .take_while(|folder| folder.starts_with(&mount))
-        {
+        for folder in own.ancestors().take_while(|folder| folder.starts_with(&mount)) {
             files.push((folder.join(names[0]), folder.join(names[1])));
         }
     }
@@ -142,25 +124,13 @@ mod tests {
             write(&path, text.as_bytes()).unwrap();
         };
         assert_eq!(look(root.path()), Memory::default());
-        put(
-            "proc/meminfo",
-            "MemTotal: 9 kB\nMemAvailable:   4000000 kB\n",
-        );
+        put("proc/meminfo", "MemTotal: 9 kB\nMemAvailable:   4000000 kB\n");
         put("proc/self/cgroup", "4:memory:/a/b\n0::/c\n");
         put("sys/fs/cgroup/c/memory.max", "max\n");
-        put(
-            "sys/fs/cgroup/memory/memory.limit_in_bytes",
-            "9223372036854771712\n",
-        );
+        put("sys/fs/cgroup/memory/memory.limit_in_bytes", "9223372036854771712\n");
         assert_eq!(look(root.path()).left_in_group, None);
-        put(
-            "sys/fs/cgroup/memory/a/memory.limit_in_bytes",
-            "1000000000\n",
-        );
-        put(
-            "sys/fs/cgroup/memory/a/memory.usage_in_bytes",
-            "400000000\n",
-        );
+        put("sys/fs/cgroup/memory/a/memory.limit_in_bytes", "1000000000\n");
+        put("sys/fs/cgroup/memory/a/memory.usage_in_bytes", "400000000\n");
         let memory = look(root.path());
         assert_eq!(memory.left_in_group, Some(600_000_000));
         let found = judge(memory, 8);

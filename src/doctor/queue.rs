@@ -67,10 +67,7 @@ pub fn check_queue(options: &NatsOptions) -> Vec<Finding> {
 /// Judges a server by its version and the seconds that it takes to answer.
 pub fn judge_queue(version: &str, answer_s: f64) -> Finding {
     let numbers = numbers(version);
-    let text = format!(
-        "nats-server {version} answers in {}",
-        seconds_text(answer_s)
-    );
+    let text = format!("nats-server {version} answers in {}", seconds_text(answer_s));
     let old = format!(
         "take {} or newer; {}.{} is recommended",
         OLDEST.map(|n| n.to_string()).join("."),
@@ -78,17 +75,9 @@ pub fn judge_queue(version: &str, answer_s: f64) -> Finding {
         RECOMMENDED[1]
     );
     Finding::ok("queue", text)
-        .unless(
-            numbers.is_none_or(|n| n >= OLDEST),
-            Level::Fail,
-            old.clone(),
-        )
+        .unless(numbers.is_none_or(|n| n >= OLDEST), Level::Fail, old.clone())
         .unless(numbers.is_none_or(|n| n >= RECOMMENDED), Level::Warn, old)
-        .unless(
-            answer_s < SLOW_S,
-            Level::Warn,
-            "a server nearer to the workers",
-        )
+        .unless(answer_s < SLOW_S, Level::Warn, "a server nearer to the workers")
         .with("version", version)
         .with("answer_s", answer_s)
 }
@@ -108,10 +97,7 @@ mod tests {
     fn old_servers_are_told() {
         let level = |version| judge_queue(version, 0.01).level;
         assert_eq!(level("2.9.9"), Level::Fail);
-        assert_eq!(
-            (level("2.9.10"), level("2.11.3")),
-            (Level::Warn, Level::Warn)
-        );
+        assert_eq!((level("2.9.10"), level("2.11.3")), (Level::Warn, Level::Warn));
         assert_eq!(
             (level("2.12.0-RC.1"), level("3.0.0"), level("odd")),
             (Level::Ok, Level::Ok, Level::Ok)

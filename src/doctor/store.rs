@@ -50,18 +50,10 @@ fn probe(store: &Store, key: &str, findings: &mut Vec<Finding>) -> Result<(), Fa
     let (start, before) = (Instant::now(), SystemTime::now());
     let put = store.create(key, b"one").map_err(|e| ("store put", e))?;
     let (seconds, after) = (start.elapsed().as_secs_f64(), SystemTime::now());
-    let text = format!(
-        "{} takes an object in {}",
-        store.name(),
-        seconds_text(seconds)
-    );
+    let text = format!("{} takes an object in {}", store.name(), seconds_text(seconds));
     findings.push(
         Finding::ok("store put", text)
-            .unless(
-                seconds < SLOW_S,
-                Level::Warn,
-                "results are slow to be kept: a nearer store",
-            )
+            .unless(seconds < SLOW_S, Level::Warn, "results are slow to be kept: a nearer store")
             .unless(
                 put == Put::New,
                 Level::Warn,
@@ -110,10 +102,7 @@ fn once(store: &Store, key: &str) -> Result<Finding, StoreError> {
     };
     let same = store.create(key, b"one")? == Put::Same;
     Ok(if second && same {
-        Finding::ok(
-            "store put once",
-            "a name that is taken is refused, and what was there stays",
-        )
+        Finding::ok("store put once", "a name that is taken is refused, and what was there stays")
     } else {
         Finding::fail(
             "store put once",

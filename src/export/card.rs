@@ -22,7 +22,6 @@ const SIZES: [(u64, &str); 6] = [
 /// Scenes in quarantine that the card lists; `export.json` lists all.
 const SHOWN: usize = 50;
 
-/// The card's text.
 pub(super) fn card(run: &Run, plan: &ExportPlan, summary: &Summary) -> String {
     let mut text = header(plan, summary);
     for section in [
@@ -40,9 +39,7 @@ pub(super) fn card(run: &Run, plan: &ExportPlan, summary: &Summary) -> String {
 }
 
 fn header(plan: &ExportPlan, summary: &Summary) -> String {
-    let size = SIZES
-        .iter()
-        .find(|(below, _)| summary.numbers.tuples < *below);
+    let size = SIZES.iter().find(|(below, _)| summary.numbers.tuples < *below);
     let size = size.map_or("", |(_, name)| name);
     // A JSON string is a YAML string, whatever the recipe's name holds.
     let mut text = format!(
@@ -119,11 +116,7 @@ fn errors(plan: &ExportPlan, summary: &Summary) -> String {
                     white is 1). Over all tuples, and the share of values above 1, which PNGs clip:\n\n\
                     | layer | pictures | mean error | largest error | mean share clipped | largest share |\n|---|---|---|---|---|---|\n"
         .to_owned();
-    for (_, name) in Layer::NAMES
-        .iter()
-        .enumerate()
-        .filter(|(l, _)| plan.layers[*l])
-    {
+    for (_, name) in Layer::NAMES.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
         let Some(layer) = summary.numbers.layers.get(*name) else {
             continue;
         };
@@ -142,13 +135,8 @@ fn mean_and_max(of: SumAndMax, count: u64) -> [String; 2] {
     if count == 0 {
         return ["not stated".to_owned(), "not stated".to_owned()];
     }
-    [of.sum / count as f64, of.max].map(|value| {
-        if value == 0.0 {
-            "0".to_owned()
-        } else {
-            format!("{value:.2e}")
-        }
-    })
+    [of.sum / count as f64, of.max]
+        .map(|value| if value == 0.0 { "0".to_owned() } else { format!("{value:.2e}") })
 }
 
 fn left_out(plan: &ExportPlan) -> String {
@@ -191,11 +179,8 @@ fn terms(run: &Run, summary: &Summary) -> String {
             format!("`{root}`")
         };
         // Planning puts what it makes itself into the run's own folder.
-        let is_procedural = run
-            .spec
-            .roots
-            .get(root)
-            .is_some_and(|folder| folder.starts_with("inputs"));
+        let is_procedural =
+            run.spec.roots.get(root).is_some_and(|folder| folder.starts_with("inputs"));
         let note = if is_procedural {
             "procedural, made by Glasshouse: no photograph"
         } else {

@@ -13,22 +13,14 @@ pub(super) const PARAMETERS: [Parameter; 13] = [
     ("film width, px", |r| r.scene.film.width.into()),
     ("film height, px", |r| r.scene.film.height.into()),
     ("samples a pixel", |r| r.scene.film.spp.into()),
-    ("focal length, mm (of a 36 x 24 mm frame)", |r| {
-        r.scene.camera.focal_length_mm
-    }),
+    ("focal length, mm (of a 36 x 24 mm frame)", |r| r.scene.camera.focal_length_mm),
     ("aperture radius, m", |r| r.scene.camera.aperture_radius_m),
     ("glass: distance, m", |r| r.scene.glass.distance_m),
     ("glass: thickness, m", |r| r.scene.glass.thickness_m),
     ("glass: index of refraction", |r| r.scene.glass.ior),
-    ("glass: absorption of red, 1/m", |r| {
-        r.scene.glass.absorption_per_m[0]
-    }),
-    ("glass: absorption of green, 1/m", |r| {
-        r.scene.glass.absorption_per_m[1]
-    }),
-    ("glass: absorption of blue, 1/m", |r| {
-        r.scene.glass.absorption_per_m[2]
-    }),
+    ("glass: absorption of red, 1/m", |r| r.scene.glass.absorption_per_m[0]),
+    ("glass: absorption of green, 1/m", |r| r.scene.glass.absorption_per_m[1]),
+    ("glass: absorption of blue, 1/m", |r| r.scene.glass.absorption_per_m[2]),
     ("glass: pitch, degrees", |r| r.scene.glass.tilt_deg[0]),
     ("glass: yaw, degrees", |r| r.scene.glass.tilt_deg[1]),
 ];
@@ -37,17 +29,14 @@ pub(super) const PARAMETERS: [Parameter; 13] = [
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Numbers {
-    /// Tuples.
     pub(super) tuples: u64,
     /// Least and largest of each of [`PARAMETERS`]; empty without tuples.
     pub(super) ranges: Vec<[f64; 2]>,
-    /// By layer.
     pub(super) layers: BTreeMap<String, LayerNumbers>,
     /// Sides of scenes that show a file of a named root.
     pub(super) roots: BTreeMap<String, u64>,
 }
 
-/// Numbers of a layer.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct LayerNumbers {
@@ -65,9 +54,7 @@ pub(super) struct LayerNumbers {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SumAndMax {
-    /// Sum.
     pub(super) sum: f64,
-    /// Largest.
     pub(super) max: f64,
 }
 
@@ -78,15 +65,11 @@ impl SumAndMax {
     }
 
     fn of(value: f64) -> Self {
-        Self {
-            sum: value,
-            max: value,
-        }
+        Self { sum: value, max: value }
     }
 }
 
 impl Numbers {
-    /// Of one tuple.
     pub(super) fn of(record: &TupleRecord) -> Self {
         let layers = record.layers.iter().map(|(name, layer)| {
             let numbers = LayerNumbers {

@@ -8,11 +8,9 @@ use super::request::{ExportFormat, PixelEncoding};
 use render::layer::Layer;
 use serde_json::{Value, json};
 
-/// The method's.
 const CITATION: &str = "S. Kim, Y. Huo, S.-E. Yoon. Single Image Reflection Removal with Physically-Based Training Images. \
                         CVPR 2020.";
 
-/// The file's text.
 pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
     let is_tars = plan.request.format == ExportFormat::Webdataset;
     let mut distribution = Vec::new();
@@ -26,11 +24,7 @@ pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
             }));
         }
     }
-    let tars: Vec<Value> = summary
-        .shards
-        .iter()
-        .map(|s| json!({ "@id": s.path }))
-        .collect();
+    let tars: Vec<Value> = summary.shards.iter().map(|s| json!({ "@id": s.path })).collect();
     let mut file_set = |name: &str, format: &str, includes: String| {
         let mut set = json!({ "@type": "cr:FileSet", "@id": name, "name": name });
         if is_tars {
@@ -57,11 +51,7 @@ pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
             ],
         ));
     } else {
-        file_set(
-            "metadata-files",
-            "application/jsonlines",
-            "*/metadata.jsonl".to_owned(),
-        );
+        file_set("metadata-files", "application/jsonlines", "*/metadata.jsonl".to_owned());
         record_sets.push(record_set(
             "tuples",
             "Each tuple's parameters, a line of metadata.jsonl.",
@@ -69,22 +59,14 @@ pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
         ));
     }
     let is_png = plan.request.encoding != PixelEncoding::Linear;
-    for (_, layer) in Layer::NAMES
-        .iter()
-        .enumerate()
-        .filter(|(l, _)| plan.layers[*l])
-    {
+    for (_, layer) in Layer::NAMES.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
         let files = format!("{layer}-files");
         let (includes, id) = match (is_tars, is_png) {
             (true, true) => (format!("*.{layer}.png"), r"^(?:.*/)?([^/.]+)\.[^/]*$"),
             (true, false) => (format!("*.{layer}.exr"), r"^(?:.*/)?([^/.]+)\.[^/]*$"),
             (false, _) => (format!("*/{layer}/*.png"), r"^(?:.*/)?([^/.]+)\.[^/]*$"),
         };
-        file_set(
-            &files,
-            if is_png { "image/png" } else { "image/x-exr" },
-            includes,
-        );
+        file_set(&files, if is_png { "image/png" } else { "image/x-exr" }, includes);
         if is_png {
             let content = json!({ "fileProperty": "content" });
             record_sets.push(record_set(
@@ -136,13 +118,7 @@ fn field(set: &str, name: &str, data_type: &str, files: &str, extract: &Value) -
 
 /// The scene's id, out of the file's name.
 fn id_field(set: &str, files: &str, regex: &str) -> Value {
-    let mut id = field(
-        set,
-        "id",
-        "sc:Text",
-        files,
-        &json!({ "fileProperty": "filename" }),
-    );
+    let mut id = field(set, "id", "sc:Text", files, &json!({ "fileProperty": "filename" }));
     id["source"]["transform"] = json!({ "regex": regex });
     id
 }
@@ -166,13 +142,7 @@ fn columns() -> Vec<Value> {
         ("back", "sc:Text"),
     ];
     let field = |(name, data_type)| {
-        field(
-            "tuples",
-            name,
-            data_type,
-            "metadata-files",
-            &json!({ "column": name }),
-        )
+        field("tuples", name, data_type, "metadata-files", &json!({ "column": name }))
     };
     columns.into_iter().map(field).collect()
 }

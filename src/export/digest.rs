@@ -11,7 +11,6 @@ use std::io::{self, Write};
 pub(super) struct FileRecord {
     /// Path in the exported folder.
     pub(super) path: String,
-    /// Its size.
     pub(super) bytes: u64,
     /// SHA-256, 64 hexadecimal digits.
     pub(super) sha256: String,
@@ -49,11 +48,7 @@ pub(super) struct Digesting<W> {
 
 impl<W: Write> Digesting<W> {
     pub(super) fn new(inner: W) -> Self {
-        Self {
-            inner,
-            sha256: Sha256::new(),
-            bytes: 0,
-        }
+        Self { inner, sha256: Sha256::new(), bytes: 0 }
     }
 
     /// What was written to, and what is to be said of it.

@@ -12,7 +12,6 @@ pub enum ExportError {
     /// A file of the export cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// The run's store.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The run's state cannot be read.
@@ -20,12 +19,7 @@ pub enum ExportError {
     Run(#[from] AccessError),
     /// A file of the export cannot be read back.
     #[error("cannot read {}: {source}; check the folder and its permissions", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    Read { path: PathBuf, source: io::Error },
     /// What was asked for makes no sense.
     #[error("{0}")]
     Request(String),
@@ -37,7 +31,6 @@ pub enum ExportError {
     Unfinished {
         /// Scenes that have no tuple and are not in quarantine.
         missing: usize,
-        /// Scenes asked for.
         scenes: usize,
     },
     /// No scene has a tuple.
@@ -50,31 +43,21 @@ pub enum ExportError {
     Damaged {
         /// Its key in the store.
         file: String,
-        /// What is wrong.
         reason: String,
     },
     /// A picture cannot be encoded.
     #[error("cannot encode {name}: {reason}")]
-    Encode {
-        /// The file.
-        name: String,
-        /// Why.
-        reason: String,
-    },
+    Encode { name: String, reason: String },
     /// The folder holds something else.
     #[error("{} {reason}; export into a new folder, or remove this one", out.display())]
     Foreign {
-        /// The folder.
         out: PathBuf,
         /// What is wrong with it.
         reason: String,
     },
     /// Another process exports into the folder.
     #[error("another process is exporting into {}; wait for it, or stop it", out.display())]
-    Busy {
-        /// The folder.
-        out: PathBuf,
-    },
+    Busy { out: PathBuf },
 }
 
 /// For `map_err`: a file of the export that cannot be read.

@@ -18,9 +18,7 @@ use std::io::Write;
 
 /// An export in numbers.
 pub(super) struct Summary {
-    /// By split.
     pub(super) splits: BTreeMap<Split, u64>,
-    /// Of all tuples.
     pub(super) numbers: Numbers,
     /// Shards, if it has any.
     pub(super) shards: Vec<FileRecord>,
@@ -40,11 +38,8 @@ pub(super) fn finish(
     folder: &ExportFolder,
 ) -> Result<Total, ExportError> {
     let format = plan.request.format;
-    let mut summary = Summary {
-        splits: BTreeMap::new(),
-        numbers: Numbers::default(),
-        shards: Vec::new(),
-    };
+    let mut summary =
+        Summary { splits: BTreeMap::new(), numbers: Numbers::default(), shards: Vec::new() };
     let mut named = Vec::new();
     for &split in &plan.request.splits {
         let mut metadata = None;
@@ -95,9 +90,7 @@ pub(super) fn finish(
         put(file)?;
     }
     for &split in &plan.request.splits {
-        each_part(folder, split, |part| {
-            part.files.iter().try_for_each(&mut put)
-        })?;
+        each_part(folder, split, |part| part.files.iter().try_for_each(&mut put))?;
     }
     sums.finish()?;
     folder.forget_state()?;
@@ -127,19 +120,12 @@ struct Summed {
 impl Summed {
     fn begin(folder: &ExportFolder, name: &str) -> Result<Self, ExportError> {
         let path = folder.path(name);
-        Ok(Self {
-            file: Digesting::new(PendingFile::begin(&path)?),
-            name: name.to_owned(),
-            path,
-        })
+        Ok(Self { file: Digesting::new(PendingFile::begin(&path)?), name: name.to_owned(), path })
     }
 
     fn put(&mut self, line: &str) -> Result<(), ExportError> {
         let written = self.file.write_all(line.as_bytes());
-        Ok(written.map_err(|source| WriteError {
-            path: self.path.clone(),
-            source,
-        })?)
+        Ok(written.map_err(|source| WriteError { path: self.path.clone(), source })?)
     }
 
     fn finish(self) -> Result<FileRecord, ExportError> {

@@ -11,28 +11,21 @@ use std::path::{Path, PathBuf};
 pub(super) const STATE_FOLDER: &str = ".export";
 /// Digests of all files; written last, so that its presence means that the export is complete.
 pub(super) const SUMS_FILE: &str = "SHA256SUMS";
-/// The dataset card.
 pub(super) const CARD_FILE: &str = "README.md";
-/// Croissant's description.
 pub(super) const CROISSANT_FILE: &str = "croissant.json";
 
 /// What a folder holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FolderState {
-    /// Nothing.
     Empty,
     /// A part of the export that is asked for; its scenes are those of this request.
     Begun(Box<ExportRequest>),
-    /// All of it.
     Complete,
 }
 
 /// Looks into a folder and refuses one that holds something else. Reads only.
 pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportError> {
-    let foreign = |reason: String| ExportError::Foreign {
-        out: out.to_owned(),
-        reason,
-    };
+    let foreign = |reason: String| ExportError::Foreign { out: out.to_owned(), reason };
     if out.exists() && !out.is_dir() {
         return Err(foreign("is a file".to_owned()));
     }
@@ -117,9 +110,7 @@ fn lost(out: &Path) -> Result<Option<String>, ExportError> {
     let sums = BufReader::new(File::open(&path).map_err(unreadable(&path))?);
     for line in sums.lines() {
         let line = line.map_err(unreadable(&path))?;
-        let name = line
-            .split_once("  ")
-            .map_or(line.as_str(), |(_, name)| name);
+        let name = line.split_once("  ").map_or(line.as_str(), |(_, name)| name);
         if !out.join(name).is_file() {
             return Ok(Some(name.to_owned()));
         }
@@ -139,26 +130,18 @@ impl ExportFolder {
         let state = root.join(STATE_FOLDER);
         atomic_file::create_dir(&state)?;
         let path = state.join("lock");
-        let lock = File::options()
-            .create(true)
-            .append(true)
-            .open(&path)
-            .map_err(unreadable(&path))?;
+        let lock =
+            File::options().create(true).append(true).open(&path).map_err(unreadable(&path))?;
         match lock.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
-                return Err(ExportError::Busy {
-                    out: root.to_owned(),
-                });
+                return Err(ExportError::Busy { out: root.to_owned() });
             }
             Err(TryLockError::Error(source)) => return Err(unreadable(&path)(source)),
         }
         // As deep as SPLIT/LAYER/.
         atomic_file::sweep(root, 2, &is_temporary);
-        Ok(Self {
-            root: root.to_owned(),
-            _lock: lock,
-        })
+        Ok(Self { root: root.to_owned(), _lock: lock })
     }
 
     /// Path of a file.
@@ -166,7 +149,6 @@ impl ExportFolder {
         self.root.join(name)
     }
 
-    /// Where it is.
     pub(super) fn root(&self) -> &Path {
         &self.root
     }

@@ -16,18 +16,11 @@ pub(super) fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
     let mut put = |key: String, value: Value| row.insert(key, value);
     put("id".to_owned(), json!(scene.id));
     let asked = scene.film.layers.asked().0;
-    for (layer, name) in Layer::NAMES
-        .iter()
-        .enumerate()
-        .filter(|(l, _)| plan.layers[*l])
-    {
+    for (layer, name) in Layer::NAMES.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
         let file = layer_file(request.format, request.encoding, scene, layer);
         // Relative to the metadata.
         let file = file.split_once('/').map(|(_, rest)| rest.to_owned());
-        put(
-            format!("{name}_file_name"),
-            json!(file.filter(|_| asked[layer])),
-        );
+        put(format!("{name}_file_name"), json!(file.filter(|_| asked[layer])));
     }
     let glass = &scene.glass;
     let focus = record.facts.focus_distance_m;
@@ -38,10 +31,7 @@ pub(super) fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
         ("focal_length_mm", json!(scene.camera.focal_length_mm)),
         ("aperture_radius_m", json!(scene.camera.aperture_radius_m)),
         // 0 is infinity: a column of numbers without gaps.
-        (
-            "inverse_focus_distance_per_m",
-            json!(focus.map_or(0.0, |z| 1.0 / z)),
-        ),
+        ("inverse_focus_distance_per_m", json!(focus.map_or(0.0, |z| 1.0 / z))),
         ("glass_distance_m", json!(glass.distance_m)),
         ("glass_thickness_m", json!(glass.thickness_m)),
         ("glass_ior", json!(glass.ior)),
@@ -53,11 +43,7 @@ pub(super) fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
     ] {
         put(key.to_owned(), value);
     }
-    for (_, name) in Layer::NAMES
-        .iter()
-        .enumerate()
-        .filter(|(l, _)| plan.layers[*l])
-    {
+    for (_, name) in Layer::NAMES.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
         let error = record.layers.get(*name).and_then(|layer| layer.error_rms);
         put(format!("{name}_error_rms"), json!(error));
     }

@@ -22,7 +22,6 @@ const TUPLES_A_PART: usize = 256;
 pub(super) struct PartRecord {
     /// Its tuples, in numbers.
     pub(super) numbers: Numbers,
-    /// Its files.
     pub(super) files: Vec<FileRecord>,
     /// Its lines of `metadata.jsonl`.
     pub(super) lines: Vec<String>,
@@ -46,10 +45,7 @@ impl PartRecord {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(e) => return Err(unreadable(&path)(e)),
         };
-        let foreign = |reason| ExportError::Foreign {
-            out: folder.root().to_owned(),
-            reason,
-        };
+        let foreign = |reason| ExportError::Foreign { out: folder.root().to_owned(), reason };
         let record: Self = serde_json::from_slice(&bytes)
             .map_err(|e| foreign(format!("has a damaged {name}: {e}")))?;
         for file in &record.files {
@@ -99,35 +95,23 @@ impl<'a> Parts<'a> {
         split: Split,
         number: usize,
     ) -> Self {
-        Self {
-            plan,
-            folder,
-            split,
-            number,
-            open: None,
-        }
+        Self { plan, folder, split, number, open: None }
     }
 
     /// Adds a tuple; begins another part where the open one is full.
     pub(super) fn add(&mut self, prepared: Prepared) -> Result<(), ExportError> {
         let request = &self.plan.request;
         let limit_bytes = u64::from(request.shard_mb.unwrap_or(0)) * 1_000_000;
-        let is_full = self
-            .open
-            .as_ref()
-            .is_some_and(|(record, shard)| match shard {
-                Some(shard) => !shard.has_room(&prepared.sample.files, limit_bytes),
-                None => record.numbers.tuples >= TUPLES_A_PART as u64,
-            });
+        let is_full = self.open.as_ref().is_some_and(|(record, shard)| match shard {
+            Some(shard) => !shard.has_room(&prepared.sample.files, limit_bytes),
+            None => record.numbers.tuples >= TUPLES_A_PART as u64,
+        });
         if is_full {
             self.close()?;
         }
         if self.open.is_none() {
-            let record = PartRecord {
-                numbers: Numbers::default(),
-                files: Vec::new(),
-                lines: Vec::new(),
-            };
+            let record =
+                PartRecord { numbers: Numbers::default(), files: Vec::new(), lines: Vec::new() };
             let shard = if request.format == ExportFormat::Webdataset {
                 let name = format!("{}-{:06}.tar", self.split, self.number);
                 Some(Shard::begin(self.folder.root(), name)?)

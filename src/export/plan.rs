@@ -13,7 +13,6 @@ use std::collections::BTreeSet;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LeftOut {
-    /// Its id.
     pub scene: SceneId,
     /// Why it is in quarantine; `null` if it was not merged yet.
     pub reason: Option<String>,
@@ -22,11 +21,9 @@ pub struct LeftOut {
 /// What a user asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExportOptions {
-    /// What reads it.
     pub format: ExportFormat,
     /// How pixels are stored.
     pub encoding: PixelEncoding,
-    /// Splits.
     pub splits: BTreeSet<Split>,
     /// A WebDataset shard has at most so many megabytes (1e6 bytes), or one tuple.
     pub shard_mb: u32,
@@ -57,20 +54,14 @@ impl ExportPlan {
             let reason = snapshot.reason(scene);
             let reason = reason.map(|reason| without_places(run, reason));
             missing += usize::from(reason.is_none());
-            left_out.push(LeftOut {
-                scene: run.lines[scene].id.clone(),
-                reason,
-            });
+            left_out.push(LeftOut { scene: run.lines[scene].id.clone(), reason });
         }
         if asked.is_empty() {
             let reason = "the run was planned without scenes of that split; give another --split";
             return Err(ExportError::Nothing(reason.to_owned()));
         }
         if missing > 0 && !options.partial {
-            return Err(ExportError::Unfinished {
-                missing,
-                scenes: asked.len(),
-            });
+            return Err(ExportError::Unfinished { missing, scenes: asked.len() });
         }
         if left_out.len() == asked.len() {
             let reason = "no scene has a tuple; see `glasshouse status RUN`";
@@ -102,11 +93,7 @@ impl ExportPlan {
             let asked = run.lines[scene].film.layers.asked();
             layers = std::array::from_fn(|k| layers[k] | asked.0[k]);
         }
-        Self {
-            request,
-            scenes,
-            layers,
-        }
+        Self { request, scenes, layers }
     }
 
     /// Scenes that are left out because they are in quarantine, with their reasons.
@@ -124,9 +111,8 @@ impl ExportPlan {
 
 /// All scenes of some splits. The dot is what follows an id in the names of files: `a-1.json` comes before `a.json`.
 fn scenes(run: &Run, splits: &BTreeSet<Split>) -> Vec<usize> {
-    let mut scenes: Vec<usize> = (0..run.lines.len())
-        .filter(|&scene| splits.contains(&run.lines[scene].split))
-        .collect();
+    let mut scenes: Vec<usize> =
+        (0..run.lines.len()).filter(|&scene| splits.contains(&run.lines[scene].split)).collect();
     scenes.sort_by_cached_key(|&scene| {
         let line = &run.lines[scene];
         (line.split, format!("{}.", line.id))
@@ -139,17 +125,12 @@ fn without_places(run: &Run, reason: &str) -> String {
     let named = run.spec.roots.keys();
     let mut places: Vec<(String, String)> = named
         .filter_map(|name| {
-            Some((
-                format!("{}/", run.roots.get(name)?.display()),
-                format!("{name}:"),
-            ))
+            Some((format!("{}/", run.roots.get(name)?.display()), format!("{name}:")))
         })
         .collect();
     places.push((format!("{}/", run.root().display()), String::new()));
     // A root may lie in the run's folder.
     places.sort_by_key(|(place, _)| std::cmp::Reverse(place.len()));
     let text = reason.to_owned();
-    places
-        .iter()
-        .fold(text, |text, (place, name)| text.replace(place, name))
+    places.iter().fold(text, |text, (place, name)| text.replace(place, name))
 }

@@ -48,9 +48,7 @@ pub struct ExportRequest {
     pub name: String,
     /// BLAKE3 of the run's manifest.
     pub manifest_blake3: String,
-    /// Version of the tracer.
     pub tracer_version: u32,
-    /// What reads it.
     pub format: ExportFormat,
     /// How pixels are stored.
     pub encoding: PixelEncoding,
@@ -64,7 +62,6 @@ pub struct ExportRequest {
 }
 
 impl ExportRequest {
-    /// The file's text.
     pub(super) fn to_json(&self) -> String {
         let mut json = serde_json::to_string_pretty(self).expect("strings and numbers are JSON");
         json.push('\n');
@@ -82,11 +79,7 @@ impl ExportRequest {
         };
         row("schema", &self.schema, &new.schema);
         row("recipe", &self.name, &new.name);
-        row(
-            "manifest",
-            &short(&self.manifest_blake3),
-            &short(&new.manifest_blake3),
-        );
+        row("manifest", &short(&self.manifest_blake3), &short(&new.manifest_blake3));
         row("tracer_version", &self.tracer_version, &new.tracer_version);
         row("--format", &self.format, &new.format);
         row("--encoding", &self.encoding, &new.encoding);

@@ -23,12 +23,8 @@ pub(super) struct Sample {
 }
 
 /// Folders of published sets of pairs, by layer.
-const PAIR_FOLDERS: [&str; 4] = [
-    "blended",
-    "transmission_layer",
-    "reflection_layer",
-    "clean_reflection_layer",
-];
+const PAIR_FOLDERS: [&str; 4] =
+    ["blended", "transmission_layer", "reflection_layer", "clean_reflection_layer"];
 
 /// Where a layer of a scene is in an export. Of [`ExportFormat::Exr`] it is the file of all layers.
 pub(super) fn layer_file(
@@ -55,12 +51,10 @@ pub(super) fn layer_folders(plan: &ExportPlan, split: Split) -> Vec<String> {
     let layers = (0..Layer::NAMES.len()).filter(|&layer| plan.layers[layer]);
     match plan.request.format {
         ExportFormat::Webdataset => Vec::new(),
-        ExportFormat::Imagefolder => layers
-            .map(|l| format!("{split}/{}", Layer::NAMES[l]))
-            .collect(),
-        ExportFormat::Pairs => layers
-            .map(|l| format!("{split}/{}", PAIR_FOLDERS[l]))
-            .collect(),
+        ExportFormat::Imagefolder => {
+            layers.map(|l| format!("{split}/{}", Layer::NAMES[l])).collect()
+        }
+        ExportFormat::Pairs => layers.map(|l| format!("{split}/{}", PAIR_FOLDERS[l])).collect(),
         ExportFormat::Exr => vec![split.to_string()],
     }
 }
@@ -75,11 +69,7 @@ pub(super) fn sample(
     let mut tuple = read(store, line, encoding)?;
     let json = tuple.take(line, "tuple.json")?;
     if !is_record_of(&json, line) {
-        return Err(damaged(
-            line,
-            "tuple.json",
-            &"it is of another plan or version",
-        ));
+        return Err(damaged(line, "tuple.json", &"it is of another plan or version"));
     }
     let record: TupleRecord =
         serde_json::from_slice(&json).map_err(|e| damaged(line, "tuple.json", &e))?;
@@ -151,20 +141,15 @@ fn encoded(
     let (width, height) = (line.film.width, line.film.height);
     // A layer has a digest of its halves where the file holds halves.
     let is_half = record.layers.values().all(|l| l.exr_blake3.is_some());
-    let precision = if is_half {
-        ExrPrecision::Half
-    } else {
-        ExrPrecision::Float
-    };
+    let precision = if is_half { ExrPrecision::Half } else { ExrPrecision::Float };
     let failed = |name: &str, reason: &dyn std::fmt::Display| ExportError::Encode {
         name: name.to_owned(),
         reason: reason.to_string(),
     };
     if format == ExportFormat::Exr {
         let name = layer_file(format, encoding, line, 0);
-        let parts: Vec<(&str, &[[f32; 3]])> = made(line)
-            .map(|(layer, name)| (name, layers.0[layer].as_slice()))
-            .collect();
+        let parts: Vec<(&str, &[[f32; 3]])> =
+            made(line).map(|(layer, name)| (name, layers.0[layer].as_slice())).collect();
         let bytes =
             encode_parts_exr(&parts, width, height, precision).map_err(|e| failed(&name, &e))?;
         return Ok(vec![(name, bytes.into())]);
@@ -187,15 +172,9 @@ fn encoded(
 /// Layers that a scene makes: places and names.
 pub(super) fn made(line: &SceneLine) -> impl Iterator<Item = (usize, &'static str)> {
     let asked = line.film.layers.asked().0;
-    Layer::NAMES
-        .into_iter()
-        .enumerate()
-        .filter(move |(layer, _)| asked[*layer])
+    Layer::NAMES.into_iter().enumerate().filter(move |(layer, _)| asked[*layer])
 }
 
 fn damaged(line: &SceneLine, name: &str, reason: &dyn std::fmt::Display) -> ExportError {
-    ExportError::Damaged {
-        file: keys::tuple(&line.id, name),
-        reason: reason.to_string(),
-    }
+    ExportError::Damaged { file: keys::tuple(&line.id, name), reason: reason.to_string() }
 }

@@ -8,7 +8,6 @@ use std::io;
 use std::path::{Path, PathBuf};
 use tar::{Builder, EntryType, Header};
 
-/// A tar's unit.
 const BLOCK: u64 = 512;
 /// Two empty blocks end a tar.
 const END: u64 = 2 * BLOCK;
@@ -28,12 +27,7 @@ impl Shard {
     pub(super) fn begin(out: &Path, name: String) -> Result<Self, ExportError> {
         let path = out.join(&name);
         let file = PendingFile::begin(&path)?;
-        Ok(Self {
-            tar: Builder::new(Digesting::new(file)),
-            path,
-            name,
-            bytes: END,
-        })
+        Ok(Self { tar: Builder::new(Digesting::new(file)), path, name, bytes: END })
     }
 
     /// Whether these members still fit.
@@ -61,10 +55,7 @@ impl Shard {
     /// Ends it; on return it is durable.
     pub(super) fn finish(self) -> Result<FileRecord, ExportError> {
         let path = self.path;
-        let failed = |source| WriteError {
-            path: path.clone(),
-            source,
-        };
+        let failed = |source| WriteError { path: path.clone(), source };
         let (file, record) = self.tar.into_inner().map_err(failed)?.finish(&self.name);
         file.finish()?;
         debug_assert_eq!(record.bytes, self.bytes, "the size of a tar is foreseen");
@@ -72,10 +63,7 @@ impl Shard {
     }
 
     fn failed(&self, source: io::Error) -> WriteError {
-        WriteError {
-            path: self.path.clone(),
-            source,
-        }
+        WriteError { path: self.path.clone(), source }
     }
 }
 
@@ -83,11 +71,7 @@ impl Shard {
 fn tar_bytes(files: &[(String, Bytes)]) -> u64 {
     let blocks = |bytes: usize| (bytes as u64).div_ceil(BLOCK) * BLOCK;
     let of = |(name, bytes): &(String, Bytes)| {
-        let long_name = if name.len() > SHORT_NAME {
-            BLOCK + blocks(name.len() + 1)
-        } else {
-            0
-        };
+        let long_name = if name.len() > SHORT_NAME { BLOCK + blocks(name.len() + 1) } else { 0 };
         long_name + BLOCK + blocks(bytes.len())
     };
     files.iter().map(of).sum()
@@ -102,12 +86,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let files: Vec<(String, Bytes)> = [0, 1, 511, 512, 513, 5000]
             .into_iter()
-            .map(|length| {
-                (
-                    format!("{}.{length}", "x".repeat(96)),
-                    vec![7u8; length].into(),
-                )
-            })
+            .map(|length| (format!("{}.{length}", "x".repeat(96)), vec![7u8; length].into()))
             .collect();
         let mut shard = Shard::begin(folder.path(), "a.tar".to_owned()).unwrap();
         shard.add(&files).unwrap();

@@ -93,13 +93,7 @@ pub fn export(
             .filter(|scene| of_split(scene))
             .map(|&scene| &run.lines[scene])
             .collect();
-        let mut writer = SplitWriter {
-            store,
-            plan: &plan,
-            folder: &folder,
-            work,
-            pool: &pool,
-        };
+        let mut writer = SplitWriter { store, plan: &plan, folder: &folder, work, pool: &pool };
         let (resumed, written) = writer.write(split, &lines)?;
         exported.resumed += resumed;
         if resumed + written > 0 {
@@ -118,10 +112,7 @@ pub fn export(
 
 /// Of an export that is complete.
 fn nothing_to_do(run: &Run, plan: ExportPlan) -> (ExportPlan, Exported) {
-    let mut exported = Exported {
-        already_complete: true,
-        ..Exported::default()
-    };
+    let mut exported = Exported { already_complete: true, ..Exported::default() };
     for &scene in &plan.scenes {
         *exported.tuples.entry(run.lines[scene].split).or_insert(0) += 1;
     }

@@ -18,7 +18,6 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How to coordinate.
 pub struct CoordinateOptions<'a> {
     /// Set from outside to end.
     pub stop: &'a AtomicBool,
@@ -31,7 +30,6 @@ pub struct CoordinateOptions<'a> {
 /// What a coordinator knows, for the status page.
 #[derive(Debug)]
 pub struct Watch {
-    /// The run.
     pub snapshot: Snapshot,
     /// The queue, when it answered last.
     pub queue: QueueState,
@@ -50,12 +48,10 @@ impl Watch {
     }
 }
 
-/// How coordinating ended.
 #[derive(Debug)]
 pub struct Coordinated {
     /// The run at the end.
     pub snapshot: Snapshot,
-    /// Messages published.
     pub published: u64,
     /// Ended by `stop`.
     pub stopped: bool,
@@ -80,14 +76,8 @@ pub fn coordinate(
     on_event: &(dyn Fn(Event) + Sync),
 ) -> Result<Coordinated, FarmError> {
     share_run(run, store)?;
-    on_event(Event::Started {
-        shards: run.lines.len() as u64,
-        scenes: run.lines.len() as u64,
-    });
-    let scope = Scope {
-        workers: options.watched,
-        ..Scope::DONE
-    };
+    on_event(Event::Started { shards: run.lines.len() as u64, scenes: run.lines.len() as u64 });
+    let scope = Scope { workers: options.watched, ..Scope::DONE };
     let coordinator = Coordinator {
         run,
         store,
@@ -134,10 +124,7 @@ struct Looked {
 
 impl Coordinator<'_> {
     fn coordinate(mut self) -> Result<Coordinated, FarmError> {
-        let mut carried = Carried {
-            due: true,
-            was_quiet: false,
-        };
+        let mut carried = Carried { due: true, was_quiet: false };
         let mut took_before = Duration::ZERO;
         loop {
             let start = Instant::now();
@@ -213,16 +200,8 @@ impl Coordinator<'_> {
     fn look_at_queue(&self, everything: bool) -> Result<QueueLook, QueueError> {
         let other = self.queue.ensure()?;
         let state = self.queue.look()?;
-        let scenes = if everything {
-            self.queue.scenes()?
-        } else {
-            BTreeSet::new()
-        };
-        Ok(QueueLook {
-            state,
-            other,
-            scenes,
-        })
+        let scenes = if everything { self.queue.scenes()? } else { BTreeSet::new() };
+        Ok(QueueLook { state, other, scenes })
     }
 
     /// Tells of each scene once that it is done.
@@ -232,9 +211,7 @@ impl Coordinator<'_> {
             if !self.snapshot.is_done(scene) || std::mem::replace(&mut self.told[scene], true) {
                 continue;
             }
-            (self.on_event)(Event::ShardDone {
-                resumed: self.first,
-            });
+            (self.on_event)(Event::ShardDone { resumed: self.first });
             (self.on_event)(Event::SceneMerged {
                 scene: run.lines[scene].id.clone(),
                 miss_share: 0.0,

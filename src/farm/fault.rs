@@ -93,9 +93,7 @@ impl Fault {
     pub(super) fn before(&self, scene: &SceneId, on_event: &dyn Fn(Event)) {
         match self {
             Self::Abort(poison) if poison == scene => {
-                on_event(Event::Aborts {
-                    scene: scene.clone(),
-                });
+                on_event(Event::Aborts { scene: scene.clone() });
                 std::process::abort();
             }
             Self::Hang(poison) if poison == scene => loop {

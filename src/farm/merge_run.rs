@@ -13,10 +13,8 @@ use render::merge::{MergeError, Tuple, combine, encode_tuple_file, tuple_files, 
 use render::partial;
 use std::path::Path;
 
-/// What merging did.
 #[derive(Debug, Default)]
 pub struct MergeOutcome {
-    /// Tuples written now.
     pub merged: Vec<SceneId>,
     /// Tuples that were there before.
     pub already_merged: u64,

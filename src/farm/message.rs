@@ -18,7 +18,6 @@ struct SpanMessage {
     run: [u8; 8],
     /// Place of the scene in the manifest.
     scene: u32,
-    /// First shard.
     start: u32,
     /// One past the last.
     end: u32,
@@ -35,9 +34,7 @@ pub(super) struct DonationRequest {
 
 impl DonationRequest {
     pub(super) fn new(load_s: Option<f64>) -> Self {
-        Self {
-            load_us: micros(load_s),
-        }
+        Self { load_us: micros(load_s) }
     }
 
     pub(super) fn load_s(self) -> Option<f64> {
@@ -64,17 +61,11 @@ pub(super) struct DonationReply {
 
 impl DonationReply {
     pub(super) fn new(answer: Answer) -> Self {
-        Self {
-            tasks: answer.tasks,
-            load_us: micros(answer.load_s),
-        }
+        Self { tasks: answer.tasks, load_us: micros(answer.load_s) }
     }
 
     pub(super) fn answer(self) -> Answer {
-        Answer {
-            tasks: self.tasks,
-            load_s: seconds(self.load_us),
-        }
+        Answer { tasks: self.tasks, load_s: seconds(self.load_us) }
     }
 }
 
@@ -116,10 +107,7 @@ impl SpanMessage {
     /// The task, if it belongs to this run and its scene is one of `scenes`.
     fn task(&self, run: [u8; 8], scenes: usize) -> Option<Task> {
         let valid = self.run == run && (self.scene as usize) < scenes && self.start < self.end;
-        valid.then_some(Task {
-            scene: self.scene,
-            shards: self.start..self.end,
-        })
+        valid.then_some(Task { scene: self.scene, shards: self.start..self.end })
     }
 }
 
@@ -133,13 +121,8 @@ pub(super) fn encode(message: &impl Encode) -> Vec<u8> {
 
 /// A message from bytes that may come from anybody.
 pub(super) fn decode<M: Decode<()>>(bytes: &[u8]) -> Result<M, MessageError> {
-    let error = |reason: String| MessageError {
-        length: bytes.len(),
-        reason,
-    };
-    let (&version, body) = bytes
-        .split_first()
-        .ok_or_else(|| error("it is empty".to_owned()))?;
+    let error = |reason: String| MessageError { length: bytes.len(), reason };
+    let (&version, body) = bytes.split_first().ok_or_else(|| error("it is empty".to_owned()))?;
     if version != VERSION {
         return Err(error(format!("version {version}, not {VERSION}")));
     }
@@ -155,13 +138,8 @@ pub(super) fn decode<M: Decode<()>>(bytes: &[u8]) -> Result<M, MessageError> {
 mod tests {
     use super::*;
 
-    const MESSAGE: SpanMessage = SpanMessage {
-        run: *b"8 bytes!",
-        scene: 7,
-        start: 16,
-        end: 32,
-        hops: 1,
-    };
+    const MESSAGE: SpanMessage =
+        SpanMessage { run: *b"8 bytes!", scene: 7, start: 16, end: 32, hops: 1 };
 
     /// The bytes are a format: other versions of the program read them.
     #[test]
@@ -172,10 +150,7 @@ mod tests {
         expected.extend([7, 0, 0, 0, 16, 0, 0, 0, 32, 0, 0, 0, 1, 0, 0, 0]);
         assert_eq!(bytes, expected);
         assert_eq!(decode::<SpanMessage>(&bytes).unwrap(), MESSAGE);
-        let answer = Answer {
-            tasks: 3,
-            load_s: Some(0.2),
-        };
+        let answer = Answer { tasks: 3, load_s: Some(0.2) };
         let reply = DonationReply::new(answer);
         assert_eq!(encode(&reply), [1, 3, 0, 0, 0, 0x40, 0x0d, 3, 0]);
         assert_eq!(reply.answer(), answer);

@@ -43,10 +43,12 @@ pub(super) enum Decision {
     Finish,
     /// The run is cancelled.
     Cancel,
-    /// Look again later.
     Wait,
     /// Put these scenes into the queue, `purge` it first.
-    Publish { purge: bool, scenes: Vec<usize> },
+    Publish {
+        purge: bool,
+        scenes: Vec<usize>,
+    },
 }
 
 /// Everything is looked at, and what is missing published, at the start, when nothing is in the queue, when it is another
@@ -72,20 +74,14 @@ pub(super) fn decide(round: &Round, before: Carried) -> (Decision, Carried) {
     }
     let quiet = queue.state.is_quiet();
     if !round.everything {
-        let after = Carried {
-            due: due || queue.other || quiet,
-            was_quiet: quiet,
-        };
+        let after = Carried { due: due || queue.other || quiet, was_quiet: quiet };
         return (Decision::Wait, after);
     }
     // No worker will get what is left in a quiet queue: leftovers of a server that was killed.
     let purge = quiet && before.was_quiet && !queue.scenes.is_empty();
     let is_absent = |scene: &&usize| purge || !queue.scenes.contains(&(**scene as u32));
     let scenes = round.missing.iter().filter(is_absent).copied().collect();
-    let after = Carried {
-        due: quiet,
-        was_quiet: quiet,
-    };
+    let after = Carried { due: quiet, was_quiet: quiet };
     (Decision::Publish { purge, scenes }, after)
 }
 
@@ -93,10 +89,7 @@ pub(super) fn decide(round: &Round, before: Carried) -> (Decision, Carried) {
 mod tests {
     use super::*;
 
-    const BEFORE: Carried = Carried {
-        due: false,
-        was_quiet: false,
-    };
+    const BEFORE: Carried = Carried { due: false, was_quiet: false };
 
     fn queue(waiting: u64, held: u64, scenes: &[u32]) -> QueueLook {
         QueueLook {
@@ -156,20 +149,11 @@ mod tests {
         let busy = queue(1, 1, &[0]);
         let due = |round: &Round| decide(round, BEFORE).1.due;
         assert!(!due(&round(&busy, &[0], false)));
-        let taken_back = Round {
-            taken_back: true,
-            ..round(&busy, &[0], false)
-        };
+        let taken_back = Round { taken_back: true, ..round(&busy, &[0], false) };
         assert!(due(&taken_back));
-        let away = Round {
-            queue: None,
-            ..round(&busy, &[0], true)
-        };
+        let away = Round { queue: None, ..round(&busy, &[0], true) };
         assert!(due(&away));
-        let other = QueueLook {
-            other: true,
-            ..queue(1, 1, &[])
-        };
+        let other = QueueLook { other: true, ..queue(1, 1, &[]) };
         assert!(due(&round(&other, &[0], false)));
         assert!(due(&round(&queue(0, 0, &[]), &[0], false)));
     }
@@ -178,10 +162,7 @@ mod tests {
     fn a_run_that_is_held_publishes_nothing() {
         let empty = queue(0, 0, &[]);
         let told = |control| {
-            let held = Round {
-                control,
-                ..round(&empty, &[0], true)
-            };
+            let held = Round { control, ..round(&empty, &[0], true) };
             decide(&held, BEFORE)
         };
         let (decision, after) = told(ControlState::Paused);

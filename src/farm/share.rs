@@ -13,10 +13,9 @@ const AT_ONCE: usize = 32;
 /// Puts the run's rules and its own pictures where workers find them, and takes back that an earlier round was finished.
 pub(super) fn share_run(run: &Run, store: &Store) -> Result<(), FarmError> {
     share_inputs(run, store)?;
-    for (key, path) in [
-        (keys::MANIFEST, run.path(keys::MANIFEST)),
-        (keys::SPEC, run.path(keys::SPEC)),
-    ] {
+    for (key, path) in
+        [(keys::MANIFEST, run.path(keys::MANIFEST)), (keys::SPEC, run.path(keys::SPEC))]
+    {
         let bytes = std::fs::read(&path).map_err(|source| RunError::Read { path, source })?;
         store.create(key, &bytes)?;
     }
@@ -54,12 +53,8 @@ fn share_inputs(run: &Run, store: &Store) -> Result<(), StoreError> {
     let there: BTreeSet<String> = store.list(keys::INPUTS)?.into_iter().collect();
     let missing: Vec<String> = wanted.difference(&there).cloned().collect();
     for keys in missing.chunks(AT_ONCE) {
-        let read = |key: &String| {
-            Some((
-                key.clone(),
-                std::fs::read(run.root().join(key)).ok()?.into(),
-            ))
-        };
+        let read =
+            |key: &String| Some((key.clone(), std::fs::read(run.root().join(key)).ok()?.into()));
         store.create_all(keys.iter().filter_map(read).collect())?;
     }
     Ok(())
@@ -76,8 +71,7 @@ impl Run {
             .map(|(name, folder)| (name.clone(), folder.clone()))
             .collect();
         for (name, folder) in own {
-            self.roots
-                .replace(&name, Path::new(store.name()).join(folder));
+            self.roots.replace(&name, Path::new(store.name()).join(folder));
         }
     }
 }

@@ -38,16 +38,13 @@ fn members(stream: impl Read, samples: &mut Samples) -> io::Result<()> {
         }
         let mut record = Vec::new();
         if path.rsplit('.').next() == Some("json") {
-            (&mut entry)
-                .take(MAX_RECORD_BYTES)
-                .read_to_end(&mut record)?;
+            (&mut entry).take(MAX_RECORD_BYTES).read_to_end(&mut record)?;
         }
         samples.add(&path, &record);
     }
     Ok(())
 }
 
-/// Members by sample.
 #[derive(Default)]
 struct Samples {
     members: u64,
@@ -89,18 +86,11 @@ impl Samples {
         }
         let (facts, count) = (&mut found.facts, self.samples.len());
         facts.fact("members", many(self.members, "file"), self.members);
-        let text = format!(
-            "{}, {complete} of them complete",
-            many(count as u64, "sample")
-        );
+        let text = format!("{}, {complete} of them complete", many(count as u64, "sample"));
         facts.fact("samples", text, count);
         facts.put("complete", complete);
         let keys: Vec<&String> = self.samples.keys().collect();
-        facts.fact(
-            "keys",
-            first_of(&keys, SHOWN),
-            json!(keys[..count.min(SHOWN)]),
-        );
+        facts.fact("keys", first_of(&keys, SHOWN), json!(keys[..count.min(SHOWN)]));
         facts.value("each_has", json!(all));
     }
 }
@@ -108,11 +98,7 @@ impl Samples {
 impl Sample {
     /// Pictures of layers that its record names and it has not, else what other samples have.
     fn lacks(&self, all: &BTreeSet<&String>) -> Vec<String> {
-        let has = |layer: &str| {
-            self.endings
-                .iter()
-                .any(|e| e.starts_with(&format!("{layer}.")))
-        };
+        let has = |layer: &str| self.endings.iter().any(|e| e.starts_with(&format!("{layer}.")));
         if let Some(layers) = &self.layers {
             layers.iter().filter(|layer| !has(layer)).cloned().collect()
         } else {

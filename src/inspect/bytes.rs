@@ -14,9 +14,7 @@ pub(super) const HEAD_BYTES: usize = 1 << 16;
 pub fn inspect_bytes(input: &Input) -> Inspection {
     let head = &input.bytes[..input.bytes.len().min(HEAD_BYTES)];
     let by_content = kind_of(input.name, head);
-    let kind = by_content
-        .or_else(|| kind_by_name(input.name))
-        .unwrap_or(Kind::Unknown);
+    let kind = by_content.or_else(|| kind_by_name(input.name)).unwrap_or(Kind::Unknown);
     let read = || match by_content {
         None => unknown(input, kind),
         Some(kind) => read(kind, input),
@@ -24,10 +22,7 @@ pub fn inspect_bytes(input: &Input) -> Inspection {
     // Foreign decoders may panic on hostile bytes.
     let mut found = catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
         let mut found = Inspection::new(kind);
-        found.wrong(Problem::new(
-            "its reader gave up on it: the bytes make no sense",
-            AGAIN,
-        ));
+        found.wrong(Problem::new("its reader gave up on it: the bytes make no sense", AGAIN));
         found
     });
     found.bytes = Some(input.bytes.len() as u64);
@@ -168,11 +163,7 @@ mod tests {
                     let mut bytes = start[..length].to_vec();
                     bytes.resize(length + 600, fill);
                     for bytes in [&bytes[..], &start[..length]] {
-                        let found = inspect_bytes(&Input {
-                            name: "x",
-                            bytes,
-                            beside: &|_| None,
-                        });
+                        let found = inspect_bytes(&Input { name: "x", bytes, beside: &|_| None });
                         assert_eq!(
                             found.whole == super::super::facts::Whole::No,
                             !found.problems.is_empty()

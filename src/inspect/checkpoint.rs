@@ -38,9 +38,7 @@ fn say_state(found: &mut Inspection, state: &Map<String, Value>) {
     let parameters = of("parameters").as_u64().map_or_else(String::new, grouped);
     facts.fact("parameters", parameters, of("parameters"));
     let psnr = of("validation_psnr_db");
-    let text = psnr
-        .as_f64()
-        .map_or_else(|| "none".to_owned(), |psnr| format!("{psnr:.2} dB PSNR"));
+    let text = psnr.as_f64().map_or_else(|| "none".to_owned(), |psnr| format!("{psnr:.2} dB PSNR"));
     facts.fact("validation", text, psnr);
     let settings = of("settings");
     let text = format!(

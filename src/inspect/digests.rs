@@ -54,18 +54,12 @@ pub(super) fn hold_record<D: Digested>(found: &mut Inspection, input: &Input, re
         match record.compare(name, &bytes) {
             Ok(()) => compared.push(name),
             Err(reason) => {
-                found.wrong(Problem::new(
-                    format!("{name} beside it: {reason}"),
-                    D::TO_DO,
-                ));
+                found.wrong(Problem::new(format!("{name} beside it: {reason}"), D::TO_DO));
             }
         }
     }
     found.may_be_whole(match compared.as_slice() {
-        [] => format!(
-            "{}, whose digest it holds, is not beside it",
-            record.files().join(", ")
-        ),
+        [] => format!("{}, whose digest it holds, is not beside it", record.files().join(", ")),
         fitting => format!(
             "its digests fit {} beside it; it has no digest of its own",
             fitting.join(" and ")
@@ -78,9 +72,7 @@ fn same(digest: &str, expected: &str, record: &str) -> Result<(), String> {
     if digest == expected {
         Ok(())
     } else {
-        Err(format!(
-            "it is not what was written: its digest differs from that of {record}"
-        ))
+        Err(format!("it is not what was written: its digest differs from that of {record}"))
     }
 }
 

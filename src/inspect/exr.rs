@@ -40,9 +40,7 @@ impl Head {
     /// Whether there are channels `NAME.R`, ... of a layer.
     pub(super) fn has_layer(&self, layer: &str) -> bool {
         let start = format!("{layer}.");
-        self.channels
-            .iter()
-            .any(|(name, _)| name.starts_with(&start))
+        self.channels.iter().any(|(name, _)| name.starts_with(&start))
     }
 }
 
@@ -82,10 +80,7 @@ pub(super) fn head(bytes: &[u8]) -> Result<Head, String> {
     Ok(Head {
         width,
         height,
-        channels: list
-            .iter()
-            .map(|c| (c.name.to_string(), name(c.sample_type)))
-            .collect(),
+        channels: list.iter().map(|c| (c.name.to_string(), name(c.sample_type))).collect(),
         compression: first.compression.to_string(),
         attribute,
     })
@@ -128,11 +123,7 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
 /// Size, precision and compression.
 pub(super) fn say_size(found: &mut Inspection, head: &Head) {
     let (width, height) = (head.width, head.height);
-    let text = format!(
-        "{width} x {height} px, {}, {}",
-        head.precision(),
-        head.compression
-    );
+    let text = format!("{width} x {height} px, {}, {}", head.precision(), head.compression);
     found.facts.say("image", text);
     found.facts.put("width", width);
     found.facts.put("height", height);
@@ -180,10 +171,7 @@ pub(super) fn say_values<'a>(
 pub(super) fn say_layers(found: &mut Inspection, channels: &ExrChannels) -> u64 {
     let mut not_finite = 0;
     for layer in Layer::NAMES {
-        let is_of = |name: &str| {
-            name.strip_prefix(layer)
-                .is_some_and(|rest| rest.starts_with('.'))
-        };
+        let is_of = |name: &str| name.strip_prefix(layer).is_some_and(|rest| rest.starts_with('.'));
         let of = channels.list.iter().filter(|(name, _)| is_of(name));
         let mut values = of.flat_map(|(_, values)| values).peekable();
         if values.peek().is_some() {

@@ -25,11 +25,7 @@ pub struct Problem {
 impl Problem {
     /// Something wrong with the file as a whole.
     pub fn new(what: impl Into<String>, to_do: impl Into<String>) -> Self {
-        Self {
-            what: what.into(),
-            place: None,
-            to_do: to_do.into(),
-        }
+        Self { what: what.into(), place: None, to_do: to_do.into() }
     }
 
     /// The same at a place.
@@ -95,11 +91,9 @@ impl Facts {
 /// Everything that is known of a file or folder.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inspection {
-    /// What it is.
     pub kind: Kind,
     /// Its bytes; nothing of a folder.
     pub bytes: Option<u64>,
-    /// What is in it.
     pub facts: Facts,
     /// Whether it is whole.
     pub whole: Whole,
@@ -156,12 +150,7 @@ pub(super) fn many(count: u64, what: &str) -> String {
 
 /// The first names of a list, and how many more there are.
 pub(super) fn first_of<T: AsRef<str>>(names: &[T], shown: usize) -> String {
-    let mut text = names
-        .iter()
-        .take(shown)
-        .map(AsRef::as_ref)
-        .collect::<Vec<_>>()
-        .join(", ");
+    let mut text = names.iter().take(shown).map(AsRef::as_ref).collect::<Vec<_>>().join(", ");
     if names.len() > shown {
         let _ = write!(text, " and {} more", names.len() - shown);
     }

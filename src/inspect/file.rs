@@ -30,10 +30,7 @@ pub(super) fn inspect_file(path: &Path) -> Inspection {
 }
 
 fn read(path: &Path) -> io::Result<Inspection> {
-    let name = path
-        .file_name()
-        .map(|name| name.to_string_lossy().into_owned())
-        .unwrap_or_default();
+    let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let mut file = File::open(path)?;
     let metadata = file.metadata()?;
     if !metadata.is_file() {
@@ -42,9 +39,7 @@ fn read(path: &Path) -> io::Result<Inspection> {
     }
     let length = metadata.len();
     let mut bytes = Vec::new();
-    (&mut file)
-        .take(HEAD_BYTES as u64)
-        .read_to_end(&mut bytes)?;
+    (&mut file).take(HEAD_BYTES as u64).read_to_end(&mut bytes)?;
     let beside = |name: &str| file_beside(path, name);
     if kind_of(&name, &bytes) == Some(Kind::Archive) {
         file.rewind()?;
@@ -56,18 +51,11 @@ fn read(path: &Path) -> io::Result<Inspection> {
         found.bytes = Some(length);
         let what =
             format!("it has {length} bytes; files above {MAX_WHOLE_BYTES} bytes are not read");
-        found.wrong(Problem::new(
-            what,
-            "only archives of this program are longer",
-        ));
+        found.wrong(Problem::new(what, "only archives of this program are longer"));
         return Ok(found);
     }
     file.take(MAX_WHOLE_BYTES).read_to_end(&mut bytes)?;
-    Ok(inspect_bytes(&Input {
-        name: &name,
-        bytes: &bytes,
-        beside: &beside,
-    }))
+    Ok(inspect_bytes(&Input { name: &name, bytes: &bytes, beside: &beside }))
 }
 
 /// A file below the folder of `path`; never one above it.
@@ -77,10 +65,7 @@ fn file_beside(path: &Path, name: &str) -> Option<Vec<u8>> {
         return None;
     }
     let path = path.parent()?.join(name);
-    let length = std::fs::metadata(&path)
-        .ok()
-        .filter(std::fs::Metadata::is_file)?
-        .len();
+    let length = std::fs::metadata(&path).ok().filter(std::fs::Metadata::is_file)?.len();
     if length > MAX_WHOLE_BYTES {
         return None;
     }

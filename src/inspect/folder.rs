@@ -13,11 +13,7 @@ use std::path::{Path, PathBuf};
 
 /// Explains a file or folder. Whatever is wrong, a missing file too, becomes a problem of the inspection.
 pub fn inspect_path(path: &Path) -> Inspection {
-    if path.is_dir() {
-        read(path)
-    } else {
-        inspect_file(path)
-    }
+    if path.is_dir() { read(path) } else { inspect_file(path) }
 }
 
 fn read(folder: &Path) -> Inspection {
@@ -150,11 +146,7 @@ fn run(folder: &Path) -> Inspection {
     say_status(&mut found, &run, &status);
     say_training(&mut found, folder);
     let has_report = folder.join("report/index.html").is_file();
-    let report = if has_report {
-        "report/index.html"
-    } else {
-        "none"
-    };
+    let report = if has_report { "report/index.html" } else { "none" };
     found.facts.fact("report", report, has_report);
     say_control(&mut found, folder);
     advise(&mut found, &status, folder, has_report);
@@ -176,10 +168,7 @@ fn say_status(found: &mut Inspection, run: &Run, status: &Counts) {
         status.quarantined.len()
     );
     facts.fact("scenes", text, json!(status));
-    facts.say(
-        "shards",
-        format!("{} of {}", status.shards_done, status.shards),
-    );
+    facts.say("shards", format!("{} of {}", status.shards_done, status.shards));
     for scene in status.quarantined.iter().take(3) {
         facts.say("quarantine", format!("{}: {}", scene.scene, scene.reason));
     }
@@ -191,9 +180,7 @@ fn say_training(found: &mut Inspection, folder: &Path) {
         let steps = checkpoints(&folder.join("train").join(stage));
         if let Some((newest, _)) = steps.last() {
             let count = many(steps.len() as u64, "checkpoint");
-            found
-                .facts
-                .say("training", format!("{stage}: {count}, newest {newest}"));
+            found.facts.say("training", format!("{stage}: {count}, newest {newest}"));
             stages.insert(stage.to_owned(), json!(step_of(newest)));
         }
     }

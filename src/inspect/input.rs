@@ -7,9 +7,7 @@ pub(super) const AGAIN: &str = "take it from where it was made, or make it again
 
 /// A file's bytes, its name, and the files beside it.
 pub struct Input<'a> {
-    /// Without folders.
     pub name: &'a str,
-    /// All of it.
     pub bytes: &'a [u8],
     /// A file in the same folder, if it is there and can be read.
     pub beside: &'a dyn Fn(&str) -> Option<Vec<u8>>,

@@ -84,15 +84,8 @@ const SCHEMAS: &[(&str, Kind)] = &[
 
 /// The schema that files of a kind carry, if they carry one.
 pub(super) fn schema_of(kind: Kind) -> Option<&'static str> {
-    let kind = if kind == Kind::Manifest {
-        Kind::Scene
-    } else {
-        kind
-    };
-    SCHEMAS
-        .iter()
-        .find(|(_, of)| *of == kind)
-        .map(|(schema, _)| *schema)
+    let kind = if kind == Kind::Manifest { Kind::Scene } else { kind };
+    SCHEMAS.iter().find(|(_, of)| *of == kind).map(|(schema, _)| *schema)
 }
 
 /// The kind by the first bytes of a file (some kilobytes, or all of it).
@@ -103,23 +96,13 @@ pub(super) fn kind_of(name: &str, head: &[u8]) -> Option<Kind> {
         [0x89, b'P', b'N', b'G', ..] | [0xff, 0xd8, 0xff, ..] | [b'#', b'?', b'R', ..] => {
             Kind::Picture
         }
-        [
-            b'P',
-            b'1'..=b'7' | b'f' | b'F',
-            b' ' | b'\t' | b'\r' | b'\n' | b'#',
-            ..,
-        ] => Kind::Picture,
+        [b'P', b'1'..=b'7' | b'f' | b'F', b' ' | b'\t' | b'\r' | b'\n' | b'#', ..] => Kind::Picture,
         [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Kind::Array,
         [b'p', b'l', b'y', b'\r' | b'\n', ..] => Kind::Mesh,
         _ if head.get(257..262) == Some(b"ustar") => Kind::Archive,
         [_, _, _, _, _, 0, 0, 0, b'{', ..] => Kind::Tensors,
         // A record's length, its checksum, the time, and the first event.
-        _ if head
-            .get(12..64)
-            .is_some_and(|start| contains(start, b"brain.Event:")) =>
-        {
-            Kind::Events
-        }
+        _ if head.get(12..64).is_some_and(|start| contains(start, b"brain.Event:")) => Kind::Events,
         _ => return text_kind(name, text_of(head)?),
     })
 }
@@ -147,9 +130,7 @@ fn text_kind(name: &str, text: &str) -> Option<Kind> {
     if let Some(start) = text.get(..9)
         && start.eq_ignore_ascii_case("<!doctype")
     {
-        return text
-            .contains(" - Glasshouse</title>")
-            .then_some(Kind::Report);
+        return text.contains(" - Glasshouse</title>").then_some(Kind::Report);
     }
     if first.starts_with("step,total,") {
         return Some(Kind::Metrics);
@@ -173,9 +154,7 @@ fn text_kind(name: &str, text: &str) -> Option<Kind> {
 fn by_schema(text: &str) -> Option<Kind> {
     let schema = text.split(['"', '\n']).next()?;
     let stem = |schema: &'static str| schema.split('/').next().unwrap_or(schema);
-    let known = SCHEMAS
-        .iter()
-        .find(|(known, _)| Some(stem(known)) == schema.split('/').next());
+    let known = SCHEMAS.iter().find(|(known, _)| Some(stem(known)) == schema.split('/').next());
     match known {
         Some((_, kind)) => Some(*kind),
         None => schema.starts_with("glasshouse.").then_some(Kind::Output),
@@ -184,12 +163,7 @@ fn by_schema(text: &str) -> Option<Kind> {
 
 fn json_kind(name: &str, text: &str) -> Option<Kind> {
     let schema = text.split_once("\"schema\"").and_then(|(_, rest)| {
-        by_schema(
-            rest.trim_start()
-                .strip_prefix(':')?
-                .trim_start()
-                .strip_prefix('"')?,
-        )
+        by_schema(rest.trim_start().strip_prefix(':')?.trim_start().strip_prefix('"')?)
     });
     let mut lines = text.lines().filter(|line| !line.trim().is_empty());
     let first = lines.next().unwrap_or_default();
@@ -280,26 +254,14 @@ mod tests {
         let of = |text: &str| kind_of("x.png", text.as_bytes());
         assert_eq!(of(r#"{ "schema" : "glasshouse.spec/1"}"#), Some(Kind::Spec));
         assert_eq!(of(r#"{"schema":"glasshouse.spec/9"}"#), Some(Kind::Spec));
-        assert_eq!(
-            of(r#"{"schema":"glasshouse.status/1"}"#),
-            Some(Kind::Output)
-        );
-        assert_eq!(
-            of("# words\nschema = \"glasshouse.recipe/1\"\n"),
-            Some(Kind::Recipe)
-        );
+        assert_eq!(of(r#"{"schema":"glasshouse.status/1"}"#), Some(Kind::Output));
+        assert_eq!(of("# words\nschema = \"glasshouse.recipe/1\"\n"), Some(Kind::Recipe));
         assert_eq!(of("\u{feff}step,total,a\n"), Some(Kind::Metrics));
         let line = "{\"schema\":\"glasshouse.scene/1\"}\n";
         assert_eq!(of(line), Some(Kind::Scene));
         assert_eq!(of(&line.repeat(2)), Some(Kind::Manifest));
         assert_eq!(kind_of("a.jsonl", line.as_bytes()), Some(Kind::Manifest));
-        for nothing in [
-            "",
-            "words",
-            "{\"a\":1}",
-            "<!doctype html><title>x</title>",
-            "\0\0",
-        ] {
+        for nothing in ["", "words", "{\"a\":1}", "<!doctype html><title>x</title>", "\0\0"] {
             assert_eq!(of(nothing), None, "{nothing:?}");
         }
     }

@@ -42,15 +42,10 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
         }
         Kind::EvaluationTable => {
             let cells = |line: &str| {
-                let cells = line
-                    .trim_matches('|')
-                    .split('|')
-                    .map(|cell| cell.trim().to_owned());
+                let cells = line.trim_matches('|').split('|').map(|cell| cell.trim().to_owned());
                 Some(cells.collect())
             };
-            let lines = text
-                .lines()
-                .filter(|line| line.starts_with('|') && !line.contains("---"));
+            let lines = text.lines().filter(|line| line.starts_with('|') && !line.contains("---"));
             table(&mut found, lines, cells);
         }
         _ => table(&mut found, text.lines(), csv_cells),
@@ -72,9 +67,7 @@ fn count(found: &mut Inspection, what: &str, count: usize) {
 }
 
 fn say_columns(found: &mut Inspection, columns: Vec<String>) {
-    found
-        .facts
-        .fact("columns", first_of(&columns, SHOWN), columns);
+    found.facts.fact("columns", first_of(&columns, SHOWN), columns);
 }
 
 fn photographs(found: &mut Inspection, text: &str) {
@@ -119,11 +112,7 @@ fn table<'a>(
             found.wrong(Problem::new(what, AGAIN).at(format!("row {rows}")));
             break;
         };
-        for (range, cell) in ranges
-            .iter_mut()
-            .zip(row)
-            .filter(|(_, cell)| !cell.is_empty())
-        {
+        for (range, cell) in ranges.iter_mut().zip(row).filter(|(_, cell)| !cell.is_empty()) {
             *range = range.and_then(|[least, most]| {
                 let value: f64 = cell.parse().ok()?;
                 Some([least.min(value), most.max(value)])
@@ -155,9 +144,7 @@ const FINITE: &str = "train again with a smaller --learning-rate, in a new run";
 
 /// The page is made from the run alone.
 fn report(found: &mut Inspection, text: &str) {
-    let title = text
-        .split_once("<title>")
-        .and_then(|(_, rest)| rest.split_once("</title>"));
+    let title = text.split_once("<title>").and_then(|(_, rest)| rest.split_once("</title>"));
     if let Some((title, _)) = title {
         found.facts.value("title", title);
     }
@@ -165,9 +152,6 @@ fn report(found: &mut Inspection, text: &str) {
         found.may_be_whole("it ends as a page does; pages have no digest");
     } else {
         let what = "it is cut: it does not end with </html>";
-        found.wrong(Problem::new(
-            what,
-            "`glasshouse report RUN` writes it again",
-        ));
+        found.wrong(Problem::new(what, "`glasshouse report RUN` writes it again"));
     }
 }

@@ -90,19 +90,14 @@ fn say_ranges(found: &mut Inspection, lines: &[SceneLine]) {
     let lines: Vec<Value> = lines.iter().map(|line| json!(line)).collect();
     let mut ranges = Map::new();
     for (name, place, unit) in NUMBERS {
-        let values = lines
-            .iter()
-            .filter_map(|line| line.pointer(place)?.as_f64());
-        let (least, most) = values.fold(
-            (f64::INFINITY, f64::NEG_INFINITY),
-            |(least, most), value| (least.min(value), most.max(value)),
-        );
+        let values = lines.iter().filter_map(|line| line.pointer(place)?.as_f64());
+        let (least, most) = values
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), value| {
+                (least.min(value), most.max(value))
+            });
         if least <= most {
-            let range = if least == most {
-                least.to_string()
-            } else {
-                format!("{least} to {most}")
-            };
+            let range =
+                if least == most { least.to_string() } else { format!("{least} to {most}") };
             found.facts.say(*name, format!("{range} {unit}").trim_end());
             ranges.insert((*name).to_owned(), json!([least, most]));
         }

@@ -26,15 +26,11 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
         Ok(partial) => {
             for layer in Layer::ALL {
                 if partial.header.layer_samples[layer] == 0 {
-                    found
-                        .facts
-                        .say(layer.name(), "not asked for, or no samples in this range");
+                    found.facts.say(layer.name(), "not asked for, or no samples in this range");
                     continue;
                 }
-                let values = partial
-                    .pixels
-                    .iter()
-                    .flat_map(|pixel| pixel.mean[layer as usize].iter());
+                let values =
+                    partial.pixels.iter().flat_map(|pixel| pixel.mean[layer as usize].iter());
                 say_values(&mut found, layer.name(), values);
             }
             found.is_whole("its digest fits its header and every pixel");
@@ -69,10 +65,8 @@ fn say(found: &mut Inspection, header: &PartialHeader, name: &str) {
     facts.value("tracer_version", header.tracer_version);
     facts.put("line_blake3", header.line_blake3.as_str());
     if header.schema != PARTIAL_SCHEMA {
-        let what = format!(
-            "its schema is {:?}, this program reads {PARTIAL_SCHEMA:?}",
-            header.schema
-        );
+        let what =
+            format!("its schema is {:?}, this program reads {PARTIAL_SCHEMA:?}", header.schema);
         found.wrong(Problem::new(what, to_do(Kind::Partial)));
     }
     if header.tracer_version != TRACER_VERSION {
@@ -81,10 +75,7 @@ fn say(found: &mut Inspection, header: &PartialHeader, name: &str) {
         ));
     }
     if keys::shard_of(name).is_some_and(|shard| shard != header.shard) {
-        let what = format!(
-            "its name is that of another shard than its header's, {}",
-            header.shard
-        );
+        let what = format!("its name is that of another shard than its header's, {}", header.shard);
         found.wrong(Problem::new(what, to_do(Kind::Partial)));
     }
 }

@@ -11,10 +11,7 @@ use serde_json::json;
 
 pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
     let mut found = Inspection::new(kind);
-    let file = NamedBytes {
-        path: input.name.into(),
-        bytes: input.bytes.to_vec(),
-    };
+    let file = NamedBytes { path: input.name.into(), bytes: input.bytes.to_vec() };
     let read = match kind {
         Kind::Mesh => mesh(&mut found, &file),
         Kind::Array => array(&mut found, &file),
@@ -23,9 +20,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
     match read {
         Err(error) => {
             let text = error.to_string();
-            let reason = text
-                .strip_prefix(&format!("{} ", input.name))
-                .unwrap_or(&text);
+            let reason = text.strip_prefix(&format!("{} ", input.name)).unwrap_or(&text);
             found.wrong(Problem::new(reason, AGAIN));
         }
         Ok(()) if input.bytes.starts_with(b"\x89PNG") => {
@@ -62,9 +57,7 @@ fn array(found: &mut Inspection, file: &NamedBytes) -> Result<(), SceneError> {
         (FileRole::Mask, "mask"),
         (FileRole::Color, "colour image"),
     ];
-    let usable = roles
-        .into_iter()
-        .filter(|(role, _)| look_at_whole(*role, file).is_ok());
+    let usable = roles.into_iter().filter(|(role, _)| look_at_whole(*role, file).is_ok());
     let names: Vec<&str> = usable.map(|(_, name)| name).collect();
     found.facts.value("usable_as", json!(names));
     Ok(())

@@ -55,10 +55,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
         Kind::Control => {
             let object = keys_of::<IgnoredAny>(&mut found, input);
             if let (Some(_), Err(reason)) = (&object, Control::read(input.bytes)) {
-                found.wrong(Problem::new(
-                    format!("it cannot be read: {reason}"),
-                    to_do(kind),
-                ));
+                found.wrong(Problem::new(format!("it cannot be read: {reason}"), to_do(kind)));
             }
             object
         }
@@ -107,14 +104,8 @@ pub(super) fn typed<T: DeserializeOwned>(
 
 fn json_problem(error: &serde_json::Error, to_do: &str) -> Problem {
     let text = error.to_string();
-    let reason = text
-        .rsplit_once(" at line ")
-        .map_or(text.as_str(), |(reason, _)| reason);
-    let what = if error.is_eof() {
-        "it is cut"
-    } else {
-        "it cannot be read"
-    };
+    let reason = text.rsplit_once(" at line ").map_or(text.as_str(), |(reason, _)| reason);
+    let what = if error.is_eof() { "it is cut" } else { "it cannot be read" };
     let place = format!("line {}, column {}", error.line(), error.column());
     Problem::new(format!("{what}: {reason}"), to_do).at(place)
 }
@@ -144,12 +135,7 @@ fn toml_table<E: std::fmt::Display>(
         Value::Array(all) if all.iter().any(Value::is_object) => json!(all.len()),
         value => value,
     };
-    Some(
-        table
-            .into_iter()
-            .map(|(key, value)| (key, keys(value)))
-            .collect(),
-    )
+    Some(table.into_iter().map(|(key, value)| (key, keys(value))).collect())
 }
 
 /// The keys of what a command printed; the texts of a data set's description.
@@ -160,26 +146,19 @@ fn summary(kind: Kind, object: Map<String, Value>) -> Map<String, Value> {
     }
     let keys = json!(object.keys().collect::<Vec<_>>());
     let schema = object.get("schema").cloned().unwrap_or_default();
-    [("schema".to_owned(), schema), ("keys".to_owned(), keys)]
-        .into_iter()
-        .collect()
+    [("schema".to_owned(), schema), ("keys".to_owned(), keys)].into_iter().collect()
 }
 
 /// Keys and values; the keys of a nested object follow its own key.
 fn tell(found: &mut Inspection, object: &Map<String, Value>) {
     let known = schema_of(found.kind).is_some();
-    for (key, value) in object
-        .iter()
-        .filter(|(key, _)| !(known && *key == "schema"))
-    {
+    for (key, value) in object.iter().filter(|(key, _)| !(known && *key == "schema")) {
         let Value::Object(inside) = value else {
             found.facts.value(key, value.clone());
             continue;
         };
         for (name, value) in inside {
-            found
-                .facts
-                .say(format!("{key} {name}").replace('_', " "), text_of(value));
+            found.facts.say(format!("{key} {name}").replace('_', " "), text_of(value));
         }
         found.facts.put(key, value.clone());
     }
@@ -229,10 +208,7 @@ fn to_do(kind: Kind) -> &'static str {
 
 /// What can be done with a record.
 fn advise(found: &mut Inspection, object: &Map<String, Value>) {
-    let scene = object
-        .get("scene")
-        .and_then(Value::as_str)
-        .unwrap_or("SCENE");
+    let scene = object.get("scene").and_then(Value::as_str).unwrap_or("SCENE");
     let next = match found.kind {
         Kind::Spec if object["tracer_version"] != TRACER_VERSION => format!(
             "it was planned with tracer version {}, this program has {TRACER_VERSION}: finish the run with the version \

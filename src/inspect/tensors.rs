@@ -50,11 +50,7 @@ pub(super) fn tell(found: &mut Inspection, input: &Input) {
         shapes.insert(name, tensor.shape().to_vec());
     }
     let numbers: u64 = groups.values().map(|group| group[1]).sum();
-    let text = format!(
-        "{}, {} numbers",
-        many(shapes.len() as u64, "tensor"),
-        grouped(numbers)
-    );
+    let text = format!("{}, {} numbers", many(shapes.len() as u64, "tensor"), grouped(numbers));
     found.facts.fact("tensors", text, shapes.len());
     found.facts.put("numbers", numbers);
     for (name, [tensors, numbers, not_finite]) in groups {

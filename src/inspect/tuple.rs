@@ -65,11 +65,7 @@ pub(super) fn read_record(input: &Input) -> Inspection {
     }
     let files = tuple_files(&record.scene);
     let is_missing = |name: &&String| (input.beside)(name).is_none();
-    let missing: Vec<&str> = files
-        .iter()
-        .filter(is_missing)
-        .map(String::as_str)
-        .collect();
+    let missing: Vec<&str> = files.iter().filter(is_missing).map(String::as_str).collect();
     // A record alone in its folder is a copy.
     if missing.len() + 1 >= files.len() && files.len() > 1 {
         found.may_be_whole("its tuple's other files are not beside it");
@@ -77,10 +73,7 @@ pub(super) fn read_record(input: &Input) -> Inspection {
     }
     if !missing.is_empty() {
         let what = format!("files of its tuple are missing: {}", missing.join(", "));
-        found.wrong(Problem::new(
-            what,
-            "`glasshouse work RUN` makes the tuple again",
-        ));
+        found.wrong(Problem::new(what, "`glasshouse work RUN` makes the tuple again"));
     }
     hold_record(&mut found, input, &record);
     found
@@ -92,10 +85,7 @@ fn say(found: &mut Inspection, record: &TupleRecord) {
     let text = format!("{}, split {}", scene.id, scene.split);
     facts.fact("scene", text, scene.id.as_str());
     facts.put("split", scene.split.to_string());
-    let text = format!(
-        "{} x {} px, {} samples a pixel",
-        film.width, film.height, film.spp
-    );
+    let text = format!("{} x {} px, {} samples a pixel", film.width, film.height, film.spp);
     let size = json!({ "width": film.width, "height": film.height, "spp": film.spp });
     facts.fact("film", text, size);
     facts.value("front", scene.front.name());
@@ -104,14 +94,8 @@ fn say(found: &mut Inspection, record: &TupleRecord) {
     for (name, layer) in made.into_iter().flatten() {
         let error = layer.error_rms;
         let error = error.map_or_else(|| "unknown".to_owned(), |e| format!("{e:.1e}"));
-        let mut text = format!(
-            "mean {:.5}  max {:.4}  error {error}",
-            layer.mean, layer.max
-        );
-        for (what, share) in [
-            ("clipped", layer.clipped_share),
-            ("missed", layer.miss_share),
-        ] {
+        let mut text = format!("mean {:.5}  max {:.4}  error {error}", layer.mean, layer.max);
+        for (what, share) in [("clipped", layer.clipped_share), ("missed", layer.miss_share)] {
             if share > 0.0 {
                 let _ = write!(text, ", {:.2} % {what}", share * 100.0);
             }

@@ -96,12 +96,7 @@ impl<'a> Assignment<'a> {
                 }));
             }
         }
-        Ok(Self {
-            scenes,
-            recipe,
-            subsets,
-            excluded,
-        })
+        Ok(Self { scenes, recipe, subsets, excluded })
     }
 
     pub(crate) fn len(&self) -> usize {
@@ -125,8 +120,7 @@ impl<'a> Assignment<'a> {
     /// subset.
     fn pair(&self, scene: &AssignedScene<'a>, change: u32) -> Result<Pair<'a>, RecipeError> {
         let is_out = |side: usize, image: &SourceImage| {
-            self.excluded
-                .contains(&photograph_name(scene.sources[side], image))
+            self.excluded.contains(&photograph_name(scene.sources[side], image))
         };
         let mut pair = scene.pair;
         if change > 0 || is_out(0, pair.front) {
@@ -154,13 +148,7 @@ impl<'a> Assignment<'a> {
         let number = change.to_string();
         let side_name = ["front", "back"][side];
         let fitness = |image: &SourceImage| {
-            let key = [
-                "stand-in",
-                scene.id.as_str(),
-                side_name,
-                &number,
-                &image.color,
-            ];
+            let key = ["stand-in", scene.id.as_str(), side_name, &number, &image.color];
             (
                 same_source && Pair::scan_of(image) == Pair::scan_of(partner),
                 image.place != original.place,
@@ -205,9 +193,9 @@ fn split_all<'a>(
         if wanted.is_empty() {
             continue;
         }
-        let images = sources.get(name).ok_or_else(|| RecipeError::NotIndexed {
-            source_name: name.clone(),
-        })?;
+        let images = sources
+            .get(name)
+            .ok_or_else(|| RecipeError::NotIndexed { source_name: name.clone() })?;
         let shares: Vec<f64> = wanted.iter().map(|(_, share)| *share).collect();
         let split = split_photographs(recipe.seed, name, images, &shares)?;
         for ((split, _), subset) in wanted.into_iter().zip(split) {

@@ -46,18 +46,11 @@ pub fn invalid_text(invalid: &[InvalidInput], files: usize) -> String {
     let shown = &invalid[..invalid.len().min(SHOWN)];
     let width = shown.iter().map(|input| input.path.chars().count()).max();
     for InvalidInput { path, problem, .. } in shown {
-        let _ = writeln!(
-            text,
-            "  {path:width$}  {problem}",
-            width = width.unwrap_or(0)
-        );
+        let _ = writeln!(text, "  {path:width$}  {problem}", width = width.unwrap_or(0));
     }
     if invalid.len() > SHOWN {
-        let _ = writeln!(
-            text,
-            "  ... and {} more (all of them with --json)",
-            invalid.len() - SHOWN
-        );
+        let _ =
+            writeln!(text, "  ... and {} more (all of them with --json)", invalid.len() - SHOWN);
     }
     text
 }
@@ -161,14 +154,8 @@ impl<'a> Checker<'a> {
             .iter()
             .map(|(path, role)| (self.roots.resolve(Path::new(""), path), *role))
             .collect();
-        let is_remote = paths
-            .iter()
-            .any(|(path, _)| path.as_ref().is_ok_and(is_url));
-        let threads = if is_remote {
-            self.threads.max(STORE_THREADS)
-        } else {
-            self.threads
-        };
+        let is_remote = paths.iter().any(|(path, _)| path.as_ref().is_ok_and(is_url));
+        let threads = if is_remote { self.threads.max(STORE_THREADS) } else { self.threads };
         let (done, all) = (AtomicUsize::new(0), files.len());
         (self.on_file)(0, all);
         let look = || {
@@ -203,14 +190,9 @@ impl<'a> Checker<'a> {
             }
             if let Side::Photograph(photograph) = side
                 && let Some(mask) = &photograph.mask
-                && let Some(Checked::Sound {
-                    size: Some(of_mask),
-                    ..
-                }) = seen(mask, FileRole::Mask)
-                && let Some(Checked::Sound {
-                    size: Some(of_depth),
-                    ..
-                }) = seen(&photograph.depth, FileRole::Depth)
+                && let Some(Checked::Sound { size: Some(of_mask), .. }) = seen(mask, FileRole::Mask)
+                && let Some(Checked::Sound { size: Some(of_depth), .. }) =
+                    seen(&photograph.depth, FileRole::Depth)
                 && of_mask != of_depth
             {
                 let ([w, h], [width, height]) = (of_mask, of_depth);
@@ -279,20 +261,13 @@ fn unreadable(error: io::Error, inputs: &dyn InputFiles) -> Result<Checked, Stor
 
 /// Bytes whose error messages begin with "it", since the table shows the path beside them.
 fn named(bytes: Vec<u8>) -> NamedBytes {
-    NamedBytes {
-        path: PathBuf::from("it"),
-        bytes,
-    }
+    NamedBytes { path: PathBuf::from("it"), bytes }
 }
 
 fn ends(path: &Path, inputs: &dyn InputFiles) -> io::Result<FileEnds> {
     if is_url(path) {
         let (start, length) = inputs.read_start(path, START_BYTES)?;
-        return Ok(FileEnds {
-            start: named(start),
-            end: None,
-            length,
-        });
+        return Ok(FileEnds { start: named(start), end: None, length });
     }
     let mut file = File::open(path)?;
     let metadata = file.metadata()?;
@@ -301,19 +276,13 @@ fn ends(path: &Path, inputs: &dyn InputFiles) -> io::Result<FileEnds> {
     }
     let length = metadata.len();
     let mut start = Vec::with_capacity(START_BYTES.min(length as usize));
-    Read::by_ref(&mut file)
-        .take(START_BYTES as u64)
-        .read_to_end(&mut start)?;
+    Read::by_ref(&mut file).take(START_BYTES as u64).read_to_end(&mut start)?;
     let mut end = Vec::new();
     if length > (start.len() + END_BYTES) as u64 {
         file.seek(SeekFrom::End(-(END_BYTES as i64)))?;
     }
     file.take(END_BYTES as u64).read_to_end(&mut end)?;
-    Ok(FileEnds {
-        start: named(start),
-        end: Some(end),
-        length,
-    })
+    Ok(FileEnds { start: named(start), end: Some(end), length })
 }
 
 #[cfg(test)]
@@ -360,10 +329,7 @@ mod tests {
             bytes.resize(bytes.len() + 4 * count, 0);
             atomic_file::write_relaxed(&path, &bytes).unwrap();
             match seen(&path, FileRole::Depth) {
-                Checked::Sound {
-                    bytes: length,
-                    size,
-                } => {
+                Checked::Sound { bytes: length, size } => {
                     assert_eq!((length, size), (bytes.len() as u64, Some([count, 1])));
                 }
                 wrong @ Checked::Wrong(_) => panic!("{wrong:?}"),

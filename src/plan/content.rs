@@ -67,14 +67,11 @@ impl Content {
         left_out: &BTreeSet<String>,
     ) -> Result<Vec<SceneLine>, DraftError> {
         match &self.scenes {
-            Scenes::Drawn {
-                path,
-                recipe,
-                images,
-                ..
-            } => Ok(expand_counted(recipe, images, left_out)
-                .map_err(|source| recipe_error(path, source))?
-                .lines),
+            Scenes::Drawn { path, recipe, images, .. } => {
+                Ok(expand_counted(recipe, images, left_out)
+                    .map_err(|source| recipe_error(path, source))?
+                    .lines)
+            }
             Scenes::Lines(all) => {
                 let stays = |line: &&SceneLine| !left_out.contains(line.id.as_str());
                 Ok(all.iter().filter(stays).cloned().collect())
@@ -90,13 +87,7 @@ impl Content {
         on_progress: &Progress,
     ) -> Result<Draft, DraftError> {
         let mut notes = self.notes.clone();
-        let Scenes::Drawn {
-            path,
-            recipe,
-            images,
-            to_make,
-        } = &self.scenes
-        else {
+        let Scenes::Drawn { path, recipe, images, to_make } = &self.scenes else {
             return Ok(Draft {
                 lines: self.first_lines(left_out)?,
                 notes,
@@ -112,22 +103,13 @@ impl Content {
         let context = PreviewContext {
             roots: &folders,
             base: request.run,
-            read: &|path| {
-                bytes
-                    .read(path)
-                    .unwrap_or_else(|| request.inputs.read(path))
-            },
+            read: &|path| bytes.read(path).unwrap_or_else(|| request.inputs.read(path)),
             threads: request.threads,
             on_scene: &|done, all| on_progress("scenes previewed", done, all),
         };
-        let DrawnScenes {
-            lines,
-            rejected,
-            same_place,
-            same_scan,
-            redrawn,
-        } = draw_all(recipe, images, left_out, &context)
-            .map_err(|source| recipe_error(path, source))?;
+        let DrawnScenes { lines, rejected, same_place, same_scan, redrawn } =
+            draw_all(recipe, images, left_out, &context)
+                .map_err(|source| recipe_error(path, source))?;
         if !rejected.is_empty() {
             let draws = lines.len() + rejected.len();
             notes.push(format!(
@@ -141,31 +123,21 @@ impl Content {
                 same_place,
                 "scenes pair two indoor or two outdoor photographs: no others were available",
             ),
-            (
-                same_scan,
-                "scenes pair two photographs of one scan: no others were available",
-            ),
+            (same_scan, "scenes pair two photographs of one scan: no others were available"),
             (redrawn, "draws failed the geometry check and were repeated"),
         ] {
             if count > 0 {
                 notes.push(format!("{count} {what}"));
             }
         }
-        let used: BTreeSet<&str> = lines
-            .iter()
-            .flat_map(|l| [l.front.name(), l.back.name()])
-            .collect();
+        let used: BTreeSet<&str> =
+            lines.iter().flat_map(|l| [l.front.name(), l.back.name()]).collect();
         let is_used = |one: &&ProceduralPhotograph| {
             let path = one.photograph.color_path();
             used.contains(format!("{}:{}", one.root, path.display()).as_str())
         };
         let to_make = to_make.iter().filter(is_used).cloned().collect();
-        Ok(Draft {
-            lines,
-            notes,
-            rejected,
-            to_make,
-        })
+        Ok(Draft { lines, notes, rejected, to_make })
     }
 
     /// What to leave out, so that `line` does not need the file `path`: the photograph, or the scene of a manifest.
@@ -212,10 +184,7 @@ impl Content {
 
 /// An error of the recipe in the file `path`.
 fn recipe_error(path: &Path, source: RecipeError) -> DraftError {
-    DraftError::Recipe {
-        path: path.to_owned(),
-        source: Box::new(source),
-    }
+    DraftError::Recipe { path: path.to_owned(), source: Box::new(source) }
 }
 
 /// An absolute path; URLs stay as they are.
@@ -240,11 +209,7 @@ fn places(
     request: &Request,
 ) -> Result<Index, DraftError> {
     let table = base.join(source.depth_ranges.as_deref().unwrap_or_default());
-    let folders = PlacesFolders {
-        color,
-        depth,
-        table: &table,
-    };
+    let folders = PlacesFolders { color, depth, table: &table };
     let mut listed = BTreeMap::new();
     for folder in [color, depth] {
         if is_url(folder) {
@@ -262,10 +227,8 @@ pub(super) fn from_recipe(
 ) -> Result<Content, DraftError> {
     let recipe = Recipe::parse(text).map_err(|source| recipe_error(path, source))?;
     let folders = recipe.roots(&parent(path), request.roots);
-    let mut roots: BTreeMap<String, PathBuf> = folders
-        .iter()
-        .map(|(name, folder)| (name.to_owned(), absolute(folder)))
-        .collect();
+    let mut roots: BTreeMap<String, PathBuf> =
+        folders.iter().map(|(name, folder)| (name.to_owned(), absolute(folder))).collect();
     let mut images = BTreeMap::new();
     let mut notes = Vec::new();
     let mut to_make = Vec::new();
@@ -278,15 +241,11 @@ pub(super) fn from_recipe(
                 .flat_map(|p| [p.color_path(), p.depth_path(), p.mask_path()])
                 .map(|p| p.to_string_lossy().into_owned())
                 .collect();
-            to_make.extend(
-                photographs
-                    .into_iter()
-                    .map(|photograph| ProceduralPhotograph {
-                        root: name.clone(),
-                        photograph,
-                        size: source.sample_size(),
-                    }),
-            );
+            to_make.extend(photographs.into_iter().map(|photograph| ProceduralPhotograph {
+                root: name.clone(),
+                photograph,
+                size: source.sample_size(),
+            }));
             roots.insert(name.clone(), Path::new("inputs").join(name));
             from_paths(&paths)
         } else {
@@ -325,12 +284,7 @@ pub(super) fn from_recipe(
         name: recipe.name.clone(),
         roots,
         notes,
-        scenes: Scenes::Drawn {
-            path: path.to_owned(),
-            recipe: Box::new(recipe),
-            images,
-            to_make,
-        },
+        scenes: Scenes::Drawn { path: path.to_owned(), recipe: Box::new(recipe), images, to_make },
     })
 }
 
@@ -344,17 +298,13 @@ pub(super) fn from_manifest(
         source: Box::new(source),
     })?;
     let base = parent(path);
-    let mut roots: BTreeMap<String, PathBuf> = request
-        .roots
-        .iter()
-        .map(|(name, folder)| (name.to_owned(), absolute(folder)))
-        .collect();
+    let mut roots: BTreeMap<String, PathBuf> =
+        request.roots.iter().map(|(name, folder)| (name.to_owned(), absolute(folder))).collect();
     for line in &mut lines {
         for side in [&mut line.front, &mut line.back] {
             for text in side.paths_mut() {
-                let is_rooted = text
-                    .split_once(':')
-                    .is_some_and(|(name, _)| roots.contains_key(name));
+                let is_rooted =
+                    text.split_once(':').is_some_and(|(name, _)| roots.contains_key(name));
                 if is_rooted || is_url(&*text) || Path::new(text.as_str()).is_absolute() {
                     continue;
                 }
@@ -370,13 +320,6 @@ pub(super) fn from_manifest(
         }
     }
     roots.entry(MANIFEST_ROOT.to_owned()).or_insert(base);
-    let name = path
-        .file_stem()
-        .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-    Ok(Content {
-        name,
-        roots,
-        notes: Vec::new(),
-        scenes: Scenes::Lines(lines),
-    })
+    let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+    Ok(Content { name, roots, notes: Vec::new(), scenes: Scenes::Lines(lines) })
 }

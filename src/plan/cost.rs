@@ -33,11 +33,9 @@ pub struct Calibration {
 /// The plan and the machine that a cost is estimated for.
 #[derive(Clone, Debug)]
 pub struct Estimate<'a> {
-    /// The run's scenes.
     pub lines: &'a [SceneLine],
     /// Side of a tile, px.
     pub tile_px: u32,
-    /// Threads that compute.
     pub threads: usize,
     /// Of the input files, if they were looked at.
     pub input_bytes: Option<u64>,
@@ -62,7 +60,6 @@ pub struct Cost {
     pub partial_bytes: u64,
     /// Partials that can be on the disk at a time beside one worker here: those of the scenes that it has open.
     pub partial_bytes_at_a_time: u64,
-    /// Of all tuples.
     pub tuple_bytes: u64,
     /// Tuples, partials at a time, and what planning makes.
     pub disk_needed_bytes: u64,
@@ -97,11 +94,7 @@ pub fn cost(estimate: Estimate<'_>) -> Cost {
     // One open scene a thread, and one that is begun.
     let open = (estimate.threads + 1).min(estimate.lines.len());
     let at_a_time = largest * open as f64;
-    let to_make = if estimate.is_made {
-        0
-    } else {
-        estimate.made_bytes
-    };
+    let to_make = if estimate.is_made { 0 } else { estimate.made_bytes };
     let input_bytes = estimate.input_bytes;
     Cost {
         shards,
@@ -119,8 +112,7 @@ pub fn cost(estimate: Estimate<'_>) -> Cost {
 impl Cost {
     /// The disk has no room for it.
     pub fn is_too_large(&self) -> bool {
-        self.disk_available_bytes
-            .is_some_and(|there| self.disk_needed_bytes > there)
+        self.disk_available_bytes.is_some_and(|there| self.disk_needed_bytes > there)
     }
 }
 
@@ -176,15 +168,9 @@ mod tests {
         let needed = found.tuple_bytes + found.partial_bytes_at_a_time + 500;
         assert_eq!(found.disk_needed_bytes, needed);
         assert!(!found.is_too_large());
-        let full = cost(Estimate {
-            disk_available_bytes: Some(needed - 1),
-            ..estimate(&lines)
-        });
+        let full = cost(Estimate { disk_available_bytes: Some(needed - 1), ..estimate(&lines) });
         assert!(full.is_too_large());
-        let made = cost(Estimate {
-            is_made: true,
-            ..estimate(&lines)
-        });
+        let made = cost(Estimate { is_made: true, ..estimate(&lines) });
         assert_eq!(made.disk_needed_bytes, needed - 500);
         // Twice the seconds a sample cost the samples' seconds more.
         let rate = |factor: f64| {
@@ -193,19 +179,12 @@ mod tests {
                 seconds_per_sample: SECONDS_PER_SAMPLE * factor,
                 seconds_per_load: SECONDS_PER_LOAD,
             };
-            cost(Estimate {
-                calibration: Some(calibration),
-                ..estimate(&lines)
-            })
-            .core_s
+            cost(Estimate { calibration: Some(calibration), ..estimate(&lines) }).core_s
         };
         assert_eq!(rate(1.0), found.core_s);
         let samples = 5.0 * 128.0 * 64.0 * 512.0;
         let more = rate(2.0) - rate(1.0);
-        assert!(
-            (more / (samples * SECONDS_PER_SAMPLE) - 1.0).abs() < 1e-9,
-            "{more}"
-        );
+        assert!((more / (samples * SECONDS_PER_SAMPLE) - 1.0).abs() < 1e-9, "{more}");
         let mut float = lines.clone();
         float[0].film.exr = ExrPrecision::Float;
         assert!(cost(estimate(&float)).tuple_bytes > found.tuple_bytes);

@@ -61,11 +61,7 @@ pub enum IndexError {
         "source {name}: cannot list {}: {source}; pass --root {name}=DIR with the folder that holds it",
         path.display()
     )]
-    Read {
-        name: String,
-        path: PathBuf,
-        source: io::Error,
-    },
+    Read { name: String, path: PathBuf, source: io::Error },
     /// The folder has no photograph with depth.
     #[error(
         "source {name}: {} holds no photograph with depth of the form \
@@ -95,26 +91,14 @@ pub enum IndexError {
     },
     /// The table of categories cannot be used.
     #[error("source {name}: cannot use its depth_ranges {}: {reason}", path.display())]
-    Table {
-        name: String,
-        path: PathBuf,
-        reason: String,
-    },
+    Table { name: String, path: PathBuf, reason: String },
     /// The list of photographs cannot be read.
     #[error("source {name}: cannot read its list {}: {source}; write `list` with a path relative to the recipe, or put \
          photographs.jsonl into the source's root (--root {name}=DIR)", path.display())]
-    NoList {
-        name: String,
-        path: PathBuf,
-        source: io::Error,
-    },
+    NoList { name: String, path: PathBuf, source: io::Error },
     /// The list of photographs cannot be used.
     #[error("source {name}: list {}: {source}", path.display())]
-    List {
-        name: String,
-        path: PathBuf,
-        source: ListError,
-    },
+    List { name: String, path: PathBuf, source: ListError },
 }
 
 fn left_out(without_depth: usize) -> String {
@@ -162,11 +146,7 @@ fn list(root: &Path, below: &str, paths: &mut Vec<String>) -> Result<(), (PathBu
         let Ok(name) = entry.file_name().into_string() else {
             continue;
         };
-        let path = if below.is_empty() {
-            name
-        } else {
-            format!("{below}/{name}")
-        };
+        let path = if below.is_empty() { name } else { format!("{below}/{name}") };
         // `is_dir` follows links, and an archive left beside its folder is none.
         if may_hold_photographs(&path) && root.join(&path).is_dir() {
             list(root, &path, paths)?;
@@ -200,9 +180,8 @@ pub(crate) fn from_paths(paths: &[String]) -> Index {
     let sorted: BTreeSet<&str> = paths.iter().map(String::as_str).collect();
     let mut index = Index::default();
     for path in &sorted {
-        let Some((folder, stem)) = path
-            .strip_suffix(".png")
-            .and_then(|stem_path| stem_path.rsplit_once('/'))
+        let Some((folder, stem)) =
+            path.strip_suffix(".png").and_then(|stem_path| stem_path.rsplit_once('/'))
         else {
             continue;
         };
@@ -272,10 +251,7 @@ mod tests {
                 format!("{SCAN}/b.png")
             ]
         );
-        assert_eq!(
-            index.images[1].mask,
-            Some(format!("{SCAN}/a_depth_mask.npy"))
-        );
+        assert_eq!(index.images[1].mask, Some(format!("{SCAN}/a_depth_mask.npy")));
         assert_eq!(index.images[2].mask, None);
         assert_eq!(index.images[1].place, Place::Outdoor);
         assert_eq!(index.images[1].scene, "scene_00022");
@@ -289,11 +265,8 @@ mod tests {
         let error = index_source("diode", dir.path()).unwrap_err().to_string();
         assert!(error.contains("pass --root diode=DIR"), "{error}");
 
-        for name in [
-            "indoors/scene_2/scan_1/x",
-            "train/outdoor/scene_1/scan_1/y",
-            "logs/scan_1/z",
-        ] {
+        for name in ["indoors/scene_2/scan_1/x", "train/outdoor/scene_1/scan_1/y", "logs/scan_1/z"]
+        {
             let stem = dir.path().join(name);
             fs::create_dir_all(stem.parent().unwrap()).unwrap();
             for ending in [".png", "_depth.npy", "_depth_mask.npy"] {
@@ -305,19 +278,10 @@ mod tests {
         render::atomic_file::write_relaxed(&archive, b"").unwrap();
         let index = index_source("diode", dir.path()).unwrap();
         let colors: Vec<_> = index.images.iter().map(|i| i.color.as_str()).collect();
-        assert_eq!(
-            colors,
-            [
-                "indoors/scene_2/scan_1/x.png",
-                "train/outdoor/scene_1/scan_1/y.png"
-            ]
-        );
+        assert_eq!(colors, ["indoors/scene_2/scan_1/x.png", "train/outdoor/scene_1/scan_1/y.png"]);
 
         let missing = dir.path().join("missing");
         let error = index_source("diode", &missing).unwrap_err().to_string();
-        assert!(
-            error.contains("missing") && error.contains("--root diode=DIR"),
-            "{error}"
-        );
+        assert!(error.contains("missing") && error.contains("--root diode=DIR"), "{error}");
     }
 }

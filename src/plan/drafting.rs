@@ -41,7 +41,6 @@ pub struct Drafted {
     pub name: String,
     /// Root folders; relative ones are below the run's folder.
     pub roots: BTreeMap<String, PathBuf>,
-    /// All scenes.
     pub lines: Vec<SceneLine>,
     /// Remarks for people: images without depth, pairs of one place or scan, repeated draws.
     pub notes: Vec<String>,
@@ -61,31 +60,20 @@ pub struct Drafted {
     pub to_make: Vec<ProceduralPhotograph>,
 }
 
-/// Drafting failed.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs, reason = "the fields are named after what they hold")]
 pub enum DraftError {
     /// The recipe or manifest cannot be read.
     #[error("cannot read {}: {source}; check the path", path.display())]
-    Read {
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     /// Neither recipe nor manifest.
     #[error("{} is neither a recipe (.toml) nor a manifest (.jsonl)", path.display())]
     Kind { path: PathBuf },
     /// The recipe is invalid.
     #[error("{}: {source}", path.display())]
-    Recipe {
-        path: PathBuf,
-        source: Box<RecipeError>,
-    },
+    Recipe { path: PathBuf, source: Box<RecipeError> },
     /// The manifest is invalid.
     #[error("{}: {source}", path.display())]
-    Manifest {
-        path: PathBuf,
-        source: Box<ManifestError>,
-    },
+    Manifest { path: PathBuf, source: Box<ManifestError> },
     /// No scene is described.
     #[error("{} describes no scene: add scenes to it", path.display())]
     Empty { path: PathBuf },
@@ -100,11 +88,7 @@ pub enum DraftError {
     Root(#[from] RootError),
     /// Input files cannot be used.
     #[error("{}{remedy}", invalid_text(invalid, *files))]
-    Invalid {
-        invalid: Vec<InvalidInput>,
-        files: usize,
-        remedy: String,
-    },
+    Invalid { invalid: Vec<InvalidInput>, files: usize, remedy: String },
 }
 
 /// Drafts the scenes of `source`, a recipe (`.toml`) or a manifest (`.jsonl`). Writes nothing.
@@ -118,15 +102,8 @@ pub fn draft(
     let mut checker = Checker::new(&content, request, &on_file)?;
     let mut left_out = request.left_out.clone();
     let mut invalid = Vec::new();
-    let chosen = choose(
-        source,
-        &content,
-        request,
-        on_progress,
-        &mut checker,
-        &mut left_out,
-        &mut invalid,
-    )?;
+    let chosen =
+        choose(source, &content, request, on_progress, &mut checker, &mut left_out, &mut invalid)?;
     invalid.sort_by(|a, b| a.path.cmp(&b.path));
     let draft = match chosen {
         Ok(draft) if !draft.lines.is_empty() => draft,
@@ -141,11 +118,7 @@ pub fn draft(
             });
         }
         Err(Some(remedy)) => {
-            return Err(DraftError::Invalid {
-                invalid,
-                files: checker.files(),
-                remedy,
-            });
+            return Err(DraftError::Invalid { invalid, files: checker.files(), remedy });
         }
     };
     Ok(Drafted {
@@ -164,16 +137,12 @@ pub fn draft(
 }
 
 fn read(source: &Path, request: &Request) -> Result<Content, DraftError> {
-    let text = std::fs::read_to_string(source).map_err(|e| DraftError::Read {
-        path: source.to_owned(),
-        source: e,
-    })?;
+    let text = std::fs::read_to_string(source)
+        .map_err(|e| DraftError::Read { path: source.to_owned(), source: e })?;
     match source.extension().and_then(|e| e.to_str()) {
         Some("toml") => content::from_recipe(source, &text, request),
         Some("jsonl") => content::from_manifest(source, &text, request),
-        _ => Err(DraftError::Kind {
-            path: source.to_owned(),
-        }),
+        _ => Err(DraftError::Kind { path: source.to_owned() }),
     }
 }
 
@@ -193,11 +162,7 @@ fn choose(
     let keeps = content.is_manifest() && !request.skip_invalid;
     loop {
         let mut check = |lines: &[SceneLine]| {
-            if request.checks_files {
-                checker.check(lines)
-            } else {
-                Ok(Vec::new())
-            }
+            if request.checks_files { checker.check(lines) } else { Ok(Vec::new()) }
         };
         // Check files before previews: previews take longer and may draw other photographs.
         let first = match content.first_lines(left_out) {
@@ -208,9 +173,7 @@ fn choose(
             first => first?,
         };
         if first.is_empty() && invalid.is_empty() {
-            return Err(DraftError::Empty {
-                path: source.to_owned(),
-            });
+            return Err(DraftError::Empty { path: source.to_owned() });
         }
         let mut found = check(&first)?;
         let mut draft = None;
@@ -235,10 +198,7 @@ fn choose(
 /// Photographs or scenes to leave out, so that no scene needs the files `found`.
 fn names(content: &Content, lines: &[SceneLine], found: &[InvalidInput]) -> BTreeSet<String> {
     let by_id: BTreeMap<&SceneId, &SceneLine> = lines.iter().map(|line| (&line.id, line)).collect();
-    let needs = found
-        .iter()
-        .flat_map(|input| input.scenes.iter().map(|id| (by_id[id], &input.path)));
-    needs
-        .flat_map(|(line, path)| content.names_to_leave_out(line, path))
-        .collect()
+    let needs =
+        found.iter().flat_map(|input| input.scenes.iter().map(|id| (by_id[id], &input.path)));
+    needs.flat_map(|(line, path)| content.names_to_leave_out(line, path)).collect()
 }

@@ -20,10 +20,7 @@ impl Draw<'_> {
     /// Uniform in [0, 1) for the parameter with this key in the recipe.
     pub(crate) fn unit(&self, parameter: &str) -> f64 {
         let attempt = self.attempt.to_string();
-        let bits = keyed(
-            self.dataset_seed,
-            &["parameter", self.scene, parameter, &attempt],
-        );
+        let bits = keyed(self.dataset_seed, &["parameter", self.scene, parameter, &attempt]);
         (bits >> 11) as f64 / TWO_TO_53
     }
 
@@ -92,9 +89,7 @@ pub(super) fn shuffled<'a, T>(
 
 /// The value with nine significant digits: short in the manifest, and parsed to the same bits.
 pub(crate) fn nine_digits(value: f64) -> f64 {
-    format!("{value:.8e}")
-        .parse()
-        .expect("a printed number can be read")
+    format!("{value:.8e}").parse().expect("a printed number can be read")
 }
 
 fn truncated_normal(unit: f64, normal: &Normal) -> f64 {
@@ -207,12 +202,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn draw(scene: &str) -> Draw<'_> {
-        Draw {
-            dataset_seed: 2020,
-            scene,
-            attempt: 0,
-            values: const { &BTreeMap::new() },
-        }
+        Draw { dataset_seed: 2020, scene, attempt: 0, values: const { &BTreeMap::new() } }
     }
 
     #[test]
@@ -228,10 +218,7 @@ mod tests {
         let base = draw("a").unit("glass.ior");
         assert_ne!(base, draw("b").unit("glass.ior"));
         assert_ne!(base, draw("a").unit("glass.thickness_m"));
-        let second = Draw {
-            attempt: 1,
-            ..draw("a")
-        };
+        let second = Draw { attempt: 1, ..draw("a") };
         assert_ne!(base, second.unit("glass.ior"));
         assert_ne!(keyed(1, &["ab", "c"]), keyed(1, &["a", "bc"]));
         assert_ne!(keyed(1, &["a"]), keyed(2, &["a"]));
@@ -240,9 +227,7 @@ mod tests {
     /// Mean and variance of 20,000 draws.
     fn moments(param: &Param) -> (f64, f64) {
         let n = 20_000;
-        let values: Vec<f64> = (0..n)
-            .map(|i| draw(&format!("s-{i}")).value("x", param))
-            .collect();
+        let values: Vec<f64> = (0..n).map(|i| draw(&format!("s-{i}")).value("x", param)).collect();
         let mean = values.iter().sum::<f64>() / f64::from(n);
         let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / f64::from(n);
         (mean, variance)
@@ -258,14 +243,7 @@ mod tests {
         assert!((mean - 0.99 / 100f64.ln()).abs() < 0.007, "{mean}");
 
         // Cut at plus and minus one sigma: variance 0.2912.
-        let normal = |mean, std, min, max| {
-            Param::Normal(Normal {
-                mean,
-                std,
-                min,
-                max,
-            })
-        };
+        let normal = |mean, std, min, max| Param::Normal(Normal { mean, std, min, max });
         let (mean, variance) = moments(&normal(5.0, 2.0, 3.0, 7.0));
         assert!((mean - 5.0).abs() < 0.03 && (variance / 4.0 - 0.2912).abs() < 0.01);
 
@@ -283,11 +261,7 @@ mod tests {
             let x = f64::from(step) / 10.0;
             let back = inverse_normal_cdf(normal_cdf(x));
             // Above 0 the function itself is near 1 and keeps fewer digits of the tail.
-            let tolerance = if x > 0.0 {
-                1e-7
-            } else {
-                1e-12 * (1.0 + x.abs())
-            };
+            let tolerance = if x > 0.0 { 1e-7 } else { 1e-12 * (1.0 + x.abs()) };
             assert!((back - x).abs() < tolerance, "{x} {back}");
         }
         assert_eq!(inverse_normal_cdf(0.0), f64::NEG_INFINITY);

@@ -31,7 +31,6 @@ pub struct RejectedScene {
     pub attempt: u32,
     /// `scene` (the scene cannot be assembled), `black`, or a measure of `[reject]`.
     pub rule: String,
-    /// Explanation for people.
     pub reason: String,
     /// Path of the front's image.
     pub front: String,
@@ -47,9 +46,7 @@ pub fn read_rejected(path: PathBuf) -> Result<Vec<RejectedScene>, (PathBuf, Stri
         Err(error) => return Err((path, error.to_string())),
     };
     let lines = text.lines().map(serde_json::from_str);
-    lines
-        .collect::<Result<_, _>>()
-        .map_err(|error| (path, error.to_string()))
+    lines.collect::<Result<_, _>>().map_err(|error| (path, error.to_string()))
 }
 
 /// All scenes of a recipe.
@@ -133,11 +130,7 @@ fn preview_all(
         redrawn: 0,
     };
     for kept in kept {
-        let KeptScene {
-            drawn,
-            rejected,
-            redrawn,
-        } = kept?;
+        let KeptScene { drawn, rejected, redrawn } = kept?;
         scenes.same_place += u32::from(drawn.same_place);
         scenes.same_scan += u32::from(drawn.same_scan);
         scenes.redrawn += redrawn;
@@ -171,11 +164,7 @@ fn preview_scene(
         let kept = |drawn: Drawn, rejected: Vec<RejectedScene>| {
             // Every earlier attempt failed the geometry check or was rejected after its preview.
             let redrawn = drawn.attempt - rejected.len() as u32;
-            Ok(KeptScene {
-                drawn,
-                rejected,
-                redrawn,
-            })
+            Ok(KeptScene { drawn, rejected, redrawn })
         };
         if files.as_ref().is_none_or(|(of, _)| *of != change) {
             let read = read_files_by(&drawn.line, context.roots, context.base, context.read);

@@ -47,12 +47,7 @@ pub(crate) fn expand_counted(
     excluded: &BTreeSet<String>,
 ) -> Result<Expansion, RecipeError> {
     let assignment = Assignment::new(recipe, sources, excluded)?;
-    let mut expansion = Expansion {
-        lines: Vec::new(),
-        same_place: 0,
-        same_scan: 0,
-        redrawn: 0,
-    };
+    let mut expansion = Expansion { lines: Vec::new(), same_place: 0, same_scan: 0, redrawn: 0 };
     for number in 0..assignment.len() {
         let drawn = assignment.draw(number, 0, 0)?;
         expansion.same_place += u32::from(drawn.same_place);
@@ -76,18 +71,9 @@ pub(super) fn draw_line(
     let dataset_seed = recipe.seed;
     let mut front = side(front_source, pair.front);
     let mut back = side(back_source, pair.back);
-    let plain = Draw {
-        dataset_seed,
-        scene: id.as_str(),
-        attempt: from,
-        values: &BTreeMap::new(),
-    };
+    let plain = Draw { dataset_seed, scene: id.as_str(), attempt: from, values: &BTreeMap::new() };
     let values = source_values(recipe, id, pair, &front, &film(recipe, plain))?;
-    let draw_of = |attempt| Draw {
-        attempt,
-        values: &values,
-        ..plain
-    };
+    let draw_of = |attempt| Draw { attempt, values: &values, ..plain };
     let first = draw_of(from);
     light("back", recipe.back.light(), first, &mut back);
     light("front", recipe.front.light(), first, &mut front);
@@ -119,10 +105,7 @@ pub(super) fn draw_line(
         line.camera = camera(recipe, draw_of(attempt));
         line.camera.white_balance = white_balance;
         line.glass = glass(recipe, draw_of(attempt));
-        line.validate().map_err(|source| RecipeError::Line {
-            id: id.clone(),
-            source,
-        })?;
+        line.validate().map_err(|source| RecipeError::Line { id: id.clone(), source })?;
         // A focus on the photograph is only known when the scene is loaded, which checks the geometry again.
         let inverse_focus_distance_per_m = match line.camera.focus {
             Focus::Distance { distance_m } => 1.0 / distance_m,
@@ -168,9 +151,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     fn two_sources(indoors: usize, outdoor: usize) -> BTreeMap<String, Vec<SourceImage>> {
-        ["diode", "places"]
-            .map(|name| (name.to_owned(), set(indoors, outdoor)))
-            .into()
+        ["diode", "places"].map(|name| (name.to_owned(), set(indoors, outdoor))).into()
     }
 
     fn recipe(glass: &str, train: u32, test: u32) -> Recipe {
@@ -217,11 +198,7 @@ mod tests {
     #[test]
     fn drawn_light_multiplies_the_light_of_a_list() {
         let listed = |n: usize| {
-            let place = if n.is_multiple_of(2) {
-                "indoors"
-            } else {
-                "outdoor"
-            };
+            let place = if n.is_multiple_of(2) { "indoors" } else { "outdoor" };
             format!(
                 r#"{{"schema":"glasshouse.photograph/1","place":"{place}","panorama":"{n}.exr","exposure":3,
                 "transfer":"linear","yaw_deg":{n}}}"#
@@ -280,30 +257,19 @@ mod tests {
         let hopeless = recipe("tilt_deg = [0, { uniform = [85, 89] }]", 4, 4);
         let error = expand(&hopeless, &sources).unwrap_err().to_string();
         assert!(error.contains("all 100 draws of"), "{error}");
-        assert!(
-            error.contains("glass.tilt_deg[1] (uniform 85 to 89)"),
-            "{error}"
-        );
+        assert!(error.contains("glass.tilt_deg[1] (uniform 85 to 89)"), "{error}");
 
         let constant = recipe("tilt_deg = [0, 88]", 4, 4);
         let error = expand(&constant, &sources).unwrap_err().to_string();
-        assert!(
-            error.contains("scene train-diode-000000: all 1 draws of"),
-            "{error}"
-        );
+        assert!(error.contains("scene train-diode-000000: all 1 draws of"), "{error}");
     }
 
     #[test]
     fn missing_and_few_photographs_are_named() {
         let none = BTreeMap::new();
         let error = expand(&recipe("", 4, 4), &none).unwrap_err().to_string();
-        assert!(
-            error.starts_with("source diode has not been indexed"),
-            "{error}"
-        );
-        let error = expand(&recipe("", 4, 4), &two_sources(1, 2))
-            .unwrap_err()
-            .to_string();
+        assert!(error.starts_with("source diode has not been indexed"), "{error}");
+        let error = expand(&recipe("", 4, 4), &two_sources(1, 2)).unwrap_err().to_string();
         assert!(error.contains("has 3 photographs"), "{error}");
     }
 
@@ -317,32 +283,23 @@ mod tests {
             "{error}"
         );
         for (number, image) in sources.get_mut("diode").unwrap().iter_mut().enumerate() {
-            let values = [
-                ("glass.ior", 1.3 + 0.01 * number as f64),
-                ("back.exposure", 2.0),
-            ];
+            let values = [("glass.ior", 1.3 + 0.01 * number as f64), ("back.exposure", 2.0)];
             image.values = values.map(|(name, value)| (name.to_owned(), value)).into();
         }
         let images = sources["diode"].clone();
         for line in expand(&recipe, &sources).unwrap() {
-            let image = images
-                .iter()
-                .find(|i| line.front.name().ends_with(&i.color));
+            let image = images.iter().find(|i| line.front.name().ends_with(&i.color));
             assert_eq!(line.glass.ior, image.unwrap().values["glass.ior"]);
             assert_eq!(line.back.exposure(), 1.0);
         }
 
         // DIODE's cameras see 60 by 45 degrees: a square film sees the smaller angle.
-        let own = PAPER.replace(
-            "focal_length_mm = 55.0",
-            "focal_length_mm = \"from_source\"",
-        );
+        let own = PAPER.replace("focal_length_mm = 55.0", "focal_length_mm = \"from_source\"");
         let line = &expand(&Recipe::parse(&own).unwrap(), &sources).unwrap()[0];
         let tan = 36f64.hypot(24.0) / 2.0 / line.camera.focal_length_mm / 2f64.sqrt();
         assert!((tan - 384.0 / 927.06).abs() < 1e-8, "{tan}");
-        let wide = own
-            .replace("width = 256", "width = 1024")
-            .replace("height = 256", "height = 384");
+        let wide =
+            own.replace("width = 256", "width = 1024").replace("height = 256", "height = 384");
         let line = &expand(&Recipe::parse(&wide).unwrap(), &sources).unwrap()[0];
         let tan =
             36f64.hypot(24.0) / 2.0 / line.camera.focal_length_mm * 1024.0 / 1024f64.hypot(384.0);
@@ -352,10 +309,7 @@ mod tests {
     #[test]
     fn front_and_back_can_be_of_two_sources() {
         let text = PAPER
-            .replace(
-                "diode = 3000, places = 2000",
-                "\"diode/places\" = 30, places = 5",
-            )
+            .replace("diode = 3000, places = 2000", "\"diode/places\" = 30, places = 5")
             .replace("diode = 120, places = 80", "\"places/diode\" = 6");
         let sources = two_sources(12, 9);
         let lines = expand(&Recipe::parse(&text).unwrap(), &sources).unwrap();
@@ -368,17 +322,12 @@ mod tests {
         assert!(has(lines[40].front.name(), "places") && has(lines[40].back.name(), "diode"));
         assert!(colors(&lines, Split::Train).is_disjoint(&colors(&lines, Split::Test)));
 
-        let twice = text
-            .replace("places = 5", "places = 5, \"diode-places\" = 2")
-            .replace(
-                "[sources.places]",
-                "[sources.diode-places]\nlayout = \"diode\"\n[sources.places]",
-            );
-        let error = Recipe::parse(&twice).unwrap_err().to_string();
-        assert!(
-            error.contains("would give its scenes the ids of"),
-            "{error}"
+        let twice = text.replace("places = 5", "places = 5, \"diode-places\" = 2").replace(
+            "[sources.places]",
+            "[sources.diode-places]\nlayout = \"diode\"\n[sources.places]",
         );
+        let error = Recipe::parse(&twice).unwrap_err().to_string();
+        assert!(error.contains("would give its scenes the ids of"), "{error}");
     }
 
     proptest! {

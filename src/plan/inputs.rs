@@ -46,8 +46,5 @@ impl InputFiles for LocalFiles {
 }
 
 fn no_store(url: &Path) -> String {
-    format!(
-        "{} is in an object store, which is not read here: copy it to a folder",
-        url.display()
-    )
+    format!("{} is in an object store, which is not read here: copy it to a folder", url.display())
 }

@@ -134,16 +134,8 @@ mod tests {
                 0.019_331 * r + 0.119_195 * g + 0.950_532 * b,
             ];
             let sum: f64 = xyz.iter().sum();
-            assert!(
-                (xyz[0] / sum - x).abs() < 1.2e-3,
-                "{kelvin}: {}",
-                xyz[0] / sum
-            );
-            assert!(
-                (xyz[1] / sum - y).abs() < 1.2e-3,
-                "{kelvin}: {}",
-                xyz[1] / sum
-            );
+            assert!((xyz[0] / sum - x).abs() < 1.2e-3, "{kelvin}: {}", xyz[0] / sum);
+            assert!((xyz[1] / sum - y).abs() < 1.2e-3, "{kelvin}: {}", xyz[1] / sum);
             assert!((luminance([r, g, b]) - 1.0).abs() < 1e-3);
         }
     }
@@ -153,10 +145,7 @@ mod tests {
         for seam in [2222.0, 4000.0] {
             let (below, above) = (illuminant(seam), illuminant(seam + 1e-6));
             for c in 0..3 {
-                assert!(
-                    (below[c] - above[c]).abs() < 0.02,
-                    "{seam}: {below:?} {above:?}"
-                );
+                assert!((below[c] - above[c]).abs() < 0.02, "{seam}: {below:?} {above:?}");
             }
         }
         for step in 0..=230 {

@@ -131,22 +131,16 @@ pub(crate) fn index_list(
     read: io::Result<Vec<u8>>,
 ) -> Result<Index, IndexError> {
     let no_text = |_| io::Error::new(io::ErrorKind::InvalidData, "it is not UTF-8 text");
-    let text = read
-        .and_then(|bytes| String::from_utf8(bytes).map_err(no_text))
-        .map_err(|source| IndexError::NoList {
-            name: name.to_owned(),
-            path: list.to_owned(),
-            source,
+    let text =
+        read.and_then(|bytes| String::from_utf8(bytes).map_err(no_text)).map_err(|source| {
+            IndexError::NoList { name: name.to_owned(), path: list.to_owned(), source }
         })?;
     let images = parse_list(&text).map_err(|source| IndexError::List {
         name: name.to_owned(),
         path: list.to_owned(),
         source,
     })?;
-    Ok(Index {
-        images,
-        without_depth: Vec::new(),
-    })
+    Ok(Index { images, without_depth: Vec::new() })
 }
 
 #[cfg(test)]
@@ -173,17 +167,9 @@ mod tests {
                 .replace("indoors", "outdoor")
         );
         let images = parse(&text).unwrap();
-        let [first, second] = images.as_slice() else {
-            panic!("{images:?}")
-        };
-        assert_eq!(
-            (first.color.as_str(), first.place),
-            ("a.png", Place::Indoors)
-        );
-        assert_eq!(
-            (second.color.as_str(), second.place),
-            ("b.ply", Place::Outdoor)
-        );
+        let [first, second] = images.as_slice() else { panic!("{images:?}") };
+        assert_eq!((first.color.as_str(), first.place), ("a.png", Place::Indoors));
+        assert_eq!((second.color.as_str(), second.place), ("b.ply", Place::Outdoor));
         // A scan that is called like a photograph is not that photograph's own.
         assert_eq!(first.scan, second.scan);
         assert_ne!(first.scene, second.scene);
@@ -200,10 +186,7 @@ mod tests {
             (format!(r#"{SIDE},"colour":"x""#), "unknown field `colour`"),
             (r#""color":"a.png""#.to_owned(), "missing field `depth`"),
             (format!(r#"{SIDE},"apex":"mirror""#), "`apex` is not"),
-            (
-                format!(r#"{SIDE},"depth_unit_m":0"#),
-                "photograph.depth_unit_m is 0, but must be",
-            ),
+            (format!(r#"{SIDE},"depth_unit_m":0"#), "photograph.depth_unit_m is 0, but must be"),
             (format!(r#"{SIDE},"scan":3"#), "invalid type: integer `3`"),
             (SIDE.replace("a.png", "../a.png"), "color is \"../a.png\""),
             (SIDE.replace("a.npy", "/a.npy"), "depth is \"/a.npy\""),
@@ -216,10 +199,7 @@ mod tests {
         }
         let other = line(SIDE).replace("photograph/1", "photograph/2");
         let error = parse(&other).unwrap_err();
-        assert!(
-            error.contains("must be \"glasshouse.photograph/1\""),
-            "{error}"
-        );
+        assert!(error.contains("must be \"glasshouse.photograph/1\""), "{error}");
         assert!(parse("{").unwrap_err().contains("at column 1"));
         assert!(parse(" \n").unwrap_err().contains("it is empty"));
     }
@@ -235,16 +215,10 @@ mod tests {
             (Ok(vec![0xff]), "it is not UTF-8 text"),
         ] {
             let error = index(read).unwrap_err();
-            assert!(
-                error.contains("source mine: cannot read its list l.jsonl"),
-                "{error}"
-            );
+            assert!(error.contains("source mine: cannot read its list l.jsonl"), "{error}");
             assert!(error.contains(words), "{error}");
         }
         let error = index(Ok(b"{}".to_vec())).unwrap_err();
-        assert!(
-            error.starts_with("source mine: list l.jsonl: line 1: missing"),
-            "{error}"
-        );
+        assert!(error.starts_with("source mine: list l.jsonl: line 1: missing"), "{error}");
     }
 }

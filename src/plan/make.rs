@@ -41,12 +41,7 @@ pub fn make_photographs(
     let make = || {
         missing.par_iter().try_for_each(|made| {
             let [width, height] = made.size;
-            procedural::write(
-                &inputs_folder(run, &made.root),
-                &made.photograph,
-                width,
-                height,
-            )?;
+            procedural::write(&inputs_folder(run, &made.root), &made.photograph, width, height)?;
             let done = done.fetch_add(1, Ordering::Relaxed) + 1;
             on_photograph(done, missing.len());
             Ok(())

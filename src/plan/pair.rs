@@ -69,12 +69,7 @@ pub(super) fn pairs_between<'a>(
 ) -> Vec<Pair<'a>> {
     let deck = |role| Deck::new(dataset_seed, key, role);
     let (mut fronts, mut backs) = (deck("front"), deck("back"));
-    (0..count)
-        .map(|_| Pair {
-            front: fronts.next(front),
-            back: backs.next(back),
-        })
-        .collect()
+    (0..count).map(|_| Pair { front: fronts.next(front), back: backs.next(back) }).collect()
 }
 
 type Scan<'a> = (Place, &'a str, &'a str);
@@ -104,15 +99,9 @@ fn across<'a>(
     (0..u64::from(count))
         .map(|number| {
             if number & 1 == first {
-                Pair {
-                    front: one_front.next(one),
-                    back: other_back.next(other),
-                }
+                Pair { front: one_front.next(one), back: other_back.next(other) }
             } else {
-                Pair {
-                    front: other_front.next(other),
-                    back: one_back.next(one),
-                }
+                Pair { front: other_front.next(other), back: one_back.next(one) }
             }
         })
         .collect()
@@ -129,12 +118,7 @@ struct Deck<'k, 'a> {
 
 impl<'k, 'a> Deck<'k, 'a> {
     fn new(dataset_seed: u64, key: [&'k str; 2], role: &'k str) -> Self {
-        Self {
-            dataset_seed,
-            key: [key[0], key[1], role],
-            round: 0,
-            left: Vec::new(),
-        }
+        Self { dataset_seed, key: [key[0], key[1], role], round: 0, left: Vec::new() }
     }
 
     fn next(&mut self, images: &[&'a SourceImage]) -> &'a SourceImage {
@@ -155,9 +139,7 @@ fn shuffle<'a>(
     key: &[&str],
     images: &[&'a SourceImage],
 ) -> Vec<&'a SourceImage> {
-    shuffled(dataset_seed, key, images.iter().copied(), |image| {
-        &image.color
-    })
+    shuffled(dataset_seed, key, images.iter().copied(), |image| &image.color)
 }
 
 /// Pairs photographs of one pool in rounds; each round uses every photograph once as front and once as back.
@@ -187,10 +169,8 @@ fn within<'a>(
             largest = sizes.values().copied().max().unwrap_or(1);
             ring.sort_by_cached_key(|image| {
                 let (place, scene, scan) = scan_of(image);
-                let order = keyed(
-                    dataset_seed,
-                    &[key[0], key[1], "scan", &round_text, scene, scan],
-                );
+                let order =
+                    keyed(dataset_seed, &[key[0], key[1], "scan", &round_text, scene, scan]);
                 (order, place, scene, scan)
             });
         }

@@ -41,20 +41,13 @@ pub struct Normal {
 impl Normal {
     /// `min` and `max` in standard deviations from the mean.
     pub(super) fn standardised(&self) -> (f64, f64) {
-        (
-            (self.min - self.mean) / self.std,
-            (self.max - self.mean) / self.std,
-        )
+        ((self.min - self.mean) / self.std, (self.max - self.mean) / self.std)
     }
 
     /// Share of the uncut distribution between `min` and `max`.
     fn mass(&self) -> f64 {
         let (a, b) = self.standardised();
-        if a > 0.0 {
-            normal_cdf(-a) - normal_cdf(-b)
-        } else {
-            normal_cdf(b) - normal_cdf(a)
-        }
+        if a > 0.0 { normal_cdf(-a) - normal_cdf(-b) } else { normal_cdf(b) - normal_cdf(a) }
     }
 }
 
@@ -66,11 +59,11 @@ impl Param {
             Self::Uniform([a, b]) | Self::LogUniform([a, b]) => (*a, *b),
             Self::Normal(normal) => (normal.min, normal.max),
             Self::FromSource => (f64::NEG_INFINITY, f64::INFINITY),
-            Self::Choice(values) => values
-                .iter()
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), &v| {
+            Self::Choice(values) => {
+                values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), &v| {
                     (least.min(v), most.max(v))
-                }),
+                })
+            }
         }
     }
 
@@ -246,20 +239,11 @@ mod tests {
     fn every_form_is_read() {
         assert_eq!(parse("1").unwrap(), Param::Constant(1.0));
         assert_eq!(parse("-1.5").unwrap(), Param::Constant(-1.5));
-        assert_eq!(
-            parse("{ uniform = [1, 1.7] }").unwrap(),
-            Param::Uniform([1.0, 1.7])
-        );
-        assert_eq!(
-            parse("{ log_uniform = [0.1, 10] }").unwrap(),
-            Param::LogUniform([0.1, 10.0])
-        );
+        assert_eq!(parse("{ uniform = [1, 1.7] }").unwrap(), Param::Uniform([1.0, 1.7]));
+        assert_eq!(parse("{ log_uniform = [0.1, 10] }").unwrap(), Param::LogUniform([0.1, 10.0]));
         let normal = parse("{ normal = { mean = 1, std = 2, min = -1, max = 3 } }").unwrap();
         assert_eq!(normal.bounds(), (-1.0, 3.0));
-        assert_eq!(
-            parse("{ choice = [3, 1, 2] }").unwrap().bounds(),
-            (1.0, 3.0)
-        );
+        assert_eq!(parse("{ choice = [3, 1, 2] }").unwrap().bounds(), (1.0, 3.0));
     }
 
     #[test]
@@ -270,29 +254,14 @@ mod tests {
             ("true", "expected a number"),
             ("{}", "expected a number"),
             ("nan", "not finite"),
-            (
-                "{ unifrom = [1, 2] }",
-                "unknown field `unifrom`, expected one of `uniform`",
-            ),
+            ("{ unifrom = [1, 2] }", "unknown field `unifrom`, expected one of `uniform`"),
             ("{ uniform = [2, 1] }", "not an interval"),
             ("{ uniform = [1] }", "invalid length 1"),
-            (
-                "{ uniform = [1, 2], choice = [1] }",
-                "has one distribution, not",
-            ),
+            ("{ uniform = [1, 2], choice = [1] }", "has one distribution, not"),
             ("{ log_uniform = [0, 1] }", "must start above 0"),
-            (
-                "{ normal = { mean = 1, std = 0, min = 0, max = 2 } }",
-                "std above 0",
-            ),
-            (
-                "{ normal = { mean = 1, std = 1, min = 0 } }",
-                "missing field `max`",
-            ),
-            (
-                "{ normal = { mean = 0, std = 1, min = 20, max = 30 } }",
-                "never falls",
-            ),
+            ("{ normal = { mean = 1, std = 0, min = 0, max = 2 } }", "std above 0"),
+            ("{ normal = { mean = 1, std = 1, min = 0 } }", "missing field `max`"),
+            ("{ normal = { mean = 0, std = 1, min = 20, max = 30 } }", "never falls"),
             ("{ choice = [] }", "one or more"),
         ] {
             let error = parse(text).unwrap_err();

@@ -45,7 +45,6 @@ pub struct Category {
 /// The table cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum DepthRangesError {
-    /// Not valid TOML.
     #[error("{0}")]
     Toml(#[from] Box<toml::de::Error>),
     /// Another schema, or another version of it.
@@ -101,9 +100,7 @@ impl DepthRanges {
         {
             folder = rest;
         }
-        self.category
-            .get_key_value(folder)
-            .map(|(_, c)| (folder, c))
+        self.category.get_key_value(folder).map(|(_, c)| (folder, c))
     }
 
     /// The photographs of the table's categories among `colors`, with their depth maps among `depths`, which lie below the
@@ -161,11 +158,7 @@ fn files(folder: &Path) -> Result<Vec<String>, (PathBuf, io::Error)> {
             let Ok(name) = entry.file_name().into_string() else {
                 continue;
             };
-            let relative = if below.is_empty() {
-                name
-            } else {
-                format!("{below}/{name}")
-            };
+            let relative = if below.is_empty() { name } else { format!("{below}/{name}") };
             let kind = entry.file_type().map_err(failed)?;
             if kind.is_dir() || kind.is_symlink() && folder.join(&relative).is_dir() {
                 open.push(relative);
@@ -232,11 +225,7 @@ fn map_of<'m>(maps: &BTreeMap<&'m str, Vec<&'m str>>, stem: &str) -> Option<&'m 
     let model = format!("{stem}-");
     let with_model = maps.range(model.as_str()..).next();
     let with_model = with_model.filter(|(name, _)| name.starts_with(&model));
-    let named = [
-        maps.get(stem),
-        maps.get(depth.as_str()),
-        with_model.map(|(_, m)| m),
-    ];
+    let named = [maps.get(stem), maps.get(depth.as_str()), with_model.map(|(_, m)| m)];
     named.into_iter().flatten().find_map(|maps| {
         let of = |format: &str| {
             let has = |map: &&&str| map.rsplit_once('.').is_some_and(|(_, e)| e == format);
@@ -310,25 +299,14 @@ why = "a guess"
             [
                 ("b/bedroom/1.png", "b/bedroom/1_depth.exr", "bedroom"),
                 ("data_256/a/alley/1.JPG", "data_256/a/alley/1.npy", "alley"),
-                (
-                    "data_256/a/alley/2.jpg",
-                    "data_256/a/alley/2-dpt_large_384.pfm",
-                    "alley"
-                ),
-                (
-                    "l/library/indoor/1.jpg",
-                    "l/library/indoor/1.npy",
-                    "library/indoor"
-                ),
+                ("data_256/a/alley/2.jpg", "data_256/a/alley/2-dpt_large_384.pfm", "alley"),
+                ("l/library/indoor/1.jpg", "l/library/indoor/1.npy", "library/indoor"),
             ]
         );
         assert_eq!(index.images[0].place, Place::Indoors);
         assert_eq!(index.images[1].place, Place::Outdoor);
         assert_eq!(index.images[0].depth_root.as_deref(), Some("p-depth"));
-        assert!(matches!(
-            index.images[0].depth_range,
-            Some(DepthRange::Mean { mean_m: 4.0, .. })
-        ));
+        assert!(matches!(index.images[0].depth_range, Some(DepthRange::Mean { mean_m: 4.0, .. })));
         assert_eq!(index.without_depth, ["bedroom/9.jpeg"]);
     }
 
@@ -336,11 +314,7 @@ why = "a guess"
     fn wrong_tables_say_what_is_wrong() {
         for (from, to, words) in [
             ("ranges/1", "ranges/2", "its schema is"),
-            (
-                "mean_m = 4.0",
-                "mean_m = 0.0",
-                "category.bedroom.range.mean_m is 0",
-            ),
+            ("mean_m = 4.0", "mean_m = 0.0", "category.bedroom.range.mean_m is 0"),
             ("\"indoors\"", "\"inside\"", "unknown variant `inside`"),
             ("why = \"the paper\"", "", "missing field `why`"),
         ] {
@@ -355,10 +329,7 @@ why = "a guess"
         let table = DepthRanges::parse(shipped).unwrap();
         assert_eq!(table.category.len(), 34);
         let bedroom = &table.category["bedroom"];
-        assert!(matches!(
-            bedroom.range,
-            DepthRange::Mean { mean_m: 4.0, .. }
-        ));
+        assert!(matches!(bedroom.range, DepthRange::Mean { mean_m: 4.0, .. }));
         assert!(table.category.values().all(|c| c.why.len() > 10));
     }
 
@@ -386,15 +357,9 @@ why = "a guess"
                 Place::Indoors => 102,
                 Place::Outdoor => 145,
             };
-            assert!(
-                (expected..=expected + 1).contains(&count),
-                "{category}: {count}"
-            );
+            assert!((expected..=expected + 1).contains(&count), "{category}: {count}");
         }
-        assert_eq!(
-            photographs[0].color_path(),
-            Path::new("a/airport_terminal/00000001.jpg")
-        );
+        assert_eq!(photographs[0].color_path(), Path::new("a/airport_terminal/00000001.jpg"));
     }
 
     #[test]
@@ -414,19 +379,13 @@ why = "a guess"
         assert!(index.without_depth.is_empty());
         let found: BTreeSet<_> = index.images.iter().map(|i| i.color.clone()).collect();
         let made = photographs.iter().map(PlacesPhotograph::color_path);
-        assert_eq!(
-            found,
-            made.map(|p| p.to_string_lossy().into_owned()).collect()
-        );
+        assert_eq!(found, made.map(|p| p.to_string_lossy().into_owned()).collect());
 
         let photograph = &photographs[1];
         let rgbd = render_through(&photograph.photograph, &places_intrinsics(48, 40), 48, 40);
         let depth = image::open(folders.depth.join(photograph.depth_path())).unwrap();
         let codes = depth.as_luma16().expect("16-bit grey").as_raw().clone();
-        assert_eq!(
-            (codes.iter().min(), codes.iter().max()),
-            (Some(&0), Some(&65535))
-        );
+        assert_eq!((codes.iter().min(), codes.iter().max()), (Some(&0), Some(&65535)));
         // The nearer, the larger; no holes.
         let mut order: Vec<usize> = (0..codes.len()).collect();
         order.sort_by_key(|&i| codes[i]);

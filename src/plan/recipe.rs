@@ -169,11 +169,7 @@ pub struct FrontRecipe {
 
 impl Default for FrontRecipe {
     fn default() -> Self {
-        Self {
-            exposure: Param::Constant(1.0),
-            exposure_ev: None,
-            illuminant_k: None,
-        }
+        Self { exposure: Param::Constant(1.0), exposure_ev: None, illuminant_k: None }
     }
 }
 
@@ -278,10 +274,9 @@ impl Recipe {
         }
         for (name, light) in [("front", self.front.light()), ("back", self.back.light())] {
             params.push((format!("{name}.exposure"), light.exposure));
-            for (key, param) in [
-                ("exposure_ev", light.exposure_ev),
-                ("illuminant_k", light.illuminant_k),
-            ] {
+            for (key, param) in
+                [("exposure_ev", light.exposure_ev), ("illuminant_k", light.illuminant_k)]
+            {
                 if let Some(param) = param {
                     params.push((format!("{name}.{key}"), param));
                 }
@@ -394,10 +389,7 @@ pairs = { diode = 120, places = 80 }
             (paper.seed, &paper.front, &paper.back),
             (2020, &constants.front, &constants.back)
         );
-        assert_eq!(
-            paper.sources["places"].depth_kind,
-            DepthKind::RelativeInverse
-        );
+        assert_eq!(paper.sources["places"].depth_kind, DepthKind::RelativeInverse);
         assert_eq!(paper.sources["diode"].intrinsics, Intrinsics::diode());
     }
 
@@ -423,15 +415,9 @@ pairs = { diode = 120, places = 80 }
             .replace("spp = 256", "spp = { choice = [64, 256] }");
         let recipe = Recipe::parse(&text).unwrap();
         assert_eq!(recipe.glass.ior, Param::Uniform([1.3, 1.7]));
-        assert!(matches!(
-            recipe.camera.focus,
-            FocusRecipe::DistanceM(Param::LogUniform(_))
-        ));
+        assert!(matches!(recipe.camera.focus, FocusRecipe::DistanceM(Param::LogUniform(_))));
         let infinity = PAPER.replace("\"front_center\"", "\"infinity\"");
-        assert_eq!(
-            Recipe::parse(&infinity).unwrap().camera.focus,
-            FocusRecipe::Infinity
-        );
+        assert_eq!(Recipe::parse(&infinity).unwrap().camera.focus, FocusRecipe::Infinity);
     }
 
     #[test]

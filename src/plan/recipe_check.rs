@@ -19,10 +19,7 @@ impl Recipe {
     /// Checks everything that the TOML parser does not.
     pub(super) fn check(&self) -> Result<(), RecipeError> {
         if self.schema != RECIPE_SCHEMA {
-            return bad(
-                "schema",
-                format!("is {:?}, but must be {RECIPE_SCHEMA:?}", self.schema),
-            );
+            return bad("schema", format!("is {:?}, but must be {RECIPE_SCHEMA:?}", self.schema));
         }
         if SceneId::new(self.name.as_str()).is_err() {
             return bad(
@@ -82,10 +79,7 @@ impl Recipe {
                 "light.auto_exposure.percentile",
                 self.light.auto_exposure.map(|auto| auto.percentile),
             ),
-            (
-                "light.auto_exposure.level",
-                self.light.auto_exposure.map(|auto| auto.level),
-            ),
+            ("light.auto_exposure.level", self.light.auto_exposure.map(|auto| auto.level)),
         ];
         for (key, value) in constants {
             if let Some(value) = value {
@@ -96,10 +90,7 @@ impl Recipe {
         if camera.f_number.is_some()
             && camera.aperture_radius_m != CameraRecipe::default().aperture_radius_m
         {
-            return bad(
-                "camera.f_number",
-                "excludes aperture_radius_m: remove one of them",
-            );
+            return bad("camera.f_number", "excludes aperture_radius_m: remove one of them");
         }
         self.check_reject()
     }
@@ -194,10 +185,7 @@ impl Recipe {
             if !(split.photographs() > 0.0 && split.photographs() <= 1.0) {
                 return bad(
                     &format!("{key}, photographs"),
-                    format!(
-                        "is {}, but must be above 0 and at most 1",
-                        split.photographs()
-                    ),
+                    format!("is {}, but must be above 0 and at most 1", split.photographs()),
                 );
             }
             let pairs: u64 = split.pairs.values().copied().map(u64::from).sum();
@@ -217,10 +205,7 @@ impl Recipe {
 
 /// An error of the recipe under `key`.
 pub(super) fn bad(key: &str, problem: impl Into<String>) -> Result<(), RecipeError> {
-    Err(RecipeError::Key {
-        key: key.to_owned(),
-        problem: problem.into(),
-    })
+    Err(RecipeError::Key { key: key.to_owned(), problem: problem.into() })
 }
 
 /// Checks all values that `param` may take against the table of limits.
@@ -228,10 +213,7 @@ pub(super) fn within(key: &str, param: &Param) -> Result<(), RecipeError> {
     let limit = limit_of(key);
     // A range of whole numbers or of powers of two has no uniform distribution.
     if limit.is_whole() && !matches!(param, Param::Constant(_) | Param::Choice(_)) {
-        return bad(
-            key,
-            "must be a whole number or { choice = [..] } of whole numbers",
-        );
+        return bad(key, "must be a whole number or { choice = [..] } of whole numbers");
     }
     let Some(value) = param.outside(limit) else {
         return Ok(());
@@ -242,10 +224,7 @@ pub(super) fn within(key: &str, param: &Param) -> Result<(), RecipeError> {
     } else {
         format!("({param}) can be {value}")
     };
-    bad(
-        key,
-        format!("{found}, but must be {whole}{}", limit.allowed),
-    )
+    bad(key, format!("{found}, but must be {whole}{}", limit.allowed))
 }
 
 #[cfg(test)]
@@ -259,39 +238,19 @@ mod tests {
             ("ior = 1.6", "iro = 1.6", "unknown field `iro`"),
             ("ior = 1.6", "iro = 1.6", "line 16"),
             ("[glass]", "[glas]", "unknown field `glas`"),
-            (
-                "ior = 1.6",
-                "ior = 0.9",
-                "key glass.ior is 0.9, but must be 1 to 10",
-            ),
+            ("ior = 1.6", "ior = 0.9", "key glass.ior is 0.9, but must be 1 to 10"),
             (
                 "ior = 1.6",
                 "ior = { uniform = [0.5, 2] }",
                 "glass.ior (uniform 0.5 to 2) can be 0.5",
             ),
             ("ior = 1.6", "tilt_deg = [1]", "invalid length 1"),
-            (
-                "spp = 256",
-                "spp = 100",
-                "film.spp is 100, but must be whole and a power of two",
-            ),
-            (
-                "spp = 256",
-                "spp = { uniform = [1, 9] }",
-                "film.spp must be a whole number or",
-            ),
+            ("spp = 256", "spp = 100", "film.spp is 100, but must be whole and a power of two"),
+            ("spp = 256", "spp = { uniform = [1, 9] }", "film.spp must be a whole number or"),
             ("width = 256", "width = 25.5", "film.width is 25.5"),
-            (
-                "\"front_center\"",
-                "\"front\"",
-                "expected \"front_center\", \"back_center\"",
-            ),
+            ("\"front_center\"", "\"front\"", "expected \"front_center\", \"back_center\""),
             ("\"front_center\"", "-1", "camera.focus is -1"),
-            (
-                "recipe/1",
-                "recipe/2",
-                "key schema is \"glasshouse.recipe/2\"",
-            ),
+            ("recipe/1", "recipe/2", "key schema is \"glasshouse.recipe/2\""),
             (
                 "layout = \"diode\"",
                 "layout = \"kitti\"",
@@ -312,16 +271,8 @@ mod tests {
                 "intrinsics = { fx = 0, fy = 1, cx = 1, cy = 1 }",
                 "sources.diode.intrinsics.fx is 0",
             ),
-            (
-                "[sources.diode]",
-                "[sources.d]",
-                "sources.d must be named by two or more",
-            ),
-            (
-                "name = \"test\"",
-                "name = \"train\"",
-                "split train is given twice",
-            ),
+            ("[sources.diode]", "[sources.d]", "sources.d must be named by two or more"),
+            ("name = \"test\"", "name = \"train\"", "split train is given twice"),
             (
                 "name = \"test\"",
                 "name = \"val\"",

@@ -7,12 +7,10 @@ use render::scene::GeometryError;
 
 /// A recipe cannot be used, or cannot be expanded with its photographs.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs, reason = "the message names its fields")]
 pub enum RecipeError {
     /// Not TOML, an unknown key, or a value of the wrong kind; the source names the place.
     #[error("the recipe cannot be read: {0}")]
     Toml(#[from] Box<toml::de::Error>),
-    /// An invalid value.
     #[error("recipe key {key} {problem}")]
     Key {
         /// The key, with dots.
@@ -56,21 +54,13 @@ pub enum RecipeError {
         "scene {id}: {parameter} is from_source, but {photograph} has no value: give it under \"values\" in the \
          source's list, or write a number or a distribution"
     )]
-    NoValue {
-        id: SceneId,
-        parameter: String,
-        photograph: String,
-    },
+    NoValue { id: SceneId, parameter: String, photograph: String },
     /// No substitute is left for an excluded photograph.
     #[error(
         "scene {id}: source {source_name} has no usable photograph left in split {split}: repair the invalid files, \
          or add photographs"
     )]
-    NoSubstitute {
-        id: SceneId,
-        source_name: String,
-        split: Split,
-    },
+    NoSubstitute { id: SceneId, source_name: String, split: Split },
     /// Every draw of a scene was rejected after its preview.
     #[error(
         "scene {id}: all {previews} draws, with different photographs, were rejected, the last because {reason}; widen \
@@ -84,9 +74,5 @@ pub enum RecipeError {
     },
     /// A drawn line is invalid.
     #[error("scene {id}: {source}")]
-    Line {
-        id: SceneId,
-        /// The invalid field.
-        source: LineError,
-    },
+    Line { id: SceneId, source: LineError },
 }

@@ -97,10 +97,8 @@ mod tests {
         ];
         for recipe in recipes {
             Recipe::parse(recipe).unwrap();
-            let wrong: Vec<String> = validator
-                .iter_errors(&json(recipe))
-                .map(|e| e.to_string())
-                .collect();
+            let wrong: Vec<String> =
+                validator.iter_errors(&json(recipe)).map(|e| e.to_string()).collect();
             assert!(wrong.is_empty(), "{wrong:?}");
         }
         // What the program refuses by its kind, the schema refuses.
@@ -111,10 +109,7 @@ mod tests {
             ("focus = \"front_center\"", "focus = \"nowhere\""),
             ("[camera]", "[light]\nscale = \"bright\"\n[camera]"),
             ("layout = \"diode\"", "layout = \"dioed\""),
-            (
-                "schema = \"glasshouse.recipe/1\"",
-                "schema = \"glasshouse.recipe/2\"",
-            ),
+            ("schema = \"glasshouse.recipe/1\"", "schema = \"glasshouse.recipe/2\""),
         ] {
             let text = recipes[1].replacen(from, to, 1);
             assert_ne!(text, recipes[1], "{from}");

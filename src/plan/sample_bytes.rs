@@ -20,20 +20,13 @@ impl<'a> SampleBytes<'a> {
         let (mut photographs, mut places) = (Vec::new(), BTreeMap::new());
         for one in all {
             let (folder, photograph) = (inputs_folder(run, &one.root), &one.photograph);
-            let files = [
-                photograph.color_path(),
-                photograph.depth_path(),
-                photograph.mask_path(),
-            ];
+            let files = [photograph.color_path(), photograph.depth_path(), photograph.mask_path()];
             for (kind, file) in files.iter().enumerate() {
                 places.insert(folder.join(file), (photographs.len(), kind));
             }
             photographs.push((one, OnceLock::new()));
         }
-        Self {
-            photographs,
-            places,
-        }
+        Self { photographs, places }
     }
 
     /// The bytes of a file; `None` if it does not belong to a procedural photograph.

@@ -53,9 +53,9 @@ pub(super) fn camera(recipe: &Recipe, draw: Draw<'_>) -> Camera {
             FocusRecipe::Glass => Focus::Distance {
                 distance_m: draw.value("glass.distance_m", &recipe.glass.distance_m),
             },
-            FocusRecipe::DistanceM(param) => Focus::Distance {
-                distance_m: draw.value("camera.focus", param),
-            },
+            FocusRecipe::DistanceM(param) => {
+                Focus::Distance { distance_m: draw.value("camera.focus", param) }
+            }
             FocusRecipe::Choice(_) => unreachable!("a choice of choices is not parsed"),
         },
         exposure: 1.0,
@@ -71,11 +71,7 @@ pub(super) fn glass(recipe: &Recipe, draw: Draw<'_>) -> Glass {
         thickness_m: draw.value("glass.thickness_m", &glass.thickness_m),
         ior: draw.value("glass.ior", &glass.ior),
         absorption_per_m: std::array::from_fn(|index| {
-            each(
-                "glass.absorption_per_m",
-                index,
-                &glass.absorption_per_m[index],
-            )
+            each("glass.absorption_per_m", index, &glass.absorption_per_m[index])
         }),
         tilt_deg: std::array::from_fn(|index| {
             each("glass.tilt_deg", index, &glass.tilt_deg[index])

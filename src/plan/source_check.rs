@@ -114,10 +114,7 @@ mod tests {
             ("", "sources.aa.count must be given"),
             ("count = 1", "sources.aa.count must be given and at least 2"),
             ("count = 4\nwidth = 8", "sources.aa.width is 8"),
-            (
-                "count = 4\nroot = \"x\"",
-                "sources.aa.root does not belong to layout \"sample\"",
-            ),
+            ("count = 4\nroot = \"x\"", "sources.aa.root does not belong to layout \"sample\""),
             (
                 "count = 4\n[sources.bb]\nlayout = \"sample\"\ncount = 9\nseed = 2020",
                 "sources.bb has seed 2020 like source aa",
@@ -132,11 +129,8 @@ mod tests {
     #[test]
     fn keys_of_photographs_do_not_belong_to_a_list() {
         let with = |keys: &str| {
-            let text = PAPER.replacen(
-                "layout = \"diode\"",
-                &format!("layout = \"list\"\n{keys}"),
-                1,
-            );
+            let text =
+                PAPER.replacen("layout = \"diode\"", &format!("layout = \"list\"\n{keys}"), 1);
             Recipe::parse(&text).map_err(|error| error.to_string())
         };
         let recipe = with("list = \"mine.jsonl\"").unwrap();
@@ -151,20 +145,14 @@ mod tests {
                 "list = \"m\"\ndepth_range = { mean_m = 3 }",
                 "sources.diode.depth_range does not belong",
             ),
-            (
-                "list = \"m\"\ncount = 3",
-                "sources.diode.count does not belong",
-            ),
+            ("list = \"m\"\ncount = 3", "sources.diode.count does not belong"),
         ] {
             let error = with(keys).unwrap_err();
             assert!(error.contains(message), "{keys}: {error}");
         }
         let other = PAPER.replacen("root = \"diode\"", "list = \"m\"", 1);
         let error = Recipe::parse(&other).unwrap_err().to_string();
-        assert!(
-            error.contains("sources.diode.list does not belong"),
-            "{error}"
-        );
+        assert!(error.contains("sources.diode.list does not belong"), "{error}");
     }
 
     #[test]

@@ -23,11 +23,7 @@ pub(super) fn source_values(
         if *param != Param::FromSource {
             continue;
         }
-        let image = if name.starts_with("back.") {
-            pair.back
-        } else {
-            pair.front
-        };
+        let image = if name.starts_with("back.") { pair.back } else { pair.front };
         let own = || match (name.as_str(), front) {
             ("camera.focal_length_mm", Side::Photograph(photograph)) => {
                 Some(super::draw::nine_digits(focal_length_mm(photograph, film)))
@@ -52,14 +48,9 @@ pub(super) fn source_values(
 /// principal point in the middle.
 fn focal_length_mm(photograph: &render::line::Photograph, film: &Film) -> f64 {
     let camera = &photograph.intrinsics;
-    let size = camera
-        .size
-        .map_or([2.0 * camera.cx, 2.0 * camera.cy], |s| s.map(f64::from));
+    let size = camera.size.map_or([2.0 * camera.cx, 2.0 * camera.cy], |s| s.map(f64::from));
     let seen = |middle: f64, side: f64, focal: f64| middle.min(side - middle) / focal;
-    let tan = [
-        seen(camera.cx, size[0], camera.fx),
-        seen(camera.cy, size[1], camera.fy),
-    ];
+    let tan = [seen(camera.cx, size[0], camera.fx), seen(camera.cy, size[1], camera.fy)];
     let [width, height] = [f64::from(film.width), f64::from(film.height)];
     let half_diagonal_mm = libm::hypot(36.0, 24.0) / 2.0;
     let of = |side: f64, tan: f64| half_diagonal_mm * side / libm::hypot(width, height) / tan;

@@ -25,10 +25,7 @@ pub(super) fn split_photographs<'a>(
     }
     let splits = shares.len();
     // Integers: floating-point shares could round differently between machines.
-    let weights: Vec<u32> = shares
-        .iter()
-        .map(|s| (s * 1e9).round().max(1.0) as u32)
-        .collect();
+    let weights: Vec<u32> = shares.iter().map(|s| (s * 1e9).round().max(1.0) as u32).collect();
     let weights = weights.as_slice();
     if images.len() < 2 * splits {
         return Err(RecipeError::TooFewImages {
@@ -41,9 +38,7 @@ pub(super) fn split_photographs<'a>(
 
     let of = |place: Place| {
         let there = images.iter().filter(|image| image.place == place);
-        shuffled(dataset_seed, &["divide", source_name], there, |image| {
-            &image.color
-        })
+        shuffled(dataset_seed, &["divide", source_name], there, |image| &image.color)
     };
     let (mut rare, mut common) = (of(Place::Indoors), of(Place::Outdoor));
     if rare.len() > common.len() {
@@ -54,22 +49,14 @@ pub(super) fn split_photographs<'a>(
     } else {
         one_each(rare.len(), weights)
     };
-    let least: Vec<usize> = rare_sizes
-        .iter()
-        .map(|n| 2usize.saturating_sub(*n).max(1))
-        .collect();
+    let least: Vec<usize> = rare_sizes.iter().map(|n| 2usize.saturating_sub(*n).max(1)).collect();
     let common_sizes = apportion(common.len(), weights, &least);
 
     let (mut rare, mut common) = (rare.into_iter(), common.into_iter());
     Ok(rare_sizes
         .into_iter()
         .zip(common_sizes)
-        .map(|(m, n)| {
-            rare.by_ref()
-                .take(m)
-                .chain(common.by_ref().take(n))
-                .collect()
-        })
+        .map(|(m, n)| rare.by_ref().take(m).chain(common.by_ref().take(n)).collect())
         .collect())
 }
 
@@ -146,18 +133,13 @@ pub(super) mod tests {
         let subsets = split_photographs(1, "s", &images, &[0.96, 0.04]).unwrap();
         let sizes: Vec<_> = subsets.iter().map(Vec::len).collect();
         assert!(sizes[0] == 960, "{sizes:?}");
-        let inside = subsets[1]
-            .iter()
-            .filter(|i| i.place == Place::Indoors)
-            .count();
+        let inside = subsets[1].iter().filter(|i| i.place == Place::Indoors).count();
         assert!(inside == 16, "{inside}");
     }
 
     #[test]
     fn too_few_photographs_are_refused() {
-        let error = split_photographs(1, "s", &set(2, 1), &[0.8, 0.2])
-            .unwrap_err()
-            .to_string();
+        let error = split_photographs(1, "s", &set(2, 1), &[0.8, 0.2]).unwrap_err().to_string();
         assert!(error.contains("has 3 photographs, but 2 splits"), "{error}");
         let mut twice = set(2, 2);
         twice.push(twice[0].clone());

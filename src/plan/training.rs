@@ -169,21 +169,10 @@ pub struct SettingError {
 impl TrainSettings {
     /// Checks all ranges.
     pub fn validate(&self) -> Result<(), SettingError> {
-        let refuse = |name, value: String, expected| {
-            Err(SettingError {
-                name,
-                value,
-                expected,
-            })
-        };
+        let refuse = |name, value: String, expected| Err(SettingError { name, value, expected });
         let sizes = [
             ("width", self.width, 3..=1024, "from 3 to 1024"),
-            (
-                "discriminator_width",
-                self.discriminator_width,
-                1..=1024,
-                "from 1 to 1024",
-            ),
+            ("discriminator_width", self.discriminator_width, 1..=1024, "from 1 to 1024"),
             ("batch", self.batch, 1..=1024, "from 1 to 1024"),
             ("crop_px", self.crop_px, 32..=8192, "from 32 to 8192"),
             ("vgg_divisor", self.vgg_divisor, 1..=64, "from 1 to 64"),
@@ -194,11 +183,7 @@ impl TrainSettings {
             }
         }
         if !self.vgg_divisor.is_power_of_two() {
-            return refuse(
-                "vgg_divisor",
-                self.vgg_divisor.to_string(),
-                "a power of two",
-            );
+            return refuse("vgg_divisor", self.vgg_divisor.to_string(), "a power of two");
         }
         // Every comparison is false for NaN.
         let rate = self.learning_rate;
@@ -248,54 +233,17 @@ mod tests {
         let settings = TrainSettings::default();
         settings.validate().unwrap();
         let bad = [
-            (
-                "width",
-                TrainSettings {
-                    width: 2,
-                    ..settings.clone()
-                },
-            ),
-            (
-                "learning_rate",
-                TrainSettings {
-                    learning_rate: f64::NAN,
-                    ..settings.clone()
-                },
-            ),
-            (
-                "feature_weight",
-                TrainSettings {
-                    feature_weight: -1.0,
-                    ..settings.clone()
-                },
-            ),
-            (
-                "real_share",
-                TrainSettings {
-                    real_share: 1.5,
-                    ..settings.clone()
-                },
-            ),
-            (
-                "vgg_divisor",
-                TrainSettings {
-                    vgg_divisor: 3,
-                    ..settings.clone()
-                },
-            ),
+            ("width", TrainSettings { width: 2, ..settings.clone() }),
+            ("learning_rate", TrainSettings { learning_rate: f64::NAN, ..settings.clone() }),
+            ("feature_weight", TrainSettings { feature_weight: -1.0, ..settings.clone() }),
+            ("real_share", TrainSettings { real_share: 1.5, ..settings.clone() }),
+            ("vgg_divisor", TrainSettings { vgg_divisor: 3, ..settings.clone() }),
         ];
         for (name, settings) in bad {
             assert_eq!(settings.validate().unwrap_err().name, name);
         }
-        let other = TrainSettings {
-            width: 16,
-            a_priori: false,
-            ..settings.clone()
-        };
-        assert_eq!(
-            settings.differences(&other),
-            ["width: 64 -> 16", "a_priori: true -> false"]
-        );
+        let other = TrainSettings { width: 16, a_priori: false, ..settings.clone() };
+        assert_eq!(settings.differences(&other), ["width: 64 -> 16", "a_priori: true -> false"]);
         assert!(settings.differences(&settings).is_empty());
     }
 }

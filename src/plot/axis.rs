@@ -34,20 +34,12 @@ impl Axis {
     pub(crate) fn log(values: impl Iterator<Item = f64>, ends: [f64; 2]) -> Self {
         let (lo, hi) = range(values);
         let (lo, hi) = (lo.min(hi / 1.5) / 1.3, hi.max(lo * 1.5) * 1.3);
-        Self {
-            scale: Scale::Log,
-            values: [lo, hi],
-            ends,
-        }
+        Self { scale: Scale::Log, values: [lo, hi], ends }
     }
 
     /// A logarithmic axis between two values above 0.
     pub(crate) fn log_between(values: [f64; 2], ends: [f64; 2]) -> Self {
-        Self {
-            scale: Scale::Log,
-            values,
-            ends,
-        }
+        Self { scale: Scale::Log, values, ends }
     }
 
     /// A linear axis that is as long as its values, or somewhat longer if they are all equal.
@@ -59,14 +51,9 @@ impl Axis {
             let room = if lo == 0.0 { 1.0 } else { lo.abs() * 0.1 };
             [lo - room, lo + room]
         };
-        Self {
-            scale: Scale::Linear,
-            values,
-            ends,
-        }
+        Self { scale: Scale::Linear, values, ends }
     }
 
-    /// A value's position.
     pub(crate) fn at(&self, value: f64) -> f64 {
         let [a, b] = self.ends;
         a + (b - a) * self.place(value)
@@ -116,10 +103,7 @@ impl Axis {
             .map(|value| {
                 // No minus before a zero.
                 let value = if value.abs() < room { 0.0 } else { value };
-                Tick {
-                    at: self.at(value),
-                    label: html! { (format_args!("{value:.digits$}")) },
-                }
+                Tick { at: self.at(value), label: html! { (format_args!("{value:.digits$}")) } }
             })
             .collect()
     }
@@ -127,10 +111,7 @@ impl Axis {
     /// Every decade; with few decades also 2 and 5 of each, with less than one all digits, with many only some decades.
     fn log_ticks(&self) -> Vec<Tick> {
         let [lo, hi] = self.values;
-        let (first, last) = (
-            libm::log10(lo).floor() as i32,
-            libm::log10(hi).ceil() as i32,
-        );
+        let (first, last) = (libm::log10(lo).floor() as i32, libm::log10(hi).ceil() as i32);
         let digits: &[i32] = match libm::log10(hi / lo) {
             decades if decades < 0.7 => &[1, 2, 3, 4, 5, 6, 7, 8, 9],
             decades if decades < 2.2 => &[1, 2, 5],
@@ -169,9 +150,7 @@ fn power_label(digit: i32, exponent: i32, is_plain: bool) -> Markup {
 }
 
 fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
-    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), v| {
-        (lo.min(v), hi.max(v))
-    })
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v)))
 }
 
 #[cfg(test)]
@@ -179,10 +158,7 @@ mod tests {
     use super::*;
 
     fn labels(axis: &Axis) -> Vec<String> {
-        axis.ticks()
-            .into_iter()
-            .map(|tick| tick.label.into_string())
-            .collect()
+        axis.ticks().into_iter().map(|tick| tick.label.into_string()).collect()
     }
 
     #[test]
@@ -190,10 +166,7 @@ mod tests {
         let axis = |lo, hi| Axis::linear([lo, hi].into_iter(), [0.0, 100.0]);
         assert_eq!(labels(&axis(0.0, 99.0)), ["0", "20", "40", "60", "80"]);
         assert_eq!(labels(&axis(1.3, 1.7)), ["1.3", "1.4", "1.5", "1.6", "1.7"]);
-        assert_eq!(
-            labels(&axis(-1.0, 1.0)),
-            ["-1.0", "-0.5", "0.0", "0.5", "1.0"]
-        );
+        assert_eq!(labels(&axis(-1.0, 1.0)), ["-1.0", "-0.5", "0.0", "0.5", "1.0"]);
         // Of one value: from 4.5 to 5.5.
         assert_eq!(labels(&axis(5.0, 5.0)), ["4.6", "4.8", "5.0", "5.2", "5.4"]);
         assert_eq!(labels(&axis(0.0, 0.0)).len(), 5);

@@ -15,7 +15,6 @@ pub(crate) struct Panel<'a> {
 
 /// How a line is drawn.
 pub(crate) struct Stroke<'a> {
-    /// A CSS colour.
     pub(crate) colour: &'a str,
     /// px.
     pub(crate) width: f64,
@@ -77,10 +76,7 @@ impl Panel<'_> {
 
     /// A line through positions.
     pub(crate) fn line(points: &[(f64, f64)], stroke: &Stroke) -> Markup {
-        let path: Vec<String> = points
-            .iter()
-            .map(|(x, y)| format!("{x:.1} {y:.1}"))
-            .collect();
+        let path: Vec<String> = points.iter().map(|(x, y)| format!("{x:.1} {y:.1}")).collect();
         let dash = Some(stroke.dash).filter(|dash| !dash.is_empty());
         html! {
             @if !path.is_empty() {

@@ -15,11 +15,7 @@ pub(crate) fn number(value: f64) -> String {
     if size != 0.0 && !(1e-4..1e7).contains(&size) {
         return format!("{value:.2e}");
     }
-    let digits = if value == 0.0 {
-        0
-    } else {
-        (2 - libm::log10(size).floor() as i32).clamp(0, 6)
-    };
+    let digits = if value == 0.0 { 0 } else { (2 - libm::log10(size).floor() as i32).clamp(0, 6) };
     let text = format!("{value:.*}", digits as usize);
     if text.contains('.') {
         text.trim_end_matches('0').trim_end_matches('.').to_owned()

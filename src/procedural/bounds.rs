@@ -27,19 +27,13 @@ pub(super) struct Bounds {
 
 impl Bounds {
     pub(super) fn new(solids: &[Solid]) -> Self {
-        let mut casting: Vec<Solid> = solids
-            .iter()
-            .filter(|s| s.material.casts_shadow)
-            .copied()
-            .collect();
+        let mut casting: Vec<Solid> =
+            solids.iter().filter(|s| s.material.casts_shadow).copied().collect();
         let mut nodes = Vec::with_capacity(casting.len());
         if !casting.is_empty() {
             split(&mut casting, 0, 0, &mut nodes);
         }
-        Self {
-            nodes,
-            solids: casting,
-        }
+        Self { nodes, solids: casting }
     }
 
     /// Whether a solid occludes the ray before `t_max`.
@@ -81,12 +75,7 @@ impl Bounds {
 fn split(solids: &mut [Solid], first: u32, depth: usize, nodes: &mut Vec<Node>) {
     let (low, high) = around(solids.iter());
     let index = nodes.len();
-    nodes.push(Node {
-        low,
-        high,
-        first,
-        count: solids.len() as u32,
-    });
+    nodes.push(Node { low, high, first, count: solids.len() as u32 });
     if solids.len() <= LEAF_COUNT {
         return;
     }
@@ -136,9 +125,7 @@ fn joined(low: Vec3, high: Vec3, solid: &Solid) -> (Vec3, Vec3) {
 }
 
 fn around<'a>(solids: impl Iterator<Item = &'a Solid>) -> (Vec3, Vec3) {
-    solids.fold((Vec3::MAX, Vec3::MIN), |(low, high), s| {
-        joined(low, high, s)
-    })
+    solids.fold((Vec3::MAX, Vec3::MIN), |(low, high), s| joined(low, high, s))
 }
 
 fn surface(low: Vec3, high: Vec3) -> f32 {

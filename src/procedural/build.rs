@@ -14,10 +14,7 @@ pub(super) struct Frame {
 impl Frame {
     /// At `origin`, turned to the right by `yaw_rad`.
     pub(super) fn new(origin: Vec3, yaw_rad: f32) -> Self {
-        Self {
-            origin,
-            axes: turned(yaw_rad),
-        }
+        Self { origin, axes: turned(yaw_rad) }
     }
 
     pub(super) fn world() -> Self {
@@ -26,10 +23,7 @@ impl Frame {
 
     /// Local axes at a point of these, rotated further.
     pub(super) fn at(&self, x: f32, y: f32, z: f32, yaw_rad: f32) -> Self {
-        Self {
-            origin: self.point(Vec3::new(x, y, z)),
-            axes: self.axes * turned(yaw_rad),
-        }
+        Self { origin: self.point(Vec3::new(x, y, z)), axes: self.axes * turned(yaw_rad) }
     }
 
     /// World coordinates of a local point.

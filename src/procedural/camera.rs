@@ -77,13 +77,7 @@ pub(super) struct Camera {
 
 impl Camera {
     pub(super) fn new(pose: Pose, i: &Intrinsics) -> Self {
-        Self {
-            pose,
-            fx: i.fx as f32,
-            fy: i.fy as f32,
-            cx: i.cx as f32,
-            cy: i.cy as f32,
-        }
+        Self { pose, fx: i.fx as f32, fy: i.fy as f32, cx: i.cx as f32, cy: i.cy as f32 }
     }
 
     /// Ray through the image point (u, v), in pixels. Its parameter is the depth along the axis.
@@ -98,10 +92,6 @@ impl Camera {
     /// The point in camera axes: right, up, ahead.
     pub(super) fn local(&self, point: Vec3) -> Vec3 {
         let d = point - self.pose.position;
-        Vec3::new(
-            d.dot(self.pose.right),
-            d.dot(self.pose.up),
-            d.dot(self.pose.ahead),
-        )
+        Vec3::new(d.dot(self.pose.right), d.dot(self.pose.up), d.dot(self.pose.ahead))
     }
 }

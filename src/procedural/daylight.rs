@@ -33,11 +33,7 @@ pub(super) fn lights(
     lamps: &[Vec3],
     r: &mut Stream,
 ) -> Lights {
-    let daylight = if evening {
-        Vec3::new(0.16, 0.2, 0.32)
-    } else {
-        Vec3::new(3.4, 3.6, 3.8)
-    };
+    let daylight = if evening { Vec3::new(0.16, 0.2, 0.32) } else { Vec3::new(3.4, 3.6, 3.8) };
     let openings = walls
         .iter()
         .filter_map(|wall| {
@@ -60,11 +56,7 @@ pub(super) fn lights(
     let warm = Vec3::new(1.0, 0.74, 0.46);
     Lights {
         sun_direction,
-        sun: if sunny {
-            Vec3::new(3.6, 3.2, 2.6)
-        } else {
-            Vec3::ZERO
-        },
+        sun: if sunny { Vec3::new(3.6, 3.2, 2.6) } else { Vec3::ZERO },
         openings,
         bulbs: lamps
             .iter()

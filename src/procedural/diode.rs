@@ -28,13 +28,9 @@ pub enum SampleError {
 
 /// Whether all three files of `photograph` exist under `root`.
 pub fn is_written(root: &Path, photograph: &SamplePhotograph) -> bool {
-    [
-        photograph.color_path(),
-        photograph.depth_path(),
-        photograph.mask_path(),
-    ]
-    .iter()
-    .all(|path| root.join(path).is_file())
+    [photograph.color_path(), photograph.depth_path(), photograph.mask_path()]
+        .iter()
+        .all(|path| root.join(path).is_file())
 }
 
 /// The bytes of a photograph's three files.
@@ -55,10 +51,8 @@ pub fn encode(
     height: u32,
 ) -> Result<SampleFiles, SampleError> {
     let rgbd = render(photograph, width, height);
-    let color = png(&rgbd).map_err(|source| SampleError::Code {
-        path: photograph.color_path(),
-        source,
-    })?;
+    let color =
+        png(&rgbd).map_err(|source| SampleError::Code { path: photograph.color_path(), source })?;
     let (w, h) = (rgbd.width, rgbd.height);
     let valid: Vec<f32> = rgbd.valid.iter().map(|&v| f32::from(u8::from(v))).collect();
     Ok(SampleFiles {
@@ -131,12 +125,7 @@ mod tests {
         let bytes = fs::read(dir.path().join(photograph.mask_path())).unwrap();
         let mask = npyz::NpyFile::new(&bytes[..]).unwrap();
         assert_eq!(mask.shape(), [48, 64]);
-        let valid: Vec<bool> = mask
-            .into_vec::<f32>()
-            .unwrap()
-            .iter()
-            .map(|&v| v == 1.0)
-            .collect();
+        let valid: Vec<bool> = mask.into_vec::<f32>().unwrap().iter().map(|&v| v == 1.0).collect();
         assert_eq!(valid, rgbd.valid);
 
         let color = image::open(dir.path().join(photograph.color_path())).unwrap();

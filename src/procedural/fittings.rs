@@ -18,12 +18,7 @@ pub(super) fn floor_lamp(b: &mut Builder, f: &Frame, style: &Style, on: bool) ->
 /// A lamp on a table; returns the position of its bulb.
 pub(super) fn table_lamp(b: &mut Builder, f: &Frame, style: &Style, on: bool) -> Vec3 {
     b.post(f, [0.0; 3], [0.08, 0.05], 0.05, style.accent);
-    b.ball(
-        f,
-        [0.0, 0.12, 0.0],
-        [0.07, 0.09, 0.07],
-        style.accent.glossy(0.05),
-    );
+    b.ball(f, [0.0, 0.12, 0.0], [0.07, 0.09, 0.07], style.accent.glossy(0.05));
     b.post(f, [0.0, 0.18, 0.0], [0.01, 0.01], 0.14, style.metal);
     shade(b, f, [0.0, 0.28, 0.0], [0.16, 0.1], 0.18, on);
     f.point(Vec3::new(0.0, 0.36, 0.0))
@@ -56,13 +51,7 @@ fn shade(b: &mut Builder, f: &Frame, foot: [f32; 3], radii: [f32; 2], h: f32, on
 pub(super) fn plant(b: &mut Builder, f: &Frame, height: f32, r: &mut Stream) {
     let clay = Material::plain(color(r.pick(&[0xb5673f, 0xd8d3c6, 0x4a5258, 0x7d8f8a])));
     let pot = 0.26 * height.min(1.1);
-    b.post(
-        f,
-        [0.0; 3],
-        [0.09 + 0.05 * height, 0.12 + 0.06 * height],
-        pot,
-        clay,
-    );
+    b.post(f, [0.0; 3], [0.09 + 0.05 * height, 0.12 + 0.06 * height], pot, clay);
     b.post(
         f,
         [0.0, pot - 0.01, 0.0],
@@ -103,30 +92,14 @@ pub(super) fn door(b: &mut Builder, f: &Frame, style: &Style) {
     b.block(f, [0.0, 0.5 * h, 0.015], [w, h, 0.03], style.paint);
     for (y, tall) in [(0.55, 0.7), (1.48, 0.9)] {
         b.block(f, [0.0, y, 0.03], [w - 0.26, tall, 0.025], style.paint);
-        b.block(
-            f,
-            [0.0, y, 0.034],
-            [w - 0.34, tall - 0.08, 0.03],
-            style.wood,
-        );
+        b.block(f, [0.0, y, 0.034], [w - 0.34, tall - 0.08, 0.03], style.wood);
     }
     for side in [-1.0, 1.0] {
-        b.block(
-            f,
-            [side * (0.5 * w + 0.04), 0.5 * h, 0.02],
-            [0.08, h, 0.05],
-            style.wood,
-        );
+        b.block(f, [side * (0.5 * w + 0.04), 0.5 * h, 0.02], [0.08, h, 0.05], style.wood);
     }
     b.block(f, [0.0, h + 0.04, 0.02], [w + 0.2, 0.08, 0.05], style.wood);
     b.ball(f, [0.36, 1.02, 0.09], [0.06, 0.015, 0.015], style.metal);
-    b.rod(
-        f,
-        [0.4, 1.02, 0.03],
-        [0.4, 1.02, 0.09],
-        [0.012, 0.012],
-        style.metal,
-    );
+    b.rod(f, [0.4, 1.02, 0.03], [0.4, 1.02, 0.09], [0.012, 0.012], style.metal);
 }
 
 /// Frame, bars and curtains of a window whose opening is `w` by `h`, its centre at the origin.
@@ -144,19 +117,10 @@ pub(super) fn window(b: &mut Builder, f: &Frame, [w, h]: [f32; 2], style: &Style
     if r.chance(0.5) {
         b.block(f, [0.0, 0.18 * h, -0.08], [w, 0.035, 0.04], white);
     }
-    b.block(
-        f,
-        [0.0, -0.5 * h - 0.03, 0.04],
-        [w + 0.16, 0.035, 0.28],
-        style.wood,
-    );
+    b.block(f, [0.0, -0.5 * h - 0.03, 0.04], [w + 0.16, 0.035, 0.28], style.wood);
     if r.chance(0.75) {
-        let cloth = Material::new(
-            Pattern::Cloth,
-            accent(r).lerp(Vec3::ONE, 0.45),
-            accent(r),
-            seed(r),
-        );
+        let cloth =
+            Material::new(Pattern::Cloth, accent(r).lerp(Vec3::ONE, 0.45), accent(r), seed(r));
         let drop = 0.5 * h + 0.25;
         b.rod(
             f,
@@ -181,12 +145,7 @@ pub(super) fn boxes(b: &mut Builder, f: &Frame, r: &mut Stream) {
     for _ in 0..=r.index(3) {
         let (w, h) = (r.range(0.35, 0.55), r.range(0.25, 0.4));
         let at = f.at(r.range(-0.03, 0.03), y, 0.0, r.range(-0.3, 0.3));
-        let card = Material::new(
-            Pattern::Mottled(0.4),
-            color(0xb58d5c),
-            color(0xa67e50),
-            seed(r),
-        );
+        let card = Material::new(Pattern::Mottled(0.4), color(0xb58d5c), color(0xa67e50), seed(r));
         b.block(&at, [0.0, 0.5 * h, 0.0], [w, h, 0.36], card);
         b.block(
             &at,

@@ -37,21 +37,12 @@ fn living(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
     let size = [r.range(0.9, 1.2), r.range(0.38, 0.46), 0.6];
-    piece::table(
-        b,
-        &f.at(0.0, 0.0, 0.1, r.range(-0.2, 0.2)),
-        size,
-        style.wood,
-        style.metal,
-    );
+    piece::table(b, &f.at(0.0, 0.0, 0.1, r.range(-0.2, 0.2)), size, style.wood, style.metal);
     piece::things(b, &f.at(0.0, 0.0, 0.1, 0.0), size, 3, r);
     rug(b, &f.at(0.0, 0.0, 0.3, 0.0), [1.3, 0.95], style, r);
     b.start_piece();
     let back_z = (room.focus.z + r.range(1.1, 1.4)).min(room.size[2] - 0.5);
-    let at = Frame::new(
-        Vec3::new(room.focus.x, 0.0, back_z),
-        PI + r.range(-0.1, 0.1),
-    );
+    let at = Frame::new(Vec3::new(room.focus.x, 0.0, back_z), PI + r.range(-0.1, 0.1));
     piece::sofa(b, &at, r.range(1.9, 2.2), style.cloth, r);
     b.start_piece();
     let side = if r.chance(0.5) { 1.0 } else { -1.0 };
@@ -71,12 +62,7 @@ fn dining(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
     let at = f.at(0.0, 0.0, 0.2, yaw);
     piece::table(b, &at, size, style.wood, style.wood);
     piece::things(b, &at, size, 4, r);
-    for (x, z, turn) in [
-        (-0.4, -0.62, 0.0),
-        (0.4, -0.66, 0.1),
-        (-0.4, 0.62, PI),
-        (0.4, 0.6, PI),
-    ] {
+    for (x, z, turn) in [(-0.4, -0.62, 0.0), (0.4, -0.66, 0.1), (-0.4, 0.62, PI), (0.4, 0.6, PI)] {
         b.start_piece();
         let chair = at.at(x, 0.0, z, turn + r.range(-0.2, 0.2));
         piece::chair(b, &chair, style.wood, style.accent);
@@ -99,22 +85,12 @@ fn dining(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
 fn study(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
-    let at = f.at(
-        0.0,
-        0.0,
-        0.5,
-        r.range(-0.5, 0.5) + if r.chance(0.5) { PI } else { 0.0 },
-    );
+    let at = f.at(0.0, 0.0, 0.5, r.range(-0.5, 0.5) + if r.chance(0.5) { PI } else { 0.0 });
     piece::desk(b, &at, style, r);
     let lamp = at.at(-0.55, 0.74, -0.18, 0.0);
     lamps.push(fit::table_lamp(b, &lamp, style, room.lamps_on));
     b.start_piece();
-    piece::chair(
-        b,
-        &at.at(0.05, 0.0, 0.6, PI + r.range(-0.5, 0.5)),
-        style.metal,
-        style.accent,
-    );
+    piece::chair(b, &at.at(0.05, 0.0, 0.6, PI + r.range(-0.5, 0.5)), style.metal, style.accent);
     b.start_piece();
     fit::boxes(b, &f.at(r.range(0.75, 1.0), 0.0, -0.3, 0.4), r);
 }
@@ -158,20 +134,8 @@ fn kitchen(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) 
     b.start_piece();
     let size = [r.range(0.9, 1.2), 0.9, 0.7];
     let island = f.at(0.0, 0.0, 0.3, r.range(-0.3, 0.3));
-    piece::chest(
-        b,
-        &island.at(0.0, 0.0, -0.3, PI),
-        [size[0], 0.9, 0.6],
-        1,
-        style,
-    );
-    piece::things(
-        b,
-        &island.at(0.0, 0.018, -0.6, 0.0),
-        [size[0], 0.9, 0.4],
-        4,
-        r,
-    );
+    piece::chest(b, &island.at(0.0, 0.0, -0.3, PI), [size[0], 0.9, 0.6], 1, style);
+    piece::things(b, &island.at(0.0, 0.018, -0.6, 0.0), [size[0], 0.9, 0.4], 4, r);
     b.start_piece();
     lamps.push(fit::pendant(
         b,
@@ -183,12 +147,7 @@ fn kitchen(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) 
     ));
     for side in [-0.85, 0.85] {
         b.start_piece();
-        piece::chair(
-            b,
-            &island.at(side, 0.0, -0.8, -side * 1.5),
-            style.wood,
-            style.accent,
-        );
+        piece::chair(b, &island.at(side, 0.0, -0.8, -side * 1.5), style.wood, style.accent);
     }
 }
 
@@ -201,11 +160,7 @@ fn back_wall(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>
     let free_x = room.free * 0.24 * w;
     if matches!(room.kind, Kind::Living | Kind::Dining | Kind::Study) {
         let has_window = room.walls[0].window.is_some();
-        let places: &[f32] = if has_window {
-            &[free_x]
-        } else {
-            &[-0.24 * w, 0.24 * w]
-        };
+        let places: &[f32] = if has_window { &[free_x] } else { &[-0.24 * w, 0.24 * w] };
         for &x in places {
             b.start_piece();
             let at = back.at(x, 0.0, 0.01, 0.0);
@@ -234,13 +189,7 @@ fn back_wall(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>
         }
     } else if room.kind == Kind::Bedroom && room.walls[0].window.is_none() {
         b.start_piece();
-        fit::picture(
-            b,
-            &back.at(-room.focus.x, 1.65, 0.0, 0.0),
-            [1.1, 0.65],
-            style,
-            r,
-        );
+        fit::picture(b, &back.at(-room.focus.x, 1.65, 0.0, 0.0), [1.1, 0.65], style, r);
     }
 }
 
@@ -261,13 +210,7 @@ fn side_walls(b: &mut Builder, room: &Room, r: &mut Stream) {
             let at = f.at(away * x, 0.0, 0.01, 0.0);
             match r.index(5) {
                 0 => fit::door(b, &at, style),
-                1 => piece::bookcase(
-                    b,
-                    &at,
-                    [r.range(0.8, 1.2), r.range(1.2, 2.1)],
-                    style.wood,
-                    r,
-                ),
+                1 => piece::bookcase(b, &at, [r.range(0.8, 1.2), r.range(1.2, 2.1)], style.wood, r),
                 2 => {
                     piece::chest(b, &at, [1.1, 0.75, 0.42], 3, style);
                     piece::things(b, &at.at(0.0, 0.018, 0.2, 0.0), [1.1, 0.75, 0.3], 3, r);
@@ -298,10 +241,7 @@ fn plants(b: &mut Builder, room: &Room, r: &mut Stream) {
     if r.chance(0.6) {
         b.start_piece();
         let x = if r.chance(0.5) { -1.0 } else { 1.0 } * r.range(0.55, 0.8);
-        let at = Frame::new(
-            room.focus + Vec3::new(x, 0.0, r.range(-0.75, -0.45)),
-            r.unit(),
-        );
+        let at = Frame::new(room.focus + Vec3::new(x, 0.0, r.range(-0.75, -0.45)), r.unit());
         fit::plant(b, &at, r.range(0.75, 1.15), r);
     }
 }
@@ -309,16 +249,6 @@ fn plants(b: &mut Builder, room: &Room, r: &mut Stream) {
 fn rug(b: &mut Builder, f: &Frame, half: [f32; 2], style: &Style, r: &mut Stream) {
     let pattern = Pattern::Rug(Vec2::from(half));
     let seed = seed(r);
-    let wool = Material::new(
-        pattern,
-        style.accent.main * 0.8,
-        style.cloth.main * 0.7,
-        seed,
-    );
-    b.panel(
-        f,
-        [0.0, 0.006, 0.0],
-        [2.0 * half[0], 0.012, 2.0 * half[1]],
-        wool,
-    );
+    let wool = Material::new(pattern, style.accent.main * 0.8, style.cloth.main * 0.7, seed);
+    b.panel(f, [0.0, 0.006, 0.0], [2.0 * half[0], 0.012, 2.0 * half[1]], wool);
 }

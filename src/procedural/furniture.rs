@@ -45,13 +45,8 @@ pub(super) fn things(
                 let bowl = Material::plain(accent(r)).glossy(0.05);
                 b.post(&at, [0.0; 3], [0.06, 0.15], 0.07, bowl);
                 let fruit = Material::plain(color(r.pick(&[0xc8452f, 0xe0902c, 0x8fae3c])));
-                for (x, z) in [
-                    (0.0, 0.0),
-                    (0.07, 0.02),
-                    (-0.07, 0.03),
-                    (0.01, -0.07),
-                    (0.0, 0.07),
-                ] {
+                for (x, z) in [(0.0, 0.0), (0.07, 0.02), (-0.07, 0.03), (0.01, -0.07), (0.0, 0.07)]
+                {
                     b.ball(&at, [x, 0.09, z], [0.04; 3], fruit.glossy(0.04));
                 }
             }
@@ -91,12 +86,9 @@ fn vase(b: &mut Builder, f: &Frame, r: &mut Stream) {
 }
 
 pub(super) fn chair(b: &mut Builder, f: &Frame, wood: Material, seat: Material) {
-    for (x, z, h) in [
-        (-0.19, 0.19, 0.44),
-        (0.19, 0.19, 0.44),
-        (-0.19, -0.2, 0.92),
-        (0.19, -0.2, 0.92),
-    ] {
+    for (x, z, h) in
+        [(-0.19, 0.19, 0.44), (0.19, 0.19, 0.44), (-0.19, -0.2, 0.92), (0.19, -0.2, 0.92)]
+    {
         b.post(f, [x, 0.0, z], [0.016, 0.02], h, wood);
     }
     b.block(f, [0.0, 0.455, 0.0], [0.44, 0.045, 0.44], seat);
@@ -114,13 +106,7 @@ pub(super) fn sofa(b: &mut Builder, f: &Frame, width: f32, cloth: Material, r: &
         let x = side * (0.5 * w - 0.09);
         b.block(f, [x, 0.42, 0.02], [0.18, 0.4, 0.86], cloth);
         b.rod(f, [x, 0.62, -0.42], [x, 0.62, 0.44], [0.095, 0.095], cloth);
-        b.post(
-            f,
-            [x, 0.0, 0.36],
-            [0.02, 0.025],
-            0.1,
-            Material::plain(color(0x3a2a1e)),
-        );
+        b.post(f, [x, 0.0, 0.36], [0.02, 0.025], 0.1, Material::plain(color(0x3a2a1e)));
     }
     let seats = if w > 1.5 { 3 } else { 1 };
     let seat_w = (w - 0.38) / seats as f32;
@@ -131,11 +117,7 @@ pub(super) fn sofa(b: &mut Builder, f: &Frame, width: f32, cloth: Material, r: &
     }
     for side in [-1.0, 1.0] {
         if r.chance(0.8) {
-            let pattern = r.pick(&[
-                Pattern::Cloth,
-                Pattern::Stripes(0.06),
-                Pattern::Checks(0.05),
-            ]);
+            let pattern = r.pick(&[Pattern::Cloth, Pattern::Stripes(0.06), Pattern::Checks(0.05)]);
             let cover = Material::new(pattern, accent(r), accent(r), seed(r));
             let at = f.at(side * (0.5 * w - 0.42), 0.62, -0.16, side * -0.3);
             b.ball(&at, [0.0; 3], [0.21, 0.2, 0.08], cover);
@@ -165,11 +147,7 @@ pub(super) fn bookcase(
             break;
         }
         let mut x = -0.5 * w + 0.03;
-        let books_to = if r.chance(0.65) {
-            0.5 * w - 0.06
-        } else {
-            r.range(-0.1, 0.3) * w
-        };
+        let books_to = if r.chance(0.65) { 0.5 * w - 0.06 } else { r.range(-0.1, 0.3) * w };
         while x < books_to {
             let thick = r.range(0.022, 0.058);
             let tall = (pitch - 0.05) * r.range(0.68, 0.97);
@@ -212,36 +190,16 @@ pub(super) fn bookcase(
 
 /// A chest of drawers or doors with its back at z = 0.
 pub(super) fn chest(b: &mut Builder, f: &Frame, [w, h, d]: [f32; 3], rows: usize, style: &Style) {
-    b.block(
-        f,
-        [0.0, 0.5 * h + 0.04, 0.5 * d],
-        [w, h - 0.08, d],
-        style.paint,
-    );
-    b.block(
-        f,
-        [0.0, h, 0.5 * d],
-        [w + 0.04, 0.035, d + 0.03],
-        style.wood,
-    );
-    b.block(
-        f,
-        [0.0, 0.05, 0.5 * d - 0.03],
-        [w - 0.06, 0.1, d - 0.08],
-        style.metal,
-    );
+    b.block(f, [0.0, 0.5 * h + 0.04, 0.5 * d], [w, h - 0.08, d], style.paint);
+    b.block(f, [0.0, h, 0.5 * d], [w + 0.04, 0.035, d + 0.03], style.wood);
+    b.block(f, [0.0, 0.05, 0.5 * d - 0.03], [w - 0.06, 0.1, d - 0.08], style.metal);
     let columns = ((w / 0.55) as usize).max(1);
     let (cell_w, cell_h) = (w / columns as f32, (h - 0.12) / rows as f32);
     for i in 0..columns {
         for j in 0..rows {
             let x = (i as f32 + 0.5) * cell_w - 0.5 * w;
             let y = 0.09 + (j as f32 + 0.5) * cell_h;
-            b.block(
-                f,
-                [x, y, d + 0.008],
-                [cell_w - 0.02, cell_h - 0.02, 0.02],
-                style.paint,
-            );
+            b.block(f, [x, y, d + 0.008], [cell_w - 0.02, cell_h - 0.02, 0.02], style.paint);
             let y = if rows == 1 { y + 0.3 * cell_h } else { y };
             b.block(f, [x, y, d + 0.03], [0.13, 0.015, 0.02], style.metal);
         }
@@ -252,32 +210,13 @@ pub(super) fn chest(b: &mut Builder, f: &Frame, [w, h, d]: [f32; 3], rows: usize
 pub(super) fn bed(b: &mut Builder, f: &Frame, style: &Style, r: &mut Stream) {
     b.block(f, [0.0, 0.55, 0.03], [1.7, 1.1, 0.06], style.wood);
     b.block(f, [0.0, 0.2, 1.05], [1.62, 0.22, 2.0], style.wood);
-    b.block(
-        f,
-        [0.0, 0.41, 1.05],
-        [1.56, 0.2, 1.96],
-        Material::plain(color(0xe9e4da)),
-    );
-    let pattern = r.pick(&[
-        Pattern::Cloth,
-        Pattern::Stripes(0.12),
-        Pattern::Checks(0.12),
-    ]);
+    b.block(f, [0.0, 0.41, 1.05], [1.56, 0.2, 1.96], Material::plain(color(0xe9e4da)));
+    let pattern = r.pick(&[Pattern::Cloth, Pattern::Stripes(0.12), Pattern::Checks(0.12)]);
     let cover = Material::new(pattern, style.cloth.main, style.accent.main, seed(r));
     b.block(f, [0.0, 0.44, 1.35], [1.66, 0.2, 1.4], cover);
-    b.block(
-        f,
-        [0.0, 0.55, 0.72],
-        [1.66, 0.05, 0.22],
-        Material::plain(color(0xf1ede4)),
-    );
+    b.block(f, [0.0, 0.55, 0.72], [1.66, 0.05, 0.22], Material::plain(color(0xf1ede4)));
     for side in [-0.4, 0.4] {
-        b.ball(
-            f,
-            [side, 0.6, 0.32],
-            [0.34, 0.11, 0.2],
-            Material::plain(color(0xf3efe8)),
-        );
+        b.ball(f, [side, 0.6, 0.32], [0.34, 0.11, 0.2], Material::plain(color(0xf3efe8)));
         b.ball(f, [side, 0.66, 0.46], [0.22, 0.18, 0.09], style.accent);
     }
 }
@@ -290,19 +229,9 @@ pub(super) fn desk(b: &mut Builder, f: &Frame, style: &Style, r: &mut Stream) {
     let mut screen = Material::new(shown, accent(r), accent(r), seed(r));
     screen.glow = 0.0;
     b.block(f, [0.1, 1.02, -0.12], [0.6, 0.37, 0.03], black);
-    b.panel(
-        f,
-        [0.1, 1.02, -0.1],
-        [0.56, 0.33, 0.012],
-        screen.glossy(0.05),
-    );
+    b.panel(f, [0.1, 1.02, -0.1], [0.56, 0.33, 0.012], screen.glossy(0.05));
     b.post(f, [0.1, 0.74, -0.14], [0.09, 0.02], 0.14, black);
-    b.block(
-        f,
-        [0.1, 0.75, 0.14],
-        [0.42, 0.02, 0.14],
-        Material::plain(color(0xc9ccd0)),
-    );
+    b.block(f, [0.1, 0.75, 0.14], [0.42, 0.02, 0.14], Material::plain(color(0xc9ccd0)));
     b.ball(f, [0.42, 0.755, 0.14], [0.03, 0.018, 0.05], black);
     things(b, &f.at(-0.5, 0.0, 0.0, 0.0), [0.3, 0.74, 0.4], 2, r);
 }
@@ -310,18 +239,8 @@ pub(super) fn desk(b: &mut Builder, f: &Frame, style: &Style, r: &mut Stream) {
 /// Kitchen units of this length along a wall, with cupboards above.
 pub(super) fn kitchen(b: &mut Builder, f: &Frame, length: f32, style: &Style, r: &mut Stream) {
     chest(b, f, [length, 0.9, 0.58], 1, style);
-    let tiles = Material::new(
-        Pattern::Tiles(0.12),
-        color(0xe6e4dc),
-        color(0xb9b5aa),
-        seed(r),
-    );
-    b.block(
-        f,
-        [0.0, 1.18, 0.006],
-        [length, 0.5, 0.012],
-        tiles.glossy(0.05),
-    );
+    let tiles = Material::new(Pattern::Tiles(0.12), color(0xe6e4dc), color(0xb9b5aa), seed(r));
+    b.block(f, [0.0, 1.18, 0.006], [length, 0.5, 0.012], tiles.glossy(0.05));
     let count = (length / 0.6) as usize;
     for k in 0..count {
         let x = (k as f32 + 0.5) * 0.6 - 0.3 * count as f32;
@@ -337,11 +256,5 @@ pub(super) fn kitchen(b: &mut Builder, f: &Frame, length: f32, style: &Style, r:
     b.rod(f, [x, 1.2, 0.1], [x, 1.17, 0.28], [0.012, 0.012], steel);
     b.block(f, [x, 0.921, 0.3], [0.5, 0.004, 0.4], steel);
     b.post(f, [x + 0.6, 0.92, 0.32], [0.11, 0.12], 0.16, steel);
-    things(
-        b,
-        &f.at(-0.3 * length, 0.0, 0.3, 0.0),
-        [0.8, 0.918, 0.3],
-        3,
-        r,
-    );
+    things(b, &f.at(-0.3 * length, 0.0, 0.3, 0.0), [0.8, 0.918, 0.3], 3, r);
 }

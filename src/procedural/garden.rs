@@ -23,21 +23,10 @@ pub(super) fn car(b: &mut Builder, f: &Frame, r: &mut Stream) {
     b.block(f, [0.0, 0.58, 0.0], [1.74, 0.5, 4.1], body);
     b.block(f, [0.0, 0.4, 0.0], [1.7, 0.24, 4.2], black);
     b.rod(f, [-0.86, 0.72, 1.9], [0.86, 0.72, 1.9], [0.14, 0.14], body);
-    b.rod(
-        f,
-        [-0.86, 0.72, -1.92],
-        [0.86, 0.72, -1.92],
-        [0.14, 0.14],
-        body,
-    );
+    b.rod(f, [-0.86, 0.72, -1.92], [0.86, 0.72, -1.92], [0.14, 0.14], body);
     // The cabin is a stretched frustum: glass below, a roof on top.
     let cabin = 0.46 + tall;
-    b.block(
-        f,
-        [0.0, 0.83 + 0.5 * cabin, -0.35],
-        [1.5, cabin, 1.75],
-        glass,
-    );
+    b.block(f, [0.0, 0.83 + 0.5 * cabin, -0.35], [1.5, cabin, 1.75], glass);
     for (z, to) in [(0.98, 0.45), (-1.7, -1.15)] {
         let steps = 5;
         for k in 0..steps {
@@ -58,29 +47,14 @@ pub(super) fn car(b: &mut Builder, f: &Frame, r: &mut Stream) {
             let (a, c) = ([x - 0.1, 0.32, z], [x + 0.1, 0.32, z]);
             b.rod(f, a, c, [0.32, 0.32], black);
             let rim = Material::plain(color(0xa9adb1)).glossy(0.1);
-            b.rod(
-                f,
-                [x - 0.11, 0.32, z],
-                [x + 0.11, 0.32, z],
-                [0.19, 0.19],
-                rim,
-            );
+            b.rod(f, [x - 0.11, 0.32, z], [x + 0.11, 0.32, z], [0.19, 0.19], rim);
         }
         let lamp = Material::plain(color(0xf1eee0)).glossy(0.1);
         b.ball(f, [0.85 * x, 0.66, 2.03], [0.15, 0.08, 0.05], lamp);
-        b.block(
-            f,
-            [0.9 * x, 0.7, -2.06],
-            [0.22, 0.12, 0.04],
-            Material::plain(color(0xa5211c)),
-        );
+        b.block(f, [0.9 * x, 0.7, -2.06], [0.22, 0.12, 0.04], Material::plain(color(0xa5211c)));
     }
-    let plate = Material::new(
-        Pattern::Sign(Vec2::new(0.26, 0.06)),
-        color(0xf0efe6),
-        color(0x202020),
-        5,
-    );
+    let plate =
+        Material::new(Pattern::Sign(Vec2::new(0.26, 0.06)), color(0xf0efe6), color(0x202020), 5);
     b.panel(f, [0.0, 0.48, 2.105], [0.52, 0.12, 0.02], plate);
     b.panel(f, [0.0, 0.55, -2.08], [0.52, 0.12, 0.02], plate);
 }
@@ -105,12 +79,7 @@ pub(super) fn person(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let stride = r.range(0.05, 0.22);
     for (x, z) in [(-0.09, stride), (0.09, -stride)] {
         b.rod(f, [x, 0.05, z], [x, 0.85, 0.0], [0.055, 0.085], trousers);
-        b.ball(
-            f,
-            [x, 0.045, z + 0.06],
-            [0.05, 0.05, 0.13],
-            Material::plain(color(0x2a2320)),
-        );
+        b.ball(f, [x, 0.045, z + 0.06], [0.05, 0.05, 0.13], Material::plain(color(0x2a2320)));
     }
     b.ball(f, [0.0, 1.1, 0.0], [0.185, 0.36, 0.125], coat);
     b.ball(f, [0.0, 1.33, 0.0], [0.21, 0.13, 0.12], coat);
@@ -122,17 +91,10 @@ pub(super) fn person(b: &mut Builder, f: &Frame, r: &mut Stream) {
     }
     b.post(f, [0.0, 1.4, 0.0], [0.055, 0.055], 0.12, skin);
     b.ball(f, [0.0, 1.58, 0.0], [0.095, 0.125, 0.11], skin);
-    let hair = Material::plain(color(
-        r.pick(&[0x2a1d14, 0x5a3d22, 0x8a6a3a, 0x1a1a1c, 0x9a948a]),
-    ));
+    let hair = Material::plain(color(r.pick(&[0x2a1d14, 0x5a3d22, 0x8a6a3a, 0x1a1a1c, 0x9a948a])));
     b.ball(f, [0.0, 1.625, -0.025], [0.103, 0.105, 0.11], hair);
     if r.chance(0.4) {
-        b.block(
-            f,
-            [0.32, 0.66, 0.0],
-            [0.1, 0.28, 0.3],
-            Material::plain(bright(r)),
-        );
+        b.block(f, [0.32, 0.66, 0.0], [0.1, 0.28, 0.3], Material::plain(bright(r)));
     }
 }
 
@@ -141,20 +103,10 @@ pub(super) fn bench(b: &mut Builder, f: &Frame) {
     let wood = Material::new(Pattern::Grain(false), color(0x8a5f38), color(0x6e4829), 4);
     let iron = Material::plain(color(0x2b2f31));
     for k in 0..4 {
-        b.block(
-            f,
-            [0.0, 0.45, 0.2 - 0.12 * k as f32],
-            [1.7, 0.035, 0.09],
-            wood,
-        );
+        b.block(f, [0.0, 0.45, 0.2 - 0.12 * k as f32], [1.7, 0.035, 0.09], wood);
     }
     for k in 0..3 {
-        b.block(
-            f,
-            [0.0, 0.58 + 0.13 * k as f32, -0.24 - 0.03 * k as f32],
-            [1.7, 0.09, 0.03],
-            wood,
-        );
+        b.block(f, [0.0, 0.58 + 0.13 * k as f32, -0.24 - 0.03 * k as f32], [1.7, 0.09, 0.03], wood);
     }
     for x in [-0.7, 0.7] {
         b.rod(f, [x, 0.0, 0.22], [x, 0.46, 0.2], [0.025, 0.025], iron);
@@ -168,19 +120,8 @@ pub(super) fn road_sign(b: &mut Builder, f: &Frame, r: &mut Stream) {
     b.post(f, [0.0; 3], [0.03, 0.03], 2.6, pole);
     let ground = color(r.pick(&[0x1f4f92, 0xb22a24, 0xe8e4d8, 0xd8a822]));
     if r.chance(0.5) {
-        b.rod(
-            f,
-            [0.0, 2.3, -0.035],
-            [0.0, 2.3, -0.05],
-            [0.3, 0.3],
-            Material::plain(ground),
-        );
-        b.block(
-            f,
-            [0.0, 2.3, -0.055],
-            [0.36, 0.09, 0.012],
-            Material::plain(color(0xf4f2ea)),
-        );
+        b.rod(f, [0.0, 2.3, -0.035], [0.0, 2.3, -0.05], [0.3, 0.3], Material::plain(ground));
+        b.block(f, [0.0, 2.3, -0.055], [0.36, 0.09, 0.012], Material::plain(color(0xf4f2ea)));
     } else {
         let face = Pattern::Sign(Vec2::new(0.45, 0.2));
         let face = Material::new(face, ground, color(0xf7f4ec), (r.bits() >> 40) as i32);
@@ -195,13 +136,7 @@ pub(super) fn cafe(b: &mut Builder, f: &Frame, r: &mut Stream) {
     b.post(f, [0.0; 3], [0.2, 0.18], 0.03, metal);
     b.post(f, [0.0; 3], [0.025, 0.025], 2.3, metal);
     b.post(f, [0.0, 0.72, 0.0], [0.36, 0.36], 0.03, top);
-    b.post(
-        f,
-        [0.15, 0.75, 0.1],
-        [0.03, 0.035],
-        0.09,
-        Material::plain(color(0xf3f0e8)),
-    );
+    b.post(f, [0.15, 0.75, 0.1], [0.03, 0.035], 0.09, Material::plain(color(0xf3f0e8)));
     b.post(
         f,
         [-0.14, 0.75, -0.06],
@@ -231,13 +166,7 @@ pub(super) fn bollard(b: &mut Builder, f: &Frame) {
     let iron = Material::plain(color(0x2f3436)).glossy(0.05);
     b.post(f, [0.0; 3], [0.075, 0.06], 0.85, iron);
     b.ball(f, [0.0, 0.88, 0.0], [0.085, 0.07, 0.085], iron);
-    b.post(
-        f,
-        [0.0, 0.68, 0.0],
-        [0.068, 0.066],
-        0.07,
-        Material::plain(color(0xe7e4da)),
-    );
+    b.post(f, [0.0, 0.68, 0.0], [0.068, 0.066], 0.07, Material::plain(color(0xe7e4da)));
 }
 
 /// A parked bicycle along z.
@@ -253,13 +182,7 @@ pub(super) fn bicycle(b: &mut Builder, f: &Frame, r: &mut Stream) {
             b.rod(f, spot(k), spot(k + 1), [0.018, 0.018], tyre);
         }
         for k in 0..7 {
-            b.rod(
-                f,
-                spot(k),
-                spot(k + 7),
-                [0.003, 0.003],
-                Material::plain(color(0xb0b3b5)),
-            );
+            b.rod(f, spot(k), spot(k + 7), [0.003, 0.003], Material::plain(color(0xb0b3b5)));
         }
     };
     ring(b, -0.52);
@@ -274,12 +197,6 @@ pub(super) fn bicycle(b: &mut Builder, f: &Frame, r: &mut Stream) {
     ] {
         b.rod(f, from, to, [0.018, 0.018], paint);
     }
-    b.rod(
-        f,
-        [-0.26, 1.02, 0.28],
-        [0.26, 1.02, 0.28],
-        [0.014, 0.014],
-        tyre,
-    );
+    b.rod(f, [-0.26, 1.02, 0.28], [0.26, 1.02, 0.28], [0.014, 0.014], tyre);
     b.ball(f, [0.0, 0.98, -0.25], [0.07, 0.035, 0.13], tyre);
 }

@@ -44,18 +44,10 @@ mod tests {
 
     #[test]
     fn glass_and_far_surfaces_are_holes() {
-        let wall = Return {
-            depth_m: 3.0,
-            cos: 0.9,
-            glass: false,
-            neighbours_m: (3.0, 3.0),
-        };
+        let wall = Return { depth_m: 3.0, cos: 0.9, glass: false, neighbours_m: (3.0, 3.0) };
         assert!(is_valid(&wall, 60.0, [1, 2], 3));
         assert!(!is_valid(&wall, 2.0, [1, 2], 3));
-        let glass = Return {
-            glass: true,
-            ..wall
-        };
+        let glass = Return { glass: true, ..wall };
         assert!(!is_valid(&glass, 60.0, [1, 2], 3));
     }
 }

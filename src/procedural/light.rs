@@ -50,34 +50,22 @@ impl<'a> SoftLight<'a> {
                 Vec3::new(r * c, r * s, (1.0 - square).sqrt())
             })
             .collect();
-        Self {
-            lights,
-            bounds,
-            hemisphere,
-        }
+        Self { lights, bounds, hemisphere }
     }
 
     /// Irradiance over pi at a point, by the rays of one pattern.
     fn arriving(&self, point: &Point, pattern: usize) -> Vec3 {
-        let Point {
-            position, normal, ..
-        } = *point;
+        let Point { position, normal, .. } = *point;
         let lights = self.lights;
         let origin = position + normal * (1e-3 + 2e-4 * point.depth_m);
-        let side = if normal.x.abs() > 0.7 {
-            Vec3::Y
-        } else {
-            Vec3::X
-        };
+        let side = if normal.x.abs() > 0.7 { Vec3::Y } else { Vec3::X };
         let u = normal.cross(side).normalize();
         let v = normal.cross(u);
         let mut sum = Vec3::ZERO;
         let first = pattern * AMBIENT_RAYS;
         for d in &self.hemisphere[first..first + AMBIENT_RAYS] {
             let direction = u * d.x + v * d.y + normal * d.z;
-            let ambient = lights
-                .ambient_down
-                .lerp(lights.ambient_up, 0.5 + 0.5 * direction.y);
+            let ambient = lights.ambient_down.lerp(lights.ambient_up, 0.5 + 0.5 * direction.y);
             let ray = Ray { origin, direction };
             let hidden = self.bounds.occluded(&ray, lights.ambient_reach_m);
             // An occluder reflects a part of the ambient light.
@@ -170,12 +158,7 @@ impl<'a> SoftGrid<'a> {
             .into_par_iter()
             .map(|index| blurred(&raw, index, across, down))
             .collect();
-        Self {
-            soft,
-            across,
-            down,
-            cells,
-        }
+        Self { soft, across, down, cells }
     }
 
     /// Soft light at a surface point seen at pixel (i, j).
@@ -198,11 +181,7 @@ impl<'a> SoftGrid<'a> {
         if weight > 0.02 {
             return sum / weight;
         }
-        [1, 7, 12]
-            .into_iter()
-            .map(|k| self.soft.arriving(point, k))
-            .sum::<Vec3>()
-            / 3.0
+        [1, 7, 12].into_iter().map(|k| self.soft.arriving(point, k)).sum::<Vec3>() / 3.0
     }
 }
 
@@ -243,8 +222,5 @@ fn blurred(raw: &[Option<Cell>], index: usize, across: usize, down: usize) -> Op
             }
         }
     }
-    Some(Cell {
-        light: sum / weight,
-        ..centre
-    })
+    Some(Cell { light: sum / weight, ..centre })
 }

@@ -81,11 +81,7 @@ fn photograph(i: u32, seed: u64) -> SamplePhotograph {
     let scan_of_scene = k / SCENES_PER_BLOCK % SCANS_PER_SCENE;
     let scene = 2 * scene_of_place + outdoor;
     SamplePhotograph {
-        place: if outdoor == 0 {
-            Place::Indoors
-        } else {
-            Place::Outdoor
-        },
+        place: if outdoor == 0 { Place::Indoors } else { Place::Outdoor },
         scene,
         scan: scene * SCANS_PER_SCENE + scan_of_scene,
         index: k / (SCENES_PER_BLOCK * SCANS_PER_SCENE) % VIEWS_PER_SCAN,
@@ -108,10 +104,7 @@ mod tests {
 
     #[test]
     fn no_two_photographs_share_a_file() {
-        let paths: BTreeSet<_> = listing(500, 1)
-            .iter()
-            .map(SamplePhotograph::color_path)
-            .collect();
+        let paths: BTreeSet<_> = listing(500, 1).iter().map(SamplePhotograph::color_path).collect();
         assert_eq!(paths.len(), 500);
     }
 
@@ -123,10 +116,8 @@ mod tests {
             let scenes: BTreeSet<_> = here().map(|p| p.scene).collect();
             assert_eq!(scenes.len(), 2);
             for scene in scenes {
-                let scans: BTreeSet<_> = here()
-                    .filter(|p| p.scene == scene)
-                    .map(|p| p.scan)
-                    .collect();
+                let scans: BTreeSet<_> =
+                    here().filter(|p| p.scene == scene).map(|p| p.scan).collect();
                 assert_eq!(scans.len(), 2);
             }
         }
@@ -134,13 +125,8 @@ mod tests {
 
     #[test]
     fn paths_follow_the_published_layout() {
-        let photograph = SamplePhotograph {
-            place: Place::Outdoor,
-            scene: 22,
-            scan: 193,
-            index: 0,
-            seed: 0,
-        };
+        let photograph =
+            SamplePhotograph { place: Place::Outdoor, scene: 22, scan: 193, index: 0, seed: 0 };
         let color = "train/outdoor/scene_00022/scan_00193/00022_00193_outdoor_000_000.png";
         assert_eq!(photograph.color_path(), PathBuf::from(color));
         let depth = color.replace(".png", "_depth.npy");

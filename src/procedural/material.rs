@@ -8,11 +8,7 @@ use std::sync::LazyLock;
 static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
     std::array::from_fn(|code| {
         let c = code as f32 / 255.0;
-        if c <= 0.04045 {
-            c / 12.92
-        } else {
-            libm::powf((c + 0.055) / 1.055, 2.4)
-        }
+        if c <= 0.04045 { c / 12.92 } else { libm::powf((c + 0.055) / 1.055, 2.4) }
     })
 });
 
@@ -52,21 +48,12 @@ impl Material {
 
     /// A pattern of two colours.
     pub(super) fn new(pattern: Pattern, main: Vec3, second: Vec3, seed: i32) -> Self {
-        Self {
-            pattern,
-            second,
-            seed,
-            ..Self::plain(main)
-        }
+        Self { pattern, second, seed, ..Self::plain(main) }
     }
 
     /// A lamp shade: emits light and casts no shadow.
     pub(super) fn lamp(main: Vec3, glow: f32) -> Self {
-        Self {
-            glow,
-            casts_shadow: false,
-            ..Self::plain(main)
-        }
+        Self { glow, casts_shadow: false, ..Self::plain(main) }
     }
 
     pub(super) fn glossy(self, gloss: f32) -> Self {

@@ -107,11 +107,8 @@ fn street_place(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
     for _ in 0..7 {
         let side = if r.chance(0.5) { 1.0 } else { -1.0 };
         b.start_piece();
-        let at = Vec3::new(
-            side * (half_m + r.range(0.8, pavement_m - 0.4)),
-            0.12,
-            r.range(3.0, 26.0),
-        );
+        let at =
+            Vec3::new(side * (half_m + r.range(0.8, pavement_m - 0.4)), 0.12, r.range(3.0, 26.0));
         let turn = if r.chance(0.5) { 0.0 } else { PI };
         garden::person(b, &Frame::new(at, turn + r.range(-0.3, 0.3)), r);
     }
@@ -126,11 +123,7 @@ fn street_place(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
 fn square(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
     let f = &Frame::world();
     b.start_place();
-    let (slab, joint) = r.pick(&[
-        (0xb0a594, 0x8a8072),
-        (0xa5a5a0, 0x7f807c),
-        (0xb89a80, 0x927a64),
-    ]);
+    let (slab, joint) = r.pick(&[(0xb0a594, 0x8a8072), (0xa5a5a0, 0x7f807c), (0xb89a80, 0x927a64)]);
     let size = r.pick(&[0.35, 0.6, 0.9]);
     let paving = Material::new(Pattern::Tiles(size), color(slab), color(joint), 41);
     b.block(f, [0.0, -0.2, 30.0], [90.0, 0.4, 120.0], paving);
@@ -149,10 +142,7 @@ fn square(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
     let mut lamps = Vec::new();
     // A fountain or a monument in the middle.
     b.start_piece();
-    let middle = Frame::new(
-        Vec3::new(r.range(-1.5, 1.5), 0.0, r.range(9.0, 12.0)),
-        r.unit(),
-    );
+    let middle = Frame::new(Vec3::new(r.range(-1.5, 1.5), 0.0, r.range(9.0, 12.0)), r.unit());
     monument(b, &middle, r);
     let eye = Vec3::new(r.range(-2.0, 2.0), r.range(1.45, 1.8), 0.0);
     let target = middle.origin + Vec3::Y * r.range(1.2, 1.8);
@@ -184,13 +174,7 @@ fn square(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
             }
         }
     }
-    let things = &[
-        Thing::Bollard,
-        Thing::Bicycle,
-        Thing::Planter,
-        Thing::Bench,
-        Thing::Person,
-    ];
+    let things = &[Thing::Bollard, Thing::Bicycle, Thing::Planter, Thing::Bench, Thing::Person];
     foreground(b, eye, target, things, r);
     Place { eye, target, lamps }
 }
@@ -224,13 +208,7 @@ fn park(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
     let mut path = Vec::new();
     for k in 0..44 {
         let z = -4.0 + 1.4 * k as f32;
-        b.post(
-            f,
-            [x, -0.39, z],
-            [1.6, 1.55],
-            0.4 + 0.0004 * k as f32,
-            gravel,
-        );
+        b.post(f, [x, -0.39, z], [1.6, 1.55], 0.4 + 0.0004 * k as f32, gravel);
         path.push(Vec3::new(x, 0.0, z));
         x += drift * (0.3 + 0.03 * k as f32) + r.range(-0.12, 0.12);
     }
@@ -242,11 +220,7 @@ fn park(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
         let at = Frame::new(spot + Vec3::X * (side * 2.1), -side * FRAC_PI_2);
         match k % 4 {
             0 | 3 => garden::bench(b, &at),
-            1 => lamps.push(garden::lamp_post(
-                b,
-                &at.at(0.0, 0.0, 0.0, -FRAC_PI_2),
-                night > 0.0,
-            )),
+            1 => lamps.push(garden::lamp_post(b, &at.at(0.0, 0.0, 0.0, -FRAC_PI_2), night > 0.0)),
             _ => tree::shrub(b, &at, r.range(0.6, 1.1), r),
         }
     }
@@ -255,10 +229,7 @@ fn park(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
         let side = if k % 2 == 0 { 1.0 } else { -1.0 };
         let spot = path[((z + 4.0) / 1.4) as usize % path.len()];
         b.start_piece();
-        let at = Frame::new(
-            Vec3::new(spot.x + side * r.range(3.4, 11.0), 0.0, z),
-            r.unit(),
-        );
+        let at = Frame::new(Vec3::new(spot.x + side * r.range(3.4, 11.0), 0.0, z), r.unit());
         if r.chance(0.25) {
             tree::conifer(b, &at, r.range(5.0, 9.0), r);
         } else {
@@ -269,11 +240,7 @@ fn park(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
         b.start_piece();
         let spot = path[7 + r.index(16)];
         let at = spot + Vec3::new(r.range(-1.2, 1.2), 0.0, r.range(-0.5, 0.5));
-        garden::person(
-            b,
-            &Frame::new(at, r.pick(&[0.0, PI]) + r.range(-0.4, 0.4)),
-            r,
-        );
+        garden::person(b, &Frame::new(at, r.pick(&[0.0, PI]) + r.range(-0.4, 0.4)), r);
     }
     b.start_place();
     let mut x = -34.0;
@@ -287,13 +254,7 @@ fn park(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
     }
     let eye = Vec3::new(path[2].x + r.range(-1.0, 1.0), r.range(1.4, 1.8), 0.0);
     let target = Vec3::new(path[9].x, r.range(1.3, 1.9), 10.0);
-    let things = &[
-        Thing::Sign,
-        Thing::Bicycle,
-        Thing::Planter,
-        Thing::Bench,
-        Thing::Person,
-    ];
+    let things = &[Thing::Sign, Thing::Bicycle, Thing::Planter, Thing::Bench, Thing::Person];
     foreground(b, eye, target, things, r);
     Place { eye, target, lamps }
 }

@@ -62,12 +62,8 @@ impl Material {
         let f = footprint_m;
         let (u, v) = (uv.x, uv.y);
         let (main, second, seed) = (self.main, self.second, self.seed);
-        let mut found = Surface {
-            albedo: main,
-            glow: main * self.glow,
-            gloss: self.gloss,
-            glass: false,
-        };
+        let mut found =
+            Surface { albedo: main, glow: main * self.glow, gloss: self.gloss, glass: false };
         found.albedo = match self.pattern {
             Pattern::Plain => main * (0.95 + 0.1 * cloudy(u * 2.0, v * 2.0, f * 2.0, seed)),
             Pattern::Mottled(size) => {
@@ -163,9 +159,7 @@ fn picture(q: Vec2, f: f32, m: &Material) -> Vec3 {
         let sky = color(0xf2d7b0).lerp(color(0x6f9fc8), (q.y * 0.6 + 0.4).clamp(0.0, 1.0));
         let sun_at = Vec2::new(dice(seed, 1, 0) - 0.5, 0.35);
         let sun = band((q - sun_at).length(), -1.0, 0.16, f);
-        let far = sky
-            .lerp(color(0xfff3d0), sun)
-            .lerp(m.main, band(q.y, -2.0, hill, f));
+        let far = sky.lerp(color(0xfff3d0), sun).lerp(m.main, band(q.y, -2.0, hill, f));
         far.lerp(m.second, band(q.y, -2.0, near, f))
     } else {
         let mut c = color(0xe9e2d2);
@@ -218,8 +212,7 @@ fn facade(uv: Vec2, cell: Vec2, f: f32, m: &Material, found: &mut Surface) -> Ve
         ));
         m.main.lerp(m.second, 0.5 * joint)
     } else {
-        m.main
-            .lerp(m.second, 0.5 * stripe(uv.y + 0.2, cell.y, 0.2, f))
+        m.main.lerp(m.second, 0.5 * stripe(uv.y + 0.2, cell.y, 0.2, f))
     };
     let room = dice(i, j, m.seed);
     let blind = band(y, 0.5 * h - h * 0.9 * (room - 0.4).max(0.0), 9.0, f);
@@ -236,10 +229,7 @@ fn facade(uv: Vec2, cell: Vec2, f: f32, m: &Material, found: &mut Surface) -> Ve
     found.glass = pane > 0.5 && dice(j.wrapping_add(17), i, m.seed) < 0.55;
     found.gloss = 0.09 * pane * (1.0 - 0.6 * blind);
     let trim = m.second;
-    (coat * weather)
-        .lerp(trim, sill.max(lintel))
-        .lerp(trim * 0.9, opening)
-        .lerp(inside, pane)
+    (coat * weather).lerp(trim, sill.max(lintel)).lerp(trim * 0.9, opening).lerp(inside, pane)
 }
 
 fn road(u: f32, v: f32, half_width: f32, f: f32, m: &Material) -> Vec3 {
@@ -269,10 +259,7 @@ fn sign(uv: Vec2, half: Vec2, f: f32, m: &Material) -> Vec3 {
         band(at, low, high, f) * ((letter >> bit) & 1) as f32
     };
     let upright = (band(x, 0.15, 0.33, f)).max(bar(1, 0.62, 0.8, x));
-    let level = bar(2, 0.32, 0.5, y)
-        .max(bar(3, -0.09, 0.09, y))
-        .max(bar(4, -0.5, -0.32, y));
+    let level = bar(2, 0.32, 0.5, y).max(bar(3, -0.09, 0.09, y)).max(bar(4, -0.5, -0.32, y));
     let strokes = upright.max(level * band(x, 0.15, 0.8, f));
-    m.main
-        .lerp(m.second, written * strokes * band(x, 0.0, 0.86, f))
+    m.main.lerp(m.second, written * strokes * band(x, 0.0, 0.86, f))
 }

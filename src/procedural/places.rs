@@ -76,10 +76,7 @@ pub fn places_listing(
             number: (at / categories.len()) as u32 + 1,
         }
     };
-    listing::listing(count, seed)
-        .into_iter()
-        .map(place_of)
-        .collect()
+    listing::listing(count, seed).into_iter().map(place_of).collect()
 }
 
 /// Renders `photograph` and writes its two files under `root`, each atomically.
@@ -94,10 +91,7 @@ pub fn write_places(
     let color_path = root.join(PLACES_COLOR).join(photograph.color_path());
     let depth_path = root.join(PLACES_DEPTH).join(photograph.depth_path());
     let code = |path: &Path, coded: Result<Vec<u8>, image::ImageError>| {
-        coded.map_err(|source| SampleError::Code {
-            path: path.to_owned(),
-            source,
-        })
+        coded.map_err(|source| SampleError::Code { path: path.to_owned(), source })
     };
     let files = [
         (&depth_path, code(&depth_path, png(&rgbd))?),
@@ -127,11 +121,7 @@ fn jpeg(rgbd: &Rgbd) -> Result<Vec<u8>, image::ImageError> {
 fn relative_inverse(inverse_depth_per_m: &[f32]) -> Vec<u16> {
     let least = inverse_depth_per_m.iter().copied().fold(f32::MAX, f32::min);
     let most = inverse_depth_per_m.iter().copied().fold(0.0, f32::max);
-    let scale = if most > least {
-        65535.0 / (most - least)
-    } else {
-        0.0
-    };
+    let scale = if most > least { 65535.0 / (most - least) } else { 0.0 };
     let code = |&inverse: &f32| ((inverse - least) * scale + 0.5) as u16;
     inverse_depth_per_m.iter().map(code).collect()
 }

@@ -31,12 +31,8 @@ pub struct Rgbd {
 }
 
 /// Offsets of the antialiasing samples from the pixel's centre.
-const OFFSETS: [(f32, f32); 4] = [
-    (-0.125, -0.375),
-    (0.375, -0.125),
-    (0.125, 0.375),
-    (-0.375, 0.125),
-];
+const OFFSETS: [(f32, f32); 4] =
+    [(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)];
 
 /// Distance of metered pixels, px.
 const METERING_STEP: usize = 16;
@@ -66,33 +62,18 @@ pub fn render_through(
     let camera = model.camera(intrinsics);
     let bounds = Bounds::new(&model.solids);
     let tiles = Tiles::new(&model.solids, &camera, w, h);
-    let view = View {
-        model: &model,
-        camera,
-        bounds: &bounds,
-        tiles: &tiles,
-    };
-    let pixels: Vec<Option<Pixel>> = (0..w * h)
-        .into_par_iter()
-        .with_min_len(w)
-        .map(|k| view.pixel(k % w, k / w))
-        .collect();
+    let view = View { model: &model, camera, bounds: &bounds, tiles: &tiles };
+    let pixels: Vec<Option<Pixel>> =
+        (0..w * h).into_par_iter().with_min_len(w).map(|k| view.pixel(k % w, k / w)).collect();
     let soft = SoftLight::new(&model.lights, &bounds);
     let grid = SoftGrid::new(&soft, w, h, |i, j| {
         let pixel = pixels[j * w + i]?;
         let ray = view.centre_ray(i, j);
         Some(point(&ray, pixel.hit, pixel.normal))
     });
-    let inverse_depth_per_m = pixels
-        .iter()
-        .map(|pixel| pixel.map_or(0.0, |p| 1.0 / p.hit.depth_m))
-        .collect();
-    let film = Film {
-        view,
-        grid,
-        pixels,
-        size: [w, h],
-    };
+    let inverse_depth_per_m =
+        pixels.iter().map(|pixel| pixel.map_or(0.0, |p| 1.0 / p.hit.depth_m)).collect();
+    let film = Film { view, grid, pixels, size: [w, h] };
     let tone = film.metered_tone();
     let seed = (photograph.seed as u32 ^ photograph.scan).cast_signed();
 
@@ -115,14 +96,7 @@ pub fn render_through(
                 }
             }
         });
-    Rgbd {
-        width,
-        height,
-        rgb,
-        depth_m,
-        valid,
-        inverse_depth_per_m,
-    }
+    Rgbd { width, height, rgb, depth_m, valid, inverse_depth_per_m }
 }
 
 /// A view with the surfaces at all pixel centres.
@@ -168,24 +142,15 @@ impl Film<'_> {
     fn antialiased(&self, i: usize, j: usize, radiance: Vec3, tone: &Tone) -> Vec3 {
         let pixel = &self.pixels[j * self.size[0] + i];
         let around = self.neighbours(i, j);
-        if !around
-            .iter()
-            .any(|other| differs(pixel.as_ref(), other.as_ref()))
-        {
+        if !around.iter().any(|other| differs(pixel.as_ref(), other.as_ref())) {
             return tone.coded(radiance);
         }
         // If all neighbours are lit, so are the points between. (A shaded one may only face away.)
-        let is_lit = pixel
-            .iter()
-            .chain(around.iter().flatten())
-            .all(|p| p.in_sun);
+        let is_lit = pixel.iter().chain(around.iter().flatten()).all(|p| p.in_sun);
         let known_sun = is_lit.then_some(true);
         let mut coded = Vec3::ZERO;
         for (du, dv) in OFFSETS {
-            let ray = self
-                .view
-                .camera
-                .ray(i as f32 + 0.5 + du, j as f32 + 0.5 + dv);
+            let ray = self.view.camera.ray(i as f32 + 0.5 + du, j as f32 + 0.5 + dv);
             let seen = self.view.seen(&ray, i, j, known_sun);
             let (radiance, _) = self.view.radiance(&ray, seen.as_ref(), &self.grid, i, j);
             coded += tone.coded(radiance);
@@ -203,10 +168,7 @@ impl Film<'_> {
             depth_m: pixel.hit.depth_m,
             cos: -pixel.normal.dot(direction),
             glass,
-            neighbours_m: (
-                depths().fold(f32::MAX, f32::min),
-                depths().fold(0.0, f32::max),
-            ),
+            neighbours_m: (depths().fold(f32::MAX, f32::min), depths().fold(0.0, f32::max)),
         };
         let at = [i as u32, j as u32].map(u32::cast_signed);
         hole::is_valid(&found, self.view.model.range_m, at, seed).then_some(found.depth_m)
@@ -214,11 +176,7 @@ impl Film<'_> {
 }
 
 fn point(ray: &Ray, hit: Hit, normal: Vec3) -> Point {
-    Point {
-        position: ray.at(hit.depth_m),
-        normal,
-        depth_m: hit.depth_m,
-    }
+    Point { position: ray.at(hit.depth_m), normal, depth_m: hit.depth_m }
 }
 
 /// Whether an edge runs between two neighbouring pixels.
@@ -267,11 +225,7 @@ impl View<'_> {
             let direction = lights.sun_direction;
             known_sun.unwrap_or_else(|| !self.bounds.occluded(&Ray { origin, direction }, 200.0))
         };
-        Some(Pixel {
-            hit,
-            normal,
-            in_sun,
-        })
+        Some(Pixel { hit, normal, in_sun })
     }
 
     /// Radiance along a ray, and whether it ends on glass or in the sky.

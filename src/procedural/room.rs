@@ -30,13 +30,7 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
     let (scene, scan) = (u64::from(p.scene), u64::from(p.scan));
     let style = style(&mut Stream::new(&[p.seed, 11, scene]), scene as usize / 2);
     let r = &mut Stream::new(&[p.seed, 12, scene, scan]);
-    let kinds = [
-        Kind::Living,
-        Kind::Dining,
-        Kind::Study,
-        Kind::Bedroom,
-        Kind::Kitchen,
-    ];
+    let kinds = [Kind::Living, Kind::Dining, Kind::Study, Kind::Bedroom, Kind::Kitchen];
     let kind = kinds[(p.scan as usize + p.seed as usize % 5 + p.scene as usize / 2) % 5];
     let (w, h, d) = (r.range(4.2, 6.2), r.range(2.45, 3.0), r.range(5.0, 7.5));
     let evening = r.chance(0.22);
@@ -48,11 +42,7 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
         (Frame::new(Vec3::new(0.5 * w, 0.0, 0.5 * d), -FRAC_PI_2), d),
         (Frame::new(Vec3::ZERO, 0.0), w),
     ]
-    .map(|(frame, length)| Wall {
-        frame,
-        length,
-        window: None,
-    });
+    .map(|(frame, length)| Wall { frame, length, window: None });
     let lit = r.pick(&[0, 0, 0, 1, 1, 2, 2]);
     let side = if r.chance(0.5) { 1.0 } else { -1.0 };
     let tall = r.chance(0.25);
@@ -78,11 +68,7 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
 
     // x of the back wall runs against the world's: a window there leaves the other half free.
     let free = if lit == 0 { -side } else { side };
-    let eye = Vec3::new(
-        r.range(-0.12, 0.12) * w,
-        r.range(1.25, 1.65),
-        r.range(0.45, 0.9),
-    );
+    let eye = Vec3::new(r.range(-0.12, 0.12) * w, r.range(1.25, 1.65), r.range(0.45, 0.9));
     let focus = Vec3::new(r.range(-0.25, 0.25), 0.0, eye.z + r.range(2.1, 2.8));
     let mut lamps = Vec::new();
     let room = Room {
@@ -110,11 +96,7 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
         sky: sky(evening, r),
         lights,
         pose: Pose::new(eye, yaw, pitch),
-        brightness: if evening {
-            r.range(0.33, 0.39)
-        } else {
-            r.range(0.42, 0.53)
-        },
+        brightness: if evening { r.range(0.33, 0.39) } else { r.range(0.42, 0.53) },
         range_m: 15.0,
     }
 }

@@ -170,11 +170,7 @@ fn frustum(o: Vec3, d: Vec3, [bottom, top, half_height]: [f32; 3], t_max: f32) -
         }
     }
     if d.y != 0.0 {
-        let (cap_y, cap_r) = if d.y < 0.0 {
-            (half_height, top)
-        } else {
-            (-half_height, bottom)
-        };
+        let (cap_y, cap_r) = if d.y < 0.0 { (half_height, top) } else { (-half_height, bottom) };
         let t = (cap_y - o.y) / d.y;
         let (x, z) = (o.x + t * d.x, o.z + t * d.z);
         if t > NEAREST && t < best && x * x + z * z <= cap_r * cap_r {

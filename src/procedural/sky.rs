@@ -35,16 +35,11 @@ impl Sky {
         let trees = 0.012 + 0.03 * cloudy(azimuth * 24.0, 4.0, 0.0, self.seed);
         let far = self.horizon * color(0x9fb0b8);
         let near = self.horizon * color(0x66785f);
-        sky.lerp(far, band(y, -2.0, hills, 0.004))
-            .lerp(near, band(y, -2.0, trees, 0.004))
+        sky.lerp(far, band(y, -2.0, hills, 0.004)).lerp(near, band(y, -2.0, trees, 0.004))
     }
 
     /// Radiance without detail, for reflections and ambient light.
     pub(super) fn smooth_radiance(&self, up: f32) -> Vec3 {
-        if up > 0.0 {
-            self.horizon.lerp(self.zenith, up)
-        } else {
-            self.horizon * 0.3
-        }
+        if up > 0.0 { self.horizon.lerp(self.zenith, up) } else { self.horizon * 0.3 }
     }
 }

@@ -59,12 +59,7 @@ pub(super) fn building(
     // The texture counts bays from the left end and storeys from the first floor.
     let corner = f.at(-0.5 * w, base, 0.0, 0.0);
     let upper = h - base;
-    b.block(
-        &corner,
-        [0.5 * w, 0.5 * upper, -0.5 * d],
-        [w, upper, d],
-        front,
-    );
+    b.block(&corner, [0.5 * w, 0.5 * upper, -0.5 * d], [w, upper, d], front);
     let shop = r.chance(0.6);
     let post = w / ((w / 1.6) as usize).max(1) as f32;
     let mut ground = if shop {
@@ -74,29 +69,12 @@ pub(super) fn building(
     };
     ground.glow = night;
     let foot = f.at(-0.5 * w, 0.0, 0.0, 0.0);
-    b.block(
-        &foot,
-        [0.5 * w, 0.5 * base, -0.5 * d - 0.05],
-        [w, base, d],
-        ground,
-    );
+    b.block(&foot, [0.5 * w, 0.5 * base, -0.5 * d - 0.05], [w, base, d], ground);
     let stone = Material::plain(trim);
     b.block(f, [0.0, base, -0.5 * d + 0.06], [w, 0.28, d], stone);
-    b.block(
-        f,
-        [0.0, h + 0.1, -0.5 * d + 0.15],
-        [w + 0.2, 0.35, d + 0.2],
-        stone,
-    );
+    b.block(f, [0.0, h + 0.1, -0.5 * d + 0.15], [w + 0.2, 0.35, d + 0.2], stone);
     roof(b, f, [w, h, d], r);
-    let house = Building {
-        width: w,
-        base,
-        storeys,
-        bays,
-        cell,
-        stone,
-    };
+    let house = Building { width: w, base, storeys, bays, cell, stone };
     door(b, f, &house, r);
     if shop {
         shop_front(b, f, &house, r);
@@ -178,12 +156,7 @@ fn roof(b: &mut Builder, f: &Frame, [w, h, d]: [f32; 3], r: &mut Stream) {
             let t = k as f32 / steps as f32;
             let y = h + 0.27 + (k as f32 + 0.5) * 0.36;
             let inset = 0.45 * d * t;
-            b.block(
-                f,
-                [0.0, y, -0.5 * d],
-                [w, 0.37, d - 2.0 * inset + 0.1],
-                tile,
-            );
+            b.block(f, [0.0, y, -0.5 * d], [w, 0.37, d - 2.0 * inset + 0.1], tile);
         }
     }
     for _ in 0..=r.index(2) {
@@ -211,11 +184,7 @@ pub(super) fn row(
         let at = Vec3::new(side * (x_m + back), 0.12, z + 0.5 * w);
         let f = Frame::new(at, -side * core::f32::consts::FRAC_PI_2);
         building(b, &f, [w, h, 8.0], z < 22.0, night, r);
-        z += w + if r.chance(0.18) {
-            r.range(1.5, 4.0)
-        } else {
-            0.02
-        };
+        z += w + if r.chance(0.18) { r.range(1.5, 4.0) } else { 0.02 };
     }
 }
 
@@ -225,21 +194,12 @@ pub(super) fn road(b: &mut Builder, half_m: f32, pavement_m: f32, r: &mut Stream
     let tar = color(r.pick(&[0x55565a, 0x4a4b4f, 0x625f5c]));
     let marked = Material::new(Pattern::Road(half_m), tar, color(0xd9d7cf), seed(r));
     b.block(f, [0.0, -0.2, 30.0], [2.0 * half_m, 0.4, 120.0], marked);
-    let (slab, joint) = r.pick(&[
-        (0xa9a49a, 0x86817a),
-        (0xb5a594, 0x8f8272),
-        (0x999c9e, 0x7b7d7f),
-    ]);
+    let (slab, joint) = r.pick(&[(0xa9a49a, 0x86817a), (0xb5a594, 0x8f8272), (0x999c9e, 0x7b7d7f)]);
     let slabs = Material::new(Pattern::Tiles(0.5), color(slab), color(joint), seed(r));
     let kerb = Material::plain(color(0xb4b2ac));
     for side in [-1.0, 1.0] {
         let x = side * (half_m + 0.5 * pavement_m + 10.0);
         b.block(f, [x, -0.14, 30.0], [pavement_m + 20.0, 0.52, 120.0], slabs);
-        b.block(
-            f,
-            [side * (half_m + 0.08), -0.138, 30.0],
-            [0.17, 0.53, 120.0],
-            kerb,
-        );
+        b.block(f, [side * (half_m + 0.08), -0.138, 30.0], [0.17, 0.53, 120.0], kerb);
     }
 }

@@ -35,9 +35,8 @@ pub(super) fn seed(r: &mut Stream) -> i32 {
 
 /// The style of building number `building`.
 pub(super) fn style(r: &mut Stream, building: usize) -> Style {
-    let walls = [
-        0xe6dfd0, 0xd3dcd6, 0xdcd3c8, 0xc3cfd8, 0xe3d2b8, 0xb7c4b1, 0xd9c2b6, 0xece8df, 0x8fa3a8,
-    ];
+    let walls =
+        [0xe6dfd0, 0xd3dcd6, 0xdcd3c8, 0xc3cfd8, 0xe3d2b8, 0xb7c4b1, 0xd9c2b6, 0xece8df, 0x8fa3a8];
     // Consecutive buildings have different walls and accents.
     let turn = r.index(2);
     let wall_a = color(walls[(4 * building + turn) % walls.len()]);
@@ -62,35 +61,19 @@ pub(super) fn style(r: &mut Stream, building: usize) -> Style {
                 .glossy(0.05),
             1 => Material::new(Pattern::Checks(0.4), color(0xd8d2c6), color(0x6d7274), seed)
                 .glossy(0.05),
-            2 => Material::new(
-                Pattern::Mottled(0.03),
-                color(0x9a8c7c),
-                color(0xb0a392),
-                seed,
-            ),
-            _ => Material::new(
-                Pattern::Boards(0.13),
-                color(floor_a),
-                color(floor_b) * 0.35,
-                seed,
-            )
-            .glossy(0.04),
+            2 => Material::new(Pattern::Mottled(0.03), color(0x9a8c7c), color(0xb0a392), seed),
+            _ => Material::new(Pattern::Boards(0.13), color(floor_a), color(floor_b) * 0.35, seed)
+                .glossy(0.04),
         };
-    let cloths = [
-        0x8a8f96, 0x566a7a, 0xa58d6f, 0x6f7f62, 0x94564a, 0x404a5a, 0xc4b59a,
-    ];
-    let accents = [
-        0xb5443a, 0x2f6f7e, 0xd9a441, 0x5b7f4a, 0x7a4e6f, 0xc96f3b, 0x34507d,
-    ];
+    let cloths = [0x8a8f96, 0x566a7a, 0xa58d6f, 0x6f7f62, 0x94564a, 0x404a5a, 0xc4b59a];
+    let accents = [0xb5443a, 0x2f6f7e, 0xd9a441, 0x5b7f4a, 0x7a4e6f, 0xc96f3b, 0x34507d];
     let cloth = color(r.pick(&cloths));
     let accent = color(accents[(3 * building + turn) % accents.len()]);
     Style {
         wall: Material::new(paper, wall_a, wall_a.lerp(wall_b, 0.5), seed),
         floor,
         wood: Material::new(Pattern::Grain(false), color(wood_a), color(wood_b), seed),
-        paint: Material::plain(color(
-            r.pick(&[0xe9e5db, 0xcfd6d2, 0x9fb0a8, 0xd8c8b0, 0x7f8f9c]),
-        )),
+        paint: Material::plain(color(r.pick(&[0xe9e5db, 0xcfd6d2, 0x9fb0a8, 0xd8c8b0, 0x7f8f9c]))),
         cloth: Material::new(Pattern::Cloth, cloth, cloth * 0.75, seed),
         accent: Material::plain(accent),
         metal: Material::plain(color(r.pick(&[0x33373b, 0x8d8a80, 0x9a7b45]))).glossy(0.08),

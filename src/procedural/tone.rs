@@ -16,26 +16,14 @@ impl Tone {
     /// The exposure that brings the mean code of `radiances` to `brightness`.
     pub(super) fn aimed(radiances: &[Vec3], brightness: f32) -> Self {
         let code = |c: f32| {
-            if c <= 0.003_130_8 {
-                12.92 * c
-            } else {
-                1.055 * libm::powf(c, 1.0 / 2.4) - 0.055
-            }
+            if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * libm::powf(c, 1.0 / 2.4) - 0.055 }
         };
-        let table = (0..=TABLE_COUNT)
-            .map(|i| code(i as f32 / TABLE_COUNT as f32))
-            .collect();
-        let mut tone = Self {
-            exposure: 1.0,
-            table,
-        };
+        let table = (0..=TABLE_COUNT).map(|i| code(i as f32 / TABLE_COUNT as f32)).collect();
+        let mut tone = Self { exposure: 1.0, table };
         let (mut low, mut high) = (1e-3, 1e3);
         for _ in 0..20 {
             tone.exposure = f32::sqrt(low * high);
-            let sum: f32 = radiances
-                .iter()
-                .map(|&c| tone.coded(c).element_sum() / 3.0)
-                .sum();
+            let sum: f32 = radiances.iter().map(|&c| tone.coded(c).element_sum() / 3.0).sum();
             if sum < brightness * radiances.len() as f32 {
                 low = tone.exposure;
             } else {

@@ -39,44 +39,24 @@ pub(super) fn broadleaf(b: &mut Builder, f: &Frame, height: f32, r: &mut Stream)
 /// A conifer of this height.
 pub(super) fn conifer(b: &mut Builder, f: &Frame, height: f32, r: &mut Stream) {
     let bark = Material::plain(color(0x54402f));
-    b.post(
-        f,
-        [0.0; 3],
-        [0.02 * height, 0.01 * height],
-        0.5 * height,
-        bark,
-    );
+    b.post(f, [0.0; 3], [0.02 * height, 0.01 * height], 0.5 * height, bark);
     let green = color(0x2f5238);
     for k in 0..5 {
         let rise = k as f32 / 5.0;
         let mut m = Material::new(Pattern::Mottled(0.2), green, green * 1.5, k);
         m.seed = m.seed.wrapping_add((r.bits() >> 44) as i32);
         let wide = height * 0.2 * (1.0 - 0.8 * rise);
-        b.foliage(
-            f,
-            [0.0, height * (0.25 + 0.7 * rise), 0.0],
-            [wide, 0.17 * height, wide],
-            m,
-        );
+        b.foliage(f, [0.0, height * (0.25 + 0.7 * rise), 0.0], [wide, 0.17 * height, wide], m);
     }
 }
 
 /// A shrub of this radius.
 pub(super) fn shrub(b: &mut Builder, f: &Frame, radius: f32, r: &mut Stream) {
     let m = leaves(r);
-    b.ball(
-        f,
-        [0.0, 0.5 * radius, 0.0],
-        [0.75 * radius, 0.75 * radius, 0.75 * radius],
-        m,
-    );
+    b.ball(f, [0.0, 0.5 * radius, 0.0], [0.75 * radius, 0.75 * radius, 0.75 * radius], m);
     for k in 0..4 {
         let (s, c) = libm::sincosf(k as f32 * 1.57 + r.unit());
-        let at = [
-            0.4 * radius * c,
-            r.range(0.5, 0.8) * radius,
-            0.4 * radius * s,
-        ];
+        let at = [0.4 * radius * c, r.range(0.5, 0.8) * radius, 0.4 * radius * s];
         let mut leaf = m;
         leaf.seed = leaf.seed.wrapping_add(k);
         b.foliage(f, at, [0.65 * radius; 3], leaf);

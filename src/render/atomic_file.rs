@@ -10,7 +10,6 @@ use tempfile::NamedTempFile;
 /// A file or folder could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {source}; check the disk's space and the folder's permissions", path.display())]
-#[allow(missing_docs, reason = "the message names its fields")]
 pub struct WriteError {
     /// What was to be written.
     pub path: PathBuf,
@@ -22,8 +21,7 @@ const TEMPORARY_PREFIX: &str = ".tmp-";
 
 /// `path` is the temporary name of a file that was being written, perhaps by a process that was killed.
 pub fn is_temporary(path: &Path) -> bool {
-    path.file_name()
-        .is_some_and(|name| name.to_string_lossy().starts_with(TEMPORARY_PREFIX))
+    path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(TEMPORARY_PREFIX))
 }
 
 /// Removes files that `is_leftover` from a folder and from those in it, `depth` deep. The caller must be the
@@ -42,30 +40,21 @@ pub fn sweep(folder: &Path, depth: u32, is_leftover: &dyn Fn(&Path) -> bool) {
 
 /// Creates `dir` and its parents.
 pub fn create_dir(dir: &Path) -> Result<(), WriteError> {
-    fs::create_dir_all(dir).map_err(|source| WriteError {
-        path: dir.to_owned(),
-        source,
-    })
+    fs::create_dir_all(dir).map_err(|source| WriteError { path: dir.to_owned(), source })
 }
 
 /// Writes `bytes` to `path`, durably: on return the file survives a power cut.
 ///
 /// The folder must exist. A file of that name is replaced.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
-    write_inner(path, bytes, true).map_err(|source| WriteError {
-        path: path.to_owned(),
-        source,
-    })
+    write_inner(path, bytes, true).map_err(|source| WriteError { path: path.to_owned(), source })
 }
 
 /// Writes `bytes` to `path` whole or not at all, without waiting for the disk.
 ///
 /// For files that cost nothing to make again (reports, pictures for a person to look at).
 pub fn write_relaxed(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
-    write_inner(path, bytes, false).map_err(|source| WriteError {
-        path: path.to_owned(),
-        source,
-    })
+    write_inner(path, bytes, false).map_err(|source| WriteError { path: path.to_owned(), source })
 }
 
 /// A file that is written bit by bit, for what does not fit into memory: under a temporary name until [`Self::finish`].
@@ -78,30 +67,19 @@ pub struct PendingFile {
 impl PendingFile {
     /// Begins the file that will be `path`. The folder must exist.
     pub fn begin(path: &Path) -> Result<Self, WriteError> {
-        let file = temporary(path).map_err(|source| WriteError {
-            path: path.to_owned(),
-            source,
-        })?;
-        Ok(Self {
-            writer: BufWriter::with_capacity(1 << 18, file),
-            path: path.to_owned(),
-        })
+        let file =
+            temporary(path).map_err(|source| WriteError { path: path.to_owned(), source })?;
+        Ok(Self { writer: BufWriter::with_capacity(1 << 18, file), path: path.to_owned() })
     }
 
     /// Gives it its name, durably. A file of that name is replaced.
     pub fn finish(self) -> Result<(), WriteError> {
         let path = self.path;
         let persist = || {
-            let file = self
-                .writer
-                .into_inner()
-                .map_err(IntoInnerError::into_error)?;
+            let file = self.writer.into_inner().map_err(IntoInnerError::into_error)?;
             persist(file, &path, true)
         };
-        persist().map_err(|source| WriteError {
-            path: path.clone(),
-            source,
-        })
+        persist().map_err(|source| WriteError { path: path.clone(), source })
     }
 }
 
@@ -129,10 +107,7 @@ pub fn settle(folder: &Path) -> Result<(), WriteError> {
         }
         Ok(())
     };
-    sync().map_err(|source| WriteError {
-        path: folder.to_owned(),
-        source,
-    })
+    sync().map_err(|source| WriteError { path: folder.to_owned(), source })
 }
 
 /// Makes a folder whose files appear all at once: `fill` writes them into a temporary one, which is then renamed to `path`. A
@@ -141,16 +116,11 @@ pub fn write_dir<E: From<WriteError>>(
     path: &Path,
     fill: impl FnOnce(&Path) -> Result<(), E>,
 ) -> Result<(), E> {
-    let failed = |source| WriteError {
-        path: path.to_owned(),
-        source,
-    };
+    let failed = |source| WriteError { path: path.to_owned(), source };
     let parent = path.parent().unwrap_or(Path::new("."));
     create_dir(parent)?;
-    let temporary = tempfile::Builder::new()
-        .prefix(TEMPORARY_PREFIX)
-        .tempdir_in(parent)
-        .map_err(failed)?;
+    let temporary =
+        tempfile::Builder::new().prefix(TEMPORARY_PREFIX).tempdir_in(parent).map_err(failed)?;
     fill(temporary.path())?;
     let rename = || -> io::Result<()> {
         #[cfg(unix)]
@@ -182,9 +152,7 @@ fn write_inner(path: &Path, bytes: &[u8], durable: bool) -> io::Result<()> {
 
 /// An empty file beside `path`.
 fn temporary(path: &Path) -> io::Result<NamedTempFile> {
-    tempfile::Builder::new()
-        .prefix(TEMPORARY_PREFIX)
-        .tempfile_in(folder_of(path))
+    tempfile::Builder::new().prefix(TEMPORARY_PREFIX).tempfile_in(folder_of(path))
 }
 
 fn folder_of(path: &Path) -> &Path {
@@ -199,18 +167,13 @@ fn persist(file: NamedTempFile, path: &Path, durable: bool) -> io::Result<()> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        file.as_file()
-            .set_permissions(fs::Permissions::from_mode(0o644))?;
+        file.as_file().set_permissions(fs::Permissions::from_mode(0o644))?;
     }
     if durable {
         file.as_file().sync_all()?;
     }
     file.persist(path).map_err(|e| e.error)?;
-    if durable {
-        sync_dir(folder_of(path))
-    } else {
-        Ok(())
-    }
+    if durable { sync_dir(folder_of(path)) } else { Ok(()) }
 }
 
 /// Makes a rename or removal inside `folder` durable.
@@ -239,11 +202,7 @@ mod tests {
         for text in ["one", "two"] {
             write_dir(&path, |folder| {
                 write(&folder.join("a"), text.as_bytes())?;
-                assert!(
-                    folder
-                        .file_name()
-                        .is_some_and(|n| is_temporary(Path::new(n)))
-                );
+                assert!(folder.file_name().is_some_and(|n| is_temporary(Path::new(n))));
                 Ok::<(), WriteError>(())
             })
             .unwrap();

@@ -17,11 +17,7 @@ pub(crate) fn bands(tile: Tile) -> u32 {
 /// Band `index` of a tile, from the top.
 fn band(tile: Tile, index: u32) -> Tile {
     let y = index * BAND_ROWS;
-    Tile {
-        y: tile.y + y,
-        height: BAND_ROWS.min(tile.height - y),
-        ..tile
-    }
+    Tile { y: tile.y + y, height: BAND_ROWS.min(tile.height - y), ..tile }
 }
 
 /// A shard whose bands any free thread may trace.
@@ -69,11 +65,7 @@ impl BandedShard {
                 sums[layer] += of_band[layer];
             }
         }
-        if joined.bands == bands(tile) {
-            joined.result.take()
-        } else {
-            None
-        }
+        if joined.bands == bands(tile) { joined.result.take() } else { None }
     }
 }
 
@@ -95,17 +87,8 @@ mod tests {
             let cell = if scene.target_error.is_some() { 8 } else { 1 };
             adaptive += u32::from(cell == 8);
             for (x, y) in [(0, 0), (cell, 0), (8, cell)] {
-                let tile = Tile {
-                    x,
-                    y,
-                    width: width - x,
-                    height: height - y,
-                };
-                let range = if cell == 8 {
-                    0..scene.spp
-                } else {
-                    0..scene.spp.min(256)
-                };
+                let tile = Tile { x, y, width: width - x, height: height - y };
+                let range = if cell == 8 { 0..scene.spp } else { 0..scene.spp.min(256) };
                 let shard = BandedShard::default();
                 let mut found = None;
                 for index in (0..bands(tile)).rev() {
@@ -123,12 +106,7 @@ mod tests {
     #[test]
     fn bands_cover_a_tile() {
         for height in 1..40 {
-            let tile = Tile {
-                x: 3,
-                y: 8,
-                width: 5,
-                height,
-            };
+            let tile = Tile { x: 3, y: 8, width: 5, height };
             let mut next = 8;
             for index in 0..bands(tile) {
                 let band = band(tile, index);

@@ -19,21 +19,13 @@ pub fn srgb_to_linear(code: u8) -> f32 {
 
 /// The inverse curve, continued above 1; negative values and NaN stay so.
 pub fn decode_srgb(coded: f64) -> f64 {
-    if coded > 0.04045 {
-        libm::pow((coded + 0.055) / 1.055, 2.4)
-    } else {
-        coded / 12.92
-    }
+    if coded > 0.04045 { libm::pow((coded + 0.055) / 1.055, 2.4) } else { coded / 12.92 }
 }
 
 /// The curve itself: linear value, clamped to [0, 1], to code value in [0, 1].
 pub fn linear_to_srgb(value: f32) -> f64 {
     let value = f64::from(value.clamp(0.0, 1.0));
-    if value <= 0.003_130_8 {
-        12.92 * value
-    } else {
-        1.055 * libm::pow(value, 1.0 / 2.4) - 0.055
-    }
+    if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * libm::pow(value, 1.0 / 2.4) - 0.055 }
 }
 
 /// The nearest 16-bit IEC 61966-2-1 code of a linear value, clamped to [0, 1]. Not-a-number becomes 0.
@@ -42,7 +34,6 @@ pub fn linear_to_srgb16(value: f32) -> u16 {
 }
 
 impl SrgbEncoder {
-    /// Builds the tables.
     pub fn new() -> Self {
         let mut thresholds = [0f32; 255];
         for (c, threshold) in thresholds.iter_mut().enumerate() {
@@ -87,13 +78,7 @@ mod tests {
 
     #[test]
     fn sixteen_bits_are_the_rounded_curve() {
-        for (value, code) in [
-            (0.0, 0),
-            (-1.0, 0),
-            (1.0, 65_535),
-            (3.0, 65_535),
-            (f32::NAN, 0),
-        ] {
+        for (value, code) in [(0.0, 0), (-1.0, 0), (1.0, 65_535), (3.0, 65_535), (f32::NAN, 0)] {
             assert_eq!(linear_to_srgb16(value), code, "{value}");
         }
         // 8-bit codes are every 257th.

@@ -61,9 +61,6 @@ mod tests {
         for bad in ["", "a/b", "..", "a b", "é", "a.b", "x\0"] {
             assert!(SceneId::new(bad).is_err(), "{bad:?}");
         }
-        assert_eq!(
-            SceneId::new("train-000412_b").unwrap().as_str(),
-            "train-000412_b"
-        );
+        assert_eq!(SceneId::new("train-000412_b").unwrap().as_str(), "train-000412_b");
     }
 }

@@ -11,9 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 /// A scene whose shards are being traced.
 pub struct SceneJob<'a> {
-    /// Its manifest line.
     pub line: &'a SceneLine,
-    /// Its shards.
     pub layout: ShardLayout,
     loaded: Arc<LoadedScene>,
     line_blake3: String,
@@ -43,7 +41,6 @@ impl<'a> SceneJob<'a> {
         self.partial(shard, self.trace_tile(shard, isa))
     }
 
-    /// Bands of a shard.
     pub fn bands(&self, shard: u32) -> u32 {
         bands(self.layout.shard(shard).tile)
     }
@@ -67,10 +64,7 @@ impl<'a> SceneJob<'a> {
 
     /// A partial in memory: its digest is empty.
     pub fn partial_in_memory(&self, shard: &Shard, result: TileResult) -> Partial {
-        Partial {
-            header: self.header(shard, &result),
-            pixels: result.pixels,
-        }
+        Partial { header: self.header(shard, &result), pixels: result.pixels }
     }
 
     fn header(&self, shard: &Shard, result: &TileResult) -> PartialHeader {

@@ -19,12 +19,8 @@ pub enum Layer {
 
 impl Layer {
     /// All four, in order.
-    pub const ALL: [Self; 4] = [
-        Self::Input,
-        Self::Transmission,
-        Self::GlassReflection,
-        Self::CleanReflection,
-    ];
+    pub const ALL: [Self; 4] =
+        [Self::Input, Self::Transmission, Self::GlassReflection, Self::CleanReflection];
 
     /// Their names, in order.
     pub const NAMES: [&'static str; 4] = [

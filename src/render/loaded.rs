@@ -66,11 +66,7 @@ impl Loaded {
     /// A file cannot be used, or the parts do not make a scene.
     pub fn new(line: SceneLine, files: &SceneFiles) -> Result<Self, LoadError> {
         let scene = Arc::new(load(&line, files)?);
-        Ok(Self {
-            line,
-            scene,
-            threads: 1,
-        })
+        Ok(Self { line, scene, threads: 1 })
     }
 
     /// Reads and decodes the files of `line`, whose relative paths start from `base`.
@@ -147,10 +143,7 @@ mod tests {
         let values = (0..96u8).flat_map(|k| (f32::from(k % 7) * 0.1).to_le_bytes());
         let bytes = b"PF\n8 4\n-1.0\n".iter().copied().chain(values).collect();
         let path = "stripes.pfm".into();
-        SideFiles::Panorama(PanoramaFiles {
-            panorama: NamedBytes { path, bytes },
-            depth: None,
-        })
+        SideFiles::Panorama(PanoramaFiles { panorama: NamedBytes { path, bytes }, depth: None })
     }
 
     fn loaded(seed: u64, spp: u32, more: &str) -> Loaded {
@@ -161,10 +154,7 @@ mod tests {
             "camera":{{"focal_length_mm":55,"aperture_radius_m":0.01,"focus":{{"distance_m":3}}}},
             "glass":{{"distance_m":0.3,"thickness_m":0.01,"ior":1.5}},"front":{side},"back":{side}}}"#
         );
-        let files = SceneFiles {
-            front: stripes(),
-            back: stripes(),
-        };
+        let files = SceneFiles { front: stripes(), back: stripes() };
         Loaded::new(parse_scene(&line).unwrap(), &files).unwrap()
     }
 
@@ -180,11 +170,9 @@ mod tests {
         scene.threads = 2;
         let before = tuple(&scene, 64);
         // Two ranges of samples, then one with two layers, then the line itself.
-        for (seed, spp, more) in [
-            (5, 512, ""),
-            (6, 64, r#","layers":["input","clean_reflection"]"#),
-            (1, 16, ""),
-        ] {
+        for (seed, spp, more) in
+            [(5, 512, ""), (6, 64, r#","layers":["input","clean_reflection"]"#), (1, 16, "")]
+        {
             let own = loaded(seed, spp, more);
             let expected = tuple(&own, 96);
             let mut images = PerLayer::default();

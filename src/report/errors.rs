@@ -23,9 +23,8 @@ pub(super) type Costs = BTreeMap<usize, f64>;
 
 /// Plots and a table.
 pub(super) fn errors(run: &Run, survey: &Survey) -> Markup {
-    let layers: Vec<LayerErrors> = (0..4)
-        .filter_map(|k| LayerErrors::of(k, &survey.done))
-        .collect();
+    let layers: Vec<LayerErrors> =
+        (0..4).filter_map(|k| LayerErrors::of(k, &survey.done)).collect();
     if layers.is_empty() {
         return html! { p.dim { "No tuple states an error yet." } };
     }
@@ -59,7 +58,6 @@ pub(super) fn errors(run: &Run, survey: &Survey) -> Markup {
     }
 }
 
-/// One layer's errors.
 struct LayerErrors {
     k: usize,
     /// Error and index of the scene in the manifest, sorted.
@@ -70,9 +68,7 @@ struct LayerErrors {
 
 impl LayerErrors {
     fn of(k: usize, done: &[DoneScene]) -> Option<Self> {
-        let made = done
-            .iter()
-            .filter_map(|scene| Some((scene.layers[k].as_ref()?, scene.index)));
+        let made = done.iter().filter_map(|scene| Some((scene.layers[k].as_ref()?, scene.index)));
         let (mut sorted, mut samples) = (Vec::new(), Vec::new());
         for (facts, index) in made {
             samples.push(facts.samples);
@@ -118,12 +114,8 @@ fn distribution(layers: &[LayerErrors]) -> Markup {
         }
         points
     };
-    let entry = |layer: &LayerErrors| {
-        (
-            Layer::ALL[layer.k].symbol(),
-            LAYER_COLOURS[Layer::ALL[layer.k]],
-        )
-    };
+    let entry =
+        |layer: &LayerErrors| (Layer::ALL[layer.k].symbol(), LAYER_COLOURS[Layer::ALL[layer.k]]);
     let entries: Vec<_> = layers.iter().map(entry).collect();
     let content = html! {
         (panel.frame())
@@ -132,11 +124,7 @@ fn distribution(layers: &[LayerErrors]) -> Markup {
         }
         (legend(LEGEND, &entries))
     };
-    plot(
-        SIZE,
-        "Distribution of the stated errors of each layer",
-        &content,
-    )
+    plot(SIZE, "Distribution of the stated errors of each layer", &content)
 }
 
 /// A point for each scene and layer: `across` of it, and its stated error.
@@ -170,9 +158,8 @@ fn cloud(
         y_label: "stated RMS error, linear radiance",
     };
     let shown = (0..layers.len()).filter(|&k| !layers[k].is_empty());
-    let entries: Vec<_> = shown
-        .map(|k| (Layer::ALL[k].symbol(), LAYER_COLOURS[Layer::ALL[k]]))
-        .collect();
+    let entries: Vec<_> =
+        shown.map(|k| (Layer::ALL[k].symbol(), LAYER_COLOURS[Layer::ALL[k]])).collect();
     let content = html! {
         (panel.frame())
         @for (points, colour) in layers.iter().zip(LAYER_COLOURS.0) {
@@ -221,11 +208,7 @@ fn summary(run: &Run, layers: &[LayerErrors]) -> Markup {
         "#largest",
         "of scene",
     ];
-    table(
-        "Stated errors",
-        &heads,
-        &html! { @for layer in layers { (row(layer)) } },
-    )
+    table("Stated errors", &heads, &html! { @for layer in layers { (row(layer)) } })
 }
 
 /// Costs of the scenes whose every shard is in the logs once.

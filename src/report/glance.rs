@@ -36,19 +36,13 @@ pub(super) fn glance(run: &Run, survey: &Survey) -> Markup {
 
 /// The size that all films have, or the range of their sizes.
 fn film(lines: &[SceneLine]) -> (String, &'static str) {
-    let sizes: BTreeSet<[u32; 2]> = lines
-        .iter()
-        .map(|l| [l.film.width, l.film.height])
-        .collect();
+    let sizes: BTreeSet<[u32; 2]> = lines.iter().map(|l| [l.film.width, l.film.height]).collect();
     let text = |size: Option<&[u32; 2]>| {
         size.map_or("none".to_owned(), |[w, h]| format!("{w} \u{d7} {h}"))
     };
     match sizes.len() {
         0 | 1 => (text(sizes.first()), "px"),
-        _ => (
-            format!("{} to {}", text(sizes.first()), text(sizes.last())),
-            "px",
-        ),
+        _ => (format!("{} to {}", text(sizes.first()), text(sizes.last())), "px"),
     }
 }
 
@@ -73,7 +67,6 @@ fn samples(lines: &[SceneLine]) -> (String, String) {
     (count, note)
 }
 
-/// What identifies this run.
 fn identity(run: &Run) -> Markup {
     let seeds: BTreeSet<u64> = run.lines.iter().map(|line| line.seed).collect();
     let seeds = match (seeds.first(), seeds.last()) {
@@ -125,11 +118,7 @@ fn splits(run: &Run, survey: &Survey) -> Markup {
             tr { td { (split) } @for count in counts { td.n { (grouped(count)) } } }
         }
     };
-    table(
-        "Splits",
-        &["split", "#scenes", "#tuples", "#quarantine"],
-        &rows,
-    )
+    table("Splits", &["split", "#scenes", "#tuples", "#quarantine"], &rows)
 }
 
 /// How often each source is used.
@@ -159,11 +148,7 @@ fn sources(lines: &[SceneLine]) -> Markup {
             }
         }
     };
-    table(
-        "Sources",
-        &["source", "#files", "#in front", "#reflected"],
-        &rows,
-    )
+    table("Sources", &["source", "#files", "#in front", "#reflected"], &rows)
 }
 
 /// The named root of a path.

@@ -14,7 +14,6 @@ const LEVELS: f64 = 48.0;
 const PART_PX: u32 = 128;
 /// The same of a single map.
 const ONLY_PX: u32 = 256;
-/// Pixels between maps.
 const GAP: u32 = 2;
 
 /// Viridis (Smith and van der Walt), which gets brighter evenly and which colour-blind eyes can read.
@@ -35,10 +34,8 @@ pub(super) fn noise_picture(map: &NoiseMap) -> (RgbImage, Vec<&'static str>) {
     let mut made = Layer::ALL.to_vec();
     made.retain(|&layer| !map.layers[layer].is_empty());
     let most = if made.len() > 1 { PART_PX } else { ONLY_PX };
-    let parts: Vec<RgbImage> = made
-        .iter()
-        .map(|&layer| part(&map.layers[layer], [map.width, map.height], most))
-        .collect();
+    let parts: Vec<RgbImage> =
+        made.iter().map(|&layer| part(&map.layers[layer], [map.width, map.height], most)).collect();
     let [width, height] = parts.first().map_or([1, 1], |p| [p.width(), p.height()]);
     let columns = parts.len().clamp(1, 2) as u32;
     let rows = (parts.len() as u32).div_ceil(columns).max(1);
@@ -161,10 +158,7 @@ mod tests {
         map.layers[Layer::Input].clear();
         map.layers[Layer::CleanReflection].clear();
         let (picture, symbols) = noise_picture(&map);
-        assert_eq!(
-            (picture.dimensions(), symbols),
-            ((258, 64), vec!["T", "R\u{303}"])
-        );
+        assert_eq!((picture.dimensions(), symbols), ((258, 64), vec!["T", "R\u{303}"]));
         map.layers[Layer::Transmission].clear();
         assert_eq!(noise_picture(&map).0.dimensions(), (256, 128));
         // Sides that do not divide, and thin ones.

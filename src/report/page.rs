@@ -18,10 +18,7 @@ use render::atomic_file::{self, WriteError};
 use render::ids::SceneId;
 use std::path::{Path, PathBuf};
 
-const STYLE: &str = concat!(
-    include_str!("../serve/look.css"),
-    include_str!("report.css")
-);
+const STYLE: &str = concat!(include_str!("../serve/look.css"), include_str!("report.css"));
 
 /// The page fetches nothing and runs nothing, whatever text it holds.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'";
@@ -29,10 +26,8 @@ const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inlin
 /// The report cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
-    /// The disk.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// The run's store.
     #[error(transparent)]
     Store(#[from] StoreError),
 }
@@ -40,9 +35,7 @@ pub enum ReportError {
 /// The result of making a report.
 #[derive(Debug)]
 pub struct Report {
-    /// Where it is.
     pub path: PathBuf,
-    /// Its size.
     pub bytes: u64,
     /// Scenes of the run.
     pub scenes: u64,
@@ -89,18 +82,10 @@ fn page(run: &Run, survey: &Survey, tuples: Markup) -> Markup {
     let sections = [
         ("glance", "The run at a glance", glance(run, survey)),
         ("tuples", "Tuples", tuples),
-        (
-            "errors",
-            "Stated errors, and what they cost",
-            errors(run, survey),
-        ),
+        ("errors", "Stated errors, and what they cost", errors(run, survey)),
         ("seconds", "Where the seconds went", seconds_of(survey)),
         ("parameters", "Parameters", parameters),
-        (
-            "quarantine",
-            "Quarantine",
-            quarantine(&survey.status.counts.quarantined),
-        ),
+        ("quarantine", "Quarantine", quarantine(&survey.status.counts.quarantined)),
         ("training", "Training", training(folder)),
         ("evaluation", "Evaluation", evaluation(folder)),
         ("again", "How to make it again", again(run)),

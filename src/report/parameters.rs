@@ -20,19 +20,11 @@ const PARAMETERS: [Parameter; 19] = [
     ("glass distance", "m", |l| Some(l.glass.distance_m)),
     ("pitch", "degrees", |l| Some(l.glass.tilt_deg[0])),
     ("yaw", "degrees", |l| Some(l.glass.tilt_deg[1])),
-    ("absorption of red", "per m", |l| {
-        Some(l.glass.absorption_per_m[0])
-    }),
-    ("absorption of green", "per m", |l| {
-        Some(l.glass.absorption_per_m[1])
-    }),
-    ("absorption of blue", "per m", |l| {
-        Some(l.glass.absorption_per_m[2])
-    }),
+    ("absorption of red", "per m", |l| Some(l.glass.absorption_per_m[0])),
+    ("absorption of green", "per m", |l| Some(l.glass.absorption_per_m[1])),
+    ("absorption of blue", "per m", |l| Some(l.glass.absorption_per_m[2])),
     ("focal length", "mm", |l| Some(l.camera.focal_length_mm)),
-    ("aperture radius", "mm", |l| {
-        Some(l.camera.aperture_radius_m * 1e3)
-    }),
+    ("aperture radius", "mm", |l| Some(l.camera.aperture_radius_m * 1e3)),
     ("f-number", "", |l| {
         let diameter_mm = l.camera.aperture_radius_m * 2e3;
         (diameter_mm > 0.0).then(|| l.camera.focal_length_mm / diameter_mm)
@@ -43,16 +35,10 @@ const PARAMETERS: [Parameter; 19] = [
     }),
     ("exposure of the front", "EV", |l| ev(l.front.exposure())),
     ("exposure of the back", "EV", |l| ev(l.back.exposure())),
-    ("back against front", "EV", |l| {
-        Some(ev(l.back.exposure())? - ev(l.front.exposure())?)
-    }),
+    ("back against front", "EV", |l| Some(ev(l.back.exposure())? - ev(l.front.exposure())?)),
     ("exposure of the camera", "EV", |l| ev(l.camera.exposure)),
-    ("white balance, red", "", |l| {
-        Some(l.camera.white_balance[0])
-    }),
-    ("white balance, blue", "", |l| {
-        Some(l.camera.white_balance[2])
-    }),
+    ("white balance, red", "", |l| Some(l.camera.white_balance[0])),
+    ("white balance, blue", "", |l| Some(l.camera.white_balance[2])),
     ("samples a pixel", "", |l| Some(f64::from(l.film.spp))),
 ];
 

@@ -8,7 +8,6 @@ use image::{ExtendedColorType, ImageDecoder, ImageEncoder, Limits, RgbImage, ima
 use maud::{Markup, html};
 use std::io::Cursor;
 
-/// Quality of JPEGs.
 pub(super) const QUALITY: u8 = 90;
 /// A JPEG replaces a PNG that is more than so many times as long.
 pub(super) const MUCH_SMALLER: usize = 2;
@@ -19,10 +18,7 @@ pub(super) fn decode_png(bytes: &[u8], size: [u32; 2]) -> Result<RgbImage, Strin
         PngDecoder::with_limits(Cursor::new(bytes), limits(size)).map_err(|e| e.to_string())?;
     let (width, height) = decoder.dimensions();
     if [width, height] != size {
-        return Err(format!(
-            "it has {width} x {height} px, its film {} x {}",
-            size[0], size[1]
-        ));
+        return Err(format!("it has {width} x {height} px, its film {} x {}", size[0], size[1]));
     }
     let image = image::DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
     Ok(image.into_rgb8())
@@ -34,9 +30,7 @@ pub(super) fn decode_png_within(bytes: &[u8], most: u32) -> Result<RgbImage, Str
         .map_err(|e| e.to_string())?;
     let (width, height) = decoder.dimensions();
     if width.max(height) > most {
-        return Err(format!(
-            "it has {width} x {height} px, more than {most} a side"
-        ));
+        return Err(format!("it has {width} x {height} px, more than {most} a side"));
     }
     let image = image::DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
     Ok(image.into_rgb8())
@@ -68,11 +62,7 @@ pub(super) fn img(picture: &RgbImage, alt: &str) -> Result<Markup, String> {
         .encode_image(picture)
         .map_err(|e| e.to_string())?;
     let is_smaller = jpeg.len() * MUCH_SMALLER < png.len();
-    let (kind, bytes) = if is_smaller {
-        ("jpeg", jpeg)
-    } else {
-        ("png", png)
-    };
+    let (kind, bytes) = if is_smaller { ("jpeg", jpeg) } else { ("png", png) };
     Ok(tag(picture, alt, kind, &bytes))
 }
 
@@ -89,12 +79,7 @@ fn tag(picture: &RgbImage, alt: &str, kind: &str, bytes: &[u8]) -> Markup {
 fn png(picture: &RgbImage) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
     PngEncoder::new_with_quality(&mut bytes, CompressionType::Default, FilterType::Adaptive)
-        .write_image(
-            picture.as_raw(),
-            picture.width(),
-            picture.height(),
-            ExtendedColorType::Rgb8,
-        )
+        .write_image(picture.as_raw(), picture.width(), picture.height(), ExtendedColorType::Rgb8)
         .map_err(|e| e.to_string())?;
     Ok(bytes)
 }

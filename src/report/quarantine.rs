@@ -11,7 +11,6 @@ const SHOWN: usize = 200;
 /// Characters of a reason on the page.
 const REASON_SHOWN: usize = 2000;
 
-/// All scenes in quarantine.
 pub(super) fn quarantine(scenes: &[Quarantined]) -> Markup {
     if scenes.is_empty() {
         return html! { p.dim { "No scene is in quarantine." } };

@@ -91,13 +91,7 @@ fn stage_table(stages: &[Stage], total: f64, tuples: u64) -> Markup {
             }
         }
     };
-    let heads = [
-        "stage",
-        "#CPU s",
-        "#share",
-        "#CPU ms a tuple",
-        "#thread s, waiting included",
-    ];
+    let heads = ["stage", "#CPU s", "#share", "#CPU ms a tuple", "#thread s, waiting included"];
     table("Seconds by stage", &heads, &rows)
 }
 
@@ -128,9 +122,8 @@ fn workers(logs: &[WorkLog]) -> Markup {
             }
         }
     };
-    let heads = [
-        "worker", "#threads", "#wall s", "#CPU s", "#tuples", "#shards", "version", "ended",
-    ];
+    let heads =
+        ["worker", "#threads", "#wall s", "#CPU s", "#tuples", "#shards", "version", "ended"];
     let rest = logs.len().saturating_sub(WORKERS_SHOWN);
     html! {
         (table("Workers", &heads, &rows))

@@ -25,9 +25,7 @@ const GAIN: f32 = 8.0;
 /// Longest side of a picture on the page, px; larger ones are scaled down.
 const THUMBNAIL_PX: u32 = 256;
 
-/// A finished sheet.
 pub(super) struct Sheet {
-    /// The section's content.
     pub(super) html: Markup,
     pub(super) shown: usize,
     /// Tuples on it with a noise map.
@@ -109,9 +107,7 @@ fn content(rows: &[&Row], done: usize, noise_maps: usize) -> Markup {
 fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) -> Result<Row, Lack> {
     let damaged = |reason: String| Lack::Damaged(line.id.clone(), reason);
     let get = |file: &str| -> Result<Vec<u8>, Lack> {
-        let bytes = store
-            .get(&keys::tuple(&line.id, file))
-            .map_err(Lack::Store)?;
+        let bytes = store.get(&keys::tuple(&line.id, file)).map_err(Lack::Store)?;
         let bytes = bytes.ok_or_else(|| damaged(format!("{file} is not there")))?;
         Ok(bytes.to_vec())
     };
@@ -153,18 +149,12 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
             }
         }
     };
-    Ok(Row {
-        html,
-        has_map: matches!(noise, Some(Ok(_))),
-    })
+    Ok(Row { html, has_map: matches!(noise, Some(Ok(_))) })
 }
 
 /// Stated error and shares of a layer.
 fn numbers(layer: &LayerRecord) -> Markup {
-    let shares = [
-        ("missed", layer.miss_share),
-        ("clipped", layer.clipped_share),
-    ];
+    let shares = [("missed", layer.miss_share), ("clipped", layer.clipped_share)];
     html! {
         "error " @match layer.error_rms {
             Some(rms) => { (error(rms)) }
@@ -195,20 +185,13 @@ fn noise(line: &SceneLine, store: &Store) -> Result<Option<Map>, Lack> {
 /// Parameters of the scene.
 fn parameters(record: &TupleRecord) -> String {
     let glass = &record.scene.glass;
-    let focus = record
-        .facts
-        .focus_distance_m
-        .map_or("infinity".to_owned(), |z| format!("{z:.2} m"));
+    let focus =
+        record.facts.focus_distance_m.map_or("infinity".to_owned(), |z| format!("{z:.2} m"));
     let tilt = match glass.tilt_deg {
         [0.0, 0.0] => "no tilt".to_owned(),
         [pitch, yaw] => format!("tilt {}\u{b0}, {}\u{b0}", number(pitch), number(yaw)),
     };
-    let orders: Vec<&str> = record
-        .facts
-        .orders
-        .iter()
-        .map(|o| o.order.as_str())
-        .collect();
+    let orders: Vec<&str> = record.facts.orders.iter().map(|o| o.order.as_str()).collect();
     format!(
         "{} \u{b7} {} spp \u{b7} focus {focus} \u{b7} glass {} mm thick, ior {}, at {} m, {tilt} \u{b7} orders {}",
         record.scene.split,
@@ -234,9 +217,8 @@ fn figure(tag: &Markup, symbol: &str, name: &str, numbers: Option<&Markup>) -> M
 
 /// The reflection as if the back scene were [`GAIN`] times as bright, from its 8-bit picture.
 fn brightened(mut picture: RgbImage, encoder: &SrgbEncoder) -> RgbImage {
-    let codes: Vec<u8> = (0..=255u8)
-        .map(|code| encoder.encode(srgb_to_linear(code) * GAIN))
-        .collect();
+    let codes: Vec<u8> =
+        (0..=255u8).map(|code| encoder.encode(srgb_to_linear(code) * GAIN)).collect();
     for value in picture.iter_mut() {
         *value = codes[usize::from(*value)];
     }

@@ -32,13 +32,7 @@ pub(super) struct Stage {
 
 impl Stage {
     pub(super) fn known((name, colour, what): (&str, &'static str, &'static str)) -> Self {
-        Self {
-            name: name.to_owned(),
-            colour,
-            what,
-            cpu_s: 0.0,
-            thread_s: 0.0,
-        }
+        Self { name: name.to_owned(), colour, what, cpu_s: 0.0, thread_s: 0.0 }
     }
 
     /// The stage of that name, added if it is missing.

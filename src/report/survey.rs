@@ -10,7 +10,6 @@ use render::trace::TRACER_VERSION;
 use std::collections::BTreeSet;
 
 pub(super) struct Survey {
-    /// Counts, quarantine, state.
     pub(super) status: Status,
     /// Scenes with a usable tuple, in the manifest's order.
     pub(super) done: Vec<DoneScene>,
@@ -84,9 +83,8 @@ fn facts(
     listed: &BTreeSet<String>,
 ) -> Result<[Option<LayerFacts>; 4], String> {
     let record = parse(line, bytes)?;
-    if let Some(file) = tuple_files(line)
-        .into_iter()
-        .find(|file| !listed.contains(&keys::tuple(&line.id, file)))
+    if let Some(file) =
+        tuple_files(line).into_iter().find(|file| !listed.contains(&keys::tuple(&line.id, file)))
     {
         return Err(format!("{file} is not there"));
     }

@@ -21,11 +21,7 @@ type Point = (f64, f64);
 pub(super) fn training(run: &Path) -> Markup {
     let stages = [
         ("backtrack", "BT-net alone", "R\u{303}, R*, R"),
-        (
-            "separation",
-            "SP-net and BT-net",
-            "I, T*, T, R\u{303}*, R\u{303}, R*, R",
-        ),
+        ("separation", "SP-net and BT-net", "I, T*, T, R\u{303}*, R\u{303}, R*, R"),
     ];
     let trained: Vec<Markup> = stages
         .into_iter()
@@ -79,9 +75,7 @@ fn curve(name: &str, unit: &str, points: &[Point]) -> Markup {
         .chunks(at_once)
         .map(|chunk| {
             let count = chunk.len() as f64;
-            let sum = chunk
-                .iter()
-                .fold((0.0, 0.0), |(x, y), p| (x + p.0, y + p.1));
+            let sum = chunk.iter().fold((0.0, 0.0), |(x, y), p| (x + p.0, y + p.1));
             (sum.0 / count, sum.1 / count)
         })
         .collect();
@@ -110,11 +104,7 @@ fn curve(name: &str, unit: &str, points: &[Point]) -> Markup {
         last.0
     );
     let line: Vec<Point> = means.iter().map(|point| panel.at(*point)).collect();
-    let stroke = Stroke {
-        colour: "var(--busy)",
-        width: 1.8,
-        dash: "",
-    };
+    let stroke = Stroke { colour: "var(--busy)", width: 1.8, dash: "" };
     let content = html! {
         text x=(X_ENDS[1]) y=(Y_ENDS[1] - 9.0) text-anchor="end" {
             "last " (number(last.1)) (with_unit.replacen(',', "", 1))
@@ -130,11 +120,7 @@ fn curve(name: &str, unit: &str, points: &[Point]) -> Markup {
 fn newest_picture(folder: &Path) -> Option<(u64, Vec<u8>)> {
     let entries = fs::read_dir(folder.join("pictures")).ok()?;
     let step = |path: &PathBuf| -> Option<u64> {
-        path.file_stem()?
-            .to_str()?
-            .strip_prefix("step-")?
-            .parse()
-            .ok()
+        path.file_stem()?.to_str()?.strip_prefix("step-")?.parse().ok()
     };
     let paths = entries.flatten().map(|entry| entry.path());
     let (step, path) = paths.filter_map(|path| Some((step(&path)?, path))).max()?;
@@ -149,10 +135,7 @@ mod tests {
     fn columns_are_read_by_name_and_gaps_are_left_out() {
         let csv = "step,total,validation_psnr_db,wall_s\n1,0.5,,0.1\n2,0.25,20.5,0.1\nx,1\n3,NaN,21,0.1\n";
         assert_eq!(column(csv, "total"), [(1.0, 0.5), (2.0, 0.25)]);
-        assert_eq!(
-            column(csv, "validation_psnr_db"),
-            [(2.0, 20.5), (3.0, 21.0)]
-        );
+        assert_eq!(column(csv, "validation_psnr_db"), [(2.0, 20.5), (3.0, 21.0)]);
         assert!(column(csv, "other").is_empty());
         let svg = curve("loss", "", &column(csv, "total")).into_string();
         assert!(svg.contains("0.5 at step 1, 0.25 at step 2"), "{svg}");

@@ -28,7 +28,6 @@ const HOSTS_TO_REFUSE: usize = 2;
 pub struct AttemptRecord {
     /// Always [`ATTEMPT_SCHEMA`].
     pub schema: String,
-    /// The scene.
     pub scene: SceneId,
     /// First shard, and one past the last.
     pub shards: [u32; 2],
@@ -36,7 +35,6 @@ pub struct AttemptRecord {
     pub n: u32,
     /// The worker that tries.
     pub worker: String,
-    /// The worker's machine.
     pub host: String,
     /// How many of these shards had a partial before.
     pub found: u32,
@@ -48,9 +46,7 @@ pub struct AttemptRecord {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ending {
-    /// Kind of failure.
     pub kind: EndKind,
-    /// What happened.
     pub reason: String,
     /// Last lines of the child process's log.
     #[serde(default, skip_serializing_if = "String::is_empty")]
@@ -149,7 +145,6 @@ impl AttemptRecord {
         }
     }
 
-    /// Records a failure.
     pub(crate) fn end(mut self, store: &Store, ending: Ending) -> Result<Self, StoreError> {
         self.ended = Some(ending);
         store.replace(&self.key(), &self.json())?;
@@ -220,24 +215,14 @@ pub(crate) fn mark_lost(
             return Ok(record);
         }
         let reason = format!("worker {} was lost with it", record.worker);
-        record.end(
-            store,
-            Ending {
-                kind: EndKind::Lost,
-                reason,
-                log_tail: String::new(),
-            },
-        )
+        record.end(store, Ending { kind: EndKind::Lost, reason, log_tail: String::new() })
     };
     records.into_iter().map(mark).collect()
 }
 
 /// Judges a task by the records of its scene; `found` of its shards have partials.
 pub(crate) fn poison_check(records: &[AttemptRecord], task: &Task, found: u32) -> PoisonCheck {
-    let lost: Vec<&AttemptRecord> = records
-        .iter()
-        .filter(|record| record.was_lost(task))
-        .collect();
+    let lost: Vec<&AttemptRecord> = records.iter().filter(|record| record.was_lost(task)).collect();
     let Some(last) = lost.last() else {
         return PoisonCheck::Clean;
     };
@@ -250,11 +235,9 @@ pub(crate) fn poison_check(records: &[AttemptRecord], task: &Task, found: u32) -
     }
     let told = match &last.ended {
         Some(ending) if ending.log_tail.is_empty() => ending.reason.clone(),
-        Some(ending) => format!(
-            "{}; its last lines: {}",
-            ending.reason,
-            ending.log_tail.trim_end()
-        ),
+        Some(ending) => {
+            format!("{}; its last lines: {}", ending.reason, ending.log_tail.trim_end())
+        }
         None => String::new(),
     };
     PoisonCheck::Poison(format!(
@@ -281,20 +264,14 @@ pub(crate) fn is_unreadable(records: &[AttemptRecord]) -> bool {
 mod tests {
     use super::*;
 
-    const TASK: Task = Task {
-        scene: 0,
-        shards: 0..64,
-    };
+    const TASK: Task = Task { scene: 0, shards: 0..64 };
 
     fn scene() -> SceneId {
         SceneId::new("train-00000").unwrap()
     }
 
     fn record(n: u32, found: u32, kind: Option<EndKind>) -> AttemptRecord {
-        let who = WorkerName {
-            worker: format!("w{n}"),
-            host: "h".to_owned(),
-        };
+        let who = WorkerName { worker: format!("w{n}"), host: "h".to_owned() };
         let mut record = AttemptRecord::new(&scene(), &TASK, &who, found);
         record.n = n;
         record.ended = kind.map(|kind| Ending {
@@ -308,32 +285,17 @@ mod tests {
     const CRASHED: Option<EndKind> = Some(EndKind::Crashed);
 
     const LOST: Option<EndKind> = Some(EndKind::Lost);
-    const TAIL: Task = Task {
-        scene: 0,
-        shards: 32..64,
-    };
+    const TAIL: Task = Task { scene: 0, shards: 32..64 };
 
     #[test]
     fn only_lost_attempts_count() {
         assert_eq!(poison_check(&[], &TASK, 0), PoisonCheck::Clean);
         // It goes on, or the queue lost its memory.
-        assert_eq!(
-            poison_check(&[record(1, 0, None)], &TASK, 0),
-            PoisonCheck::Clean
-        );
-        assert_eq!(
-            poison_check(&[record(1, 0, LOST)], &TASK, 0),
-            PoisonCheck::Suspect
-        );
+        assert_eq!(poison_check(&[record(1, 0, None)], &TASK, 0), PoisonCheck::Clean);
+        assert_eq!(poison_check(&[record(1, 0, LOST)], &TASK, 0), PoisonCheck::Suspect);
         // A part that was donated before is not to blame; but the shard that killed a child may be in it.
-        assert_eq!(
-            poison_check(&[record(1, 0, LOST)], &TAIL, 0),
-            PoisonCheck::Clean
-        );
-        assert_eq!(
-            poison_check(&[record(1, 0, CRASHED)], &TAIL, 0),
-            PoisonCheck::Suspect
-        );
+        assert_eq!(poison_check(&[record(1, 0, LOST)], &TAIL, 0), PoisonCheck::Clean);
+        assert_eq!(poison_check(&[record(1, 0, CRASHED)], &TAIL, 0), PoisonCheck::Suspect);
         let unreadable = [record(1, 0, Some(EndKind::Unreadable))];
         assert_eq!(poison_check(&unreadable, &TASK, 0), PoisonCheck::Clean);
     }
@@ -367,10 +329,7 @@ mod tests {
             panic!("it goes on");
         };
         let words = "the last one: signal 6; its last lines: out of memory";
-        assert!(
-            reason.contains("4 processes") && reason.contains(words),
-            "{reason}"
-        );
+        assert!(reason.contains("4 processes") && reason.contains(words), "{reason}");
     }
 
     /// Processes that are killed from outside, and resume where the last one ended, do not make a scene poison.
@@ -385,10 +344,7 @@ mod tests {
             assert_eq!(poison_check(&stuck, &TASK, 40), PoisonCheck::Suspect);
         }
         stuck.push(record(4, 40, CRASHED));
-        assert!(matches!(
-            poison_check(&stuck, &TASK, 40),
-            PoisonCheck::Poison(_)
-        ));
+        assert!(matches!(poison_check(&stuck, &TASK, 40), PoisonCheck::Poison(_)));
     }
 
     #[test]
@@ -400,12 +356,7 @@ mod tests {
         };
         assert!(!is_unreadable(&[of(1, "a"), of(2, "a"), of(3, "a")]));
         assert!(is_unreadable(&[of(1, "a"), of(2, "b")]));
-        assert!(is_unreadable(&[
-            of(1, "a"),
-            of(2, "a"),
-            of(3, "a"),
-            of(4, "a")
-        ]));
+        assert!(is_unreadable(&[of(1, "a"), of(2, "a"), of(3, "a"), of(4, "a")]));
         assert!(!is_unreadable(&[of(1, "a"), record(2, 0, None)]));
     }
 
@@ -428,9 +379,7 @@ mod tests {
         let there = attempts(&store, &scene()).unwrap();
         assert_eq!(there.len(), 2);
         assert!(there[0].was_lost(&TASK));
-        store
-            .replace("attempts/train-00000/notes.txt", b"?")
-            .unwrap();
+        store.replace("attempts/train-00000/notes.txt", b"?").unwrap();
         assert_eq!(attempts(&store, &scene()).unwrap().len(), 2);
     }
 }

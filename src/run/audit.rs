@@ -43,7 +43,6 @@ pub(crate) enum Verdict {
     NotCompared,
 }
 
-/// One scene's audit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct SceneAudit {
     pub(crate) scene: SceneId,
@@ -81,11 +80,7 @@ pub(crate) fn draw_scenes(
     let is_there = |line: &SceneLine| keys::tuple_keys(line).all(|key| listed.contains(&key));
     let lines = run.lines.iter().enumerate();
     let done = lines.filter(|(_, line)| is_there(line));
-    Ok(draw(
-        done.map(|(index, line)| (index, &line.id)),
-        share,
-        seed,
-    ))
+    Ok(draw(done.map(|(index, line)| (index, &line.id)), share, seed))
 }
 
 fn draw<'a>(
@@ -130,11 +125,7 @@ pub(crate) fn audit_scene(
     };
     let mut there = store.list(&keys::tuple_folder(&line.id))?;
     let partials = store.list(&keys::partials(&line.id))?;
-    there.extend(
-        partials
-            .into_iter()
-            .filter(|key| keys::shard_of(key).is_some()),
-    );
+    there.extend(partials.into_iter().filter(|key| keys::shard_of(key).is_some()));
     there.sort();
     if there.is_empty() {
         audit.reason = Some("the run holds nothing of it yet".to_owned());
@@ -171,11 +162,7 @@ pub(crate) fn audit_scene(
         audit.files += 1;
         audit.differences.extend(compare(key, &made, &stored));
     }
-    audit.verdict = if audit.differences.is_empty() {
-        Verdict::Same
-    } else {
-        Verdict::Differs
-    };
+    audit.verdict = if audit.differences.is_empty() { Verdict::Same } else { Verdict::Differs };
     Ok(Some(audit))
 }
 
@@ -243,9 +230,8 @@ mod tests {
 
     #[test]
     fn scenes_are_drawn_by_seed_and_id_alone() {
-        let ids: Vec<SceneId> = (0..200)
-            .map(|n| SceneId::new(format!("train-{n}")).unwrap())
-            .collect();
+        let ids: Vec<SceneId> =
+            (0..200).map(|n| SceneId::new(format!("train-{n}")).unwrap()).collect();
         let of = |share, seed| draw(ids.iter().enumerate(), share, seed);
         assert_eq!(of(0.0, 1).len(), 1);
         assert_eq!(of(0.005, 1).len(), 1);

@@ -73,10 +73,7 @@ fn images(difference: &mut FileDifference, made: &Pixels, stored: &Pixels) {
     }
     let (mut count, mut largest, mut at) = (0, 0.0, 0);
     let rows = made.values.chunks(made.channels.max(1));
-    for (index, (a, b)) in rows
-        .zip(stored.values.chunks(made.channels.max(1)))
-        .enumerate()
-    {
+    for (index, (a, b)) in rows.zip(stored.values.chunks(made.channels.max(1))).enumerate() {
         let pairs = || a.iter().zip(b).filter(|(a, b)| a.to_bits() != b.to_bits());
         if pairs().next().is_none() {
             continue;
@@ -124,20 +121,14 @@ fn decode_exr(bytes: &[u8]) -> Result<Pixels, String> {
             pixel[c] = *value;
         }
     }
-    Ok(Pixels {
-        width: channels.width,
-        height: channels.height,
-        channels: count,
-        values,
-    })
+    Ok(Pixels { width: channels.width, height: channels.height, channels: count, values })
 }
 
 /// Names the fields of two JSON texts that differ.
 fn fields(made: &[u8], stored: &[u8]) -> String {
-    let (Ok(made), Ok(stored)) = (
-        serde_json::from_slice::<Value>(made),
-        serde_json::from_slice::<Value>(stored),
-    ) else {
+    let (Ok(made), Ok(stored)) =
+        (serde_json::from_slice::<Value>(made), serde_json::from_slice::<Value>(stored))
+    else {
         return "it is no JSON".to_owned();
     };
     let mut found = Vec::new();
@@ -159,18 +150,9 @@ fn walk(path: &str, a: &Value, b: &Value, found: &mut Vec<String>) {
         (Value::Object(x), Value::Object(y)) => {
             let keys: BTreeSet<&String> = x.keys().chain(y.keys()).collect();
             for key in keys {
-                let path = if path.is_empty() {
-                    key.clone()
-                } else {
-                    format!("{path}.{key}")
-                };
+                let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
                 let none = &Value::Null;
-                walk(
-                    &path,
-                    x.get(key).unwrap_or(none),
-                    y.get(key).unwrap_or(none),
-                    found,
-                );
+                walk(&path, x.get(key).unwrap_or(none), y.get(key).unwrap_or(none), found);
             }
         }
         _ if a == b => {}

@@ -23,7 +23,6 @@ pub enum ControlState {
     Running,
     /// Take no new tasks.
     Paused,
-    /// Abandon the rest.
     Cancelled,
 }
 
@@ -72,10 +71,9 @@ impl Control {
     /// Reads the object's bytes, or says what is wrong with them.
     pub fn read(bytes: &[u8]) -> Result<Self, String> {
         match serde_json::from_slice::<Record>(bytes) {
-            Ok(record) if record.schema == CONTROL_SCHEMA => Ok(Self {
-                state: record.state,
-                reason: record.reason,
-            }),
+            Ok(record) if record.schema == CONTROL_SCHEMA => {
+                Ok(Self { state: record.state, reason: record.reason })
+            }
             Ok(record) => Err(format!("its schema is {:?}", record.schema)),
             Err(error) => Err(error.to_string()),
         }
@@ -140,11 +138,8 @@ pub(crate) fn set_control(
         return Err(ControlError::Cancelled);
     }
     if !dry_run {
-        let record = Record {
-            schema: CONTROL_SCHEMA.to_owned(),
-            state,
-            reason: reason.map(str::to_owned),
-        };
+        let record =
+            Record { schema: CONTROL_SCHEMA.to_owned(), state, reason: reason.map(str::to_owned) };
         let json = serde_json::to_string(&record).expect("strings are JSON");
         store.replace(keys::CONTROL, format!("{json}\n").as_bytes())?;
     }
@@ -217,10 +212,7 @@ mod tests {
         assert_eq!(control.state, Paused);
         assert_eq!(control.because(), " (backup)");
         // Nothing is written in a dry run.
-        assert_eq!(
-            set_control(&store, Running, None, true).unwrap().before,
-            Paused
-        );
+        assert_eq!(set_control(&store, Running, None, true).unwrap().before, Paused);
         assert_eq!(Control::get(&store).unwrap(), control);
         set_control(&store, Cancelled, None, false).unwrap();
         let weaker = set_control(&store, Paused, None, false).unwrap_err();

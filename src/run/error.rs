@@ -11,53 +11,25 @@ use std::path::PathBuf;
 pub enum RunError {
     /// The folder holds no run.
     #[error("{} is no run: it has no {missing}; make one with `glasshouse plan RECIPE --out {}`", root.display(), root.display())]
-    Missing {
-        /// The folder.
-        root: PathBuf,
-        /// The missing file.
-        missing: &'static str,
-    },
+    Missing { root: PathBuf, missing: &'static str },
     /// A file cannot be read.
     #[error("cannot read {}: {source}; check the folder and its permissions", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    Read { path: PathBuf, source: io::Error },
     /// `spec.json` is damaged, or a file beside it is no text.
     #[error("{} is damaged: {reason}; plan the run again into a new folder", path.display())]
-    Spec {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
+    Spec { path: PathBuf, reason: String },
     /// `manifest.jsonl` is damaged.
     #[error("{}: {source}", path.display())]
-    Manifest {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: ManifestError,
-    },
+    Manifest { path: PathBuf, source: ManifestError },
     /// It was planned by another version, or its files do not fit each other.
     #[error("{} disagrees with this program: {reason}; finish it with the version that planned it, or plan again into a new folder", root.display())]
-    Disagrees {
-        /// The folder.
-        root: PathBuf,
-        /// What differs.
-        reason: String,
-    },
+    Disagrees { root: PathBuf, reason: String },
     /// A root of the spec is unusable.
     #[error(transparent)]
     Root(#[from] RootError),
     /// Another process works on it.
     #[error("another process is working on {}; wait for it, or stop it", root.display())]
-    Busy {
-        /// The folder.
-        root: PathBuf,
-    },
+    Busy { root: PathBuf },
 }
 
 /// A run's files cannot be read or written, or this machine may not work on it.
@@ -81,9 +53,7 @@ pub enum AccessError {
          ({expected}); do not use it for this run, and report its CPU and this program's version"
     )]
     Golden {
-        /// The golden scene.
         scene: String,
-        /// Digest here.
         found: String,
         /// Digest in the spec.
         expected: String,

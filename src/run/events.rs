@@ -6,7 +6,6 @@ use render::ids::SceneId;
 /// An event; reported from worker threads.
 #[derive(Clone, Debug)]
 pub enum Event {
-    /// Work starts.
     Started {
         /// Shards of all scenes without a tuple.
         shards: u64,
@@ -14,11 +13,7 @@ pub enum Event {
         scenes: u64,
     },
     /// A scene is loaded; its shards will be traced.
-    SceneOpened {
-        /// Its id.
-        scene: SceneId,
-    },
-    /// A shard is done.
+    SceneOpened { scene: SceneId },
     ShardDone {
         /// An intact partial was found, so it was not traced again.
         resumed: bool,
@@ -30,33 +25,18 @@ pub enum Event {
     },
     /// A tuple is durable.
     SceneMerged {
-        /// Its scene.
         scene: SceneId,
         /// The largest share, among its layers, of paths that ended beyond a photograph's border.
         miss_share: f64,
     },
     /// The queue cannot be reached; tasks that are held go on.
-    QueueLost {
-        /// Why.
-        reason: String,
-    },
+    QueueLost { reason: String },
     /// The store cannot be reached; it is tried again.
-    StoreLost {
-        /// Why.
-        reason: String,
-    },
+    StoreLost { reason: String },
     /// A scene that was lost with an earlier process is traced in a child process.
-    Isolated {
-        /// Its id.
-        scene: SceneId,
-    },
+    Isolated { scene: SceneId },
     /// That child process was lost, too.
-    ChildLost {
-        /// Its scene.
-        scene: SceneId,
-        /// How it ended.
-        reason: String,
-    },
+    ChildLost { scene: SceneId, reason: String },
     /// This process aborts, as `--fault` asked.
     Aborts {
         /// The scene at which it aborts.
@@ -69,16 +49,13 @@ pub enum Event {
     },
     /// The run was paused, cancelled or resumed.
     Controlled {
-        /// Its new state.
         state: ControlState,
         /// Why, if the user gave a reason.
         reason: Option<String>,
     },
     /// A scene was put into quarantine.
     SceneQuarantined {
-        /// Its id.
         scene: SceneId,
-        /// Why.
         reason: String,
         /// Its shards, which are not traced.
         shards: u64,

@@ -177,9 +177,7 @@ fn result_of(
     let key = keys::partial(scene, shard);
     let Some(bytes) = store.get(&key)? else {
         let holds = |a: &&StandingAttempt| (a.note.shards[0]..a.note.shards[1]).contains(&shard);
-        let holder = attempts
-            .iter()
-            .rfind(|a| holds(a) && a.note.ended.is_none());
+        let holder = attempts.iter().rfind(|a| holds(a) && a.note.ended.is_none());
         return Ok(match holder {
             Some(a) => format!("not there; in hand of {}, or lost with it", a.note.worker),
             None => "not there".to_owned(),
@@ -260,9 +258,6 @@ mod tests {
     #[test]
     fn numbers_in_a_row_are_one_range() {
         assert_eq!(rows([].into_iter()), Vec::<[u32; 2]>::new());
-        assert_eq!(
-            rows([0, 1, 2, 5, 7, 8].into_iter()),
-            [[0, 3], [5, 6], [7, 9]]
-        );
+        assert_eq!(rows([0, 1, 2, 5, 7, 8].into_iter()), [[0, 3], [5, 6], [7, 9]]);
     }
 }

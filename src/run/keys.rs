@@ -34,7 +34,6 @@ pub const ATTEMPTS: &str = "attempts";
 pub const CONFLICTS: &str = "conflicts";
 /// Folder of the tuples' provenance.
 pub const RECEIPTS: &str = "receipts";
-/// The report's page.
 pub(crate) const REPORT: &str = "report/index.html";
 
 /// The file of a tuple that is written last.
@@ -54,7 +53,6 @@ pub fn partials(scene: &SceneId) -> String {
     format!("{PARTIALS}/{scene}")
 }
 
-/// A shard's partial.
 pub fn partial(scene: &SceneId, shard: u32) -> String {
     format!("{PARTIALS}/{scene}/{shard:06}.exr")
 }
@@ -117,11 +115,7 @@ pub fn attempt(scene: &SceneId, [start, end]: [u32; 2], n: u32) -> String {
 
 /// The shards and the number of an [`attempt`]'s key.
 pub fn attempt_of(key: &str) -> Option<([u32; 2], u32)> {
-    let (shards, n) = key
-        .rsplit('/')
-        .next()?
-        .strip_suffix(".json")?
-        .split_once('.')?;
+    let (shards, n) = key.rsplit('/').next()?.strip_suffix(".json")?.split_once('.')?;
     let (start, end) = shards.split_once('-')?;
     Some(([start.parse().ok()?, end.parse().ok()?], n.parse().ok()?))
 }

@@ -10,13 +10,11 @@ use std::fs::{File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// An open run.
 #[derive(Debug)]
 pub struct Run {
     root: PathBuf,
     /// How it is divided and traced.
     pub spec: Spec,
-    /// Its scenes.
     pub lines: Vec<SceneLine>,
     /// Roots of its input files: the spec's, overridden by the user's.
     pub roots: Roots,
@@ -27,27 +25,17 @@ pub struct Run {
 impl Run {
     /// Opens a planned run. `given` roots override the spec's.
     pub fn open(root: &Path, given: &Roots) -> Result<Self, RunError> {
-        let damaged = |reason: String| RunError::Spec {
-            path: root.join(keys::SPEC),
-            reason,
-        };
+        let damaged = |reason: String| RunError::Spec { path: root.join(keys::SPEC), reason };
         let text = read(root, keys::SPEC)?;
         let spec: Spec = serde_json::from_str(&text).map_err(|e| damaged(e.to_string()))?;
         let manifest = match read(root, keys::MANIFEST) {
             // Planning writes the spec last: without its manifest it is half of a run, not none.
             Err(RunError::Missing { .. }) => {
-                return Err(damaged(
-                    "manifest.jsonl, which belongs to it, is gone".to_owned(),
-                ));
+                return Err(damaged("manifest.jsonl, which belongs to it, is gone".to_owned()));
             }
             other => other?,
         };
-        let disagrees = |reason: String| {
-            Err(RunError::Disagrees {
-                root: root.to_owned(),
-                reason,
-            })
-        };
+        let disagrees = |reason: String| Err(RunError::Disagrees { root: root.to_owned(), reason });
         if spec.schema != SPEC_SCHEMA {
             return disagrees(format!(
                 "its spec has schema {:?}, not {SPEC_SCHEMA:?}",
@@ -65,10 +53,8 @@ impl Run {
                 "manifest.jsonl is not the one that spec.json was made for".to_owned(),
             );
         }
-        let lines = parse_jsonl(&manifest).map_err(|source| RunError::Manifest {
-            path: root.join(keys::MANIFEST),
-            source,
-        })?;
+        let lines = parse_jsonl(&manifest)
+            .map_err(|source| RunError::Manifest { path: root.join(keys::MANIFEST), source })?;
         let mut roots = given.clone();
         for (name, folder) in &spec.roots {
             if roots.get(name).is_none() {
@@ -78,16 +64,9 @@ impl Run {
                 roots.insert(name, if is_own { root.join(folder) } else { folder })?;
             }
         }
-        Ok(Self {
-            root: root.to_owned(),
-            spec,
-            lines,
-            roots,
-            inputs: Inputs::default(),
-        })
+        Ok(Self { root: root.to_owned(), spec, lines, roots, inputs: Inputs::default() })
     }
 
-    /// Its folder.
     pub fn root(&self) -> &Path {
         &self.root
     }
@@ -101,9 +80,7 @@ impl Run {
     pub fn id(&self) -> [u8; 8] {
         let spec = serde_json::to_vec(&self.spec).expect("a spec is JSON");
         let digest = blake3::hash(&spec);
-        digest.as_bytes()[..8]
-            .try_into()
-            .expect("a digest has 32 bytes")
+        digest.as_bytes()[..8].try_into().expect("a digest has 32 bytes")
     }
 
     /// How a scene is divided into shards.
@@ -118,15 +95,10 @@ impl Run {
             .create(true)
             .append(true)
             .open(&path)
-            .map_err(|source| RunError::Read {
-                path: path.clone(),
-                source,
-            })?;
+            .map_err(|source| RunError::Read { path: path.clone(), source })?;
         match file.try_lock() {
             Ok(()) => Ok(file),
-            Err(TryLockError::WouldBlock) => Err(RunError::Busy {
-                root: self.root.clone(),
-            }),
+            Err(TryLockError::WouldBlock) => Err(RunError::Busy { root: self.root.clone() }),
             Err(TryLockError::Error(source)) => Err(RunError::Read { path, source }),
         }
     }
@@ -135,14 +107,8 @@ impl Run {
 fn read(root: &Path, file: &'static str) -> Result<String, RunError> {
     let path = root.join(file);
     std::fs::read_to_string(&path).map_err(|source| match source.kind() {
-        io::ErrorKind::InvalidData => RunError::Spec {
-            path,
-            reason: source.to_string(),
-        },
-        io::ErrorKind::NotFound => RunError::Missing {
-            root: root.to_owned(),
-            missing: file,
-        },
+        io::ErrorKind::InvalidData => RunError::Spec { path, reason: source.to_string() },
+        io::ErrorKind::NotFound => RunError::Missing { root: root.to_owned(), missing: file },
         _ => RunError::Read { path, source },
     })
 }

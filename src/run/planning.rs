@@ -14,7 +14,6 @@ use render::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, man
 use render::trace::{Isa, TRACER_VERSION};
 use std::path::Path;
 
-/// How to plan.
 pub(crate) struct PlanOptions<'a> {
     /// `--root NAME=DIR`.
     pub(crate) roots: &'a Roots,
@@ -139,11 +138,7 @@ pub(crate) fn plan_run(
     if let Some(run) = &existing {
         let diff = run.spec.diff(&run.lines, &spec, &drafted.lines);
         if !diff.is_empty() {
-            return Err(SpecMismatch {
-                run: out.to_owned(),
-                diff,
-            }
-            .into());
+            return Err(SpecMismatch { run: out.to_owned(), diff }.into());
         }
     }
     if !options.dry_run {
@@ -162,11 +157,7 @@ pub(crate) fn plan_run(
         files: drafted.files,
         parts: drafted.left_out_kind,
         input_bytes: drafted.input_bytes,
-        made_bytes: drafted
-            .to_make
-            .iter()
-            .map(ProceduralPhotograph::estimated_bytes)
-            .sum(),
+        made_bytes: drafted.to_make.iter().map(ProceduralPhotograph::estimated_bytes).sum(),
         lines: drafted.lines,
     })
 }
@@ -179,12 +170,7 @@ fn write_inputs(
     on_photograph: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<(), PlanError> {
     atomic_file::create_dir(out)?;
-    Ok(make_photographs(
-        out,
-        &drafted.to_make,
-        threads,
-        on_photograph,
-    )?)
+    Ok(make_photographs(out, &drafted.to_make, threads, on_photograph)?)
 }
 
 fn write_plan(out: &Path, drafted: &Drafted, manifest: &str, spec: &Spec) -> Result<(), PlanError> {

@@ -19,13 +19,11 @@ pub struct Provenance {
     /// `glasshouse.receipt/1`.
     #[serde(default)]
     pub schema: String,
-    /// Its scene.
     #[serde(default)]
     pub scene: Option<SceneId>,
     /// The worker that merged the partials.
     #[serde(default)]
     pub worker: Option<String>,
-    /// The worker's machine.
     #[serde(default)]
     pub host: Option<String>,
     /// Version of the worker's program.
@@ -117,9 +115,7 @@ impl PartialsProvenance {
         keys.retain(|key| keys::shard_of(key).is_none());
         keys.sort();
         let found = store.get_all(&keys)?.into_iter().flatten();
-        Ok(found
-            .filter_map(|bytes| serde_json::from_slice(&bytes).ok())
-            .collect())
+        Ok(found.filter_map(|bytes| serde_json::from_slice(&bytes).ok()).collect())
     }
 }
 
@@ -158,10 +154,7 @@ mod tests {
     use super::*;
 
     fn who(name: &str) -> WorkerName {
-        WorkerName {
-            worker: name.to_owned(),
-            host: "h".to_owned(),
-        }
+        WorkerName { worker: name.to_owned(), host: "h".to_owned() }
     }
 
     #[test]
@@ -184,9 +177,7 @@ mod tests {
         assert_eq!(others(Some(8), "a"), ["b"]);
         assert_eq!(others(Some(8), "b"), [""; 0]);
         assert_eq!(others(None, "c"), ["a", "b"]);
-        store
-            .create("receipts/s.json", br#"{"worker":"d"}"#)
-            .unwrap();
+        store.create("receipts/s.json", br#"{"worker":"d"}"#).unwrap();
         assert_eq!(others(None, "c"), ["d"]);
     }
 }

@@ -14,7 +14,6 @@ pub const QUARANTINE_SCHEMA: &str = "glasshouse.quarantine/1";
 pub struct QuarantineRecord {
     /// Always [`QUARANTINE_SCHEMA`].
     pub schema: String,
-    /// The scene.
     pub scene: SceneId,
     /// What happened, to which file, and what to do.
     pub reason: String,

@@ -66,17 +66,12 @@ pub fn retry(
         RetryScenes::All => is_in(scene),
         RetryScenes::These(scenes) | RetryScenes::Anew(scenes) => scenes.contains(scene),
     };
-    let mut retried = Retried {
-        was_finished: store.get(keys::FINISHED)?.is_some(),
-        ..Retried::default()
-    };
+    let mut retried =
+        Retried { was_finished: store.get(keys::FINISHED)?.is_some(), ..Retried::default() };
     for scene in manifest.iter().filter(|s| asked(s)) {
         let attempts = store.list(&keys::attempts(scene))?;
-        let results = if matches!(which, RetryScenes::Anew(_)) {
-            results(store, scene)?
-        } else {
-            Vec::new()
-        };
+        let results =
+            if matches!(which, RetryScenes::Anew(_)) { results(store, scene)? } else { Vec::new() };
         // Not counted: it is no result, and it may be missing.
         let noise = [keys::noise(scene)];
         retried.attempts += attempts.len() as u64;

@@ -19,10 +19,7 @@ pub(crate) struct Stopwatch {
 
 impl Stopwatch {
     pub(crate) fn start() -> Self {
-        Self {
-            wall: Instant::now(),
-            cpu: cpu_so_far(ClockId::ThreadCPUTime),
-        }
+        Self { wall: Instant::now(), cpu: cpu_so_far(ClockId::ThreadCPUTime) }
     }
 
     pub(crate) fn spent(&self) -> Spent {
@@ -57,15 +54,7 @@ pub(crate) enum Stage {
 }
 
 /// Names of the stages in JSON, in their order.
-const STAGES: [&str; 7] = [
-    "read",
-    "decode",
-    "trace",
-    "checkpoint",
-    "merge",
-    "encode",
-    "write",
-];
+const STAGES: [&str; 7] = ["read", "decode", "trace", "checkpoint", "merge", "encode", "write"];
 
 /// Time by stage, summed over threads.
 #[derive(Debug)]
@@ -75,7 +64,6 @@ pub struct StageSeconds {
     before: Duration,
 }
 
-/// Nanoseconds.
 #[derive(Debug, Default)]
 struct Counter {
     wall: AtomicU64,
@@ -87,12 +75,8 @@ fn seconds(counter: &AtomicU64) -> f64 {
 }
 
 impl StageSeconds {
-    /// Starts to count.
     pub(crate) fn begin() -> Self {
-        Self {
-            stages: Default::default(),
-            before: cpu_so_far(ClockId::ProcessCPUTime),
-        }
+        Self { stages: Default::default(), before: cpu_so_far(ClockId::ProcessCPUTime) }
     }
 
     pub(crate) fn add(&self, stage: Stage, spent: Spent) {

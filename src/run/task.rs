@@ -12,7 +12,6 @@ pub struct Task {
 }
 
 impl Task {
-    /// Number of shards.
     pub fn shard_count(&self) -> u32 {
         self.shards.end - self.shards.start
     }

@@ -61,10 +61,7 @@ pub(crate) struct LogTime {
 
 impl LogTime {
     pub(crate) fn now() -> Self {
-        Self {
-            clock: SystemTime::now(),
-            start: Instant::now(),
-        }
+        Self { clock: SystemTime::now(), start: Instant::now() }
     }
 }
 
@@ -116,11 +113,7 @@ impl WorkLog {
     /// Unique: two processes with the same worker name do not start in the same millisecond.
     fn key(&self) -> String {
         let safe = |c: char| {
-            if c.is_ascii_alphanumeric() || "-_.".contains(c) {
-                c
-            } else {
-                '_'
-            }
+            if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' }
         };
         let worker: String = self.worker.chars().map(safe).take(100).collect();
         let milliseconds = (self.started_unix_s * 1e3) as u64;
@@ -150,10 +143,7 @@ pub(crate) fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), St
 impl WorkLog {
     /// Its numbers can be added up.
     fn is_sound(&self) -> bool {
-        let seconds = self
-            .thread_seconds
-            .values()
-            .chain(self.cpu_seconds.values());
+        let seconds = self.thread_seconds.values().chain(self.cpu_seconds.values());
         let scenes = self.scenes.iter().map(|scene| &scene.cpu_s);
         let mut all = seconds.chain(scenes).chain([&self.wall_s]);
         all.all(|s| s.is_finite() && *s >= 0.0)
@@ -163,9 +153,7 @@ impl WorkLog {
 /// Why work ended early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
-    /// A signal came.
     Asked,
-    /// The deadline passed.
     TimeLimit,
     /// Too many scenes failed on this worker.
     Drained,
@@ -214,10 +202,7 @@ mod tests {
         assert_eq!(logs, [early, late]);
         assert_eq!(damaged, ["logs/work-0.json", "logs/work-1.json"]);
         let keys = store.list("logs").unwrap();
-        assert!(
-            keys.contains(&"logs/work-0000002000250-a_.._b_c.json".to_owned()),
-            "{keys:?}"
-        );
+        assert!(keys.contains(&"logs/work-0000002000250-a_.._b_c.json".to_owned()), "{keys:?}");
     }
 
     #[test]

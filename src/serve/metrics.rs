@@ -12,11 +12,7 @@ pub(super) const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8"
 pub(super) fn metrics(view: &FarmView) -> String {
     let mut out = Out(String::new());
     out.family("run_info", "gauge", "The run; always 1.");
-    let labels = [
-        ("name", view.name.as_str()),
-        ("run", &view.run),
-        ("version", &view.version),
-    ];
+    let labels = [("name", view.name.as_str()), ("run", &view.run), ("version", &view.version)];
     out.sample("run_info", &labels, 1.0);
     out.family("run_state", "gauge", "1 for the state that the run is in.");
     for state in RunState::ALL {
@@ -26,11 +22,7 @@ pub(super) fn metrics(view: &FarmView) -> String {
     let counts = [
         ("scenes", "Scenes of the run.", view.scenes.total),
         ("scenes_done", "Scenes with a tuple.", view.scenes.done),
-        (
-            "scenes_quarantined",
-            "Scenes in quarantine.",
-            view.quarantined,
-        ),
+        ("scenes_quarantined", "Scenes in quarantine.", view.quarantined),
         ("shards", "Shards of the run.", view.shards.total),
         ("shards_done", "Shards done.", view.shards.done),
     ];
@@ -42,22 +34,14 @@ pub(super) fn metrics(view: &FarmView) -> String {
         "Scenes finished a second, over the last minutes.",
         view.rate_scenes_per_s,
     );
-    out.one(
-        "eta_seconds",
-        "Seconds until the last tuple at this rate.",
-        view.eta_s,
-    );
+    out.one("eta_seconds", "Seconds until the last tuple at this rate.", view.eta_s);
     out.one(
         "queue_connected",
         "1 if the coordinator has a connection to the queue.",
         Some(u8::from(view.queue.connected).into()),
     );
     let waiting = view.queue.spans_waiting.map(|n| n as f64);
-    out.one(
-        "queue_spans_waiting",
-        "Spans that no worker holds.",
-        waiting,
-    );
+    out.one("queue_spans_waiting", "Spans that no worker holds.", waiting);
     let held = view.queue.spans_held.map(|n| n as f64);
     out.one("queue_spans_held", "Spans that a worker holds.", held);
     workers(&mut out, &view.workers);
@@ -92,11 +76,7 @@ fn workers(out: &mut Out, workers: &[WorkerView]) {
     );
     for ([name, host], worker) in &named {
         let labels = [("worker", *name), ("host", *host)];
-        out.sample(
-            "worker_last_progress_seconds",
-            &labels,
-            worker.last_progress_s,
-        );
+        out.sample("worker_last_progress_seconds", &labels, worker.last_progress_s);
     }
     out.family(
         "worker_shards_done_total",
@@ -105,17 +85,9 @@ fn workers(out: &mut Out, workers: &[WorkerView]) {
     );
     for ([name, host], worker) in &named {
         let labels = [("worker", *name), ("host", *host)];
-        out.sample(
-            "worker_shards_done_total",
-            &labels,
-            worker.shards_done as f64,
-        );
+        out.sample("worker_shards_done_total", &labels, worker.shards_done as f64);
     }
-    out.family(
-        "worker_info",
-        "gauge",
-        "A worker's version and state; always 1.",
-    );
+    out.family("worker_info", "gauge", "A worker's version and state; always 1.");
     for ([name, host], worker) in &named {
         let labels = [
             ("worker", *name),
@@ -150,11 +122,8 @@ impl Out {
         if !labels.is_empty() {
             self.0.push('}');
         }
-        let _ = if value.is_finite() {
-            writeln!(self.0, " {value}")
-        } else {
-            writeln!(self.0, " NaN")
-        };
+        let _ =
+            if value.is_finite() { writeln!(self.0, " {value}") } else { writeln!(self.0, " NaN") };
     }
 
     /// A gauge without labels.

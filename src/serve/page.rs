@@ -143,11 +143,7 @@ fn alerts(view: &FarmView) -> Markup {
 /// A reason as a sentence: with a full stop.
 fn sentence(reason: &str) -> String {
     let reason = cut(reason, TEXT_SHOWN);
-    if reason.ends_with(['.', '!', '?']) {
-        reason
-    } else {
-        reason + "."
-    }
+    if reason.ends_with(['.', '!', '?']) { reason } else { reason + "." }
 }
 
 fn progress(view: &FarmView) -> Markup {
@@ -264,9 +260,7 @@ fn workers(view: &FarmView) -> Markup {
     let urgency = |w: &WorkerView| WorkerState::ALL.iter().position(|s| *s == w.state);
     all.sort_by(|a, b| {
         let by_age = b.last_progress_s.total_cmp(&a.last_progress_s);
-        (urgency(a).cmp(&urgency(b)))
-            .then(by_age)
-            .then_with(|| a.name.cmp(&b.name))
+        (urgency(a).cmp(&urgency(b))).then(by_age).then_with(|| a.name.cmp(&b.name))
     });
     let count = all.len() as u64;
     html! {

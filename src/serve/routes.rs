@@ -87,14 +87,8 @@ async fn guard(State(app): State<App>, request: Request, next: Next) -> Response
     mark(header::X_CONTENT_TYPE_OPTIONS, "nosniff");
     mark(header::REFERRER_POLICY, "no-referrer");
     mark(header::X_FRAME_OPTIONS, "DENY");
-    mark(
-        HeaderName::from_static("cross-origin-resource-policy"),
-        "same-origin",
-    );
-    mark(
-        header::CONTENT_SECURITY_POLICY,
-        "default-src 'none'; frame-ancestors 'none'",
-    );
+    mark(HeaderName::from_static("cross-origin-resource-policy"), "same-origin");
+    mark(header::CONTENT_SECURITY_POLICY, "default-src 'none'; frame-ancestors 'none'");
     mark(header::CACHE_CONTROL, "no-store");
     response
 }
@@ -111,10 +105,7 @@ impl App {
         let length = headers.get(header::CONTENT_LENGTH);
         let length = length.and_then(|l| l.to_str().ok()?.parse::<u64>().ok());
         if length.is_some_and(|bytes| bytes > BODY_BYTES) {
-            return Err(refuse(
-                StatusCode::PAYLOAD_TOO_LARGE,
-                "no request needs a body",
-            ));
+            return Err(refuse(StatusCode::PAYLOAD_TOO_LARGE, "no request needs a body"));
         }
         Ok(())
     }
@@ -258,14 +249,9 @@ async fn thumbnail(
     let none = || refuse(StatusCode::NOT_FOUND, "no such picture");
     let scene = SceneId::new(scene).map_err(|_| none())?;
     let layer = file.strip_suffix(".png").ok_or_else(none)?;
-    let layer = Layer::NAMES
-        .into_iter()
-        .find(|l| *l == layer)
-        .ok_or_else(none)?;
-    let png = app
-        .ask(&app.picture_calls, move |s| s.thumbnail(&scene, layer))
-        .await?
-        .ok_or_else(none)?;
+    let layer = Layer::NAMES.into_iter().find(|l| *l == layer).ok_or_else(none)?;
+    let png =
+        app.ask(&app.picture_calls, move |s| s.thumbnail(&scene, layer)).await?.ok_or_else(none)?;
     let tag = format!("\"{}\"", &blake3::hash(&png).to_hex()[..32]);
     let known = headers.get(header::IF_NONE_MATCH);
     let is_known = known.is_some_and(|k| k.as_bytes() == tag.as_bytes());

@@ -49,12 +49,7 @@ pub enum ServeError {
     #[error(
         "cannot listen on {address}: {source}; choose another address (port 0 picks a free one)"
     )]
-    Listen {
-        /// The address.
-        address: SocketAddr,
-        /// The system's error.
-        source: std::io::Error,
-    },
+    Listen { address: SocketAddr, source: std::io::Error },
     /// No thread, or no file descriptors.
     #[error("cannot start the web server: {0}")]
     Start(std::io::Error),
@@ -101,10 +96,7 @@ pub fn serve(
         Some(text) => Some(Token::new(&text).ok_or(ServeError::WeakToken)?),
         None => None,
     };
-    let cannot_listen = |e| ServeError::Listen {
-        address: listen,
-        source: e,
-    };
+    let cannot_listen = |e| ServeError::Listen { address: listen, source: e };
     let listener = TcpListener::bind(listen).map_err(cannot_listen)?;
     listener.set_nonblocking(true).map_err(cannot_listen)?;
     let address = listener.local_addr().map_err(cannot_listen)?;
@@ -119,11 +111,7 @@ pub fn serve(
         .name("serve".to_owned())
         .spawn(move || run(runtime, listener, routes, stopped))
         .map_err(ServeError::Start)?;
-    Ok(Server {
-        address,
-        stop: Some(stop),
-        thread: Some(thread),
-    })
+    Ok(Server { address, stop: Some(stop), thread: Some(thread) })
 }
 
 fn run(
@@ -173,10 +161,7 @@ async fn converse(stream: TcpStream, routes: axum::Router) {
         .max_headers(HEAD_LINES)
         .serve_connection(TokioIo::new(stream), TowerToHyperService::new(routes));
     let mut connection = pin!(connection);
-    if timeout(CONNECTION_LIMIT, connection.as_mut())
-        .await
-        .is_err()
-    {
+    if timeout(CONNECTION_LIMIT, connection.as_mut()).await.is_err() {
         connection.as_mut().graceful_shutdown();
         let _ = timeout(LAST_ANSWER_LIMIT, connection).await;
     }

@@ -32,7 +32,6 @@ pub struct FarmView {
     pub rate_scenes_per_s: Option<f64>,
     /// Seconds until the last tuple at this rate; `null` if unknown.
     pub eta_s: Option<f64>,
-    /// The queue.
     pub queue: QueueView,
     /// Workers heard of, in any order.
     pub workers: Vec<WorkerView>,
@@ -45,9 +44,7 @@ pub struct FarmView {
 /// A count of finished things, of all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Count {
-    /// Finished.
     pub done: u64,
-    /// All.
     pub total: u64,
 }
 
@@ -93,7 +90,6 @@ pub enum WorkerState {
     Silent,
     /// It requeues its spans and ends.
     Stopping,
-    /// It holds spans.
     Working,
     /// It has nothing to do.
     Idle,
@@ -114,21 +110,16 @@ impl WorkerState {
     }
 }
 
-/// A scene in quarantine.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct QuarantinedScene {
-    /// Its id.
     pub scene: SceneId,
-    /// The reason.
     pub reason: String,
     /// The last lines of the crashed process's log, if one crashed.
     pub log_tail: Option<String>,
 }
 
-/// A recent tuple.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RecentTuple {
-    /// Its scene.
     pub scene: SceneId,
     /// Seconds since it was finished.
     pub age_s: f64,

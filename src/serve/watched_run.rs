@@ -16,7 +16,6 @@ use std::io::Cursor;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-/// Tuples shown.
 const RECENT: usize = 12;
 /// Side of a thumbnail, px.
 const THUMBNAIL_PX: u32 = 256;
@@ -40,10 +39,7 @@ impl WatchedRun {
             let names = line.film.layers.names();
             names.map(str::to_owned).collect()
         };
-        let digest = run
-            .id()
-            .iter()
-            .fold(String::new(), |hex, b| format!("{hex}{b:02x}"));
+        let digest = run.id().iter().fold(String::new(), |hex, b| format!("{hex}{b:02x}"));
         let folder = run.root().file_name();
         Self {
             name: folder.map_or_else(|| "run".to_owned(), |n| n.to_string_lossy().into_owned()),
@@ -85,9 +81,7 @@ impl WatchedRun {
                 continue;
             };
             let host = provenance.host.as_deref().unwrap_or_default();
-            let view = workers
-                .entry(worker)
-                .or_insert_with(|| new_worker(worker, host));
+            let view = workers.entry(worker).or_insert_with(|| new_worker(worker, host));
             view.version = provenance.version.clone().unwrap_or_default();
             view.shards_done += u64::from(snapshot.shards(tuple.scene));
             view.last_progress_s = view.last_progress_s.min(seconds(seen));
@@ -150,14 +144,8 @@ impl FarmSource for WatchedRun {
             run: self.id.clone(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             state: status.state,
-            scenes: Count {
-                done: counts.merged,
-                total: counts.scenes,
-            },
-            shards: Count {
-                done: counts.shards_done,
-                total: counts.shards,
-            },
+            scenes: Count { done: counts.merged, total: counts.scenes },
+            shards: Count { done: counts.shards_done, total: counts.shards },
             quarantined: counts.quarantined.len() as u64,
             rate_scenes_per_s: status.rate_scenes_per_s,
             eta_s: status.eta_s,
@@ -174,10 +162,7 @@ impl FarmSource for WatchedRun {
     }
 
     fn thumbnail(&self, scene: &SceneId, layer: &str) -> Option<Vec<u8>> {
-        let png = self
-            .store
-            .get(&keys::tuple(scene, &format!("{layer}.png")))
-            .ok()??;
+        let png = self.store.get(&keys::tuple(scene, &format!("{layer}.png"))).ok()??;
         let image = image::load_from_memory_with_format(&png, image::ImageFormat::Png).ok()?;
         if image.width() <= THUMBNAIL_PX && image.height() <= THUMBNAIL_PX {
             return Some(png.to_vec());

@@ -50,8 +50,7 @@ impl Cache {
     }
 
     fn file(&self, url: &str) -> PathBuf {
-        self.folder
-            .join(&blake3::hash(url.as_bytes()).to_hex()[..32])
+        self.folder.join(&blake3::hash(url.as_bytes()).to_hex()[..32])
     }
 
     /// The object, if it is here and intact.
@@ -67,10 +66,7 @@ impl Cache {
         }
         let used = std::fs::File::options().append(true).open(&path);
         let _ = used.and_then(|file| file.set_modified(SystemTime::now()));
-        Some(Entry {
-            etag: head.etag,
-            bytes,
-        })
+        Some(Entry { etag: head.etag, bytes })
     }
 
     /// Keeps an object. A disk that cannot take it costs time alone.
@@ -151,10 +147,7 @@ mod tests {
         assert!(cache.get("s3://b/a").is_none());
         cache.put("s3://b/a", "e1", b"content\nof a");
         let entry = cache.get("s3://b/a").unwrap();
-        assert_eq!(
-            (entry.etag.as_str(), &*entry.bytes),
-            ("e1", &b"content\nof a"[..])
-        );
+        assert_eq!((entry.etag.as_str(), &*entry.bytes), ("e1", &b"content\nof a"[..]));
         assert!(cache.get("s3://b/b").is_none());
         let file = cache.file("s3://b/a");
         let mut bytes = std::fs::read(&file).unwrap();

@@ -11,7 +11,6 @@ pub enum StoreError {
     Address {
         /// As given, without what may be secret.
         address: String,
-        /// Why.
         reason: String,
     },
     /// A call failed, also when tried again.
@@ -21,11 +20,8 @@ pub enum StoreError {
     Call {
         /// `read`, `write`, ...
         what: &'static str,
-        /// The object.
         key: String,
-        /// The store.
         store: String,
-        /// Why.
         reason: String,
         /// It may work later: the store was away or busy, and not full, closed or absent.
         passing: bool,
@@ -36,9 +32,7 @@ pub enum StoreError {
          results, or the object was damaged; `glasshouse audit RUN --scene NAME` (the folder's name) tells which, then remove the wrong one"
     )]
     Differs {
-        /// The object.
         key: String,
-        /// The store.
         store: String,
         /// BLAKE3 of what was made here.
         here: String,
@@ -83,9 +77,7 @@ pub(super) fn is_passing(error: &object_store::Error) -> bool {
 /// A certificate that nobody trusts, or the like.
 fn is_distrust(error: &(dyn std::error::Error + 'static)) -> bool {
     // What is inside of an io::Error is not its source.
-    let inside = error
-        .downcast_ref::<io::Error>()
-        .and_then(io::Error::get_ref);
+    let inside = error.downcast_ref::<io::Error>().and_then(io::Error::get_ref);
     error.is::<rustls::Error>() || inside.is_some_and(|error| is_distrust(error))
 }
 
@@ -130,10 +122,9 @@ fn may_pass(error: &io::Error) -> bool {
 }
 
 fn causes(error: &object_store::Error) -> impl Iterator<Item = &(dyn std::error::Error + 'static)> {
-    std::iter::successors(
-        error.source(),
-        |cause: &&(dyn std::error::Error + 'static)| (*cause).source(),
-    )
+    std::iter::successors(error.source(), |cause: &&(dyn std::error::Error + 'static)| {
+        (*cause).source()
+    })
 }
 
 /// What object_store writes before an HTTP status; its type is not public.
@@ -229,10 +220,8 @@ mod tests {
         }
         assert!(is_passing(&generic("S3", "connection closed")));
         assert!(is_absent(&generic("S3", "status code: 404 Not Found: x")));
-        let absent = object_store::Error::NotFound {
-            path: "k".to_owned(),
-            source: "no such bucket".into(),
-        };
+        let absent =
+            object_store::Error::NotFound { path: "k".to_owned(), source: "no such bucket".into() };
         assert!(!is_passing(&absent) && is_absent(&absent));
     }
 }

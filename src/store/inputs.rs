@@ -34,11 +34,7 @@ enum Fetched {
 impl Inputs {
     /// `options` are for all stores. Objects are kept in `cache`, if there is one.
     pub fn new(options: StoreOptions, cache: Option<Cache>) -> Self {
-        Self {
-            options,
-            cache,
-            buckets: Mutex::default(),
-        }
+        Self { options, cache, buckets: Mutex::default() }
     }
 
     /// A file's bytes, or an object's: what `path` is, is told by [`render::line::is_url`].
@@ -52,10 +48,9 @@ impl Inputs {
         let kept = self.cache.as_ref().and_then(|cache| cache.get(url));
         let etag = kept.as_ref().map(|entry| entry.etag.clone());
         match store.fetch(&key, etag).map_err(io::Error::other)? {
-            Fetched::Absent => Err(io::Error::new(
-                io::ErrorKind::NotFound,
-                "there is no such object",
-            )),
+            Fetched::Absent => {
+                Err(io::Error::new(io::ErrorKind::NotFound, "there is no such object"))
+            }
             Fetched::Object(bytes, etag) => {
                 let bytes = Vec::from(bytes);
                 if let (Some(cache), Some(etag)) = (&self.cache, etag) {
@@ -99,10 +94,7 @@ impl Inputs {
         };
         let found = self.bucket(bucket)?.list(&key)?;
         let skip = if key.is_empty() { 0 } else { key.len() + 1 };
-        Ok(found
-            .into_iter()
-            .map(|key| key[skip..].to_owned())
-            .collect())
+        Ok(found.into_iter().map(|key| key[skip..].to_owned()).collect())
     }
 
     fn bucket(&self, address: &str) -> Result<Store, StoreError> {
@@ -150,10 +142,7 @@ impl Store {
     fn fetch(&self, key: &str, etag: Option<String>) -> Result<Fetched, StoreError> {
         use object_store::Error as E;
         let path = Key::parse(key).map_err(|e| self.failed("read", key, &e.into()))?;
-        let options = GetOptions {
-            if_none_match: etag,
-            ..GetOptions::default()
-        };
+        let options = GetOptions { if_none_match: etag, ..GetOptions::default() };
         let get = || async {
             let found = self.objects.get_opts(&path, options.clone()).await?;
             let etag = found.meta.e_tag.clone();
@@ -170,10 +159,8 @@ impl Store {
     /// The first bytes of an object by its key, and its size; `None` if that cannot be had.
     fn fetch_start(&self, key: &str, count: u64) -> Option<(Vec<u8>, u64)> {
         let path = Key::parse(key).ok()?;
-        let options = GetOptions {
-            range: Some(GetRange::Bounded(0..count)),
-            ..GetOptions::default()
-        };
+        let options =
+            GetOptions { range: Some(GetRange::Bounded(0..count)), ..GetOptions::default() };
         let get = || async {
             let found = self.objects.get_opts(&path, options.clone()).await?;
             let size = found.meta.size;

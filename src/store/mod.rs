@@ -42,7 +42,6 @@ const CALLS_AT_ONCE: usize = 16;
 /// A put whose unfinished file was cleared away is repeated so often.
 const CLEARED_AWAY: u32 = 3;
 
-/// A run's objects.
 #[derive(Clone)]
 pub struct Store {
     objects: Arc<dyn ObjectStore>,
@@ -84,10 +83,7 @@ impl Store {
     /// The same store, tried again for so long. For what is not worth waiting for.
     #[must_use]
     pub fn with_patience(&self, patience: Duration) -> Self {
-        Self {
-            patience,
-            ..self.clone()
-        }
+        Self { patience, ..self.clone() }
     }
 
     /// Its folder, if it is on a local disk.
@@ -148,9 +144,7 @@ impl Store {
         let mut cleared_away = 0;
         loop {
             let payload = PutPayload::from_bytes(bytes.clone());
-            let put = self
-                .objects
-                .put_opts(&path, payload, PutMode::Create.into());
+            let put = self.objects.put_opts(&path, payload, PutMode::Create.into());
             let error = match put.await {
                 Ok(_) => return Ok(Put::New),
                 // The answer to a put may have been lost: the next one finds the key taken, by the same bytes.
@@ -196,9 +190,7 @@ impl Store {
     pub fn replace(&self, key: &str, bytes: &[u8]) -> Result<(), StoreError> {
         let (path, payload) = (self.key(key), PutPayload::from(bytes.to_vec()));
         RUNTIME
-            .block_on(with_patience(self.patience, || {
-                self.objects.put(&path, payload.clone())
-            }))
+            .block_on(with_patience(self.patience, || self.objects.put(&path, payload.clone())))
             .map(|_| ())
             .map_err(|e| self.failed("write", key, &e))
     }
@@ -286,12 +278,10 @@ impl Store {
             }
             Ok(())
         };
-        RUNTIME
-            .block_on(with_patience(self.patience, delete))
-            .map_err(|e| {
-                let first = keys.first().map_or("nothing", String::as_str);
-                self.failed("remove", first, &e)
-            })
+        RUNTIME.block_on(with_patience(self.patience, delete)).map_err(|e| {
+            let first = keys.first().map_or("nothing", String::as_str);
+            self.failed("remove", first, &e)
+        })
     }
 }
 
@@ -320,21 +310,14 @@ mod tests {
         let store = Store::local(dir.path()).unwrap();
         assert!(store.list("partials").unwrap().is_empty());
         let keys: Vec<String> = (0..40).map(|k| format!("partials/s/{k:06}.exr")).collect();
-        store
-            .create_all(keys.iter().map(|k| (k.clone(), k.clone().into())).collect())
-            .unwrap();
+        store.create_all(keys.iter().map(|k| (k.clone(), k.clone().into())).collect()).unwrap();
         store.create("partials/t/000000.exr", b"t").unwrap();
         let mut found = store.list("partials/s").unwrap();
         found.sort();
         assert_eq!(found, keys);
         assert_eq!(store.list("partials").unwrap().len(), 41);
         let bytes = store.get_all(&keys).unwrap();
-        assert!(
-            bytes
-                .iter()
-                .zip(&keys)
-                .all(|(b, k)| b.as_ref().unwrap() == k.as_bytes())
-        );
+        assert!(bytes.iter().zip(&keys).all(|(b, k)| b.as_ref().unwrap() == k.as_bytes()));
         store.delete(&keys).unwrap();
         store.delete(&keys).unwrap();
         assert_eq!(store.list("partials").unwrap(), ["partials/t/000000.exr"]);
@@ -353,9 +336,7 @@ mod tests {
         assert!(!store.has_files("t", &files(&["a.exr", "c.json"])).unwrap());
         let asked = [keys[1].clone(), "t/none".to_owned(), keys[0].clone()];
         let mut found = Vec::new();
-        store
-            .for_each(&asked, |index, bytes| found.push((index, bytes)))
-            .unwrap();
+        store.for_each(&asked, |index, bytes| found.push((index, bytes))).unwrap();
         let of = |index: usize| Some(Bytes::copy_from_slice(asked[index].as_bytes()));
         assert_eq!(found, [(0, of(0)), (1, None), (2, of(2))]);
         store.remove_folder("t").unwrap();
@@ -368,10 +349,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::local(dir.path()).unwrap();
         render::atomic_file::write(&dir.path().join("tuples"), b"a file").unwrap();
-        let error = store
-            .create("tuples/a/tuple.json", b"{}")
-            .unwrap_err()
-            .to_string();
+        let error = store.create("tuples/a/tuple.json", b"{}").unwrap_err().to_string();
         assert!(error.contains("tuples/a/tuple.json"), "{error}");
         assert!(error.contains(&*dir.path().to_string_lossy()), "{error}");
     }

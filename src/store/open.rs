@@ -18,10 +18,7 @@ pub struct StoreOptions {
 
 impl Default for StoreOptions {
     fn default() -> Self {
-        Self {
-            settings: Vec::new(),
-            patience: Duration::from_secs(45),
-        }
+        Self { settings: Vec::new(), patience: Duration::from_secs(45) }
     }
 }
 
@@ -39,10 +36,7 @@ impl std::fmt::Debug for StoreOptions {
 impl Store {
     /// A folder, `file:///…`, or `s3://BUCKET/PREFIX` (`gs://`, `az://` with their features).
     pub fn open(address: &str, options: &StoreOptions) -> Result<Self, StoreError> {
-        let invalid = |reason: String| StoreError::Address {
-            address: address.to_owned(),
-            reason,
-        };
+        let invalid = |reason: String| StoreError::Address { address: address.to_owned(), reason };
         let folder = match address.split_once("://") {
             None => address,
             Some(("file", path)) => path,
@@ -68,10 +62,7 @@ impl Store {
         let shown = rest.split(['?', '#']).next().unwrap_or_default();
         let shown = shown.rsplit('@').next().unwrap_or_default();
         let name = format!("{scheme}://{}", shown.trim_end_matches('/'));
-        let invalid = |reason: String| StoreError::Address {
-            address: name.clone(),
-            reason,
-        };
+        let invalid = |reason: String| StoreError::Address { address: name.clone(), reason };
         if rest.contains(['?', '#', '@']) {
             return Err(invalid(
                 "an address holds no credentials and no settings, they come from the environment (AWS_ACCESS_KEY_ID, …)"
@@ -94,7 +85,6 @@ impl Store {
     }
 }
 
-/// Stores behind HTTP.
 #[cfg(feature = "http-store")]
 mod remote {
     use super::StoreOptions;
@@ -233,10 +223,7 @@ mod tests {
     fn what_is_no_store_is_refused() {
         for address in ["ftp://host/x", "memory://x", "s3://", "s3:///x"] {
             let error = Store::open(address, &StoreOptions::default()).unwrap_err();
-            assert!(
-                matches!(error, StoreError::Address { .. }),
-                "{address}: {error:?}"
-            );
+            assert!(matches!(error, StoreError::Address { .. }), "{address}: {error:?}");
         }
     }
 
@@ -260,10 +247,7 @@ mod tests {
         let error = store.get("spec.json").unwrap_err();
         assert!(error.is_passing(), "{error:?}");
         let text = format!("{error} {error:?} {store:?}");
-        assert!(
-            text.contains("spec.json in s3://bucket/runs/mine"),
-            "{text}"
-        );
+        assert!(text.contains("spec.json in s3://bucket/runs/mine"), "{text}");
         assert!(!text.contains("hush"), "{text}");
     }
 }

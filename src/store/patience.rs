@@ -16,10 +16,7 @@ pub(super) struct Tries {
 impl Tries {
     /// No try begins later than `patience` after now.
     pub(super) fn new(patience: Duration) -> Self {
-        Self {
-            until: Instant::now() + patience,
-            pause: PAUSE[0],
-        }
+        Self { until: Instant::now() + patience, pause: PAUSE[0] }
     }
 
     /// Waits for the next try; false when there is none.

@@ -3,10 +3,8 @@
 use candle_core::backprop::GradStore;
 use candle_core::{Result, Tensor, Var};
 
-/// Settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdamOptions {
-    /// Step size.
     pub learning_rate: f64,
     /// Of the mean of the gradients.
     pub beta1: f64,
@@ -18,12 +16,7 @@ pub struct AdamOptions {
 
 impl Default for AdamOptions {
     fn default() -> Self {
-        Self {
-            learning_rate: 1e-4,
-            beta1: 0.9,
-            beta2: 0.999,
-            epsilon: 1e-8,
-        }
+        Self { learning_rate: 1e-4, beta1: 0.9, beta2: 0.999, epsilon: 1e-8 }
     }
 }
 
@@ -31,7 +24,6 @@ impl Default for AdamOptions {
 pub struct Moments {
     /// Unique among the optimiser's.
     pub name: String,
-    /// What is learned.
     pub variable: Var,
     /// Running mean of its gradients.
     pub mean: Tensor,
@@ -39,11 +31,8 @@ pub struct Moments {
     pub square: Tensor,
 }
 
-/// The optimiser.
 pub struct Adam {
-    /// Settings.
     pub options: AdamOptions,
-    /// Steps so far.
     pub steps: u64,
     /// In a fixed order.
     pub moments: Vec<Moments>,
@@ -63,22 +52,13 @@ impl Adam {
                 })
             })
             .collect::<Result<_>>()?;
-        Ok(Self {
-            options,
-            steps: 0,
-            moments,
-        })
+        Ok(Self { options, steps: 0, moments })
     }
 
     /// One step, as PyTorch takes it. Variables without a gradient stay.
     pub fn step(&mut self, gradients: &GradStore) -> Result<()> {
         self.steps += 1;
-        let AdamOptions {
-            learning_rate,
-            beta1,
-            beta2,
-            epsilon,
-        } = self.options;
+        let AdamOptions { learning_rate, beta1, beta2, epsilon } = self.options;
         let steps = self.steps as f64;
         let (of_mean, of_square) = (1.0 - libm::pow(beta1, steps), 1.0 - libm::pow(beta2, steps));
         for moments in &mut self.moments {
@@ -91,9 +71,7 @@ impl Adam {
                 ((&moments.square * beta2)? + (gradient.sqr()? * (1.0 - beta2))?)?.detach();
             let deviation = ((&moments.square / of_square)?.sqrt()? + epsilon)?;
             let change = ((&moments.mean * (learning_rate / of_mean))? / deviation)?;
-            moments
-                .variable
-                .set(&(moments.variable.as_tensor() - change)?)?;
+            moments.variable.set(&(moments.variable.as_tensor() - change)?)?;
         }
         Ok(())
     }

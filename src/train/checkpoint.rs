@@ -35,17 +35,14 @@ pub struct Origin {
 pub struct CheckpointState {
     /// Always [`CHECKPOINT_SCHEMA`].
     pub schema: String,
-    /// Which networks learn.
     pub stage: Stage,
     /// Steps so far. Order, crops and all other chance follow from this and the seed.
     pub step: u64,
     /// Steps of the generators' optimiser.
     pub generator_steps: u64,
-    /// Steps of the discriminator's.
     pub discriminator_steps: u64,
     /// Numbers that are learned.
     pub parameters: usize,
-    /// The settings.
     pub settings: TrainSettings,
     /// What else it was made of.
     pub origin: Origin,
@@ -60,31 +57,21 @@ pub struct CheckpointState {
 /// A checkpoint that cannot be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
-    /// The disk.
     #[error(transparent)]
     Write(#[from] WriteError),
     /// It cannot be read.
     #[error("the checkpoint {} cannot be used: {reason}", path.display())]
-    Damaged {
-        /// Its folder.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
-    /// candle's.
+    Damaged { path: PathBuf, reason: String },
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),
 }
 
 /// A checkpoint that was read and is as it was written.
 pub struct Checkpoint {
-    /// Its folder.
     pub path: PathBuf,
     /// `state.json`.
     pub state: CheckpointState,
-    /// Weights, by name.
     pub model: HashMap<String, Tensor>,
-    /// Moments, by name.
     pub moments: HashMap<String, Tensor>,
 }
 
@@ -123,38 +110,25 @@ pub fn write_checkpoint(
 ) -> Result<PathBuf, CheckpointError> {
     let path = checkpoint_folder(stage_folder, step);
     let bytes = |tensors: BTreeMap<String, Tensor>| {
-        safetensors::serialize(tensors, None).map_err(|e| CheckpointError::Damaged {
-            path: path.clone(),
-            reason: e.to_string(),
-        })
+        safetensors::serialize(tensors, None)
+            .map_err(|e| CheckpointError::Damaged { path: path.clone(), reason: e.to_string() })
     };
-    let files = [
-        (MODEL, bytes(learner.model())?),
-        (OPTIMIZER, bytes(learner.moments())?),
-    ];
+    let files = [(MODEL, bytes(learner.model())?), (OPTIMIZER, bytes(learner.moments())?)];
     let state = CheckpointState {
         schema: CHECKPOINT_SCHEMA.to_owned(),
         stage: learner.stage,
         step,
         generator_steps: learner.generator_adam.steps,
-        discriminator_steps: learner
-            .discriminator_adam
-            .as_ref()
-            .map_or(0, |adam| adam.steps),
+        discriminator_steps: learner.discriminator_adam.as_ref().map_or(0, |adam| adam.steps),
         parameters: learner.parameters(),
         settings: settings.clone(),
         origin: origin.clone(),
         code_path: code_path().to_owned(),
         validation_psnr_db,
-        files: files
-            .iter()
-            .map(|(name, bytes)| ((*name).to_owned(), digest(bytes)))
-            .collect(),
+        files: files.iter().map(|(name, bytes)| ((*name).to_owned(), digest(bytes))).collect(),
     };
-    let mut json = serde_json::to_string_pretty(&state).map_err(|e| CheckpointError::Damaged {
-        path: path.clone(),
-        reason: e.to_string(),
-    })?;
+    let mut json = serde_json::to_string_pretty(&state)
+        .map_err(|e| CheckpointError::Damaged { path: path.clone(), reason: e.to_string() })?;
     json.push('\n');
     atomic_file::write_dir(&path, |folder| {
         for (name, bytes) in &files {
@@ -172,10 +146,7 @@ fn digest(bytes: &[u8]) -> String {
 impl Checkpoint {
     /// Reads a checkpoint and holds its files against their digests.
     pub fn read(path: &Path, device: &Device) -> Result<Self, CheckpointError> {
-        let damaged = |reason: String| CheckpointError::Damaged {
-            path: path.to_owned(),
-            reason,
-        };
+        let damaged = |reason: String| CheckpointError::Damaged { path: path.to_owned(), reason };
         let file = |name: &str| {
             std::fs::read(path.join(name)).map_err(|e| damaged(format!("{name}: {e}")))
         };
@@ -222,9 +193,8 @@ pub fn steps(stage_folder: &Path) -> Vec<u64> {
         return Vec::new();
     };
     let names = entries.flatten().map(|entry| entry.file_name());
-    let mut steps: Vec<u64> = names
-        .filter_map(|name| name.to_str()?.strip_prefix("step-")?.parse().ok())
-        .collect();
+    let mut steps: Vec<u64> =
+        names.filter_map(|name| name.to_str()?.strip_prefix("step-")?.parse().ok()).collect();
     steps.sort_unstable();
     steps
 }

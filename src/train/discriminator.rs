@@ -11,7 +11,6 @@ const WIDTHS: [usize; 4] = [1, 2, 4, 8];
 /// From one place to the next in each of them, px.
 const STRIDES: [usize; 5] = [2, 2, 2, 1, 1];
 
-/// The published one.
 const EPSILON: f64 = 1e-5;
 
 /// The network: 256 px become 30 x 30 verdicts.
@@ -26,18 +25,10 @@ pub struct Discriminator {
 impl Discriminator {
     /// With weights from a seed: of deviation 0.02, as published. `width` is 64 there.
     pub fn new(width: usize, seed: u64, name: &str, device: &Device) -> Result<Self> {
-        let widths: Vec<usize> = WIDTHS
-            .iter()
-            .map(|times| times * width)
-            .chain([1])
-            .collect();
+        let widths: Vec<usize> = WIDTHS.iter().map(|times| times * width).chain([1]).collect();
         let mut inputs = 6;
-        let mut discriminator = Self {
-            kernels: Vec::new(),
-            gains: Vec::new(),
-            offsets: Vec::new(),
-            slope: SLOPE,
-        };
+        let mut discriminator =
+            Self { kernels: Vec::new(), gains: Vec::new(), offsets: Vec::new(), slope: SLOPE };
         for (layer, &outputs) in widths.iter().enumerate() {
             let mut stream = Stream::new(seed, &format!("{name} kernel.{layer}"));
             let kernel = stream.normal_tensor(&[outputs, inputs, 4, 4], 0.02, device)?;
@@ -46,9 +37,7 @@ impl Discriminator {
                 let mut stream = Stream::new(seed, &format!("{name} gain.{layer}"));
                 let gain = (stream.normal_tensor(&[outputs], 0.02, device)? + 1.0)?;
                 discriminator.gains.push(Var::from_tensor(&gain)?);
-                discriminator
-                    .offsets
-                    .push(Var::zeros(outputs, DType::F32, device)?);
+                discriminator.offsets.push(Var::zeros(outputs, DType::F32, device)?);
             }
             inputs = outputs;
         }
@@ -57,11 +46,7 @@ impl Discriminator {
 
     /// Everything that is learned, by name, in a fixed order.
     pub fn variables(&self) -> Vec<(String, Var)> {
-        let lists = [
-            ("kernel", &self.kernels),
-            ("gain", &self.gains),
-            ("offset", &self.offsets),
-        ];
+        let lists = [("kernel", &self.kernels), ("gain", &self.gains), ("offset", &self.offsets)];
         let named = lists.into_iter().flat_map(|(name, list)| {
             let numbered = list.iter().enumerate();
             numbered.map(move |(layer, variable)| (format!("{name}.{layer}"), variable.clone()))
@@ -87,18 +72,11 @@ impl Discriminator {
     }
 
     fn forward_by(&self, image: &Tensor, layer_of_it: &Tensor, see: See) -> Result<Tensor> {
-        let norm = NormOptions {
-            epsilon: EPSILON,
-            slope: self.slope,
-        };
+        let norm = NormOptions { epsilon: EPSILON, slope: self.slope };
         let mut x = Tensor::cat(&[image, layer_of_it], 1)?;
         let mut normed = self.gains.iter().zip(&self.offsets);
         for (layer, (kernel, stride)) in self.kernels.iter().zip(STRIDES).enumerate() {
-            let window = Window {
-                padding: 1,
-                stride,
-                dilation: 1,
-            };
+            let window = Window { padding: 1, stride, dilation: 1 };
             x = conv2d(&x, &see(kernel), window)?;
             if is_normed(layer)
                 && let Some((gain, offset)) = normed.next()
@@ -138,9 +116,6 @@ mod tests {
         assert_eq!(count, kernels + 2 * (128 + 256 + 512));
         let narrow = Discriminator::new(4, 1, "d", &Device::Cpu).unwrap();
         let image = Tensor::zeros((1, 3, 256, 256), DType::F32, &Device::Cpu).unwrap();
-        assert_eq!(
-            narrow.forward(&image, &image).unwrap().dims(),
-            [1, 1, 30, 30]
-        );
+        assert_eq!(narrow.forward(&image, &image).unwrap().dims(), [1, 1, 30, 30]);
     }
 }

@@ -12,27 +12,16 @@ use std::path::PathBuf;
 pub enum TrainError {
     /// Another process has the stage.
     #[error("another process is training in {}; wait for it, or stop it", folder.display())]
-    Busy {
-        /// The stage's folder.
-        folder: PathBuf,
-    },
+    Busy { folder: PathBuf },
     /// The stage's lock file.
     #[error("cannot lock {}: {source}", path.display())]
-    Lock {
-        /// The file.
-        path: PathBuf,
-        /// The system's reason.
-        source: std::io::Error,
-    },
+    Lock { path: PathBuf, source: std::io::Error },
     /// There is no BT-net that SP-net could learn through.
     #[error(
         "the separation stage begins with a BT-net, and {run} has none: train it first with `glasshouse train {run} --stage backtrack --steps S`, or leave it out with --no-a-priori",
         run = run.display()
     )]
-    NoBacktrack {
-        /// The run's folder.
-        run: PathBuf,
-    },
+    NoBacktrack { run: PathBuf },
     /// A setting out of its range.
     #[error(transparent)]
     Setting(#[from] SettingError),
@@ -43,17 +32,13 @@ pub enum TrainError {
         differences.join("\n  ")
     )]
     Frozen {
-        /// The checkpoint's folder.
         checkpoint: PathBuf,
         /// `name: old -> new`.
         differences: Vec<String>,
     },
     /// Real pairs are asked for, and no folder of them was given.
     #[error("a share of {share} of the steps sees real pairs: give their folder with --real")]
-    NoRealPairs {
-        /// The setting.
-        share: f64,
-    },
+    NoRealPairs { share: f64 },
     /// The checkpoint learned from something else.
     #[error(
         "{changed} are not those that {} was trained with; give the same, or train in a new run",
@@ -62,7 +47,6 @@ pub enum TrainError {
     OtherOrigin {
         /// The train scenes, the real pairs or VGG-19's weights.
         changed: &'static str,
-        /// The checkpoint's folder.
         checkpoint: PathBuf,
     },
     /// VGG-19.
@@ -71,16 +55,12 @@ pub enum TrainError {
     /// The place that holds the tuples does not list them.
     #[error(transparent)]
     Tuples(TupleFilesError),
-    /// An example.
     #[error(transparent)]
     Example(#[from] ExampleError),
-    /// A checkpoint.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
-    /// The disk.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// candle's.
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),
     /// The loss is no number.
@@ -90,7 +70,6 @@ pub enum TrainError {
     NotFinite {
         /// From 1.
         step: u64,
-        /// What it is.
         loss: f32,
     },
 }

@@ -10,19 +10,16 @@ use serde::Serialize;
 use std::fmt::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// Its schema.
 pub const EVALUATION_SCHEMA: &str = "glasshouse.evaluate/1";
 
 /// Scores that cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluationError {
-    /// The disk.
     #[error(transparent)]
     Write(#[from] WriteError),
     /// The grid of pictures.
     #[error("the pictures that were scored make no PNG: {0}")]
     Picture(#[from] image::ImageError),
-    /// The JSON.
     #[error("the scores make no JSON: {0}")]
     Json(#[from] serde_json::Error),
 }
@@ -62,25 +59,20 @@ pub struct Evaluation {
     /// Folder of the run, or of the pairs.
     #[serde(rename = "where")]
     pub place: String,
-    /// Of a run.
     pub split: Option<&'static str>,
-    /// Pictures.
     pub images: usize,
     resized: bool,
     bits: u8,
     /// Side of the networks' tiles, px.
     pub tile_px: u32,
-    /// By method.
     #[serde(rename = "rows")]
     pub means: Vec<MethodMeans>,
     /// What comes of brightness alone.
     pub gain: Option<Gain>,
-    /// The networks.
     #[serde(rename = "checkpoints")]
     pub networks: Vec<ScoredNetwork>,
     /// Pictures without scores.
     pub left_out: Vec<LeftOut>,
-    /// What was written.
     pub files: Vec<PathBuf>,
     /// Threads that computed; not in the file, whose bytes they do not change.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -109,10 +101,7 @@ impl Evaluation {
             resized: false,
             bits: 8,
             tile_px: 0,
-            means: methods
-                .iter()
-                .map(|method| MethodMeans::of(method, &rows))
-                .collect(),
+            means: methods.iter().map(|method| MethodMeans::of(method, &rows)).collect(),
             gain: None,
             networks: Vec::new(),
             left_out: Vec::new(),

@@ -33,9 +33,7 @@ fn field_bytes(out: &mut Vec<u8>, field: u64, bytes: &[u8]) {
 
 /// The checksum of TFRecords: CRC-32C, rotated and offset so that checksums of checksums are safe.
 fn masked_crc(bytes: &[u8]) -> u32 {
-    crc32c::crc32c(bytes)
-        .rotate_right(15)
-        .wrapping_add(0xa282_ead8)
+    crc32c::crc32c(bytes).rotate_right(15).wrapping_add(0xa282_ead8)
 }
 
 fn record(event: &[u8]) -> Vec<u8> {
@@ -91,8 +89,7 @@ impl EventFile {
         for (tag, value) in values {
             field_bytes(&mut summary, 1, &scalar(tag, *value));
         }
-        self.file
-            .write_all(&record(&event(now(), step, 5, &summary)))
+        self.file.write_all(&record(&event(now(), step, 5, &summary)))
     }
 
     /// Adds a PNG of a step.
@@ -105,8 +102,7 @@ impl EventFile {
     ) -> io::Result<()> {
         let mut summary = Vec::new();
         field_bytes(&mut summary, 1, &picture(tag, size, png));
-        self.file
-            .write_all(&record(&event(now(), step, 5, &summary)))
+        self.file.write_all(&record(&event(now(), step, 5, &summary)))
     }
 }
 

@@ -5,7 +5,6 @@ use super::random::Stream;
 /// Three planes R, G, B of one image, row by row, each value in [0, 1].
 pub type Planes = Vec<f32>;
 
-/// One example.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Example {
     /// Pixels down.
@@ -50,12 +49,7 @@ impl Cut {
         let row = stream.below(rows - size + 1);
         let column = stream.below(columns - size + 1);
         let mirrored = stream.unit() < 0.5;
-        Some(Self {
-            row,
-            column,
-            size,
-            mirrored: flip && mirrored,
-        })
+        Some(Self { row, column, size, mirrored: flip && mirrored })
     }
 }
 
@@ -63,10 +57,7 @@ impl Example {
     /// Bytes of its numbers.
     pub fn bytes(&self) -> usize {
         let layers = [Some(&self.input), Some(&self.transmission)];
-        let rest = [
-            self.glass_reflection.as_ref(),
-            self.clean_reflection.as_ref(),
-        ];
+        let rest = [self.glass_reflection.as_ref(), self.clean_reflection.as_ref()];
         let values: usize = layers.iter().chain(&rest).flatten().map(|p| p.len()).sum();
         values * size_of::<f32>()
     }
@@ -114,12 +105,7 @@ mod tests {
             glass_reflection: None,
             clean_reflection: None,
         };
-        let mut cut = Cut {
-            row: 1,
-            column: 2,
-            size: 2,
-            mirrored: false,
-        };
+        let mut cut = Cut { row: 1, column: 2, size: 2, mirrored: false };
         let part = example.cut(cut);
         assert_eq!(part.input[..4], [7.0, 8.0, 12.0, 13.0]);
         assert_eq!(part.transmission[4..8], [27.0, 28.0, 32.0, 33.0]);

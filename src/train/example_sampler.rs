@@ -19,7 +19,6 @@ const LOOK_EVERY: Duration = Duration::from_secs(2);
 
 /// Where the scenes' examples come from.
 pub enum SceneSource {
-    /// Rendered.
     Tuples(TupleSource),
     /// Mixed as images.
     Photographs(PhotographSource),
@@ -83,10 +82,7 @@ impl ExampleSampler {
             scenes,
             real,
             memory,
-            kept: Mutex::new(Kept {
-                bytes: 0,
-                bases: HashMap::new(),
-            }),
+            kept: Mutex::new(Kept { bytes: 0, bases: HashMap::new() }),
             orders: Mutex::new(HashMap::new()),
             stopped,
         })
@@ -97,11 +93,7 @@ impl ExampleSampler {
         let batch = self.settings.batch as u64;
         let real_before = share_of(step, self.settings.real_share);
         let is_real = share_of(step + 1, self.settings.real_share) > real_before;
-        let first = if is_real {
-            real_before
-        } else {
-            step - real_before
-        } * batch;
+        let first = if is_real { real_before } else { step - real_before } * batch;
         (0..batch)
             .map(|item| {
                 let position = first + item;
@@ -142,9 +134,8 @@ impl ExampleSampler {
             ExampleKind::Ceilnet => MixtureRecipe::Ceilnet,
             ExampleKind::Zhang | ExampleKind::Rendered => MixtureRecipe::Zhang,
         };
-        let mixture = recipe
-            .mix(front, back, stream)
-            .map_err(|e| ExampleError::None(e.to_string()))?;
+        let mixture =
+            recipe.mix(front, back, stream).map_err(|e| ExampleError::None(e.to_string()))?;
         Ok(mixture.map(|mixture| Example {
             rows: front.rows,
             columns: front.columns,
@@ -232,13 +223,7 @@ impl ExampleSampler {
 
     fn cut(&self, example: &Example, stream: &mut Stream) -> Result<Example, ExampleError> {
         let size = self.settings.crop_px;
-        let cut = Cut::draw(
-            example.rows,
-            example.columns,
-            size,
-            self.settings.flip,
-            stream,
-        );
+        let cut = Cut::draw(example.rows, example.columns, size, self.settings.flip, stream);
         let cut = cut.ok_or_else(|| {
             ExampleError::None(format!(
                 "an example has {} x {} px, but the crop is {size} px: make the crop smaller",

@@ -9,7 +9,6 @@ use plan::Start;
 /// From one of the kernel's pixels to the next in each 3 x 3 convolution.
 pub const DILATIONS: [usize; 8] = [1, 2, 4, 8, 16, 32, 64, 1];
 
-/// Zhang et al.'s.
 const EPSILON: f64 = 1e-3;
 
 /// Of the leaky ReLU, for negative numbers: Zhang et al.'s.
@@ -24,7 +23,6 @@ pub struct GeneratorOptions {
     pub outputs: usize,
     /// Channels of the features that it is given, the first finest; none without a feature network.
     pub features: Vec<usize>,
-    /// How weights begin.
     pub start: Start,
     /// Of the leaky ReLU, for negative numbers: [`SLOPE`]. 1 makes the network linear but for its norms.
     pub slope: f32,
@@ -55,10 +53,7 @@ impl Generator {
             offsets: Vec::new(),
             last: Var::zeros((options.outputs, width, 1, 1), DType::F32, device)?,
             last_bias: Var::zeros(options.outputs, DType::F32, device)?,
-            norm: NormOptions {
-                epsilon: EPSILON,
-                slope: options.slope,
-            },
+            norm: NormOptions { epsilon: EPSILON, slope: options.slope },
         };
         for layer in 0..=DILATIONS.len() {
             let (channels, size) = if layer == 0 { (inputs, 1) } else { (width, 3) };
@@ -74,9 +69,7 @@ impl Generator {
             generator.kernels.push(Var::from_tensor(&kernel)?);
             generator.by_itself.push(Var::ones(1, DType::F32, device)?);
             generator.by_norm.push(Var::zeros(1, DType::F32, device)?);
-            generator
-                .offsets
-                .push(Var::zeros(width, DType::F32, device)?);
+            generator.offsets.push(Var::zeros(width, DType::F32, device)?);
         }
         // Glorot and Bengio's, as Zhang et al. have it.
         let deviation = (2.0 / (width + options.outputs) as f64).sqrt();
@@ -86,7 +79,6 @@ impl Generator {
         Ok(generator)
     }
 
-    /// Where it computes.
     pub fn device(&self) -> &Device {
         self.last.device()
     }
@@ -171,7 +163,6 @@ pub(super) fn learning(weight: &Var) -> Tensor {
     weight.as_tensor().clone()
 }
 
-/// As constants.
 pub(super) fn frozen(weight: &Var) -> Tensor {
     weight.detach()
 }
@@ -216,9 +207,8 @@ mod tests {
     #[test]
     fn an_identity_passes_its_first_channels() {
         let kernel = identity([2, 3, 3, 3], &Device::Cpu).unwrap();
-        let image = Stream::new(1, "image")
-            .normal_tensor(&[1, 3, 5, 6], 1.0, &Device::Cpu)
-            .unwrap();
+        let image =
+            Stream::new(1, "image").normal_tensor(&[1, 3, 5, 6], 1.0, &Device::Cpu).unwrap();
         let passed = conv2d(&image, &kernel, Window::same(3, 1)).unwrap();
         let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
         assert_eq!(numbers(&passed), numbers(&image.narrow(1, 0, 2).unwrap()));

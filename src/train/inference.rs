@@ -20,9 +20,7 @@ pub const LEAST_TILE_PX: usize = 2 * OVERLAP + LEAST_PX;
 pub struct Networks<'a> {
     /// Describes images, if the networks were trained with features.
     pub vgg: Option<&'a Vgg>,
-    /// SP-net.
     pub separation: Option<&'a Generator>,
-    /// BT-net.
     pub backtrack: &'a Generator,
 }
 
@@ -132,11 +130,7 @@ fn starts(length: usize, tile: usize) -> Vec<usize> {
 fn ramp(start: usize, size: usize, length: usize) -> Vec<f32> {
     let weight = |k: usize| {
         let before = if start == 0 { OVERLAP } else { k + 1 };
-        let after = if start + size == length {
-            OVERLAP
-        } else {
-            size - k
-        };
+        let after = if start + size == length { OVERLAP } else { size - k };
         before.min(after).min(OVERLAP) as f32 / OVERLAP as f32
     };
     (0..size).map(weight).collect()
@@ -153,10 +147,7 @@ mod tests {
         for length in [16, 300, 301, 700, 1000, 5000] {
             let starts = starts(length, 300);
             assert_eq!(starts[0], 0);
-            assert_eq!(
-                starts.last().unwrap() + 300.min(length),
-                length.max(300.min(length))
-            );
+            assert_eq!(starts.last().unwrap() + 300.min(length), length.max(300.min(length)));
             assert!(starts.windows(2).all(|w| w[1] - w[0] <= 300 - OVERLAP));
             assert!(ramp(0, 300.min(length), length).iter().all(|w| *w > 0.0));
         }
@@ -172,47 +163,21 @@ mod tests {
             slope: SLOPE,
         };
         let separation = Generator::new(&options, 1, "s", &Device::Cpu).unwrap();
-        let options = GeneratorOptions {
-            outputs: 3,
-            ..options
-        };
+        let options = GeneratorOptions { outputs: 3, ..options };
         let backtrack = Generator::new(&options, 1, "b", &Device::Cpu).unwrap();
-        let networks = Networks {
-            vgg: None,
-            separation: Some(&separation),
-            backtrack: &backtrack,
-        };
+        let networks = Networks { vgg: None, separation: Some(&separation), backtrack: &backtrack };
         let (rows, columns) = (310, 423);
         let mut stream = Stream::new(1, "picture");
-        let planes = (0..3 * rows * columns)
-            .map(|_| stream.unit() as f32)
-            .collect();
-        let image = Picture {
-            rows,
-            columns,
-            planes,
-        };
+        let planes = (0..3 * rows * columns).map(|_| stream.unit() as f32).collect();
+        let image = Picture { rows, columns, planes };
         let [whole, _] = networks.separate(&image, 500).unwrap();
         let [tiled, _] = networks.separate(&image, 280).unwrap();
         // New networks have no norm: where a tile sees as far as it must, nothing differs.
         let pairs = whole.planes.iter().zip(&tiled.planes);
         let worst = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(worst < 1e-5, "{worst}");
-        let small = Picture {
-            rows: 8,
-            columns: 423,
-            planes: vec![0.0; 3 * 8 * 423],
-        };
-        assert!(
-            networks
-                .separate(&small, 500)
-                .unwrap_err()
-                .to_string()
-                .contains("too small")
-        );
-        assert_eq!(
-            networks.track_back(&image, 500).unwrap().planes.len(),
-            3 * rows * columns
-        );
+        let small = Picture { rows: 8, columns: 423, planes: vec![0.0; 3 * 8 * 423] };
+        assert!(networks.separate(&small, 500).unwrap_err().to_string().contains("too small"));
+        assert_eq!(networks.track_back(&image, 500).unwrap().planes.len(), 3 * rows * columns);
     }
 }

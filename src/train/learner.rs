@@ -15,17 +15,13 @@ use std::collections::{BTreeMap, HashMap};
 
 /// The networks of a stage, and what their optimisers remember.
 pub struct Learner {
-    /// Which networks learn.
     pub stage: Stage,
     /// SP-net, of the separation stage.
     pub separation: Option<Generator>,
-    /// BT-net.
     pub backtrack: Generator,
     /// Tells R from R* of an R~, or T from T* of an I.
     pub discriminator: Option<Discriminator>,
-    /// Of the generators.
     pub generator_adam: Adam,
-    /// Of the discriminator.
     pub discriminator_adam: Option<Adam>,
     settings: TrainSettings,
     vgg: Option<Vgg>,
@@ -44,7 +40,6 @@ pub struct Term {
 pub struct StepLosses {
     /// What the generators minimise.
     pub total: f32,
-    /// Its terms.
     pub terms: Vec<Term>,
     /// What the discriminator minimises, in steps in which it learned.
     pub discriminator: Option<f32>,
@@ -75,14 +70,7 @@ impl Sum {
 
     fn numbers(&self) -> Result<Vec<Term>> {
         let terms = self.terms.iter();
-        terms
-            .map(|(name, value)| {
-                Ok(Term {
-                    name,
-                    value: value.to_scalar()?,
-                })
-            })
-            .collect()
+        terms.map(|(name, value)| Ok(Term { name, value: value.to_scalar()? })).collect()
     }
 }
 
@@ -132,12 +120,7 @@ impl Learner {
         learned.extend(prefixed("backtrack", backtrack.variables()));
         let discriminator_adam = discriminator
             .as_ref()
-            .map(|d| {
-                Adam::new(
-                    prefixed("discriminator", d.variables()),
-                    adam_options(settings),
-                )
-            })
+            .map(|d| Adam::new(prefixed("discriminator", d.variables()), adam_options(settings)))
             .transpose()?;
         Ok(Self {
             stage,
@@ -170,9 +153,7 @@ impl Learner {
     /// What is learned, by name.
     pub fn model(&self) -> BTreeMap<String, Tensor> {
         let variables = self.variables().into_iter();
-        variables
-            .map(|(name, variable)| (name, variable.as_detached_tensor()))
-            .collect()
+        variables.map(|(name, variable)| (name, variable.as_detached_tensor())).collect()
     }
 
     /// What the optimisers remember: `mean.NAME` and `square.NAME`.
@@ -284,7 +265,6 @@ impl Learner {
         Ok((total, gradients))
     }
 
-    /// Where it computes.
     pub fn device(&self) -> &Device {
         &self.device
     }
@@ -343,11 +323,7 @@ impl Learner {
 
     /// Features of a made image, if the loss has them.
     fn loss_features(&self, image: &Tensor) -> Result<Vec<Tensor>> {
-        if self.settings.feature_weight > 0.0 {
-            self.features(image)
-        } else {
-            Ok(Vec::new())
-        }
+        if self.settings.feature_weight > 0.0 { self.features(image) } else { Ok(Vec::new()) }
     }
 
     /// L_pst + L_pr of Kim et al.: SP(I) against T and R~, and BT(R~*) against R.
@@ -365,10 +341,7 @@ impl Learner {
         let names = ["transmission_l1", "transmission_feature"];
         self.compare(&mut sum, names, &t, &features, &batch.transmission)?;
         // Where R~ itself is not known, as of real photographs, nothing is said of it.
-        let priori = batch
-            .clean_reflection
-            .as_ref()
-            .filter(|_| self.settings.a_priori);
+        let priori = batch.clean_reflection.as_ref().filter(|_| self.settings.a_priori);
         if batch.glass_reflection.is_some() || priori.is_some() {
             // BT-net sees the same features that R~* is compared by.
             let features = self.features(&r)?;
@@ -389,10 +362,7 @@ impl Learner {
 }
 
 fn adam_options(settings: &TrainSettings) -> AdamOptions {
-    AdamOptions {
-        learning_rate: settings.learning_rate,
-        ..AdamOptions::default()
-    }
+    AdamOptions { learning_rate: settings.learning_rate, ..AdamOptions::default() }
 }
 
 fn of_shape<'a>(
@@ -409,7 +379,5 @@ fn of_shape<'a>(
 
 fn prefixed(prefix: &str, variables: Vec<(String, Var)>) -> Vec<(String, Var)> {
     let named = variables.into_iter();
-    named
-        .map(|(name, variable)| (format!("{prefix}.{name}"), variable))
-        .collect()
+    named.map(|(name, variable)| (format!("{prefix}.{name}"), variable)).collect()
 }

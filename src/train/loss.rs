@@ -53,26 +53,14 @@ mod tests {
         for x in [-200.0f32, -3.0, -1e-3, 0.0, 0.5, 4.0, 90.0] {
             let variable = Var::new(&[x], &Device::Cpu).unwrap();
             let y = softplus(&variable).unwrap();
-            let exact = if x > 30.0 {
-                f64::from(x)
-            } else {
-                f64::from(x).exp().ln_1p()
-            };
+            let exact = if x > 30.0 { f64::from(x) } else { f64::from(x).exp().ln_1p() };
             assert!(
                 (f64::from(y.to_scalar::<f32>().unwrap()) - exact).abs() < 1e-6 * (1.0 + exact)
             );
-            let gradient = y
-                .backward()
-                .unwrap()
-                .get(&variable)
-                .unwrap()
-                .to_vec1::<f32>()
-                .unwrap()[0];
+            let gradient =
+                y.backward().unwrap().get(&variable).unwrap().to_vec1::<f32>().unwrap()[0];
             let exact = 1.0 / (1.0 + (-f64::from(x)).exp());
-            assert!(
-                (f64::from(gradient) - exact).abs() < 1e-6,
-                "{x}: {gradient} {exact}"
-            );
+            assert!((f64::from(gradient) - exact).abs() < 1e-6, "{x}: {gradient} {exact}");
         }
     }
 }

@@ -17,7 +17,6 @@ pub(super) const TERMS: [&str; 7] = [
     "adversarial",
 ];
 
-/// The open file.
 pub(super) struct Metrics {
     file: File,
 }
@@ -25,10 +24,8 @@ pub(super) struct Metrics {
 impl Metrics {
     /// Opens the file of a training that goes on from `step`: lines of later steps, which will be taken again, go.
     pub(super) fn open(path: &Path, step: u64) -> io::Result<Self> {
-        let mut text = format!(
-            "step,total,{},discriminator,validation_psnr_db,wall_s\n",
-            TERMS.join(",")
-        );
+        let mut text =
+            format!("step,total,{},discriminator,validation_psnr_db,wall_s\n", TERMS.join(","));
         if let Ok(old) = fs::read_to_string(path) {
             for line in old.lines().skip(1) {
                 let number = line.split(',').next().and_then(|s| s.parse::<u64>().ok());
@@ -64,9 +61,7 @@ impl Metrics {
             line += &term.map_or_else(String::new, |term| term.value.to_string());
         }
         line.push(',');
-        line += &losses
-            .discriminator
-            .map_or_else(String::new, |v| v.to_string());
+        line += &losses.discriminator.map_or_else(String::new, |v| v.to_string());
         let psnr = number(validation_psnr_db);
         let _ = writeln!(line, ",{psnr},{wall_s:.4}");
         self.file.write_all(line.as_bytes())
@@ -84,10 +79,7 @@ mod tests {
         let path = dir.path().join("metrics.csv");
         let losses = |total| StepLosses {
             total,
-            terms: vec![Term {
-                name: "adversarial",
-                value: 0.5,
-            }],
+            terms: vec![Term { name: "adversarial", value: 0.5 }],
             discriminator: None,
         };
         let mut metrics = Metrics::open(&path, 0).unwrap();
@@ -109,10 +101,6 @@ mod tests {
             .collect();
         assert_eq!(firsts, ["step total", "1 1", "2 2", "3 9"]);
         let columns = |line: &String| line.split(',').count();
-        assert!(
-            lines()
-                .iter()
-                .all(|line| columns(line) == columns(&lines()[0]))
-        );
+        assert!(lines().iter().all(|line| columns(line) == columns(&lines()[0])));
     }
 }

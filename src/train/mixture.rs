@@ -48,12 +48,7 @@ pub enum MixtureError {
     #[error(
         "{columns} x {rows} px are too many for Zhang's mixtures; crop to less than 550 px a side"
     )]
-    TooLarge {
-        /// Columns.
-        columns: usize,
-        /// Rows.
-        rows: usize,
-    },
+    TooLarge { columns: usize, rows: usize },
 }
 
 /// How pictures are mixed.
@@ -76,11 +71,7 @@ impl MixtureRecipe {
     ) -> Result<Option<Mixture>, MixtureError> {
         check(front, back)?;
         match self {
-            Self::Zhang => zhang(
-                front,
-                back,
-                &ZhangDraw::draw(front.rows, front.columns, stream)?,
-            ),
+            Self::Zhang => zhang(front, back, &ZhangDraw::draw(front.rows, front.columns, stream)?),
             Self::Ceilnet => ceilnet(front, back, &CeilnetDraw::draw(stream)).map(Some),
         }
     }
@@ -90,10 +81,7 @@ fn check(front: &Picture, back: &Picture) -> Result<(), MixtureError> {
     let size = |planes: &Picture| [planes.columns, planes.rows, planes.planes.len()];
     let [columns, rows, count] = size(front);
     if size(front) != size(back) || count != 3 * columns * rows || count == 0 {
-        return Err(MixtureError::Sizes {
-            front: size(front),
-            back: size(back),
-        });
+        return Err(MixtureError::Sizes { front: size(front), back: size(back) });
     }
     Ok(())
 }
@@ -103,10 +91,7 @@ fn planes(like: &Picture, values: impl IntoIterator<Item = f64>) -> Picture {
     Picture {
         rows: like.rows,
         columns: like.columns,
-        planes: values
-            .into_iter()
-            .map(|v| v.clamp(0.0, 1.0) as f32)
-            .collect(),
+        planes: values.into_iter().map(|v| v.clamp(0.0, 1.0) as f32).collect(),
     }
 }
 

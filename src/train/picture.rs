@@ -6,7 +6,6 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ImageEncoder, RgbImage, imageops};
 use render::color::SrgbEncoder;
 
-/// Pixels between pictures.
 const GAP: u32 = 4;
 
 /// Widest picture of a grid, px.
@@ -19,7 +18,6 @@ pub struct Picture {
     pub rows: usize,
     /// Pixels across.
     pub columns: usize,
-    /// Three planes.
     pub planes: Planes,
 }
 
@@ -42,7 +40,6 @@ impl Picture {
     }
 }
 
-/// A PNG.
 pub struct Grid {
     /// Its bytes.
     pub png: Vec<u8>,
@@ -77,11 +74,7 @@ pub fn rgb_grid(rows: &[Vec<RgbImage>]) -> Result<Grid, image::ImageError> {
     let width_of = |row: &Vec<RgbImage>| row.iter().map(|p| p.width() + GAP).sum::<u32>();
     let height_of = |row: &Vec<RgbImage>| row.iter().map(RgbImage::height).max().unwrap_or(0);
     let width = rows.iter().map(width_of).max().unwrap_or(1).max(1);
-    let height = rows
-        .iter()
-        .map(|row| height_of(row) + GAP)
-        .sum::<u32>()
-        .max(1);
+    let height = rows.iter().map(|row| height_of(row) + GAP).sum::<u32>().max(1);
     let grey = image::Rgb([SrgbEncoder::new().encode(0.2); 3]);
     let mut grid = RgbImage::from_pixel(width, height, grey);
     let mut y = 0;
@@ -96,8 +89,5 @@ pub fn rgb_grid(rows: &[Vec<RgbImage>]) -> Result<Grid, image::ImageError> {
     let mut png = Vec::new();
     PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive)
         .write_image(grid.as_raw(), width, height, image::ExtendedColorType::Rgb8)?;
-    Ok(Grid {
-        png,
-        size: [width, height],
-    })
+    Ok(Grid { png, size: [width, height] })
 }

@@ -15,9 +15,7 @@ impl Stream {
         hasher.update(b"glasshouse.train.random/1");
         hasher.update(&seed.to_le_bytes());
         hasher.update(name.as_bytes());
-        Self {
-            reader: hasher.finalize_xof(),
-        }
+        Self { reader: hasher.finalize_xof() }
     }
 
     /// 64 random bits.
@@ -51,9 +49,7 @@ impl Stream {
         device: &Device,
     ) -> Result<Tensor> {
         let count: usize = shape.iter().product();
-        let values: Vec<f32> = (0..count)
-            .map(|_| (self.normal() * deviation) as f32)
-            .collect();
+        let values: Vec<f32> = (0..count).map(|_| (self.normal() * deviation) as f32).collect();
         Tensor::from_vec(values, shape, device)
     }
 
@@ -75,10 +71,7 @@ mod tests {
     fn streams_are_pinned_and_apart() {
         let mut stream = Stream::new(7, "init");
         assert_eq!(stream.clone().bits(), stream.bits());
-        assert_ne!(
-            Stream::new(7, "init").bits(),
-            Stream::new(7, "order").bits()
-        );
+        assert_ne!(Stream::new(7, "init").bits(), Stream::new(7, "order").bits());
         assert_ne!(Stream::new(7, "init").bits(), Stream::new(8, "init").bits());
     }
 
@@ -88,10 +81,7 @@ mod tests {
         let values: Vec<f64> = (0..40_000).map(|_| stream.normal()).collect();
         let mean = values.iter().sum::<f64>() / 40_000.0;
         let square = values.iter().map(|v| v * v).sum::<f64>() / 40_000.0;
-        assert!(
-            mean.abs() < 0.02 && (square - 1.0).abs() < 0.03,
-            "{mean} {square}"
-        );
+        assert!(mean.abs() < 0.02 && (square - 1.0).abs() < 0.03, "{mean} {square}");
         let mut counts = [0; 6];
         (0..6000).for_each(|_| counts[stream.below(6)] += 1);
         assert!(counts.iter().all(|c| (880..1120).contains(c)), "{counts:?}");

@@ -36,9 +36,7 @@ pub(super) fn lock(folder: &Path) -> Result<File, TrainError> {
     };
     match file.try_lock() {
         Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(TrainError::Busy {
-            folder: folder.to_owned(),
-        }),
+        Err(TryLockError::WouldBlock) => Err(TrainError::Busy { folder: folder.to_owned() }),
         Err(TryLockError::Error(source)) => Err(TrainError::Lock { path, source }),
     }
 }
@@ -91,20 +89,13 @@ impl Beginning {
                 differences.retain(is_of_networks);
             }
             if !differences.is_empty() {
-                return Err(TrainError::Frozen {
-                    checkpoint: frozen.path.clone(),
-                    differences,
-                });
+                return Err(TrainError::Frozen { checkpoint: frozen.path.clone(), differences });
             }
         } else if training.stage == Stage::Separation && settings.a_priori {
-            return Err(TrainError::NoBacktrack {
-                run: training.run.clone(),
-            });
+            return Err(TrainError::NoBacktrack { run: training.run.clone() });
         }
         if settings.real_share > 0.0 && training.pairs.is_none() {
-            return Err(TrainError::NoRealPairs {
-                share: settings.real_share,
-            });
+            return Err(TrainError::NoRealPairs { share: settings.real_share });
         }
         Ok(settings)
     }
@@ -184,10 +175,7 @@ fn check_origin(own: &Checkpoint, origin: &Origin) -> Result<(), TrainError> {
 }
 
 fn other_origin(changed: &'static str, checkpoint: &Checkpoint) -> TrainError {
-    TrainError::OtherOrigin {
-        changed,
-        checkpoint: checkpoint.path.clone(),
-    }
+    TrainError::OtherOrigin { changed, checkpoint: checkpoint.path.clone() }
 }
 
 fn digest_of(parts: impl Iterator<Item = String>) -> String {

@@ -31,17 +31,14 @@ const CHECKPOINT_EVERY: [u64; 2] = [10, 1000];
 pub struct Training<'a> {
     /// Folder of the run; checkpoints go to `train/STAGE` in it.
     pub run: PathBuf,
-    /// Which networks learn.
     pub stage: Stage,
     /// Steps in all, those of earlier calls included.
     pub steps: u64,
     /// Scenes of the run: those of the split "train" are learned from, those of "test" validate.
     pub scenes: &'a [SceneLine],
-    /// Their tuples.
     pub tuples: Arc<dyn TupleFiles>,
     /// Named folders of their photographs, which mixtures are made of.
     pub roots: Roots,
-    /// Reads a photograph.
     pub inputs: Box<dyn InputFiles + Send + Sync>,
     /// Real pairs; `None` if no folder of them was given.
     pub pairs: Option<Vec<Pair>>,
@@ -49,7 +46,6 @@ pub struct Training<'a> {
     pub settings: &'a dyn Fn(Option<&TrainSettings>) -> TrainSettings,
     /// VGG-19's weights, where the settings ask for a file.
     pub features: Option<PathBuf>,
-    /// Where networks compute.
     pub device: Device,
     /// Steps between checkpoints; a twentieth of `steps` if `None`.
     pub checkpoint_every: Option<u64>,
@@ -72,7 +68,6 @@ pub struct TrainSummary {
     pub run: PathBuf,
     /// Name of the stage.
     pub stage: &'static str,
-    /// Nothing was trained.
     pub dry_run: bool,
     /// Steps that were taken before.
     pub from_step: u64,
@@ -82,9 +77,7 @@ pub struct TrainSummary {
     pub scenes: usize,
     /// Real pairs to learn from.
     pub real_pairs: usize,
-    /// All settings.
     pub settings: TrainSettings,
-    /// Threads that computed.
     pub threads: usize,
     /// Instructions that products of matrices were computed with.
     pub code_path: &'static str,
@@ -99,7 +92,6 @@ pub struct TrainSummary {
 /// How fast steps were taken.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Pace {
-    /// Seconds in all.
     pub wall_s: f64,
     /// `None` if no step was taken.
     pub images_per_s: Option<f64>,
@@ -136,11 +128,7 @@ pub fn run(
 ) -> Result<TrainSummary, TrainError> {
     let stage = training.stage;
     let folder = stage_folder(&training.run, stage);
-    let _lock = if training.dry_run {
-        None
-    } else {
-        Some(lock(&folder)?)
-    };
+    let _lock = if training.dry_run { None } else { Some(lock(&folder)?) };
     let beginning = Beginning::find(&training.run, stage, &training.device, watcher);
     let settings = beginning.settings(&training)?;
     let features = load_features(&training, &settings, watcher)?;
@@ -168,11 +156,7 @@ pub fn run(
     if training.dry_run {
         return Ok(summary);
     }
-    if let Some(own) = beginning
-        .own
-        .as_ref()
-        .filter(|own| own.state.step >= training.steps)
-    {
+    if let Some(own) = beginning.own.as_ref().filter(|own| own.state.step >= training.steps) {
         summary.trained = Some(Trained {
             step: own.state.step,
             taken: 0,
@@ -184,10 +168,7 @@ pub fn run(
         });
         return Ok(summary);
     }
-    clear(&folder).map_err(|source| WriteError {
-        path: folder.clone(),
-        source,
-    })?;
+    clear(&folder).map_err(|source| WriteError { path: folder.clone(), source })?;
     let validation = validation(&training, &settings)?;
     let schedule = schedule(&training);
     let steps = beginning.step()..schedule.until;

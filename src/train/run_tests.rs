@@ -137,11 +137,7 @@ fn a_training_resumes_to_the_same_bits_and_begins_the_next_stage() {
     assert_eq!(seen.steps, [1, 2, 3, 4]);
     assert_eq!((seen.checkpoints, seen.warnings.len()), (vec![2, 4], 0));
     assert_eq!((summary.from_step, summary.real_pairs), (0, 3));
-    assert!(
-        summary
-            .to_string()
-            .starts_with("took 4 steps to step 4, loss ")
-    );
+    assert!(summary.to_string().starts_with("took 4 steps to step 4, loss "));
 
     let first = go(parts, Stage::Backtrack, 2, &mut ());
     assert_eq!(first.trained.unwrap().step, 2);
@@ -153,10 +149,7 @@ fn a_training_resumes_to_the_same_bits_and_begins_the_next_stage() {
     let done = go(parts, Stage::Backtrack, 3, &mut ());
     assert!(done.to_string().starts_with("was at step 4"), "{done}");
     let json = serde_json::to_value(&done).unwrap();
-    assert_eq!(
-        (&json["steps_taken"], json.get("wall_s")),
-        (&0.into(), None)
-    );
+    assert_eq!((&json["steps_taken"], json.get("wall_s")), (&0.into(), None));
 
     let next = go(parts, Stage::Separation, 1, &mut ());
     let path = next.trained.unwrap().checkpoint.unwrap();
@@ -175,48 +168,23 @@ fn what_cannot_be_trained_is_refused_with_its_reason() {
     let refused = |training| run(training, &mut (), &stop).unwrap_err();
     let error = refused(training(folder, Stage::Separation, 2, &pairs, &fresh));
     assert!(matches!(error, TrainError::NoBacktrack { .. }), "{error}");
-    let error = refused(Training {
-        pairs: None,
-        ..backtrack(2)
-    });
+    let error = refused(Training { pairs: None, ..backtrack(2) });
     assert!(matches!(error, TrainError::NoRealPairs { .. }), "{error}");
     // A dry run leaves nothing behind.
-    let dry = run(
-        Training {
-            dry_run: true,
-            ..backtrack(2)
-        },
-        &mut (),
-        &stop,
-    )
-    .unwrap();
+    let dry = run(Training { dry_run: true, ..backtrack(2) }, &mut (), &stop).unwrap();
     assert_eq!(dry.to_string(), "would train; nothing is written");
     assert!(steps(&stage_folder(folder, Stage::Backtrack)).is_empty());
 
     run(backtrack(2), &mut (), &stop).unwrap();
-    let wider = |_: Option<&TrainSettings>| TrainSettings {
-        width: 8,
-        ..small()
-    };
-    let error = refused(Training {
-        settings: &wider,
-        ..backtrack(4)
-    });
+    let wider = |_: Option<&TrainSettings>| TrainSettings { width: 8, ..small() };
+    let error = refused(Training { settings: &wider, ..backtrack(4) });
     match &error {
         TrainError::Frozen { differences, .. } => assert_eq!(differences, &["width: 4 -> 8"]),
         _ => panic!("{error}"),
     }
     let fewer = Some(pairs[..2].to_vec());
-    let error = refused(Training {
-        pairs: fewer,
-        ..backtrack(4)
-    });
-    assert!(
-        error
-            .to_string()
-            .starts_with("the real pairs are not those"),
-        "{error}"
-    );
+    let error = refused(Training { pairs: fewer, ..backtrack(4) });
+    assert!(error.to_string().starts_with("the real pairs are not those"), "{error}");
     let _lock = super::resume::lock(&stage_folder(folder, Stage::Backtrack)).unwrap();
     let error = refused(backtrack(4));
     assert!(matches!(error, TrainError::Busy { .. }), "{error}");

@@ -37,10 +37,7 @@ impl Subject for TupleSource {
             RgbImage::from_raw(width, height, bytes_of_planes(planes))
                 .ok_or_else(|| Unread::Unreadable("it has fewer pixels than its film".to_owned()))
         };
-        Ok(WithTruth {
-            input: picture(&example.input)?,
-            truth: picture(&example.transmission)?,
-        })
+        Ok(WithTruth { input: picture(&example.input)?, truth: picture(&example.transmission)? })
     }
 
     fn is_aligned(&self) -> bool {
@@ -66,7 +63,6 @@ impl From<ExampleError> for Unread {
 
 /// Networks, with the side of their tiles.
 pub struct Tiled<'a> {
-    /// The networks.
     pub separator: &'a Separator,
     /// Larger pictures are done in overlapping tiles of this side, px.
     pub tile_px: u32,

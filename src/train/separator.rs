@@ -18,17 +18,13 @@ pub enum SeparatorError {
         "{} is of the backtrack stage: it holds BT-net alone, which separates nothing; give a checkpoint of the separation stage",
         path.display()
     )]
-    NoSeparation {
-        /// Its folder.
-        path: PathBuf,
-    },
+    NoSeparation { path: PathBuf },
     /// Features come from other weights than those that the networks know.
     #[error(
         "{} was trained with features of VGG-19 weights of BLAKE3 {expected}, but those given have {found}; give the file that it was trained with",
         path.display()
     )]
     OtherFeatures {
-        /// Its folder.
         path: PathBuf,
         /// Digest of the weights that it was trained with, or `none`.
         expected: String,
@@ -37,16 +33,10 @@ pub enum SeparatorError {
     },
     /// Settings that no training has.
     #[error("the settings of {} are damaged: {source}", path.display())]
-    Settings {
-        /// Its folder.
-        path: PathBuf,
-        /// Which.
-        source: SettingError,
-    },
+    Settings { path: PathBuf, source: SettingError },
     /// Weights that do not fit its own settings.
     #[error("the networks of {} do not fit its settings: {source}; take another checkpoint", path.display())]
     Weights {
-        /// Its folder.
         path: PathBuf,
         /// What is missing, or of another shape.
         source: candle_core::Error,
@@ -85,12 +75,7 @@ impl Separator {
             adversarial_weight: 0.0,
             ..state.settings.clone()
         };
-        settings
-            .validate()
-            .map_err(|source| SeparatorError::Settings {
-                path: path(),
-                source,
-            })?;
+        settings.validate().map_err(|source| SeparatorError::Settings { path: path(), source })?;
         let learner = Learner::new(state.stage, &settings, vgg, &Device::Cpu);
         let learner = learner.and_then(|mut learner| {
             learner.set_model(&checkpoint.model, "")?;
@@ -98,23 +83,17 @@ impl Separator {
         });
         match learner {
             Ok(learner) => Ok(Self { learner }),
-            Err(source) => Err(SeparatorError::Weights {
-                path: path(),
-                source,
-            }),
+            Err(source) => Err(SeparatorError::Weights { path: path(), source }),
         }
     }
 
-    /// The networks.
     pub fn networks(&self) -> Networks<'_> {
         self.learner.networks()
     }
 
     /// T* and R~* of a picture, in tiles of `tile_px` if it is larger. See [`Networks::separate`].
     pub fn separate(&self, picture: &RgbImage, tile_px: usize) -> Result<[RgbImage; 2]> {
-        let made = self
-            .networks()
-            .separate(&Picture::from_rgb(picture), tile_px)?;
+        let made = self.networks().separate(&Picture::from_rgb(picture), tile_px)?;
         Ok(made.map(|picture| picture.to_rgb()))
     }
 }
@@ -156,20 +135,13 @@ mod tests {
         let settings = settings();
         let checkpoint = checkpoint(folder.path(), Stage::Separation, &settings);
         let separator = Separator::new(&checkpoint, Some(vgg(&settings)), None).unwrap();
-        let learner = Learner::new(
-            Stage::Separation,
-            &settings,
-            Some(vgg(&settings)),
-            &Device::Cpu,
-        );
+        let learner =
+            Learner::new(Stage::Separation, &settings, Some(vgg(&settings)), &Device::Cpu);
         let picture = RgbImage::from_fn(37, 21, |x, y| {
             image::Rgb([(x * 7) as u8, (y * 11) as u8, (x * y) as u8])
         });
         let expected = learner.unwrap();
-        let expected = expected
-            .networks()
-            .separate(&Picture::from_rgb(&picture), 300)
-            .unwrap();
+        let expected = expected.networks().separate(&Picture::from_rgb(&picture), 300).unwrap();
         let found = separator.separate(&picture, 300).unwrap();
         assert_eq!(found, expected.map(|picture| picture.to_rgb()));
         assert_eq!(found[0].dimensions(), (37, 21));
@@ -180,19 +152,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let settings = settings();
         let text = |checkpoint: &Checkpoint, vgg, blake3| {
-            Separator::new(checkpoint, vgg, blake3)
-                .err()
-                .unwrap()
-                .to_string()
+            Separator::new(checkpoint, vgg, blake3).err().unwrap().to_string()
         };
         let alone = checkpoint(folder.path(), Stage::Backtrack, &settings);
         assert!(text(&alone, Some(vgg(&settings)), None).contains("BT-net alone"));
         let mut whole = checkpoint(folder.path(), Stage::Separation, &settings);
         let other = text(&whole, Some(vgg(&settings)), Some("abc"));
-        assert!(
-            other.contains("BLAKE3 none") && other.contains("have abc"),
-            "{other}"
-        );
+        assert!(other.contains("BLAKE3 none") && other.contains("have abc"), "{other}");
         // Without what its first layer was made for.
         let narrow = text(&whole, None, None);
         assert!(narrow.contains("kernel.0 is [4, "), "{narrow}");

@@ -25,7 +25,6 @@ const MOST_DB: f64 = 100.0;
 /// When what is done. None of it changes what is learned.
 #[derive(Clone, Copy, Debug)]
 pub struct Schedule {
-    /// Steps in all.
     pub until: u64,
     /// A checkpoint every so many steps; the last step has one anyway.
     pub checkpoint_every: u64,
@@ -49,13 +48,11 @@ pub trait Watcher {
     fn warning(&mut self, _text: &str) {}
 }
 
-/// Nobody watches.
 impl Watcher for () {}
 
 /// How a training ended.
 #[derive(Clone, Debug, Serialize)]
 pub struct Trained {
-    /// Steps so far.
     pub step: u64,
     /// Steps that were taken now.
     #[serde(rename = "steps_taken")]
@@ -147,7 +144,6 @@ impl Session {
         })
     }
 
-    /// Steps so far.
     pub fn steps_taken(&self) -> u64 {
         self.step
     }
@@ -189,10 +185,7 @@ impl Session {
             let batch = Batch::new(&examples, self.learner.device())?;
             let losses = self.learner.step(self.step, &batch, &mut |_| {})?;
             if !losses.total.is_finite() {
-                return Err(TrainError::NotFinite {
-                    step: self.step + 1,
-                    loss: losses.total,
-                });
+                return Err(TrainError::NotFinite { step: self.step + 1, loss: losses.total });
             }
             self.step += 1;
             taken += 1;
@@ -202,28 +195,20 @@ impl Session {
             let is_due = self.step.is_multiple_of(schedule.checkpoint_every.max(1))
                 || self.step == schedule.until;
             let validated = if is_due { self.validate()? } else { None };
-            metrics
-                .add(self.step, &losses, validated, wall_s)
-                .map_err(write_error(csv.clone()))?;
+            metrics.add(self.step, &losses, validated, wall_s).map_err(write_error(csv.clone()))?;
             if is_due {
                 // The line first, and durably: what a checkpoint holds is not taken, and so not noted, again.
                 metrics.sync().map_err(write_error(csv.clone()))?;
                 self.write(validated, schedule, watcher)?;
             }
             let mut numbers: Vec<(&str, f32)> = vec![("loss/total", losses.total)];
-            let tags: Vec<String> = losses
-                .terms
-                .iter()
-                .map(|t| format!("loss/{}", t.name))
-                .collect();
+            let tags: Vec<String> =
+                losses.terms.iter().map(|t| format!("loss/{}", t.name)).collect();
             let terms = tags.iter().zip(&losses.terms);
             numbers.extend(terms.map(|(tag, term)| (tag.as_str(), term.value)));
             numbers.extend(losses.discriminator.map(|v| ("loss/discriminator", v)));
             numbers.extend(validated.map(|v| ("validation/psnr_db", v as f32)));
-            numbers.push((
-                "speed/images_per_s",
-                (examples.len() as f64 / wall_s) as f32,
-            ));
+            numbers.push(("speed/images_per_s", (examples.len() as f64 / wall_s) as f32));
             events
                 .scalars(self.step, &numbers)
                 .map_err(write_error(self.folder.join("events.out.tfevents")))?;
@@ -265,9 +250,7 @@ impl Session {
             return Ok(());
         }
         let path = self.folder.join("metrics.csv");
-        metrics
-            .sync()
-            .map_err(|source| WriteError { path, source })?;
+        metrics.sync().map_err(|source| WriteError { path, source })?;
         let psnr = self.validate()?;
         self.write(psnr, schedule, watcher)
     }
@@ -290,24 +273,15 @@ impl Session {
         if let Some(validation_psnr_db) = psnr
             && Best::read(&self.folder).is_none_or(|b| b.validation_psnr_db < validation_psnr_db)
         {
-            let best = Best {
-                step: self.step,
-                validation_psnr_db,
-            };
+            let best = Best { step: self.step, validation_psnr_db };
             let json = serde_json::to_vec(&best).map_err(candle_core::Error::wrap)?;
             atomic_file::write(&self.folder.join("best.json"), &json)?;
         }
         let best = Best::read(&self.folder).map(|best| best.step);
-        prune(&self.folder, schedule.keep, best).map_err(|source| WriteError {
-            path: self.folder.clone(),
-            source,
-        })?;
+        prune(&self.folder, schedule.keep, best)
+            .map_err(|source| WriteError { path: self.folder.clone(), source })?;
         watcher.checkpoint(self.step, &path, psnr);
-        self.last = Some(Last {
-            step: self.step,
-            path,
-            validation_psnr_db: psnr,
-        });
+        self.last = Some(Last { step: self.step, path, validation_psnr_db: psnr });
         Ok(())
     }
 
@@ -351,12 +325,7 @@ impl Session {
             Stage::Separation => {
                 let [t, r] = networks.separate(&picture(&example.input), whole)?;
                 let tracked = networks.track_back(&r, whole)?;
-                made.pictures = vec![
-                    picture(&example.input),
-                    t,
-                    picture(&example.transmission),
-                    r,
-                ];
+                made.pictures = vec![picture(&example.input), t, picture(&example.transmission), r];
                 let black = vec![0.0; example.input.len()];
                 let known = |planes: &Option<Vec<f32>>| picture(planes.as_ref().unwrap_or(&black));
                 made.pictures.push(known(&example.glass_reflection));

@@ -23,7 +23,6 @@ pub enum ExampleError {
     Damaged {
         /// Its key in the store.
         file: String,
-        /// What is wrong.
         reason: String,
     },
     /// A file of a scene or a pair cannot be used.
@@ -31,10 +30,8 @@ pub enum ExampleError {
     Unusable {
         /// The scene, or the pair.
         name: String,
-        /// What is wrong.
         reason: String,
     },
-    /// The store.
     #[error(transparent)]
     Store(#[from] TupleFilesError),
     /// Nothing to train on.
@@ -64,13 +61,10 @@ pub trait TupleFiles: Send + Sync {
 
 /// An example before random augmentation.
 pub enum Base {
-    /// The example itself.
     Example(Example),
     /// Two photographs of one size, sRGB-coded, to be mixed.
     Photographs {
-        /// Behind the glass.
         front: Picture,
-        /// Reflected.
         back: Picture,
     },
 }
@@ -91,9 +85,7 @@ impl Base {
 pub struct TupleSource {
     /// Where they are stored.
     pub files: Arc<dyn TupleFiles>,
-    /// Scenes to read.
     pub lines: Vec<SceneLine>,
-    /// From which files.
     pub pixels: PixelSource,
 }
 
@@ -152,9 +144,7 @@ impl TupleSource {
     ) -> Result<[Option<Planes>; 4], ExampleError> {
         let (key, bytes) = self.file(line, "tuple.exr")?;
         let layers = decode_tuple_exr(&bytes, record).map_err(|e| damaged(&key, &e))?;
-        Ok(layers
-            .0
-            .map(|pixels| (!pixels.is_empty()).then(|| planes_of_linear(&pixels))))
+        Ok(layers.0.map(|pixels| (!pixels.is_empty()).then(|| planes_of_linear(&pixels))))
     }
 
     fn read_pngs(
@@ -187,21 +177,15 @@ fn tuple_key(scene: &SceneId, file: &str) -> String {
 }
 
 fn damaged(file: &str, reason: &dyn std::fmt::Display) -> ExampleError {
-    ExampleError::Damaged {
-        file: file.to_owned(),
-        reason: reason.to_string(),
-    }
+    ExampleError::Damaged { file: file.to_owned(), reason: reason.to_string() }
 }
 
 /// The photographs of a manifest's scenes, without depth.
 pub struct PhotographSource {
-    /// Scenes to read.
     pub lines: Vec<SceneLine>,
-    /// Named folders.
     pub roots: Roots,
     /// Folder that relative paths start from.
     pub base: PathBuf,
-    /// Reads files.
     pub inputs: Box<dyn InputFiles + Send + Sync>,
 }
 
@@ -209,10 +193,8 @@ impl PhotographSource {
     /// A scene's two photographs at its film's size: the largest part in the middle that has its shape.
     pub fn read(&self, index: usize) -> Result<Base, ExampleError> {
         let line = &self.lines[index];
-        let unusable = |reason: String| ExampleError::Unusable {
-            name: line.id.to_string(),
-            reason,
-        };
+        let unusable =
+            |reason: String| ExampleError::Unusable { name: line.id.to_string(), reason };
         let read = |path: &std::path::Path| self.inputs.read(path);
         let files = read_files_by(line, &self.roots, &self.base, &read)
             .map_err(|e| unusable(e.to_string()))?;
@@ -227,10 +209,7 @@ impl PhotographSource {
                 "it has a mesh, no photograph: mixtures are made of photographs".to_owned(),
             )),
         };
-        Ok(Base::Photographs {
-            front: part(&decoded.front)?,
-            back: part(&decoded.back)?,
-        })
+        Ok(Base::Photographs { front: part(&decoded.front)?, back: part(&decoded.back)? })
     }
 }
 
@@ -261,7 +240,6 @@ fn fitted(
 
 /// Real photographs with what was behind the glass.
 pub struct PairSource {
-    /// Files.
     pub pairs: Vec<Pair>,
 }
 
@@ -269,10 +247,7 @@ impl PairSource {
     /// A pair as it is on disk.
     pub fn read(&self, index: usize) -> Result<Example, ExampleError> {
         let pair = &self.pairs[index];
-        let unusable = |reason: String| ExampleError::Unusable {
-            name: pair.name.clone(),
-            reason,
-        };
+        let unusable = |reason: String| ExampleError::Unusable { name: pair.name.clone(), reason };
         let input = read_picture(&pair.blended).map_err(|e| unusable(e.to_string()))?;
         let layer = |path: &PathBuf| -> Result<Planes, ExampleError> {
             let picture = read_picture(path).map_err(|e| unusable(e.to_string()))?;

@@ -8,12 +8,9 @@ use std::sync::LazyLock;
 /// Codes of all half floats from 0 to 1, by their bits: tuples are stored as such.
 static OF_HALVES: LazyLock<Vec<f32>> = LazyLock::new(|| {
     let one = f16::ONE.to_bits();
-    (0..=one)
-        .map(|bits| linear_to_srgb(f16::from_bits(bits).to_f32()) as f32)
-        .collect()
+    (0..=one).map(|bits| linear_to_srgb(f16::from_bits(bits).to_f32()) as f32).collect()
 });
 
-/// Planes of linear pixels.
 pub(super) fn planes_of_linear(pixels: &[[f32; 3]]) -> Planes {
     let table = &*OF_HALVES;
     let mut planes = vec![0.0; 3 * pixels.len()];
@@ -22,10 +19,7 @@ pub(super) fn planes_of_linear(pixels: &[[f32; 3]]) -> Planes {
             let value = pixel[channel].clamp(0.0, 1.0);
             let half = f16::from_f32(value);
             *out = if half.to_f32() == value {
-                table
-                    .get(usize::from(half.to_bits()))
-                    .copied()
-                    .unwrap_or(1.0)
+                table.get(usize::from(half.to_bits())).copied().unwrap_or(1.0)
             } else {
                 linear_to_srgb(value) as f32
             };
@@ -67,13 +61,7 @@ mod tests {
     fn codes_are_those_of_the_pictures() {
         let encoder = SrgbEncoder::new();
         let linear: Vec<[f32; 3]> = (0..=255u8)
-            .map(|code| {
-                [
-                    srgb_to_linear(code),
-                    f16::from_f32(srgb_to_linear(code)).to_f32(),
-                    1.5,
-                ]
-            })
+            .map(|code| [srgb_to_linear(code), f16::from_f32(srgb_to_linear(code)).to_f32(), 1.5])
             .collect();
         let planes = planes_of_linear(&linear);
         let bytes = bytes_of_planes(&planes);

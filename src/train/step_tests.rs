@@ -74,19 +74,11 @@ fn gradients_of_the_whole_step_are_pytorch_s() {
         assert!(worst < 1e-5, "{name}: {worst}");
         compared += 1;
     }
-    let expected = fixture
-        .0
-        .keys()
-        .filter(|k| k.starts_with("gradient."))
-        .count();
+    let expected = fixture.0.keys().filter(|k| k.starts_with("gradient.")).count();
     assert_eq!(compared, expected);
     // The discriminator judges here, it does not learn.
     let discriminator = learner.discriminator.as_ref().unwrap();
-    let judged: Vec<Var> = discriminator
-        .variables()
-        .into_iter()
-        .map(|(_, v)| v)
-        .collect();
+    let judged: Vec<Var> = discriminator.variables().into_iter().map(|(_, v)| v).collect();
     assert!(judged.iter().all(|v| gradients.get(v).is_none()));
 }
 
@@ -124,12 +116,8 @@ fn without_a_priori_bt_net_stays() {
     };
     let step = |settings: &TrainSettings| {
         let mut learner = Learner::new(Stage::Separation, settings, None, &Device::Cpu).unwrap();
-        let before: Vec<Tensor> = learner
-            .backtrack
-            .variables()
-            .iter()
-            .map(|(_, v)| v.copy().unwrap())
-            .collect();
+        let before: Vec<Tensor> =
+            learner.backtrack.variables().iter().map(|(_, v)| v.copy().unwrap()).collect();
         let losses = learner.step(0, &fixture.batch(), &mut |_| {}).unwrap();
         let after = learner.backtrack.variables();
         let same = before.iter().zip(&after).all(|(a, (_, b))| {
@@ -145,10 +133,7 @@ fn without_a_priori_bt_net_stays() {
     settings.a_priori = true;
     let (same, names) = step(&settings);
     assert!(!same);
-    assert_eq!(
-        names,
-        "transmission_l1 glass_reflection_l1 clean_reflection_l1 adversarial"
-    );
+    assert_eq!(names, "transmission_l1 glass_reflection_l1 clean_reflection_l1 adversarial");
 }
 
 /// An image of waves; each phase another.
@@ -158,9 +143,7 @@ fn waves(phase: f64, scale: f64) -> Vec<f32> {
         0.5 + 0.45 * libm::sin(phase + x * (1.0 + channel as f64 * 0.3) + y * phase)
     };
     let planes = (0..3).flat_map(|c| (0..40).flat_map(move |y| (0..48).map(move |x| (c, y, x))));
-    planes
-        .map(|(c, y, x)| (scale * value(c, y, x)) as f32)
-        .collect()
+    planes.map(|(c, y, x)| (scale * value(c, y, x)) as f32).collect()
 }
 
 #[test]
@@ -185,22 +168,11 @@ fn one_example_is_learned_by_heart() {
     let batch = Batch::new(std::slice::from_ref(&example), &Device::Cpu).unwrap();
     let mut term = |step| {
         let losses = learner.step(step, &batch, &mut |_| {}).unwrap();
-        losses
-            .terms
-            .iter()
-            .find(|t| t.name == "transmission_l1")
-            .unwrap()
-            .value
+        losses.terms.iter().find(|t| t.name == "transmission_l1").unwrap().value
     };
     let first = term(0);
-    let last = (1..400).map(term).collect::<Vec<_>>()[390..]
-        .iter()
-        .sum::<f32>()
-        / 9.0;
+    let last = (1..400).map(term).collect::<Vec<_>>()[390..].iter().sum::<f32>() / 9.0;
     let input = example.input.iter().zip(&example.transmission);
     let unprocessed = input.map(|(a, b)| (a - b).abs()).sum::<f32>() / example.input.len() as f32;
-    assert!(
-        last < 0.3 * unprocessed,
-        "from {first} to {last}; the input is {unprocessed} off"
-    );
+    assert!(last < 0.3 * unprocessed, "from {first} to {last}; the input is {unprocessed} off");
 }

@@ -9,9 +9,8 @@ use std::collections::HashMap;
 pub const VGG_PLACES: [usize; 14] = [0, 2, 5, 7, 10, 12, 14, 16, 19, 21, 23, 25, 28, 30];
 
 /// Outputs of these convolutions.
-pub const VGG_WIDTHS: [usize; 14] = [
-    64, 64, 128, 128, 256, 256, 256, 256, 512, 512, 512, 512, 512, 512,
-];
+pub const VGG_WIDTHS: [usize; 14] =
+    [64, 64, 128, 128, 256, 256, 256, 256, 512, 512, 512, 512, 512, 512];
 
 /// A pool stands before these.
 const POOLS: [usize; 4] = [2, 4, 8, 12];
@@ -30,28 +29,21 @@ pub enum VggError {
     #[error(
         "{name} is missing: the file must hold torchvision's vgg19 (features.0 to features.30)"
     )]
-    Missing {
-        /// Its name.
-        name: String,
-    },
+    Missing { name: String },
     /// A tensor has another shape.
     #[error(
         "{name} is {found:?}, but must be {expected:?}: these are not torchvision's vgg19 weights"
     )]
     Shape {
-        /// Its name.
         name: String,
-        /// What it is.
         found: Vec<usize>,
         /// What it must be.
         expected: Vec<usize>,
     },
-    /// candle's.
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),
 }
 
-/// The network.
 pub struct Vgg {
     /// Kernel and bias of each convolution.
     convolutions: Vec<(Tensor, Tensor)>,
@@ -71,11 +63,7 @@ impl Vgg {
                 return Err(VggError::Missing { name });
             };
             if tensor.dims() != expected {
-                return Err(VggError::Shape {
-                    name,
-                    found: tensor.dims().to_vec(),
-                    expected,
-                });
+                return Err(VggError::Shape { name, found: tensor.dims().to_vec(), expected });
             }
             Ok(tensor.to_device(device)?.to_dtype(DType::F32)?)
         };
@@ -83,10 +71,7 @@ impl Vgg {
         let mut convolutions = Vec::new();
         for (place, width) in VGG_PLACES.into_iter().zip(VGG_WIDTHS) {
             let width = width / narrow;
-            let kernel = tensor(
-                format!("features.{place}.weight"),
-                vec![width, channels, 3, 3],
-            )?;
+            let kernel = tensor(format!("features.{place}.weight"), vec![width, channels, 3, 3])?;
             let bias = tensor(format!("features.{place}.bias"), vec![width])?;
             convolutions.push((kernel, bias));
             channels = width;
@@ -112,20 +97,14 @@ impl Vgg {
 
     fn of(convolutions: Vec<(Tensor, Tensor)>, device: &Device) -> Result<Self> {
         let row = |values: [f32; 3]| Tensor::new(&values, device)?.reshape((1, 3, 1, 1));
-        Ok(Self {
-            convolutions,
-            mean: row(MEAN)?,
-            deviation: row(DEVIATION)?,
-        })
+        Ok(Self { convolutions, mean: row(MEAN)?, deviation: row(DEVIATION)? })
     }
 
     /// relu(conv1_2) to relu(conv5_2) of sRGB-coded images in [0, 1], (batch, 3, rows, columns): each half as wide and high as
     /// the one before.
     pub fn features(&self, images: &Tensor) -> Result<Vec<Tensor>> {
         let mut features = Vec::with_capacity(TAPS.len());
-        let mut x = images
-            .broadcast_sub(&self.mean)?
-            .broadcast_div(&self.deviation)?;
+        let mut x = images.broadcast_sub(&self.mean)?.broadcast_div(&self.deviation)?;
         for (index, (kernel, bias)) in self.convolutions.iter().enumerate() {
             if POOLS.contains(&index) {
                 x = max_pool2(&x)?;
@@ -140,8 +119,6 @@ impl Vgg {
 
     /// Channels of [`Self::features`].
     pub fn widths(&self) -> Vec<usize> {
-        TAPS.iter()
-            .map(|&tap| self.convolutions[tap].1.elem_count())
-            .collect()
+        TAPS.iter().map(|&tap| self.convolutions[tap].1.elem_count()).collect()
     }
 }

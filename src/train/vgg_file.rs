@@ -14,21 +14,14 @@ pub enum FeaturesError {
     NoFile,
     /// The file cannot be read.
     #[error("cannot read {}: {source}; check the path", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The system's reason.
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     /// The file holds other tensors.
     #[error("{} holds no VGG-19 that can be used: {source}", path.display())]
     Weights {
-        /// The file.
         path: PathBuf,
         /// The missing or misshapen tensor.
         source: VggError,
     },
-    /// candle's.
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),
 }
@@ -52,37 +45,25 @@ impl Features {
         let divisor = settings.vgg_divisor;
         match settings.features {
             FeatureSource::None => Ok(Self::default()),
-            FeatureSource::Random => Ok(Self {
-                vgg: Some(Vgg::random(settings.seed, divisor, device)?),
-                blake3: None,
-            }),
+            FeatureSource::Random => {
+                Ok(Self { vgg: Some(Vgg::random(settings.seed, divisor, device)?), blake3: None })
+            }
             FeatureSource::File => {
                 let path = file.ok_or(FeaturesError::NoFile)?;
-                let bytes = std::fs::read(path).map_err(|source| FeaturesError::Read {
-                    path: path.to_owned(),
-                    source,
-                })?;
+                let bytes = std::fs::read(path)
+                    .map_err(|source| FeaturesError::Read { path: path.to_owned(), source })?;
                 let vgg = weights(path, &bytes)
                     .map_err(VggError::from)
                     .and_then(|weights| Vgg::new(&weights, divisor, device))
-                    .map_err(|source| FeaturesError::Weights {
-                        path: path.to_owned(),
-                        source,
-                    })?;
-                Ok(Self {
-                    vgg: Some(vgg),
-                    blake3: Some(blake3::hash(&bytes).to_hex().to_string()),
-                })
+                    .map_err(|source| FeaturesError::Weights { path: path.to_owned(), source })?;
+                Ok(Self { vgg: Some(vgg), blake3: Some(blake3::hash(&bytes).to_hex().to_string()) })
             }
         }
     }
 }
 
 fn weights(path: &Path, bytes: &[u8]) -> Result<HashMap<String, Tensor>, candle_core::Error> {
-    if path
-        .extension()
-        .is_some_and(|ending| ending == "safetensors")
-    {
+    if path.extension().is_some_and(|ending| ending == "safetensors") {
         return candle_core::safetensors::load_buffer(bytes, &Device::Cpu);
     }
     let tensors = candle_core::pickle::read_all(path)?;

@@ -21,9 +21,7 @@ fn scene_file(folder: &Path, line: &Value) -> PathBuf {
 /// Rows of one kind of sampling and layer.
 fn rows<'a>(result: &'a Value, variant: &str, layer: &str) -> Vec<&'a Value> {
     let all = result["rows"].as_array().unwrap();
-    all.iter()
-        .filter(|row| row["variant"] == variant && row["layer"] == layer)
-        .collect()
+    all.iter().filter(|row| row["variant"] == variant && row["layer"] == layer).collect()
 }
 
 #[test]
@@ -45,9 +43,7 @@ fn the_error_falls_and_is_written_down() {
         "--out",
         text(&out),
     ];
-    let result = run(&[&arguments[..], &["--json"]].concat())
-        .expect(0)
-        .json();
+    let result = run(&[&arguments[..], &["--json"]].concat()).expect(0).json();
     assert_eq!(result["schema"], "glasshouse.bench_error/1");
     assert_eq!(result["reference"]["reused"], false);
     assert_eq!(result["rows"].as_array().unwrap().len(), 3 * 3 * 4);
@@ -59,11 +55,7 @@ fn the_error_falls_and_is_written_down() {
             };
             assert_eq!(of("spp"), [1.0, 4.0, 16.0]);
             // Both reflected orders of the pane are faint: half the samples, but at least one.
-            let thinning = if layer == "glass_reflection" {
-                2.0
-            } else {
-                1.0
-            };
+            let thinning = if layer == "glass_reflection" { 2.0 } else { 1.0 };
             let samples = [1.0, 4.0 / thinning, 16.0 / thinning];
             assert_eq!(of("samples"), samples);
             for key in ["rmse", "relative_mse", "srgb_steps", "cell_rmse_worst"] {
@@ -84,10 +76,7 @@ fn the_error_falls_and_is_written_down() {
     }
     // Files: the same rows as JSON and as CSV, and a picture with a line for each.
     let file = read_json(out.join("error.json"));
-    assert_eq!(
-        (&file["schema"], &file["rows"]),
-        (&result["schema"], &result["rows"])
-    );
+    assert_eq!((&file["schema"], &file["rows"]), (&result["schema"], &result["rows"]));
     let csv = std::fs::read_to_string(out.join("error.csv")).unwrap();
     let lines: Vec<&str> = csv.lines().collect();
     assert_eq!(lines.len(), 1 + 3 * 3 * 4);
@@ -101,12 +90,7 @@ fn the_error_falls_and_is_written_down() {
     let again = again.says(&["used again"]).json();
     assert_eq!(again["reference"]["reused"], true);
     let rmse = |result: &Value| -> Vec<Value> {
-        result["rows"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .map(|row| row["rmse"].clone())
-            .collect()
+        result["rows"].as_array().unwrap().iter().map(|row| row["rmse"].clone()).collect()
     };
     assert_eq!(rmse(&again), rmse(&result));
     let reference = out.join("reference");
@@ -126,10 +110,7 @@ fn the_error_falls_and_is_written_down() {
         text(&other),
     ];
     let given = run(&given).expect(0);
-    assert!(
-        given.stdout.contains("input, sobol: RMSE ~ samples^-"),
-        "{given:?}"
-    );
+    assert!(given.stdout.contains("input, sobol: RMSE ~ samples^-"), "{given:?}");
     let file = read_json(other.join("error.json"));
     assert_eq!(rmse(&file), rmse(&result));
 
@@ -137,9 +118,7 @@ fn the_error_falls_and_is_written_down() {
     let mut changed = scene("one");
     changed["glass"]["thickness_m"] = json!(0.02);
     std::fs::write(&scene_path, changed.to_string()).unwrap();
-    let fresh = run(&[&arguments[..], &["--json"]].concat())
-        .expect(0)
-        .json();
+    let fresh = run(&[&arguments[..], &["--json"]].concat()).expect(0).json();
     assert_eq!(fresh["reference"]["reused"], false);
     assert_ne!(rmse(&fresh), rmse(&result));
 }
@@ -153,17 +132,9 @@ fn references_of_another_size_are_refused() {
     let mut wider = scene("one");
     wider["film"]["width"] = json!(48);
     std::fs::write(&scene_path, wider.to_string()).unwrap();
-    run(&[
-        "bench",
-        "error",
-        "--scene",
-        text(&scene_path),
-        "--reference",
-        text(&out),
-        "-n",
-    ])
-    .expect(4)
-    .says(&["input.exr has 40 x 24 px", "48 x 24"]);
+    run(&["bench", "error", "--scene", text(&scene_path), "--reference", text(&out), "-n"])
+        .expect(4)
+        .says(&["input.exr has 40 x 24 px", "48 x 24"]);
 }
 
 /// The built-in pair, small: Sobol points converge faster than independent ones, which converge as they must, and both to
@@ -176,28 +147,15 @@ fn independent_samples_agree_with_sobol_and_converge_slower() {
     let count = |n| {
         counted.fetch_add(n, Ordering::Relaxed);
     };
-    let work = Work {
-        threads: 2,
-        isa: Isa::detect(),
-        stop: &stop,
-        on_samples: &count,
-    };
-    let ladder = Ladder {
-        spp: vec![1, 4, 16, 64],
-        seeds: 2,
-    };
-    let reference = own_reference(&scene, 8192, folder.path(), &work)
-        .unwrap()
-        .unwrap();
+    let work = Work { threads: 2, isa: Isa::detect(), stop: &stop, on_samples: &count };
+    let ladder = Ladder { spp: vec![1, 4, 16, 64], seeds: 2 };
+    let reference = own_reference(&scene, 8192, folder.path(), &work).unwrap().unwrap();
     assert_eq!(counted.load(Ordering::Relaxed), 32 * 32 * 8192);
     let rows = climb(&scene, &ladder, &reference, &work).unwrap().unwrap();
     let fixed = |slope: &Slope| slope.variant != "adaptive";
     for slope in slopes(&rows, &reference).into_iter().filter(fixed) {
         let found = slope.slope.unwrap();
-        eprintln!(
-            "{} {}: {found:.3} over {}",
-            slope.variant, slope.layer, slope.rungs
-        );
+        eprintln!("{} {}: {found:.3} over {}", slope.variant, slope.layer, slope.rungs);
         if slope.variant == "independent" {
             assert!((found + 0.5).abs() < 0.06, "{slope:?}");
         } else {
@@ -210,10 +168,7 @@ fn independent_samples_agree_with_sobol_and_converge_slower() {
         assert!(row.deviation.cell_rmse_worst < 2.0 * target, "{row:?}");
         assert!(row.spp < 64 || row.samples < 64.0, "{row:?}");
         if row.layer != "clean_reflection" {
-            assert!(
-                (0.7..1.4).contains(&row.stated_over_true.unwrap()),
-                "{row:?}"
-            );
+            assert!((0.7..1.4).contains(&row.stated_over_true.unwrap()), "{row:?}");
         }
     }
     for row in rows.iter().filter(|row| row.variant == "independent") {
@@ -234,10 +189,7 @@ fn floats(path: &Path) -> Vec<f64> {
     let bytes = std::fs::read(path).unwrap();
     let (values, rest) = bytes.as_chunks::<4>();
     assert!(rest.is_empty());
-    values
-        .iter()
-        .map(|v| f64::from(f32::from_le_bytes(*v)))
-        .collect()
+    values.iter().map(|v| f64::from(f32::from_le_bytes(*v))).collect()
 }
 
 /// The dump in the words of its documentation: every ray's hit lies on the mesh of the vertices.
@@ -262,14 +214,9 @@ fn dumped_rays_hit_the_dumped_mesh() {
     .json();
     let names = |list: &Value, key: &str| -> Vec<String> {
         let all = list.as_array().unwrap();
-        all.iter()
-            .map(|row| row[key].as_str().unwrap().to_owned())
-            .collect()
+        all.iter().map(|row| row[key].as_str().unwrap().to_owned()).collect()
     };
-    assert_eq!(
-        names(&result["kernels"], "kernel"),
-        ["t0", "t1", "r0", "r1", "r0", "r1", "R"]
-    );
+    assert_eq!(names(&result["kernels"], "kernel"), ["t0", "t1", "r0", "r1", "r0", "r1", "R"]);
     assert_eq!(result["tracer"].as_array().unwrap().len(), 2);
     assert_eq!(result["grids"].as_array().unwrap().len(), 2);
     let list = read_json(dump.join("rays.json"));
@@ -291,10 +238,8 @@ fn dumped_rays_hit_the_dumped_mesh() {
     for class in classes.as_array().unwrap() {
         let file = |key: &str| floats(&dump.join(class[key].as_str().unwrap()));
         let (rays, hits, vertices) = (file("rays"), file("hits"), file("vertices"));
-        let (nx, ny) = (
-            class["nx"].as_u64().unwrap() as usize,
-            class["ny"].as_u64().unwrap() as usize,
-        );
+        let (nx, ny) =
+            (class["nx"].as_u64().unwrap() as usize, class["ny"].as_u64().unwrap() as usize);
         assert_eq!(hits.len(), class["count"].as_u64().unwrap() as usize);
         // Every fourth pixel of 40 x 24.
         assert_eq!((hits.len(), rays.len()), (10 * 6 * 256, hits.len() * 6));
@@ -372,10 +317,7 @@ fn a_farm_is_simulated() {
     assert_eq!(result, simulate());
     assert_eq!(result["schema"], "glasshouse.bench_farm/1");
     let number = |key: &str| result[key].as_f64().unwrap();
-    assert_eq!(
-        number("shards_traced") - number("shards_traced_again"),
-        1600.0
-    );
+    assert_eq!(number("shards_traced") - number("shards_traced_again"), 1600.0);
     assert!(number("over_bound") >= 1.0);
     assert!(number("known_s") >= number("makespan_s"));
     assert!(result["faults"]["killed"].as_u64().unwrap() > 1);
@@ -390,18 +332,8 @@ fn a_farm_that_cannot_be_simulated_is_refused() {
     run(&["bench", "farm", "--simulate", "--kill", "8@1"])
         .expect(2)
         .says(&["no worker 8", "0 to 7"]);
-    run(&["bench", "farm", "--simulate", "--kill", "3"])
-        .expect(2)
-        .says(&["3@SECOND"]);
-    run(&[
-        "bench",
-        "farm",
-        "--simulate",
-        "--workers",
-        "1",
-        "--kill",
-        "0@1",
-    ])
-    .expect(1)
-    .says(&["no worker is left"]);
+    run(&["bench", "farm", "--simulate", "--kill", "3"]).expect(2).says(&["3@SECOND"]);
+    run(&["bench", "farm", "--simulate", "--workers", "1", "--kill", "0@1"])
+        .expect(1)
+        .says(&["no worker is left"]);
 }

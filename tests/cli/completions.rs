@@ -10,10 +10,7 @@ use std::process::{Command, Stdio};
 fn names() -> Vec<String> {
     fn walk(command: &clap::Command, name: &str, names: &mut Vec<String>) {
         names.push(name.to_owned());
-        for inside in command
-            .get_subcommands()
-            .filter(|inside| !inside.is_hide_set())
-        {
+        for inside in command.get_subcommands().filter(|inside| !inside.is_hide_set()) {
             walk(inside, &format!("{name}-{}", inside.get_name()), names);
         }
     }
@@ -47,10 +44,7 @@ fn shells_accept_their_completions() {
         }
         let json = run(&["completions", shell, "--json"]).expect(0).json();
         assert_eq!(json["schema"], "glasshouse.completions/1");
-        assert_eq!(
-            json["script"].as_str().unwrap().trim_end(),
-            script.trim_end()
-        );
+        assert_eq!(json["script"].as_str().unwrap().trim_end(), script.trim_end());
         let path = folder.path().join(shell);
         std::fs::write(&path, &script).unwrap();
         if let "bash" | "zsh" | "fish" = shell
@@ -97,13 +91,9 @@ fn bash_completes_commands_and_values() {
 fn every_command_has_a_man_page() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("man");
-    let dry = run(&["man", "--out", text(&out), "-n", "--json"])
-        .expect(0)
-        .json();
+    let dry = run(&["man", "--out", text(&out), "-n", "--json"]).expect(0).json();
     assert!(!out.exists());
-    let written = run(&["man", "--out", text(&out), "--json"])
-        .expect(0)
-        .json();
+    let written = run(&["man", "--out", text(&out), "--json"]).expect(0).json();
     assert_eq!(written["schema"], "glasshouse.man/1");
     assert_eq!(written["pages"], dry["pages"]);
     let mut expected: Vec<String> = names().iter().map(|name| format!("{name}.1")).collect();
@@ -127,18 +117,14 @@ fn every_command_has_a_man_page() {
     let main = run(&["man"]).expect(0).stdout;
     assert_eq!(
         main.trim_end(),
-        std::fs::read_to_string(out.join("glasshouse.1"))
-            .unwrap()
-            .trim_end()
+        std::fs::read_to_string(out.join("glasshouse.1")).unwrap().trim_end()
     );
 }
 
 /// Formats a page, if that can be done here; examples stand on lines of their own.
 fn render(path: &Path) -> bool {
-    let output = Command::new("groff")
-        .args(["-man", "-Tutf8", "-ww", "-rLL=90n"])
-        .arg(path)
-        .output();
+    let output =
+        Command::new("groff").args(["-man", "-Tutf8", "-ww", "-rLL=90n"]).arg(path).output();
     let Ok(output) = output else {
         eprintln!("skipped: groff is not installed");
         return false;
@@ -158,9 +144,6 @@ fn render(path: &Path) -> bool {
 
 #[test]
 fn a_page_cannot_be_written_everywhere() {
-    let ended: Ended = command(&["man", "--out", "/proc/x"])
-        .output()
-        .unwrap()
-        .into();
+    let ended: Ended = command(&["man", "--out", "/proc/x"]).output().unwrap().into();
     ended.expect(1).says(&["/proc/x"]);
 }

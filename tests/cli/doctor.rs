@@ -30,9 +30,7 @@ fn a_good_place_is_well_and_left_as_it_was() {
     let place = workplace();
     let smoke = place.path().join("runs/smoke");
     let before = files(&smoke);
-    let doctor = run(&["doctor", text(&smoke), "-j", "1", "--json"])
-        .expect(0)
-        .json();
+    let doctor = run(&["doctor", text(&smoke), "-j", "1", "--json"]).expect(0).json();
     assert_eq!(doctor["schema"], "glasshouse.doctor/1");
     assert_eq!(doctor["fail"], 0);
     for check in [
@@ -51,28 +49,14 @@ fn a_good_place_is_well_and_left_as_it_was() {
     ] {
         let found = finding(&doctor, check);
         assert_ne!(found["level"], "fail", "{found:#}");
-        assert_eq!(
-            found["level"] == "ok",
-            found["to_do"].is_null(),
-            "{found:#}"
-        );
+        assert_eq!(found["level"] == "ok", found["to_do"].is_null(), "{found:#}");
     }
-    assert!(
-        finding(&doctor, "disk speed")["measured"]["mb_per_s"]
-            .as_f64()
-            .unwrap()
-            > 0.0
-    );
+    assert!(finding(&doctor, "disk speed")["measured"]["mb_per_s"].as_f64().unwrap() > 0.0);
     assert_eq!(files(&smoke), before);
     assert_eq!(level(&doctor, "right bits"), "ok");
     // A person's page fits a terminal.
-    let page = run_in(place.path(), &["doctor", "runs/smoke", "-j", "1"])
-        .expect(0)
-        .stdout;
-    assert!(
-        page.lines().all(|line| line.chars().count() <= 80),
-        "{page}"
-    );
+    let page = run_in(place.path(), &["doctor", "runs/smoke", "-j", "1"]).expect(0).stdout;
+    assert!(page.lines().all(|line| line.chars().count() <= 80), "{page}");
     // A run that is to be made: the disk that it will be on.
     let to_be = run_in(place.path(), &["doctor", "runs/none/yet", "--json", "-q"]).expect(0);
     assert!(to_be.stderr.is_empty(), "{to_be:?}");
@@ -82,26 +66,16 @@ fn a_good_place_is_well_and_left_as_it_was() {
 #[test]
 fn nothing_is_written_in_a_dry_run() {
     let folder = tempfile::tempdir().unwrap();
-    let doctor = run(&[
-        "doctor",
-        text(folder.path()),
-        "-n",
-        "--store",
-        "s3://nowhere/x",
-        "--json",
-    ])
-    .expect(0)
-    .json();
+    let doctor = run(&["doctor", text(folder.path()), "-n", "--store", "s3://nowhere/x", "--json"])
+        .expect(0)
+        .json();
     let checks: Vec<&str> = doctor["findings"]
         .as_array()
         .unwrap()
         .iter()
         .map(|f| f["check"].as_str().unwrap())
         .collect();
-    assert!(
-        !checks.contains(&"disk speed") && !checks.contains(&"store put"),
-        "{checks:?}"
-    );
+    assert!(!checks.contains(&"disk speed") && !checks.contains(&"store put"), "{checks:?}");
     assert_eq!(entries(folder.path()), 0);
 }
 
@@ -111,15 +85,9 @@ fn a_place_that_cannot_be_written_fails() {
     let doctor = run(&["doctor", "/proc", "--json"]).expect(1).json();
     let disk = finding(&doctor, "disk");
     assert_eq!(disk["level"], "fail");
-    assert!(
-        disk["to_do"].as_str().unwrap().contains("folder"),
-        "{disk:#}"
-    );
+    assert!(disk["to_do"].as_str().unwrap().contains("folder"), "{disk:#}");
     let page = run(&["doctor", "/proc"]).expect(1).stdout;
-    assert!(
-        page.starts_with("something must be done") && page.contains("fail  disk"),
-        "{page}"
-    );
+    assert!(page.starts_with("something must be done") && page.contains("fail  disk"), "{page}");
 }
 
 #[test]
@@ -129,30 +97,15 @@ fn a_run_of_another_kind_is_told() {
     let mut other = read_json(&spec);
     other["golden"]["blake3"] = "another".into();
     std::fs::write(&spec, other.to_string()).unwrap();
-    let doctor = run_in(place.path(), &["doctor", "runs/smoke", "--json"])
-        .expect(1)
-        .json();
+    let doctor = run_in(place.path(), &["doctor", "runs/smoke", "--json"]).expect(1).json();
     assert_eq!(level(&doctor, "right bits"), "fail");
     std::fs::write(&spec, "{").unwrap();
-    let doctor = run_in(place.path(), &["doctor", "runs/smoke", "--json"])
-        .expect(1)
-        .json();
-    assert!(
-        finding(&doctor, "run")["to_do"]
-            .as_str()
-            .unwrap()
-            .contains("inspect"),
-        "{doctor:#}"
-    );
+    let doctor = run_in(place.path(), &["doctor", "runs/smoke", "--json"]).expect(1).json();
+    assert!(finding(&doctor, "run")["to_do"].as_str().unwrap().contains("inspect"), "{doctor:#}");
 }
 
-const STORE: [&str; 5] = [
-    "store put",
-    "store read",
-    "store list",
-    "store put once",
-    "store remove",
-];
+const STORE: [&str; 5] =
+    ["store put", "store read", "store list", "store put once", "store remove"];
 
 #[test]
 fn a_folder_is_a_store() {
@@ -161,12 +114,7 @@ fn a_folder_is_a_store() {
     let address = format!("file://{}", store.display());
     let arguments = ["doctor", text(folder.path()), "--store", &address, "--json"];
     let doctor = run(&arguments).expect(1).json();
-    assert!(
-        finding(&doctor, "store")["value"]
-            .as_str()
-            .unwrap()
-            .contains("no folder")
-    );
+    assert!(finding(&doctor, "store")["value"].as_str().unwrap().contains("no folder"));
     assert!(!store.exists());
     std::fs::create_dir(&store).unwrap();
     let doctor = run(&arguments).expect(0).json();
@@ -197,10 +145,7 @@ fn a_bucket_is_a_store() {
     let away = doctor("s3://bucket/runs/x", 1);
     assert_eq!(level(&away, "store put"), "fail");
     assert!(
-        finding(&away, "store put")["to_do"]
-            .as_str()
-            .unwrap()
-            .contains("does it run"),
+        finding(&away, "store put")["to_do"].as_str().unwrap().contains("does it run"),
         "{away:#}"
     );
 }
@@ -209,22 +154,14 @@ fn a_bucket_is_a_store() {
 #[test]
 fn a_queue_that_is_not_there_fails() {
     let folder = tempfile::tempdir().unwrap();
-    let doctor = run(&[
-        "doctor",
-        text(folder.path()),
-        "--queue",
-        "nats://me:hush@127.0.0.1:1",
-        "--json",
-    ])
-    .expect(1);
+    let doctor =
+        run(&["doctor", text(folder.path()), "--queue", "nats://me:hush@127.0.0.1:1", "--json"])
+            .expect(1);
     assert!(!doctor.stdout.contains("hush"), "{doctor:?}");
     let doctor = doctor.json();
     let queue = finding(&doctor, "queue");
     assert_eq!(queue["level"], "fail");
-    assert!(
-        queue["value"].as_str().unwrap().contains("refused"),
-        "{queue:#}"
-    );
+    assert!(queue["value"].as_str().unwrap().contains("refused"), "{queue:#}");
 }
 
 #[cfg(feature = "nats")]
@@ -234,9 +171,8 @@ fn a_server_is_a_queue() {
     let folder = tempfile::tempdir().unwrap();
     let url = server.url();
     for _ in 0..2 {
-        let doctor = run(&["doctor", text(folder.path()), "--queue", &url, "--json"])
-            .expect(0)
-            .json();
+        let doctor =
+            run(&["doctor", text(folder.path()), "--queue", &url, "--json"]).expect(0).json();
         assert_ne!(level(&doctor, "queue"), "fail", "{doctor:#}");
         assert_eq!(level(&doctor, "JetStream"), "ok", "{doctor:#}");
         // The stream of the first doctor is gone; old servers do not tell.

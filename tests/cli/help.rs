@@ -19,88 +19,45 @@ use Instead::{DryRun, Understood};
 
 /// Examples that are not run as they stand, and why not.
 const NOT_RUN: &[(&str, Instead, &str)] = &[
-    (
-        "sample /tmp/places --layout places --count 68",
-        DryRun,
-        "takes long",
-    ),
-    (
-        "sample /tmp/many --layout places --count 4160 --width 32 --height 24",
-        DryRun,
-        "takes long",
-    ),
+    ("sample /tmp/places --layout places --count 68", DryRun, "takes long"),
+    ("sample /tmp/many --layout places --count 4160 --width 32 --height 24", DryRun, "takes long"),
     (
         "coordinate runs/mine --queue nats://localhost:4222",
         Understood,
         "needs a server at that address",
     ),
-    (
-        "work runs/mine --queue nats://localhost:4222",
-        Understood,
-        "needs a server at that address",
-    ),
+    ("work runs/mine --queue nats://localhost:4222", Understood, "needs a server at that address"),
     (
         "doctor --store s3://bucket/runs/mine --queue nats://localhost:4222",
         Understood,
         "needs a bucket and a server",
     ),
     #[cfg(feature = "train")]
-    (
-        "train runs/smoke --stage backtrack --steps 200",
-        DryRun,
-        "takes long",
-    ),
+    ("train runs/smoke --stage backtrack --steps 200", DryRun, "takes long"),
     #[cfg(feature = "train")]
-    (
-        "train runs/smoke --stage separation --steps 200 --json",
-        DryRun,
-        "takes long",
-    ),
+    ("train runs/smoke --stage separation --steps 200 --json", DryRun, "takes long"),
     ("bench error", DryRun, "measures for minutes"),
     (
         "bench error --scene scene.json --spp 1,4,16,64 --reference-spp 4096 --out error",
         DryRun,
         "measures for long",
     ),
-    (
-        "bench error --scene scene.json --reference out",
-        DryRun,
-        "measures for long",
-    ),
+    ("bench error --scene scene.json --reference out", DryRun, "measures for long"),
     ("bench trace", DryRun, "measures for long"),
-    (
-        "bench trace --scene scene.json --dump rays",
-        DryRun,
-        "measures for long",
-    ),
-    (
-        "bench farm",
-        DryRun,
-        "needs a server, and measures for long",
-    ),
-    (
-        "bench farm --makespan",
-        DryRun,
-        "needs a server, and measures for long",
-    ),
+    ("bench trace --scene scene.json --dump rays", DryRun, "measures for long"),
+    ("bench farm", DryRun, "needs a server, and measures for long"),
+    ("bench farm --makespan", DryRun, "needs a server, and measures for long"),
     ("bench farm --resume", DryRun, "measures for long"),
     #[cfg(feature = "train")]
     ("bench train -j 1", DryRun, "measures for long"),
     #[cfg(feature = "train")]
-    (
-        "bench train -j 1 --json --steps 3",
-        DryRun,
-        "measures for long",
-    ),
+    ("bench train -j 1 --json --steps 3", DryRun, "measures for long"),
 ];
 
 /// The names of all commands and of those inside of them (`bench error`), in the order of the help.
 fn commands() -> Vec<String> {
     fn walk(command: &clap::Command, before: &str, names: &mut Vec<String>) {
-        for inside in command
-            .get_subcommands()
-            .filter(|inside| !inside.is_hide_set())
-        {
+        for inside in command.get_subcommands().filter(|inside| !inside.is_hide_set()) {
             let name = format!("{before}{}", inside.get_name());
             walk(inside, &format!("{name} "), names);
             names.push(name);
@@ -129,10 +86,7 @@ fn examples(name: &str) -> Vec<String> {
                 .to_owned()
         })
         .collect();
-    assert!(
-        found.iter().any(|line| line.starts_with(name)),
-        "{name}: {found:?}"
-    );
+    assert!(found.iter().any(|line| line.starts_with(name)), "{name}: {found:?}");
     found
 }
 
@@ -176,10 +130,8 @@ fn every_example_is_understood_and_none_is_excused_that_is_not_there() {
 #[test]
 fn examples_do_what_they_say() {
     for line in all_examples() {
-        let instead = NOT_RUN
-            .iter()
-            .find(|(other, ..)| *other == line)
-            .map(|(_, instead, _)| *instead);
+        let instead =
+            NOT_RUN.iter().find(|(other, ..)| *other == line).map(|(_, instead, _)| *instead);
         if instead == Some(Understood) {
             continue;
         }
@@ -212,8 +164,5 @@ fn help_and_version_are_no_errors() {
     }
     assert!(help.stderr.is_empty());
     let version = run(&["--version"]).expect(0).stdout;
-    assert_eq!(
-        version.trim(),
-        format!("glasshouse {}", env!("CARGO_PKG_VERSION"))
-    );
+    assert_eq!(version.trim(), format!("glasshouse {}", env!("CARGO_PKG_VERSION")));
 }

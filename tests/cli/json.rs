@@ -13,16 +13,7 @@ fn every_command_prints_one_object() {
     let (out, run_folder) = (folder.join("out"), text(&place.run));
     let (scene_path, out) = (text(&scene_path), text(&out));
     let sample = folder.join("sample");
-    let sample = [
-        "sample",
-        text(&sample),
-        "--count",
-        "2",
-        "--width",
-        "32",
-        "--height",
-        "24",
-    ];
+    let sample = ["sample", text(&sample), "--count", "2", "--width", "32", "--height", "24"];
     let exported = folder.join("exported");
     let export = ["--format", "pairs", "--out", text(&exported)];
     let bench = folder.join("bench");
@@ -38,15 +29,7 @@ fn every_command_prints_one_object() {
         "--out",
         text(&bench),
     ];
-    let bench_trace = [
-        "bench",
-        "trace",
-        "--no-builtin",
-        "--scene",
-        scene_path,
-        "--passes",
-        "1",
-    ];
+    let bench_trace = ["bench", "trace", "--no-builtin", "--scene", scene_path, "--passes", "1"];
     let man = folder.join("man");
     let commands: [(&str, Vec<&str>); 21] = [
         ("plan", place.arguments("plan", &[])),
@@ -58,10 +41,7 @@ fn every_command_prints_one_object() {
         ("cancel", vec!["cancel", run_folder]),
         ("resume", vec!["resume", run_folder]),
         ("retry", vec!["retry", run_folder, "--all"]),
-        (
-            "explain",
-            vec!["explain", run_folder, "train-sample-000000:0"],
-        ),
+        ("explain", vec!["explain", run_folder, "train-sample-000000:0"]),
         ("audit", vec!["audit", run_folder]),
         ("export", [&["export", run_folder][..], &export].concat()),
         ("report", vec!["report", run_folder]),

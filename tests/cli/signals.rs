@@ -10,15 +10,9 @@ fn stopped_by(signal: &str, code: i32) {
     let place = place();
     place.plan();
     let folder = text(&place.run);
-    let mut child = command(&["work", folder, "-j", "1", "--json"])
-        .spawn()
-        .unwrap();
+    let mut child = command(&["work", folder, "-j", "1", "--json"]).spawn().unwrap();
     let partials = place.run.join("partials");
-    let is_begun = || {
-        files(&partials)
-            .iter()
-            .any(|p| p.extension().is_some_and(|e| e == "exr"))
-    };
+    let is_begun = || files(&partials).iter().any(|p| p.extension().is_some_and(|e| e == "exr"));
     assert!(wait_until(&mut child, is_begun));
     send(&child, signal);
     let ended: Ended = child.wait_with_output().unwrap().into();
@@ -28,10 +22,7 @@ fn stopped_by(signal: &str, code: i32) {
     assert!(traced > 0 && traced < (SCENES * SHARDS) as u64, "{traced}");
 
     let status = run(&["status", folder, "--json"]).expect(0).json();
-    assert_eq!(
-        status["shards_done"], traced,
-        "nothing that was traced is lost"
-    );
+    assert_eq!(status["shards_done"], traced, "nothing that was traced is lost");
     let outcome = run(&["work", folder, "--json"]).expect(0).json();
     let merged = stopped["merged"].as_u64().unwrap();
     assert_eq!(outcome["already_merged"], merged);
@@ -85,8 +76,7 @@ fn an_interrupted_render_says_so_in_json() {
     let catches = || {
         let text = std::fs::read_to_string(&status).unwrap_or_default();
         let mask = text.lines().find_map(|l| l.strip_prefix("SigCgt:"));
-        mask.and_then(|m| u64::from_str_radix(m.trim(), 16).ok())
-            .is_some_and(|m| m >> 14 & 1 == 1)
+        mask.and_then(|m| u64::from_str_radix(m.trim(), 16).ok()).is_some_and(|m| m >> 14 & 1 == 1)
     };
     assert!(wait_until(&mut child, catches));
     send(&child, "TERM");
@@ -126,14 +116,8 @@ fn a_second_process_is_told_to_wait() {
     let run_in_use = Run::open(&place.run, &Roots::default()).unwrap();
     let lock = run_in_use.lock().unwrap();
     let folder = text(&place.run);
-    for arguments in [
-        vec!["work", folder],
-        vec!["merge", folder],
-        place.arguments("run", &[]),
-    ] {
-        run(&arguments)
-            .expect(75)
-            .says(&["another process", folder]);
+    for arguments in [vec!["work", folder], vec!["merge", folder], place.arguments("run", &[])] {
+        run(&arguments).expect(75).says(&["another process", folder]);
     }
     // Looking is allowed.
     run(&["status", folder]).expect(0);
@@ -147,9 +131,7 @@ fn a_full_disk_ends_with_1_and_can_be_resumed() {
     let place = place();
     place.plan();
     let folder = text(&place.run);
-    run_on_full_disk(&["work", folder])
-        .expect(1)
-        .says(&["cannot write", folder, "space"]);
+    run_on_full_disk(&["work", folder]).expect(1).says(&["cannot write", folder, "space"]);
     let elsewhere = place.folder.path().join("new");
     run_on_full_disk(&["plan", text(&place.recipe), "--out", text(&elsewhere)])
         .expect(1)
@@ -164,14 +146,8 @@ fn a_full_disk_ends_with_1_and_can_be_resumed() {
 fn a_folder_that_cannot_be_written_ends_with_1() {
     let place = place();
     place.plan();
-    std::fs::write(
-        place.run.join("partials"),
-        b"a file where a folder should be",
-    )
-    .unwrap();
-    run(&["work", text(&place.run)])
-        .expect(1)
-        .says(&["cannot list", "partials", "permissions"]);
+    std::fs::write(place.run.join("partials"), b"a file where a folder should be").unwrap();
+    run(&["work", text(&place.run)]).expect(1).says(&["cannot list", "partials", "permissions"]);
 
     let read_only = place.folder.path().join("read-only");
     std::fs::create_dir(&read_only).unwrap();

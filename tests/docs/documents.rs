@@ -27,10 +27,7 @@ fn every_command_is_described() {
     let names = commands();
     assert!(names.len() > 15, "{names:?}");
     for name in names {
-        let known = [
-            format!("`glasshouse {name}`"),
-            format!("`glasshouse {name} "),
-        ];
+        let known = [format!("`glasshouse {name}`"), format!("`glasshouse {name} ")];
         assert!(
             known.iter().any(|text| page.text.contains(text)),
             "docs/commands.md does not describe {name}"
@@ -49,11 +46,8 @@ fn links_lead_somewhere() {
             }
             count += 1;
             let (file, anchor) = link.split_once('#').unwrap_or((&link, ""));
-            let target = if file.is_empty() {
-                Path::new(&page.name).to_owned()
-            } else {
-                folder.join(file)
-            };
+            let target =
+                if file.is_empty() { Path::new(&page.name).to_owned() } else { folder.join(file) };
             let full = Path::new(env!("CARGO_MANIFEST_DIR")).join(&target);
             assert!(full.exists(), "{}: {link} leads nowhere", page.name);
             if !anchor.is_empty() {
@@ -89,10 +83,7 @@ fn the_scene_of_the_readme_is_rendered() {
     let (_, scene) = readme.text.split_once("```json\n").unwrap();
     let (scene, _) = scene.split_once("```").unwrap();
     std::fs::write(folder.path().join("scene.json"), scene).unwrap();
-    for line in [
-        "sample photos --count 2",
-        "render scene.json --out window --json",
-    ] {
+    for line in ["sample photos --count 2", "render scene.json --out window --json"] {
         assert!(readme.text.contains(line.trim_end_matches(" --json")));
         let words: Vec<&str> = line.split(' ').collect();
         run_in(folder.path(), &words).expect(0);
@@ -131,11 +122,9 @@ fn furnish(folder: &Path) {
     for to in ["shared/diode", "trial/diode"] {
         link("data/diode", to);
     }
-    for (part, to) in [
-        ("data_256", "data/places"),
-        ("depth", "data/places-depth"),
-        ("depth", "data/depth"),
-    ] {
+    for (part, to) in
+        [("data_256", "data/places"), ("depth", "data/places-depth"), ("depth", "data/depth")]
+    {
         link(&format!("made-places/{part}"), to);
     }
     link("made-places", "trial/places");
@@ -169,12 +158,8 @@ fn as_run(line: &str) -> Vec<String> {
         .replace("-j N", "-j 2")
         .replace("--spp N", "--spp 16");
     let below = |word: &str| {
-        let word = word
-            .replace("=/data/", "=data/")
-            .replace("=/shared/", "=shared/");
-        let is_absolute = ["/data/", "/shared/", "/tmp/"]
-            .iter()
-            .any(|p| word.starts_with(p));
+        let word = word.replace("=/data/", "=data/").replace("=/shared/", "=shared/");
+        let is_absolute = ["/data/", "/shared/", "/tmp/"].iter().any(|p| word.starts_with(p));
         word[usize::from(is_absolute)..].to_owned()
     };
     let mut words: Vec<String> = line.split_whitespace().skip(1).map(below).collect();
@@ -182,9 +167,7 @@ fn as_run(line: &str) -> Vec<String> {
     if words.len() == 1 || words[0] == "bench" && words.len() == 2 {
         words.push("--help".to_owned());
     }
-    let is_dry = words
-        .iter()
-        .any(|w| ["-n", "--dry-run", "--help"].contains(&w.as_str()));
+    let is_dry = words.iter().any(|w| ["-n", "--dry-run", "--help"].contains(&w.as_str()));
     if !READ_ONLY.contains(&words[0].as_str()) && !is_dry {
         words.push("-n".to_owned());
     }
@@ -245,14 +228,9 @@ fn sources(folder: &Path, found: &mut Vec<String>) {
 
 #[test]
 fn every_schema_is_documented() {
-    let documents = [
-        "docs/formats.md",
-        "docs/commands.md",
-        "manifests/README.md",
-        "docs/data.md",
-    ]
-    .map(|name| page(name).text)
-    .concat();
+    let documents = ["docs/formats.md", "docs/commands.md", "manifests/README.md", "docs/data.md"]
+        .map(|name| page(name).text)
+        .concat();
     let mut files = Vec::new();
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     sources(&root.join("src"), &mut files);

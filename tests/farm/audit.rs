@@ -37,39 +37,21 @@ fn one_wrong_pixel_is_found() {
     let folder = text(&place.run);
     let all = ["audit", folder, "--share", "1", "--json"];
     let good = run(&all).expect(0).json();
-    assert_eq!(
-        (&good["same"], &good["differ"]),
-        (&SCENES.into(), &0.into())
-    );
+    assert_eq!((&good["same"], &good["differ"]), (&SCENES.into(), &0.into()));
     assert_eq!(good["scenes"][0]["files"], 6);
 
     // Pixel 500 of 96 a row.
-    damage(
-        &place.run.join("tuples/train-sample-000001/tuple.exr"),
-        "input.G",
-        500,
-    );
-    let bad = run(&all)
-        .expect(1)
-        .says(&["train-sample-000001", "tuple.exr", "1 of 6144 pixels"])
-        .json();
-    assert_eq!(
-        (&bad["same"], &bad["differ"]),
-        (&(SCENES - 1).into(), &1.into())
-    );
+    damage(&place.run.join("tuples/train-sample-000001/tuple.exr"), "input.G", 500);
+    let bad =
+        run(&all).expect(1).says(&["train-sample-000001", "tuple.exr", "1 of 6144 pixels"]).json();
+    assert_eq!((&bad["same"], &bad["differ"]), (&(SCENES - 1).into(), &1.into()));
     let scenes = bad["scenes"].as_array().unwrap();
     let scene = scenes.iter().find(|s| s["verdict"] == "differs").unwrap();
     assert_eq!(scene["scene"], "train-sample-000001");
     let differences = scene["differences"].as_array().unwrap();
     assert_eq!(differences.len(), 1);
-    assert_eq!(
-        differences[0]["file"],
-        "tuples/train-sample-000001/tuple.exr"
-    );
-    assert_eq!(
-        (&differences[0]["pixels"], &differences[0]["at"]),
-        (&1.into(), &json!([20, 5]))
-    );
+    assert_eq!(differences[0]["file"], "tuples/train-sample-000001/tuple.exr");
+    assert_eq!((&differences[0]["pixels"], &differences[0]["at"]), (&1.into(), &json!([20, 5])));
     let largest = differences[0]["largest"].as_f64().unwrap();
     assert!((largest - 0.5).abs() < 1e-2, "{largest}");
     run(&["audit", folder, "--scene", "train-sample-000001"]).expect(1);
@@ -78,17 +60,15 @@ fn one_wrong_pixel_is_found() {
     // A note that says something else, and a picture that is torn.
     let path = place.run.join("tuples/train-sample-000000/tuple.json");
     let record = std::fs::read_to_string(&path).unwrap();
-    std::fs::write(
-        &path,
-        record.replacen("\"miss_share\": ", "\"miss_share\": 1", 1),
-    )
-    .unwrap();
+    std::fs::write(&path, record.replacen("\"miss_share\": ", "\"miss_share\": 1", 1)).unwrap();
     let path = place.run.join("tuples/train-sample-000000/input.png");
     let png = std::fs::read(&path).unwrap();
     std::fs::write(&path, &png[..png.len() / 2]).unwrap();
-    run(&["audit", folder, "--scene", "train-sample-000000"])
-        .expect(1)
-        .says(&["layers.", "miss_share", "input.png: it cannot be read"]);
+    run(&["audit", folder, "--scene", "train-sample-000000"]).expect(1).says(&[
+        "layers.",
+        "miss_share",
+        "input.png: it cannot be read",
+    ]);
 }
 
 #[test]
@@ -96,23 +76,17 @@ fn the_same_seed_draws_the_same_scenes() {
     let place = place();
     place.plan();
     let folder = text(&place.run);
-    run(&["audit", folder])
-        .expect(1)
-        .says(&["nothing to compare yet"]);
+    run(&["audit", folder]).expect(1).says(&["nothing to compare yet"]);
     run(&["work", folder, "-q"]).expect(0);
     let drawn = |seed: &str| {
-        let draw = [
-            "audit", folder, "--share", "0.5", "--seed", seed, "-n", "--json",
-        ];
+        let draw = ["audit", folder, "--share", "0.5", "--seed", seed, "-n", "--json"];
         run(&draw).expect(0).json()["scenes"].clone()
     };
     assert_eq!(drawn("7"), drawn("7"));
     assert_eq!(drawn("7").as_array().unwrap().len(), SCENES / 2);
     let others = (0..8).map(|seed| drawn(&seed.to_string()));
     assert!(others.into_iter().any(|scenes| scenes != drawn("7")));
-    run(&["audit", folder, "--scene", "nobody"])
-        .expect(2)
-        .says(&["no scene"]);
+    run(&["audit", folder, "--scene", "nobody"]).expect(2).says(&["no scene"]);
 }
 
 #[test]
@@ -127,9 +101,7 @@ fn partials_are_compared_and_other_inputs_are_no_verdict() {
     // Its digest fits: it is whole, and wrong.
     made[1] = Partial::new(header, pixels);
     put_partials(&place.run, &id, &made);
-    let found = run(&["audit", folder, "--scene", &id, "--json"])
-        .expect(1)
-        .json();
+    let found = run(&["audit", folder, "--scene", &id, "--json"]).expect(1).json();
     let differences = found["scenes"][0]["differences"].as_array().unwrap();
     assert_eq!(differences.len(), 1);
     assert_eq!(differences[0]["file"], format!("partials/{id}/000001.exr"));
@@ -142,21 +114,14 @@ fn partials_are_compared_and_other_inputs_are_no_verdict() {
     run(&["work", folder, "-q"]).expect(0);
     let line = &manifest(&place.run)[0];
     let color = line["front"]["color"].as_str().unwrap();
-    let color = place
-        .run
-        .join("inputs/sample")
-        .join(color.split_once(':').unwrap().1);
+    let color = place.run.join("inputs/sample").join(color.split_once(':').unwrap().1);
     let mut picture = image::open(&color).unwrap().into_rgb8();
     picture.put_pixel(0, 0, image::Rgb([1, 2, 3]));
     picture.save(&color).unwrap();
     let scene = line["id"].as_str().unwrap();
-    run(&["audit", folder, "--scene", scene])
-        .expect(3)
-        .says(&["front.color", "not compared"]);
+    run(&["audit", folder, "--scene", scene]).expect(3).says(&["front.color", "not compared"]);
     std::fs::remove_file(&color).unwrap();
-    run(&["audit", folder, "--scene", scene])
-        .expect(3)
-        .says(&["cannot load"]);
+    run(&["audit", folder, "--scene", scene]).expect(3).says(&["cannot load"]);
 }
 
 /// In a farm the receipt names who made it; the audit needs only the store.
@@ -168,32 +133,12 @@ fn the_worker_is_named() {
     let store = place.folder.path().join("store");
     let store = text(&store);
     let coordinator = start("coordinate", &place, &server, &["--store", store]);
-    let named = start(
-        "work",
-        &place,
-        &server,
-        &["-j", "1", "--store", store, "--name", "crooked"],
-    );
+    let named = start("work", &place, &server, &["-j", "1", "--store", store, "--name", "crooked"]);
     all_done(coordinator, [named]);
-    damage(
-        &Path::new(store).join("tuples/test-sample-000000/tuple.exr"),
-        "clean_reflection.B",
-        0,
-    );
-    let audit = [
-        "audit",
-        text(&place.run),
-        "--store",
-        store,
-        "--share",
-        "1",
-        "--json",
-    ];
+    damage(&Path::new(store).join("tuples/test-sample-000000/tuple.exr"), "clean_reflection.B", 0);
+    let audit = ["audit", text(&place.run), "--store", store, "--share", "1", "--json"];
     let found = run(&audit).expect(1).says(&["made by: crooked"]).json();
-    assert_eq!(
-        found["workers"],
-        json!([{"worker": "crooked", "differ": 1, "audited": SCENES}])
-    );
+    assert_eq!(found["workers"], json!([{"worker": "crooked", "differ": 1, "audited": SCENES}]));
     // What the message asks for makes it good.
     std::fs::remove_dir_all(Path::new(store).join("tuples/test-sample-000000")).unwrap();
     for path in ["receipts/test-sample-000000.json", "finished.json"] {

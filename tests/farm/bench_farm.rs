@@ -91,9 +91,7 @@ fn the_overhead_of_a_farm_is_measured() {
 
 #[test]
 fn the_time_to_go_on_is_measured() {
-    let result = measured(&[
-        "--resume", "--scenes", "20", "--shards", "8", "--passes", "2",
-    ]);
+    let result = measured(&["--resume", "--scenes", "20", "--shards", "8", "--passes", "2"]);
     assert_eq!(number(&result, "shards"), 160.0);
     assert_eq!(number(&result, "tuples_there"), 10.0);
     assert_eq!(number(&result, "partials_there"), 40.0);
@@ -111,13 +109,9 @@ fn the_time_to_go_on_is_measured() {
 
 #[test]
 fn what_cannot_be_measured_is_refused() {
-    run(&["bench", "farm", "--workers", "300"])
-        .expect(2)
-        .says(&["256", "--simulate"]);
+    run(&["bench", "farm", "--workers", "300"]).expect(2).says(&["256", "--simulate"]);
     run(&["bench", "farm", "--makespan", "--simulate"]).expect(2);
-    run(&["bench", "farm", "--makespan", "--stop", "1@1+1"])
-        .expect(2)
-        .says(&["--kill and --slow"]);
+    run(&["bench", "farm", "--makespan", "--stop", "1@1+1"]).expect(2).says(&["--kill and --slow"]);
     let planned = run(&["bench", "farm", "--resume", "--dry-run", "--json"]).expect(0);
     assert_eq!(planned.json()["mode"], "resume");
 }

@@ -23,13 +23,7 @@ fn scenes_that_are_soon_done_write_no_partials() {
     let work = |checkpoint: &str| {
         let place = place();
         place.plan();
-        let ended = run(&[
-            "work",
-            text(&place.run),
-            "--json",
-            "--checkpoint-s",
-            checkpoint,
-        ]);
+        let ended = run(&["work", text(&place.run), "--json", "--checkpoint-s", checkpoint]);
         assert_same(&tuples(&place.run), reference());
         let seconds = ended.expect(0).json()["thread_seconds"]["checkpoint"].as_f64();
         seconds.unwrap()
@@ -69,20 +63,14 @@ fn what_waits_is_written_for_who_gets_the_rest() {
     let mut slow = vec!["-j", "1", "--fault", "slow:20"];
     slow.extend(LATER);
     let one = start("work", &place, &server, &slow);
-    wait_for("an attempt", || {
-        files(&place.run.join("attempts")).len() == 1
-    });
+    wait_for("an attempt", || files(&place.run.join("attempts")).len() == 1);
     let mut fast = vec!["-j", "1"];
     fast.extend(LATER);
     let workers = [one, start("work", &place, &server, &fast)];
     end(coordinator).expect(0);
     let given: u64 = workers
         .into_iter()
-        .map(|worker| {
-            end(worker).expect(0).json()["spans_given"]
-                .as_u64()
-                .unwrap()
-        })
+        .map(|worker| end(worker).expect(0).json()["spans_given"].as_u64().unwrap())
         .sum();
     assert!(given > 0);
     assert_same(&tuples(&place.run), alone(&place));

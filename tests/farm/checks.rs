@@ -37,12 +37,8 @@ impl Place {
         std::fs::write(folder.path().join("few.toml"), RECIPE).unwrap();
         let place = Self { folder };
         let size = ["--width", "32", "--height", "24"];
-        run(&[
-            &["sample", text(&place.path("diode")), "--count", "20"][..],
-            &size,
-        ]
-        .concat())
-        .expect(0);
+        run(&[&["sample", text(&place.path("diode")), "--count", "20"][..], &size].concat())
+            .expect(0);
         place
     }
 
@@ -52,22 +48,13 @@ impl Place {
 
     /// A file of the data set, by its path in a scene line.
     fn file(&self, path: &str) -> PathBuf {
-        self.path("diode")
-            .join(path.strip_prefix("diode:").unwrap())
+        self.path("diode").join(path.strip_prefix("diode:").unwrap())
     }
 
     fn plan(&self, out: &str, more: &[&str]) -> Ended {
         let (recipe, out) = (self.path("few.toml"), self.path(out));
         let root = format!("diode={}", self.path("diode").display());
-        let arguments = [
-            "plan",
-            text(&recipe),
-            "--out",
-            text(&out),
-            "--root",
-            &root,
-            "--json",
-        ];
+        let arguments = ["plan", text(&recipe), "--out", text(&out), "--root", &root, "--json"];
         run(&[&arguments, more].concat())
     }
 
@@ -78,9 +65,7 @@ impl Place {
     /// The scenes of a planned run by their ids.
     fn scenes(&self, run: &str) -> BTreeMap<String, Value> {
         let lines = manifest(&self.path(run)).into_iter();
-        lines
-            .map(|line| (line["id"].as_str().unwrap().to_owned(), line))
-            .collect()
+        lines.map(|line| (line["id"].as_str().unwrap().to_owned(), line)).collect()
     }
 }
 
@@ -93,10 +78,7 @@ fn cut(path: &Path, keep: usize) {
 fn what_is_wrong_is_one_table_and_nothing_is_written() {
     let place = Place::new();
     let planned = place.plan("whole", &[]).expect(0).json();
-    assert_eq!(
-        (planned["scenes"].as_u64(), &planned["invalid"]),
-        (Some(16), &json!([]))
-    );
+    assert_eq!((planned["scenes"].as_u64(), &planned["invalid"]), (Some(16), &json!([])));
     let whole = place.scenes("whole");
     let train = whole.iter().filter(|(id, _)| id.starts_with("train"));
     let used: Vec<&Value> = train.map(|(_, line)| &line["front"]).collect();
@@ -112,10 +94,7 @@ fn what_is_wrong_is_one_table_and_nothing_is_written() {
     let bad = [
         (path(0, "color"), "cannot read it as PNG"),
         (path(1, "depth"), "it is empty"),
-        (
-            path(2, "mask"),
-            "it has 16x12 pixels, the depth image has 32x24",
-        ),
+        (path(2, "mask"), "it has 16x12 pixels, the depth image has 32x24"),
         (path(3, "depth"), "needs 3072 bytes of data"),
     ];
     cut(&place.file(&bad[0].0), 400);
@@ -136,10 +115,7 @@ fn what_is_wrong_is_one_table_and_nothing_is_written() {
         assert_eq!(invalid.len(), 4);
         for (path, words) in &bad {
             let input = invalid.iter().find(|input| input["path"] == *path).unwrap();
-            assert!(
-                input["problem"].as_str().unwrap().contains(words),
-                "{input}"
-            );
+            assert!(input["problem"].as_str().unwrap().contains(words), "{input}");
             for id in input["scenes"].as_array().unwrap() {
                 assert!(whole[id.as_str().unwrap()].to_string().contains(path));
             }
@@ -150,30 +126,17 @@ fn what_is_wrong_is_one_table_and_nothing_is_written() {
     let run_folder = place.path("bad");
     let root = format!("diode={}", place.path("diode").display());
     let recipe = place.path("few.toml");
-    run(&[
-        "run",
-        text(&recipe),
-        "--out",
-        text(&run_folder),
-        "--root",
-        &root,
-    ])
-    .expect(4);
+    run(&["run", text(&recipe), "--out", text(&run_folder), "--root", &root]).expect(4);
 
     // Without them: others in their place, the same ones again, and no scene changed that did not need them.
     let planned = place.plan("without", &["--skip-invalid"]).expect(0);
-    assert!(
-        planned.stderr.contains("photographs left out: 4"),
-        "{planned:?}"
-    );
+    assert!(planned.stderr.contains("photographs left out: 4"), "{planned:?}");
     let planned = planned.json();
     assert_eq!(planned["scenes"], 16);
     assert_eq!(planned["invalid"].as_array().unwrap().len(), 4);
     let left_out = planned["left_out"].as_array().unwrap();
     assert_eq!(left_out.len(), 4);
-    place
-        .plan("again", &["--skip-invalid", "-j", "1"])
-        .expect(0);
+    place.plan("again", &["--skip-invalid", "-j", "1"]).expect(0);
     assert_eq!(place.manifest("without"), place.manifest("again"));
     let without = place.scenes("without");
     let needs = |line: &Value| {
@@ -197,10 +160,7 @@ fn what_is_wrong_is_one_table_and_nothing_is_written() {
     std::fs::copy(place.file(left_out[1].as_str().unwrap()), color).unwrap();
     for more in [&[][..], &["--skip-invalid"]] {
         let again = place.plan("without", more).expect(0).json();
-        assert_eq!(
-            (&again["existed"], &again["left_out"]),
-            (&json!(true), &planned["left_out"])
-        );
+        assert_eq!((&again["existed"], &again["left_out"]), (&json!(true), &planned["left_out"]));
     }
     let again = place.plan("without", &["-n"]).expect(0).json();
     assert_eq!(again["invalid"], json!([]));
@@ -236,10 +196,7 @@ fn a_run_that_is_planned_goes_on_and_a_look_at_it_tells() {
     let front = &place.scenes("run")["train-diode-000000"]["front"];
     let color = front["color"].as_str().unwrap();
     cut(&place.file(color), 300);
-    assert_eq!(
-        place.plan("run", &[]).expect(0).json()["input_bytes"],
-        Value::Null
-    );
+    assert_eq!(place.plan("run", &[]).expect(0).json()["input_bytes"], Value::Null);
     place.plan("run", &["-n"]).expect(4).says(&[color]);
     let looked = place.plan("run", &["-n", "--skip-invalid"]).expect(0);
     assert!(looked.stderr.contains("stays as it is"), "{looked:?}");
@@ -263,16 +220,14 @@ fn scenes_of_a_manifest_are_left_out_by_themselves() {
     };
     // Who names scenes gets them: those that cannot be made are set aside, the others go on.
     let kept = folder.path().join("kept");
-    let ended = run(&["plan", text(&manifest), "--out", text(&kept), "--json"])
-        .expect(0)
-        .says(&[
-            "2 of 7 input files",
-            "manifest:nowhere.npy",
-            "it cannot be read",
-            "manifest:a.png",
-            "3 channels",
-            "--skip-invalid leaves them out",
-        ]);
+    let ended = run(&["plan", text(&manifest), "--out", text(&kept), "--json"]).expect(0).says(&[
+        "2 of 7 input files",
+        "manifest:nowhere.npy",
+        "it cannot be read",
+        "manifest:a.png",
+        "3 channels",
+        "--skip-invalid leaves them out",
+    ]);
     assert_eq!(ended.json()["invalid"][1]["scenes"], json!(["bad"]));
     let done = run(&["work", text(&kept), "--json"]).expect(3).json();
     assert_eq!(done["merged"], 1);
@@ -280,29 +235,17 @@ fn scenes_of_a_manifest_are_left_out_by_themselves() {
         kept.join("quarantine/bad.json").is_file() && kept.join("quarantine/worse.json").is_file()
     );
 
-    let planned = plan(&["--skip-invalid"])
-        .expect(0)
-        .says(&["scenes left out: 2"])
-        .json();
-    assert_eq!(
-        (&planned["scenes"], &planned["left_out"]),
-        (&json!(1), &json!(["bad", "worse"]))
-    );
+    let planned = plan(&["--skip-invalid"]).expect(0).says(&["scenes left out: 2"]).json();
+    assert_eq!((&planned["scenes"], &planned["left_out"]), (&json!(1), &json!(["bad", "worse"])));
     assert_eq!(plan(&["--skip-invalid"]).expect(0).json()["existed"], true);
     let done = run(&["work", text(&out), "--json"]).expect(0).json();
     assert_eq!(done["merged"], 1);
     // Nothing is left.
     write_lines(&manifest, &lines[1..]);
     let no = folder.path().join("no");
-    run(&[
-        "plan",
-        text(&manifest),
-        "--out",
-        text(&no),
-        "--skip-invalid",
-    ])
-    .expect(4)
-    .says(&["2 of "]);
+    run(&["plan", text(&manifest), "--out", text(&no), "--skip-invalid"])
+        .expect(4)
+        .says(&["2 of "]);
 }
 
 #[test]
@@ -311,11 +254,7 @@ fn the_paper_is_planned_from_folders_of_the_real_shape() {
     let sample = |layout: &str, count: &str| {
         let dir = folder.path().join(layout);
         let arguments = ["sample", text(&dir), "--layout", layout, "--count", count];
-        let made = run(&[
-            &arguments[..],
-            &["--width", "16", "--height", "12", "--json"],
-        ]
-        .concat());
+        let made = run(&[&arguments[..], &["--width", "16", "--height", "12", "--json"]].concat());
         let roots = made.expect(0).json()["roots"].clone();
         let roots = roots.as_object().unwrap().iter();
         roots
@@ -348,10 +287,7 @@ fn the_paper_is_planned_from_folders_of_the_real_shape() {
     assert_eq!(planned["input_bytes"], all);
     let calibration = &planned["calibration"];
     assert_eq!(calibration["scenes"].as_array().unwrap().len(), 3);
-    let (a_sample, a_load) = (
-        &calibration["seconds_per_sample"],
-        &calibration["seconds_per_load"],
-    );
+    let (a_sample, a_load) = (&calibration["seconds_per_sample"], &calibration["seconds_per_load"]);
     let traced_s = 5200.0 * 65_536.0 * 256.0 * a_sample.as_f64().unwrap();
     let estimate = number("core_seconds_estimate");
     assert!(estimate > traced_s + 5200.0 * a_load.as_f64().unwrap());

@@ -25,10 +25,7 @@ fn twice(place: &Place, server: &Nats) -> NatsCoordinator {
         NatsCoordinator::connect(&server.options(), run.id(), Duration::from_secs(2)).unwrap();
     queue.ensure().unwrap();
     let again = |hops| Message {
-        task: Task {
-            scene: scene.unwrap() as u32,
-            shards: 0..SHARDS as u32,
-        },
+        task: Task { scene: scene.unwrap() as u32, shards: 0..SHARDS as u32 },
         hops,
     };
     queue.publish(&[again(1), again(2)]).unwrap();
@@ -36,9 +33,7 @@ fn twice(place: &Place, server: &Nats) -> NatsCoordinator {
 }
 
 fn named(place: &Place, server: &Nats, name: &str, fault: &str) -> Child {
-    let more = [
-        "-j", "1", "--name", name, "--fault", "slow:2", "--fault", fault,
-    ];
+    let more = ["-j", "1", "--name", name, "--fault", "slow:2", "--fault", fault];
     start("work", place, server, &more)
 }
 
@@ -92,10 +87,7 @@ fn who_computes_other_bits_is_found_out() {
     // Both are there: what came first under its name, the other in its worker's folder.
     let kept = kept(&place);
     let (worker, path) = &kept[0];
-    assert!(
-        reason.contains(&format!("kept as conflicts/{worker}/")),
-        "{reason}"
-    );
+    assert!(reason.contains(&format!("kept as conflicts/{worker}/")), "{reason}");
     let own = place.run.join("conflicts").join(worker).join(path);
     let other = place.run.join(path);
     assert_ne!(std::fs::read(own).unwrap(), std::fs::read(other).unwrap());
@@ -108,9 +100,7 @@ fn who_computes_other_bits_is_found_out() {
     run(&["retry", folder, "nothing-like-it", "--anew"])
         .expect(2)
         .says(&["nothing-like-it is no scene of this run"]);
-    let retried = run(&["retry", folder, SCENE, "--anew", "--json"])
-        .expect(0)
-        .json();
+    let retried = run(&["retry", folder, SCENE, "--anew", "--json"]).expect(0).json();
     assert_eq!(retried["retried"][0], SCENE);
     assert!(retried["results_removed"].as_u64().unwrap() > 0);
     let good = start("work", &place, &server, &["-j", "2"]);
@@ -128,12 +118,8 @@ fn a_done_scene_is_made_anew() {
     let worker = start("work", &place, &server, &slow);
     let coordinator = coordinator(&place, &server);
     let tuple = |id: &str| place.run.join(format!("tuples/{id}/tuple.json"));
-    let ids = [
-        "train-sample-000000",
-        "train-sample-000001",
-        "train-sample-000002",
-        "test-sample-000000",
-    ];
+    let ids =
+        ["train-sample-000000", "train-sample-000001", "train-sample-000002", "test-sample-000000"];
     let mut first = None;
     wait_for("a tuple", || {
         first = ids.into_iter().find(|id| tuple(id).is_file());

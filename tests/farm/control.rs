@@ -25,30 +25,20 @@ fn tell(place: &Place, verb: &str) -> Value {
 }
 
 fn work(place: &Place) -> Child {
-    command(&["work", text(&place.run), "-j", "1", "--json"])
-        .spawn()
-        .unwrap()
+    command(&["work", text(&place.run), "-j", "1", "--json"]).spawn().unwrap()
 }
 
 #[test]
 fn a_process_waits_while_its_run_is_paused() {
     let place = slow_place();
-    let told = run(&["pause", text(&place.run), "--reason", "backup", "--json"])
-        .expect(0)
-        .json();
-    assert_eq!(
-        (&told["before"], &told["state"]),
-        (&"running".into(), &"paused".into())
-    );
+    let told = run(&["pause", text(&place.run), "--reason", "backup", "--json"]).expect(0).json();
+    assert_eq!((&told["before"], &told["state"]), (&"running".into(), &"paused".into()));
     let mut child = work(&place);
     std::thread::sleep(LOOK);
     assert!(child.try_wait().unwrap().is_none());
     assert_eq!(results(&place.run), 0);
     let paused = status(&place, &[]);
-    assert_eq!(
-        (&paused["state"], &paused["reason"]),
-        (&"paused".into(), &"backup".into())
-    );
+    assert_eq!((&paused["state"], &paused["reason"]), (&"paused".into(), &"backup".into()));
 
     // It begins, and is paused again in the middle: what is open is finished, the rest is left alone.
     tell(&place, "resume");
@@ -60,10 +50,7 @@ fn a_process_waits_while_its_run_is_paused() {
     });
     std::thread::sleep(LOOK);
     let before = status(&place, &[]);
-    assert!(
-        before["merged"].as_u64().unwrap() < SCENES as u64,
-        "{before}"
-    );
+    assert!(before["merged"].as_u64().unwrap() < SCENES as u64, "{before}");
     std::thread::sleep(LOOK);
     assert_eq!(status(&place, &[])["shards_done"], before["shards_done"]);
     assert!(child.try_wait().unwrap().is_none());
@@ -102,9 +89,7 @@ fn a_cancelled_run_ends_and_can_be_taken_back() {
     let again = end(work(&place)).expect(3).json();
     assert_eq!(again["shards_traced"], 0);
     // A pause would weaken it.
-    run(&["pause", text(&place.run)])
-        .expect(1)
-        .says(&["resume"]);
+    run(&["pause", text(&place.run)]).expect(1).says(&["resume"]);
     assert_eq!(tell(&place, "resume")["before"], "cancelled");
     let ended = end(work(&place)).expect(0).json();
     // The shards in flight were not lost.
@@ -121,10 +106,7 @@ fn a_damaged_record_holds_the_run() {
     let held = status(&place, &[]);
     assert_eq!(held["state"], "paused");
     let reason = held["reason"].as_str().unwrap();
-    assert!(
-        reason.contains("control.json") && reason.contains("resume"),
-        "{reason}"
-    );
+    assert!(reason.contains("control.json") && reason.contains("resume"), "{reason}");
     tell(&place, "resume");
     assert_eq!(status(&place, &[])["state"], "running");
 }
@@ -142,19 +124,13 @@ fn a_farm_pauses_goes_on_is_cancelled_and_taken_back() {
     std::thread::sleep(LOOK);
     assert_eq!(results(&place.run), 0);
     let now = queue();
-    assert_eq!(
-        (&now["spans_waiting"], &now["spans_held"]),
-        (&SCENES.into(), &0.into())
-    );
+    assert_eq!((&now["spans_waiting"], &now["spans_held"]), (&SCENES.into(), &0.into()));
     tell(&place, "resume");
     wait_for("a result", || results(&place.run) > 2);
 
     tell(&place, "cancel");
     let ended = end(first).expect(3).says(&["cancelled"]).json();
-    assert_eq!(
-        (&ended["cancelled"], &ended["finished"]),
-        (&true.into(), &false.into())
-    );
+    assert_eq!((&ended["cancelled"], &ended["finished"]), (&true.into(), &false.into()));
     for worker in workers {
         let ended = end(worker).expect(3).json();
         assert_eq!(ended["stopped"], "cancelled");
@@ -175,9 +151,7 @@ fn a_farm_pauses_goes_on_is_cancelled_and_taken_back() {
         end(one).expect(0);
     }
     assert_same(&tuples(&place.run), alone(&place));
-    run(&["pause", text(&place.run)])
-        .expect(1)
-        .says(&["done or in quarantine"]);
+    run(&["pause", text(&place.run)]).expect(1).says(&["done or in quarantine"]);
     let finished = status(&place, &["--queue", &url]);
     assert_eq!(finished["state"], "finished");
     assert_eq!(finished["queue"], Value::Null);

@@ -50,10 +50,7 @@ fn damaged_partials_are_traced_again() {
     let ended = run(&["work", text(&place.run), "-v", "--json"]).expect(0);
     let outcome = ended.json();
     assert_eq!(outcome["shards_resumed"], SHARDS - damaged.len());
-    assert_eq!(
-        outcome["shards_traced"],
-        (SCENES - 1) * SHARDS + damaged.len()
-    );
+    assert_eq!(outcome["shards_traced"], (SCENES - 1) * SHARDS + damaged.len());
     for (shard, _) in &damaged {
         let name = format!("{id}/{shard:06}.exr");
         assert!(ended.stderr.contains(&name), "{name} in {}", ended.stderr);
@@ -72,10 +69,7 @@ fn partials_of_replaced_inputs_are_traced_again() {
     let line = &manifest(&place.run)[0];
     let path = |side: &str| {
         let text = line[side]["color"].as_str().unwrap();
-        place
-            .run
-            .join("inputs/sample")
-            .join(text.strip_prefix("sample:").unwrap())
+        place.run.join("inputs/sample").join(text.strip_prefix("sample:").unwrap())
     };
     std::fs::copy(path("back"), path("front")).unwrap();
     let outcome = run(&["work", text(&place.run), "--json"]).expect(0).json();

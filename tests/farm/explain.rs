@@ -7,9 +7,7 @@ use std::path::Path;
 
 fn explain(run_folder: &Path, shard: &str) -> (Value, String) {
     let arguments = ["explain", text(run_folder), shard];
-    let object = run(&[&arguments[..], &["--json"]].concat())
-        .expect(0)
-        .json();
+    let object = run(&[&arguments[..], &["--json"]].concat()).expect(0).json();
     (object, run(&arguments).expect(0).stdout)
 }
 
@@ -18,15 +16,9 @@ fn a_scene_on_its_way() {
     let place = place();
     place.plan();
     let (object, words) = explain(&place.run, "train-sample-000001");
-    assert_eq!(
-        (&object["state"], &object["index"]),
-        (&"waiting".into(), &1.into())
-    );
+    assert_eq!((&object["state"], &object["index"]), (&"waiting".into(), &1.into()));
     assert_eq!(object["missing"], json!([[0, SHARDS]]));
-    assert!(
-        words.contains("96 x 64 px") && words.contains("glasshouse work"),
-        "{words}"
-    );
+    assert!(words.contains("96 x 64 px") && words.contains("glasshouse work"), "{words}");
 
     let (id, mut made) = partials(&place.run, 1);
     made.remove(5);
@@ -41,12 +33,7 @@ fn a_scene_on_its_way() {
     assert_eq!(object["shard"]["samples"], json!([0, 256]));
     assert_eq!(object["shard"]["result"], "not there");
     let (object, _) = explain(&place.run, "train-sample-000001:6");
-    assert!(
-        object["shard"]["result"]
-            .as_str()
-            .unwrap()
-            .contains("intact")
-    );
+    assert!(object["shard"]["result"].as_str().unwrap().contains("intact"));
     let mut bytes = std::fs::read(&paths[5]).unwrap();
     let last = bytes.len() - 1;
     bytes[last] ^= 1;
@@ -56,10 +43,7 @@ fn a_scene_on_its_way() {
 
     run(&["pause", text(&place.run), "--reason", "backup"]).expect(0);
     let (_, words) = explain(&place.run, "train-sample-000001");
-    assert!(
-        words.contains("paused (backup)") && words.contains("glasshouse resume"),
-        "{words}"
-    );
+    assert!(words.contains("paused (backup)") && words.contains("glasshouse resume"), "{words}");
     run(&["resume", text(&place.run)]).expect(0);
     run(&["work", text(&place.run)]).expect(0);
     let (object, words) = explain(&place.run, "train-sample-000001:6");
@@ -85,35 +69,23 @@ fn attempts_and_quarantine_are_told_with_their_logs() {
     let (object, words) = explain(&place.run, "train-sample-000000:3");
     assert_eq!(object["state"], "begun");
     assert_eq!(object["attempts"].as_array().unwrap().len(), 2);
-    for part in [
-        "alpha-1",
-        "crashed: signal 6",
-        "| last words",
-        "attempt 2, beta-2",
-        "in hand of beta-2",
-    ] {
+    for part in
+        ["alpha-1", "crashed: signal 6", "| last words", "attempt 2, beta-2", "in hand of beta-2"]
+    {
         assert!(words.contains(part), "no {part:?} in {words}");
     }
-    let status = run(&["status", text(&place.run), "--json"])
-        .expect(0)
-        .json();
+    let status = run(&["status", text(&place.run), "--json"]).expect(0).json();
     assert_eq!(status["attempts"][1]["worker"], "beta-2");
 
     let record = json!({"schema": "glasshouse.quarantine/1", "scene": "train-sample-000000", "reason": "it kills workers"});
     std::fs::create_dir(place.run.join("quarantine")).unwrap();
-    std::fs::write(
-        place.run.join("quarantine/train-sample-000000.json"),
-        record.to_string(),
-    )
-    .unwrap();
+    std::fs::write(place.run.join("quarantine/train-sample-000000.json"), record.to_string())
+        .unwrap();
     let (object, words) = explain(&place.run, "train-sample-000000");
     assert_eq!(object["state"], "quarantined");
     assert_eq!(object["quarantine"]["reason"], "it kills workers");
     assert!(
-        words.contains(&format!(
-            "glasshouse retry {} train-sample-000000",
-            text(&place.run)
-        )),
+        words.contains(&format!("glasshouse retry {} train-sample-000000", text(&place.run))),
         "{words}"
     );
 }
@@ -123,13 +95,9 @@ fn what_is_not_there_is_said() {
     let place = place();
     place.plan();
     let folder = text(&place.run);
-    run(&["explain", folder, "train-9"])
-        .expect(2)
-        .says(&["no scene", "manifest.jsonl"]);
+    run(&["explain", folder, "train-9"]).expect(2).says(&["no scene", "manifest.jsonl"]);
     run(&["explain", folder, "train-sample-000000:24"])
         .expect(2)
         .says(&["no shard 24", "24 shards"]);
-    run(&["explain", folder, "train-sample-000000:x"])
-        .expect(2)
-        .says(&["SCENE:NUMBER"]);
+    run(&["explain", folder, "train-sample-000000:x"]).expect(2).says(&["SCENE:NUMBER"]);
 }

@@ -61,10 +61,7 @@ fn leftovers_of_a_killed_process_are_cleared_away() {
     let place = place();
     place.plan();
     run(&["work", text(&place.run)]).expect(0);
-    let scene = files(&place.run.join("tuples"))[0]
-        .parent()
-        .unwrap()
-        .to_owned();
+    let scene = files(&place.run.join("tuples"))[0].parent().unwrap().to_owned();
     // Between tuple.json and the removal of the partials; inside writes.
     let partials = place.run.join("partials").join(&scene);
     std::fs::create_dir_all(&partials).unwrap();

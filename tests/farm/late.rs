@@ -26,10 +26,7 @@ fn partials_on_their_way_are_dropped_when_the_scene_is_done() {
 
     let store = Store::local(run.root()).unwrap();
     let queue = LocalQueue::new(Some(LEASE));
-    let task = Task {
-        scene: 0,
-        shards: 0..run.layout(&run.lines[0]).len(),
-    };
+    let task = Task { scene: 0, shards: 0..run.layout(&run.lines[0]).len() };
     queue.publish(&[Message { task, hops: 0 }]).unwrap();
     let worker = queue.worker();
     let shared = SharedQueue {

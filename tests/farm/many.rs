@@ -19,11 +19,7 @@ fn three_workers_make_what_one_process_makes() {
     let place = place();
     place.plan();
     // Workers may be there first: before coordinator and stream.
-    let workers = [
-        worker(&place, &server),
-        worker(&place, &server),
-        worker(&place, &server),
-    ];
+    let workers = [worker(&place, &server), worker(&place, &server), worker(&place, &server)];
     std::thread::sleep(Duration::from_millis(300));
     let coordinated = end(coordinator(&place, &server)).expect(0).json();
     assert_eq!(coordinated["done"], SCENES);
@@ -181,12 +177,8 @@ fn repeated_reordered_and_foreign_messages_change_nothing() {
 fn what_a_farm_is_told_wrongly_is_said() {
     let place = place();
     place.plan();
-    run(&["coordinate", text(&place.run)])
-        .expect(2)
-        .says(&["--queue"]);
-    run(&["work", text(&place.run), "--lease-s", "3"])
-        .expect(2)
-        .says(&["--queue"]);
+    run(&["coordinate", text(&place.run)]).expect(2).says(&["--queue"]);
+    run(&["work", text(&place.run), "--lease-s", "3"]).expect(2).says(&["--queue"]);
     run(&[
         "work",
         text(&place.run),
@@ -207,14 +199,7 @@ fn a_dry_run_needs_no_queue_and_counts_what_is_in_the_store() {
     let store = place.folder.path().join("store");
     std::fs::create_dir(&store).unwrap();
     let dry = |verb: &str| {
-        let all = [
-            verb,
-            text(&place.run),
-            "--queue",
-            "nats://127.0.0.1:9",
-            "--json",
-            "-n",
-        ];
+        let all = [verb, text(&place.run), "--queue", "nats://127.0.0.1:9", "--json", "-n"];
         let here = run(&all).expect(0).json();
         let there = run(&[&all[..], &["--store", text(&store)]].concat());
         (here, there)
@@ -228,8 +213,5 @@ fn a_dry_run_needs_no_queue_and_counts_what_is_in_the_store() {
     assert_eq!(dry("work").0["shards_left"], 0);
     // The folder has all tuples, that store has none.
     assert_eq!(dry("coordinate").1.expect(0).json()["scenes_left"], SCENES);
-    assert_eq!(
-        dry("work").1.expect(0).json()["shards_left"],
-        SCENES * SHARDS
-    );
+    assert_eq!(dry("work").1.expect(0).json()["shards_left"], SCENES * SHARDS);
 }

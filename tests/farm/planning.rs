@@ -24,29 +24,14 @@ fn a_changed_recipe_is_refused_with_a_diff() {
     assert_eq!(same["existed"], true);
     for (from, to, words) in [
         ("spp = 256", "spp = 512", ["film.spp", "256", "512"]),
-        (
-            "name = \"small\"",
-            "name = \"other\"",
-            ["name", "small", "other"],
-        ),
-        (
-            "seed = 7",
-            "seed = 8\n[glass]\nior = 1.5",
-            ["glass.ior", "1.6", "1.5"],
-        ),
-        (
-            "= 3 }",
-            "= 2 }",
-            ["scenes", "4 in the run", "3 by the recipe"],
-        ),
+        ("name = \"small\"", "name = \"other\"", ["name", "small", "other"]),
+        ("seed = 7", "seed = 8\n[glass]\nior = 1.5", ["glass.ior", "1.6", "1.5"]),
+        ("= 3 }", "= 2 }", ["scenes", "4 in the run", "3 by the recipe"]),
     ] {
         assert!(RECIPE.contains(from));
         std::fs::write(&place.recipe, RECIPE.replacen(from, to, 1)).unwrap();
         for command in ["plan", "run"] {
-            run(&place.arguments(command, &[]))
-                .expect(5)
-                .says(&words)
-                .says(&["--out"]);
+            run(&place.arguments(command, &[])).expect(5).says(&words).says(&["--out"]);
         }
     }
     std::fs::write(&place.recipe, RECIPE).unwrap();
@@ -71,8 +56,7 @@ fn a_damaged_run_is_refused() {
         Vec::new(),
         b"\xff\xff".to_vec(),
         spec.replace("tile_px", "tile_qx").into_bytes(),
-        spec.replace("glasshouse.spec/1", "glasshouse.spec/9")
-            .into_bytes(),
+        spec.replace("glasshouse.spec/1", "glasshouse.spec/9").into_bytes(),
         spec.replace(number, "\"tracer_version\": 9").into_bytes(),
     ] {
         std::fs::write(&spec_path, damage).unwrap();
@@ -111,12 +95,8 @@ fn a_spec_of_another_machine_is_refused() {
     let mut spec = read_json(&path);
     spec["golden"]["blake3"] = json!("0".repeat(64));
     std::fs::write(&path, spec.to_string()).unwrap();
-    run(&["work", text(&place.run)])
-        .expect(5)
-        .says(&["this machine is refused"]);
-    run(&place.arguments("plan", &[]))
-        .expect(5)
-        .says(&["golden shard"]);
+    run(&["work", text(&place.run)]).expect(5).says(&["this machine is refused"]);
+    run(&place.arguments("plan", &[])).expect(5).says(&["golden shard"]);
 }
 
 #[test]
@@ -183,25 +163,17 @@ fn wrong_inputs_are_named() {
     let manifest = place.folder.path().join("scenes.jsonl");
     let planned = |path: &std::path::Path| run(&["plan", text(path), "--out", text(&place.run)]);
     write_lines(&manifest, &[]);
-    planned(&manifest)
-        .expect(4)
-        .says(&["scenes.jsonl", "no scene"]);
+    planned(&manifest).expect(4).says(&["scenes.jsonl", "no scene"]);
     let mut typo = scene("two");
     typo["film"]["sp"] = json!(3);
     write_lines(&manifest, &[scene("one"), typo]);
-    planned(&manifest)
-        .expect(4)
-        .says(&["scenes.jsonl", "line 2", "sp"]);
+    planned(&manifest).expect(4).says(&["scenes.jsonl", "line 2", "sp"]);
     write_lines(&manifest, &[scene("one"), scene("one")]);
-    planned(&manifest)
-        .expect(4)
-        .says(&["line 2", "one", "line 1"]);
+    planned(&manifest).expect(4).says(&["line 2", "one", "line 1"]);
     let neither = place.folder.path().join("scenes.txt");
     std::fs::write(&neither, b"").unwrap();
     planned(&neither).expect(4).says(&["scenes.txt", ".toml"]);
-    run(&["work", text(&place.run)])
-        .expect(4)
-        .says(&["no run", "plan"]);
+    run(&["work", text(&place.run)]).expect(4).says(&["no run", "plan"]);
 }
 
 #[test]
@@ -220,9 +192,6 @@ fn wrong_command_lines_end_with_2() {
         &["status", "run", "--progress", "dots"],
     ] {
         let ended = run(arguments).expect(2);
-        assert!(
-            ended.stdout.is_empty() && !ended.stderr.is_empty(),
-            "{ended:?}"
-        );
+        assert!(ended.stdout.is_empty() && !ended.stderr.is_empty(), "{ended:?}");
     }
 }

@@ -47,12 +47,7 @@ fn a_scene_that_kills_its_process_is_set_aside_after_four() {
     assert_aborted(&run(&work));
     assert_eq!(attempts(&place.run, poison).len(), 1);
     // Three children die; this process goes on.
-    run(&work).expect(3).says(&[
-        "traced in one of its own",
-        "SIGABRT",
-        "as ordered",
-        "quarantine",
-    ]);
+    run(&work).expect(3).says(&["traced in one of its own", "SIGABRT", "as ordered", "quarantine"]);
     assert_same(&tuples(&place.run), &without(poison));
     let records = attempts(&place.run, poison);
     assert_eq!(records.len(), 4);
@@ -96,9 +91,7 @@ fn poison_costs_a_farm_four_processes_at_most() {
     let fault = format!("abort:{poison}");
     let more = ["-j", "1", "--fault", &fault];
     let coordinator = coordinator(&place, &server);
-    let mut workers: Vec<Child> = (0..3)
-        .map(|_| start("work", &place, &server, &more))
-        .collect();
+    let mut workers: Vec<Child> = (0..3).map(|_| start("work", &place, &server, &more)).collect();
     let mut deaths = 0;
     let mut done = 0;
     while let Some(worker) = workers.pop() {
@@ -129,12 +122,7 @@ fn a_worker_that_hangs_leaves_its_work_to_others() {
     place.plan();
     let fault = format!("hang:{}", ids(&place.run)[0]);
     let coordinator = coordinator(&place, &server);
-    let hung = start(
-        "work",
-        &place,
-        &server,
-        &["-j", "1", "--fault", &fault, "--hang-s", "1"],
-    );
+    let hung = start("work", &place, &server, &["-j", "1", "--fault", &fault, "--hang-s", "1"]);
     end(hung).expect(1).says(&["made no progress for 1 s"]);
     let healthy = worker(&place, &server);
     all_done(coordinator, [healthy]);
@@ -196,11 +184,7 @@ fn a_machine_without_the_photographs_leaves_the_farm() {
     let ill = start("work", &place, &server, &["-j", "1", "--root", &root]);
     let ended = end(ill).expect(1);
     assert_eq!(ended.json()["stopped"], "drained");
-    ended.says(&[
-        "3 scenes in a row failed here",
-        "leaves the rest to others",
-        "--root",
-    ]);
+    ended.says(&["3 scenes in a row failed here", "leaves the rest to others", "--root"]);
     assert!(!place.run.join("quarantine").exists());
     let healthy = worker(&place, &server);
     all_done(coordinator, [healthy]);
@@ -253,13 +237,8 @@ fn a_scene_too_large_for_the_memory_is_set_aside() {
     let limited = || -> Ended {
         let program = command::<&str>(&[]);
         let program = program.get_program().to_string_lossy().into_owned();
-        let script = format!(
-            "ulimit -v 1300000; exec '{program}' work '{}' -j 1",
-            text(&out)
-        );
-        let output = std::process::Command::new("bash")
-            .args(["-c", &script])
-            .output();
+        let script = format!("ulimit -v 1300000; exec '{program}' work '{}' -j 1", text(&out));
+        let output = std::process::Command::new("bash").args(["-c", &script]).output();
         output.unwrap().into()
     };
     assert_aborted(&limited());

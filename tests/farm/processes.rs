@@ -34,8 +34,7 @@ pub(crate) fn alone(place: &Place) -> &'static Tuples {
     static MADE: Mutex<BTreeMap<String, &'static Tuples>> = Mutex::new(BTreeMap::new());
     let recipe = std::fs::read_to_string(&place.recipe).unwrap();
     let mut made = MADE.lock().unwrap();
-    made.entry(recipe)
-        .or_insert_with(|| Box::leak(Box::new(tuples(&run_alone(place)))))
+    made.entry(recipe).or_insert_with(|| Box::leak(Box::new(tuples(&run_alone(place)))))
 }
 
 pub(crate) fn start(verb: &str, place: &Place, server: &Nats, more: &[&str]) -> Child {
@@ -117,8 +116,6 @@ pub(crate) fn assert_whole(run: &Path, expected: &Tuples) {
 pub(crate) fn assert_finished(run: &Path) {
     assert!(run.join("finished.json").is_file());
     assert_eq!(files(&run.join("partials")), Vec::<PathBuf>::new());
-    let odd = files(&run.join("tuples"))
-        .into_iter()
-        .find(|p| p.to_string_lossy().contains('#'));
+    let odd = files(&run.join("tuples")).into_iter().find(|p| p.to_string_lossy().contains('#'));
     assert_eq!(odd, None);
 }

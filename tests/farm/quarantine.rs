@@ -49,10 +49,7 @@ fn bad_scenes(folder: &Path) -> Vec<(Value, Vec<&'static str>)> {
             with("missing", "back", "color", json!("nowhere.png")),
             vec!["nowhere.png", "check the path"],
         ),
-        (
-            with("torn", "front", "color", json!("torn.png")),
-            vec!["torn.png", "fetch it again"],
-        ),
+        (with("torn", "front", "color", json!("torn.png")), vec!["torn.png", "fetch it again"]),
         (
             with("empty", "front", "color", json!("empty.png")),
             vec!["empty.png", "is empty", "fetch it again"],
@@ -67,21 +64,13 @@ fn bad_scenes(folder: &Path) -> Vec<(Value, Vec<&'static str>)> {
         ),
         (
             with("mask", "front", "mask", json!("small_mask.npy")),
-            vec![
-                "small_mask.npy",
-                "32x24",
-                "64x48",
-                "give a mask of the depth's size",
-            ],
+            vec!["small_mask.npy", "32x24", "64x48", "give a mask of the depth's size"],
         ),
         (
             without_mask("near", "back", "near_depth.npy"),
             vec!["b.png", "nearer than the pane", "move the pane nearer"],
         ),
-        (
-            with("grazing", "glass", "tilt_deg", json!([0.0, 80.0])),
-            vec!["a.png", "85", "tilt"],
-        ),
+        (with("grazing", "glass", "tilt_deg", json!([0.0, 80.0])), vec!["a.png", "85", "tilt"]),
         (
             with("radiance", "front", "color", json!("nan.npy")),
             vec!["nan.npy", "NaN", "column 1, row 1", "repair the file"],
@@ -104,10 +93,7 @@ fn bad_scenes_are_set_aside_and_good_ones_done() {
     damage(folder.path(), true);
     let ended = run(&["run", text(&manifest), "--out", text(&out), "--json"]).expect(3);
     assert_eq!(ended.json()["merged"], 1);
-    assert_eq!(
-        ended.json()["quarantined"].as_array().unwrap().len(),
-        bad.len()
-    );
+    assert_eq!(ended.json()["quarantined"].as_array().unwrap().len(), bad.len());
     assert_eq!(files(&out.join("tuples/good")).len(), 6);
     for (line, words) in &bad {
         let id = line["id"].as_str().unwrap();
@@ -120,11 +106,7 @@ fn bad_scenes_are_set_aside_and_good_ones_done() {
     }
 
     // Asked again: the same answer, nothing tried. A file that has come back does not matter yet.
-    std::fs::copy(
-        folder.path().join("b.png"),
-        folder.path().join("nowhere.png"),
-    )
-    .unwrap();
+    std::fs::copy(folder.path().join("b.png"), folder.path().join("nowhere.png")).unwrap();
     let status = run(&["status", text(&out), "--json"]).expect(3).json();
     assert_eq!(status["merged"], 1);
     assert_eq!(status["finished"], true);

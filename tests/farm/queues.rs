@@ -12,13 +12,7 @@ const LEASE: Duration = Duration::from_millis(700);
 const SCENES: usize = 10;
 
 fn message(scene: u32, start: u32, end: u32, hops: u32) -> Message {
-    Message {
-        task: Task {
-            scene,
-            shards: start..end,
-        },
-        hops,
-    }
+    Message { task: Task { scene, shards: start..end }, hops }
 }
 
 #[track_caller]
@@ -127,10 +121,7 @@ fn a_busy_worker_is_requested_to_donate() {
     both(|_, idle, busy| {
         assert_eq!(idle.request(None).tasks, 0, "nobody has anything");
         busy.accept_requests(true);
-        let answer = Answer {
-            tasks: 3,
-            load_s: Some(0.5),
-        };
+        let answer = Answer { tasks: 3, load_s: Some(0.5) };
         let answered = std::thread::scope(|scope| {
             let answering = scope.spawn(|| {
                 let start = Instant::now();

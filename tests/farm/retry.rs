@@ -23,17 +23,12 @@ fn a_repaired_scene_is_made() {
     std::fs::copy(folder.path().join("b.png"), &late).unwrap();
     run(&["plan", text(&manifest), "--out", out]).expect(0);
     std::fs::remove_file(&late).unwrap();
-    run(&["run", text(&manifest), "--out", out])
-        .expect(3)
-        .says(&["late.png"]);
+    run(&["run", text(&manifest), "--out", out]).expect(3).says(&["late.png"]);
 
     let refused = run(&["retry", out, "bad", "good", "ugly", "--json"]).expect(2);
     let error = refused.json()["error"].as_str().unwrap().to_owned();
-    for part in [
-        "good is not in quarantine: it is done",
-        "ugly is no scene",
-        "nothing was changed",
-    ] {
+    for part in ["good is not in quarantine: it is done", "ugly is no scene", "nothing was changed"]
+    {
         assert!(error.contains(part), "{error}");
     }
     let would = run(&["retry", out, "bad", "-n", "--json"]).expect(0).json();
@@ -59,20 +54,13 @@ fn a_coordinator_notices_and_a_finished_farm_starts_again() {
         let attempts = place.run.join("attempts").join(scene);
         std::fs::create_dir_all(place.run.join("quarantine")).unwrap();
         std::fs::create_dir_all(&attempts).unwrap();
-        std::fs::write(
-            place.run.join(format!("quarantine/{scene}.json")),
-            record.to_string(),
-        )
-        .unwrap();
+        std::fs::write(place.run.join(format!("quarantine/{scene}.json")), record.to_string())
+            .unwrap();
         std::fs::write(attempts.join("0-384.1.json"), b"{}").unwrap();
     };
     quarantine("train-sample-000000");
     quarantine("test-sample-000000");
-    let retry = |scene: &str| {
-        run(&["retry", text(&place.run), scene, "--json"])
-            .expect(0)
-            .json()
-    };
+    let retry = |scene: &str| run(&["retry", text(&place.run), scene, "--json"]).expect(0).json();
     let first = coordinator(&place, &server);
     let working = worker(&place, &server);
     wait_for("a result", || results(&place.run) > 0);
@@ -80,10 +68,7 @@ fn a_coordinator_notices_and_a_finished_farm_starts_again() {
     assert_eq!(done["attempts_removed"], 1);
     assert_eq!(done["was_finished"], false);
     let ended = end(first).expect(3).json();
-    assert_eq!(
-        (&ended["done"], &ended["quarantined"]),
-        (&(SCENES - 1).into(), &1.into())
-    );
+    assert_eq!((&ended["done"], &ended["quarantined"]), (&(SCENES - 1).into(), &1.into()));
     end(working).expect(0);
 
     // The run is over, and is taken up again.

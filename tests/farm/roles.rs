@@ -59,20 +59,11 @@ fn a_wrong_key_or_authority_is_told() {
         }
         assert!(!line.contains(seed.trim()), "{line}");
     };
-    let (ca, key) = (
-        server.key("worker", "ca.pem"),
-        server.key("observer", "nkey"),
-    );
+    let (ca, key) = (server.key("worker", "ca.pem"), server.key("observer", "nkey"));
     // Not the authority that signed the server.
-    says(
-        &["--queue-nkey", text(&key)],
-        &["waiting for the queue", "certificate"],
-    );
+    says(&["--queue-nkey", text(&key)], &["waiting for the queue", "certificate"]);
     // No key at all.
-    says(
-        &["--queue-ca", text(&ca)],
-        &["waiting for the queue", "authorization"],
-    );
+    says(&["--queue-ca", text(&ca)], &["waiting for the queue", "authorization"]);
 }
 
 /// Publishes to each subject as a role, and tells which of them the server refused.
@@ -98,10 +89,7 @@ fn refused(server: &SecureNats, role: &str, subjects: &[&str]) -> Vec<String> {
             .await
             .unwrap();
         for subject in subjects.iter().chain([&marker]) {
-            client
-                .publish((*subject).to_owned(), "".into())
-                .await
-                .unwrap();
+            client.publish((*subject).to_owned(), "".into()).await.unwrap();
         }
         client.flush().await.unwrap();
         // The server answers in order: when it has refused the marker, it has judged all others.
@@ -111,12 +99,7 @@ fn refused(server: &SecureNats, role: &str, subjects: &[&str]) -> Vec<String> {
             tokio::time::sleep(Duration::from_millis(10)).await;
         }
     });
-    let seen: Vec<String> = seen
-        .lock()
-        .unwrap()
-        .iter()
-        .map(|e| e.to_lowercase())
-        .collect();
+    let seen: Vec<String> = seen.lock().unwrap().iter().map(|e| e.to_lowercase()).collect();
     let is_refused = |subject: &&&str| {
         let words = format!("publish to \"{}\"", subject.to_lowercase());
         seen.iter().any(|event| event.contains(&words))
@@ -148,10 +131,8 @@ fn a_role_can_do_what_it_must_and_no_more() {
         "glasshouse.00112233.span.0.0-4.0".to_owned(),
         "glasshouse.00112233.give".to_owned(),
     ];
-    let looking = [
-        format!("$JS.API.STREAM.INFO.{stream}"),
-        format!("$JS.API.CONSUMER.INFO.{stream}.work"),
-    ];
+    let looking =
+        [format!("$JS.API.STREAM.INFO.{stream}"), format!("$JS.API.CONSUMER.INFO.{stream}.work")];
     let foreign = [
         "elsewhere.span".to_owned(),
         "$SYS.REQ.SERVER.PING".to_owned(),

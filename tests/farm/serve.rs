@@ -74,10 +74,7 @@ fn every_route_answers() {
     for answer in answers {
         assert_eq!(answer.headers["x-content-type-options"], "nosniff");
         assert_eq!(answer.headers["referrer-policy"], "no-referrer");
-        assert_eq!(
-            answer.headers["cross-origin-resource-policy"],
-            "same-origin"
-        );
+        assert_eq!(answer.headers["cross-origin-resource-policy"], "same-origin");
         let policy = &answer.headers["content-security-policy"];
         assert!(policy.contains("default-src 'none'") && policy.contains("frame-ancestors 'none'"));
     }
@@ -95,12 +92,7 @@ fn pictures_have_names_and_nothing_else_is_reached() {
         assert!(picture.headers["cache-control"].contains("max-age="));
         assert_eq!(picture.body, png(layer));
         let known = format!("If-None-Match: {}\r\n", picture.headers["etag"]);
-        assert!(
-            request(at, "GET", &path, &known)
-                .expect(304)
-                .body
-                .is_empty()
-        );
+        assert!(request(at, "GET", &path, &known).expect(304).body.is_empty());
         request(at, "GET", &path, "If-None-Match: \"other\"\r\n").expect(200);
     }
     get(at, "/thumbnails/train-2/input.png").expect(404);
@@ -136,19 +128,10 @@ fn without_a_token_it_only_shows() {
     let server = start(&run, None);
     let at = server.address();
     let given = format!("Authorization: Bearer {TOKEN}\r\n");
-    for path in [
-        "/api/pause",
-        "/api/resume",
-        "/api/cancel",
-        "/api/retry/train-5",
-    ] {
+    for path in ["/api/pause", "/api/resume", "/api/cancel", "/api/retry/train-5"] {
         for headers in ["", &given, "Authorization: Bearer \r\n"] {
             let refused = request(at, "POST", path, headers).expect(403);
-            assert!(
-                refused
-                    .text()
-                    .contains("start the coordinator with a token")
-            );
+            assert!(refused.text().contains("start the coordinator with a token"));
         }
     }
     assert!(run.acted.lock().unwrap().is_empty());
@@ -182,12 +165,7 @@ fn the_token_acts_and_nothing_else_does() {
     }
     assert!(run.acted.lock().unwrap().is_empty());
     let given = format!("Authorization: Bearer {TOKEN}\r\n");
-    for path in [
-        "/api/pause",
-        "/api/resume",
-        "/api/retry/train-5",
-        "/api/cancel",
-    ] {
+    for path in ["/api/pause", "/api/resume", "/api/retry/train-5", "/api/cancel"] {
         request(at, "POST", path, &given).expect(200);
     }
     for bad in ["..%2f", "a.b", "%00", "a%2fb", "x%20y"] {
@@ -195,10 +173,7 @@ fn the_token_acts_and_nothing_else_does() {
     }
     let acted = std::mem::take(&mut *run.acted.lock().unwrap());
     let retry = Action::Retry(id("train-5"));
-    assert_eq!(
-        acted,
-        [Action::Pause, Action::Resume, retry, Action::Cancel]
-    );
+    assert_eq!(acted, [Action::Pause, Action::Resume, retry, Action::Cancel]);
     run.refuses.store(true, Ordering::Relaxed);
     let refused = request(at, "POST", "/api/pause", &given).expect(409);
     assert_eq!(refused.text(), "the run is finished\n");
@@ -215,10 +190,7 @@ fn a_strangers_name_for_this_machine_is_refused() {
     let at = server.address();
     let port = at.port();
     let ask = |first: &str, hosts: &str| {
-        send(
-            at,
-            &format!("GET {first} HTTP/1.1\r\n{hosts}Connection: close\r\n\r\n"),
-        )
+        send(at, &format!("GET {first} HTTP/1.1\r\n{hosts}Connection: close\r\n\r\n"))
     };
     for host in [
         format!("localhost:{port}"),
@@ -245,11 +217,7 @@ fn a_strangers_name_for_this_machine_is_refused() {
     ] {
         for path in ["/", "/api/view", "/metrics", "/healthz", "/nothing"] {
             let refused = ask(path, &format!("Host: {host}\r\n"));
-            assert!(
-                matches!(refused.status, 400 | 403),
-                "{host}: {}",
-                refused.status
-            );
+            assert!(matches!(refused.status, 400 | 403), "{host}: {}", refused.status);
             assert!(!refused.text().contains("paper"));
         }
     }
@@ -306,11 +274,7 @@ fn a_large_farm_has_a_small_page_with_the_worst_first() {
         let mut view = run.view.lock().unwrap();
         view.workers = (0..500)
             .map(|n| {
-                let state = if n % 250 == 77 {
-                    WorkerState::Silent
-                } else {
-                    WorkerState::Working
-                };
+                let state = if n % 250 == 77 { WorkerState::Silent } else { WorkerState::Working };
                 worker(&format!("w{n:03}"), state, f64::from(n))
             })
             .collect();

@@ -5,9 +5,7 @@ use crate::support::browser::browse;
 use std::sync::atomic::Ordering;
 
 fn between<'a>(text: &'a str, before: &str, after: &str) -> &'a str {
-    let (_, rest) = text
-        .split_once(before)
-        .unwrap_or_else(|| panic!("no {before} in {text}"));
+    let (_, rest) = text.split_once(before).unwrap_or_else(|| panic!("no {before} in {text}"));
     rest.split_once(after).unwrap().0
 }
 
@@ -27,23 +25,14 @@ fn the_script_puts_new_numbers_into_the_page() {
         return;
     };
     let dom = browsed.dom;
-    let done: u64 = between(&dom, "<b id=\"done\">", "<")
-        .replace(',', "")
-        .parse()
-        .unwrap();
+    let done: u64 = between(&dom, "<b id=\"done\">", "<").replace(',', "").parse().unwrap();
     assert!(done > 1235, "{done}: {dom}");
     assert!(dom.contains("of 5,000 scenes"));
     // The whole page follows, and what was hostile never ran, neither when loaded nor when refreshed.
     let title = between(&dom, "<title>", "<");
-    assert!(
-        title.contains("paper") && !title.contains("pwned"),
-        "{title}"
-    );
+    assert!(title.contains("paper") && !title.contains("pwned"), "{title}");
     assert!(!dom.contains("<img src=\"x\""));
-    assert!(
-        between(&dom, "<div id=\"note\"", ">").contains("hidden"),
-        "{dom}"
-    );
+    assert!(between(&dom, "<div id=\"note\"", ">").contains("hidden"), "{dom}");
     assert_eq!(dom.matches("data-key=\"train-1\"").count(), 1);
     // The pictures were asked for and kept: four, though the page was refreshed.
     assert_eq!(run.pictures_asked(), 4);

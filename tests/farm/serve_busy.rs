@@ -20,9 +20,7 @@ fn the_slow_block_nobody() {
         stream
     };
     // Heads that do not end, bodies that do not come, answers that are not read.
-    let mut slow: Vec<TcpStream> = (0..40)
-        .map(|_| half("GET / HTTP/1.1\r\nHost: loc"))
-        .collect();
+    let mut slow: Vec<TcpStream> = (0..40).map(|_| half("GET / HTTP/1.1\r\nHost: loc")).collect();
     let unread = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n".repeat(50);
     slow.extend((0..10).map(|_| half(&unread)));
     // A store that hangs, and more pictures asked for than can be waited for at a time.
@@ -34,11 +32,7 @@ fn the_slow_block_nobody() {
     for path in ["/", "/api/view", "/metrics", "/healthz"] {
         get(at, path).expect(200);
     }
-    assert!(
-        begun.elapsed() < Duration::from_secs(8),
-        "{:?}",
-        begun.elapsed()
-    );
+    assert!(begun.elapsed() < Duration::from_secs(8), "{:?}", begun.elapsed());
     // A head that does not come is not waited for.
     let limit = Some(Duration::from_secs(30));
     slow[0].set_read_timeout(limit).unwrap();
@@ -69,8 +63,7 @@ fn dropping_it_closes_the_port_and_the_connections() {
     let at = server.address();
     assert_ne!(at.port(), 0);
     let mut open = TcpStream::connect(at).unwrap();
-    open.write_all(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n")
-        .unwrap();
+    open.write_all(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
     let mut first = [0; 12];
     open.read_exact(&mut first).unwrap();
     assert_eq!(&first, b"HTTP/1.1 200");
@@ -82,11 +75,7 @@ fn dropping_it_closes_the_port_and_the_connections() {
     wait_for("a call of the source", || run.pictures_asked() > 0);
     let begun = Instant::now();
     drop(server);
-    assert!(
-        begun.elapsed() < Duration::from_secs(5),
-        "{:?}",
-        begun.elapsed()
-    );
+    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
     assert!(TcpStream::connect(at).is_err());
     open.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
     // The rest of the answer, then the end.

@@ -9,10 +9,8 @@ type Sample = (String, BTreeMap<String, String>, f64);
 
 /// Reads a line by the format's own rules.
 fn sample(line: &str) -> Sample {
-    let name: String = line
-        .chars()
-        .take_while(|c| c.is_ascii_alphanumeric() || *c == '_')
-        .collect();
+    let name: String =
+        line.chars().take_while(|c| c.is_ascii_alphanumeric() || *c == '_').collect();
     let mut rest = &line[name.len()..];
     let mut labels = BTreeMap::new();
     if let Some(inside) = rest.strip_prefix('{') {
@@ -20,10 +18,7 @@ fn sample(line: &str) -> Sample {
         loop {
             let (key, value) = rest.split_once("=\"").unwrap();
             let key = key.trim_start_matches(',');
-            assert!(
-                key.bytes().all(|b| b.is_ascii_lowercase() || b == b'_'),
-                "{line}"
-            );
+            assert!(key.bytes().all(|b| b.is_ascii_lowercase() || b == b'_'), "{line}");
             let (mut text, mut at) = (String::new(), value.char_indices());
             let end = loop {
                 match at.next().unwrap() {
@@ -58,18 +53,13 @@ fn metrics_follow_the_text_format() {
         view.workers[0].version = "\\".to_owned();
         view.workers[1].last_progress_s = f64::NAN;
         // The same name and host a second time, as after a restart.
-        view.workers
-            .push(worker("three", WorkerState::Silent, 99.0));
-        view.workers
-            .push(worker("three", WorkerState::Working, 1.5));
+        view.workers.push(worker("three", WorkerState::Silent, 99.0));
+        view.workers.push(worker("three", WorkerState::Working, 1.5));
         view.eta_s = None;
     }
     let server = start(&run, None);
     let answer = get(server.address(), "/metrics").expect(200);
-    assert_eq!(
-        answer.headers["content-type"],
-        "text/plain; version=0.0.4; charset=utf-8"
-    );
+    assert_eq!(answer.headers["content-type"], "text/plain; version=0.0.4; charset=utf-8");
     let (mut help, mut kind) = (BTreeSet::new(), BTreeMap::new());
     let mut samples: Vec<Sample> = Vec::new();
     assert!(answer.text().ends_with('\n'));

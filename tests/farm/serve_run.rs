@@ -71,9 +71,7 @@ pub(crate) fn png(layer: &str) -> Vec<u8> {
     let value = layer.len() as u8;
     let picture = image::RgbImage::from_pixel(4, 3, image::Rgb([value, 128, 255 - value]));
     let mut bytes = std::io::Cursor::new(Vec::new());
-    picture
-        .write_to(&mut bytes, image::ImageFormat::Png)
-        .unwrap();
+    picture.write_to(&mut bytes, image::ImageFormat::Png).unwrap();
     bytes.into_inner()
 }
 
@@ -114,14 +112,8 @@ pub(crate) fn run() -> Arc<Run> {
         run: "0123abcd".to_owned(),
         version: "0.1.0".to_owned(),
         state: RunState::Running,
-        scenes: Count {
-            done: 1234,
-            total: 5000,
-        },
-        shards: Count {
-            done: 20_000,
-            total: 80_000,
-        },
+        scenes: Count { done: 1234, total: 5000 },
+        shards: Count { done: 20_000, total: 80_000 },
         quarantined: 1,
         rate_scenes_per_s: Some(0.5),
         eta_s: Some(7532.0),
@@ -190,9 +182,7 @@ pub(crate) fn send(address: SocketAddr, request: &str) -> Answer {
     let headers = lines.lines().map(|line| line.split_once(": ").unwrap());
     Answer {
         status: first.split(' ').nth(1).unwrap().parse().unwrap(),
-        headers: headers
-            .map(|(key, value)| (key.to_ascii_lowercase(), value.to_owned()))
-            .collect(),
+        headers: headers.map(|(key, value)| (key.to_ascii_lowercase(), value.to_owned())).collect(),
         body: bytes[end + 4..].to_vec(),
     }
 }

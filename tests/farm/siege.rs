@@ -123,10 +123,8 @@ impl Siege {
         let place = place();
         let recipe = std::fs::read_to_string(&place.recipe).unwrap();
         let recipe = recipe.replace("spp = 256", &format!("spp = {}", RANGE_SPP * size.ranges));
-        let recipe = recipe.replace(
-            "{ sample = 3 }",
-            &format!("{{ sample = {} }}", size.scenes - 1),
-        );
+        let recipe =
+            recipe.replace("{ sample = 3 }", &format!("{{ sample = {} }}", size.scenes - 1));
         std::fs::write(&place.recipe, recipe).unwrap();
         place.plan();
         let bucket = in_bucket.then(|| S3Server::start(seed));
@@ -198,11 +196,7 @@ impl Siege {
     /// In a bucket each worker has a folder of its own.
     fn work(&self, name: &str, faults: &[&str]) -> Child {
         let own = self.place.folder.path().join(name);
-        let run = if self.bucket.is_some() {
-            &own
-        } else {
-            &self.place.run
-        };
+        let run = if self.bucket.is_some() { &own } else { &self.place.run };
         let mut more = vec!["-j", "1", "--name", name, "--hang-s"];
         // A bucket that fails takes its time.
         more.push(if self.bucket.is_some() { "8" } else { "3" });
@@ -259,8 +253,7 @@ impl Siege {
             let known = ["hangs", "leaves the rest to others"];
             assert!(known.iter().any(|k| ended.stderr.contains(k)), "{ended:#?}");
         }
-        self.ends
-            .push(format!("{}: {:?}", name(number), ended.code));
+        self.ends.push(format!("{}: {:?}", name(number), ended.code));
     }
 
     /// Shards whose results are there.
@@ -320,10 +313,7 @@ impl Siege {
                 let start = self.draw(self.size.shards()) as u32;
                 let length = 1 + self.draw(self.size.shards() - start as usize) as u32;
                 let shards = start..start + length;
-                Message {
-                    task: Task { scene, shards },
-                    hops: 5 + self.draw(9) as u32,
-                }
+                Message { task: Task { scene, shards }, hops: 5 + self.draw(9) as u32 }
             })
             .collect();
         let poison = run.lines.iter().position(|line| line.id.as_str() == POISON);
@@ -413,9 +403,7 @@ fn hold(size: Size, in_bucket: bool) {
     let folder = siege.place.run.clone();
     let folder = text(&folder);
     // Whatever is wrong is found, and the liar is named.
-    let audited = siege
-        .command(&["audit", folder, "--share", "1", "--json"])
-        .json();
+    let audited = siege.command(&["audit", folder, "--share", "1", "--json"]).json();
     assert_eq!(audited["not_compared"], 0);
     let mut wrong: BTreeSet<String> = quarantined;
     for scene in audited["scenes"].as_array().unwrap() {

@@ -27,20 +27,13 @@ fn scenes_change_their_state_with_the_objects_of_the_store() {
     let attempt = keys::attempt(id(2), [0, 24], 1);
     store.create(&attempt, b"{}").unwrap();
     // No tuple of this run: its record is another one's.
-    store
-        .create(&keys::tuple(id(2), "tuple.json"), b"{}")
-        .unwrap();
+    store.create(&keys::tuple(id(2), "tuple.json"), b"{}").unwrap();
     QuarantineRecord::put(&store, id(3), "no depth").unwrap();
     all.refresh(&planned, &store).unwrap();
     let states = [0, 1, 2, 3].map(|scene| all.scene(scene));
     assert_eq!(
         states,
-        [
-            SceneState::Complete,
-            SceneState::Begun,
-            SceneState::Begun,
-            SceneState::Quarantined
-        ]
+        [SceneState::Complete, SceneState::Begun, SceneState::Begun, SceneState::Quarantined]
     );
     let status = all.status();
     let counts = &status.counts;

@@ -11,16 +11,11 @@ use serde_json::Value;
 fn a_watch_ends_with_its_run() {
     let place = slow_place();
     let folder = text(&place.run);
-    let lines = command(&["status", folder, "--watch", "0.2", "--json"])
-        .spawn()
-        .unwrap();
+    let lines = command(&["status", folder, "--watch", "0.2", "--json"]).spawn().unwrap();
     let plain = command(&["status", folder, "--watch=0.2"]).spawn().unwrap();
     run(&["work", folder, "-q"]).expect(0);
     let lines = end(lines).expect(0).stdout;
-    let looks: Vec<Value> = lines
-        .lines()
-        .map(|l| serde_json::from_str(l).unwrap())
-        .collect();
+    let looks: Vec<Value> = lines.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
     assert!(looks.len() > 3, "{lines}");
     for pair in looks.windows(2) {
         let done = |look: &Value| look["shards_done"].as_u64().unwrap();
@@ -29,25 +24,12 @@ fn a_watch_ends_with_its_run() {
         assert_eq!(pair[0]["finished"], false);
     }
     let last = &looks[looks.len() - 1];
-    assert_eq!(
-        (&last["finished"], &last["merged"]),
-        (&true.into(), &SCENES.into())
-    );
+    assert_eq!((&last["finished"], &last["merged"]), (&true.into(), &SCENES.into()));
     assert!(looks.iter().any(|look| look["eta_s"].as_f64().is_some()));
     let plain = end(plain).expect(0).stdout;
     // No terminal: a line a look, then the whole.
-    assert!(
-        plain
-            .lines()
-            .filter(|l| l.contains("small: running"))
-            .count()
-            > 3,
-        "{plain}"
-    );
-    assert!(
-        plain.contains("small: finished, 4 of 4 scenes (100.0 %)"),
-        "{plain}"
-    );
+    assert!(plain.lines().filter(|l| l.contains("small: running")).count() > 3, "{plain}");
+    assert!(plain.contains("small: finished, 4 of 4 scenes (100.0 %)"), "{plain}");
     assert!(!plain.contains('\x1b'));
 }
 
@@ -55,9 +37,7 @@ fn a_watch_ends_with_its_run() {
 fn a_watch_ends_with_a_signal_and_with_a_cancelled_run() {
     let place = slow_place();
     let folder = text(&place.run);
-    let mut watch = command(&["status", folder, "--watch", "30"])
-        .spawn()
-        .unwrap();
+    let mut watch = command(&["status", folder, "--watch", "30"]).spawn().unwrap();
     std::thread::sleep(std::time::Duration::from_millis(500));
     assert!(watch.try_wait().unwrap().is_none());
     send(&watch, "INT");
@@ -65,9 +45,7 @@ fn a_watch_ends_with_a_signal_and_with_a_cancelled_run() {
     run(&["cancel", folder]).expect(0);
     let ended = run(&["status", folder, "--watch", "--json"]).expect(3);
     assert_eq!(ended.json()["state"], "cancelled");
-    run(&["status", "--watch", folder])
-        .expect(2)
-        .says(&["--watch"]);
+    run(&["status", "--watch", folder]).expect(2).says(&["--watch"]);
 }
 
 /// A machine that has nothing but the store's address sees the run, and may tell it something.
@@ -79,9 +57,7 @@ fn a_store_is_enough() {
     let store_text = text(&store);
     let elsewhere = place.folder.path().join("elsewhere");
     let here = text(&elsewhere);
-    run(&["status", here, "--store", store_text])
-        .expect(75)
-        .says(&["holds no run yet"]);
+    run(&["status", here, "--store", store_text]).expect(75).says(&["holds no run yet"]);
     let coordinator = start("coordinate", &place, &server, &["--store", store_text]);
     wait_for("a run in the store", || store.join("spec.json").exists());
     let url = server.url();
@@ -89,29 +65,17 @@ fn a_store_is_enough() {
         let arguments = [&["status", here, "--store", store_text, "--json"], more].concat();
         run(&arguments).expect(0).json()
     };
-    wait_for("a full queue", || {
-        look(&["--queue", &url])["queue"]["spans_waiting"] == SCENES
-    });
-    let worker = start(
-        "work",
-        &place,
-        &server,
-        &["-j", "1", "--store", store_text, "--name", "one"],
-    );
-    wait_for("a held span", || {
-        look(&["--queue", &url])["queue"]["spans_held"] != 0
-    });
+    wait_for("a full queue", || look(&["--queue", &url])["queue"]["spans_waiting"] == SCENES);
+    let worker =
+        start("work", &place, &server, &["-j", "1", "--store", store_text, "--name", "one"]);
+    wait_for("a held span", || look(&["--queue", &url])["queue"]["spans_held"] != 0);
     run(&["cancel", here, "--store", store_text]).expect(0);
     end(coordinator).expect(3);
     end(worker).expect(3);
     run(&["resume", here, "--store", store_text]).expect(0);
     let coordinator = start("coordinate", &place, &server, &["--store", store_text]);
-    let worker = start(
-        "work",
-        &place,
-        &server,
-        &["-j", "1", "--store", store_text, "--name", "one"],
-    );
+    let worker =
+        start("work", &place, &server, &["-j", "1", "--store", store_text, "--name", "one"]);
     all_done(coordinator, [worker]);
     let over = look(&[]);
     assert_eq!(over["state"], "finished");
@@ -120,15 +84,9 @@ fn a_store_is_enough() {
         (&"one".into(), &SCENES.into())
     );
     // Without a server there is still the store.
-    let lost = run(&[
-        "status",
-        text(&place.run),
-        "--queue",
-        "nats://127.0.0.1:1",
-        "--json",
-    ])
-    .expect(0)
-    .json();
+    let lost = run(&["status", text(&place.run), "--queue", "nats://127.0.0.1:1", "--json"])
+        .expect(0)
+        .json();
     assert!(lost["queue"]["reason"].is_string(), "{lost}");
     assert_eq!(lost["merged"], 0);
 
@@ -136,9 +94,7 @@ fn a_store_is_enough() {
     let other = self::place();
     other.plan();
     for verb in ["status", "pause", "resume", "cancel"] {
-        run(&[verb, text(&other.run), "--store", store_text])
-            .expect(5)
-            .says(&["another run"]);
+        run(&[verb, text(&other.run), "--store", store_text]).expect(5).says(&["another run"]);
     }
 }
 
@@ -147,12 +103,7 @@ fn a_person_reads_it_at_a_glance() {
     let place = place();
     run(&place.arguments("run", &["-q"])).expect(0);
     let words = run(&["status", text(&place.run)]).expect(0).stdout;
-    for part in [
-        "small: finished, 4 of 4 scenes",
-        "[====",
-        "shards      96 of 96",
-        "last tuple",
-    ] {
+    for part in ["small: finished, 4 of 4 scenes", "[====", "shards      96 of 96", "last tuple"] {
         assert!(words.contains(part), "no {part:?} in {words}");
     }
 }

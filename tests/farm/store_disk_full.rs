@@ -43,9 +43,8 @@ cp -r "$disk/run" "$out/run"
 
 /// None, with a line that says so, where such a namespace is not to be had.
 fn fill_and_make_room(queue: &str) -> Option<(tempfile::TempDir, Ended)> {
-    let may = Command::new("unshare")
-        .args(["-Urm", "sh", "-c", "mount -t tmpfs tmpfs /mnt"])
-        .output();
+    let may =
+        Command::new("unshare").args(["-Urm", "sh", "-c", "mount -t tmpfs tmpfs /mnt"]).output();
     if !may.is_ok_and(|ended| ended.status.success()) {
         eprintln!("skipped: no mount namespace of one's own here (unshare -Urm)");
         return None;

@@ -31,9 +31,7 @@ fn start(verb: &str, run: &Path, queue: &Nats, bucket: &S3Server, more: &[&str])
 fn coordinator(place: &Place, queue: &Nats, bucket: &S3Server) -> Child {
     let child = start("coordinate", &place.run, queue, bucket, &[]);
     let store = bucket.store(PREFIX);
-    wait_for("the run's rules", || {
-        store.get("spec.json").unwrap().is_some()
-    });
+    wait_for("the run's rules", || store.get("spec.json").unwrap().is_some());
     child
 }
 
@@ -80,10 +78,7 @@ fn workers_need_nothing_but_the_bucket() {
         end(worker).expect(0);
     }
     let store = bucket.store(PREFIX);
-    assert_same(
-        &fetched(&store, &place.folder.path().join("found")),
-        reference(),
-    );
+    assert_same(&fetched(&store, &place.folder.path().join("found")), reference());
     assert_finished(&store);
     // Nothing was written beside the rules and the cache, and not to the coordinator's folder.
     assert!(!place.run.join("tuples").exists());
@@ -106,10 +101,8 @@ fn eight_workers_with_everything_failing_make_what_one_process_makes() {
     let store = bucket.store(PREFIX);
     let mut first = coordinator(&place, &queue, &bucket);
     let names = ["a", "b", "c", "d", "e", "f", "g", "h"];
-    let mut workers: Vec<Child> = names
-        .iter()
-        .map(|name| worker(&place, name, &queue, &bucket, &[]))
-        .collect();
+    let mut workers: Vec<Child> =
+        names.iter().map(|name| worker(&place, name, &queue, &bucket, &[])).collect();
     wait_for("a result", || results(&store) > 6);
     for (victim, name) in workers.iter_mut().zip(names).take(4) {
         victim.kill().unwrap();
@@ -127,19 +120,12 @@ fn eight_workers_with_everything_failing_make_what_one_process_makes() {
     std::thread::sleep(Duration::from_secs(3));
     bucket.faults.set_away(false);
     all_done(second, workers);
-    let happened = bucket
-        .faults
-        .happened
-        .iter()
-        .map(|n| n.load(Ordering::SeqCst));
+    let happened = bucket.faults.happened.iter().map(|n| n.load(Ordering::SeqCst));
     let happened: Vec<u64> = happened.collect();
     eprintln!("faults of the store by kind: {happened:?}");
     assert!(happened.iter().all(|n| *n > 0), "{happened:?}");
     bucket.faults.set(0);
-    assert_same(
-        &fetched(&store, &place.folder.path().join("found")),
-        alone(&place),
-    );
+    assert_same(&fetched(&store, &place.folder.path().join("found")), alone(&place));
     assert_finished(&store);
 }
 
@@ -151,15 +137,11 @@ fn a_worker_without_its_store_ends_with_75_and_costs_no_scene() {
     let store = bucket.store(PREFIX);
     let patience = ["--store-patience-s", "1"];
     let mut coordinator = start("coordinate", &place.run, &queue, &bucket, &patience);
-    wait_for("the run's rules", || {
-        store.get("spec.json").unwrap().is_some()
-    });
+    wait_for("the run's rules", || store.get("spec.json").unwrap().is_some());
     let leaving = worker(&place, "a", &queue, &bucket, &patience);
     wait_for("a result", || results(&store) > 2);
     bucket.faults.set_away(true);
-    end(leaving)
-        .expect(75)
-        .says(&["cannot", "in s3://bucket/runs/mine"]);
+    end(leaving).expect(75).says(&["cannot", "in s3://bucket/runs/mine"]);
     // The coordinator waits for it.
     std::thread::sleep(Duration::from_secs(5));
     assert!(coordinator.try_wait().unwrap().is_none());
@@ -167,10 +149,7 @@ fn a_worker_without_its_store_ends_with_75_and_costs_no_scene() {
     let heir = worker(&place, "b", &queue, &bucket, &patience);
     end(coordinator).expect(0).says(&["waiting for the store"]);
     end(heir).expect(0);
-    assert_same(
-        &fetched(&store, &place.folder.path().join("found")),
-        alone(&place),
-    );
+    assert_same(&fetched(&store, &place.folder.path().join("found")), alone(&place));
     assert_finished(&store);
 }
 
@@ -197,13 +176,8 @@ fn partials_in_a_bucket_are_merged_without_a_queue() {
     }
     let elsewhere = place.folder.path().join("elsewhere");
     let merge = || {
-        let mut command = command(&[
-            "merge",
-            text(&elsewhere),
-            "--store",
-            "s3://bucket/runs/mine",
-            "--json",
-        ]);
+        let mut command =
+            command(&["merge", text(&elsewhere), "--store", "s3://bucket/runs/mine", "--json"]);
         bucket.tell(&mut command);
         Ended::from(command.output().unwrap()).expect(3).json()
     };

@@ -66,8 +66,7 @@ impl Both {
     fn plan(&self, run: &Path, root: &str) {
         let recipe = self.path("bucket.toml");
         let root = format!("diode={root}");
-        self.run(&["plan", text(&recipe), "--out", text(run), "--root", &root])
-            .expect(0);
+        self.run(&["plan", text(&recipe), "--out", text(run), "--root", &root]).expect(0);
     }
 }
 
@@ -92,27 +91,14 @@ fn a_bucket_of_photographs_makes_the_same_tuples_as_a_folder() {
     std::fs::write(&file, bytes).unwrap();
     std::fs::remove_dir_all(there.join("tuples")).unwrap();
     let cache = there.join("cache");
-    let arguments = [
-        "work",
-        text(&there),
-        "--cache",
-        text(&cache),
-        "--root",
-        "diode=s3://bucket/diode/",
-    ];
+    let arguments =
+        ["work", text(&there), "--cache", text(&cache), "--root", "diode=s3://bucket/diode/"];
     both.run(&arguments).expect(0);
     assert_same(&tuples(&there), &tuples(&here));
     // A tuple says where its scene's photographs were: it can be rendered again from there.
-    let id = tuples(&there)
-        .keys()
-        .next()
-        .unwrap()
-        .parent()
-        .unwrap()
-        .to_owned();
+    let id = tuples(&there).keys().next().unwrap().parent().unwrap().to_owned();
     let record = there.join("tuples").join(id).join("tuple.json");
-    both.run(&["render", text(&record), "--out", text(&both.path("again"))])
-        .expect(0);
+    both.run(&["render", text(&record), "--out", text(&both.path("again"))]).expect(0);
 }
 
 #[test]
@@ -133,10 +119,7 @@ fn a_photograph_that_is_gone_costs_its_scenes_and_a_bucket_that_is_away_none() {
     both.bucket.faults.set_away(false);
     let color = opened.lines[0].front.name().to_owned();
     let key = color.replace(':', "/");
-    both.bucket
-        .store("")
-        .delete(std::slice::from_ref(&key))
-        .unwrap();
+    both.bucket.store("").delete(std::slice::from_ref(&key)).unwrap();
     let outcome = both.run(&["work", text(&run), "--json"]).expect(3).json();
     let reason = outcome["quarantined"][0]["reason"].as_str().unwrap();
     assert!(reason.contains(&format!("s3://bucket/{key}")), "{reason}");
@@ -163,15 +146,8 @@ fn objects_that_are_too_short_are_told_by_plan_and_left_out_if_wanted() {
     store.replace(keys[1], b"").unwrap();
     let recipe = both.path("bucket.toml");
     let out = both.path("short");
-    let arguments = [
-        "plan",
-        text(&recipe),
-        "--out",
-        text(&out),
-        "--root",
-        "diode=s3://bucket/diode",
-        "--json",
-    ];
+    let arguments =
+        ["plan", text(&recipe), "--out", text(&out), "--root", "diode=s3://bucket/diode", "--json"];
     let ended = both.run(&arguments).expect(4).says(&[
         "2 of ",
         "input files cannot be used",
@@ -199,10 +175,7 @@ fn an_object_is_fetched_again_only_when_it_changed() {
     let url = Path::new("s3://bucket/x/./a");
     assert_eq!(inputs.read(url).unwrap(), b"one");
     // The kept one is what is given: changed here, with a digest that fits, the store's ETag still stands.
-    let file = folder
-        .path()
-        .join("cache")
-        .join(&files(&folder.path().join("cache"))[0]);
+    let file = folder.path().join("cache").join(&files(&folder.path().join("cache"))[0]);
     let text = String::from_utf8(std::fs::read(&file).unwrap()).unwrap();
     let digest = |bytes: &[u8]| blake3::hash(bytes).to_hex().to_string();
     let forged = text.replace(&digest(b"one"), &digest(b"ONE"));

@@ -27,11 +27,7 @@ fn objects_are_made_once_and_differences_are_named() {
         let put = store.create("a/b.json", b"one").unwrap();
         // With a lost answer the put is repeated, and finds its own bytes.
         assert!(put == Put::New || name.contains("faults"), "{name}");
-        assert_eq!(
-            store.create("a/b.json", b"one").unwrap(),
-            Put::Same,
-            "{name}"
-        );
+        assert_eq!(store.create("a/b.json", b"one").unwrap(), Put::Same, "{name}");
         let error = store.create("a/b.json", b"two").unwrap_err();
         let StoreError::Differs { here, there, .. } = &error else {
             panic!("{name}: {error}");
@@ -84,9 +80,7 @@ fn listing_and_removing_many() {
         assert_eq!(store.list("partials").unwrap(), [""; 0], "{name}");
         // Faults cost seconds: with them a page is enough.
         let many = if name.contains("faults") { 100 } else { MANY };
-        let keys: Vec<String> = (0..many)
-            .map(|k| format!("partials/s/{k:06}.exr"))
-            .collect();
+        let keys: Vec<String> = (0..many).map(|k| format!("partials/s/{k:06}.exr")).collect();
         let objects = keys.iter().map(|k| (k.clone(), k.clone().into()));
         store.create_all(objects.collect()).unwrap();
         // A name that begins like a folder's is not in it.
@@ -105,19 +99,13 @@ fn listing_and_removing_many() {
         store.delete(&[]).unwrap();
         let mut left = store.list("partials").unwrap();
         left.sort();
-        assert_eq!(
-            left,
-            ["partials/s/deep/x", "partials/s2/000000.exr"],
-            "{name}"
-        );
+        assert_eq!(left, ["partials/s/deep/x", "partials/s2/000000.exr"], "{name}");
     });
 }
 
 /// Bytes of a size that takes several packets, so that answers are cut in their middle, too.
 fn large(k: u8) -> Vec<u8> {
-    (0..300_000u32)
-        .flat_map(|n| (n * 7 + u32::from(k)).to_le_bytes())
-        .collect()
+    (0..300_000u32).flat_map(|n| (n * 7 + u32::from(k)).to_le_bytes()).collect()
 }
 
 #[test]
@@ -132,11 +120,7 @@ fn every_kind_of_fault_happens_and_none_is_seen() {
     }
     assert_eq!(store.list("tuples").unwrap().len(), 24);
     for kind in &server.faults.happened {
-        assert!(
-            kind.load(Ordering::SeqCst) > 0,
-            "{:?}",
-            server.faults.happened
-        );
+        assert!(kind.load(Ordering::SeqCst) > 0, "{:?}", server.faults.happened);
     }
 }
 
@@ -165,9 +149,7 @@ fn one_wins(store: &Store) {
             puts.into_iter().map(|p| p.join().unwrap()).collect()
         });
         let new = made.iter().position(|m| matches!(m, Ok(Put::New))).unwrap();
-        let differ = made
-            .iter()
-            .filter(|m| matches!(m, Err(StoreError::Differs { .. })));
+        let differ = made.iter().filter(|m| matches!(m, Err(StoreError::Differs { .. })));
         assert_eq!(differ.count(), 15, "{made:?}");
         assert_eq!(store.get(&key).unwrap().unwrap(), vec![new as u8; 5000]);
     }
@@ -245,10 +227,7 @@ fn an_absent_bucket_is_said_at_once() {
     let Some(server) = Moto::start() else { return };
     let start = Instant::now();
     let store = server.store_at("s3://absent/x");
-    for error in [
-        store.create("a", b"one").unwrap_err(),
-        store.list("a").unwrap_err(),
-    ] {
+    for error in [store.create("a", b"one").unwrap_err(), store.list("a").unwrap_err()] {
         assert!(!error.is_passing(), "{error}");
         assert!(error.to_string().contains("NoSuchBucket"), "{error}");
         assert!(error.to_string().contains("s3://absent/x"), "{error}");

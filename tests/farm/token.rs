@@ -24,22 +24,13 @@ fn the_pages_buttons_act_with_the_token_alone() {
     std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o600)).unwrap();
     std::fs::create_dir(place.run.join("quarantine")).unwrap();
     let record = r#"{"schema":"glasshouse.quarantine/1","scene":"train-sample-000001","reason":"it rained"}"#;
-    std::fs::write(
-        place.run.join("quarantine/train-sample-000001.json"),
-        record,
-    )
-    .unwrap();
+    std::fs::write(place.run.join("quarantine/train-sample-000001.json"), record).unwrap();
     let more = ["--listen", "127.0.0.1:0", "--token-file", text(&file)];
     let mut coordinator = start("coordinate", &place, &server, &more);
     let mut stderr = BufReader::new(coordinator.stderr.take().unwrap());
     let mut said = String::new();
     stderr.read_line(&mut said).unwrap();
-    let address = said
-        .split("http://")
-        .nth(1)
-        .unwrap()
-        .trim_end()
-        .trim_end_matches('/');
+    let address = said.split("http://").nth(1).unwrap().trim_end().trim_end_matches('/');
     let address: SocketAddr = address.parse().unwrap();
 
     let post = |path: &str, token: &str| {
@@ -57,25 +48,13 @@ fn the_pages_buttons_act_with_the_token_alone() {
     assert_eq!(view(address)["state"], "running");
     assert!(!place.run.join("control.json").exists());
     let refused = post("/api/retry/train-sample-000000", TOKEN).expect(409);
-    assert!(
-        refused.text().contains("not in quarantine"),
-        "{}",
-        refused.text()
-    );
+    assert!(refused.text().contains("not in quarantine"), "{}", refused.text());
     post("/api/retry/train-sample-000001", TOKEN).expect(200);
-    assert!(
-        !place
-            .run
-            .join("quarantine/train-sample-000001.json")
-            .exists()
-    );
+    assert!(!place.run.join("quarantine/train-sample-000001.json").exists());
     post("/api/cancel", TOKEN).expect(200);
     stderr.read_to_string(&mut said).unwrap();
     end(coordinator).expect(3);
-    assert!(
-        said.contains("cancelled") && !said.contains(TOKEN),
-        "{said}"
-    );
+    assert!(said.contains("cancelled") && !said.contains(TOKEN), "{said}");
 }
 
 #[test]
@@ -83,21 +62,13 @@ fn tokens_are_not_given_on_a_command_line_and_not_weak() {
     let place = slow_place();
     let folder = text(&place.run);
     let coordinate = |more: &[&str]| {
-        let all = [
-            "coordinate",
-            folder,
-            "--queue",
-            "nats://127.0.0.1:1",
-            "--listen",
-            "127.0.0.1:0",
-        ];
+        let all =
+            ["coordinate", folder, "--queue", "nats://127.0.0.1:1", "--listen", "127.0.0.1:0"];
         command(&[&all[..], more].concat())
     };
     let ended = |mut command: std::process::Command| Ended::from(command.output().unwrap());
     ended(coordinate(&["--token", TOKEN])).expect(2);
-    ended(coordinate(&["--token-file", "/nonexistent"]))
-        .expect(2)
-        .says(&["/nonexistent"]);
+    ended(coordinate(&["--token-file", "/nonexistent"])).expect(2).says(&["/nonexistent"]);
     let mut weak = coordinate(&[]);
     weak.env("GLASSHOUSE_TOKEN", "guess me");
     let weak = ended(weak).expect(2).says(&["16 characters"]);

@@ -64,9 +64,12 @@ fn a_disk_that_is_full_at_the_tuple_ends_with_1_and_can_be_resumed() {
     let (recipe, folder) = (text(&place.recipe), text(&place.run));
     run(&["plan", recipe, "--out", folder, "--tile", "256"]).expect(0);
     for threads in ["1", "2"] {
-        run_on_full_disk(&["work", folder, "-j", threads])
-            .expect(1)
-            .says(&["cannot write", folder, "tuples", "permissions"]);
+        run_on_full_disk(&["work", folder, "-j", threads]).expect(1).says(&[
+            "cannot write",
+            folder,
+            "tuples",
+            "permissions",
+        ]);
     }
     let outcome = run(&["work", folder, "--json"]).expect(0).json();
     assert_eq!(outcome["already_merged"], 0);

@@ -43,17 +43,8 @@ impl Files {
         words: &'static [&'static str],
     ) {
         let path = PathBuf::from(path);
-        assert!(
-            self.folder.path().join(&path).exists(),
-            "{}",
-            path.display()
-        );
-        self.list.push(Known {
-            path,
-            kind,
-            whole,
-            words,
-        });
+        assert!(self.folder.path().join(&path).exists(), "{}", path.display());
+        self.list.push(Known { path, kind, whole, words });
     }
 
     pub(crate) fn put(&self, path: &str, bytes: impl AsRef<[u8]>) {
@@ -65,10 +56,7 @@ impl Files {
 
 /// Makes one of everything.
 pub(crate) fn files() -> Files {
-    let mut files = Files {
-        folder: workplace(),
-        list: Vec::new(),
-    };
+    let mut files = Files { folder: workplace(), list: Vec::new() };
     of_a_run(&mut files);
     of_a_farm(&mut files);
     of_inputs(&mut files);
@@ -85,41 +73,20 @@ fn of_a_run(files: &mut Files) {
     let (id, made) = partials(&folder.join("runs/smoke"), 0);
     put_partials(&folder.join("runs/smoke"), &id, &made[..1]);
     files.is("runs/smoke", "run", unknown, &["scenes", "smoke"]);
-    files.is(
-        "runs/smoke/spec.json",
-        "spec",
-        unknown,
-        &["tile px", "golden", "fit manifest.jsonl"],
-    );
+    files.is("runs/smoke/spec.json", "spec", unknown, &["tile px", "golden", "fit manifest.jsonl"]);
     files.is(
         "runs/smoke/manifest.jsonl",
         "manifest",
         whole,
         &["1 train, 1 test", "glass.tilt_deg yaw", "that of spec.json"],
     );
-    files.is(
-        "manifests/smoke.toml",
-        "recipe",
-        unknown,
-        &["seed", "sample", "plan RECIPE"],
-    );
-    files.is(
-        "scene.json",
-        "scene",
-        unknown,
-        &["one, split train", "a.png"],
-    );
+    files.is("manifests/smoke.toml", "recipe", unknown, &["seed", "sample", "plan RECIPE"]);
+    files.is("scene.json", "scene", unknown, &["one, split train", "a.png"]);
     files.is(
         &format!("runs/smoke/partials/{SCENE}/000000.exr"),
         "partial",
         whole,
-        &[
-            SCENE,
-            "x 0-63",
-            "0 to 63",
-            "digest fits",
-            "clean_reflection",
-        ],
+        &[SCENE, "x 0-63", "0 to 63", "digest fits", "clean_reflection"],
     );
     let tuple = format!("runs/smoke/tuples/{SCENE}");
     files.is(&tuple, "tuple", whole, &[SCENE, "fit every layer"]);
@@ -141,22 +108,10 @@ fn of_a_run(files: &mut Files) {
         whole,
         &["64 x 64 px", "checksums fit"],
     );
-    files.is(
-        "runs/smoke/report/index.html",
-        "report",
-        unknown,
-        &["smoke"],
-    );
-    files.is(
-        "out/input.exr",
-        "exr",
-        unknown,
-        &["40 x 24 px, float", "as `glasshouse render`"],
-    );
+    files.is("runs/smoke/report/index.html", "report", unknown, &["smoke"]);
+    files.is("out/input.exr", "exr", unknown, &["40 x 24 px, float", "as `glasshouse render`"]);
     files.is("runs/smoke/work.lock", "lock", whole, &["empty on purpose"]);
-    let status = run_in(&folder, &["status", "runs/smoke", "--json"])
-        .expect(0)
-        .stdout;
+    let status = run_in(&folder, &["status", "runs/smoke", "--json"]).expect(0).stdout;
     files.put("status.json", status);
     files.is("status.json", "output", unknown, &["glasshouse.status/1"]);
 }
@@ -176,13 +131,7 @@ fn of_a_farm(files: &mut Files) {
         "runs/bad",
         "run",
         None,
-        &[
-            "1 in quarantine",
-            "nan_depth.npy",
-            "paused (backup)",
-            "retry",
-            "resume",
-        ],
+        &["1 in quarantine", "nan_depth.npy", "paused (backup)", "retry", "resume"],
     );
     files.is(
         "runs/bad/quarantine/bad.json",
@@ -190,12 +139,7 @@ fn of_a_farm(files: &mut Files) {
         None,
         &["nan_depth.npy", "retry RUN bad"],
     );
-    files.is(
-        "runs/bad/control.json",
-        "control",
-        None,
-        &["paused", "backup", "resume"],
-    );
+    files.is("runs/bad/control.json", "control", None, &["paused", "backup", "resume"]);
     let attempt = AttemptRecord {
         schema: glasshouse::run::ATTEMPT_SCHEMA.to_owned(),
         scene: SceneId::new("good").unwrap(),
@@ -210,42 +154,21 @@ fn of_a_farm(files: &mut Files) {
             log_tail: "out of memory\n".to_owned(),
         }),
     };
-    files.put(
-        "runs/bad/attempts/good/0-4.2.json",
-        serde_json::to_vec(&attempt).unwrap(),
-    );
+    files.put("runs/bad/attempts/good/0-4.2.json", serde_json::to_vec(&attempt).unwrap());
     files.is(
         "runs/bad/attempts/good/0-4.2.json",
         "attempt",
         None,
-        &[
-            "shards 0, 4",
-            "ended kind crashed",
-            "signal 9",
-            "out of memory",
-        ],
+        &["shards 0, 4", "ended kind crashed", "signal 9", "out of memory"],
     );
     files.put("runs/bad/receipts/good.json", r#"{"schema":"glasshouse.receipt/1","scene":"good","worker":"w-1","host":"h","version":"0.1.0","with":["w-2"]}"#);
-    files.is(
-        "runs/bad/receipts/good.json",
-        "receipt",
-        None,
-        &["worker w-1", "with w-2", "host h"],
-    );
+    files.is("runs/bad/receipts/good.json", "receipt", None, &["worker w-1", "with w-2", "host h"]);
     files.put(
         "runs/bad/partials/good/0-4.json",
         r#"{"schema":"glasshouse.made_by/1","shards":[0,4],"worker":"w-1","host":"h"}"#,
     );
-    files.is(
-        "runs/bad/partials/good/0-4.json",
-        "made_by",
-        None,
-        &["shards 0, 4", "worker w-1"],
-    );
-    files.put(
-        "finished.json",
-        r#"{"schema":"glasshouse.finished/1","scenes":2,"quarantined":1}"#,
-    );
+    files.is("runs/bad/partials/good/0-4.json", "made_by", None, &["shards 0, 4", "worker w-1"]);
+    files.put("finished.json", r#"{"schema":"glasshouse.finished/1","scenes":2,"quarantined":1}"#);
     files.is("finished.json", "finished", None, &["nothing is left"]);
     files.put("rejected.jsonl", "{\"id\":\"a\",\"attempt\":1,\"rule\":\"black\",\"reason\":\"x\",\"front\":\"f\",\"back\":\"b\"}\n");
     files.is("rejected.jsonl", "rejected", None, &["1 draw"]);
@@ -254,10 +177,7 @@ fn of_a_farm(files: &mut Files) {
 fn of_inputs(files: &mut Files) {
     let repository = Path::new(env!("CARGO_MANIFEST_DIR"));
     for name in ["hard-cases.jsonl", "depth-ranges.toml"] {
-        files.put(
-            name,
-            std::fs::read(repository.join("manifests").join(name)).unwrap(),
-        );
+        files.put(name, std::fs::read(repository.join("manifests").join(name)).unwrap());
     }
     files.is("hard-cases.jsonl", "manifest", None, &["33"]);
     files.is("depth-ranges.toml", "depth_ranges", None, &["26 more"]);
@@ -265,12 +185,7 @@ fn of_inputs(files: &mut Files) {
     std::fs::create_dir(&folder).unwrap();
     photographs(&folder);
     files.is("inputs/a.png", "picture", Some(true), &["64 x 48 px"]);
-    files.is(
-        "inputs/a_depth.npy",
-        "array",
-        None,
-        &["48 x 64 x 1 of f4", "depth image"],
-    );
+    files.is("inputs/a_depth.npy", "array", None, &["48 x 64 x 1 of f4", "depth image"]);
     let mesh = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
         property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n\
         property list uchar int vertex_indices\nend_header\n0 0 1 9 9 9\n1 0 1 9 9 9\n0 1 1 9 9 9\n3 0 1 2\n";
@@ -281,10 +196,5 @@ fn of_inputs(files: &mut Files) {
         "intrinsics": {"fx": 64, "fy": 64, "cx": 32, "cy": 24},
     });
     files.put("inputs/list.jsonl", format!("{photograph}\n"));
-    files.is(
-        "inputs/list.jsonl",
-        "photograph_list",
-        None,
-        &["1 photograph"],
-    );
+    files.is("inputs/list.jsonl", "photograph_list", None, &["1 photograph"]);
 }

@@ -11,21 +11,15 @@ pub(crate) fn of_an_export(files: &mut Files) {
     for id in ["a", "b"] {
         for layer in render::layer::Layer::NAMES {
             let name = format!("{id}.{layer}.png");
-            shard
-                .append_path_with_name(tuple.join(format!("{layer}.png")), name)
-                .unwrap();
+            shard.append_path_with_name(tuple.join(format!("{layer}.png")), name).unwrap();
         }
-        shard
-            .append_path_with_name(tuple.join("tuple.json"), format!("{id}.json"))
-            .unwrap();
+        shard.append_path_with_name(tuple.join("tuple.json"), format!("{id}.json")).unwrap();
     }
     let shard = shard.into_inner().unwrap();
-    let digest = sha2::Sha256::digest(&shard)
-        .iter()
-        .fold(String::new(), |mut text, byte| {
-            let _ = write!(text, "{byte:02x}");
-            text
-        });
+    let digest = sha2::Sha256::digest(&shard).iter().fold(String::new(), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}");
+        text
+    });
     files.put("set/train-000000.tar", shard);
     files.put("set/SHA256SUMS", format!("{digest}  train-000000.tar\n"));
     files.put("set/metadata.jsonl", "{\"id\":\"a\",\"input_file_name\":\"a.png\"}\n{\"id\":\"b\",\"input_file_name\":\"b.png\"}\n");
@@ -37,21 +31,11 @@ pub(crate) fn of_an_export(files: &mut Files) {
         "set/train-000000.tar",
         "archive",
         None,
-        &[
-            "10 files",
-            "2 samples, 2 of them complete",
-            "a, b",
-            "sha256sum -c",
-        ],
+        &["10 files", "2 samples, 2 of them complete", "a, b", "sha256sum -c"],
     );
     files.is("set/SHA256SUMS", "sums", None, &["1 file", "sha256sum -c"]);
     files.is("set", "sums", None, &["1 file"]);
-    files.is(
-        "set/metadata.jsonl",
-        "listing",
-        None,
-        &["2 samples", "input_file_name"],
-    );
+    files.is("set/metadata.jsonl", "listing", None, &["2 samples", "input_file_name"]);
     files.is("set/croissant.json", "croissant", None, &["smoke"]);
 }
 
@@ -64,19 +48,9 @@ pub(crate) fn of_a_training(files: &mut Files) {
         unknown,
         &["backtrack steps 2", "separation steps 2"],
     );
-    files.is(
-        "runs/smoke/train/backtrack",
-        "stage",
-        whole,
-        &["step-0000002", "total"],
-    );
+    files.is("runs/smoke/train/backtrack", "stage", whole, &["step-0000002", "total"]);
     let step = "runs/smoke/train/separation/step-0000002";
-    files.is(
-        step,
-        "checkpoint",
-        whole,
-        &["separation: SP-net and BT-net", "state.json fit"],
-    );
+    files.is(step, "checkpoint", whole, &["separation: SP-net and BT-net", "state.json fit"]);
     files.is(
         &format!("{step}/state.json"),
         "checkpoint_state",
@@ -87,19 +61,9 @@ pub(crate) fn of_a_training(files: &mut Files) {
         &format!("{step}/model.safetensors"),
         "tensors",
         whole,
-        &[
-            "separation",
-            "backtrack",
-            "discriminator",
-            "that of state.json",
-        ],
+        &["separation", "backtrack", "discriminator", "that of state.json"],
     );
-    files.is(
-        &format!("{step}/optimizer.safetensors"),
-        "tensors",
-        whole,
-        &["mean", "square"],
-    );
+    files.is(&format!("{step}/optimizer.safetensors"), "tensors", whole, &["mean", "square"]);
     let stage = "runs/smoke/train/separation";
     files.is(
         &format!("{stage}/metrics.csv"),
@@ -107,41 +71,13 @@ pub(crate) fn of_a_training(files: &mut Files) {
         unknown,
         &["2 rows", "step 1 to 2", "total"],
     );
-    files.is(
-        &format!("{stage}/best.json"),
-        "best",
-        unknown,
-        &["step", "validation psnr db"],
-    );
+    files.is(&format!("{stage}/best.json"), "best", unknown, &["step", "validation psnr db"]);
     let events = std::fs::read_dir(files.folder.path().join(stage)).unwrap();
     let events = events.map(|entry| entry.unwrap().file_name().into_string().unwrap());
-    let events = events
-        .into_iter()
-        .find(|name| name.starts_with("events."))
-        .unwrap();
-    files.is(
-        &format!("{stage}/{events}"),
-        "events",
-        unknown,
-        &["TensorBoard"],
-    );
+    let events = events.into_iter().find(|name| name.starts_with("events.")).unwrap();
+    files.is(&format!("{stage}/{events}"), "events", unknown, &["TensorBoard"]);
     let scores = "runs/smoke/train/evaluation/evaluation";
-    files.is(
-        &format!("{scores}.csv"),
-        "evaluation_rows",
-        unknown,
-        &["rows", "psnr colour db"],
-    );
-    files.is(
-        &format!("{scores}.md"),
-        "evaluation_table",
-        unknown,
-        &["PSNR"],
-    );
-    files.is(
-        &format!("{scores}.json"),
-        "output",
-        unknown,
-        &["glasshouse.evaluate/1"],
-    );
+    files.is(&format!("{scores}.csv"), "evaluation_rows", unknown, &["rows", "psnr colour db"]);
+    files.is(&format!("{scores}.md"), "evaluation_table", unknown, &["PSNR"]);
+    files.is(&format!("{scores}.json"), "output", unknown, &["glasshouse.evaluate/1"]);
 }

@@ -83,9 +83,8 @@ pub(crate) fn assert_equal(found: &Path, expected: &Path) {
 pub(crate) fn ids(run: &Path, split: &str) -> Vec<String> {
     let lines = manifest(run);
     let of_split = lines.iter().filter(|line| line["split"] == split);
-    let mut ids: Vec<String> = of_split
-        .map(|line| line["id"].as_str().unwrap().to_owned())
-        .collect();
+    let mut ids: Vec<String> =
+        of_split.map(|line| line["id"].as_str().unwrap().to_owned()).collect();
     ids.sort();
     ids
 }
@@ -120,10 +119,8 @@ fn equal_runs_make_equal_bytes_and_sums_fit() {
         assert_equal(&outs[1], &outs[0]);
         let there: BTreeSet<PathBuf> = files(&outs[0]).into_iter().collect();
         let sums = std::fs::read_to_string(outs[0].join("SHA256SUMS")).unwrap();
-        let mut summed: BTreeSet<PathBuf> = sums
-            .lines()
-            .map(|line| line.split_once("  ").unwrap().1.into())
-            .collect();
+        let mut summed: BTreeSet<PathBuf> =
+            sums.lines().map(|line| line.split_once("  ").unwrap().1.into()).collect();
         assert_eq!(summed.len(), sums.lines().count());
         summed.insert("SHA256SUMS".into());
         assert_eq!(there, summed);
@@ -137,12 +134,7 @@ fn equal_runs_make_equal_bytes_and_sums_fit() {
         for (path, bytes) in content(&outs[0]) {
             let place = text(folder.path()).as_bytes();
             let told = bytes.windows(place.len()).any(|part| part == place);
-            assert!(
-                !told,
-                "{} names {}",
-                path.display(),
-                folder.path().display()
-            );
+            assert!(!told, "{} names {}", path.display(), folder.path().display());
         }
     }
 }
@@ -190,10 +182,8 @@ fn names_are_as_promised_and_pngs_are_copies() {
     run(&arguments(&made, &out, &["--format", "imagefolder"])).expect(0);
     for split in ["train", "test"] {
         let metadata = std::fs::read_to_string(out.join(split).join("metadata.jsonl")).unwrap();
-        let rows: Vec<Value> = metadata
-            .lines()
-            .map(|line| serde_json::from_str(line).unwrap())
-            .collect();
+        let rows: Vec<Value> =
+            metadata.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
         let found: Vec<&str> = rows.iter().map(|row| row["id"].as_str().unwrap()).collect();
         assert_eq!(found, ids(&made, split));
         for row in &rows {
@@ -203,39 +193,17 @@ fn names_are_as_promised_and_pngs_are_copies() {
                 assert!(bytes == png(row["id"].as_str().unwrap(), layer));
             }
             let record = tuple_record(&made, row["id"].as_str().unwrap());
-            assert_eq!(
-                row["glass_thickness_m"],
-                record["scene"]["glass"]["thickness_m"]
-            );
-            assert_eq!(
-                row["glass_yaw_deg"],
-                record["scene"]["glass"]["tilt_deg"][1]
-            );
-            assert_eq!(
-                row["input_error_rms"],
-                record["layers"]["input"]["error_rms"]
-            );
+            assert_eq!(row["glass_thickness_m"], record["scene"]["glass"]["thickness_m"]);
+            assert_eq!(row["glass_yaw_deg"], record["scene"]["glass"]["tilt_deg"][1]);
+            assert_eq!(row["input_error_rms"], record["layers"]["input"]["error_rms"]);
         }
     }
     let croissant = read_json(out.join("croissant.json"));
-    assert_eq!(
-        croissant["conformsTo"],
-        "http://mlcommons.org/croissant/1.0"
-    );
+    assert_eq!(croissant["conformsTo"], "http://mlcommons.org/croissant/1.0");
 
     let out = folder.path().join("p");
-    run(&arguments(
-        &made,
-        &out,
-        &["--format", "pairs", "--split", "test"],
-    ))
-    .expect(0);
-    let folders = [
-        "blended",
-        "transmission_layer",
-        "reflection_layer",
-        "clean_reflection_layer",
-    ];
+    run(&arguments(&made, &out, &["--format", "pairs", "--split", "test"])).expect(0);
+    let folders = ["blended", "transmission_layer", "reflection_layer", "clean_reflection_layer"];
     for (folder, layer) in folders.iter().zip(Layer::NAMES) {
         for id in ids(&made, "test") {
             let bytes = std::fs::read(out.join(format!("test/{folder}/{id}.png"))).unwrap();
@@ -271,25 +239,17 @@ fn other_encodings_hold_the_values_of_the_exr() {
             let image::DynamicImage::ImageRgb16(png) = png else {
                 panic!("not 16 bit: {png:?}");
             };
-            let expected: Vec<u16> = input
-                .as_flattened()
-                .iter()
-                .map(|&v| linear_to_srgb16(v))
-                .collect();
+            let expected: Vec<u16> =
+                input.as_flattened().iter().map(|&v| linear_to_srgb16(v)).collect();
             assert_eq!(png.as_raw(), &expected);
             let path = linear.join(format!("train/blended/{id}.exr"));
             let channels = decode_exr_channels(&std::fs::read(&path).unwrap()).unwrap();
             for (c, name) in ["R", "G", "B"].iter().enumerate() {
                 let (_, values) = channels.list.iter().find(|(n, _)| n == name).unwrap();
-                assert!(
-                    values.iter().zip(&input).all(|(v, p)| *v == p[c]),
-                    "{id} {name}"
-                );
+                assert!(values.iter().zip(&input).all(|(v, p)| *v == p[c]), "{id} {name}");
             }
-            let kinds: BTreeSet<&str> = exr_channels(&path)
-                .values()
-                .map(|(kind, _)| *kind)
-                .collect();
+            let kinds: BTreeSet<&str> =
+                exr_channels(&path).values().map(|(kind, _)| *kind).collect();
             assert_eq!(kinds, [exr].into());
         }
     }
@@ -304,9 +264,7 @@ fn a_dry_run_writes_nothing() {
     assert_eq!(json["tuples"], json!({ "train": 5, "test": 2 }));
     let foretold = json["bytes"].as_f64().unwrap();
     assert!(!out.exists());
-    let made = run(&arguments(&made, &out, &["--format", "pairs", "--json"]))
-        .expect(0)
-        .json();
+    let made = run(&arguments(&made, &out, &["--format", "pairs", "--json"])).expect(0).json();
     let bytes = made["bytes"].as_f64().unwrap();
     assert!((foretold / bytes - 1.0).abs() < 0.5, "{foretold} {bytes}");
     assert_eq!(made["files"].as_u64().unwrap() as usize, SCENES * 4 + 2);
@@ -338,11 +296,8 @@ fn tuples_come_from_any_store() {
     let out = folder.path().join("of-bucket");
     let fetched = folder.path().join("fetched-too");
     let address = format!("s3://{BUCKET}/runs/smoke");
-    let mut command = command(&arguments(
-        &fetched,
-        &out,
-        &[&pairs[..], &["--store", &address]].concat(),
-    ));
+    let mut command =
+        command(&arguments(&fetched, &out, &[&pairs[..], &["--store", &address]].concat()));
     server.tell(&mut command);
     let ended: Ended = command.output().unwrap().into();
     ended.expect(0);

@@ -6,14 +6,7 @@ use std::path::PathBuf;
 use tempfile::TempDir;
 
 /// Many shards: of one megabyte each.
-const SHARDS: [&str; 6] = [
-    "--format",
-    "webdataset",
-    "--encoding",
-    "linear",
-    "--shard-mb",
-    "1",
-];
+const SHARDS: [&str; 6] = ["--format", "webdataset", "--encoding", "linear", "--shard-mb", "1"];
 
 /// Many tuples, several shards of 1 MB.
 fn many() -> (TempDir, PathBuf) {
@@ -61,9 +54,7 @@ fn a_killed_export_goes_on_and_ends_with_the_same_bytes() {
         }
         assert!(killed > 0, "{name}: never caught at work");
         // Once more: nothing to do.
-        let json = run(&arguments(&made, &whole, &[more, &["--json"]].concat()))
-            .expect(0)
-            .json();
+        let json = run(&arguments(&made, &whole, &[more, &["--json"]].concat())).expect(0).json();
         assert_eq!(json["already_complete"], true);
     }
 }
@@ -78,9 +69,7 @@ fn a_signal_stops_it_and_it_can_be_gone_on_with() {
         let mut line = arguments(&made, &out, &SHARDS);
         line.extend(["-j", "1"]);
         let mut child = command(&line).spawn().unwrap();
-        if wait_until(&mut child, || {
-            out.join(".export/train-000000.json").exists()
-        }) {
+        if wait_until(&mut child, || out.join(".export/train-000000.json").exists()) {
             send(&child, "TERM");
         }
         let ended: Ended = child.wait_with_output().unwrap().into();

@@ -42,21 +42,9 @@ fn export(run_folder: &Path, out: &Path, more: &str) -> PathBuf {
 fn loaders_see_the_tuples_pixels() {
     let (folder, made) = finished(RECIPE);
     for (name, more, readers) in [
-        (
-            "w",
-            "--format webdataset",
-            &["webdataset", "loader", "hub_webdataset", "croissant"][..],
-        ),
-        (
-            "w16",
-            "--format webdataset --encoding srgb16",
-            &["webdataset_srgb16"],
-        ),
-        (
-            "wl",
-            "--format webdataset --encoding linear",
-            &["webdataset_linear"],
-        ),
+        ("w", "--format webdataset", &["webdataset", "loader", "hub_webdataset", "croissant"][..]),
+        ("w16", "--format webdataset --encoding srgb16", &["webdataset_srgb16"]),
+        ("wl", "--format webdataset --encoding linear", &["webdataset_linear"]),
         ("i", "--format imagefolder", &["imagefolder", "croissant"]),
         ("p", "--format pairs", &["pairs"]),
         ("pl", "--format pairs --encoding linear", &["pairs_linear"]),
@@ -76,11 +64,7 @@ fn several_shards_are_one_set() {
         .replace("height = 16", "height = 256")
         .replace("spp = 16", "spp = 1");
     let (folder, made) = finished(&recipe);
-    let out = export(
-        &made,
-        &folder.path().join("w"),
-        "--format webdataset --shard-mb 1",
-    );
+    let out = export(&made, &folder.path().join("w"), "--format webdataset --shard-mb 1");
     assert!(out.join("train-000001.tar").exists());
     for shard in std::fs::read_dir(&out).unwrap() {
         let shard = shard.unwrap();
@@ -115,14 +99,10 @@ fn examples_of_the_document_run() {
     let document = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/datasets.md");
     let document = std::fs::read_to_string(document).unwrap();
     let (folder, _) = finished(RECIPE);
-    let exports = document
-        .lines()
-        .filter_map(|line| line.strip_prefix("    glasshouse export "));
+    let exports = document.lines().filter_map(|line| line.strip_prefix("    glasshouse export "));
     let mut formats = 0;
     for line in exports {
-        let words: Vec<&str> = std::iter::once("export")
-            .chain(line.split_whitespace())
-            .collect();
+        let words: Vec<&str> = std::iter::once("export").chain(line.split_whitespace()).collect();
         let output = command(&words).current_dir(folder.path()).output();
         Ended::from(output.unwrap()).expect(0);
         formats += 1;
@@ -151,10 +131,7 @@ fn examples_of_the_document_run() {
             continue;
         }
         let last = ended.stderr.lines().last().unwrap_or_default();
-        assert!(
-            last.starts_with("ModuleNotFoundError"),
-            "{block}\n{ended:#?}"
-        );
+        assert!(last.starts_with("ModuleNotFoundError"), "{block}\n{ended:#?}");
         eprintln!("skipped: {last}");
     }
 }

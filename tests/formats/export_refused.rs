@@ -13,45 +13,26 @@ fn changed_and_foreign_folders_are_refused() {
     let pairs = ["--format", "pairs"];
     run(&arguments(&made, &out, &pairs)).expect(0);
     for (more, words) in [
-        (
-            &["--format", "webdataset"][..],
-            "--format pairs there and webdataset here",
-        ),
-        (
-            &["--format", "pairs", "--split", "test"],
-            "--split train and test there and test here",
-        ),
-        (
-            &["--format", "pairs", "--encoding", "srgb16"],
-            "--encoding srgb8 there",
-        ),
+        (&["--format", "webdataset"][..], "--format pairs there and webdataset here"),
+        (&["--format", "pairs", "--split", "test"], "--split train and test there and test here"),
+        (&["--format", "pairs", "--encoding", "srgb16"], "--encoding srgb8 there"),
     ] {
         run(&arguments(&made, &out, more)).expect(5).says(&[words]);
     }
     let (_other, other) = finished(&RECIPE.replace("seed = 7", "seed = 8"));
-    run(&arguments(&other, &out, &pairs))
-        .expect(5)
-        .says(&["manifest"]);
+    run(&arguments(&other, &out, &pairs)).expect(5).says(&["manifest"]);
     let lost = out.join(format!("test/blended/{}.png", ids(&made, "test")[0]));
     std::fs::remove_file(&lost).unwrap();
-    run(&arguments(&made, &out, &pairs))
-        .expect(5)
-        .says(&["has lost test/blended/"]);
+    run(&arguments(&made, &out, &pairs)).expect(5).says(&["has lost test/blended/"]);
     std::fs::write(out.join("export.json"), "{}").unwrap();
-    run(&arguments(&made, &out, &pairs))
-        .expect(5)
-        .says(&["export.json that is damaged"]);
+    run(&arguments(&made, &out, &pairs)).expect(5).says(&["export.json that is damaged"]);
 
     let foreign = folder.path().join("foreign");
     std::fs::create_dir(&foreign).unwrap();
     run(&arguments(&made, &foreign, &[&pairs[..], &["-n"]].concat())).expect(0);
     std::fs::write(foreign.join("thesis.tex"), "x").unwrap();
-    run(&arguments(&made, &foreign, &pairs))
-        .expect(5)
-        .says(&["it holds thesis.tex"]);
-    run(&arguments(&made, &foreign.join("thesis.tex"), &pairs))
-        .expect(5)
-        .says(&["is a file"]);
+    run(&arguments(&made, &foreign, &pairs)).expect(5).says(&["it holds thesis.tex"]);
+    run(&arguments(&made, &foreign.join("thesis.tex"), &pairs)).expect(5).says(&["is a file"]);
     assert_eq!(files(&foreign), [PathBuf::from("thesis.tex")]);
 }
 
@@ -65,39 +46,25 @@ fn an_export_that_was_begun_is_looked_at() {
     let whole = content(&out);
     let tar = out.join("train-000000.tar");
     let bytes = &whole[Path::new("train-000000.tar")];
-    for name in [
-        "SHA256SUMS",
-        "test-000000.tar",
-        "README.md",
-        "croissant.json",
-    ] {
+    for name in ["SHA256SUMS", "test-000000.tar", "README.md", "croissant.json"] {
         std::fs::remove_file(out.join(name)).unwrap();
     }
     std::fs::write(out.join(".tmp-abc"), "half").unwrap();
     std::fs::write(out.join("notes.txt"), "mine").unwrap();
-    run(&arguments(&made, &out, &shards))
-        .expect(5)
-        .says(&["notes.txt"]);
+    run(&arguments(&made, &out, &shards)).expect(5).says(&["notes.txt"]);
     std::fs::remove_file(out.join("notes.txt")).unwrap();
     std::fs::create_dir_all(out.join(".export")).unwrap();
     let record = out.join(".export/train-000000.json");
     let sum = String::from_utf8(whole[Path::new("SHA256SUMS")].clone()).unwrap();
-    let sum = sum
-        .lines()
-        .find(|l| l.ends_with("train-000000.tar"))
-        .unwrap();
+    let sum = sum.lines().find(|l| l.ends_with("train-000000.tar")).unwrap();
     let numbers = json!({ "tuples": 5, "ranges": [], "layers": {}, "roots": {} });
     let file = json!({ "path": "train-000000.tar", "bytes": bytes.len(), "sha256": sum[..64] });
     let state = json!({ "numbers": numbers, "files": [file], "lines": [] });
     std::fs::write(&record, state.to_string()).unwrap();
     std::fs::write(&tar, &bytes[..bytes.len() / 2]).unwrap();
-    run(&arguments(&made, &out, &shards))
-        .expect(5)
-        .says(&["was changed: train-000000.tar has"]);
+    run(&arguments(&made, &out, &shards)).expect(5).says(&["was changed: train-000000.tar has"]);
     std::fs::write(&record, "{").unwrap();
-    run(&arguments(&made, &out, &shards))
-        .expect(5)
-        .says(&["damaged .export/train-000000.json"]);
+    run(&arguments(&made, &out, &shards)).expect(5).says(&["damaged .export/train-000000.json"]);
     // Without the record the shard is made again.
     std::fs::remove_file(&record).unwrap();
     run(&arguments(&made, &out, &shards)).expect(0);
@@ -109,27 +76,15 @@ fn what_cannot_be_is_refused() {
     let (folder, made) = finished(RECIPE);
     let out = folder.path().join("out");
     for (more, code, words) in [
-        (
-            &["--format", "exr", "--encoding", "srgb8"][..],
-            2,
-            "linear light",
-        ),
-        (
-            &["--format", "imagefolder", "--encoding", "linear"],
-            2,
-            "reads no OpenEXR",
-        ),
+        (&["--format", "exr", "--encoding", "srgb8"][..], 2, "linear light"),
+        (&["--format", "imagefolder", "--encoding", "linear"], 2, "reads no OpenEXR"),
         (&["--format", "zip"], 2, "possible values"),
         (&["--format", "pairs", "--shard-mb", "0"], 2, "shard-mb"),
     ] {
-        run(&arguments(&made, &out, more))
-            .expect(code)
-            .says(&[words]);
+        run(&arguments(&made, &out, more)).expect(code).says(&[words]);
     }
     let url = Path::new("s3://bucket/out");
-    run(&arguments(&made, url, &["--format", "pairs"]))
-        .expect(2)
-        .says(&["is no folder"]);
+    run(&arguments(&made, url, &["--format", "pairs"])).expect(2).says(&["is no folder"]);
     let nowhere = folder.path().join("nowhere");
     run(&arguments(&nowhere, &out, &["--format", "pairs"])).expect(4);
     assert!(!out.exists());
@@ -144,13 +99,9 @@ fn what_cannot_be_is_refused() {
         .says(&[&format!("tuples/{id}/input.png"), "glasshouse retry"]);
     let other = made.join(format!("tuples/{}/tuple.exr", ids(&made, "train")[1]));
     std::fs::copy(other, made.join(format!("tuples/{id}/tuple.exr"))).unwrap();
-    run(&arguments(
-        &made,
-        &folder.path().join("exr"),
-        &["--format", "exr"],
-    ))
-    .expect(1)
-    .says(&[&format!("tuples/{id}/tuple.exr"), "digest"]);
+    run(&arguments(&made, &folder.path().join("exr"), &["--format", "exr"]))
+        .expect(1)
+        .says(&[&format!("tuples/{id}/tuple.exr"), "digest"]);
     // Repaired, it goes on.
     std::fs::write(&png, bytes).unwrap();
     run(&arguments(&made, &out, &["--format", "pairs"])).expect(0);
@@ -165,27 +116,17 @@ fn unfinished_runs_need_a_word() {
     std::fs::rename(&tuple, &aside).unwrap();
     let out = folder.path().join("out");
     let line = arguments(&made, &out, &["--format", "webdataset", "--json"]);
-    let refused = run(&line)
-        .expect(75)
-        .says(&["1 of 7 scenes are not merged yet", "--partial"]);
+    let refused = run(&line).expect(75).says(&["1 of 7 scenes are not merged yet", "--partial"]);
     assert_eq!(refused.json()["exit"], 75);
     assert!(!out.exists());
     let partial = [&line[..], &["--partial"]].concat();
     let json = run(&partial).expect(3).json();
-    assert_eq!(
-        [&json["missing"], &json["tuples"]["train"]],
-        [&json!(1), &json!(4)]
-    );
+    assert_eq!([&json["missing"], &json["tuples"]["train"]], [&json!(1), &json!(4)]);
     let card = std::fs::read_to_string(out.join("README.md")).unwrap();
-    assert!(
-        card.contains("1 scenes of the manifest were not rendered yet"),
-        "{card}"
-    );
+    assert!(card.contains("1 scenes of the manifest were not rendered yet"), "{card}");
     // One that was begun keeps to its scenes; one that is complete is not taken for another.
     std::fs::rename(&aside, &tuple).unwrap();
-    run(&partial)
-        .expect(5)
-        .says(&["without 1 scenes of the run"]);
+    run(&partial).expect(5).says(&["without 1 scenes of the run"]);
     let whole = content(&out);
     for name in ["SHA256SUMS", "test-000000.tar"] {
         std::fs::remove_file(out.join(name)).unwrap();
@@ -202,19 +143,10 @@ fn quarantined_scenes_are_named() {
     let reason = format!("{}/inputs/sample/a.png has no | end", made.display());
     let record = json!({ "schema": "glasshouse.quarantine/1", "scene": id, "reason": reason });
     std::fs::create_dir_all(made.join("quarantine")).unwrap();
-    std::fs::write(
-        made.join(format!("quarantine/{id}.json")),
-        record.to_string(),
-    )
-    .unwrap();
+    std::fs::write(made.join(format!("quarantine/{id}.json")), record.to_string()).unwrap();
     let out = folder.path().join("out");
-    let json = run(&arguments(
-        &made,
-        &out,
-        &["--format", "imagefolder", "--json"],
-    ))
-    .expect(3)
-    .json();
+    let json =
+        run(&arguments(&made, &out, &["--format", "imagefolder", "--json"])).expect(3).json();
     assert_eq!(json["quarantined"][0]["scene"], *id);
     let card = std::fs::read_to_string(out.join("README.md")).unwrap();
     let row = format!("| `{id}` | sample:a.png has no \\| end |");

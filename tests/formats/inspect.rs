@@ -77,26 +77,12 @@ fn the_name_is_not_believed() {
 #[test]
 fn many_files_at_once_and_what_is_not_there() {
     let place = workplace();
-    let arguments = [
-        "inspect",
-        "scene.json",
-        "nowhere.exr",
-        "words.txt",
-        ".",
-        "--json",
-    ];
+    let arguments = ["inspect", "scene.json", "nowhere.exr", "words.txt", ".", "--json"];
     std::fs::write(place.path().join("words.txt"), "only words\n").unwrap();
     let object = run_in(place.path(), &arguments).expect(4).json();
-    assert_eq!(
-        (&object["sound"], &object["unsound"]),
-        (&json!(1), &json!(3))
-    );
-    let problem = |index: usize| {
-        object["files"][index]["problems"][0]["what"]
-            .as_str()
-            .unwrap()
-            .to_owned()
-    };
+    assert_eq!((&object["sound"], &object["unsound"]), (&json!(1), &json!(3)));
+    let problem =
+        |index: usize| object["files"][index]["problems"][0]["what"].as_str().unwrap().to_owned();
     assert!(problem(1).contains("No such file"), "{object:#}");
     assert!(problem(2).contains("only words"), "{object:#}");
     assert!(problem(3).contains("neither a run"), "{object:#}");

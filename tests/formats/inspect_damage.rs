@@ -20,10 +20,7 @@ fn inspect(
     let ended = run_in(folder, &["inspect", text(path), "--json"]);
     let page = run_in(folder, &["inspect", text(path)]);
     assert_eq!(ended.code, page.code);
-    assert!(
-        !ended.stderr.contains("panicked") && !page.stderr.contains("panicked"),
-        "{page:?}"
-    );
+    assert!(!ended.stderr.contains("panicked") && !page.stderr.contains("panicked"), "{page:?}");
     std::fs::write(folder.join(path), whole).unwrap();
     (ended.code, one(&ended), page.stdout)
 }
@@ -41,10 +38,7 @@ fn explained(path: &Path, (code, file, page): &(Option<i32>, Value, String)) {
                 && !problem["to_do"].as_str().unwrap().is_empty()
         );
     }
-    assert!(
-        page.contains("  wrong ") && page.contains("  to do "),
-        "{path}: {page}"
-    );
+    assert!(page.contains("  wrong ") && page.contains("  to do "), "{path}: {page}");
 }
 
 #[test]
@@ -61,14 +55,8 @@ fn cut_and_changed_files_are_explained() {
                 bytes.truncate(bytes.len() * (part - 1) / part);
             });
             // Half a table in TOML or Markdown, or of a list, may be a whole one; TensorBoard checks its own files.
-            let is_text = [
-                "recipe",
-                "depth_ranges",
-                "evaluation_table",
-                "listing",
-                "events",
-            ]
-            .contains(&known.kind);
+            let is_text = ["recipe", "depth_ranges", "evaluation_table", "listing", "events"]
+                .contains(&known.kind);
             // So may half a manifest that no spec holds the digest of.
             let is_free = is_text || (known.kind == "manifest" && known.whole.is_none());
             if !is_free || cut.0 == Some(4) {
@@ -87,13 +75,7 @@ fn cut_and_changed_files_are_explained() {
         if known.whole == Some(true) {
             explained(path, &changed);
         } else {
-            assert_ne!(
-                changed.1["whole"],
-                true,
-                "{}: {:#}",
-                path.display(),
-                changed.1
-            );
+            assert_ne!(changed.1["whole"], true, "{}: {:#}", path.display(), changed.1);
         }
         // Its first bytes are another's.
         let foreign = inspect(folder, path, |bytes| {
@@ -118,13 +100,7 @@ fn where_it_is_wrong_is_said() {
     let (_, file, _) = inspect(folder, Path::new("runs/smoke/spec.json"), |bytes| {
         bytes.truncate(bytes.len() / 2);
     });
-    assert!(
-        file["problems"][0]["where"]
-            .as_str()
-            .unwrap()
-            .starts_with("line "),
-        "{file:#}"
-    );
+    assert!(file["problems"][0]["where"].as_str().unwrap().starts_with("line "), "{file:#}");
     // Another version's.
     let (_, file, _) = inspect(folder, Path::new("runs/smoke/spec.json"), |bytes| {
         let text = String::from_utf8(bytes.clone())
@@ -133,13 +109,7 @@ fn where_it_is_wrong_is_said() {
         *bytes = text.into_bytes();
     });
     assert_eq!(file["kind"], "spec");
-    assert!(
-        file["problems"][0]["what"]
-            .as_str()
-            .unwrap()
-            .contains("spec/9"),
-        "{file:#}"
-    );
+    assert!(file["problems"][0]["what"].as_str().unwrap().contains("spec/9"), "{file:#}");
 }
 
 #[test]
@@ -149,12 +119,7 @@ fn a_partial_under_another_name_is_found_out() {
     let partials = folder.join("runs/smoke/partials/train-sample-000000");
     std::fs::rename(partials.join("000000.exr"), partials.join("000007.exr")).unwrap();
     let ended = run_in(&partials, &["inspect", "000007.exr", "--json"]).expect(4);
-    assert!(
-        one(&ended)["problems"][0]["what"]
-            .as_str()
-            .unwrap()
-            .contains("another shard")
-    );
+    assert!(one(&ended)["problems"][0]["what"].as_str().unwrap().contains("another shard"));
 }
 
 #[test]
@@ -165,19 +130,12 @@ fn a_tuple_that_lacks_a_file_or_a_sample_that_lacks_a_picture() {
     std::fs::remove_file(tuple.join("input.png")).unwrap();
     let ended = run_in(folder, &["inspect", text(&tuple), "--json"]).expect(4);
     assert!(
-        one(&ended)["problems"][0]["what"]
-            .as_str()
-            .unwrap()
-            .contains("input.png"),
+        one(&ended)["problems"][0]["what"].as_str().unwrap().contains("input.png"),
         "{ended:?}"
     );
     let mut shard = tar::Builder::new(Vec::new());
-    shard
-        .append_path_with_name(tuple.join("transmission.png"), "a.transmission.png")
-        .unwrap();
-    shard
-        .append_path_with_name(tuple.join("tuple.json"), "a.json")
-        .unwrap();
+    shard.append_path_with_name(tuple.join("transmission.png"), "a.transmission.png").unwrap();
+    shard.append_path_with_name(tuple.join("tuple.json"), "a.json").unwrap();
     std::fs::write(folder.join("lacks.tar"), shard.into_inner().unwrap()).unwrap();
     let file = one(&run_in(folder, &["inspect", "lacks.tar", "--json"]).expect(4));
     assert_eq!(file["facts"]["complete"], 0);
@@ -194,24 +152,13 @@ fn a_checkpoint_is_held_against_its_state() {
     let last = model.len() - 5;
     model[last] ^= 1;
     std::fs::write(step.join("model.safetensors"), model).unwrap();
-    for path in [
-        &step,
-        &step.join("state.json"),
-        &step.parent().unwrap().to_owned(),
-    ] {
+    for path in [&step, &step.join("state.json"), &step.parent().unwrap().to_owned()] {
         let ended = run_in(folder, &["inspect", text(path)]).expect(4);
-        let flat = ended
-            .stdout
-            .split_whitespace()
-            .collect::<Vec<_>>()
-            .join(" ");
+        let flat = ended.stdout.split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(
             flat.contains("model.safetensors beside it: it is not what was written"),
             "{ended:?}"
         );
-        assert!(
-            flat.contains("goes on from the checkpoint before it"),
-            "{ended:?}"
-        );
+        assert!(flat.contains("goes on from the checkpoint before it"), "{ended:?}");
     }
 }

@@ -10,12 +10,8 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use tempfile::TempDir;
 
-pub(crate) const LAYERS: [&str; 4] = [
-    "input",
-    "transmission",
-    "glass_reflection",
-    "clean_reflection",
-];
+pub(crate) const LAYERS: [&str; 4] =
+    ["input", "transmission", "glass_reflection", "clean_reflection"];
 
 const SECTIONS: [&str; 9] = [
     "glance",
@@ -122,9 +118,7 @@ fn numbers_are_those_of_the_tuples() {
         ] {
             assert!(said.contains(&part), "no {part:?} in {said}");
         }
-        let pictures = tuple
-            .select(&scraper::Selector::parse("img").unwrap())
-            .count();
+        let pictures = tuple.select(&scraper::Selector::parse("img").unwrap()).count();
         assert_eq!(pictures, 6);
     }
     for (layer, mut errors) in LAYERS.iter().zip(errors) {
@@ -143,9 +137,7 @@ fn numbers_are_those_of_the_tuples() {
 fn a_worker_that_is_stopped_leaves_its_log() {
     let place = place();
     place.plan();
-    let mut child = command(&["work", text(&place.run), "-j", "1"])
-        .spawn()
-        .unwrap();
+    let mut child = command(&["work", text(&place.run), "-j", "1"]).spawn().unwrap();
     let partials = place.run.join("partials");
     if !wait_until(&mut child, || !files(&partials).is_empty()) {
         eprintln!("skipped: it ended before it could be stopped");
@@ -158,11 +150,7 @@ fn a_worker_that_is_stopped_leaves_its_log() {
         .iter()
         .map(|file| read_json(place.run.join("logs").join(file)))
         .collect();
-    let sum = |key: &str| {
-        logs.iter()
-            .map(|log| log[key].as_u64().unwrap())
-            .sum::<u64>()
-    };
+    let sum = |key: &str| logs.iter().map(|log| log[key].as_u64().unwrap()).sum::<u64>();
     assert_eq!(sum("merged"), SCENES as u64);
     assert_eq!(sum("shards_traced"), (SCENES * SHARDS) as u64);
     for log in &logs {
@@ -178,10 +166,7 @@ fn a_worker_that_is_stopped_leaves_its_log() {
     assert_eq!(logs[logs.len() - 1]["stopped"], Value::Null);
     let (page, _) = report(&place.run, 0, &[]);
     let html = strictly(&page);
-    let trace: f64 = logs
-        .iter()
-        .map(|l| l["cpu_seconds"]["trace"].as_f64().unwrap())
-        .sum();
+    let trace: f64 = logs.iter().map(|l| l["cpu_seconds"]["trace"].as_f64().unwrap()).sum();
     let shown = values(one(&html, "#stage-trace"))[0];
     assert!((shown - trace).abs() < 1e-9, "{shown} {trace}");
     // Both have traced a part of some scene, and all of it is known.
@@ -196,14 +181,7 @@ fn half_done_and_damaged_runs_have_a_report() {
     single["film"]["spp"] = json!(1);
     let mut some = scene("some");
     some["film"]["layers"] = json!(["transmission", "clean_reflection"]);
-    let lines = [
-        scene("good"),
-        single,
-        some,
-        scene("torn"),
-        scene("empty"),
-        scene("bad"),
-    ];
+    let lines = [scene("good"), single, some, scene("torn"), scene("empty"), scene("bad")];
     let manifest = folder.path().join("<b>&scenes.jsonl");
     write_lines(&manifest, &lines);
     let out = folder.path().join("run");
@@ -226,10 +204,7 @@ fn half_done_and_damaged_runs_have_a_report() {
     std::fs::write(out.join("quarantine/bad.json"), record.to_string()).unwrap();
     run(&["work", text(&out)]).expect(3);
     let (page, said) = report(&out, 0, &[]);
-    assert_eq!(
-        (&said["tuples"], &said["noise_maps"]),
-        (&json!(5), &json!(4))
-    );
+    assert_eq!((&said["tuples"], &said["noise_maps"]), (&json!(5), &json!(4)));
     let html = strictly(&page);
     assert_eq!(words(one(&html, "#quarantine td + td")), reason);
     assert!(page.contains("&lt;script&gt;alert(1)&lt;/script&gt; &amp; &quot;quotes&quot;"));
@@ -258,22 +233,12 @@ fn half_done_and_damaged_runs_have_a_report() {
     assert_eq!(damaged, ["empty", "torn"]);
     let html = strictly(&page);
     let named = words(one(&html, "#damaged"));
-    for part in [
-        "torn",
-        "transmission.png cannot be read",
-        "empty",
-        "tuple.json",
-    ] {
+    for part in ["torn", "transmission.png cannot be read", "empty", "tuple.json"] {
         assert!(named.contains(part), "no {part:?} in {named}");
     }
-    run(&[
-        "report",
-        text(&out),
-        "--out",
-        text(&folder.path().join("a/b.html")),
-    ])
-    .expect(3)
-    .says(&["torn", "retry", "--anew"]);
+    run(&["report", text(&out), "--out", text(&folder.path().join("a/b.html"))])
+        .expect(3)
+        .says(&["torn", "retry", "--anew"]);
     assert!(folder.path().join("a/b.html").is_file());
 }
 
@@ -291,9 +256,7 @@ fn a_run_in_a_store_has_the_same_page() {
     // Without --out the page is where one looks for it.
     let (_, said) = report(&here, 0, &more[..2]);
     assert_eq!(said["report"], text(&here.join("report/index.html")));
-    let would = run(&["report", text(&here), "-n", "--json"])
-        .expect(0)
-        .json();
+    let would = run(&["report", text(&here), "-n", "--json"]).expect(0).json();
     assert_eq!(would["dry_run"], true);
     let nowhere = place.path().join("nowhere");
     run(&["report", text(&nowhere)]).expect(4);

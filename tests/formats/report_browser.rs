@@ -56,18 +56,12 @@ fn the_report_suits_phones_and_both_colour_schemes() {
         assert!(browsed.console.is_empty(), "{:?}", browsed.console);
         let (_, found) = browsed.dom.split_once("<pre id=\"found\">").unwrap();
         let found = found.split_once("</pre>").unwrap().0;
-        let found = found
-            .replace("&lt;", "<")
-            .replace("&gt;", ">")
-            .replace("&amp;", "&");
+        let found = found.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&");
         let found: Vec<Value> = serde_json::from_str(&found).unwrap();
         assert_eq!(found.len(), 2);
         for frame in &found {
             assert_eq!(frame["wide"], serde_json::json!([]));
-            assert!(
-                frame["scroll"].as_u64() <= frame["client"].as_u64(),
-                "{frame}"
-            );
+            assert!(frame["scroll"].as_u64() <= frame["client"].as_u64(), "{frame}");
             assert_eq!(frame["broken"], 0);
             assert!(frame["images"].as_u64() >= Some(20), "{frame}");
             assert!(frame["plots"].as_u64() >= Some(3), "{frame}");

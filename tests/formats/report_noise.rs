@@ -62,9 +62,6 @@ fn merging_and_making_anew_make_the_same_maps() {
     assert_eq!(files(&folder.join("logs")).len(), 2);
     // One scene was traced twice: what it cost cannot be told by adding up.
     let (page, _) = report(folder, 0, &[]);
-    assert_eq!(
-        all(&strictly(&page), "#errors circle").len(),
-        4 * (SCENES - 1)
-    );
+    assert_eq!(all(&strictly(&page), "#errors circle").len(), 4 * (SCENES - 1));
     run(&["audit", text(folder), "--share", "1", "-q"]).expect(0);
 }

@@ -38,9 +38,7 @@ impl Photo {
         let half = size.map(|n| n as f64 / 2.0);
         Self {
             size,
-            w: pixels(size)
-                .map(|(i, j)| (1.0 / depth_m(i, j)) as f32)
-                .collect(),
+            w: pixels(size).map(|(i, j)| (1.0 / depth_m(i, j)) as f32).collect(),
             focal_px: [half[0] / tan[0], half[1] / tan[1]],
             center_px: half,
             texture_size,
@@ -141,11 +139,8 @@ impl Case {
         let reach = [0, 1].map(|k| {
             self.tan_half_fov()[k] * (1.0 + 2.0 * beyond_px / f64::from(self.film[k])) + spread
         });
-        let corner = |x: f64, y: f64| {
-            DVec3::new(x * reach[0], y * reach[1], 1.0)
-                .normalize()
-                .dot(normal)
-        };
+        let corner =
+            |x: f64, y: f64| DVec3::new(x * reach[0], y * reach[1], 1.0).normalize().dot(normal);
         [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)]
             .into_iter()
             .map(|(x, y)| corner(x, y))
@@ -161,11 +156,7 @@ impl Case {
         for a in 0..=32 {
             for b in 0..=32 {
                 let at = |k: i32, t: f64| (f64::from(k) / 16.0 - 1.0) * (t + spread);
-                cosines.push(
-                    DVec3::new(at(a, tx), at(b, ty), 1.0)
-                        .normalize()
-                        .dot(normal),
-                );
+                cosines.push(DVec3::new(at(a, tx), at(b, ty), 1.0).normalize().dot(normal));
             }
         }
         cosines.push(normal.z);
@@ -187,9 +178,7 @@ impl Case {
         // negative focal length takes the sign of x.
         let pose = match self.apex {
             Apex::Mirror => Pose::Aligned { extra_m: 0.0 },
-            Apex::Camera if normal == DVec3::Z => Pose::Aligned {
-                extra_m: 2.0 * distance_m,
-            },
+            Apex::Camera if normal == DVec3::Z => Pose::Aligned { extra_m: 2.0 * distance_m },
             Apex::Camera => {
                 let flip = DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0));
                 let mirror = DMat3::IDENTITY
@@ -238,12 +227,7 @@ impl Case {
 
 /// Traces the whole film.
 pub(crate) fn whole_film(scene: &Scene, isa: Isa) -> TileResult {
-    let tile = Tile {
-        x: 0,
-        y: 0,
-        width: scene.film.width,
-        height: scene.film.height,
-    };
+    let tile = Tile { x: 0, y: 0, width: scene.film.width, height: scene.film.height };
     trace_tile(scene, tile, 0..scene.spp, isa)
 }
 

@@ -5,11 +5,7 @@ use crate::case::{CLEAN, Case, Photo};
 /// Integral of the triangle wave (period 2, 1 at even and -1 at odd integers) from 0: odd, of period 2.
 fn integral(x: f64) -> f64 {
     let r = x.abs() % 2.0;
-    let value = if r <= 1.0 {
-        r - r * r
-    } else {
-        (r - 1.0) * (r - 2.0)
-    };
+    let value = if r <= 1.0 { r - r * r } else { (r - 1.0) * (r - 2.0) };
     value * x.signum()
 }
 
@@ -20,12 +16,9 @@ fn mean(c: f64, m: f64) -> f64 {
 
 #[test]
 fn the_wave_has_the_values_on_paper() {
-    for (c, m, expected) in [
-        (0.0, 1.0, 0.5),
-        (0.0, 2.0, 0.0),
-        (0.0, 3.0, -1.0 / 6.0),
-        (0.3, 1.7, 0.070_588),
-    ] {
+    for (c, m, expected) in
+        [(0.0, 1.0, 0.5), (0.0, 2.0, 0.0), (0.0, 3.0, -1.0 / 6.0), (0.3, 1.7, 0.070_588)]
+    {
         assert!((mean(c, m) - expected).abs() < 1e-6);
     }
 }

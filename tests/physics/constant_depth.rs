@@ -11,11 +11,7 @@ const DEPTH_M: f64 = 2.2;
 const OFFSET: f64 = 0.5;
 
 fn slope(c: usize) -> DVec2 {
-    [
-        DVec2::new(0.21, 0.05),
-        DVec2::new(-0.12, 0.3),
-        DVec2::new(0.0, -0.25),
-    ][c]
+    [DVec2::new(0.21, 0.05), DVec2::new(-0.12, 0.3), DVec2::new(0.0, -0.25)][c]
 }
 
 /// Radiance `OFFSET + slope . (X, Y)` on a plane at `depth_m`.
@@ -62,10 +58,9 @@ fn deviations(case: &Case) -> [f64; 4] {
             for followed in scene.orders.front.iter().chain(&scene.orders.back) {
                 let weight = scene.slab.weight(followed.order, cos_i);
                 let (kappa, is_front) = match followed.order {
-                    Order::Transmitted(k) => (
-                        case.thickness_m * (1.0 - f64::from(2 * k + 1) * gamma),
-                        true,
-                    ),
+                    Order::Transmitted(k) => {
+                        (case.thickness_m * (1.0 - f64::from(2 * k + 1) * gamma), true)
+                    }
                     Order::Reflected(k) => (-case.thickness_m * gamma * f64::from(2 * k), false),
                 };
                 let mut place = landing(case, p, kappa, DEPTH_M);
@@ -117,21 +112,15 @@ fn ramps_do_not_depend_on_focus_and_aperture() {
         for aperture_m in [0.0, 0.00893, 0.03] {
             let mut case = case();
             (case.focus_m, case.aperture_m) = (focus_m, aperture_m);
-            check(
-                &format!("focus {focus_m} m, aperture {aperture_m} m"),
-                &case,
-            );
+            check(&format!("focus {focus_m} m, aperture {aperture_m} m"), &case);
         }
     }
 }
 
 #[test]
 fn ramps_behind_tilted_panes() {
-    for (tilt_deg, thickness_m) in [
-        ([0.0, 25.0], 0.01),
-        ([-30.0, 12.0], 0.05),
-        ([8.0, -45.0], 0.1),
-    ] {
+    for (tilt_deg, thickness_m) in [([0.0, 25.0], 0.01), ([-30.0, 12.0], 0.05), ([8.0, -45.0], 0.1)]
+    {
         let mut case = case();
         (case.tilt_deg, case.thickness_m) = (tilt_deg, thickness_m);
         case.absorption_per_m = [0.0, 2.0, 9.0];
@@ -199,10 +188,7 @@ fn thin_glass_splits_light_and_bends_nothing() {
 /// Constant planes at aperture 0, seen straight on.
 #[test]
 fn constant_planes_mix_by_the_totals() {
-    let mut case = Case::new(
-        Photo::flat(3.0, [0.8, 0.4, 0.1]),
-        Photo::flat(1.5, [0.2, 1.0, 0.5]),
-    );
+    let mut case = Case::new(Photo::flat(3.0, [0.8, 0.4, 0.1]), Photo::flat(1.5, [0.2, 1.0, 0.5]));
     case.film = [1, 1];
     case.focal_length_mm = 5000.0;
     case.aperture_m = 0.0;

@@ -54,16 +54,9 @@ fn absorbing_glass_passes_its_closed_totals() {
                     2.0 * (f64::from(k) + (f64::from(sub) + 0.5) / f64::from(STEPS)) / f64::from(n)
                         - 1.0
                 };
-                let d = DVec3::new(
-                    at(x, a, case.film[0]) * tx,
-                    at(y, b, case.film[1]) * ty,
-                    1.0,
-                );
+                let d = DVec3::new(at(x, a, case.film[0]) * tx, at(y, b, case.film[1]) * ty, 1.0);
                 let cos_i = d.normalize().dot(slab.normal);
-                let (t, r) = (
-                    slab.total_transmittance(cos_i),
-                    slab.total_reflectance(cos_i),
-                );
+                let (t, r) = (slab.total_transmittance(cos_i), slab.total_reflectance(cos_i));
                 for c in 0..3 {
                     expected[0][c] += (t[c] + r[c]) / f64::from(STEPS * STEPS);
                     expected[1][c] += r[c] / f64::from(STEPS * STEPS);

@@ -71,11 +71,7 @@ fn read_reference(name: &str) -> Vec<f64> {
     });
     let file = npyz::NpyFile::new(&bytes[..]).expect("a .npy");
     assert_eq!(file.shape(), [10, 16, 12]);
-    file.into_vec::<f32>()
-        .expect("float32")
-        .into_iter()
-        .map(f64::from)
-        .collect()
+    file.into_vec::<f32>().expect("float32").into_iter().map(f64::from).collect()
 }
 
 /// RMS difference of a layer, over the RMS of its reference (of an empty layer, the difference itself).
@@ -94,23 +90,14 @@ fn relative_rmse(image: &[f64], reference: &[f64], layer: usize) -> f64 {
 fn scenes_are_near_their_references() {
     let mut table = String::new();
     let mut failures = vec![];
-    println!(
-        "golden scene              relative RMSE of {}",
-        Layer::NAMES.join(", ")
-    );
+    println!("golden scene              relative RMSE of {}", Layer::NAMES.join(", "));
     for golden in golden_scenes() {
         let image = render(&golden.scene);
         let reference = read_reference(golden.name);
         let found = [0, 1, 2, 3].map(|layer| relative_rmse(&image, &reference, layer));
-        println!(
-            "{:24} {}",
-            golden.name,
-            found.map(|v| format!("{v:9.2e}")).join(" ")
-        );
+        println!("{:24} {}", golden.name, found.map(|v| format!("{v:9.2e}")).join(" "));
         // Half a step of f32 for a layer that is exact.
-        let row = found
-            .map(|v| format!("{:.2e}", (1.25 * v).max(1e-6)))
-            .join(", ");
+        let row = found.map(|v| format!("{:.2e}", (1.25 * v).max(1e-6))).join(", ");
         let _ = writeln!(table, "    (\"{}\", [{row}]),", golden.name);
         let bound = BOUNDS.iter().find(|(name, _)| *name == golden.name);
         let ok = bound.is_some_and(|(_, bound)| (0..4).all(|k| found[k] <= bound[k]));
@@ -130,11 +117,8 @@ fn references_are_where_scenes_go() {
     for golden in golden_scenes() {
         let reference = read_reference(golden.name);
         let error = |spp: u32| {
-            let mut scene = golden_scenes()
-                .into_iter()
-                .find(|g| g.name == golden.name)
-                .unwrap()
-                .scene;
+            let mut scene =
+                golden_scenes().into_iter().find(|g| g.name == golden.name).unwrap().scene;
             scene.spp = spp;
             scene.target_error = None;
             let layer = scene.layers.0.iter().position(|asked| *asked).unwrap();
@@ -142,11 +126,7 @@ fn references_are_where_scenes_go() {
         };
         let (few, many) = (error(16), error(256));
         assert!(few > 1e-4, "{}: {few}", golden.name);
-        assert!(
-            many < few / 2.0,
-            "{}: {few} at 16, {many} at 256",
-            golden.name
-        );
+        assert!(many < few / 2.0, "{}: {few} at 16, {many} at 256", golden.name);
     }
 }
 

@@ -18,10 +18,7 @@ fn survives(name: &str, case: &Case, limit: f32) -> Vec<render::trace::PixelMean
         .unwrap_or_else(|_| panic!("{name}: not done after ten seconds"));
     for pixel in &result.pixels {
         for value in pixel.values() {
-            assert!(
-                value.is_finite() && (0.0..=limit).contains(&value),
-                "{name}: {value}"
-            );
+            assert!(value.is_finite() && (0.0..=limit).contains(&value), "{name}: {value}");
         }
     }
     result.pixels
@@ -29,9 +26,7 @@ fn survives(name: &str, case: &Case, limit: f32) -> Vec<render::trace::PixelMean
 
 fn rough(key: u64, depth_m: impl Fn(f64) -> f64) -> Photo {
     let depth = |i: usize, j: usize| depth_m(noise(i / 2, j / 2, key));
-    Photo::new([24, 18], [24, 18], [0.29; 2], depth, |i, j| {
-        [0, 1, 2].map(|c| noise(i, j, key + c))
-    })
+    Photo::new([24, 18], [24, 18], [0.29; 2], depth, |i, j| [0, 1, 2].map(|c| noise(i, j, key + c)))
 }
 
 fn ordinary() -> Case {
@@ -113,12 +108,9 @@ fn a_light_of_a_million() {
 
 #[test]
 fn steep_panes() {
-    for (tilt_deg, focal_length_mm) in [
-        ([0.0, 80.0], 300.0),
-        ([60.0, 0.0], 55.0),
-        ([0.0, -60.0], 55.0),
-        ([-40.0, 40.0], 55.0),
-    ] {
+    for (tilt_deg, focal_length_mm) in
+        [([0.0, 80.0], 300.0), ([60.0, 0.0], 55.0), ([0.0, -60.0], 55.0), ([-40.0, 40.0], 55.0)]
+    {
         let mut case = ordinary();
         (case.tilt_deg, case.focal_length_mm) = (tilt_deg, focal_length_mm);
         survives(&format!("mirror, tilt {tilt_deg:?}"), &case, 1.001);
@@ -129,14 +121,8 @@ fn steep_panes() {
 /// own plane, or away from its photograph.
 #[test]
 fn panes_that_turn_the_view_away_from_the_photograph() {
-    for tilt_deg in [
-        [0.0, 45.0],
-        [45.0, 0.0],
-        [0.0, 38.0],
-        [0.0, 60.0],
-        [-40.0, 40.0],
-        [0.0, 80.0],
-    ] {
+    for tilt_deg in [[0.0, 45.0], [45.0, 0.0], [0.0, 38.0], [0.0, 60.0], [-40.0, 40.0], [0.0, 80.0]]
+    {
         let mut case = ordinary();
         (case.tilt_deg, case.apex, case.film) = (tilt_deg, Apex::Camera, [7, 5]);
         if tilt_deg[1] == 80.0 {

@@ -28,11 +28,7 @@ fn cases() -> Vec<Case> {
 }
 
 pub(crate) fn bits(pixels: &[PixelMeans]) -> Vec<u32> {
-    pixels
-        .iter()
-        .flat_map(PixelMeans::values)
-        .map(f32::to_bits)
-        .collect()
+    pixels.iter().flat_map(PixelMeans::values).map(f32::to_bits).collect()
 }
 
 /// The film in tiles of `side`, put together again.
@@ -42,12 +38,7 @@ pub(crate) fn tiled(scene: &Scene, side: u32, isa: Isa) -> Vec<PixelMeans> {
     for y in (0..h).step_by(side as usize) {
         for x in (0..w).step_by(side as usize) {
             let (width, height) = (side.min(w - x), side.min(h - y));
-            let tile = Tile {
-                x,
-                y,
-                width,
-                height,
-            };
+            let tile = Tile { x, y, width, height };
             let result = trace_tile(scene, tile, 0..scene.spp, isa);
             for (row, pixels) in result.pixels.chunks(width as usize).enumerate() {
                 let start = ((y + row as u32) * w + x) as usize;
@@ -69,10 +60,7 @@ fn instruction_sets_and_tiles_give_the_same_bits() {
         let whole = bits(&whole_film(&scene, Isa::Baseline).pixels);
         assert!(whole == bits(&whole_film(&scene, fastest).pixels));
         for side in [16, 64, 100] {
-            assert!(
-                whole == bits(&tiled(&scene, side, fastest)),
-                "tiles of {side}"
-            );
+            assert!(whole == bits(&tiled(&scene, side, fastest)), "tiles of {side}");
         }
     }
 }
@@ -161,12 +149,7 @@ fn ranges_of_256_merge() {
         case.film = [5, 4];
         case.spp = 1024;
         let scene = case.scene();
-        let tile = Tile {
-            x: 0,
-            y: 0,
-            width: 5,
-            height: 4,
-        };
+        let tile = Tile { x: 0, y: 0, width: 5, height: 4 };
         let whole = trace_tile(&scene, tile, 0..1024, Isa::detect());
         let parts: Vec<_> = (0..4)
             .map(|k| trace_tile(&scene, tile, k * 256..(k + 1) * 256, Isa::detect()))
@@ -174,14 +157,8 @@ fn ranges_of_256_merge() {
         for layer in 0..4 {
             let counts: Vec<u32> = parts.iter().map(|p| p.samples.0[layer]).collect();
             assert_eq!(counts.iter().sum::<u32>(), whole.samples.0[layer]);
-            assert_eq!(
-                parts.iter().map(|p| p.paths.0[layer]).sum::<u64>(),
-                whole.paths.0[layer]
-            );
-            assert_eq!(
-                parts.iter().map(|p| p.misses.0[layer]).sum::<u64>(),
-                whole.misses.0[layer]
-            );
+            assert_eq!(parts.iter().map(|p| p.paths.0[layer]).sum::<u64>(), whole.paths.0[layer]);
+            assert_eq!(parts.iter().map(|p| p.misses.0[layer]).sum::<u64>(), whole.misses.0[layer]);
             for (q, pixel) in whole.pixels.iter().enumerate() {
                 for c in 0..3 {
                     let sum: f64 = (0..4)

@@ -3,14 +3,8 @@
 //! Nothing here uses the closed forms of `src/trace` to check themselves: expected values come from a ray followed
 //! face by face ([`optics`]), from a renderer that tries every triangle ([`reference`]), or from a formula on paper.
 
-#![allow(
-    clippy::print_stdout,
-    reason = "measured deviations, shown by --nocapture"
-)]
-#![allow(
-    clippy::items_after_statements,
-    reason = "a test's constants stand where they are used"
-)]
+#![allow(clippy::print_stdout, reason = "measured deviations, shown by --nocapture")]
+#![allow(clippy::items_after_statements, reason = "a test's constants stand where they are used")]
 
 mod case;
 mod checkerboard;

@@ -43,13 +43,7 @@ fn room(key: u64, white: bool) -> Mesh {
         *v = turn * *v * (1.0 + 2.0 * noise(i, j, key)) + DVec3::new(0.1, -0.2, 0.3);
     }
     let color = |q: usize| {
-        let c = [0, 1, 2].map(|c| {
-            if white {
-                1.0
-            } else {
-                noise(q, 1, key + c) as f32
-            }
-        });
+        let c = [0, 1, 2].map(|c| if white { 1.0 } else { noise(q, 1, key + c) as f32 });
         [c[0], c[1], c[2], 0.0]
     };
     let colors = (0..vertices.len()).map(color).collect();
@@ -72,11 +66,9 @@ pub(crate) fn rooms(case: &Case) -> Scene {
 fn white_rooms_stay_white() {
     let mut case = case_without_photographs();
     case.film = [13, 9];
-    for (tilt, gaussian, aperture_m) in [
-        ([0.0, 0.0], false, 0.00893),
-        ([20.0, -35.0], true, 0.05),
-        ([-10.0, 8.0], false, 0.0),
-    ] {
+    for (tilt, gaussian, aperture_m) in
+        [([0.0, 0.0], false, 0.00893), ([20.0, -35.0], true, 0.05), ([-10.0, 8.0], false, 0.0)]
+    {
         (case.tilt_deg, case.gaussian, case.aperture_m) = (tilt, gaussian, aperture_m);
         let mut scene = case.scene();
         scene.front = room(1, true).into();
@@ -121,11 +113,7 @@ fn a_sphere_has_its_size_and_depth() {
         let cos2 = (center.z / center.length()).powi(2);
         let area = PI * sin2 * (1.0 - sin2).sqrt() / (cos2 - sin2).powf(1.5);
         for layer in [T, CLEAN] {
-            let sum: f64 = result
-                .pixels
-                .iter()
-                .map(|p| f64::from(p.mean[layer][1]))
-                .sum();
+            let sum: f64 = result.pixels.iter().map(|p| f64::from(p.mean[layer][1])).sum();
             let error = sum * pixel * pixel / area - 1.0;
             println!("{center}, {}: area off by {error:.1e}", NAMES[layer]);
             assert!(error.abs() < 5e-4);
@@ -221,13 +209,8 @@ fn a_photograph_and_its_mesh_give_the_same_pixels() {
                 }
             }
         }
-        let shown: Vec<String> = (0..4)
-            .map(|k| format!("{} {:.1e}", NAMES[k], worst[k]))
-            .collect();
-        println!(
-            "tilt {tilt_deg:?}, {apex:?}: largest differences {}",
-            shown.join(", ")
-        );
+        let shown: Vec<String> = (0..4).map(|k| format!("{} {:.1e}", NAMES[k], worst[k])).collect();
+        println!("tilt {tilt_deg:?}, {apex:?}: largest differences {}", shown.join(", "));
         assert!(worst.iter().all(|&v| v < 1e-4));
     }
 }

@@ -53,11 +53,8 @@ impl Pane {
         let (mut inside, r) = face(d, n, 1.0, self.ior);
         let mut share = r.map(|r| [1.0 - r; 3]);
         let mut transmitted = vec![];
-        let mut reflected = vec![Exit {
-            point,
-            direction: mirrored(d, n),
-            share: r.map(|r| [r; 3]),
-        }];
+        let mut reflected =
+            vec![Exit { point, direction: mirrored(d, n), share: r.map(|r| [r; 3]) }];
         while transmitted.len() < count || reflected.len() < count {
             let outward = inside.dot(n) > 0.0;
             let plane = self.distance_m + if outward { self.thickness_m } else { 0.0 };

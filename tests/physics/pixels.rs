@@ -73,10 +73,8 @@ pub(crate) fn compare(name: &str, case: &Case) {
 }
 
 fn case(front: Relief, back: Relief) -> Case {
-    let mut case = Case::new(
-        rough([13, 11], [29, 17], front, 1),
-        rough([12, 10], [7, 23], back, 2),
-    );
+    let mut case =
+        Case::new(rough([13, 11], [29, 17], front, 1), rough([12, 10], [7, 23], back, 2));
     case.film = [13, 10];
     case.focus_m = 1.7;
     case.spp = 64;
@@ -155,28 +153,10 @@ fn weak_orders_over_several_blocks() {
 fn pixel_errors_keep_to_their_quantiles() {
     let mut all = vec![];
     for (front, back, apex, tilt_deg, gaussian) in [
-        (
-            Relief::Steps,
-            Relief::Noise,
-            Apex::Mirror,
-            [0.0, 0.0],
-            false,
-        ),
+        (Relief::Steps, Relief::Noise, Apex::Mirror, [0.0, 0.0], false),
         (Relief::Noise, Relief::Steps, Apex::Camera, [0.0, 0.0], true),
-        (
-            Relief::Smooth,
-            Relief::Smooth,
-            Apex::Mirror,
-            [20.0, -25.0],
-            true,
-        ),
-        (
-            Relief::Steps,
-            Relief::Smooth,
-            Apex::Camera,
-            [-9.0, 14.0],
-            false,
-        ),
+        (Relief::Smooth, Relief::Smooth, Apex::Mirror, [20.0, -25.0], true),
+        (Relief::Steps, Relief::Smooth, Apex::Camera, [-9.0, 14.0], false),
     ] {
         let mut case = case(front, back);
         (case.apex, case.tilt_deg, case.gaussian) = (apex, tilt_deg, gaussian);

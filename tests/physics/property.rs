@@ -81,9 +81,7 @@ prop_compose! {
 /// Smallest and largest value of any colour.
 fn range(photo: &Photo) -> [f64; 2] {
     let values = photo.texels.iter().flat_map(|t| &t[..3]);
-    values.fold([f64::INFINITY, 0.0], |[lo, hi], &v| {
-        [lo.min(f64::from(v)), hi.max(f64::from(v))]
-    })
+    values.fold([f64::INFINITY, 0.0], |[lo, hi], &v| [lo.min(f64::from(v)), hi.max(f64::from(v))])
 }
 
 /// What thinned orders, which take fewer samples, may put on top of a mean whose weights add up to 1 at most.
@@ -106,17 +104,9 @@ fn within_bounds(
     let mixed = f_hi.max(b_hi) + excess;
     // A pane that absorbs may darken all; else only what was dropped is missing.
     let lost = excess + 1.01 * (orders.front_tail + orders.back_tail);
-    let floor = if case.absorption_per_m == [0.0; 3] {
-        (f_lo.min(b_lo) - lost).max(0.0)
-    } else {
-        0.0
-    };
-    let bounds = [
-        [floor, mixed],
-        [f_lo, f_hi],
-        [0.0, b_hi + excess],
-        [b_lo, b_hi],
-    ];
+    let floor =
+        if case.absorption_per_m == [0.0; 3] { (f_lo.min(b_lo) - lost).max(0.0) } else { 0.0 };
+    let bounds = [[floor, mixed], [f_lo, f_hi], [0.0, b_hi + excess], [b_lo, b_hi]];
     for (layer, [lo, hi]) in bounds.into_iter().enumerate() {
         for value in pixel[layer].map(f64::from) {
             prop_assert!(value.is_finite() && value >= 0.0);

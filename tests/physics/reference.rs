@@ -43,14 +43,9 @@ impl<'a> Sheet<'a> {
                 triangles.push([corner(1, 1), corner(1, 0), corner(0, 1)]);
             }
         }
-        let extremes = photo.w.iter().fold([f32::MAX, 0.0], |[lo, hi], &w| {
-            [f32::min(lo, w), f32::max(hi, w)]
-        });
-        Self {
-            photo,
-            triangles,
-            is_deep: extremes[1] > 1e4 * extremes[0],
-        }
+        let extremes =
+            photo.w.iter().fold([f32::MAX, 0.0], |[lo, hi], &w| [f32::min(lo, w), f32::max(hi, w)]);
+        Self { photo, triangles, is_deep: extremes[1] > 1e4 * extremes[0] }
     }
 
     /// The line's first point on the sheet, counted from the capture camera's plane outwards.
@@ -99,10 +94,7 @@ impl<'a> Sheet<'a> {
         };
         let ((x, sx), (y, sy)) = (line(0), line(1));
         let all = photo.w.iter().map(|&w| f64::from(w));
-        let (bottom, top) = (
-            all.clone().fold(f64::INFINITY, f64::min),
-            all.fold(0.0, f64::max),
-        );
+        let (bottom, top) = (all.clone().fold(f64::INFINITY, f64::min), all.fold(0.0, f64::max));
         let step = 1.0 / sx.abs().max(sy.abs()).max(1e-6);
         let mut hi = top;
         loop {
@@ -185,10 +177,7 @@ impl<'a> Reference<'a> {
     pub(crate) fn new(case: &'a Case, scene: &'a Scene) -> Self {
         let (normal, distance_m) = case.pane();
         let to_back = match case.apex {
-            Apex::Camera => (
-                DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0)),
-                DVec3::ZERO,
-            ),
+            Apex::Camera => (DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0)), DVec3::ZERO),
             Apex::Mirror => {
                 let flip = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
                 let householder = |x: DVec3| flip * (x - 2.0 * x.dot(normal) * normal);
@@ -285,12 +274,7 @@ impl<'a> Reference<'a> {
             let (n, distance) = (self.pane.normal, self.pane.distance_m);
             let point = distance / pinhole.dot(n) * pinhole;
             let mirrored = pinhole - 2.0 * pinhole.dot(n) * n;
-            add(
-                &mut layers[3],
-                self.seen_in_back(point, mirrored),
-                [1.0; 3],
-                clean,
-            );
+            add(&mut layers[3], self.seen_in_back(point, mirrored), [1.0; 3], clean);
         }
         layers
     }
@@ -312,10 +296,7 @@ pub(crate) fn concentric(u: f64, v: f64) -> (f64, f64) {
     let (radius, angle) = if a.abs() > b.abs() {
         (a, std::f64::consts::FRAC_PI_4 * b / a)
     } else {
-        (
-            b,
-            std::f64::consts::FRAC_PI_2 - std::f64::consts::FRAC_PI_4 * a / b,
-        )
+        (b, std::f64::consts::FRAC_PI_2 - std::f64::consts::FRAC_PI_4 * a / b)
     };
     (radius * angle.cos(), radius * angle.sin())
 }

@@ -5,21 +5,13 @@ use render::trace::{Isa, PixelSeed, sample};
 
 /// Points of one pair (0 pixel, 1 lens).
 fn points(seed: &PixelSeed, pair: usize, range: std::ops::Range<u32>) -> Vec<[f32; 2]> {
-    range
-        .map(|i| sample(seed, i))
-        .map(|p| [p[2 * pair], p[2 * pair + 1]])
-        .collect()
+    range.map(|i| sample(seed, i)).map(|p| [p[2 * pair], p[2 * pair + 1]]).collect()
 }
 
 #[test]
 fn every_elementary_interval_of_an_aligned_block_holds_one_point() {
     let mut intervals = 0u64;
-    for (scene, x, y) in [
-        (1, 0, 0),
-        (412, 17, 203),
-        (u64::MAX, 4095, 1),
-        (9, 255, 255),
-    ] {
+    for (scene, x, y) in [(1, 0, 0), (412, 17, 203), (u64::MAX, 4095, 1), (9, 255, 255)] {
         let seed = PixelSeed::new(scene, x, y);
         for log in 0..=10u32 {
             let size = 1 << log;
@@ -54,11 +46,7 @@ fn a_sample_depends_on_its_arguments_alone() {
     for i in (0..64).rev() {
         assert_eq!(sample(&PixelSeed::new(3, 8, 9), i), forward[i as usize]);
     }
-    for other in [
-        PixelSeed::new(4, 8, 9),
-        PixelSeed::new(3, 9, 8),
-        PixelSeed::new(3, 8, 10),
-    ] {
+    for other in [PixelSeed::new(4, 8, 9), PixelSeed::new(3, 9, 8), PixelSeed::new(3, 8, 10)] {
         assert_ne!(sample(&other, 0), forward[0]);
     }
 }

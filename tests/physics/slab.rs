@@ -13,21 +13,14 @@ fn line_distance(a: DVec3, b: DVec3, d: DVec3) -> f64 {
 fn orders_leave_where_and_how_a_ray_followed_face_by_face_does() {
     const ORDERS: u32 = 6;
     let (mut line, mut direction, mut weight, mut tested) = (0f64, 0f64, 0f64, 0);
-    for incidence in [
-        0.0, 1e-6, 5.0, 20.0, 45.0, 57.994617, 70.0, 80.0, 85.0, 89.9,
-    ] {
+    for incidence in [0.0, 1e-6, 5.0, 20.0, 45.0, 57.994617, 70.0, 80.0, 85.0, 89.9] {
         for ior in [1.0, 1.0003, 1.33, 1.6, 2.4] {
             for thickness_m in [0.0, 1e-3, 0.01, 0.1] {
                 for absorption in [[0.0; 3], [0.0, 1.0, 5.0]] {
-                    for (turn, tilt) in [
-                        [0.0, 0.0],
-                        [12.0, 0.0],
-                        [0.0, -12.0],
-                        [30.0, -20.0],
-                        [-60.0, 10.0],
-                    ]
-                    .into_iter()
-                    .enumerate()
+                    for (turn, tilt) in
+                        [[0.0, 0.0], [12.0, 0.0], [0.0, -12.0], [30.0, -20.0], [-60.0, 10.0]]
+                            .into_iter()
+                            .enumerate()
                     {
                         let normal = Slab::tilted_normal(tilt);
                         let slab = Slab {
@@ -44,9 +37,8 @@ fn orders_leave_where_and_how_a_ray_followed_face_by_face_does() {
                             ior,
                             absorption_per_m: absorption,
                         };
-                        let side = normal
-                            .cross(DVec3::new(0.1, 1.0, 0.2 * turn as f64))
-                            .normalize();
+                        let side =
+                            normal.cross(DVec3::new(0.1, 1.0, 0.2 * turn as f64)).normalize();
                         let angle = f64::to_radians(incidence);
                         let d = angle.cos() * normal + angle.sin() * side;
                         let origin = DVec3::new(0.004, -0.007, 0.0);

@@ -9,13 +9,8 @@ const TEXELS: usize = 31;
 /// A black plane with one texel of `radiance` in the middle.
 fn spot(depth_m: f64, radiance: f64) -> Photo {
     let middle = TEXELS / 2;
-    let colour = move |i: usize, j: usize| {
-        [if i == middle && j == middle {
-            radiance
-        } else {
-            0.0
-        }; 3]
-    };
+    let colour =
+        move |i: usize, j: usize| [if i == middle && j == middle { radiance } else { 0.0 }; 3];
     Photo::new([8, 8], [TEXELS, TEXELS], [TAN; 2], |_, _| depth_m, colour)
 }
 
@@ -39,21 +34,14 @@ fn energy_does_not_depend_on_the_lens() {
     ] {
         let case = case(depth_m, focus_m, aperture_m);
         let pixels = case.render();
-        let sum = |layer: usize| {
-            pixels
-                .iter()
-                .map(|p| f64::from(p.mean[layer][0]))
-                .sum::<f64>()
-        };
+        let sum = |layer: usize| pixels.iter().map(|p| f64::from(p.mean[layer][0])).sum::<f64>();
         let texel_px =
             2.0 * TAN / TEXELS as f64 * f64::from(case.film[0]) / (2.0 * case.tan_half_fov()[0]);
         let magnified = |kappa: f64| (texel_px * depth_m / (depth_m - kappa)).powi(2);
         let t = magnified(0.01 * (1.0 - 1.0 / 1.6));
         let r = (0.6f64 / 2.6).powi(2);
         let weights = [r, (1.0 - r).powi(2) * r, (1.0 - r).powi(2) * r.powi(3)];
-        let glass: f64 = (0..3)
-            .map(|k| weights[k] * magnified(-0.02 / 1.6 * k as f64))
-            .sum();
+        let glass: f64 = (0..3).map(|k| weights[k] * magnified(-0.02 / 1.6 * k as f64)).sum();
         let (t_off, r_off) = (sum(T) / t - 1.0, sum(GLASS) / glass - 1.0);
         println!(
             "Z {depth_m}, focus {focus_m}, aperture {aperture_m}: T {t_off:.1e}, R~ {r_off:.1e}"
@@ -71,12 +59,7 @@ fn circle_of_confusion_has_its_radius() {
         case.spp = 16_384;
         let fine = |i: usize, j: usize| [if i == 64 && j == 64 { 1.0 } else { 0.0 }; 3];
         case.front = Photo::new([8, 8], [129, 129], [TAN; 2], |_, _| depth_m, fine);
-        let tile = Tile {
-            x: 57,
-            y: 57,
-            width: 15,
-            height: 15,
-        };
+        let tile = Tile { x: 57, y: 57, width: 15, height: 15 };
         let pixels = trace_tile(&case.scene(), tile, 0..case.spp, Isa::detect()).pixels;
         let per_tangent = f64::from(case.film[0]) / (2.0 * case.tan_half_fov()[0]);
         let kappa = 0.01 * (1.0 - 1.0 / 1.6);
@@ -119,12 +102,7 @@ fn discs_have_their_radii_on_paper() {
         let per_tangent = 256.0 / (2.0 * case.tan_half_fov()[0]);
         let tan = 3.0 * TEXEL_PX / per_tangent / 2.0;
         case.front = Photo::new([3, 3], [3, 3], [tan; 2], |_, _| depth_m, fine);
-        let tile = Tile {
-            x: 122,
-            y: 122,
-            width: 12,
-            height: 12,
-        };
+        let tile = Tile { x: 122, y: 122, width: 12, height: 12 };
         // T needs no order but the first.
         case.tolerance = 1e7;
         let (mut mass, mut second) = (0.0, 0.0);
@@ -192,10 +170,5 @@ fn pinhole_reflection_is_two_sharp_images() {
     let gamma = 1.0 / (1.6f64 * 1.6 + (1.6 * 1.6 - 1.0) * p * p).sqrt();
     // The ghost's line is longer by 2 h gamma: p (Z + 2 h gamma) is the same point.
     assert!((p * (2.0 + 0.4 * gamma) - x_m).abs() < 1e-3, "{peaks:?}");
-    println!(
-        "two images at {:.3} and {:.3} px, {} in all",
-        peaks[0].0,
-        peaks[1].0,
-        peaks.len()
-    );
+    println!("two images at {:.3} and {:.3} px, {} in all", peaks[0].0, peaks[1].0, peaks.len());
 }

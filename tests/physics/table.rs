@@ -24,10 +24,7 @@ use render::trace::{Isa, PixelMeans, Tile, trace_tile};
 
 fn close(name: &str, value: f32, expected: f64, bound: f64) {
     let off = f64::from(value) - expected;
-    assert!(
-        off.abs() <= bound,
-        "{name}: {value}, not {expected} (off by {off:.1e})"
-    );
+    assert!(off.abs() <= bound, "{name}: {value}, not {expected} (off by {off:.1e})");
 }
 
 /// One pixel of a few arc seconds, `incidence` degrees from the pane's normal; white where `front` or `back`.
@@ -63,10 +60,7 @@ const PUBLISHED: [(f64, [f64; 6]); 6] = {
         (80.0, [NO, 0.120_098_220_8, NO, NO, 0.448_700_977_8, NO]),
         (60.0, [NO, 0.065_819_054_67, NO, NO, 0.825_924_819_9, NO]),
         (30.0, [NO, 0.048_334_181_9, NO, NO, 0.896_511_133_4, NO]),
-        (
-            57.994_617,
-            [0.5 * 0.192_021_209_4, NO, NO, NO, 0.838_911_247_6, NO],
-        ),
+        (57.994_617, [0.5 * 0.192_021_209_4, NO, NO, NO, 0.838_911_247_6, NO]),
     ]
 };
 
@@ -118,23 +112,18 @@ fn slab_weight(degrees: f64, k: u32) -> f64 {
     };
     let angle = degrees.to_radians();
     let d = DVec3::new(angle.sin(), 0.0, angle.cos());
-    pane.exit(DVec3::ZERO, d, render::trace::Order::Reflected(k))
-        .weight()[0]
+    pane.exit(DVec3::ZERO, d, render::trace::Order::Reflected(k)).weight()[0]
 }
 
 fn rough(size: [usize; 2], key: u64, depth_m: impl Fn(f64) -> f64) -> Photo {
     let depth = |i: usize, j: usize| depth_m(noise(i / 2, j / 2, key));
-    Photo::new(size, [23, 17], [0.3; 2], depth, |i, j| {
-        [0, 1, 2].map(|c| noise(i, j, key + c))
-    })
+    Photo::new(size, [23, 17], [0.3; 2], depth, |i, j| [0, 1, 2].map(|c| noise(i, j, key + c)))
 }
 
 #[test]
 fn pinholes_do_not_know_the_focus() {
-    let mut case = Case::new(
-        rough([12, 9], 1, |x| 0.8 + 2.0 * x),
-        rough([12, 9], 2, |x| 0.8 + 2.0 * x),
-    );
+    let mut case =
+        Case::new(rough([12, 9], 1, |x| 0.8 + 2.0 * x), rough([12, 9], 2, |x| 0.8 + 2.0 * x));
     case.film = [9, 6];
     case.aperture_m = 0.0;
     case.tilt_deg = [8.0, -20.0];
@@ -219,12 +208,7 @@ fn any_radiance_on_a_plane_is_its_mean() {
                 expected[CLEAN][k] += radiance(clean, k) * share;
             }
         }
-        let tile = Tile {
-            x,
-            y,
-            width: 1,
-            height: 1,
-        };
+        let tile = Tile { x, y, width: 1, height: 1 };
         let pixel = trace_tile(&scene, tile, 0..case.spp, Isa::detect()).pixels[0];
         for layer in 0..4 {
             for c in 0..3 {
@@ -285,20 +269,15 @@ fn extreme_depths_against_f64() {
 #[test]
 fn one_row_or_column_against_f64() {
     for size in [[1, 1], [1, 9], [9, 1]] {
-        for (apex, tilt_deg) in [
-            (Apex::Mirror, [0.0, 0.0]),
-            (Apex::Camera, [0.0, 0.0]),
-            (Apex::Camera, [7.0, -11.0]),
-        ] {
+        for (apex, tilt_deg) in
+            [(Apex::Mirror, [0.0, 0.0]), (Apex::Camera, [0.0, 0.0]), (Apex::Camera, [7.0, -11.0])]
+        {
             let photo = |key| rough(size, key, |x| 0.8 + 2.0 * x);
             let mut case = Case::new(photo(1), photo(2));
             (case.apex, case.tilt_deg) = (apex, tilt_deg);
             case.film = [10, 7];
             case.spp = 64;
-            compare(
-                &format!("photograph of {size:?}, {apex:?} {tilt_deg:?}"),
-                &case,
-            );
+            compare(&format!("photograph of {size:?}, {apex:?} {tilt_deg:?}"), &case);
             case.film = [size[1] as u32, size[0] as u32];
             compare(&format!("and a film of {:?}", case.film), &case);
         }
@@ -322,10 +301,7 @@ fn holes_in_a_plane_leave_no_trace() {
             "back": {"color": "c", "depth": "d", "intrinsics": {"fx": 15, "fy": 15, "cx": 4.5, "cy": 3.5}}}"#,
     )
     .unwrap();
-    let named = |bytes: Vec<u8>| NamedBytes {
-        path: "holes".into(),
-        bytes,
-    };
+    let named = |bytes: Vec<u8>| NamedBytes { path: "holes".into(), bytes };
     let depth = |hole: Option<f32>| {
         let mut npy = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
         let header =
@@ -343,11 +319,8 @@ fn holes_in_a_plane_leave_no_trace() {
         .chain((0..63).map(|q| (noise(q, 5, 5) * 255.0) as u8))
         .collect();
     let render = |hole: Option<f32>| {
-        let files = PhotographFiles {
-            color: named(color.clone()),
-            depth: named(depth(hole)),
-            mask: None,
-        };
+        let files =
+            PhotographFiles { color: named(color.clone()), depth: named(depth(hole)), mask: None };
         let sheet = || decode_photograph(line.front.photograph().unwrap(), &files);
         let (front, back) = (sheet()?, sheet()?);
         let share = front.filled_share;
@@ -368,11 +341,8 @@ fn holes_in_a_plane_leave_no_trace() {
         for at in (data..bytes.len()).step_by(4) {
             bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
         }
-        let files = PhotographFiles {
-            color: named(color.clone()),
-            depth: named(bytes),
-            mask: None,
-        };
+        let files =
+            PhotographFiles { color: named(color.clone()), depth: named(bytes), mask: None };
         decode_photograph(line.front.photograph().unwrap(), &files)
     };
     for value in [f32::NAN, f32::INFINITY, 0.0, -1.0] {

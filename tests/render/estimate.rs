@@ -40,11 +40,7 @@ fn line(folder: &Path, spp: u32, seed: u64) -> SceneLine {
 
 fn render(folder: &Path, spp: u32, seed: u64) -> Tuple {
     let line = line(folder, spp, seed);
-    let loaded = load(
-        &line,
-        &read_files(&line, &Roots::default(), folder).unwrap(),
-    )
-    .unwrap();
+    let loaded = load(&line, &read_files(&line, &Roots::default(), folder).unwrap()).unwrap();
     let job = SceneJob::new(&line, ShardLayout::of(&line, 32), loaded);
     let stop = AtomicBool::new(false);
     let partials = render_partials(&job, 2, Isa::detect(), &stop, &|| ()).unwrap();
@@ -60,19 +56,14 @@ fn stated_errors_are_of_the_size_of_true_ones() {
         let tuple = render(folder.path(), spp, 2);
         for layer in Layer::ALL {
             let name = layer.name();
-            let (a, b) = (
-                tuple.layers[layer].as_flattened(),
-                reference.layers[layer].as_flattened(),
-            );
+            let (a, b) =
+                (tuple.layers[layer].as_flattened(), reference.layers[layer].as_flattened());
             let square = |(a, b): (&f32, &f32)| f64::from(a - b) * f64::from(a - b);
             let error = (a.iter().zip(b).map(square).sum::<f64>() / a.len() as f64).sqrt();
             let stated = tuple.record.layers[name].error_rms.unwrap();
             println!("{spp} samples, {name}: true {error:.2e}, stated {stated:.2e}");
             let ratio = stated / error;
-            assert!(
-                (0.8..1.2).contains(&ratio),
-                "{spp} {name}: stated {stated:e}, true {error:e}"
-            );
+            assert!((0.8..1.2).contains(&ratio), "{spp} {name}: stated {stated:e}, true {error:e}");
         }
     }
 }

@@ -21,11 +21,7 @@ pub(crate) struct Measured {
 
 impl Measured {
     pub(crate) fn new(expected: f64, got: f64) -> Self {
-        Self {
-            expected,
-            got,
-            error: (got - expected).abs(),
-        }
+        Self { expected, got, error: (got - expected).abs() }
     }
 }
 
@@ -60,11 +56,7 @@ pub(crate) fn at_most(layer: &[[f32; 3]], most: f64) -> Measured {
         return Measured::new(0.0, bad);
     }
     let got = values.fold(0.0, f64::max);
-    Measured {
-        expected: most,
-        got,
-        error: (got - most).max(0.0),
-    }
+    Measured { expected: most, got, error: (got - most).max(0.0) }
 }
 
 fn film(line: &SceneLine) -> FilmPlane {
@@ -88,11 +80,8 @@ pub(crate) fn ramp(line: &SceneLine, is_reflected: bool, terms: [f64; 3], q: usi
         let [px, py] = film.tangent(at(x, step % STEPS), at(y, step / STEPS));
         let square = glass.ior * glass.ior;
         let gamma = 1.0 / (square + (square - 1.0) * (px * px + py * py)).sqrt();
-        let (side, kappa) = if is_reflected {
-            (-1.0, 0.0)
-        } else {
-            (1.0, glass.thickness_m * (1.0 - gamma))
-        };
+        let (side, kappa) =
+            if is_reflected { (-1.0, 0.0) } else { (1.0, glass.thickness_m * (1.0 - gamma)) };
         let reach = RAMP_DEPTH_M - kappa;
         sum += middle + across_per_m * side * px * reach + down_per_m * py * reach;
     }
@@ -116,11 +105,7 @@ pub(crate) fn checker(line: &SceneLine, texels: usize, q: usize) -> Option<f64> 
 /// Integral from 0 of the triangle wave of period 2 that is 1 at even and -1 at odd numbers.
 fn wave(x: f64) -> f64 {
     let r = x.abs() % 2.0;
-    let value = if r <= 1.0 {
-        r - r * r
-    } else {
-        (r - 1.0) * (r - 2.0)
-    };
+    let value = if r <= 1.0 { r - r * r } else { (r - 1.0) * (r - 2.0) };
     value * x.signum()
 }
 

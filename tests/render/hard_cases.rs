@@ -36,52 +36,17 @@ const R: &str = "clean_reflection";
 
 /// Planes of one colour: I mixes them by the pane's totals, T and R are the colours themselves.
 const PANE: &[Check] = &[
-    (
-        "constant-planes",
-        I,
-        Value([0.739_325_84, 0.460_674_16, 0.140_449_44]),
-        1e-6,
-    ),
+    ("constant-planes", I, Value([0.739_325_84, 0.460_674_16, 0.140_449_44]), 1e-6),
     ("constant-planes", T, Value([0.8, 0.4, 0.1]), 3e-8),
-    (
-        "constant-planes",
-        GLASS,
-        Value([0.020_224_72, 0.101_123_60, 0.050_561_80]),
-        1e-6,
-    ),
+    ("constant-planes", GLASS, Value([0.020_224_72, 0.101_123_60, 0.050_561_80]), 1e-6),
     ("constant-planes", R, Value([0.2, 1.0, 0.5]), 3e-8),
     // R~ of the front face alone, ((n - 1) / (n + 1))^2: I keeps the ghosts that R~ lacks.
-    (
-        "first-reflection",
-        I,
-        Value([0.739_325_84, 0.460_674_16, 0.140_449_44]),
-        1e-6,
-    ),
-    (
-        "first-reflection",
-        GLASS,
-        Value([0.010_650_888, 0.053_254_438, 0.026_627_219]),
-        1e-8,
-    ),
+    ("first-reflection", I, Value([0.739_325_84, 0.460_674_16, 0.140_449_44]), 1e-6),
+    ("first-reflection", GLASS, Value([0.010_650_888, 0.053_254_438, 0.026_627_219]), 1e-8),
     // Red in front, green behind: red of I is the total transmittance, green the total reflectance.
-    (
-        "angle-30",
-        I,
-        Value([0.896_511_133_4, 0.103_488_866_6, 0.0]),
-        1e-6,
-    ),
-    (
-        "angle-brewster",
-        I,
-        Value([0.838_911_247_6, 0.161_088_752_4, 0.0]),
-        1e-6,
-    ),
-    (
-        "angle-80",
-        I,
-        Value([0.448_700_977_8, 0.551_299_022_2, 0.0]),
-        1e-6,
-    ),
+    ("angle-30", I, Value([0.896_511_133_4, 0.103_488_866_6, 0.0]), 1e-6),
+    ("angle-brewster", I, Value([0.838_911_247_6, 0.161_088_752_4, 0.0]), 1e-6),
+    ("angle-80", I, Value([0.448_700_977_8, 0.551_299_022_2, 0.0]), 1e-6),
     // White in front and behind is white all over, whatever the relief: only the dropped orders lose light.
     ("white-room", I, Value([1.0; 3]), 2e-4),
     ("white-room", T, Value([1.0; 3]), 0.0),
@@ -182,9 +147,7 @@ fn read_tuples(run: &Path, lines: &[SceneLine]) -> Layers {
 
 fn measure(line: &SceneLine, layer: &str, expected: &Expected, all: &Layers) -> Measured {
     let of = |case: &str, layer: &str| {
-        let found = all
-            .iter()
-            .find(|((id, name), _)| id == case && *name == layer);
+        let found = all.iter().find(|((id, name), _)| id == case && *name == layer);
         found.unwrap_or_else(|| panic!("no {layer} of {case}")).1
     };
     let pixels = of(line.id.as_str(), layer);
@@ -208,9 +171,7 @@ fn the_shipped_cases_hold() {
     let folder = tempfile::tempdir().unwrap();
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/hard-cases.jsonl");
     let out = folder.path().join("run");
-    let object = run(&["run", text(&file), "--out", text(&out), "--json"])
-        .expect(3)
-        .json();
+    let object = run(&["run", text(&file), "--out", text(&out), "--json"]).expect(3).json();
     assert!(out.join("report/index.html").is_file());
 
     let quarantined = object["quarantined"].as_array().unwrap();
@@ -227,16 +188,11 @@ fn the_shipped_cases_hold() {
     let mut failed = Vec::new();
     for (case, layer, expected, bound) in [PANE, LENS, PICTURES, DEPTHS].into_iter().flatten() {
         let line = lines.iter().find(|line| line.id.as_str() == *case).unwrap();
-        let Measured {
-            expected,
-            got,
-            error,
-        } = measure(line, layer, expected, &layers);
+        let Measured { expected, got, error } = measure(line, layer, expected, &layers);
         println!("{case:20} {layer:16} {expected:>14.7} {got:>14.7} {error:>8.1e} {bound:>8.1e}");
         if error.is_nan() || error > *bound {
-            failed.push(format!(
-                "{case}, {layer}: {got} in place of {expected}, off by {error:.1e}"
-            ));
+            failed
+                .push(format!("{case}, {layer}: {got} in place of {expected}, off by {error:.1e}"));
         }
     }
     assert!(failed.is_empty(), "{failed:#?}");

@@ -15,11 +15,8 @@ use std::sync::atomic::AtomicBool;
 /// A place whose recipe has more lines under `[film]`.
 fn place_with(film: &str) -> Place {
     let place = place();
-    std::fs::write(
-        &place.recipe,
-        RECIPE.replace("[film]\n", &format!("[film]\n{film}\n")),
-    )
-    .unwrap();
+    std::fs::write(&place.recipe, RECIPE.replace("[film]\n", &format!("[film]\n{film}\n")))
+        .unwrap();
     place
 }
 
@@ -129,13 +126,7 @@ fn adaptive_reference() -> &'static Tuples {
 #[test]
 fn adaptive_tuples_depend_on_neither_threads_nor_tiles() {
     // Tiles of 12 and 100 px are rounded up to whole cells.
-    for (threads, tile) in [
-        ("2", "16"),
-        ("1", "64"),
-        ("2", "64"),
-        ("1", "12"),
-        ("2", "100"),
-    ] {
+    for (threads, tile) in [("2", "16"), ("1", "64"), ("2", "64"), ("1", "12"), ("2", "100")] {
         let place = place_with(ADAPTIVE);
         let (recipe, out) = (text(&place.recipe), text(&place.run));
         run(&["run", recipe, "--out", out, "-j", threads, "--tile", tile]).expect(0);
@@ -152,10 +143,7 @@ fn adaptive_runs_are_killed_and_resumed() {
     let folder = place.run.join("partials");
     let is_under_way = wait_until(&mut child, || {
         let scenes = std::fs::read_dir(&folder).into_iter().flatten().flatten();
-        scenes
-            .flat_map(|scene| std::fs::read_dir(scene.path()).into_iter().flatten())
-            .count()
-            >= 5
+        scenes.flat_map(|scene| std::fs::read_dir(scene.path()).into_iter().flatten()).count() >= 5
     });
     assert!(is_under_way, "the run was over before it was killed");
     child.kill().unwrap();

@@ -6,12 +6,7 @@ use crate::support::scenes::{photographs, scene};
 use serde_json::{Value, json};
 use std::path::Path;
 
-const LAYERS: [&str; 4] = [
-    "input",
-    "transmission",
-    "glass_reflection",
-    "clean_reflection",
-];
+const LAYERS: [&str; 4] = ["input", "transmission", "glass_reflection", "clean_reflection"];
 
 /// Red, green and blue of each pixel of a layer that `render` wrote.
 fn rendered(folder: &Path, layer: &str) -> Vec<[f32; 3]> {
@@ -57,10 +52,7 @@ fn light_is_linear() {
     ];
     let warm = layers(folder, "warm", &tinted);
     for (layer, before) in warm.iter().zip(&plain) {
-        let expected: Vec<_> = before
-            .iter()
-            .map(|[r, g, b]| [2.0 * r, *g, 0.5 * b])
-            .collect();
+        let expected: Vec<_> = before.iter().map(|[r, g, b]| [2.0 * r, *g, 0.5 * b]).collect();
         assert!(*layer == expected);
     }
     let balance = ("/camera/white_balance", json!([0.5, 1.0, 2.0]));
@@ -74,10 +66,7 @@ fn light_is_linear() {
         for c in 0..3 {
             let (i, r) = (plain[0][pixel][c], plain[2][pixel][c]);
             assert_eq!(back[2][pixel][c], 2.0 * r);
-            assert!(
-                (back[0][pixel][c] - (i + r)).abs() <= 1e-6 * (1.0 + i),
-                "{pixel}"
-            );
+            assert!((back[0][pixel][c] - (i + r)).abs() <= 1e-6 * (1.0 + i), "{pixel}");
         }
     }
 }
@@ -88,21 +77,9 @@ fn lights_that_are_none_are_refused() {
     photographs(place.path());
     for (pointer, value, words) in [
         ("/camera/exposure", json!(-1.0), "camera.exposure is -1"),
-        (
-            "/front/illuminant",
-            json!([1.0, -2.0, 1.0]),
-            "front.illuminant[1] is -2",
-        ),
-        (
-            "/camera/white_balance",
-            json!([1.0, 1.0]),
-            "invalid length 2",
-        ),
-        (
-            "/film/glass_reflection_orders",
-            json!("second"),
-            "unknown variant `second`",
-        ),
+        ("/front/illuminant", json!([1.0, -2.0, 1.0]), "front.illuminant[1] is -2"),
+        ("/camera/white_balance", json!([1.0, 1.0]), "invalid length 2"),
+        ("/film/glass_reflection_orders", json!("second"), "unknown variant `second`"),
     ] {
         let mut line = scene("bad");
         let (parent, key) = pointer.rsplit_once('/').unwrap();
@@ -168,15 +145,8 @@ fn planning_settles_the_light_and_replaces_what_nobody_wants() {
     std::fs::write(&recipe, WILD).unwrap();
     let plan = |name: &str, threads: &str| {
         let folder = place.path().join(name);
-        let outcome = run(&[
-            "plan",
-            text(&recipe),
-            "--out",
-            text(&folder),
-            "-j",
-            threads,
-            "--json",
-        ]);
+        let outcome =
+            run(&["plan", text(&recipe), "--out", text(&folder), "-j", threads, "--json"]);
         let outcome = outcome.expect(0).json();
         let read = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
         (outcome, read("manifest.jsonl"), read("rejected.jsonl"))
@@ -186,10 +156,7 @@ fn planning_settles_the_light_and_replaces_what_nobody_wants() {
     assert_eq!(outcome["rejected"], rejected.lines().count());
     let again = plan("two", "2");
     assert_eq!((&again.1, &again.2), (&manifest, &rejected));
-    let rejected: Vec<Value> = rejected
-        .lines()
-        .map(|l| serde_json::from_str(l).unwrap())
-        .collect();
+    let rejected: Vec<Value> = rejected.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
     assert!(!rejected.is_empty());
     for one in &rejected {
         assert!(one["reason"].as_str().unwrap().len() > 10, "{one}");
@@ -211,13 +178,7 @@ fn planning_settles_the_light_and_replaces_what_nobody_wants() {
         let channels = exr_channels(&tuple.join("tuple.exr"));
         // Every tuple's json makes the same picture again, alone.
         let out = place.path().join("again").join(id);
-        run(&[
-            "render",
-            text(&tuple.join("tuple.json")),
-            "--out",
-            text(&out),
-        ])
-        .expect(0);
+        run(&["render", text(&tuple.join("tuple.json")), "--out", text(&out)]).expect(0);
         for layer in LAYERS {
             let floats = exr_channels(&out.join(format!("{layer}.exr")));
             for colour in ["R", "G", "B"] {
@@ -242,11 +203,7 @@ fn planning_settles_the_light_and_replaces_what_nobody_wants() {
     }
     run(&["report", text(&folder)]).expect(0);
     let page = std::fs::read_to_string(folder.join("report/index.html")).unwrap();
-    for words in [
-        "Histogram of f-number",
-        "Histogram of back against front",
-        "Rejected draws",
-    ] {
+    for words in ["Histogram of f-number", "Histogram of back against front", "Rejected draws"] {
         assert!(page.contains(words), "{words}");
     }
 }
@@ -257,8 +214,10 @@ fn bounds_that_no_scene_keeps_to_are_said() {
     let recipe = place.path().join("wild.toml");
     std::fs::write(&recipe, WILD.replace("[0.02, 0.8]", "[0.9999, 1.0]")).unwrap();
     let folder = place.path().join("run");
-    run(&["plan", text(&recipe), "--out", text(&folder)])
-        .expect(4)
-        .says(&["none of 64 draws", "reflected_share is", "widen [reject]"]);
+    run(&["plan", text(&recipe), "--out", text(&folder)]).expect(4).says(&[
+        "none of 64 draws",
+        "reflected_share is",
+        "widen [reject]",
+    ]);
     assert!(!folder.exists());
 }

@@ -39,10 +39,7 @@ fn panorama(path: &Path) {
             [100 + 2 * x, 128, 100, 128]
         });
     }
-    std::fs::File::create(path)
-        .unwrap()
-        .write_all(&bytes)
-        .unwrap();
+    std::fs::File::create(path).unwrap().write_all(&bytes).unwrap();
 }
 
 fn list(folder: &Path) -> Vec<Value> {
@@ -57,17 +54,11 @@ fn list(folder: &Path) -> Vec<Value> {
             "schema": "glasshouse.photograph/1", "place": place, "color": format!("{name}.png"),
             "depth": format!("{name}_depth.npy"), "mask": format!("{name}_depth_mask.npy"), "intrinsics": intrinsics,
         });
-        line.as_object_mut()
-            .unwrap()
-            .extend(more.as_object().unwrap().clone());
+        line.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
         line
     };
     vec![
-        photograph(
-            "a",
-            "indoors",
-            json!({ "highlights": { "above": 0.5, "to": 6.0 } }),
-        ),
+        photograph("a", "indoors", json!({ "highlights": { "above": 0.5, "to": 6.0 } })),
         photograph(
             "b",
             "indoors",
@@ -96,10 +87,7 @@ fn a_list_of_photographs_and_a_panorama_becomes_tuples() {
     let (mut fronts, mut backs) = (0, 0);
     for line in &lines {
         let tuple = tuple_record(&out, line["id"].as_str().unwrap());
-        for (name, side, other) in [
-            ("front", &mut fronts, "back"),
-            ("back", &mut backs, "front"),
-        ] {
+        for (name, side, other) in [("front", &mut fronts, "back"), ("back", &mut backs, "front")] {
             if line[name]["panorama"] != "mine:sky.hdr" {
                 continue;
             }
@@ -108,13 +96,7 @@ fn a_list_of_photographs_and_a_panorama_becomes_tuples() {
             let exposure = if name == "front" { 0.5 } else { 1.0 };
             assert_eq!(line[name]["exposure"], exposure);
             assert_eq!(line[name]["yaw_deg"], 40.0);
-            assert_eq!(
-                tuple["inputs"][format!("{name}.panorama")]
-                    .as_str()
-                    .unwrap()
-                    .len(),
-                64
-            );
+            assert_eq!(tuple["inputs"][format!("{name}.panorama")].as_str().unwrap().len(), 64);
             assert_eq!(tuple["inputs"][format!("{name}.depth")], Value::Null);
             let color = line[other]["color"].as_str().unwrap();
             let base = if other == "front" { 0.5 } else { 1.0 };
@@ -126,13 +108,8 @@ fn a_list_of_photographs_and_a_panorama_becomes_tuples() {
             assert!(brightest <= base * listed * if is_expanded { 6.0 } else { 1.0 });
             assert!(!is_expanded || brightest > base, "{brightest}");
         }
-        let misses = tuple["layers"]["clean_reflection"]["miss_share"]
-            .as_f64()
-            .unwrap();
-        assert!(
-            line["back"]["panorama"].is_null() || misses == 0.0,
-            "{misses}"
-        );
+        let misses = tuple["layers"]["clean_reflection"]["miss_share"].as_f64().unwrap();
+        assert!(line["back"]["panorama"].is_null() || misses == 0.0, "{misses}");
     }
     assert_eq!((fronts, backs), (3, 3), "{lines:#?}");
 }
@@ -154,26 +131,14 @@ fn mistakes_in_a_list_are_found_when_it_is_planned() {
         lines
     };
     plan(&with("color", json!("c.png")), &["mine:c.png"]);
-    plan(
-        &with("mask", json!("sky.hdr")),
-        &["mine:sky.hdr", "Radiance HDR"],
-    );
+    plan(&with("mask", json!("sky.hdr")), &["mine:sky.hdr", "Radiance HDR"]);
     let mut lines = good.clone();
     lines[2]["panorama"] = json!("a.png");
     lines[2].as_object_mut().unwrap().remove("transfer");
     lines[0]["color"] = json!("b.png");
     lines.remove(1);
     plan(&lines, &["mine:a.png", "twice as wide as high"]);
-    plan(
-        &with("colour", json!("b.png")),
-        &["photographs.jsonl", "line 2: unknown field `colour`"],
-    );
-    plan(
-        &with("place", json!("garden")),
-        &["line 2: unknown variant `garden`"],
-    );
-    plan(
-        &with("color", good[0]["color"].clone()),
-        &["source mine lists a.png twice"],
-    );
+    plan(&with("colour", json!("b.png")), &["photographs.jsonl", "line 2: unknown field `colour`"]);
+    plan(&with("place", json!("garden")), &["line 2: unknown variant `garden`"]);
+    plan(&with("color", good[0]["color"].clone()), &["source mine lists a.png twice"]);
 }

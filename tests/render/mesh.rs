@@ -156,10 +156,7 @@ fn a_run_takes_meshes_and_sets_bad_ones_aside() {
             with("near", &[("front", near)]),
             vec!["front mesh", "nearer than the pane", "front.unit_m"],
         ),
-        (
-            with("aside", &[("front", aside)]),
-            vec!["front_center", "meets nothing", "distance_m"],
-        ),
+        (with("aside", &[("front", aside)]), vec!["front_center", "meets nothing", "distance_m"]),
         (
             {
                 let mut scene = scene("color");
@@ -178,14 +175,12 @@ fn a_run_takes_meshes_and_sets_bad_ones_aside() {
     std::fs::write(folder.join("torn.ply"), &room[..room.len() / 2]).unwrap();
     std::fs::copy(folder.join("a.png"), folder.join("image.ply")).unwrap();
     std::fs::write(folder.join("room.png"), &room).unwrap();
-    run(&["plan", text(&manifest), "--out", text(&out), "-n"])
-        .expect(0)
-        .says(&[
-            "3 of 11 input files",
-            "manifest:torn.ply",
-            "manifest:image.ply",
-            "manifest:room.png",
-        ]);
+    run(&["plan", text(&manifest), "--out", text(&out), "-n"]).expect(0).says(&[
+        "3 of 11 input files",
+        "manifest:torn.ply",
+        "manifest:image.ply",
+        "manifest:room.png",
+    ]);
     let ended = run(&["run", text(&manifest), "--out", text(&out), "--json"]).expect(3);
     assert_eq!(ended.json()["merged"], 1);
     assert_eq!(files(&out.join("tuples/good")).len(), 6);

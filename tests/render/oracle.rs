@@ -20,11 +20,7 @@ fn oracle() -> Option<PathBuf> {
 fn reference(path: &Path) -> Vec<f64> {
     let bytes = std::fs::read(path).unwrap();
     let file = npyz::NpyFile::new(&bytes[..]).unwrap();
-    file.into_vec::<f32>()
-        .unwrap()
-        .into_iter()
-        .map(f64::from)
-        .collect()
+    file.into_vec::<f32>().unwrap().into_iter().map(f64::from).collect()
 }
 
 /// RMS difference of the pixels, and of the means of 16 x 16 pixels.
@@ -66,12 +62,8 @@ fn agrees_with_an_independent_renderer() {
     let partials: Vec<Partial> = layout
         .shards()
         .map(|shard| {
-            let result = trace_tile(
-                &loaded.scene,
-                shard.tile,
-                shard.samples.clone(),
-                Isa::detect(),
-            );
+            let result =
+                trace_tile(&loaded.scene, shard.tile, shard.samples.clone(), Isa::detect());
             let header = PartialHeader {
                 schema: PARTIAL_SCHEMA.to_owned(),
                 tracer_version: TRACER_VERSION,
@@ -108,9 +100,6 @@ fn agrees_with_an_independent_renderer() {
             tuple.record.layers[name].error_rms
         );
         assert!(pixels <= limit("threshold_rmse"), "{name}: RMSE {pixels:e}");
-        assert!(
-            blocks <= limit("threshold_block16"),
-            "{name}: RMSE of 16x16 means {blocks:e}"
-        );
+        assert!(blocks <= limit("threshold_block16"), "{name}: RMSE of 16x16 means {blocks:e}");
     }
 }

@@ -63,10 +63,7 @@ fn places(folder: &Path) {
             *bytes = (700.0 * inverse - 30.0).to_le_bytes();
         }
         let put = |root: &str, ending: &str, bytes: &[u8]| {
-            let path = folder
-                .join(root)
-                .join(category)
-                .join(format!("{number:08}{ending}"));
+            let path = folder.join(root).join(category).join(format!("{number:08}{ending}"));
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
             std::fs::write(path, bytes).unwrap();
         };
@@ -103,17 +100,10 @@ fn photographs_of_places_become_tuples() {
         let line: Value = serde_json::from_str(line).unwrap();
         // One side is indoors, the other is not.
         let sides = [&line["front"], &line["back"]];
-        let indoors = sides
-            .iter()
-            .filter(|s| s["color"].as_str().unwrap().contains("bedroom"));
+        let indoors = sides.iter().filter(|s| s["color"].as_str().unwrap().contains("bedroom"));
         assert_eq!(indoors.count(), 1, "{line}");
         for side in sides {
-            assert!(
-                side["depth"]
-                    .as_str()
-                    .unwrap()
-                    .starts_with("places-depth:data_256/")
-            );
+            assert!(side["depth"].as_str().unwrap().starts_with("places-depth:data_256/"));
             let key = if side["color"].as_str().unwrap().contains("bedroom") {
                 "mean_m"
             } else {
@@ -144,23 +134,11 @@ fn what_is_missing_is_said() {
     places(folder.path());
     let recipe = folder.path().join("recipe.toml");
     let plan = || run(&["plan", text(&recipe), "-n"]);
-    std::fs::write(
-        folder.path().join("ranges.toml"),
-        RANGES.replace("4.0 }", "-4.0 }"),
-    )
-    .unwrap();
-    plan()
-        .expect(4)
-        .says(&["ranges.toml", "category.bedroom.range.mean_m is -4"]);
+    std::fs::write(folder.path().join("ranges.toml"), RANGES.replace("4.0 }", "-4.0 }")).unwrap();
+    plan().expect(4).says(&["ranges.toml", "category.bedroom.range.mean_m is -4"]);
     std::fs::write(folder.path().join("ranges.toml"), RANGES).unwrap();
-    std::fs::rename(
-        folder.path().join("places-depth"),
-        folder.path().join("elsewhere"),
-    )
-    .unwrap();
-    plan()
-        .expect(4)
-        .says(&["places-depth", "--root places=DIR"]);
+    std::fs::rename(folder.path().join("places-depth"), folder.path().join("elsewhere")).unwrap();
+    plan().expect(4).says(&["places-depth", "--root places=DIR"]);
     let root = format!("places-depth={}", folder.path().join("elsewhere").display());
     run(&["plan", text(&recipe), "-n", "--root", &root]).expect(0);
 }

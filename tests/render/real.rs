@@ -56,37 +56,23 @@ fn every_layout_renders_and_the_clean_reflection_is_the_photograph() {
             tuple.record.scene.id.to_string(),
             facts.filled_share.front * 100.0,
             facts.filled_share.back * 100.0,
-            Layer::NAMES
-                .map(|name| format!("{:5.2} %", tuple.miss(name) * 100.0))
-                .join(" "),
+            Layer::NAMES.map(|name| format!("{:5.2} %", tuple.miss(name) * 100.0)).join(" "),
             lookup.map_or(String::new(), |(rmse, _)| format!("{rmse:.1e}")),
         );
         tuple.assert_sound();
         // Holes as another reader of the file counts them; nothing of these sets is within 0.3 m.
-        assert_eq!(
-            facts.filled_share.front,
-            front.hole_share(&root, folder.path())
-        );
-        assert_eq!(
-            facts.filled_share.back,
-            back.hole_share(&root, folder.path())
-        );
+        assert_eq!(facts.filled_share.front, front.hole_share(&root, folder.path()));
+        assert_eq!(facts.filled_share.back, back.hole_share(&root, folder.path()));
         assert_eq!(facts.too_near_share.front + facts.too_near_share.back, 0.0);
         if let Some((rmse, outside)) = lookup {
             assert!(rmse <= LOOKUP_RMSE, "RMSE {rmse:e}");
             let miss = tuple.miss("clean_reflection");
-            assert!(
-                (miss - outside).abs() < 1e-3,
-                "misses {miss}, outside {outside}"
-            );
+            assert!((miss - outside).abs() < 1e-3, "misses {miss}, outside {outside}");
         }
         // The pane and the lens move the border of what the front does not show by little.
         let (_, outside) = Photo::open(&root.join(front.color)).crop(front, FILM, false);
         let miss = tuple.miss("transmission");
-        assert!(
-            (miss - outside).abs() < 0.01,
-            "misses {miss}, outside {outside}"
-        );
+        assert!((miss - outside).abs() < 0.01, "misses {miss}, outside {outside}");
     }
 }
 
@@ -110,19 +96,11 @@ fn without_glass_and_lens_the_transmission_is_the_photograph() {
         let photo = Photo::open(&root.join(set.color));
         let (crop, outside) = photo.crop(set, FILM, false);
         let rmse = rmse(tuple.layer("transmission"), &crop);
-        println!(
-            "{:12} T against the photograph: RMSE {rmse:.2e}, {outside:.4} outside",
-            set.name
-        );
+        println!("{:12} T against the photograph: RMSE {rmse:.2e}, {outside:.4} outside", set.name);
         assert!(rmse <= LOOKUP_RMSE, "{}: RMSE {rmse:e}", set.name);
         assert!((tuple.miss("transmission") - outside).abs() < 1e-3);
         assert_eq!(tuple.layer("input"), tuple.layer("transmission"));
-        assert!(
-            tuple
-                .layer("glass_reflection")
-                .iter()
-                .all(|p| *p == [0.0; 3])
-        );
+        assert!(tuple.layer("glass_reflection").iter().all(|p| *p == [0.0; 3]));
     }
 }
 
@@ -191,18 +169,12 @@ impl RealTuple {
             .unwrap();
         let channel = |name: &str| -> Vec<f32> {
             let mut list = image.layer_data.channel_data.list.iter();
-            let found = list
-                .find(|channel| channel.name.to_string() == name)
-                .unwrap();
+            let found = list.find(|channel| channel.name.to_string() == name).unwrap();
             found.sample_data.values_as_f32().collect()
         };
         let layer = |name: &str| -> Vec<[f32; 3]> {
             let [r, g, b] = ["R", "G", "B"].map(|colour| channel(&format!("{name}.{colour}")));
-            r.into_iter()
-                .zip(g)
-                .zip(b)
-                .map(|((r, g), b)| [r, g, b])
-                .collect()
+            r.into_iter().zip(g).zip(b).map(|((r, g), b)| [r, g, b]).collect()
         };
         for name in Layer::NAMES {
             let png = image::open(folder.join(format!("{name}.png"))).unwrap();
@@ -238,10 +210,7 @@ impl RealTuple {
         let input = self.layer("input").as_flattened();
         let reflection = self.layer("glass_reflection").as_flattened();
         for (input, reflection) in input.iter().zip(reflection) {
-            assert!(
-                input - reflection >= -input / 1024.0,
-                "{id}: {input} < {reflection}"
-            );
+            assert!(input - reflection >= -input / 1024.0, "{id}: {input} < {reflection}");
         }
     }
 }

@@ -9,36 +9,16 @@ use std::process::Command;
 
 /// More frames of [`SETS`]: the set's name, colour, depth.
 const FRAMES: [(&str, &str, &str); 6] = [
-    (
-        "basement",
-        "nyu_basement/rgb_00050.jpg",
-        "nyu_basement/sync_depth_00050.png",
-    ),
-    (
-        "basement",
-        "nyu_basement/rgb_00100.jpg",
-        "nyu_basement/sync_depth_00100.png",
-    ),
+    ("basement", "nyu_basement/rgb_00050.jpg", "nyu_basement/sync_depth_00050.png"),
+    ("basement", "nyu_basement/rgb_00100.jpg", "nyu_basement/sync_depth_00100.png"),
     (
         "kitchen",
         "sevenscenes_kitchen/frame-000300.color.jpg",
         "sevenscenes_kitchen/frame-000300.depth.png",
     ),
-    (
-        "chair",
-        "redwood_chair/color/00004.jpg",
-        "redwood_chair/depth/00004.png",
-    ),
-    (
-        "office",
-        "hololens_office/images/00130.png",
-        "hololens_office/depth/00130.png",
-    ),
-    (
-        "road",
-        "kitti_road/rgb/0000000005.png",
-        "kitti_road/depth/0000000005.png",
-    ),
+    ("chair", "redwood_chair/color/00004.jpg", "redwood_chair/depth/00004.png"),
+    ("office", "hololens_office/images/00130.png", "hololens_office/depth/00130.png"),
+    ("road", "kitti_road/rgb/0000000005.png", "kitti_road/depth/0000000005.png"),
 ];
 
 /// A line of the list for a frame of `set`.
@@ -47,11 +27,7 @@ fn line(set: &Set, color: &str, depth: &str) -> Value {
     line["color"] = json!(color);
     line["depth"] = json!(depth);
     line["schema"] = json!("glasshouse.photograph/1");
-    line["place"] = json!(if set.name == "road" {
-        "outdoor"
-    } else {
-        "indoors"
-    });
+    line["place"] = json!(if set.name == "road" { "outdoor" } else { "indoors" });
     line["scan"] = json!(set.name);
     line
 }
@@ -100,11 +76,7 @@ pub(crate) fn write_list(root: &Path, to: &Path) -> usize {
     }));
     lines.extend(estimates());
     let text: Vec<String> = lines.iter().map(Value::to_string).collect();
-    atomic_file::write(
-        &photos.join("photographs.jsonl"),
-        text.join("\n").as_bytes(),
-    )
-    .unwrap();
+    atomic_file::write(&photos.join("photographs.jsonl"), text.join("\n").as_bytes()).unwrap();
     lines.len()
 }
 
@@ -151,16 +123,9 @@ fn the_sets_are_farmed_from_a_list() {
         // The sets' own names lead their paths, and each set is one scan.
         let set = |path: &str| path.split('/').next().unwrap().to_owned();
         assert_ne!(set(front), set(back), "{line}");
-        let tuple = out
-            .path()
-            .join("run/tuples")
-            .join(line["id"].as_str().unwrap());
+        let tuple = out.path().join("run/tuples").join(line["id"].as_str().unwrap());
         assert!(tuple.join("tuple.json").is_file(), "{line}");
     }
-    println!(
-        "{listed} photographs, {} of them in 12 scenes: {}",
-        used.len(),
-        folder.display()
-    );
+    println!("{listed} photographs, {} of them in 12 scenes: {}", used.len(), folder.display());
     assert!(used.len() > 8, "{used:?}");
 }

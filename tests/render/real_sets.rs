@@ -116,10 +116,7 @@ impl Set {
                 .map(|&code| f64::from(code))
                 .collect(),
         };
-        let holes = depths
-            .iter()
-            .filter(|z| !(z.is_finite() && **z > 0.0))
-            .count();
+        let holes = depths.iter().filter(|z| !(z.is_finite() && **z > 0.0)).count();
         holes as f64 / depths.len() as f64
     }
 }
@@ -138,11 +135,7 @@ pub(crate) fn write_motorcycle_depth(root: &Path, to: &Path) {
     let path = root.join("middlebury_motorcycle/motorcycle_disp.npz");
     let mut archive = zip::ZipArchive::new(std::fs::File::open(path).unwrap()).unwrap();
     let mut npy = Vec::new();
-    archive
-        .by_name("arr_0.npy")
-        .unwrap()
-        .read_to_end(&mut npy)
-        .unwrap();
+    archive.by_name("arr_0.npy").unwrap().read_to_end(&mut npy).unwrap();
     let disparity = npyz::NpyFile::new(&npy[..]).unwrap();
     // The header says `<f4` in C order for both arrays alike.
     let header = npy.len() - disparity.shape().iter().product::<u64>() as usize * 4;
@@ -177,18 +170,9 @@ impl Photo {
             ([image.width() as usize, image.height() as usize], values)
         };
         let linear = |v: f64| {
-            if v <= 0.04045 {
-                v / 12.92
-            } else {
-                ((v + 0.055) / 1.055).powf(2.4)
-            }
+            if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
         };
-        let rgb_lin = values
-            .as_chunks::<3>()
-            .0
-            .iter()
-            .map(|rgb| rgb.map(linear))
-            .collect();
+        let rgb_lin = values.as_chunks::<3>().0.iter().map(|rgb| rgb.map(linear)).collect();
         Self { size, rgb_lin }
     }
 
@@ -231,10 +215,7 @@ impl Photo {
             }
         }
         let samples = (SUB * SUB) as f64;
-        let crop = sums
-            .into_iter()
-            .map(|sum| sum.map(|v| v / samples))
-            .collect();
+        let crop = sums.into_iter().map(|sum| sum.map(|v| v / samples)).collect();
         (crop, outside as f64 / (samples * (film * film) as f64))
     }
 }

@@ -7,12 +7,7 @@ use exr::prelude::f16;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-const LAYERS: [&str; 4] = [
-    "input",
-    "transmission",
-    "glass_reflection",
-    "clean_reflection",
-];
+const LAYERS: [&str; 4] = ["input", "transmission", "glass_reflection", "clean_reflection"];
 
 type Files = BTreeMap<std::path::PathBuf, Vec<u32>>;
 
@@ -32,17 +27,9 @@ fn rendered(out: &Path) -> Files {
             found.insert(path, bytes.into_iter().map(u32::from).collect());
         }
     }
-    let mut names = LAYERS
-        .map(|l| [format!("{l}.exr"), format!("{l}.png")])
-        .concat();
+    let mut names = LAYERS.map(|l| [format!("{l}.exr"), format!("{l}.png")]).concat();
     names.sort();
-    assert_eq!(
-        found
-            .keys()
-            .map(|p| p.to_str().unwrap())
-            .collect::<Vec<_>>(),
-        names
-    );
+    assert_eq!(found.keys().map(|p| p.to_str().unwrap()).collect::<Vec<_>>(), names);
     found
 }
 
@@ -82,18 +69,7 @@ fn sample_counts_are_powers_of_two() {
     std::fs::write(&path, scene("one").to_string()).unwrap();
     let render = |spp: &str| {
         let out = folder.path().join(spp);
-        (
-            run(&[
-                "render",
-                text(&path),
-                "--out",
-                text(&out),
-                "--spp",
-                spp,
-                "--json",
-            ]),
-            out,
-        )
+        (run(&["render", text(&path), "--out", text(&out), "--spp", spp, "--json"]), out)
     };
     for spp in ["1", "2"] {
         let (ended, out) = render(spp);
@@ -131,10 +107,8 @@ fn a_tuple_can_be_made_again() {
             assert!(rounded == *half, "{layer}.{colour}");
         }
         let pixels = of("R").iter().zip(of("G")).zip(of("B"));
-        let bytes: Vec<u8> = pixels
-            .flat_map(|((r, g), b)| [*r, *g, *b])
-            .flat_map(u32::to_le_bytes)
-            .collect();
+        let bytes: Vec<u8> =
+            pixels.flat_map(|((r, g), b)| [*r, *g, *b]).flat_map(u32::to_le_bytes).collect();
         let digest = blake3::hash(&bytes).to_hex().to_string();
         assert_eq!(record["layers"][layer]["blake3"], digest.as_str());
         let png = |of: &Path| std::fs::read(of.join(format!("{layer}.png"))).unwrap();

@@ -6,13 +6,7 @@ use crate::support::scenes::{place, reference};
 
 #[test]
 fn threads_and_tiles_change_nothing() {
-    for (threads, tile) in [
-        ("1", "16"),
-        ("1", "64"),
-        ("2", "64"),
-        ("1", "100"),
-        ("2", "100"),
-    ] {
+    for (threads, tile) in [("1", "16"), ("1", "64"), ("2", "64"), ("1", "100"), ("2", "100")] {
         let place = place();
         run(&[
             "run",
@@ -51,9 +45,7 @@ fn instruction_sets_change_nothing() {
 #[test]
 fn a_run_can_be_moved_under_way() {
     let place = place();
-    let mut child = command(&place.arguments("run", &["-j", "1"]))
-        .spawn()
-        .unwrap();
+    let mut child = command(&place.arguments("run", &["-j", "1"])).spawn().unwrap();
     let tuple_folders = place.run.join("tuples");
     assert!(wait_until(&mut child, || tuple_folders.exists()));
     child.kill().unwrap();

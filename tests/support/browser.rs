@@ -14,10 +14,7 @@ pub(crate) struct Browsed {
 /// A page as the browser has it after `virtual_ms` of its own time; `None` without a browser.
 pub(crate) fn browse(url: &str, virtual_ms: u32, more: &[&str]) -> Option<Browsed> {
     let profile = tempfile::tempdir().unwrap();
-    let (out, log) = (
-        profile.path().join("dom.html"),
-        profile.path().join("log.txt"),
-    );
+    let (out, log) = (profile.path().join("dom.html"), profile.path().join("log.txt"));
     let child = Command::new("chromium")
         .args([
             "--headless",

@@ -55,7 +55,5 @@ pub(crate) fn words(element: ElementRef) -> String {
 pub(crate) fn values(element: ElementRef) -> Vec<f64> {
     let data = Selector::parse("data").unwrap();
     let values = element.select(&data);
-    values
-        .map(|data| data.attr("value").unwrap().parse().unwrap())
-        .collect()
+    values.map(|data| data.attr("value").unwrap().parse().unwrap()).collect()
 }

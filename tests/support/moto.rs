@@ -33,17 +33,12 @@ impl Moto {
         let mut command = Command::new("moto_server");
         command.args(["-H", "127.0.0.1", "-p", &port.to_string()]);
         let mut server = Daemon::start(command.args(more))?;
-        wait_for("the start of moto", || {
-            server.ended().is_some() || listens(port)
-        });
+        wait_for("the start of moto", || server.ended().is_some() || listens(port));
         if server.ended().is_some() {
             eprintln!("skipped: moto_server does not start (pip install 'moto[server]')");
             return None;
         }
-        Some(Self {
-            _server: server,
-            endpoint: format!("{scheme}://localhost:{port}"),
-        })
+        Some(Self { _server: server, endpoint: format!("{scheme}://localhost:{port}") })
     }
 
     /// moto believes every signature, and none.

@@ -20,11 +20,7 @@ impl Nats {
     pub(crate) fn start() -> Option<Self> {
         let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
         let server = Some(spawn(port, &folder.path().join("jetstream"))?);
-        Some(Self {
-            server,
-            port,
-            folder,
-        })
+        Some(Self { server, port, folder })
     }
 
     pub(crate) fn url(&self) -> String {
@@ -33,11 +29,7 @@ impl Nats {
 
     /// For a client of a test's own.
     pub(crate) fn options(&self) -> NatsOptions {
-        NatsOptions {
-            url: self.url(),
-            name: "test".to_owned(),
-            ..NatsOptions::default()
-        }
+        NatsOptions { url: self.url(), name: "test".to_owned(), ..NatsOptions::default() }
     }
 
     fn store(&self) -> PathBuf {
@@ -89,11 +81,7 @@ impl SecureNats {
         std::thread::spawn(move || log.for_each(drop));
         let port = port.expect("it says where it listens");
         wait_for("the start of the server", || listens(port));
-        Some(Self {
-            _server: server,
-            port,
-            folder,
-        })
+        Some(Self { _server: server, port, folder })
     }
 
     pub(crate) fn url(&self) -> String {

@@ -99,9 +99,7 @@ pub(crate) fn quarantine_reason(run: &Path, scene: &str) -> String {
 /// The lines of a run's manifest.
 pub(crate) fn manifest(run: &Path) -> Vec<Value> {
     let text = std::fs::read_to_string(run.join("manifest.jsonl")).unwrap();
-    text.lines()
-        .map(|line| serde_json::from_str(line).unwrap())
-        .collect()
+    text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
 /// The tuples of a run, decoded.
@@ -127,12 +125,7 @@ pub(crate) fn assert_same(found: &Tuples, expected: &Tuples) {
     assert_eq!(names(found), names(expected));
     for (path, content) in expected {
         let same = found[path] == *content;
-        assert!(
-            same,
-            "{} differs: {:?} instead of {content:?}",
-            path.display(),
-            found[path]
-        );
+        assert!(same, "{} differs: {:?} instead of {content:?}", path.display(), found[path]);
     }
 }
 
@@ -140,9 +133,8 @@ pub(crate) fn assert_same(found: &Tuples, expected: &Tuples) {
 #[track_caller]
 pub(crate) fn assert_tidy(run: &Path) {
     for path in files(run) {
-        let is_temporary = path
-            .file_name()
-            .is_some_and(|n| n.to_string_lossy().starts_with(".tmp-"));
+        let is_temporary =
+            path.file_name().is_some_and(|n| n.to_string_lossy().starts_with(".tmp-"));
         let is_leftover = is_temporary || path.starts_with("partials");
         assert!(!is_leftover, "{} is left", path.display());
     }

@@ -75,19 +75,13 @@ pub(crate) fn run<S: AsRef<OsStr>>(arguments: &[S]) -> Ended {
 /// Runs the program where no file may be larger than a block: a full disk, to it.
 pub(crate) fn run_on_full_disk(arguments: &[&str]) -> Ended {
     let mut limited = Command::new("sh");
-    limited.args([
-        "-c",
-        "trap '' XFSZ; ulimit -f 1; exec \"$0\" \"$@\"",
-        PROGRAM,
-    ]);
+    limited.args(["-c", "trap '' XFSZ; ulimit -f 1; exec \"$0\" \"$@\"", PROGRAM]);
     limited.args(arguments).output().unwrap().into()
 }
 
 /// Sends a signal (`TERM`, `INT`) to a child.
 pub(crate) fn send(child: &Child, signal: &str) {
-    let status = Command::new("kill")
-        .args([format!("-{signal}"), child.id().to_string()])
-        .status();
+    let status = Command::new("kill").args([format!("-{signal}"), child.id().to_string()]).status();
     assert!(status.unwrap().success());
 }
 

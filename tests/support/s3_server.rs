@@ -100,22 +100,12 @@ impl S3Server {
         let mut builder = S3ServiceBuilder::new(s3s_fs::FileSystem::new(folder.path()).unwrap());
         builder.set_auth(s3s::auth::SimpleAuth::from_single(KEY_ID, SECRET));
         let server = builder.build();
-        let faults = Arc::new(Faults {
-            seed,
-            ..Faults::default()
-        });
+        let faults = Arc::new(Faults { seed, ..Faults::default() });
         let runtime = runtime();
-        let listener = runtime
-            .block_on(tokio::net::TcpListener::bind("127.0.0.1:0"))
-            .unwrap();
+        let listener = runtime.block_on(tokio::net::TcpListener::bind("127.0.0.1:0")).unwrap();
         let port = listener.local_addr().unwrap().port();
         runtime.spawn(listen(listener, server, Arc::clone(&faults)));
-        Self {
-            port,
-            faults,
-            _folder: folder,
-            _runtime: runtime,
-        }
+        Self { port, faults, _folder: folder, _runtime: runtime }
     }
 
     fn environment(&self) -> [(String, String); 4] {
@@ -135,10 +125,7 @@ impl S3Server {
     }
 
     pub(crate) fn options(&self, patience: Duration) -> StoreOptions {
-        StoreOptions {
-            settings: self.environment().into(),
-            patience,
-        }
+        StoreOptions { settings: self.environment().into(), patience }
     }
 
     /// The store below `prefix`.
@@ -156,9 +143,8 @@ async fn listen(listener: tokio::net::TcpListener, server: S3Service, faults: Ar
                 service_fn(move |request| answer(server.clone(), Arc::clone(&faults), request));
             let socket = hyper_util::rt::TokioIo::new(socket);
             // An error of `answer` cuts the connection.
-            let _ = hyper::server::conn::http1::Builder::new()
-                .serve_connection(socket, answer)
-                .await;
+            let _ =
+                hyper::server::conn::http1::Builder::new().serve_connection(socket, answer).await;
         });
     }
 }
@@ -191,9 +177,7 @@ async fn answer(
     } else {
         None
     };
-    let answer = Service::call(&server, request)
-        .await
-        .map_err(io::Error::other)?;
+    let answer = Service::call(&server, request).await.map_err(io::Error::other)?;
     drop(creating);
     match fault {
         Some(Fault::CutAfter) => Err(cut()),

@@ -52,11 +52,7 @@ pub(crate) fn place() -> Place {
     let recipe = folder.path().join("small.toml");
     std::fs::write(&recipe, RECIPE).unwrap();
     let run = folder.path().join("run");
-    Place {
-        folder,
-        recipe,
-        run,
-    }
+    Place { folder, recipe, run }
 }
 
 impl Place {
@@ -126,16 +122,11 @@ pub(crate) fn photographs(folder: &Path) {
     .expect(0)
     .json();
     for (index, name) in ["a", "b"].into_iter().enumerate() {
-        let color = folder
-            .join("made")
-            .join(made["color"][index].as_str().unwrap());
+        let color = folder.join("made").join(made["color"][index].as_str().unwrap());
         let stem = text(&color).strip_suffix(".png").unwrap().to_owned();
         for ending in [".png", "_depth.npy", "_depth_mask.npy"] {
-            std::fs::copy(
-                format!("{stem}{ending}"),
-                folder.join(format!("{name}{ending}")),
-            )
-            .unwrap();
+            std::fs::copy(format!("{stem}{ending}"), folder.join(format!("{name}{ending}")))
+                .unwrap();
         }
     }
 }

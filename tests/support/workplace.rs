@@ -16,11 +16,7 @@ pub(crate) fn workplace() -> TempDir {
 
 /// Runs the program in a folder.
 pub(crate) fn run_in(folder: &Path, arguments: &[&str]) -> Ended {
-    command(arguments)
-        .current_dir(folder)
-        .output()
-        .unwrap()
-        .into()
+    command(arguments).current_dir(folder).output().unwrap().into()
 }
 
 /// The one that is copied: a finished run of the smoke recipe made small, with networks if they can be trained.

@@ -39,10 +39,7 @@ fn methods(json: &Value) -> Vec<&str> {
 fn psnr_db(a: &Path, b: &Path) -> f64 {
     let [a, b] = [a, b].map(|path| image::open(path).unwrap().into_rgb8());
     assert_eq!(a.dimensions(), b.dimensions());
-    let squares = a
-        .iter()
-        .zip(b.iter())
-        .map(|(p, q)| (f64::from(*p) - f64::from(*q)).powi(2));
+    let squares = a.iter().zip(b.iter()).map(|(p, q)| (f64::from(*p) - f64::from(*q)).powi(2));
     10.0 * (255.0 * 255.0 / (squares.sum::<f64>() / a.len() as f64)).log10()
 }
 
@@ -63,15 +60,12 @@ fn a_run_is_scored() {
     let place = merged();
     let run_folder = text(&place.run);
     // Before any training: the pictures as they are.
-    let ended = run(&["evaluate", run_folder, "--json"])
-        .expect(0)
-        .says(&["no SP-net was trained here"]);
+    let ended =
+        run(&["evaluate", run_folder, "--json"]).expect(0).says(&["no SP-net was trained here"]);
     assert_eq!(methods(&ended.json()).len(), 2);
 
     train(&place);
-    let planned = run(&["evaluate", run_folder, "-n", "--json"])
-        .expect(0)
-        .json();
+    let planned = run(&["evaluate", run_folder, "-n", "--json"]).expect(0).json();
     assert_eq!(planned["images"], 1);
     let ended = run(&["evaluate", run_folder, "--json"]).expect(0);
     let json = ended.json();
@@ -86,19 +80,12 @@ fn a_run_is_scored() {
     let tuple = &tuples(&place.run, "test")[0];
     let expected_db = psnr_db(&tuple.join("input.png"), &tuple.join("transmission.png"));
     let found_db = json["rows"][0]["psnr_colour_db"].as_f64().unwrap();
-    assert!(
-        (found_db - expected_db).abs() < 1e-9,
-        "{found_db} {expected_db}"
-    );
+    assert!((found_db - expected_db).abs() < 1e-9, "{found_db} {expected_db}");
     // Rendered pairs lie on each other: nothing is measured.
     assert!(json["rows"][0]["aligned"].is_null());
 
-    let files: Vec<&str> = json["files"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|f| f.as_str().unwrap())
-        .collect();
+    let files: Vec<&str> =
+        json["files"].as_array().unwrap().iter().map(|f| f.as_str().unwrap()).collect();
     assert_eq!(files.len(), 4);
     let folder = place.run.join("train/evaluation");
     // One test scene: the input, times a gain, what the network makes of it, the truth.
@@ -108,12 +95,8 @@ fn a_run_is_scored() {
     assert_eq!(pictures.height(), first.height() + 4);
     let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
     let markdown = read("evaluation.md");
-    for part in [
-        "| input ",
-        "(features none) |",
-        "no resizing; scored as 8-bit",
-        "1 test scene of",
-    ] {
+    for part in ["| input ", "(features none) |", "no resizing; scored as 8-bit", "1 test scene of"]
+    {
         assert!(markdown.contains(part), "no {part:?} in {markdown}");
     }
     assert_eq!(read("evaluation.csv").lines().count(), 1 + 3);
@@ -122,37 +105,18 @@ fn a_run_is_scored() {
 
     // What is printed is the table; rows can be named, chosen and repeated, and splits as well.
     let out = place.folder.path().join("scores");
-    let step = format!(
-        "ours={}",
-        shown(&place.run.join("train/separation/step-0000004"))
-    );
-    let more = [
-        "--split",
-        "all",
-        "--out",
-        text(&out),
-        "--protocol",
-        "paper",
-        "-q",
-    ];
+    let step = format!("ours={}", shown(&place.run.join("train/separation/step-0000004")));
+    let more = ["--split", "all", "--out", text(&out), "--protocol", "paper", "-q"];
     let checkpoints = ["--checkpoint", run_folder, "--checkpoint", &step];
     let ended = run(&[&["evaluate", run_folder][..], &more, &checkpoints].concat()).expect(0);
-    assert!(
-        ended.stdout.contains("| ours (features none) "),
-        "{ended:?}"
-    );
-    assert!(
-        ended.stdout.contains("| 4 |") || ended.stdout.contains("|      4 |"),
-        "{ended:?}"
-    );
+    assert!(ended.stdout.contains("| ours (features none) "), "{ended:?}");
+    assert!(ended.stdout.contains("| 4 |") || ended.stdout.contains("|      4 |"), "{ended:?}");
     assert!(!ended.stdout.contains("channel mean"), "{ended:?}");
     let csv = std::fs::read_to_string(out.join("evaluation.csv")).unwrap();
     assert_eq!(csv.lines().count(), 1 + 4 * 4);
     // As many threads as one likes.
     let on = |threads: &str| {
-        let json = run(&["evaluate", run_folder, "--json", "-j", threads])
-            .expect(0)
-            .json();
+        let json = run(&["evaluate", run_folder, "--json", "-j", threads]).expect(0).json();
         json["rows"].clone()
     };
     assert_eq!(on("1"), on("2"));
@@ -173,9 +137,11 @@ fn what_is_not_there_is_listed() {
     // Damaged, and not merged.
     std::fs::write(train[1].join("input.png"), b"\x89PNG\r\n\x1a\nnothing").unwrap();
     std::fs::remove_file(train[2].join("tuple.json")).unwrap();
-    let ended = run(&["evaluate", run_folder, "--split", "all", "--json"])
-        .expect(3)
-        .says(&["input.png", "glasshouse audit", "has no tuple yet"]);
+    let ended = run(&["evaluate", run_folder, "--split", "all", "--json"]).expect(3).says(&[
+        "input.png",
+        "glasshouse audit",
+        "has no tuple yet",
+    ]);
     let json = ended.json();
     assert_eq!(json["images"], 2);
     // The damaged one is not among those that the gain is fitted to, either.
@@ -220,14 +186,7 @@ fn photographs_are_separated() {
     std::fs::write(file("turned.jpg"), turned_jpeg(&picture(48, 32))).unwrap();
     picture(300, 15).save(file("low.png")).unwrap();
     std::fs::write(file("broken.png"), b"no picture").unwrap();
-    let images = [
-        "large.png",
-        "odd.png",
-        "turned.jpg",
-        "low.png",
-        "broken.png",
-    ]
-    .map(file);
+    let images = ["large.png", "odd.png", "turned.jpg", "low.png", "broken.png"].map(file);
 
     let separate = |out: &str, more: &[&str]| {
         let out = file(out);
@@ -244,20 +203,11 @@ fn photographs_are_separated() {
     let json = one.json();
     assert_eq!(json["schema"], "glasshouse.separate/1");
     assert_eq!(json["step"], 4);
-    assert!(
-        json["checkpoint"]
-            .as_str()
-            .unwrap()
-            .ends_with("step-0000004")
-    );
+    assert!(json["checkpoint"].as_str().unwrap().ends_with("step-0000004"));
     assert_eq!(json["failed"].as_array().unwrap().len(), 2);
     one.says(&["low.png", "16 px", "broken.png"]);
     separate("two", &["-j", "2", "-q"]).expect(3);
-    for (stem, size) in [
-        ("large", (300, 280)),
-        ("odd", (37, 21)),
-        ("turned", (32, 48)),
-    ] {
+    for (stem, size) in [("large", (300, 280)), ("odd", (37, 21)), ("turned", (32, 48))] {
         for layer in ["transmission", "glass_reflection"] {
             let name = format!("{stem}.{layer}.png");
             let bytes = std::fs::read(file("one").join(&name)).unwrap();
@@ -270,39 +220,18 @@ fn photographs_are_separated() {
 
     // The library makes the same of the same pixels, and the tile's size hardly matters.
     let whole = file("whole");
-    run(&[
-        "separate",
-        text(&place.run),
-        text(&images[0]),
-        "--out",
-        text(&whole),
-        "-q",
-    ])
-    .expect(0);
-    let near_db = psnr_db(
-        &whole.join("large.transmission.png"),
-        &file("one/large.transmission.png"),
-    );
+    run(&["separate", text(&place.run), text(&images[0]), "--out", text(&whole), "-q"]).expect(0);
+    let near_db =
+        psnr_db(&whole.join("large.transmission.png"), &file("one/large.transmission.png"));
     assert!(near_db > 30.0, "{near_db}");
 
     // A stage's folder and a checkpoint's are as good as the run.
     let stage = place.run.join("train/separation");
     for checkpoint in [&stage, &stage.join("step-0000004")] {
         let out = file("again");
-        run(&[
-            "separate",
-            text(checkpoint),
-            text(&images[1]),
-            "--out",
-            text(&out),
-            "-q",
-        ])
-        .expect(0);
+        run(&["separate", text(checkpoint), text(&images[1]), "--out", text(&out), "-q"]).expect(0);
         let again = std::fs::read(out.join("odd.transmission.png")).unwrap();
-        assert_eq!(
-            again,
-            std::fs::read(file("one/odd.transmission.png")).unwrap()
-        );
+        assert_eq!(again, std::fs::read(file("one/odd.transmission.png")).unwrap());
     }
 }
 
@@ -327,36 +256,19 @@ fn separations_that_cannot_be_are_refused() {
     // An image that would be written over.
     let made = folder.join("a.transmission.png");
     picture(40, 30).save(&made).unwrap();
-    separate(run_folder, &[text(&image), text(&made)], folder)
-        .expect(2)
-        .says(&["written over"]);
+    separate(run_folder, &[text(&image), text(&made)], folder).expect(2).says(&["written over"]);
     // No checkpoint, or one without an SP-net.
-    separate(text(folder), &[text(&image)], &out)
-        .expect(4)
-        .says(&["holds no checkpoint"]);
+    separate(text(folder), &[text(&image)], &out).expect(4).says(&["holds no checkpoint"]);
     let backtrack = shown(&place.run.join("train/backtrack"));
-    separate(&backtrack, &[text(&image)], &out)
-        .expect(4)
-        .says(&["BT-net alone"]);
+    separate(&backtrack, &[text(&image)], &out).expect(4).says(&["BT-net alone"]);
     assert!(!out.exists());
 
     // A damaged checkpoint: as such it is refused, and in its stage an older one takes its place.
     let stage = place.run.join("train/separation");
-    run(&[
-        "train",
-        run_folder,
-        "--stage",
-        "separation",
-        "--steps",
-        "6",
-        "-q",
-    ])
-    .expect(0);
+    run(&["train", run_folder, "--stage", "separation", "--steps", "6", "-q"]).expect(0);
     let newest = stage.join("step-0000006");
     std::fs::write(newest.join("model.safetensors"), b"nothing").unwrap();
-    separate(text(&newest), &[text(&image)], &out)
-        .expect(4)
-        .says(&["is not what was written"]);
+    separate(text(&newest), &[text(&image)], &out).expect(4).says(&["is not what was written"]);
     std::fs::remove_file(stage.join("best.json")).unwrap();
     let ended = separate(run_folder, &[text(&image)], &out).expect(0);
     assert!(ended.stdout.contains("step 4"), "{ended:?}");
@@ -370,33 +282,19 @@ fn published_pairs_are_scored() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    let arguments = [
-        "evaluate",
-        text(&root),
-        "--out",
-        text(folder.path()),
-        "--json",
-    ];
+    let arguments = ["evaluate", text(&root), "--out", text(folder.path()), "--json"];
     let json = run(&arguments).expect(0).json();
-    assert_eq!(
-        (&json["images"], &json["rows"][0]["images"]),
-        (&37.into(), &37.into())
-    );
+    assert_eq!((&json["images"], &json["rows"][0]["images"]), (&37.into(), &37.into()));
     assert_eq!(methods(&json), ["input"]);
     let index = std::fs::read_to_string(root.join("index.csv")).unwrap();
-    let beside = index
-        .lines()
-        .filter(|line| line.split(',').nth(8) == Some("no"));
+    let beside = index.lines().filter(|line| line.split(',').nth(8) == Some("no"));
     let beside = beside.count();
     assert!(beside > 0);
     assert_eq!(json["rows"][0]["aligned"]["images"], 37 - beside);
     let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
     let csv = read("evaluation.csv");
     assert_eq!(csv.lines().count(), 1 + 37);
-    assert_eq!(
-        csv.lines().filter(|line| line.contains(",no,")).count(),
-        beside
-    );
+    assert_eq!(csv.lines().filter(|line| line.contains(",no,")).count(), beside);
     assert!(read("evaluation.md").contains("Without them:"));
     // Those of which nobody knows the truth are named.
     assert!(read("evaluation.md").contains("ceilnet_real_inputs_only"));
@@ -407,13 +305,7 @@ fn published_pairs_are_scored() {
     let mut images: Vec<PathBuf> = images.map(|e| e.unwrap().path()).collect();
     images.sort();
     images.truncate(2);
-    let mut arguments = vec![
-        "separate",
-        text(&place.run),
-        "--out",
-        text(folder.path()),
-        "-q",
-    ];
+    let mut arguments = vec!["separate", text(&place.run), "--out", text(folder.path()), "-q"];
     arguments.extend(images.iter().map(|path| text(path)));
     run(&arguments).expect(0);
     for image in &images {
@@ -424,16 +316,9 @@ fn published_pairs_are_scored() {
     }
     // The gain of a run's train scenes, on pairs.
     let pairs = root.join("kim2020");
-    let more = [
-        "--fit-gain",
-        text(&place.run),
-        "--checkpoint",
-        text(&place.run),
-        "--json",
-    ];
-    let json = run(&[&["evaluate", text(&pairs), "--limit", "2"][..], &more].concat())
-        .expect(0)
-        .json();
+    let more = ["--fit-gain", text(&place.run), "--checkpoint", text(&place.run), "--json"];
+    let json =
+        run(&[&["evaluate", text(&pairs), "--limit", "2"][..], &more].concat()).expect(0).json();
     assert_eq!(methods(&json).len(), 3);
     assert_eq!(json["images"], 2);
     assert_eq!(json["files"], serde_json::json!([]));

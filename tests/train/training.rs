@@ -83,10 +83,7 @@ impl Place {
     }
 
     fn folder_of(&self, stage: &str, step: u64) -> PathBuf {
-        self.run
-            .join("train")
-            .join(stage)
-            .join(format!("step-{step:07}"))
+        self.run.join("train").join(stage).join(format!("step-{step:07}"))
     }
 }
 
@@ -100,15 +97,9 @@ fn reference() -> &'static [BTreeMap<String, Vec<u8>>; 2] {
     REFERENCE.get_or_init(|| {
         let place = place();
         let first = place.train("backtrack", "30", &small(&["-j", "1"]));
-        assert_eq!(
-            (first["step"].as_u64(), first["steps_taken"].as_u64()),
-            (Some(30), Some(30))
-        );
+        assert_eq!((first["step"].as_u64(), first["steps_taken"].as_u64()), (Some(30), Some(30)));
         place.train("separation", "40", &["-j", "1"]);
-        [
-            place.checkpoint("backtrack", 30),
-            place.checkpoint("separation", 40),
-        ]
+        [place.checkpoint("backtrack", 30), place.checkpoint("separation", 40)]
     })
 }
 
@@ -117,32 +108,18 @@ fn a_training_that_is_killed_ends_with_the_same_bits() {
     let place = place();
     let mut kills = 0;
     for (stage, steps, all) in [("backtrack", "30", 30), ("separation", "40", 40)] {
-        let settings = if stage == "backtrack" {
-            small(&[])
-        } else {
-            Vec::new()
-        };
+        let settings = if stage == "backtrack" { small(&[]) } else { Vec::new() };
         for threads in ["1", "2"] {
             let more = ["-j", threads, "--checkpoint-every", "3", "--keep", "2"];
             let more: Vec<&str> = settings.iter().chain(&more).copied().collect();
             let at = random(all as usize - 5) as u64;
             let csv = place.run.join("train").join(stage).join("metrics.csv");
-            let lines = || {
-                std::fs::read_to_string(&csv)
-                    .unwrap_or_default()
-                    .lines()
-                    .count()
-            };
-            let mut child = command(&place.arguments(stage, steps, &more))
-                .spawn()
-                .unwrap();
+            let lines = || std::fs::read_to_string(&csv).unwrap_or_default().lines().count();
+            let mut child = command(&place.arguments(stage, steps, &more)).spawn().unwrap();
             wait_until(&mut child, || lines() as u64 > at + 1);
             child.kill().unwrap();
             let ended = child.wait_with_output().unwrap();
-            eprintln!(
-                "{stage}, -j {threads}: killed when {} of {steps} steps were noted",
-                lines()
-            );
+            eprintln!("{stage}, -j {threads}: killed when {} of {steps} steps were noted", lines());
             kills += u32::from(ended.status.signal() == Some(9));
         }
         let ended = place.train(stage, steps, &["-j", "2"]);
@@ -154,11 +131,8 @@ fn a_training_that_is_killed_ends_with_the_same_bits() {
     assert!(place.checkpoint("separation", 40) == *separation);
     // A line a step, each once, whatever was done twice.
     let csv = std::fs::read_to_string(place.run.join("train/separation/metrics.csv")).unwrap();
-    let steps: Vec<u64> = csv
-        .lines()
-        .skip(1)
-        .map(|l| l.split(',').next().unwrap().parse().unwrap())
-        .collect();
+    let steps: Vec<u64> =
+        csv.lines().skip(1).map(|l| l.split(',').next().unwrap().parse().unwrap()).collect();
     assert_eq!(steps, (1..=40).collect::<Vec<_>>());
     let left = files(&place.run.join("train"));
     assert!(!left.iter().any(|p| text(p).contains(".tmp-")), "{left:?}");
@@ -169,10 +143,7 @@ fn half_and_half_are_the_whole_and_what_is_done_is_not_done_again() {
     let place = place();
     place.train("backtrack", "15", &small(&["-j", "2", "--seed", "2020"]));
     let ended = place.train("backtrack", "30", &["-j", "1"]);
-    assert_eq!(
-        (ended["from_step"].as_u64(), ended["steps_taken"].as_u64()),
-        (Some(15), Some(15))
-    );
+    assert_eq!((ended["from_step"].as_u64(), ended["steps_taken"].as_u64()), (Some(15), Some(15)));
     assert!(place.checkpoint("backtrack", 30) == reference()[0]);
     let again = place.train("backtrack", "30", &[]);
     assert_eq!(again["steps_taken"].as_u64(), Some(0));
@@ -186,63 +157,32 @@ fn half_and_half_are_the_whole_and_what_is_done_is_not_done_again() {
 fn interrupted_it_keeps_every_step() {
     let place = place();
     let csv = place.run.join("train/backtrack/metrics.csv");
-    let lines = || {
-        std::fs::read_to_string(&csv)
-            .unwrap_or_default()
-            .lines()
-            .count()
-    };
+    let lines = || std::fs::read_to_string(&csv).unwrap_or_default().lines().count();
     let more = small(&["--checkpoint-every", "100000"]);
-    let mut child = command(&place.arguments("backtrack", "100000", &more))
-        .spawn()
-        .unwrap();
+    let mut child = command(&place.arguments("backtrack", "100000", &more)).spawn().unwrap();
     wait_until(&mut child, || lines() > 5);
     let id = rustix::process::Pid::from_child(&child);
     rustix::process::kill_process(id, rustix::process::Signal::INT).unwrap();
     let ended = child.wait_with_output().unwrap();
     assert_eq!(ended.status.code(), Some(130), "{ended:?}");
     let taken = lines() as u64 - 1;
-    assert!(
-        place
-            .folder_of("backtrack", taken)
-            .join("state.json")
-            .is_file(),
-        "{taken}"
-    );
+    assert!(place.folder_of("backtrack", taken).join("state.json").is_file(), "{taken}");
 }
 
 #[test]
 fn other_settings_are_refused_with_what_differs() {
     let place = place();
     place.train("backtrack", "2", &small(&[]));
-    run(&place.arguments(
-        "backtrack",
-        "4",
-        &["--width", "8", "--learning-rate", "0.001"],
-    ))
-    .expect(5)
-    .says(&[
-        "width: 4 -> 8",
-        "learning_rate: 0.0001 -> 0.001",
-        "step-0000002",
-    ]);
-    // What networks are made of stays in the next stage; how they learn is its own.
-    run(&place.arguments("separation", "4", &["--width", "8"]))
+    run(&place.arguments("backtrack", "4", &["--width", "8", "--learning-rate", "0.001"]))
         .expect(5)
-        .says(&["width: 4 -> 8"]);
-    let ended = place.train(
-        "separation",
-        "2",
-        &["--learning-rate", "0.001", "--no-a-priori"],
-    );
+        .says(&["width: 4 -> 8", "learning_rate: 0.0001 -> 0.001", "step-0000002"]);
+    // What networks are made of stays in the next stage; how they learn is its own.
+    run(&place.arguments("separation", "4", &["--width", "8"])).expect(5).says(&["width: 4 -> 8"]);
+    let ended = place.train("separation", "2", &["--learning-rate", "0.001", "--no-a-priori"]);
     assert_eq!(ended["settings"]["a_priori"], false);
-    run(&place.arguments("separation", "4", &["--width", "1"]))
-        .expect(2)
-        .says(&["from 3 to 1024"]);
+    run(&place.arguments("separation", "4", &["--width", "1"])).expect(2).says(&["from 3 to 1024"]);
     let other = self::place();
-    run(&other.arguments("backtrack", "4", &["--real-share", "0.5"]))
-        .expect(2)
-        .says(&["--real"]);
+    run(&other.arguments("backtrack", "4", &["--real-share", "0.5"])).expect(2).says(&["--real"]);
 }
 
 #[test]
@@ -260,13 +200,9 @@ fn a_changed_recipe_is_refused_with_what_differs() {
     let arguments = ["run", text(&recipe), "--out", text(&out), "--json"];
     // What could not be trained is said before anything is traced.
     write(2, "crop_px = 64");
-    run(&arguments)
-        .expect(4)
-        .says(&["train.settings.crop_px is 64", "film.width may be 56"]);
+    run(&arguments).expect(4).says(&["train.settings.crop_px is 64", "film.width may be 56"]);
     write(2, "crop_px = 40\nreal_share = 0.5");
-    run(&arguments)
-        .expect(4)
-        .says(&["real_share", "--real DIR"]);
+    run(&arguments).expect(4).says(&["real_share", "--real DIR"]);
     assert!(!out.exists());
     write(2, "crop_px = 40");
     let first = run(&arguments).expect(0).json();
@@ -274,21 +210,13 @@ fn a_changed_recipe_is_refused_with_what_differs() {
     assert_eq!(first["train"]["evaluation"]["rows"][0]["method"], "input");
     // Done is done; more steps go on; other settings are another training.
     let again = run(&arguments).expect(0).json();
-    assert_eq!(
-        again["train"]["separation"]["steps_taken"].as_u64(),
-        Some(0)
-    );
-    assert_eq!(
-        again["train"]["evaluation"]["rows"],
-        first["train"]["evaluation"]["rows"]
-    );
+    assert_eq!(again["train"]["separation"]["steps_taken"].as_u64(), Some(0));
+    assert_eq!(again["train"]["evaluation"]["rows"], first["train"]["evaluation"]["rows"]);
     write(3, "crop_px = 40");
     let more = run(&arguments).expect(0).json();
     assert_eq!(more["train"]["separation"]["steps_taken"].as_u64(), Some(1));
     write(3, "crop_px = 40\nlearning_rate = 0.001");
-    run(&arguments)
-        .expect(5)
-        .says(&["learning_rate: 0.0001 -> 0.001", "recipe's [train]"]);
+    run(&arguments).expect(5).says(&["learning_rate: 0.0001 -> 0.001", "recipe's [train]"]);
 }
 
 #[test]
@@ -304,11 +232,9 @@ fn separation_needs_a_bt_net() {
 fn a_damaged_checkpoint_gives_way_to_the_one_before() {
     let place = place();
     place.train("backtrack", "30", &small(&["--checkpoint-every", "10"]));
-    for (name, damage) in [
-        ("model.safetensors", 0),
-        ("optimizer.safetensors", 1),
-        ("state.json", 2),
-    ] {
+    for (name, damage) in
+        [("model.safetensors", 0), ("optimizer.safetensors", 1), ("state.json", 2)]
+    {
         let path = place.folder_of("backtrack", 30).join(name);
         let mut bytes = std::fs::read(&path).unwrap();
         match damage {
@@ -320,14 +246,13 @@ fn a_damaged_checkpoint_gives_way_to_the_one_before() {
             _ => bytes = b"{}".to_vec(),
         }
         std::fs::write(&path, bytes).unwrap();
-        let ended = run(&place.arguments("backtrack", "30", &["--json"]))
-            .expect(0)
-            .says(&["step-0000030", name, "the one of step 20 is taken"]);
+        let ended = run(&place.arguments("backtrack", "30", &["--json"])).expect(0).says(&[
+            "step-0000030",
+            name,
+            "the one of step 20 is taken",
+        ]);
         assert_eq!(ended.json()["from_step"].as_u64(), Some(20));
-        assert!(
-            place.checkpoint("backtrack", 30) == reference()[0],
-            "{name}"
-        );
+        assert!(place.checkpoint("backtrack", 30) == reference()[0], "{name}");
     }
 }
 
@@ -336,19 +261,14 @@ fn a_damaged_tuple_is_named_and_nothing_is_lost() {
     let place = place();
     place.train("backtrack", "1", &small(&[]));
     let tuples = files(&place.run.join("tuples"));
-    for exr in tuples
-        .iter()
-        .filter(|p| p.ends_with("tuple.exr") && text(p).contains("train"))
-    {
+    for exr in tuples.iter().filter(|p| p.ends_with("tuple.exr") && text(p).contains("train")) {
         let path = place.run.join("tuples").join(exr);
         let mut bytes = std::fs::read(&path).unwrap();
         let middle = bytes.len() / 2;
         bytes[middle] ^= 1;
         std::fs::write(&path, bytes).unwrap();
     }
-    run(&place.arguments("backtrack", "9", &[]))
-        .expect(1)
-        .says(&["tuple.exr", "audit"]);
+    run(&place.arguments("backtrack", "9", &[])).expect(1).says(&["tuple.exr", "audit"]);
     // The 8-bit files are whole.
     let other = self::place();
     other.train("backtrack", "2", &small(&["--pixels", "png"]));
@@ -366,11 +286,7 @@ fn it_follows_a_farm_that_is_still_at_work() {
     run(&["work", text(&place.run)]).expect(0);
     let ended = child.wait_with_output().unwrap();
     assert!(ended.status.success(), "{ended:?}");
-    let model = |place: &Place| {
-        place
-            .checkpoint("backtrack", 12)
-            .remove("model.safetensors")
-    };
+    let model = |place: &Place| place.checkpoint("backtrack", 12).remove("model.safetensors");
     assert!(model(&done) == model(&place));
 }
 
@@ -400,19 +316,14 @@ fn photographs_are_mixed_and_real_pairs_join_in() {
     assert_eq!(ended["real_pairs"].as_u64(), Some(scenes.len() as u64));
     let csv = std::fs::read_to_string(place.run.join("train/separation/metrics.csv")).unwrap();
     // Of a real pair T alone is known: every other line has no loss of R~.
-    let known: Vec<bool> = csv
-        .lines()
-        .skip(1)
-        .map(|l| !l.split(',').nth(4).unwrap().is_empty())
-        .collect();
+    let known: Vec<bool> =
+        csv.lines().skip(1).map(|l| !l.split(',').nth(4).unwrap().is_empty()).collect();
     assert_eq!(known.iter().filter(|k| **k).count(), 3, "{csv}");
     // Other pairs are other examples.
     for folder in ["blended", "transmission_layer"] {
         std::fs::remove_file(real.join(folder).join("0.png")).unwrap();
     }
-    run(&place.arguments("separation", "8", &more))
-        .expect(5)
-        .says(&["real pairs"]);
+    run(&place.arguments("separation", "8", &more)).expect(5).says(&["real pairs"]);
 }
 
 #[test]
@@ -422,18 +333,11 @@ fn features_are_random_or_from_a_file_and_both_are_recorded() {
     let file = ["--features", text(&weights), "--vgg-divisor", "32"];
     let ended = place.train("backtrack", "2", &small(&file));
     assert!(ended["settings"]["features"] == "file");
-    let state = place
-        .checkpoint("backtrack", 2)
-        .remove("state.json")
-        .unwrap();
+    let state = place.checkpoint("backtrack", 2).remove("state.json").unwrap();
     let state: Value = serde_json::from_slice(&state).unwrap();
-    let digest = blake3::hash(&std::fs::read(&weights).unwrap())
-        .to_hex()
-        .to_string();
+    let digest = blake3::hash(&std::fs::read(&weights).unwrap()).to_hex().to_string();
     assert_eq!(state["origin"]["vgg_blake3"], digest.as_str());
-    run(&place.arguments("backtrack", "4", &[]))
-        .expect(4)
-        .says(&["--features FILE"]);
+    run(&place.arguments("backtrack", "4", &[])).expect(4).says(&["--features FILE"]);
     let model = place.folder_of("backtrack", 2).join("model.safetensors");
     run(&place.arguments("backtrack", "4", &["--features", text(&model)]))
         .expect(4)
@@ -448,18 +352,8 @@ fn features_are_random_or_from_a_file_and_both_are_recorded() {
         .says(&["VGG-19's weights", "step-0000002"]);
     let other = self::place();
     let more = small(&["--features", "random", "--vgg-divisor", "32"]);
-    run(&other.arguments("backtrack", "2", &more))
-        .expect(0)
-        .says(&["not the paper's"]);
-    run(&[
-        "train",
-        text(&other.run),
-        "--stage",
-        "separation",
-        "--steps",
-        "2",
-    ])
-    .expect(0);
+    run(&other.arguments("backtrack", "2", &more)).expect(0).says(&["not the paper's"]);
+    run(&["train", text(&other.run), "--stage", "separation", "--steps", "2"]).expect(0);
 }
 
 #[test]
@@ -467,11 +361,8 @@ fn tensorboard_reads_the_events() {
     let reader = "from tensorboard.backend.event_processing.event_accumulator import EventAccumulator as E\n\
                   import sys\ne = E(sys.argv[1])\ne.Reload()\nt = e.Tags()\n\
                   print(len(e.Scalars('loss/total')), e.Scalars('loss/total')[-1].step, t['images'])";
-    let python = |arguments: &[&str]| {
-        std::process::Command::new("python3")
-            .args(arguments)
-            .output()
-    };
+    let python =
+        |arguments: &[&str]| std::process::Command::new("python3").args(arguments).output();
     if !python(&["-c", "import tensorboard"]).is_ok_and(|o| o.status.success()) {
         eprintln!("skipped: there is no tensorboard here (pip install tensorboard)");
         return;
@@ -481,10 +372,5 @@ fn tensorboard_reads_the_events() {
     let folder = place.run.join("train/backtrack");
     let read = python(&["-c", reader, text(&folder)]).unwrap();
     let said = String::from_utf8(read.stdout).unwrap();
-    assert_eq!(
-        said.trim(),
-        "12 12 ['validation']",
-        "{}",
-        String::from_utf8_lossy(&read.stderr)
-    );
+    assert_eq!(said.trim(), "12 12 ['validation']", "{}", String::from_utf8_lossy(&read.stderr));
 }

@@ -26,29 +26,17 @@ pub enum FarmBenchError {
          leave more workers alive, or lengthen --lease-s"
     )]
     NeverEnds,
-    /// A signal came.
     #[error("stopped by a signal; nothing was measured to the end")]
     Stopped,
     /// The disk, a clock, a process.
     #[error("cannot {what}: {source}")]
-    System {
-        /// What was tried.
-        what: &'static str,
-        /// Why.
-        source: std::io::Error,
-    },
+    System { what: &'static str, source: std::io::Error },
     /// A file of a measured run is missing or cannot be read.
     #[error("cannot read {}: {source}; the measured farm did not finish its run", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     /// A process of the farm failed.
     #[error("a process of the measured farm {how}: {said}")]
     Process {
-        /// How it ended.
         how: String,
         /// Its last lines.
         said: String,
@@ -66,19 +54,13 @@ pub enum FarmBenchError {
     },
     /// The coordinator did not publish what is missing.
     #[error("after two minutes the coordinator has published {waiting} of {missing} spans")]
-    NotPublished {
-        /// In the queue.
-        waiting: u64,
-        /// Scenes to publish.
-        missing: u64,
-    },
+    NotPublished { waiting: u64, missing: u64 },
     /// A run cannot be planned.
     #[error(transparent)]
     Plan(#[from] PlanError),
     /// A run cannot be opened.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// The queue.
     #[error(transparent)]
     Queue(#[from] QueueError),
     /// A run cannot be half made.

@@ -36,11 +36,8 @@ pub(super) fn half_done(
         .par_iter()
         .enumerate()
         .map(|(place, line)| {
-            let done = if place % 2 == 0 {
-                tuple(run, line, isa, &encoder)
-            } else {
-                half(run, line, isa)
-            };
+            let done =
+                if place % 2 == 0 { tuple(run, line, isa, &encoder) } else { half(run, line, isa) };
             on_scene();
             done
         })
@@ -65,23 +62,16 @@ fn tuple(
 ) -> Result<HalfDone, BenchError> {
     let job = job(run, line)?;
     let shards = 0..job.layout.len();
-    let partials: Vec<_> = shards
-        .map(|s| job.trace(&job.layout.shard(s), isa))
-        .collect();
+    let partials: Vec<_> = shards.map(|s| job.trace(&job.layout.shard(s), isa)).collect();
     let tuple = combine(line, run.spec.tile_px, &partials)?;
     let folder = run.path(&keys::tuple_folder(&line.id));
     create_dir(&folder)?;
     for name in tuple_files(line) {
-        let bytes = encode_tuple_file(&tuple, encoder, &name).map_err(|e| BenchError::Encode {
-            name: "tuple",
-            reason: e.to_string(),
-        })?;
+        let bytes = encode_tuple_file(&tuple, encoder, &name)
+            .map_err(|e| BenchError::Encode { name: "tuple", reason: e.to_string() })?;
         write_relaxed(&folder.join(name), &bytes)?;
     }
-    Ok(HalfDone {
-        tuples: 1,
-        ..HalfDone::default()
-    })
+    Ok(HalfDone { tuples: 1, ..HalfDone::default() })
 }
 
 fn half(run: &Run, line: &SceneLine, isa: Isa) -> Result<HalfDone, BenchError> {
@@ -90,15 +80,9 @@ fn half(run: &Run, line: &SceneLine, isa: Isa) -> Result<HalfDone, BenchError> {
     let there = job.layout.len() / 2;
     for shard in 0..there {
         let partial = job.trace(&job.layout.shard(shard), isa);
-        let bytes = partial::encode(&partial).map_err(|e| BenchError::Encode {
-            name: "partial",
-            reason: e.to_string(),
-        })?;
+        let bytes = partial::encode(&partial)
+            .map_err(|e| BenchError::Encode { name: "partial", reason: e.to_string() })?;
         write_relaxed(&run.path(&keys::partial(&line.id, shard)), &bytes)?;
     }
-    Ok(HalfDone {
-        partials: u64::from(there),
-        missing: 1,
-        ..HalfDone::default()
-    })
+    Ok(HalfDone { partials: u64::from(there), missing: 1, ..HalfDone::default() })
 }

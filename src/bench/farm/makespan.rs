@@ -21,10 +21,7 @@ pub fn makespan(setup: &Setup, case: &Case, passes: u32) -> Result<Makespan, Far
     if faulty.faults.is_empty() && faulty.fleet.workers > 1 {
         faulty.faults = usual_faults(&faulty)?;
     }
-    let plain = Case {
-        faults: Vec::new(),
-        ..faulty.clone()
-    };
+    let plain = Case { faults: Vec::new(), ..faulty.clone() };
     let place = Place::new(setup)?;
     place.need_queue()?;
     let kinds = [("without faults", &plain), ("with faults", &faulty)];
@@ -47,23 +44,12 @@ pub fn makespan(setup: &Setup, case: &Case, passes: u32) -> Result<Makespan, Far
     for ((what, case), passes) in kinds.iter().zip(all) {
         runs.push(MakespanRun::new(what, case, bound_s(case)?, passes));
     }
-    Ok(Makespan::new(
-        place.conditions("makespan"),
-        &plain,
-        runs,
-        tuples_equal,
-    ))
+    Ok(Makespan::new(place.conditions("makespan"), &plain, runs, tuples_equal))
 }
 
 fn usual_faults(case: &Case) -> Result<Vec<Fault>, FarmBenchError> {
-    let slow = Fault::Slow {
-        worker: 1,
-        times: 4.0,
-    };
-    let slowed = Case {
-        faults: vec![slow.clone()],
-        ..case.clone()
-    };
+    let slow = Fault::Slow { worker: 1, times: 4.0 };
+    let slowed = Case { faults: vec![slow.clone()], ..case.clone() };
     let at_s = bound_s(&slowed)? * KILLED_AT;
     Ok(vec![slow, Fault::Kill { worker: 0, at_s }])
 }

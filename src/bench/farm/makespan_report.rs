@@ -37,7 +37,6 @@ pub struct MakespanRun {
     makespan_s: f64,
     known_s: f64,
     loads_per_scene: f64,
-    /// In their order.
     pub passes: Vec<Pass>,
 }
 
@@ -50,7 +49,6 @@ pub struct Pass {
     pub(super) loads: u64,
     pub(super) spans_given: u64,
     pub(super) shards_traced: u64,
-    /// Of all tuples.
     #[serde(skip)]
     pub(super) digest: String,
 }
@@ -65,14 +63,8 @@ enum FaultRow {
 impl FaultRow {
     fn new(fault: &Fault) -> Option<Self> {
         match *fault {
-            Fault::Kill { worker, at_s } => Some(Self::Kill {
-                killed: worker,
-                at_s,
-            }),
-            Fault::Slow { worker, times } => Some(Self::Slow {
-                slow: worker,
-                times,
-            }),
+            Fault::Kill { worker, at_s } => Some(Self::Kill { killed: worker, at_s }),
+            Fault::Slow { worker, times } => Some(Self::Slow { slow: worker, times }),
             _ => None,
         }
     }
@@ -175,11 +167,7 @@ impl fmt::Display for Makespan {
         for fault in self.runs.last().iter().flat_map(|run| &run.faults) {
             writeln!(f, "{fault}")?;
         }
-        let same = if self.tuples_equal {
-            "are bit by bit those"
-        } else {
-            "ARE NOT those"
-        };
+        let same = if self.tuples_equal { "are bit by bit those" } else { "ARE NOT those" };
         write!(f, "the tuples of all runs {same} of one process")
     }
 }

@@ -35,11 +35,7 @@ pub fn overhead(
 ) -> Result<Overhead, FarmBenchError> {
     let place = Place::new(setup)?;
     let has_queue = place.url.is_some();
-    let queues = if has_queue {
-        &[true, false][..]
-    } else {
-        &[false]
-    };
+    let queues = if has_queue { &[true, false][..] } else { &[false] };
     let ladder = (0..).map(|k| 1u32 << k).take_while(|n| *n <= workers);
     let plans: Vec<Plan> = ladder
         .flat_map(|workers| {
@@ -77,11 +73,7 @@ pub fn overhead(
     };
     let real_shards = measure(&place, &real, has_queue)?;
     watcher.part_is_done();
-    Ok(Overhead {
-        how: place.conditions("overhead"),
-        runs,
-        real_shards,
-    })
+    Ok(Overhead { how: place.conditions("overhead"), runs, real_shards })
 }
 
 fn queue_name(shared: bool) -> &'static str {
@@ -116,11 +108,7 @@ fn measure(place: &Place, plan: &Plan, shared: bool) -> Result<OverheadRun, Farm
     let path = run.to_string_lossy();
     let cost = plan.asleep.clone();
     let cost = cost.map(|work| Fault::Cost(work).to_string());
-    let (processes, threads) = if shared {
-        (plan.workers, 1)
-    } else {
-        (1, plan.workers)
-    };
+    let (processes, threads) = if shared { (plan.workers, 1) } else { (1, plan.workers) };
     let threads = threads.to_string();
     let mut arguments = vec!["work", &path, "-j", &threads, "-v", "--json"];
     arguments.extend(["--progress", "none"]);

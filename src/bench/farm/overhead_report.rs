@@ -42,7 +42,6 @@ pub struct OverheadRun {
     pub overhead_cpu_share: f64,
     /// CPU seconds of all workers, by stage.
     pub cpu_seconds: BTreeMap<String, f64>,
-    /// Of the coordinator.
     pub coordinator_cpu_s: f64,
     /// Of the NATS server, if known.
     pub server_cpu_s: Option<f64>,
@@ -120,14 +119,7 @@ impl OverheadRun {
 impl Overhead {
     /// The runs on one kind of queue, with or without sleep, as a table; nothing without runs.
     fn table(&self, title: &str, asleep: bool, queue: &str) -> Option<String> {
-        let head = [
-            title,
-            "shards",
-            "shards/s",
-            "of ideal",
-            "CPU us a shard",
-            "worker us a shard",
-        ];
+        let head = [title, "shards", "shards/s", "of ideal", "CPU us a shard", "worker us a shard"];
         let mut table = vec![head.map(str::to_owned).to_vec()];
         let is_row = |run: &&OverheadRun| (run.shard_s > 0.0) == asleep && run.queue == queue;
         table.extend(self.runs.iter().filter(is_row).map(OverheadRun::row));
@@ -178,12 +170,7 @@ mod tests {
         let mut run = OverheadRun::new("nats", 4, 0.05);
         run.shards = 100;
         run.wall_s = 2.0;
-        let stages = [
-            ("before", 9.0),
-            ("trace", 2.0),
-            ("merge", 0.5),
-            ("queue", 0.5),
-        ];
+        let stages = [("before", 9.0), ("trace", 2.0), ("merge", 0.5), ("queue", 0.5)];
         run.cpu_seconds = stages.map(|(stage, s)| (stage.to_owned(), s)).into();
         run.coordinator_cpu_s = 0.25;
         run.server_cpu_s = Some(0.25);
@@ -199,10 +186,7 @@ mod tests {
         };
         let text = overhead.to_string();
         assert!(text.contains("workers, shards that sleep 0.05 s"), "{text}");
-        assert!(
-            text.contains("62.5 %") && !text.contains("| threads"),
-            "{text}"
-        );
+        assert!(text.contains("62.5 %") && !text.contains("| threads"), "{text}");
         assert_eq!(serde_json::to_value(&overhead).unwrap()["mode"], "overhead");
     }
 }

@@ -22,7 +22,6 @@ pub(super) struct Place<'a> {
     setup: &'a Setup<'a>,
     folder: TempDir,
     server: Option<Server>,
-    /// Of the queue.
     pub(super) url: Option<String>,
 }
 
@@ -37,12 +36,7 @@ impl<'a> Place<'a> {
         };
         let given = setup.queue.map(str::to_owned);
         let url = given.or_else(|| server.as_ref().map(Server::url));
-        Ok(Self {
-            setup,
-            folder,
-            server,
-            url,
-        })
+        Ok(Self { setup, folder, server, url })
     }
 
     pub(super) fn watcher(&self) -> &dyn Watcher {
@@ -80,7 +74,6 @@ impl<'a> Place<'a> {
         format!("{what}-{own}")
     }
 
-    /// Plans a run.
     pub(super) fn plan(&self, recipe: &Recipe) -> Result<PathBuf, FarmBenchError> {
         let path = self.folder.path().join(format!("{}.toml", recipe.name));
         render::atomic_file::write_relaxed(&path, recipe.text().as_bytes())?;

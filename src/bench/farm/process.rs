@@ -83,10 +83,7 @@ impl<'a> Process<'a> {
     fn failed(&mut self, how: &str) -> FarmBenchError {
         self.said.extend(self.stderr.try_iter());
         let last = self.said.len().saturating_sub(5);
-        FarmBenchError::Process {
-            how: how.to_owned(),
-            said: self.said[last..].join("; "),
-        }
+        FarmBenchError::Process { how: how.to_owned(), said: self.said[last..].join("; ") }
     }
 
     /// SIGKILL.

@@ -14,9 +14,8 @@ pub(super) struct Recipe {
 impl Recipe {
     /// Scenes of `shards` shards each, of 8 x 8 px and 4 samples: as good as nothing to trace.
     pub(super) fn tiny(name: String, scenes: u32, shards: u32) -> Self {
-        let down = (1..=shards)
-            .take_while(|d| d * d <= shards)
-            .filter(|d| shards.is_multiple_of(*d));
+        let down =
+            (1..=shards).take_while(|d| d * d <= shards).filter(|d| shards.is_multiple_of(*d));
         let down = down.last().unwrap_or(1);
         Self {
             name,

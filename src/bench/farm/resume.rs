@@ -52,11 +52,7 @@ pub struct Times {
 
 impl Times {
     fn new(passes: Vec<f64>) -> Self {
-        Self {
-            first: passes.first().copied().unwrap_or(f64::NAN),
-            median: median(&passes),
-            passes,
-        }
+        Self { first: passes.first().copied().unwrap_or(f64::NAN), median: median(&passes), passes }
     }
 }
 
@@ -70,11 +66,7 @@ pub fn resume(
 ) -> Result<Resume, FarmBenchError> {
     let place = Place::new(setup)?;
     let tiny = Recipe::tiny(place.name("resume"), scenes, shards);
-    let recipe = Recipe {
-        tile_px: 4,
-        film_px: tiny.film_px.map(|px| px / 2),
-        ..tiny
-    };
+    let recipe = Recipe { tile_px: 4, film_px: tiny.film_px.map(|px| px / 2), ..tiny };
     let folder = place.plan(&recipe)?;
     let run = Run::open(&folder, &Roots::default())?;
     let watcher = place.watcher();
@@ -143,11 +135,8 @@ fn measure_on_queue(
     times: &mut [Vec<f64>; 4],
 ) -> Result<(), FarmBenchError> {
     let path = folder.to_string_lossy();
-    let options = NatsOptions {
-        url: url.to_owned(),
-        name: "bench".to_owned(),
-        ..NatsOptions::default()
-    };
+    let options =
+        NatsOptions { url: url.to_owned(), name: "bench".to_owned(), ..NatsOptions::default() };
     let queue = NatsCoordinator::connect(&options, run.id(), LEASE)?;
     let coordinator = place.start_on_queue(&["coordinate", &path, "--progress", "none"])?;
     let since = Instant::now();
@@ -160,10 +149,7 @@ fn measure_on_queue(
             break;
         }
         if since.elapsed() > Duration::from_mins(2) {
-            return Err(FarmBenchError::NotPublished {
-                waiting,
-                missing: there.missing,
-            });
+            return Err(FarmBenchError::NotPublished { waiting, missing: there.missing });
         }
         std::thread::sleep(POLL);
     }
@@ -182,18 +168,9 @@ impl fmt::Display for Resume {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let rows = [
             ("`status`, to its end", Some(&self.status_s)),
-            (
-                "`work`, until its first scene is loaded",
-                Some(&self.work_s),
-            ),
-            (
-                "`coordinate`, until all that is missing is in the queue",
-                self.coordinate_s.as_ref(),
-            ),
-            (
-                "`work --queue`, until its first scene is loaded",
-                self.work_queue_s.as_ref(),
-            ),
+            ("`work`, until its first scene is loaded", Some(&self.work_s)),
+            ("`coordinate`, until all that is missing is in the queue", self.coordinate_s.as_ref()),
+            ("`work --queue`, until its first scene is loaded", self.work_queue_s.as_ref()),
         ];
         let head = ["until a run goes on", "first time", "median", "times"];
         let mut table = vec![head.map(str::to_owned).to_vec()];

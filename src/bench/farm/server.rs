@@ -16,9 +16,7 @@ impl Server {
     /// None where the program is not installed.
     pub(super) fn start(folder: &Path) -> Result<Option<Self>, FarmBenchError> {
         let free = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr());
-        let port = free
-            .map_err(FarmBenchError::system("find a free port"))?
-            .port();
+        let port = free.map_err(FarmBenchError::system("find a free port"))?.port();
         let child = Command::new("nats-server")
             .args(["-js", "-a", "127.0.0.1", "-p", &port.to_string(), "-sd"])
             .arg(folder)

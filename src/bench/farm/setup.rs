@@ -11,7 +11,6 @@ pub trait Watcher: Sync {
     fn starts(&self, parts: u64);
     /// What is measured from now on.
     fn measures(&self, what: &str);
-    /// A part is done.
     fn part_is_done(&self);
 }
 
@@ -25,7 +24,6 @@ pub struct Setup<'a> {
     pub cpu: Option<String>,
     /// Stops the measurement when a signal has set it.
     pub stop: &'a AtomicBool,
-    /// Progress.
     pub watcher: &'a dyn Watcher,
 }
 
@@ -40,12 +38,7 @@ pub struct Conditions {
 
 impl Conditions {
     pub(super) fn new(mode: &'static str, queue: &'static str, cpu: Option<String>) -> Self {
-        Self {
-            measured: true,
-            mode,
-            queue,
-            cpu,
-        }
+        Self { measured: true, mode, queue, cpu }
     }
 
     /// There was a queue that processes share.

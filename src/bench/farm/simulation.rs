@@ -6,7 +6,6 @@ use crate::farm::simulate::{self as sim, Case, Fault, Outcome};
 use serde::Serialize;
 use std::fmt;
 
-/// A simulated farm.
 #[derive(Clone, Debug, Serialize)]
 pub struct Simulation {
     simulated: bool,
@@ -17,7 +16,6 @@ pub struct Simulation {
     lease_s: f64,
     faults: FaultCounts,
     over_bound: f64,
-    /// What happened.
     #[serde(flatten)]
     pub outcome: Outcome,
     cpu_s: f64,
@@ -63,7 +61,6 @@ impl fmt::Display for FaultCounts {
     }
 }
 
-/// Simulates a case.
 pub fn simulate(case: &Case) -> Result<Simulation, FarmBenchError> {
     let since_s = thread_cpu_s();
     let outcome = sim::simulate(case).ok_or(FarmBenchError::NeverEnds)?;
@@ -87,19 +84,10 @@ impl Simulation {
         let rows = [
             ("result", "value".to_owned()),
             ("lower bound", format!("{:.2} s", o.bound_s)),
-            (
-                "makespan",
-                format!("{:.2} s ({:.3} x bound)", o.makespan_s, self.over_bound),
-            ),
+            ("makespan", format!("{:.2} s ({:.3} x bound)", o.makespan_s, self.over_bound)),
             ("coordinator knows", format!("{:.2} s", o.known_s)),
-            (
-                "loads",
-                format!("{} ({:.3} a scene)", o.loads, o.loads_per_scene),
-            ),
-            (
-                "shards traced",
-                format!("{} ({} again)", o.shards_traced, o.shards_traced_again),
-            ),
+            ("loads", format!("{} ({:.3} a scene)", o.loads, o.loads_per_scene)),
+            ("shards traced", format!("{} ({} again)", o.shards_traced, o.shards_traced_again)),
             (
                 "requests to give",
                 format!(
@@ -108,15 +96,9 @@ impl Simulation {
                 ),
             ),
             ("leases ended", o.leases_ended.to_string()),
-            (
-                "wrong acknowledgements",
-                o.wrong_acknowledgements.to_string(),
-            ),
+            ("wrong acknowledgements", o.wrong_acknowledgements.to_string()),
             ("most messages in the stream", o.most_in_stream.to_string()),
-            (
-                "looks into the store by workers",
-                o.worker_listings.to_string(),
-            ),
+            ("looks into the store by workers", o.worker_listings.to_string()),
             (
                 "coordinator",
                 format!(
@@ -141,10 +123,7 @@ impl Simulation {
         table.push(vec![
             "all".to_owned(),
             all.to_string(),
-            format!(
-                "{} (median {})",
-                o.peak_messages_per_s, o.median_messages_per_s
-            ),
+            format!("{} (median {})", o.peak_messages_per_s, o.median_messages_per_s),
         ]);
         align(&table, 1)
     }
@@ -173,20 +152,12 @@ mod tests {
     use crate::farm::simulate::{Fleet, Rules, Work};
 
     fn case(faults: Vec<Fault>) -> Case {
-        Case {
-            work: Work::default(),
-            fleet: Fleet::default(),
-            rules: Rules::default(),
-            faults,
-        }
+        Case { work: Work::default(), fleet: Fleet::default(), rules: Rules::default(), faults }
     }
 
     #[test]
     fn a_simulation_says_the_same_in_text_and_json() {
-        let slow = Fault::Slow {
-            worker: 1,
-            times: 4.0,
-        };
+        let slow = Fault::Slow { worker: 1, times: 4.0 };
         let simulation = simulate(&case(vec![slow])).unwrap();
         let value = serde_json::to_value(&simulation).unwrap();
         assert_eq!(value["simulated"], true);

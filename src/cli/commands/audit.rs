@@ -61,11 +61,8 @@ pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<
         return Ok(Exit::Done);
     }
     let signals = Signals::catch();
-    let options = AuditOptions {
-        threads: threads(global),
-        isa: isa(global)?,
-        stop: signals.stop(),
-    };
+    let options =
+        AuditOptions { threads: threads(global), isa: isa(global)?, stop: signals.stop() };
     check_auditor(&run, &options)?;
     let progress = Progress::new(global, "shards", places.iter().map(shards).sum());
     let start = Instant::now();
@@ -78,10 +75,7 @@ pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<
             break;
         };
         // What could not be compared was not traced.
-        progress.add(
-            shards(&index).saturating_sub(progress.done() - before),
-            true,
-        );
+        progress.add(shards(&index).saturating_sub(progress.done() - before), true);
         if audit.verdict != Verdict::Same {
             progress.suspend(|| output.warning(&describe(&audit)));
         }
@@ -162,9 +156,7 @@ struct Planned<'a> {
 impl fmt::Display for Planned<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("would trace again:")?;
-        self.scenes
-            .iter()
-            .try_for_each(|scene| write!(f, " {scene}"))
+        self.scenes.iter().try_for_each(|scene| write!(f, " {scene}"))
     }
 }
 
@@ -194,13 +186,7 @@ struct WorkerAudit {
 
 impl fmt::Display for Audited<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            same,
-            differ,
-            not_compared,
-            wall_s,
-            ..
-        } = self;
+        let Self { same, differ, not_compared, wall_s, .. } = self;
         write!(
             f,
             "scenes traced again in {wall_s:.1} s: {}; the same bit for bit: {same}, different: {differ}, not compared: {not_compared}",
@@ -210,11 +196,7 @@ impl fmt::Display for Audited<'_> {
             write!(f, " (--seed {seed} --share {})", self.share)?;
         }
         for worker in self.workers.iter().filter(|worker| worker.differ > 0) {
-            let WorkerAudit {
-                worker,
-                differ,
-                audited,
-            } = worker;
+            let WorkerAudit { worker, differ, audited } = worker;
             write!(f, "\n{worker}: {differ} of {audited} audited scenes differ")?;
         }
         if *differ > 0 {
@@ -237,11 +219,8 @@ fn workers(audits: &[SceneAudit]) -> Vec<WorkerAudit> {
         counts[0] += u64::from(audit.verdict == Verdict::Differs);
         counts[1] += 1;
     }
-    let worker = |(worker, [differ, audited]): (String, [u64; 2])| WorkerAudit {
-        worker,
-        differ,
-        audited,
-    };
+    let worker =
+        |(worker, [differ, audited]): (String, [u64; 2])| WorkerAudit { worker, differ, audited };
     workers.into_iter().map(worker).collect()
 }
 
@@ -269,11 +248,8 @@ fn describe(audit: &SceneAudit) -> String {
 }
 
 fn amount(difference: &FileDifference) -> String {
-    let unit = if difference.file.rsplit('.').next() == Some("png") {
-        "8-bit steps"
-    } else {
-        "linear"
-    };
+    let unit =
+        if difference.file.rsplit('.').next() == Some("png") { "8-bit steps" } else { "linear" };
     let (Some(pixels), Some(all)) = (difference.pixels, difference.of_pixels) else {
         return difference.note.clone();
     };

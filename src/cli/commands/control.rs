@@ -34,38 +34,17 @@ pub(super) struct ResumeArgs {
 
 pub(super) fn pause(args: &HoldArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let (store, reason) = (args.store.store.as_deref(), args.reason.as_deref());
-    tell(
-        &args.run,
-        store,
-        ControlState::Paused,
-        reason,
-        global,
-        output,
-    )
+    tell(&args.run, store, ControlState::Paused, reason, global, output)
 }
 
 pub(super) fn cancel(args: &HoldArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let (store, reason) = (args.store.store.as_deref(), args.reason.as_deref());
-    tell(
-        &args.run,
-        store,
-        ControlState::Cancelled,
-        reason,
-        global,
-        output,
-    )
+    tell(&args.run, store, ControlState::Cancelled, reason, global, output)
 }
 
 pub(super) fn resume(args: &ResumeArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let store = args.store.store.as_deref();
-    tell(
-        &args.run,
-        store,
-        ControlState::Running,
-        None,
-        global,
-        output,
-    )
+    tell(&args.run, store, ControlState::Running, None, global, output)
 }
 
 fn tell(
@@ -112,10 +91,7 @@ impl fmt::Display for Told<'_> {
         let would = if self.dry_run { "would be" } else { "is" };
         match (self.before, self.state) {
             (ControlState::Running, ControlState::Running) => {
-                write!(
-                    f,
-                    "{name} was neither paused nor cancelled: nothing to resume"
-                )
+                write!(f, "{name} was neither paused nor cancelled: nothing to resume")
             }
             (ControlState::Cancelled, ControlState::Running) => write!(
                 f,

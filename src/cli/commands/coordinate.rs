@@ -52,11 +52,8 @@ pub(super) fn run(
     let signals = Signals::catch();
     let queue = queue::coordinator(&run, &args.queue)?;
     let progress = Progress::new(global, "scenes", 0);
-    let options = CoordinateOptions {
-        stop: signals.stop(),
-        every: EVERY,
-        watched: args.listen.is_some(),
-    };
+    let options =
+        CoordinateOptions { stop: signals.stop(), every: EVERY, watched: args.listen.is_some() };
     let watch = Arc::new(Mutex::new(Watch::new(&run)));
     let token = token(args, output)?;
     let silent_s = 20.0 * args.queue.lease_s.as_secs_f64();
@@ -66,10 +63,7 @@ pub(super) fn run(
     });
     let page = page.transpose()?;
     if let Some(page) = &page {
-        output.note(&format!(
-            "the run can be watched at http://{}/",
-            page.address()
-        ));
+        output.note(&format!("the run can be watched at http://{}/", page.address()));
     }
     let start = Instant::now();
     let ended = coordinate(&run, &store, &queue, &options, &watch, &|event| {
@@ -123,10 +117,7 @@ fn dry_run(
 /// The secret for the page's buttons, from a file or the environment: a command line is seen by every user of a machine.
 fn token(args: &CoordinateArgs, output: &Output) -> Result<Option<String>, Failure> {
     let Some(path) = &args.token_file else {
-        #[allow(
-            clippy::disallowed_methods,
-            reason = "cli is where the environment is read"
-        )]
+        #[allow(clippy::disallowed_methods, reason = "cli is where the environment is read")]
         let token = std::env::var(TOKEN).ok();
         return Ok(token.filter(|token| args.listen.is_some() && !token.is_empty()));
     };
@@ -137,10 +128,7 @@ fn token(args: &CoordinateArgs, output: &Output) -> Result<Option<String>, Failu
     let text = std::fs::read_to_string(path).map_err(cannot)?;
     let others = std::fs::metadata(path).map_err(cannot)?.mode() & 0o077;
     if others != 0 {
-        output.warning(&format!(
-            "{} can be read by others; `chmod 600` it",
-            path.display()
-        ));
+        output.warning(&format!("{} can be read by others; `chmod 600` it", path.display()));
     }
     Ok(Some(text.trim().to_owned()))
 }

@@ -73,18 +73,11 @@ pub(super) fn run(args: &DoctorArgs, global: &Global, output: &Output) -> Result
         findings,
     };
     output.show("glasshouse.doctor/1", &found);
-    Ok(if found.fail == 0 {
-        Exit::Done
-    } else {
-        Exit::Failed
-    })
+    Ok(if found.fail == 0 { Exit::Done } else { Exit::Failed })
 }
 
 fn count(findings: &[Finding], level: Level) -> usize {
-    findings
-        .iter()
-        .filter(|finding| finding.level == level)
-        .count()
+    findings.iter().filter(|finding| finding.level == level).count()
 }
 
 #[derive(Serialize)]
@@ -126,9 +119,7 @@ impl fmt::Display for Found {
             let to_do = finding.to_do.iter();
             lines.extend(to_do.map(|to_do| (String::new(), format!("-> {to_do}"))));
         }
-        let lines = lines
-            .iter()
-            .map(|(label, value)| (label.as_str(), value.as_str()));
+        let lines = lines.iter().map(|(label, value)| (label.as_str(), value.as_str()));
         f.write_str(&rows(lines))
     }
 }
@@ -136,18 +127,13 @@ impl fmt::Display for Found {
 /// The golden shard of the run, if one is there, and whether it can be worked on.
 fn planned(folder: &Path) -> (Option<Golden>, Option<Finding>) {
     let spec = std::fs::read(folder.join(keys::SPEC)).ok();
-    let golden = spec
-        .and_then(|bytes| serde_json::from_slice::<Spec>(&bytes).ok())
-        .map(|spec| spec.golden);
+    let golden =
+        spec.and_then(|bytes| serde_json::from_slice::<Spec>(&bytes).ok()).map(|spec| spec.golden);
     let to_do = format!("`glasshouse inspect {}` tells more", folder.display());
     let finding = match Run::open(folder, &Roots::default()) {
         Ok(run) => Finding::ok(
             "run",
-            format!(
-                "{}, {} scenes, can be worked on",
-                run.spec.name,
-                run.lines.len()
-            ),
+            format!("{}, {} scenes, can be worked on", run.spec.name, run.lines.len()),
         ),
         // No run yet: there is nothing to say of it.
         Err(RunError::Missing { .. }) => return (None, None),
@@ -182,17 +168,10 @@ fn store(address: &str) -> Vec<Finding> {
             "make it, or correct the address",
         )];
     }
-    let options = StoreOptions {
-        patience: PATIENCE,
-        ..store_options()
-    };
+    let options = StoreOptions { patience: PATIENCE, ..store_options() };
     match Store::open(address, &options) {
         Ok(store) => check_store(&store, &queue::worker_name()),
-        Err(error) => vec![Finding::fail(
-            "store",
-            error.to_string(),
-            "correct the address",
-        )],
+        Err(error) => vec![Finding::fail("store", error.to_string(), "correct the address")],
     }
 }
 

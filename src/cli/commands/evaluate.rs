@@ -82,10 +82,7 @@ impl EvaluateArgs {
             out: None,
             fit_gain: None,
             limit: None,
-            network: NetworkArgs {
-                features: None,
-                tile_px: TILE_PX,
-            },
+            network: NetworkArgs { features: None, tile_px: TILE_PX },
             store: None,
         }
     }
@@ -140,13 +137,7 @@ impl<'a> Task<'a> {
             return Err(Failure::new(Exit::InvalidInput, error));
         }
         let networks = networks(args, place.is_run, output)?;
-        Ok(Self {
-            args,
-            place,
-            pictures,
-            networks,
-            threads,
-        })
+        Ok(Self { args, place, pictures, networks, threads })
     }
 
     fn planned(&self) -> Planned {
@@ -162,36 +153,22 @@ impl<'a> Task<'a> {
 
     /// Scores, and writes the scores.
     fn score(&self, global: &Global, output: &Output) -> Result<(Evaluation, Exit), Failure> {
-        let Self {
-            args,
-            place,
-            networks,
-            ..
-        } = self;
+        let Self { args, place, networks, .. } = self;
         let subject = self.pictures.subject();
         let signals = Signals::catch();
         let (gain, of_gain) = gain(args, place, output, &signals)?;
         let tile_px = args.network.tile_px;
         let tiled: Vec<Tiled> = networks
             .iter()
-            .map(|(_, network)| Tiled {
-                separator: &network.separator,
-                tile_px,
-            })
+            .map(|(_, network)| Tiled { separator: &network.separator, tile_px })
             .collect();
         let names = networks.iter().map(|(name, _)| name.clone());
         let methods = tiled.iter().map(|tiled| tiled as &dyn Method);
         let methods: Vec<(String, &dyn Method)> = names.zip(methods).collect();
         let progress = Progress::new(global, "pictures", subject.count() as u64);
         let on_picture = || progress.add(1, false);
-        let scored = compose::run(
-            subject,
-            gain.as_ref(),
-            &methods,
-            &shrunk,
-            &on_picture,
-            signals.stop(),
-        );
+        let scored =
+            compose::run(subject, gain.as_ref(), &methods, &shrunk, &on_picture, signals.stop());
         progress.finish();
         let scored = scored?;
         if scored.stopped {
@@ -204,18 +181,9 @@ impl<'a> Task<'a> {
         }
         let incomplete: Vec<LeftOut> = of_gain.into_iter().chain(scored.left_out).collect();
         warn(&incomplete, output);
-        let exit = if incomplete.is_empty() {
-            Exit::Done
-        } else {
-            Exit::Incomplete
-        };
-        let left_out: Vec<LeftOut> = self
-            .pictures
-            .left_out
-            .iter()
-            .cloned()
-            .chain(incomplete)
-            .collect();
+        let exit = if incomplete.is_empty() { Exit::Done } else { Exit::Incomplete };
+        let left_out: Vec<LeftOut> =
+            self.pictures.left_out.iter().cloned().chain(incomplete).collect();
         let name = args.place.display().to_string();
         if scored.rows.is_empty() {
             return Err(nothing(&name, place.is_run, &left_out));
@@ -231,9 +199,7 @@ impl<'a> Task<'a> {
         };
         evaluation.networks = networks.iter().map(network).collect();
         if let Some(folder) = place.out(args) {
-            evaluation
-                .write(&folder, &scored.kept)
-                .map_err(|e| Failure::new(Exit::Failed, e))?;
+            evaluation.write(&folder, &scored.kept).map_err(|e| Failure::new(Exit::Failed, e))?;
         }
         evaluation.threads = Some(self.threads);
         Ok((evaluation, exit))
@@ -301,10 +267,7 @@ impl<'a> Place<'a> {
                 lines: lines.cloned().collect(),
                 pixels: PixelSource::Png,
             };
-            return Ok(Pictures {
-                of: Source::Run(source),
-                left_out: Vec::new(),
-            });
+            return Ok(Pictures { of: Source::Run(source), left_out: Vec::new() });
         }
         let found = find_pairs(self.folder).map_err(|e| Failure::new(Exit::InvalidInput, e))?;
         let left_out = found.left_out.into_iter().map(|(path, reason)| {
@@ -325,10 +288,7 @@ impl<'a> Place<'a> {
                 output.note(&format!("{image}: {reason}"));
             }
         }
-        Ok(Pictures {
-            of: Source::Pairs(found.pairs),
-            left_out,
-        })
+        Ok(Pictures { of: Source::Pairs(found.pairs), left_out })
     }
 }
 
@@ -367,12 +327,8 @@ fn networks(
     }
     let mut networks: Vec<(String, Network)> = Vec::new();
     for (name, path) in places {
-        let network = Network::open(
-            &path,
-            Which::Newest,
-            args.network.features.as_deref(),
-            output,
-        )?;
+        let network =
+            Network::open(&path, Which::Newest, args.network.features.as_deref(), output)?;
         let name = network.row_name(name);
         if name == "input" || networks.iter().any(|(other, _)| *other == name) {
             let error = anyhow!(
@@ -395,11 +351,9 @@ fn gain(
 ) -> Result<(Option<Gain>, Vec<LeftOut>), Failure> {
     let place = match &args.fit_gain {
         None if !own.is_run => return Ok((None, Vec::new())),
-        Some(folder) if *folder != args.place => Place {
-            folder,
-            store: None,
-            is_run: is_run(folder),
-        },
+        Some(folder) if *folder != args.place => {
+            Place { folder, store: None, is_run: is_run(folder) }
+        }
         Some(_) | None => Place { ..*own },
     };
     let name = place.folder.display().to_string();
@@ -431,10 +385,7 @@ impl fmt::Display for Planned {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let methods = self.methods.join(", ");
         let images = self.images;
-        write!(
-            f,
-            "would score {images} pictures by {methods}; nothing is written"
-        )
+        write!(f, "would score {images} pictures by {methods}; nothing is written")
     }
 }
 

@@ -33,13 +33,7 @@ pub(super) fn run(args: &ExplainArgs, output: &Output) -> Result<Exit, Failure> 
     let (run, store) = target::open(&args.run, args.store.store.as_deref(), &Roots::default())?;
     let (scene, shard) = &args.shard;
     let known = explain(&run, &store, scene, *shard)?;
-    output.show(
-        "glasshouse.explain/1",
-        &Explained {
-            run: &args.run,
-            known,
-        },
-    );
+    output.show("glasshouse.explain/1", &Explained { run: &args.run, known });
     Ok(Exit::Done)
 }
 
@@ -102,13 +96,7 @@ fn text(known: &Explanation) -> String {
     }
     if let Some(shard) = &known.shard {
         let t = shard.tile;
-        let pixels = format!(
-            "x {}-{}, y {}-{}",
-            t.x,
-            t.x + t.width - 1,
-            t.y,
-            t.y + t.height - 1
-        );
+        let pixels = format!("x {}-{}, y {}-{}", t.x, t.x + t.width - 1, t.y, t.y + t.height - 1);
         let samples = format!("samples {}-{}", shard.samples[0], shard.samples[1] - 1);
         row(
             &mut text,
@@ -118,18 +106,10 @@ fn text(known: &Explanation) -> String {
     }
     if let Some(receipt) = &known.receipt {
         let version = receipt.version.as_deref().unwrap_or("unknown");
-        row(
-            &mut text,
-            "made by",
-            &format!("{}, version {version}", receipt.makers()),
-        );
+        row(&mut text, "made by", &format!("{}, version {version}", receipt.makers()));
     }
     for (at, standing) in known.attempts.iter().enumerate() {
-        row(
-            &mut text,
-            if at == 0 { "attempts" } else { "" },
-            &attempt(standing),
-        );
+        row(&mut text, if at == 0 { "attempts" } else { "" }, &attempt(standing));
         let end = standing.note.ended.as_ref();
         log(&mut text, end.map(|end| end.log_tail.as_str()));
     }
@@ -158,11 +138,7 @@ fn log(text: &mut String, tail: Option<&str>) {
 fn rows(rows: &[[u32; 2]]) -> String {
     let count: u32 = rows.iter().map(|[start, end]| end - start).sum();
     let shown = rows.iter().take(ROWS).map(|[start, end]| {
-        if end - start == 1 {
-            start.to_string()
-        } else {
-            format!("{start}-{}", end - 1)
-        }
+        if end - start == 1 { start.to_string() } else { format!("{start}-{}", end - 1) }
     });
     let mut shown: Vec<String> = shown.collect();
     if rows.len() > ROWS {

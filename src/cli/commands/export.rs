@@ -172,11 +172,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result
 }
 
 fn exit(plan: &ExportPlan) -> Exit {
-    if plan.request.left_out.is_empty() {
-        Exit::Done
-    } else {
-        Exit::Incomplete
-    }
+    if plan.request.left_out.is_empty() { Exit::Done } else { Exit::Incomplete }
 }
 
 #[derive(Serialize)]
@@ -211,9 +207,7 @@ impl<'a> Export<'a> {
             format: plan.request.format,
             encoding: plan.request.encoding,
             exported,
-            quarantined: quarantined
-                .map(|(s, reason)| (s.clone(), reason.to_owned()))
-                .collect(),
+            quarantined: quarantined.map(|(s, reason)| (s.clone(), reason.to_owned())).collect(),
             missing: plan.missing(),
             wall_s,
         }
@@ -245,10 +239,7 @@ impl fmt::Display for Export<'_> {
             write!(f, "; {quarantined} scenes in quarantine are not in it")?;
         }
         if missing > 0 {
-            write!(
-                f,
-                "; {missing} scenes that are not merged yet are not in it"
-            )?;
+            write!(f, "; {missing} scenes that are not merged yet are not in it")?;
         }
         Ok(())
     }

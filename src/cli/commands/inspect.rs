@@ -26,27 +26,17 @@ pub(super) fn run(args: &InspectArgs, output: &Output) -> Exit {
     // Foreign decoders may panic on hostile bytes; that is caught and said in words.
     let hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| {}));
-    let found: Vec<(&Path, Inspection)> = args
-        .files
-        .iter()
-        .map(|path| (path.as_path(), inspect_path(path)))
-        .collect();
+    let found: Vec<(&Path, Inspection)> =
+        args.files.iter().map(|path| (path.as_path(), inspect_path(path))).collect();
     std::panic::set_hook(hook);
     let sound = found.iter().filter(|(_, found)| found.is_sound()).count();
     let inspected = Inspected {
         sound,
         unsound: found.len() - sound,
-        files: found
-            .iter()
-            .map(|(path, found)| Entry::new(path, found))
-            .collect(),
+        files: found.iter().map(|(path, found)| Entry::new(path, found)).collect(),
     };
     output.show("glasshouse.inspect/1", &inspected);
-    if sound == found.len() {
-        Exit::Done
-    } else {
-        Exit::InvalidInput
-    }
+    if sound == found.len() { Exit::Done } else { Exit::InvalidInput }
 }
 
 /// What a person reads.
@@ -58,13 +48,7 @@ fn text(path: &Path, found: &Inspection) -> String {
     });
     let mut lines: Vec<(&str, &str)> = Vec::new();
     lines.extend(size.as_deref().map(|size| ("size", size)));
-    lines.extend(
-        found
-            .facts
-            .rows()
-            .iter()
-            .map(|(label, value)| (label.as_str(), value.as_str())),
-    );
+    lines.extend(found.facts.rows().iter().map(|(label, value)| (label.as_str(), value.as_str())));
     let (label, whole) = match &found.whole {
         Whole::Yes(how) => ("whole", format!("yes: {how}")),
         Whole::Unknown(why) => ("whole", format!("as far as can be told: {why}")),
@@ -114,11 +98,7 @@ fn title(path: &Path, found: &Inspection) -> String {
     if line.chars().count() <= WIDTH {
         line
     } else {
-        format!(
-            "{}:\n  {}",
-            path.display(),
-            wrapped(&words, WIDTH - 2).join("\n  ")
-        )
+        format!("{}:\n  {}", path.display(), wrapped(&words, WIDTH - 2).join("\n  "))
     }
 }
 

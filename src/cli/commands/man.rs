@@ -85,10 +85,7 @@ impl fmt::Display for Written {
 fn collect(command: &Command, pages: &mut Vec<(String, String)>) -> Result<(), Failure> {
     let name = Man::new(command.clone()).get_filename();
     pages.push((name, page(command)?));
-    for inside in command
-        .get_subcommands()
-        .filter(|inside| !inside.is_hide_set())
-    {
+    for inside in command.get_subcommands().filter(|inside| !inside.is_hide_set()) {
         collect(inside, pages)?;
     }
     Ok(())
@@ -98,10 +95,7 @@ fn collect(command: &Command, pages: &mut Vec<(String, String)>) -> Result<(), F
 fn page(command: &Command) -> Result<String, Failure> {
     let mut page = Vec::new();
     let version = concat!("glasshouse ", env!("CARGO_PKG_VERSION"));
-    let man = Man::new(command.clone())
-        .source(version)
-        .manual("Glasshouse");
-    man.render(&mut page)
-        .map_err(|e| Failure::new(Exit::Failed, e))?;
+    let man = Man::new(command.clone()).source(version).manual("Glasshouse");
+    man.render(&mut page).map_err(|e| Failure::new(Exit::Failed, e))?;
     String::from_utf8(page).map_err(|e| Failure::new(Exit::Failed, e))
 }

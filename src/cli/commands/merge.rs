@@ -47,10 +47,8 @@ pub(super) fn run(args: &MergeArgs, global: &Global, output: &Output) -> Result<
         output.warning(reason);
     }
     if outcome.refused.len() > SHOWN {
-        output.warning(&format!(
-            "... and {} more; --json lists all",
-            outcome.refused.len() - SHOWN
-        ));
+        output
+            .warning(&format!("... and {} more; --json lists all", outcome.refused.len() - SHOWN));
     }
     let merged = Summary {
         run: &args.run,
@@ -60,11 +58,7 @@ pub(super) fn run(args: &MergeArgs, global: &Global, output: &Output) -> Result<
         refused: &outcome.refused,
     };
     output.show("glasshouse.merge/1", &merged);
-    Ok(if outcome.refused.is_empty() {
-        Exit::Done
-    } else {
-        Exit::Incomplete
-    })
+    Ok(if outcome.refused.is_empty() { Exit::Done } else { Exit::Incomplete })
 }
 
 #[derive(Serialize)]

@@ -62,18 +62,10 @@ pub(super) fn plan_with(
         skip_invalid: args.skip_invalid,
         threads: threads(global),
     };
-    let steps = Steps {
-        global,
-        bars: Mutex::default(),
-    };
-    let planned = plan_run(
-        &args.recipe,
-        &run_folder(args),
-        &options,
-        &|what, done, all| {
-            steps.tell(what, done, all);
-        },
-    );
+    let steps = Steps { global, bars: Mutex::default() };
+    let planned = plan_run(&args.recipe, &run_folder(args), &options, &|what, done, all| {
+        steps.tell(what, done, all);
+    });
     steps.finish();
     let planned = planned?;
     if !global.dry_run {
@@ -170,11 +162,7 @@ fn try_out(planned: &Planned, run: &Path, isa: Isa) -> Result<Option<Calibration
     let mut roots = Roots::default();
     for (name, folder) in &planned.spec.roots {
         // Relative folders are the run's own.
-        let folder = if is_url(folder) {
-            folder.clone()
-        } else {
-            run.join(folder)
-        };
+        let folder = if is_url(folder) { folder.clone() } else { run.join(folder) };
         roots.insert(name, folder)?;
     }
     let inputs = store_env::inputs();
@@ -225,9 +213,9 @@ impl fmt::Display for Summary {
             || "not looked at: the run is planned".to_owned(),
             |bytes| bytes_text(bytes as f64),
         );
-        let available = cost.disk_available_bytes.map_or_else(String::new, |there| {
-            format!(", {} available", bytes_text(there as f64))
-        });
+        let available = cost
+            .disk_available_bytes
+            .map_or_else(String::new, |there| format!(", {} available", bytes_text(there as f64)));
         let how = match &cost.calibration {
             Some(c) => format!(
                 "{} scenes tried out here: {:.1} ns a sample, {:.0} ms to load",

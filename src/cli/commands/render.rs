@@ -59,10 +59,8 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     let invalid = |e: anyhow::Error| Failure::new(Exit::InvalidInput, e.context(describe(args)));
     let clock = Instant::now();
     let inputs = store_env::inputs();
-    let files = read_files_by(&source.line, &source.roots, &source.base, &|path| {
-        inputs.read(path)
-    })
-    .map_err(|e| invalid(e.into()))?;
+    let files = read_files_by(&source.line, &source.roots, &source.base, &|path| inputs.read(path))
+        .map_err(|e| invalid(e.into()))?;
     let read_s = clock.elapsed().as_secs_f64();
     let clock = Instant::now();
     let mut loaded = Loaded::new(source.line.clone(), &files).map_err(|e| invalid(e.into()))?;
@@ -76,11 +74,7 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
         );
     }
     if global.dry_run {
-        let planned = Planned {
-            out: &args.out,
-            dry_run: true,
-            scene: &source.line.id,
-        };
+        let planned = Planned { out: &args.out, dry_run: true, scene: &source.line.id };
         output.show("glasshouse.render/1", &planned);
         return Ok(Exit::Done);
     }
@@ -111,12 +105,7 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
         spp: source.line.film.spp,
         layers: &tuple.record.layers,
         facts: &tuple.record.facts,
-        seconds: Seconds {
-            read: read_s,
-            decode: decode_s,
-            trace: trace_s,
-            write: write_s,
-        },
+        seconds: Seconds { read: read_s, decode: decode_s, trace: trace_s, write: write_s },
         target_error: tuple.record.scene.film.target_error,
     };
     output.show("glasshouse.render/1", &rendered);
@@ -134,21 +123,13 @@ fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
         .with_context(|| format!("cannot read {}; check the path", args.scene.display()))
         .map_err(invalid)?;
     let given = Roots::parse(&args.roots.roots)?;
-    let folder = args
-        .scene
-        .parent()
-        .map_or_else(PathBuf::new, Path::to_owned);
+    let folder = args.scene.parent().map_or_else(PathBuf::new, Path::to_owned);
     let schema = serde_json::from_str::<serde_json::Value>(&text)
         .ok()
         .and_then(|v| v["schema"].as_str().map(str::to_owned));
     if schema.as_deref() != Some(TUPLE_SCHEMA) {
         let line = parse_scene(&text).map_err(|e| invalid(e.into()))?;
-        return Ok(Source {
-            line,
-            base: folder,
-            roots: given,
-            record: None,
-        });
+        return Ok(Source { line, base: folder, roots: given, record: None });
     }
     let record: TupleRecord = serde_json::from_str(&text).map_err(|e| invalid(e.into()))?;
     if record.tracer_version != TRACER_VERSION {
@@ -164,12 +145,7 @@ fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
     record.scene.validate().map_err(|e| invalid(e.into()))?;
     let base = folder.join(&record.base);
     let roots = Run::open(&base, &given).map_or(given, |run| run.roots);
-    Ok(Source {
-        line: record.scene.clone(),
-        base,
-        roots,
-        record: Some(record),
-    })
+    Ok(Source { line: record.scene.clone(), base, roots, record: Some(record) })
 }
 
 /// Four float EXRs, four PNGs, and the record.
@@ -228,10 +204,7 @@ impl fmt::Display for Rendered<'_> {
             Some(target) => {
                 let means = self.layers.values().filter_map(|layer| layer.mean_samples);
                 let most = means.fold(0.0, f64::max);
-                write!(
-                    f,
-                    "{most:.0} samples a pixel on average for cells within {target:.1e}"
-                )?;
+                write!(f, "{most:.0} samples a pixel on average for cells within {target:.1e}")?;
             }
         }
         f.write_str(", estimated error")?;
@@ -242,12 +215,7 @@ impl fmt::Display for Rendered<'_> {
                 Some(Some(error)) => write!(f, " {symbol} {error:.1e}")?,
             }
         }
-        let Seconds {
-            read,
-            decode,
-            trace,
-            write,
-        } = self.seconds;
+        let Seconds { read, decode, trace, write } = self.seconds;
         write!(
             f,
             " (linear RMS); read {read:.3} s, decode {decode:.3} s, trace {trace:.3} s, write {write:.3} s\nlook at {}",

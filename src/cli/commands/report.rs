@@ -32,21 +32,14 @@ pub(super) fn run(args: &ReportArgs, global: &Global, output: &Output) -> Result
     if global.dry_run {
         let default = || run.path(keys::REPORT);
         let report = args.out.clone().unwrap_or_else(default);
-        let planned = Planned {
-            report,
-            dry_run: true,
-        };
+        let planned = Planned { report, dry_run: true };
         output.show("glasshouse.report/1", &planned);
         return Ok(Exit::Done);
     }
     let report = write_report(&run, &store, args.out.as_deref())?;
     warn(&report, output);
     output.show("glasshouse.report/1", &Written::new(&report));
-    Ok(if report.damaged.is_empty() {
-        Exit::Done
-    } else {
-        Exit::Incomplete
-    })
+    Ok(if report.damaged.is_empty() { Exit::Done } else { Exit::Incomplete })
 }
 
 /// Names tuples that are of no use.
@@ -57,9 +50,7 @@ pub(super) fn warn(report: &Report, output: &Output) {
         ));
     }
     if let Some(more @ 1..) = report.damaged.len().checked_sub(SHOWN) {
-        output.warning(&format!(
-            "{more} more tuples are damaged; the page names them"
-        ));
+        output.warning(&format!("{more} more tuples are damaged; the page names them"));
     }
 }
 

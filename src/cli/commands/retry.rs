@@ -69,22 +69,14 @@ struct Shown<'a> {
 
 impl fmt::Display for Shown<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Retried {
-            scenes,
-            attempts,
-            results,
-            was_finished,
-        } = &self.retried;
+        let Retried { scenes, attempts, results, was_finished } = &self.retried;
         if scenes.is_empty() {
             return f.write_str("nothing is in quarantine");
         }
         let were = if self.dry_run { "would be" } else { "were" };
         write!(f, "{} {were} ", scenes.len())?;
         if self.is_anew {
-            write!(
-                f,
-                "reset, with {results} files of tuples, partials and receipts"
-            )?;
+            write!(f, "reset, with {results} files of tuples, partials and receipts")?;
         } else {
             f.write_str("taken out of quarantine")?;
         }

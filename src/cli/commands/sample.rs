@@ -72,15 +72,10 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
         SampleLayout::Diode => {
             let photographs = procedural::listing(count, seed);
             let [width, height] = size(1024, 768);
-            make(&photographs, global, |p| {
-                procedural::write(dir, p, width, height)
-            })?;
+            make(&photographs, global, |p| procedural::write(dir, p, width, height))?;
             Plan {
                 size: [width, height],
-                color: photographs
-                    .iter()
-                    .map(SamplePhotograph::color_path)
-                    .collect(),
+                color: photographs.iter().map(SamplePhotograph::color_path).collect(),
                 with: "depth and mask",
                 roots: [("diode", dir.to_owned())].into(),
                 recipe: "my.toml",
@@ -92,16 +87,11 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
                 [Place::Indoors, Place::Outdoor].map(|p| table.categories_of(p));
             let photographs = procedural::places_listing(count, seed, &indoors, &outdoors);
             let [width, height] = size(256, 256);
-            make(&photographs, global, |p| {
-                procedural::write_places(dir, p, width, height)
-            })?;
+            make(&photographs, global, |p| procedural::write_places(dir, p, width, height))?;
             let below = Path::new(procedural::PLACES_COLOR);
             Plan {
                 size: [width, height],
-                color: photographs
-                    .iter()
-                    .map(|p| below.join(p.color_path()))
-                    .collect(),
+                color: photographs.iter().map(|p| below.join(p.color_path())).collect(),
                 with: "relative inverse depth",
                 roots: [
                     ("places", dir.join(procedural::PLACES_COLOR)),

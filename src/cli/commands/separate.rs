@@ -42,12 +42,8 @@ const ENDINGS: [&str; 2] = ["transmission", "glass_reflection"];
 pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let targets = targets(&args.images, &args.out)?;
     use_threads(global);
-    let network = Network::open(
-        &args.checkpoint,
-        Which::Best,
-        args.network.features.as_deref(),
-        output,
-    )?;
+    let network =
+        Network::open(&args.checkpoint, Which::Best, args.network.features.as_deref(), output)?;
     if !global.dry_run {
         atomic_file::create_dir(&args.out)?;
     }
@@ -140,11 +136,7 @@ struct Failed {
 
 impl fmt::Display for Separated {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let would = if self.dry_run {
-            "would separate"
-        } else {
-            "separated"
-        };
+        let would = if self.dry_run { "would separate" } else { "separated" };
         let (done, given) = (self.images.len(), self.given);
         let (out, by) = (self.out.display(), &self.by);
         write!(f, "{would} {done} of {given} pictures into {out} with {by}")
@@ -211,8 +203,7 @@ fn separate(
     let made = network.separator.separate(picture, tile_px as usize);
     for (made, target) in made.map_err(|e| failed(e.into()))?.iter().zip(targets) {
         let mut png = Cursor::new(Vec::new());
-        made.write_to(&mut png, ImageFormat::Png)
-            .map_err(|e| failed(e.into()))?;
+        made.write_to(&mut png, ImageFormat::Png).map_err(|e| failed(e.into()))?;
         atomic_file::write(target, png.get_ref())?;
     }
     Ok(())

@@ -81,11 +81,7 @@ fn watch(
         if is_over || is_stopped || global.dry_run {
             drop(screen);
             tell(args, run, &view, &queue, output);
-            return Ok(if is_over || !is_stopped {
-                exit(&view)
-            } else {
-                signals.exit()
-            });
+            return Ok(if is_over || !is_stopped { exit(&view) } else { signals.exit() });
         }
         if global.json {
             tell(args, run, &view, &queue, output);
@@ -156,9 +152,7 @@ impl Screen {
         if is_terminal {
             put(ENTER);
         }
-        Self {
-            is_open: is_terminal,
-        }
+        Self { is_open: is_terminal }
     }
 
     #[allow(clippy::unused_self, reason = "only who holds the screen draws")]

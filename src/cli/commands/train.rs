@@ -278,25 +278,14 @@ pub(super) fn train(
 ) -> Result<(TrainSummary, Exit), Failure> {
     use_threads(global);
     let signals = Signals::catch();
-    let mut watch = Watch {
-        global,
-        output,
-        progress: None,
-        batch: 1,
-        images: 0,
-        busy_s: 0.0,
-    };
+    let mut watch = Watch { global, output, progress: None, batch: 1, images: 0, busy_s: 0.0 };
     let summary = train::run(training, &mut watch, signals.stop());
     if let Some(progress) = &watch.progress {
         progress.finish();
     }
     let summary = summary?;
     let is_stopped = summary.trained.as_ref().is_some_and(|t| t.stopped);
-    let exit = if is_stopped {
-        signals.exit()
-    } else {
-        Exit::Done
-    };
+    let exit = if is_stopped { signals.exit() } else { Exit::Done };
     Ok((summary, exit))
 }
 

@@ -73,9 +73,7 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
         return Ok(Exit::Done);
     }
     let how = How {
-        deadline: args
-            .time_limit
-            .and_then(|limit| Instant::now().checked_add(limit)),
+        deadline: args.time_limit.and_then(|limit| Instant::now().checked_add(limit)),
         run: &args.run,
         roots: &args.roots.roots,
         cache: Some(&args.cache),
@@ -132,10 +130,7 @@ impl<'a> How<'a> {
     {
         let mut options = WorkOptions::new(threads(global), isa(global)?, stop);
         options.deadline = self.deadline;
-        options.who = WorkerName {
-            worker: self.name.clone(),
-            host: queue::host_name(),
-        };
+        options.who = WorkerName { worker: self.name.clone(), host: queue::host_name() };
         options.hang = self.hang;
         options.checkpoint = self.checkpoint;
         options.faults = self.faults;
@@ -177,10 +172,7 @@ pub(super) fn work_on(
     let progress = Progress::new(global, "shards", 0);
     let start = Instant::now();
     let children = how.children(global);
-    let options = WorkOptions {
-        sandbox: Some(&children),
-        ..how.options(global, signals.stop())?
-    };
+    let options = WorkOptions { sandbox: Some(&children), ..how.options(global, signals.stop())? };
     let outcome = work(run, &options, &|event| progress.event(event, output));
     progress.finish();
     progress.note_narrow_scenes(output);
@@ -193,12 +185,8 @@ pub(super) fn work_on(
         _ => Exit::Done,
     };
     if output.verbose {
-        let seconds: Vec<String> = outcome
-            .seconds
-            .all()
-            .iter()
-            .map(|(stage, s)| format!("{stage} {s:.2} s"))
-            .collect();
+        let seconds: Vec<String> =
+            outcome.seconds.all().iter().map(|(stage, s)| format!("{stage} {s:.2} s")).collect();
         output.note(&format!("seconds of all threads: {}", seconds.join(", ")));
     }
     Ok((outcome, exit, start.elapsed()))
@@ -217,10 +205,7 @@ fn work_for(
     let progress = Progress::new(global, "shards", 0);
     let start = Instant::now();
     let children = how.children(global);
-    let options = WorkOptions {
-        sandbox: Some(&children),
-        ..how.options(global, signals.stop())?
-    };
+    let options = WorkOptions { sandbox: Some(&children), ..how.options(global, signals.stop())? };
     let queue = queue::worker(run, args, &how.name)?;
     let on_hung = |reason: &str| {
         output.warning(reason);
@@ -266,10 +251,7 @@ fn work_only(
     let start = Instant::now();
     let options = how.options(global, signals.stop())?;
     let queue = LocalQueue::new(None);
-    let task = Task {
-        scene: scene as u32,
-        shards: only.shards.clone(),
-    };
+    let task = Task { scene: scene as u32, shards: only.shards.clone() };
     let worker = queue.worker();
     worker.publish(&[Message { task, hops: 0 }])?;
     let shared = SharedQueue {

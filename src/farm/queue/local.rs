@@ -57,23 +57,14 @@ impl LocalQueue {
     /// An empty queue. Without a `lease` leases never end: for a process that is its only worker.
     pub fn new(lease: Option<Duration>) -> Self {
         Self {
-            shared: Arc::new(Shared {
-                lease,
-                state: Mutex::default(),
-                changed: Condvar::new(),
-            }),
+            shared: Arc::new(Shared { lease, state: Mutex::default(), changed: Condvar::new() }),
         }
     }
 
-    /// Another worker's end.
     pub fn worker(&self) -> LocalWorker {
         let mut state = self.state();
         state.next_worker += 1;
-        LocalWorker {
-            queue: self.clone(),
-            number: state.next_worker,
-            requests: unbounded(),
-        }
+        LocalWorker { queue: self.clone(), number: state.next_worker, requests: unbounded() }
     }
 
     /// Publishes tasks whose worker was lost with an earlier process.
@@ -82,20 +73,14 @@ impl LocalQueue {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        self.shared
-            .state
-            .lock()
-            .expect("no holder of this lock panics")
+        self.shared.state.lock().expect("no holder of this lock panics")
     }
 
     fn put(&self, messages: &[Message], deliveries: u32) {
         let mut state = self.state();
         for message in messages {
             if state.there.insert(key(message)) {
-                state.waiting.push_back(Entry {
-                    message: message.clone(),
-                    deliveries,
-                });
+                state.waiting.push_back(Entry { message: message.clone(), deliveries });
             }
         }
         self.shared.changed.notify_all();
@@ -130,11 +115,8 @@ impl Queue for LocalWorker {
                 entry.deliveries += 1;
                 state.next_lease += 1;
                 let id = state.next_lease;
-                let leased = Lease {
-                    id,
-                    message: entry.message.clone(),
-                    redelivered: entry.deliveries > 1,
-                };
+                let leased =
+                    Lease { id, message: entry.message.clone(), redelivered: entry.deliveries > 1 };
                 let end = self.queue.shared.lease.map(|lease| now + lease);
                 state.held.insert(id, (entry, end));
                 return Taken::Lease(leased);
@@ -147,11 +129,8 @@ impl Queue for LocalWorker {
             }
             let next_end = state.held.values().filter_map(|(_, end)| *end).min();
             let until = next_end.map_or(deadline, |end| end.min(deadline));
-            let waited = self
-                .queue
-                .shared
-                .changed
-                .wait_timeout(state, until.saturating_duration_since(now));
+            let waited =
+                self.queue.shared.changed.wait_timeout(state, until.saturating_duration_since(now));
             state = waited.expect("no holder of this lock panics").0;
         }
     }
@@ -237,19 +216,11 @@ impl QueueKeeper for LocalQueue {
     fn look(&self) -> Result<QueueState, QueueError> {
         let mut state = self.state();
         state.expire(Instant::now());
-        Ok(QueueState {
-            waiting: state.waiting.len() as u64,
-            held: state.held.len() as u64,
-        })
+        Ok(QueueState { waiting: state.waiting.len() as u64, held: state.held.len() as u64 })
     }
 
     fn scenes(&self) -> Result<BTreeSet<u32>, QueueError> {
-        Ok(self
-            .state()
-            .there
-            .iter()
-            .map(|[scene, ..]| *scene)
-            .collect())
+        Ok(self.state().there.iter().map(|[scene, ..]| *scene).collect())
     }
 
     fn publish(&self, messages: &[Message]) -> Result<(), QueueError> {

@@ -32,7 +32,6 @@ use std::time::Duration;
 /// A task in the queue, and how often it went from worker to worker.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Message {
-    /// What to do.
     pub task: Task,
     /// 0 as the coordinator publishes it.
     pub hops: u32,
@@ -43,7 +42,6 @@ pub struct Message {
 pub struct Lease {
     /// Names it in the calls of [`Queue`].
     pub id: u64,
-    /// What was leased.
     pub message: Message,
     /// An earlier holder was lost with it.
     pub redelivered: bool,
@@ -52,11 +50,8 @@ pub struct Lease {
 /// What [`Queue::take`] found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Taken {
-    /// Something to do.
     Lease(Lease),
-    /// Nothing now.
     Nothing,
-    /// Nothing any more.
     Ended,
     /// The queue cannot be reached, for this reason. It may come back.
     Lost(String),
@@ -79,7 +74,6 @@ pub struct Answer {
 }
 
 impl Request {
-    /// Answers it.
     pub fn answer(self, answer: Answer) {
         (self.tell)(answer);
     }
@@ -96,7 +90,6 @@ pub trait Queue: Send + Sync {
     fn take(&self, wait: Duration) -> Taken;
     /// Publishes messages. On return the queue has them; one that it has already is no error.
     fn publish(&self, messages: &[Message]) -> Result<(), QueueError>;
-    /// Renews a lease.
     fn renew(&self, lease: u64);
     /// Gives a lease back: all of its task is done, or published again.
     fn finish(&self, lease: u64);
@@ -118,16 +111,13 @@ pub trait QueueKeeper: Send + Sync {
     fn scenes(&self) -> Result<BTreeSet<u32>, QueueError>;
     /// Publishes messages. On return the queue has them; one that it has already is no error.
     fn publish(&self, messages: &[Message]) -> Result<(), QueueError>;
-    /// Forgets all messages.
     fn purge(&self) -> Result<(), QueueError>;
-    /// Removes the queue.
     fn remove(&self) -> Result<(), QueueError>;
 }
 
 /// How much is in a queue.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct QueueState {
-    /// Messages that wait.
     pub waiting: u64,
     /// Messages that are leased.
     pub held: u64,

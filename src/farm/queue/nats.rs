@@ -53,9 +53,7 @@ impl NatsOptions {
     }
 
     pub(super) fn connect(&self) -> Result<ConnectOptions, QueueError> {
-        let mut connect = ConnectOptions::new()
-            .name(&self.name)
-            .connection_timeout(ANSWER);
+        let mut connect = ConnectOptions::new().name(&self.name).connection_timeout(ANSWER);
         if let Some(path) = &self.nkey {
             let seed = std::fs::read_to_string(path)
                 .map_err(|e| invalid(&format!("the nkey {}", path.display()), &e))?;
@@ -160,10 +158,7 @@ impl Connection {
 
     /// An error with what the server said about it, if it said anything.
     pub(super) fn lost(&self, error: &dyn std::fmt::Display) -> QueueError {
-        let said = self
-            .complaint
-            .lock()
-            .expect("no holder of this lock panics");
+        let said = self.complaint.lock().expect("no holder of this lock panics");
         QueueError(match &*said {
             Some(said) => format!("{error} ({said})"),
             None => error.to_string(),
@@ -173,20 +168,14 @@ impl Connection {
     pub(super) fn subject(&self, message: &Message) -> String {
         let Message { task, hops } = message;
         let (scene, shards) = (task.scene, &task.shards);
-        format!(
-            "{}.span.{scene}.{}-{}.{hops}",
-            self.subjects, shards.start, shards.end
-        )
+        format!("{}.span.{scene}.{}-{}.{hops}", self.subjects, shards.start, shards.end)
     }
 
     pub(super) async fn publish(&self, messages: &[Message]) -> Result<(), QueueError> {
         futures_util::stream::iter(messages)
             .map(|message| async move {
                 let bytes = write_message(self.run, message);
-                let sent = self
-                    .context
-                    .publish(self.subject(message), bytes.into())
-                    .await;
+                let sent = self.context.publish(self.subject(message), bytes.into()).await;
                 let acknowledged = match sent {
                     Ok(acknowledgement) => acknowledgement.await,
                     Err(error) => Err(error),
@@ -227,9 +216,7 @@ pub(super) fn cause(url: &str, error: &dyn std::error::Error) -> String {
 pub(super) fn shown(url: &str) -> String {
     let servers = url.split(',').map(|server| match server.rsplit_once('@') {
         Some((before, host)) => {
-            let scheme = before
-                .split_once("://")
-                .map_or("nats", |(scheme, _)| scheme);
+            let scheme = before.split_once("://").map_or("nats", |(scheme, _)| scheme);
             format!("{scheme}://…@{host}")
         }
         None => server.to_owned(),
@@ -241,10 +228,7 @@ pub(super) fn shown(url: &str) -> String {
 pub(super) fn is_there_already(error: &(dyn std::error::Error + 'static)) -> bool {
     let mut next = Some(error);
     while let Some(error) = next {
-        if error
-            .to_string()
-            .contains("maximum messages per subject exceeded")
-        {
+        if error.to_string().contains("maximum messages per subject exceeded") {
             return true;
         }
         next = error.source();
@@ -259,9 +243,6 @@ mod tests {
     #[test]
     fn passwords_are_not_shown() {
         assert_eq!(shown("nats://me:secret@host:4222"), "nats://…@host:4222");
-        assert_eq!(
-            shown("nats://a:4222,tls://u:p@b"),
-            "nats://a:4222,tls://…@b"
-        );
+        assert_eq!(shown("nats://a:4222,tls://u:p@b"), "nats://a:4222,tls://…@b");
     }
 }

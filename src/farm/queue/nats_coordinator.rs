@@ -11,7 +11,6 @@ use std::time::Duration;
 
 use super::nats::{CONSUMER, Connection, NatsOptions};
 
-/// The coordinator's end.
 pub struct NatsCoordinator {
     connection: Connection,
     lease: Duration,
@@ -26,11 +25,7 @@ impl NatsCoordinator {
         run: [u8; 8],
         lease: Duration,
     ) -> Result<Self, QueueError> {
-        Ok(Self {
-            connection: Connection::open(options, run)?,
-            lease,
-            seen: Mutex::new(None),
-        })
+        Ok(Self { connection: Connection::open(options, run)?, lease, seen: Mutex::new(None) })
     }
 
     fn config(&self) -> Config {
@@ -48,11 +43,7 @@ impl NatsCoordinator {
 
     async fn stream(&self) -> Result<Stream, QueueError> {
         let connection = &self.connection;
-        connection
-            .context
-            .get_stream(&connection.stream)
-            .await
-            .map_err(|e| connection.lost(&e))
+        connection.context.get_stream(&connection.stream).await.map_err(|e| connection.lost(&e))
     }
 
     /// When the stream was made.
@@ -123,14 +114,8 @@ impl QueueKeeper for NatsCoordinator {
         let connection = &self.connection;
         RUNTIME.block_on(async {
             let stream = self.stream().await?;
-            let info = stream
-                .consumer_info(CONSUMER)
-                .await
-                .map_err(|e| connection.lost(&e))?;
-            Ok(QueueState {
-                waiting: info.num_pending,
-                held: info.num_ack_pending as u64,
-            })
+            let info = stream.consumer_info(CONSUMER).await.map_err(|e| connection.lost(&e))?;
+            Ok(QueueState { waiting: info.num_pending, held: info.num_ack_pending as u64 })
         })
     }
 
@@ -139,10 +124,8 @@ impl QueueKeeper for NatsCoordinator {
         RUNTIME.block_on(async {
             let stream = self.stream().await?;
             let filter = format!("{}.span.>", connection.subjects);
-            let mut subjects = stream
-                .info_with_subjects(filter)
-                .await
-                .map_err(|e| connection.lost(&e))?;
+            let mut subjects =
+                stream.info_with_subjects(filter).await.map_err(|e| connection.lost(&e))?;
             let mut scenes = BTreeSet::new();
             while let Some((subject, _)) =
                 subjects.try_next().await.map_err(|e| connection.lost(&e))?

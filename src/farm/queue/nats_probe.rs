@@ -9,7 +9,6 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 /// What a server says of itself, and lets this user do.
 #[derive(Debug)]
 pub struct NatsFacts {
-    /// The server's.
     pub version: String,
     /// From a question to its answer.
     pub answer: Duration,
@@ -41,10 +40,7 @@ pub fn probe_nats(options: &NatsOptions) -> Result<NatsFacts, QueueError> {
     let connect = connect.request_timeout(Some(ANSWER));
     let client = match within(ANSWER, connect.connect(servers)) {
         None => {
-            return Err(QueueError(format!(
-                "no answer from {}",
-                shown(&options.url)
-            )));
+            return Err(QueueError(format!("no answer from {}", shown(&options.url))));
         }
         Some(Err(error)) => return Err(QueueError(cause(&options.url, &error))),
         Some(Ok(client)) => client,
@@ -52,10 +48,7 @@ pub fn probe_nats(options: &NatsOptions) -> Result<NatsFacts, QueueError> {
     let start = Instant::now();
     let flushed = within(ANSWER, client.flush());
     if !matches!(flushed, Some(Ok(()))) {
-        return Err(QueueError(format!(
-            "no answer from {}",
-            shown(&options.url)
-        )));
+        return Err(QueueError(format!("no answer from {}", shown(&options.url))));
     }
     let answer = start.elapsed();
     let mut context = {
@@ -67,9 +60,7 @@ pub fn probe_nats(options: &NatsOptions) -> Result<NatsFacts, QueueError> {
     let account = account(&context);
     let name = format!(
         "GLASSHOUSE_DOCTOR_{}",
-        options
-            .name
-            .replace(|c: char| !c.is_ascii_alphanumeric(), "_")
+        options.name.replace(|c: char| !c.is_ascii_alphanumeric(), "_")
     );
     Ok(NatsFacts {
         version: client.server_info().version,

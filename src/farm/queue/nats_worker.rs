@@ -14,7 +14,6 @@ use tokio::task::JoinHandle;
 
 use super::nats::{ANSWER, AWAY, CONSUMER, Connection, NatsOptions, within};
 
-/// A worker's end.
 pub struct NatsWorker {
     connection: Connection,
     scenes: usize,
@@ -45,11 +44,7 @@ impl NatsWorker {
     }
 
     async fn consumer(&self) -> Result<PullConsumer, QueueError> {
-        let known = self
-            .consumer
-            .lock()
-            .expect("no holder of this lock panics")
-            .clone();
+        let known = self.consumer.lock().expect("no holder of this lock panics").clone();
         if let Some(consumer) = known {
             return Ok(consumer);
         }
@@ -120,11 +115,7 @@ impl Queue for NatsWorker {
         };
         match read_message(&delivered.payload, self.connection.run, self.scenes) {
             Ok(Some(message)) => {
-                let lease = Lease {
-                    id,
-                    message,
-                    redelivered: deliveries > 1,
-                };
+                let lease = Lease { id, message, redelivered: deliveries > 1 };
                 let mut held = self.held.lock().expect("no holder of this lock panics");
                 held.insert(id, Arc::new(delivered));
                 Taken::Lease(lease)

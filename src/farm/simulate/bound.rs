@@ -7,9 +7,7 @@ use super::case::{Case, Fault};
 pub fn lower_bound_s(case: &Case) -> Option<f64> {
     let work = &case.work;
     let shards = (0..work.scenes).flat_map(|scene| (0..work.shards).map(move |s| (scene, s)));
-    let traced_us: u64 = shards
-        .map(|(scene, shard)| work.shard_us(scene, shard))
-        .sum();
+    let traced_us: u64 = shards.map(|(scene, shard)| work.shard_us(scene, shard)).sum();
     let mut left_s = traced_us as f64 * 1e-6 + f64::from(work.scenes) * work.load_s;
 
     let mut speeds = vec![1.0; case.fleet.workers as usize];
@@ -23,11 +21,7 @@ pub fn lower_bound_s(case: &Case) -> Option<f64> {
     for fault in &case.faults {
         match *fault {
             Fault::Kill { worker, at_s } => changes.push((at_s, -speeds[worker as usize])),
-            Fault::Stop {
-                worker,
-                at_s,
-                for_s,
-            } => {
+            Fault::Stop { worker, at_s, for_s } => {
                 changes.push((at_s, -speeds[worker as usize]));
                 changes.push((at_s + for_s, speeds[worker as usize]));
             }

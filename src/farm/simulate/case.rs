@@ -5,9 +5,7 @@ pub(super) use render::hash::splitmix64 as mix;
 /// Scenes and what they cost.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Work {
-    /// Number of scenes.
     pub scenes: u32,
-    /// Shards of each.
     pub shards: u32,
     /// Seconds of a worker of speed 1 for a shard of the cheapest scenes; a shard is 25 % more or less.
     pub cheapest_shard_s: f64,
@@ -68,52 +66,28 @@ pub struct Rules {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
     /// Ends at once and for good.
-    Kill {
-        /// Its number.
-        worker: u32,
-        /// When.
-        at_s: f64,
-    },
+    Kill { worker: u32, at_s: f64 },
     /// Is so many times slower throughout.
     Slow {
-        /// Its number.
         worker: u32,
         /// 4: a quarter of the speed.
         times: f64,
     },
     /// Is stopped, then goes on as if nothing had happened.
-    Stop {
-        /// Its number.
-        worker: u32,
-        /// When.
-        at_s: f64,
-        /// For how long.
-        for_s: f64,
-    },
+    Stop { worker: u32, at_s: f64, for_s: f64 },
     /// The queue forgets everything; its stream is gone.
-    Wipe {
-        /// When.
-        at_s: f64,
-    },
+    Wipe { at_s: f64 },
     /// The queue's server is not there; it keeps its messages, and leases go on ending.
-    Away {
-        /// When.
-        at_s: f64,
-        /// For how long.
-        for_s: f64,
-    },
+    Away { at_s: f64, for_s: f64 },
 }
 
-/// All of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Case {
     /// Scenes and what they cost.
     pub work: Work,
     /// Workers and servers.
     pub fleet: Fleet,
-    /// Times.
     pub rules: Rules,
-    /// What goes wrong.
     pub faults: Vec<Fault>,
 }
 
@@ -131,10 +105,7 @@ impl Default for Fleet {
 
 impl Default for Rules {
     fn default() -> Self {
-        Self {
-            lease_s: 30.0,
-            reconcile_s: 600.0,
-        }
+        Self { lease_s: 30.0, reconcile_s: 600.0 }
     }
 }
 

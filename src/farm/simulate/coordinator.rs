@@ -64,9 +64,7 @@ impl Sim<'_> {
         self.counts.reconciles += 1;
         self.coordinator.is_listing = true;
         self.coordinator.backlog.clear();
-        self.coordinator.is_absent = (0..scenes)
-            .map(|s| self.queue.ranges(s).is_empty())
-            .collect();
+        self.coordinator.is_absent = (0..scenes).map(|s| self.queue.ranges(s).is_empty()).collect();
         let from = self.coordinator.first_missing;
         let keys = u64::from(self.store.tuples_from(from, scenes));
         self.coordinator.first_missing = self.store.first_missing(from, scenes);
@@ -86,10 +84,7 @@ impl Sim<'_> {
         self.coordinator.reconciled_us = self.now_us;
         let is_absent = std::mem::take(&mut self.coordinator.is_absent);
         let missing = (0..scenes).filter(|&s| is_absent[s as usize] && !self.store.has_tuple(s));
-        let whole = |scene| Task {
-            scene,
-            shards: 0..self.case.work.shards,
-        };
+        let whole = |scene| Task { scene, shards: 0..self.case.work.shards };
         self.coordinator.backlog.extend(missing.map(whole));
         if self.store.tuple_count() == scenes && self.coordinator.backlog.is_empty() {
             self.coordinator.finished_us = Some(self.now_us);
@@ -104,7 +99,6 @@ impl Sim<'_> {
         }
     }
 
-    /// A batch.
     pub(super) fn publish_more(&mut self) {
         if self.now_us < self.away_until_us {
             self.after(self.away_until_us - self.now_us, Event::PublishMore);

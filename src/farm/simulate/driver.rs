@@ -10,7 +10,6 @@ use std::collections::VecDeque;
 /// Partials of a scene that is here as a whole wait in memory for so long.
 const CHECKPOINT: Time = Time::from_secs(20);
 
-/// What it computes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Doing {
     Nothing,
@@ -78,10 +77,7 @@ impl Default for Worker {
 
 impl Worker {
     pub(super) fn kill(&mut self) {
-        *self = Self {
-            is_alive: false,
-            ..Self::default()
-        };
+        *self = Self { is_alive: false, ..Self::default() };
     }
 
     pub(super) fn is_computing(&self) -> bool {
@@ -204,10 +200,7 @@ impl Sim<'_> {
             }
             Doing::Traces(task, shard, since_us) => {
                 let took_s = (self.now_us - since_us) as f64 * 1e-6;
-                w.mean_s = Some(
-                    w.mean_s
-                        .map_or(took_s, |mean_s| 0.9 * mean_s + 0.1 * took_s),
-                );
+                w.mean_s = Some(w.mean_s.map_or(took_s, |mean_s| 0.9 * mean_s + 0.1 * took_s));
                 self.counts.shards_traced += 1;
                 if let Some(scene) = w.tasks.task(task).map(|leased| leased.scene)
                     && !self.store.trace(scene, shard)

@@ -87,7 +87,6 @@ pub(super) enum Event {
     FaultEnds(u32),
 }
 
-/// The farm.
 pub(super) struct Sim<'a> {
     pub(super) case: &'a Case,
     pub(super) now_us: u64,
@@ -288,13 +287,7 @@ impl<'a> Sim<'a> {
         for (worker, pull) in std::mem::take(&mut self.waiting_pulls) {
             if self.pull_is_open(worker, pull) {
                 let jitter_us = self.draw_below(us(RECONNECT_S));
-                self.after(
-                    jitter_us,
-                    Event::Pull {
-                        worker,
-                        waits: true,
-                    },
-                );
+                self.after(jitter_us, Event::Pull { worker, waits: true });
             }
         }
     }

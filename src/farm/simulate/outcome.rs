@@ -29,10 +29,8 @@ pub(super) struct Counts {
 /// Messages of a kind.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Messages {
-    /// What kind.
     #[serde(skip)]
     pub kind: Kind,
-    /// In all.
     pub count: u64,
     /// In the second with the most.
     pub peak_per_s: u32,
@@ -47,21 +45,16 @@ pub struct Outcome {
     pub known_s: f64,
     /// Seconds that no schedule can beat: (work + one load a scene) / speed that was there.
     pub bound_s: f64,
-    /// Loads of scenes.
     pub loads: u64,
-    /// Loads over scenes.
     pub loads_per_scene: f64,
-    /// Shards that were traced.
     pub shards_traced: u64,
     /// Of them, those that the store had already.
     pub shards_traced_again: u64,
     /// Requests to give that were fulfilled.
     pub gives: u64,
-    /// Spans that were given.
     pub spans_given: u64,
     /// Requests to give without effect.
     pub asked_in_vain: u64,
-    /// Leases that ended.
     pub leases_ended: u64,
     /// Acknowledgements that removed a message of another scene, after the stream was made anew.
     pub wrong_acknowledgements: u64,
@@ -98,11 +91,7 @@ impl Sim<'_> {
         let makespan_s = c.last_tuple_us as f64 * 1e-6;
         let of_kind = |&(kind, _): &(Kind, &str)| {
             let (count, peak_per_s) = self.tally.of(kind);
-            Messages {
-                kind,
-                count,
-                peak_per_s,
-            }
+            Messages { kind, count, peak_per_s }
         };
         Outcome {
             makespan_s,

@@ -97,10 +97,7 @@ impl Queue {
         let shards = &message.task.shards;
         let same =
             |m: &Entry| m.start == shards.start && m.end == shards.end && m.hops == message.hops;
-        if self
-            .of_scene(scene)
-            .any(|k| same(&self.messages[k as usize]))
-        {
+        if self.of_scene(scene).any(|k| same(&self.messages[k as usize])) {
             return false;
         }
         let sequence = self.messages.len() as Sequence;
@@ -141,10 +138,7 @@ impl Queue {
                 sequence,
                 again,
                 message: Message {
-                    task: Task {
-                        scene: message.scene,
-                        shards: message.start..message.end,
-                    },
+                    task: Task { scene: message.scene, shards: message.start..message.end },
                     hops: message.hops,
                 },
             });
@@ -177,9 +171,8 @@ impl Queue {
         if self.first_of_scene[scene] == sequence {
             self.first_of_scene[scene] = next;
         } else {
-            let before = self
-                .of_scene(scene as u32)
-                .find(|&k| self.messages[k as usize].next == sequence);
+            let before =
+                self.of_scene(scene as u32).find(|&k| self.messages[k as usize].next == sequence);
             if let Some(before) = before {
                 self.messages[before as usize].next = next;
             }
@@ -206,10 +199,7 @@ impl Queue {
 
     /// Ranges of a scene's messages.
     pub(super) fn ranges(&self, scene: u32) -> Vec<Range<u32>> {
-        self.of_scene(scene)
-            .map(|k| &self.messages[k as usize])
-            .map(|m| m.start..m.end)
-            .collect()
+        self.of_scene(scene).map(|k| &self.messages[k as usize]).map(|m| m.start..m.end).collect()
     }
 
     /// Forgets everything, the count included.
@@ -240,17 +230,13 @@ impl Queue {
     /// Sequences of messages that are held.
     pub(super) fn all_held(&self) -> Vec<Sequence> {
         let is_held = |&k: &Sequence| self.messages[k as usize].state == State::Held;
-        (0..self.messages.len() as Sequence)
-            .filter(is_held)
-            .collect()
+        (0..self.messages.len() as Sequence).filter(is_held).collect()
     }
 
     /// Sequences of messages that were acknowledged.
     pub(super) fn all_gone(&self) -> Vec<Sequence> {
         let is_gone = |&k: &Sequence| self.messages[k as usize].state == State::Gone;
-        (0..self.messages.len() as Sequence)
-            .filter(is_gone)
-            .collect()
+        (0..self.messages.len() as Sequence).filter(is_gone).collect()
     }
 
     /// Puts an acknowledged message back, to be delivered again, or never.

@@ -86,10 +86,7 @@ impl Sim<'_> {
             return false;
         };
         self.tally.count(Kind::Deliver, self.now_us);
-        let lease_ends = Event::LeaseEnds {
-            sequence: delivery.sequence,
-            stream: self.stream,
-        };
+        let lease_ends = Event::LeaseEnds { sequence: delivery.sequence, stream: self.stream };
         self.after(lease_us, lease_ends);
         let receiver = &mut self.workers[worker as usize];
         receiver.open_pull = None;
@@ -118,11 +115,8 @@ impl Sim<'_> {
             all_stored &= self.store_message(&offer.message);
         }
         self.serve_waiting_pulls();
-        let event = if all_stored {
-            Event::Confirmed { worker }
-        } else {
-            Event::NotConfirmed { worker }
-        };
+        let event =
+            if all_stored { Event::Confirmed { worker } } else { Event::NotConfirmed { worker } };
         self.after(self.way_us(), event);
     }
 
@@ -147,10 +141,7 @@ impl Sim<'_> {
         } else {
             let k = self.draw_below(count) as usize;
             let giver = self.listeners[k];
-            Event::Asked {
-                giver,
-                asker: worker,
-            }
+            Event::Asked { giver, asker: worker }
         };
         self.after(self.way_us(), event);
     }

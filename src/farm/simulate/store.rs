@@ -43,7 +43,6 @@ impl Store {
         (0..self.shards).all(|s| self.is_finished(scene, s))
     }
 
-    /// Puts a shard.
     pub(super) fn put_shard(&mut self, scene: u32, shard: u32) {
         let bit = self.bit(scene, shard);
         set(&mut self.finished, bit);
@@ -60,7 +59,6 @@ impl Store {
         is_set(&self.tuples, u64::from(scene))
     }
 
-    /// Puts a tuple.
     pub(super) fn put_tuple(&mut self, scene: u32) {
         if set(&mut self.tuples, u64::from(scene)) {
             self.tuple_count += 1;
@@ -74,9 +72,7 @@ impl Store {
 
     /// The first scene from `scene` on that is not done; `scenes` if all are.
     pub(super) fn first_missing(&self, scene: u32, scenes: u32) -> u32 {
-        (scene..scenes)
-            .find(|&s| !self.has_tuple(s))
-            .unwrap_or(scenes)
+        (scene..scenes).find(|&s| !self.has_tuple(s)).unwrap_or(scenes)
     }
 
     /// Scenes done from `scene` on.

@@ -72,12 +72,7 @@ impl Tally {
     /// Of all kinds, the median of the seconds up to `end_s`.
     pub(super) fn median(&self, end_s: f64) -> u32 {
         let end = (end_s as usize).clamp(1, self.seconds.len().max(1));
-        let mut sums: Vec<u32> = self
-            .seconds
-            .iter()
-            .take(end)
-            .map(|s| s.iter().sum())
-            .collect();
+        let mut sums: Vec<u32> = self.seconds.iter().take(end).map(|s| s.iter().sum()).collect();
         sums.sort_unstable();
         sums.get(sums.len() / 2).copied().unwrap_or(0)
     }

@@ -16,25 +16,13 @@ fn prototype(faults: Vec<Fault>) -> Case {
     Case {
         work: Work::default(),
         fleet: Fleet::default(),
-        rules: Rules {
-            lease_s: 2.0,
-            ..Rules::default()
-        },
+        rules: Rules { lease_s: 2.0, ..Rules::default() },
         faults,
     }
 }
 
 fn prototype_faults() -> Vec<Fault> {
-    vec![
-        Fault::Kill {
-            worker: 0,
-            at_s: 3.1,
-        },
-        Fault::Slow {
-            worker: 1,
-            times: 4.0,
-        },
-    ]
+    vec![Fault::Kill { worker: 0, at_s: 3.1 }, Fault::Slow { worker: 1, times: 4.0 }]
 }
 
 /// The prototype measured 13.52 s and 16.81 s with costs in whole milliseconds.
@@ -43,17 +31,9 @@ fn the_bound_is_that_of_the_prototype() {
     let bound = |faults| lower_bound_s(&prototype(faults)).unwrap();
     assert!((bound(vec![]) - 13.52).abs() < 0.08);
     assert!((bound(prototype_faults()) - 16.81).abs() < 0.08);
-    let all = (0..8)
-        .map(|worker| Fault::Kill { worker, at_s: 1.0 })
-        .collect();
+    let all = (0..8).map(|worker| Fault::Kill { worker, at_s: 1.0 }).collect();
     assert_eq!(lower_bound_s(&prototype(all)), None);
-    let stopped = (0..8)
-        .map(|worker| Fault::Stop {
-            worker,
-            at_s: 1.0,
-            for_s: 5.0,
-        })
-        .collect();
+    let stopped = (0..8).map(|worker| Fault::Stop { worker, at_s: 1.0, for_s: 5.0 }).collect();
     assert!((bound(stopped) - bound(vec![]) - 5.0).abs() < 1e-9);
 }
 
@@ -93,25 +73,10 @@ fn everything_gets_done_under_all_faults() {
     for seed in 0..40 {
         let mut case = hundred_workers(seed);
         let some = |share, salt| some_workers(100, share, seed * 10 + salt).into_iter();
-        case.faults = vec![
-            Fault::Wipe { at_s: 3.0 },
-            Fault::Away {
-                at_s: 5.0,
-                for_s: 3.0,
-            },
-        ];
-        case.faults
-            .extend(some(0.2, 1).map(|(worker, t)| Fault::Kill {
-                worker,
-                at_s: 20.0 * t,
-            }));
-        case.faults
-            .extend(some(0.1, 2).map(|(worker, _)| Fault::Slow { worker, times: 4.0 }));
-        let stop = |(worker, t)| Fault::Stop {
-            worker,
-            at_s: 20.0 * t,
-            for_s: 5.0,
-        };
+        case.faults = vec![Fault::Wipe { at_s: 3.0 }, Fault::Away { at_s: 5.0, for_s: 3.0 }];
+        case.faults.extend(some(0.2, 1).map(|(worker, t)| Fault::Kill { worker, at_s: 20.0 * t }));
+        case.faults.extend(some(0.1, 2).map(|(worker, _)| Fault::Slow { worker, times: 4.0 }));
+        let stop = |(worker, t)| Fault::Stop { worker, at_s: 20.0 * t, for_s: 5.0 };
         case.faults.extend(some(0.1, 3).map(stop));
         let outcome = run(&case);
         assert!(outcome.leases_ended > 0, "{outcome:?}");
@@ -124,13 +89,7 @@ fn everything_gets_done_under_all_faults() {
 fn a_stale_holder_costs_time_and_nothing_else() {
     let mut case = hundred_workers(1);
     assert_eq!(run(&case).leases_ended, 0);
-    case.faults = (0..30)
-        .map(|worker| Fault::Stop {
-            worker,
-            at_s: 2.0,
-            for_s: 6.0,
-        })
-        .collect();
+    case.faults = (0..30).map(|worker| Fault::Stop { worker, at_s: 2.0, for_s: 6.0 }).collect();
     let outcome = run(&case);
     assert!(outcome.leases_ended >= 20, "{outcome:?}");
     assert!(outcome.shards_traced_again > 0, "{outcome:?}");

@@ -29,21 +29,14 @@ impl<'a> ComputeThread<'_, 'a> {
     /// Decodes a scene, fetches what the store has of it, and puts the missing shards' bands into the deque.
     pub(super) fn open(&self, loaded: Loaded<'a>) {
         let worker = self.worker;
-        let Loaded {
-            line,
-            task,
-            leased,
-            files,
-        } = loaded;
+        let Loaded { line, task, leased, files } = loaded;
         let now = worker.now();
         if !worker.tasks().load(task, now) {
             // Donated while it waited.
             return;
         }
         let start = Stopwatch::start();
-        let loaded = catch_unwind(AssertUnwindSafe(|| {
-            files.and_then(|files| load(line, &files))
-        }));
+        let loaded = catch_unwind(AssertUnwindSafe(|| files.and_then(|files| load(line, &files))));
         for fault in worker.options.faults {
             fault.after_load();
         }
@@ -53,14 +46,8 @@ impl<'a> ComputeThread<'_, 'a> {
         let reason = match loaded {
             Ok(Ok(loaded)) => {
                 let job = SceneJob::new(line, worker.run.layout(line), loaded);
-                let task = Arc::new(ActiveTask {
-                    id: task,
-                    leased,
-                    job,
-                });
-                (worker.on_event)(Event::SceneOpened {
-                    scene: line.id.clone(),
-                });
+                let task = Arc::new(ActiveTask { id: task, leased, job });
+                (worker.on_event)(Event::SceneOpened { scene: line.id.clone() });
                 return worker.step(&task, || self.begin(&task));
             }
             Ok(Err(error)) => load_reason(line, &error),
@@ -81,11 +68,7 @@ impl<'a> ComputeThread<'_, 'a> {
         worker.perform(actions)?;
         for shard in waiting {
             for index in 0..task.job.bands(shard) {
-                self.deque.push(Band {
-                    task: Arc::clone(task),
-                    shard,
-                    index,
-                });
+                self.deque.push(Band { task: Arc::clone(task), shard, index });
             }
         }
         Ok(())
@@ -120,9 +103,7 @@ impl<'a> ComputeThread<'_, 'a> {
         worker.tally.seconds.add(Stage::Trace, spent);
         worker.tally.scene_seconds.add(scene, spent.cpu);
         let part = 1.0 / f64::from(bands);
-        worker
-            .tasks()
-            .spent(task.id, spent.wall.as_secs_f64(), part);
+        worker.tasks().spent(task.id, spent.wall.as_secs_f64(), part);
         let Some(result) = result else {
             return Ok(());
         };
@@ -154,14 +135,8 @@ impl<'a> ComputeThread<'_, 'a> {
             let key = keys::partial(&task.job.line.id, shard);
             AccessError::Tuple(format!("cannot encode {key}: {e}"))
         })?;
-        self.worker
-            .tally
-            .seconds
-            .add(Stage::Checkpoint, start.spent());
-        self.order(Order {
-            task: Arc::clone(task),
-            what: What::Partial { shard, bytes },
-        });
+        self.worker.tally.seconds.add(Stage::Checkpoint, start.spent());
+        self.order(Order { task: Arc::clone(task), what: What::Partial { shard, bytes } });
         Ok(())
     }
 
@@ -197,10 +172,7 @@ impl<'a> ComputeThread<'_, 'a> {
             let miss_share = scene.miss_share();
             self.order(Order {
                 task: Arc::clone(&scene.task),
-                what: What::Tuple {
-                    encoded,
-                    miss_share,
-                },
+                what: What::Tuple { encoded, miss_share },
             });
         }
         Ok(())
@@ -210,11 +182,9 @@ impl<'a> ComputeThread<'_, 'a> {
 /// Errors about a file name it; those about the scene as a whole need its files' names beside them.
 fn load_reason(line: &SceneLine, error: &LoadError) -> String {
     match error {
-        LoadError::Assemble(error) => format!(
-            "{error} (front is {}, back is {})",
-            line.front.name(),
-            line.back.name()
-        ),
+        LoadError::Assemble(error) => {
+            format!("{error} (front is {}, back is {})", line.front.name(), line.back.name())
+        }
         error => error.to_string(),
     }
 }

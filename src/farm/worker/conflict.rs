@@ -57,9 +57,7 @@ impl<'a> Worker<'a> {
         let named = |(name, bytes): (String, Vec<u8>)| (keys::tuple(&line.id, &name), bytes.into());
         let own: Vec<(String, Bytes)> = files.into_iter().map(named).collect();
         match write_tuple(self.store, &own) {
-            Err(StoreError::Differs {
-                key, here, there, ..
-            }) => {
+            Err(StoreError::Differs { key, here, there, .. }) => {
                 let first = own.iter().position(|(own, _)| *own == key).unwrap_or(0);
                 let mut own = own;
                 own.swap(0, first);

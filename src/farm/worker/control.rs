@@ -20,10 +20,7 @@ impl Worker<'_> {
         }
         self.stop.control.set(now.state);
         if now != before {
-            (self.on_event)(Event::Controlled {
-                state: now.state,
-                reason: now.reason,
-            });
+            (self.on_event)(Event::Controlled { state: now.state, reason: now.reason });
         }
     }
 

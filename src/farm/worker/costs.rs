@@ -45,23 +45,12 @@ mod tests {
 
     #[test]
     fn loads_tell_who_is_slower() {
-        let costs = Costs {
-            shard_s: 1.0,
-            threads: 1.0,
-            load_s: 0.2,
-            load_is_known: true,
-        };
+        let costs = Costs { shard_s: 1.0, threads: 1.0, load_s: 0.2, load_is_known: true };
         let of = |load_s| costs.slowness(Some(load_s));
         assert_eq!([of(0.2), of(0.3), of(0.15)], [1.0, 1.0, 1.0]);
         assert_eq!([of(0.8), of(0.05), of(100.0)], [4.0, 0.25, 8.0]);
         assert_eq!(costs.slowness(None), 1.0);
-        let guessed = Costs {
-            load_is_known: false,
-            ..costs
-        };
-        assert_eq!(
-            (guessed.slowness(Some(9.0)), guessed.known_load_s()),
-            (1.0, None)
-        );
+        let guessed = Costs { load_is_known: false, ..costs };
+        assert_eq!((guessed.slowness(Some(9.0)), guessed.known_load_s()), (1.0, None));
     }
 }

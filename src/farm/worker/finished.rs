@@ -31,10 +31,7 @@ impl<'a> FinishedScene<'a> {
         let names = tuple_files(task.job.line);
         Self {
             task,
-            encoded: Mutex::new(vec![
-                None;
-                names.len() + usize::from(!tuple.noise.is_empty())
-            ]),
+            encoded: Mutex::new(vec![None; names.len() + usize::from(!tuple.noise.is_empty())]),
             names,
             tuple,
         }

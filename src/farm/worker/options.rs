@@ -11,12 +11,10 @@ use render::trace::Isa;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-/// How to work.
 #[derive(Clone)]
 pub struct WorkOptions<'a> {
     /// Compute threads. One more reads files and one writes them.
     pub threads: usize,
-    /// Kernels to use.
     pub isa: Isa,
     /// Set from outside to stop after the shards in flight.
     pub stop: &'a AtomicBool,
@@ -30,7 +28,6 @@ pub struct WorkOptions<'a> {
     pub checkpoint: Duration,
     /// Traces tasks that may be dangerous in another process; without it they are traced in this one.
     pub sandbox: Option<&'a dyn Sandbox>,
-    /// How to misbehave.
     pub faults: &'a [Fault],
 }
 
@@ -46,10 +43,7 @@ impl<'a> WorkOptions<'a> {
             isa,
             stop,
             deadline: None,
-            who: WorkerName {
-                worker: "local".to_owned(),
-                host: "local".to_owned(),
-            },
+            who: WorkerName { worker: "local".to_owned(), host: "local".to_owned() },
             hang: Duration::from_mins(2),
             checkpoint: CHECKPOINT,
             sandbox: None,
@@ -72,14 +66,11 @@ pub struct SharedQueue<'a> {
     pub is_child: bool,
 }
 
-/// How work ended.
 #[derive(Debug)]
 pub struct Outcome {
-    /// Tuples written now.
     pub merged: u64,
     /// Tuples that were there before.
     pub already_merged: u64,
-    /// Shards traced now.
     pub traced: u64,
     /// Shards whose partials were found.
     pub resumed: u64,
@@ -89,7 +80,6 @@ pub struct Outcome {
     pub donated: u64,
     /// Scenes in quarantine, those of earlier times included, with their reasons.
     pub quarantined: Vec<(SceneId, String)>,
-    /// Ended early.
     pub stopped: Option<Stop>,
     /// Where the threads' seconds went.
     pub seconds: StageSeconds,

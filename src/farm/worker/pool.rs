@@ -18,7 +18,6 @@ pub(super) enum Job<'a> {
     Seal(Arc<ActiveTask<'a>>, u32),
     /// Fetch the shards of other workers.
     Gather(Arc<ActiveTask<'a>>),
-    /// Make the tuple.
     Merge(Arc<ActiveTask<'a>>),
     /// Encode a file of a tuple for the writer.
     Encode(Arc<FinishedScene<'a>>, usize),
@@ -37,7 +36,6 @@ impl<'a> Job<'a> {
 pub(super) struct Band<'a> {
     pub(super) task: Arc<ActiveTask<'a>>,
     pub(super) shard: u32,
-    /// From the top.
     pub(super) index: u32,
 }
 

@@ -59,11 +59,7 @@ impl Appetite {
         let known = self.others_load_us.load(Ordering::Relaxed);
         let heard = (load_s * 1e6) as u64;
         // Scenes differ, and so do workers: the mean of what was heard, the latest most.
-        let mean = if known == 0 {
-            heard
-        } else {
-            u64::midpoint(known, heard)
-        };
+        let mean = if known == 0 { heard } else { u64::midpoint(known, heard) };
         self.others_load_us.store(mean.max(1), Ordering::Relaxed);
     }
 
@@ -230,12 +226,7 @@ impl<'a> Prefetcher<'_, 'a> {
             _ => {}
         }
         let leased = leased.clone();
-        Ok(Some(Loaded {
-            line,
-            task,
-            leased,
-            files,
-        }))
+        Ok(Some(Loaded { line, task, leased, files }))
     }
 
     /// A store that is away or closed is an error of this worker's, and no fault of the scene.

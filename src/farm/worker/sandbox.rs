@@ -20,16 +20,13 @@ pub trait Sandbox: Sync {
     ) -> SandboxEnd;
 }
 
-/// How it went.
 #[derive(Clone, Debug)]
 pub enum SandboxEnd {
     /// All of it is durable, or its scene is in quarantine.
     Done {
         /// Tuples written: one or none.
         merged: u64,
-        /// Shards traced.
         traced: u64,
-        /// Shards found.
         resumed: u64,
         /// Scenes loaded: one, if it got so far.
         loaded: u64,
@@ -58,19 +55,11 @@ impl Worker<'_> {
             // Donated meanwhile.
             return Ok(());
         }
-        (self.on_event)(Event::Isolated {
-            scene: line.id.clone(),
-        });
+        (self.on_event)(Event::Isolated { scene: line.id.clone() });
         let on_sign = || self.progress(id);
         let end = sandbox.trace(&line.id, task, &on_sign, &|| self.must_stop());
         let actions = match end {
-            SandboxEnd::Done {
-                merged,
-                traced,
-                resumed,
-                loaded,
-                quarantined,
-            } => {
+            SandboxEnd::Done { merged, traced, resumed, loaded, quarantined } => {
                 self.tally.add_sandboxed_loads(loaded);
                 self.count(line, [merged, traced, resumed], quarantined);
                 self.tasks().nothing_to_do(id)
@@ -89,15 +78,10 @@ impl Worker<'_> {
         self.tally.add_traced(traced);
         self.tally.add_resumed(resumed);
         for shard in 0..traced + resumed {
-            (self.on_event)(Event::ShardDone {
-                resumed: shard >= traced,
-            });
+            (self.on_event)(Event::ShardDone { resumed: shard >= traced });
         }
         if merged > 0 {
-            (self.on_event)(Event::SceneMerged {
-                scene: line.id.clone(),
-                miss_share: 0.0,
-            });
+            (self.on_event)(Event::SceneMerged { scene: line.id.clone(), miss_share: 0.0 });
         }
         match quarantined {
             Some(reason) => self.tell_quarantine(line, &reason),
@@ -113,10 +97,7 @@ impl Worker<'_> {
         record: AttemptRecord,
         ending: Ending,
     ) -> Result<(), FarmError> {
-        (self.on_event)(Event::ChildLost {
-            scene: line.id.clone(),
-            reason: ending.reason.clone(),
-        });
+        (self.on_event)(Event::ChildLost { scene: line.id.clone(), reason: ending.reason.clone() });
         let found = record.found;
         record.end(self.store, ending)?;
         let actions = match poison_check(&attempts(self.store, &line.id)?, task, found) {

@@ -36,13 +36,7 @@ impl StopSigns {
         if self.control.is_cancelled() {
             self.cancelled.store(true, Ordering::Relaxed);
         }
-        let signs = [
-            asked,
-            &self.timed_out,
-            &self.drained,
-            &self.broken,
-            &self.cancelled,
-        ];
+        let signs = [asked, &self.timed_out, &self.drained, &self.broken, &self.cancelled];
         signs.iter().any(|sign| sign.load(Ordering::Relaxed))
     }
 
@@ -68,10 +62,7 @@ impl StopSigns {
 
     /// A scene, or a part of it, was done here.
     pub(super) fn went_well(&self) {
-        self.failing
-            .lock()
-            .expect("no holder of this lock panics")
-            .clear();
+        self.failing.lock().expect("no holder of this lock panics").clear();
     }
 
     /// A scene failed here in a way that may be this machine's fault. The scenes that failed in a row, if those are too
@@ -89,10 +80,7 @@ impl StopSigns {
     }
 
     pub(super) fn take_failure(&self) -> Option<FarmError> {
-        self.failure
-            .lock()
-            .expect("no holder of this lock panics")
-            .take()
+        self.failure.lock().expect("no holder of this lock panics").take()
     }
 
     /// Why work ended before the end.

@@ -62,10 +62,7 @@ impl Tally {
     }
 
     pub(super) fn add_quarantined(&self, scene: &SceneId, reason: &str) {
-        let mut quarantined = self
-            .quarantined
-            .lock()
-            .expect("no holder of this lock panics");
+        let mut quarantined = self.quarantined.lock().expect("no holder of this lock panics");
         quarantined.push((scene.clone(), reason.to_owned()));
     }
 

@@ -36,10 +36,7 @@ pub fn work(
     sweep(run);
     let store = Store::local(run.root())?;
     let queue = LocalQueue::new(None);
-    let scope = Scope {
-        workers: true,
-        ..Scope::DONE
-    };
+    let scope = Scope { workers: true, ..Scope::DONE };
     let snapshot = Snapshot::take(run, &store, scope)?;
     // No other process works here: an attempt that stands was lost.
     let lost: BTreeSet<&SceneId> = snapshot.attempts().map(|a| &a.record.scene).collect();
@@ -55,10 +52,7 @@ pub fn work(
             waiting.push(whole(run, scene));
         }
     }
-    on_event(Event::Started {
-        shards,
-        scenes: (waiting.len() + suspects.len()) as u64,
-    });
+    on_event(Event::Started { shards, scenes: (waiting.len() + suspects.len()) as u64 });
     queue.publish(&waiting)?;
     queue.publish_redelivered(&suspects);
     let worker = queue.worker();
@@ -84,10 +78,7 @@ pub fn work_shared(
 ) -> Result<Outcome, FarmError> {
     check_golden(run, options)?;
     let shards = run.lines.iter().map(|l| u64::from(run.layout(l).len()));
-    on_event(Event::Started {
-        shards: shards.sum(),
-        scenes: run.lines.len() as u64,
-    });
+    on_event(Event::Started { shards: shards.sum(), scenes: run.lines.len() as u64 });
     work_on(run, store, shared.queue, Some(shared), options, on_event)
 }
 
@@ -103,16 +94,9 @@ pub fn work_span(
     work_on(run, store, shared.queue, Some(shared), options, on_event)
 }
 
-/// All of a scene.
 pub(in crate::farm) fn whole(run: &Run, scene: usize) -> Message {
     let shards = 0..run.layout(&run.lines[scene]).len();
-    Message {
-        task: Task {
-            scene: scene as u32,
-            shards,
-        },
-        hops: 0,
-    }
+    Message { task: Task { scene: scene as u32, shards }, hops: 0 }
 }
 
 pub(super) fn check_golden(run: &Run, options: &WorkOptions) -> Result<(), FarmError> {
@@ -192,39 +176,23 @@ fn run_threads(worker: &Worker) {
     std::thread::scope(|scope| {
         let (pool, appetite) = (&pool, &appetite);
         scope.spawn(move || worker.watch_control(control, &ended));
-        let prefetcher = Prefetcher {
-            worker,
-            appetite,
-            sender,
-        };
+        let prefetcher = Prefetcher { worker, appetite, sender };
         scope.spawn(move || prefetcher.run());
         if let Some(shared) = worker.shared_queue {
-            let keeper = LeaseKeeper {
-                worker,
-                shared,
-                appetite,
-            };
+            let keeper = LeaseKeeper { worker, shared, appetite };
             scope.spawn(move || keeper.run());
         }
         let writing = Writer { worker, orders };
         let writing = scope.spawn(move || writing.run());
         let compute = |(index, deque)| {
-            let thread = ComputeThread {
-                worker,
-                pool,
-                index,
-                deque,
-                writer: writer.clone(),
-            };
+            let thread = ComputeThread { worker, pool, index, deque, writer: writer.clone() };
             scope.spawn(move || thread.run())
         };
         let computing: Vec<_> = deques.into_iter().enumerate().map(compute).collect();
         // The writer exits after the last compute thread.
         drop(writer);
-        let panics = computing
-            .into_iter()
-            .map(|thread| thread.join().is_err())
-            .filter(|panicked| *panicked);
+        let panics =
+            computing.into_iter().map(|thread| thread.join().is_err()).filter(|panicked| *panicked);
         let panicked = panics.count() > 0 || writing.join().is_err();
         worker.stop.over.store(true, Ordering::Release);
         drop(working);

@@ -16,10 +16,15 @@ pub(super) struct Order<'a> {
 }
 
 pub(super) enum What {
-    /// A shard's partial.
-    Partial { shard: u32, bytes: Vec<u8> },
+    Partial {
+        shard: u32,
+        bytes: Vec<u8>,
+    },
     /// A scene's tuple; when it is in the store, the scene's partials are removed.
-    Tuple { encoded: Encoded, miss_share: f64 },
+    Tuple {
+        encoded: Encoded,
+        miss_share: f64,
+    },
 }
 
 pub(super) struct Writer<'s, 'a> {
@@ -38,10 +43,7 @@ impl<'a> Writer<'_, 'a> {
             }
             worker.step(&task, || match what {
                 What::Partial { shard, bytes } => self.partial(&task, shard, bytes),
-                What::Tuple {
-                    encoded,
-                    miss_share,
-                } => self.tuple(&task, encoded, miss_share),
+                What::Tuple { encoded, miss_share } => self.tuple(&task, encoded, miss_share),
             });
         }
     }
@@ -87,10 +89,7 @@ impl<'a> Writer<'_, 'a> {
         worker.stop.went_well();
         let actions = worker.tasks().merged(task.id);
         let done = worker.perform(actions);
-        (worker.on_event)(Event::SceneMerged {
-            scene: line.id.clone(),
-            miss_share,
-        });
+        (worker.on_event)(Event::SceneMerged { scene: line.id.clone(), miss_share });
         done
     }
 

@@ -45,12 +45,7 @@ impl Preview {
         small.film.target_error = None;
         small.film.layers = render::line::LayerSet::default();
         let (scene, _) = assemble(&small, scene.front.clone(), scene.back.clone())?;
-        let tile = Tile {
-            x: 0,
-            y: 0,
-            width: small.film.width,
-            height: small.film.height,
-        };
+        let tile = Tile { x: 0, y: 0, width: small.film.width, height: small.film.height };
         let pixels = trace_tile(&scene, tile, 0..small.film.spp, isa).pixels;
         let layer = |k: usize| -> Vec<[f64; 3]> {
             pixels.iter().map(|p| p.mean[k].map(f64::from)).collect()
@@ -67,11 +62,7 @@ impl Preview {
     /// Multiplies red, green and blue of all layers by `gains`.
     #[must_use]
     pub(crate) fn times(mut self, gains: [f64; 3]) -> Self {
-        for layer in [
-            &mut self.input,
-            &mut self.transmission,
-            &mut self.glass_reflection,
-        ] {
+        for layer in [&mut self.input, &mut self.transmission, &mut self.glass_reflection] {
             for pixel in layer {
                 for c in 0..3 {
                     pixel[c] *= gains[c];
@@ -96,10 +87,7 @@ impl Preview {
 
     /// Mean luminance of R~ / that of I; 0 if I is black.
     pub(crate) fn reflected_share(&self) -> f64 {
-        ratio(
-            mean(luminances(&self.glass_reflection)),
-            mean(luminances(&self.input)),
-        )
+        ratio(mean(luminances(&self.glass_reflection)), mean(luminances(&self.input)))
     }
 
     /// Standard deviation of R~'s luminance / mean luminance of I; 0 if I is black.
@@ -111,11 +99,7 @@ impl Preview {
 
     /// Share of I's pixels with a channel of 1 or more.
     pub(crate) fn clipped_share(&self) -> f64 {
-        mean(
-            self.input
-                .iter()
-                .map(|p| f64::from(u8::from(max_of(p) >= 1.0))),
-        )
+        mean(self.input.iter().map(|p| f64::from(u8::from(max_of(p) >= 1.0))))
     }
 
     /// Structural similarity of I and T, sRGB-coded in 8 bits, grey.
@@ -126,12 +110,7 @@ impl Preview {
             let of = |[r, g, b]: &[f64; 3]| 0.299 * code(*r) + 0.587 * code(*g) + 0.114 * code(*b);
             layer.iter().map(|p| of(p).round()).collect()
         };
-        ssim_grey(
-            &grey(&self.input),
-            &grey(&self.transmission),
-            self.width,
-            self.height,
-        )
+        ssim_grey(&grey(&self.input), &grey(&self.transmission), self.width, self.height)
     }
 }
 

@@ -50,9 +50,7 @@ pub(crate) fn first_violation(preview: &Preview, rules: &RejectRecipe) -> Option
     type Rule<'a> = (Measure, Option<[f64; 2]>, &'a dyn Fn() -> f64);
     let clipped = rules.clipped_share.map(|most| [0.0, most]);
     let rules: [Rule; 4] = [
-        (Measure::ReflectedShare, rules.reflected_share, &|| {
-            preview.reflected_share()
-        }),
+        (Measure::ReflectedShare, rules.reflected_share, &|| preview.reflected_share()),
         (Measure::Contrast, rules.contrast, &|| preview.contrast()),
         (Measure::ClippedShare, clipped, &|| preview.clipped_share()),
         (Measure::Ssim, rules.ssim, &|| preview.ssim()),
@@ -61,10 +59,6 @@ pub(crate) fn first_violation(preview: &Preview, rules: &RejectRecipe) -> Option
         let (allowed, value) = (allowed?, value());
         let [least, most] = allowed;
         let is_kept = (least..=most).contains(&value);
-        (!is_kept).then_some(Violation {
-            measure,
-            value,
-            allowed,
-        })
+        (!is_kept).then_some(Violation { measure, value, allowed })
     })
 }

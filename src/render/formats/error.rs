@@ -4,18 +4,13 @@ use std::path::PathBuf;
 
 /// A photograph or mesh is refused; its scene goes to quarantine with this text.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs, reason = "the message names its fields")]
 pub enum SceneError {
     /// The file has no bytes.
     #[error("{} is empty; write or fetch it again", path.display())]
     Empty { path: PathBuf },
     /// The magic bytes belong to no format that may stand here.
     #[error("{} is {found}; give {expected}", path.display())]
-    Format {
-        path: PathBuf,
-        found: String,
-        expected: &'static str,
-    },
+    Format { path: PathBuf, found: String, expected: &'static str },
     /// The file is damaged, cut short or of an unusual kind.
     #[error("cannot read {} as {format}: {source}; write or fetch it again", path.display())]
     Unreadable {
@@ -31,18 +26,10 @@ pub enum SceneError {
         max_side = super::limits::MAX_SIDE,
         max_pixels = super::limits::MAX_PIXELS
     )]
-    Size {
-        path: PathBuf,
-        width: u64,
-        height: u64,
-    },
+    Size { path: PathBuf, width: u64, height: u64 },
     /// The file is readable, but its channels, element type or array shape do not fit its use.
     #[error("{} holds {found}; give {expected}", path.display())]
-    Layout {
-        path: PathBuf,
-        found: String,
-        expected: &'static str,
-    },
+    Layout { path: PathBuf, found: String, expected: &'static str },
     /// The mask does not cover the depth image.
     #[error(
         "mask {} has {width}x{height} pixels, depth {} has {depth_width}x{depth_height}; give a mask of the depth's size, or none",

@@ -84,19 +84,10 @@ fn headers(file: &NamedBytes) -> Result<Vec<Header>, SceneError> {
         let Vec2(width, height) = header.layer_size;
         check_size(&file.path, width as u64, height as u64)?;
     }
-    let channel_count: usize = meta
-        .headers
-        .iter()
-        .map(|header| header.channels.list.len())
-        .sum();
+    let channel_count: usize = meta.headers.iter().map(|header| header.channels.list.len()).sum();
     // The decoder skips subsampled channels by the wrong number of bytes.
     let is_plain = meta.headers.iter().all(|header| {
-        !header.deep
-            && header
-                .channels
-                .list
-                .iter()
-                .all(|channel| channel.sampling == Vec2(1, 1))
+        !header.deep && header.channels.list.iter().all(|channel| channel.sampling == Vec2(1, 1))
     });
     if channel_count > MAX_EXR_CHANNELS || !is_plain {
         return Err(wrong_channels(file, &meta.headers, COLOR));
@@ -105,11 +96,7 @@ fn headers(file: &NamedBytes) -> Result<Vec<Header>, SceneError> {
 }
 
 fn has(header: &Header, name: &str) -> bool {
-    header
-        .channels
-        .list
-        .iter()
-        .any(|channel| channel.name.eq(name))
+    header.channels.list.iter().any(|channel| channel.name.eq(name))
 }
 
 fn wrong_channels(file: &NamedBytes, headers: &[Header], expected: &'static str) -> SceneError {
@@ -119,19 +106,11 @@ fn wrong_channels(file: &NamedBytes, headers: &[Header], expected: &'static str)
         .take(16)
         .map(|channel| {
             let Vec2(x, y) = channel.sampling;
-            let sampling = if (x, y) == (1, 1) {
-                String::new()
-            } else {
-                format!(" ({x}x{y})")
-            };
+            let sampling = if (x, y) == (1, 1) { String::new() } else { format!(" ({x}x{y})") };
             format!("{}{sampling}", channel.name)
         })
         .collect();
-    let deep = if headers.iter().any(|header| header.deep) {
-        "deep "
-    } else {
-        ""
-    };
+    let deep = if headers.iter().any(|header| header.deep) { "deep " } else { "" };
     file.wrong_layout(format!("{deep}channels {}", names.join(", ")), expected)
 }
 
@@ -178,10 +157,7 @@ struct Pixels {
 impl Pixels {
     /// NaN, so that a pixel that no block of the file covers is not taken for black.
     fn new(size: Vec2<usize>, channels: usize) -> Self {
-        Self {
-            size,
-            values: vec![f32::NAN; size.area() * channels],
-        }
+        Self { size, values: vec![f32::NAN; size.area() * channels] }
     }
 
     fn set<const N: usize>(&mut self, Vec2(x, y): Vec2<usize>, pixel: [f32; N]) {
@@ -232,15 +208,8 @@ pub(crate) mod tests {
             AnyChannels::sort(channels),
         );
         let mut bytes = Cursor::new(Vec::new());
-        Image::from_layer(layer)
-            .write()
-            .non_parallel()
-            .to_buffered(&mut bytes)
-            .unwrap();
-        NamedBytes {
-            path: PathBuf::from("a.exr"),
-            bytes: bytes.into_inner(),
-        }
+        Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes).unwrap();
+        NamedBytes { path: PathBuf::from("a.exr"), bytes: bytes.into_inner() }
     }
 
     fn floats(raster: &Raster) -> &[f32] {
@@ -256,10 +225,7 @@ pub(crate) mod tests {
             2,
             1,
             &[
-                (
-                    "R",
-                    FlatSamples::F16(vec![f16::from_f32(0.5), f16::from_f32(2.0)]),
-                ),
+                ("R", FlatSamples::F16(vec![f16::from_f32(0.5), f16::from_f32(2.0)])),
                 ("G", FlatSamples::F32(vec![0.25, 1e6])),
                 ("B", FlatSamples::U32(vec![3, 4])),
                 ("A", FlatSamples::F32(vec![9.0, 9.0])),
@@ -280,24 +246,12 @@ pub(crate) mod tests {
         let beside = [("Y", ones()), ("A", ones()), ("ID", ones())];
         assert_eq!(floats(&decode_color(&exr(1, 1, &beside)).unwrap()), [1.0]);
         for name in ["Z", "Y", "R", "depth.V"] {
-            assert_eq!(
-                floats(&decode_depth(&one(name)).unwrap()),
-                [1.0, 2.0],
-                "{name}"
-            );
+            assert_eq!(floats(&decode_depth(&one(name)).unwrap()), [1.0, 2.0], "{name}");
         }
         let error = decode_color(&one("depth.V")).unwrap_err().to_string();
-        assert!(
-            error.contains("channels depth.V; give channels R, G and B"),
-            "{error}"
-        );
+        assert!(error.contains("channels depth.V; give channels R, G and B"), "{error}");
         let samples = FlatSamples::F32(vec![1.0]);
         let two = exr(1, 1, &[("P", samples.clone()), ("Q", samples)]);
-        assert!(
-            decode_depth(&two)
-                .unwrap_err()
-                .to_string()
-                .contains("channels P, Q")
-        );
+        assert!(decode_depth(&two).unwrap_err().to_string().contains("channels P, Q"));
     }
 }

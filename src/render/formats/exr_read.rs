@@ -28,9 +28,7 @@ impl ExrChannels {
         let of = |colour: &str| {
             let name = format!("{name}.{colour}");
             let found = self.list.iter().find(|(n, _)| *n == name);
-            found
-                .map(|(_, values)| values)
-                .ok_or(format!("it has no channel {name}"))
+            found.map(|(_, values)| values).ok_or(format!("it has no channel {name}"))
         };
         let (r, g, b) = (of("R")?, of("G")?, of("B")?);
         let pixels = r.iter().zip(g).zip(b);
@@ -54,11 +52,7 @@ pub fn decode_exr_channels(bytes: &[u8]) -> Result<ExrChannels, String> {
         let values = channel.sample_data.values_as_f32().collect();
         list.push((channel.name.to_string(), values));
     }
-    Ok(ExrChannels {
-        width: layer.size.width(),
-        height: layer.size.height(),
-        list,
-    })
+    Ok(ExrChannels { width: layer.size.width(), height: layer.size.height(), list })
 }
 
 /// The first part with all its channels.

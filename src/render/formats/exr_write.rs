@@ -32,11 +32,7 @@ pub fn encode_parts_exr(
         return encode_exr(rgb_channels(pixels, precision), width, height);
     }
     let layers = parts.iter().map(|(name, pixels)| {
-        layer_of(
-            LayerAttributes::named(*name),
-            rgb_channels(pixels, precision),
-            [width, height],
-        )
+        layer_of(LayerAttributes::named(*name), rgb_channels(pixels, precision), [width, height])
     });
     let layers: Vec<Layer<AnyChannels<FlatSamples>>> = layers.collect();
     let bounds = IntegerBounds::new((0, 0), (width as usize, height as usize));
@@ -46,9 +42,7 @@ pub fn encode_parts_exr(
 fn rgb_channels(pixels: &[[f32; 3]], precision: ExrPrecision) -> Vec<AnyChannel<FlatSamples>> {
     let values = |c: usize| pixels.iter().map(move |p| p[c]);
     let colours = ["R", "G", "B"].into_iter().enumerate();
-    colours
-        .map(|(c, name)| channel(name, values(c), precision))
-        .collect()
+    colours.map(|(c, name)| channel(name, values(c), precision)).collect()
 }
 
 /// A channel of this name; with [`ExrPrecision::Half`] values are rounded to halves.
@@ -70,11 +64,7 @@ pub(crate) fn encode_exr(
     width: u32,
     height: u32,
 ) -> Result<Vec<u8>, exr::error::Error> {
-    write_exr(&Image::from_layer(layer_of(
-        LayerAttributes::default(),
-        channels,
-        [width, height],
-    )))
+    write_exr(&Image::from_layer(layer_of(LayerAttributes::default(), channels, [width, height])))
 }
 
 fn layer_of(

@@ -8,7 +8,6 @@ use std::path::PathBuf;
 pub struct NamedBytes {
     /// For error texts alone: nothing is opened.
     pub path: PathBuf,
-    /// The whole file.
     pub bytes: Vec<u8>,
 }
 
@@ -65,9 +64,7 @@ impl NamedBytes {
     /// The format of the file, or an error that says what is `expected`.
     pub(crate) fn format(&self, expected: &'static str) -> Result<FileFormat, SceneError> {
         match self.bytes.as_slice() {
-            [] => Err(SceneError::Empty {
-                path: self.path.clone(),
-            }),
+            [] => Err(SceneError::Empty { path: self.path.clone() }),
             [0x89, b'P', b'N', b'G', ..] => Ok(FileFormat::Png),
             [0xff, 0xd8, 0xff, ..] => Ok(FileFormat::Jpeg),
             [b'P', b'1'..=b'7', b' ' | b'\t' | b'\r' | b'\n' | b'#', ..] => Ok(FileFormat::Pnm),
@@ -80,11 +77,8 @@ impl NamedBytes {
                 Err(self.wrong_format("a ZIP archive (.npz?)".to_owned(), expected))
             }
             other => {
-                let start: Vec<String> = other
-                    .iter()
-                    .take(8)
-                    .map(|byte| format!("{byte:02x}"))
-                    .collect();
+                let start: Vec<String> =
+                    other.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
                 let found = format!("of no known format (it starts with {})", start.join(" "));
                 Err(self.wrong_format(found, expected))
             }
@@ -93,20 +87,12 @@ impl NamedBytes {
 
     /// The file is of a kind that may not stand here.
     pub(crate) fn wrong_format(&self, found: String, expected: &'static str) -> SceneError {
-        SceneError::Format {
-            path: self.path.clone(),
-            found,
-            expected,
-        }
+        SceneError::Format { path: self.path.clone(), found, expected }
     }
 
     /// The file's contents do not fit its use.
     pub(crate) fn wrong_layout(&self, found: String, expected: &'static str) -> SceneError {
-        SceneError::Layout {
-            path: self.path.clone(),
-            found,
-            expected,
-        }
+        SceneError::Layout { path: self.path.clone(), found, expected }
     }
 
     /// A mesh's vertex, face or table that cannot be used: `what` of the file, what is wrong, and what to do.
@@ -116,12 +102,7 @@ impl NamedBytes {
         problem: String,
         remedy: &'static str,
     ) -> SceneError {
-        SceneError::Element {
-            path: self.path.clone(),
-            what,
-            problem,
-            remedy,
-        }
+        SceneError::Element { path: self.path.clone(), what, problem, remedy }
     }
 
     /// The file's bytes do not decode.
@@ -154,46 +135,25 @@ mod tests {
     use super::*;
 
     fn named(bytes: &[u8]) -> NamedBytes {
-        NamedBytes {
-            path: PathBuf::from("dir/a.png"),
-            bytes: bytes.to_vec(),
-        }
+        NamedBytes { path: PathBuf::from("dir/a.png"), bytes: bytes.to_vec() }
     }
 
     #[test]
     fn the_magic_decides() {
-        assert_eq!(
-            named(b"\xff\xd8\xff\xe0").format("x").unwrap(),
-            FileFormat::Jpeg
-        );
+        assert_eq!(named(b"\xff\xd8\xff\xe0").format("x").unwrap(), FileFormat::Jpeg);
         assert_eq!(named(b"P5 1 1 255 a").format("x").unwrap(), FileFormat::Pnm);
-        let error = named(b"GIF89a")
-            .format("PNG or EXR")
-            .unwrap_err()
-            .to_string();
+        let error = named(b"GIF89a").format("PNG or EXR").unwrap_err().to_string();
         assert_eq!(
             error,
             "dir/a.png is of no known format (it starts with 47 49 46 38 39 61); give PNG or EXR"
         );
-        assert!(
-            named(b"PK\x03\x04")
-                .format("x")
-                .unwrap_err()
-                .to_string()
-                .contains("npz")
-        );
-        assert!(matches!(
-            named(b"").format("x"),
-            Err(SceneError::Empty { .. })
-        ));
+        assert!(named(b"PK\x03\x04").format("x").unwrap_err().to_string().contains("npz"));
+        assert!(matches!(named(b"").format("x"), Err(SceneError::Empty { .. })));
     }
 
     #[test]
     fn a_panic_is_contained() {
         let error = named(b"x").contain::<()>(FileFormat::Exr, || panic!("on purpose"));
-        assert!(matches!(
-            error,
-            Err(SceneError::Unreadable { format: "EXR", .. })
-        ));
+        assert!(matches!(error, Err(SceneError::Unreadable { format: "EXR", .. })));
     }
 }

@@ -25,11 +25,7 @@ pub(crate) fn check_size(path: &Path, width: u64, height: u64) -> Result<(), Sce
     if side.contains(&width) && side.contains(&height) && width * height <= MAX_PIXELS as u64 {
         return Ok(());
     }
-    Err(SceneError::Size {
-        path: path.to_owned(),
-        width,
-        height,
-    })
+    Err(SceneError::Size { path: path.to_owned(), width, height })
 }
 
 /// The same for the `image` crate, with room for 4 channels of 16 bits and the decoder's own rows.
@@ -48,22 +44,10 @@ mod tests {
     #[test]
     fn sizes_at_the_limits() {
         let path = Path::new("x");
-        for (width, height) in [
-            (1, 1),
-            (16_384, 1),
-            (1, 16_384),
-            (8_192, 8_192),
-            (16_384, 4_096),
-        ] {
+        for (width, height) in [(1, 1), (16_384, 1), (1, 16_384), (8_192, 8_192), (16_384, 4_096)] {
             check_size(path, width, height).unwrap();
         }
-        for (width, height) in [
-            (0, 1),
-            (1, 0),
-            (16_385, 1),
-            (8_193, 8_192),
-            (u64::MAX, u64::MAX),
-        ] {
+        for (width, height) in [(0, 1), (1, 0), (16_385, 1), (8_193, 8_192), (u64::MAX, u64::MAX)] {
             assert!(check_size(path, width, height).is_err());
         }
     }

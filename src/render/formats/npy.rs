@@ -69,12 +69,7 @@ impl NpyHead {
         if needed != found {
             return Err(unreadable(NpyError::Length { needed, found }));
         }
-        Ok(Self {
-            width,
-            height,
-            channels,
-            header,
-        })
+        Ok(Self { width, height, channels, header })
     }
 }
 
@@ -85,12 +80,8 @@ impl<'a> NpyImage<'a> {
         axes: Axes,
         expected: &'static str,
     ) -> Result<Self, SceneError> {
-        let NpyHead {
-            width,
-            height,
-            channels,
-            header,
-        } = NpyHead::parse(file, file.bytes.len() as u64, axes, expected)?;
+        let NpyHead { width, height, channels, header } =
+            NpyHead::parse(file, file.bytes.len() as u64, axes, expected)?;
         let data = &file.bytes[header.data_offset..];
         // A missing channel axis has stride 1 in C order too: it is never stepped along.
         let strides = if header.fortran_order {
@@ -161,10 +152,7 @@ impl<'a> NpyImage<'a> {
         };
         let [down, right, deeper] = self.strides;
         if down == self.width * self.channels && right == self.channels && deeper == 1 {
-            return elements
-                .iter()
-                .map(|element| convert(little(*element)))
-                .collect();
+            return elements.iter().map(|element| convert(little(*element))).collect();
         }
         let mut values = Vec::with_capacity(elements.len());
         for y in 0..self.height {
@@ -197,10 +185,7 @@ pub(crate) mod tests {
         bytes.extend((text.len() as u16).to_le_bytes());
         bytes.extend(text.as_bytes());
         bytes.extend(data);
-        NamedBytes {
-            path: PathBuf::from("a.npy"),
-            bytes,
-        }
+        NamedBytes { path: PathBuf::from("a.npy"), bytes }
     }
 
     /// A file written by the independent `npyz`.
@@ -219,10 +204,7 @@ pub(crate) mod tests {
             .unwrap();
         writer.extend(values.iter().copied()).unwrap();
         writer.finish().unwrap();
-        NamedBytes {
-            path: PathBuf::from("a.npy"),
-            bytes,
-        }
+        NamedBytes { path: PathBuf::from("a.npy"), bytes }
     }
 
     fn single(file: &NamedBytes) -> Result<NpyImage<'_>, SceneError> {
@@ -251,10 +233,7 @@ pub(crate) mod tests {
     #[test]
     fn npyz_reads_what_the_tests_make_by_hand() {
         let file = npy(">f4", false, "(1, 2)", &[0x3f, 0x80, 0, 0, 0x40, 0, 0, 0]);
-        let theirs: Vec<f32> = npyz::NpyFile::new(&file.bytes[..])
-            .unwrap()
-            .into_vec()
-            .unwrap();
+        let theirs: Vec<f32> = npyz::NpyFile::new(&file.bytes[..]).unwrap().into_vec().unwrap();
         assert_eq!(theirs, [1.0, 2.0]);
         assert_eq!(single(&file).unwrap().values(|v| v as f32), theirs);
     }
@@ -264,18 +243,10 @@ pub(crate) mod tests {
         let file = npy(">f2", false, "(1, 1, 2)", &[0x3c, 0, 0xc0, 0]);
         assert_eq!(single(&file).unwrap().values(|v| v), [1.0, -2.0]);
         let file = npy("<f2", false, "(2, 2)", &[0, 0x80, 0, 0x7e, 1, 0, 0, 0]);
-        assert_eq!(
-            single(&file).unwrap().nonzero(),
-            [false, false, true, false]
-        );
+        assert_eq!(single(&file).unwrap().nonzero(), [false, false, true, false]);
         // Fortran order, (2 rows, 2 columns, 3 channels): the element at row y, column x, channel c
         // is the byte y + 2 x + 4 c.
-        let file = npy(
-            "|u1",
-            true,
-            "(2, 2, 3)",
-            &std::array::from_fn::<u8, 12, _>(|i| i as u8),
-        );
+        let file = npy("|u1", true, "(2, 2, 3)", &std::array::from_fn::<u8, 12, _>(|i| i as u8));
         let image = NpyImage::parse(&file, Axes::Color, "x").unwrap();
         assert_eq!(image.bytes(), [0, 4, 8, 2, 6, 10, 1, 5, 9, 3, 7, 11]);
         // (1,H,W) in Fortran order.
@@ -301,21 +272,10 @@ pub(crate) mod tests {
             ("(2, 3, 2)", Axes::Color),
             ("(1, 2, 2, 3)", Axes::Color),
         ] {
-            assert!(
-                matches!(size(shape, axes), Err(SceneError::Layout { .. })),
-                "{shape}"
-            );
+            assert!(matches!(size(shape, axes), Err(SceneError::Layout { .. })), "{shape}");
         }
-        for shape in [
-            "(0, 12)",
-            "(12, 0)",
-            "(99999, 1)",
-            "(18446744073709551615, 2)",
-        ] {
-            assert!(
-                matches!(size(shape, Axes::Single), Err(SceneError::Size { .. })),
-                "{shape}"
-            );
+        for shape in ["(0, 12)", "(12, 0)", "(99999, 1)", "(18446744073709551615, 2)"] {
+            assert!(matches!(size(shape, Axes::Single), Err(SceneError::Size { .. })), "{shape}");
         }
         for shape in ["(2, 5)", "(2, 7)", "(8192, 8192)"] {
             let error = size(shape, Axes::Single).unwrap_err();

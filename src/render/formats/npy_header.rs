@@ -104,17 +104,12 @@ impl Element {
 pub fn npy_facts(file: &NamedBytes) -> Result<(&'static str, Vec<usize>), SceneError> {
     let failed = |error: NpyError| file.unreadable(FileFormat::Npy, error);
     let header = NpyHeader::parse(&file.bytes).map_err(failed)?;
-    let product = header
-        .shape
-        .iter()
-        .try_fold(header.element.size(), |n, side| n.checked_mul(*side));
+    let product =
+        header.shape.iter().try_fold(header.element.size(), |n, side| n.checked_mul(*side));
     let found = file.bytes.len() - header.data_offset;
     match product {
         Some(needed) if needed <= found => Ok((header.element.code(), header.shape)),
-        needed => Err(failed(NpyError::Length {
-            needed: needed.unwrap_or(usize::MAX),
-            found,
-        })),
+        needed => Err(failed(NpyError::Length { needed: needed.unwrap_or(usize::MAX), found })),
     }
 }
 
@@ -137,13 +132,7 @@ impl NpyHeader {
         let text = bytes[start..].get(..length).ok_or(NpyError::ShortHeader)?;
         let mut literal = Literal { text, at: 0 };
         let (element, big_endian, fortran_order, shape) = literal.dict()?;
-        Ok(Self {
-            element,
-            big_endian,
-            fortran_order,
-            shape,
-            data_offset: start + length,
-        })
+        Ok(Self { element, big_endian, fortran_order, shape, data_offset: start + length })
     }
 }
 
@@ -198,10 +187,8 @@ impl<'a> Literal<'a> {
         if quote != b'\'' && quote != b'"' {
             return Err(self.error());
         }
-        let length = rest[1..]
-            .iter()
-            .position(|&byte| byte == quote)
-            .ok_or_else(|| self.error())?;
+        let length =
+            rest[1..].iter().position(|&byte| byte == quote).ok_or_else(|| self.error())?;
         let text = str::from_utf8(&rest[1..=length]).map_err(|_| self.error())?;
         self.at += length + 2;
         Ok(text)
@@ -237,10 +224,7 @@ impl<'a> Literal<'a> {
 
     fn integer(&mut self) -> Result<usize, NpyError> {
         self.skip_space();
-        let digits = self.text[self.at..]
-            .iter()
-            .take_while(|byte| byte.is_ascii_digit())
-            .count();
+        let digits = self.text[self.at..].iter().take_while(|byte| byte.is_ascii_digit()).count();
         let text = str::from_utf8(&self.text[self.at..self.at + digits]).unwrap_or("");
         let value = text.parse().map_err(|_| self.error())?;
         self.at += digits;
@@ -251,11 +235,7 @@ impl<'a> Literal<'a> {
     }
 
     fn expect(&mut self, byte: u8) -> Result<(), NpyError> {
-        if self.take(byte) {
-            Ok(())
-        } else {
-            Err(self.error())
-        }
+        if self.take(byte) { Ok(()) } else { Err(self.error()) }
     }
 
     fn take(&mut self, byte: u8) -> bool {
@@ -266,10 +246,7 @@ impl<'a> Literal<'a> {
     }
 
     fn skip_space(&mut self) {
-        self.at += self.text[self.at..]
-            .iter()
-            .take_while(|b| b.is_ascii_whitespace())
-            .count();
+        self.at += self.text[self.at..].iter().take_while(|b| b.is_ascii_whitespace()).count();
     }
 
     fn error(&self) -> NpyError {
@@ -315,21 +292,12 @@ mod tests {
         assert_eq!(dict("'descr':'<f4','fortran_order':False"), NpyError::Keys);
         assert_eq!(dict("'descr':'<f4','descr':'<f4'"), NpyError::Keys);
         assert_eq!(dict("'other':1"), NpyError::Keys);
-        let with = |descr: &str| {
-            dict(&format!(
-                "'fortran_order':False,'shape':(1,1),'descr':{descr}"
-            ))
-        };
+        let with =
+            |descr: &str| dict(&format!("'fortran_order':False,'shape':(1,1),'descr':{descr}"));
         for descr in ["<c8", "|O", "<U3", "f4", "=f4", "|f4", "<f16", "", "é4"] {
-            assert_eq!(
-                with(&format!("'{descr}'")),
-                NpyError::Element(descr.to_owned())
-            );
+            assert_eq!(with(&format!("'{descr}'")), NpyError::Element(descr.to_owned()));
         }
-        assert_eq!(
-            with("[('x','<f4')]"),
-            NpyError::Element("structured".to_owned())
-        );
+        assert_eq!(with("[('x','<f4')]"), NpyError::Element("structured".to_owned()));
         for text in [
             "",
             "{",
@@ -353,18 +321,9 @@ mod tests {
     #[test]
     fn versions_and_lying_lengths() {
         assert_eq!(NpyHeader::parse(b"\x93NUMPY"), Err(NpyError::ShortHeader));
-        assert_eq!(
-            NpyHeader::parse(b"\x93NUMPY\x02\x00\xff"),
-            Err(NpyError::ShortHeader)
-        );
-        assert_eq!(
-            NpyHeader::parse(b"\x93NUMPY\x04\x00    "),
-            Err(NpyError::Version(4, 0))
-        );
-        assert_eq!(
-            NpyHeader::parse(b"\x93NUMPY\x01\x00\xff\xff{"),
-            Err(NpyError::ShortHeader)
-        );
+        assert_eq!(NpyHeader::parse(b"\x93NUMPY\x02\x00\xff"), Err(NpyError::ShortHeader));
+        assert_eq!(NpyHeader::parse(b"\x93NUMPY\x04\x00    "), Err(NpyError::Version(4, 0)));
+        assert_eq!(NpyHeader::parse(b"\x93NUMPY\x01\x00\xff\xff{"), Err(NpyError::ShortHeader));
         let giant = b"\x93NUMPY\x02\x00\xff\xff\xff\xff{'descr'";
         assert_eq!(NpyHeader::parse(giant), Err(NpyError::ShortHeader));
         let text = "{'descr':'<f8','fortran_order':False,'shape':(1,2)}";
@@ -373,10 +332,7 @@ mod tests {
             bytes.extend((text.len() as u32).to_le_bytes());
             bytes.extend(text.as_bytes());
             let header = NpyHeader::parse(&bytes).unwrap();
-            assert_eq!(
-                (header.shape, header.data_offset),
-                (vec![1, 2], bytes.len())
-            );
+            assert_eq!((header.shape, header.data_offset), (vec![1, 2], bytes.len()));
         }
     }
 }

@@ -47,52 +47,26 @@ pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<PfmHead, SceneError
     let found = length.saturating_sub(data_offset as u64);
     let expected = width * height * (channels * size_of::<f32>()) as u64;
     if found != expected {
-        return Err(bad(&format!(
-            "its header is followed by {found} bytes, not by {expected}"
-        )));
+        return Err(bad(&format!("its header is followed by {found} bytes, not by {expected}")));
     }
-    Ok(PfmHead {
-        width: width as usize,
-        height: height as usize,
-        channels,
-        is_little,
-        data_offset,
-    })
+    Ok(PfmHead { width: width as usize, height: height as usize, channels, is_little, data_offset })
 }
 
 pub(crate) fn decode(file: &NamedBytes) -> Result<Raster, SceneError> {
-    let PfmHead {
-        width,
-        height,
-        channels,
-        is_little,
-        data_offset,
-    } = head(file, file.bytes.len() as u64)?;
+    let PfmHead { width, height, channels, is_little, data_offset } =
+        head(file, file.bytes.len() as u64)?;
     let row_bytes = width * channels * size_of::<f32>();
     let float = |bytes: [u8; 4]| {
-        if is_little {
-            f32::from_le_bytes(bytes)
-        } else {
-            f32::from_be_bytes(bytes)
-        }
+        if is_little { f32::from_le_bytes(bytes) } else { f32::from_be_bytes(bytes) }
     };
     let rows = file.bytes[data_offset..].chunks_exact(row_bytes).rev();
     let values = rows.flat_map(|row| row.as_chunks::<4>().0.iter().map(|&bytes| float(bytes)));
-    Ok(Raster {
-        width,
-        height,
-        channels,
-        samples: Samples::F32(values.collect()),
-        rescaled: false,
-    })
+    Ok(Raster { width, height, channels, samples: Samples::F32(values.collect()), rescaled: false })
 }
 
 /// The next word, and one white byte behind it.
 fn word<'b>(rest: &mut &'b [u8]) -> Option<&'b str> {
-    let end = rest
-        .iter()
-        .take(LINE_BYTES)
-        .position(u8::is_ascii_whitespace)?;
+    let end = rest.iter().take(LINE_BYTES).position(u8::is_ascii_whitespace)?;
     let word = std::str::from_utf8(&rest[..end]).ok()?;
     *rest = &rest[end + 1..];
     (!word.is_empty()).then_some(word)
@@ -105,10 +79,7 @@ mod tests {
     fn file(header: &str, values: &[[u8; 4]]) -> NamedBytes {
         let mut bytes = header.as_bytes().to_vec();
         bytes.extend(values.as_flattened());
-        NamedBytes {
-            path: "d.pfm".into(),
-            bytes,
-        }
+        NamedBytes { path: "d.pfm".into(), bytes }
     }
 
     #[test]
@@ -119,15 +90,11 @@ mod tests {
         for file in [little, big] {
             let raster = decode(&file).unwrap();
             assert_eq!((raster.width, raster.height, raster.channels), (3, 2, 1));
-            let Samples::F32(found) = raster.samples else {
-                panic!("floats")
-            };
+            let Samples::F32(found) = raster.samples else { panic!("floats") };
             assert_eq!(found, [4.0, 5.0, 6.0, 1.0, 2.0, 3.0]);
         }
         let color = file("PF 1 2 -1 ", &values.map(f32::to_le_bytes));
-        let Samples::F32(found) = decode(&color).unwrap().samples else {
-            panic!("floats")
-        };
+        let Samples::F32(found) = decode(&color).unwrap().samples else { panic!("floats") };
         assert_eq!(found, [4.0, 5.0, 6.0, 1.0, 2.0, 3.0]);
     }
 

@@ -42,34 +42,20 @@ pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<Header, SceneError>
 /// Names and counts of the elements of a PLY file, from its header alone.
 pub fn ply_counts(file: &NamedBytes) -> Result<Vec<(String, u64)>, SceneError> {
     let header = head(file, file.bytes.len() as u64)?;
-    Ok(header
-        .elements
-        .into_iter()
-        .map(|e| (e.name, e.count))
-        .collect())
+    Ok(header.elements.into_iter().map(|e| (e.name, e.count)).collect())
 }
 
 pub(crate) fn decode(file: &NamedBytes) -> Result<Ply, SceneError> {
     let torn = |reason: String| file.unreadable(FileFormat::Ply, reason);
     let header = head(file, file.bytes.len() as u64)?;
-    let mut body = Body {
-        coding: header.coding,
-        bytes: &file.bytes,
-        at: header.body,
-    };
-    let mut ply = Ply {
-        vertices: Vec::new(),
-        colors: Vec::new(),
-        triangles: Vec::new(),
-        empty_faces: 0,
-    };
+    let mut body = Body { coding: header.coding, bytes: &file.bytes, at: header.body };
+    let mut ply =
+        Ply { vertices: Vec::new(), colors: Vec::new(), triangles: Vec::new(), empty_faces: 0 };
     let mut faces = None;
     for element in &header.elements {
         let short = |index: u64| {
             let (name, count) = (&element.name, element.count);
-            torn(format!(
-                "it ends or turns into nonsense in {name} {index} of {count}"
-            ))
+            torn(format!("it ends or turns into nonsense in {name} {index} of {count}"))
         };
         match element.name.as_str() {
             "vertex" => read_vertices(file, element, &mut body, &short, &mut ply)?,
@@ -82,20 +68,15 @@ pub(crate) fn decode(file: &NamedBytes) -> Result<Ply, SceneError> {
     }
     if !body.is_spent() {
         let rest = file.bytes.len() - body.at;
-        return Err(torn(format!(
-            "{rest} bytes are left behind the last element"
-        )));
+        return Err(torn(format!("{rest} bytes are left behind the last element")));
     }
     if ply.vertices.is_empty() || faces.is_none_or(|count| count == 0) {
         return Err(file.wrong_layout("no vertices or no faces".to_owned(), USABLE));
     }
     let vertices = ply.vertices.len() as u32;
     // A face may stand before the vertices that it names.
-    if let Some((face, _)) = ply
-        .triangles
-        .iter()
-        .enumerate()
-        .find(|(_, corners)| corners.iter().any(|&i| i >= vertices))
+    if let Some((face, _)) =
+        ply.triangles.iter().enumerate().find(|(_, corners)| corners.iter().any(|&i| i >= vertices))
     {
         let worst = ply.triangles[face].into_iter().max().unwrap_or_default();
         return Err(file.bad_element(
@@ -123,9 +104,7 @@ fn check_counts(file: &NamedBytes, length: u64, header: &Header) -> Result<(), S
                 "simplify the mesh",
             ));
         }
-        let bytes = element
-            .count
-            .checked_mul(element.least_bytes(header.coding));
+        let bytes = element.count.checked_mul(element.least_bytes(header.coding));
         least_bytes = least_bytes.saturating_add(bytes.unwrap_or(u64::MAX));
     }
     // The last number of an ASCII file needs no space behind it.
@@ -179,10 +158,7 @@ impl Body<'_> {
     fn word(&mut self, kind: Scalar) -> Option<f64> {
         self.skip_space();
         let rest = &self.bytes[self.at..];
-        let length = rest
-            .iter()
-            .position(u8::is_ascii_whitespace)
-            .unwrap_or(rest.len());
+        let length = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
         let word = std::str::from_utf8(&rest[..length]).ok()?;
         self.at += length;
         match kind {
@@ -200,10 +176,7 @@ impl Body<'_> {
 
     fn skip_space(&mut self) {
         let rest = &self.bytes[self.at..];
-        self.at += rest
-            .iter()
-            .position(|byte| !byte.is_ascii_whitespace())
-            .unwrap_or(rest.len());
+        self.at += rest.iter().position(|byte| !byte.is_ascii_whitespace()).unwrap_or(rest.len());
     }
 
     /// Whether nothing but white space of an ASCII file is left.
@@ -217,9 +190,7 @@ impl Body<'_> {
     /// The next number as a count or an index.
     fn whole(&mut self, kind: Scalar) -> Option<u32> {
         let value = self.number(kind)?;
-        (0.0..=4_294_967_295.0)
-            .contains(&value)
-            .then_some(value as u32)
+        (0.0..=4_294_967_295.0).contains(&value).then_some(value as u32)
     }
 
     /// Passes over a property.
@@ -269,10 +240,8 @@ fn read_vertices(
             (Kind::Scalar(Scalar::U8), false) => 255.0,
             (Kind::Scalar(Scalar::U16), false) => 65_535.0,
             (_, true) => {
-                return Err(file.wrong_layout(
-                    format!("vertices whose {name} is no float or double"),
-                    USABLE,
-                ));
+                return Err(file
+                    .wrong_layout(format!("vertices whose {name} is no float or double"), USABLE));
             }
             (_, false) => {
                 return Err(file.wrong_layout(
@@ -317,9 +286,7 @@ fn read_faces(
     short: &dyn Fn(u64) -> SceneError,
     ply: &mut Ply,
 ) -> Result<(), SceneError> {
-    let at = element
-        .find("vertex_indices")
-        .or_else(|| element.find("vertex_index"));
+    let at = element.find("vertex_indices").or_else(|| element.find("vertex_index"));
     let found = at.map(|at| (at, element.properties[at].kind));
     let Some((at, Kind::List { count, item })) =
         found.filter(|(_, kind)| matches!(kind, Kind::List { item, .. } if item.is_integer()))

@@ -147,11 +147,7 @@ impl Header {
                     if elements.iter().any(|e| e.name == name) {
                         return Err(format!("the header has element {name} twice"));
                     }
-                    elements.push(Element {
-                        name,
-                        count,
-                        properties: Vec::new(),
-                    });
+                    elements.push(Element { name, count, properties: Vec::new() });
                 }
                 "property" => {
                     let element = elements.last_mut().ok_or("a property of no element")?;
@@ -178,11 +174,7 @@ impl Header {
                 _ => return Err(format!("the header line {:?} makes no sense", short(line))),
             }
         }
-        Ok(Self {
-            coding: coding.ok_or("the header has no format")?,
-            elements,
-            body: at,
-        })
+        Ok(Self { coding: coding.ok_or("the header has no format")?, elements, body: at })
     }
 }
 

@@ -128,9 +128,7 @@ pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, Sc
             let (width, height) = decoder.dimensions();
             check_size(&file.path, width as u64, height as u64)?;
             let mut values = vec![0f32; width as usize * height as usize * 3];
-            decoder
-                .read_image(bytemuck::cast_slice_mut(&mut values))
-                .map_err(failed)?;
+            decoder.read_image(bytemuck::cast_slice_mut(&mut values)).map_err(failed)?;
             Ok(Raster {
                 width: width as usize,
                 height: height as usize,
@@ -193,9 +191,7 @@ fn read(
     let failed = |error| file.unreadable(format, error);
     let samples = if head.is_wide {
         let mut words = vec![0u16; count];
-        decoder
-            .read_image(bytemuck::cast_slice_mut(&mut words))
-            .map_err(failed)?;
+        decoder.read_image(bytemuck::cast_slice_mut(&mut words)).map_err(failed)?;
         Samples::U16(words)
     } else {
         let mut bytes = vec![0u8; count];
@@ -238,22 +234,15 @@ pub(crate) mod tests {
         image::codecs::png::PngEncoder::new(&mut bytes)
             .write_image(pixels, width, height, color)
             .unwrap();
-        NamedBytes {
-            path: PathBuf::from("a.png"),
-            bytes,
-        }
+        NamedBytes { path: PathBuf::from("a.png"), bytes }
     }
 
-    /// A JPEG file.
     pub(crate) fn jpeg(pixels: &[u8], width: u32, height: u32) -> NamedBytes {
         let mut bytes = Vec::new();
         image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 95)
             .write_image(pixels, width, height, ExtendedColorType::Rgb8)
             .unwrap();
-        NamedBytes {
-            path: PathBuf::from("a.jpg"),
-            bytes,
-        }
+        NamedBytes { path: PathBuf::from("a.jpg"), bytes }
     }
 
     /// Makes the checksums of a damaged PNG's chunks right, so that the damage reaches the decoder.
@@ -291,11 +280,7 @@ pub(crate) mod tests {
             path: PathBuf::from("a.ppm"),
             bytes: text.as_bytes().to_vec(),
         };
-        for text in [
-            "P6 16385 1 255 ",
-            "P5 1 99999 65535 ",
-            "P5 16384 16384 255 ",
-        ] {
+        for text in ["P6 16385 1 255 ", "P5 1 99999 65535 ", "P5 16384 16384 255 "] {
             let error = decode(&named(text), FileFormat::Pnm).unwrap_err();
             assert!(matches!(error, SceneError::Size { .. }), "{error}");
         }
@@ -315,10 +300,7 @@ pub(crate) mod tests {
         repair_png(&mut file.bytes);
         let raster = decode(&file, FileFormat::Png).unwrap();
         assert!(raster.rescaled && raster.width == 6);
-        let bits = NamedBytes {
-            path: PathBuf::from("a.pbm"),
-            bytes: b"P4 8 1 \xa5".to_vec(),
-        };
+        let bits = NamedBytes { path: PathBuf::from("a.pbm"), bytes: b"P4 8 1 \xa5".to_vec() };
         assert!(decode(&bits, FileFormat::Pnm).unwrap().rescaled);
     }
 }

@@ -61,11 +61,7 @@ impl DepthRange {
         let in_metres =
             |key: &str, value| within(&format!("{field}.{key}"), value, limits::RELATIVE_DEPTH_M);
         let (ratio_key, ratio) = match *self {
-            Self::Mean {
-                mean_m,
-                far_over_near,
-                ..
-            } => {
+            Self::Mean { mean_m, far_over_near, .. } => {
                 in_metres("mean_m", mean_m)?;
                 ("far_over_near", far_over_near)
             }
@@ -75,11 +71,7 @@ impl DepthRange {
                 ("far_m / near_m", far_m / near_m)
             }
         };
-        within(
-            &format!("{field}.{ratio_key}"),
-            ratio,
-            limits::FAR_OVER_NEAR,
-        )?;
+        within(&format!("{field}.{ratio_key}"), ratio, limits::FAR_OVER_NEAR)?;
         let [low, high] = self.percentiles();
         within(&format!("{field}.percentiles[0]"), low, limits::PERCENT)?;
         within(&format!("{field}.percentiles[1]"), high, limits::PERCENT)?;
@@ -101,10 +93,7 @@ pub(crate) fn check(
     match range {
         Some(range) if is_relative => range.validate(&format!("{side}.depth_range")),
         None if !is_relative => Ok(()),
-        range => Err(LineError::DepthRange {
-            side: side.to_owned(),
-            given: range.is_some(),
-        }),
+        range => Err(LineError::DepthRange { side: side.to_owned(), given: range.is_some() }),
     }
 }
 
@@ -140,19 +129,13 @@ mod tests {
     fn wrong_ranges_are_named() {
         for (range, words) in [
             (r#"{"mean_m":0}"#, "front.depth_range.mean_m is 0"),
-            (
-                r#"{"mean_m":1,"far_over_near":0.5}"#,
-                "far_over_near is 0.5",
-            ),
+            (r#"{"mean_m":1,"far_over_near":0.5}"#, "far_over_near is 0.5"),
             (r#"{"near_m":2,"far_m":1}"#, "far_m / near_m is 0.5"),
             (
                 r#"{"mean_m":1,"percentiles":[50,50]}"#,
                 "percentiles[1] - front.depth_range.percentiles[0] is 0",
             ),
-            (
-                r#"{"mean_m":1,"percentiles":[-1,50]}"#,
-                "percentiles[0] is -1",
-            ),
+            (r#"{"mean_m":1,"percentiles":[-1,50]}"#, "percentiles[0] is -1"),
             (r#"{"mean_m":1,"near_m":1}"#, "depth_range must be"),
             (r#"{"far_m":1}"#, "depth_range must be"),
         ] {

@@ -4,7 +4,6 @@ use super::limits::Limit;
 
 /// A scene line that cannot be rendered, whatever its files hold.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[allow(missing_docs, reason = "the message names its fields")]
 pub enum LineError {
     /// Another schema, or another version of it.
     #[error("schema is {found:?}, but must be \"glasshouse.scene/1\": write the line in that form")]
@@ -14,11 +13,7 @@ pub enum LineError {
     },
     /// A number outside its range.
     #[error("{field} is {value}, but must be {allowed}")]
-    OutOfRange {
-        field: String,
-        value: f64,
-        allowed: &'static str,
-    },
+    OutOfRange { field: String, value: f64, allowed: &'static str },
     /// A path without a letter.
     #[error("{field} is empty, but must be the path of a file")]
     EmptyPath { field: String },
@@ -52,17 +47,9 @@ pub enum LineError {
 
 /// `Ok` if `limit` holds `value`.
 pub(super) fn within(field: &str, value: f64, limit: Limit) -> Result<(), LineError> {
-    if limit.contains(value) {
-        Ok(())
-    } else {
-        Err(out_of_range(field, value, limit))
-    }
+    if limit.contains(value) { Ok(()) } else { Err(out_of_range(field, value, limit)) }
 }
 
 pub(super) fn out_of_range(field: &str, value: f64, limit: Limit) -> LineError {
-    LineError::OutOfRange {
-        field: field.to_owned(),
-        value,
-        allowed: limit.allowed,
-    }
+    LineError::OutOfRange { field: field.to_owned(), value, allowed: limit.allowed }
 }

@@ -25,9 +25,7 @@ impl Highlights {
         if transfer == Transfer::Srgb {
             Ok(())
         } else {
-            Err(LineError::HighlightsOfLight {
-                field: field.to_owned(),
-            })
+            Err(LineError::HighlightsOfLight { field: field.to_owned() })
         }
     }
 }

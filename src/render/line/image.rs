@@ -72,13 +72,7 @@ pub struct Intrinsics {
 impl Intrinsics {
     /// DIODE's capture camera, the same for every image (intrinsics.txt of its devkit).
     pub fn diode() -> Self {
-        Self {
-            fx: 886.81,
-            fy: 927.06,
-            cx: 512.0,
-            cy: 384.0,
-            size: Some([1024, 768]),
-        }
+        Self { fx: 886.81, fy: 927.06, cx: 512.0, cy: 384.0, size: Some([1024, 768]) }
     }
 }
 

@@ -7,7 +7,6 @@ use std::collections::BTreeMap;
 
 /// A manifest or scene file that cannot be used.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs, reason = "the message names its fields")]
 pub enum ManifestError {
     /// Not JSON, or not a scene.
     #[error("manifest line {line}, column {column}: {reason}; correct that line")]
@@ -19,11 +18,7 @@ pub enum ManifestError {
     },
     /// A scene that makes no sense.
     #[error("manifest line {line}, scene {id}: {source}")]
-    Scene {
-        line: usize,
-        id: SceneId,
-        source: LineError,
-    },
+    Scene { line: usize, id: SceneId, source: LineError },
     /// Two scenes of one name.
     #[error(
         "manifest line {line}: scene {id} is already on line {first}; give one of them another id"
@@ -122,19 +117,9 @@ mod tests {
 
     #[test]
     fn order_is_kept_and_blank_lines_are_skipped() {
-        let text = format!(
-            "\u{feff}\n{}\r\n  \n",
-            manifest(&["b", "a"]).replace('\n', "\r\n")
-        );
-        let ids: Vec<_> = parse_jsonl(&text)
-            .unwrap()
-            .into_iter()
-            .map(|l| l.id)
-            .collect();
-        assert_eq!(
-            ids,
-            [SceneId::new("b").unwrap(), SceneId::new("a").unwrap()]
-        );
+        let text = format!("\u{feff}\n{}\r\n  \n", manifest(&["b", "a"]).replace('\n', "\r\n"));
+        let ids: Vec<_> = parse_jsonl(&text).unwrap().into_iter().map(|l| l.id).collect();
+        assert_eq!(ids, [SceneId::new("b").unwrap(), SceneId::new("a").unwrap()]);
     }
 
     #[test]
@@ -148,16 +133,10 @@ mod tests {
 
         let range = manifest(&["a", "b"]).replace("\"ior\":1.6", "\"ior\":0.5");
         let error = bad(&range);
-        assert!(
-            error.starts_with("manifest line 1, scene a: glass.ior is 0.5"),
-            "{error}"
-        );
+        assert!(error.starts_with("manifest line 1, scene a: glass.ior is 0.5"), "{error}");
 
         let error = bad(&manifest(&["a", "b", "a"]));
-        assert!(
-            error.starts_with("manifest line 3: scene a is already on line 1"),
-            "{error}"
-        );
+        assert!(error.starts_with("manifest line 3: scene a is already on line 1"), "{error}");
     }
 
     #[test]
@@ -180,17 +159,9 @@ mod tests {
             |focus: &str| parse_jsonl(&manifest(&["a"]).replace("{\"distance_m\":7.05}", focus));
         let focus = with("{\"distance_m\":7}").unwrap()[0].camera.focus;
         assert_eq!(focus, Focus::Distance { distance_m: 7.0 });
-        for bad in [
-            "7",
-            "{}",
-            "{\"distance_m\":7,\"at\":\"infinity\"}",
-            "\"infinity\"",
-        ] {
+        for bad in ["7", "{}", "{\"distance_m\":7,\"at\":\"infinity\"}", "\"infinity\""] {
             let error = with(bad).unwrap_err().to_string();
-            assert!(
-                error.contains("focus must be {\"distance_m\": z}"),
-                "{error}"
-            );
+            assert!(error.contains("focus must be {\"distance_m\": z}"), "{error}");
         }
     }
 

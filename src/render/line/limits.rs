@@ -22,11 +22,7 @@ enum Grid {
 
 impl Limit {
     const fn new(least: Bound<f64>, most: Bound<f64>, allowed: &'static str) -> Self {
-        Self {
-            range: (least, most),
-            grid: Grid::All,
-            allowed,
-        }
+        Self { range: (least, most), grid: Grid::All, allowed }
     }
 
     /// Both ends are allowed.
@@ -57,11 +53,8 @@ impl Limit {
 pub(crate) const ABOVE_0: Limit = Limit::new(Excluded(0.0), Unbounded, "finite and above 0");
 const FROM_0: Limit = Limit::new(Included(0.0), Unbounded, "finite and at least 0");
 const FINITE: Limit = Limit::new(Unbounded, Unbounded, "finite");
-const BELOW_90_DEG: Limit = Limit::new(
-    Excluded(-90.0),
-    Excluded(90.0),
-    "above -90 and below 90 degrees",
-);
+const BELOW_90_DEG: Limit =
+    Limit::new(Excluded(-90.0), Excluded(90.0), "above -90 and below 90 degrees");
 const PERCENTILE: Limit = Limit::new(Excluded(0.0), Included(100.0), "above 0 and at most 100");
 /// The ends and the mean of a relative depth; the sphere of a panorama without a depth map.
 pub(crate) const RELATIVE_DEPTH_M: Limit = Limit::between(1.0e-3, 1.0e6, "0.001 to 1e6 m");
@@ -75,10 +68,7 @@ pub(crate) const BELOW_WHITE: Limit =
 pub(crate) const WHITE_BECOMES: Limit = Limit::between(1.0, 1.0e6, "1 to 1e6");
 
 /// The table. A key without `film`, `camera`, `glass` or `light` is one of a side or of a source.
-#[allow(
-    clippy::match_same_arms,
-    reason = "an arm per group of keys is easier to scan"
-)]
+#[allow(clippy::match_same_arms, reason = "an arm per group of keys is easier to scan")]
 fn row(key: &str) -> Option<Limit> {
     Some(match key {
         "film.width" | "film.height" => {

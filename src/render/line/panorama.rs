@@ -38,12 +38,7 @@ pub struct PanoramaFile {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum PanoramaDepth {
-    /// A sphere.
-    Constant {
-        /// Its radius.
-        depth_m: f64,
-    },
-    /// A map.
+    Constant { depth_m: f64 },
     Map(DepthMap),
 }
 

@@ -28,7 +28,6 @@ pub struct Photograph {
     /// Metres for a relative depth, which has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth_range: Option<DepthRange>,
-    /// The capture camera.
     pub intrinsics: Intrinsics,
     /// Multiplies linear radiance.
     #[serde(default = "one")]

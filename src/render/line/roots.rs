@@ -5,7 +5,6 @@ use std::path::{Component, Path, PathBuf};
 
 /// A path or a root that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[allow(missing_docs, reason = "the message names its fields")]
 pub enum RootError {
     /// Not of the form `NAME=DIR`.
     #[error(
@@ -15,11 +14,7 @@ pub enum RootError {
     Argument { argument: String },
     /// One name, two folders.
     #[error("root {name} is given twice, as {} and as {}: keep one", first.display(), second.display())]
-    Twice {
-        name: String,
-        first: PathBuf,
-        second: PathBuf,
-    },
+    Twice { name: String, first: PathBuf, second: PathBuf },
     /// A path under a root that no `--root` names.
     #[error(
         "path {text:?} lies under root {name}, which is unknown: pass --root {name}=DIR, or write \
@@ -60,9 +55,7 @@ impl Roots {
                     roots.insert(name, PathBuf::from(folder))?;
                 }
                 _ => {
-                    return Err(RootError::Argument {
-                        argument: argument.to_owned(),
-                    });
+                    return Err(RootError::Argument { argument: argument.to_owned() });
                 }
             }
         }
@@ -72,9 +65,7 @@ impl Roots {
     /// Names `folder`. The same name with the same folder is no error.
     pub fn insert(&mut self, name: &str, folder: PathBuf) -> Result<(), RootError> {
         if !is_root_name(name) {
-            return Err(RootError::Argument {
-                argument: format!("{name}={}", folder.display()),
-            });
+            return Err(RootError::Argument { argument: format!("{name}={}", folder.display()) });
         }
         match self.0.get(name) {
             Some(first) if *first != folder => Err(RootError::Twice {
@@ -101,9 +92,7 @@ impl Roots {
 
     /// Names and folders, by name.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Path)> {
-        self.0
-            .iter()
-            .map(|(name, folder)| (name.as_str(), folder.as_path()))
+        self.0.iter().map(|(name, folder)| (name.as_str(), folder.as_path()))
     }
 
     /// The file that `text`, a path of a scene line, means in a manifest that lies in `base`.
@@ -191,12 +180,7 @@ mod tests {
 
     #[test]
     fn nothing_leaves_a_root() {
-        for text in [
-            "diode:../a.png",
-            "diode:a/../../b",
-            "diode:/etc/passwd",
-            "diode:",
-        ] {
+        for text in ["diode:../a.png", "diode:a/../../b", "diode:/etc/passwd", "diode:"] {
             assert!(resolve(text).is_err(), "{text}");
         }
         assert!(resolve("").is_err());

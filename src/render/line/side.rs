@@ -58,7 +58,6 @@ pub struct MeshPose {
 }
 
 impl MeshPose {
-    /// The unit matrix.
     pub const fn no_rotation() -> [[f64; 3]; 3] {
         [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     }
@@ -75,9 +74,7 @@ impl MeshPose {
             return f64::INFINITY;
         }
         let parts = (0..9).map(|k| (k / 3, k % 3));
-        parts
-            .map(|(a, b)| (row(a, b) - f64::from(u8::from(a == b))).abs())
-            .fold(0.0, f64::max)
+        parts.map(|(a, b)| (row(a, b) - f64::from(u8::from(a == b))).abs()).fold(0.0, f64::max)
     }
 }
 
@@ -159,14 +156,12 @@ impl Side {
     /// The paths of all its files, with their keys.
     pub fn paths(&self) -> Vec<(&'static str, &str)> {
         match self {
-            Self::Photograph(p) => [
-                ("color", Some(&p.color)),
-                ("depth", Some(&p.depth)),
-                ("mask", p.mask.as_ref()),
-            ]
-            .into_iter()
-            .filter_map(|(key, path)| Some((key, path?.as_str())))
-            .collect(),
+            Self::Photograph(p) => {
+                [("color", Some(&p.color)), ("depth", Some(&p.depth)), ("mask", p.mask.as_ref())]
+                    .into_iter()
+                    .filter_map(|(key, path)| Some((key, path?.as_str())))
+                    .collect()
+            }
             Self::Panorama(p) => {
                 let mut paths = vec![("panorama", p.panorama.as_str())];
                 if let PanoramaDepth::Map(map) = &p.depth {
@@ -221,10 +216,7 @@ mod tests {
 
     #[test]
     fn only_rotations_are_undistorted() {
-        let pose = |rotation| MeshPose {
-            rotation,
-            translation_m: [0.0; 3],
-        };
+        let pose = |rotation| MeshPose { rotation, translation_m: [0.0; 3] };
         let (sin, cos) = libm::sincos(0.3);
         let turn = pose([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]]);
         assert!(turn.distortion() < 1e-15);

@@ -114,9 +114,7 @@ impl PanoramaKeys {
                         "`{key}` needs `depth`, which is missing: add it, or remove `{key}`"
                     ));
                 }
-                PanoramaDepth::Constant {
-                    depth_m: depth_m.unwrap_or(PanoramaDepth::DEFAULT_M),
-                }
+                PanoramaDepth::Constant { depth_m: depth_m.unwrap_or(PanoramaDepth::DEFAULT_M) }
             }
         };
         Ok(PanoramaFile {
@@ -144,15 +142,10 @@ mod tests {
     #[test]
     fn a_mesh_has_its_own_keys_and_defaults() {
         let side = read(r#"{"mesh":"room.ply"}"#).unwrap();
-        let Side::Mesh(mesh) = &side else {
-            panic!("{side:?}")
-        };
+        let Side::Mesh(mesh) = &side else { panic!("{side:?}") };
         assert_eq!((mesh.unit_m, mesh.exposure, mesh.pose), (1.0, 1.0, None));
         let text = serde_json::to_string(&side).unwrap();
-        assert_eq!(
-            text,
-            r#"{"mesh":"room.ply","transfer":"srgb","unit_m":1.0,"exposure":1.0}"#
-        );
+        assert_eq!(text, r#"{"mesh":"room.ply","transfer":"srgb","unit_m":1.0,"exposure":1.0}"#);
         assert_eq!(read(&text).unwrap(), side);
 
         let posed = r#"{"mesh":"a:b.ply","transfer":"linear","unit_m":0.01,"exposure":2.0,"pose":{"rotation":
@@ -181,24 +174,14 @@ mod tests {
             "relative_inverse","depth_range":{"mean_m":3},"fill":"far","yaw_deg":-90,"pitch_deg":5,"apex":"camera"}"#,
         )
         .unwrap();
-        assert_eq!(
-            side.paths(),
-            [("panorama", "a:hall.jpg"), ("depth", "a:hall.npy")]
-        );
+        assert_eq!(side.paths(), [("panorama", "a:hall.jpg"), ("depth", "a:hall.npy")]);
         let text = serde_json::to_string(&side).unwrap();
         assert_eq!(read(&text).unwrap(), side);
         *side.light_mut().0 = 3.0;
         side.paths_mut()[1].push('x');
-        let Side::Panorama(panorama) = &side else {
-            panic!("{side:?}")
-        };
-        let PanoramaDepth::Map(map) = &panorama.depth else {
-            panic!("{side:?}")
-        };
-        assert_eq!(
-            (panorama.exposure, map.depth.as_str()),
-            (3.0, "a:hall.npyx")
-        );
+        let Side::Panorama(panorama) = &side else { panic!("{side:?}") };
+        let PanoramaDepth::Map(map) = &panorama.depth else { panic!("{side:?}") };
+        assert_eq!((panorama.exposure, map.depth.as_str()), (3.0, "a:hall.npyx"));
         assert_eq!(map.depth_unit_m, 1.0);
     }
 
@@ -219,28 +202,16 @@ mod tests {
             (&with(r#""pose":{}"#), "unknown field `pose`"),
             (&with(r#""depth_m":1"#), "unknown field `depth_m`"),
             (&with(r#""highlights":{"above":0.5}"#), "missing field `to`"),
-            (
-                &with(r#""fill":"far","fill":"far""#),
-                "duplicate field `fill`",
-            ),
+            (&with(r#""fill":"far","fill":"far""#), "duplicate field `fill`"),
             (
                 r#"{"mesh":"m","depth_unit_m":1}"#,
                 "unknown field `depth_unit_m`, expected one of `mesh`",
             ),
             (r#"{"mesh":"m","yaw_deg":3}"#, "unknown field `yaw_deg`"),
-            (
-                r#"{"mesh":"m","highlights":{"above":0.5,"to":2}}"#,
-                "unknown field `highlights`",
-            ),
-            (
-                r#"{"mesh":"m","pose":{"scale":2}}"#,
-                "unknown field `scale`",
-            ),
+            (r#"{"mesh":"m","highlights":{"above":0.5,"to":2}}"#, "unknown field `highlights`"),
+            (r#"{"mesh":"m","pose":{"scale":2}}"#, "unknown field `scale`"),
             (r#"{"mesh":null}"#, "a side with `mesh`: invalid type: null"),
-            (
-                r#"{"panorama":"p","mesh":"m"}"#,
-                "unknown field `panorama`, expected one of `mesh`",
-            ),
+            (r#"{"panorama":"p","mesh":"m"}"#, "unknown field `panorama`, expected one of `mesh`"),
             (
                 r#"{"panorama":"p","color":"c"}"#,
                 "a side with `panorama`: unknown field `color`, expected one of `panorama`, `transfer`",
@@ -250,22 +221,13 @@ mod tests {
                 r#"{"panorama":"p","depth":"d","depth_m":3}"#,
                 "`depth_m` and `depth` exclude each other",
             ),
-            (
-                r#"{"panorama":"p","fill":"far"}"#,
-                "`fill` needs `depth`, which is missing",
-            ),
+            (r#"{"panorama":"p","fill":"far"}"#, "`fill` needs `depth`, which is missing"),
             (
                 r#"{"panorama":"p","depth":"d","depth_kind":"z"}"#,
                 "`depth_kind` of a panorama must be \"distance\"",
             ),
-            (
-                r#"{"color":"c"}"#,
-                "a side with `color`: missing field `depth`",
-            ),
-            (
-                r#"{"depth":"d"}"#,
-                "give `color`, `depth` and `intrinsics` of a photograph",
-            ),
+            (r#"{"color":"c"}"#, "a side with `color`: missing field `depth`"),
+            (r#"{"depth":"d"}"#, "give `color`, `depth` and `intrinsics` of a photograph"),
             ("[]", "expected a photograph, a panorama or a mesh"),
         ] {
             let error = read(json).unwrap_err();

@@ -15,9 +15,7 @@ impl SceneLine {
     /// Checks every field by itself; [`crate::scene::check_geometry`] checks pane, lens and film together.
     pub fn validate(&self) -> Result<(), LineError> {
         if self.schema != SCENE_SCHEMA {
-            return Err(LineError::Schema {
-                found: self.schema.clone(),
-            });
+            return Err(LineError::Schema { found: self.schema.clone() });
         }
         let (film, camera, glass) = (&self.film, &self.camera, &self.glass);
         all_within(
@@ -67,9 +65,7 @@ impl SceneLine {
 pub fn side(name: &str, side: &Side) -> Result<(), LineError> {
     for (key, path) in side.paths() {
         if path.is_empty() {
-            return Err(LineError::EmptyPath {
-                field: format!("{name}.{key}"),
-            });
+            return Err(LineError::EmptyPath { field: format!("{name}.{key}") });
         }
     }
     let (exposure, illuminant) = (&[side.exposure()], &side.illuminant());
@@ -125,9 +121,7 @@ fn mesh(side: &str, mesh: &MeshFile) -> Result<(), LineError> {
         return Ok(());
     };
     if pose.distortion() > MAX_DISTORTION {
-        return Err(LineError::NoRotation {
-            field: format!("{side}.pose.rotation"),
-        });
+        return Err(LineError::NoRotation { field: format!("{side}.pose.rotation") });
     }
     all_within(side, &[("pose.translation_m", &pose.translation_m)])
 }
@@ -176,10 +170,7 @@ mod tests {
             .unwrap();
         for (mesh, message) in [
             (r#"{"mesh":""}"#, "back.mesh is empty"),
-            (
-                r#"{"mesh":"m","unit_m":0}"#,
-                "back.unit_m is 0, but must be",
-            ),
+            (r#"{"mesh":"m","unit_m":0}"#, "back.unit_m is 0, but must be"),
             (r#"{"mesh":"m","exposure":-1}"#, "back.exposure is -1"),
             (
                 r#"{"mesh":"m","pose":{"translation_m":[0,1e9,0]}}"#,
@@ -216,14 +207,8 @@ mod tests {
             (r#"{"panorama":""}"#, "back.panorama is empty"),
             (r#"{"panorama":"p","depth_m":0}"#, "back.depth_m is 0, but"),
             (r#"{"panorama":"p","yaw_deg":361}"#, "back.yaw_deg is 361"),
-            (
-                r#"{"panorama":"p","pitch_deg":-91}"#,
-                "back.pitch_deg is -91",
-            ),
-            (
-                r#"{"panorama":"p","depth":"d","depth_unit_m":0}"#,
-                "back.depth_unit_m is 0",
-            ),
+            (r#"{"panorama":"p","pitch_deg":-91}"#, "back.pitch_deg is -91"),
+            (r#"{"panorama":"p","depth":"d","depth_unit_m":0}"#, "back.depth_unit_m is 0"),
             (
                 r#"{"panorama":"p","depth":"d","depth_kind":"relative"}"#,
                 "back.depth_kind is relative",
@@ -245,15 +230,10 @@ mod tests {
             assert!(error.starts_with(message), "{error} for {message}");
         }
         let mut line = published();
-        photograph(&mut line.front).highlights = Some(super::super::highlights::Highlights {
-            above: f64::NAN,
-            to: 2.0,
-        });
+        photograph(&mut line.front).highlights =
+            Some(super::super::highlights::Highlights { above: f64::NAN, to: 2.0 });
         let error = line.validate().unwrap_err().to_string();
-        assert!(
-            error.starts_with("front.highlights.above is NaN"),
-            "{error}"
-        );
+        assert!(error.starts_with("front.highlights.above is NaN"), "{error}");
     }
 
     #[test]
@@ -283,10 +263,7 @@ mod tests {
             ("front.intrinsics.size[0]", "0"),
         ] {
             let error = with(key, value).unwrap_err();
-            assert!(
-                error.starts_with(&format!("{key} is {value}, but must be ")),
-                "{error}"
-            );
+            assert!(error.starts_with(&format!("{key} is {value}, but must be ")), "{error}");
         }
         for (key, value, message) in [
             ("front.apex", "\"mirror\"", "front.apex is given"),
@@ -321,23 +298,11 @@ mod tests {
     fn what_is_not_finite_and_another_schema_are_named() {
         type Spoil = fn(&mut SceneLine);
         let cases: [(Spoil, &str); 5] = [
-            (
-                |l| l.glass.distance_m = f64::INFINITY,
-                "glass.distance_m is inf",
-            ),
+            (|l| l.glass.distance_m = f64::INFINITY, "glass.distance_m is inf"),
             (|l| l.glass.ior = f64::NAN, "glass.ior is NaN"),
-            (
-                |l| photograph(&mut l.back).exposure = f64::NAN,
-                "back.exposure is NaN",
-            ),
-            (
-                |l| photograph(&mut l.back).intrinsics.cx = f64::NAN,
-                "back.intrinsics.cx is NaN",
-            ),
-            (
-                |l| l.schema = "glasshouse.scene/2".into(),
-                "schema is \"glasshouse.scene/2\"",
-            ),
+            (|l| photograph(&mut l.back).exposure = f64::NAN, "back.exposure is NaN"),
+            (|l| photograph(&mut l.back).intrinsics.cx = f64::NAN, "back.intrinsics.cx is NaN"),
+            (|l| l.schema = "glasshouse.scene/2".into(), "schema is \"glasshouse.scene/2\""),
         ];
         for (spoil, message) in cases {
             let mut line = published();

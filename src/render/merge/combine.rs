@@ -14,15 +14,9 @@ use std::collections::BTreeMap;
 
 /// Why partials do not make a tuple.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs, reason = "the message names its fields")]
 pub enum MergeError {
-    /// Shards are missing.
     #[error("scene {scene}: {} of {total} shards are missing (first: {}); trace them with `work`, then merge again", missing.len(), missing[0])]
-    Gaps {
-        scene: String,
-        missing: Vec<u32>,
-        total: u32,
-    },
+    Gaps { scene: String, missing: Vec<u32>, total: u32 },
     /// A partial belongs to something else.
     #[error("scene {scene}: shard {shard} {reason}; delete that partial and run `work` again")]
     Foreign {
@@ -35,12 +29,7 @@ pub enum MergeError {
     #[error(
         "scene {scene}: layer {layer} is not finite at pixel ({x}, {y}); check the inputs' radiance and depth"
     )]
-    NotFinite {
-        scene: String,
-        layer: &'static str,
-        x: u32,
-        y: u32,
-    },
+    NotFinite { scene: String, layer: &'static str, x: u32, y: u32 },
 }
 
 /// Combines all partials of a scene, one for each shard of the layout, in any order.
@@ -66,26 +55,17 @@ fn check_partials<'a>(
     partials: impl Iterator<Item = &'a Partial>,
 ) -> Result<Vec<&'a Partial>, MergeError> {
     let by_shard: BTreeMap<u32, &Partial> = partials.map(|p| (p.header.shard, p)).collect();
-    let missing: Vec<u32> = (0..layout.len())
-        .filter(|index| !by_shard.contains_key(index))
-        .collect();
+    let missing: Vec<u32> =
+        (0..layout.len()).filter(|index| !by_shard.contains_key(index)).collect();
     if !missing.is_empty() {
-        return Err(MergeError::Gaps {
-            scene: line.id.to_string(),
-            missing,
-            total: layout.len(),
-        });
+        return Err(MergeError::Gaps { scene: line.id.to_string(), missing, total: layout.len() });
     }
     let digest = scene_digest(line);
     let first = &by_shard[&0].header;
     for shard in layout.shards() {
         let header = &by_shard[&shard.index].header;
         let foreign = |reason| {
-            Err(MergeError::Foreign {
-                scene: line.id.to_string(),
-                shard: shard.index,
-                reason,
-            })
+            Err(MergeError::Foreign { scene: line.id.to_string(), shard: shard.index, reason })
         };
         if header.line_blake3 != digest || header.scene != line.id {
             return foreign("belongs to another scene line");
@@ -135,11 +115,8 @@ impl Combined {
         let tile = of_tile[0].header.tile;
         let width = line.film.width as usize;
         for layer in line.film.layers.iter() {
-            let counted: Vec<&Partial> = of_tile
-                .iter()
-                .copied()
-                .filter(|p| p.header.layer_samples[layer] > 0)
-                .collect();
+            let counted: Vec<&Partial> =
+                of_tile.iter().copied().filter(|p| p.header.layer_samples[layer] > 0).collect();
             let total: u32 = counted.iter().map(|p| p.header.layer_samples[layer]).sum();
             self.samples[layer] = self.samples[layer].max(total);
             for q in 0..of_tile[0].pixels.len() {
@@ -208,13 +185,7 @@ impl Combined {
             inputs: first.header.inputs.clone(),
             scene: line.clone(),
         };
-        Tuple {
-            width,
-            height,
-            layers: self.layers,
-            record,
-            noise,
-        }
+        Tuple { width, height, layers: self.layers, record, noise }
     }
 }
 

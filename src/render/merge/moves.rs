@@ -19,10 +19,7 @@ pub(super) struct Moves {
 
 impl Moves {
     pub(super) fn new(pixels: usize) -> Self {
-        Self {
-            last: vec![0.0; pixels],
-            before: vec![0.0; pixels],
-        }
+        Self { last: vec![0.0; pixels], before: vec![0.0; pixels] }
     }
 
     /// One colour of one pixel.
@@ -74,10 +71,7 @@ mod tests {
         let squares = map.iter().zip([4.0, 2.0, 2.0, 1.0]);
         let sum: f64 = squares.map(|(v, count)| f64::from(v * v) * count).sum();
         assert!(((sum / 9.0).sqrt() - stated).abs() < 1e-7);
-        assert!(
-            map[1] > map[0] && map[0] > map[3] && map[2] == 0.0,
-            "{map:?}"
-        );
+        assert!(map[1] > map[0] && map[0] > map[3] && map[2] == 0.0, "{map:?}");
         assert_eq!(Moves::new(2).map(1, 0.0), [0.0]);
     }
 }

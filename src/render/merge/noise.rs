@@ -92,11 +92,7 @@ fn coarse(value: f32) -> f16 {
     let bits = f16::from_f32(value).to_bits();
     // Values are not negative, so that rounding upwards may carry into the exponent, as it should.
     let rounded = (bits + (1 << (DROPPED - 1))) >> DROPPED << DROPPED;
-    f16::from_bits(if f16::from_bits(rounded).is_finite() {
-        rounded
-    } else {
-        bits
-    })
+    f16::from_bits(if f16::from_bits(rounded).is_finite() { rounded } else { bits })
 }
 
 #[cfg(test)]
@@ -111,9 +107,7 @@ mod tests {
             "glass":{"distance_m":0.3,"thickness_m":0.01,"ior":1.6},
             "front":{"color":"a.png","depth":"a.npy","intrinsics":{"fx":1,"fy":1,"cx":1,"cy":1}},
             "back":{"color":"b.png","depth":"b.npy","intrinsics":{"fx":1,"fy":1,"cx":1,"cy":1}}}"#;
-        parse_jsonl(&line.replace('\n', " ")).unwrap()[0]
-            .film
-            .clone()
+        parse_jsonl(&line.replace('\n', " ")).unwrap()[0].film.clone()
     }
 
     fn map() -> NoiseMap {

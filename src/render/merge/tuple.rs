@@ -38,7 +38,6 @@ impl Tuple {
 pub struct TupleRecord {
     /// Always [`TUPLE_SCHEMA`].
     pub schema: String,
-    /// Version of the tracer.
     pub tracer_version: u32,
     /// Folder that the scene's relative paths start from, relative to this file's folder.
     pub base: String,
@@ -48,7 +47,6 @@ pub struct TupleRecord {
     pub facts: SceneFacts,
     /// Digests of the input files.
     pub inputs: InputDigests,
-    /// The manifest line.
     pub scene: SceneLine,
 }
 

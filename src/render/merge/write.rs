@@ -23,21 +23,15 @@ pub fn tuple_files(line: &SceneLine) -> Vec<String> {
 
 /// A tuple could not be written.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs, reason = "the message names its fields")]
 pub enum TupleWriteError {
-    /// The disk.
     #[error(transparent)]
     File(#[from] WriteError),
-    /// The encoder.
     #[error("cannot encode {name}: {reason}")]
     Encode { name: String, reason: String },
 }
 
 fn encode_error(name: &str, reason: &dyn std::fmt::Display) -> TupleWriteError {
-    TupleWriteError::Encode {
-        name: name.to_owned(),
-        reason: reason.to_string(),
-    }
+    TupleWriteError::Encode { name: name.to_owned(), reason: reason.to_string() }
 }
 
 /// The folder holds the whole tuple of this scene line, made by this version of the tracer.
@@ -48,9 +42,7 @@ pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
         return false;
     };
     is_record_of(text.as_bytes(), line)
-        && tuple_files(line)
-            .iter()
-            .all(|name| folder.join(name).is_file())
+        && tuple_files(line).iter().all(|name| folder.join(name).is_file())
 }
 
 /// The bytes are the `tuple.json` of this scene line, made by this version of the tracer.
@@ -103,11 +95,7 @@ pub fn encode_png(
     width: u32,
     height: u32,
 ) -> Result<Vec<u8>, image::ImageError> {
-    let bytes: Vec<u8> = pixels
-        .as_flattened()
-        .iter()
-        .map(|&v| encoder.encode(v))
-        .collect();
+    let bytes: Vec<u8> = pixels.as_flattened().iter().map(|&v| encoder.encode(v)).collect();
     let mut png = Vec::new();
     PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive)
         .write_image(&bytes, width, height, image::ExtendedColorType::Rgb8)?;
@@ -122,9 +110,7 @@ pub fn encode_png16(
 ) -> Result<Vec<u8>, image::ImageError> {
     let values = pixels.as_flattened().iter();
     // The encoder takes the machine's byte order and writes PNG's.
-    let bytes: Vec<u8> = values
-        .flat_map(|&v| linear_to_srgb16(v).to_ne_bytes())
-        .collect();
+    let bytes: Vec<u8> = values.flat_map(|&v| linear_to_srgb16(v).to_ne_bytes()).collect();
     let mut png = Vec::new();
     PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive)
         .write_image(&bytes, width, height, image::ExtendedColorType::Rgb16)?;
@@ -140,9 +126,7 @@ pub(super) fn is_half(line: &SceneLine, layers: &PerLayer<Vec<[f32; 3]>>) -> boo
 /// The pixels as half floats hold them.
 pub(super) fn halved(pixels: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let pixels = pixels.iter();
-    pixels
-        .map(|p| p.map(|v| f16::from_f32(v).to_f32()))
-        .collect()
+    pixels.map(|p| p.map(|v| f16::from_f32(v).to_f32())).collect()
 }
 
 /// All layers in one file, channels `input.R`, ...: half floats if the values allow it, else floats.

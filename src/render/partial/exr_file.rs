@@ -14,7 +14,6 @@ use std::path::{Path, PathBuf};
 /// A file that is no usable partial. It is traced again.
 #[derive(Debug, thiserror::Error)]
 #[error("partial {} is not usable: {reason}; it will be traced again", path.display())]
-#[allow(missing_docs, reason = "the message names its fields")]
 pub struct PartialError {
     pub path: PathBuf,
     pub reason: String,
@@ -30,16 +29,12 @@ const HEADER_BYTES: usize = 1 << 16;
 
 /// Channel name, and where its value stands in a pixel.
 fn channels() -> impl Iterator<Item = (String, usize, Layer, usize)> {
-    ["", "_half", "_quarter"]
-        .into_iter()
-        .enumerate()
-        .flat_map(|(part, suffix)| {
-            Layer::ALL.into_iter().flat_map(move |layer| {
-                let colours = COLOURS.iter().enumerate();
-                colours
-                    .map(move |(c, colour)| (format!("{layer}{suffix}.{colour}"), part, layer, c))
-            })
+    ["", "_half", "_quarter"].into_iter().enumerate().flat_map(|(part, suffix)| {
+        Layer::ALL.into_iter().flat_map(move |layer| {
+            let colours = COLOURS.iter().enumerate();
+            colours.map(move |(c, colour)| (format!("{layer}{suffix}.{colour}"), part, layer, c))
         })
+    })
 }
 
 fn value(pixel: &mut PixelMeans, part: usize, layer: Layer, colour: usize) -> &mut f32 {
@@ -53,13 +48,9 @@ fn value(pixel: &mut PixelMeans, part: usize, layer: Layer, colour: usize) -> &m
 
 /// The channels' values, in the order of [`channels`].
 fn planes(pixels: &[PixelMeans]) -> Vec<Vec<f32>> {
-    let places: Vec<_> = channels()
-        .map(|(_, part, layer, c)| (part, layer, c))
-        .collect();
-    let mut planes: Vec<Vec<f32>> = places
-        .iter()
-        .map(|_| Vec::with_capacity(pixels.len()))
-        .collect();
+    let places: Vec<_> = channels().map(|(_, part, layer, c)| (part, layer, c)).collect();
+    let mut planes: Vec<Vec<f32>> =
+        places.iter().map(|_| Vec::with_capacity(pixels.len())).collect();
     // So few pixels at a time that they stay in the cache for all channels.
     for block in pixels.chunks(BLOCK_PIXELS) {
         for (plane, &(part, layer, c)) in planes.iter_mut().zip(&places) {
@@ -91,10 +82,9 @@ pub(super) fn encode_as(
         layer_position: Vec2(tile.x as i32, tile.y as i32),
         ..LayerAttributes::default()
     };
-    attributes.other.insert(
-        Text::from(ATTRIBUTE),
-        AttributeValue::Text(Text::from(header.to_json().as_str())),
-    );
+    attributes
+        .other
+        .insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(header.to_json().as_str())));
     let layer = Part::new(
         (tile.width as usize, tile.height as usize),
         attributes,
@@ -114,10 +104,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Partial, PartialError> {
     let result = std::panic::catch_unwind(|| decode_inner(bytes));
     result
         .unwrap_or_else(|_| Err("the OpenEXR reader gave up on it".to_owned()))
-        .map_err(|reason| PartialError {
-            path: path.to_owned(),
-            reason,
-        })
+        .map_err(|reason| PartialError { path: path.to_owned(), reason })
 }
 
 fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
@@ -136,11 +123,7 @@ fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
     }
     let mut pixels = vec![PixelMeans::default(); count];
     for (name, part, of, c) in channels() {
-        let channel = layer
-            .channel_data
-            .list
-            .iter()
-            .find(|channel| channel.name.eq(name.as_str()));
+        let channel = layer.channel_data.list.iter().find(|channel| channel.name.eq(name.as_str()));
         let Some(FlatSamples::F32(samples)) = channel.map(|channel| &channel.sample_data) else {
             return Err(format!("it has no float channel {name}"));
         };

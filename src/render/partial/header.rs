@@ -17,7 +17,6 @@ pub struct PartialHeader {
     pub schema: String,
     /// Version of the tracer that made it.
     pub tracer_version: u32,
-    /// The scene.
     pub scene: SceneId,
     /// BLAKE3 of the scene's manifest line.
     pub line_blake3: String,
@@ -27,7 +26,6 @@ pub struct PartialHeader {
     pub shard: u32,
     /// Film size `[width, height]`, px.
     pub film: [u32; 2],
-    /// Pixels.
     pub tile: Tile,
     /// Half-open range of sample indices.
     pub samples: [u32; 2],

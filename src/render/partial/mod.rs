@@ -19,10 +19,8 @@ pub use header::{PARTIAL_SCHEMA, PartialHeader};
 
 use crate::trace::PixelMeans;
 
-/// A shard's result.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Partial {
-    /// What it is.
     pub header: PartialHeader,
     /// Row by row.
     pub pixels: Vec<PixelMeans>,
@@ -37,10 +35,8 @@ impl Partial {
 
     /// The file's bytes; whatever digest its header has, they hold the right one.
     pub fn seal(&self) -> Result<Vec<u8>, exr::error::Error> {
-        let header = PartialHeader {
-            blake3: digest(&self.header, &self.pixels),
-            ..self.header.clone()
-        };
+        let header =
+            PartialHeader { blake3: digest(&self.header, &self.pixels), ..self.header.clone() };
         exr_file::encode_as(&header, &self.pixels)
     }
 
@@ -55,10 +51,7 @@ const HASHED_PIXELS: usize = 512;
 
 /// BLAKE3 (hex) of a header without its digest and of the pixels' bits.
 fn digest(header: &PartialHeader, pixels: &[PixelMeans]) -> String {
-    let bare = PartialHeader {
-        blake3: String::new(),
-        ..header.clone()
-    };
+    let bare = PartialHeader { blake3: String::new(), ..header.clone() };
     let mut hasher = blake3::Hasher::new();
     hasher.update(bare.to_json().as_bytes());
     // So few pixels at a time that they stay in the cache, and enough for the hash to work on many blocks at once.

@@ -19,10 +19,7 @@ pub fn assemble(
     back: impl Into<Decoded>,
 ) -> Result<(Scene, SceneFacts), AssembleError> {
     let (front, back): (Decoded, Decoded) = (front.into(), back.into());
-    let max_radiance = Sides {
-        front: front.max_radiance(),
-        back: back.max_radiance(),
-    };
+    let max_radiance = Sides { front: front.max_radiance(), back: back.max_radiance() };
     let slab = slab(line);
     let back_camera = BackCamera::new(line.back.apex().unwrap_or_default(), &slab);
     let lateral_m = line.camera.aperture_radius_m + line.glass.thickness_m;
@@ -39,18 +36,11 @@ pub fn assemble(
     let film = film_plane(line);
     let reach = film_reach(&film, &lens);
     let directions = film_directions(reach);
-    let cosines: Vec<f64> = directions
-        .iter()
-        .map(|d| d.normalize().dot(slab.normal))
-        .collect();
+    let cosines: Vec<f64> = directions.iter().map(|d| d.normalize().dot(slab.normal)).collect();
     let brightest = [max_radiance.front, max_radiance.back];
     let orders = OrderPlan::new(&slab, &cosines, brightest, line.film.order_tolerance);
 
-    let near = Near {
-        slab: &slab,
-        distance_m: line.glass.distance_m,
-        reach,
-    };
+    let near = Near { slab: &slab, distance_m: line.glass.distance_m, reach };
     let too_near_share = Sides {
         front: near.share("front", &front, |p| p.dot(slab.normal))?,
         back: near.share("back", &back, |p| back_camera.height_m(p))?,
@@ -58,24 +48,12 @@ pub fn assemble(
     let facts = SceneFacts {
         focus_distance_m,
         orders: order_facts(&orders, line.film.spp),
-        dropped_tail: Sides {
-            front: orders.front_tail,
-            back: orders.back_tail,
-        },
-        filled_share: Sides {
-            front: front.filled_share(),
-            back: back.filled_share(),
-        },
-        relative_depth: RelativeSides {
-            front: front.relative(),
-            back: back.relative(),
-        },
+        dropped_tail: Sides { front: orders.front_tail, back: orders.back_tail },
+        filled_share: Sides { front: front.filled_share(), back: back.filled_share() },
+        relative_depth: RelativeSides { front: front.relative(), back: back.relative() },
         too_near_share,
         max_radiance,
-        meshes: MeshSides {
-            front: front.mesh_facts(),
-            back: back.mesh_facts(),
-        },
+        meshes: MeshSides { front: front.mesh_facts(), back: back.mesh_facts() },
     };
     let reach_m = lens.aperture_radius_m + 40.0 * slab.thickness_m;
     let front = front_surface(front, reach_m)?;

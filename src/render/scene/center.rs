@@ -44,18 +44,12 @@ fn nearest_valid(
                 best = Some(best.map_or(key, |best| best.min(key)));
             }
         };
-        for y in [y0.checked_sub(radius), Some(y0 + radius)]
-            .into_iter()
-            .flatten()
-        {
+        for y in [y0.checked_sub(radius), Some(y0 + radius)].into_iter().flatten() {
             if y < height {
                 columns.clone().for_each(|x| look(x, y));
             }
         }
-        for x in [x0.checked_sub(radius), Some(x0 + radius)]
-            .into_iter()
-            .flatten()
-        {
+        for x in [x0.checked_sub(radius), Some(x0 + radius)].into_iter().flatten() {
             if x < width {
                 rows.clone().for_each(|y| look(x, y));
             }
@@ -73,16 +67,10 @@ mod tests {
     fn four_pixels_and_guards() {
         let z: Vec<f64> = (0..20).map(f64::from).collect();
         // 5x4: columns 1 and 2, rows 1 and 2.
-        assert_eq!(
-            front_center_z_m(&z, &[true; 20], 5, 4),
-            Some((6 + 7 + 11 + 12) as f64 / 4.0)
-        );
+        assert_eq!(front_center_z_m(&z, &[true; 20], 5, 4), Some((6 + 7 + 11 + 12) as f64 / 4.0));
         assert_eq!(front_center_z_m(&[3.5], &[true], 1, 1), Some(3.5));
         assert_eq!(front_center_z_m(&[1.0, 2.0], &[true; 2], 2, 1), Some(1.5));
-        assert_eq!(
-            front_center_z_m(&[1.0, 2.0, 4.0], &[true; 3], 1, 3),
-            Some(1.5)
-        );
+        assert_eq!(front_center_z_m(&[1.0, 2.0, 4.0], &[true; 3], 1, 3), Some(1.5));
         assert_eq!(front_center_z_m(&z, &[false; 20], 5, 4), None);
     }
 
@@ -96,10 +84,7 @@ mod tests {
         valid[1] = false;
         assert_eq!(nearest_valid(&valid, 3, 3, 1, 1), Some(3));
         // A diagonal neighbour in ring 1 is farther than a straight one in ring 1.
-        assert_eq!(
-            nearest_valid(&[true, false, false, true], 2, 2, 1, 0),
-            Some(0)
-        );
+        assert_eq!(nearest_valid(&[true, false, false, true], 2, 2, 1, 0), Some(0));
     }
 
     proptest! {

@@ -103,11 +103,7 @@ fn film_corners(line: &SceneLine) -> [Corner; 4] {
     let film = unfiltered_film(line);
     let (width, height) = (f64::from(film.width), f64::from(film.height));
     let beyond = filter_reach_px(line.film.filter);
-    let corner = |u: f64, v: f64| Corner {
-        u,
-        v,
-        slope: film.tangent(u, v),
-    };
+    let corner = |u: f64, v: f64| Corner { u, v, slope: film.tangent(u, v) };
     [
         corner(-beyond, -beyond),
         corner(width + beyond, -beyond),
@@ -145,19 +141,14 @@ fn worst_direction(corner: [f64; 2], spread: f64, normal: DVec3) -> [f64; 2] {
         let (sin, cos) = libm::sincos(f64::from(start) * std::f64::consts::TAU / f64::from(STARTS));
         let mut toward = [cos, sin];
         for _ in 0..STEPS {
-            let slope = [
-                corner[0] + spread * toward[0],
-                corner[1] + spread * toward[1],
-            ];
+            let slope = [corner[0] + spread * toward[0], corner[1] + spread * toward[1]];
             let value = excess(slope, normal);
             if value < worst.0 || value.is_nan() {
                 worst = (value, slope);
             }
             let length = libm::sqrt(slope[0] * slope[0] + slope[1] * slope[1] + 1.0);
-            let gradient = [
-                normal.x - cos_max * slope[0] / length,
-                normal.y - cos_max * slope[1] / length,
-            ];
+            let gradient =
+                [normal.x - cos_max * slope[0] / length, normal.y - cos_max * slope[1] / length];
             let steepness = libm::hypot(gradient[0], gradient[1]);
             if steepness == 0.0 {
                 break;
@@ -195,10 +186,7 @@ mod tests {
         check_geometry(&tilted(69.0, 0.0), 0.0).unwrap();
         let error = check_geometry(&tilted(72.0, 0.0), 0.0).unwrap_err();
         assert!(matches!(error, GeometryError::Grazing { .. }), "{error}");
-        assert!(
-            error.to_string().contains("glass.tilt_deg (72, 0)"),
-            "{error}"
-        );
+        assert!(error.to_string().contains("glass.tilt_deg (72, 0)"), "{error}");
     }
 
     #[test]
@@ -225,10 +213,7 @@ mod tests {
         let mut line = tilted(0.0, 60.0);
         line.glass.distance_m = 0.015;
         let error = check_geometry(&line, 0.0).unwrap_err();
-        assert!(
-            matches!(error, GeometryError::PaneCutsLens { .. }),
-            "{error}"
-        );
+        assert!(matches!(error, GeometryError::PaneCutsLens { .. }), "{error}");
         line.glass.distance_m = 0.016;
         check_geometry(&line, 0.0).unwrap();
     }

@@ -37,12 +37,7 @@ pub(super) fn decode(
         FileFormat::Pfm => pfm::decode(file)?,
         format => raster::decode(file, format)?,
     };
-    let Raster {
-        width,
-        height,
-        channels,
-        ..
-    } = raster;
+    let Raster { width, height, channels, .. } = raster;
     let radiance = match &raster.samples {
         Samples::U8(codes) => {
             let tables = each(scale, |factor| transfer::table_8(transfer, factor));
@@ -57,12 +52,7 @@ pub(super) fn decode(
         }),
     };
     let max_radiance = max_of_radiance(file, &radiance, width)?;
-    Ok(Color {
-        width,
-        height,
-        radiance,
-        max_radiance,
-    })
+    Ok(Color { width, height, radiance, max_radiance })
 }
 
 /// [`decode`], with light for clipped highlights if they are to have any, before `scale`.
@@ -152,24 +142,9 @@ fn pixels<T: Copy>(
     let grey = |value: T| rgb(value, value, value);
     match channels {
         1 => samples.iter().map(|&value| grey(value)).collect(),
-        2 => samples
-            .as_chunks()
-            .0
-            .iter()
-            .map(|&[value, _]| grey(value))
-            .collect(),
-        3 => samples
-            .as_chunks()
-            .0
-            .iter()
-            .map(|&[r, g, b]| rgb(r, g, b))
-            .collect(),
-        _ => samples
-            .as_chunks()
-            .0
-            .iter()
-            .map(|&[r, g, b, _]| rgb(r, g, b))
-            .collect(),
+        2 => samples.as_chunks().0.iter().map(|&[value, _]| grey(value)).collect(),
+        3 => samples.as_chunks().0.iter().map(|&[r, g, b]| rgb(r, g, b)).collect(),
+        _ => samples.as_chunks().0.iter().map(|&[r, g, b, _]| rgb(r, g, b)).collect(),
     }
 }
 
@@ -185,26 +160,16 @@ fn max_of_radiance(
         for channel in 0..4 {
             // False for NaN as well.
             all_good &= pixel[channel] >= 0.0;
-            max[channel] = if pixel[channel] > max[channel] {
-                pixel[channel]
-            } else {
-                max[channel]
-            };
+            max[channel] =
+                if pixel[channel] > max[channel] { pixel[channel] } else { max[channel] };
         }
     }
     let max = max.into_iter().fold(0.0, f32::max);
     if all_good && max < f32::INFINITY {
         return Ok(max);
     }
-    let is_bad = |pixel: &[f32; 4]| {
-        pixel
-            .iter()
-            .any(|value| !(0.0..f32::INFINITY).contains(value))
-    };
-    let first = radiance
-        .iter()
-        .position(is_bad)
-        .expect("the loop above met one");
+    let is_bad = |pixel: &[f32; 4]| pixel.iter().any(|value| !(0.0..f32::INFINITY).contains(value));
+    let first = radiance.iter().position(is_bad).expect("the loop above met one");
     Err(SceneError::Radiance {
         path: file.path.clone(),
         count: radiance.iter().filter(|pixel| is_bad(pixel)).count(),
@@ -236,10 +201,7 @@ mod tests {
         assert_eq!(wide(&[13107], Png::L16), [0.2, 0.2, 0.2, 0.0]);
         assert_eq!(wide(&[13107, 9], Png::La16), [0.2, 0.2, 0.2, 0.0]);
         assert_eq!(wide(&[0, 13107, 65535], Png::Rgb16), [0.0, 0.2, 1.0, 0.0]);
-        assert_eq!(
-            wide(&[0, 13107, 65535, 1], Png::Rgba16),
-            [0.0, 0.2, 1.0, 0.0]
-        );
+        assert_eq!(wide(&[0, 13107, 65535, 1], Png::Rgba16), [0.0, 0.2, 1.0, 0.0]);
     }
 
     #[test]
@@ -260,41 +222,21 @@ mod tests {
         for pixel in linear(&jpeg(&[51; 16 * 8 * 3], 16, 8)) {
             assert!((pixel[0] - 0.2).abs() < 0.01 && pixel[3] == 0.0);
         }
-        let pnm = |bytes: &[u8]| NamedBytes {
-            path: PathBuf::from("a.ppm"),
-            bytes: bytes.to_vec(),
-        };
-        assert_eq!(
-            linear(&pnm(b"P6 1 1 255 \x00\x33\xff")),
-            [[0.0, 0.2, 1.0, 0.0]]
-        );
+        let pnm = |bytes: &[u8]| NamedBytes { path: PathBuf::from("a.ppm"), bytes: bytes.to_vec() };
+        assert_eq!(linear(&pnm(b"P6 1 1 255 \x00\x33\xff")), [[0.0, 0.2, 1.0, 0.0]]);
         assert_eq!(linear(&pnm(b"P5\n# x\n1 1\n65535\n\x33\x33"))[0][0], 0.2);
-        assert_eq!(
-            linear(&pnm(b"P1 2 1 1 0")),
-            [[0.0; 4], [1.0, 1.0, 1.0, 0.0]]
-        );
+        assert_eq!(linear(&pnm(b"P1 2 1 1 0")), [[0.0; 4], [1.0, 1.0, 1.0, 0.0]]);
         // Another maximum than the type's is scaled too, to the nearest code.
         assert_eq!(linear(&pnm(b"P5 1 1 100 \x14"))[0][0], 0.2);
     }
 
     #[test]
     fn npy_of_every_kind() {
-        assert_eq!(
-            linear(&npy("|u1", false, "(1, 1, 3)", &[0, 51, 255])),
-            [[0.0, 0.2, 1.0, 0.0]]
-        );
-        assert_eq!(
-            linear(&npy(">u2", false, "(1, 1, 1)", &[0x33, 0x33]))[0][1],
-            0.2
-        );
-        let floats: Vec<u8> = [0.5f32, 2.0, 0.0, 9.0]
-            .iter()
-            .flat_map(|v| v.to_le_bytes())
-            .collect();
-        assert_eq!(
-            linear(&npy("<f4", false, "(1, 1, 4)", &floats)),
-            [[0.5, 2.0, 0.0, 0.0]]
-        );
+        assert_eq!(linear(&npy("|u1", false, "(1, 1, 3)", &[0, 51, 255])), [[0.0, 0.2, 1.0, 0.0]]);
+        assert_eq!(linear(&npy(">u2", false, "(1, 1, 1)", &[0x33, 0x33]))[0][1], 0.2);
+        let floats: Vec<u8> =
+            [0.5f32, 2.0, 0.0, 9.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+        assert_eq!(linear(&npy("<f4", false, "(1, 1, 4)", &floats)), [[0.5, 2.0, 0.0, 0.0]]);
         let refused = npy("<i4", false, "(1, 1)", &[0; 4]);
         assert!(decode(&refused, Transfer::Linear, [1.0; 3]).is_err());
     }
@@ -302,15 +244,9 @@ mod tests {
     #[test]
     fn bad_radiance_is_counted_and_located() {
         let values = [1.0f32, f32::NAN, 0.0, -1.0, f32::INFINITY, 1.0];
-        let data: Vec<u8> = values
-            .iter()
-            .flat_map(|value| value.to_le_bytes())
-            .collect();
+        let data: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
         for transfer in [Transfer::Linear, Transfer::Srgb] {
-            match decode(&npy("<f4", false, "(2, 3)", &data), transfer, [1.0; 3])
-                .err()
-                .unwrap()
-            {
+            match decode(&npy("<f4", false, "(2, 3)", &data), transfer, [1.0; 3]).err().unwrap() {
                 SceneError::Radiance { count, x, y, .. } => assert_eq!((count, x, y), (3, 1, 0)),
                 other => panic!("{other}"),
             }
@@ -333,10 +269,7 @@ mod tests {
             values.map(|value| value.to_bits()).collect::<Vec<_>>()
         };
         assert_eq!(bits(&off), bits(&plain));
-        let curve = Highlights {
-            above: 0.9,
-            to: 8.0,
-        };
+        let curve = Highlights { above: 0.9, to: 8.0 };
         let on = decode_expanded(&image, Transfer::Srgb, Some(curve), [0.5; 3]).unwrap();
         assert_eq!(on.max_radiance, 4.0);
         assert_eq!(on.radiance[255], [4.0, 4.0, 4.0, 0.0]);
@@ -350,27 +283,16 @@ mod tests {
 
     #[test]
     fn radiance_hdr_and_float_maps_are_light() {
-        let file = |bytes: &[u8]| NamedBytes {
-            path: "a".into(),
-            bytes: bytes.to_vec(),
-        };
+        let file = |bytes: &[u8]| NamedBytes { path: "a".into(), bytes: bytes.to_vec() };
         // Ward's RGBE, Graphics Gems II: mantissa / 256 times 2 to the exponent less 128.
         let rgbe = file(
             b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 1\n\x80\x40\x20\x81\x10\x20\x30\x80",
         );
         let color = decode(&rgbe, Transfer::Linear, [2.0; 3]).unwrap();
         assert_eq!((color.width, color.height), (1, 2));
-        assert_eq!(
-            color.radiance,
-            [[2.0, 1.0, 0.5, 0.0], [0.125, 0.25, 0.375, 0.0]]
-        );
-        let map = file(
-            &[
-                &b"PF\n1 1\n-1\n"[..],
-                bytemuck::cast_slice(&[1.5f32, 0.25, 40.0]),
-            ]
-            .concat(),
-        );
+        assert_eq!(color.radiance, [[2.0, 1.0, 0.5, 0.0], [0.125, 0.25, 0.375, 0.0]]);
+        let map =
+            file(&[&b"PF\n1 1\n-1\n"[..], bytemuck::cast_slice(&[1.5f32, 0.25, 40.0])].concat());
         let color = decode(&map, Transfer::Linear, [1.0; 3]).unwrap();
         assert_eq!(color.radiance, [[1.5, 0.25, 40.0, 0.0]]);
         assert_eq!(color.max_radiance, 40.0);

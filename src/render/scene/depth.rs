@@ -128,19 +128,11 @@ mod tests {
         let depth = decode(&png(bytemuck::cast_slice(&codes), 2, 2, Png::L16), 0.001).unwrap();
         assert_eq!((depth.width, depth.height), (2, 2));
         assert_eq!(depth.z_m, [0.0, 1.5, 65.535, 0.007]);
-        assert_eq!(
-            decode(&png(&[3, 4], 1, 2, Png::L8), 0.5).unwrap().z_m,
-            [1.5, 2.0]
-        );
-        let gray = |text: &[u8]| NamedBytes {
-            path: "a.pgm".into(),
-            bytes: text.to_vec(),
-        };
+        assert_eq!(decode(&png(&[3, 4], 1, 2, Png::L8), 0.5).unwrap().z_m, [1.5, 2.0]);
+        let gray = |text: &[u8]| NamedBytes { path: "a.pgm".into(), bytes: text.to_vec() };
         let depth = decode(&gray(b"P5 2 1 65535 \x01\x02\x03\x04"), 1.0).unwrap();
         assert_eq!(depth.z_m, [258.0, 772.0]);
-        let error = decode(&gray(b"P5 2 1 1000 \x01\x02\x03\x04"), 1.0)
-            .err()
-            .unwrap();
+        let error = decode(&gray(b"P5 2 1 1000 \x01\x02\x03\x04"), 1.0).err().unwrap();
         assert!(error.to_string().contains("codes of a range"), "{error}");
     }
 
@@ -154,18 +146,9 @@ mod tests {
 
     #[test]
     fn distance_along_the_ray() {
-        let data: Vec<u8> = [5.0f64; 4]
-            .iter()
-            .flat_map(|value| value.to_le_bytes())
-            .collect();
+        let data: Vec<u8> = [5.0f64; 4].iter().flat_map(|value| value.to_le_bytes()).collect();
         let mut depth = decode(&npy("<f8", false, "(1, 4)", &data), 1.0).unwrap();
-        let intrinsics = Intrinsics {
-            fx: 1.5,
-            fy: 0.25,
-            cx: 1.5,
-            cy: 0.5,
-            size: None,
-        };
+        let intrinsics = Intrinsics { fx: 1.5, fy: 0.25, cx: 1.5, cy: 0.5, size: None };
         depth.project(DepthKind::Z, &intrinsics);
         assert_eq!(depth.z_m, [5.0; 4]);
         depth.project(DepthKind::Distance, &intrinsics);

@@ -86,10 +86,8 @@ impl Taps {
     /// pixel is one.
     pub(super) fn inverse_distance(&self, inverse_per_m: &[f32], width: usize) -> f64 {
         let weights = self.weights(width);
-        let nearest = weights.iter().fold(
-            weights[0],
-            |best, &tap| if tap.1 > best.1 { tap } else { best },
-        );
+        let nearest =
+            weights.iter().fold(weights[0], |best, &tap| if tap.1 > best.1 { tap } else { best });
         if inverse_per_m[nearest.0] == 0.0 {
             return 0.0;
         }
@@ -156,10 +154,7 @@ mod tests {
         near(rotation(90.0, 90.0) * DVec3::X, DVec3::NEG_Z);
         // First up, then around the vertical: the horizon stays level.
         let half = 0.5f64.sqrt();
-        near(
-            rotation(90.0, 45.0) * DVec3::Z,
-            DVec3::new(half, -half, 0.0),
-        );
+        near(rotation(90.0, 45.0) * DVec3::Z, DVec3::new(half, -half, 0.0));
         near(rotation(30.0, 45.0) * DVec3::X * DVec3::Y, DVec3::ZERO);
         let turned = rotation(123.0, -34.0);
         assert!((turned * turned.transpose() - DMat3::IDENTITY).abs_diff_eq(DMat3::ZERO, 1e-15));
@@ -174,11 +169,7 @@ mod tests {
             let d = DVec3::new(libm::sin(longitude), 0.0, libm::cos(longitude));
             Taps::new(d, 4, 2).inverse_distance(&inverse, 4)
         };
-        assert!(
-            (at(0.75) - 1.0).abs() < 1e-12,
-            "beside the hole: {}",
-            at(0.75)
-        );
+        assert!((at(0.75) - 1.0).abs() < 1e-12, "beside the hole: {}", at(0.75));
         assert_eq!(at(1.25), 0.0);
         assert!((at(3.0) - 0.375).abs() < 1e-12);
         assert!((at(4.0) - 0.625).abs() < 1e-12);

@@ -11,7 +11,6 @@ pub(super) const MAX_TRAVEL_PX: f64 = 4_194_304.0;
 
 /// Why a scene cannot be traced.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs, reason = "the message names its fields")]
 pub enum AssembleError {
     /// The pane cannot be looked through.
     #[error(transparent)]

@@ -44,7 +44,6 @@ pub struct OrderFact {
     pub order: String,
     /// Largest weight over the film.
     pub max_weight: f64,
-    /// Samples a pixel.
     pub samples: u32,
 }
 

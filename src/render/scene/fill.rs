@@ -21,11 +21,8 @@ pub(super) fn smooth(inverse_depth_per_m: &mut [f32], width: usize, height: usiz
 
 /// Fills holes with the smallest value that is no hole: the farthest valid depth.
 pub(super) fn far(inverse_depth_per_m: &mut [f32]) {
-    let farthest = inverse_depth_per_m
-        .iter()
-        .copied()
-        .filter(|&w| w > 0.0)
-        .fold(f32::INFINITY, f32::min);
+    let farthest =
+        inverse_depth_per_m.iter().copied().filter(|&w| w > 0.0).fold(f32::INFINITY, f32::min);
     for w in inverse_depth_per_m.iter_mut().filter(|w| **w == 0.0) {
         *w = farthest;
     }
@@ -57,9 +54,7 @@ impl Level {
                 w.extend(tops.iter().map(|&[a, b]| mean_of_valid([a, b, 0.0, 0.0])));
             } else {
                 w.extend(
-                    tops.iter()
-                        .zip(bottoms)
-                        .map(|(&[a, b], &[c, d])| mean_of_valid([a, b, c, d])),
+                    tops.iter().zip(bottoms).map(|(&[a, b], &[c, d])| mean_of_valid([a, b, c, d])),
                 );
             }
             if let [a] = *last_top {
@@ -89,11 +84,7 @@ impl Level {
 
 /// The coarse neighbour on the side of fine pixel `i`, clamped to `0..count`.
 fn toward(i: usize, count: usize) -> usize {
-    if i % 2 == 1 {
-        (i / 2 + 1).min(count - 1)
-    } else {
-        (i / 2).saturating_sub(1)
-    }
+    if i % 2 == 1 { (i / 2 + 1).min(count - 1) } else { (i / 2).saturating_sub(1) }
 }
 
 /// Mean of the values that are no hole; a hole if all are.
@@ -103,11 +94,7 @@ fn mean_of_valid(children: [f32; 4]) -> f32 {
         sum += child as f64;
         count += u32::from(child > 0.0);
     }
-    if count == 0 {
-        0.0
-    } else {
-        (sum / count as f64) as f32
-    }
+    if count == 0 { 0.0 } else { (sum / count as f64) as f32 }
 }
 
 #[cfg(test)]

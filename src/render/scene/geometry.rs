@@ -76,11 +76,7 @@ pub(crate) struct BackCamera {
 
 impl BackCamera {
     pub(crate) fn new(apex: Apex, slab: &Slab) -> Self {
-        Self {
-            apex,
-            normal: slab.normal,
-            plane_distance_m: slab.plane_distance_m,
-        }
+        Self { apex, normal: slab.normal, plane_distance_m: slab.plane_distance_m }
     }
 
     /// H = I - 2 n n^T.
@@ -108,10 +104,7 @@ impl BackCamera {
     /// The inverse: rotation and translation.
     pub(crate) fn capture_from_lens(&self) -> (DMat3, DVec3) {
         match self.apex {
-            Apex::Mirror => (
-                DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)),
-                DVec3::ZERO,
-            ),
+            Apex::Mirror => (DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)), DVec3::ZERO),
             // x = H x' + 2 D n mirrors the mirrored world back; then diag(-1, 1, -1) turns.
             Apex::Camera => {
                 let turn = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0));

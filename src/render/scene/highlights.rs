@@ -27,11 +27,7 @@ pub(super) fn expand(pixels: &mut [[f32; 4]], curve: Highlights, scale: [f64; 3]
     for pixel in pixels {
         let v = f64::from(pixel[0].max(pixel[1]).max(pixel[2]));
         // Below the curve nothing is divided, so that no bit is lost.
-        let gain = if v > curve.above {
-            expanded(curve, v) / v
-        } else {
-            1.0
-        };
+        let gain = if v > curve.above { expanded(curve, v) / v } else { 1.0 };
         for (channel, factor) in pixel.iter_mut().zip(scale) {
             *channel = (f64::from(*channel) * (gain * factor)) as f32;
         }
@@ -43,10 +39,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const CURVE: Highlights = Highlights {
-        above: 0.9,
-        to: 8.0,
-    };
+    const CURVE: Highlights = Highlights { above: 0.9, to: 8.0 };
 
     #[test]
     fn closed_values() {
@@ -55,10 +48,7 @@ mod tests {
         assert!((expanded(CURVE, 1.0) - 8.0).abs() < 1e-14);
         // Half of the way: 0.95 + 7/4.
         assert!((expanded(CURVE, 0.95) - 2.7).abs() < 1e-14);
-        let flat = Highlights {
-            above: 0.0,
-            to: 1.0,
-        };
+        let flat = Highlights { above: 0.0, to: 1.0 };
         assert_eq!(expanded(flat, 0.3), 0.3);
     }
 
@@ -66,10 +56,7 @@ mod tests {
     fn hue_is_kept_and_dark_pixels_keep_their_bits() {
         let dark = [0.9, 0.1, 0.333_333_34, 0.0];
         let mut pixels = [dark, [1.0, 0.5, 0.25, 0.0]];
-        let curve = Highlights {
-            above: f64::from(dark[0]),
-            to: 8.0,
-        };
+        let curve = Highlights { above: f64::from(dark[0]), to: 8.0 };
         expand(&mut pixels, curve, [1.0; 3]);
         assert_eq!(pixels[0].map(f32::to_bits), dark.map(f32::to_bits));
         assert_eq!(pixels[1], [8.0, 4.0, 2.0, 0.0]);

@@ -13,17 +13,13 @@ use std::path::{Path, PathBuf};
 
 /// Why a scene cannot be made from its files: a reason for quarantine.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs, reason = "the message names its fields")]
 pub enum LoadError {
     /// A path leads nowhere.
     #[error(transparent)]
     Root(#[from] RootError),
     /// A file cannot be read.
     #[error("cannot read {}: {source}; check the path and the roots (--root NAME=DIR)", path.display())]
-    Read {
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     /// A file's content cannot be used.
     #[error(transparent)]
     Decode(#[from] SceneError),
@@ -42,11 +38,8 @@ pub struct SceneFiles {
 
 /// The bytes of one side's files.
 pub enum SideFiles {
-    /// Of a photograph.
     Photograph(PhotographFiles),
-    /// Of a panorama.
     Panorama(PanoramaFiles),
-    /// A PLY file.
     Mesh(NamedBytes),
 }
 
@@ -122,33 +115,22 @@ pub fn read_files_by(
             Side::Mesh(p) => SideFiles::Mesh(named(&p.mesh)?),
         })
     };
-    Ok(SceneFiles {
-        front: side(&line.front)?,
-        back: side(&line.back)?,
-    })
+    Ok(SceneFiles { front: side(&line.front)?, back: side(&line.back)? })
 }
 
 /// Decodes the files and assembles the scene. Pure.
 pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadError> {
     let decoded = decode(line, files)?;
     let (scene, facts) = assemble(line, decoded.front, decoded.back)?;
-    Ok(LoadedScene {
-        scene,
-        facts,
-        inputs: decoded.inputs,
-    })
+    Ok(LoadedScene { scene, facts, inputs: decoded.inputs })
 }
 
 /// The first half of [`load`], for several scenes of the same photographs. Of a panorama it decodes only the part that
 /// this line sees.
 pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, LoadError> {
     Ok(DecodedScene {
-        front: decode_side(&line.front.seen_by(&line.camera), &files.front, || {
-            Sight::front(line)
-        })?,
-        back: decode_side(&line.back.seen_by(&line.camera), &files.back, || {
-            Sight::back(line)
-        })?,
+        front: decode_side(&line.front.seen_by(&line.camera), &files.front, || Sight::front(line))?,
+        back: decode_side(&line.back.seen_by(&line.camera), &files.back, || Sight::back(line))?,
         inputs: digests(files),
     })
 }

@@ -17,17 +17,13 @@ pub const END_BYTES: usize = 16;
 /// What a scene line takes a file for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum FileRole {
-    /// A colour image.
     Color,
-    /// A depth image.
     Depth,
-    /// A mask.
     Mask,
     /// The colours of a panorama.
     Panorama,
     /// The depth map of a panorama.
     PanoramaDepth,
-    /// A triangle mesh.
     Mesh,
 }
 
@@ -42,7 +38,6 @@ pub struct FileEnds {
     pub length: u64,
 }
 
-/// What was seen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
     /// Nothing wrong. Width and height in pixels; none of a mesh.
@@ -148,9 +143,7 @@ mod tests {
     }
 
     fn noise(count: usize) -> Vec<u8> {
-        (0..count as u32)
-            .map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8)
-            .collect()
+        (0..count as u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect()
     }
 
     #[test]
@@ -170,15 +163,9 @@ mod tests {
         assert_eq!(sound(FileRole::Depth, &depth, usize::MAX), size);
         let mut header = b"Pf\n64 48\n-1\n".to_vec();
         header.resize(header.len() + 64 * 48 * 4, 0);
-        let depth = NamedBytes {
-            path: "d.pfm".into(),
-            bytes: header,
-        };
+        let depth = NamedBytes { path: "d.pfm".into(), bytes: header };
         assert_eq!(sound(FileRole::Depth, &depth, 100), size);
-        let grey = NamedBytes {
-            path: "m.pgm".into(),
-            bytes: b"P5 2 1 255 ab".to_vec(),
-        };
+        let grey = NamedBytes { path: "m.pgm".into(), bytes: b"P5 2 1 255 ab".to_vec() };
         assert_eq!(look_at_whole(FileRole::Mask, &grey).unwrap(), Some([2, 1]));
     }
 
@@ -189,10 +176,7 @@ mod tests {
         let booleans = npy("|b1", false, "(48, 64)", &[0; 64 * 48]);
         let cube = npy("<f4", false, "(4, 4, 4, 4)", &[0; 1024]);
         let short = npy("<f4", false, "(48, 64)", &[0; 64 * 48 * 4 - 1]);
-        let empty = NamedBytes {
-            path: "e.png".into(),
-            bytes: Vec::new(),
-        };
+        let empty = NamedBytes { path: "e.png".into(), bytes: Vec::new() };
         for (role, file, words) in [
             (FileRole::Depth, &rgb, "3 channels"),
             (FileRole::Depth, &jpeg, "JPEG, which alters depths"),
@@ -218,21 +202,13 @@ mod tests {
 
     #[test]
     fn a_file_that_ends_early_is_read_as_a_whole() {
-        let sound = [
-            png(&noise(64 * 48 * 3), 64, 48, Png::Rgb8),
-            jpeg(&noise(64 * 48 * 3), 64, 48),
-        ];
+        let sound =
+            [png(&noise(64 * 48 * 3), 64, 48, Png::Rgb8), jpeg(&noise(64 * 48 * 3), 64, 48)];
         for mut file in sound {
-            assert_eq!(
-                look_at_whole(FileRole::Color, &file).unwrap(),
-                Some([64, 48])
-            );
+            assert_eq!(look_at_whole(FileRole::Color, &file).unwrap(), Some([64, 48]));
             file.bytes.truncate(file.bytes.len() * 3 / 4);
             for start in [1000, usize::MAX] {
-                assert_eq!(
-                    look(FileRole::Color, &ends(&file, start)).unwrap(),
-                    Look::Unsure
-                );
+                assert_eq!(look(FileRole::Color, &ends(&file, start)).unwrap(), Look::Unsure);
             }
             assert!(matches!(
                 look_at_whole(FileRole::Color, &file),
@@ -248,10 +224,7 @@ mod tests {
     fn bytes_behind_the_image_do_not_matter() {
         for mut file in [png(&noise(12), 2, 2, Png::Rgb8), jpeg(&noise(192), 8, 8)] {
             file.bytes.extend([7; 40]);
-            assert_eq!(
-                look(FileRole::Color, &ends(&file, 1000)).unwrap(),
-                Look::Unsure
-            );
+            assert_eq!(look(FileRole::Color, &ends(&file, 1000)).unwrap(), Look::Unsure);
             assert!(look_at_whole(FileRole::Color, &file).unwrap().is_some());
         }
     }
@@ -262,10 +235,7 @@ mod tests {
         let mut note = vec![0xff, 0xe1, 0xea, 0x60];
         note.resize(2 + 60_000, 0);
         file.bytes.splice(2..2, note);
-        assert_eq!(
-            look(FileRole::Color, &ends(&file, START_BYTES)).unwrap(),
-            Look::Unsure
-        );
+        assert_eq!(look(FileRole::Color, &ends(&file, START_BYTES)).unwrap(), Look::Unsure);
         assert_eq!(look_at_whole(FileRole::Color, &file).unwrap(), Some([8, 8]));
     }
 

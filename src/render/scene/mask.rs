@@ -44,11 +44,7 @@ pub(super) fn decode(file: &NamedBytes) -> Result<Mask, SceneError> {
     let raster = match format(file)? {
         FileFormat::Npy => {
             let image = NpyImage::parse(file, Axes::Single, NPY)?;
-            return Ok(Mask {
-                width: image.width,
-                height: image.height,
-                valid: image.nonzero(),
-            });
+            return Ok(Mask { width: image.width, height: image.height, valid: image.nonzero() });
         }
         format => raster::decode(file, format)?,
     };
@@ -59,11 +55,7 @@ pub(super) fn decode(file: &NamedBytes) -> Result<Mask, SceneError> {
         Samples::U16(codes) => any_above_0(codes, raster.channels, color_channels),
         Samples::F32(_) => unreachable!("PNG and PNM hold integers"),
     };
-    Ok(Mask {
-        width: raster.width,
-        height: raster.height,
-        valid,
-    })
+    Ok(Mask { width: raster.width, height: raster.height, valid })
 }
 
 fn any_above_0<T: Copy + Default + PartialEq>(
@@ -73,11 +65,7 @@ fn any_above_0<T: Copy + Default + PartialEq>(
 ) -> Vec<bool> {
     codes
         .chunks_exact(channels)
-        .map(|pixel| {
-            pixel[..color_channels]
-                .iter()
-                .any(|&code| code != T::default())
-        })
+        .map(|pixel| pixel[..color_channels].iter().any(|&code| code != T::default()))
         .collect()
 }
 
@@ -94,22 +82,11 @@ mod tests {
 
     #[test]
     fn npy_of_any_type() {
-        assert_eq!(
-            valid(&npy("|b1", false, "(1, 3)", &[0, 1, 1])),
-            [false, true, true]
-        );
-        let floats: Vec<u8> = [0.0f32, -0.0, f32::NAN, -1.0]
-            .iter()
-            .flat_map(|value| value.to_le_bytes())
-            .collect();
-        assert_eq!(
-            valid(&npy("<f4", false, "(4, 1, 1)", &floats)),
-            [false, false, false, true]
-        );
-        let wide: Vec<u8> = [0u64, 1 << 63]
-            .iter()
-            .flat_map(|value| value.to_be_bytes())
-            .collect();
+        assert_eq!(valid(&npy("|b1", false, "(1, 3)", &[0, 1, 1])), [false, true, true]);
+        let floats: Vec<u8> =
+            [0.0f32, -0.0, f32::NAN, -1.0].iter().flat_map(|value| value.to_le_bytes()).collect();
+        assert_eq!(valid(&npy("<f4", false, "(4, 1, 1)", &floats)), [false, false, false, true]);
+        let wide: Vec<u8> = [0u64, 1 << 63].iter().flat_map(|value| value.to_be_bytes()).collect();
         assert_eq!(valid(&npy(">u8", false, "(1, 2)", &wide)), [false, true]);
     }
 
@@ -117,14 +94,8 @@ mod tests {
     fn png_ignores_alpha() {
         assert_eq!(valid(&png(&[0, 1], 2, 1, Png::L8)), [false, true]);
         assert_eq!(valid(&png(&[0, 255, 1, 0], 2, 1, Png::La8)), [false, true]);
-        assert_eq!(
-            valid(&png(&[0, 0, 0, 9, 0, 0, 1, 0], 2, 1, Png::Rgba8)),
-            [false, true]
-        );
+        assert_eq!(valid(&png(&[0, 0, 0, 9, 0, 0, 1, 0], 2, 1, Png::Rgba8)), [false, true]);
         let error = decode(&jpeg(&[0; 192], 8, 8)).unwrap_err().to_string();
-        assert!(
-            error.contains("is JPEG; give a .npy, PNG or PNM mask"),
-            "{error}"
-        );
+        assert!(error.contains("is JPEG; give a .npy, PNG or PNM mask"), "{error}");
     }
 }

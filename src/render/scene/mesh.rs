@@ -26,12 +26,7 @@ pub struct Polygons {
 /// Decodes a mesh's file: polygons become fans of triangles, colours linear radiance, coordinates metres of the
 /// capture camera.
 pub fn decode_mesh(line: &MeshFile, file: &NamedBytes) -> Result<Polygons, SceneError> {
-    let ply::Ply {
-        mut vertices,
-        colors,
-        triangles,
-        empty_faces,
-    } = ply::decode(file)?;
+    let ply::Ply { mut vertices, colors, triangles, empty_faces } = ply::decode(file)?;
     let (rotation, translation) = line.pose.map_or((DMat3::IDENTITY, DVec3::ZERO), |pose| {
         let rows = DMat3::from_cols_array_2d(&pose.rotation);
         (rows.transpose(), DVec3::from_array(pose.translation_m))
@@ -67,11 +62,5 @@ pub fn decode_mesh(line: &MeshFile, file: &NamedBytes) -> Result<Polygons, Scene
         }
         radiance.push(pixel);
     }
-    Ok(Polygons {
-        vertices_m: vertices,
-        radiance,
-        triangles,
-        empty_faces,
-        max_radiance,
-    })
+    Ok(Polygons { vertices_m: vertices, radiance, triangles, empty_faces, max_radiance })
 }

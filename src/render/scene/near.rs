@@ -15,7 +15,6 @@ pub(super) struct Near<'a> {
     pub(super) reach: [f64; 2],
 }
 
-/// What was counted.
 struct Counts {
     all: u64,
     near: u64,
@@ -35,40 +34,22 @@ impl Near<'_> {
             Placed::Sheet(sheet) => self.of_sheet(sheet, height),
             Placed::Mesh(mesh) => self.of_vertices(&mesh.vertices_m),
         };
-        let Counts {
-            all,
-            near,
-            nearest_m,
-        } = counts;
+        let Counts { all, near, nearest_m } = counts;
         let share = near as f64 / all.max(1) as f64;
         if share <= MAX_TOO_NEAR_SHARE {
             return Ok(share);
         }
         let distance_m = self.distance_m;
         Err(match placed {
-            Placed::Sheet(_) => AssembleError::TooNear {
-                side,
-                share,
-                distance_m,
-                nearest_m,
-            },
-            Placed::Mesh(_) => AssembleError::MeshTooNear {
-                side,
-                share,
-                distance_m,
-                nearest_m,
-            },
+            Placed::Sheet(_) => AssembleError::TooNear { side, share, distance_m, nearest_m },
+            Placed::Mesh(_) => AssembleError::MeshTooNear { side, share, distance_m, nearest_m },
         })
     }
 
     fn of_sheet(&self, sheet: &Sheet, height: impl Fn(DVec3) -> f64) -> Counts {
         let k = &sheet.intrinsics;
         let (mut all, mut near, mut nearest_m) = (0u64, 0u64, f64::INFINITY);
-        let pixels = sheet
-            .inverse_depth_per_m
-            .iter()
-            .zip(&sheet.valid)
-            .enumerate();
+        let pixels = sheet.inverse_depth_per_m.iter().zip(&sheet.valid).enumerate();
         for (q, (&w, _)) in pixels.filter(|(_, (_, valid))| **valid) {
             let (i, j) = (q % sheet.width, q / sheet.width);
             let z = 1.0 / f64::from(w);
@@ -78,11 +59,7 @@ impl Near<'_> {
             near += u64::from(height(DVec3::new(x, y, z)) < self.slab.plane_distance_m);
             nearest_m = nearest_m.min(z);
         }
-        Counts {
-            all,
-            near,
-            nearest_m,
-        }
+        Counts { all, near, nearest_m }
     }
 
     /// A mesh may surround the lens: only what is in the field of view can stand in the way.
@@ -98,10 +75,6 @@ impl Near<'_> {
                 nearest_m = nearest_m.min(v.z);
             }
         }
-        Counts {
-            all,
-            near,
-            nearest_m,
-        }
+        Counts { all, near, nearest_m }
     }
 }

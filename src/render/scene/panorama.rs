@@ -51,15 +51,10 @@ pub(super) fn decode_panorama(
     sight: &Sight,
 ) -> Result<Sheet, SceneError> {
     let file = &files.panorama;
-    let is_light = matches!(
-        file.format(color::FORMATS)?,
-        FileFormat::Exr | FileFormat::Hdr
-    );
+    let is_light = matches!(file.format(color::FORMATS)?, FileFormat::Exr | FileFormat::Hdr);
     if is_light && line.transfer == Transfer::Srgb {
-        return Err(file.wrong_layout(
-            "light, not sRGB codes".to_owned(),
-            "\"transfer\": \"linear\" with it",
-        ));
+        return Err(file
+            .wrong_layout("light, not sRGB codes".to_owned(), "\"transfer\": \"linear\" with it"));
     }
     let image = color::decode_expanded(
         file,
@@ -77,12 +72,9 @@ pub(super) fn decode_panorama(
             }
             (distances, ends)
         }
-        (PanoramaDepth::Constant { depth_m }, _) => (
-            Distances::Sphere {
-                inverse_per_m: 1.0 / depth_m,
-            },
-            None,
-        ),
+        (PanoramaDepth::Constant { depth_m }, _) => {
+            (Distances::Sphere { inverse_per_m: 1.0 / depth_m }, None)
+        }
         (PanoramaDepth::Map(_), None) => unreachable!("the files were read for this line"),
     };
 
@@ -90,12 +82,7 @@ pub(super) fn decode_panorama(
     let nearest_m = match &distances {
         Distances::Sphere { inverse_per_m } => 1.0 / inverse_per_m,
         Distances::Map { .. } => {
-            let search = Raster::new(
-                sight.window(sight.pane_m),
-                px_per_rad,
-                MAX_SEARCH_SIDE,
-                turn,
-            );
+            let search = Raster::new(sight.window(sight.pane_m), px_per_rad, MAX_SEARCH_SIDE, turn);
             let inverse = search.directions().map(|(d, _)| distances.inverse_per_m(d));
             (1.0 / inverse.fold(0.0, f64::max)).max(sight.pane_m)
         }
@@ -112,10 +99,7 @@ pub(super) fn decode_panorama(
         inverse_depth_per_m.push(inverse.min(f64::from(f32::MAX)) as f32);
     }
     let valid: Vec<bool> = inverse_depth_per_m.iter().map(|&w| w > 0.0).collect();
-    let z_m: Vec<f64> = inverse_depth_per_m
-        .iter()
-        .map(|&w| 1.0 / f64::from(w))
-        .collect();
+    let z_m: Vec<f64> = inverse_depth_per_m.iter().map(|&w| 1.0 / f64::from(w)).collect();
     let front_center_z_m = center::front_center_z_m(&z_m, &valid, view.width, view.height)
         .ok_or_else(|| SceneError::NoDepth {
             path: files.depth.as_ref().unwrap_or(file).path.clone(),
@@ -171,11 +155,7 @@ fn decode_map(
         .map(|range| relative::scale(&mut map, &mut valid, line.depth_kind, &range, &file.path));
     let ends = ends.transpose()?;
     let inverse_per_m = invert(&file.path, &map, &mut valid)?;
-    let distances = Distances::Map {
-        width: map.width,
-        height: map.height,
-        inverse_per_m,
-    };
+    let distances = Distances::Map { width: map.width, height: map.height, inverse_per_m };
     Ok((distances, ends))
 }
 
@@ -184,11 +164,9 @@ impl Distances {
     fn inverse_per_m(&self, d: DVec3) -> f64 {
         match self {
             Self::Sphere { inverse_per_m } => *inverse_per_m,
-            Self::Map {
-                width,
-                height,
-                inverse_per_m,
-            } => Taps::new(d, *width, *height).inverse_distance(inverse_per_m, *width),
+            Self::Map { width, height, inverse_per_m } => {
+                Taps::new(d, *width, *height).inverse_distance(inverse_per_m, *width)
+            }
         }
     }
 }
@@ -210,18 +188,7 @@ impl Raster {
         };
         let (width, fx, cx) = side(across);
         let (height, fy, cy) = side(down);
-        Self {
-            width,
-            height,
-            intrinsics: Intrinsics {
-                fx,
-                fy,
-                cx,
-                cy,
-                size: None,
-            },
-            rotation,
-        }
+        Self { width, height, intrinsics: Intrinsics { fx, fy, cx, cy, size: None }, rotation }
     }
 
     /// Direction in the panorama of each pixel's centre, row by row, with the secant of its angle to the axis.
@@ -229,11 +196,8 @@ impl Raster {
         let k = &self.intrinsics;
         (0..self.height).flat_map(move |j| {
             (0..self.width).map(move |i| {
-                let ray = DVec3::new(
-                    (i as f64 + 0.5 - k.cx) / k.fx,
-                    (j as f64 + 0.5 - k.cy) / k.fy,
-                    1.0,
-                );
+                let ray =
+                    DVec3::new((i as f64 + 0.5 - k.cx) / k.fx, (j as f64 + 0.5 - k.cy) / k.fy, 1.0);
                 (self.rotation * ray, ray.length())
             })
         })

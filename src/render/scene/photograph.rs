@@ -61,12 +61,8 @@ pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<S
     };
     let mut inverse_depth_per_m = invert(&files.depth.path, &depth, &mut valid)?;
     let hole_count = valid.iter().filter(|&&valid| !valid).count();
-    let front_center_z_m =
-        center::front_center_z_m(&depth.z_m, &valid, width, height).ok_or_else(|| {
-            SceneError::NoDepth {
-                path: files.depth.path.clone(),
-            }
-        })?;
+    let front_center_z_m = center::front_center_z_m(&depth.z_m, &valid, width, height)
+        .ok_or_else(|| SceneError::NoDepth { path: files.depth.path.clone() })?;
     drop(depth);
     match line.fill {
         Fill::Smooth => fill::smooth(&mut inverse_depth_per_m, width, height),
@@ -105,35 +101,16 @@ pub fn decode_linear_image(file: &NamedBytes) -> Result<(usize, usize, Vec<[f32;
 
 /// Numbers of the line that every later formula divides or multiplies by.
 fn check_parameters(line: &Photograph, files: &PhotographFiles) -> Result<(), SceneError> {
-    let Photograph {
-        intrinsics,
-        exposure,
-        depth_unit_m,
-        ..
-    } = line;
+    let Photograph { intrinsics, exposure, depth_unit_m, .. } = line;
     let [size_x, size_y] = intrinsics.size.unwrap_or([1, 1]).map(f64::from);
     let refuse = |path: &Path, name, value, expected| {
-        Err(SceneError::Parameter {
-            path: path.to_owned(),
-            name,
-            value,
-            expected,
-        })
+        Err(SceneError::Parameter { path: path.to_owned(), name, value, expected })
     };
     // Every comparison is false for NaN.
     if !(*exposure >= 0.0 && *exposure < f64::INFINITY) {
-        return refuse(
-            &files.color.path,
-            "exposure",
-            *exposure,
-            "finite and not negative",
-        );
+        return refuse(&files.color.path, "exposure", *exposure, "finite and not negative");
     }
-    if let Some(factor) = line
-        .illuminant
-        .into_iter()
-        .find(|f| !(0.0..f64::INFINITY).contains(f))
-    {
+    if let Some(factor) = line.illuminant.into_iter().find(|f| !(0.0..f64::INFINITY).contains(f)) {
         return refuse(
             &files.color.path,
             "illuminant",
@@ -152,10 +129,7 @@ fn check_parameters(line: &Photograph, files: &PhotographFiles) -> Result<(), Sc
             return refuse(&files.depth.path, name, value, "finite and above 0");
         }
     }
-    for (name, value) in [
-        ("intrinsics.cx", intrinsics.cx),
-        ("intrinsics.cy", intrinsics.cy),
-    ] {
+    for (name, value) in [("intrinsics.cx", intrinsics.cx), ("intrinsics.cy", intrinsics.cy)] {
         if !value.is_finite() {
             return refuse(&files.depth.path, name, value, "finite");
         }
@@ -166,10 +140,9 @@ fn check_parameters(line: &Photograph, files: &PhotographFiles) -> Result<(), Sc
 /// Intrinsics for an image of `width` x `height` pixels of the same field of view.
 fn scale_intrinsics(given: &Intrinsics, width: usize, height: usize) -> Intrinsics {
     let (x, y) = match given.size {
-        Some([given_width, given_height]) => (
-            width as f64 / given_width as f64,
-            height as f64 / given_height as f64,
-        ),
+        Some([given_width, given_height]) => {
+            (width as f64 / given_width as f64, height as f64 / given_height as f64)
+        }
         None => (1.0, 1.0),
     };
     Intrinsics {

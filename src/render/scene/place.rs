@@ -11,9 +11,7 @@ use serde::{Deserialize, Serialize};
 /// What the files of one side became.
 #[derive(Clone)]
 pub enum Decoded {
-    /// A photograph.
     Sheet(Sheet),
-    /// A triangle mesh.
     Mesh(Polygons),
 }
 
@@ -91,13 +89,7 @@ impl Decoded {
             Self::Sheet(sheet) => return Ok(Placed::Sheet(sheet)),
             Self::Mesh(polygons) => polygons,
         };
-        let Polygons {
-            mut vertices_m,
-            radiance,
-            triangles,
-            empty_faces,
-            ..
-        } = polygons;
+        let Polygons { mut vertices_m, radiance, triangles, empty_faces, .. } = polygons;
         let mut reach_m = 0.0f64;
         for vertex in &mut vertices_m {
             *vertex = transform(*vertex);
@@ -109,10 +101,7 @@ impl Decoded {
         let mesh = Mesh::new(&vertices_m, radiance, &triangles, lateral_m);
         let counts = mesh.counts();
         if counts.traced == 0 {
-            return Err(AssembleError::MeshUnseen {
-                side,
-                triangles: triangles.len(),
-            });
+            return Err(AssembleError::MeshUnseen { side, triangles: triangles.len() });
         }
         let mut is_used = vec![false; vertices_m.len()];
         for &corner in triangles.iter().flatten() {
@@ -165,7 +154,6 @@ impl Placed {
             Self::Sheet(sheet) => Some(transform(DVec3::Z * sheet.front_center_z_m).z),
             Self::Mesh(placed) => placed.mesh.axis_depth_m(),
         };
-        z_m.filter(|z| *z > 0.0)
-            .ok_or(AssembleError::NoFocus { side })
+        z_m.filter(|z| *z > 0.0).ok_or(AssembleError::NoFocus { side })
     }
 }

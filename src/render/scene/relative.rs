@@ -54,24 +54,16 @@ pub(super) fn scale(
     let pixels = || depth.z_m.iter().zip(valid.iter()).filter(|(_, v)| **v);
     let mut values: Vec<f64> = pixels().map(|(value, _)| *value).collect();
     if values.is_empty() {
-        return Err(SceneError::NoDepth {
-            path: path.to_owned(),
-        });
+        return Err(SceneError::NoDepth { path: path.to_owned() });
     }
-    let [low, high] = range
-        .percentiles()
-        .map(|percent| percentile(&mut values, percent));
+    let [low, high] = range.percentiles().map(|percent| percentile(&mut values, percent));
     let is_beyond = |value: f64| value < low || value > high;
     let beyond = values.iter().filter(|&&value| is_beyond(value)).count();
     let clamped_share = beyond as f64 / values.len() as f64;
     drop(values);
     // 0 at one end, 1 at the other.
     let place = |value: f64| {
-        if high > low {
-            ((value - low) / (high - low)).clamp(0.0, 1.0)
-        } else {
-            0.5
-        }
+        if high > low { ((value - low) / (high - low)).clamp(0.0, 1.0) } else { 0.5 }
     };
     // z of a place, for a near end of 1.
     let shape = |place: f64, ratio: f64| match kind {
@@ -80,11 +72,7 @@ pub(super) fn scale(
     };
     let (near_m, ratio) = match *range {
         DepthRange::Ends { near_m, far_m, .. } => (near_m, far_m / near_m),
-        DepthRange::Mean {
-            mean_m,
-            far_over_near,
-            ..
-        } => {
+        DepthRange::Mean { mean_m, far_over_near, .. } => {
             let (mut sum, mut count) = (0.0, 0u64);
             for (value, _) in pixels() {
                 sum += shape(place(*value), far_over_near);
@@ -94,17 +82,9 @@ pub(super) fn scale(
         }
     };
     for (value, valid) in depth.z_m.iter_mut().zip(valid.iter()) {
-        *value = if *valid {
-            near_m * shape(place(*value), ratio)
-        } else {
-            f64::NAN
-        };
+        *value = if *valid { near_m * shape(place(*value), ratio) } else { f64::NAN };
     }
-    Ok(RelativeEnds {
-        near_m,
-        far_m: near_m * ratio,
-        clamped_share,
-    })
+    Ok(RelativeEnds { near_m, far_m: near_m * ratio, clamped_share })
 }
 
 /// The value below which `percent` of 100 of the values lie: that of the nearest rank. Moves the values about.
@@ -121,11 +101,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn image(values: &[f64]) -> (Depth, Vec<bool>) {
-        let depth = Depth {
-            width: values.len(),
-            height: 1,
-            z_m: values.to_vec(),
-        };
+        let depth = Depth { width: values.len(), height: 1, z_m: values.to_vec() };
         (depth, vec![true; values.len()])
     }
 
@@ -138,19 +114,11 @@ mod tests {
     const ALL: [f64; 2] = [0.0, 100.0];
 
     fn ends(near_m: f64, far_m: f64) -> DepthRange {
-        DepthRange::Ends {
-            near_m,
-            far_m,
-            percentiles: ALL,
-        }
+        DepthRange::Ends { near_m, far_m, percentiles: ALL }
     }
 
     fn mean(mean_m: f64, far_over_near: f64) -> DepthRange {
-        DepthRange::Mean {
-            mean_m,
-            far_over_near,
-            percentiles: ALL,
-        }
+        DepthRange::Mean { mean_m, far_over_near, percentiles: ALL }
     }
 
     /// Negative values, as networks write them.
@@ -162,10 +130,7 @@ mod tests {
         assert_eq!((z[0], z[4]), (8.0, 2.0));
         // A quarter of the way: 1/z = 1/8 + (1/2 - 1/8) / 4.
         assert!((1.0 / z[1] - 0.21875).abs() < 1e-15, "{z:?}");
-        assert_eq!(
-            (found.near_m, found.far_m, found.clamped_share),
-            (2.0, 8.0, 0.0)
-        );
+        assert_eq!((found.near_m, found.far_m, found.clamped_share), (2.0, 8.0, 0.0));
         let (z, _) = scaled(&VALUES, DepthKind::Relative, &ends(2.0, 8.0));
         assert_eq!(z, [2.0, 3.5, 4.25, 5.0, 8.0]);
     }
@@ -174,11 +139,7 @@ mod tests {
     fn outliers_are_drawn_to_the_ends_and_counted() {
         let mut values: Vec<f64> = (0..=100).map(f64::from).collect();
         (values[0], values[100]) = (-1e9, 1e9);
-        let range = DepthRange::Ends {
-            near_m: 1.0,
-            far_m: 99.0,
-            percentiles: [2.0, 98.0],
-        };
+        let range = DepthRange::Ends { near_m: 1.0, far_m: 99.0, percentiles: [2.0, 98.0] };
         let (z, found) = scaled(&values, DepthKind::Relative, &range);
         assert_eq!((z[0], z[2], z[98], z[100]), (1.0, 1.0, 99.0, 99.0));
         assert!((found.clamped_share - 4.0 / 101.0).abs() < 1e-15);

@@ -37,11 +37,7 @@ pub(super) fn back_surface(
                 Apex::Camera => camera.twice_distance_m(),
             };
             // In the aligned poses the mirrored x is in the sign of the focal length; a general pose holds it itself.
-            let sign = if matches!(pose, Pose::Aligned { .. }) {
-                -1.0
-            } else {
-                1.0
-            };
+            let sign = if matches!(pose, Pose::Aligned { .. }) { -1.0 } else { 1.0 };
             Ok(view("back", sheet, pose, sign, reach_m + extra_m)?.into())
         }
     }
@@ -56,24 +52,18 @@ fn back_pose(
 ) -> Result<Pose, AssembleError> {
     match camera.apex {
         Apex::Mirror => Ok(Pose::Aligned { extra_m: 0.0 }),
-        Apex::Camera if !slab.is_tilted() => Ok(Pose::Aligned {
-            extra_m: camera.twice_distance_m(),
-        }),
+        Apex::Camera if !slab.is_tilted() => {
+            Ok(Pose::Aligned { extra_m: camera.twice_distance_m() })
+        }
         Apex::Camera => {
             let (rotation, translation_m) = camera.capture_from_lens();
             let angle = |d: &DVec3| (rotation * *d).normalize().z.clamp(-1.0, 1.0);
             let cos = directions.iter().map(angle).fold(1.0, f64::min);
             let angle_deg = libm::acos(cos).to_degrees();
             if angle_deg > 85.0 {
-                return Err(AssembleError::LooksAway {
-                    tilt_deg: line.glass.tilt_deg,
-                    angle_deg,
-                });
+                return Err(AssembleError::LooksAway { tilt_deg: line.glass.tilt_deg, angle_deg });
             }
-            Ok(Pose::General {
-                rotation,
-                translation_m,
-            })
+            Ok(Pose::General { rotation, translation_m })
         }
     }
 }
@@ -91,11 +81,7 @@ fn view(
     let w = f64::from(grid.extremes()[1]);
     let travel_px = k.fx.max(k.fy) * reach_m * w;
     if travel_px > MAX_TRAVEL_PX {
-        return Err(AssembleError::Travel {
-            side,
-            nearest_m: 1.0 / w,
-            travel_px,
-        });
+        return Err(AssembleError::Travel { side, nearest_m: 1.0 / w, travel_px });
     }
     Ok(View {
         grid,

@@ -13,29 +13,21 @@ pub(super) fn to_linear(transfer: Transfer, coded: f64) -> f64 {
 }
 
 /// 65,536 powers cost milliseconds: once a process is enough.
-static SRGB_16: LazyLock<Vec<f64>> = LazyLock::new(|| {
-    (0..=u16::MAX)
-        .map(|code| decode_srgb(code as f64 / 65535.0))
-        .collect()
-});
+static SRGB_16: LazyLock<Vec<f64>> =
+    LazyLock::new(|| (0..=u16::MAX).map(|code| decode_srgb(code as f64 / 65535.0)).collect());
 
 /// Radiance of each 8-bit code, times `exposure`.
 pub(super) fn table_8(transfer: Transfer, exposure: f64) -> Vec<f32> {
-    (0..=u8::MAX)
-        .map(|code| (to_linear(transfer, code as f64 / 255.0) * exposure) as f32)
-        .collect()
+    (0..=u8::MAX).map(|code| (to_linear(transfer, code as f64 / 255.0) * exposure) as f32).collect()
 }
 
 /// Radiance of each 16-bit code, times `exposure`.
 pub(super) fn table_16(transfer: Transfer, exposure: f64) -> Vec<f32> {
     match transfer {
-        Transfer::Srgb => SRGB_16
-            .iter()
-            .map(|linear| (linear * exposure) as f32)
-            .collect(),
-        Transfer::Linear => (0..=u16::MAX)
-            .map(|code| (code as f64 / 65535.0 * exposure) as f32)
-            .collect(),
+        Transfer::Srgb => SRGB_16.iter().map(|linear| (linear * exposure) as f32).collect(),
+        Transfer::Linear => {
+            (0..=u16::MAX).map(|code| (code as f64 / 65535.0 * exposure) as f32).collect()
+        }
     }
 }
 

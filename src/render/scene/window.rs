@@ -35,13 +35,11 @@ pub(super) struct Sight {
 }
 
 impl Sight {
-    /// Through the pane.
     pub(super) fn front(line: &SceneLine) -> Self {
         let aligned = (DMat3::IDENTITY, DVec3::ZERO);
         Self::new(line, slab(line), aligned, Order::Transmitted)
     }
 
-    /// Reflected in it.
     pub(super) fn back(line: &SceneLine) -> Self {
         let slab = slab(line);
         let capture_from_lens =
@@ -60,17 +58,12 @@ impl Sight {
         let inverse_focus_per_m = match line.camera.focus {
             Focus::Distance { distance_m } => 1.0 / distance_m,
             // Not known before both sides are decoded; surfaces begin at the pane.
-            Focus::At {
-                at: FocusAt::FrontCenter | FocusAt::BackCenter,
-            } => 1.0 / line.glass.distance_m,
-            Focus::At {
-                at: FocusAt::Infinity,
-            } => 0.0,
+            Focus::At { at: FocusAt::FrontCenter | FocusAt::BackCenter } => {
+                1.0 / line.glass.distance_m
+            }
+            Focus::At { at: FocusAt::Infinity } => 0.0,
         };
-        let lens = Lens {
-            aperture_radius_m,
-            inverse_focus_per_m,
-        };
+        let lens = Lens { aperture_radius_m, inverse_focus_per_m };
         Self {
             directions: film_directions(film_reach(&film, &lens)),
             translation_m,
@@ -154,29 +147,19 @@ mod tests {
         let Window([across, _]) = Sight::back(&line).window(2.0);
         // A line from 0.6 m behind, on the sphere of 2 m: x^2 + y^2 + z^2 = 4 with x = t (z + 0.6), y as large.
         let z = {
-            let (a, b, c) = (
-                1.0 + 2.0 * t * t,
-                2.0 * t * t * 0.6,
-                2.0 * t * t * 0.36 - 4.0,
-            );
+            let (a, b, c) = (1.0 + 2.0 * t * t, 2.0 * t * t * 0.6, 2.0 * t * t * 0.36 - 4.0);
             (-b + (b * b - a * c).sqrt()) / a
         };
         let expected = t * (z + 0.6) / z;
         assert!((across[1] - expected).abs() < 1e-9, "{across:?} {expected}");
         // Turned by 10 degrees, the reflection turns by 20.
         let tilted = SceneLine {
-            glass: crate::line::Glass {
-                tilt_deg: [0.0, 10.0],
-                ..line.glass.clone()
-            },
+            glass: crate::line::Glass { tilt_deg: [0.0, 10.0], ..line.glass.clone() },
             ..line
         };
         let Window([across, down]) = Sight::back(&tilted).window(1e9);
         let middle = libm::atan(across[0]).midpoint(libm::atan(across[1]));
-        assert!(
-            (middle.abs().to_degrees() - 20.0).abs() < 1e-6,
-            "{across:?}"
-        );
+        assert!((middle.abs().to_degrees() - 20.0).abs() < 1e-6, "{across:?}");
         assert!((down[0] + down[1]).abs() < 1e-9);
     }
 

@@ -67,20 +67,12 @@ fn digest_of<'a>(digests: impl Iterator<Item = &'a str>) -> Golden {
     for digest in digests {
         hasher.update(digest.as_bytes());
     }
-    Golden {
-        scene: SET.to_owned(),
-        blake3: hasher.finalize().to_hex().to_string(),
-    }
+    Golden { scene: SET.to_owned(), blake3: hasher.finalize().to_hex().to_string() }
 }
 
 /// A scene's film as one tile, and the sample ranges that a run would take of it.
 pub fn whole(scene: &Scene) -> (Tile, Vec<Range<u32>>) {
-    let tile = Tile {
-        x: 0,
-        y: 0,
-        width: scene.film.width,
-        height: scene.film.height,
-    };
+    let tile = Tile { x: 0, y: 0, width: scene.film.width, height: scene.film.height };
     let step = match scene.target_error {
         Some(_) => scene.spp,
         None => samples_per_range(scene.spp),
@@ -121,10 +113,8 @@ mod tests {
             .iter()
             .map(|golden| (golden.name, digest(golden, Isa::Baseline)))
             .collect();
-        let pinned: Vec<(&str, String)> = DIGESTS
-            .iter()
-            .map(|(name, d)| (*name, (*d).to_owned()))
-            .collect();
+        let pinned: Vec<(&str, String)> =
+            DIGESTS.iter().map(|(name, d)| (*name, (*d).to_owned())).collect();
         let mut changed = String::new();
         let mut table = String::new();
         for (name, digest) in &found {

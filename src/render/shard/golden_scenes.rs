@@ -62,11 +62,8 @@ impl Words {
     }
 
     fn scene(&self) -> Scene {
-        let normal = if self.tilt_deg == [0.0; 2] {
-            DVec3::Z
-        } else {
-            Slab::tilted_normal(self.tilt_deg)
-        };
+        let normal =
+            if self.tilt_deg == [0.0; 2] { DVec3::Z } else { Slab::tilted_normal(self.tilt_deg) };
         let slab = Slab {
             normal,
             plane_distance_m: 0.3 * normal.z,
@@ -83,23 +80,15 @@ impl Words {
         let camera = BackCamera::new(Apex::Camera, &slab);
         let (pose, sign) = if self.from_camera && slab.is_tilted() {
             let (rotation, translation_m) = camera.capture_from_lens();
-            let pose = Pose::General {
-                rotation,
-                translation_m,
-            };
+            let pose = Pose::General { rotation, translation_m };
             (pose, 1.0)
         } else {
-            let extra_m = if self.from_camera {
-                camera.twice_distance_m()
-            } else {
-                0.0
-            };
+            let extra_m = if self.from_camera { camera.twice_distance_m() } else { 0.0 };
             (Pose::Aligned { extra_m }, -1.0)
         };
         // Cosines from straight on to the farthest corner of film and lens, as in `scene::assemble`, but fewer.
-        let [tx, ty] = film
-            .tan_half_fov
-            .map(|t| t + self.aperture_radius_m * self.inverse_focus_per_m);
+        let [tx, ty] =
+            film.tan_half_fov.map(|t| t + self.aperture_radius_m * self.inverse_focus_per_m);
         let corners = [(0.0, 0.0), (-tx, -ty), (-tx, ty), (tx, -ty), (tx, ty)];
         let cosines = corners.map(|(x, y)| DVec3::new(x, y, 1.0).normalize().dot(normal));
         let front = self.view(1, Pose::Aligned { extra_m: 0.0 }, 1.0);
@@ -207,10 +196,7 @@ pub fn golden_scenes() -> Vec<GoldenScene> {
         .map(|(name, change)| {
             let mut words = Words::new();
             change(&mut words);
-            GoldenScene {
-                name,
-                scene: words.scene(),
-            }
+            GoldenScene { name, scene: words.scene() }
         })
         .collect()
 }

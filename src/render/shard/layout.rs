@@ -30,9 +30,7 @@ pub fn choose_tile_px(lines: &[SceneLine]) -> u32 {
         };
         lines.iter().map(cost).sum::<f64>() / lines.len().max(1) as f64
     };
-    let enough = TILES_PX
-        .into_iter()
-        .find(|&tile_px| seconds(tile_px) >= SHARD_SECONDS);
+    let enough = TILES_PX.into_iter().find(|&tile_px| seconds(tile_px) >= SHARD_SECONDS);
     enough.unwrap_or(TILES_PX[TILES_PX.len() - 1])
 }
 
@@ -41,7 +39,6 @@ pub fn choose_tile_px(lines: &[SceneLine]) -> u32 {
 pub struct Shard {
     /// Number in the scene.
     pub index: u32,
-    /// Pixels.
     pub tile: Tile,
     /// Samples of each pixel.
     pub samples: Range<u32>,
@@ -60,17 +57,8 @@ pub struct ShardLayout {
 impl ShardLayout {
     /// Cuts a film of `width` x `height` with `spp` samples into tiles of `tile_px` and ranges of samples.
     pub fn new(width: u32, height: u32, spp: u32, tile_px: u32) -> Self {
-        assert!(
-            width > 0 && height > 0 && spp > 0 && tile_px > 0,
-            "an empty film has no shards"
-        );
-        Self {
-            width,
-            height,
-            spp,
-            samples_per_range: samples_per_range(spp),
-            tile_px,
-        }
+        assert!(width > 0 && height > 0 && spp > 0 && tile_px > 0, "an empty film has no shards");
+        Self { width, height, spp, samples_per_range: samples_per_range(spp), tile_px }
     }
 
     /// The cut of a manifest line. Adaptive scenes have one range: a cell decides from all of its samples. Their tiles
@@ -82,12 +70,7 @@ impl ShardLayout {
         }
         Self {
             samples_per_range: film.spp,
-            ..Self::new(
-                film.width,
-                film.height,
-                film.spp,
-                tile_px.next_multiple_of(cell),
-            )
+            ..Self::new(film.width, film.height, film.spp, tile_px.next_multiple_of(cell))
         }
     }
 
@@ -125,7 +108,6 @@ impl ShardLayout {
         }
     }
 
-    /// All shards.
     pub fn shards(&self) -> impl Iterator<Item = Shard> + '_ {
         (0..self.len()).map(|index| self.shard(index))
     }

@@ -51,7 +51,6 @@ pub struct Golden {
     "{} holds another run than this recipe makes:\n{diff}finish it with the recipe it was planned from, or plan \
      into a new folder with --out", run.display()
 )]
-#[allow(missing_docs, reason = "the message names its fields")]
 pub struct SpecMismatch {
     pub run: PathBuf,
     /// What differs, a line each.
@@ -152,11 +151,7 @@ fn lines_diff(old_lines: &[SceneLine], new_lines: &[SceneLine]) -> String {
     }
     for (key, row) in rows.iter().take(SHOWN) {
         let scenes = scenes_text(row.scenes, &row.first);
-        let others = if row.is_uniform {
-            ""
-        } else {
-            ", the others have other values"
-        };
+        let others = if row.is_uniform { "" } else { ", the others have other values" };
         let _ = writeln!(
             text,
             "  {key}: {} in the run, {} by the recipe ({scenes}{others})",
@@ -170,11 +165,7 @@ fn lines_diff(old_lines: &[SceneLine], new_lines: &[SceneLine]) -> String {
 }
 
 fn scenes_text(count: usize, first: &str) -> String {
-    if count == 1 {
-        format!("scene {first}")
-    } else {
-        format!("{count} scenes, first {first}")
-    }
+    if count == 1 { format!("scene {first}") } else { format!("{count} scenes, first {first}") }
 }
 
 /// `{"a": {"b": 1}}` as `a.b -> 1`.
@@ -182,11 +173,7 @@ fn flatten(prefix: &str, value: &Value, into: &mut BTreeMap<String, String>) {
     match value {
         Value::Object(map) => {
             for (key, value) in map {
-                let path = if prefix.is_empty() {
-                    key.clone()
-                } else {
-                    format!("{prefix}.{key}")
-                };
+                let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
                 flatten(&path, value, into);
             }
         }

@@ -27,7 +27,6 @@ struct Part {
 /// A cell's state: its pixels' means, and how far each part has come.
 struct Cell {
     pixels: Vec<Components>,
-    /// Front, back, R.
     parts: [Part; 3],
 }
 
@@ -64,13 +63,7 @@ pub(super) fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, target: f64) ->
         }
     }
     let (paths, misses) = tracer.counts();
-    TileResult {
-        pixels,
-        samples,
-        sample_sums: Some(sums),
-        paths,
-        misses,
-    }
+    TileResult { pixels, samples, sample_sums: Some(sums), paths, misses }
 }
 
 impl Cell {
@@ -86,10 +79,7 @@ impl Cell {
         };
         Self {
             pixels: vec![nothing; pixels as usize],
-            parts: parts.map(|goes_on| Part {
-                samples: 0,
-                goes_on,
-            }),
+            parts: parts.map(|goes_on| Part { samples: 0, goes_on }),
         }
     }
 
@@ -109,9 +99,7 @@ impl Cell {
             0 => 0..FIRST.min(scene.spp),
             n => n..2 * n,
         };
-        let now = self
-            .parts
-            .map(|part| part.goes_on && part.samples == fewest);
+        let now = self.parts.map(|part| part.goes_on && part.samples == fewest);
         let all = Wanted::of(scene.layers);
         let wanted = Wanted {
             front: now[0] && all.front,

@@ -122,8 +122,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
         };
         let of_back = scene.orders.back.len() * usize::from(wanted.back);
         for b in 0..blocks {
-            self.camera
-                .fill(scene, &pixel, samples.start + b * block, block);
+            self.camera.fill(scene, &pixel, samples.start + b * block, block);
             for k in 0..of_front + of_back {
                 let (list, surface, k) = match k.checked_sub(of_front) {
                     None => (&scene.orders.front, &scene.front, k),
@@ -197,10 +196,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
     /// Shift of an order's lines as a linear function of gamma.
     fn path(&self, followed: &FollowedOrder) -> Path {
         let constant = self.scene.slab.kappa_m(followed.order, 0.0);
-        Path::Lens {
-            constant,
-            slope: self.scene.slab.kappa_m(followed.order, 1.0) - constant,
-        }
+        Path::Lens { constant, slope: self.scene.slab.kappa_m(followed.order, 1.0) - constant }
     }
 
     /// Sums of one bundle's weighted radiance, and its missed paths. What feeds T goes into `bare`.
@@ -251,9 +247,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
             }
             let mut ends = [0; 3];
             for part in 0..3 {
-                ends[part] = (bundle.ends[part] as usize)
-                    .saturating_sub(g * LANES)
-                    .min(LANES);
+                ends[part] = (bundle.ends[part] as usize).saturating_sub(g * LANES).min(LANES);
             }
             if !inside {
                 misses += view.count_outside(maker.base, &u[..ends[2]], &v[..ends[2]]);
@@ -261,11 +255,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
             let cells = Cells::new(&map, &u, &v);
             let texture = &view.texture;
             let Some(order) = bundle.order.filter(|_| bundle.feeds != Feeds::Bare) else {
-                let sums = if bundle.feeds == Feeds::Bare {
-                    &mut *bare
-                } else {
-                    &mut sums
-                };
+                let sums = if bundle.feeds == Feeds::Bare { &mut *bare } else { &mut sums };
                 cells.add_parts::<AVX2, false>(texture, ends, &Weights::One, sums, &mut unused);
                 continue;
             };

@@ -7,7 +7,6 @@ use super::scene::Scene;
 /// Groups of sixteen samples in a block.
 pub(super) const GROUPS: usize = BLOCK / LANES;
 
-/// One pixel's constants.
 pub(super) struct Pixel {
     seed: PixelSeed,
     /// Direction of the pixel's centre, tangents.
@@ -36,22 +35,15 @@ impl Pixel {
         let lo = (cos * (1.0 - 0.5 * reach * reach) - sin * reach).clamp(1.0e-4, 1.0);
         let hi = (cos + sin * reach).clamp(lo, 1.0);
         let gamma = [scene.slab.gamma(lo), scene.slab.gamma(hi)];
-        Self {
-            seed: PixelSeed::new(scene.seed, x, y),
-            center,
-            half_width,
-            gamma,
-        }
+        Self { seed: PixelSeed::new(scene.seed, x, y), center, half_width, gamma }
     }
 }
 
 /// Camera samples of one block; film points and directions are relative to the pixel's centre direction.
 pub(super) struct CameraBlock {
-    /// Film point, tangents.
     pub(super) film: [[Lane; GROUPS]; 2],
     /// Direction (x, y at z = 1) through the lens point.
     pub(super) direction: [[Lane; GROUPS]; 2],
-    /// Lens point, m.
     pub(super) lens: [[Lane; GROUPS]; 2],
     /// tan_t / tan_i.
     pub(super) gamma: [Lane; GROUPS],
@@ -84,14 +76,7 @@ impl CameraBlock {
         let groups = (count as usize).div_ceil(LANES);
         let [size_x, size_y] = scene.film.pixel_tangent().map(|v| v as f32);
         let [film_x, film_y] = &mut self.film;
-        points(
-            scene.sampling,
-            &pixel.seed,
-            0,
-            first,
-            &mut film_x[..groups],
-            &mut film_y[..groups],
-        );
+        points(scene.sampling, &pixel.seed, 0, first, &mut film_x[..groups], &mut film_y[..groups]);
         for g in 0..groups {
             if let Some(table) = &scene.film.filter {
                 film_x[g] = film_x[g].map(|u| table.offset_px(u) * size_x);
@@ -149,11 +134,7 @@ impl CameraBlock {
                 let dy = center[1] + self.direction[1][g][l];
                 let square = 1.0 + (dx * dx + dy * dy);
                 // The direction (dx, dy, 1) times the normal is 1 where nothing is tilted.
-                let along = if tilted {
-                    dx * normal.x + dy * normal.y + normal.z
-                } else {
-                    1.0
-                };
+                let along = if tilted { dx * normal.x + dy * normal.y + normal.z } else { 1.0 };
                 let root = (excess * square + along * along).sqrt();
                 let gamma = along / root;
                 self.gamma[g][l] = gamma;
@@ -181,11 +162,7 @@ fn concentric_disc(u: f32, v: f32) -> (f32, f32) {
     let (radius, other) = if wide { (a, b) } else { (b, a) };
     let radius = if radius == 0.0 { 1.0e-30 } else { radius };
     let (sin, cos) = sin_cos_octant(other / radius * std::f32::consts::FRAC_PI_4);
-    if wide {
-        (radius * cos, radius * sin)
-    } else {
-        (radius * sin, radius * cos)
-    }
+    if wide { (radius * cos, radius * sin) } else { (radius * sin, radius * cos) }
 }
 
 #[cfg(test)]

@@ -25,10 +25,7 @@
     clippy::needless_bitwise_bool,
     reason = "lane loops have no branches: `&` and `|` keep them vector code"
 )]
-#![allow(
-    clippy::cast_possible_wrap,
-    reason = "grid and texture sizes are checked to fit 31 bits"
-)]
+#![allow(clippy::cast_possible_wrap, reason = "grid and texture sizes are checked to fit 31 bits")]
 
 mod adaptive;
 mod bundle;

@@ -75,7 +75,6 @@ fn sample_block_here(sampling: Sampling, seed: &PixelSeed, first: u32) -> [[f32;
 /// How far the rays of a probe go over the grid, counted from where they start and where they end.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WalkCount {
-    /// Rays.
     pub rays: u64,
     /// Cells that they touch from the beginning of their bundle's span to their hit.
     pub cells: u64,
@@ -101,10 +100,7 @@ impl<'a> BundleProbe<'a> {
         };
         let path = order.map_or(Path::Pinhole, |order| {
             let constant = scene.slab.kappa_m(order, 0.0);
-            Path::Lens {
-                constant,
-                slope: scene.slab.kappa_m(order, 1.0) - constant,
-            }
+            Path::Lens { constant, slope: scene.slab.kappa_m(order, 1.0) - constant }
         });
         let step = step_px.max(1) as usize;
         let mut bundles = Vec::new();
@@ -122,19 +118,10 @@ impl<'a> BundleProbe<'a> {
                     *lines = maker.lines(&camera, g);
                 }
                 let is_general = matches!(view.pose, Pose::General { .. });
-                bundles.push(Bundle {
-                    pixel,
-                    maker,
-                    lines,
-                    camera: is_general.then_some(camera),
-                });
+                bundles.push(Bundle { pixel, maker, lines, camera: is_general.then_some(camera) });
             }
         }
-        Some(Self {
-            scene,
-            view,
-            bundles,
-        })
+        Some(Self { scene, view, bundles })
     }
 
     /// Rays of all bundles.

@@ -29,10 +29,7 @@ impl PixelSeed {
         let pixel = mix64(u64::from(x) | u64::from(y) << 32);
         let key = mix64(scene_seed.wrapping_add(GOLDEN_GAMMA) ^ pixel);
         let word = |k: u64| (mix64(key.wrapping_add(k.wrapping_mul(GOLDEN_GAMMA))) >> 32) as u32;
-        Self {
-            index: [word(1), word(2)],
-            value: [word(3), word(4), word(5), word(6)],
-        }
+        Self { index: [word(1), word(2)], value: [word(3), word(4), word(5), word(6)] }
     }
 }
 

@@ -1,9 +1,6 @@
 //! The grid kernel and its bounds against f64: every triangle is tried, every ray of a bundle checked.
 
-#![allow(
-    clippy::print_stdout,
-    reason = "measured deviations, shown by --nocapture"
-)]
+#![allow(clippy::print_stdout, reason = "measured deviations, shown by --nocapture")]
 
 use super::camera::{CameraBlock, Pixel};
 use super::footprint::{Footprint, span};
@@ -55,10 +52,9 @@ fn brute(grid: &Grid, [x, y, sx, sy]: [f64; 4]) -> Option<f64> {
         for i in i0..=i1 {
             let (w00, w10, w01, w11) = (at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1));
             let (x, y) = (x - i as f64, y - j as f64);
-            for (b, c, height, sum_sign) in [
-                (w10 - w00, w01 - w00, w00, 1.0),
-                (w11 - w01, w11 - w10, w10 + w01 - w11, -1.0),
-            ] {
+            for (b, c, height, sum_sign) in
+                [(w10 - w00, w01 - w00, w00, 1.0), (w11 - w01, w11 - w10, w10 + w01 - w11, -1.0)]
+            {
                 let hit = (height + b * x + c * y) / (1.0 - b * sx - c * sy);
                 let (u, v) = (x + sx * hit, y + sy * hit);
                 let inside = |t: f64| (-EDGE..=1.0 + EDGE).contains(&t);
@@ -82,11 +78,7 @@ fn aimed(grid: &Grid, k: u64, base: [i32; 2], exotic: bool) -> [f32; 4] {
     let [bottom, top] = grid.extremes().map(f64::from);
     let reach = if exotic { 8.0 } else { 0.0 };
     let pick = |r: f64, n: usize| {
-        let (lo, hi) = if exotic {
-            (-reach, n as f64 + reach)
-        } else {
-            (7.0, n as f64 - 8.0)
-        };
+        let (lo, hi) = if exotic { (-reach, n as f64 + reach) } else { (7.0, n as f64 - 8.0) };
         lo + r * (hi - lo)
     };
     let (mut u, mut v) = (pick(r(0), grid.nx()), pick(r(1), grid.ny()));
@@ -125,31 +117,21 @@ fn group(rays: &[[f32; 4]]) -> Lines {
 
 pub(super) fn full_span(grid: &Grid, inside: bool) -> Span {
     let [bottom, top] = grid.extremes();
-    Span {
-        hi: top * 1.000_001,
-        lo: bottom * 0.999_999,
-        inside,
-    }
+    Span { hi: top * 1.000_001, lo: bottom * 0.999_999, inside }
 }
 
 /// A wrong answer is one that no ray within 2e-5 px gives: f32 cannot tell those apart at a depth edge.
 fn agrees(grid: &Grid, absolute: [f64; 4], w: f64) -> bool {
     const NEAR_PX: f64 = 2e-5;
     let close = |a: f64| (a - w).abs() <= 1e-4 * a;
-    let hits: Vec<f64> = [
-        (0.0, 0.0),
-        (1.0, 0.3),
-        (-1.0, 0.3),
-        (0.3, 1.0),
-        (0.3, -1.0),
-        (-0.3, -1.0),
-    ]
-    .iter()
-    .filter_map(|(dx, dy)| {
-        let [x, y, sx, sy] = absolute;
-        brute(grid, [x + dx * NEAR_PX, y + dy * NEAR_PX, sx, sy])
-    })
-    .collect();
+    let hits: Vec<f64> =
+        [(0.0, 0.0), (1.0, 0.3), (-1.0, 0.3), (0.3, 1.0), (0.3, -1.0), (-0.3, -1.0)]
+            .iter()
+            .filter_map(|(dx, dy)| {
+                let [x, y, sx, sy] = absolute;
+                brute(grid, [x + dx * NEAR_PX, y + dy * NEAR_PX, sx, sy])
+            })
+            .collect();
     let lo = hits.iter().copied().fold(f64::INFINITY, f64::min);
     let hi = hits.iter().copied().fold(0.0, f64::max);
     // On a skirt seen edge-on, w slides between the values of the neighbouring rays.
@@ -159,12 +141,9 @@ fn agrees(grid: &Grid, absolute: [f64; 4], w: f64) -> bool {
 #[test]
 fn walks_end_where_brute_force_does() {
     let (mut worst, mut edge_flips, mut tested) = (0f64, 0, 0);
-    for (nx, ny, key, exotic) in [
-        (31, 23, 1, false),
-        (31, 23, 2, true),
-        (9, 40, 3, true),
-        (2, 2, 4, true),
-    ] {
+    for (nx, ny, key, exotic) in
+        [(31, 23, 1, false), (31, 23, 2, true), (9, 40, 3, true), (2, 2, 4, true)]
+    {
         let grid = rough(nx, ny, key);
         for base in [[0, 0], [11, 7], [-5, 30]] {
             for block in 0..400u64 {
@@ -182,10 +161,7 @@ fn walks_end_where_brute_force_does() {
                         worst = worst.max((w - expected).abs() / expected);
                     } else {
                         edge_flips += 1;
-                        assert!(
-                            agrees(&grid, absolute, w),
-                            "{absolute:?}: {w}, not {expected}"
-                        );
+                        assert!(agrees(&grid, absolute, w), "{absolute:?}: {w}, not {expected}");
                     }
                 }
             }
@@ -219,13 +195,8 @@ fn no_ray_leaks_between_cells() {
             let (u, v) = (x + 17.0 + sx * hit, y + 13.0 + sy * hit);
             // The distance in w to the sheet above the hit, over the cells that the point may belong to.
             let mut gap = f64::INFINITY;
-            for (du, dv) in [
-                (0.0, 0.0),
-                (1e-5, 1e-5),
-                (-1e-5, -1e-5),
-                (1e-5, -1e-5),
-                (-1e-5, 1e-5),
-            ] {
+            for (du, dv) in [(0.0, 0.0), (1e-5, 1e-5), (-1e-5, -1e-5), (1e-5, -1e-5), (-1e-5, 1e-5)]
+            {
                 let (i, j) = ((u + du).floor(), (v + dv).floor());
                 let at = |a: usize, b: usize| f64::from(w[(j as usize + b) * 61 + i as usize + a]);
                 let (fu, fv) = (u - i, v - j);
@@ -270,24 +241,13 @@ fn another_ray_tracer_finds_the_same_hits() {
     for (i, j) in (0..46).flat_map(|j| (0..60).map(move |i| (i, j))) {
         let [a, b] = [vertex(i, j), vertex(i + 1, j)];
         let [c, d] = [vertex(i, j + 1), vertex(i + 1, j + 1)];
-        triangles.push(Triangle {
-            v0: a,
-            v1: b,
-            v2: c,
-        });
-        triangles.push(Triangle {
-            v0: d,
-            v1: c,
-            v2: b,
-        });
+        triangles.push(Triangle { v0: a, v1: b, v2: c });
+        triangles.push(Triangle { v0: d, v1: c, v2: b });
     }
     let mut time = std::time::Duration::ZERO;
     let bvh = build_bvh2_from_tris(&triangles, BvhBuildParams::medium_build(), &mut time);
-    let packed: Vec<RtTriangle> = bvh
-        .primitive_indices
-        .iter()
-        .map(|&i| (&triangles[i as usize]).into())
-        .collect();
+    let packed: Vec<RtTriangle> =
+        bvh.primitive_indices.iter().map(|&i| (&triangles[i as usize]).into()).collect();
     let top = grid.extremes()[1] * 1.01;
     let (mut tested, mut differing) = (0, 0);
     for block in 0..4000u64 {
@@ -331,10 +291,7 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
                 2.0 * normal.z * normal,
             );
         let flip = DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0));
-        Pose::General {
-            rotation: flip * mirror,
-            translation_m: flip * (0.6 * normal.z * normal),
-        }
+        Pose::General { rotation: flip * mirror, translation_m: flip * (0.6 * normal.z * normal) }
     } else {
         let extra_m = if normal == DVec3::Z { 0.6 } else { 0.0 };
         Pose::Aligned { extra_m }
@@ -360,10 +317,7 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
             tan_half_fov: FilmPlane::tan_half_fov(120, 80, 50.0),
             filter: gaussian.then(FilterTable::gaussian),
         },
-        lens: Lens {
-            aperture_radius_m: 0.008,
-            inverse_focus_per_m: 1.0 / focus_m,
-        },
+        lens: Lens { aperture_radius_m: 0.008, inverse_focus_per_m: 1.0 / focus_m },
         orders: OrderPlan::new(&slab, &[normal.z], [1.0; 2], 1e-5),
         slab,
         front: view(1, Pose::Aligned { extra_m: 0.0 }, 1.0).into(),
@@ -391,20 +345,15 @@ fn escape(footprint: &impl Footprint, lines: &[Lines], w: f32) -> f32 {
 fn footprints_and_spans_are_conservative() {
     let (mut bundles, mut closest, mut share) = (0u32, f32::NEG_INFINITY, 0.0);
     let mut camera = CameraBlock::new();
-    for (n, (tilt_deg, general)) in [
-        ([0.0, 0.0], false),
-        ([12.0, -25.0], false),
-        ([-10.0, 15.0], true),
-        ([40.0, 0.0], false),
-    ]
-    .into_iter()
-    .enumerate()
+    for (n, (tilt_deg, general)) in
+        [([0.0, 0.0], false), ([12.0, -25.0], false), ([-10.0, 15.0], true), ([40.0, 0.0], false)]
+            .into_iter()
+            .enumerate()
     {
         for focus_m in [1.1, 4.0, f64::INFINITY] {
             let scene = scene(tilt_deg, general, n % 2 == 1, focus_m);
-            for (x, y) in (0..80)
-                .step_by(23)
-                .flat_map(|y| (0..120).step_by(23).map(move |x| (x, y)))
+            for (x, y) in
+                (0..80).step_by(23).flat_map(|y| (0..120).step_by(23).map(move |x| (x, y)))
             {
                 let pixel = Pixel::new(&scene, x, y);
                 camera.fill(&scene, &pixel, 0, 256);
@@ -418,9 +367,7 @@ fn footprints_and_spans_are_conservative() {
                         Order::Transmitted(_) => &scene.front,
                         Order::Reflected(_) => &scene.back,
                     };
-                    let Surface::Sheet(view) = side else {
-                        panic!("a mesh")
-                    };
+                    let Surface::Sheet(view) = side else { panic!("a mesh") };
                     let constant = scene.slab.kappa_m(order, 0.0);
                     let slope = scene.slab.kappa_m(order, 1.0) - constant;
                     let maker =
@@ -436,10 +383,7 @@ fn footprints_and_spans_are_conservative() {
                                 escape(&maker.footprint_of_rays(&camera, 16), &lines, w)
                             }
                         };
-                        assert!(
-                            out < 0.0,
-                            "{order:?} at {w} 1/m, tilt {tilt_deg:?}: {out} px"
-                        );
+                        assert!(out < 0.0, "{order:?} at {w} 1/m, tilt {tilt_deg:?}: {out} px");
                         closest = closest.max(out);
                     }
                     let found = maker.span(&scene, &pixel, &camera, 16);
@@ -517,17 +461,11 @@ fn probed_rays_meet_the_sheet_where_the_kernel_says() {
                     on(1, ray.origin[1]),
                 ];
                 assert_eq!((ray.origin[2], ray.direction[2]), (0.0, 1.0));
-                assert!(
-                    agrees(&view.grid, absolute, f64::from(*w)),
-                    "{order:?} {absolute:?}: {w}"
-                );
+                assert!(agrees(&view.grid, absolute, f64::from(*w)), "{order:?} {absolute:?}: {w}");
                 tested += 1;
             }
             let count = probe.count(&hits);
-            assert_eq!(
-                (count.rays, count.groups * 16),
-                (hits.len() as u64, count.rays)
-            );
+            assert_eq!((count.rays, count.groups * 16), (hits.len() as u64, count.rays));
             assert!(count.cells >= count.rays);
             cells += count.cells;
             assert!(count.rounds * 16 >= count.cells && count.rounds <= count.cells);

@@ -28,9 +28,7 @@ impl Texture {
             width > 0 && height > 0 && texels.len() == width * height,
             "a texture needs its texels"
         );
-        let max = texels
-            .iter()
-            .fold([0f32; 4], |m, t| [0, 1, 2, 3].map(|k| m[k].max(t[k])));
+        let max = texels.iter().fold([0f32; 4], |m, t| [0, 1, 2, 3].map(|k| m[k].max(t[k])));
         let max = max[0].max(max[1]).max(max[2]);
         let stride = width + 1;
         texels.resize(stride * (height + 1), [0.0; 4]);
@@ -40,13 +38,7 @@ impl Texture {
             texels[j * stride + width] = texels[j * stride + width - 1];
         }
         texels.copy_within((height - 1) * stride..height * stride, height * stride);
-        Self {
-            width,
-            height,
-            stride,
-            texels,
-            max,
-        }
+        Self { width, height, stride, texels, max }
     }
 
     /// Texels across.

@@ -11,9 +11,7 @@ use std::ops::Range;
 /// A rectangle of the film, px.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub struct Tile {
-    /// Left edge.
     pub x: u32,
-    /// Upper edge.
     pub y: u32,
     /// Pixels across.
     pub width: u32,
@@ -41,7 +39,6 @@ impl Isa {
     }
 }
 
-/// A traced tile.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TileResult {
     /// Row by row.
@@ -91,19 +88,12 @@ fn trace_avx2(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileResult {
 #[inline(always)]
 fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileResult {
     if let Some(target) = scene.target_error {
-        assert!(
-            samples == (0..scene.spp),
-            "an adaptive scene is not cut into ranges of samples"
-        );
+        assert!(samples == (0..scene.spp), "an adaptive scene is not cut into ranges of samples");
         return adaptive::trace::<AVX2>(scene, tile, target);
     }
     let wanted = Wanted::of(scene.layers);
     let count = samples.end - samples.start;
-    let clean = scene
-        .orders
-        .clean_spp(scene.spp)
-        .clamp(samples.start, samples.end)
-        - samples.start;
+    let clean = scene.orders.clean_spp(scene.spp).clamp(samples.start, samples.end) - samples.start;
     let mut tracer = Tracer::<AVX2>::new(scene);
     let mut pixels = Vec::with_capacity((tile.width * tile.height) as usize);
     for y in tile.y..tile.y + tile.height {

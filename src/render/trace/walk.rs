@@ -22,12 +22,8 @@ pub(crate) struct Lines {
 }
 
 impl Lines {
-    pub(crate) const ZERO: Self = Self {
-        x: [0.0; LANES],
-        y: [0.0; LANES],
-        sx: [0.0; LANES],
-        sy: [0.0; LANES],
-    };
+    pub(crate) const ZERO: Self =
+        Self { x: [0.0; LANES], y: [0.0; LANES], sx: [0.0; LANES], sy: [0.0; LANES] };
 }
 
 /// The part of the lines in which the sheet must lie: above it at `hi`, not above it at `lo`.
@@ -44,11 +40,7 @@ const TINY: f32 = 1.0e-20;
 
 #[inline(always)]
 fn nonzero(s: f32) -> f32 {
-    if s.abs() < TINY {
-        if s < 0.0 { -TINY } else { TINY }
-    } else {
-        s
-    }
+    if s.abs() < TINY { if s < 0.0 { -TINY } else { TINY } } else { s }
 }
 
 /// Rays that go on together: more would not fit into the registers.
@@ -246,16 +238,8 @@ impl<'a> Ground<'a> {
             r.inv_sd[l] = 1.0 / sd;
             let (column, column_index) = floor(r.x[l] + r.sx[l] * self.span.hi);
             let (row, row_index) = floor(r.y[l] + r.sy[l] * self.span.hi);
-            r.i[l] = if CLAMP {
-                min(max(column, self.x_min - 1.0), self.x_max)
-            } else {
-                column
-            };
-            r.j[l] = if CLAMP {
-                min(max(row, self.y_min - 1.0), self.y_max)
-            } else {
-                row
-            };
+            r.i[l] = if CLAMP { min(max(column, self.x_min - 1.0), self.x_max) } else { column };
+            r.j[l] = if CLAMP { min(max(row, self.y_min - 1.0), self.y_max) } else { row };
             r.cell[l] = (row_index.wrapping_add(self.base[1]))
                 .wrapping_mul(self.nx)
                 .wrapping_add(column_index + self.base[0]);
@@ -290,11 +274,8 @@ impl<'a> Ground<'a> {
                 q[l] = ((row + self.base[1]) * self.nx + column + self.base[0]) as u32;
                 q[l] = q[l].min((self.nx * self.ny - 1) as u32);
                 right[l] = u32::from((r.i[l] >= self.x_min) & (r.i[l] < self.x_max));
-                down[l] = if (r.j[l] >= self.y_min) & (r.j[l] < self.y_max) {
-                    self.nx as u32
-                } else {
-                    0
-                };
+                down[l] =
+                    if (r.j[l] >= self.y_min) & (r.j[l] < self.y_max) { self.nx as u32 } else { 0 };
             }
             for l in 0..RAYS {
                 let (q, right, down) = (q[l] as usize, right[l] as usize, down[l] as usize);
@@ -331,10 +312,8 @@ impl<'a> Ground<'a> {
         let mut any = 0u32;
         for l in 0..RAYS {
             // Where the line leaves the cell, and where it crosses the diagonal inside it.
-            let (mut wx, mut wy) = (
-                (r.i[l] + r.edge_x[l]) * r.inv_sx[l],
-                (r.j[l] + r.edge_y[l]) * r.inv_sy[l],
-            );
+            let (mut wx, mut wy) =
+                ((r.i[l] + r.edge_x[l]) * r.inv_sx[l], (r.j[l] + r.edge_y[l]) * r.inv_sy[l]);
             if CLAMP {
                 // Nothing lies beyond the outermost columns and rows.
                 let (next_i, next_j) = (r.i[l] + r.step_i[l], r.j[l] + r.step_j[l]);
@@ -354,10 +333,7 @@ impl<'a> Ground<'a> {
             let (lx, ly) = (r.x[l] - r.i[l], r.y[l] - r.j[l]);
             let (bl, cl) = (w10[l] - w00[l], w01[l] - w00[l]);
             let excess = (w11[l] - w10[l]) - cl;
-            let (dl, nl) = (
-                1.0 - bl * r.sx[l] - cl * r.sy[l],
-                w00[l] + bl * lx + cl * ly,
-            );
+            let (dl, nl) = (1.0 - bl * r.sx[l] - cl * r.sy[l], w00[l] + bl * lx + cl * ly);
             let (du, nu) = (dl - excess * (r.sx[l] + r.sy[l]), nl - excess * t);
             let lower = r.lower_first[l] != 0;
             let (d1, n1) = if lower { (dl, nl) } else { (du, nu) };
@@ -368,11 +344,7 @@ impl<'a> Ground<'a> {
             let hit = (r.active[l] != 0) & (hit_1 | hit_2 | last);
             let in_1 = hit_1 | (!hit_2 & !has_2);
             let (n, d) = if in_1 { (n1, d1) } else { (n2, d2) };
-            let (lo, hi) = if in_1 {
-                (w_diagonal, r.w_in[l])
-            } else {
-                (w_out, w_diagonal)
-            };
+            let (lo, hi) = if in_1 { (w_diagonal, r.w_in[l]) } else { (w_out, w_diagonal) };
             let crossing = min(max(n / d, lo), hi);
             // Sums, maxima and masks instead of choices: the compiler makes masked stores of those, which are slow.
             r.hit_w[l] = max(if hit { crossing } else { f32::MIN }, r.hit_w[l]);

@@ -26,7 +26,6 @@ pub struct Scope {
     /// The record of each tuple, which must be of this manifest and this version of the tracer. In a folder, where
     /// reading costs nothing, it is always read; elsewhere tuples count by the names of their files without it.
     pub records: bool,
-    /// Names of partials.
     pub partials: bool,
     /// Attempts and provenance: which worker does what, and did what.
     pub workers: bool,
@@ -34,23 +33,11 @@ pub struct Scope {
 
 impl Scope {
     /// Which scenes are done, for sure.
-    pub const DONE: Self = Self {
-        records: true,
-        partials: false,
-        workers: false,
-    };
+    pub const DONE: Self = Self { records: true, partials: false, workers: false };
     /// How many scenes and shards are done.
-    pub const COUNTS: Self = Self {
-        records: false,
-        partials: true,
-        workers: false,
-    };
+    pub const COUNTS: Self = Self { records: false, partials: true, workers: false };
     /// What a user wants to see.
-    pub const STATUS: Self = Self {
-        records: false,
-        partials: true,
-        workers: true,
-    };
+    pub const STATUS: Self = Self { records: false, partials: true, workers: true };
 }
 
 /// A run at the time of the last refresh.
@@ -62,7 +49,6 @@ pub struct Snapshot {
     scenes: Vec<Scene>,
     /// In the order in which they were seen.
     tuples: Vec<SeenTuple>,
-    /// By key.
     attempts: BTreeMap<String, SeenAttempt>,
     /// What the run has been told.
     pub control: Control,
@@ -74,7 +60,6 @@ pub struct Snapshot {
 #[derive(Debug)]
 struct Plan {
     ids: Vec<SceneId>,
-    /// Shards by scene.
     shards: Vec<u32>,
     /// Indices, sorted by id.
     by_id: Vec<usize>,
@@ -123,11 +108,7 @@ impl Snapshot {
         Self {
             scope,
             scenes: vec![Scene::default(); ids.len()],
-            plan: Arc::new(Plan {
-                shards: shards.collect(),
-                by_id,
-                ids,
-            }),
+            plan: Arc::new(Plan { shards: shards.collect(), by_id, ids }),
             tuples: Vec::new(),
             attempts: BTreeMap::new(),
             control: Control::default(),
@@ -209,9 +190,7 @@ impl Snapshot {
 
 impl Plan {
     fn index(&self, scene: &str) -> Option<usize> {
-        let found = self
-            .by_id
-            .binary_search_by(|&index| self.ids[index].as_str().cmp(scene));
+        let found = self.by_id.binary_search_by(|&index| self.ids[index].as_str().cmp(scene));
         found.ok().map(|at| self.by_id[at])
     }
 }

@@ -36,9 +36,7 @@ impl Snapshot {
         self.refresh_attempts(store)?;
         let is_gone = self.refresh_receipts(store)?;
         for (index, line) in run.lines.iter().enumerate() {
-            let Scene {
-                is_done, receipt, ..
-            } = self.scenes[index];
+            let Scene { is_done, receipt, .. } = self.scenes[index];
             if let (false, Some(put)) = (is_done, receipt)
                 && done::is_done(store, line)?
             {
@@ -87,11 +85,7 @@ impl Snapshot {
     fn add_tuple(&mut self, scene: usize, put: SystemTime) {
         self.scenes[scene].is_done = true;
         let is_new = !self.history.is_empty();
-        self.tuples.push(SeenTuple {
-            scene,
-            seen: is_new.then(Instant::now),
-            put,
-        });
+        self.tuples.push(SeenTuple { scene, seen: is_new.then(Instant::now), put });
     }
 
     /// True if a receipt has disappeared.
@@ -160,8 +154,7 @@ impl Snapshot {
         }
         let listed: BTreeMap<String, SystemTime> =
             store.list_times(keys::ATTEMPTS)?.into_iter().collect();
-        self.attempts
-            .retain(|key, attempt| listed.get(key) == Some(&attempt.put));
+        self.attempts.retain(|key, attempt| listed.get(key) == Some(&attempt.put));
         let is_new = |key: &&String| !self.attempts.contains_key(*key);
         let new: Vec<String> = listed.keys().filter(is_new).cloned().collect();
         let seen = Instant::now();

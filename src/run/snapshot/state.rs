@@ -51,7 +51,6 @@ pub enum RunState {
 }
 
 impl RunState {
-    /// All states.
     pub const ALL: [Self; 4] = [Self::Running, Self::Paused, Self::Cancelled, Self::Finished];
 
     pub(crate) fn new(is_finished: bool, control: ControlState) -> Self {
@@ -83,7 +82,6 @@ pub struct Counts {
     pub merged: u64,
     /// Scenes with partials and no tuple yet.
     pub started: u64,
-    /// Scenes with neither.
     pub waiting: u64,
     /// Shards of the manifest.
     pub shards: u64,
@@ -96,7 +94,6 @@ pub struct Counts {
 /// A scene in quarantine.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Quarantined {
-    /// Its id.
     pub scene: String,
     /// What happened, to which file, and what to do.
     pub reason: String,

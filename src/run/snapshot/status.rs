@@ -38,7 +38,6 @@ pub struct StandingAttempt {
     /// What its worker wrote.
     #[serde(flatten)]
     pub note: AttemptRecord,
-    /// Seconds since then.
     pub age_s: f64,
 }
 
@@ -58,10 +57,7 @@ pub struct WorkerTuples {
 impl Snapshot {
     /// Scenes and shards by their states.
     pub fn counts(&self) -> Counts {
-        let mut counts = Counts {
-            scenes: self.scenes.len() as u64,
-            ..Counts::default()
-        };
+        let mut counts = Counts { scenes: self.scenes.len() as u64, ..Counts::default() };
         for (index, scene) in self.scenes.iter().enumerate() {
             let shards = u64::from(self.plan.shards[index]);
             counts.shards += shards;

@@ -3,7 +3,6 @@
 /// What lies beyond a picture's border.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Border {
-    /// Zeros.
     Black,
     /// The picture mirrored at its outermost pixels, which are not repeated; OpenCV's default.
     Mirrored,
@@ -61,10 +60,8 @@ fn at(row: &[f64], place: isize, border: Border) -> f64 {
 /// A Gaussian of `width` values, an odd number, whose sum is 1.
 pub(super) fn gaussian(width: usize, sigma: f64) -> Vec<f64> {
     let middle = (width / 2) as f64;
-    let weights: Vec<f64> = (0..width)
-        .map(|k| (k as f64 - middle) / sigma)
-        .map(|t| libm::exp(-0.5 * t * t))
-        .collect();
+    let weights: Vec<f64> =
+        (0..width).map(|k| (k as f64 - middle) / sigma).map(|t| libm::exp(-0.5 * t * t)).collect();
     let sum: f64 = weights.iter().sum();
     weights.iter().map(|w| w / sum).collect()
 }

@@ -25,9 +25,7 @@ pub struct CeilnetDraw {
 impl CeilnetDraw {
     /// One number of the stream.
     pub fn draw(stream: &mut Stream) -> Self {
-        Self {
-            sigma_px: 2.0 + 3.0 * stream.unit(),
-        }
+        Self { sigma_px: 2.0 + 3.0 * stream.unit() }
     }
 }
 
@@ -47,11 +45,7 @@ pub fn ceilnet(
         excess += t + r - 1.0;
         count += 1;
     }
-    let taken = if count > 0 {
-        excess / count as f64 * OVERFLOW_FACTOR
-    } else {
-        0.0
-    };
+    let taken = if count > 0 { excess / count as f64 * OVERFLOW_FACTOR } else { 0.0 };
     let input: Vec<f64> = doubles(front)
         .zip(&blurred)
         .map(|(t, r)| (t + (r - taken).clamp(0.0, 1.0)).min(1.0))

@@ -15,19 +15,12 @@ fn numbers(tensor: &Tensor) -> Vec<f32> {
 
 fn picture(tensor: &Tensor) -> Picture {
     let (_, rows, columns) = tensor.dims3().unwrap();
-    Picture {
-        rows,
-        columns,
-        planes: numbers(tensor),
-    }
+    Picture { rows, columns, planes: numbers(tensor) }
 }
 
 fn assert_near(found: &Picture, expected: &Tensor, what: &str) {
     let expected = picture(expected);
-    assert_eq!(
-        (found.rows, found.columns),
-        (expected.rows, expected.columns)
-    );
+    assert_eq!((found.rows, found.columns), (expected.rows, expected.columns));
     assert_eq!(found.planes.len(), expected.planes.len());
     let mut pairs = found.planes.iter().zip(&expected.planes);
     assert!(pairs.all(|(a, b)| (a - b).abs() < 1e-5), "{what}");
@@ -55,40 +48,20 @@ fn mixtures_are_the_originals() {
             };
             let found = zhang(&front, &back, &draw).unwrap().unwrap();
             assert_near(&found.input, &all[&format!("{name}.input")], &name);
-            assert_near(
-                &found.reflection,
-                &all[&format!("{name}.reflection")],
-                &name,
-            );
-            assert_eq!(
-                (&found.transmission, &found.clean_reflection),
-                (&front, &back)
-            );
+            assert_near(&found.reflection, &all[&format!("{name}.reflection")], &name);
+            assert_eq!((&found.transmission, &found.clean_reflection), (&front, &back));
         }
         let name = format!("ceilnet {front_name}");
-        let draw = CeilnetDraw {
-            sigma_px: numbers(&all[&format!("{name}.draw")])[0].into(),
-        };
+        let draw = CeilnetDraw { sigma_px: numbers(&all[&format!("{name}.draw")])[0].into() };
         let found = ceilnet(&front, &back, &draw).unwrap();
         assert_near(&found.input, &all[&format!("{name}.input")], &name);
-        assert_near(
-            &found.reflection,
-            &all[&format!("{name}.reflection")],
-            &name,
-        );
-        assert_eq!(
-            (&found.transmission, &found.clean_reflection),
-            (&front, &back)
-        );
+        assert_near(&found.reflection, &all[&format!("{name}.reflection")], &name);
+        assert_eq!((&found.transmission, &found.clean_reflection), (&front, &back));
     }
 }
 
 fn even(rows: usize, columns: usize, value: f32) -> Picture {
-    Picture {
-        rows,
-        columns,
-        planes: vec![value; 3 * rows * columns],
-    }
+    Picture { rows, columns, planes: vec![value; 3 * rows * columns] }
 }
 
 #[test]
@@ -111,9 +84,7 @@ fn draws_keep_to_their_ranges() {
 fn pairs_are_refused() {
     let mut stream = Stream::new(5, "mixture");
     let mut mix = |recipe: MixtureRecipe, front: f32, back: f32| {
-        recipe
-            .mix(&even(9, 7, front), &even(9, 7, back), &mut stream)
-            .unwrap()
+        recipe.mix(&even(9, 7, front), &even(9, 7, back), &mut stream).unwrap()
     };
     assert!(mix(MixtureRecipe::Zhang, 0.5, 0.24).is_none());
     assert!(mix(MixtureRecipe::Zhang, 0.1, 0.9).is_none());

@@ -70,9 +70,7 @@ pub fn zhang(
     }
 
     let decoded = |picture: &Picture| -> Vec<f64> {
-        doubles(picture)
-            .map(|v| libm::pow(v.max(0.0), GAMMA))
-            .collect()
+        doubles(picture).map(|v| libm::pow(v.max(0.0), GAMMA)).collect()
     };
     let transmitted = decoded(front);
     let radius = (2.0 * draw.sigma_px).ceil() as usize;
@@ -82,19 +80,13 @@ pub fn zhang(
     for (r, t) in reflected.chunks_mut(size).zip(transmitted.chunks(size)) {
         darken(r, t, draw.attenuation);
     }
-    let (down, across) = (
-        vignette(draw.mask_row, rows),
-        vignette(draw.mask_column, columns),
-    );
+    let (down, across) = (vignette(draw.mask_row, rows), vignette(draw.mask_column, columns));
     for (k, r) in reflected.iter_mut().enumerate() {
         *r *= down[k % size / columns] * across[k % columns];
     }
 
     let coded = |v: f64| libm::pow(v, 1.0 / GAMMA);
-    let input = reflected
-        .iter()
-        .zip(&transmitted)
-        .map(|(r, t)| coded(r + t * draw.transmitted));
+    let input = reflected.iter().zip(&transmitted).map(|(r, t)| coded(r + t * draw.transmitted));
     let mixture = Mixture {
         input: planes(front, input),
         transmission: planes(front, doubles(front)),
@@ -128,15 +120,10 @@ fn darken(reflected: &mut [f64], transmitted: &[f64], attenuation: f64) {
 /// Gaussian in equal cells, the largest 1.
 fn vignette(start: usize, count: usize) -> Vec<f64> {
     let width = (2.0 * VIGNETTE_SIGMAS + 1.0) / VIGNETTE_PX as f64;
-    let (first, last) = (
-        -VIGNETTE_SIGMAS - width / 2.0,
-        VIGNETTE_SIGMAS + width / 2.0,
-    );
+    let (first, last) = (-VIGNETTE_SIGMAS - width / 2.0, VIGNETTE_SIGMAS + width / 2.0);
     let edge = |k: usize| first + (last - first) * k as f64 / VIGNETTE_PX as f64;
     let below = |k: usize| 0.5 * (1.0 + libm::erf(edge(k) / std::f64::consts::SQRT_2));
     let share = |k: usize| below(k + 1) - below(k);
     let largest = share(VIGNETTE_PX / 2);
-    (start..start + count)
-        .map(|k| (share(k) / largest).sqrt())
-        .collect()
+    (start..start + count).map(|k| (share(k) / largest).sqrt()).collect()
 }

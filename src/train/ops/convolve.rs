@@ -25,11 +25,7 @@ pub fn conv2d_bias_relu(
     window: Window,
 ) -> Result<Tensor> {
     if image.device().is_cpu() {
-        let (image, kernel, bias) = (
-            image.contiguous()?,
-            kernel.contiguous()?,
-            bias.contiguous()?,
-        );
+        let (image, kernel, bias) = (image.contiguous()?, kernel.contiguous()?, bias.contiguous()?);
         return image.apply_op3(&kernel, &bias, ConvolveBiasRelu(window));
     }
     let biased =
@@ -44,17 +40,18 @@ pub fn conv2d_bias_relu(
 pub(super) fn by_products(image: &Tensor, kernel: &Tensor, window: Window) -> Result<Tensor> {
     let sizes = Sizes::new(image.dims(), kernel.dims(), window)?;
     let [rows, columns] = sizes.out;
-    let padded = image
-        .pad_with_zeros(2, window.padding, window.padding)?
-        .pad_with_zeros(3, window.padding, window.padding)?;
+    let padded = image.pad_with_zeros(2, window.padding, window.padding)?.pad_with_zeros(
+        3,
+        window.padding,
+        window.padding,
+    )?;
     let mut sum: Option<Tensor> = None;
     for y in 0..sizes.kernel[0] {
         for x in 0..sizes.kernel[1] {
             let seen = every(&padded, 2, y * window.dilation, window.stride, rows)?;
             let seen = every(&seen, 3, x * window.dilation, window.stride, columns)?;
             let seen =
-                seen.contiguous()?
-                    .reshape((sizes.batch, sizes.channels_in, rows * columns))?;
+                seen.contiguous()?.reshape((sizes.batch, sizes.channels_in, rows * columns))?;
             let weights = kernel.narrow(2, y, 1)?.narrow(3, x, 1)?;
             let weights = weights.reshape((1, sizes.channels_out, sizes.channels_in))?;
             let part = weights.contiguous()?.broadcast_matmul(&seen)?;
@@ -102,10 +99,7 @@ impl CustomOp2 for Convolve {
         let sizes = Sizes::new(image_layout.dims(), kernel_layout.dims(), self.0)?;
         let image = values("conv2d", image, image_layout)?;
         let kernel = values("conv2d", kernel, kernel_layout)?;
-        Ok((
-            CpuStorage::F32(forward(&sizes, image, kernel)),
-            shape_of(&sizes),
-        ))
+        Ok((CpuStorage::F32(forward(&sizes, image, kernel)), shape_of(&sizes)))
     }
 
     fn bwd(
@@ -140,11 +134,7 @@ impl CustomOp3 for ConvolveBiasRelu {
         let kernel = values("conv2d", kernel, kernel_layout)?;
         let bias = values("conv2d", bias, bias_layout)?;
         if bias.len() != sizes.channels_out {
-            candle_core::bail!(
-                "conv2d: {} biases for {} outputs",
-                bias.len(),
-                sizes.channels_out
-            );
+            candle_core::bail!("conv2d: {} biases for {} outputs", bias.len(), sizes.channels_out);
         }
         let mut out = forward(&sizes, image, kernel);
         let planes = out.par_chunks_exact_mut(sizes.out_len().max(1)).enumerate();
@@ -165,9 +155,7 @@ impl CustomOp3 for ConvolveBiasRelu {
         result: &Tensor,
         gradient: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
-        let passed = gradient
-            .contiguous()?
-            .apply_op2_no_bwd(result, &WherePositive)?;
+        let passed = gradient.contiguous()?.apply_op2_no_bwd(result, &WherePositive)?;
         let (of_image, of_kernel) = gradients(self.0, image, kernel, &passed)?;
         let of_bias = bias.track_op().then(|| passed.sum((0, 2, 3))).transpose()?;
         Ok((of_image, of_kernel, of_bias))
@@ -264,9 +252,6 @@ impl CustomOp2 for WherePositive {
         let result = values("relu", result, result_layout)?;
         let pairs = gradient.par_iter().zip(result).with_min_len(1 << 15);
         let out = pairs.map(|(gradient, result)| if *result > 0.0 { *gradient } else { 0.0 });
-        Ok((
-            CpuStorage::F32(out.collect()),
-            gradient_layout.shape().clone(),
-        ))
+        Ok((CpuStorage::F32(out.collect()), gradient_layout.shape().clone()))
     }
 }

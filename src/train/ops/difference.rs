@@ -121,8 +121,5 @@ fn both<'a>(
             b_layout.dims()
         );
     }
-    Ok([
-        values("difference", a, a_layout)?,
-        values("difference", b, b_layout)?,
-    ])
+    Ok([values("difference", a, a_layout)?, values("difference", b, b_layout)?])
 }

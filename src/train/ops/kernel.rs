@@ -39,31 +39,20 @@ pub(super) fn forward(sizes: &Sizes, image: &[f32], kernel: &[f32]) -> Vec<f32> 
     let mut out = vec![0.0; sizes.batch * sizes.channels_out * out_len];
     let planes = sizes.channels_in * sizes.image_len();
     let rows = sizes.rows_at_once();
-    let width = if sizes.is_pointwise() {
-        PLACES_AT_ONCE
-    } else {
-        rows * sizes.out[1]
-    };
+    let width = if sizes.is_pointwise() { PLACES_AT_ONCE } else { rows * sizes.out[1] };
     let parts: Vec<(usize, usize, MatMut)> = out
         .chunks_exact_mut((sizes.channels_out * out_len).max(1))
         .enumerate()
         .flat_map(|(item, out)| {
             let blocks = MatMut::column_blocks(out, sizes.channels_out, out_len, width);
-            blocks
-                .into_iter()
-                .enumerate()
-                .map(move |(part, block)| (item, part, block))
+            blocks.into_iter().enumerate().map(move |(part, block)| (item, part, block))
         })
         .collect();
     parts.into_par_iter().for_each(|(item, part, mut block)| {
         let image = &image[item * planes..][..planes];
         if sizes.is_pointwise() {
-            let seen = Mat::by_rows(
-                &image[part * width..],
-                sizes.channels_in,
-                block.columns,
-                out_len,
-            );
+            let seen =
+                Mat::by_rows(&image[part * width..], sizes.channels_in, block.columns, out_len);
             product(&mut block, kernel, seen, false);
             return;
         }
@@ -119,15 +108,11 @@ pub(super) fn kernel_gradient(sizes: &Sizes, image: &[f32], gradient: &[f32]) ->
     let mut sums = sums.into_iter();
     let mut total = sums.next().unwrap_or_default();
     for sum in sums {
-        total
-            .iter_mut()
-            .zip(sum)
-            .for_each(|(total, part)| *total += part);
+        total.iter_mut().zip(sum).for_each(|(total, part)| *total += part);
     }
     total
 }
 
-/// Gradient of the image.
 pub(super) fn image_gradient(sizes: &Sizes, kernel: &[f32], gradient: &[f32]) -> Vec<f32> {
     let reach = sizes.window.dilation * (sizes.kernel[0] - 1);
     let is_square = sizes.kernel[0] == sizes.kernel[1];
@@ -140,18 +125,12 @@ pub(super) fn image_gradient(sizes: &Sizes, kernel: &[f32], gradient: &[f32]) ->
             channels_out: sizes.channels_in,
             kernel: sizes.kernel,
             out: sizes.image,
-            window: Window {
-                padding: reach - sizes.window.padding,
-                ..sizes.window
-            },
+            window: Window { padding: reach - sizes.window.padding, ..sizes.window },
         };
         return forward(&turned, gradient, &turn(sizes, kernel));
     }
-    let (image_len, out_len, size) = (
-        sizes.image_len(),
-        sizes.out_len(),
-        sizes.kernel[0] * sizes.kernel[1],
-    );
+    let (image_len, out_len, size) =
+        (sizes.image_len(), sizes.out_len(), sizes.kernel[0] * sizes.kernel[1]);
     let mut out = vec![0.0; sizes.batch * sizes.channels_in * image_len];
     let channels_of = |group: usize| {
         let first = group * CHANNELS_AT_ONCE;
@@ -170,12 +149,8 @@ pub(super) fn image_gradient(sizes: &Sizes, kernel: &[f32], gradient: &[f32]) ->
         let rows = channels.len() * size;
         let gradient = &gradient[item * sizes.channels_out * out_len..];
         let gradient = Mat::by_rows(gradient, sizes.channels_out, out_len, out_len);
-        let weights = Mat::by_rows(
-            &kernel[channels.start * size..],
-            sizes.channels_out,
-            rows,
-            sizes.seen(),
-        );
+        let weights =
+            Mat::by_rows(&kernel[channels.start * size..], sizes.channels_out, rows, sizes.seen());
         with_buffer(rows * out_len, |buffer| {
             product(
                 &mut MatMut::whole(buffer, rows, out_len),

@@ -1,8 +1,5 @@
 //! Products of matrices in one thread, by the gemm crate.
-#![allow(
-    unsafe_code,
-    reason = "gemm takes pointers, and threads write columns of one matrix"
-)]
+#![allow(unsafe_code, reason = "gemm takes pointers, and threads write columns of one matrix")]
 
 use std::marker::PhantomData;
 
@@ -24,13 +21,7 @@ impl<'a> Mat<'a> {
         columns: usize,
         row_stride: usize,
     ) -> Self {
-        let matrix = Self {
-            values,
-            rows,
-            columns,
-            row_stride,
-            column_stride: 1,
-        };
+        let matrix = Self { values, rows, columns, row_stride, column_stride: 1 };
         assert!(matrix.end() <= values.len(), "a matrix ends in its slice");
         matrix
     }
@@ -71,13 +62,7 @@ impl<'a> MatMut<'a> {
     /// All of a slice, row by row.
     pub(super) fn whole(values: &'a mut [f32], rows: usize, columns: usize) -> Self {
         assert!(rows * columns <= values.len(), "a matrix ends in its slice");
-        Self {
-            start: values.as_mut_ptr(),
-            rows,
-            columns,
-            row_stride: columns,
-            _of: PhantomData,
-        }
+        Self { start: values.as_mut_ptr(), rows, columns, row_stride: columns, _of: PhantomData }
     }
 
     /// A row-by-row matrix cut into blocks of `width` columns; the last may be narrower. Threads may write them at once.
@@ -105,10 +90,7 @@ impl<'a> MatMut<'a> {
 
 /// `out = a b`, or `out += a b`. In one thread: the order of the sums depends on the shapes and the CPU's kernels alone.
 pub(super) fn product(out: &mut MatMut, a: Mat, b: Mat, add: bool) {
-    assert!(
-        out.rows == a.rows && a.columns == b.rows && b.columns == out.columns,
-        "matrices fit"
-    );
+    assert!(out.rows == a.rows && a.columns == b.rows && b.columns == out.columns, "matrices fit");
     // SAFETY: every matrix ends within what it borrows (checked when it was made), `out` borrows its elements alone, and the
     // strides are those of the borrowed slices.
     unsafe {
@@ -156,9 +138,7 @@ mod tests {
             assert_eq!(whole[row * 5 + column], sum);
         }
         let mut blocks = vec![1.0; 10];
-        for (block, first) in MatMut::column_blocks(&mut blocks, 2, 5, 2)
-            .iter_mut()
-            .zip([0, 2, 4])
+        for (block, first) in MatMut::column_blocks(&mut blocks, 2, 5, 2).iter_mut().zip([0, 2, 4])
         {
             let part = Mat::by_rows(&b[first..], 3, block.columns, 5);
             product(block, Mat::by_rows(&a, 2, 3, 3), part, true);

@@ -26,9 +26,7 @@ pub fn norm_act(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> Resu
         );
     }
     if x.device().is_cpu() {
-        return x
-            .contiguous()?
-            .apply_op2(&coefficients.contiguous()?, NormAct(options));
+        return x.contiguous()?.apply_op2(&coefficients.contiguous()?, NormAct(options));
     }
     plain(x, coefficients, options)
 }
@@ -37,10 +35,7 @@ pub fn norm_act(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> Resu
 pub(super) fn plain(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> Result<Tensor> {
     let (batch, channels, rows, columns) = x.dims4()?;
     let pixels = batch * rows * columns;
-    let flat = x
-        .transpose(0, 1)?
-        .contiguous()?
-        .reshape((channels, pixels))?;
+    let flat = x.transpose(0, 1)?.contiguous()?.reshape((channels, pixels))?;
     let centred = flat.broadcast_sub(&flat.mean_keepdim(1)?)?;
     let deviation = (centred.sqr()?.mean_keepdim(1)? + options.epsilon)?.sqrt()?;
     let normed = centred.broadcast_div(&deviation)?;
@@ -117,9 +112,7 @@ impl CustomOp2 for NormAct {
         let statistics = statistics(x, [batch, channels, pixels], self.0.epsilon);
         let slope = self.0.slope;
         let mut out = vec![0.0; x.len()];
-        let planes = out
-            .par_chunks_exact_mut(pixels.max(1))
-            .zip(x.par_chunks_exact(pixels.max(1)));
+        let planes = out.par_chunks_exact_mut(pixels.max(1)).zip(x.par_chunks_exact(pixels.max(1)));
         planes.enumerate().for_each(|(plane, (out, x))| {
             let line = Line::new(coefficients, &statistics, plane % channels);
             for (out, x) in out.iter_mut().zip(x) {
@@ -142,9 +135,7 @@ impl CustomOp2 for NormAct {
         let both = x.apply_op3_no_bwd(coefficients, &gradient, &NormActGradient(self.0))?;
         let count = x.elem_count();
         let of_x = both.narrow(0, 0, count)?.reshape(x.shape())?;
-        let of_coefficients = both
-            .narrow(0, count, 3 * channels)?
-            .reshape((3, channels))?;
+        let of_coefficients = both.narrow(0, count, 3 * channels)?.reshape((3, channels))?;
         Ok((Some(of_x), Some(of_coefficients)))
     }
 }
@@ -160,10 +151,7 @@ impl Line {
         let channels = statistics.len();
         let [a, b, c] = [0, 1, 2].map(|row| coefficients[row * channels + channel]);
         let (mean, inverse_deviation) = statistics[channel];
-        Self {
-            steepness: a + b * inverse_deviation,
-            offset: c - b * mean * inverse_deviation,
-        }
+        Self { steepness: a + b * inverse_deviation, offset: c - b * mean * inverse_deviation }
     }
 
     fn at(&self, x: f32) -> f32 {
@@ -196,11 +184,7 @@ impl CustomOp3 for NormActGradient {
         let statistics = statistics(x, [batch, channels, pixels], self.0.epsilon);
         let slope = self.0.slope;
         let passed = |line: &Line, x: f32, gradient: f32| {
-            if line.at(x) > 0.0 {
-                gradient
-            } else {
-                slope * gradient
-            }
+            if line.at(x) > 0.0 { gradient } else { slope * gradient }
         };
         // Sums of what ReLU passes: by itself, times x, times norm(x).
         let of_channel = |channel: usize| {
@@ -231,21 +215,19 @@ impl CustomOp3 for NormActGradient {
         let planes = of_x.par_chunks_exact_mut(pixels.max(1));
         let planes = planes.zip(x.par_chunks_exact(pixels.max(1)));
         let planes = planes.zip(gradient.par_chunks_exact(pixels.max(1)));
-        planes
-            .enumerate()
-            .for_each(|(plane, ((out, x), gradient))| {
-                let channel = plane % channels;
-                let line = Line::new(coefficients, &statistics, channel);
-                let (mean, inverse_deviation) = statistics[channel];
-                let [a, b] = [0, 1].map(|row| coefficients[row * channels + channel]);
-                let [all, _, by_norm] = totals[channel].map(|total| (total / count) as f32);
-                let scale = b * inverse_deviation;
-                for ((out, x), gradient) in out.iter_mut().zip(x).zip(gradient) {
-                    let e = passed(&line, *x, *gradient);
-                    let norm = (x - mean) * inverse_deviation;
-                    *out = a * e + scale * (e - all - norm * by_norm);
-                }
-            });
+        planes.enumerate().for_each(|(plane, ((out, x), gradient))| {
+            let channel = plane % channels;
+            let line = Line::new(coefficients, &statistics, channel);
+            let (mean, inverse_deviation) = statistics[channel];
+            let [a, b] = [0, 1].map(|row| coefficients[row * channels + channel]);
+            let [all, _, by_norm] = totals[channel].map(|total| (total / count) as f32);
+            let scale = b * inverse_deviation;
+            for ((out, x), gradient) in out.iter_mut().zip(x).zip(gradient) {
+                let e = passed(&line, *x, *gradient);
+                let norm = (x - mean) * inverse_deviation;
+                *out = a * e + scale * (e - all - norm * by_norm);
+            }
+        });
         for (channel, [all, by_x, by_norm]) in totals.into_iter().enumerate() {
             of_coefficients[channel] = by_x as f32;
             of_coefficients[channels + channel] = by_norm as f32;

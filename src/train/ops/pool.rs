@@ -17,9 +17,7 @@ pub fn max_pool2(image: &Tensor) -> Result<Tensor> {
 /// The same from plain operations with right gradients.
 pub(super) fn plain(image: &Tensor) -> Result<Tensor> {
     let (batch, channels, rows, columns) = image.dims4()?;
-    let even = image
-        .narrow(2, 0, rows / 2 * 2)?
-        .narrow(3, 0, columns / 2 * 2)?;
+    let even = image.narrow(2, 0, rows / 2 * 2)?.narrow(3, 0, columns / 2 * 2)?;
     let split = even
         .contiguous()?
         .reshape((batch * channels, rows / 2, 2, columns / 2, 2))?
@@ -28,9 +26,7 @@ pub(super) fn plain(image: &Tensor) -> Result<Tensor> {
         .reshape((batch * channels * (rows / 2) * (columns / 2), 4))?;
     // A choice is constant: the gradient goes through what was chosen.
     let place = split.argmax_keepdim(1)?;
-    split
-        .gather(&place, 1)?
-        .reshape((batch, channels, rows / 2, columns / 2))
+    split.gather(&place, 1)?.reshape((batch, channels, rows / 2, columns / 2))
 }
 
 struct MaxPool2;
@@ -47,14 +43,11 @@ impl CustomOp1 for MaxPool2 {
         let mut out = vec![0.0; batch * channels * down * across];
         if !out.is_empty() {
             let planes = out.par_chunks_exact_mut(down * across);
-            planes
-                .zip(image.par_chunks_exact(rows * columns))
-                .for_each(|(out, plane)| {
-                    for (place, largest) in out.iter_mut().enumerate() {
-                        *largest =
-                            plane[largest_of(plane, columns, place / across, place % across)];
-                    }
-                });
+            planes.zip(image.par_chunks_exact(rows * columns)).for_each(|(out, plane)| {
+                for (place, largest) in out.iter_mut().enumerate() {
+                    *largest = plane[largest_of(plane, columns, place / across, place % across)];
+                }
+            });
         }
         Ok((CpuStorage::F32(out), (batch, channels, down, across).into()))
     }
@@ -99,13 +92,13 @@ impl CustomOp2 for MaxPool2Gradient {
         if !gradient.is_empty() {
             let planes = out.par_chunks_exact_mut(rows * columns);
             let planes = planes.zip(image.par_chunks_exact(rows * columns));
-            planes
-                .zip(gradient.par_chunks_exact(rows / 2 * across))
-                .for_each(|((out, plane), gradient)| {
+            planes.zip(gradient.par_chunks_exact(rows / 2 * across)).for_each(
+                |((out, plane), gradient)| {
                     for (place, gradient) in gradient.iter().enumerate() {
                         out[largest_of(plane, columns, place / across, place % across)] = *gradient;
                     }
-                });
+                },
+            );
         }
         Ok((CpuStorage::F32(out), layout.shape().clone()))
     }

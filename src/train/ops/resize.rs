@@ -12,9 +12,7 @@ pub fn bilinear(image: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
         return Ok(image.clone());
     }
     if image.device().is_cpu() {
-        return image.contiguous()?.apply_op1(Resize {
-            to: [rows, columns],
-        });
+        return image.contiguous()?.apply_op1(Resize { to: [rows, columns] });
     }
     plain(image, rows, columns)
 }
@@ -23,23 +21,12 @@ pub fn bilinear(image: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
 pub(super) fn plain(image: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
     let (batch, channels, from_rows, from_columns) = image.dims4()?;
     let planes = batch * channels;
-    let across = matrix(from_columns, columns, image.device())?
-        .t()?
-        .contiguous()?;
+    let across = matrix(from_columns, columns, image.device())?.t()?.contiguous()?;
     let down = matrix(from_rows, rows, image.device())?;
-    let wide = image
-        .contiguous()?
-        .reshape((planes * from_rows, from_columns))?
-        .matmul(&across)?;
-    let turned = wide
-        .reshape((planes, from_rows, columns))?
-        .transpose(0, 1)?
-        .contiguous()?;
+    let wide = image.contiguous()?.reshape((planes * from_rows, from_columns))?.matmul(&across)?;
+    let turned = wide.reshape((planes, from_rows, columns))?.transpose(0, 1)?.contiguous()?;
     let high = down.matmul(&turned.reshape((from_rows, planes * columns))?)?;
-    let high = high
-        .reshape((rows, planes, columns))?
-        .transpose(0, 1)?
-        .contiguous()?;
+    let high = high.reshape((rows, planes, columns))?.transpose(0, 1)?.contiguous()?;
     high.reshape((batch, channels, rows, columns))
 }
 
@@ -81,32 +68,25 @@ impl CustomOp1 for Resize {
         let (down, across) = (taps(from_rows, rows), taps(from_columns, columns));
         let mut out = vec![0.0; batch * channels * rows * columns];
         let planes = out.par_chunks_exact_mut(rows * columns);
-        planes
-            .zip(image.par_chunks_exact(from_rows * from_columns))
-            .for_each(|(out, plane)| {
-                let mut line = vec![0.0; from_columns];
-                for (out, &(first, second, weight)) in out.chunks_exact_mut(columns).zip(&down) {
-                    let upper = &plane[first * from_columns..][..from_columns];
-                    let lower = &plane[second * from_columns..][..from_columns];
-                    for (line, (upper, lower)) in line.iter_mut().zip(upper.iter().zip(lower)) {
-                        *line = (1.0 - weight) * upper + weight * lower;
-                    }
-                    for (out, &(first, second, weight)) in out.iter_mut().zip(&across) {
-                        *out = (1.0 - weight) * line[first] + weight * line[second];
-                    }
+        planes.zip(image.par_chunks_exact(from_rows * from_columns)).for_each(|(out, plane)| {
+            let mut line = vec![0.0; from_columns];
+            for (out, &(first, second, weight)) in out.chunks_exact_mut(columns).zip(&down) {
+                let upper = &plane[first * from_columns..][..from_columns];
+                let lower = &plane[second * from_columns..][..from_columns];
+                for (line, (upper, lower)) in line.iter_mut().zip(upper.iter().zip(lower)) {
+                    *line = (1.0 - weight) * upper + weight * lower;
                 }
-            });
-        Ok((
-            CpuStorage::F32(out),
-            (batch, channels, rows, columns).into(),
-        ))
+                for (out, &(first, second, weight)) in out.iter_mut().zip(&across) {
+                    *out = (1.0 - weight) * line[first] + weight * line[second];
+                }
+            }
+        });
+        Ok((CpuStorage::F32(out), (batch, channels, rows, columns).into()))
     }
 
     fn bwd(&self, image: &Tensor, _result: &Tensor, gradient: &Tensor) -> Result<Option<Tensor>> {
         let (_, _, rows, columns) = image.dims4()?;
-        let back = ResizeGradient {
-            from: [rows, columns],
-        };
+        let back = ResizeGradient { from: [rows, columns] };
         Ok(Some(gradient.contiguous()?.apply_op1_no_bwd(&back)?))
     }
 }
@@ -128,28 +108,20 @@ impl CustomOp1 for ResizeGradient {
         let (down, across) = (taps(from_rows, rows), taps(from_columns, columns));
         let mut out = vec![0.0; batch * channels * from_rows * from_columns];
         let planes = out.par_chunks_exact_mut(from_rows * from_columns);
-        planes
-            .zip(gradient.par_chunks_exact(rows * columns))
-            .for_each(|(out, gradient)| {
-                let mut line = vec![0.0; from_columns];
-                for (gradient, &(upper, lower, weight)) in gradient.chunks_exact(columns).zip(&down)
-                {
-                    line.fill(0.0);
-                    for (gradient, &(first, second, weight)) in gradient.iter().zip(&across) {
-                        line[first] += (1.0 - weight) * gradient;
-                        line[second] += weight * gradient;
-                    }
-                    for (row, weight) in [(upper, 1.0 - weight), (lower, weight)] {
-                        let out = &mut out[row * from_columns..][..from_columns];
-                        out.iter_mut()
-                            .zip(&line)
-                            .for_each(|(out, value)| *out += weight * value);
-                    }
+        planes.zip(gradient.par_chunks_exact(rows * columns)).for_each(|(out, gradient)| {
+            let mut line = vec![0.0; from_columns];
+            for (gradient, &(upper, lower, weight)) in gradient.chunks_exact(columns).zip(&down) {
+                line.fill(0.0);
+                for (gradient, &(first, second, weight)) in gradient.iter().zip(&across) {
+                    line[first] += (1.0 - weight) * gradient;
+                    line[second] += weight * gradient;
                 }
-            });
-        Ok((
-            CpuStorage::F32(out),
-            (batch, channels, from_rows, from_columns).into(),
-        ))
+                for (row, weight) in [(upper, 1.0 - weight), (lower, weight)] {
+                    let out = &mut out[row * from_columns..][..from_columns];
+                    out.iter_mut().zip(&line).for_each(|(out, value)| *out += weight * value);
+                }
+            }
+        });
+        Ok((CpuStorage::F32(out), (batch, channels, from_rows, from_columns).into()))
     }
 }

@@ -14,10 +14,7 @@ fn cases(prefix: &str) -> BTreeMap<String, Case> {
     for (name, tensor) in all {
         let (case, part) = name.rsplit_once('.').unwrap();
         if case.starts_with(prefix) {
-            cases
-                .entry(case.to_owned())
-                .or_default()
-                .insert(part.to_owned(), tensor);
+            cases.entry(case.to_owned()).or_default().insert(part.to_owned(), tensor);
         }
     }
     assert!(!cases.is_empty(), "{prefix}");
@@ -39,23 +36,11 @@ const CLOSE: f64 = 1e-5;
 
 /// Computes a case and compares the result and every gradient.
 fn compare(name: &str, case: &Case, parts: &[&str], compute: impl Fn(&[Tensor]) -> Tensor) {
-    let inputs: Vec<Var> = parts
-        .iter()
-        .map(|p| Var::from_tensor(&case[*p]).unwrap())
-        .collect();
+    let inputs: Vec<Var> = parts.iter().map(|p| Var::from_tensor(&case[*p]).unwrap()).collect();
     let tensors: Vec<Tensor> = inputs.iter().map(|v| v.as_tensor().clone()).collect();
     let y = compute(&tensors);
-    assert!(
-        off(&y, &case["y"]) < CLOSE,
-        "{name}: {}",
-        off(&y, &case["y"])
-    );
-    let gradients = (y * &case["g"])
-        .unwrap()
-        .sum_all()
-        .unwrap()
-        .backward()
-        .unwrap();
+    assert!(off(&y, &case["y"]) < CLOSE, "{name}: {}", off(&y, &case["y"]));
+    let gradients = (y * &case["g"]).unwrap().sum_all().unwrap().backward().unwrap();
     for (part, input) in parts.iter().zip(&inputs) {
         let found = gradients.get(input).unwrap();
         let off = off(found, &case[&format!("d{part}")]);
@@ -65,24 +50,17 @@ fn compare(name: &str, case: &Case, parts: &[&str], compute: impl Fn(&[Tensor]) 
 
 fn window(name: &str) -> Window {
     let number = |letter: char| {
-        let word = name
-            .split(' ')
-            .find(|w| w.starts_with(letter) && w[1..].parse::<usize>().is_ok());
+        let word =
+            name.split(' ').find(|w| w.starts_with(letter) && w[1..].parse::<usize>().is_ok());
         word.unwrap()[1..].parse().unwrap()
     };
-    Window {
-        padding: number('p'),
-        stride: number('s'),
-        dilation: number('d'),
-    }
+    Window { padding: number('p'), stride: number('s'), dilation: number('d') }
 }
 
 #[test]
 fn convolutions_are_pytorch_s() {
     for (name, case) in cases("conv") {
-        compare(&name, &case, &["x", "w"], |t| {
-            conv2d(&t[0], &t[1], window(&name)).unwrap()
-        });
+        compare(&name, &case, &["x", "w"], |t| conv2d(&t[0], &t[1], window(&name)).unwrap());
     }
 }
 
@@ -116,12 +94,8 @@ fn pools_resizes_norms_and_absolutes_are_pytorch_s() {
     }
     for (name, case) in cases("resize") {
         let (_, _, rows, columns) = case["y"].dims4().unwrap();
-        compare(&name, &case, &["x"], |t| {
-            bilinear(&t[0], rows, columns).unwrap()
-        });
-        compare(&name, &case, &["x"], |t| {
-            resize::plain(&t[0], rows, columns).unwrap()
-        });
+        compare(&name, &case, &["x"], |t| bilinear(&t[0], rows, columns).unwrap());
+        compare(&name, &case, &["x"], |t| resize::plain(&t[0], rows, columns).unwrap());
     }
     for (name, case) in cases("norm") {
         let is_straight = name.ends_with("straight");
@@ -129,12 +103,8 @@ fn pools_resizes_norms_and_absolutes_are_pytorch_s() {
             epsilon: if is_straight { 1e-5 } else { 1e-3 },
             slope: if is_straight { 1.0 } else { 0.2 },
         };
-        compare(&name, &case, &["x", "c"], |t| {
-            norm_act(&t[0], &t[1], options).unwrap()
-        });
-        compare(&name, &case, &["x", "c"], |t| {
-            norm::plain(&t[0], &t[1], options).unwrap()
-        });
+        compare(&name, &case, &["x", "c"], |t| norm_act(&t[0], &t[1], options).unwrap());
+        compare(&name, &case, &["x", "c"], |t| norm::plain(&t[0], &t[1], options).unwrap());
     }
     for (name, case) in cases("absolute") {
         compare(&name, &case, &["x"], |t| absolute(&t[0]).unwrap());
@@ -151,22 +121,12 @@ fn mean_absolute_differences_are_those_of_plain_operations() {
     let rest = other.narrow(0, 1, 1).unwrap();
     let other = Tensor::cat(&[&first, &rest], 0).unwrap();
     let of = |op: fn(&Tensor, &Tensor) -> Result<Tensor>| {
-        let (a, b) = (
-            Var::from_tensor(image).unwrap(),
-            Var::from_tensor(&other).unwrap(),
-        );
+        let (a, b) = (Var::from_tensor(image).unwrap(), Var::from_tensor(&other).unwrap());
         let y = op(&a, &b).unwrap();
         let gradients = (&y * 3.0).unwrap().backward().unwrap();
-        [
-            y,
-            gradients.get(&a).unwrap().clone(),
-            gradients.get(&b).unwrap().clone(),
-        ]
+        [y, gradients.get(&a).unwrap().clone(), gradients.get(&b).unwrap().clone()]
     };
-    for (ours, plain) in of(mean_absolute_difference)
-        .iter()
-        .zip(&of(difference::plain))
-    {
+    for (ours, plain) in of(mean_absolute_difference).iter().zip(&of(difference::plain)) {
         assert!(off(ours, plain) < 1e-6);
     }
 }
@@ -184,9 +144,7 @@ fn what_nobody_asks_for_is_not_computed() {
 fn shapes_that_do_not_fit_are_named() {
     let image = Tensor::zeros((1, 2, 5, 5), candle_core::DType::F32, &Device::Cpu).unwrap();
     let kernel = Tensor::zeros((3, 4, 3, 3), candle_core::DType::F32, &Device::Cpu).unwrap();
-    let error = conv2d(&image, &kernel, Window::same(3, 1))
-        .unwrap_err()
-        .to_string();
+    let error = conv2d(&image, &kernel, Window::same(3, 1)).unwrap_err().to_string();
     assert!(
         error.contains("a kernel of [3, 4, 3, 3] does not fit an image of [1, 2, 5, 5]"),
         "{error}"
@@ -197,20 +155,13 @@ fn shapes_that_do_not_fit_are_named() {
 fn any_number_of_threads_gives_the_same_bits() {
     let case = &cases("conv four 17x16")["conv four 17x16 p1 s2 d1"];
     let of = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let [x, w] = ["x", "w"].map(|p| Var::from_tensor(&case[p]).unwrap());
             let y = conv2d(&x, &w, window("p1 s2 d1")).unwrap();
             let gradients = y.sqr().unwrap().sum_all().unwrap().backward().unwrap();
             let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
-            [
-                numbers(&y),
-                numbers(gradients.get(&x).unwrap()),
-                numbers(gradients.get(&w).unwrap()),
-            ]
+            [numbers(&y), numbers(gradients.get(&x).unwrap()), numbers(gradients.get(&w).unwrap())]
         })
     };
     assert_eq!(of(1), of(3));

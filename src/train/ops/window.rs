@@ -17,11 +17,7 @@ pub struct Window {
 impl Window {
     /// Of a kernel of odd size, so that the image keeps its size.
     pub const fn same(kernel: usize, dilation: usize) -> Self {
-        Self {
-            padding: dilation * (kernel / 2),
-            stride: 1,
-            dilation,
-        }
+        Self { padding: dilation * (kernel / 2), stride: 1, dilation }
     }
 }
 
@@ -106,9 +102,7 @@ impl Sizes {
         let (stride, width) = (self.window.stride, self.image[1] as isize);
         let first = (-offset).max(0) as usize;
         let first = first.div_ceil(stride);
-        let end = ((width - offset).max(0) as usize)
-            .div_ceil(stride)
-            .min(self.out[1]);
+        let end = ((width - offset).max(0) as usize).div_ceil(stride).min(self.out[1]);
         let first = first.min(end);
         let column = (first * stride) as isize + offset;
         (first..end, column.max(0) as usize)
@@ -138,15 +132,11 @@ impl Sizes {
         let places = rows.len() * self.out[1];
         let mut lines = into.chunks_exact_mut(places);
         self.each_pixel(0..self.channels_in, |channel, kernel_row, kernel_column| {
-            let line = lines
-                .next()
-                .expect("a line for each of the kernel's pixels");
+            let line = lines.next().expect("a line for each of the kernel's pixels");
             let (inside, column) = self.inside(kernel_column);
             let plane = &image[channel * self.image_len()..][..self.image_len()];
             for (part, row) in line.chunks_exact_mut(self.out[1]).zip(rows.clone()) {
-                let Some(row) = self
-                    .image_row(row, kernel_row)
-                    .filter(|_| !inside.is_empty())
+                let Some(row) = self.image_row(row, kernel_row).filter(|_| !inside.is_empty())
                 else {
                     part.fill(0.0);
                     continue;
@@ -170,22 +160,17 @@ impl Sizes {
     pub(super) fn fold(&self, unfolded: &[f32], channels: usize, planes: &mut [f32]) {
         let mut lines = unfolded.chunks_exact(self.out_len());
         self.each_pixel(0..channels, |channel, kernel_row, kernel_column| {
-            let line = lines
-                .next()
-                .expect("a line for each of the kernel's pixels");
+            let line = lines.next().expect("a line for each of the kernel's pixels");
             let (inside, column) = self.inside(kernel_column);
             let plane = &mut planes[channel * self.image_len()..][..self.image_len()];
             for (part, row) in line.chunks_exact(self.out[1]).zip(0..self.out[0]) {
-                let Some(row) = self
-                    .image_row(row, kernel_row)
-                    .filter(|_| !inside.is_empty())
+                let Some(row) = self.image_row(row, kernel_row).filter(|_| !inside.is_empty())
                 else {
                     continue;
                 };
                 let to = &mut plane[row * self.image[1]..][..self.image[1]];
                 let seen = to[column..].iter_mut().step_by(self.window.stride);
-                seen.zip(&part[inside.clone()])
-                    .for_each(|(to, from)| *to += from);
+                seen.zip(&part[inside.clone()]).for_each(|(to, from)| *to += from);
             }
         });
     }

@@ -30,9 +30,7 @@ fn lines_of_text(place: &str, text: &str) -> Vec<Line> {
         for (start, _) in starts {
             let rest = &words[start + 1..];
             // `"$(command -v glasshouse)"`
-            let rest = rest
-                .strip_prefix(["-v", "glasshouse)\""].as_slice())
-                .unwrap_or(rest);
+            let rest = rest.strip_prefix(["-v", "glasshouse)\""].as_slice()).unwrap_or(rest);
             let is_end = |word: &&str| {
                 word.starts_with(['|', '&', ';', '>', '#', ')']) || word.starts_with("2>")
             };
@@ -42,10 +40,7 @@ fn lines_of_text(place: &str, text: &str) -> Vec<Line> {
                 .map(|word| word.trim_end_matches([';', ',', ')', '.']).to_owned())
                 .collect();
             if words.first().is_some_and(|word| is_command(word)) {
-                found.push(Line {
-                    place: format!("{place}: {}", line.trim()),
-                    words,
-                });
+                found.push(Line { place: format!("{place}: {}", line.trim()), words });
             }
         }
     }
@@ -58,10 +53,9 @@ fn lines_of_yaml(place: &str, value: &Yaml, found: &mut Vec<Line>) {
         Yaml::Hash(map) => {
             for (key, value) in map {
                 let words: Option<Vec<String>> = match (key.as_str(), value) {
-                    (Some("args" | "command"), Yaml::Array(list)) => list
-                        .iter()
-                        .map(|word| word.as_str().map(str::to_owned))
-                        .collect(),
+                    (Some("args" | "command"), Yaml::Array(list)) => {
+                        list.iter().map(|word| word.as_str().map(str::to_owned)).collect()
+                    }
                     (Some("command"), Yaml::String(text)) => {
                         Some(text.split_whitespace().map(str::to_owned).collect())
                     }
@@ -69,10 +63,7 @@ fn lines_of_yaml(place: &str, value: &Yaml, found: &mut Vec<Line>) {
                 };
                 let is_ours = |words: &Vec<String>| words[0] == "work" || words[0] == "coordinate";
                 match words.filter(is_ours) {
-                    Some(words) => found.push(Line {
-                        place: place.to_owned(),
-                        words,
-                    }),
+                    Some(words) => found.push(Line { place: place.to_owned(), words }),
                     None => lines_of_yaml(place, value, found),
                 }
             }
@@ -131,9 +122,7 @@ fn flags(command: &str) -> Option<BTreeSet<String>> {
 fn flag(word: &str) -> Option<&str> {
     let word = word.trim_start_matches('[');
     if let Some(long) = word.strip_prefix("--") {
-        let end = long
-            .find(|c: char| !c.is_ascii_lowercase() && c != '-')
-            .unwrap_or(long.len());
+        let end = long.find(|c: char| !c.is_ascii_lowercase() && c != '-').unwrap_or(long.len());
         return (end > 0).then(|| &word[..end + 2]);
     }
     let is_short =
@@ -147,9 +136,7 @@ fn the_program_knows_every_command_and_flag() {
     let mut count = 0;
     for Line { place, words } in all_lines() {
         let command = &words[0];
-        let flags = known
-            .entry(command.clone())
-            .or_insert_with(|| flags(command));
+        let flags = known.entry(command.clone()).or_insert_with(|| flags(command));
         let Some(flags) = flags else {
             panic!("no {command}: {place}");
         };
@@ -165,19 +152,14 @@ fn the_program_knows_every_command_and_flag() {
 fn command_lines_are_found_in_texts() {
     let text = "x=$(glasshouse work \"$run\" --queue q \\\n  -j4 | cat)\nsay `glasshouse status R --json`, or glasshouse\n";
     let found = lines_of_text("", text);
-    let words: Vec<Vec<&str>> = found
-        .iter()
-        .map(|l| l.words.iter().map(String::as_str).collect())
-        .collect();
+    let words: Vec<Vec<&str>> =
+        found.iter().map(|l| l.words.iter().map(String::as_str).collect()).collect();
     // A command substitution's first word is not `glasshouse` itself.
     assert_eq!(words, [["status", "R", "--json"]]);
     let found = lines_of_text("", "    exec glasshouse work r --queue q -j4 & # --no\n");
     assert_eq!(found[0].words, ["work", "r", "--queue", "q", "-j4"]);
     let of = |word| flag(word);
     assert_eq!(of("--lease-s=30"), Some("--lease-s"));
-    assert_eq!(
-        (of("-j4"), of("[--store"), of("--")),
-        (Some("-j"), Some("--store"), None)
-    );
+    assert_eq!((of("-j4"), of("[--store"), of("--")), (Some("-j"), Some("--store"), None));
     assert_eq!(of("-"), None);
 }

@@ -7,13 +7,10 @@ use yaml_rust2::Yaml;
 /// Every workload with its name.
 fn workloads() -> Vec<(String, Yaml)> {
     let files = ["nats", "coordinator", "workers"];
-    let all = files
-        .iter()
-        .flat_map(|f| documents(&launch(&format!("kubernetes/{f}.yaml"))));
+    let all = files.iter().flat_map(|f| documents(&launch(&format!("kubernetes/{f}.yaml"))));
     let named = all.map(|d| (at(&d, "metadata.name").as_str().unwrap().to_owned(), d));
-    let found: Vec<(String, Yaml)> = named
-        .filter(|(_, d)| !d["spec"]["template"].is_badvalue())
-        .collect();
+    let found: Vec<(String, Yaml)> =
+        named.filter(|(_, d)| !d["spec"]["template"].is_badvalue()).collect();
     assert_eq!(found.len(), 3);
     found
 }
@@ -43,10 +40,8 @@ fn pods_may_do_nothing_but_their_work() {
             panic!("{name} has not one container");
         };
         let security = &container["securityContext"];
-        for (key, value) in [
-            ("readOnlyRootFilesystem", true),
-            ("allowPrivilegeEscalation", false),
-        ] {
+        for (key, value) in [("readOnlyRootFilesystem", true), ("allowPrivilegeEscalation", false)]
+        {
             assert_eq!(security[key].as_bool(), Some(value), "{name}: {key}");
         }
         assert_eq!(strings(at(security, "capabilities.drop")), ["ALL"]);
@@ -64,10 +59,9 @@ fn what_is_mounted_is_there_and_secrets_are_read_only() {
         let claims = &workload["spec"]["volumeClaimTemplates"];
         for mount in at(pod, "containers.0.volumeMounts").as_vec().unwrap() {
             let volume = mount["name"].as_str().unwrap();
-            let is_claim = claims.as_vec().is_some_and(|c| {
-                c.iter()
-                    .any(|c| at(c, "metadata.name").as_str() == Some(volume))
-            });
+            let is_claim = claims
+                .as_vec()
+                .is_some_and(|c| c.iter().any(|c| at(c, "metadata.name").as_str() == Some(volume)));
             let volumes = pod["volumes"].as_vec().unwrap();
             let found = volumes.iter().find(|v| v["name"].as_str() == Some(volume));
             assert!(found.is_some() || is_claim, "{name} has no volume {volume}");
@@ -83,19 +77,16 @@ fn what_is_mounted_is_there_and_secrets_are_read_only() {
 
 #[test]
 fn jobs_go_on_after_a_stop_and_end_after_what_will_not_get_better() {
-    for (name, again) in [
-        ("glasshouse-coordinator", "FailJob"),
-        ("glasshouse-workers", "FailIndex"),
-    ] {
+    for (name, again) in
+        [("glasshouse-coordinator", "FailJob"), ("glasshouse-workers", "FailIndex")]
+    {
         let job = workload(name);
         // A failure policy is allowed with this alone.
         let restart = at(&job, "spec.template.spec.restartPolicy");
         assert_eq!(restart.as_str(), Some("Never"));
         let rules = at(&job, "spec.podFailurePolicy.rules").as_vec().unwrap();
         let codes = |action: &str| -> Vec<i64> {
-            let of_action = rules
-                .iter()
-                .filter(|r| r["action"].as_str() == Some(action));
+            let of_action = rules.iter().filter(|r| r["action"].as_str() == Some(action));
             let lists = of_action.filter_map(|r| at(r, "onExitCodes.values").as_vec());
             lists.flatten().map(|c| c.as_i64().unwrap()).collect()
         };

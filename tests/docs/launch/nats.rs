@@ -80,9 +80,7 @@ fn each_role_has_its_own_key() {
         let head = b"\x30\x2e\x02\x01\x00\x30\x05\x06\x03\x2b\x65\x70\x04\x22\x04\x20";
         std::fs::write(&der, [head.as_slice(), &seed].concat()).unwrap();
         let mut command = Command::new("openssl");
-        command.args([
-            "pkey", "-inform", "DER", "-pubout", "-outform", "DER", "-in",
-        ]);
+        command.args(["pkey", "-inform", "DER", "-pubout", "-outform", "DER", "-in"]);
         let made = tool(command.arg(&der)).unwrap();
         content(&made);
         assert!(made.stdout.ends_with(&public), "{role}");
@@ -131,12 +129,7 @@ fn what_is_there_is_kept_and_what_is_missing_is_made() {
         return;
     }
     let all = || {
-        let names = [
-            "ca/ca.pem",
-            "server/cert.pem",
-            "worker/nkey",
-            "observer/nkey",
-        ];
+        let names = ["ca/ca.pem", "server/cert.pem", "worker/nkey", "observer/nkey"];
         names.map(|name| read(folder.path(), name))
     };
     let first = all();
@@ -153,22 +146,9 @@ fn what_is_there_is_kept_and_what_is_missing_is_made() {
     let keys = folder.path().join("keys");
     for (name, is_its) in [("queue.example", true), ("localhost", false)] {
         let mut command = Command::new("openssl");
-        command.args([
-            "verify",
-            "-purpose",
-            "sslserver",
-            "-verify_hostname",
-            name,
-            "-CAfile",
-        ]);
-        command
-            .arg(keys.join("worker/ca.pem"))
-            .arg(keys.join("server/cert.pem"));
-        assert_eq!(
-            tool(&mut command).unwrap().status.success(),
-            is_its,
-            "{name}"
-        );
+        command.args(["verify", "-purpose", "sslserver", "-verify_hostname", name, "-CAfile"]);
+        command.arg(keys.join("worker/ca.pem")).arg(keys.join("server/cert.pem"));
+        assert_eq!(tool(&mut command).unwrap().status.success(), is_its, "{name}");
     }
 }
 
@@ -181,9 +161,7 @@ fn the_server_takes_the_configuration_and_asks_for_tls_and_a_key() {
     let configuration = server.key("server", "server.conf");
     content(&tool(command.arg("-t").arg("-c").arg(configuration)).unwrap());
     let stream = TcpStream::connect(("127.0.0.1", server.port)).unwrap();
-    stream
-        .set_read_timeout(Some(Duration::from_secs(10)))
-        .unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
     let mut hello = String::new();
     BufReader::new(stream).read_line(&mut hello).unwrap();
     let hello: serde_json::Value =

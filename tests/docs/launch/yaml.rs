@@ -19,27 +19,19 @@ pub(crate) fn at<'a>(value: &'a Yaml, path: &str) -> &'a Yaml {
             Ok(index) if value.is_array() => &value[index],
             _ => &value[key],
         };
-        if found.is_badvalue() {
-            &value["<<"][key]
-        } else {
-            found
-        }
+        if found.is_badvalue() { &value["<<"][key] } else { found }
     })
 }
 
 /// The strings of a list.
 pub(crate) fn strings(value: &Yaml) -> Vec<&str> {
-    let list = value
-        .as_vec()
-        .unwrap_or_else(|| panic!("no list: {value:?}"));
+    let list = value.as_vec().unwrap_or_else(|| panic!("no list: {value:?}"));
     list.iter().map(|item| item.as_str().unwrap()).collect()
 }
 
 /// The value of `--flag` among words, written `--flag=value` or `--flag value`.
 pub(crate) fn argument<'a>(words: &[&'a str], flag: &str) -> Option<&'a str> {
-    let joined = words
-        .iter()
-        .find_map(|word| word.strip_prefix(flag)?.strip_prefix('='));
+    let joined = words.iter().find_map(|word| word.strip_prefix(flag)?.strip_prefix('='));
     joined.or_else(|| {
         let place = words.iter().position(|word| *word == flag)?;
         words.get(place + 1).copied()

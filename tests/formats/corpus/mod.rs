@@ -10,9 +10,7 @@ use readers::READERS;
 use std::path::{Path, PathBuf};
 
 fn folder(reader: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("fuzz/seeds")
-        .join(reader)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/seeds").join(reader)
 }
 
 fn committed(reader: &str) -> Vec<(PathBuf, Vec<u8>)> {
@@ -31,10 +29,7 @@ fn every_reader_takes_its_seeds() {
         let files = committed(name);
         assert!(files.len() >= 2, "{name} has {} seeds", files.len());
         // A form that has changed needs new seeds: seeds_are_made below.
-        assert!(
-            files.iter().any(|(_, bytes)| read(bytes)),
-            "{name} accepts none of its seeds"
-        );
+        assert!(files.iter().any(|(_, bytes)| read(bytes)), "{name} accepts none of its seeds");
         for (_, bytes) in &files {
             read(bytes);
             // Cut everywhere (of a long file, at a hundred places).
@@ -62,11 +57,7 @@ fn every_reader_takes_the_seeds_of_the_others() {
 #[ignore = "writes fuzz/seeds"]
 fn seeds_are_made() {
     for (reader, name, bytes) in seeds::all() {
-        assert!(
-            bytes.len() <= 8192,
-            "{reader}/{name}: {} bytes",
-            bytes.len()
-        );
+        assert!(bytes.len() <= 8192, "{reader}/{name}: {} bytes", bytes.len());
         render::atomic_file::create_dir(&folder(reader)).unwrap();
         render::atomic_file::write(&folder(reader).join(name), &bytes).unwrap();
     }

@@ -39,15 +39,8 @@ fn exr(names: &[&str], compression: Compression, blocks: Blocks) -> Vec<u8> {
         1 => FlatSamples::F32(vec![1.5, 0.1, 0.2, 0.3, 2.0, 1e-3]),
         _ => FlatSamples::U32(vec![1, 2, 3, 4, 5, 6]),
     };
-    let channels = names
-        .iter()
-        .enumerate()
-        .map(|(k, name)| AnyChannel::new(*name, samples(k)));
-    let encoding = Encoding {
-        compression,
-        blocks,
-        line_order: LineOrder::Increasing,
-    };
+    let channels = names.iter().enumerate().map(|(k, name)| AnyChannel::new(*name, samples(k)));
+    let encoding = Encoding { compression, blocks, line_order: LineOrder::Increasing };
     let layer = Layer::new(
         (3, 2),
         LayerAttributes::named("main"),
@@ -55,11 +48,7 @@ fn exr(names: &[&str], compression: Compression, blocks: Blocks) -> Vec<u8> {
         AnyChannels::sort(channels.collect()),
     );
     let mut bytes = Cursor::new(vec![]);
-    Image::from_layer(layer)
-        .write()
-        .non_parallel()
-        .to_buffered(&mut bytes)
-        .unwrap();
+    Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes).unwrap();
     bytes.into_inner()
 }
 
@@ -71,14 +60,8 @@ pub(crate) fn images() -> Vec<(String, Vec<u8>)> {
         ("rgb8.png", png(&ramp[..18], 3, 2, Png::Rgb8)),
         ("rgba16.png", png(&ramp, 3, 2, Png::Rgba16)),
         ("rgb.jpg", jpeg(&ramp[..18], 3, 2)),
-        (
-            "f4.npy",
-            npy("<f4", false, "(2, 3)", &0.5f32.to_le_bytes().repeat(6)),
-        ),
-        (
-            "f8.npy",
-            npy(">f8", true, "(2, 3, 1)", &2.5f64.to_be_bytes().repeat(6)),
-        ),
+        ("f4.npy", npy("<f4", false, "(2, 3)", &0.5f32.to_le_bytes().repeat(6))),
+        ("f8.npy", npy(">f8", true, "(2, 3, 1)", &2.5f64.to_be_bytes().repeat(6))),
         ("u1.npy", npy("|u1", false, "(2, 3, 3)", &ramp[..18])),
         ("u2.npy", npy("<u2", false, "(1, 2, 3)", &ramp[..12])),
         ("b1.npy", npy("|b1", false, "(2, 3)", &[1, 0, 1, 1, 0, 1])),
@@ -87,14 +70,8 @@ pub(crate) fn images() -> Vec<(String, Vec<u8>)> {
         ("bits4.pbm", b"P4 3 2 \xa0\x40".to_vec()),
         ("grey16.pgm", b"P5 3 2 65535 abcdefghijkl".to_vec()),
         ("rgb.ppm", b"P6 3 2 255 abcdefghijklmnopqr".to_vec()),
-        (
-            "grey.pfm",
-            [&b"Pf\n3 2\n-1.0\n"[..], &0.5f32.to_le_bytes().repeat(6)].concat(),
-        ),
-        (
-            "rgb.pfm",
-            [&b"PF\n1 2\n1\n"[..], &0.5f32.to_be_bytes().repeat(6)].concat(),
-        ),
+        ("grey.pfm", [&b"Pf\n3 2\n-1.0\n"[..], &0.5f32.to_le_bytes().repeat(6)].concat()),
+        ("rgb.pfm", [&b"PF\n1 2\n1\n"[..], &0.5f32.to_be_bytes().repeat(6)].concat()),
         (
             "rgbe.hdr",
             b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 1\n\x80\x40\x20\x81\x10\x20\x30\x80"
@@ -107,37 +84,12 @@ pub(crate) fn images() -> Vec<(String, Vec<u8>)> {
         ),
     ];
     for (name, names, compression, blocks) in [
-        (
-            "rgb.exr",
-            &["R", "G", "B"][..],
-            Compression::ZIP16,
-            Blocks::ScanLines,
-        ),
-        (
-            "y.exr",
-            &["Y", "A"],
-            Compression::Uncompressed,
-            Blocks::ScanLines,
-        ),
-        (
-            "z.exr",
-            &["Z"],
-            Compression::ZIP1,
-            Blocks::Tiles(Vec2(2, 2)),
-        ),
-        (
-            "rle.exr",
-            &["Y"],
-            Compression::RLE,
-            Blocks::Tiles(Vec2(2, 2)),
-        ),
+        ("rgb.exr", &["R", "G", "B"][..], Compression::ZIP16, Blocks::ScanLines),
+        ("y.exr", &["Y", "A"], Compression::Uncompressed, Blocks::ScanLines),
+        ("z.exr", &["Z"], Compression::ZIP1, Blocks::Tiles(Vec2(2, 2))),
+        ("rle.exr", &["Y"], Compression::RLE, Blocks::Tiles(Vec2(2, 2))),
         ("piz.exr", &["Y"], Compression::PIZ, Blocks::ScanLines),
-        (
-            "pxr24.exr",
-            &["Y"],
-            Compression::PXR24,
-            Blocks::Tiles(Vec2(64, 64)),
-        ),
+        ("pxr24.exr", &["Y"], Compression::PXR24, Blocks::Tiles(Vec2(64, 64))),
         ("b44.exr", &["Y"], Compression::B44, Blocks::ScanLines),
     ] {
         files.push((name, exr(names, compression, blocks)));

@@ -32,10 +32,7 @@ fn plain_line() -> SceneLine {
 /// A scene of a few pixels, traced and merged by the library.
 fn traced() -> (SceneLine, Vec<Partial>, Vec<u8>) {
     let line = plain_line();
-    let named = |bytes: &[u8]| NamedBytes {
-        path: "a".into(),
-        bytes: bytes.to_vec(),
-    };
+    let named = |bytes: &[u8]| NamedBytes { path: "a".into(), bytes: bytes.to_vec() };
     let files = PhotographFiles {
         color: named(b"P5 3 2 255 abcdef"),
         depth: named(b"P5 3 2 255 \x02\x03\x02\x04\x03\x02"),
@@ -138,13 +135,8 @@ fn meshes() -> Vec<(&'static str, Vec<u8>)> {
     };
     let float = "property float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\n\
                  property uchar blue\n";
-    let points = [
-        [0.0f32, 0.0, 2.0],
-        [1.0, 0.0, 2.0],
-        [1.0, 1.0, 2.5],
-        [0.0, 1.0, 2.0],
-        [2.0, 1.0, 3.0],
-    ];
+    let points =
+        [[0.0f32, 0.0, 2.0], [1.0, 0.0, 2.0], [1.0, 1.0, 2.5], [0.0, 1.0, 2.0], [2.0, 1.0, 3.0]];
     let faces = [&[0i32, 1, 2, 3][..], &[1, 4, 2]];
     let mut text = header("ascii", float);
     let (mut little, mut big) = (
@@ -172,21 +164,15 @@ fn meshes() -> Vec<(&'static str, Vec<u8>)> {
         }
         text.push('\n');
     }
-    vec![
-        ("text.ply", text.into_bytes()),
-        ("little.ply", little),
-        ("big.ply", big),
-    ]
+    vec![("text.ply", text.into_bytes()), ("little.ply", little), ("big.ply", big)]
 }
 
 /// Kinds that `inspect` alone reads.
 fn of_an_export_and_a_training() -> Vec<(&'static str, Vec<u8>)> {
     let mut shard = tar::Builder::new(vec![]);
     let picture = png(&[7; 12], 2, 2, Png::Rgb8);
-    for (name, bytes) in [
-        ("a.input.png", &picture[..]),
-        ("a.json", b"{\"layers\":{\"input\":{}}}"),
-    ] {
+    for (name, bytes) in [("a.input.png", &picture[..]), ("a.json", b"{\"layers\":{\"input\":{}}}")]
+    {
         let mut header = tar::Header::new_gnu();
         header.set_size(bytes.len() as u64);
         header.set_mode(0o644);
@@ -200,10 +186,7 @@ fn of_an_export_and_a_training() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("shard.tar", shard.into_inner().unwrap()),
         ("model.safetensors", weights),
-        (
-            "metrics.csv",
-            b"step,total,wall_s\n1,0.5,0.1\n2,0.25,0.1\n".to_vec(),
-        ),
+        ("metrics.csv", b"step,total,wall_s\n1,0.5,0.1\n2,0.25,0.1\n".to_vec()),
     ]
 }
 
@@ -227,36 +210,17 @@ pub(crate) fn all() -> Vec<Seed> {
         other.id = SceneId::new("b").unwrap();
         other
     }]);
-    seeds.push((
-        "scene_line",
-        "full.json".to_owned(),
-        LINE.as_bytes().to_vec(),
-    ));
-    let written = to_jsonl(std::slice::from_ref(&line))
-        .trim()
-        .as_bytes()
-        .to_vec();
+    seeds.push(("scene_line", "full.json".to_owned(), LINE.as_bytes().to_vec()));
+    let written = to_jsonl(std::slice::from_ref(&line)).trim().as_bytes().to_vec();
     seeds.push(("scene_line", "written.json".to_owned(), written));
-    seeds.push((
-        "manifest",
-        "two.jsonl".to_owned(),
-        lines.clone().into_bytes(),
-    ));
-    seeds.push((
-        "manifest",
-        "one.jsonl".to_owned(),
-        format!("\n{LINE}\n\n").into_bytes(),
-    ));
+    seeds.push(("manifest", "two.jsonl".to_owned(), lines.clone().into_bytes()));
+    seeds.push(("manifest", "one.jsonl".to_owned(), format!("\n{LINE}\n\n").into_bytes()));
     for (k, text) in RECIPES.iter().enumerate() {
         seeds.push(("recipe", format!("{k}.toml"), text.as_bytes().to_vec()));
     }
     let partial = render::partial::encode(&partials[0]).unwrap();
     seeds.push(("partial", "pixels.exr".to_owned(), partial));
-    seeds.push((
-        "partial",
-        "foreign.exr".to_owned(),
-        images().pop().unwrap().1,
-    ));
+    seeds.push(("partial", "foreign.exr".to_owned(), images().pop().unwrap().1));
     let spec = Spec {
         schema: SPEC_SCHEMA.to_owned(),
         name: "a".to_owned(),
@@ -264,42 +228,21 @@ pub(crate) fn all() -> Vec<Seed> {
         manifest_blake3: "00".to_owned(),
         tile_px: 64,
         tracer_version: 1,
-        golden: Golden {
-            scene: "builtin/3".to_owned(),
-            blake3: "ff".to_owned(),
-        },
+        golden: Golden { scene: "builtin/3".to_owned(), blake3: "ff".to_owned() },
         roots: [("data".to_owned(), "data".into())].into(),
         left_out: Vec::new(),
     };
-    seeds.push((
-        "spec",
-        "a.json".to_owned(),
-        serde_json::to_vec_pretty(&spec).unwrap(),
-    ));
-    seeds.push((
-        "spec",
-        "short.json".to_owned(),
-        b"{\"schema\":\"glasshouse.spec/1\"}".to_vec(),
-    ));
+    seeds.push(("spec", "a.json".to_owned(), serde_json::to_vec_pretty(&spec).unwrap()));
+    seeds.push(("spec", "short.json".to_owned(), b"{\"schema\":\"glasshouse.spec/1\"}".to_vec()));
     seeds.push(("tuple", "a.json".to_owned(), record));
-    seeds.push((
-        "tuple",
-        "short.json".to_owned(),
-        b"{\"schema\":\"glasshouse.tuple/1\"}".to_vec(),
-    ));
+    seeds.push(("tuple", "short.json".to_owned(), b"{\"schema\":\"glasshouse.tuple/1\"}".to_vec()));
     seeds.extend(farm());
     seeds
 }
 
 /// What the processes of a farm tell each other.
 fn farm() -> Vec<(&'static str, String, Vec<u8>)> {
-    let waiting = Message {
-        task: Task {
-            scene: 7,
-            shards: 16..32,
-        },
-        hops: 1,
-    };
+    let waiting = Message { task: Task { scene: 7, shards: 16..32 }, hops: 1 };
     let records = [
         (
             "attempt.json",
@@ -309,10 +252,7 @@ fn farm() -> Vec<(&'static str, String, Vec<u8>)> {
             "ended.json",
             r#"{"schema":"glasshouse.attempt/1","scene":"a","shards":[0,4],"n":1,"worker":"w","host":"h","found":2,"ended":{"kind":"crashed","reason":"signal 6","log_tail":"out of memory"}}"#,
         ),
-        (
-            "control.json",
-            r#"{"schema":"glasshouse.control/1","state":"paused","reason":"backup"}"#,
-        ),
+        ("control.json", r#"{"schema":"glasshouse.control/1","state":"paused","reason":"backup"}"#),
         (
             "receipt.json",
             r#"{"schema":"glasshouse.receipt/1","scene":"a","worker":"w","version":"0.1.0","with":["v"]}"#,

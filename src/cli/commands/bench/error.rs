@@ -56,10 +56,7 @@ pub(super) fn run(
     global: &Global,
     output: &Output,
 ) -> Result<Exit, Failure> {
-    let mut ladder = Ladder {
-        spp: args.spp.clone(),
-        seeds: args.seeds,
-    };
+    let mut ladder = Ladder { spp: args.spp.clone(), seeds: args.seeds };
     ladder.spp.sort_unstable();
     ladder.spp.dedup();
     let roots = Roots::parse(&args.roots.roots)?;
@@ -88,40 +85,27 @@ pub(super) fn run(
     }
 
     let signals = Signals::catch();
-    let stopped = || {
-        Failure::new(
-            signals.exit(),
-            anyhow!("stopped by a signal: no table is written"),
-        )
-    };
+    let stopped =
+        || Failure::new(signals.exit(), anyhow!("stopped by a signal: no table is written"));
     let isa = isa(global)?;
     let threads = threads(global);
-    let bench = Bench {
-        global,
-        threads,
-        isa,
-        signals: &signals,
-    };
+    let bench = Bench { global, threads, isa, signals: &signals };
     let film = &scene.line.film;
     let pixels = u64::from(film.width) * u64::from(film.height);
     let mut reference = given;
     if reference.is_none() {
         let dir = args.out.join("reference");
         let samples = pixels * u64::from(args.reference_spp);
-        reference = bench.with_progress(samples, |work| {
-            own_reference(&scene, args.reference_spp, &dir, work)
-        })?;
+        reference = bench
+            .with_progress(samples, |work| own_reference(&scene, args.reference_spp, &dir, work))?;
     }
     let reference = reference.ok_or_else(stopped)?;
     if reference.record.is_some() && reference.reused {
-        output.note(&format!(
-            "the reference in {} fits and is used again",
-            reference.dir.display()
-        ));
+        output
+            .note(&format!("the reference in {} fits and is used again", reference.dir.display()));
     }
-    let rows = bench.with_progress(ladder.samples(pixels), |work| {
-        climb(&scene, &ladder, &reference, work)
-    })?;
+    let rows = bench
+        .with_progress(ladder.samples(pixels), |work| climb(&scene, &ladder, &reference, work))?;
     let rows = rows.ok_or_else(stopped)?;
     let mut report = ErrorReport {
         scene: &scene.name,

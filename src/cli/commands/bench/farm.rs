@@ -132,22 +132,14 @@ pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Res
         _ => Mode::Overhead,
     };
     if global.dry_run {
-        let planned = Planned {
-            measured: true,
-            mode,
-            dry_run: true,
-        };
+        let planned = Planned { measured: true, mode, dry_run: true };
         output.show(SCHEMA, &planned);
         return Ok(Exit::Done);
     }
     let signals = Signals::catch();
     measure(args, mode, &signals, global, output).map_err(|failure| {
         let stopped = matches!(failure.error.downcast_ref(), Some(FarmBenchError::Stopped));
-        if stopped {
-            Failure::new(signals.exit(), failure.error)
-        } else {
-            failure
-        }
+        if stopped { Failure::new(signals.exit(), failure.error) } else { failure }
     })
 }
 
@@ -223,9 +215,7 @@ impl From<FarmBenchError> for Failure {
 
 /// The case of the arguments, to be simulated or done.
 fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
-    let lease_s = args
-        .lease_s
-        .unwrap_or(if args.simulate { 30.0 } else { 2.0 });
+    let lease_s = args.lease_s.unwrap_or(if args.simulate { 30.0 } else { 2.0 });
     let mut case = Case {
         work: Work {
             scenes: args.scenes.unwrap_or(50),
@@ -240,18 +230,14 @@ fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
             round_trip_s: args.round_trip_ms * 1e-3,
             ..Fleet::default()
         },
-        rules: Rules {
-            lease_s,
-            reconcile_s: args.reconcile_s,
-        },
+        rules: Rules { lease_s, reconcile_s: args.reconcile_s },
         faults: Vec::new(),
     };
     let workers = args.workers;
     let chosen = |which: Which, salt: u64| match which {
-        Which::One(worker) if worker >= workers => Err(usage(format!(
-            "there is no worker {worker}: they are 0 to {}",
-            workers - 1
-        ))),
+        Which::One(worker) if worker >= workers => {
+            Err(usage(format!("there is no worker {worker}: they are 0 to {}", workers - 1)))
+        }
         Which::One(worker) => Ok(vec![(worker, 0.0)]),
         Which::Share(share) => Ok(some_workers(workers, share, args.seed ^ (salt << 32))),
     };
@@ -274,11 +260,7 @@ fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
         for (worker, drawn) in chosen(stop.which, k)? {
             let at_s = stop.at_s.unwrap_or(drawn * spread_s);
             let for_s = stop.for_s;
-            faults.push(Fault::Stop {
-                worker,
-                at_s,
-                for_s,
-            });
+            faults.push(Fault::Stop { worker, at_s, for_s });
         }
     }
     faults.extend(args.wipe.iter().map(|&at_s| Fault::Wipe { at_s }));
@@ -358,34 +340,24 @@ fn parse_kill(text: &str) -> Result<Kill, String> {
 }
 
 fn parse_slow(text: &str) -> Result<Slow, String> {
-    let (which, times) = text
-        .split_once('x')
-        .ok_or("how much slower? write WORKERxTIMES, like 1x4")?;
+    let (which, times) =
+        text.split_once('x').ok_or("how much slower? write WORKERxTIMES, like 1x4")?;
     let times = parse_seconds(times)?;
     if times < 1.0 {
         return Err("1 or more times slower".to_owned());
     }
-    Ok(Slow {
-        which: parse_which(which)?,
-        times,
-    })
+    Ok(Slow { which: parse_which(which)?, times })
 }
 
 fn parse_stop(text: &str) -> Result<Stop, String> {
-    let (which, for_s) = text
-        .rsplit_once('+')
-        .ok_or("for how long? write WORKER@SECOND+SECONDS, like 2@5+60")?;
+    let (which, for_s) =
+        text.rsplit_once('+').ok_or("for how long? write WORKER@SECOND+SECONDS, like 2@5+60")?;
     let (which, at_s) = parse_which_at(which)?;
-    Ok(Stop {
-        which,
-        at_s,
-        for_s: parse_seconds(for_s)?,
-    })
+    Ok(Stop { which, at_s, for_s: parse_seconds(for_s)? })
 }
 
 fn parse_away(text: &str) -> Result<(f64, f64), String> {
-    let (at, how_long) = text
-        .split_once('+')
-        .ok_or("for how long? write SECOND+SECONDS, like 20+60")?;
+    let (at, how_long) =
+        text.split_once('+').ok_or("for how long? write SECOND+SECONDS, like 20+60")?;
     Ok((parse_seconds(at)?, parse_seconds(how_long)?))
 }

@@ -134,11 +134,7 @@ pub(super) fn read_scene(path: &Path, roots: &Roots) -> Result<BenchScene, Failu
     let base = path.parent().map_or_else(Default::default, Path::to_owned);
     let files = read_files(&line, roots, &base).map_err(|e| invalid(e.into()))?;
     let photographs = decode(&line, &files).map_err(|e| invalid(e.into()))?;
-    Ok(BenchScene {
-        name: line.id.to_string(),
-        line,
-        photographs,
-    })
+    Ok(BenchScene { name: line.id.to_string(), line, photographs })
 }
 
 /// What an instruction set is called.

@@ -62,11 +62,7 @@ pub(super) fn run(
         if !args.no_builtin {
             names.splice(0..0, ["indoor", "outdoor", "stress"]);
         }
-        let planned = Planned {
-            dry_run: true,
-            scenes: names,
-            dump: args.dump.as_deref(),
-        };
+        let planned = Planned { dry_run: true, scenes: names, dump: args.dump.as_deref() };
         output.show(SCHEMA, &planned);
         return Ok(Exit::Done);
     }
@@ -80,13 +76,7 @@ pub(super) fn run(
     }
     let mut dump = args.dump.as_deref().map(RayDump::new).transpose()?;
     let progress = Progress::new(global, "measurements", scenes.len() as u64 * STEPS);
-    let measured = measure(
-        &scenes,
-        &isas,
-        usize::from(args.passes),
-        dump.as_mut(),
-        &progress,
-    );
+    let measured = measure(&scenes, &isas, usize::from(args.passes), dump.as_mut(), &progress);
     progress.finish();
     let (kernels, tracers, builds) = measured?;
     let dumped = dump.map(RayDump::finish).transpose()?;
@@ -162,15 +152,12 @@ fn measure(
     let mut measured = Measured::default();
     for scene in scenes {
         progress.message(scene.name.clone());
-        measured.0.extend(kernels(
-            scene,
-            isas,
-            passes,
-            &mut |name, probe, hits, mrays_per_s| match &mut dump {
+        measured.0.extend(kernels(scene, isas, passes, &mut |name, probe, hits, mrays_per_s| {
+            match &mut dump {
                 Some(dump) => dump.add(name, probe, hits, mrays_per_s),
                 None => Ok(()),
-            },
-        )?);
+            }
+        })?);
         progress.add(1, false);
         measured.1.extend(tracer(scene, isas, passes)?);
         progress.add(1, false);
@@ -189,10 +176,8 @@ fn kernel_table(rows: &[KernelRow], isas: &[&str]) -> Vec<Vec<String>> {
     head.extend(isas.iter().map(|isa| (*isa).to_owned()));
     let mut table = vec![head];
     for row in rows {
-        let kernel = row.apex.map_or_else(
-            || row.kernel.to_owned(),
-            |apex| format!("{} {apex}", row.kernel),
-        );
+        let kernel =
+            row.apex.map_or_else(|| row.kernel.to_owned(), |apex| format!("{} {apex}", row.kernel));
         let mut cells = vec![
             row.scene.clone(),
             kernel,
@@ -200,9 +185,7 @@ fn kernel_table(rows: &[KernelRow], isas: &[&str]) -> Vec<Vec<String>> {
             format!("{:.2}", row.rounds_per_16_rays),
         ];
         cells.extend(
-            row.timings
-                .iter()
-                .map(|t| format!("{:.0} ({:.0})", t.mrays_per_s, t.best_mrays_per_s)),
+            row.timings.iter().map(|t| format!("{:.0} ({:.0})", t.mrays_per_s, t.best_mrays_per_s)),
         );
         table.push(cells);
     }
@@ -220,10 +203,7 @@ fn tracer_table(rows: &[TracerRow], isas: &[&str]) -> Vec<Vec<String>> {
         let mut cells = words(&[&row.scene, row.apex]);
         cells.push(format!("{:.2}", row.rays as f64 / row.samples as f64));
         for t in &row.timings {
-            cells.push(format!(
-                "{:.1} ({:.1})",
-                t.msamples_per_s, t.best_msamples_per_s
-            ));
+            cells.push(format!("{:.1} ({:.1})", t.msamples_per_s, t.best_msamples_per_s));
             cells.push(format!("{:.0}", t.mrays_per_s));
         }
         table.push(cells);

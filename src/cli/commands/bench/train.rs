@@ -41,11 +41,7 @@ pub(super) fn run(
     output: &Output,
 ) -> Result<Exit, Failure> {
     let settings = TrainSettings {
-        features: if args.no_features {
-            FeatureSource::None
-        } else {
-            FeatureSource::Random
-        },
+        features: if args.no_features { FeatureSource::None } else { FeatureSource::Random },
         width: args.width,
         batch: args.batch,
         ..TrainSettings::default()
@@ -53,10 +49,7 @@ pub(super) fn run(
     let usage = |e: train::SettingError| Failure::new(Exit::Usage, e);
     settings.validate().map_err(usage)?;
     if global.dry_run {
-        let planned = Planned {
-            dry_run: true,
-            steps: args.steps,
-        };
+        let planned = Planned { dry_run: true, steps: args.steps };
         output.show(SCHEMA, &planned);
         return Ok(Exit::Done);
     }
@@ -74,10 +67,9 @@ pub(super) fn run(
         }
     }
     progress.finish();
-    let (Some(best), Some(fastest)) = (
-        least(&steps, |s| s.cpu_s).cloned(),
-        least(&steps, |s| s.wall_s),
-    ) else {
+    let (Some(best), Some(fastest)) =
+        (least(&steps, |s| s.cpu_s).cloned(), least(&steps, |s| s.wall_s))
+    else {
         let error = anyhow::anyhow!("no step was taken");
         return Err(Failure::new(Exit::Usage, error));
     };
@@ -145,11 +137,7 @@ impl fmt::Display for Report {
         let mut rows = vec![["part", "CPU s", "share"].map(str::to_owned).to_vec()];
         rows.extend(self.parts_cpu_seconds.iter().map(|(name, seconds)| {
             let share = 100.0 * seconds / self.step_cpu_seconds;
-            vec![
-                (*name).to_owned(),
-                format!("{seconds:.3}"),
-                format!("{share:.0} %"),
-            ]
+            vec![(*name).to_owned(), format!("{seconds:.3}"), format!("{share:.0} %")]
         }));
         let peak = self.peak_memory_bytes;
         write!(

@@ -49,14 +49,9 @@ impl fmt::Display for Lesson {
             Some(Scores::Kept(_, text)) => f.write_str(text),
             None => {
                 let steps = self.stages.values().filter_map(|s| s.trained.as_ref());
-                let stopped = steps
-                    .filter(|trained| trained.stopped)
-                    .map(|trained| trained.step);
+                let stopped = steps.filter(|trained| trained.stopped).map(|trained| trained.step);
                 let step = stopped.max().unwrap_or(0);
-                write!(
-                    f,
-                    "training stopped at step {step}; the same command goes on"
-                )
+                write!(f, "training stopped at step {step}; the same command goes on")
             }
         }
     }
@@ -73,15 +68,9 @@ pub(super) fn training(
         return Ok(None);
     };
     let store = Store::local(folder)?;
-    let mut lesson = Lesson {
-        stages: BTreeMap::new(),
-        evaluation: None,
-        exit: Exit::Done,
-    };
-    let stages = [
-        (Stage::Backtrack, recipe.backtrack_steps),
-        (Stage::Separation, recipe.separation_steps),
-    ];
+    let mut lesson = Lesson { stages: BTreeMap::new(), evaluation: None, exit: Exit::Done };
+    let stages =
+        [(Stage::Backtrack, recipe.backtrack_steps), (Stage::Separation, recipe.separation_steps)];
     let mut taken = 0;
     for (stage, steps) in stages.into_iter().filter(|(_, steps)| *steps > 0) {
         let settings = |_: Option<&TrainSettings>| recipe.settings.clone();
@@ -98,11 +87,7 @@ pub(super) fn training(
             return Ok(Some(lesson));
         }
     }
-    lesson.evaluation = if taken == 0 {
-        scored_before(folder)
-    } else {
-        None
-    };
+    lesson.evaluation = if taken == 0 { scored_before(folder) } else { None };
     if lesson.evaluation.is_none() {
         let (evaluation, exit) = evaluate_run(folder, global, output)?;
         lesson.evaluation = Some(Scores::New(Box::new(evaluation)));

@@ -57,16 +57,9 @@ impl Store {
         from: &BTreeMap<u32, u64>,
     ) -> Result<(), String> {
         if from.len() != SHARDS as usize {
-            return Err(format!(
-                "the tuple of scene {scene} is made from {:?}",
-                from.keys()
-            ));
+            return Err(format!("the tuple of scene {scene} is made from {:?}", from.keys()));
         }
-        put(
-            &mut self.tuples,
-            scene,
-            from.values().fold(0, |all, digest| mix(all ^ digest)),
-        )
+        put(&mut self.tuples, scene, from.values().fold(0, |all, digest| mix(all ^ digest)))
     }
 }
 
@@ -77,11 +70,7 @@ fn put<K: Ord + std::fmt::Debug>(
 ) -> Result<(), String> {
     let text = format!("{key:?}");
     let there = *to.entry(key).or_insert(digest);
-    if there == digest {
-        Ok(())
-    } else {
-        Err(format!("other bytes for {text}"))
-    }
+    if there == digest { Ok(()) } else { Err(format!("other bytes for {text}")) }
 }
 
 /// What tracing a shard results in.
@@ -181,20 +170,11 @@ impl Farm {
         if self.workers[w].stops {
             return;
         }
-        let Some(Delivered {
-            sequence,
-            message,
-            again,
-        }) = self.queue.take(0)
-        else {
+        let Some(Delivered { sequence, message, again }) = self.queue.take(0) else {
             return;
         };
         self.note(|| format!("worker {w} leases {sequence}: {message:?}"));
-        let lease = Lease {
-            id: u64::from(sequence),
-            message,
-            redelivered: again,
-        };
+        let lease = Lease { id: u64::from(sequence), message, redelivered: again };
         let now = self.now;
         let worker = &mut self.workers[w];
         if let Some(task) = worker.tasks.lease(&lease, now) {
@@ -208,11 +188,7 @@ impl Farm {
             return None;
         }
         let k = self.draw(self.packets.len());
-        Some(if copy {
-            self.packets[k].clone()
-        } else {
-            self.packets.swap_remove(k)
-        })
+        Some(if copy { self.packets[k].clone() } else { self.packets.swap_remove(k) })
     }
 
     fn network(&mut self, copy: bool) {
@@ -270,10 +246,7 @@ impl Farm {
         for scene in self.absent.take().unwrap_or_default() {
             if !self.store.tuples.contains_key(&scene) {
                 self.note(|| format!("the coordinator publishes scene {scene}"));
-                let task = Task {
-                    scene,
-                    shards: 0..SHARDS,
-                };
+                let task = Task { scene, shards: 0..SHARDS };
                 self.queue.publish(&Message { task, hops: 0 });
             }
         }
@@ -285,9 +258,7 @@ impl Farm {
             let there = self.store.tuples.contains_key(&scene)
                 || self.store.partials.contains_key(&(scene, shard));
             if !there {
-                return Err(format!(
-                    "shard {shard} of scene {scene} was stored and is lost"
-                ));
+                return Err(format!("shard {shard} of scene {scene} was stored and is lost"));
             }
         }
         if !self.queue_kept_its_word {
@@ -315,10 +286,7 @@ impl Farm {
             let is_done = self.store.tuples.len() == SCENES as usize
                 && self.queue.waiting() + self.queue.held() == 0
                 && self.packets.is_empty()
-                && self
-                    .workers
-                    .iter()
-                    .all(|w| w.tasks.is_empty() && w.jobs.is_empty());
+                && self.workers.iter().all(|w| w.tasks.is_empty() && w.jobs.is_empty());
             if is_done {
                 return self.check_records();
             }
@@ -341,10 +309,7 @@ impl Farm {
             self.list_queue();
             self.publish_missing();
         }
-        Err(format!(
-            "not finished: tuples of {:?}",
-            self.store.tuples.keys()
-        ))
+        Err(format!("not finished: tuples of {:?}", self.store.tuples.keys()))
     }
 
     /// Until no worker has anything to do.
@@ -372,12 +337,7 @@ impl Farm {
     fn check_records(&self) -> Result<(), String> {
         let is_alive =
             |&(w, incarnation): &(usize, u32)| self.workers[w].incarnation == incarnation;
-        match self
-            .store
-            .attempts
-            .iter()
-            .find(|(_, owner)| is_alive(owner))
-        {
+        match self.store.attempts.iter().find(|(_, owner)| is_alive(owner)) {
             Some((record, owner)) => Err(format!("{owner:?} leaves the record {record:?}")),
             None => Ok(()),
         }
@@ -387,9 +347,7 @@ impl Farm {
     pub(super) fn record(&mut self, w: usize, task: &Task) -> u32 {
         let key = |n| (task.scene, task.shards.start, task.shards.end, n);
         let attempts = &self.store.attempts;
-        let n = (1..u32::MAX)
-            .find(|&n| !attempts.contains_key(&key(n)))
-            .unwrap_or(1);
+        let n = (1..u32::MAX).find(|&n| !attempts.contains_key(&key(n))).unwrap_or(1);
         let owner = (w, self.workers[w].incarnation);
         self.store.attempts.insert(key(n), owner);
         n
@@ -406,9 +364,8 @@ impl Farm {
     }
 
     pub(super) fn job_of(&mut self, w: usize) -> Option<Job> {
-        let ready: Vec<usize> = (0..self.workers[w].jobs.len())
-            .filter(|&k| !self.workers[w].jobs[k].waits())
-            .collect();
+        let ready: Vec<usize> =
+            (0..self.workers[w].jobs.len()).filter(|&k| !self.workers[w].jobs[k].waits()).collect();
         let k = *ready.get(self.draw(ready.len()))?;
         Some(self.workers[w].jobs.swap_remove(k))
     }

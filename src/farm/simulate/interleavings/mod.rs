@@ -96,9 +96,7 @@ fn a_seed_replays() {
     for seed in 0..20 {
         let log = |seed| {
             let mut farm = Farm::new(seed, None, true);
-            (0..100)
-                .try_for_each(|_| farm.step(has_queue_faults(seed)))
-                .unwrap();
+            (0..100).try_for_each(|_| farm.step(has_queue_faults(seed))).unwrap();
             farm.log()
         };
         assert_eq!(log(seed), log(seed));
@@ -112,28 +110,13 @@ fn every_action_is_asked_for() {
     let mut logs = String::new();
     for seed in 0..200 {
         let mut farm = Farm::new(seed, None, true);
-        (0..160)
-            .try_for_each(|_| farm.step(has_queue_faults(seed)))
-            .unwrap();
+        (0..160).try_for_each(|_| farm.step(has_queue_faults(seed))).unwrap();
         farm.finish_fairly().unwrap();
         logs.push_str(&farm.log());
     }
-    let asked = [
-        "Store {",
-        "Merge {",
-        "CheckScene {",
-        "Gather {",
-        "LeaveNote {",
-        "RemovePartials {",
-    ];
-    let more = [
-        "ForgetAttempt {",
-        "Publish {",
-        "Finish {",
-        "offers",
-        "Sandbox(",
-        "gone: [",
-    ];
+    let asked =
+        ["Store {", "Merge {", "CheckScene {", "Gather {", "LeaveNote {", "RemovePartials {"];
+    let more = ["ForgetAttempt {", "Publish {", "Finish {", "offers", "Sandbox(", "gone: ["];
     for text in asked.into_iter().chain(more) {
         assert!(logs.contains(text), "{text}");
     }

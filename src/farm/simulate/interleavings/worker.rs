@@ -11,12 +11,7 @@ use std::ops::Range;
 /// Steps after which a partial no longer waits in memory.
 const CHECKPOINT: Time = Time::from_millis(25);
 
-const COSTS: Costs = Costs {
-    shard_s: 1.0,
-    threads: 1.0,
-    load_s: 0.1,
-    load_is_known: true,
-};
+const COSTS: Costs = Costs { shard_s: 1.0, threads: 1.0, load_s: 0.1, load_is_known: true };
 
 /// Names a published message: a confirmation to a worker that crashed means nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -40,7 +35,6 @@ pub(super) enum Job {
     Check(TaskId),
     Gather(TaskId),
     Merge(TaskId),
-    /// In order.
     Act(VecDeque<Action>),
     /// Until all of it is confirmed, then goes on.
     Publishes(BTreeSet<Publication>, VecDeque<Action>),
@@ -49,7 +43,6 @@ pub(super) enum Job {
 }
 
 impl Job {
-    /// For a confirmation.
     pub(super) fn waits(&self) -> bool {
         matches!(self, Self::Publishes(..) | Self::Offers(..))
     }
@@ -64,7 +57,6 @@ pub(super) struct Worker {
     pub(super) stops: bool,
     /// It is replaced when it has done the rest.
     pub(super) leaves: bool,
-    /// Results in memory.
     results: BTreeMap<TaskId, BTreeMap<u32, u64>>,
     published: u32,
 }
@@ -91,11 +83,7 @@ impl Worker {
 
     fn publication(&mut self) -> Publication {
         self.published += 1;
-        Publication {
-            worker: self.number,
-            incarnation: self.incarnation,
-            number: self.published,
-        }
+        Publication { worker: self.number, incarnation: self.incarnation, number: self.published }
     }
 }
 
@@ -165,11 +153,7 @@ impl Farm {
             self.store.attempts.remove(&key);
             return;
         }
-        let job = if suspect {
-            Job::Sandbox(task)
-        } else {
-            Job::Load(task)
-        };
+        let job = if suspect { Job::Sandbox(task) } else { Job::Load(task) };
         self.workers[w].jobs.push(job);
     }
 
@@ -235,11 +219,8 @@ impl Farm {
         let all = self.store.has_all(scene) && !self.has(Mistake::NeverTheLast);
         let done = !all && self.has_tuple(scene);
         let tasks = &mut self.workers[w].tasks;
-        let actions = if done {
-            tasks.done_elsewhere(task)
-        } else {
-            tasks.scene_checked(task, all)
-        };
+        let actions =
+            if done { tasks.done_elsewhere(task) } else { tasks.scene_checked(task, all) };
         self.workers[w].act(actions);
     }
 
@@ -285,9 +266,7 @@ impl Farm {
     fn act(&mut self, w: usize, mut actions: VecDeque<Action>) {
         if self.has(Mistake::FinishesFirst) {
             let is_finish = |action: &Action| matches!(action, Action::Finish { .. });
-            actions
-                .make_contiguous()
-                .sort_by_key(|action| !is_finish(action));
+            actions.make_contiguous().sort_by_key(|action| !is_finish(action));
         }
         let Some(action) = actions.pop_front() else {
             return;
@@ -355,11 +334,8 @@ impl Farm {
         match worker.jobs.swap_remove(k) {
             Job::Publishes(mut open, actions) => {
                 open.remove(&publication);
-                let next = if open.is_empty() {
-                    Job::Act(actions)
-                } else {
-                    Job::Publishes(open, actions)
-                };
+                let next =
+                    if open.is_empty() { Job::Act(actions) } else { Job::Publishes(open, actions) };
                 worker.jobs.push(next);
             }
             Job::Offers(_, task, shards) => {
@@ -380,11 +356,8 @@ impl Farm {
             let worker = &mut self.workers[w];
             let publication = worker.publication();
             let (task, shards) = (offer.task, offer.shards());
-            worker
-                .jobs
-                .push(Job::Offers(publication, task, shards.clone()));
-            self.packets
-                .push(Packet::Publish(publication, offer.message));
+            worker.jobs.push(Job::Offers(publication, task, shards.clone()));
+            self.packets.push(Packet::Publish(publication, offer.message));
             if self.has(Mistake::LeavesBeforeConfirmed) {
                 let actions = self.workers[w].tasks.donated(task, shards);
                 self.workers[w].act(actions);

@@ -132,10 +132,7 @@ mod tests {
     fn the_later_half_of_what_is_not_begun_is_donated() {
         let all = [candidate(0, 6..16, true), candidate(1, 5..8, true)];
         assert_eq!(chosen(&all, 1.0, LOAD_S), [(0, 11..16)]);
-        assert_eq!(
-            chosen(&[candidate(0, 4..5, true)], 1.0, LOAD_S),
-            [(0, 4..5)]
-        );
+        assert_eq!(chosen(&[candidate(0, 4..5, true)], 1.0, LOAD_S), [(0, 4..5)]);
     }
 
     #[test]
@@ -148,11 +145,7 @@ mod tests {
     #[test]
     fn a_slower_worker_gets_less() {
         let all = [candidate(0, 6..16, true)];
-        let count = |slowness| {
-            chosen(&all, slowness, LOAD_S)
-                .first()
-                .map_or(0, |c| c.1.len())
-        };
+        let count = |slowness| chosen(&all, slowness, LOAD_S).first().map_or(0, |c| c.1.len());
         assert_eq!([count(1.0), count(2.0), count(4.0)], [5, 3, 2]);
         // One shard would take longer there than all ten here.
         assert_eq!(count(12.0), 0);

@@ -93,20 +93,13 @@ impl<P> Tasks<P> {
             return Vec::new();
         };
         let leased = entry.message.task.clone();
-        let forget = entry.attempt.map(|n| Action::ForgetAttempt {
-            task: leased.clone(),
-            n,
-        });
+        let forget = entry.attempt.map(|n| Action::ForgetAttempt { task: leased.clone(), n });
         let finish = Action::Finish { lease: entry.lease };
-        let note = || Action::LeaveNote {
-            task: leased.clone(),
-        };
+        let note = || Action::LeaveNote { task: leased.clone() };
         let mut actions = Vec::new();
         match end {
             End::Merged => {
-                actions.push(Action::RemovePartials {
-                    scene: leased.scene,
-                });
+                actions.push(Action::RemovePartials { scene: leased.scene });
                 actions.extend(forget);
                 actions.push(finish);
             }
@@ -121,17 +114,13 @@ impl<P> Tasks<P> {
             }
             End::SetAside => actions.push(finish),
             End::Retried => {
-                actions.push(Action::Publish {
-                    messages: entry.rest(),
-                });
+                actions.push(Action::Publish { messages: entry.rest() });
                 actions.push(finish);
             }
             End::Requeued => {
                 actions.extend(forget);
                 actions.extend(entry.shards.has_stored().then(note));
-                actions.push(Action::Publish {
-                    messages: entry.rest(),
-                });
+                actions.push(Action::Publish { messages: entry.rest() });
                 actions.push(finish);
             }
             End::Cancelled => actions.extend(forget),

@@ -86,20 +86,13 @@ impl<P> Entry<P> {
     /// is left of this one.
     fn shard_s(&self, costs: Costs) -> f64 {
         let (seconds, shards) = self.traced;
-        let of_thread = if shards > 0.0 {
-            seconds / shards
-        } else {
-            costs.shard_s
-        };
+        let of_thread = if shards > 0.0 { seconds / shards } else { costs.shard_s };
         of_thread / costs.threads
     }
 
     fn message(&self, shards: Range<u32>) -> Message {
         let scene = self.message.task.scene;
-        Message {
-            task: Task { scene, shards },
-            hops: self.message.hops + 1,
-        }
+        Message { task: Task { scene, shards }, hops: self.message.hops + 1 }
     }
 
     /// What another worker has to do if this one stops: all that is not in the store. If nothing is, it still has to be
@@ -116,12 +109,7 @@ impl<P> Entry<P> {
 
 impl<P> Tasks<P> {
     pub(in crate::farm) fn new(checkpoint: Duration) -> Self {
-        Self {
-            entries: BTreeMap::new(),
-            last: 0,
-            checkpoint,
-            stopping: false,
-        }
+        Self { entries: BTreeMap::new(), last: 0, checkpoint, stopping: false }
     }
 
     /// A task was leased. None if it is here already: its lease ended, and the queue gave it to the same worker again.
@@ -277,11 +265,7 @@ impl<P> Tasks<P> {
     pub(in crate::farm) fn gathered(&mut self, task: TaskId, missing: &[u32]) -> Vec<Action> {
         if missing.is_empty() {
             let complete = self.to(task, TaskEvent::Gathered);
-            return if complete {
-                vec![Action::Merge { task }]
-            } else {
-                Vec::new()
-            };
+            return if complete { vec![Action::Merge { task }] } else { Vec::new() };
         }
         let Some(entry) = self.entries.get(&task) else {
             return Vec::new();
@@ -300,10 +284,7 @@ impl<P> Tasks<P> {
         let slowness = costs.slowness(load_s);
         let load_s = load_s.unwrap_or(costs.load_s);
         let chosen = donate::choose(&self.candidates(costs), slowness, load_s).into_iter();
-        let offer = |(task, shards)| Offer {
-            task,
-            message: self.entries[&task].message(shards),
-        };
+        let offer = |(task, shards)| Offer { task, message: self.entries[&task].message(shards) };
         chosen.map(offer).collect()
     }
 
@@ -333,10 +314,7 @@ impl<P> Tasks<P> {
     /// Writes all that is in memory alone.
     pub(in crate::farm) fn store_all(&mut self) -> Vec<Action> {
         let tasks: Vec<TaskId> = self.entries.keys().copied().collect();
-        tasks
-            .into_iter()
-            .flat_map(|task| self.store(task))
-            .collect()
+        tasks.into_iter().flat_map(|task| self.store(task)).collect()
     }
 
     /// Something of it was done.
@@ -352,7 +330,6 @@ impl<P> Tasks<P> {
         self.entries.values().find(hangs).map(|e| &e.message.task)
     }
 
-    /// To be renewed.
     pub(in crate::farm) fn leases(&self) -> Vec<u64> {
         self.entries.values().map(|entry| entry.lease).collect()
     }

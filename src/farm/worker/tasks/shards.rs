@@ -2,7 +2,6 @@
 
 use std::ops::Range;
 
-/// Where a shard is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Shard {
     /// Not in this task: other workers have it.
@@ -59,11 +58,7 @@ impl Shards {
 
     /// Whether a band of a shard is to be traced. While stopping, no new shard starts; a started one is finished.
     pub(super) fn begin(&mut self, shard: u32, stopping: bool) -> bool {
-        let to = if stopping {
-            Shard::Dropped
-        } else {
-            Shard::Tracing
-        };
+        let to = if stopping { Shard::Dropped } else { Shard::Tracing };
         self.change(shard, &[Shard::Waiting], to);
         self.0.get(shard as usize) == Some(&Shard::Tracing)
     }
@@ -93,7 +88,6 @@ impl Shards {
         }
     }
 
-    /// Shards to trace.
     pub(super) fn waiting(&self) -> Vec<u32> {
         self.with(|s| s == Shard::Waiting).collect()
     }
@@ -111,10 +105,7 @@ impl Shards {
     /// Every shard of the scene is in this worker's memory.
     pub(super) fn are_all_here(&self) -> bool {
         let here = |s: &Shard| {
-            matches!(
-                s,
-                Shard::InMemory | Shard::Writing | Shard::Stored | Shard::Found
-            )
+            matches!(s, Shard::InMemory | Shard::Writing | Shard::Stored | Shard::Found)
         };
         !self.0.is_empty() && self.0.iter().all(here)
     }
@@ -129,7 +120,6 @@ impl Shards {
     }
 }
 
-/// Shards in a row.
 pub(super) fn rows(shards: impl Iterator<Item = u32>) -> Vec<Range<u32>> {
     let mut rows: Vec<Range<u32>> = Vec::new();
     for shard in shards {

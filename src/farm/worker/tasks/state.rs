@@ -58,7 +58,6 @@ pub(in crate::farm) enum TaskEvent {
     SetAside,
     /// It failed here; other workers are to try.
     Retry,
-    /// This worker stops.
     Requeue,
     /// The run is cancelled.
     Cancel,
@@ -194,9 +193,7 @@ mod tests {
         }
         assert!(STATES.iter().all(|state| reached.contains(state)));
         for state in STATES {
-            let in_order = EVENTS
-                .iter()
-                .filter(|event| !matches!(event, E::Requeue | E::Cancel));
+            let in_order = EVENTS.iter().filter(|event| !matches!(event, E::Requeue | E::Cancel));
             assert!(in_order.filter_map(|&event| next(state, event)).count() > 0);
         }
     }

@@ -2,24 +2,12 @@
 
 use super::*;
 
-const COSTS: Costs = Costs {
-    shard_s: 1.0,
-    threads: 1.0,
-    load_s: 0.1,
-    load_is_known: true,
-};
+const COSTS: Costs = Costs { shard_s: 1.0, threads: 1.0, load_s: 0.1, load_is_known: true };
 const CHECKPOINT: Time = Duration::from_secs(20);
 const START: Time = Duration::ZERO;
 
 fn lease(id: u64, scene: u32, shards: Range<u32>) -> Lease {
-    Lease {
-        id,
-        message: Message {
-            task: Task { scene, shards },
-            hops: 0,
-        },
-        redelivered: false,
-    }
+    Lease { id, message: Message { task: Task { scene, shards }, hops: 0 }, redelivered: false }
 }
 
 /// A machine with one task whose scene of `count` shards is loaded.
@@ -43,10 +31,7 @@ fn forget(shards: Range<u32>) -> Action {
 }
 
 fn message(shards: Range<u32>) -> Message {
-    Message {
-        task: Task { scene: 7, shards },
-        hops: 1,
-    }
+    Message { task: Task { scene: 7, shards }, hops: 1 }
 }
 
 const FINISH: Action = Action::Finish { lease: 1 };
@@ -61,10 +46,7 @@ fn a_whole_scene_is_merged_from_memory_and_its_lease_given_back_after_that() {
     assert_eq!(trace(&mut tasks, task, 1, 3), [Action::Merge { task }]);
     assert!(tasks.is_alone(task));
     let ended = tasks.merged(task);
-    assert_eq!(
-        ended,
-        [Action::RemovePartials { scene: 7 }, forget(0..3), FINISH]
-    );
+    assert_eq!(ended, [Action::RemovePartials { scene: 7 }, forget(0..3), FINISH]);
     assert!(tasks.is_empty());
     assert_eq!(tasks.merged(task), []);
 }
@@ -75,13 +57,7 @@ fn shards_wait_in_memory_for_the_checkpoint_only() {
     assert_eq!(trace(&mut tasks, task, 0, 1), []);
     assert_eq!(trace(&mut tasks, task, 1, 20), []);
     let write = trace(&mut tasks, task, 2, 21);
-    assert_eq!(
-        write,
-        [Action::Store {
-            task,
-            shards: vec![0, 1, 2]
-        }]
-    );
+    assert_eq!(write, [Action::Store { task, shards: vec![0, 1, 2] }]);
     // What is on its way counts as here.
     assert_eq!(tasks.stored(task, 1), []);
     assert_eq!(trace(&mut tasks, task, 3, 22), [Action::Merge { task }]);
@@ -91,25 +67,14 @@ fn shards_wait_in_memory_for_the_checkpoint_only() {
 #[test]
 fn a_part_of_a_scene_is_written_at_once_and_ends_when_it_is_stored() {
     let (mut tasks, task, _) = opened(2..4, 6, &[]);
-    let write = |shard| Action::Store {
-        task,
-        shards: vec![shard],
-    };
+    let write = |shard| Action::Store { task, shards: vec![shard] };
     assert_eq!(trace(&mut tasks, task, 2, 1), [write(2)]);
     assert_eq!(trace(&mut tasks, task, 3, 1), [write(3)]);
     assert_eq!(tasks.stored(task, 3), []);
     assert_eq!(tasks.stored(task, 2), [Action::CheckScene { task }]);
     let mut last = tasks.clone();
-    let note = Action::LeaveNote {
-        task: Task {
-            scene: 7,
-            shards: 2..4,
-        },
-    };
-    assert_eq!(
-        tasks.scene_checked(task, false),
-        [note, forget(2..4), FINISH]
-    );
+    let note = Action::LeaveNote { task: Task { scene: 7, shards: 2..4 } };
+    assert_eq!(tasks.scene_checked(task, false), [note, forget(2..4), FINISH]);
     // The last worker of the scene fetches the rest.
     assert_eq!(last.scene_checked(task, true), [Action::Gather { task }]);
     let mut damaged = last.clone();
@@ -142,26 +107,14 @@ fn a_donor_finishes_what_it_has_begun_and_writes_what_it_has() {
     // Until the queue has it, work goes on, into what is offered.
     assert!(tasks.begin(task, 5));
     let write = tasks.donated(task, 5..8);
-    assert_eq!(
-        write,
-        [Action::Store {
-            task,
-            shards: vec![0]
-        }]
-    );
+    assert_eq!(write, [Action::Store { task, shards: vec![0] }]);
     assert!(!tasks.begin(task, 6) && !tasks.begin(task, 7) && tasks.begin(task, 5));
     assert_eq!(tasks.waiting(task), [2, 3, 4]);
     // A confirmation may come twice.
     assert_eq!(tasks.donated(task, 5..8), []);
     for shard in [2, 3, 4, 1, 5] {
         let write = trace(&mut tasks, task, shard, 1);
-        assert_eq!(
-            write,
-            [Action::Store {
-                task,
-                shards: vec![shard]
-            }]
-        );
+        assert_eq!(write, [Action::Store { task, shards: vec![shard] }]);
     }
     for shard in 0..5 {
         assert_eq!(tasks.stored(task, shard), []);
@@ -206,23 +159,13 @@ fn a_worker_that_stops_starts_nothing_and_requeues_all_that_is_not_stored() {
     tasks.stop();
     assert!(!tasks.begin(task, 5) && tasks.begin(task, 2));
     // Shards that are traced from now on are written at once, with those that waited.
-    let store = |shards: &[u32]| {
-        [Action::Store {
-            task,
-            shards: shards.to_vec(),
-        }]
-    };
+    let store = |shards: &[u32]| [Action::Store { task, shards: shards.to_vec() }];
     assert_eq!(tasks.store_all(), store(&[1]));
     assert_eq!(tasks.traced(task, 2, START), store(&[2]));
     assert_eq!(tasks.stored(task, 2), []);
     // The writer has lost shard 1.
     let messages = vec![message(1..2), message(3..8)];
-    let note = Action::LeaveNote {
-        task: Task {
-            scene: 7,
-            shards: 0..8,
-        },
-    };
+    let note = Action::LeaveNote { task: Task { scene: 7, shards: 0..8 } };
     let requeued = [forget(0..8), note, Action::Publish { messages }, FINISH];
     assert_eq!(tasks.requeue_all(), requeued);
     assert!(tasks.is_empty());
@@ -246,13 +189,8 @@ fn what_fails_before_it_is_traced_keeps_its_record_or_not() {
         assert!(tasks.pin(task) && tasks.attempted(task, 1));
         (tasks, task)
     };
-    let again = || Action::Publish {
-        messages: vec![message(0..2)],
-    };
-    let aside = |reason: &str| Action::Quarantine {
-        scene: 7,
-        reason: reason.to_owned(),
-    };
+    let again = || Action::Publish { messages: vec![message(0..2)] };
+    let aside = |reason: &str| Action::Quarantine { scene: 7, reason: reason.to_owned() };
     let (mut tasks, task) = queued();
     assert_eq!(tasks.retry(task), [again(), FINISH]);
     let (mut tasks, task) = queued();
@@ -263,10 +201,7 @@ fn what_fails_before_it_is_traced_keeps_its_record_or_not() {
     assert_eq!(tasks.nothing_to_do(task), [forget(0..2), FINISH]);
     let (mut tasks, task) = queued();
     assert!(tasks.load(task, START));
-    assert_eq!(
-        tasks.fail(task, "cut"),
-        [aside("cut"), forget(0..2), FINISH]
-    );
+    assert_eq!(tasks.fail(task, "cut"), [aside("cut"), forget(0..2), FINISH]);
     let (mut tasks, _) = queued();
     assert_eq!(tasks.cancel(), [forget(0..2)]);
 }
@@ -280,18 +215,10 @@ fn a_worker_that_hangs_leaves_what_it_has_not_opened() {
     let late = hang + Duration::from_secs(1);
     assert_eq!(tasks.hung(late, hang).map(|task| task.scene), Some(7));
     assert!(tasks.attempted(second, 3));
-    let task = Task {
-        scene: 8,
-        shards: 0..4,
-    };
-    let again = Message {
-        task: task.clone(),
-        hops: 1,
-    };
+    let task = Task { scene: 8, shards: 0..4 };
+    let again = Message { task: task.clone(), hops: 1 };
     let left = [
-        Action::Publish {
-            messages: vec![again],
-        },
+        Action::Publish { messages: vec![again] },
         Action::Finish { lease: 2 },
         Action::ForgetAttempt { task, n: 3 },
     ];

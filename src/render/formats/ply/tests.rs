@@ -62,10 +62,7 @@ fn file(coding: &str, colour: &str) -> NamedBytes {
         }
         put("float", 0.5);
     }
-    NamedBytes {
-        path: PathBuf::from("a.ply"),
-        bytes,
-    }
+    NamedBytes { path: PathBuf::from("a.ply"), bytes }
 }
 
 const CODINGS: [&str; 3] = ["ascii", "binary_little_endian", "binary_big_endian"];
@@ -95,10 +92,8 @@ fn every_coding_reads_the_same() {
     }
     // ASCII numbers may stand on any number of lines.
     let mut lines = file("ascii", "uchar");
-    lines.bytes = String::from_utf8(lines.bytes)
-        .unwrap()
-        .replace("3 51 ", "3\r\n51\t")
-        .into_bytes();
+    lines.bytes =
+        String::from_utf8(lines.bytes).unwrap().replace("3 51 ", "3\r\n51\t").into_bytes();
     assert_eq!(decode(&lines).unwrap().vertices.len(), 5);
 }
 
@@ -131,96 +126,32 @@ fn errors_name_the_element_and_what_to_do() {
         file
     };
     for (from, to, words) in [
-        (
-            "ply\r\n",
-            "plt\r\n",
-            vec!["no known format", "give a PLY mesh"],
-        ),
-        (
-            "format ascii 1.0",
-            "format ascii 2.0",
-            vec!["format ascii 2.0 is unknown"],
-        ),
-        (
-            "property float z",
-            "property float w",
-            vec!["vertices without z", "give a PLY mesh"],
-        ),
+        ("ply\r\n", "plt\r\n", vec!["no known format", "give a PLY mesh"]),
+        ("format ascii 1.0", "format ascii 2.0", vec!["format ascii 2.0 is unknown"]),
+        ("property float z", "property float w", vec!["vertices without z", "give a PLY mesh"]),
         ("float red", "float r", vec!["vertices without red"]),
         ("property float z", "property int z", vec!["z is no float"]),
-        (
-            "vertex_indices",
-            "vertices",
-            vec!["faces without a list vertex_indices"],
-        ),
-        (
-            "uint vertex",
-            "float vertex",
-            vec!["faces without a list vertex_indices"],
-        ),
-        (
-            "list uchar uint",
-            "list float uint",
-            vec!["counted in floats"],
-        ),
-        (
-            "property float z",
-            "property float x",
-            vec!["element vertex has x twice"],
-        ),
+        ("vertex_indices", "vertices", vec!["faces without a list vertex_indices"]),
+        ("uint vertex", "float vertex", vec!["faces without a list vertex_indices"]),
+        ("list uchar uint", "list float uint", vec!["counted in floats"]),
+        ("property float z", "property float x", vec!["element vertex has x twice"]),
         ("element edge", "element face", vec!["element face twice"]),
-        (
-            "element vertex 5",
-            "element vertex 500",
-            vec!["announces at least", "fetch it again"],
-        ),
-        (
-            "element vertex 5",
-            "element vertex 99999999999",
-            vec!["at most 16777216", "simplify"],
-        ),
-        (
-            "element vertex 5",
-            "element vertex -1",
-            vec!["count \"-1\""],
-        ),
+        ("element vertex 5", "element vertex 500", vec!["announces at least", "fetch it again"]),
+        ("element vertex 5", "element vertex 99999999999", vec!["at most 16777216", "simplify"]),
+        ("element vertex 5", "element vertex -1", vec!["count \"-1\""]),
         (
             "element vertex 5",
             "element vertex 6",
             vec!["nonsense in vertex 5 of 6", "write or fetch"],
         ),
-        (
-            "element face 3",
-            "element face 4",
-            vec!["nonsense in face 3 of 4"],
-        ),
-        (
-            "element face 3",
-            "element face 2",
-            vec!["left behind the last element"],
-        ),
-        (
-            "element face 3",
-            "element fac 3",
-            vec!["no vertices or no faces"],
-        ),
-        (
-            "end_header",
-            "end_head",
-            vec!["\"end_head\" makes no sense"],
-        ),
-        (
-            "9 0 3 ",
-            "9 nan 3 ",
-            vec!["vertex 0", "has NaN as y", "repair the file"],
-        ),
+        ("element face 3", "element face 4", vec!["nonsense in face 3 of 4"]),
+        ("element face 3", "element face 2", vec!["left behind the last element"]),
+        ("element face 3", "element fac 3", vec!["no vertices or no faces"]),
+        ("end_header", "end_head", vec!["\"end_head\" makes no sense"]),
+        ("9 0 3 ", "9 nan 3 ", vec!["vertex 0", "has NaN as y", "repair the file"]),
         ("9 0 3 ", "9 1e999 3 ", vec!["vertex 0", "has inf as y"]),
         ("9 0 3 ", "9 zero 3 ", vec!["nonsense in vertex 0 of 5"]),
-        (
-            "3 2 3 4 ",
-            "3 2 3 5 ",
-            vec!["triangle 2", "names vertex 5, but there are 5"],
-        ),
+        ("3 2 3 4 ", "3 2 3 5 ", vec!["triangle 2", "names vertex 5, but there are 5"]),
         ("3 2 3 4 ", "3 2 -3 4 ", vec!["nonsense in face 1 of 3"]),
     ] {
         let error = decode(&text(from, to)).unwrap_err().to_string();
@@ -236,15 +167,9 @@ fn errors_name_the_element_and_what_to_do() {
     let line = mesh_line(r#"{"mesh":"a.ply","unit_m":1e8}"#);
     let error = decode_mesh(&line, &file("ascii", "uchar")).unwrap_err();
     assert!(error.to_string().contains("check unit_m"), "{error}");
-    let png = NamedBytes {
-        path: PathBuf::from("a.png"),
-        bytes: b"\x89PNG\r\n".to_vec(),
-    };
+    let png = NamedBytes { path: PathBuf::from("a.png"), bytes: b"\x89PNG\r\n".to_vec() };
     let error = decode(&png).unwrap_err().to_string();
-    assert!(
-        error.starts_with("a.png is a PNG file; give a PLY mesh"),
-        "{error}"
-    );
+    assert!(error.starts_with("a.png is a PNG file; give a PLY mesh"), "{error}");
 }
 
 /// Files cut anywhere, and with any byte changed, end in an error or a mesh, never in a panic.
@@ -255,10 +180,8 @@ fn hostile_bytes_do_no_harm() {
     for coding in CODINGS {
         let whole = file(coding, "uchar");
         for length in 0..whole.bytes.len() {
-            let cut = NamedBytes {
-                path: whole.path.clone(),
-                bytes: whole.bytes[..length].to_vec(),
-            };
+            let cut =
+                NamedBytes { path: whole.path.clone(), bytes: whole.bytes[..length].to_vec() };
             let is_refused = decode(&cut).is_err();
             // The last space of an ASCII file, and a shorter last number, may be missing.
             assert!(is_refused || coding == "ascii" && length + 3 >= whole.bytes.len());
@@ -284,10 +207,7 @@ fn hostile_bytes_do_no_harm() {
         for coding in CODINGS {
             let bytes =
                 format!("ply\nformat {coding} 1.0\n{header}end_header\n\u{ff}\u{ff}\u{ff}\u{ff}");
-            let file = NamedBytes {
-                path: PathBuf::from("a.ply"),
-                bytes: bytes.into_bytes(),
-            };
+            let file = NamedBytes { path: PathBuf::from("a.ply"), bytes: bytes.into_bytes() };
             assert!(decode(&file).is_err());
         }
     }

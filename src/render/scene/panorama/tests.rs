@@ -38,9 +38,7 @@ fn panorama(width: usize) -> NamedBytes {
 }
 
 fn map(width: usize, distance_m: impl Fn(DVec3) -> f64) -> NamedBytes {
-    let data: Vec<u8> = all(width)
-        .flat_map(|d| (distance_m(d) as f32).to_le_bytes())
-        .collect();
+    let data: Vec<u8> = all(width).flat_map(|d| (distance_m(d) as f32).to_le_bytes()).collect();
     npy("<f4", false, &format!("({}, {width})", width / 2), &data)
 }
 
@@ -66,22 +64,14 @@ fn made(line: &SceneLine, image: &NamedBytes, depth: Option<&NamedBytes>) -> Loa
             depth: depth.filter(|_| has_map).cloned(),
         })
     };
-    let files = SceneFiles {
-        front: side(&line.front),
-        back: side(&line.back),
-    };
+    let files = SceneFiles { front: side(&line.front), back: side(&line.back) };
     line.validate().unwrap();
     load(line, &files).unwrap()
 }
 
 fn traced(loaded: &LoadedScene) -> TileResult {
     let film = &loaded.scene.film;
-    let tile = Tile {
-        x: 0,
-        y: 0,
-        width: film.width,
-        height: film.height,
-    };
+    let tile = Tile { x: 0, y: 0, width: film.width, height: film.height };
     trace_tile(&loaded.scene, tile, 0..loaded.scene.spp, Isa::detect())
 }
 
@@ -105,11 +95,7 @@ fn difference(loaded: &LoadedScene, layer: usize, expected: impl Fn(DVec3) -> [f
 fn axes(yaw_deg: f64, pitch_deg: f64) -> [DVec3; 3] {
     let (yaw, pitch) = (yaw_deg.to_radians(), pitch_deg.to_radians());
     let right = DVec3::new(yaw.cos(), 0.0, -yaw.sin());
-    let forward = DVec3::new(
-        yaw.sin() * pitch.cos(),
-        -pitch.sin(),
-        yaw.cos() * pitch.cos(),
-    );
+    let forward = DVec3::new(yaw.sin() * pitch.cos(), -pitch.sin(), yaw.cos() * pitch.cos());
     [right, forward.cross(right), forward]
 }
 
@@ -135,10 +121,7 @@ fn t_shows_the_directions_function_also_across_the_border_and_at_the_poles() {
         // R is the mirror image of the back.
         let r = difference(&loaded, 3, |ray| seen(DVec3::new(-ray.x, ray.y, 1.0)));
         // Within a pixel of the film the function is not quite linear, and 64 samples are not its mean: 0.035 rad.
-        assert!(
-            t < 1e-4 && r < 1e-4,
-            "yaw {yaw}, pitch {pitch}: {t:e} {r:e}"
-        );
+        assert!(t < 1e-4 && r < 1e-4, "yaw {yaw}, pitch {pitch}: {t:e} {r:e}");
     }
 }
 
@@ -179,20 +162,8 @@ fn no_path_ends_on_a_border_s_continuation() {
     for (film, camera, glass, side, apex) in [
         ("", paper, r#""thickness_m":0.01,"ior":1.6"#, "", "mirror"),
         ("", paper, r#""thickness_m":0.01,"ior":1.6"#, "", "camera"),
-        (
-            gaussian,
-            wide,
-            r#""thickness_m":0.04,"ior":1.6"#,
-            r#","depth_m":1"#,
-            "mirror",
-        ),
-        (
-            gaussian,
-            wide,
-            r#""thickness_m":0.04,"ior":1.6"#,
-            r#","depth_m":1"#,
-            "camera",
-        ),
+        (gaussian, wide, r#""thickness_m":0.04,"ior":1.6"#, r#","depth_m":1"#, "mirror"),
+        (gaussian, wide, r#""thickness_m":0.04,"ior":1.6"#, r#","depth_m":1"#, "camera"),
         (
             gaussian,
             wide,
@@ -225,24 +196,15 @@ fn no_path_ends_on_a_border_s_continuation() {
         });
         let loaded = made(&line, &image, Some(&depth));
         let result = traced(&loaded);
-        assert_eq!(
-            result.misses.0, [0; 4],
-            "{apex} {glass} of {:?}",
-            result.paths
-        );
+        assert_eq!(result.misses.0, [0; 4], "{apex} {glass} of {:?}", result.paths);
         assert!(result.paths.0.iter().all(|&paths| paths > 0));
     }
 }
 
 fn sheet(side: &str, image: &NamedBytes, depth: &NamedBytes) -> Result<Sheet, SceneError> {
     let line = line("", PINHOLE, NO_GLASS, side, "");
-    let Side::Panorama(panorama) = &line.front else {
-        panic!()
-    };
-    let files = PanoramaFiles {
-        panorama: image.clone(),
-        depth: Some(depth.clone()),
-    };
+    let Side::Panorama(panorama) = &line.front else { panic!() };
+    let files = PanoramaFiles { panorama: image.clone(), depth: Some(depth.clone()) };
     decode_panorama(panorama, &files, &Sight::front(&line))
 }
 
@@ -278,11 +240,7 @@ fn holes_are_filled_and_counted_and_relative_depths_get_metres() {
     let image = panorama(64);
     let sky = map(256, |d| if d.y < 0.0 { f64::NAN } else { 4.0 });
     let far = sheet(r#","depth":"d","fill":"far""#, &image, &sky).unwrap();
-    assert!(
-        (far.filled_share - 0.5).abs() < 0.05,
-        "{}",
-        far.filled_share
-    );
+    assert!((far.filled_share - 0.5).abs() < 0.05, "{}", far.filled_share);
     let farthest = far.inverse_depth_per_m.iter().copied().fold(1.0, f32::min);
     assert!(1.0 / farthest < 4.01);
     let none = map(64, |_| -1.0);
@@ -295,11 +253,7 @@ fn holes_are_filled_and_counted_and_relative_depths_get_metres() {
     let sheet = sheet(side, &image, &relative).unwrap();
     let ends = sheet.relative.unwrap();
     assert_eq!((ends.near_m, ends.far_m), (2.0, 4.0));
-    assert!(
-        (sheet.front_center_z_m - 2.0).abs() < 0.01,
-        "{}",
-        sheet.front_center_z_m
-    );
+    assert!((sheet.front_center_z_m - 2.0).abs() < 0.01, "{}", sheet.front_center_z_m);
 }
 
 #[test]
@@ -313,10 +267,7 @@ fn what_is_no_panorama_is_refused() {
         png(&pixels, width, height, image::ExtendedColorType::L8)
     };
     let error = message("", &grey(60, 60), &depth);
-    assert!(
-        error.contains("holds 60x60 pixels; give an equirectangular image"),
-        "{error}"
-    );
+    assert!(error.contains("holds 60x60 pixels; give an equirectangular image"), "{error}");
     // Within a percent: 201 x 100 is, 103 x 50 is not.
     sheet("", &grey(201, 100), &depth).unwrap();
     message("", &grey(103, 50), &depth);
@@ -328,10 +279,7 @@ fn what_is_no_panorama_is_refused() {
         Side::Panorama(coded) => coded,
         other => panic!("{other:?}"),
     };
-    let files = PanoramaFiles {
-        panorama: panorama(64),
-        depth: None,
-    };
+    let files = PanoramaFiles { panorama: panorama(64), depth: None };
     let sight = Sight::front(&line("", PINHOLE, NO_GLASS, "", ""));
     let error = decode_panorama(&coded, &files, &sight).err().unwrap();
     let error = error.to_string();
@@ -347,17 +295,11 @@ fn views_keep_to_their_size_and_cover_their_window() {
         ([0.5, 2.5], [-0.2, 0.4], 300.0),
         ([-11.4, -3.0], [-0.2, 0.4], 300.0),
     ] {
-        let view = Raster::new(
-            Window([across, down]),
-            px_per_rad,
-            MAX_VIEW_SIDE,
-            DMat3::IDENTITY,
-        );
+        let view = Raster::new(Window([across, down]), px_per_rad, MAX_VIEW_SIDE, DMat3::IDENTITY);
         let k = view.intrinsics;
-        for ([least, most], count, focal_px, center) in [
-            (across, view.width, k.fx, k.cx),
-            (down, view.height, k.fy, k.cy),
-        ] {
+        for ([least, most], count, focal_px, center) in
+            [(across, view.width, k.fx, k.cx), (down, view.height, k.fy, k.cy)]
+        {
             assert!(count <= MAX_VIEW_SIDE, "{count}");
             // A pixel to spare on either side, not many more.
             let before = least * focal_px + center - 0.5;

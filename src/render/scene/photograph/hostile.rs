@@ -15,42 +15,22 @@ fn decode_everywhere(bytes: &[u8]) {
         r#"{"color":"c","depth":"d","intrinsics":{"fx":10,"fy":10,"cx":2,"cy":1}}"#,
     )
     .unwrap();
-    let bad = NamedBytes {
-        path: "bad".into(),
-        bytes: bytes.to_vec(),
-    };
+    let bad = NamedBytes { path: "bad".into(), bytes: bytes.to_vec() };
     let good = PhotographFiles {
         color: png(&[9], 1, 1, Png::L8),
         depth: npy("<f4", false, "(2, 3)", bytemuck::cast_slice(&[1.0f32; 6])),
         mask: None,
     };
-    let as_color = PhotographFiles {
-        color: bad.clone(),
-        ..good.clone()
-    };
-    let as_depth = PhotographFiles {
-        depth: bad.clone(),
-        ..good.clone()
-    };
-    let as_mask = PhotographFiles {
-        mask: Some(bad),
-        ..good
-    };
+    let as_color = PhotographFiles { color: bad.clone(), ..good.clone() };
+    let as_depth = PhotographFiles { depth: bad.clone(), ..good.clone() };
+    let as_mask = PhotographFiles { mask: Some(bad), ..good };
     for files in [as_color, as_depth, as_mask] {
         match decode_photograph(&line, &files) {
             Ok(sheet) => {
                 let count = sheet.width * sheet.height;
-                assert_eq!(
-                    (sheet.inverse_depth_per_m.len(), sheet.valid.len()),
-                    (count, count)
-                );
+                assert_eq!((sheet.inverse_depth_per_m.len(), sheet.valid.len()), (count, count));
                 assert_eq!(sheet.radiance.len(), sheet.color_width * sheet.color_height);
-                assert!(
-                    sheet
-                        .inverse_depth_per_m
-                        .iter()
-                        .all(|w| w.is_normal() && *w > 0.0)
-                );
+                assert!(sheet.inverse_depth_per_m.iter().all(|w| w.is_normal() && *w > 0.0));
                 assert!(sheet.max_radiance.is_finite() && sheet.front_center_z_m > 0.0);
             }
             // A mask of zeros is a good file; what is missing then is depth.
@@ -88,11 +68,7 @@ fn seeds() -> Vec<Vec<u8>> {
         (Compression::PXR24, Blocks::Tiles(Vec2(64, 64))),
         (Compression::B44, Blocks::ScanLines),
     ] {
-        let encoding = Encoding {
-            compression,
-            blocks,
-            line_order: LineOrder::Increasing,
-        };
+        let encoding = Encoding { compression, blocks, line_order: LineOrder::Increasing };
         seeds.push(exr_coded(3, 2, &[("Y", halves()), ("A", floats())], encoding).bytes);
     }
     seeds.extend(
@@ -137,17 +113,11 @@ fn every_byte_changed() {
 #[test]
 fn the_seeds_themselves_are_good() {
     for (index, seed) in seeds().into_iter().enumerate() {
-        let file = NamedBytes {
-            path: format!("seed {index}").into(),
-            bytes: seed,
-        };
+        let file = NamedBytes { path: format!("seed {index}").into(), bytes: seed };
         let line = crate::line::Transfer::Srgb;
         let as_color = super::color::decode(&file, line, [1.0; 3]).is_ok();
         let as_depth = super::depth::decode(&file, 1.0).is_ok();
-        assert!(
-            as_color || as_depth || super::mask::decode(&file).is_ok(),
-            "seed {index}"
-        );
+        assert!(as_color || as_depth || super::mask::decode(&file).is_ok(), "seed {index}");
     }
 }
 
@@ -163,12 +133,8 @@ fn files_that_lie() {
     let window = |x: i32, y: i32| {
         let mut bytes = exr(3, 2, &[("Z", FlatSamples::F32(vec![0.5; 6]))]).bytes;
         let name = b"dataWindow\0box2i\0";
-        let at = bytes
-            .windows(name.len())
-            .position(|found| found == name)
-            .unwrap()
-            + name.len()
-            + 4;
+        let at =
+            bytes.windows(name.len()).position(|found| found == name).unwrap() + name.len() + 4;
         bytes[at + 8..at + 12].copy_from_slice(&x.to_le_bytes());
         bytes[at + 12..at + 16].copy_from_slice(&y.to_le_bytes());
         bytes
@@ -185,13 +151,7 @@ fn files_that_lie() {
     decode_everywhere(&window(8_191, 8_191));
     decode_everywhere(b"\x93NUMPY\x02\x00\xff\xff\xff\xff{'descr': '<f4'");
     decode_everywhere(
-        &npy(
-            "<f4",
-            false,
-            "(18446744073709551615, 18446744073709551615)",
-            &[],
-        )
-        .bytes,
+        &npy("<f4", false, "(18446744073709551615, 18446744073709551615)", &[]).bytes,
     );
     let nan = f32::NAN.to_le_bytes().repeat(6);
     decode_everywhere(&npy("<f4", false, "(2, 3)", &nan).bytes);

@@ -10,7 +10,6 @@ use super::super::slab::Order;
 use super::super::tile::Isa;
 use super::project::Mesh;
 
-/// One order's bundle.
 pub(in super::super) struct Bundle<'a> {
     pub(in super::super) pixel: &'a Pixel,
     pub(in super::super) camera: &'a CameraBlock,
@@ -63,13 +62,7 @@ fn follow_lanes(
     bundle: &Bundle,
     transmission: &mut Sums,
 ) -> (Sums, u64) {
-    let &Bundle {
-        pixel,
-        camera,
-        path,
-        order,
-        ends: [quarter, half, count],
-    } = bundle;
+    let &Bundle { pixel, camera, path, order, ends: [quarter, half, count] } = bundle;
     let center = pixel.center.map(|v| v as f32);
     let normal = scene.slab.normal.as_vec3().to_array();
     let relative = match path {
@@ -88,9 +81,8 @@ fn follow_lanes(
         let p = points(path, center, normal, camera, g);
         let in_group = (count as usize - g * LANES).min(LANES);
         let seen = mesh.see(d, p, in_group);
-        let weight = order.map_or([[1.0; LANES]; 3], |order| {
-            colour_weights(scene, camera, order, g)
-        });
+        let weight =
+            order.map_or([[1.0; LANES]; 3], |order| colour_weights(scene, camera, order, g));
         for l in 0..in_group {
             misses += u64::from(seen.w[l] == 0.0);
             let sample = (g * LANES + l) as u32;

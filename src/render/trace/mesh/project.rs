@@ -57,9 +57,7 @@ impl Mesh {
             "a radiance for each vertex"
         );
         assert!(
-            vertices
-                .iter()
-                .all(|v| v.abs().max_element() <= MAX_COORDINATE_M && !v.is_nan()),
+            vertices.iter().all(|v| v.abs().max_element() <= MAX_COORDINATE_M && !v.is_nan()),
             "vertices beyond {MAX_COORDINATE_M} m"
         );
         let mut clip = Clip {
@@ -79,16 +77,9 @@ impl Mesh {
                 counts.behind += 1;
             }
         }
-        let Clip {
-            points,
-            radiance,
-            triangles,
-            ..
-        } = clip;
-        let placed: Vec<Corners> = triangles
-            .iter()
-            .map(|corners| corners.map(|i| points[i as usize]))
-            .collect();
+        let Clip { points, radiance, triangles, .. } = clip;
+        let placed: Vec<Corners> =
+            triangles.iter().map(|corners| corners.map(|i| points[i as usize])).collect();
         let (tree, order) = Tree::new(&placed, lateral_m);
         Self {
             tree,
@@ -126,10 +117,7 @@ impl Mesh {
                 radiance[l] = self.radiance_at(&hits, l);
             }
         }
-        Seen {
-            w: hits.w,
-            radiance,
-        }
+        Seen { w: hits.w, radiance }
     }
 
     /// Radiance at a hit: linear on the triangle in space, whose weights are lambda_k w_k / w of the projective ones.
@@ -187,8 +175,7 @@ impl Clip<'_> {
             }
         }
         for k in 2..corners {
-            self.triangles
-                .push([polygon[0], polygon[k - 1], polygon[k]]);
+            self.triangles.push([polygon[0], polygon[k - 1], polygon[k]]);
         }
         corners >= 3
     }
@@ -202,8 +189,7 @@ impl Clip<'_> {
         self.points.push(project(point));
         let [a, b] = [seen, hidden].map(|i| self.radiance[i as usize]);
         let t = t as f32;
-        self.radiance
-            .push(std::array::from_fn(|k| max(a[k] + t * (b[k] - a[k]), 0.0)));
+        self.radiance.push(std::array::from_fn(|k| max(a[k] + t * (b[k] - a[k]), 0.0)));
         (self.points.len() - 1) as u32
     }
 }

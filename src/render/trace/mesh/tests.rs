@@ -1,9 +1,6 @@
 //! Meshes against f64, against closed forms, against the grid kernel, and against themselves.
 
-#![allow(
-    clippy::print_stdout,
-    reason = "measured deviations, shown by --nocapture"
-)]
+#![allow(clippy::print_stdout, reason = "measured deviations, shown by --nocapture")]
 
 use super::super::camera::{CameraBlock, Pixel};
 use super::super::lanes::{LANES, Lane};
@@ -178,16 +175,10 @@ fn soup(count: usize, key: u64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
         .map(|k| {
             let at = |n: u64| signed(key + (k / 3) * 64 + n);
             let by = |n: u64| signed(key + k * 64 + 16 + n);
-            DVec3::new(
-                2.0 * at(0) + by(0),
-                2.0 * at(1) + by(1),
-                2.0 + 3.0 * at(2) + by(2),
-            )
+            DVec3::new(2.0 * at(0) + by(0), 2.0 * at(1) + by(1), 2.0 + 3.0 * at(2) + by(2))
         })
         .collect();
-    let triangles = (0..count as u32)
-        .map(|t| [3 * t, 3 * t + 1, 3 * t + 2])
-        .collect();
+    let triangles = (0..count as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
     (vertices, triangles)
 }
 
@@ -248,13 +239,7 @@ fn hits_depend_on_ray_and_triangles_alone() {
         .iter()
         .chain(&triangles)
         .enumerate()
-        .map(|(n, t)| {
-            if n < triangles.len() {
-                *t
-            } else {
-                t.map(|i| i + vertices.len() as u32)
-            }
-        })
+        .map(|(n, t)| if n < triangles.len() { *t } else { t.map(|i| i + vertices.len() as u32) })
         .collect();
     let all: Vec<DVec3> = vertices.iter().chain(&vertices).copied().collect();
     let mut both = colors.clone();
@@ -270,10 +255,7 @@ fn hits_depend_on_ray_and_triangles_alone() {
         for l in [0, 7, 15] {
             let one = |v: [Lane; 2]| v.map(|v| [v[l]; LANES]);
             let alone = meshes[1].see(one(d), one(p), 1);
-            assert_eq!(
-                (first.w[l], first.radiance[l]),
-                (alone.w[0], alone.radiance[0])
-            );
+            assert_eq!((first.w[l], first.radiance[l]), (alone.w[0], alone.radiance[0]));
             assert_eq!(alone.w[1..], [0.0; LANES - 1]);
         }
     }
@@ -282,15 +264,10 @@ fn hits_depend_on_ray_and_triangles_alone() {
 /// Colours are linear in space, not in the picture, and cutting at the near plane changes neither them nor w.
 #[test]
 fn colours_are_linear_on_the_triangle_in_space() {
-    let vertices = [
-        DVec3::new(-1.0, 1.0, -3.0),
-        DVec3::new(-1.5, 1.0, 9.0),
-        DVec3::new(4.0, 1.0, 5.0),
-    ];
+    let vertices =
+        [DVec3::new(-1.0, 1.0, -3.0), DVec3::new(-1.5, 1.0, 9.0), DVec3::new(4.0, 1.0, 5.0)];
     let color = |v: DVec3| [0.1 + 0.05 * (v.z + 3.0), 0.3 + 0.1 * v.x, 0.7];
-    let colors = vertices
-        .map(|v| color(v).map(|v| v as f32))
-        .map(|[r, g, b]| [r, g, b, 0.0]);
+    let colors = vertices.map(|v| color(v).map(|v| v as f32)).map(|[r, g, b]| [r, g, b, 0.0]);
     let mesh = Mesh::new(&vertices, colors.to_vec(), &[[0, 1, 2]], 0.02);
     assert_eq!(mesh.counts().traced, 1);
     let (mut worst, mut hits) = (0f64, 0);
@@ -328,23 +305,13 @@ fn triangles_are_counted() {
         v(0.0, 1.0, -2.0),
         v(1.0, 0.0, 1.0),
     ];
-    let triangles = [
-        [0, 1, 2],
-        [0, 1, 3],
-        [3, 4, 5],
-        [0, 0, 1],
-        [1, 6, 2],
-        [0, 3, 4],
-    ];
+    let triangles = [[0, 1, 2], [0, 1, 3], [3, 4, 5], [0, 0, 1], [1, 6, 2], [0, 3, 4]];
     let mesh = Mesh::new(&vertices, greys(7), &triangles, 0.01);
     let counts = mesh.counts();
     assert_eq!((counts.traced, counts.behind, counts.degenerate), (3, 1, 2));
     let nothing = Mesh::new(&vertices, greys(7), &[[3, 4, 5]], 0.01);
     assert_eq!(nothing.axis_depth_m(), None);
-    assert_eq!(
-        nothing.see([[0.1; LANES]; 2], [[0.0; LANES]; 2], LANES).w,
-        [0.0; LANES]
-    );
+    assert_eq!(nothing.see([[0.1; LANES]; 2], [[0.0; LANES]; 2], LANES).w, [0.0; LANES]);
 }
 
 /// Vertices of a view's sheet in the lens's coordinates.
@@ -373,10 +340,7 @@ fn from_capture(view: &View, uv: [f64; 2], w: f64) -> DVec3 {
     let point = DVec3::new(x, y, 1.0) / w;
     match &view.pose {
         Pose::Aligned { extra_m } => point + DVec3::Z * *extra_m,
-        Pose::General {
-            rotation,
-            translation_m,
-        } => rotation.inverse() * (point - *translation_m),
+        Pose::General { rotation, translation_m } => rotation.inverse() * (point - *translation_m),
     }
 }
 
@@ -384,19 +348,12 @@ fn from_capture(view: &View, uv: [f64; 2], w: f64) -> DVec3 {
 #[test]
 fn a_sheet_and_its_mesh_are_hit_alike() {
     let mut camera = CameraBlock::new();
-    for (tilt_deg, general) in [
-        ([0.0, 0.0], false),
-        ([12.0, -25.0], false),
-        ([-4.0, 6.0], true),
-    ] {
+    for (tilt_deg, general) in [([0.0, 0.0], false), ([12.0, -25.0], false), ([-4.0, 6.0], true)] {
         let scene = scene(tilt_deg, general, false, 2.0);
-        for (surface, order) in [
-            (&scene.front, Order::Transmitted(0)),
-            (&scene.back, Order::Reflected(1)),
-        ] {
-            let Surface::Sheet(view) = surface else {
-                panic!("a mesh")
-            };
+        for (surface, order) in
+            [(&scene.front, Order::Transmitted(0)), (&scene.back, Order::Reflected(1))]
+        {
+            let Surface::Sheet(view) = surface else { panic!("a mesh") };
             let (vertices, triangles) = sheet_of(view);
             let mesh = Mesh::new(&vertices, vec![[1.0; 4]; vertices.len()], &triangles, 0.03);
             let constant = scene.slab.kappa_m(order, 0.0);
@@ -404,9 +361,7 @@ fn a_sheet_and_its_mesh_are_hit_alike() {
             let path = Path::Lens { constant, slope };
             let normal = scene.slab.normal.as_vec3().to_array();
             let (mut tested, mut flips, mut outside, mut worst) = (0, 0, 0, 0f64);
-            for (x, y) in (4..80)
-                .step_by(7)
-                .flat_map(|y| (5..120).step_by(7).map(move |x| (x, y)))
+            for (x, y) in (4..80).step_by(7).flat_map(|y| (5..120).step_by(7).map(move |x| (x, y)))
             {
                 let pixel = Pixel::new(&scene, x, y);
                 camera.fill(&scene, &pixel, 0, 256);

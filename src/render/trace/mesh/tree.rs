@@ -61,11 +61,7 @@ impl Tree {
             })
             .collect();
         // The builder measures its own time; it is not used here.
-        let built = build_bvh2(
-            &boxes,
-            BvhBuildParams::medium_build(),
-            &mut Duration::default(),
-        );
+        let built = build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());
         drop(boxes);
         let mut steps = vec![Step::Enter(0)];
         while let Some(step) = steps.pop() {
@@ -92,22 +88,13 @@ impl Tree {
                     let bounds = built.nodes[child as usize].aabb();
                     bounds.min.z + bounds.max.z
                 });
-                let [near, far] = if left >= right {
-                    children
-                } else {
-                    [children[1], children[0]]
-                };
+                let [near, far] = if left >= right { children } else { [children[1], children[0]] };
                 steps.push(Step::Enter(far));
                 steps.push(Step::Enter(near));
             }
             let [low, high] = bounds(node.aabb(), scale);
             tree.top = tree.top.max(high[2]);
-            tree.nodes.push(Node {
-                low,
-                high,
-                count: node.prim_count,
-                link: first,
-            });
+            tree.nodes.push(Node { low, high, count: node.prim_count, link: first });
         }
         let order = tree.ranks.clone();
         (tree, order)
@@ -131,11 +118,7 @@ impl Tree {
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
             let touched = rays.touch(node.low, node.high, &hits);
-            at = if node.count > 0 || touched {
-                at + 1
-            } else {
-                node.link as usize
-            };
+            at = if node.count > 0 || touched { at + 1 } else { node.link as usize };
             if touched {
                 for triangle in node.link..node.link + node.count {
                     let corners = &self.triangles[triangle as usize];

@@ -41,12 +41,8 @@ impl Hits {
     /// Nothing met by the first `count` rays; the others are out of play.
     #[inline(always)]
     pub(super) fn none(count: usize) -> Self {
-        let mut hits = Self {
-            w: [0.0; LANES],
-            triangle: [u32::MAX; LANES],
-            b: [0.0; LANES],
-            c: [0.0; LANES],
-        };
+        let mut hits =
+            Self { w: [0.0; LANES], triangle: [u32::MAX; LANES], b: [0.0; LANES], c: [0.0; LANES] };
         for l in count..LANES {
             hits.w[l] = f32::INFINITY;
         }
@@ -58,13 +54,7 @@ impl Rays {
     /// Rays with directions (`d`, 1) through points `p` of the plane z = 0, for triangles with w up to `top`.
     #[inline(always)]
     pub(super) fn new(d: [Lane; 2], p: [Lane; 2], top: f32) -> Self {
-        let mut rays = Self {
-            d,
-            p,
-            inverse_p: [[0.0; LANES]; 2],
-            d_low: d,
-            d_high: d,
-        };
+        let mut rays = Self { d, p, inverse_p: [[0.0; LANES]; 2], d_low: d, d_high: d };
         for k in 0..2 {
             for l in 0..LANES {
                 let slope = p[k][l];
@@ -150,11 +140,7 @@ impl Rays {
             hits.w[l] = if is_nearer { w[l] } else { hits.w[l] };
             hits.b[l] = if is_nearer { b[l] } else { hits.b[l] };
             hits.c[l] = if is_nearer { c[l] } else { hits.c[l] };
-            hits.triangle[l] = if is_nearer {
-                triangle
-            } else {
-                hits.triangle[l]
-            };
+            hits.triangle[l] = if is_nearer { triangle } else { hits.triangle[l] };
         }
         if ties != 0 {
             for l in 0..LANES {

@@ -52,10 +52,7 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
         fill: crate::line::Fill::Smooth,
         apex: None,
     };
-    let named = |bytes: Vec<u8>| NamedBytes {
-        path: "edges".into(),
-        bytes,
-    };
+    let named = |bytes: Vec<u8>| NamedBytes { path: "edges".into(), bytes };
     let files = PhotographFiles {
         color: named(b"P5 1 1 255 \x80".to_vec()),
         depth: named(depth),
@@ -71,59 +68,31 @@ fn procedural(index: usize) -> Grid {
     let rgbd = render(photograph, 320, 240);
     let mut npy = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
     npy.extend(
-        format!(
-            "{:117}\n",
-            "{'descr': '<f4', 'fortran_order': False, 'shape': (240, 320), }"
-        )
-        .bytes(),
+        format!("{:117}\n", "{'descr': '<f4', 'fortran_order': False, 'shape': (240, 320), }")
+            .bytes(),
     );
     npy.extend(rgbd.depth_m.iter().flat_map(|z| z.to_le_bytes()));
     sheet(320, 240, npy, 1.0)
 }
 
 fn rough_terrain() -> Terrain {
-    Terrain {
-        name: "rough",
-        grid: super::rough(61, 47, 9),
-        slope_px: 5.0,
-    }
+    Terrain { name: "rough", grid: super::rough(61, 47, 9), slope_px: 5.0 }
 }
 
 /// Indoors and outdoors with the slopes of a lens and a pane (about 5 px for 1/m) and of apex `camera` (90 px).
 fn terrains() -> Vec<Terrain> {
     let places = listing(8, 11);
     let find = |place| places.iter().position(|p| p.place == place).unwrap();
-    let (indoors, outdoors) = (
-        find(procedural::Place::Indoors),
-        find(procedural::Place::Outdoor),
-    );
+    let (indoors, outdoors) = (find(procedural::Place::Indoors), find(procedural::Place::Outdoor));
     let mut terrains = vec![
-        Terrain {
-            name: "indoors",
-            grid: procedural(indoors),
-            slope_px: 5.0,
-        },
-        Terrain {
-            name: "outdoors",
-            grid: procedural(outdoors),
-            slope_px: 90.0,
-        },
+        Terrain { name: "indoors", grid: procedural(indoors), slope_px: 5.0 },
+        Terrain { name: "outdoors", grid: procedural(outdoors), slope_px: 90.0 },
         rough_terrain(),
     ];
     let sets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/rgbd");
     for (name, path, unit_m, slope_px) in [
-        (
-            "real kitchen",
-            "sevenscenes_kitchen/frame-000000.depth.png",
-            0.001,
-            90.0,
-        ),
-        (
-            "real road",
-            "kitti_road/depth/0000000050.png",
-            1.0 / 256.0,
-            5.0,
-        ),
+        ("real kitchen", "sevenscenes_kitchen/frame-000000.depth.png", 0.001, 90.0),
+        ("real road", "kitti_road/depth/0000000050.png", 1.0 / 256.0, 5.0),
         ("real office", "hololens_office/depth/00050.png", 0.001, 5.0),
     ] {
         let Ok(bytes) = std::fs::read(sets.join(path)) else {
@@ -132,11 +101,7 @@ fn terrains() -> Vec<Terrain> {
         };
         let size = image::load_from_memory(&bytes).unwrap();
         let grid = sheet(size.width() as usize, size.height() as usize, bytes, unit_m);
-        terrains.push(Terrain {
-            name,
-            grid,
-            slope_px,
-        });
+        terrains.push(Terrain { name, grid, slope_px });
     }
     terrains
 }
@@ -190,10 +155,8 @@ fn aim(terrain: &Terrain, target: Target, k: u64, corner: [i64; 2], base: [i32; 
     } else {
         w(1, 1) + (w(1, 1) - w(0, 1)) * (fu - 1.0) + (w(1, 1) - w(1, 0)) * (fv - 1.0)
     };
-    let (mut sx, mut sy) = (
-        (r(3) * 2.0 - 1.0) * terrain.slope_px,
-        (r(4) * 2.0 - 1.0) * terrain.slope_px,
-    );
+    let (mut sx, mut sy) =
+        ((r(3) * 2.0 - 1.0) * terrain.slope_px, (r(4) * 2.0 - 1.0) * terrain.slope_px);
     // Some run along rows, columns and diagonals, or are those of a pinhole.
     match (k / 4) % 8 {
         0 => sx = 0.0,
@@ -205,10 +168,7 @@ fn aim(terrain: &Terrain, target: Target, k: u64, corner: [i64; 2], base: [i32; 
     let from = |axis: usize, f: f64, s: f64| {
         (quad[axis] as f64 + f - f64::from(base[axis]) - s * height) as f32
     };
-    Aimed {
-        ray: [from(0, fu, sx), from(1, fv, sy), sx as f32, sy as f32],
-        quad,
-    }
+    Aimed { ray: [from(0, fu, sx), from(1, fv, sy), sx as f32, sy as f32], quad }
 }
 
 /// The largest w in [`lo`, `hi`] at which a line meets a triangle of the quads `[i0, j0, i1, j1]`, in f64.
@@ -226,10 +186,9 @@ fn hit_in(
         for i in i0..=i1 {
             let (w00, w10, w01, w11) = (at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1));
             let (x, y) = (x - i as f64, y - j as f64);
-            for (b, c, height, sum_sign) in [
-                (w10 - w00, w01 - w00, w00, 1.0),
-                (w11 - w01, w11 - w10, w10 + w01 - w11, -1.0),
-            ] {
+            for (b, c, height, sum_sign) in
+                [(w10 - w00, w01 - w00, w00, 1.0), (w11 - w01, w11 - w10, w10 + w01 - w11, -1.0)]
+            {
                 let hit = (height + b * x + c * y) / (1.0 - b * sx - c * sy);
                 let (u, v) = (x + sx * hit, y + sy * hit);
                 let inside = |t: f64| (-EDGE..=1.0 + EDGE).contains(&t);
@@ -257,10 +216,7 @@ fn first_hit(grid: &Grid, ray: [f64; 4]) -> Option<f64> {
         let lo = hi - step;
         let range = |x: f64, s: f64| {
             let (a, b) = (x + s * lo, x + s * hi);
-            (
-                (a.min(b) - 1e-6).floor() as i64,
-                (a.max(b) + 1e-6).floor() as i64,
-            )
+            ((a.min(b) - 1e-6).floor() as i64, (a.max(b) + 1e-6).floor() as i64)
         };
         let ((i0, i1), (j0, j1)) = (range(x, sx), range(y, sy));
         let hit = hit_in(grid, ray, [i0, j0, i1, j1], [lo - 1e-12, hi]);
@@ -308,17 +264,8 @@ fn stray(grid: &Grid, [x, y, sx, sy]: [f64; 4], hit: f64) -> f64 {
     let at = |i: i64, j: i64| f64::from(w[(j.clamp(0, ny - 1) * nx + i.clamp(0, nx - 1)) as usize]);
     let (u, v) = (x + sx * hit, y + sy * hit);
     let mut nearest = f64::INFINITY;
-    for (du, dv) in [
-        (0.0, 0.0),
-        (1.0, 1.0),
-        (-1.0, -1.0),
-        (1.0, -1.0),
-        (-1.0, 1.0),
-    ] {
-        let (i, j) = (
-            (u + du * NEAR_PX).floor() as i64,
-            (v + dv * NEAR_PX).floor() as i64,
-        );
+    for (du, dv) in [(0.0, 0.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)] {
+        let (i, j) = ((u + du * NEAR_PX).floor() as i64, (v + dv * NEAR_PX).floor() as i64);
         let (fu, fv) = (u - i as f64, v - j as f64);
         let lower = at(i, j) + (at(i + 1, j) - at(i, j)) * fu + (at(i, j + 1) - at(i, j)) * fv;
         let upper = at(i + 1, j + 1)
@@ -378,13 +325,7 @@ fn shoot(
         let corner = [place(0, grid.nx()), place(1, grid.ny())];
         let base = [0, 1].map(|k| corner[k] as i32 - (random(group * 4 + 2) * 9.0) as i32);
         let aimed: [Aimed; LANES] = std::array::from_fn(|l| {
-            aim(
-                terrain,
-                target,
-                group * LANES as u64 + l as u64,
-                corner,
-                base,
-            )
+            aim(terrain, target, group * LANES as u64 + l as u64, corner, base)
         });
         let mut lines = Lines::ZERO;
         for (l, a) in aimed.iter().enumerate() {
@@ -485,11 +426,7 @@ fn depths_are_those_of_f64() {
                 }
                 errors.push(error);
             });
-            let aimed = if target == Target::Edge {
-                "edges"
-            } else {
-                "anywhere"
-            };
+            let aimed = if target == Target::Edge { "edges" } else { "anywhere" };
             let flips = errors.iter().filter(|e| **e > 1e-4).count();
             let rays = errors.len();
             let [median, p99, p999, most] = quantiles(errors);
