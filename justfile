@@ -8,7 +8,7 @@ check:
 quick:
     cargo fmt --check
     cargo clippy --release --workspace -- -D warnings
-    cargo test --release -p glasshouse-render --lib
+    cargo test --release --workspace --lib
 
 build:
     cargo build --release

@@ -1,0 +1,73 @@
+//! Runs of the first version, kept in `kept_run/`, continue with this one: equal bits, and no completed work is repeated.
+//!
+//! `kept_run.sh` made them: `half` was killed while it traced, `trained` stopped after two of four steps of the separation
+//! stage. `expected.txt` has the digests of the files that the first version made of the same plan in one go.
+
+use crate::support::program::{run, text};
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+/// The instruction set of the machine that trained the kept run: networks repeat to the bit on one type of CPU.
+const CODE_PATH: &str = "avx512f";
+
+fn unpacked() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let tar = std::fs::File::open(kept("kept_run.tar")).unwrap();
+    tar::Archive::new(tar).unpack(folder.path()).unwrap();
+    folder
+}
+
+fn kept(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/farm/kept_run").join(name)
+}
+
+/// Continues the run `name` to its end.
+fn continued(folder: &Path, name: &str) -> Value {
+    let (recipe, out) = (kept("kept_run.toml"), folder.join(name));
+    let root = format!("photographs={}", folder.join("photographs").display());
+    let tile = ["--tile", "16", "--root", &root, "--json"];
+    run(&[&["run", text(&recipe), "--out", text(&out)][..], &tile].concat()).expect(0).json()
+}
+
+/// Compares the files below `prefix` with the first version's; returns their number.
+fn compare(folder: &Path, run: &str, prefix: &str) -> usize {
+    let expected = std::fs::read_to_string(folder.join("expected.txt")).unwrap();
+    let rows = expected.lines().map(|line| line.split_once("  ").unwrap());
+    let rows: Vec<_> = rows.filter(|(_, path)| path.starts_with(prefix)).collect();
+    for (digest, path) in &rows {
+        let bytes = std::fs::read(folder.join(run).join(path)).unwrap();
+        let found: String = Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect();
+        assert_eq!(found, *digest, "{run}/{path}");
+    }
+    rows.len()
+}
+
+#[test]
+fn a_half_traced_run_of_the_first_version_continues_with_equal_bits() {
+    let folder = unpacked();
+    let ended = continued(folder.path(), "half");
+    assert_eq!(
+        ["already_merged", "merged", "shards_resumed", "shards_traced"].map(|key| &ended[key]),
+        [1, 3, 3, 69]
+    );
+    assert_eq!(compare(folder.path(), "half", "tuples/"), 20);
+}
+
+#[cfg(feature = "train")]
+#[test]
+fn a_half_trained_run_of_the_first_version_continues_with_equal_bits() {
+    let folder = unpacked();
+    let ended = continued(folder.path(), "trained");
+    assert_eq!(["already_merged", "merged"].map(|key| &ended[key]), [4, 0]);
+    let separation = &ended["train"]["separation"];
+    assert_eq!(["from_step", "step", "steps_taken"].map(|key| &separation[key]), [2, 4, 2]);
+    assert_eq!(ended["train"]["backtrack"]["steps_taken"], 0);
+    assert_eq!(compare(folder.path(), "trained", "train/backtrack/"), 2);
+    if separation["code_path"] == CODE_PATH {
+        assert_eq!(compare(folder.path(), "trained", "train/separation/"), 2);
+    } else {
+        eprintln!("the kept networks were trained with {CODE_PATH}: their bits are not compared");
+    }
+}
