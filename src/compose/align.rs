@@ -7,7 +7,7 @@
 use super::EvaluateError;
 use super::score::{check_same_size, grey};
 use image::RgbImage;
-use rustfft::{FftPlanner, num_complex::Complex64};
+use rustfft::{FftPlannerScalar, num_complex::Complex64};
 use std::f64::consts::TAU;
 
 /// Farthest shift with which a pair counts as aligned, px.
@@ -111,7 +111,7 @@ fn edges(image: &RgbImage, block: usize) -> (Vec<f64>, usize, usize) {
 
 /// Phase correlation by shift, row by row, with a Gaussian in place of a point; 1 where everything fits.
 fn correlate(a: &[f64], b: &[f64], width: usize, height: usize) -> Vec<f64> {
-    let mut planner = FftPlanner::new();
+    let mut planner = FftPlannerScalar::new();
     let (rows, columns) = (planner.plan_fft_forward(width), planner.plan_fft_forward(height));
     // Both are real: one transform of a + ib holds those of both.
     let mut both: Vec<Complex64> = a.iter().zip(b).map(|(p, q)| Complex64::new(*p, *q)).collect();
