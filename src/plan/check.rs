@@ -3,8 +3,6 @@
 //! Reads only the beginning and the end of a file, and only the beginning of an object in a store. Errors in the pixels are
 //! found when the scene is loaded: that scene is quarantined.
 
-use super::content::Content;
-use super::drafting::{DraftError, Request};
 use super::inputs::{InputFiles, StoreUnavailable};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use render::formats::NamedBytes;
@@ -69,7 +67,6 @@ enum Checked {
 /// Checks each file once.
 pub(super) struct Checker<'a> {
     roots: Roots,
-    /// Roots of files that planning writes: not checked.
     own: BTreeSet<&'a str>,
     inputs: &'a dyn InputFiles,
     threads: usize,
@@ -78,24 +75,15 @@ pub(super) struct Checker<'a> {
 }
 
 impl<'a> Checker<'a> {
-    /// `on_file` receives (done, all).
+    /// Does not check files under the roots `own`: planning writes them. `on_file` receives (done, all).
     pub(super) fn new(
-        content: &'a Content,
-        request: &'a Request,
+        roots: Roots,
+        own: BTreeSet<&'a str>,
+        inputs: &'a dyn InputFiles,
+        threads: usize,
         on_file: &'a (dyn Fn(usize, usize) + Sync),
-    ) -> Result<Self, DraftError> {
-        let mut roots = Roots::default();
-        for (name, folder) in &content.roots {
-            roots.insert(name, folder.clone())?;
-        }
-        Ok(Self {
-            roots,
-            own: content.own_roots(),
-            inputs: request.inputs,
-            threads: request.threads,
-            on_file,
-            seen: BTreeMap::new(),
-        })
+    ) -> Self {
+        Self { roots, own, inputs, threads, on_file, seen: BTreeMap::new() }
     }
 
     /// Number of checked files.
@@ -287,29 +275,9 @@ fn ends(path: &Path, inputs: &dyn InputFiles) -> io::Result<FileEnds> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::inputs::LocalFiles;
     use super::*;
     use render::atomic_file;
-
-    /// Local files, without a store.
-    struct LocalFiles;
-
-    impl InputFiles for LocalFiles {
-        fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
-            std::fs::read(path)
-        }
-
-        fn read_start(&self, url: &Path, _: usize) -> io::Result<(Vec<u8>, u64)> {
-            panic!("{} is a local path", url.display())
-        }
-
-        fn list(&self, folder: &Path) -> Result<Vec<String>, StoreUnavailable> {
-            panic!("{} is not listed", folder.display())
-        }
-
-        fn store_failure(&self, error: io::Error) -> Result<StoreUnavailable, io::Error> {
-            Err(error)
-        }
-    }
 
     fn seen(path: &Path, role: FileRole) -> Checked {
         check_file(path, role, &LocalFiles).unwrap()

@@ -5,8 +5,7 @@
 //! ```
 
 use super::list::ListError;
-use render::line::DepthRange;
-use render::line::Side;
+use render::line::{DepthRange, Side};
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -110,13 +109,7 @@ fn left_out(without_depth: usize) -> String {
 
 /// Lists the photographs of the source `name`, in DIODE's layout, in `folder`.
 pub(crate) fn index_source(name: &str, folder: &Path) -> Result<Index, IndexError> {
-    let mut paths = Vec::new();
-    list(folder, "", &mut paths).map_err(|(path, source)| IndexError::Read {
-        name: name.to_owned(),
-        path,
-        source,
-    })?;
-    index_paths(name, folder, &paths)
+    index_paths(name, folder, &files_below(name, folder, may_hold_photographs)?)
 }
 
 /// The photographs of the source `name` among `paths`, which are relative to its `folder`, with `/`.
@@ -136,25 +129,34 @@ pub(crate) fn index_paths(
     Ok(index)
 }
 
-/// Appends the files below `root` that can belong to the layout, relative to it.
-fn list(root: &Path, below: &str, paths: &mut Vec<String>) -> Result<(), (PathBuf, io::Error)> {
-    let folder = root.join(below);
-    let failed = |source| (folder.clone(), source);
-    for entry in fs::read_dir(&folder).map_err(failed)? {
-        let entry = entry.map_err(failed)?;
-        // No path of the layout has other characters.
-        let Ok(name) = entry.file_name().into_string() else {
-            continue;
-        };
-        let path = if below.is_empty() { name } else { format!("{below}/{name}") };
-        // `is_dir` follows links, and an archive left beside its folder is none.
-        if may_hold_photographs(&path) && root.join(&path).is_dir() {
-            list(root, &path, paths)?;
-        } else if below.contains("/scan_") {
-            paths.push(path);
+/// All files below `folder`, relative to it, with `/`, in the folders that `enters` accepts. Follows links and skips names
+/// that are not UTF-8, which no layout has.
+pub(super) fn files_below(
+    name: &str,
+    folder: &Path,
+    enters: fn(&str) -> bool,
+) -> Result<Vec<String>, IndexError> {
+    let (mut open, mut found) = (vec![String::new()], Vec::new());
+    while let Some(below) = open.pop() {
+        let path = folder.join(&below);
+        let failed =
+            |source| IndexError::Read { name: name.to_owned(), path: path.clone(), source };
+        for entry in fs::read_dir(&path).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            let Ok(file) = entry.file_name().into_string() else {
+                continue;
+            };
+            let relative = if below.is_empty() { file } else { format!("{below}/{file}") };
+            let kind = entry.file_type().map_err(failed)?;
+            let is_folder = kind.is_dir() || kind.is_symlink() && folder.join(&relative).is_dir();
+            match is_folder {
+                true if enters(&relative) => open.push(relative),
+                true => {}
+                false => found.push(relative),
+            }
         }
     }
-    Ok(())
+    Ok(found)
 }
 
 /// Whether `path` can be a folder above photographs, by its name.

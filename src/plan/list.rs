@@ -4,9 +4,7 @@
 //! root, and `place`, optionally `scan` and `values`.
 
 use super::diode::{Index, IndexError, Place, SourceImage};
-use render::line::Side;
-use render::line::is_url;
-use render::line::validate_side;
+use render::line::{Side, is_url, validate_side};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::io;

@@ -7,12 +7,12 @@
 //!
 //! A table names the categories and their depth ranges.
 
-use super::diode::{Index, IndexError, Place, SourceImage};
+use super::diode::{Index, IndexError, Place, SourceImage, files_below};
 use render::line::DepthRange;
 use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::{fs, io};
+use std::fs;
+use std::path::Path;
 
 /// The schema name of a table of categories.
 pub const DEPTH_RANGES_SCHEMA: &str = "glasshouse.depth_ranges/1";
@@ -147,29 +147,6 @@ impl DepthRanges {
     }
 }
 
-/// All files below `folder`, relative to it, with `/`. Follows links and skips names that are not UTF-8.
-fn files(folder: &Path) -> Result<Vec<String>, (PathBuf, io::Error)> {
-    let (mut open, mut found) = (vec![String::new()], Vec::new());
-    while let Some(below) = open.pop() {
-        let path = folder.join(&below);
-        let failed = |source| (path.clone(), source);
-        for entry in fs::read_dir(&path).map_err(failed)? {
-            let entry = entry.map_err(failed)?;
-            let Ok(name) = entry.file_name().into_string() else {
-                continue;
-            };
-            let relative = if below.is_empty() { name } else { format!("{below}/{name}") };
-            let kind = entry.file_type().map_err(failed)?;
-            if kind.is_dir() || kind.is_symlink() && folder.join(&relative).is_dir() {
-                open.push(relative);
-            } else {
-                found.push(relative);
-            }
-        }
-    }
-    Ok(found)
-}
-
 /// The folders of a source.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlacesFolders<'a> {
@@ -194,11 +171,7 @@ pub(crate) fn index_places(
     let ranges = DepthRanges::parse(&text).map_err(|e| table(&e))?;
     let all = |folder: &Path| match list(folder) {
         Some(found) => Ok(found),
-        None => files(folder).map_err(|(path, source)| IndexError::Read {
-            name: name.to_owned(),
-            path,
-            source,
-        }),
+        None => files_below(name, folder, |_| true),
     };
     let (colors, depths) = (all(folders.color)?, all(folders.depth)?);
     let index = ranges.index(&colors, &depths, &depth_root(name));

@@ -1,8 +1,7 @@
 //! Errors of a recipe, or of a recipe with its photographs.
 
 use render::ids::SceneId;
-use render::line::LineError;
-use render::line::Split;
+use render::line::{LineError, Split};
 use render::scene::GeometryError;
 
 /// A recipe cannot be used, or cannot be expanded with its photographs.
