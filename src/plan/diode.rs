@@ -5,22 +5,12 @@
 //! ```
 
 use super::list::ListError;
+use procedural::Place;
 use render::line::{DepthRange, Side};
-use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-
-/// Indoors or outdoors.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Place {
-    /// A room; DIODE's `indoors`.
-    Indoors,
-    /// A street, garden or landscape; DIODE's `outdoor`.
-    Outdoor,
-}
 
 /// An RGBD photograph of a source. Paths are relative to the source's root, with `/`.
 #[derive(Clone, Debug, PartialEq)]
@@ -170,11 +160,7 @@ fn may_hold_photographs(path: &str) -> bool {
 }
 
 fn place(folder: &str) -> Option<Place> {
-    match folder {
-        "indoors" => Some(Place::Indoors),
-        "outdoor" => Some(Place::Outdoor),
-        _ => None,
-    }
+    [Place::Indoors, Place::Outdoor].into_iter().find(|place| place.name() == folder)
 }
 
 /// Finds the photographs among `paths`, which are relative to the source's root, with `/`.

@@ -45,12 +45,12 @@ mod training;
 
 pub use check::{InvalidInput, invalid_text};
 pub use cost::{Calibration, Cost, Estimate, cost};
-pub use diode::Place;
 pub use drafting::{Drafted, draft};
 pub use draw_scenes::{RejectedScene, read_rejected, rejected_lines};
 pub use inputs::{InputFiles, LocalFiles, StoreUnavailable};
 pub use list::{PHOTOGRAPH_SCHEMA, parse_list};
 pub use places::{DEPTH_RANGES_SCHEMA, DepthRanges};
+pub use procedural::Place;
 pub use procedural_inputs::{ProceduralPhotograph, make_photographs};
 pub use recipe::{RECIPE_SCHEMA, Recipe};
 pub use recipe_error::RecipeError;

@@ -3,7 +3,8 @@
 //! One JSON object per line, `glasshouse.photograph/1`: the keys of a scene line's side with paths relative to the source's
 //! root, and `place`, optionally `scan` and `values`.
 
-use super::diode::{Index, IndexError, Place, SourceImage};
+use super::diode::{Index, IndexError, SourceImage};
+use procedural::Place;
 use render::line::{Side, is_url, validate_side};
 use serde::Deserialize;
 use std::collections::BTreeMap;

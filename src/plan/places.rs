@@ -7,7 +7,8 @@
 //!
 //! A table names the categories and their depth ranges.
 
-use super::diode::{Index, IndexError, Place, SourceImage, files_below};
+use super::diode::{Index, IndexError, SourceImage, files_below};
+use procedural::Place;
 use render::line::DepthRange;
 use serde::Deserialize;
 use std::collections::BTreeMap;

@@ -1,9 +1,10 @@
 //! Splits photographs between `train` and `test`. The sizes follow from the recipe's shares and never from the number of
 //! scenes, so that adding a scene moves no photograph to another split.
 
-use super::diode::{Place, SourceImage};
+use super::diode::SourceImage;
 use super::draw::shuffled;
 use super::recipe_error::RecipeError;
+use procedural::Place;
 use std::collections::BTreeSet;
 
 /// Distributes the photographs of a source over splits in proportion to `shares` (all above 0).

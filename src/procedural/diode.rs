@@ -83,8 +83,8 @@ pub fn write(
 fn png(rgbd: &Rgbd) -> Result<Vec<u8>, image::ImageError> {
     let mut bytes = Vec::new();
     PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive)
-        .write_image(&rgbd.rgb, rgbd.width, rgbd.height, ExtendedColorType::Rgb8)?;
-    Ok(bytes)
+        .write_image(&rgbd.rgb, rgbd.width, rgbd.height, ExtendedColorType::Rgb8)
+        .map(|()| bytes)
 }
 
 /// NumPy format 1.0, little-endian `f32`, C order, data after 128 bytes.
