@@ -1,5 +1,6 @@
 //! Why the files of a photograph or a mesh cannot become a surface.
 
+use crate::line::LineError;
 use std::path::PathBuf;
 
 /// A photograph or mesh is refused; its scene goes to quarantine with this text.
@@ -85,14 +86,7 @@ pub enum SceneError {
         problem: String,
         remedy: &'static str,
     },
-    /// A number of the manifest line is out of its range.
-    #[error("{name} of {} is {value}; it must be {expected}: correct the manifest", path.display())]
-    Parameter {
-        /// The file that the number is about.
-        path: PathBuf,
-        /// The key in the manifest.
-        name: &'static str,
-        value: f64,
-        expected: &'static str,
-    },
+    /// A number of the scene line is out of range.
+    #[error("{}: {source}: correct the manifest", path.display())]
+    Parameter { path: PathBuf, source: LineError },
 }

@@ -8,8 +8,8 @@ use crate::layer::PerLayer;
 use crate::line::{ExrPrecision, SceneLine};
 use crate::trace::TRACER_VERSION;
 use exr::prelude::f16;
-use image::ImageEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
 use std::path::Path;
 
 /// Files of the folder of a scene's tuple, in the order in which they are written.
@@ -96,10 +96,7 @@ pub fn encode_png(
     height: u32,
 ) -> Result<Vec<u8>, image::ImageError> {
     let bytes: Vec<u8> = pixels.as_flattened().iter().map(|&v| encoder.encode(v)).collect();
-    let mut png = Vec::new();
-    PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive)
-        .write_image(&bytes, width, height, image::ExtendedColorType::Rgb8)?;
-    Ok(png)
+    png(&bytes, [width, height], ExtendedColorType::Rgb8)
 }
 
 /// A 16-bit sRGB PNG of a layer, values above 1 clipped.
@@ -111,9 +108,17 @@ pub fn encode_png16(
     let values = pixels.as_flattened().iter();
     // The encoder takes the machine's byte order and writes PNG's.
     let bytes: Vec<u8> = values.flat_map(|&v| linear_to_srgb16(v).to_ne_bytes()).collect();
+    png(&bytes, [width, height], ExtendedColorType::Rgb16)
+}
+
+fn png(
+    bytes: &[u8],
+    [width, height]: [u32; 2],
+    color: ExtendedColorType,
+) -> Result<Vec<u8>, image::ImageError> {
     let mut png = Vec::new();
     PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive)
-        .write_image(&bytes, width, height, image::ExtendedColorType::Rgb16)?;
+        .write_image(bytes, width, height, color)?;
     Ok(png)
 }
 

@@ -43,7 +43,7 @@ mod window;
 pub use assemble::assemble;
 pub use check_geometry::{GeometryError, MAX_INCIDENCE_DEG, check_geometry};
 pub use error::{AssembleError, MAX_TOO_NEAR_SHARE};
-pub use facts::{OrderFact, SceneFacts, Sides};
+pub use facts::{OrderFact, SceneFacts, Sides, SidesWith};
 pub(crate) use geometry::BackCamera;
 pub use load::{
     DecodedScene, InputDigests, LoadError, LoadedScene, SceneFiles, SideFiles, decode, load,
@@ -52,5 +52,5 @@ pub use load::{
 pub use look::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
 pub use mesh::{Polygons, decode_mesh};
 pub use photograph::{Sheet, decode_linear_image, decode_photograph};
-pub use place::{Decoded, MeshFacts, MeshSides};
-pub use relative::{RelativeEnds, RelativeSides};
+pub use place::{Decoded, MeshFacts};
+pub use relative::RelativeEnds;

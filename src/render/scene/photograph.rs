@@ -4,7 +4,7 @@ use super::relative::{self, RelativeEnds};
 use super::{center, color, depth, fill, mask};
 use crate::formats::error::SceneError;
 use crate::formats::files::{NamedBytes, PhotographFiles};
-use crate::line::{Fill, Intrinsics, Photograph, Transfer};
+use crate::line::{Fill, Intrinsics, Photograph, Transfer, validate_side};
 use std::path::Path;
 
 /// A continuous surface that carries radiance: one vertex at each pixel centre of the depth image.
@@ -42,7 +42,8 @@ pub struct Sheet {
 /// depth whose inverse is no normal `f32` (nearer than about 3e-39 m, farther than 8.5e37 m) is an
 /// error: a placeholder such as `FLT_MAX` must not become a surface.
 pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<Sheet, SceneError> {
-    check_parameters(line, files)?;
+    validate_side("photograph", &line.clone().into())
+        .map_err(|source| SceneError::Parameter { path: files.color.path.clone(), source })?;
     let mut depth = depth::decode(&files.depth, line.depth_unit_m)?;
     let (width, height) = (depth.width, depth.height);
     let intrinsics = scale_intrinsics(&line.intrinsics, width, height);
@@ -97,44 +98,6 @@ pub fn decode_linear_image(file: &NamedBytes) -> Result<(usize, usize, Vec<[f32;
     let color = color::decode(file, Transfer::Linear, [1.0; 3])?;
     let pixels = color.radiance.iter().map(|&[r, g, b, _]| [r, g, b]);
     Ok((color.width, color.height, pixels.collect()))
-}
-
-/// Numbers of the line that every later formula divides or multiplies by.
-fn check_parameters(line: &Photograph, files: &PhotographFiles) -> Result<(), SceneError> {
-    let Photograph { intrinsics, exposure, depth_unit_m, .. } = line;
-    let [size_x, size_y] = intrinsics.size.unwrap_or([1, 1]).map(f64::from);
-    let refuse = |path: &Path, name, value, expected| {
-        Err(SceneError::Parameter { path: path.to_owned(), name, value, expected })
-    };
-    // Every comparison is false for NaN.
-    if !(*exposure >= 0.0 && *exposure < f64::INFINITY) {
-        return refuse(&files.color.path, "exposure", *exposure, "finite and not negative");
-    }
-    if let Some(factor) = line.illuminant.into_iter().find(|f| !(0.0..f64::INFINITY).contains(f)) {
-        return refuse(
-            &files.color.path,
-            "illuminant",
-            factor,
-            "three finite numbers, none negative",
-        );
-    }
-    for (name, value) in [
-        ("depth_unit_m", *depth_unit_m),
-        ("intrinsics.fx", intrinsics.fx),
-        ("intrinsics.fy", intrinsics.fy),
-        ("intrinsics.size", size_x),
-        ("intrinsics.size", size_y),
-    ] {
-        if !(value > 0.0 && value < f64::INFINITY) {
-            return refuse(&files.depth.path, name, value, "finite and above 0");
-        }
-    }
-    for (name, value) in [("intrinsics.cx", intrinsics.cx), ("intrinsics.cy", intrinsics.cy)] {
-        if !value.is_finite() {
-            return refuse(&files.depth.path, name, value, "finite");
-        }
-    }
-    Ok(())
 }
 
 /// Intrinsics for an image of `width` x `height` pixels of the same field of view.
