@@ -1,18 +1,18 @@
-//! Why the files of a photograph or a mesh cannot become a surface.
+//! Errors in the files of a photograph, panorama or mesh.
 
 use crate::line::LineError;
 use std::path::PathBuf;
 
-/// A photograph or mesh is refused; its scene goes to quarantine with this text.
+/// A file is invalid; its scene is quarantined with this text.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     /// The file has no bytes.
     #[error("{} is empty; write or fetch it again", path.display())]
     Empty { path: PathBuf },
-    /// The magic bytes belong to no format that may stand here.
+    /// The magic bytes are of no format that this file may have.
     #[error("{} is {found}; give {expected}", path.display())]
     Format { path: PathBuf, found: String, expected: &'static str },
-    /// The file is damaged, cut short or of an unusual kind.
+    /// The file is damaged, truncated or of an unsupported kind.
     #[error("cannot read {} as {format}: {source}; write or fetch it again", path.display())]
     Unreadable {
         path: PathBuf,
@@ -28,7 +28,7 @@ pub enum SceneError {
         max_pixels = super::limits::MAX_PIXELS
     )]
     Size { path: PathBuf, width: u64, height: u64 },
-    /// The file is readable, but its channels, element type or array shape do not fit its use.
+    /// The file is readable, but its channels, element type or array shape are wrong.
     #[error("{} holds {found}; give {expected}", path.display())]
     Layout { path: PathBuf, found: String, expected: &'static str },
     /// The mask does not cover the depth image.
@@ -45,7 +45,7 @@ pub enum SceneError {
         depth_width: usize,
         depth_height: usize,
     },
-    /// A colour image holds what is no radiance, after `transfer` and `exposure`.
+    /// A colour image has values that are not radiance, after `transfer` and `exposure`.
     #[error(
         "{} has {count} pixels with NaN, infinite or negative radiance, the first at column {x}, row {y}; repair the file, or lower the exposure",
         path.display()
@@ -58,13 +58,13 @@ pub enum SceneError {
         x: usize,
         y: usize,
     },
-    /// Not one usable depth is left.
+    /// No pixel has a usable depth.
     #[error(
         "{} has no pixel whose depth is finite, above 0 and valid in the mask; check depth_unit_m and the mask, or leave this photograph out",
         path.display()
     )]
     NoDepth { path: PathBuf },
-    /// Depths whose inverse is no normal `f32`.
+    /// The inverse of a depth is not a normal `f32`.
     #[error(
         "{} has {count} pixels too near or too far to calculate with, the first of {z_m:e} m at column {x}, row {y}; check depth_unit_m, or mask them out",
         path.display()
@@ -77,15 +77,9 @@ pub enum SceneError {
         x: usize,
         y: usize,
     },
-    /// A vertex, face or table of a mesh that cannot be used.
+    /// A vertex, face or table of a mesh is invalid.
     #[error("{}: {what} {problem}; {remedy}", path.display())]
-    Element {
-        path: PathBuf,
-        what: String,
-        /// What is wrong with it.
-        problem: String,
-        remedy: &'static str,
-    },
+    Element { path: PathBuf, what: String, problem: String, remedy: &'static str },
     /// A number of the scene line is out of range.
     #[error("{}: {source}: correct the manifest", path.display())]
     Parameter { path: PathBuf, source: LineError },

@@ -8,9 +8,9 @@
 //!                                                      -> fill, center -> photograph (Sheet)
 //! ```
 //!
-//! a panorama through `window` (what the film sees of it) and `equirect` to `panorama` (Sheet),
+//! a panorama through `window` (the part that the film sees) and `equirect` to `panorama` (Sheet),
 //! and a mesh through `ply_header`, `ply`, `transfer` to `mesh` (Polygons). `assemble` takes either: `place`, `check_geometry`,
-//! `near`, `surface`, with the coordinates of `geometry`. `look` checks many files by little more than their headers.
+//! `near`, `surface`, with the coordinates of `geometry`. `look` checks files by their headers.
 //!
 //! Hostile bytes end in a [`SceneError`](crate::formats::SceneError), never in a panic, and sizes are checked before anything
 //! of that size is allocated ([`crate::formats::limits`]). A sheet's bits are a function of the bytes and the

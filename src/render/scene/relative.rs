@@ -68,7 +68,7 @@ pub(super) fn scale(
     Ok(RelativeEnds { near_m, far_m: near_m * ratio, clamped_share })
 }
 
-/// The value below which `percent` of 100 of the values lie: that of the nearest rank. Moves the values about.
+/// Percentile by nearest rank. Reorders the values.
 fn percentile(values: &mut [f64], percent: f64) -> f64 {
     let last = values.len() - 1;
     let rank = (percent / 100.0 * last as f64).round() as usize;

@@ -63,7 +63,7 @@ fn holes_come_from_depth_and_mask() {
 }
 
 #[test]
-fn what_goes_to_quarantine() {
+fn invalid_photographs_are_errors() {
     let message = |line: &Photograph, files: &PhotographFiles| {
         decode_photograph(line, files).unwrap_err().to_string()
     };
