@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Least number of threads for a store: they wait for responses.
 const STORE_THREADS: usize = 32;
-/// Largest number of rows in the table for people.
+/// Largest number of rows in the table.
 const SHOWN: usize = 20;
 
 /// An input file that cannot be used.
@@ -26,7 +26,7 @@ const SHOWN: usize = 20;
 pub struct InvalidInput {
     /// Path as in the scene lines.
     pub path: String,
-    /// What is wrong, and what to do.
+    /// The problem and its remedy.
     pub problem: String,
     /// Scenes that need the file.
     pub scenes: Vec<SceneId>,
@@ -104,8 +104,8 @@ impl<'a> Checker<'a> {
         sizes.values().sum()
     }
 
-    /// Checks the files of the scenes that are not checked yet. Returns all files of these scenes that cannot be used, sorted
-    /// by path. An error means that a store does not respond.
+    /// Checks the scenes' files that are not checked yet. Returns all unusable files of these scenes, sorted by path.
+    /// An error means that a store does not respond.
     pub(super) fn check(
         &mut self,
         lines: &[SceneLine],

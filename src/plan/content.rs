@@ -130,7 +130,7 @@ impl Content {
         Ok(Draft { lines, notes, rejected, to_make })
     }
 
-    /// What to leave out, so that `line` does not need the file `path`: the photograph, or the scene of a manifest.
+    /// The photographs (of a manifest: the scene) to leave out, so that `line` does not need the file `path`.
     pub(super) fn names_to_leave_out(&self, line: &SceneLine, path: &str) -> Vec<String> {
         if let Scenes::Lines(_) = self.scenes {
             return vec![line.id.to_string()];
@@ -142,7 +142,7 @@ impl Content {
             .collect()
     }
 
-    /// "photographs" or "scenes": what can be left out.
+    /// "photographs" or "scenes": the entries that can be left out.
     pub(super) fn left_out_kind(&self) -> &'static str {
         match self.scenes {
             Scenes::Drawn { .. } => "photographs",

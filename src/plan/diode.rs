@@ -45,13 +45,11 @@ pub struct Index {
 /// A source cannot be listed.
 #[derive(Debug, thiserror::Error)]
 pub enum IndexError {
-    /// The folder, or one below it, cannot be read.
     #[error(
         "source {name}: cannot list {}: {source}; pass --root {name}=DIR with the folder that holds it",
         path.display()
     )]
     Read { name: String, path: PathBuf, source: io::Error },
-    /// The folder has no photograph with depth.
     #[error(
         "source {name}: {} holds no photograph with depth of the form \
          [train|val/](indoors|outdoor)/scene_*/scan_*/*.png with *_depth.npy beside it{}; pass --root \
@@ -64,7 +62,6 @@ pub enum IndexError {
         /// Number of colour images without depth.
         without_depth: usize,
     },
-    /// The folder has no photograph of a category in the table.
     #[error(
         "source {name}: {} holds no photograph of a category in {table} with a depth map below {}{}; pass --root {name}=DIR \
          and --root {name}-depth=DIR",
@@ -78,14 +75,11 @@ pub enum IndexError {
         /// Number of colour images without depth.
         without_depth: usize,
     },
-    /// The table of categories cannot be used.
     #[error("source {name}: cannot use its depth_ranges {}: {reason}", path.display())]
     Table { name: String, path: PathBuf, reason: String },
-    /// The list of photographs cannot be read.
     #[error("source {name}: cannot read its list {}: {source}; write `list` with a path relative to the recipe, or put \
          photographs.jsonl into the source's root (--root {name}=DIR)", path.display())]
     NoList { name: String, path: PathBuf, source: io::Error },
-    /// The list of photographs cannot be used.
     #[error("source {name}: list {}: {source}", path.display())]
     List { name: String, path: PathBuf, source: ListError },
 }

@@ -51,10 +51,8 @@ pub enum DepthRangesError {
     /// Another schema, or another version of it.
     #[error("its schema is {0:?}, but must be \"glasshouse.depth_ranges/1\"")]
     Schema(String),
-    /// The table is empty.
     #[error("it names no category: add [category.NAME] with place, range and why")]
     Empty,
-    /// A range is invalid.
     #[error("{0}")]
     Range(#[from] render::line::LineError),
 }
@@ -285,7 +283,7 @@ why = "a guess"
     }
 
     #[test]
-    fn wrong_tables_say_what_is_wrong() {
+    fn errors_of_a_table_name_the_problem() {
         for (from, to, words) in [
             ("ranges/1", "ranges/2", "its schema is"),
             ("mean_m = 4.0", "mean_m = 0.0", "category.bedroom.range.mean_m is 0"),

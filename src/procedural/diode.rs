@@ -13,17 +13,10 @@ const NPY_HEADER_BYTES: usize = 128;
 /// A procedural photograph could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum SampleError {
-    /// A file or folder could not be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// An image could not be encoded.
     #[error("cannot encode {}: {source}; choose another size", path.display())]
-    Code {
-        /// The file.
-        path: PathBuf,
-        /// The encoder's error.
-        source: image::ImageError,
-    },
+    Code { path: PathBuf, source: image::ImageError },
 }
 
 /// Whether all three files of `photograph` exist under `root`.

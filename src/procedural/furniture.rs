@@ -1,4 +1,4 @@
-//! Pieces of furniture. Each stands on the floor at its frame's origin and faces +z.
+//! Pieces of furniture, on the floor at the frame's origin, facing +z.
 
 use super::build::{Builder, Frame};
 use super::material::{Material, color, plain};

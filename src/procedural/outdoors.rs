@@ -21,7 +21,7 @@ enum Hour {
     Evening,
 }
 
-/// Where the camera stands and where it looks.
+/// Positions of the camera and of its target.
 struct Outlook {
     eye: Vec3,
     target: Vec3,

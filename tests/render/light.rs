@@ -1,4 +1,4 @@
-//! Light: exposures, illuminants and white balance of scene lines, and how planning settles them by a look at each scene.
+//! Light: exposures, illuminants and white balance of scene lines, and their choice by previews in planning.
 
 use crate::support::outputs::exr_channels;
 use crate::support::program::{run, text};

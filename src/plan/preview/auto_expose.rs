@@ -15,13 +15,11 @@ const MIDDLE_GREY: f64 = 0.18;
 /// A scene that cannot be previewed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ExposureError {
-    /// A file cannot be read or decoded.
     #[error(transparent)]
     Load(#[from] LoadError),
     /// The drawn numbers do not fit the photographs.
     #[error(transparent)]
     Refused(#[from] AssembleError),
-    /// No pixel to expose for.
     #[error("I is black: no exposure or white balance brightens it")]
     Black,
 }

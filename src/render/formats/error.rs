@@ -6,13 +6,11 @@ use std::path::PathBuf;
 /// A file is invalid; its scene is quarantined with this text.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
-    /// The file has no bytes.
     #[error("{} is empty; write or fetch it again", path.display())]
     Empty { path: PathBuf },
     /// The magic bytes are of no format that this file may have.
     #[error("{} is {found}; give {expected}", path.display())]
     Format { path: PathBuf, found: String, expected: &'static str },
-    /// The file is damaged, truncated or of an unsupported kind.
     #[error("cannot read {} as {format}: {source}; write or fetch it again", path.display())]
     Unreadable {
         path: PathBuf,
@@ -20,7 +18,6 @@ pub enum SceneError {
         format: &'static str,
         source: Box<dyn std::error::Error + Send + Sync>,
     },
-    /// The image has no pixels, or more than the limits allow.
     #[error(
         "{} has {width}x{height} pixels; sizes are 1 to {max_side} a side and at most {max_pixels} pixels: resize it",
         path.display(),
@@ -31,7 +28,6 @@ pub enum SceneError {
     /// The file is readable, but its channels, element type or array shape are wrong.
     #[error("{} holds {found}; give {expected}", path.display())]
     Layout { path: PathBuf, found: String, expected: &'static str },
-    /// The mask does not cover the depth image.
     #[error(
         "mask {} has {width}x{height} pixels, depth {} has {depth_width}x{depth_height}; give a mask of the depth's size, or none",
         path.display(),
@@ -54,11 +50,9 @@ pub enum SceneError {
         path: PathBuf,
         /// Pixels with at least one such channel.
         count: usize,
-        /// Column of the first, in reading order.
         x: usize,
         y: usize,
     },
-    /// No pixel has a usable depth.
     #[error(
         "{} has no pixel whose depth is finite, above 0 and valid in the mask; check depth_unit_m and the mask, or leave this photograph out",
         path.display()
@@ -80,7 +74,6 @@ pub enum SceneError {
     /// A vertex, face or table of a mesh is invalid.
     #[error("{}: {what} {problem}; {remedy}", path.display())]
     Element { path: PathBuf, what: String, problem: String, remedy: &'static str },
-    /// A number of the scene line is out of range.
     #[error("{}: {source}: correct the manifest", path.display())]
     Parameter { path: PathBuf, source: LineError },
 }

@@ -8,10 +8,8 @@ pub enum LineError {
     /// Another schema, or another version of it.
     #[error("schema is {found:?}, but must be \"glasshouse.scene/1\": write the line in that form")]
     Schema { found: String },
-    /// A number outside its range.
     #[error("{field} is {value}, but must be {allowed}")]
     OutOfRange { field: String, value: f64, allowed: &'static str },
-    /// An empty path.
     #[error("{field} is empty, but must be the path of a file")]
     EmptyPath { field: String },
     /// A relative depth without a range, or a metric depth with one.
@@ -23,18 +21,13 @@ pub enum LineError {
             format!("{side}.depth_kind is relative, but {side}.depth_range is missing: give {{\"mean_m\": metres}}")
         }
     )]
-    DepthRange {
-        /// `front` or `back`.
-        side: String,
-        given: bool,
-    },
+    DepthRange { side: String, given: bool },
     /// Linear images have no clipped codes.
     #[error("{field} is given, but only images of transfer \"srgb\" have clipped codes: remove it")]
     HighlightsOfLight { field: String },
     /// `apex` is the position of the reflected side's camera; the front's camera is the lens.
     #[error("front.apex is given, but only the back has an apex: move it to back")]
     ApexOfFront,
-    /// The matrix of a mesh's pose is not a rotation.
     #[error(
         "{field} is no rotation: its rows must be of length 1 and at right angles (to 1e-4), its determinant +1; \
          scale with unit_m"

@@ -11,10 +11,8 @@ pub enum ManifestError {
     /// Not JSON, or not a scene.
     #[error("manifest line {line}, column {column}: {reason}; correct that line")]
     Json { line: usize, column: usize, reason: String },
-    /// An invalid scene.
     #[error("manifest line {line}, scene {id}: {source}")]
     Scene { line: usize, id: SceneId, source: LineError },
-    /// Two scenes with one id.
     #[error(
         "manifest line {line}: scene {id} is already on line {first}; give one of them another id"
     )]

@@ -6,39 +6,24 @@ use std::path::{Component, Path, PathBuf};
 /// A path or a root that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RootError {
-    /// Not of the form `NAME=DIR`.
     #[error(
         "root {argument:?} is not NAME=DIR with a NAME of two or more of [A-Za-z0-9_-]: write --root \
          diode=/path/to/diode"
     )]
     Argument { argument: String },
-    /// Two folders for one name.
     #[error("root {name} is given twice, as {} and as {}: keep one", first.display(), second.display())]
     Twice { name: String, first: PathBuf, second: PathBuf },
-    /// A path under a root that no `--root` names.
     #[error(
         "path {text:?} lies under root {name}, which is unknown: pass --root {name}=DIR, or write \
          \"./{text}\" if it is a file's name"
     )]
-    Unknown {
-        /// The path as in the line.
-        text: String,
-        name: String,
-    },
-    /// A path that would leave its root.
+    Unknown { text: String, name: String },
     #[error(
         "path {text:?} leaves its root: below a named root write a relative path without \"..\""
     )]
-    Leaves {
-        /// The path as in the line.
-        text: String,
-    },
-    /// An empty path.
+    Leaves { text: String },
     #[error("path {text:?} is empty: write the path of a file")]
-    Empty {
-        /// The path as in the line.
-        text: String,
-    },
+    Empty { text: String },
 }
 
 /// Named folders, ordered by name.

@@ -196,18 +196,6 @@ impl From<Photograph> for Side {
     }
 }
 
-impl From<PanoramaFile> for Side {
-    fn from(panorama: PanoramaFile) -> Self {
-        Self::Panorama(panorama)
-    }
-}
-
-impl From<MeshFile> for Side {
-    fn from(mesh: MeshFile) -> Self {
-        Self::Mesh(mesh)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -20,7 +20,6 @@ pub enum MergeError {
     /// A partial of another scene, plan or tracer version.
     #[error("scene {scene}: shard {shard} {reason}; delete that partial and run `work` again")]
     Foreign { scene: String, shard: u32, reason: &'static str },
-    /// A pixel is not a number.
     #[error(
         "scene {scene}: layer {layer} is not finite at pixel ({x}, {y}); check the inputs' radiance and depth"
     )]
