@@ -54,7 +54,7 @@ pub enum SceneError {
         y: usize,
     },
     #[error(
-        "{} has no pixel whose depth is finite, above 0 and valid in the mask; check depth_unit_m and the mask, or leave this photograph out",
+        "{} has no valid pixel with a finite depth above 0; check depth_unit_m and the mask, or leave this photograph out",
         path.display()
     )]
     NoDepth { path: PathBuf },

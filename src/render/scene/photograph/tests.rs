@@ -68,10 +68,10 @@ fn invalid_photographs_are_errors() {
         decode_photograph(line, files).unwrap_err().to_string()
     };
     let good = files([1.0; 8]);
-    assert!(message(&line(), &files([f32::NAN; 8])).contains("no pixel whose depth is finite"));
+    assert!(message(&line(), &files([f32::NAN; 8])).contains("no valid pixel with a finite depth"));
     let mut masked = good.clone();
     masked.mask = Some(npy("|b1", false, "(2, 4)", &[0; 8]));
-    assert!(message(&line(), &masked).contains("no pixel whose depth is finite"));
+    assert!(message(&line(), &masked).contains("no valid pixel with a finite depth"));
     masked.mask = Some(npy("|b1", false, "(4, 2)", &[1; 8]));
     let text = message(&line(), &masked);
     assert!(text.contains("mask a.npy has 2x4 pixels, depth a.npy has 4x2"), "{text}");
