@@ -133,10 +133,10 @@ pub(super) fn files_below(
             let relative = if below.is_empty() { file } else { format!("{below}/{file}") };
             let kind = entry.file_type().map_err(failed)?;
             let is_folder = kind.is_dir() || kind.is_symlink() && folder.join(&relative).is_dir();
-            match is_folder {
-                true if enters(&relative) => open.push(relative),
-                true => {}
-                false => found.push(relative),
+            if !is_folder {
+                found.push(relative);
+            } else if enters(&relative) {
+                open.push(relative);
             }
         }
     }
