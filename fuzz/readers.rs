@@ -1,8 +1,8 @@
-//! One function a reader, called with any bytes: by the fuzz targets, and by `tests/formats/corpus` with the seeds.
+//! One function per reader for arbitrary bytes, called by the fuzz targets and, with the seeds, by `tests/formats/corpus`.
 //!
-//! Each asserts what must hold for bytes that were accepted, and says whether they were; for all others it is
-//! enough to come back. A new reader
-//! gets a function and a row in [`READERS`] here, a target in `fuzz_targets/`, and seeds in `tests/formats/corpus`.
+//! Each function returns whether its reader accepted the bytes, and asserts the invariants of accepted ones; for others it
+//! must only return. A new reader needs a function and a row in [`READERS`] here, a target in `fuzz_targets/`, and seeds in
+//! `tests/formats/corpus`.
 
 #![allow(dead_code, reason = "each fuzz target uses one of them")]
 
@@ -47,7 +47,7 @@ pub(crate) fn let_panics_unwind() {
     let _ = std::panic::take_hook();
 }
 
-/// Decodes a photograph of three files; what is accepted is sound, what is refused is called by its name.
+/// Decodes a photograph of three files. An accepted one is valid; an error names its file.
 fn photograph(color: &[u8], depth: &[u8], mask: Option<&[u8]>) -> bool {
     let line = r#"{"color":"c","depth":"d","intrinsics":{"fx":10,"fy":10,"cx":2,"cy":1}}"#;
     let line: Photograph = serde_json::from_str(line).expect("a line as in a manifest");
@@ -124,7 +124,7 @@ fn text(bytes: &[u8]) -> Option<&str> {
     std::str::from_utf8(bytes).ok()
 }
 
-/// One scene line: what is accepted survives being written and read.
+/// One scene line: an accepted one survives a round trip.
 pub(crate) fn scene_line(bytes: &[u8]) -> bool {
     let Some(Ok(line)) = text(bytes).map(parse_scene) else {
         return false;
@@ -179,7 +179,7 @@ pub(crate) fn spec(bytes: &[u8]) -> bool {
 /// `inspect` on a file of any kind, alone in its folder.
 pub(crate) fn inspect(bytes: &[u8]) -> bool {
     let found = inspect_bytes(&Input { name: "file", bytes, beside: &|_| None });
-    // What is wrong and what is whole exclude each other.
+    // A file with a finding is not whole.
     assert_eq!(found.whole == Whole::No, !found.is_sound());
     found.is_sound()
 }
@@ -194,7 +194,7 @@ pub(crate) fn tuple(bytes: &[u8]) -> bool {
     true
 }
 
-/// A message of the queue: work that waits.
+/// A message of the queue.
 pub(crate) fn message(bytes: &[u8]) -> bool {
     let run = *b"8 bytes!";
     let Ok(Some(message)) = read_message(bytes, run, 1000) else {
@@ -205,8 +205,8 @@ pub(crate) fn message(bytes: &[u8]) -> bool {
     true
 }
 
-/// A small record in the store of a farm: what a run was told, who tried, who made a tuple, why a scene is set aside. What
-/// is damaged counts as that, and is no error.
+/// A small record in a run's store: control, attempts, receipt, quarantine. A damaged record is reported as damaged, not as
+/// an error.
 pub(crate) fn record(bytes: &[u8]) -> bool {
     thread_local! {
         static FOLDER: TempDir = tempfile::tempdir().expect("a folder for records");

@@ -3,8 +3,6 @@
 //! Reads only the beginning and the end of a file, and only the beginning of an object in a store. Errors in the pixels are
 //! found when the scene is loaded: that scene is quarantined.
 
-use super::content::Content;
-use super::drafting::{DraftError, Request};
 use super::inputs::{InputFiles, StoreUnavailable};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use render::formats::NamedBytes;
@@ -20,7 +18,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Least number of threads for a store: they wait for responses.
 const STORE_THREADS: usize = 32;
-/// Largest number of rows in the table for people.
+/// Largest number of rows in the table.
 const SHOWN: usize = 20;
 
 /// An input file that cannot be used.
@@ -28,7 +26,7 @@ const SHOWN: usize = 20;
 pub struct InvalidInput {
     /// Path as in the scene lines.
     pub path: String,
-    /// What is wrong, and what to do.
+    /// The problem and its remedy.
     pub problem: String,
     /// Scenes that need the file.
     pub scenes: Vec<SceneId>,
@@ -69,7 +67,6 @@ enum Checked {
 /// Checks each file once.
 pub(super) struct Checker<'a> {
     roots: Roots,
-    /// Roots of files that planning writes: not checked.
     own: BTreeSet<&'a str>,
     inputs: &'a dyn InputFiles,
     threads: usize,
@@ -78,24 +75,15 @@ pub(super) struct Checker<'a> {
 }
 
 impl<'a> Checker<'a> {
-    /// `on_file` receives (done, all).
+    /// Does not check files under the roots `own`: planning writes them. `on_file` receives (done, all).
     pub(super) fn new(
-        content: &'a Content,
-        request: &'a Request,
+        roots: Roots,
+        own: BTreeSet<&'a str>,
+        inputs: &'a dyn InputFiles,
+        threads: usize,
         on_file: &'a (dyn Fn(usize, usize) + Sync),
-    ) -> Result<Self, DraftError> {
-        let mut roots = Roots::default();
-        for (name, folder) in &content.roots {
-            roots.insert(name, folder.clone())?;
-        }
-        Ok(Self {
-            roots,
-            own: content.own_roots(),
-            inputs: request.inputs,
-            threads: request.threads,
-            on_file,
-            seen: BTreeMap::new(),
-        })
+    ) -> Self {
+        Self { roots, own, inputs, threads, on_file, seen: BTreeMap::new() }
     }
 
     /// Number of checked files.
@@ -116,8 +104,8 @@ impl<'a> Checker<'a> {
         sizes.values().sum()
     }
 
-    /// Checks the files of the scenes that are not checked yet. Returns all files of these scenes that cannot be used, sorted
-    /// by path. An error means that a store does not respond.
+    /// Checks the scenes' files that are not checked yet. Returns all unusable files of these scenes, sorted by path.
+    /// An error means that a store does not respond.
     pub(super) fn check(
         &mut self,
         lines: &[SceneLine],
@@ -287,29 +275,9 @@ fn ends(path: &Path, inputs: &dyn InputFiles) -> io::Result<FileEnds> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::inputs::LocalFiles;
     use super::*;
     use render::atomic_file;
-
-    /// Local files, without a store.
-    struct LocalFiles;
-
-    impl InputFiles for LocalFiles {
-        fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
-            std::fs::read(path)
-        }
-
-        fn read_start(&self, url: &Path, _: usize) -> io::Result<(Vec<u8>, u64)> {
-            panic!("{} is a local path", url.display())
-        }
-
-        fn list(&self, folder: &Path) -> Result<Vec<String>, StoreUnavailable> {
-            panic!("{} is not listed", folder.display())
-        }
-
-        fn store_failure(&self, error: io::Error) -> Result<StoreUnavailable, io::Error> {
-            Err(error)
-        }
-    }
 
     fn seen(path: &Path, role: FileRole) -> Checked {
         check_file(path, role, &LocalFiles).unwrap()

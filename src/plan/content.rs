@@ -1,31 +1,21 @@
 //! The content of a recipe or a manifest: scenes, roots of their files, notes.
 
 use super::diode::{Index, SourceImage, from_paths, index_paths, index_source};
-use super::drafting::{DraftError, Progress, Request};
 use super::draw_scenes::{DrawnScenes, PreviewContext, RejectedScene, draw_all};
-use super::expand::expand_counted;
+use super::expand::{Expansion, expand_counted};
 use super::list::{LIST_NAME, index_list};
 use super::places::{PlacesFolders, index_places};
+use super::procedural_inputs::{ProceduralPhotograph, SampleBytes};
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
-use super::sample_bytes::SampleBytes;
+use super::request::{DraftError, Progress, Request};
 use super::source::{Layout, Source};
-use procedural::SamplePhotograph;
 use render::line::{Roots, SceneLine, is_url, parse_jsonl};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
 /// Root of a manifest's own relative paths.
 const MANIFEST_ROOT: &str = "manifest";
-
-/// A procedural photograph that planning writes into the run's folder.
-#[derive(Clone, Debug)]
-pub struct ProceduralPhotograph {
-    pub(crate) root: String,
-    pub(crate) photograph: SamplePhotograph,
-    /// Width and height, px.
-    pub(crate) size: [u32; 2],
-}
 
 /// The parsed source with its photographs listed; nothing is drawn, compared or written yet.
 pub(super) struct Content {
@@ -107,9 +97,9 @@ impl Content {
             threads: request.threads,
             on_scene: &|done, all| on_progress("scenes previewed", done, all),
         };
-        let DrawnScenes { lines, rejected, same_place, same_scan, redrawn } =
-            draw_all(recipe, images, left_out, &context)
-                .map_err(|source| recipe_error(path, source))?;
+        let DrawnScenes { expansion, rejected } = draw_all(recipe, images, left_out, &context)
+            .map_err(|source| recipe_error(path, source))?;
+        let Expansion { lines, same_place, same_scan, redrawn } = expansion;
         if !rejected.is_empty() {
             let draws = lines.len() + rejected.len();
             notes.push(format!(
@@ -140,7 +130,7 @@ impl Content {
         Ok(Draft { lines, notes, rejected, to_make })
     }
 
-    /// What to leave out, so that `line` does not need the file `path`: the photograph, or the scene of a manifest.
+    /// The photographs (of a manifest: the scene) to leave out, so that `line` does not need the file `path`.
     pub(super) fn names_to_leave_out(&self, line: &SceneLine, path: &str) -> Vec<String> {
         if let Scenes::Lines(_) = self.scenes {
             return vec![line.id.to_string()];
@@ -152,7 +142,7 @@ impl Content {
             .collect()
     }
 
-    /// "photographs" or "scenes": what can be left out.
+    /// "photographs" or "scenes": the entries that can be left out.
     pub(super) fn left_out_kind(&self) -> &'static str {
         match self.scenes {
             Scenes::Drawn { .. } => "photographs",

@@ -1,78 +1,78 @@
-//! What a run will take: bytes on the disk, and hours of a core.
+//! Estimates the cost of a run: bytes on disk and core time.
 
 use render::ids::SceneId;
 use render::line::{ExrPrecision, SceneLine};
 use render::shard::{SECONDS_PER_SAMPLE, ShardLayout};
 use serde::Serialize;
 
-/// Bytes of a partial a pixel: 36 floats, which hardly shrink.
+/// Bytes per pixel of a partial: 36 floats.
 const PARTIAL_BYTES: f64 = 144.0;
-/// Bytes of one layer of a tuple a pixel, in `tuple.exr` (half floats) and a PNG: 5.2 were measured on published photographs,
-/// 4.5 on the smoke recipe, each 256 x 256 px with 256 samples.
+/// Bytes per pixel of one layer of a tuple, in `tuple.exr` (half floats) and a PNG. Measured at 256 x 256 px and 256 samples:
+/// 5.2 on published photographs, 4.5 on the smoke recipe.
 const HALF_LAYER_BYTES: f64 = 5.3;
 /// The same with single floats: 12.1 on the smoke recipe.
 const FLOAT_LAYER_BYTES: f64 = 13.0;
-/// Bytes of a scene besides: its line in the manifest, `tuple.json`, the receipt.
+/// Other bytes per scene: its manifest line, `tuple.json`, the receipt.
 const SCENE_BYTES: f64 = 6_000.0;
-/// Seconds of one core for reading and decoding two photographs, about, where no scene can be tried out.
+/// Approximate seconds of one core to read and decode two photographs, used without a calibration.
 const SECONDS_PER_LOAD: f64 = 0.07;
-/// Seconds of one core for a pixel of a tuple: combined, coded, written.
+/// Seconds of one core per pixel of a tuple, to combine, encode and write it.
 const SECONDS_PER_TUPLE_PIXEL: f64 = 5e-7;
 
-/// What scenes cost that were tried out.
+/// Measured cost of some scenes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Calibration {
-    /// The scenes that were tried out.
+    /// The measured scenes.
     pub scenes: Vec<SceneId>,
-    /// Seconds of one core a camera sample (of all that `film.spp` asks for).
+    /// Seconds of one core per camera sample, counting all of `film.spp`.
     pub seconds_per_sample: f64,
     /// Seconds of one core for reading and decoding a scene's files.
     pub seconds_per_load: f64,
 }
 
-/// The plan and the machine that a cost is estimated for.
+/// The plan and the machine of an estimate.
 #[derive(Clone, Debug)]
 pub struct Estimate<'a> {
     pub lines: &'a [SceneLine],
     /// Side of a tile, px.
     pub tile_px: u32,
     pub threads: usize,
-    /// Of the input files, if they were looked at.
+    /// Size of the input files, if known.
     pub input_bytes: Option<u64>,
-    /// Of the photographs that planning makes.
+    /// Size of the procedural photographs.
     pub made_bytes: u64,
-    /// Those photographs are in the run's folder already.
+    /// The procedural photographs are already in the run's folder.
     pub is_made: bool,
-    /// `None`: the system does not say.
+    /// `None` if unknown.
     pub disk_available_bytes: Option<u64>,
-    /// `None`: no scene could be tried out, and a typical machine is assumed.
+    /// `None` assumes a typical machine.
     pub calibration: Option<Calibration>,
 }
 
-/// What a run takes. Its keys are those of `glasshouse.plan/1`.
+/// Estimated cost of a run. The keys are those of `glasshouse.plan/1`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Cost {
     /// Shards of all scenes.
     pub shards: u64,
-    /// Of the input files, if they were looked at; with the photographs that planning makes.
+    /// Size of the input files, if known, with the procedural photographs.
     pub input_bytes: Option<u64>,
-    /// If all partials were written, as when every scene is traced by several workers.
+    /// Size of all partials, the upper bound: several workers trace every scene.
     pub partial_bytes: u64,
-    /// Partials that can be on the disk at a time beside one worker here: those of the scenes that it has open.
+    /// Largest size of the partials on disk at one time with one worker: those of its open scenes.
     pub partial_bytes_at_a_time: u64,
     pub tuple_bytes: u64,
-    /// Tuples, partials at a time, and what planning makes.
+    /// Tuples, partials at one time, and procedural photographs.
     pub disk_needed_bytes: u64,
-    /// `None`: the system does not say.
+    /// `None` if unknown.
     pub disk_available_bytes: Option<u64>,
     /// Seconds of one core.
     #[serde(rename = "core_seconds_estimate")]
     pub core_s: f64,
-    /// `None`: the estimate is of a typical machine.
+    /// `None` if the estimate assumes a typical machine.
     pub calibration: Option<Calibration>,
 }
 
-/// Estimates what a run takes.
+/// Estimates the cost of a run.
 pub fn cost(estimate: Estimate<'_>) -> Cost {
     let rates = estimate.calibration.as_ref();
     let per_sample = rates.map_or(SECONDS_PER_SAMPLE, |c| c.seconds_per_sample);
@@ -91,7 +91,7 @@ pub fn cost(estimate: Estimate<'_>) -> Cost {
             + pixels * SECONDS_PER_TUPLE_PIXEL
             + per_load;
     }
-    // One open scene a thread, and one that is begun.
+    // One open scene per thread, and one that is being loaded.
     let open = (estimate.threads + 1).min(estimate.lines.len());
     let at_a_time = largest * open as f64;
     let to_make = if estimate.is_made { 0 } else { estimate.made_bytes };
@@ -110,7 +110,7 @@ pub fn cost(estimate: Estimate<'_>) -> Cost {
 }
 
 impl Cost {
-    /// The disk has no room for it.
+    /// Whether the disk has too little space.
     pub fn is_too_large(&self) -> bool {
         self.disk_available_bytes.is_some_and(|there| self.disk_needed_bytes > there)
     }
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_costs_what_its_scenes_cost() {
+    fn costs_are_sums_over_scenes() {
         let lines = vec![line(); 5];
         let found = cost(estimate(&lines));
         // Two tiles and two ranges of 256 samples a scene; two threads have three scenes open.
@@ -172,7 +172,7 @@ mod tests {
         assert!(full.is_too_large());
         let made = cost(Estimate { is_made: true, ..estimate(&lines) });
         assert_eq!(made.disk_needed_bytes, needed - 500);
-        // Twice the seconds a sample cost the samples' seconds more.
+        // Doubling the rate adds the cost of all samples once.
         let rate = |factor: f64| {
             let calibration = Calibration {
                 scenes: Vec::new(),

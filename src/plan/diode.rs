@@ -5,23 +5,12 @@
 //! ```
 
 use super::list::ListError;
-use render::line::DepthRange;
-use render::line::Side;
-use serde::Deserialize;
+use procedural::Place;
+use render::line::{DepthRange, Side};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-
-/// Indoors or outdoors.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Place {
-    /// A room; DIODE's `indoors`.
-    Indoors,
-    /// A street, garden or landscape; DIODE's `outdoor`.
-    Outdoor,
-}
 
 /// An RGBD photograph of a source. Paths are relative to the source's root, with `/`.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,13 +45,11 @@ pub struct Index {
 /// A source cannot be listed.
 #[derive(Debug, thiserror::Error)]
 pub enum IndexError {
-    /// The folder, or one below it, cannot be read.
     #[error(
         "source {name}: cannot list {}: {source}; pass --root {name}=DIR with the folder that holds it",
         path.display()
     )]
     Read { name: String, path: PathBuf, source: io::Error },
-    /// The folder has no photograph with depth.
     #[error(
         "source {name}: {} holds no photograph with depth of the form \
          [train|val/](indoors|outdoor)/scene_*/scan_*/*.png with *_depth.npy beside it{}; pass --root \
@@ -75,7 +62,6 @@ pub enum IndexError {
         /// Number of colour images without depth.
         without_depth: usize,
     },
-    /// The folder has no photograph of a category in the table.
     #[error(
         "source {name}: {} holds no photograph of a category in {table} with a depth map below {}{}; pass --root {name}=DIR \
          and --root {name}-depth=DIR",
@@ -89,14 +75,11 @@ pub enum IndexError {
         /// Number of colour images without depth.
         without_depth: usize,
     },
-    /// The table of categories cannot be used.
     #[error("source {name}: cannot use its depth_ranges {}: {reason}", path.display())]
     Table { name: String, path: PathBuf, reason: String },
-    /// The list of photographs cannot be read.
     #[error("source {name}: cannot read its list {}: {source}; write `list` with a path relative to the recipe, or put \
          photographs.jsonl into the source's root (--root {name}=DIR)", path.display())]
     NoList { name: String, path: PathBuf, source: io::Error },
-    /// The list of photographs cannot be used.
     #[error("source {name}: list {}: {source}", path.display())]
     List { name: String, path: PathBuf, source: ListError },
 }
@@ -110,13 +93,7 @@ fn left_out(without_depth: usize) -> String {
 
 /// Lists the photographs of the source `name`, in DIODE's layout, in `folder`.
 pub(crate) fn index_source(name: &str, folder: &Path) -> Result<Index, IndexError> {
-    let mut paths = Vec::new();
-    list(folder, "", &mut paths).map_err(|(path, source)| IndexError::Read {
-        name: name.to_owned(),
-        path,
-        source,
-    })?;
-    index_paths(name, folder, &paths)
+    index_paths(name, folder, &files_below(name, folder, may_hold_photographs)?)
 }
 
 /// The photographs of the source `name` among `paths`, which are relative to its `folder`, with `/`.
@@ -136,25 +113,34 @@ pub(crate) fn index_paths(
     Ok(index)
 }
 
-/// Appends the files below `root` that can belong to the layout, relative to it.
-fn list(root: &Path, below: &str, paths: &mut Vec<String>) -> Result<(), (PathBuf, io::Error)> {
-    let folder = root.join(below);
-    let failed = |source| (folder.clone(), source);
-    for entry in fs::read_dir(&folder).map_err(failed)? {
-        let entry = entry.map_err(failed)?;
-        // No path of the layout has other characters.
-        let Ok(name) = entry.file_name().into_string() else {
-            continue;
-        };
-        let path = if below.is_empty() { name } else { format!("{below}/{name}") };
-        // `is_dir` follows links, and an archive left beside its folder is none.
-        if may_hold_photographs(&path) && root.join(&path).is_dir() {
-            list(root, &path, paths)?;
-        } else if below.contains("/scan_") {
-            paths.push(path);
+/// All files below `folder`, relative to it, with `/`, in the folders that `enters` accepts. Follows links and skips names
+/// that are not UTF-8, which no layout has.
+pub(super) fn files_below(
+    name: &str,
+    folder: &Path,
+    enters: fn(&str) -> bool,
+) -> Result<Vec<String>, IndexError> {
+    let (mut open, mut found) = (vec![String::new()], Vec::new());
+    while let Some(below) = open.pop() {
+        let path = folder.join(&below);
+        let failed =
+            |source| IndexError::Read { name: name.to_owned(), path: path.clone(), source };
+        for entry in fs::read_dir(&path).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            let Ok(file) = entry.file_name().into_string() else {
+                continue;
+            };
+            let relative = if below.is_empty() { file } else { format!("{below}/{file}") };
+            let kind = entry.file_type().map_err(failed)?;
+            let is_folder = kind.is_dir() || kind.is_symlink() && folder.join(&relative).is_dir();
+            if !is_folder {
+                found.push(relative);
+            } else if enters(&relative) {
+                open.push(relative);
+            }
         }
     }
-    Ok(())
+    Ok(found)
 }
 
 /// Whether `path` can be a folder above photographs, by its name.
@@ -168,11 +154,7 @@ fn may_hold_photographs(path: &str) -> bool {
 }
 
 fn place(folder: &str) -> Option<Place> {
-    match folder {
-        "indoors" => Some(Place::Indoors),
-        "outdoor" => Some(Place::Outdoor),
-        _ => None,
-    }
+    [Place::Indoors, Place::Outdoor].into_iter().find(|place| place.name() == folder)
 }
 
 /// Finds the photographs among `paths`, which are relative to the source's root, with `/`.

@@ -1,38 +1,14 @@
 //! Turns a recipe or a manifest into scene lines whose input files have been checked.
 
-use super::check::{Checker, InvalidInput, invalid_text};
-use super::content::{self, Content, Draft, ProceduralPhotograph};
-use super::diode::IndexError;
+use super::check::{Checker, InvalidInput};
+use super::content::{self, Content, Draft};
 use super::draw_scenes::RejectedScene;
-use super::inputs::{InputFiles, StoreUnavailable};
-use super::recipe_error::RecipeError;
+use super::procedural_inputs::ProceduralPhotograph;
+use super::request::{DraftError, Progress, Request};
 use render::ids::SceneId;
-use render::line::{ManifestError, RootError, Roots, SceneLine};
+use render::line::{Roots, SceneLine};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-
-/// Inputs and options of [`draft`].
-pub struct Request<'a> {
-    /// Folders by name, as given by the user.
-    pub roots: &'a Roots,
-    /// Reads input files and lists roots in object stores.
-    pub inputs: &'a dyn InputFiles,
-    /// The run's folder; procedural photographs are written below it.
-    pub run: &'a Path,
-    /// Photographs (of a manifest: scenes) that are left out from the beginning.
-    pub left_out: BTreeSet<String>,
-    /// The run exists: its plan is kept even if files cannot be used.
-    pub is_planned: bool,
-    /// Whether input files are checked.
-    pub checks_files: bool,
-    /// Whether photographs (of a manifest: scenes) whose files cannot be used are left out, instead of an error.
-    pub skip_invalid: bool,
-    /// Threads for checks and previews.
-    pub threads: usize,
-}
-
-/// Receives progress: (step, done, all).
-pub type Progress<'a> = dyn Fn(&'static str, usize, usize) + Sync + 'a;
 
 /// Scenes with checked files; nothing is written yet.
 #[derive(Debug)]
@@ -60,37 +36,6 @@ pub struct Drafted {
     pub to_make: Vec<ProceduralPhotograph>,
 }
 
-#[derive(Debug, thiserror::Error)]
-pub enum DraftError {
-    /// The recipe or manifest cannot be read.
-    #[error("cannot read {}: {source}; check the path", path.display())]
-    Read { path: PathBuf, source: std::io::Error },
-    /// Neither recipe nor manifest.
-    #[error("{} is neither a recipe (.toml) nor a manifest (.jsonl)", path.display())]
-    Kind { path: PathBuf },
-    /// The recipe is invalid.
-    #[error("{}: {source}", path.display())]
-    Recipe { path: PathBuf, source: Box<RecipeError> },
-    /// The manifest is invalid.
-    #[error("{}: {source}", path.display())]
-    Manifest { path: PathBuf, source: Box<ManifestError> },
-    /// No scene is described.
-    #[error("{} describes no scene: add scenes to it", path.display())]
-    Empty { path: PathBuf },
-    /// A source cannot be listed.
-    #[error(transparent)]
-    Index(#[from] IndexError),
-    /// A store does not respond.
-    #[error(transparent)]
-    Store(#[from] StoreUnavailable),
-    /// A root is invalid.
-    #[error(transparent)]
-    Root(#[from] RootError),
-    /// Input files cannot be used.
-    #[error("{}{remedy}", invalid_text(invalid, *files))]
-    Invalid { invalid: Vec<InvalidInput>, files: usize, remedy: String },
-}
-
 /// Drafts the scenes of `source`, a recipe (`.toml`) or a manifest (`.jsonl`). Writes nothing.
 pub fn draft(
     source: &Path,
@@ -99,7 +44,12 @@ pub fn draft(
 ) -> Result<Drafted, DraftError> {
     let content = read(source, request)?;
     let on_file = |done, all| on_progress("inputs checked", done, all);
-    let mut checker = Checker::new(&content, request, &on_file)?;
+    let mut roots = Roots::default();
+    for (name, folder) in &content.roots {
+        roots.insert(name, folder.clone())?;
+    }
+    let mut checker =
+        Checker::new(roots, content.own_roots(), request.inputs, request.threads, &on_file);
     let mut left_out = request.left_out.clone();
     let mut invalid = Vec::new();
     let chosen =

@@ -3,12 +3,12 @@
 
 use super::assign::{Assignment, Drawn};
 use super::diode::SourceImage;
-use super::expand::expand_counted;
+use super::expand::{Expansion, expand_counted};
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
 use crate::preview::{ExposureError, auto_expose};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
-use render::line::{Roots, SceneLine};
+use render::line::Roots;
 use render::scene::{SceneFiles, read_files_by};
 use render::trace::Isa;
 use serde::{Deserialize, Serialize};
@@ -49,19 +49,16 @@ pub fn read_rejected(path: PathBuf) -> Result<Vec<RejectedScene>, (PathBuf, Stri
     lines.collect::<Result<_, _>>().map_err(|error| (path, error.to_string()))
 }
 
-/// All scenes of a recipe.
+/// All scenes of a recipe, and the draws that the previews rejected.
 pub(super) struct DrawnScenes {
-    pub(super) lines: Vec<SceneLine>,
+    pub(super) expansion: Expansion,
     pub(super) rejected: Vec<RejectedScene>,
-    pub(super) same_place: u32,
-    pub(super) same_scan: u32,
-    pub(super) redrawn: u32,
 }
 
 /// Reads a photograph's file by path or URL.
 pub(super) type Read<'a> = dyn Fn(&Path) -> std::io::Result<Vec<u8>> + Sync + 'a;
 
-/// What previews need besides the recipe.
+/// The inputs of previews besides the recipe.
 pub(super) struct PreviewContext<'a> {
     pub(super) roots: &'a Roots,
     pub(super) base: &'a Path,
@@ -86,14 +83,8 @@ pub(super) fn draw_all(
     if recipe.needs_preview() {
         return preview_all(recipe, images, excluded, context);
     }
-    let drawn = expand_counted(recipe, images, excluded)?;
-    Ok(DrawnScenes {
-        lines: drawn.lines,
-        rejected: Vec::new(),
-        same_place: drawn.same_place,
-        same_scan: drawn.same_scan,
-        redrawn: drawn.redrawn,
-    })
+    let expansion = expand_counted(recipe, images, excluded)?;
+    Ok(DrawnScenes { expansion, rejected: Vec::new() })
 }
 
 /// Draws and previews every scene. Scenes are independent: the number of threads does not change the result.
@@ -122,19 +113,10 @@ fn preview_all(
         // The system refuses threads: use the caller's.
         Err(_) => all(),
     };
-    let mut scenes = DrawnScenes {
-        lines: Vec::new(),
-        rejected: Vec::new(),
-        same_place: 0,
-        same_scan: 0,
-        redrawn: 0,
-    };
+    let mut scenes = DrawnScenes { expansion: Expansion::default(), rejected: Vec::new() };
     for kept in kept {
         let KeptScene { drawn, rejected, redrawn } = kept?;
-        scenes.same_place += u32::from(drawn.same_place);
-        scenes.same_scan += u32::from(drawn.same_scan);
-        scenes.redrawn += redrawn;
-        scenes.lines.push(drawn.line);
+        scenes.expansion.add(drawn, redrawn);
         scenes.rejected.extend(rejected);
     }
     Ok(scenes)
@@ -180,15 +162,11 @@ fn preview_scene(
             Ok(exposed) => {
                 drawn.line = exposed.line;
                 match exposed.rejected {
-                    None => {
-                        return kept(drawn, rejected);
-                    }
-                    Some(violation) => (violation.measure.to_string(), violation.to_string()),
+                    None => return kept(drawn, rejected),
+                    Some(violation) => (violation.measure.to_owned(), violation.to_string()),
                 }
             }
-            Err(ExposureError::Load(_)) => {
-                return kept(drawn, rejected);
-            }
+            Err(ExposureError::Load(_)) => return kept(drawn, rejected),
             Err(ExposureError::Refused(error)) => ("scene".to_owned(), error.to_string()),
             Err(error @ ExposureError::Black) => ("black".to_owned(), error.to_string()),
         };

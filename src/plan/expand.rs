@@ -1,6 +1,6 @@
 //! Expands a recipe and its photographs into scene lines.
 
-use super::assign::{AssignedScene, Assignment};
+use super::assign::{AssignedScene, Assignment, Drawn};
 use super::diode::SourceImage;
 use super::draw::{Draw, scene_seed};
 use super::light::{WhiteBalance, gains_against};
@@ -18,7 +18,7 @@ use std::collections::{BTreeMap, BTreeSet};
 const MAX_ATTEMPTS: u32 = 100;
 
 /// The scene lines of a recipe, with counts for notes.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Expansion {
     /// Splits in the recipe's order, sources by name.
     pub lines: Vec<SceneLine>,
@@ -28,6 +28,15 @@ pub(crate) struct Expansion {
     pub same_scan: u32,
     /// Draws that failed the geometry check.
     pub redrawn: u32,
+}
+
+impl Expansion {
+    pub(super) fn add(&mut self, drawn: Drawn, redrawn: u32) {
+        self.same_place += u32::from(drawn.same_place);
+        self.same_scan += u32::from(drawn.same_scan);
+        self.redrawn += redrawn;
+        self.lines.push(drawn.line);
+    }
 }
 
 /// [`expand_counted`] without counts and exclusions.
@@ -47,13 +56,11 @@ pub(crate) fn expand_counted(
     excluded: &BTreeSet<String>,
 ) -> Result<Expansion, RecipeError> {
     let assignment = Assignment::new(recipe, sources, excluded)?;
-    let mut expansion = Expansion { lines: Vec::new(), same_place: 0, same_scan: 0, redrawn: 0 };
+    let mut expansion = Expansion::default();
     for number in 0..assignment.len() {
         let drawn = assignment.draw(number, 0, 0)?;
-        expansion.same_place += u32::from(drawn.same_place);
-        expansion.same_scan += u32::from(drawn.same_scan);
-        expansion.redrawn += drawn.attempt;
-        expansion.lines.push(drawn.line);
+        let redrawn = drawn.attempt;
+        expansion.add(drawn, redrawn);
     }
     Ok(expansion)
 }

@@ -6,12 +6,12 @@
 //! split -> pair -> assign                         photographs to splits, pairs and scenes; substitutes for excluded ones
 //! draw, source_values, sections -> expand         random numbers, values of photographs; scene lines
 //! preview, draw_scenes                            previews for exposure, white balance and rejection
-//! content, check -> drafting                      a recipe or manifest -> checked scenes: the entry point, `draft`
-//! make, sample_bytes                              procedural photographs of a recipe
+//! procedural_inputs                               procedural photographs of a recipe
+//! request, check, content -> drafting             a recipe or manifest -> checked scenes: the entry point, `draft`
 //! ```
 //!
-//! Pure, except for the listings (`diode`, `places`), `check`, `content`, `drafting`, `draw_scenes` and `make`, which read
-//! and write files. Files in stores are read through `InputFiles`.
+//! Pure, except for the listings (`diode`, `places`), `check`, `content`, `drafting`, `draw_scenes` and
+//! `procedural_inputs`, which read and write files. Files in stores are read through `InputFiles`.
 
 mod assign;
 mod check;
@@ -26,16 +26,16 @@ mod focus;
 mod inputs;
 mod light;
 mod list;
-mod make;
 mod pair;
 mod param;
 mod places;
 mod preview;
+mod procedural_inputs;
 mod recipe;
 mod recipe_check;
 mod recipe_error;
 mod recipe_schema;
-mod sample_bytes;
+mod request;
 mod sections;
 mod source;
 mod source_check;
@@ -44,18 +44,18 @@ mod split;
 mod training;
 
 pub use check::{InvalidInput, invalid_text};
-pub use content::ProceduralPhotograph;
 pub use cost::{Calibration, Cost, Estimate, cost};
-pub use diode::Place;
-pub use drafting::{DraftError, Drafted, Progress, Request, draft};
+pub use drafting::{Drafted, draft};
 pub use draw_scenes::{RejectedScene, read_rejected, rejected_lines};
 pub use inputs::{InputFiles, LocalFiles, StoreUnavailable};
 pub use list::{PHOTOGRAPH_SCHEMA, parse_list};
-pub use make::make_photographs;
 pub use places::{DEPTH_RANGES_SCHEMA, DepthRanges};
+pub use procedural::Place;
+pub use procedural_inputs::{ProceduralPhotograph, make_photographs};
 pub use recipe::{RECIPE_SCHEMA, Recipe};
 pub use recipe_error::RecipeError;
 pub use recipe_schema::recipe_schema;
+pub use request::{DraftError, Progress, Request};
 pub use training::{
     ExampleKind, FeatureSource, PixelSource, SettingError, Stage, Start, TrainRecipe, TrainSettings,
 };

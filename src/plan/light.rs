@@ -68,6 +68,18 @@ pub struct RejectRecipe {
     pub ssim: Option<[f64; 2]>,
 }
 
+impl RejectRecipe {
+    /// Keys and bounds `[least, most]`.
+    pub(super) fn bounds(&self) -> [(&'static str, Option<[f64; 2]>); 4] {
+        [
+            ("reflected_share", self.reflected_share),
+            ("contrast", self.contrast),
+            ("clipped_share", self.clipped_share.map(|most| [0.0, most])),
+            ("ssim", self.ssim),
+        ]
+    }
+}
+
 /// Exposure and colour of one side's light, of `[front]` and `[back]`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SideLight<'a> {

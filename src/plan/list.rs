@@ -3,10 +3,9 @@
 //! One JSON object per line, `glasshouse.photograph/1`: the keys of a scene line's side with paths relative to the source's
 //! root, and `place`, optionally `scan` and `values`.
 
-use super::diode::{Index, IndexError, Place, SourceImage};
-use render::line::Side;
-use render::line::is_url;
-use render::line::validate_side;
+use super::diode::{Index, IndexError, SourceImage};
+use procedural::Place;
+use render::line::{Side, is_url, validate_side};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::io;
@@ -21,14 +20,12 @@ pub(crate) const LIST_NAME: &str = "photographs.jsonl";
 /// A list that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ListError {
-    /// A line is not a valid photograph.
     #[error("line {line}: {reason}; correct that line")]
     Line {
         /// Counted from 1.
         line: usize,
         reason: String,
     },
-    /// The list is empty.
     #[error("it is empty: write one JSON object per photograph")]
     Empty,
 }
@@ -159,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_a_side_and_where_it_was_taken() {
+    fn a_line_has_a_side_a_place_and_a_scan() {
         let text = format!(
             "\n{}\r\n{}\n",
             line(SIDE),
@@ -205,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_list_that_is_no_text_or_not_there_is_named() {
+    fn an_unreadable_list_is_named() {
         let index =
             |read| index_list("mine", Path::new("l.jsonl"), read).map_err(|e| e.to_string());
         let there = index(Ok(line(SIDE).into_bytes())).unwrap();

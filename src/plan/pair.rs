@@ -2,8 +2,9 @@
 //!
 //! Every pair is a function of the photographs and its own number: adding pairs changes no earlier one.
 
-use super::diode::{Place, SourceImage};
+use super::diode::SourceImage;
 use super::draw::{keyed, shuffled};
+use procedural::Place;
 use std::collections::BTreeMap;
 
 /// A front and a back photograph.

@@ -20,7 +20,7 @@ pub enum Param {
     Normal(Normal),
     /// `{ choice = [a, b, c] }`: one of them, all equally likely.
     Choice(Vec<f64>),
-    /// `"from_source"`: what the photograph's own record says (the back's for `back.*`, else the front's).
+    /// `"from_source"`: the value in the photograph's record (the back's for `back.*`, else the front's).
     FromSource,
 }
 
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_forms_say_what_is_wrong() {
+    fn errors_name_the_problem() {
         for (text, message) in [
             ("\"a\"", "expected a number, { uniform"),
             ("\"from_sources\"", "or \"from_source\""),

@@ -7,12 +7,13 @@
 //!
 //! A table names the categories and their depth ranges.
 
-use super::diode::{Index, IndexError, Place, SourceImage};
+use super::diode::{Index, IndexError, SourceImage, files_below};
+use procedural::Place;
 use render::line::DepthRange;
 use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::{fs, io};
+use std::fs;
+use std::path::Path;
 
 /// The schema name of a table of categories.
 pub const DEPTH_RANGES_SCHEMA: &str = "glasshouse.depth_ranges/1";
@@ -50,10 +51,8 @@ pub enum DepthRangesError {
     /// Another schema, or another version of it.
     #[error("its schema is {0:?}, but must be \"glasshouse.depth_ranges/1\"")]
     Schema(String),
-    /// The table is empty.
     #[error("it names no category: add [category.NAME] with place, range and why")]
     Empty,
-    /// A range is invalid.
     #[error("{0}")]
     Range(#[from] render::line::LineError),
 }
@@ -147,29 +146,6 @@ impl DepthRanges {
     }
 }
 
-/// All files below `folder`, relative to it, with `/`. Follows links and skips names that are not UTF-8.
-fn files(folder: &Path) -> Result<Vec<String>, (PathBuf, io::Error)> {
-    let (mut open, mut found) = (vec![String::new()], Vec::new());
-    while let Some(below) = open.pop() {
-        let path = folder.join(&below);
-        let failed = |source| (path.clone(), source);
-        for entry in fs::read_dir(&path).map_err(failed)? {
-            let entry = entry.map_err(failed)?;
-            let Ok(name) = entry.file_name().into_string() else {
-                continue;
-            };
-            let relative = if below.is_empty() { name } else { format!("{below}/{name}") };
-            let kind = entry.file_type().map_err(failed)?;
-            if kind.is_dir() || kind.is_symlink() && folder.join(&relative).is_dir() {
-                open.push(relative);
-            } else {
-                found.push(relative);
-            }
-        }
-    }
-    Ok(found)
-}
-
 /// The folders of a source.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlacesFolders<'a> {
@@ -194,11 +170,7 @@ pub(crate) fn index_places(
     let ranges = DepthRanges::parse(&text).map_err(|e| table(&e))?;
     let all = |folder: &Path| match list(folder) {
         Some(found) => Ok(found),
-        None => files(folder).map_err(|(path, source)| IndexError::Read {
-            name: name.to_owned(),
-            path,
-            source,
-        }),
+        None => files_below(name, folder, |_| true),
     };
     let (colors, depths) = (all(folders.color)?, all(folders.depth)?);
     let index = ranges.index(&colors, &depths, &depth_root(name));
@@ -311,7 +283,7 @@ why = "a guess"
     }
 
     #[test]
-    fn wrong_tables_say_what_is_wrong() {
+    fn errors_of_a_table_name_the_problem() {
         for (from, to, words) in [
             ("ranges/1", "ranges/2", "its schema is"),
             ("mean_m = 4.0", "mean_m = 0.0", "category.bedroom.range.mean_m is 0"),

@@ -7,9 +7,7 @@ use super::places::depth_root;
 use super::recipe_error::RecipeError;
 use super::source::{Layout, Source};
 use super::training::TrainRecipe;
-use render::line::LayerSet;
-use render::line::Roots;
-use render::line::{Apex, ExrPrecision, Film, Filter, ReflectionOrders, Split};
+use render::line::{Apex, ExrPrecision, Film, Filter, LayerSet, ReflectionOrders, Roots, Split};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -408,7 +406,7 @@ pairs = { diode = 120, places = 80 }
     }
 
     #[test]
-    fn distributions_stand_wherever_a_number_does() {
+    fn a_distribution_may_replace_any_number() {
         let text = PAPER
             .replace("ior = 1.6", "ior = { uniform = [1.3, 1.7] }\nabsorption_per_m = [{ uniform = [0, 20] }, 0, 1]\ntilt_deg = [0, { normal = { mean = 0, std = 10, min = -30, max = 30 } }]")
             .replace("focus = \"front_center\"", "focus = { log_uniform = [1, 20] }")

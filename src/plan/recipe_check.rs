@@ -8,8 +8,7 @@ use super::recipe_error::RecipeError;
 use super::source::Layout;
 use super::training::{FeatureSource, TrainRecipe};
 use render::ids::SceneId;
-use render::line::is_root_name;
-use render::line::limits::limit_of;
+use render::line::{is_root_name, limits::limit_of};
 use std::collections::BTreeMap;
 
 /// Largest number of pairs in a split: ids have six digits.
@@ -99,13 +98,7 @@ impl Recipe {
         let Some(reject) = &self.reject else {
             return Ok(());
         };
-        let clipped = reject.clipped_share.map(|most| [0.0, most]);
-        for (key, range) in [
-            ("reflected_share", reject.reflected_share),
-            ("contrast", reject.contrast),
-            ("clipped_share", clipped),
-            ("ssim", reject.ssim),
-        ] {
+        for (key, range) in reject.bounds() {
             if let Some([least, most]) = range
                 && !(least.is_finite() && most.is_finite() && least <= most)
             {

@@ -1,8 +1,7 @@
 //! Errors of a recipe, or of a recipe with its photographs.
 
 use render::ids::SceneId;
-use render::line::LineError;
-use render::line::Split;
+use render::line::{LineError, Split};
 use render::scene::GeometryError;
 
 /// A recipe cannot be used, or cannot be expanded with its photographs.
@@ -18,7 +17,6 @@ pub enum RecipeError {
         /// Its value, the problem, and the allowed values.
         problem: String,
     },
-    /// `expand` did not get the photographs of a source.
     #[error("source {source_name} has not been indexed: list its photographs before expanding")]
     NotIndexed { source_name: String },
     /// A photograph is listed twice and could reach both splits.
@@ -37,7 +35,6 @@ pub enum RecipeError {
         /// Splits that draw from this source.
         splits: usize,
     },
-    /// Every drawn pane failed the geometry check.
     #[error(
         "scene {id}: all {attempts} draws of {ranges} failed, the last because {source}; narrow these ranges"
     )]
@@ -46,33 +43,23 @@ pub enum RecipeError {
         attempts: u32,
         /// The geometry's parameters with their ranges.
         ranges: String,
-        /// Why the last draw failed.
         source: GeometryError,
     },
-    /// A photograph's record lacks a value that the recipe takes from it.
     #[error(
         "scene {id}: {parameter} is from_source, but {photograph} has no value: give it under \"values\" in the \
          source's list, or write a number or a distribution"
     )]
     NoValue { id: SceneId, parameter: String, photograph: String },
-    /// No substitute is left for an excluded photograph.
     #[error(
         "scene {id}: source {source_name} has no usable photograph left in split {split}: repair the invalid files, \
          or add photographs"
     )]
     NoSubstitute { id: SceneId, source_name: String, split: Split },
-    /// Every draw of a scene was rejected after its preview.
     #[error(
         "scene {id}: all {previews} draws, with different photographs, were rejected, the last because {reason}; widen \
          [reject], or narrow the distributions"
     )]
-    NoneKept {
-        id: String,
-        previews: u32,
-        /// Why the last draw was rejected.
-        reason: String,
-    },
-    /// A drawn line is invalid.
+    NoneKept { id: String, previews: u32, reason: String },
     #[error("scene {id}: {source}")]
     Line { id: SceneId, source: LineError },
 }

@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn the_shipped_schema_is_what_the_types_say() {
+    fn the_shipped_schema_matches_the_types() {
         assert!(
             shipped() == recipe_schema(),
             "manifests/recipe.schema.json is stale: glasshouse schema > manifests/recipe.schema.json"
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn shipped_recipes_keep_to_it_and_mistakes_do_not() {
+    fn shipped_recipes_are_valid_and_mistakes_are_not() {
         let validator = jsonschema::validator_for(&shipped()).unwrap();
         let json = |text: &str| -> Value { toml::from_str(text).unwrap() };
         let recipes = [
@@ -101,7 +101,7 @@ mod tests {
                 validator.iter_errors(&json(recipe)).map(|e| e.to_string()).collect();
             assert!(wrong.is_empty(), "{wrong:?}");
         }
-        // What the program refuses by its kind, the schema refuses.
+        // The schema refuses values of a wrong kind, as the program does.
         for (from, to) in [
             ("ior = 1.6", "ior = \"glassy\""),
             ("ior = 1.6", "ior = { unifrom = [1, 2] }"),

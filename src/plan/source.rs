@@ -1,8 +1,6 @@
 //! `[sources.NAME]` of a recipe: a set of photographs.
 
-use render::line::DepthRange;
-use render::line::Highlights;
-use render::line::{DepthKind, Fill, Intrinsics, Transfer, one};
+use render::line::{DepthKind, DepthRange, Fill, Highlights, Intrinsics, Transfer, one};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::fmt;

@@ -1,12 +1,12 @@
 //! Values of `"from_source"` parameters, from the photographs' records.
 
+use super::draw::nine_digits;
 use super::pair::Pair;
 use super::param::Param;
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
 use render::ids::SceneId;
-use render::line::Film;
-use render::line::Side;
+use render::line::{Film, Photograph, Side};
 use std::collections::BTreeMap;
 
 /// The values of all `"from_source"` parameters: `back.*` from the back's record, others from the front's. The default of
@@ -26,7 +26,7 @@ pub(super) fn source_values(
         let image = if name.starts_with("back.") { pair.back } else { pair.front };
         let own = || match (name.as_str(), front) {
             ("camera.focal_length_mm", Side::Photograph(photograph)) => {
-                Some(super::draw::nine_digits(focal_length_mm(photograph, film)))
+                Some(nine_digits(focal_length_mm(photograph, film)))
             }
             _ => None,
         };
@@ -46,7 +46,7 @@ pub(super) fn source_values(
 /// A film's half field of view is `hypot(36, 24) / (2 f) * side / diagonal` in tangents, a photograph's is the distance of
 /// the nearer border from the principal point over its focal length. Intrinsics without a size are assumed to have the
 /// principal point in the middle.
-fn focal_length_mm(photograph: &render::line::Photograph, film: &Film) -> f64 {
+fn focal_length_mm(photograph: &Photograph, film: &Film) -> f64 {
     let camera = &photograph.intrinsics;
     let size = camera.size.map_or([2.0 * camera.cx, 2.0 * camera.cy], |s| s.map(f64::from));
     let seen = |middle: f64, side: f64, focal: f64| middle.min(side - middle) / focal;

@@ -1,15 +1,16 @@
 //! Splits photographs between `train` and `test`. The sizes follow from the recipe's shares and never from the number of
 //! scenes, so that adding a scene moves no photograph to another split.
 
-use super::diode::{Place, SourceImage};
+use super::diode::SourceImage;
 use super::draw::shuffled;
 use super::recipe_error::RecipeError;
+use procedural::Place;
 use std::collections::BTreeSet;
 
 /// Distributes the photographs of a source over splits in proportion to `shares` (all above 0).
 ///
-/// Every split gets at least two, and some of each place where there are enough. The subsets follow from
-/// the seed, the source's name and the paths alone.
+/// Every split gets at least two, and some of each place if there are enough. The subsets depend only on the seed, the
+/// source's name and the paths.
 pub(super) fn split_photographs<'a>(
     dataset_seed: u64,
     source_name: &str,

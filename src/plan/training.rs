@@ -9,12 +9,12 @@ use serde::{Deserialize, Serialize};
 pub enum Stage {
     /// BT-net alone: R~ -> R.
     Backtrack,
-    /// SP-net, I -> T, R~, with BT-net behind it, which goes on learning.
+    /// SP-net, I -> T, R~, followed by BT-net, which continues to learn.
     Separation,
 }
 
 impl Stage {
-    /// As it is typed, and the folder of its checkpoints.
+    /// The name on the command line and of the folder of its checkpoints.
     pub fn name(self) -> &'static str {
         match self {
             Self::Backtrack => "backtrack",
@@ -158,11 +158,8 @@ impl Default for TrainSettings {
 #[derive(Debug, PartialEq, thiserror::Error)]
 #[error("{name} is {value}, but must be {expected}")]
 pub struct SettingError {
-    /// Its name.
     pub name: &'static str,
-    /// What it is.
     pub value: String,
-    /// What it must be.
     pub expected: &'static str,
 }
 
@@ -208,7 +205,7 @@ impl TrainSettings {
         Ok(())
     }
 
-    /// What differs from `other`, a line each: `name: its value -> the other's value`.
+    /// Differences from `other`, one per line: `name: its value -> the other's value`.
     pub fn differences(&self, other: &Self) -> Vec<String> {
         let fields = |settings: &Self| match serde_json::to_value(settings) {
             Ok(serde_json::Value::Object(fields)) => fields,

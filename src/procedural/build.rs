@@ -41,6 +41,9 @@ fn turned(yaw_rad: f32) -> Mat3 {
 #[derive(Debug, Default)]
 pub(super) struct Builder {
     pub(super) solids: Vec<Solid>,
+    /// Positions of bulbs.
+    lamps: Vec<Vec3>,
+    pub(super) lamps_on: bool,
     group: u32,
     group_count: u32,
 }
@@ -55,6 +58,16 @@ impl Builder {
     /// Starts solids of the place itself, which are never removed.
     pub(super) fn start_place(&mut self) {
         self.group = 0;
+    }
+
+    /// Adds a bulb at a local point.
+    pub(super) fn lamp(&mut self, frame: &Frame, at: [f32; 3]) {
+        self.lamps.push(frame.point(at.into()));
+    }
+
+    /// Positions of the bulbs that emit light.
+    pub(super) fn lit_lamps(&self) -> &[Vec3] {
+        if self.lamps_on { &self.lamps } else { &[] }
     }
 
     /// Removes all pieces closer to `eye` than `distance_m`.

@@ -24,12 +24,11 @@ pub(super) struct Hole {
     pub(super) h: f32,
 }
 
-/// Daylight through the windows of `walls`, the sun through those of number `lit`, and lamps.
+/// Daylight through the windows of `walls`, sunlight through wall number `lit`, and lit lamps.
 pub(super) fn lights(
     walls: &[Wall],
     lit: usize,
     evening: bool,
-    lamps_on: bool,
     lamps: &[Vec3],
     r: &mut Stream,
 ) -> Lights {
@@ -60,7 +59,6 @@ pub(super) fn lights(
         openings,
         bulbs: lamps
             .iter()
-            .filter(|_| lamps_on)
             .map(|&centre| Bulb {
                 centre,
                 radius_m: 0.07,
@@ -89,6 +87,6 @@ pub(super) fn sky(evening: bool, r: &mut Stream) -> Sky {
         horizon: color(if evening { 0x8a6f80 } else { 0xcfdde6 }) * dim,
         cloud: color(0xf4f4f2) * dim,
         cover: r.range(0.2, 0.9),
-        seed: (r.bits() >> 40) as i32,
+        seed: r.seed(),
     }
 }

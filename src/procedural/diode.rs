@@ -13,17 +13,10 @@ const NPY_HEADER_BYTES: usize = 128;
 /// A procedural photograph could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum SampleError {
-    /// A file or folder could not be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// An image could not be encoded.
     #[error("cannot encode {}: {source}; choose another size", path.display())]
-    Code {
-        /// The file.
-        path: PathBuf,
-        /// The encoder's error.
-        source: image::ImageError,
-    },
+    Code { path: PathBuf, source: image::ImageError },
 }
 
 /// Whether all three files of `photograph` exist under `root`.
@@ -83,8 +76,8 @@ pub fn write(
 fn png(rgbd: &Rgbd) -> Result<Vec<u8>, image::ImageError> {
     let mut bytes = Vec::new();
     PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive)
-        .write_image(&rgbd.rgb, rgbd.width, rgbd.height, ExtendedColorType::Rgb8)?;
-    Ok(bytes)
+        .write_image(&rgbd.rgb, rgbd.width, rgbd.height, ExtendedColorType::Rgb8)
+        .map(|()| bytes)
 }
 
 /// NumPy format 1.0, little-endian `f32`, C order, data after 128 bytes.

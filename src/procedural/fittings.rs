@@ -1,46 +1,39 @@
 //! Fittings of rooms: lamps, pictures, doors, windows, plants.
 
 use super::build::{Builder, Frame};
-use super::material::{Material, color};
+use super::material::{Material, color, plain};
 use super::pattern::Pattern;
 use super::random::Stream;
-use super::style::{Style, accent, seed};
+use super::style::{Style, accent};
 use glam::{Vec2, Vec3};
 
-/// A standing lamp; returns the position of its bulb.
-pub(super) fn floor_lamp(b: &mut Builder, f: &Frame, style: &Style, on: bool) -> Vec3 {
+/// A standing lamp.
+pub(super) fn floor_lamp(b: &mut Builder, f: &Frame, style: &Style) {
     b.post(f, [0.0; 3], [0.15, 0.14], 0.025, style.metal);
     b.post(f, [0.0; 3], [0.012, 0.012], 1.45, style.metal);
-    shade(b, f, [0.0, 1.38, 0.0], [0.23, 0.14], 0.28, on);
-    f.point(Vec3::new(0.0, 1.5, 0.0))
+    shade(b, f, [0.0, 1.38, 0.0], [0.23, 0.14], 0.28);
+    b.lamp(f, [0.0, 1.5, 0.0]);
 }
 
-/// A lamp on a table; returns the position of its bulb.
-pub(super) fn table_lamp(b: &mut Builder, f: &Frame, style: &Style, on: bool) -> Vec3 {
+/// A lamp on a table.
+pub(super) fn table_lamp(b: &mut Builder, f: &Frame, style: &Style) {
     b.post(f, [0.0; 3], [0.08, 0.05], 0.05, style.accent);
     b.ball(f, [0.0, 0.12, 0.0], [0.07, 0.09, 0.07], style.accent.glossy(0.05));
     b.post(f, [0.0, 0.18, 0.0], [0.01, 0.01], 0.14, style.metal);
-    shade(b, f, [0.0, 0.28, 0.0], [0.16, 0.1], 0.18, on);
-    f.point(Vec3::new(0.0, 0.36, 0.0))
+    shade(b, f, [0.0, 0.28, 0.0], [0.16, 0.1], 0.18);
+    b.lamp(f, [0.0, 0.36, 0.0]);
 }
 
-/// A lamp hanging from a ceiling of height `ceiling` to `y`; returns the position of its bulb.
-pub(super) fn pendant(
-    b: &mut Builder,
-    f: &Frame,
-    y: f32,
-    ceiling: f32,
-    style: &Style,
-    on: bool,
-) -> Vec3 {
+/// A lamp hanging from a ceiling of height `ceiling` to `y`.
+pub(super) fn pendant(b: &mut Builder, f: &Frame, y: f32, ceiling: f32, style: &Style) {
     b.post(f, [0.0, y, 0.0], [0.006, 0.006], ceiling - y, style.metal);
-    shade(b, f, [0.0, y - 0.1, 0.0], [0.24, 0.07], 0.2, on);
-    f.point(Vec3::new(0.0, y - 0.12, 0.0))
+    shade(b, f, [0.0, y - 0.1, 0.0], [0.24, 0.07], 0.2);
+    b.lamp(f, [0.0, y - 0.12, 0.0]);
 }
 
-fn shade(b: &mut Builder, f: &Frame, foot: [f32; 3], radii: [f32; 2], h: f32, on: bool) {
-    let mut cloth = Material::lamp(color(0xffe2b4), if on { 1.1 } else { 0.0 });
-    if !on {
+fn shade(b: &mut Builder, f: &Frame, foot: [f32; 3], radii: [f32; 2], h: f32) {
+    let mut cloth = Material::lamp(color(0xffe2b4), if b.lamps_on { 1.1 } else { 0.0 });
+    if !b.lamps_on {
         cloth.main = color(0xe8dcc4);
         cloth.second = cloth.main;
     }
@@ -49,16 +42,10 @@ fn shade(b: &mut Builder, f: &Frame, foot: [f32; 3], radii: [f32; 2], h: f32, on
 
 /// A potted plant of this height.
 pub(super) fn plant(b: &mut Builder, f: &Frame, height: f32, r: &mut Stream) {
-    let clay = Material::plain(color(r.pick(&[0xb5673f, 0xd8d3c6, 0x4a5258, 0x7d8f8a])));
+    let clay = plain(r.pick(&[0xb5673f, 0xd8d3c6, 0x4a5258, 0x7d8f8a]));
     let pot = 0.26 * height.min(1.1);
     b.post(f, [0.0; 3], [0.09 + 0.05 * height, 0.12 + 0.06 * height], pot, clay);
-    b.post(
-        f,
-        [0.0, pot - 0.01, 0.0],
-        [0.1 + 0.05 * height; 2],
-        0.02,
-        Material::plain(color(0x3a2c20)),
-    );
+    b.post(f, [0.0, pot - 0.01, 0.0], [0.1 + 0.05 * height; 2], 0.02, plain(0x3a2c20));
     let green = color(r.pick(&[0x3f6b35, 0x567d3a, 0x2f5d46]));
     let stem = Material::plain(green * 0.8);
     for k in 0..22 {
@@ -77,7 +64,7 @@ pub(super) fn plant(b: &mut Builder, f: &Frame, height: f32, r: &mut Stream) {
 /// A framed picture on a wall, its centre at the frame's origin.
 pub(super) fn picture(b: &mut Builder, f: &Frame, [w, h]: [f32; 2], style: &Style, r: &mut Stream) {
     let canvas = Pattern::Picture(Vec2::new(0.5 * w, 0.5 * h));
-    let paint = Material::new(canvas, accent(r), accent(r), seed(r));
+    let paint = Material::new(canvas, accent(r), accent(r), r.seed());
     b.panel(f, [0.0, 0.0, 0.012], [w, h, 0.016], paint);
     let wood = r.pick(&[style.wood, style.metal, style.paint]);
     for side in [-0.5, 0.5] {
@@ -104,7 +91,7 @@ pub(super) fn door(b: &mut Builder, f: &Frame, style: &Style) {
 
 /// Frame, bars and curtains of a window whose opening is `w` by `h`, its centre at the origin.
 pub(super) fn window(b: &mut Builder, f: &Frame, [w, h]: [f32; 2], style: &Style, r: &mut Stream) {
-    let white = Material::plain(color(0xece9e2));
+    let white = plain(0xece9e2);
     for side in [-0.5, 0.5] {
         b.block(f, [side * w, 0.0, -0.08], [0.08, h + 0.06, 0.1], white);
         b.block(f, [0.0, side * h, -0.08], [w, 0.08, 0.1], white);
@@ -120,7 +107,7 @@ pub(super) fn window(b: &mut Builder, f: &Frame, [w, h]: [f32; 2], style: &Style
     b.block(f, [0.0, -0.5 * h - 0.03, 0.04], [w + 0.16, 0.035, 0.28], style.wood);
     if r.chance(0.75) {
         let cloth =
-            Material::new(Pattern::Cloth, accent(r).lerp(Vec3::ONE, 0.45), accent(r), seed(r));
+            Material::new(Pattern::Cloth, accent(r).lerp(Vec3::ONE, 0.45), accent(r), r.seed());
         let drop = 0.5 * h + 0.25;
         b.rod(
             f,
@@ -145,14 +132,9 @@ pub(super) fn boxes(b: &mut Builder, f: &Frame, r: &mut Stream) {
     for _ in 0..=r.index(3) {
         let (w, h) = (r.range(0.35, 0.55), r.range(0.25, 0.4));
         let at = f.at(r.range(-0.03, 0.03), y, 0.0, r.range(-0.3, 0.3));
-        let card = Material::new(Pattern::Mottled(0.4), color(0xb58d5c), color(0xa67e50), seed(r));
+        let card = Material::new(Pattern::Mottled(0.4), color(0xb58d5c), color(0xa67e50), r.seed());
         b.block(&at, [0.0, 0.5 * h, 0.0], [w, h, 0.36], card);
-        b.block(
-            &at,
-            [0.0, 0.5 * h, 0.0],
-            [0.05, h + 0.004, 0.364],
-            Material::plain(color(0xd2b488)),
-        );
+        b.block(&at, [0.0, 0.5 * h, 0.0], [0.05, h + 0.004, 0.364], plain(0xd2b488));
         y += h;
     }
     let stripes = Material::new(Pattern::Stripes(0.16), accent(r), color(0xf2efe6), 1);

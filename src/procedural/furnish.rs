@@ -1,39 +1,60 @@
 //! Furniture, lamps, pictures and plants of a room, set out by its kind.
 
 use super::build::{Builder, Frame};
+use super::daylight::Wall;
 use super::fittings as fit;
 use super::furniture as piece;
 use super::material::Material;
 use super::pattern::Pattern;
 use super::random::Stream;
-use super::room::{Kind, Room};
-use super::style::{Style, seed};
+use super::style::Style;
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
-/// Furnishes a room; `lamps` receives the positions of bulbs. Another order of the draws would change the pictures.
-pub(super) fn furnish(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Kind {
+    Living,
+    Dining,
+    Study,
+    Bedroom,
+    Kitchen,
+}
+
+/// A room before it is furnished.
+pub(super) struct Room<'a> {
+    pub(super) kind: Kind,
+    pub(super) walls: &'a [Wall],
+    pub(super) size: [f32; 3],
+    pub(super) style: &'a Style,
+    /// The point on the floor that the camera faces.
+    pub(super) focus: Vec3,
+    /// The half of the back wall without a window: sign of the wall's x.
+    pub(super) free: f32,
+}
+
+/// Furnishes a room. Another order of the draws would change the pictures.
+pub(super) fn furnish(b: &mut Builder, room: &Room, r: &mut Stream) {
     b.start_piece();
     match room.kind {
-        Kind::Living => living(b, room, r, lamps),
-        Kind::Dining => dining(b, room, r, lamps),
-        Kind::Study => study(b, room, r, lamps),
-        Kind::Bedroom => bedroom(b, room, r, lamps),
-        Kind::Kitchen => kitchen(b, room, r, lamps),
+        Kind::Living => living(b, room, r),
+        Kind::Dining => dining(b, room, r),
+        Kind::Study => study(b, room, r),
+        Kind::Bedroom => bedroom(b, room, r),
+        Kind::Kitchen => kitchen(b, room, r),
     }
-    back_wall(b, room, r, lamps);
+    back_wall(b, room, r);
     side_walls(b, room, r);
     plants(b, room, r);
     if room.kind != Kind::Dining && room.kind != Kind::Kitchen {
         b.start_piece();
         let [_, h, d] = room.size;
         let at = Frame::new(Vec3::new(0.0, 0.0, 0.55 * d), 0.0);
-        lamps.push(fit::pendant(b, &at, h - 0.4, h, room.style, room.lamps_on));
+        fit::pendant(b, &at, h - 0.4, h, room.style);
     }
 }
 
 /// A low table, two sofas, a standing lamp.
-fn living(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
+fn living(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
     let size = [r.range(0.9, 1.2), r.range(0.38, 0.46), 0.6];
@@ -50,11 +71,11 @@ fn living(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
     piece::sofa(b, &at, 0.85, style.accent, r);
     b.start_piece();
     let at = f.at(-side * r.range(0.95, 1.3), 0.0, 0.75, 0.0);
-    lamps.push(fit::floor_lamp(b, &at, style, room.lamps_on));
+    fit::floor_lamp(b, &at, style);
 }
 
 /// A table with chairs below a pendant lamp.
-fn dining(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
+fn dining(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
     let size = [r.range(1.3, 1.7), 0.75, 0.85];
@@ -70,25 +91,17 @@ fn dining(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
     b.start_piece();
     rug(b, &at, [1.3, 1.1], style, r);
     b.start_piece();
-    let lamp = fit::pendant(
-        b,
-        &f.at(0.0, 0.0, 0.2, 0.0),
-        r.range(1.6, 1.75),
-        room.size[1],
-        style,
-        room.lamps_on,
-    );
-    lamps.push(lamp);
+    fit::pendant(b, &f.at(0.0, 0.0, 0.2, 0.0), r.range(1.6, 1.75), room.size[1], style);
 }
 
 /// A desk with a lamp, a chair, boxes.
-fn study(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
+fn study(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
     let at = f.at(0.0, 0.0, 0.5, r.range(-0.5, 0.5) + if r.chance(0.5) { PI } else { 0.0 });
     piece::desk(b, &at, style, r);
     let lamp = at.at(-0.55, 0.74, -0.18, 0.0);
-    lamps.push(fit::table_lamp(b, &lamp, style, room.lamps_on));
+    fit::table_lamp(b, &lamp, style);
     b.start_piece();
     piece::chair(b, &at.at(0.05, 0.0, 0.6, PI + r.range(-0.5, 0.5)), style.metal, style.accent);
     b.start_piece();
@@ -96,7 +109,7 @@ fn study(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
 }
 
 /// A bed against the back wall, between bedside tables.
-fn bedroom(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
+fn bedroom(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
     let back = &room.walls[0].frame;
@@ -107,7 +120,7 @@ fn bedroom(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) 
         let stand = at.at(side, 0.0, 0.0, 0.0);
         piece::chest(b, &stand, [0.45, 0.5, 0.4], 2, style);
         let lamp = stand.at(0.0, 0.52, 0.2, 0.0);
-        lamps.push(fit::table_lamp(b, &lamp, style, room.lamps_on));
+        fit::table_lamp(b, &lamp, style);
     }
     b.start_piece();
     rug(b, &f.at(0.1, 0.0, 0.0, 0.0), [1.2, 0.8], style, r);
@@ -121,7 +134,7 @@ fn bedroom(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) 
 }
 
 /// Units along the back wall and an island with chairs.
-fn kitchen(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
+fn kitchen(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
     let back = &room.walls[0].frame;
@@ -137,14 +150,7 @@ fn kitchen(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) 
     piece::chest(b, &island.at(0.0, 0.0, -0.3, PI), [size[0], 0.9, 0.6], 1, style);
     piece::things(b, &island.at(0.0, 0.018, -0.6, 0.0), [size[0], 0.9, 0.4], 4, r);
     b.start_piece();
-    lamps.push(fit::pendant(
-        b,
-        &island.at(0.0, 0.0, -0.5, 0.0),
-        1.72,
-        room.size[1],
-        style,
-        room.lamps_on,
-    ));
+    fit::pendant(b, &island.at(0.0, 0.0, -0.5, 0.0), 1.72, room.size[1], style);
     for side in [-0.85, 0.85] {
         b.start_piece();
         piece::chair(b, &island.at(side, 0.0, -0.8, -side * 1.5), style.wood, style.accent);
@@ -152,7 +158,7 @@ fn kitchen(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) 
 }
 
 /// Bookcases, chests, doors and pictures along the back wall.
-fn back_wall(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>) {
+fn back_wall(b: &mut Builder, room: &Room, r: &mut Stream) {
     let w = room.size[0];
     let style = room.style;
     let back = &room.walls[0].frame;
@@ -173,12 +179,7 @@ fn back_wall(b: &mut Builder, room: &Room, r: &mut Stream, lamps: &mut Vec<Vec3>
                     let width = r.range(1.1, 1.6);
                     piece::chest(b, &at, [width, 0.8, 0.42], 2, style);
                     piece::things(b, &at.at(0.0, 0.018, 0.2, 0.0), [width, 0.8, 0.3], 3, r);
-                    lamps.push(fit::table_lamp(
-                        b,
-                        &at.at(0.38 * width, 0.82, 0.2, 0.0),
-                        style,
-                        room.lamps_on,
-                    ));
+                    fit::table_lamp(b, &at.at(0.38 * width, 0.82, 0.2, 0.0), style);
                     fit::picture(b, &at.at(0.0, 1.62, 0.0, 0.0), [0.9, 0.62], style, r);
                 }
                 _ => {
@@ -248,7 +249,7 @@ fn plants(b: &mut Builder, room: &Room, r: &mut Stream) {
 
 fn rug(b: &mut Builder, f: &Frame, half: [f32; 2], style: &Style, r: &mut Stream) {
     let pattern = Pattern::Rug(Vec2::from(half));
-    let seed = seed(r);
+    let seed = r.seed();
     let wool = Material::new(pattern, style.accent.main * 0.8, style.cloth.main * 0.7, seed);
     b.panel(f, [0.0, 0.006, 0.0], [2.0 * half[0], 0.012, 2.0 * half[1]], wool);
 }

@@ -1,10 +1,10 @@
-//! Pieces of furniture. Each stands on the floor at its frame's origin and faces +z.
+//! Pieces of furniture, on the floor at the frame's origin, facing +z.
 
 use super::build::{Builder, Frame};
-use super::material::{Material, color};
+use super::material::{Material, color, plain};
 use super::pattern::Pattern;
 use super::random::Stream;
-use super::style::{Style, accent, seed};
+use super::style::{Style, accent};
 use glam::Vec2;
 
 /// A table with four legs.
@@ -44,7 +44,7 @@ pub(super) fn things(
             2 => {
                 let bowl = Material::plain(accent(r)).glossy(0.05);
                 b.post(&at, [0.0; 3], [0.06, 0.15], 0.07, bowl);
-                let fruit = Material::plain(color(r.pick(&[0xc8452f, 0xe0902c, 0x8fae3c])));
+                let fruit = plain(r.pick(&[0xc8452f, 0xe0902c, 0x8fae3c]));
                 for (x, z) in [(0.0, 0.0), (0.07, 0.02), (-0.07, 0.03), (0.01, -0.07), (0.0, 0.07)]
                 {
                     b.ball(&at, [x, 0.09, z], [0.04; 3], fruit.glossy(0.04));
@@ -53,11 +53,11 @@ pub(super) fn things(
             3 => {
                 let cup = Material::plain(accent(r)).glossy(0.05);
                 b.post(&at, [0.0; 3], [0.032, 0.04], 0.095, cup);
-                let saucer = Material::plain(color(0xece7dc)).glossy(0.05);
+                let saucer = plain(0xece7dc).glossy(0.05);
                 b.post(&at, [0.12, 0.0, 0.05], [0.08, 0.1], 0.012, saucer);
             }
             4 => {
-                let glass = Material::plain(color(0x2f4a38)).glossy(0.08);
+                let glass = plain(0x2f4a38).glossy(0.08);
                 b.post(&at, [0.0; 3], [0.037, 0.037], 0.2, glass);
                 b.post(&at, [0.0, 0.2, 0.0], [0.034, 0.014], 0.05, glass);
                 b.post(&at, [0.0, 0.25, 0.0], [0.014, 0.014], 0.06, glass);
@@ -75,7 +75,7 @@ fn vase(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let clay = Material::plain(accent(r)).glossy(0.05);
     b.post(f, [0.0; 3], [0.045, 0.075], 0.12, clay);
     b.post(f, [0.0, 0.12, 0.0], [0.075, 0.035], 0.1, clay);
-    let (stem, bloom) = (Material::plain(color(0x5f7a3d)), Material::plain(accent(r)));
+    let (stem, bloom) = (plain(0x5f7a3d), Material::plain(accent(r)));
     for k in 0..6 {
         let (s, c) = libm::sincosf(k as f32 * 1.05 + r.unit());
         let reach = r.range(0.06, 0.18);
@@ -106,7 +106,7 @@ pub(super) fn sofa(b: &mut Builder, f: &Frame, width: f32, cloth: Material, r: &
         let x = side * (0.5 * w - 0.09);
         b.block(f, [x, 0.42, 0.02], [0.18, 0.4, 0.86], cloth);
         b.rod(f, [x, 0.62, -0.42], [x, 0.62, 0.44], [0.095, 0.095], cloth);
-        b.post(f, [x, 0.0, 0.36], [0.02, 0.025], 0.1, Material::plain(color(0x3a2a1e)));
+        b.post(f, [x, 0.0, 0.36], [0.02, 0.025], 0.1, plain(0x3a2a1e));
     }
     let seats = if w > 1.5 { 3 } else { 1 };
     let seat_w = (w - 0.38) / seats as f32;
@@ -118,7 +118,7 @@ pub(super) fn sofa(b: &mut Builder, f: &Frame, width: f32, cloth: Material, r: &
     for side in [-1.0, 1.0] {
         if r.chance(0.8) {
             let pattern = r.pick(&[Pattern::Cloth, Pattern::Stripes(0.06), Pattern::Checks(0.05)]);
-            let cover = Material::new(pattern, accent(r), accent(r), seed(r));
+            let cover = Material::new(pattern, accent(r), accent(r), r.seed());
             let at = f.at(side * (0.5 * w - 0.42), 0.62, -0.16, side * -0.3);
             b.ball(&at, [0.0; 3], [0.21, 0.2, 0.08], cover);
         }
@@ -170,12 +170,7 @@ pub(super) fn bookcase(
                     [0.09; 3],
                     Material::plain(accent(r)).glossy(0.05),
                 ),
-                1 => b.block(
-                    &at,
-                    [0.0, 0.09, 0.0],
-                    [0.2, 0.18, 0.2],
-                    Material::plain(color(0xb08a5a)),
-                ),
+                1 => b.block(&at, [0.0, 0.09, 0.0], [0.2, 0.18, 0.2], plain(0xb08a5a)),
                 _ => b.post(
                     &at,
                     [0.0; 3],
@@ -210,13 +205,13 @@ pub(super) fn chest(b: &mut Builder, f: &Frame, [w, h, d]: [f32; 3], rows: usize
 pub(super) fn bed(b: &mut Builder, f: &Frame, style: &Style, r: &mut Stream) {
     b.block(f, [0.0, 0.55, 0.03], [1.7, 1.1, 0.06], style.wood);
     b.block(f, [0.0, 0.2, 1.05], [1.62, 0.22, 2.0], style.wood);
-    b.block(f, [0.0, 0.41, 1.05], [1.56, 0.2, 1.96], Material::plain(color(0xe9e4da)));
+    b.block(f, [0.0, 0.41, 1.05], [1.56, 0.2, 1.96], plain(0xe9e4da));
     let pattern = r.pick(&[Pattern::Cloth, Pattern::Stripes(0.12), Pattern::Checks(0.12)]);
-    let cover = Material::new(pattern, style.cloth.main, style.accent.main, seed(r));
+    let cover = Material::new(pattern, style.cloth.main, style.accent.main, r.seed());
     b.block(f, [0.0, 0.44, 1.35], [1.66, 0.2, 1.4], cover);
-    b.block(f, [0.0, 0.55, 0.72], [1.66, 0.05, 0.22], Material::plain(color(0xf1ede4)));
+    b.block(f, [0.0, 0.55, 0.72], [1.66, 0.05, 0.22], plain(0xf1ede4));
     for side in [-0.4, 0.4] {
-        b.ball(f, [side, 0.6, 0.32], [0.34, 0.11, 0.2], Material::plain(color(0xf3efe8)));
+        b.ball(f, [side, 0.6, 0.32], [0.34, 0.11, 0.2], plain(0xf3efe8));
         b.ball(f, [side, 0.66, 0.46], [0.22, 0.18, 0.09], style.accent);
     }
 }
@@ -224,14 +219,14 @@ pub(super) fn bed(b: &mut Builder, f: &Frame, style: &Style, r: &mut Stream) {
 /// A desk whose screen faces +z.
 pub(super) fn desk(b: &mut Builder, f: &Frame, style: &Style, r: &mut Stream) {
     table(b, f, [1.4, 0.74, 0.65], style.wood, style.metal);
-    let black = Material::plain(color(0x1d2126)).glossy(0.05);
+    let black = plain(0x1d2126).glossy(0.05);
     let shown = Pattern::Picture(Vec2::new(0.28, 0.165));
-    let mut screen = Material::new(shown, accent(r), accent(r), seed(r));
+    let mut screen = Material::new(shown, accent(r), accent(r), r.seed());
     screen.glow = 0.0;
     b.block(f, [0.1, 1.02, -0.12], [0.6, 0.37, 0.03], black);
     b.panel(f, [0.1, 1.02, -0.1], [0.56, 0.33, 0.012], screen.glossy(0.05));
     b.post(f, [0.1, 0.74, -0.14], [0.09, 0.02], 0.14, black);
-    b.block(f, [0.1, 0.75, 0.14], [0.42, 0.02, 0.14], Material::plain(color(0xc9ccd0)));
+    b.block(f, [0.1, 0.75, 0.14], [0.42, 0.02, 0.14], plain(0xc9ccd0));
     b.ball(f, [0.42, 0.755, 0.14], [0.03, 0.018, 0.05], black);
     things(b, &f.at(-0.5, 0.0, 0.0, 0.0), [0.3, 0.74, 0.4], 2, r);
 }
@@ -239,7 +234,7 @@ pub(super) fn desk(b: &mut Builder, f: &Frame, style: &Style, r: &mut Stream) {
 /// Kitchen units of this length along a wall, with cupboards above.
 pub(super) fn kitchen(b: &mut Builder, f: &Frame, length: f32, style: &Style, r: &mut Stream) {
     chest(b, f, [length, 0.9, 0.58], 1, style);
-    let tiles = Material::new(Pattern::Tiles(0.12), color(0xe6e4dc), color(0xb9b5aa), seed(r));
+    let tiles = Material::new(Pattern::Tiles(0.12), color(0xe6e4dc), color(0xb9b5aa), r.seed());
     b.block(f, [0.0, 1.18, 0.006], [length, 0.5, 0.012], tiles.glossy(0.05));
     let count = (length / 0.6) as usize;
     for k in 0..count {
@@ -250,7 +245,7 @@ pub(super) fn kitchen(b: &mut Builder, f: &Frame, length: f32, style: &Style, r:
             b.block(f, [x + 0.2, 1.56, 0.37], [0.014, 0.14, 0.02], style.metal);
         }
     }
-    let steel = Material::plain(color(0x9da3a8)).glossy(0.12);
+    let steel = plain(0x9da3a8).glossy(0.12);
     let x = r.range(-0.2, 0.2) * length;
     b.rod(f, [x, 0.9, 0.1], [x, 1.2, 0.1], [0.014, 0.014], steel);
     b.rod(f, [x, 1.2, 0.1], [x, 1.17, 0.28], [0.012, 0.012], steel);

@@ -1,7 +1,7 @@
 //! Objects of outdoor places: cars, lamp posts, people, benches, signs, café tables.
 
 use super::build::{Builder, Frame};
-use super::material::{Material, color};
+use super::material::{Material, color, plain};
 use super::pattern::Pattern;
 use super::random::Stream;
 use core::f32::consts::FRAC_PI_2;
@@ -16,9 +16,9 @@ fn bright(r: &mut Stream) -> Vec3 {
 /// A car of 4.2 m whose nose points to +z.
 pub(super) fn car(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let body = Material::plain(bright(r)).glossy(0.07);
-    let mut glass = Material::plain(color(0x20282e)).glossy(0.12);
+    let mut glass = plain(0x20282e).glossy(0.12);
     glass.pattern = Pattern::Pane;
-    let black = Material::plain(color(0x17181a));
+    let black = plain(0x17181a);
     let tall = r.range(0.0, 0.18);
     b.block(f, [0.0, 0.58, 0.0], [1.74, 0.5, 4.1], body);
     b.block(f, [0.0, 0.4, 0.0], [1.7, 0.24, 4.2], black);
@@ -46,12 +46,12 @@ pub(super) fn car(b: &mut Builder, f: &Frame, r: &mut Stream) {
         for z in [1.3, -1.3] {
             let (a, c) = ([x - 0.1, 0.32, z], [x + 0.1, 0.32, z]);
             b.rod(f, a, c, [0.32, 0.32], black);
-            let rim = Material::plain(color(0xa9adb1)).glossy(0.1);
+            let rim = plain(0xa9adb1).glossy(0.1);
             b.rod(f, [x - 0.11, 0.32, z], [x + 0.11, 0.32, z], [0.19, 0.19], rim);
         }
-        let lamp = Material::plain(color(0xf1eee0)).glossy(0.1);
+        let lamp = plain(0xf1eee0).glossy(0.1);
         b.ball(f, [0.85 * x, 0.66, 2.03], [0.15, 0.08, 0.05], lamp);
-        b.block(f, [0.9 * x, 0.7, -2.06], [0.22, 0.12, 0.04], Material::plain(color(0xa5211c)));
+        b.block(f, [0.9 * x, 0.7, -2.06], [0.22, 0.12, 0.04], plain(0xa5211c));
     }
     let plate =
         Material::new(Pattern::Sign(Vec2::new(0.26, 0.06)), color(0xf0efe6), color(0x202020), 5);
@@ -59,27 +59,27 @@ pub(super) fn car(b: &mut Builder, f: &Frame, r: &mut Stream) {
     b.panel(f, [0.0, 0.55, -2.08], [0.52, 0.12, 0.02], plate);
 }
 
-/// A street lamp; its arm points to +x. Returns the position of its bulb.
-pub(super) fn lamp_post(b: &mut Builder, f: &Frame, on: bool) -> Vec3 {
-    let metal = Material::plain(color(0x3c4447)).glossy(0.05);
+/// A street lamp; its arm points to +x.
+pub(super) fn lamp_post(b: &mut Builder, f: &Frame) {
+    let metal = plain(0x3c4447).glossy(0.05);
     b.post(f, [0.0; 3], [0.1, 0.08], 0.7, metal);
     b.post(f, [0.0, 0.7, 0.0], [0.06, 0.045], 3.8, metal);
     b.rod(f, [0.0, 4.45, 0.0], [0.85, 4.7, 0.0], [0.035, 0.03], metal);
     b.block(f, [1.0, 4.7, 0.0], [0.5, 0.09, 0.2], metal);
-    let glow = Material::lamp(color(0xffe1ad), if on { 2.5 } else { 0.25 });
+    let glow = Material::lamp(color(0xffe1ad), if b.lamps_on { 2.5 } else { 0.25 });
     b.block(f, [1.0, 4.64, 0.0], [0.4, 0.04, 0.15], glow);
-    f.point(Vec3::new(1.0, 4.55, 0.0))
+    b.lamp(f, [1.0, 4.55, 0.0]);
 }
 
 /// A standing or walking person.
 pub(super) fn person(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let coat = Material::plain(bright(r));
-    let trousers = Material::plain(color(r.pick(&[0x2a3140, 0x4a4438, 0x22242a, 0x5f6a78])));
-    let skin = Material::plain(color(r.pick(&[0xd9a582, 0x8d5a3c, 0xe8bd9a, 0xb57f5a])));
+    let trousers = plain(r.pick(&[0x2a3140, 0x4a4438, 0x22242a, 0x5f6a78]));
+    let skin = plain(r.pick(&[0xd9a582, 0x8d5a3c, 0xe8bd9a, 0xb57f5a]));
     let stride = r.range(0.05, 0.22);
     for (x, z) in [(-0.09, stride), (0.09, -stride)] {
         b.rod(f, [x, 0.05, z], [x, 0.85, 0.0], [0.055, 0.085], trousers);
-        b.ball(f, [x, 0.045, z + 0.06], [0.05, 0.05, 0.13], Material::plain(color(0x2a2320)));
+        b.ball(f, [x, 0.045, z + 0.06], [0.05, 0.05, 0.13], plain(0x2a2320));
     }
     b.ball(f, [0.0, 1.1, 0.0], [0.185, 0.36, 0.125], coat);
     b.ball(f, [0.0, 1.33, 0.0], [0.21, 0.13, 0.12], coat);
@@ -91,7 +91,7 @@ pub(super) fn person(b: &mut Builder, f: &Frame, r: &mut Stream) {
     }
     b.post(f, [0.0, 1.4, 0.0], [0.055, 0.055], 0.12, skin);
     b.ball(f, [0.0, 1.58, 0.0], [0.095, 0.125, 0.11], skin);
-    let hair = Material::plain(color(r.pick(&[0x2a1d14, 0x5a3d22, 0x8a6a3a, 0x1a1a1c, 0x9a948a])));
+    let hair = plain(r.pick(&[0x2a1d14, 0x5a3d22, 0x8a6a3a, 0x1a1a1c, 0x9a948a]));
     b.ball(f, [0.0, 1.625, -0.025], [0.103, 0.105, 0.11], hair);
     if r.chance(0.4) {
         b.block(f, [0.32, 0.66, 0.0], [0.1, 0.28, 0.3], Material::plain(bright(r)));
@@ -101,7 +101,7 @@ pub(super) fn person(b: &mut Builder, f: &Frame, r: &mut Stream) {
 /// A bench facing +z.
 pub(super) fn bench(b: &mut Builder, f: &Frame) {
     let wood = Material::new(Pattern::Grain(false), color(0x8a5f38), color(0x6e4829), 4);
-    let iron = Material::plain(color(0x2b2f31));
+    let iron = plain(0x2b2f31);
     for k in 0..4 {
         b.block(f, [0.0, 0.45, 0.2 - 0.12 * k as f32], [1.7, 0.035, 0.09], wood);
     }
@@ -116,34 +116,28 @@ pub(super) fn bench(b: &mut Builder, f: &Frame) {
 
 /// A road sign on a pole.
 pub(super) fn road_sign(b: &mut Builder, f: &Frame, r: &mut Stream) {
-    let pole = Material::plain(color(0x9a9d9f)).glossy(0.06);
+    let pole = plain(0x9a9d9f).glossy(0.06);
     b.post(f, [0.0; 3], [0.03, 0.03], 2.6, pole);
     let ground = color(r.pick(&[0x1f4f92, 0xb22a24, 0xe8e4d8, 0xd8a822]));
     if r.chance(0.5) {
         b.rod(f, [0.0, 2.3, -0.035], [0.0, 2.3, -0.05], [0.3, 0.3], Material::plain(ground));
-        b.block(f, [0.0, 2.3, -0.055], [0.36, 0.09, 0.012], Material::plain(color(0xf4f2ea)));
+        b.block(f, [0.0, 2.3, -0.055], [0.36, 0.09, 0.012], plain(0xf4f2ea));
     } else {
         let face = Pattern::Sign(Vec2::new(0.45, 0.2));
-        let face = Material::new(face, ground, color(0xf7f4ec), (r.bits() >> 40) as i32);
+        let face = Material::new(face, ground, color(0xf7f4ec), r.seed());
         b.panel(f, [0.0, 2.3, -0.04], [0.9, 0.4, 0.02], face);
     }
 }
 
 /// A café table with a parasol and two chairs.
 pub(super) fn cafe(b: &mut Builder, f: &Frame, r: &mut Stream) {
-    let metal = Material::plain(color(0x4a4f50)).glossy(0.06);
-    let top = Material::plain(color(0xd6d2c8)).glossy(0.05);
+    let metal = plain(0x4a4f50).glossy(0.06);
+    let top = plain(0xd6d2c8).glossy(0.05);
     b.post(f, [0.0; 3], [0.2, 0.18], 0.03, metal);
     b.post(f, [0.0; 3], [0.025, 0.025], 2.3, metal);
     b.post(f, [0.0, 0.72, 0.0], [0.36, 0.36], 0.03, top);
-    b.post(f, [0.15, 0.75, 0.1], [0.03, 0.035], 0.09, Material::plain(color(0xf3f0e8)));
-    b.post(
-        f,
-        [-0.14, 0.75, -0.06],
-        [0.03, 0.026],
-        0.16,
-        Material::plain(color(0x3f6a4a)).glossy(0.1),
-    );
+    b.post(f, [0.15, 0.75, 0.1], [0.03, 0.035], 0.09, plain(0xf3f0e8));
+    b.post(f, [-0.14, 0.75, -0.06], [0.03, 0.026], 0.16, plain(0x3f6a4a).glossy(0.1));
     let cloth = Material::new(Pattern::Stripes(0.5), bright(r), color(0xeee8da), 2);
     if r.chance(0.75) {
         b.post(f, [0.0, 2.1, 0.0], [1.3, 0.05], 0.5, cloth);
@@ -163,15 +157,15 @@ pub(super) fn planter(b: &mut Builder, f: &Frame, r: &mut Stream) {
 }
 
 pub(super) fn bollard(b: &mut Builder, f: &Frame) {
-    let iron = Material::plain(color(0x2f3436)).glossy(0.05);
+    let iron = plain(0x2f3436).glossy(0.05);
     b.post(f, [0.0; 3], [0.075, 0.06], 0.85, iron);
     b.ball(f, [0.0, 0.88, 0.0], [0.085, 0.07, 0.085], iron);
-    b.post(f, [0.0, 0.68, 0.0], [0.068, 0.066], 0.07, Material::plain(color(0xe7e4da)));
+    b.post(f, [0.0, 0.68, 0.0], [0.068, 0.066], 0.07, plain(0xe7e4da));
 }
 
 /// A parked bicycle along z.
 pub(super) fn bicycle(b: &mut Builder, f: &Frame, r: &mut Stream) {
-    let tyre = Material::plain(color(0x1a1a1b));
+    let tyre = plain(0x1a1a1b);
     let paint = Material::plain(bright(r)).glossy(0.06);
     let ring = |b: &mut Builder, z: f32| {
         let spot = |k: i32| {
@@ -182,7 +176,7 @@ pub(super) fn bicycle(b: &mut Builder, f: &Frame, r: &mut Stream) {
             b.rod(f, spot(k), spot(k + 1), [0.018, 0.018], tyre);
         }
         for k in 0..7 {
-            b.rod(f, spot(k), spot(k + 7), [0.003, 0.003], Material::plain(color(0xb0b3b5)));
+            b.rod(f, spot(k), spot(k + 7), [0.003, 0.003], plain(0xb0b3b5));
         }
     };
     ring(b, -0.52);

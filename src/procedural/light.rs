@@ -68,7 +68,7 @@ impl<'a> SoftLight<'a> {
             let ambient = lights.ambient_down.lerp(lights.ambient_up, 0.5 + 0.5 * direction.y);
             let ray = Ray { origin, direction };
             let hidden = self.bounds.occluded(&ray, lights.ambient_reach_m);
-            // An occluder reflects a part of the ambient light.
+            // An occluder reflects part of the ambient light.
             sum += ambient * if hidden { 0.3 } else { 1.0 };
         }
         let mut light = sum / AMBIENT_RAYS as f32;

@@ -18,6 +18,11 @@ pub(super) fn color(code: u32) -> Vec3 {
     Vec3::new(channel(16), channel(8), channel(0))
 }
 
+/// A matt material of an sRGB code such as `0xRRGGBB`.
+pub(super) fn plain(code: u32) -> Material {
+    Material::plain(color(code))
+}
+
 /// A surface's reflectance, as a pattern of two linear colours.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Material {

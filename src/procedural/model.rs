@@ -1,12 +1,9 @@
 //! The model of a photograph: solids, lights, sky, camera.
 
-use super::camera::{Camera, Pose};
-use super::listing::{Place, SamplePhotograph};
+use super::camera::Pose;
 use super::shape::Solid;
 use super::sky::Sky;
-use super::{outdoors, room};
 use glam::Vec3;
-use render::line::Intrinsics;
 
 /// An open window: a rectangle that emits light to one side.
 #[derive(Clone, Copy, Debug)]
@@ -53,18 +50,4 @@ pub(super) struct Model {
     pub(super) brightness: f32,
     /// Largest depth of the scanner.
     pub(super) range_m: f32,
-}
-
-impl Model {
-    /// The model of one photograph.
-    pub(super) fn new(photograph: &SamplePhotograph) -> Self {
-        match photograph.place {
-            Place::Indoors => room::model(photograph),
-            Place::Outdoor => outdoors::model(photograph),
-        }
-    }
-
-    pub(super) fn camera(&self, intrinsics: &Intrinsics) -> Camera {
-        Camera::new(self.pose, intrinsics)
-    }
 }

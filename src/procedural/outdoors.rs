@@ -3,7 +3,7 @@
 use super::build::{Builder, Frame};
 use super::camera::Pose;
 use super::listing::SamplePhotograph;
-use super::material::{Material, color};
+use super::material::{Material, color, plain};
 use super::model::{Bulb, Lights, Model};
 use super::pattern::Pattern;
 use super::random::Stream;
@@ -21,11 +21,10 @@ enum Hour {
     Evening,
 }
 
-/// The camera and lamps of a place.
-struct Place {
+/// Positions of the camera and of its target.
+struct Outlook {
     eye: Vec3,
     target: Vec3,
-    lamps: Vec<Vec3>,
 }
 
 /// The model of an outdoor photograph.
@@ -41,6 +40,7 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
     };
     let night = if hour == Hour::Evening { 0.9 } else { 0.0 };
     let mut b = Builder::default();
+    b.lamps_on = hour == Hour::Evening;
     let of_scan = p.scan as usize + p.scene as usize / 2 + p.seed as usize % 3;
     let place = match of_scan % 3 {
         0 => street_place(&mut b, night, r),
@@ -55,9 +55,10 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
     let pitch = libm::atan2f(to.y, (to.x * to.x + to.z * to.z).sqrt()) + 0.02;
     b.clear_around(eye, 1.0);
     let sky = sky(hour, r);
+    let lights = lights(hour, &sky, b.lit_lamps(), r);
     Model {
         solids: b.solids,
-        lights: lights(hour, &sky, &place.lamps, r),
+        lights,
         sky,
         pose: Pose::new(eye, yaw, pitch),
         brightness: match hour {
@@ -69,7 +70,7 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
     }
 }
 
-fn street_place(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
+fn street_place(b: &mut Builder, night: f32, r: &mut Stream) -> Outlook {
     let half_m = r.range(3.2, 4.2);
     let pavement_m = r.range(2.8, 3.8);
     b.start_place();
@@ -81,8 +82,6 @@ fn street_place(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
     // A house at the end of the street closes the view.
     let end = Frame::new(Vec3::new(r.range(-4.0, 4.0), 0.1, r.range(54.0, 58.0)), PI);
     street::building(b, &end, [16.0, r.range(11.0, 16.0), 8.0], false, night, r);
-    let mut lamps = Vec::new();
-    let on = night > 0.0;
     for k in 0..5 {
         for side in [-1.0, 1.0] {
             let z = 5.0 + 10.5 * k as f32 + r.range(0.0, 4.0);
@@ -92,7 +91,7 @@ fn street_place(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
             match (k + usize::from(side > 0.0)) % 2 {
                 0 => {
                     let f = Frame::new(at, if side > 0.0 { PI } else { 0.0 });
-                    lamps.push(garden::lamp_post(b, &f, on));
+                    garden::lamp_post(b, &f);
                 }
                 _ => tree::broadleaf(b, &Frame::new(at, r.unit()), r.range(4.5, 6.5), r),
             }
@@ -117,10 +116,10 @@ fn street_place(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
     let target = Vec3::new(-side * r.range(0.0, half_m + 1.0), r.range(1.5, 2.3), 14.0);
     let things = &[Thing::Bollard, Thing::Sign, Thing::Bicycle, Thing::Person];
     foreground(b, eye, target, things, r);
-    Place { eye, target, lamps }
+    Outlook { eye, target }
 }
 
-fn square(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
+fn square(b: &mut Builder, night: f32, r: &mut Stream) -> Outlook {
     let f = &Frame::world();
     b.start_place();
     let (slab, joint) = r.pick(&[(0xb0a594, 0x8a8072), (0xa5a5a0, 0x7f807c), (0xb89a80, 0x927a64)]);
@@ -139,7 +138,6 @@ fn square(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
     for side in [-1.0, 1.0] {
         street::row(b, side, half_m, [-4.0, depth_m - 4.0], night, r);
     }
-    let mut lamps = Vec::new();
     // A fountain or a monument in the middle.
     b.start_piece();
     let middle = Frame::new(Vec3::new(r.range(-1.5, 1.5), 0.0, r.range(9.0, 12.0)), r.unit());
@@ -168,7 +166,7 @@ fn square(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
             let at = Vec3::new(side * (half_m - 3.0), 0.0, 5.0 + 6.0 * k as f32);
             let f = Frame::new(at, if side > 0.0 { PI } else { 0.0 });
             if k % 2 == 0 {
-                lamps.push(garden::lamp_post(b, &f, night > 0.0));
+                garden::lamp_post(b, &f);
             } else {
                 tree::broadleaf(b, &f, r.range(4.0, 6.0), r);
             }
@@ -176,12 +174,12 @@ fn square(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
     }
     let things = &[Thing::Bollard, Thing::Bicycle, Thing::Planter, Thing::Bench, Thing::Person];
     foreground(b, eye, target, things, r);
-    Place { eye, target, lamps }
+    Outlook { eye, target }
 }
 
 fn monument(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let stone = Material::new(Pattern::Mottled(0.5), color(0xb5aea0), color(0x989184), 12);
-    let mut water = Material::plain(color(0x3f6a78)).glossy(0.1);
+    let mut water = plain(0x3f6a78).glossy(0.1);
     water.pattern = Pattern::Pane;
     b.post(f, [0.0; 3], [2.2, 2.2], 0.15, stone);
     b.post(f, [0.0, 0.15, 0.0], [1.8, 1.9], 0.45, stone);
@@ -196,7 +194,7 @@ fn monument(b: &mut Builder, f: &Frame, r: &mut Stream) {
     }
 }
 
-fn park(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
+fn park(b: &mut Builder, night: f32, r: &mut Stream) -> Outlook {
     let f = &Frame::world();
     b.start_place();
     let green = color(r.pick(&[0x5f7f3c, 0x6f8a45, 0x587a44]));
@@ -212,7 +210,6 @@ fn park(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
         path.push(Vec3::new(x, 0.0, z));
         x += drift * (0.3 + 0.03 * k as f32) + r.range(-0.12, 0.12);
     }
-    let mut lamps = Vec::new();
     for k in 0..11 {
         let spot = path[(6 + 3 * k).min(path.len() - 1)];
         let side = if k % 2 == 0 { 1.0 } else { -1.0 };
@@ -220,7 +217,7 @@ fn park(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
         let at = Frame::new(spot + Vec3::X * (side * 2.1), -side * FRAC_PI_2);
         match k % 4 {
             0 | 3 => garden::bench(b, &at),
-            1 => lamps.push(garden::lamp_post(b, &at.at(0.0, 0.0, 0.0, -FRAC_PI_2), night > 0.0)),
+            1 => garden::lamp_post(b, &at.at(0.0, 0.0, 0.0, -FRAC_PI_2)),
             _ => tree::shrub(b, &at, r.range(0.6, 1.1), r),
         }
     }
@@ -256,7 +253,7 @@ fn park(b: &mut Builder, night: f32, r: &mut Stream) -> Place {
     let target = Vec3::new(path[9].x, r.range(1.3, 1.9), 10.0);
     let things = &[Thing::Sign, Thing::Bicycle, Thing::Planter, Thing::Bench, Thing::Person];
     foreground(b, eye, target, things, r);
-    Place { eye, target, lamps }
+    Outlook { eye, target }
 }
 
 /// Objects of the foreground.
@@ -313,7 +310,7 @@ fn sky(hour: Hour, r: &mut Stream) -> Sky {
             Hour::Overcast => 1.0,
             _ => r.range(0.15, 0.75),
         },
-        seed: (r.bits() >> 40) as i32,
+        seed: r.seed(),
     }
 }
 
@@ -340,7 +337,6 @@ fn lights(hour: Hour, sky: &Sky, lamps: &[Vec3], r: &mut Stream) -> Lights {
         openings: Vec::new(),
         bulbs: lamps
             .iter()
-            .filter(|_| hour == Hour::Evening)
             .map(|&centre| Bulb {
                 centre: centre - Vec3::Y * 0.12,
                 radius_m: 0.1,

@@ -108,13 +108,9 @@ pub fn write_places(
 
 fn jpeg(rgbd: &Rgbd) -> Result<Vec<u8>, image::ImageError> {
     let mut bytes = Vec::new();
-    JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY).write_image(
-        &rgbd.rgb,
-        rgbd.width,
-        rgbd.height,
-        ExtendedColorType::Rgb8,
-    )?;
-    Ok(bytes)
+    JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY)
+        .write_image(&rgbd.rgb, rgbd.width, rgbd.height, ExtendedColorType::Rgb8)
+        .map(|()| bytes)
 }
 
 /// Inverse depth scaled from the picture's least and largest value to 0 to 65535: scale and shift are lost, as in estimates.
@@ -128,14 +124,10 @@ fn relative_inverse(inverse_depth_per_m: &[f32]) -> Vec<u16> {
 
 fn png(rgbd: &Rgbd) -> Result<Vec<u8>, image::ImageError> {
     let codes = relative_inverse(&rgbd.inverse_depth_per_m);
-    let mut bytes = Vec::new();
-    PngEncoder::new(&mut bytes).write_image(
-        bytemuck::cast_slice(&codes),
-        rgbd.width,
-        rgbd.height,
-        ExtendedColorType::L16,
-    )?;
-    Ok(bytes)
+    let (codes, mut bytes) = (bytemuck::cast_slice(&codes), Vec::new());
+    PngEncoder::new(&mut bytes)
+        .write_image(codes, rgbd.width, rgbd.height, ExtendedColorType::L16)
+        .map(|()| bytes)
 }
 
 #[cfg(test)]

@@ -38,6 +38,11 @@ impl Stream {
         mix(self.key ^ self.drawn.wrapping_mul(0xD6E8_FEB8_6659_FD93))
     }
 
+    /// A seed for a texture.
+    pub(super) fn seed(&mut self) -> i32 {
+        (self.bits() >> 40) as i32
+    }
+
     /// Uniform in 0..1.
     pub(super) fn unit(&mut self) -> f32 {
         unit((self.bits() >> 32) as u32)

@@ -4,11 +4,12 @@ use super::bounds::Bounds;
 use super::camera::{Camera, Ray, intrinsics};
 use super::hole::{self, Return};
 use super::light::{Point, SoftGrid, SoftLight};
-use super::listing::SamplePhotograph;
+use super::listing::{Place, SamplePhotograph};
 use super::model::Model;
 use super::shape::Shape;
 use super::tiles::{Hit, Tiles};
 use super::tone::Tone;
+use super::{outdoors, room};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use render::line::Intrinsics;
@@ -57,9 +58,12 @@ pub fn render_through(
     width: u32,
     height: u32,
 ) -> Rgbd {
-    let model = Model::new(photograph);
+    let model = match photograph.place {
+        Place::Indoors => room::model(photograph),
+        Place::Outdoor => outdoors::model(photograph),
+    };
     let (w, h) = (width as usize, height as usize);
-    let camera = model.camera(intrinsics);
+    let camera = Camera::new(model.pose, intrinsics);
     let bounds = Bounds::new(&model.solids);
     let tiles = Tiles::new(&model.solids, &camera, w, h);
     let view = View { model: &model, camera, bounds: &bounds, tiles: &tiles };

@@ -4,9 +4,9 @@ use super::build::{Builder, Frame};
 use super::camera::Pose;
 use super::daylight::{Hole, Wall, lights, sky};
 use super::fittings as fit;
-use super::furnish::furnish;
+use super::furnish::{Kind, Room, furnish};
 use super::listing::SamplePhotograph;
-use super::material::{Material, color};
+use super::material::plain;
 use super::model::Model;
 use super::random::Stream;
 use super::style::{Style, style};
@@ -14,15 +14,6 @@ use core::f32::consts::{FRAC_PI_2, PI};
 use glam::Vec3;
 
 const WALL_M: f32 = 0.24;
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Kind {
-    Living,
-    Dining,
-    Study,
-    Bedroom,
-    Kitchen,
-}
 
 /// The model of an indoor photograph.
 pub(super) fn model(photograph: &SamplePhotograph) -> Model {
@@ -70,17 +61,9 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
     let free = if lit == 0 { -side } else { side };
     let eye = Vec3::new(r.range(-0.12, 0.12) * w, r.range(1.25, 1.65), r.range(0.45, 0.9));
     let focus = Vec3::new(r.range(-0.25, 0.25), 0.0, eye.z + r.range(2.1, 2.8));
-    let mut lamps = Vec::new();
-    let room = Room {
-        kind,
-        walls: &walls,
-        size: [w, h, d],
-        style: &style,
-        focus,
-        free,
-        lamps_on: evening || r.chance(0.4),
-    };
-    furnish(&mut b, &room, r, &mut lamps);
+    let room = Room { kind, walls: &walls, size: [w, h, d], style: &style, focus, free };
+    b.lamps_on = evening || r.chance(0.4);
+    furnish(&mut b, &room, r);
 
     let view = &mut Stream::new(&[p.seed, 13, scene, scan, u64::from(p.index)]);
     let turn = if p.index.is_multiple_of(2) { 0.0 } else { 1.0 };
@@ -90,7 +73,7 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
     let yaw = libm::atan2f(to.x, to.z) + turn * view.range(-0.1, 0.1);
     let pitch = libm::atan2f(to.y, to.z).clamp(-0.25, 0.05);
     b.clear_around(eye, 0.85);
-    let lights = lights(&walls, lit, evening, room.lamps_on, &lamps, r);
+    let lights = lights(&walls, lit, evening, b.lit_lamps(), r);
     Model {
         solids: b.solids,
         sky: sky(evening, r),
@@ -106,7 +89,7 @@ fn shell(b: &mut Builder, walls: &[Wall], [w, h, d]: [f32; 3], style: &Style, r:
     b.start_place();
     let (wide, deep) = (w + 2.0 * WALL_M, d + 2.0 * WALL_M);
     b.block(f, [0.0, -0.1, 0.5 * d], [wide, 0.2, deep], style.floor);
-    let white = Material::plain(color(0xf0ede6));
+    let white = plain(0xf0ede6);
     b.block(f, [0.0, h + 0.1, 0.5 * d], [wide, 0.2, deep], white);
     for wall in walls {
         let f = &wall.frame;
@@ -131,17 +114,4 @@ fn shell(b: &mut Builder, walls: &[Wall], [w, h, d]: [f32; 3], style: &Style, r:
         b.block(f, [0.0, 0.05, 0.008], [wall.length, 0.1, 0.016], white);
         b.block(f, [0.0, h - 0.03, 0.015], [wall.length, 0.06, 0.03], white);
     }
-}
-
-/// A room before it is furnished.
-pub(super) struct Room<'a> {
-    pub(super) kind: Kind,
-    pub(super) walls: &'a [Wall],
-    pub(super) size: [f32; 3],
-    pub(super) style: &'a Style,
-    /// The point on the floor that the camera faces.
-    pub(super) focus: Vec3,
-    /// Half of the back wall without a window: sign of the wall's x.
-    pub(super) free: f32,
-    pub(super) lamps_on: bool,
 }

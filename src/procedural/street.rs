@@ -1,7 +1,7 @@
 //! Buildings and roads.
 
 use super::build::{Builder, Frame};
-use super::material::{Material, color};
+use super::material::{Material, color, plain};
 use super::pattern::Pattern;
 use super::random::Stream;
 use glam::{Vec2, Vec3};
@@ -17,10 +17,6 @@ const COATS: [(u32, u32); 9] = [
     (0xbcc4cc, 0xf2f2ee),
     (0xc7a89a, 0xefe6dc),
 ];
-
-fn seed(r: &mut Stream) -> i32 {
-    (r.bits() >> 40) as i32
-}
 
 /// A building, facing +z, its front at z = 0. Lengths in metres.
 #[derive(Clone, Copy)]
@@ -54,7 +50,7 @@ pub(super) fn building(
     let h = base + storey * storeys as f32;
     let bays = ((w / r.range(1.9, 2.7)) as usize).max(2);
     let cell = Vec2::new(w / bays as f32, storey);
-    let mut front = Material::new(Pattern::Facade(cell), coat, trim, seed(r));
+    let mut front = Material::new(Pattern::Facade(cell), coat, trim, r.seed());
     front.glow = night;
     // The texture counts bays from the left end and storeys from the first floor.
     let corner = f.at(-0.5 * w, base, 0.0, 0.0);
@@ -63,9 +59,9 @@ pub(super) fn building(
     let shop = r.chance(0.6);
     let post = w / ((w / 1.6) as usize).max(1) as f32;
     let mut ground = if shop {
-        Material::new(Pattern::Shop(post), trim, coat * 0.6, seed(r))
+        Material::new(Pattern::Shop(post), trim, coat * 0.6, r.seed())
     } else {
-        Material::new(Pattern::Tiles(0.8), coat * 0.8, trim * 0.6, seed(r))
+        Material::new(Pattern::Tiles(0.8), coat * 0.8, trim * 0.6, r.seed())
     };
     ground.glow = night;
     let foot = f.at(-0.5 * w, 0.0, 0.0, 0.0);
@@ -81,7 +77,7 @@ pub(super) fn building(
     }
     if near {
         windows(b, f, &house, r);
-        let pipe = Material::plain(color(0x6a6e70));
+        let pipe = plain(0x6a6e70);
         b.post(f, [0.5 * w - 0.15, 0.0, 0.08], [0.05, 0.05], h, pipe);
     }
 }
@@ -90,7 +86,7 @@ pub(super) fn building(
 fn door(b: &mut Builder, f: &Frame, house: &Building, r: &mut Stream) {
     let stone = house.stone;
     let x = (r.index(house.bays) as f32 + 0.5) * house.cell.x - 0.5 * house.width;
-    let paint = Material::plain(color(r.pick(&[0x2f4a3c, 0x5a2a24, 0x2a3a55, 0x6a4a2a])));
+    let paint = plain(r.pick(&[0x2f4a3c, 0x5a2a24, 0x2a3a55, 0x6a4a2a]));
     b.block(f, [x, 1.1, 0.0], [1.2, 2.2, 0.12], stone);
     b.block(f, [x, 1.05, 0.04], [0.96, 2.05, 0.12], paint.glossy(0.03));
     b.block(f, [x, 0.08, 0.3], [1.4, 0.16, 0.6], stone);
@@ -101,7 +97,7 @@ fn shop_front(b: &mut Builder, f: &Frame, house: &Building, r: &mut Stream) {
     let (w, base) = (house.width, house.base);
     let colour = color(r.pick(&[0x27483f, 0x7a2a26, 0x283a5c, 0x2a2a2c, 0xb08a3a]));
     let half = Vec2::new(0.35 * w, 0.22);
-    let board = Material::new(Pattern::Sign(half), colour, color(0xf0e6cc), seed(r));
+    let board = Material::new(Pattern::Sign(half), colour, color(0xf0e6cc), r.seed());
     b.panel(f, [0.0, base - 0.38, 0.05], [0.7 * w, 0.44, 0.1], board);
     if r.chance(0.7) {
         let cloth = Material::new(Pattern::Stripes(0.6), colour * 1.6, color(0xe8e2d4), 1);
@@ -139,7 +135,7 @@ fn windows(b: &mut Builder, f: &Frame, house: &Building, r: &mut Stream) {
 
 /// A balcony with railings in a bay of this width; `x` is its middle, `foot` its height.
 fn balcony(b: &mut Builder, f: &Frame, [x, foot]: [f32; 2], bay: f32, stone: Material) {
-    let iron = Material::plain(color(0x2c3033));
+    let iron = plain(0x2c3033);
     b.block(f, [x, foot, 0.4], [0.85 * bay, 0.1, 0.8], stone);
     b.block(f, [x, foot + 0.95, 0.78], [0.85 * bay, 0.05, 0.04], iron);
     for k in 0..9 {
@@ -149,7 +145,7 @@ fn balcony(b: &mut Builder, f: &Frame, [x, foot]: [f32; 2], bay: f32, stone: Mat
 }
 
 fn roof(b: &mut Builder, f: &Frame, [w, h, d]: [f32; 3], r: &mut Stream) {
-    let tile = Material::plain(color(r.pick(&[0x7a4436, 0x4a4e54, 0x5f4a40])));
+    let tile = plain(r.pick(&[0x7a4436, 0x4a4e54, 0x5f4a40]));
     if r.chance(0.6) {
         let steps = 6;
         for k in 0..steps {
@@ -192,11 +188,11 @@ pub(super) fn row(
 pub(super) fn road(b: &mut Builder, half_m: f32, pavement_m: f32, r: &mut Stream) {
     let f = &Frame::world();
     let tar = color(r.pick(&[0x55565a, 0x4a4b4f, 0x625f5c]));
-    let marked = Material::new(Pattern::Road(half_m), tar, color(0xd9d7cf), seed(r));
+    let marked = Material::new(Pattern::Road(half_m), tar, color(0xd9d7cf), r.seed());
     b.block(f, [0.0, -0.2, 30.0], [2.0 * half_m, 0.4, 120.0], marked);
     let (slab, joint) = r.pick(&[(0xa9a49a, 0x86817a), (0xb5a594, 0x8f8272), (0x999c9e, 0x7b7d7f)]);
-    let slabs = Material::new(Pattern::Tiles(0.5), color(slab), color(joint), seed(r));
-    let kerb = Material::plain(color(0xb4b2ac));
+    let slabs = Material::new(Pattern::Tiles(0.5), color(slab), color(joint), r.seed());
+    let kerb = plain(0xb4b2ac);
     for side in [-1.0, 1.0] {
         let x = side * (half_m + 0.5 * pavement_m + 10.0);
         b.block(f, [x, -0.14, 30.0], [pavement_m + 20.0, 0.52, 120.0], slabs);

@@ -1,6 +1,6 @@
 //! Colours and materials of a building's rooms.
 
-use super::material::{Material, color};
+use super::material::{Material, color, plain};
 use super::pattern::Pattern;
 use super::random::Stream;
 use glam::Vec3;
@@ -28,11 +28,6 @@ pub(super) fn accent(r: &mut Stream) -> Vec3 {
     color(r.pick(&ACCENTS))
 }
 
-/// A seed for a texture.
-pub(super) fn seed(r: &mut Stream) -> i32 {
-    (r.bits() >> 40) as i32
-}
-
 /// The style of building number `building`.
 pub(super) fn style(r: &mut Stream, building: usize) -> Style {
     let walls =
@@ -54,7 +49,7 @@ pub(super) fn style(r: &mut Stream, building: usize) -> Style {
     ];
     let (wood_a, wood_b) = r.pick(&woods);
     let (floor_a, floor_b) = r.pick(&woods);
-    let seed = (r.bits() >> 40) as i32;
+    let seed = r.seed();
     let floor =
         match r.index(5) {
             0 => Material::new(Pattern::Tiles(0.45), color(0xb9a68c), color(0x857663), seed)
@@ -73,9 +68,9 @@ pub(super) fn style(r: &mut Stream, building: usize) -> Style {
         wall: Material::new(paper, wall_a, wall_a.lerp(wall_b, 0.5), seed),
         floor,
         wood: Material::new(Pattern::Grain(false), color(wood_a), color(wood_b), seed),
-        paint: Material::plain(color(r.pick(&[0xe9e5db, 0xcfd6d2, 0x9fb0a8, 0xd8c8b0, 0x7f8f9c]))),
+        paint: plain(r.pick(&[0xe9e5db, 0xcfd6d2, 0x9fb0a8, 0xd8c8b0, 0x7f8f9c])),
         cloth: Material::new(Pattern::Cloth, cloth, cloth * 0.75, seed),
         accent: Material::plain(accent),
-        metal: Material::plain(color(r.pick(&[0x33373b, 0x8d8a80, 0x9a7b45]))).glossy(0.08),
+        metal: plain(r.pick(&[0x33373b, 0x8d8a80, 0x9a7b45])).glossy(0.08),
     }
 }

@@ -1,7 +1,7 @@
 //! Trees and shrubs: trunks, branches, ragged crowns.
 
 use super::build::{Builder, Frame};
-use super::material::{Material, color};
+use super::material::{Material, color, plain};
 use super::pattern::Pattern;
 use super::random::Stream;
 
@@ -9,7 +9,7 @@ const GREENS: [u32; 6] = [0x4f7a35, 0x5f8a3c, 0x3f6b34, 0x6f8f45, 0x8a8a3a, 0x54
 
 fn leaves(r: &mut Stream) -> Material {
     let green = color(r.pick(&GREENS));
-    let seed = (r.bits() >> 40) as i32;
+    let seed = r.seed();
     Material::new(Pattern::Mottled(0.25), green * 0.75, green * 1.35, seed)
 }
 
@@ -38,7 +38,7 @@ pub(super) fn broadleaf(b: &mut Builder, f: &Frame, height: f32, r: &mut Stream)
 
 /// A conifer of this height.
 pub(super) fn conifer(b: &mut Builder, f: &Frame, height: f32, r: &mut Stream) {
-    let bark = Material::plain(color(0x54402f));
+    let bark = plain(0x54402f);
     b.post(f, [0.0; 3], [0.02 * height, 0.01 * height], 0.5 * height, bark);
     let green = color(0x2f5238);
     for k in 0..5 {

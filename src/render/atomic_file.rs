@@ -1,6 +1,6 @@
-//! The only way anything is written: temporary name, fsync, rename, fsync of the folder.
+//! Atomic writes of files and folders: temporary name, fsync, rename, fsync of the folder.
 //!
-//! A reader therefore sees a whole file or none, also after a power cut.
+//! A reader sees a whole file or none, even after a power cut.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, IntoInnerError, Write};
@@ -11,21 +11,21 @@ use tempfile::NamedTempFile;
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {source}; check the disk's space and the folder's permissions", path.display())]
 pub struct WriteError {
-    /// What was to be written.
+    /// The file or folder.
     pub path: PathBuf,
     pub source: io::Error,
 }
 
-/// How names of files that are not finished begin.
+/// Prefix of the names of unfinished files.
 const TEMPORARY_PREFIX: &str = ".tmp-";
 
-/// `path` is the temporary name of a file that was being written, perhaps by a process that was killed.
+/// Whether `path` is the temporary name of an unfinished file, perhaps of a killed process.
 pub fn is_temporary(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(TEMPORARY_PREFIX))
 }
 
-/// Removes files that `is_leftover` from a folder and from those in it, `depth` deep. The caller must be the
-/// folder's only user; files that cannot be removed do no harm.
+/// Removes files that `is_leftover` accepts from a folder and its subfolders, `depth` levels deep. The caller must be the
+/// folder's only user. Ignores files that cannot be removed: they do no harm.
 pub fn sweep(folder: &Path, depth: u32, is_leftover: &dyn Fn(&Path) -> bool) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         match entry.file_type() {
@@ -50,29 +50,29 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     write_inner(path, bytes, true).map_err(|source| WriteError { path: path.to_owned(), source })
 }
 
-/// Writes `bytes` to `path` whole or not at all, without waiting for the disk.
+/// Writes `bytes` to `path` atomically, without waiting for the disk.
 ///
-/// For files that cost nothing to make again (reports, pictures for a person to look at).
+/// For files that are cheap to make again, such as reports and pictures.
 pub fn write_relaxed(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     write_inner(path, bytes, false).map_err(|source| WriteError { path: path.to_owned(), source })
 }
 
-/// A file that is written bit by bit, for what does not fit into memory: under a temporary name until [`Self::finish`].
-/// Dropped before that, it is gone.
+/// A file that is written in parts, for content that does not fit into memory. It has a temporary name until
+/// [`Self::finish`]; dropping it before removes it.
 pub struct PendingFile {
     writer: BufWriter<NamedTempFile>,
     path: PathBuf,
 }
 
 impl PendingFile {
-    /// Begins the file that will be `path`. The folder must exist.
+    /// Starts the file `path`, whose folder must exist.
     pub fn begin(path: &Path) -> Result<Self, WriteError> {
         let file =
             temporary(path).map_err(|source| WriteError { path: path.to_owned(), source })?;
         Ok(Self { writer: BufWriter::with_capacity(1 << 18, file), path: path.to_owned() })
     }
 
-    /// Gives it its name, durably. A file of that name is replaced.
+    /// Gives the file its name, durably. Replaces an existing file.
     pub fn finish(self) -> Result<(), WriteError> {
         let path = self.path;
         let persist = || {
@@ -110,8 +110,8 @@ pub fn settle(folder: &Path) -> Result<(), WriteError> {
     sync().map_err(|source| WriteError { path: folder.to_owned(), source })
 }
 
-/// Makes a folder whose files appear all at once: `fill` writes them into a temporary one, which is then renamed to `path`. A
-/// folder of that name is replaced.
+/// Makes a folder with all its files atomically: `fill` writes them into a temporary folder, which is then renamed to
+/// `path`. Replaces an existing folder.
 pub fn write_dir<E: From<WriteError>>(
     path: &Path,
     fill: impl FnOnce(&Path) -> Result<(), E>,
@@ -137,7 +137,7 @@ pub fn write_dir<E: From<WriteError>>(
         sync_dir(parent)
     };
     let renamed = rename().map_err(failed);
-    // Its name is gone: there is nothing left to be cleared away.
+    // After the rename no temporary folder is left to remove.
     if renamed.is_ok() {
         let _ = temporary.keep();
     }
@@ -163,7 +163,7 @@ fn folder_of(path: &Path) -> &Path {
 }
 
 fn persist(file: NamedTempFile, path: &Path, durable: bool) -> io::Result<()> {
-    // tempfile makes files that their owner alone can read; results are for the whole group.
+    // tempfile makes files that only their owner can read; results must be readable by others.
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;

@@ -1,13 +1,13 @@
-//! A shard in bands of rows: a shard is the unit of checkpoints, a band that of work stealing.
+//! A shard in bands of rows: the shard is the unit of checkpoints, the band the unit of work stealing.
 //!
-//! Pixels do not depend on the tile they are traced in, and paths, misses and samples are whole numbers: so a shard put
-//! together from bands, in whatever order they come, has the bits of the shard traced in one piece.
+//! Pixels do not depend on the tile they are traced in, and paths, misses and samples are whole numbers. A shard joined from
+//! bands in any order therefore has the bits of the shard traced in one piece.
 
 use crate::layer::{Layer, PerLayer};
 use crate::trace::{CELL_PX, PixelMeans, Tile, TileResult};
 use std::sync::Mutex;
 
-/// Rows of a band. Whole cells, for adaptive scenes; few, so that no thread waits long for the last one.
+/// Rows of a band: whole cells of adaptive scenes, and few, so that no thread waits long for the last band.
 pub(crate) const BAND_ROWS: u32 = CELL_PX;
 
 pub(crate) fn bands(tile: Tile) -> u32 {
@@ -20,7 +20,7 @@ fn band(tile: Tile, index: u32) -> Tile {
     Tile { y: tile.y + y, height: BAND_ROWS.min(tile.height - y), ..tile }
 }
 
-/// A shard whose bands any free thread may trace.
+/// A shard in bands, which any free thread may trace.
 #[derive(Default)]
 pub(crate) struct BandedShard {
     joined: Mutex<Joined>,
@@ -57,7 +57,7 @@ impl BandedShard {
         let start = index as usize * BAND_ROWS as usize * tile.width as usize;
         whole.pixels[start..start + result.pixels.len()].copy_from_slice(&result.pixels);
         for layer in Layer::ALL {
-            // Of an adaptive scene the most, of others the same in all bands.
+            // Adaptive scenes record the maximum; in other scenes all bands agree.
             whole.samples[layer] = whole.samples[layer].max(result.samples[layer]);
             whole.paths[layer] += result.paths[layer];
             whole.misses[layer] += result.misses[layer];

@@ -1,6 +1,6 @@
 //! The sRGB curve (IEC 61966-2-1) and its inverse, and 8-bit codes, exactly rounded and fast.
 //!
-//! Through `libm`, whose bits do not depend on the machine, unlike those of `f64::powf`.
+//! Uses `libm`: its results are equal on all machines, unlike those of `f64::powf`.
 
 /// Maps linear values to the nearest 8-bit IEC 61966-2-1 code; values outside [0, 1] are clamped.
 pub struct SrgbEncoder {
@@ -17,7 +17,7 @@ pub fn srgb_to_linear(code: u8) -> f32 {
     decode_srgb(f64::from(code) / 255.0) as f32
 }
 
-/// The inverse curve, continued above 1; negative values and NaN stay so.
+/// The inverse curve, continued above 1; negative values stay negative, NaN stays NaN.
 pub fn decode_srgb(coded: f64) -> f64 {
     if coded > 0.04045 { libm::pow((coded + 0.055) / 1.055, 2.4) } else { coded / 12.92 }
 }

@@ -1,6 +1,6 @@
 //! SplitMix64 (Steele, Lea and Flood 2014): one mixing of 64 bits for sample points, procedural pictures and simulations.
 
-/// 2^64 over the golden ratio, odd: what SplitMix64 adds to its state.
+/// 2^64 / golden ratio, odd: the increment of SplitMix64's state.
 pub const GOLDEN_GAMMA: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// Mixes all bits: SplitMix64's finaliser, a bijection with `mix64(0) == 0`.

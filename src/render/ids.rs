@@ -1,4 +1,4 @@
-//! Identifiers that become file names: checked once, when they are made.
+//! Scene ids, which become file names: checked when they are made.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -8,7 +8,7 @@ use std::fmt;
 #[serde(try_from = "String", into = "String")]
 pub struct SceneId(String);
 
-/// A string that is no scene id.
+/// A string is not a scene id.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "scene id {0:?} is not 1 to 128 characters of [A-Za-z0-9_-]: it names files, so rename the scene"

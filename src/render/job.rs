@@ -1,4 +1,4 @@
-//! A loaded scene on its way to a tuple.
+//! Traces a loaded scene shard by shard.
 
 use crate::bands::{BandedShard, bands};
 use crate::line::SceneLine;
@@ -9,7 +9,7 @@ use crate::trace::{Isa, TRACER_VERSION, TileResult, trace_tile};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// A scene whose shards are being traced.
+/// A scene with its shards in work.
 pub struct SceneJob<'a> {
     pub line: &'a SceneLine,
     pub layout: ShardLayout,
@@ -20,7 +20,7 @@ pub struct SceneJob<'a> {
 }
 
 impl<'a> SceneJob<'a> {
-    /// A scene without any finished shard.
+    /// A job without finished shards.
     pub fn new(
         line: &'a SceneLine,
         layout: ShardLayout,
@@ -52,17 +52,17 @@ impl<'a> SceneJob<'a> {
         })
     }
 
-    /// The tracer's part of [`Self::trace`].
+    /// Traces one shard without making a partial.
     pub fn trace_tile(&self, shard: &Shard, isa: Isa) -> TileResult {
         trace_tile(&self.loaded.scene, shard.tile, shard.samples.clone(), isa)
     }
 
-    /// The rest of it: header and digest.
+    /// Makes the partial of a traced shard, with header and digest.
     pub fn partial(&self, shard: &Shard, result: TileResult) -> Partial {
         Partial::new(self.header(shard, &result), result.pixels)
     }
 
-    /// A partial in memory: its digest is empty.
+    /// The same with an empty digest, for partials that stay in memory.
     pub fn partial_in_memory(&self, shard: &Shard, result: TileResult) -> Partial {
         Partial { header: self.header(shard, &result), pixels: result.pixels }
     }
@@ -87,7 +87,7 @@ impl<'a> SceneJob<'a> {
         }
     }
 
-    /// A partial from disk is this job's shard.
+    /// Whether a partial from disk is this job's `shard`.
     pub fn accepts(&self, shard: &Shard, partial: &Partial) -> bool {
         let header = &partial.header;
         header.tracer_version == TRACER_VERSION
@@ -99,19 +99,19 @@ impl<'a> SceneJob<'a> {
             && header.facts == self.loaded.facts
     }
 
-    /// Keeps a finished shard.
+    /// Stores a finished shard.
     pub fn add(&self, partial: Partial) {
         self.results().push(Arc::new(partial));
     }
 
-    /// A finished shard, unless they were taken.
+    /// A finished shard; `None` after [`Self::take_results`].
     pub fn result(&self, shard: u32) -> Option<Arc<Partial>> {
         let results = self.results();
         let mut results = results.iter();
         results.find(|p| p.header.shard == shard).cloned()
     }
 
-    /// The finished shards so far.
+    /// Takes all finished shards.
     pub fn take_results(&self) -> Vec<Arc<Partial>> {
         std::mem::take(&mut *self.results())
     }

@@ -1,17 +1,17 @@
-//! The four images of a scene, and values that each of them has.
+//! The four images of a scene, and values for each of them.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::{Index, IndexMut};
 
-/// One of the four images, in the order in which everything stores them.
+/// One of the four images, in their order in all files and arrays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Layer {
     /// I: the scene through the pane with its reflection.
     Input,
-    /// T: the scene through the pane, bent as by the glass, nothing lost.
+    /// T: the scene through the pane, refracted but not attenuated.
     Transmission,
-    /// R~: the reflection as the glass shows it, with its ghosts.
+    /// R~: the reflection in the glass, with its ghosts.
     GlassReflection,
     /// R: the reflected scene without glass and lens.
     CleanReflection,

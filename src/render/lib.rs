@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! line -> formats -> scene -> trace -> shard, partial -> merge        job, Loaded: all of it for one scene, in memory
-//! (what)  (bytes)    (sheets) (rays)   (work, on disk)   (tuples)     layer, color, hash: what all of them share
+//! (what)  (bytes)    (sheets) (rays)   (work, on disk)   (tuples)     layer, color, hash: shared by all
 //! ```
 //!
 //! No clock, no environment variable, no asynchronous runtime and no command line: a pixel follows from the line and the bytes

@@ -1,4 +1,4 @@
-//! The one path from a scene line to pixels, for callers that hold the whole scene in memory.
+//! From a scene line to pixels, for callers with the whole scene in memory.
 
 use crate::job::{SceneJob, render_partials};
 use crate::layer::PerLayer;
@@ -14,7 +14,7 @@ use std::sync::atomic::AtomicBool;
 /// Tiles of [`Loaded::render`], px. No pixel depends on it.
 const TILE_PX: u32 = 64;
 
-/// A scene line with its decoded files: all that its pixels follow from.
+/// A scene line with its decoded files. They determine its pixels.
 ///
 /// ```
 /// use render::Loaded;
@@ -60,26 +60,18 @@ pub struct Loaded {
 
 impl Loaded {
     /// Decodes the files of `line`.
-    ///
-    /// # Errors
-    ///
-    /// A file cannot be used, or the parts do not make a scene.
     pub fn new(line: SceneLine, files: &SceneFiles) -> Result<Self, LoadError> {
         let scene = Arc::new(load(&line, files)?);
         Ok(Self { line, scene, threads: 1 })
     }
 
     /// Reads and decodes the files of `line`, whose relative paths start from `base`.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::new`]; or a file cannot be read.
     pub fn read(line: SceneLine, roots: &Roots, base: &Path) -> Result<Self, LoadError> {
         let files = read_files(&line, roots, base)?;
         Self::new(line, &files)
     }
 
-    /// What loading found out: the scene, its facts, the digests of its files.
+    /// The scene, its facts, and the digests of its files.
     pub fn scene(&self) -> &LoadedScene {
         &self.scene
     }
@@ -87,14 +79,7 @@ impl Loaded {
     /// Renders `layers` with another seed and sample count than the line's; the other images become empty.
     ///
     /// The bits are those that a run merges for a line with this seed, `spp` and these layers.
-    ///
-    /// # Errors
-    ///
-    /// A pixel is not a number.
-    ///
-    /// # Panics
-    ///
-    /// If `spp` is no power of two.
+    /// Panics if `spp` is not a power of two.
     pub fn render(
         &mut self,
         seed: u64,

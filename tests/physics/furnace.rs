@@ -31,7 +31,7 @@ fn white_stays_white() {
     }
 }
 
-/// I and R~ are the closed totals, averaged over the pixel, less what was dropped.
+/// I and R~ are the closed totals, averaged over the pixel, minus the dropped orders.
 #[test]
 fn absorbing_glass_passes_its_closed_totals() {
     let mut case = Case::new(bumpy(1, true), bumpy(2, true));
@@ -75,7 +75,7 @@ fn absorbing_glass_passes_its_closed_totals() {
     assert!(worst_glass <= 1e-5 + back);
 }
 
-/// With a black back the input is the front through the real glass, which is what `input - glass_reflection` is.
+/// With a black back the input is the front through the real glass, equal to `input - glass_reflection`.
 #[test]
 fn input_less_reflection_is_the_front_through_the_glass() {
     let mut case = Case::new(bumpy(3, false), bumpy(4, false));

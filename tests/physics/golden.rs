@@ -1,4 +1,4 @@
-//! The golden scenes against their own images at 65,536 samples, which stand in `tests/physics/golden/NAME.npy`.
+//! The golden scenes against their own images at 65,536 samples, `tests/physics/golden/NAME.npy`.
 //!
 //! An image is float32 of shape (10, 16, 12): rows, columns, red, green and blue of I, T, R~, R. To make them again
 //! after a change of the scenes or of the physics (not of rounding), and to see the errors:

@@ -1,4 +1,4 @@
-//! What a farm meets sooner or later: extreme depths, lights, tilts and sizes. Finite, not negative, and done.
+//! Extreme depths, lights, tilts and sizes: pixels are finite and not negative, and rendering ends.
 
 use crate::case::{Apex, CLEAN, Case, Photo, T, noise, whole_film};
 use render::trace::Isa;
@@ -10,7 +10,7 @@ fn survives(name: &str, case: &Case, limit: f32) -> Vec<render::trace::PixelMean
     let (sender, receiver) = mpsc::channel();
     let moved = case.clone();
     std::thread::spawn(move || {
-        // Nobody listens any more if this comes too late.
+        // The receiver may have given up.
         let _ = sender.send(whole_film(&moved.scene(), Isa::detect()));
     });
     let result = receiver

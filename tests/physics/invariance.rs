@@ -92,7 +92,7 @@ fn adaptive_pixels_depend_on_neither_tiles_nor_instruction_sets() {
     }
 }
 
-/// What a layer is does not depend on which others are made.
+/// A layer does not depend on the choice of the others.
 #[test]
 fn layers_are_the_same_without_the_others() {
     for mut case in cases() {

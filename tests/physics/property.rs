@@ -1,4 +1,4 @@
-//! What holds for every scene that the program accepts, on random ones: extreme depths, lights, panes, lenses, films.
+//! Properties of every accepted scene, on random ones: extreme depths, lights, panes, lenses, films.
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
 use crate::invariance::{bits, tiled};
@@ -128,7 +128,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
     #[test]
     fn every_scene_renders_within_its_bounds(case in case()) {
-        // What `scene::assemble` refuses: grazing rays, a lens that reaches the pane, a view past the photograph.
+        // `scene::assemble` refuses these: grazing rays, a lens that reaches the pane, a view past the photograph.
         let (normal, distance_m) = case.pane();
         prop_assume!(case.steepest_cos() > f64::to_radians(85.0).cos());
         prop_assume!(distance_m > case.aperture_m * (1.0 - normal.z * normal.z).sqrt());

@@ -141,7 +141,7 @@ impl<'a> Sheet<'a> {
         self.radiance(hit.expect("the border continues, so every line meets the sheet"))
     }
 
-    /// What the photograph shows of a point.
+    /// The photograph's radiance of a point.
     pub(crate) fn radiance(&self, point: DVec3) -> [f64; 3] {
         let photo = self.photo;
         let texel = |k: usize, coordinate: f64| {

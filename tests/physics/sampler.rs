@@ -1,4 +1,4 @@
-//! Sample points: what makes them low-discrepancy, and that an image's error falls as they promise.
+//! Sample points: their low discrepancy, and the convergence of an image's error.
 
 use crate::case::{Case, Photo, noise, whole_film};
 use render::trace::{Isa, PixelSeed, sample};

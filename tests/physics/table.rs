@@ -89,7 +89,7 @@ fn weights_up_to_grazing() {
         check("r1", both - r_0, 1, 2e-7);
         check("total T", all_front.mean[I][0], 4, front_tail + 1e-6);
         check("total R", all_back.mean[I][0], 5, back_tail + 1e-6);
-        // Nothing is lost: what was dropped is bounded, the rest adds up to white.
+        // Energy is conserved: the dropped orders are bounded, the others add up to white.
         let sum = f64::from(all_front.mean[I][0]) + f64::from(all_back.mean[I][0]);
         assert!(sum <= 1.0 + 1e-6 && sum >= 1.0 - front_tail - back_tail - 1e-6);
         println!(

@@ -8,7 +8,7 @@ use render::line::{SceneLine, parse_jsonl};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// What a layer shows.
+/// Expected content of a layer.
 enum Expected {
     /// Every pixel has this colour.
     Value([f64; 3]),

@@ -1,4 +1,4 @@
-//! Light: exposures, illuminants and white balance of scene lines, and how planning settles them by a look at each scene.
+//! Light: exposures, illuminants and white balance of scene lines, and their choice by previews in planning.
 
 use crate::support::outputs::exr_channels;
 use crate::support::program::{run, text};
@@ -215,7 +215,7 @@ fn bounds_that_no_scene_keeps_to_are_said() {
     std::fs::write(&recipe, WILD.replace("[0.02, 0.8]", "[0.9999, 1.0]")).unwrap();
     let folder = place.path().join("run");
     run(&["plan", text(&recipe), "--out", text(&folder)]).expect(4).says(&[
-        "none of 64 draws",
+        "all 64 draws, with different photographs, were rejected",
         "reflected_share is",
         "widen [reject]",
     ]);

@@ -19,6 +19,7 @@ mod oracle;
 mod places;
 mod real;
 mod real_list;
+mod real_relative;
 mod real_scenes;
 mod real_sets;
 mod rendering;

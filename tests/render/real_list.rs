@@ -32,7 +32,7 @@ fn line(set: &Set, color: &str, depth: &str) -> Value {
     line
 }
 
-/// Those whose depth is no metres. No source gives their cameras: 60 degrees across are chosen.
+/// Photographs with relative depth. Their cameras are unknown: 60 degrees across are assumed.
 fn estimates() -> [Value; 2] {
     let camera = |width: u32, height: u32| {
         let [w, h] = [width, height].map(f64::from);

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::process::Command;
 
-/// Writes `target/tmp/real-scenes/SET.json`, and looks whether the program takes them.
+/// Writes `target/tmp/real-scenes/SET.json` and checks that the program accepts them.
 #[test]
 fn scene_files_of_the_sets_are_written_and_taken() {
     let Some(root) = find_sets() else { return };

@@ -200,7 +200,7 @@ fn a_changed_recipe_is_refused_with_what_differs() {
     let arguments = ["run", text(&recipe), "--out", text(&out), "--json"];
     // What could not be trained is said before anything is traced.
     write(2, "crop_px = 64");
-    run(&arguments).expect(4).says(&["train.settings.crop_px is 64", "film.width may be 56"]);
+    run(&arguments).expect(4).says(&["train.settings.crop_px is 64", "film.width can be 56"]);
     write(2, "crop_px = 40\nreal_share = 0.5");
     run(&arguments).expect(4).says(&["real_share", "--real DIR"]);
     assert!(!out.exists());

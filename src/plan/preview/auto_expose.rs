@@ -1,10 +1,11 @@
 //! Computes exposures and white balance from a preview and writes them into the scene line.
 
 use super::images::Preview;
-use super::meter::mean_luminance;
 use super::rules::{Violation, first_violation};
 use crate::draw::nine_digits;
-use crate::light::{LightRecipe, LuminanceScale, RejectRecipe, WhiteBalance, gains_against};
+use crate::light::{
+    LightRecipe, LuminanceScale, RejectRecipe, WhiteBalance, gains_against, luminance,
+};
 use render::line::SceneLine;
 use render::scene::{AssembleError, Decoded, LoadError, SceneFiles, decode};
 use render::trace::Isa;
@@ -12,16 +13,17 @@ use render::trace::Isa;
 /// Geometric mean luminance of a metered photograph: middle grey.
 const MIDDLE_GREY: f64 = 0.18;
 
+/// Least luminance of a pixel, since black has no logarithm: about a quarter of an 8-bit step.
+const FLOOR: f64 = 7.6e-5;
+
 /// A scene that cannot be previewed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ExposureError {
-    /// A file cannot be read or decoded.
     #[error(transparent)]
     Load(#[from] LoadError),
     /// The drawn numbers do not fit the photographs.
     #[error(transparent)]
     Refused(#[from] AssembleError),
-    /// No pixel to expose for.
     #[error("I is black: no exposure or white balance brightens it")]
     Black,
 }
@@ -94,6 +96,17 @@ fn plain_camera(line: &SceneLine) -> SceneLine {
     line.camera.exposure = 1.0;
     line.camera.white_balance = [1.0; 3];
     line
+}
+
+/// Geometric mean of the luminance of one side's pixels (of a mesh, its vertices), as a light meter averages it.
+fn mean_luminance(side: &Decoded) -> f64 {
+    let radiance = match side {
+        Decoded::Sheet(sheet) => &sheet.radiance,
+        Decoded::Mesh(mesh) => &mesh.radiance,
+    };
+    let log = |&[r, g, b, _]: &[f32; 4]| libm::log2(luminance([r, g, b].map(f64::from)).max(FLOOR));
+    let sum: f64 = radiance.iter().map(log).sum();
+    libm::exp2(sum / radiance.len().max(1) as f64)
 }
 
 fn scale(side: &mut Decoded, factors: [f64; 3]) {

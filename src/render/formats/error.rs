@@ -1,17 +1,16 @@
-//! Why the files of a photograph or a mesh cannot become a surface.
+//! Errors in the files of a photograph, panorama or mesh.
 
+use crate::line::LineError;
 use std::path::PathBuf;
 
-/// A photograph or mesh is refused; its scene goes to quarantine with this text.
+/// A file is invalid; its scene is quarantined with this text.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
-    /// The file has no bytes.
     #[error("{} is empty; write or fetch it again", path.display())]
     Empty { path: PathBuf },
-    /// The magic bytes belong to no format that may stand here.
+    /// The magic bytes are of no format that this file may have.
     #[error("{} is {found}; give {expected}", path.display())]
     Format { path: PathBuf, found: String, expected: &'static str },
-    /// The file is damaged, cut short or of an unusual kind.
     #[error("cannot read {} as {format}: {source}; write or fetch it again", path.display())]
     Unreadable {
         path: PathBuf,
@@ -19,7 +18,6 @@ pub enum SceneError {
         format: &'static str,
         source: Box<dyn std::error::Error + Send + Sync>,
     },
-    /// The image has no pixels, or more than the limits allow.
     #[error(
         "{} has {width}x{height} pixels; sizes are 1 to {max_side} a side and at most {max_pixels} pixels: resize it",
         path.display(),
@@ -27,10 +25,9 @@ pub enum SceneError {
         max_pixels = super::limits::MAX_PIXELS
     )]
     Size { path: PathBuf, width: u64, height: u64 },
-    /// The file is readable, but its channels, element type or array shape do not fit its use.
+    /// The file is readable, but its channels, element type or array shape are wrong.
     #[error("{} holds {found}; give {expected}", path.display())]
     Layout { path: PathBuf, found: String, expected: &'static str },
-    /// The mask does not cover the depth image.
     #[error(
         "mask {} has {width}x{height} pixels, depth {} has {depth_width}x{depth_height}; give a mask of the depth's size, or none",
         path.display(),
@@ -44,7 +41,7 @@ pub enum SceneError {
         depth_width: usize,
         depth_height: usize,
     },
-    /// A colour image holds what is no radiance, after `transfer` and `exposure`.
+    /// A colour image has values that are not radiance, after `transfer` and `exposure`.
     #[error(
         "{} has {count} pixels with NaN, infinite or negative radiance, the first at column {x}, row {y}; repair the file, or lower the exposure",
         path.display()
@@ -53,17 +50,15 @@ pub enum SceneError {
         path: PathBuf,
         /// Pixels with at least one such channel.
         count: usize,
-        /// Column of the first, in reading order.
         x: usize,
         y: usize,
     },
-    /// Not one usable depth is left.
     #[error(
-        "{} has no pixel whose depth is finite, above 0 and valid in the mask; check depth_unit_m and the mask, or leave this photograph out",
+        "{} has no valid pixel with a finite depth above 0; check depth_unit_m and the mask, or leave this photograph out",
         path.display()
     )]
     NoDepth { path: PathBuf },
-    /// Depths whose inverse is no normal `f32`.
+    /// The inverse of a depth is not a normal `f32`.
     #[error(
         "{} has {count} pixels too near or too far to calculate with, the first of {z_m:e} m at column {x}, row {y}; check depth_unit_m, or mask them out",
         path.display()
@@ -76,23 +71,9 @@ pub enum SceneError {
         x: usize,
         y: usize,
     },
-    /// A vertex, face or table of a mesh that cannot be used.
+    /// A vertex, face or table of a mesh is invalid.
     #[error("{}: {what} {problem}; {remedy}", path.display())]
-    Element {
-        path: PathBuf,
-        what: String,
-        /// What is wrong with it.
-        problem: String,
-        remedy: &'static str,
-    },
-    /// A number of the manifest line is out of its range.
-    #[error("{name} of {} is {value}; it must be {expected}: correct the manifest", path.display())]
-    Parameter {
-        /// The file that the number is about.
-        path: PathBuf,
-        /// The key in the manifest.
-        name: &'static str,
-        value: f64,
-        expected: &'static str,
-    },
+    Element { path: PathBuf, what: String, problem: String, remedy: &'static str },
+    #[error("{}: {source}: correct the manifest", path.display())]
+    Parameter { path: PathBuf, source: LineError },
 }

@@ -12,9 +12,8 @@ use std::io::Cursor;
 const COLOR: &str = "channels R, G and B, or a single Y, without subsampling or deep data";
 const DEPTH: &str = "a channel Z, Y or R, or a single channel, without subsampling or deep data";
 
-/// The first layer with R, G and B, else the first with Y and no chroma; other channels are ignored;
-/// the data window is the image.
-/// 16- and 32-bit floats and 32-bit integers are read as `f32`, unscaled.
+/// Decodes the first layer with R, G and B, else the first with Y and no chroma; ignores other channels. The data window is
+/// the image. 16- and 32-bit floats and 32-bit integers become `f32`, unscaled.
 pub(crate) fn decode_color(file: &NamedBytes) -> Result<Raster, SceneError> {
     file.contain(FileFormat::Exr, || match color_layer(file)? {
         (Channels::Rgb, _) => read_rgb(file),
@@ -32,7 +31,7 @@ pub(crate) fn depth_size(file: &NamedBytes) -> Result<[usize; 2], SceneError> {
     file.contain(FileFormat::Exr, || Ok(depth_layer(file)?.1))
 }
 
-/// What is read of a layer.
+/// The channels to read of a layer.
 enum Channels {
     Rgb,
     Single(&'static str),
@@ -71,7 +70,7 @@ fn size(header: &Header) -> [usize; 2] {
     [width, height]
 }
 
-/// The first layer's Z, Y or R, tried in this order over all layers, or its only channel.
+/// Decodes the first Z, Y or R channel, tried in this order over all layers, or the only channel.
 pub(crate) fn decode_depth(file: &NamedBytes) -> Result<Raster, SceneError> {
     file.contain(FileFormat::Exr, || read_single(file, &depth_layer(file)?.0))
 }
@@ -148,14 +147,14 @@ fn read_single(file: &NamedBytes, name: &str) -> Result<Raster, SceneError> {
     Ok(image.layer_data.channel_data.pixels.into_raster(1))
 }
 
-/// What the decoder fills pixel by pixel.
+/// Pixels that the decoder fills one by one.
 struct Pixels {
     size: Vec2<usize>,
     values: Vec<f32>,
 }
 
 impl Pixels {
-    /// NaN, so that a pixel that no block of the file covers is not taken for black.
+    /// NaN marks pixels that no block of the file covers: they must not become black.
     fn new(size: Vec2<usize>, channels: usize) -> Self {
         Self { size, values: vec![f32::NAN; size.area() * channels] }
     }

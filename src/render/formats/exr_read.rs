@@ -1,4 +1,4 @@
-//! OpenEXR files of ours, read back: the first part with all channels, and headers that are checked before it is unpacked.
+//! Reads OpenEXR files that this program wrote: the first part with all channels, after a check of the headers.
 
 use exr::image::{AnyChannels, Layer};
 use exr::math::Vec2;
@@ -19,11 +19,7 @@ pub struct ExrChannels {
 }
 
 impl ExrChannels {
-    /// Pixels of the tuple's layer of that name, from `NAME.R`, `NAME.G`, `NAME.B`.
-    ///
-    /// # Errors
-    ///
-    /// Which channel is missing, in words.
+    /// Pixels of the tuple's layer of that name, from `NAME.R`, `NAME.G`, `NAME.B`. An error names the missing channel.
     pub fn layer(&self, name: &str) -> Result<Vec<[f32; 3]>, String> {
         let of = |colour: &str| {
             let name = format!("{name}.{colour}");
@@ -36,16 +32,12 @@ impl ExrChannels {
     }
 }
 
-/// Decodes the first layer of an EXR whose channels are floats.
-///
-/// # Errors
-///
-/// What is wrong with it, in words.
+/// Decodes the first layer of an EXR with float channels. An error is a text for the user.
 pub fn decode_exr_channels(bytes: &[u8]) -> Result<ExrChannels, String> {
     let layer = first_layer(bytes)?;
     let mut list = Vec::new();
     for channel in layer.channel_data.list {
-        // Nothing here writes integers.
+        // This program writes no integers.
         if matches!(channel.sample_data, FlatSamples::U32(_)) {
             return Err(format!("channel {} holds integers", channel.name));
         }
@@ -69,13 +61,13 @@ pub(crate) fn first_layer(bytes: &[u8]) -> Result<Layer<AnyChannels<FlatSamples>
     Ok(image.layer_data)
 }
 
-/// The headers of all parts; nothing of the claimed size is allocated.
+/// The headers of all parts. Allocates nothing of the claimed size.
 pub(crate) fn headers(bytes: &[u8]) -> Result<Vec<Header>, String> {
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false);
     Ok(meta.map_err(|e| e.to_string())?.headers.into_vec())
 }
 
-/// The pixels that the headers describe take at most so many bytes.
+/// Checks that the pixels of the headers take at most `most` bytes.
 pub(crate) fn check_claim(headers: &[Header], most: u128) -> Result<(), String> {
     let bytes = |header: &Header| {
         let size = header.layer_size;
@@ -87,11 +79,11 @@ pub(crate) fn check_claim(headers: &[Header], most: u128) -> Result<(), String> 
     Ok(())
 }
 
-/// Deflate makes nothing smaller than by this factor.
+/// Largest compression factor of Deflate.
 const MOST_COMPRESSION: u128 = 1032;
 
-/// Looks at an EXR's headers before anything is unpacked: a damaged one may claim any size. Its pixels must be `size`, in at
-/// most so many channels, and no more of them than bytes of this length can hold.
+/// Checks an EXR's headers before any pixel is unpacked, since a damaged header may claim any size: the image must have
+/// `size`, at most `most` channels, and no more pixels than its bytes can hold.
 pub(crate) fn check_headers(bytes: &[u8], size: [u32; 2], most: usize) -> Result<(), String> {
     let headers = headers(bytes)?;
     for header in &headers {

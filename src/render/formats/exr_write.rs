@@ -1,4 +1,4 @@
-//! OpenEXR files of ours: one or more parts, ZIP, one thread, so that equal pixels have equal bytes.
+//! Writes OpenEXR files: one or more parts, ZIP, one thread, so that equal pixels give equal bytes.
 
 use crate::line::ExrPrecision;
 use exr::image::write::layers::WritableLayers;
@@ -91,7 +91,7 @@ fn write_exr<'image, Layers: WritableLayers<'image>>(
     write_exr_into(image, Vec::new())
 }
 
-/// The file's bytes, in `bytes`, which the caller may have made large enough.
+/// Writes the file into `bytes`, which may have capacity reserved.
 pub(crate) fn write_exr_into<'image, Layers: WritableLayers<'image>>(
     image: &'image Image<Layers>,
     bytes: Vec<u8>,

@@ -1,12 +1,12 @@
-//! The bytes of a scene's files, and which format they are in.
+//! The bytes of a scene's files and their formats.
 
 use super::error::SceneError;
 use std::path::PathBuf;
 
-/// A file's contents and the name that errors call it by.
+/// A file's contents and its name for errors.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NamedBytes {
-    /// For error texts alone: nothing is opened.
+    /// Only for error texts.
     pub path: PathBuf,
     pub bytes: Vec<u8>,
 }
@@ -31,7 +31,7 @@ pub struct PanoramaFiles {
     pub depth: Option<NamedBytes>,
 }
 
-/// A file format, found by its magic bytes: extensions lie.
+/// A file format, recognised by its magic bytes: extensions are unreliable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FileFormat {
     Png,
@@ -45,7 +45,6 @@ pub(crate) enum FileFormat {
 }
 
 impl FileFormat {
-    /// What people call it.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Png => "PNG",
@@ -61,7 +60,7 @@ impl FileFormat {
 }
 
 impl NamedBytes {
-    /// The format of the file, or an error that says what is `expected`.
+    /// The format of the file; errors name the `expected` ones.
     pub(crate) fn format(&self, expected: &'static str) -> Result<FileFormat, SceneError> {
         match self.bytes.as_slice() {
             [] => Err(SceneError::Empty { path: self.path.clone() }),
@@ -85,17 +84,17 @@ impl NamedBytes {
         }
     }
 
-    /// The file is of a kind that may not stand here.
+    /// An error: the file has the wrong format.
     pub(crate) fn wrong_format(&self, found: String, expected: &'static str) -> SceneError {
         SceneError::Format { path: self.path.clone(), found, expected }
     }
 
-    /// The file's contents do not fit its use.
+    /// An error: the file has the wrong channels, element type or shape.
     pub(crate) fn wrong_layout(&self, found: String, expected: &'static str) -> SceneError {
         SceneError::Layout { path: self.path.clone(), found, expected }
     }
 
-    /// A mesh's vertex, face or table that cannot be used: `what` of the file, what is wrong, and what to do.
+    /// An error: the vertex, face or table `what` of a mesh is invalid.
     pub(crate) fn bad_element(
         &self,
         what: String,
@@ -105,7 +104,7 @@ impl NamedBytes {
         SceneError::Element { path: self.path.clone(), what, problem, remedy }
     }
 
-    /// The file's bytes do not decode.
+    /// An error: the file cannot be decoded.
     pub(crate) fn unreadable(
         &self,
         format: FileFormat,
@@ -118,13 +117,13 @@ impl NamedBytes {
         }
     }
 
-    /// Runs a decoder that is not ours; its panic on hostile bytes becomes an error.
+    /// Runs a foreign decoder and turns its panic into an error.
     pub(crate) fn contain<T>(
         &self,
         format: FileFormat,
         decode: impl FnOnce() -> Result<T, SceneError>,
     ) -> Result<T, SceneError> {
-        // What the closure leaves half done is dropped with it.
+        // Unwind safe: a panic drops everything that the closure owns.
         std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode))
             .unwrap_or_else(|_| Err(self.unreadable(format, "the decoder gave up on its contents")))
     }

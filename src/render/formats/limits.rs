@@ -1,4 +1,4 @@
-//! How large an image or a mesh may be, checked before anything of its size is allocated.
+//! Size limits of images and meshes, checked before anything of that size is allocated.
 
 use super::error::SceneError;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Image, array and mesh files: bytes in, numbers or a typed error out; and OpenEXR the other way.
+//! Readers of image, array and mesh files, and a writer of OpenEXR.
 //!
 //! Hostile bytes end in a [`SceneError`], never in a panic, and sizes are checked before anything of that size is allocated
 //! ([`limits`]).

@@ -1,4 +1,4 @@
-//! Images in `.npy` files, seen as rows of pixels whatever their shape, order and type.
+//! Images in `.npy` files as rows of pixels, of any shape, order and type.
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
@@ -6,7 +6,7 @@ use super::limits::check_size;
 use super::npy_header::{Element, NpyError, NpyHeader};
 use ::exr::prelude::f16;
 
-/// What an array's axes mean.
+/// Meaning of an array's axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Axes {
     /// (H,W), (H,W,1), (1,H,W): a depth image or mask. (1,N,1) is one row of N pixels.
@@ -28,7 +28,7 @@ pub(crate) struct NpyImage<'a> {
     data: &'a [u8],
 }
 
-/// What the header says of the image.
+/// The image as the header describes it.
 pub(crate) struct NpyHead {
     pub(crate) width: usize,
     pub(crate) height: usize,
@@ -120,15 +120,7 @@ impl<'a> NpyImage<'a> {
 
     /// Which values are neither 0 nor NaN.
     pub(crate) fn nonzero(&self) -> Vec<bool> {
-        match self.element {
-            Element::Bool | Element::U8 | Element::I8 => self.decode(|[byte]| byte != 0),
-            Element::U16 | Element::I16 => self.decode(|bytes: [u8; 2]| bytes != [0; 2]),
-            Element::U32 | Element::I32 => self.decode(|bytes| u32::from_le_bytes(bytes) != 0),
-            Element::U64 | Element::I64 => self.decode(|bytes| u64::from_le_bytes(bytes) != 0),
-            Element::F16 => self.decode(|bytes| is_nonzero(f16::from_le_bytes(bytes).to_f64())),
-            Element::F32 => self.decode(|bytes| is_nonzero(f32::from_le_bytes(bytes) as f64)),
-            Element::F64 => self.decode(|bytes| is_nonzero(f64::from_le_bytes(bytes))),
-        }
+        self.values(|value| value != 0.0 && !value.is_nan())
     }
 
     /// 8-bit values as they are.
@@ -164,10 +156,6 @@ impl<'a> NpyImage<'a> {
         }
         values
     }
-}
-
-fn is_nonzero(value: f64) -> bool {
-    value != 0.0 && !value.is_nan()
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use super::files::{FileFormat, NamedBytes};
 /// Most axes that an image can have; more are refused while parsing.
 const MAX_AXES: usize = 8;
 
-/// Why bytes are no array that can be read.
+/// An array that cannot be read.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum NpyError {
     #[error("the file ends within the header")]
@@ -27,7 +27,7 @@ pub(crate) enum NpyError {
     Length { needed: usize, found: usize },
 }
 
-/// What an array's bytes mean.
+/// The layout of an array's bytes.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct NpyHeader {
     pub(crate) element: Element,
@@ -93,7 +93,7 @@ impl Element {
         match order {
             "<" => Some((element, false)),
             ">" => Some((element, true)),
-            // "No order" stands for single bytes alone.
+            // "|", no byte order, is only for single bytes.
             "|" if element.size() == 1 => Some((element, false)),
             _ => None,
         }
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_refused() {
+    fn invalid_headers_are_refused() {
         let dict = |inside: &str| parse(&format!("{{{inside}}}")).unwrap_err();
         assert_eq!(dict(""), NpyError::Keys);
         assert_eq!(dict("'descr':'<f4','fortran_order':False"), NpyError::Keys);

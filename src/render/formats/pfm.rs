@@ -1,8 +1,8 @@
-//! Portable float maps: what depth estimators and light probes are often kept in.
+//! Portable float maps, a common format of depth estimates and light probes.
 //!
 //! A text header of three lines, `Pf` (grey) or `PF` (RGB), `width height`, and a number whose sign is the byte order
 //! (negative: little-endian), then 32-bit floats, **the lowest row first**
-//! (<https://www.pauldebevec.com/Research/HDR/PFM/>). The number's size, a scale, is ignored, as everywhere.
+//! (<https://www.pauldebevec.com/Research/HDR/PFM/>). The number's magnitude, a scale, is ignored, as by other readers.
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
@@ -12,7 +12,7 @@ use super::raster::{Raster, Samples};
 /// Longest line of a header.
 const LINE_BYTES: usize = 64;
 
-/// What the header says.
+/// The header.
 pub(crate) struct PfmHead {
     pub(crate) width: usize,
     pub(crate) height: usize,
@@ -23,7 +23,7 @@ pub(crate) struct PfmHead {
     data_offset: usize,
 }
 
-/// Reads the header, and holds it against the file's length. `file` may hold the beginning alone.
+/// Reads the header and checks it against the file's length. `file` may hold only the beginning.
 pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<PfmHead, SceneError> {
     let bad = |what: &str| file.unreadable(FileFormat::Pfm, what.to_owned());
     let mut rest = file.bytes.as_slice();
@@ -64,7 +64,7 @@ pub(crate) fn decode(file: &NamedBytes) -> Result<Raster, SceneError> {
     Ok(Raster { width, height, channels, samples: Samples::F32(values.collect()), rescaled: false })
 }
 
-/// The next word, and one white byte behind it.
+/// Takes the next word and one white-space byte after it.
 fn word<'b>(rest: &mut &'b [u8]) -> Option<&'b str> {
     let end = rest.iter().take(LINE_BYTES).position(u8::is_ascii_whitespace)?;
     let word = std::str::from_utf8(&rest[..end]).ok()?;
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said() {
+    fn errors_name_the_problem() {
         let four = [[0; 4]; 4];
         for (header, values, words) in [
             ("Pf\n2 2\n-1\n", &four[..3], "12 bytes, not by 16"),

@@ -1,7 +1,7 @@
 //! PLY files with vertex colours, ASCII or binary of either byte order.
 //!
-//! Read by hand: a number costs a table lookup instead of a call by property name, counts are checked against the
-//! length before anything is allocated, and errors name the element.
+//! An own reader: a number costs a table lookup instead of a call by property name, counts are checked against the
+//! length before any allocation, and errors name the element.
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
@@ -9,7 +9,7 @@ use super::limits::{MAX_TRIANGLES, MAX_VERTICES};
 use super::ply_header::{Coding, Element, Header, Kind, Scalar};
 use glam::DVec3;
 
-/// What a scene can be made of.
+/// A usable mesh, for error texts.
 const USABLE: &str = "a PLY mesh with vertex x, y, z, red, green, blue and face vertex_indices";
 
 /// A mesh as in its file.
@@ -74,7 +74,7 @@ pub(crate) fn decode(file: &NamedBytes) -> Result<Ply, SceneError> {
         return Err(file.wrong_layout("no vertices or no faces".to_owned(), USABLE));
     }
     let vertices = ply.vertices.len() as u32;
-    // A face may stand before the vertices that it names.
+    // Faces may precede the vertices that they name.
     if let Some((face, _)) =
         ply.triangles.iter().enumerate().find(|(_, corners)| corners.iter().any(|&i| i >= vertices))
     {
@@ -127,7 +127,7 @@ struct Body<'a> {
 }
 
 impl Body<'_> {
-    /// The next number; `None` at the end of the file, or if it is none of its type.
+    /// The next number; `None` at the end of the file, or if it does not have the type.
     #[inline]
     fn number(&mut self, kind: Scalar) -> Option<f64> {
         if self.coding == Coding::Ascii {
@@ -193,7 +193,7 @@ impl Body<'_> {
         (0.0..=4_294_967_295.0).contains(&value).then_some(value as u32)
     }
 
-    /// Passes over a property.
+    /// Skips a property.
     fn pass(&mut self, kind: Kind) -> Option<()> {
         match kind {
             Kind::Scalar(scalar) => {
@@ -209,7 +209,7 @@ impl Body<'_> {
     }
 }
 
-/// Passes over an element; the item at which the file ends, if it does.
+/// Skips an element. An error is the index of the item at which the file ends.
 fn skip(element: &Element, body: &mut Body) -> Result<(), u64> {
     if element.properties.is_empty() {
         return Ok(());
@@ -230,7 +230,7 @@ fn read_vertices(
     ply: &mut Ply,
 ) -> Result<(), SceneError> {
     let names = ["x", "y", "z", "red", "green", "blue"];
-    // What each property of the file is good for: a place in `names` and what its values are divided by.
+    // For each property of the file: its index in `names` and the divisor of its values.
     let mut uses = vec![None; element.properties.len()];
     for (place, name) in names.into_iter().enumerate() {
         let missing = || file.wrong_layout(format!("vertices without {name}"), USABLE);

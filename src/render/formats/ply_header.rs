@@ -1,4 +1,4 @@
-//! The header of a PLY file: which elements it has, with which properties.
+//! The header of a PLY file: its elements and their properties.
 //!
 //! Greg Turk, "The PLY Polygon File Format", 1994: lines of ASCII from `ply` to `end_header`.
 
@@ -7,7 +7,7 @@ const MAX_HEADER: usize = 1 << 16;
 /// Most elements, and most properties of one.
 const MAX_PARTS: usize = 256;
 
-/// How the numbers of the body are written.
+/// Coding of the numbers in the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Coding {
     Ascii,
@@ -58,7 +58,7 @@ impl Scalar {
     }
 }
 
-/// What one property of an element holds.
+/// Type of a property.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Scalar(Scalar),
@@ -104,12 +104,12 @@ impl Element {
 pub(crate) struct Header {
     pub(crate) coding: Coding,
     pub(crate) elements: Vec<Element>,
-    /// Where the body starts.
+    /// Offset of the body.
     pub(crate) body: usize,
 }
 
 impl Header {
-    /// Reads the header; an error in words if it is none.
+    /// Reads the header. An error is a text for the user.
     pub(crate) fn parse(bytes: &[u8]) -> Result<Self, String> {
         let mut coding = None;
         let mut elements: Vec<Element> = Vec::new();

@@ -1,4 +1,4 @@
-//! PNG, JPEG, PNM and Radiance HDR files through the `image` crate, and what all colour formats decode to.
+//! PNG, JPEG, PNM and Radiance HDR files through the `image` crate, and the decoded form of all colour formats.
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
@@ -15,8 +15,7 @@ pub(crate) struct Raster {
     /// 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha.
     pub(crate) channels: usize,
     pub(crate) samples: Samples,
-    /// The decoder spread codes of another range over the whole range of the type: right for
-    /// colour, wrong for depth.
+    /// The decoder scaled codes of another range to the range of the type: right for colour, wrong for depth.
     pub(crate) rescaled: bool,
 }
 
@@ -31,184 +30,139 @@ pub(crate) enum Samples {
 /// Bytes of the shortest header of a binary PNM, `P5 1 1 1 `.
 const PNM_HEADER_BYTES: u64 = 9;
 
-/// What a header says of the pixels.
+/// Type of the samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Sample {
+    U8,
+    U16,
+    F32,
+}
+
+/// The pixels as the header describes them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Head {
     pub(crate) width: usize,
     pub(crate) height: usize,
     /// As in [`Raster`].
     pub(crate) channels: usize,
-    /// Samples have 16 bits, not 8.
-    is_wide: bool,
+    sample: Sample,
     /// As in [`Raster`].
     pub(crate) rescaled: bool,
 }
 
 impl Head {
-    /// Bytes that a binary PNM of this header has at least; no file has those of another.
+    /// Least length of a binary PNM with this header; `u64::MAX` for a text PNM, whose length the header does not give.
     pub(crate) fn pnm_bytes(&self, start: &[u8]) -> u64 {
         if !matches!(start, [b'P', b'5' | b'6', ..]) {
             return u64::MAX;
         }
         let samples = (self.width * self.height * self.channels) as u64;
-        samples * if self.is_wide { 2 } else { 1 } + PNM_HEADER_BYTES
+        samples * if self.sample == Sample::U16 { 2 } else { 1 } + PNM_HEADER_BYTES
     }
+}
+
+/// A decoder of the `image` crate that has read the header. The number is the code that stands for 1, if not the type's
+/// maximum.
+type Opened<'a> = (Box<dyn ImageDecoder + 'a>, Option<u32>);
+
+fn open(file: &NamedBytes, format: FileFormat) -> Result<Opened<'_>, SceneError> {
+    let bytes = Cursor::new(file.bytes.as_slice());
+    let failed = |error: image::ImageError| file.unreadable(format, error);
+    Ok(match format {
+        FileFormat::Png => {
+            (Box::new(PngDecoder::with_limits(bytes, image_limits()).map_err(failed)?), None)
+        }
+        FileFormat::Jpeg => (Box::new(JpegDecoder::new(bytes).map_err(failed)?), None),
+        FileFormat::Hdr => (Box::new(HdrDecoder::new(bytes).map_err(failed)?), None),
+        FileFormat::Pnm => {
+            let decoder = PnmDecoder::new(bytes).map_err(failed)?;
+            let original_max = decoder.header().maximal_sample();
+            (Box::new(decoder), Some(original_max))
+        }
+        FileFormat::Ply => {
+            return Err(file.wrong_format(
+                "a PLY mesh".to_owned(),
+                "an image here, or name the file as \"mesh\" in place of color and depth",
+            ));
+        }
+        FileFormat::Exr | FileFormat::Npy | FileFormat::Pfm => {
+            unreachable!("read by modules of their own")
+        }
+    })
 }
 
 /// Reads the header of a PNG, JPEG, PNM or Radiance HDR file; `file` may hold only its beginning.
 pub(crate) fn head(file: &NamedBytes, format: FileFormat) -> Result<Head, SceneError> {
-    let bytes = Cursor::new(file.bytes.as_slice());
-    let failed = |error: image::ImageError| file.unreadable(format, error);
-    file.contain(format, || match format {
-        FileFormat::Png => {
-            let decoder = PngDecoder::with_limits(bytes, image_limits()).map_err(failed)?;
-            head_of(file, format, &decoder, None)
-        }
-        FileFormat::Jpeg => {
-            let decoder = JpegDecoder::new(bytes).map_err(failed)?;
-            head_of(file, format, &decoder, None)
-        }
-        FileFormat::Pnm => {
-            let decoder = PnmDecoder::new(bytes).map_err(failed)?;
-            let original_max = decoder.header().maximal_sample();
-            head_of(file, format, &decoder, Some(original_max))
-        }
-        FileFormat::Hdr => {
-            let (width, height) = HdrDecoder::new(bytes).map_err(failed)?.dimensions();
-            check_size(&file.path, width as u64, height as u64)?;
-            Ok(Head {
-                width: width as usize,
-                height: height as usize,
-                channels: 3,
-                is_wide: false,
-                rescaled: false,
-            })
-        }
-        FileFormat::Ply => Err(mesh_in_place_of_image(file)),
-        FileFormat::Exr | FileFormat::Npy | FileFormat::Pfm => {
-            unreachable!("read by modules of their own")
-        }
-    })
+    file.contain(format, || head_of(file, format, &open(file, format)?))
 }
 
-fn mesh_in_place_of_image(file: &NamedBytes) -> SceneError {
-    file.wrong_format(
-        "a PLY mesh".to_owned(),
-        "an image here, or name the file as \"mesh\" in place of color and depth",
-    )
-}
-
-/// Decodes a PNG, JPEG, PNM or Radiance HDR file. Rotation tags, profiles and gamma chunks are ignored: the
-/// manifest line says what the values mean.
+/// Decodes a PNG, JPEG, PNM or Radiance HDR file. Ignores rotation tags, profiles and gamma chunks: the scene line
+/// defines the meaning of the values.
 ///
-/// The JPEG decoder picks its instructions by the machine; whether all of them agree to the bit is
-/// not tested here.
+/// The JPEG decoder picks its instructions by the machine; no test here compares their bits.
 pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, SceneError> {
-    let bytes = Cursor::new(file.bytes.as_slice());
-    let failed = |error: image::ImageError| file.unreadable(format, error);
-    file.contain(format, || match format {
-        FileFormat::Png => {
-            let decoder = PngDecoder::with_limits(bytes, image_limits()).map_err(failed)?;
-            read(file, format, decoder, None)
+    file.contain(format, || {
+        if format == FileFormat::Jpeg && !jpeg_is_whole(&file.bytes) {
+            return Err(file.unreadable(format, "the file ends before the image does"));
         }
-        FileFormat::Jpeg => {
-            if !jpeg_is_whole(&file.bytes) {
-                return Err(file.unreadable(format, "the file ends before the image does"));
+        let opened = open(file, format)?;
+        let Head { width, height, channels, sample, rescaled } = head_of(file, format, &opened)?;
+        let (decoder, count) = (opened.0, width * height * channels);
+        let failed = |error| file.unreadable(format, error);
+        let samples = match sample {
+            Sample::U8 => {
+                let mut bytes = vec![0u8; count];
+                decoder.read_image(&mut bytes).map_err(failed)?;
+                Samples::U8(bytes)
             }
-            read(file, format, JpegDecoder::new(bytes).map_err(failed)?, None)
-        }
-        FileFormat::Pnm => {
-            let decoder = PnmDecoder::new(bytes).map_err(failed)?;
-            let original_max = decoder.header().maximal_sample();
-            read(file, format, decoder, Some(original_max))
-        }
-        FileFormat::Ply => Err(mesh_in_place_of_image(file)),
-        FileFormat::Hdr => {
-            let decoder = HdrDecoder::new(bytes).map_err(failed)?;
-            let (width, height) = decoder.dimensions();
-            check_size(&file.path, width as u64, height as u64)?;
-            let mut values = vec![0f32; width as usize * height as usize * 3];
-            decoder.read_image(bytemuck::cast_slice_mut(&mut values)).map_err(failed)?;
-            Ok(Raster {
-                width: width as usize,
-                height: height as usize,
-                channels: 3,
-                samples: Samples::F32(values),
-                rescaled: false,
-            })
-        }
-        FileFormat::Exr | FileFormat::Npy | FileFormat::Pfm => {
-            unreachable!("read by modules of their own")
-        }
+            Sample::U16 => {
+                let mut words = vec![0u16; count];
+                decoder.read_image(bytemuck::cast_slice_mut(&mut words)).map_err(failed)?;
+                Samples::U16(words)
+            }
+            Sample::F32 => {
+                let mut values = vec![0f32; count];
+                decoder.read_image(bytemuck::cast_slice_mut(&mut values)).map_err(failed)?;
+                Samples::F32(values)
+            }
+        };
+        Ok(Raster { width, height, channels, samples, rescaled })
     })
 }
 
-/// Checks size and type. `original_max` is the code that stands for 1, if not the type's maximum.
+/// Checks size and type.
 fn head_of(
     file: &NamedBytes,
     format: FileFormat,
-    decoder: &impl ImageDecoder,
-    original_max: Option<u32>,
+    (decoder, original_max): &Opened<'_>,
 ) -> Result<Head, SceneError> {
     let (width, height) = decoder.dimensions();
     check_size(&file.path, width as u64, height as u64)?;
-    let color = decoder.color_type();
-    let (channels, is_wide) = match color {
-        ColorType::L8 => (1, false),
-        ColorType::La8 => (2, false),
-        ColorType::Rgb8 => (3, false),
-        ColorType::Rgba8 => (4, false),
-        ColorType::L16 => (1, true),
-        ColorType::La16 => (2, true),
-        ColorType::Rgb16 => (3, true),
-        ColorType::Rgba16 => (4, true),
+    let (channels, sample) = match decoder.color_type() {
+        ColorType::L8 => (1, Sample::U8),
+        ColorType::La8 => (2, Sample::U8),
+        ColorType::Rgb8 => (3, Sample::U8),
+        ColorType::Rgba8 => (4, Sample::U8),
+        ColorType::L16 => (1, Sample::U16),
+        ColorType::La16 => (2, Sample::U16),
+        ColorType::Rgb16 => (3, Sample::U16),
+        ColorType::Rgba16 => (4, Sample::U16),
+        ColorType::Rgb32F if format == FileFormat::Hdr => (3, Sample::F32),
         other => {
             let found = format!("pixels of type {other:?}");
             return Err(file.wrong_layout(found, "8- or 16-bit grey or RGB"));
         }
     };
-    let is_partial = original_max.is_some_and(|max| max != if is_wide { 65535 } else { 255 });
-    // Bits a sample, in a PNG's first chunk; the decoder does not tell.
+    let type_max = if sample == Sample::U16 { 65535 } else { 255 };
+    let is_partial = original_max.is_some_and(|max| max != type_max);
+    // Bits per sample, from a PNG's first chunk: the decoder does not report them.
     let is_narrow = format == FileFormat::Png && file.bytes[24] < 8;
-    Ok(Head {
-        width: width as usize,
-        height: height as usize,
-        channels,
-        is_wide,
-        rescaled: is_partial || is_narrow,
-    })
+    let (width, height) = (width as usize, height as usize);
+    Ok(Head { width, height, channels, sample, rescaled: is_partial || is_narrow })
 }
 
-/// Checks the header, then reads the pixels.
-fn read(
-    file: &NamedBytes,
-    format: FileFormat,
-    decoder: impl ImageDecoder,
-    original_max: Option<u32>,
-) -> Result<Raster, SceneError> {
-    let head = head_of(file, format, &decoder, original_max)?;
-    let count = head.width * head.height * head.channels;
-    let failed = |error| file.unreadable(format, error);
-    let samples = if head.is_wide {
-        let mut words = vec![0u16; count];
-        decoder.read_image(bytemuck::cast_slice_mut(&mut words)).map_err(failed)?;
-        Samples::U16(words)
-    } else {
-        let mut bytes = vec![0u8; count];
-        decoder.read_image(&mut bytes).map_err(failed)?;
-        Samples::U8(bytes)
-    };
-    Ok(Raster {
-        width: head.width,
-        height: head.height,
-        channels: head.channels,
-        samples,
-        rescaled: head.rescaled,
-    })
-}
-
-/// Whether the last scan is closed by an end marker. The decoder would paint the missing rest of a
-/// cut file grey and say nothing. Neither marker can occur inside a scan.
+/// Whether an end marker follows the last scan. Without this check the decoder fills the missing part of a truncated file
+/// with grey. Neither marker can occur inside a scan.
 pub fn jpeg_is_whole(bytes: &[u8]) -> bool {
     let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xff, marker]);
     match (last(0xda), last(0xd9)) {

@@ -1,4 +1,4 @@
-//! Metres for depths that are known only up to scale and shift.
+//! Metres for relative depths, which are known up to scale and shift.
 
 use super::error::{LineError, within};
 use super::image::DepthKind;
@@ -56,7 +56,7 @@ impl DepthRange {
         }
     }
 
-    /// An error names `field`, the value and what it must be.
+    /// Checks the numbers; errors name `field`.
     pub fn validate(&self, field: &str) -> Result<(), LineError> {
         let in_metres =
             |key: &str, value| within(&format!("{field}.{key}"), value, limits::RELATIVE_DEPTH_M);

@@ -1,4 +1,4 @@
-//! Why a scene line makes no sense by itself.
+//! Errors of a scene line.
 
 use super::limits::Limit;
 
@@ -7,17 +7,12 @@ use super::limits::Limit;
 pub enum LineError {
     /// Another schema, or another version of it.
     #[error("schema is {found:?}, but must be \"glasshouse.scene/1\": write the line in that form")]
-    Schema {
-        /// What stands in its place.
-        found: String,
-    },
-    /// A number outside its range.
+    Schema { found: String },
     #[error("{field} is {value}, but must be {allowed}")]
     OutOfRange { field: String, value: f64, allowed: &'static str },
-    /// A path without a letter.
     #[error("{field} is empty, but must be the path of a file")]
     EmptyPath { field: String },
-    /// A relative depth without metres, or metres twice.
+    /// A relative depth without a range, or a metric depth with one.
     #[error(
         "{}",
         if *given {
@@ -26,18 +21,13 @@ pub enum LineError {
             format!("{side}.depth_kind is relative, but {side}.depth_range is missing: give {{\"mean_m\": metres}}")
         }
     )]
-    DepthRange {
-        /// `front` or `back`.
-        side: String,
-        given: bool,
-    },
-    /// Light has no clipped codes.
+    DepthRange { side: String, given: bool },
+    /// Linear images have no clipped codes.
     #[error("{field} is given, but only images of transfer \"srgb\" have clipped codes: remove it")]
     HighlightsOfLight { field: String },
-    /// `apex` says where the reflected side's camera stands; the front one's is the lens.
+    /// `apex` is the position of the reflected side's camera; the front's camera is the lens.
     #[error("front.apex is given, but only the back has an apex: move it to back")]
     ApexOfFront,
-    /// A matrix that turns nothing, or that bends or mirrors the mesh.
     #[error(
         "{field} is no rotation: its rows must be of length 1 and at right angles (to 1e-4), its determinant +1; \
          scale with unit_m"

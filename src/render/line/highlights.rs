@@ -1,4 +1,4 @@
-//! Light for what a photograph clipped.
+//! Radiance of clipped highlights.
 
 use super::error::{LineError, within};
 use super::image::Transfer;
@@ -17,8 +17,7 @@ pub struct Highlights {
 }
 
 impl Highlights {
-    /// Checks the numbers, which errors find under `field`, and that there are codes to expand.
-    /// An error names `field`, the value and what it must be.
+    /// Checks the numbers and the transfer; errors name `field`.
     pub fn validate(&self, field: &str, transfer: Transfer) -> Result<(), LineError> {
         within(&format!("{field}.above"), self.above, limits::BELOW_WHITE)?;
         within(&format!("{field}.to"), self.to, limits::WHITE_BECOMES)?;

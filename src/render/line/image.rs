@@ -1,4 +1,4 @@
-//! How the images of a side are coded, what their depths measure, which camera took them.
+//! Coding, depth kind, hole filling and camera of a side's images.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

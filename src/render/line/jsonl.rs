@@ -10,16 +10,9 @@ use std::collections::BTreeMap;
 pub enum ManifestError {
     /// Not JSON, or not a scene.
     #[error("manifest line {line}, column {column}: {reason}; correct that line")]
-    Json {
-        line: usize,
-        column: usize,
-        /// What was expected and what was found.
-        reason: String,
-    },
-    /// A scene that makes no sense.
+    Json { line: usize, column: usize, reason: String },
     #[error("manifest line {line}, scene {id}: {source}")]
     Scene { line: usize, id: SceneId, source: LineError },
-    /// Two scenes of one name.
     #[error(
         "manifest line {line}: scene {id} is already on line {first}; give one of them another id"
     )]
@@ -51,7 +44,7 @@ pub fn parse_jsonl(text: &str) -> Result<Vec<SceneLine>, ManifestError> {
     Ok(lines)
 }
 
-/// Reads one scene file, on as many lines as its writer liked.
+/// Reads one scene file, on any number of lines.
 pub fn parse_scene(text: &str) -> Result<SceneLine, ManifestError> {
     parse_at(without_byte_order_mark(text), 1)
 }
@@ -76,7 +69,7 @@ fn without_byte_order_mark(text: &str) -> &str {
 fn parse_at(json: &str, first_line: usize) -> Result<SceneLine, ManifestError> {
     let scene: SceneLine = serde_json::from_str(json).map_err(|error| {
         let text = error.to_string();
-        // serde_json ends its message with its own place, which is not the manifest's.
+        // serde_json appends its own line and column, which are not those of the manifest.
         let reason = match text.rsplit_once(" at line ") {
             Some((reason, _)) => reason.to_owned(),
             None => text,
@@ -154,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_numbers_are_distances_too_and_a_focus_is_one_of_its_forms() {
+    fn a_focus_has_one_of_its_forms_and_distances_may_be_whole() {
         let with =
             |focus: &str| parse_jsonl(&manifest(&["a"]).replace("{\"distance_m\":7.05}", focus));
         let focus = with("{\"distance_m\":7}").unwrap()[0].camera.focus;

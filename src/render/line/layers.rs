@@ -1,4 +1,4 @@
-//! Which of the four layers a scene makes: what is not asked for is not traced.
+//! The layers that a scene makes; others are not traced.
 
 use crate::layer::{Layer, PerLayer};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};

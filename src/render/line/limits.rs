@@ -3,7 +3,7 @@
 use std::ops::Bound::{self, Excluded, Included, Unbounded};
 use std::ops::RangeBounds;
 
-/// The values that a field may have.
+/// The allowed values of a field.
 #[derive(Clone, Copy, Debug)]
 pub struct Limit {
     range: (Bound<f64>, Bound<f64>),
@@ -64,7 +64,7 @@ pub(crate) const PERCENT: Limit = Limit::between(0.0, 100.0, "0 to 100");
 /// Where the curve for clipped highlights begins, linear.
 pub(crate) const BELOW_WHITE: Limit =
     Limit::new(Included(0.0), Excluded(1.0), "0 or more and below 1");
-/// What white becomes, linear.
+/// The value of white after the curve, linear.
 pub(crate) const WHITE_BECOMES: Limit = Limit::between(1.0, 1.0e6, "1 to 1e6");
 
 /// The table. A key without `film`, `camera`, `glass` or `light` is one of a side or of a source.

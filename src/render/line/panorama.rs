@@ -7,7 +7,7 @@ use serde::Serialize;
 
 /// All directions around one point, seen from there: columns are longitude, rows latitude, the centre is +z.
 ///
-/// It stands in place of a photograph: what the film needs of it becomes a pinhole view when the scene is loaded.
+/// Replaces a photograph: loading turns the part that the film sees into a pinhole view.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PanoramaFile {
     /// Path of the image: relative to the manifest, or `NAME:path` under a named root.
@@ -22,14 +22,14 @@ pub struct PanoramaFile {
     /// Light for clipped sRGB values.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub highlights: Option<Highlights>,
-    /// How far away things are.
+    /// Distances along the rays.
     #[serde(flatten)]
     pub depth: PanoramaDepth,
     /// Degrees by which the view turns to the right of the panorama's centre.
     pub yaw_deg: f64,
     /// Degrees by which the view then rises.
     pub pitch_deg: f64,
-    /// Of the back alone: where the panorama's point of view is (`mirror` if missing).
+    /// Only for the back: position of the panorama's point of view (`mirror` if missing).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub apex: Option<Apex>,
 }
@@ -59,6 +59,6 @@ pub struct DepthMap {
 }
 
 impl PanoramaDepth {
-    /// The radius of the sphere where nothing else is said.
+    /// Default radius of the sphere.
     pub const DEFAULT_M: f64 = 10.0;
 }

@@ -22,10 +22,10 @@ pub struct Photograph {
     /// Metres per unit of the depth file.
     #[serde(default = "one")]
     pub depth_unit_m: f64,
-    /// What the depth file measures.
+    /// Quantity of the depth file.
     #[serde(default)]
     pub depth_kind: DepthKind,
-    /// Metres for a relative depth, which has none.
+    /// Metres for a relative depth.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth_range: Option<DepthRange>,
     pub intrinsics: Intrinsics,
@@ -41,7 +41,7 @@ pub struct Photograph {
     /// How holes of the depth image are filled.
     #[serde(default, skip_serializing_if = "is_default")]
     pub fill: Fill,
-    /// Of the back photograph alone: where its capture camera stands (`mirror` if missing).
+    /// Only for the back: position of the capture camera (`mirror` if missing).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub apex: Option<Apex>,
 }

@@ -1,4 +1,4 @@
-//! Where the paths of a scene line lead: beside the manifest, under a named root, or into an object store.
+//! Resolves the paths of a scene line: beside the manifest, under a named root, or in an object store.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
@@ -6,39 +6,24 @@ use std::path::{Component, Path, PathBuf};
 /// A path or a root that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RootError {
-    /// Not of the form `NAME=DIR`.
     #[error(
         "root {argument:?} is not NAME=DIR with a NAME of two or more of [A-Za-z0-9_-]: write --root \
          diode=/path/to/diode"
     )]
     Argument { argument: String },
-    /// One name, two folders.
     #[error("root {name} is given twice, as {} and as {}: keep one", first.display(), second.display())]
     Twice { name: String, first: PathBuf, second: PathBuf },
-    /// A path under a root that no `--root` names.
     #[error(
         "path {text:?} lies under root {name}, which is unknown: pass --root {name}=DIR, or write \
          \"./{text}\" if it is a file's name"
     )]
-    Unknown {
-        /// The path as in the line.
-        text: String,
-        name: String,
-    },
-    /// A path that would leave its root.
+    Unknown { text: String, name: String },
     #[error(
         "path {text:?} leaves its root: below a named root write a relative path without \"..\""
     )]
-    Leaves {
-        /// The path as in the line.
-        text: String,
-    },
-    /// No path at all.
+    Leaves { text: String },
     #[error("path {text:?} is empty: write the path of a file")]
-    Empty {
-        /// The path as in the line.
-        text: String,
-    },
+    Empty { text: String },
 }
 
 /// Named folders, ordered by name.
@@ -80,7 +65,7 @@ impl Roots {
         }
     }
 
-    /// Names `folder` in place of what had the name.
+    /// Sets the folder of `name`, replacing any other.
     pub fn replace(&mut self, name: &str, folder: PathBuf) {
         self.0.insert(name.to_owned(), folder);
     }
@@ -127,14 +112,14 @@ impl Roots {
     }
 }
 
-/// The address of something in an object store, `s3://BUCKET/KEY`, and no path of this machine.
+/// Whether `text` is an address in an object store, `s3://BUCKET/KEY`, not a local path.
 pub fn is_url(text: impl AsRef<Path>) -> bool {
     let text = text.as_ref().to_str();
     let scheme = text.and_then(|text| text.split_once("://"));
     scheme.is_some_and(|(scheme, rest)| is_root_name(scheme) && !rest.is_empty())
 }
 
-/// Two or more of `[A-Za-z0-9_-]`.
+/// Whether `name` is two or more of `[A-Za-z0-9_-]`.
 pub fn is_root_name(name: &str) -> bool {
     let allowed = |b: u8| b.is_ascii_alphanumeric() || b == b'_' || b == b'-';
     name.len() >= 2 && name.bytes().all(allowed)
@@ -167,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn below_a_url_lie_urls() {
+    fn paths_under_a_url_are_urls() {
         let roots = Roots::parse(&["diode=s3://bucket/diode"]).unwrap();
         let found = roots.resolve(Path::new("/runs/m"), "diode:val/a.png");
         assert_eq!(found.unwrap(), Path::new("s3://bucket/diode/val/a.png"));

@@ -33,7 +33,7 @@ impl fmt::Display for Split {
     }
 }
 
-/// One scene: what is in front and at the back, a pane, a camera, a film.
+/// One scene: two sides, a pane, a camera, a film.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneLine {
@@ -52,9 +52,9 @@ pub struct SceneLine {
     pub camera: Camera,
     /// The pane.
     pub glass: Glass,
-    /// Seen through the pane.
+    /// The side seen through the pane.
     pub front: Side,
-    /// Seen reflected in the pane.
+    /// The side reflected in the pane.
     pub back: Side,
 }
 
@@ -81,8 +81,8 @@ pub struct Film {
     /// Layers that are made; all four if missing.
     #[serde(default, skip_serializing_if = "is_default")]
     pub layers: LayerSet,
-    /// An order of the glass whose weight times the largest radiance of its side stays below this is not
-    /// followed. Default 7.6e-5 (linear): a quarter of an 8-bit sRGB step near black.
+    /// Orders of the glass are dropped if their weight times the largest radiance of their side is below this. Default
+    /// 7.6e-5 (linear): a quarter of an 8-bit sRGB step near black.
     #[serde(
         default = "Film::default_order_tolerance",
         skip_serializing_if = "is_default_tolerance"
@@ -146,7 +146,7 @@ pub struct Camera {
     pub focal_length_mm: f64,
     /// Radius of the lens opening; 0 is a pinhole.
     pub aperture_radius_m: f64,
-    /// Where it is sharp.
+    /// The plane in focus.
     pub focus: Focus,
     /// Multiplies all four layers, as the exposure of a camera does.
     #[serde(default = "one", skip_serializing_if = "is_one")]
@@ -156,7 +156,7 @@ pub struct Camera {
     pub white_balance: [f64; 3],
 }
 
-/// The plane that is sharp (without the glass, whose focus shift is not compensated).
+/// The plane in focus, without the glass: its focus shift is not compensated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(
     untagged,
@@ -183,7 +183,7 @@ pub enum FocusAt {
     /// Mean z of the four centre pixels of the front depth image, as published; of a mesh, z where the ray through
     /// the film's centre first meets it.
     FrontCenter,
-    /// Of the back, what `front_center` is of the front: the mirror image of its centre is sharp.
+    /// The same of the back: the mirror image of its centre is in focus.
     BackCenter,
     /// Infinitely far away.
     Infinity,

@@ -1,4 +1,4 @@
-//! What one side of the pane shows: an RGBD photograph, or a panorama or a triangle mesh in its place.
+//! One side of the pane: an RGBD photograph, a panorama or a triangle mesh.
 
 use super::image::{Apex, Transfer, is_white, one, white};
 use super::panorama::{PanoramaDepth, PanoramaFile};
@@ -6,7 +6,7 @@ use super::photograph::Photograph;
 use super::scene_line::Camera;
 use serde::{Deserialize, Serialize};
 
-/// One side of the pane. In JSON the keys `panorama` and `mesh` tell them apart; a photograph has neither.
+/// One side of the pane. In JSON the keys `panorama` and `mesh` distinguish them; a photograph has neither.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Side {
@@ -18,7 +18,7 @@ pub enum Side {
     Mesh(MeshFile),
 }
 
-/// A triangle mesh: stands in place of `color` and `depth`.
+/// A triangle mesh, which replaces `color` and `depth`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshFile {
@@ -36,10 +36,10 @@ pub struct MeshFile {
     /// Multiplies red, green and blue of linear radiance: the colour of the light that falls on this side.
     #[serde(default = "white", skip_serializing_if = "is_white")]
     pub illuminant: [f64; 3],
-    /// Where the mesh stands; without it the file's axes are the capture camera's.
+    /// Pose of the mesh; without it the file's axes are the capture camera's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose: Option<MeshPose>,
-    /// Of the back alone: where the capture camera stands (`mirror` if missing).
+    /// Only for the back: position of the capture camera (`mirror` if missing).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub apex: Option<Apex>,
 }
@@ -62,8 +62,7 @@ impl MeshPose {
         [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     }
 
-    /// Largest difference of `rotation` times its transpose from the unit matrix; infinite for a reflection and
-    /// for what is no number.
+    /// Largest difference of `rotation` times its transpose from the unit matrix; infinite for a reflection and for NaN.
     pub(crate) fn distortion(&self) -> f64 {
         let r = &self.rotation;
         let row = |a: usize, b: usize| (0..3).map(|k| r[a][k] * r[b][k]).sum::<f64>();
@@ -87,7 +86,7 @@ impl Side {
         }
     }
 
-    /// The file that people know it by: the colour image, the panorama or the mesh.
+    /// The path that names the side: of the colour image, the panorama or the mesh.
     pub fn name(&self) -> &str {
         match self {
             Self::Photograph(photograph) => &photograph.color,
@@ -105,7 +104,7 @@ impl Side {
         }
     }
 
-    /// What multiplies its linear radiance.
+    /// Factor of its linear radiance.
     pub fn exposure(&self) -> f64 {
         match self {
             Self::Photograph(photograph) => photograph.exposure,
@@ -114,7 +113,7 @@ impl Side {
         }
     }
 
-    /// What multiplies its linear radiance, and the colour of its light.
+    /// Exposure and illuminant.
     pub fn light_mut(&mut self) -> (&mut f64, &mut [f64; 3]) {
         match self {
             Self::Photograph(photograph) => (&mut photograph.exposure, &mut photograph.illuminant),
@@ -123,7 +122,7 @@ impl Side {
         }
     }
 
-    /// The side with the camera's exposure and white balance in its own: light is linear, so both come to the same.
+    /// The side with the camera's exposure and white balance applied. Light is linear, so the order does not matter.
     #[must_use]
     pub fn seen_by(&self, camera: &Camera) -> Self {
         let mut side = self.clone();
@@ -135,7 +134,7 @@ impl Side {
         side
     }
 
-    /// Where the capture camera stands, if the line says so.
+    /// Position of the capture camera, if given.
     pub fn apex(&self) -> Option<Apex> {
         match self {
             Self::Photograph(photograph) => photograph.apex,
@@ -144,7 +143,6 @@ impl Side {
         }
     }
 
-    /// Puts the capture camera elsewhere.
     pub fn set_apex(&mut self, apex: Apex) {
         match self {
             Self::Photograph(photograph) => photograph.apex = Some(apex),
@@ -173,7 +171,7 @@ impl Side {
         }
     }
 
-    /// The same paths, to be changed.
+    /// The same paths, mutable.
     pub fn paths_mut(&mut self) -> Vec<&mut String> {
         match self {
             Self::Photograph(p) => [Some(&mut p.color), Some(&mut p.depth), p.mask.as_mut()]
@@ -195,18 +193,6 @@ impl Side {
 impl From<Photograph> for Side {
     fn from(photograph: Photograph) -> Self {
         Self::Photograph(photograph)
-    }
-}
-
-impl From<PanoramaFile> for Side {
-    fn from(panorama: PanoramaFile) -> Self {
-        Self::Panorama(panorama)
-    }
-}
-
-impl From<MeshFile> for Side {
-    fn from(mesh: MeshFile) -> Self {
-        Self::Mesh(mesh)
     }
 }
 

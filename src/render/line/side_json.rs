@@ -1,4 +1,4 @@
-//! A side as it stands in JSON: which of `mesh`, `panorama` and `color` is given decides which other keys are allowed.
+//! Reads a side from JSON: the key `mesh`, `panorama` or `color` determines the other allowed keys.
 
 use super::depth_range::DepthRange;
 use super::highlights::Highlights;
@@ -35,7 +35,7 @@ fn read<T: DeserializeOwned>(kind: &str, keys: Map<String, Value>) -> Result<T, 
     from_value(Value::Object(keys)).map_err(|error| format!("a side with `{kind}`: {error}"))
 }
 
-/// Reads any keys, each once: a `Map` by itself would keep the last of two values in silence.
+/// Reads any keys, each once. Deserializing a `Map` directly would silently keep the last of two values.
 struct KeysVisitor;
 
 impl<'de> Visitor<'de> for KeysVisitor {

@@ -1,4 +1,4 @@
-//! Whether a scene line makes sense by itself: every number within its range, every path given.
+//! Checks the fields of a scene line: ranges of numbers, presence of paths.
 
 use super::depth_range;
 use super::error::{LineError, within};
@@ -12,7 +12,7 @@ use super::side::{MeshFile, Side};
 type Numbers<'a> = [(&'static str, &'a [f64])];
 
 impl SceneLine {
-    /// Checks every field by itself; [`crate::scene::check_geometry`] checks pane, lens and film together.
+    /// Checks each field. [`crate::scene::check_geometry`] checks pane, lens and film together.
     pub fn validate(&self) -> Result<(), LineError> {
         if self.schema != SCENE_SCHEMA {
             return Err(LineError::Schema { found: self.schema.clone() });
@@ -61,7 +61,7 @@ impl SceneLine {
     }
 }
 
-/// Checks the paths and numbers of one side, which errors call `name`.
+/// Checks the paths and numbers of one side; errors name it `name`.
 pub fn side(name: &str, side: &Side) -> Result<(), LineError> {
     for (key, path) in side.paths() {
         if path.is_empty() {

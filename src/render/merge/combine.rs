@@ -1,4 +1,4 @@
-//! Partials are combined in a fixed order, weighted by their sample counts, and gaps are refused.
+//! Combines partials in a fixed order, weighted by their sample counts. Missing partials are an error.
 
 use super::moves::{Moves, SMOOTH, SMOOTH_OF_STOPPED};
 use super::noise::NoiseMap;
@@ -12,20 +12,14 @@ use crate::trace::TRACER_VERSION;
 use std::borrow::Borrow;
 use std::collections::BTreeMap;
 
-/// Why partials do not make a tuple.
+/// Partials that cannot be combined.
 #[derive(Debug, thiserror::Error)]
 pub enum MergeError {
     #[error("scene {scene}: {} of {total} shards are missing (first: {}); trace them with `work`, then merge again", missing.len(), missing[0])]
     Gaps { scene: String, missing: Vec<u32>, total: u32 },
-    /// A partial belongs to something else.
+    /// A partial of another scene, plan or tracer version.
     #[error("scene {scene}: shard {shard} {reason}; delete that partial and run `work` again")]
-    Foreign {
-        scene: String,
-        shard: u32,
-        /// Why it does not belong.
-        reason: &'static str,
-    },
-    /// A pixel is not a number.
+    Foreign { scene: String, shard: u32, reason: &'static str },
     #[error(
         "scene {scene}: layer {layer} is not finite at pixel ({x}, {y}); check the inputs' radiance and depth"
     )]
@@ -83,10 +77,10 @@ fn check_partials<'a>(
     Ok((0..layout.len()).map(|index| by_shard[&index]).collect())
 }
 
-/// The partials so far, as images.
+/// Images of the partials added so far.
 struct Combined {
     layers: PerLayer<Vec<[f32; 3]>>,
-    /// Values for each pixel, so that they are added row by row whatever the tile.
+    /// Values for each pixel: the sum runs row by row, independent of the tiles.
     moves: PerLayer<Moves>,
     samples: PerLayer<u32>,
     sample_sums: Option<PerLayer<u64>>,

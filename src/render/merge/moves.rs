@@ -1,12 +1,12 @@
-//! How far each pixel of a layer moved at the last two doublings of its samples: what the stated error is made of.
+//! Changes of each pixel at the last two doublings of its samples, from which the stated error is computed.
 
 use super::noise::CELL_PX;
 use crate::trace::square_error;
 
 /// Tail of a smooth part that converges as samples^-1.4, in mean squares of its last move.
 pub(super) const SMOOTH: f64 = 1.0 / 6.0;
-/// As samples^-1. For what is seen through the lens by cells that stopped by themselves: they stop when their moves look
-/// small, and of so few samples a smooth part is not told well from edges that were not met yet.
+/// The same for samples^-1, for layers seen through the lens in adaptive scenes: cells stop when their moves are small, and
+/// with few samples a smooth part cannot be distinguished from edges that no sample has hit yet.
 pub(super) const SMOOTH_OF_STOPPED: f64 = 1.0 / 3.0;
 
 /// Squares for each pixel, summed over its colours, row by row.
@@ -34,8 +34,8 @@ impl Moves {
         square_error(mean(&self.last), mean(&self.before), tail).sqrt()
     }
 
-    /// How far the pixels of each cell moved at the last doubling (RMS over them and their colours), row by row of a film of
-    /// this `width`, times the factor that makes the RMS over all pixels `rms`.
+    /// RMS of the last moves over the pixels and colours of each cell, row by row of a film of this `width`, scaled so that
+    /// the RMS over all pixels is `rms`.
     pub(super) fn map(&self, width: usize, rms: f64) -> Vec<f32> {
         const CELL: usize = CELL_PX as usize;
         let mean = self.last.iter().sum::<f64>() / self.last.len() as f64;

@@ -1,10 +1,9 @@
-//! How uncertain a tuple is, and where: `RUN/noise/<scene>.exr`, for the report.
+//! Noise map of a tuple, `RUN/noise/<scene>.exr`, for the report.
 //!
-//! A pixel's mean moved by some amount when its samples were doubled for the last time (first half against all). A value of
-//! the map is the RMS of these moves over the pixels of a cell and their colours, times one factor for the layer, such that
-//! the RMS over all pixels is the layer's stated error. A cell has 2 x 2 px: one pixel's move is a single draw and tells
-//! little of its own error, four tell more, and take a quarter of the room. The map is no part of the tuple and
-//! may be missing.
+//! The last doubling of the samples moves a pixel's mean (first half against all). A value of the map is the RMS of these
+//! moves over the pixels of a cell and their colours, times one factor per layer that makes the RMS over all pixels the
+//! layer's stated error. A cell has 2 x 2 px: the move of one pixel is a single draw and a poor estimate of its error; four
+//! are a better estimate in a quarter of the space. The map is not part of the tuple and may be missing.
 
 use crate::formats::exr_read::{check_headers, decode_exr_channels};
 use crate::formats::exr_write::{HALF_MAX, encode_exr};
@@ -27,7 +26,7 @@ pub struct NoiseMap {
 }
 
 impl NoiseMap {
-    /// Without any layer, for this film.
+    /// An empty map for this film.
     pub fn of(film: &Film) -> Self {
         Self {
             width: film.width.div_ceil(CELL_PX),
@@ -36,16 +35,12 @@ impl NoiseMap {
         }
     }
 
-    /// No layer has a map.
+    /// Whether no layer has a map.
     pub fn is_empty(&self) -> bool {
         self.layers.0.iter().all(Vec::is_empty)
     }
 
     /// OpenEXR, ZIP: a channel for each layer, by its name; half floats, or floats if a value needs them.
-    ///
-    /// # Errors
-    ///
-    /// Of the encoder.
     pub fn encode(&self) -> Result<Vec<u8>, exr::error::Error> {
         let half = self.layers.0.iter().flatten().all(|&v| v <= HALF_MAX);
         let made = self.layers.iter().filter(|(_, values)| !values.is_empty());
@@ -61,10 +56,7 @@ impl NoiseMap {
     }
 
     /// The map of a scene with this film.
-    ///
-    /// # Errors
-    ///
-    /// What is wrong with the bytes, in words.
+    /// An error is a text for the user.
     pub fn decode(bytes: &[u8], film: &Film) -> Result<Self, String> {
         let mut map = Self::of(film);
         let size = [map.width, map.height];
@@ -86,11 +78,11 @@ impl NoiseMap {
     }
 }
 
-/// To six significant bits, 1.6 %: a single draw is not known better, and what is left of the digits compresses.
+/// Rounds to six significant bits, 1.6 %: the estimate is no more precise, and fewer digits compress better.
 fn coarse(value: f32) -> f16 {
     const DROPPED: u16 = 5;
     let bits = f16::from_f32(value).to_bits();
-    // Values are not negative, so that rounding upwards may carry into the exponent, as it should.
+    // Values are not negative: a carry into the exponent rounds correctly.
     let rounded = (bits + (1 << (DROPPED - 1))) >> DROPPED << DROPPED;
     f16::from_bits(if f16::from_bits(rounded).is_finite() { rounded } else { bits })
 }

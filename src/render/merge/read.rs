@@ -6,15 +6,11 @@ use crate::layer::{Layer, PerLayer};
 use image::{ImageFormat, ImageReader};
 use std::io::Cursor;
 
-/// Decodes a PNG to see whether it is whole (its checksums are PNG's own) and of this size.
-///
-/// # Errors
-///
-/// What is wrong with it, in words.
+/// Decodes a PNG to check its own checksums and its size. An error is a text for the user.
 pub fn check_png(bytes: &[u8], width: u32, height: u32) -> Result<(), String> {
     let reader = || {
         let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
-        // The size is known, and checked before anything of that size is unpacked.
+        // The check below precedes any allocation of that size.
         reader.no_limits();
         reader
     };
@@ -28,12 +24,8 @@ pub fn check_png(bytes: &[u8], width: u32, height: u32) -> Result<(), String> {
     reader().decode().map(|_| ()).map_err(|e| e.to_string())
 }
 
-/// The layers of a tuple, linear, row by row; empty where the tuple does not have that layer. Each is compared with its
-/// digest in the record.
-///
-/// # Errors
-///
-/// What is wrong, in words.
+/// The layers of a tuple, linear, row by row; empty for layers that the tuple lacks. Compares each with its digest in the
+/// record. An error is a text for the user.
 pub fn decode_tuple_exr(
     bytes: &[u8],
     record: &TupleRecord,

@@ -1,4 +1,4 @@
-//! A tuple: the four images of a scene, and the record of how they came to be.
+//! A tuple: the four images of a scene and their provenance.
 
 use super::noise::NoiseMap;
 use crate::layer::{Layer, PerLayer};
@@ -21,7 +21,7 @@ pub struct Tuple {
     pub layers: PerLayer<Vec<[f32; 3]>>,
     /// `tuple.json`.
     pub record: TupleRecord,
-    /// Written beside the tuple, and no part of it.
+    /// Written beside the tuple; not part of it.
     pub noise: NoiseMap,
 }
 
@@ -32,7 +32,7 @@ impl Tuple {
     }
 }
 
-/// `tuple.json`: everything that is needed to make the tuple again, and nothing that differs between equal runs.
+/// `tuple.json`: everything needed to reproduce the tuple, without anything that differs between equal runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TupleRecord {
@@ -50,13 +50,13 @@ pub struct TupleRecord {
     pub scene: SceneLine,
 }
 
-/// One layer in numbers.
+/// Statistics of one layer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LayerRecord {
-    /// Samples a pixel; of an adaptive scene the most.
+    /// Samples per pixel; in adaptive scenes the maximum.
     pub samples: u32,
-    /// Of an adaptive scene: mean over the pixels.
+    /// Mean over the pixels of adaptive scenes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mean_samples: Option<f64>,
     /// Estimated RMS error of the layer, linear (see [`crate::trace::square_error`]); `null` where one sample has no
@@ -72,13 +72,13 @@ pub struct LayerRecord {
     pub miss_share: f64,
     /// BLAKE3 of the pixels as 32-bit floats (little endian, R G B, row by row).
     pub blake3: String,
-    /// The same of the pixels as they stand in `tuple.exr`, where half floats round them.
+    /// The same of the pixels as rounded to half floats in `tuple.exr`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exr_blake3: Option<String>,
 }
 
 impl LayerRecord {
-    /// Sums up a layer.
+    /// Computes the statistics of a layer.
     pub fn new(
         pixels: &[[f32; 3]],
         samples: u32,

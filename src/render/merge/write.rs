@@ -1,4 +1,4 @@
-//! A tuple as files: `tuple.exr`, the layers' PNGs, `tuple.json` last, so that its presence means all are there.
+//! Writes a tuple: `tuple.exr`, the layers' PNGs, and `tuple.json` last, so that its presence implies the others.
 
 use super::tuple::{Tuple, TupleRecord};
 use crate::atomic_file::{self, WriteError};
@@ -8,11 +8,11 @@ use crate::layer::PerLayer;
 use crate::line::{ExrPrecision, SceneLine};
 use crate::trace::TRACER_VERSION;
 use exr::prelude::f16;
-use image::ImageEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
 use std::path::Path;
 
-/// Files of the folder of a scene's tuple, in the order in which they are written.
+/// Names of a tuple's files, in the order of writing.
 pub fn tuple_files(line: &SceneLine) -> Vec<String> {
     let pngs = line.film.layers.names().map(|name| format!("{name}.png"));
     std::iter::once("tuple.exr".to_owned())
@@ -34,9 +34,9 @@ fn encode_error(name: &str, reason: &dyn std::fmt::Display) -> TupleWriteError {
     TupleWriteError::Encode { name: name.to_owned(), reason: reason.to_string() }
 }
 
-/// The folder holds the whole tuple of this scene line, made by this version of the tracer.
+/// Whether the folder holds the complete tuple of this scene line, made by this version of the tracer.
 ///
-/// A tuple of another plan, or one that lost a file, does not count: it is made again and replaced.
+/// A tuple of another plan or with a missing file is rendered again and replaced.
 pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
     let Ok(text) = std::fs::read_to_string(folder.join("tuple.json")) else {
         return false;
@@ -45,7 +45,7 @@ pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
         && tuple_files(line).iter().all(|name| folder.join(name).is_file())
 }
 
-/// The bytes are the `tuple.json` of this scene line, made by this version of the tracer.
+/// Whether the bytes are the `tuple.json` of this scene line, made by this version of the tracer.
 pub fn is_record_of(bytes: &[u8], line: &SceneLine) -> bool {
     let record: Result<TupleRecord, _> = serde_json::from_slice(bytes);
     record.is_ok_and(|r| r.scene == *line && r.tracer_version == TRACER_VERSION)
@@ -96,10 +96,7 @@ pub fn encode_png(
     height: u32,
 ) -> Result<Vec<u8>, image::ImageError> {
     let bytes: Vec<u8> = pixels.as_flattened().iter().map(|&v| encoder.encode(v)).collect();
-    let mut png = Vec::new();
-    PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive)
-        .write_image(&bytes, width, height, image::ExtendedColorType::Rgb8)?;
-    Ok(png)
+    png(&bytes, [width, height], ExtendedColorType::Rgb8)
 }
 
 /// A 16-bit sRGB PNG of a layer, values above 1 clipped.
@@ -109,21 +106,29 @@ pub fn encode_png16(
     height: u32,
 ) -> Result<Vec<u8>, image::ImageError> {
     let values = pixels.as_flattened().iter();
-    // The encoder takes the machine's byte order and writes PNG's.
+    // The encoder converts from native byte order to PNG's.
     let bytes: Vec<u8> = values.flat_map(|&v| linear_to_srgb16(v).to_ne_bytes()).collect();
+    png(&bytes, [width, height], ExtendedColorType::Rgb16)
+}
+
+fn png(
+    bytes: &[u8],
+    [width, height]: [u32; 2],
+    color: ExtendedColorType,
+) -> Result<Vec<u8>, image::ImageError> {
     let mut png = Vec::new();
     PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive)
-        .write_image(&bytes, width, height, image::ExtendedColorType::Rgb16)?;
+        .write_image(bytes, width, height, color)?;
     Ok(png)
 }
 
-/// The layers are stored as half floats: the scene asks for it and their values allow it.
+/// Whether the layers are stored as half floats: the scene requests it and their values permit it.
 pub(super) fn is_half(line: &SceneLine, layers: &PerLayer<Vec<[f32; 3]>>) -> bool {
     let mut values = layers.0.iter().flatten().flatten();
     line.film.exr == ExrPrecision::Half && values.all(|&v| v <= HALF_MAX)
 }
 
-/// The pixels as half floats hold them.
+/// The pixels rounded to half floats.
 pub(super) fn halved(pixels: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let pixels = pixels.iter();
     pixels.map(|p| p.map(|v| f16::from_f32(v).to_f32())).collect()

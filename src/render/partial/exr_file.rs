@@ -11,7 +11,7 @@ use exr::prelude::{
 };
 use std::path::{Path, PathBuf};
 
-/// A file that is no usable partial. It is traced again.
+/// A file is not a usable partial; its shard is traced again.
 #[derive(Debug, thiserror::Error)]
 #[error("partial {} is not usable: {reason}; it will be traced again", path.display())]
 pub struct PartialError {
@@ -24,10 +24,10 @@ const ATTRIBUTE: &str = "glasshouse";
 const COLOURS: [&str; 3] = ["R", "G", "B"];
 /// Pixels that are split into channels at once.
 const BLOCK_PIXELS: usize = 128;
-/// More than a file's header and line offsets take.
+/// Upper bound of the bytes of a file's header and line offsets.
 const HEADER_BYTES: usize = 1 << 16;
 
-/// Channel name, and where its value stands in a pixel.
+/// Channel names with the indices of their values in a pixel.
 fn channels() -> impl Iterator<Item = (String, usize, Layer, usize)> {
     ["", "_half", "_quarter"].into_iter().enumerate().flat_map(|(part, suffix)| {
         Layer::ALL.into_iter().flat_map(move |layer| {
@@ -51,7 +51,7 @@ fn planes(pixels: &[PixelMeans]) -> Vec<Vec<f32>> {
     let places: Vec<_> = channels().map(|(_, part, layer, c)| (part, layer, c)).collect();
     let mut planes: Vec<Vec<f32>> =
         places.iter().map(|_| Vec::with_capacity(pixels.len())).collect();
-    // So few pixels at a time that they stay in the cache for all channels.
+    // Blocks small enough to stay in the cache for all channels.
     for block in pixels.chunks(BLOCK_PIXELS) {
         for (plane, &(part, layer, c)) in planes.iter_mut().zip(&places) {
             let layer = layer as usize;
@@ -98,9 +98,9 @@ pub(super) fn encode_as(
     write_exr_into(&image, Vec::with_capacity(length))
 }
 
-/// Reads a partial and checks its digest. `path` is for the error's text.
+/// Reads a partial and checks its digest. `path` is only for the error.
 pub fn decode(path: &Path, bytes: &[u8]) -> Result<Partial, PartialError> {
-    // The exr crate may panic on bytes that are no image.
+    // The exr crate may panic on invalid bytes.
     let result = std::panic::catch_unwind(|| decode_inner(bytes));
     result
         .unwrap_or_else(|_| Err("the OpenEXR reader gave up on it".to_owned()))
@@ -108,7 +108,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Partial, PartialError> {
 }
 
 fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
-    // Before anything of the claimed size is allocated: partials are not compressed, so a file holds its pixels.
+    // Before any allocation of the claimed size. Partials are not compressed: the file is at least as long as its pixels.
     check_claim(&headers(bytes)?, bytes.len() as u128)?;
     let layer = first_layer(bytes)?;
     let header = match layer.attributes.other.get(&Text::from(ATTRIBUTE)) {

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// The schema name of a partial's header.
 pub const PARTIAL_SCHEMA: &str = "glasshouse.partial/2";
 
-/// Everything about a shard's result but its pixels.
+/// Description of a shard's result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PartialHeader {
@@ -29,16 +29,16 @@ pub struct PartialHeader {
     pub tile: Tile,
     /// Half-open range of sample indices.
     pub samples: [u32; 2],
-    /// Samples a pixel that each layer took.
+    /// Samples per pixel of each layer.
     pub layer_samples: PerLayer<u32>,
-    /// Of an adaptive scene: each layer's samples, summed over the pixels.
+    /// Only for adaptive scenes: samples of each layer, summed over the pixels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sample_sums: Option<PerLayer<u64>>,
     /// Paths of each layer.
     pub paths: PerLayer<u64>,
     /// Paths that ended on the border's continuation.
     pub misses: PerLayer<u64>,
-    /// What was found out about the scene.
+    /// Facts about the scene.
     pub facts: SceneFacts,
     /// BLAKE3 of this header without this field, and of the pixels' bits.
     pub blake3: String,

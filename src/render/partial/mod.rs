@@ -3,7 +3,7 @@
 //! An uncompressed OpenEXR file: its data window is the shard's tile, its display window the film; 36 float
 //! channels hold each layer's mean and the means of the first half and the first quarter of its samples (for the error
 //! estimate, see [`crate::trace::square_error`]); one header attribute, `glasshouse`, holds the rest as JSON. A partial
-//! is accepted only if its own digest fits its bits: a torn or foreign file is traced again.
+//! is accepted only if its digest matches: the shard of a torn or foreign file is traced again.
 //!
 //! ```
 //! let torn = render::partial::decode("partials/a/0007.exr".as_ref(), b"v/1");
@@ -33,14 +33,14 @@ impl Partial {
         Self { header, pixels }
     }
 
-    /// The file's bytes; whatever digest its header has, they hold the right one.
+    /// The file's bytes, with a freshly computed digest.
     pub fn seal(&self) -> Result<Vec<u8>, exr::error::Error> {
         let header =
             PartialHeader { blake3: digest(&self.header, &self.pixels), ..self.header.clone() };
         exr_file::encode_as(&header, &self.pixels)
     }
 
-    /// The digest fits the content.
+    /// Whether the digest matches the content.
     pub fn is_intact(&self) -> bool {
         self.header.blake3 == digest(&self.header, &self.pixels)
     }
@@ -54,7 +54,7 @@ fn digest(header: &PartialHeader, pixels: &[PixelMeans]) -> String {
     let bare = PartialHeader { blake3: String::new(), ..header.clone() };
     let mut hasher = blake3::Hasher::new();
     hasher.update(bare.to_json().as_bytes());
-    // So few pixels at a time that they stay in the cache, and enough for the hash to work on many blocks at once.
+    // Blocks small enough for the cache and large enough for the hash's parallelism.
     let mut bytes = Vec::with_capacity(HASHED_PIXELS * size_of::<PixelMeans>());
     for block in pixels.chunks(HASHED_PIXELS) {
         bytes.clear();

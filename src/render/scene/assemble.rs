@@ -1,12 +1,11 @@
-//! Two sheets or meshes, a pane, a lens and a film become a [`crate::trace::Scene`], or a reason why they cannot.
+//! Assembles two sheets or meshes, a pane, a lens and a film into a [`crate::trace::Scene`], or reports why it cannot.
 
 use super::check_geometry::check_geometry;
 use super::error::AssembleError;
-use super::facts::{SceneFacts, Sides, order_facts};
+use super::facts::{SceneFacts, Sides, SidesWith, order_facts};
 use super::geometry::{BackCamera, film_directions, film_plane, film_reach, slab};
 use super::near::Near;
-use super::place::{Decoded, MeshSides, Placed};
-use super::relative::RelativeSides;
+use super::place::{Decoded, Placed};
 use super::surface::{back_surface, front_surface};
 use crate::line::{Focus, FocusAt, ReflectionOrders, SceneLine};
 use crate::trace::{Lens, OrderPlan, Sampling, Scene};
@@ -23,7 +22,7 @@ pub fn assemble(
     let slab = slab(line);
     let back_camera = BackCamera::new(line.back.apex().unwrap_or_default(), &slab);
     let lateral_m = line.camera.aperture_radius_m + line.glass.thickness_m;
-    // The front's coordinates are the lens's: a mesh can be focused on before anything else is known.
+    // The front's capture coordinates are the lens's.
     let front = front.place("front", |x| x, lateral_m)?;
     let back = back.place("back", back_camera.lens_from_capture(), lateral_m)?;
     let focus_distance_m = focus_distance_m(line, &front, &back, &back_camera)?;
@@ -50,10 +49,10 @@ pub fn assemble(
         orders: order_facts(&orders, line.film.spp),
         dropped_tail: Sides { front: orders.front_tail, back: orders.back_tail },
         filled_share: Sides { front: front.filled_share(), back: back.filled_share() },
-        relative_depth: RelativeSides { front: front.relative(), back: back.relative() },
+        relative_depth: SidesWith { front: front.relative(), back: back.relative() },
         too_near_share,
         max_radiance,
-        meshes: MeshSides { front: front.mesh_facts(), back: back.mesh_facts() },
+        meshes: SidesWith { front: front.mesh_facts(), back: back.mesh_facts() },
     };
     let reach_m = lens.aperture_radius_m + 40.0 * slab.thickness_m;
     let front = front_surface(front, reach_m)?;

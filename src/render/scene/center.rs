@@ -23,7 +23,7 @@ pub(super) fn front_center_z_m(
 /// Index of the valid pixel nearest to (x0, y0): smallest squared pixel distance, then row, then
 /// column.
 ///
-/// Looks at square rings of growing radius; ring r holds no pixel nearer than r.
+/// Searches square rings of growing radius; no pixel of ring r is nearer than r.
 fn nearest_valid(
     valid: &[bool],
     width: usize,

@@ -1,4 +1,4 @@
-//! Panes that cannot be looked through: met at a grazing angle, or cutting the lens.
+//! Refuses panes at a grazing angle and panes that cut the lens.
 
 use super::geometry::{filter_reach_px, slab, unfiltered_film};
 use crate::line::SceneLine;
@@ -7,10 +7,10 @@ use glam::DVec3;
 /// Largest angle between a camera ray and the pane's normal.
 pub const MAX_INCIDENCE_DEG: f64 = 85.0;
 
-/// Why no image can be made through a pane.
+/// A pane that cannot be rendered.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GeometryError {
-    /// A ray that nearly slides along the pane.
+    /// A ray that meets the pane at a grazing angle.
     #[error(
         "a ray of film point ({u} px, {v} px) meets the pane at {angle_deg:.2} degrees, but at most \
          85 are allowed: lessen glass.tilt_deg ({pitch_deg}, {yaw_deg}), lengthen \
@@ -19,15 +19,11 @@ pub enum GeometryError {
     Grazing {
         /// Film point of the worst ray, px.
         u: f64,
-        /// Film point of the worst ray, px.
         v: f64,
         /// Its angle to the pane's normal.
         angle_deg: f64,
-        /// `glass.tilt_deg[0]`.
         pitch_deg: f64,
-        /// `glass.tilt_deg[1]`.
         yaw_deg: f64,
-        /// `camera.focal_length_mm`.
         focal_length_mm: f64,
     },
     /// The tilted pane reaches into the lens opening.
@@ -41,7 +37,6 @@ pub enum GeometryError {
         plane_distance_m: f64,
         /// Farthest point of the lens opening along the normal.
         reach_m: f64,
-        /// `glass.distance_m`.
         distance_m: f64,
     },
 }
@@ -60,7 +55,7 @@ pub fn check_geometry(
     let aperture_radius_m = line.camera.aperture_radius_m;
 
     let reach_m = aperture_radius_m * libm::sqrt((1.0 - normal.z * normal.z).max(0.0));
-    // This way round, as below, NaN is refused as well.
+    // The comparison is false for NaN, which is refused as well; so is the one below.
     let is_clear = plane_distance_m > reach_m;
     if !is_clear {
         return Err(GeometryError::PaneCutsLens {
@@ -79,7 +74,7 @@ pub fn check_geometry(
                 libm::sqrt(direction[0] * direction[0] + direction[1] * direction[1] + 1.0);
             let cos_i = (dot(direction, normal) + normal.z) / length;
             return Err(GeometryError::Grazing {
-                // -0 is printed with its sign.
+                // Adding 0 turns -0 into 0 for the message.
                 u: corner.u + 0.0,
                 v: corner.v + 0.0,
                 angle_deg: libm::acos(cos_i.clamp(-1.0, 1.0)).to_degrees(),

@@ -55,7 +55,7 @@ pub(super) fn decode(
     Ok(Color { width, height, radiance, max_radiance })
 }
 
-/// [`decode`], with light for clipped highlights if they are to have any, before `scale`.
+/// [`decode`] with clipped highlights expanded by `curve`, before `scale`.
 pub(super) fn decode_expanded(
     file: &NamedBytes,
     transfer: Transfer,
@@ -118,7 +118,7 @@ fn decode_npy(file: &NamedBytes) -> Result<Raster, SceneError> {
     })
 }
 
-/// A table for each channel; one that all share where they are alike.
+/// A table for each channel; channels with equal scale share one.
 fn each(scale: [f64; 3], table: impl Fn(f64) -> Vec<f32>) -> [Rc<Vec<f32>>; 3] {
     let red = Rc::new(table(scale[0]));
     let other = |factor: f64| {
@@ -132,7 +132,7 @@ fn each(scale: [f64; 3], table: impl Fn(f64) -> Vec<f32>) -> [Rc<Vec<f32>>; 3] {
     [red, green, blue]
 }
 
-/// Samples to pixels, each colour channel through `linear`, which is told the channel.
+/// Converts samples to pixels with `linear(sample, channel)`.
 fn pixels<T: Copy>(
     samples: &[T],
     channels: usize,

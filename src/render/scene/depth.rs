@@ -11,7 +11,7 @@ use crate::line::{DepthKind, Intrinsics};
 const FORMATS: &str = "a .npy, grey PNG, grey PNM, PFM or EXR depth image";
 const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers";
 
-/// Depth as published, before anything is called a hole.
+/// The depth image as in its file, with holes.
 pub(super) struct Depth {
     pub(super) width: usize,
     pub(super) height: usize,
@@ -19,7 +19,7 @@ pub(super) struct Depth {
     pub(super) z_m: Vec<f64>,
 }
 
-/// The file's format, if depths may be kept in it.
+/// The file's format, if it can hold depths.
 fn format(file: &NamedBytes) -> Result<FileFormat, SceneError> {
     let refuse = |found: &str| Err(file.wrong_format(found.to_owned(), FORMATS));
     match file.format(FORMATS)? {
@@ -99,8 +99,8 @@ fn decode_npy(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError> {
 }
 
 impl Depth {
-    /// Turns distances along the rays into distances along the axis, if `kind` says that they are
-    /// such. `intrinsics` are for this image's pixels.
+    /// Converts distances along the rays to distances along the axis, if `kind` is [`DepthKind::Distance`]. `intrinsics` are
+    /// for this image's pixels.
     pub(super) fn project(&mut self, kind: DepthKind, intrinsics: &Intrinsics) {
         if kind != DepthKind::Distance {
             return;
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_depth() {
+    fn files_without_depth_are_refused() {
         let message = |file: &NamedBytes| decode(file, 1.0).err().unwrap().to_string();
         assert!(message(&png(&[1, 2, 3], 1, 1, Png::Rgb8)).contains("3 channels"));
         assert!(message(&jpeg(&[0; 192], 8, 8)).contains("JPEG"));

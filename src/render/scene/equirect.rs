@@ -1,4 +1,4 @@
-//! An equirectangular image: which pixel a direction falls on, and the values between pixels.
+//! An equirectangular image: the pixels of a direction, and interpolation between them.
 //!
 //! Columns are longitude, rows latitude. The capture coordinates of a side (+x right, +y down, +z forward) are those of
 //! the panorama at yaw 0 and pitch 0: the image's centre is +z, the column a quarter to the right of it +x, the lowest row
@@ -40,7 +40,7 @@ pub(super) struct Taps {
 }
 
 impl Taps {
-    /// Where direction `d`, of any length above 0, falls on an image of `width` x `height` pixels.
+    /// The pixels around direction `d`, of any length above 0, on an image of `width` x `height` pixels.
     pub(super) fn new(d: DVec3, width: usize, height: usize) -> Self {
         let longitude = libm::atan2(d.x, d.z);
         let latitude = libm::atan2(d.y, (d.x * d.x + d.z * d.z).sqrt());
@@ -82,8 +82,8 @@ impl Taps {
         [r, g, b, 0.0]
     }
 
-    /// Bilinear interpolation of inverse distance among the pixels that are no holes (0); a hole where the nearest
-    /// pixel is one.
+    /// Bilinear interpolation of inverse distance among the valid pixels (holes are 0); a hole where the nearest pixel is
+    /// one.
     pub(super) fn inverse_distance(&self, inverse_per_m: &[f32], width: usize) -> f64 {
         let weights = self.weights(width);
         let nearest =

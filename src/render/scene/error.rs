@@ -1,4 +1,4 @@
-//! Why two sides, a pane, a lens and a film do not make a scene.
+//! Errors of scene assembly.
 
 use super::check_geometry::GeometryError;
 use crate::trace::MAX_COORDINATE_M;
@@ -9,13 +9,13 @@ pub const MAX_TOO_NEAR_SHARE: f64 = 0.01;
 /// Largest travel of a ray over a depth image, px: beyond it f32 cell indices would not be exact.
 pub(super) const MAX_TRAVEL_PX: f64 = 4_194_304.0;
 
-/// Why a scene cannot be traced.
+/// A scene that cannot be traced. `side` is `front` or `back`.
 #[derive(Debug, thiserror::Error)]
 pub enum AssembleError {
-    /// The pane cannot be looked through.
+    /// The pane cannot be rendered.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
-    /// Surfaces stand between the lens and the pane.
+    /// Surfaces of a photograph lie between the lens and the pane.
     #[error(
         "{side} photograph: {:.2} % of its valid depth pixels are nearer than the pane at {distance_m} m \
          (nearest surface {nearest_m:.3} m, at most {:.0} % may be): move the pane nearer \
@@ -23,26 +23,22 @@ pub enum AssembleError {
         MAX_TOO_NEAR_SHARE * 100.0
     )]
     TooNear {
-        /// `front` or `back`.
         side: &'static str,
         /// Share of the valid pixels.
         share: f64,
-        /// `glass.distance_m`.
         distance_m: f64,
         nearest_m: f64,
     },
-    /// Vertices stand between the lens and the pane.
+    /// Vertices of a mesh lie between the lens and the pane.
     #[error(
         "{side} mesh: {:.2} % of its vertices in the field of view are nearer than the pane at {distance_m} m \
          (nearest {nearest_m:.3} m, at most {:.0} % may be): move the pane nearer (glass.distance_m), or check \
          {side}.unit_m and {side}.pose", share * 100.0, MAX_TOO_NEAR_SHARE * 100.0
     )]
     MeshTooNear {
-        /// `front` or `back`.
         side: &'static str,
         /// Share of the vertices in the field of view.
         share: f64,
-        /// `glass.distance_m`.
         distance_m: f64,
         /// Smallest distance from the lens along the axis.
         nearest_m: f64,
@@ -52,18 +48,13 @@ pub enum AssembleError {
         "{side} mesh: none of its {triangles} triangles is in front of the lens: check {side}.unit_m, {side}.pose \
          (the camera looks along +z, +y is down) and the apex"
     )]
-    MeshUnseen {
-        /// `front` or `back`.
-        side: &'static str,
-        triangles: usize,
-    },
+    MeshUnseen { side: &'static str, triangles: usize },
     /// A mesh that reaches beyond the coordinates that the tracer takes.
     #[error(
         "{side} mesh: it reaches {reach_m:e} m from the lens along an axis (limit {MAX_COORDINATE_M:e}): check \
          {side}.unit_m, {side}.pose and glass.distance_m"
     )]
     MeshReach {
-        /// `front` or `back`.
         side: &'static str,
         /// Its largest coordinate, m.
         reach_m: f64,
@@ -73,29 +64,24 @@ pub enum AssembleError {
         "camera.focus is {side}_center, but the ray through the film's centre meets nothing of the {side}: write a \
          distance_m, or check {side}.pose"
     )]
-    NoFocus {
-        /// `front` or `back`.
-        side: &'static str,
-    },
+    NoFocus { side: &'static str },
     /// A surface so near that a lens ray would cross millions of depth pixels.
     #[error(
         "{side} photograph: a surface {nearest_m:e} m from the capture camera makes lens rays cross {travel_px:.0} \
          depth pixels (limit {MAX_TRAVEL_PX}): mask such pixels, or check {side}.depth_unit_m"
     )]
     Travel {
-        /// `front` or `back`.
         side: &'static str,
         nearest_m: f64,
         /// Depth pixels that a lens ray would cross.
         travel_px: f64,
     },
-    /// With apex `camera` a tilted pane shows what the back photograph's camera could not see.
+    /// With apex `camera` a tilted pane shows directions outside the back photograph.
     #[error(
         "the pane's tilt {tilt_deg:?} degrees turns the reflected view {angle_deg:.1} degrees away from the back \
          photograph's axis (limit 85): tilt less, or use \"apex\": \"mirror\""
     )]
     LooksAway {
-        /// `glass.tilt_deg`.
         tilt_deg: [f64; 2],
         /// Largest angle between the reflected view and that photograph's axis.
         angle_deg: f64,

@@ -1,31 +1,31 @@
-//! What loading a scene finds out about it.
+//! Facts about a scene that loading determines.
 
-use super::place::MeshSides;
-use super::relative::RelativeSides;
+use super::place::MeshFacts;
+use super::relative::RelativeEnds;
 use crate::trace::{BLOCK, Order, OrderPlan};
 use serde::{Deserialize, Serialize};
 
-/// What loading found out about a scene. Partials and `tuple.json` keep it.
+/// Facts about a loaded scene, stored in partials and `tuple.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneFacts {
     /// Focus distance; `null` is infinity.
     pub focus_distance_m: Option<f64>,
-    /// Orders of the glass that were followed.
+    /// The orders of the glass that are followed.
     pub orders: Vec<OrderFact>,
-    /// Bound of what the dropped orders would add, linear radiance: to I from the front, to I and R~ from the back.
+    /// Bound of the light of the dropped orders, linear radiance: to I from the front, to I and R~ from the back.
     pub dropped_tail: Sides,
-    /// Share of depth pixels that were holes and were filled.
+    /// Share of depth pixels that are filled holes.
     pub filled_share: Sides,
-    /// Of the sides whose depth is relative: the metres that it was given.
-    #[serde(default, skip_serializing_if = "RelativeSides::is_empty")]
-    pub relative_depth: RelativeSides,
-    /// Share of valid depth pixels nearer than the pane (they are seen all the same).
+    /// Of the sides with relative depth: the ends in metres.
+    #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
+    pub relative_depth: SidesWith<RelativeEnds>,
+    /// Share of valid depth pixels nearer than the pane; they are traced nevertheless.
     pub too_near_share: Sides,
     /// Largest linear radiance.
     pub max_radiance: Sides,
     /// Of the sides that are meshes.
-    #[serde(default, skip_serializing_if = "MeshSides::is_empty")]
-    pub meshes: MeshSides,
+    #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
+    pub meshes: SidesWith<MeshFacts>,
 }
 
 /// One value for each side.
@@ -37,7 +37,22 @@ pub struct Sides {
     pub back: f64,
 }
 
-/// An order that was followed.
+/// A value for each side that has one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SidesWith<T> {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub front: Option<T>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub back: Option<T>,
+}
+
+impl<T> SidesWith<T> {
+    fn is_empty(&self) -> bool {
+        self.front.is_none() && self.back.is_none()
+    }
+}
+
+/// An order of the glass that is followed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OrderFact {
     /// `t0`, `t1`, ..., `r0`, `r1`, ...

@@ -1,11 +1,11 @@
 //! Filling of holes in inverse depth. A hole is 0; every other value is above 0.
 //!
-//! Inverse depth, because the sheet is flat in it: what pull-push interpolates between two
-//! valid pixels is then a plane in space. One thread, a fixed order, sums in `f64`.
+//! Planes are linear in inverse depth: pull-push interpolates a plane between valid pixels. One thread, a fixed order, sums
+//! in `f64`.
 
 /// Fills holes by pull-push interpolation (Gortler et al., "The Lumigraph", 1996, section 3.5).
 ///
-/// Pull: a coarse pixel is the mean of its 2x2 valid children, whatever stands behind each; levels
+/// Pull: a coarse pixel is the unweighted mean of its valid children among 2x2; levels
 /// are added until one has no hole. Push: a hole takes 9/16 of its parent, 3/16 of each of the
 /// parent's two neighbours on the hole's side, 1/16 of the diagonal one; indices are clamped.
 /// Valid pixels keep their bits. At least one pixel must be valid.
@@ -19,7 +19,7 @@ pub(super) fn smooth(inverse_depth_per_m: &mut [f32], width: usize, height: usiz
     coarse.push(inverse_depth_per_m, width);
 }
 
-/// Fills holes with the smallest value that is no hole: the farthest valid depth.
+/// Fills holes with the smallest valid value: the farthest depth.
 pub(super) fn far(inverse_depth_per_m: &mut [f32]) {
     let farthest =
         inverse_depth_per_m.iter().copied().filter(|&w| w > 0.0).fold(f32::INFINITY, f32::min);
@@ -87,7 +87,7 @@ fn toward(i: usize, count: usize) -> usize {
     if i % 2 == 1 { (i / 2 + 1).min(count - 1) } else { (i / 2).saturating_sub(1) }
 }
 
-/// Mean of the values that are no hole; a hole if all are.
+/// Mean of the valid values; a hole if there are none.
 fn mean_of_valid(children: [f32; 4]) -> f32 {
     let (mut sum, mut count) = (0.0, 0u32);
     for child in children {

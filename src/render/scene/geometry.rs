@@ -1,4 +1,4 @@
-//! Where the pane, the film and the capture cameras of a scene line stand, in the lens's coordinates.
+//! Pane, film and capture cameras of a scene line in the lens's coordinates.
 
 use crate::line::{Apex, Filter, SceneLine};
 use crate::trace::{FilmPlane, FilterTable, Lens, Slab};
@@ -31,7 +31,7 @@ pub(super) fn film_plane(line: &SceneLine) -> FilmPlane {
     }
 }
 
-/// The film without the table of its filter, which takes a thousand times longer to make than the rest.
+/// The film without the table of its filter, the slowest part to compute.
 pub(super) fn unfiltered_film(line: &SceneLine) -> FilmPlane {
     let (width, height) = (line.film.width, line.film.height);
     FilmPlane {
@@ -67,7 +67,7 @@ pub(super) fn film_directions(reach: [f64; 2]) -> Vec<DVec3> {
         .collect()
 }
 
-/// The capture camera of the back, seen from the mirrored world: there the reflected rays go straight on.
+/// The capture camera of the back in the mirrored world, where reflected rays continue straight.
 pub(crate) struct BackCamera {
     pub(super) apex: Apex,
     normal: DVec3,

@@ -1,6 +1,6 @@
-//! Light for clipped highlights: an inverse tone curve.
+//! Radiance of clipped highlights: an inverse tone curve.
 //!
-//! A camera stores what is brighter than white as white. With v a pixel's largest linear channel, a = `above` and M = `to`,
+//! A camera stores radiance above white as white. With v a pixel's largest linear channel, a = `above` and M = `to`,
 //! values v > a become
 //!
 //! ```text
@@ -8,12 +8,12 @@
 //! ```
 //!
 //! so that f(a) = a, f'(a) = 1, f(1) = M, and f rises everywhere. All three channels are multiplied by f(v) / v: hue and
-//! saturation stay. It is a guess, as what was clipped is lost; Banterle et al., "Inverse tone mapping" (GRAPHITE 2006),
-//! expand the range in the same spirit.
+//! saturation stay. The curve is a guess: the clipped radiance is lost. Banterle et al., "Inverse tone mapping" (GRAPHITE
+//! 2006), expand the range in a similar way.
 
 use crate::line::Highlights;
 
-/// f(v): the light of a largest channel `v`, linear.
+/// f(v) of a largest channel `v`, linear.
 fn expanded(curve: Highlights, v: f64) -> f64 {
     if v <= curve.above {
         return v;

@@ -1,4 +1,4 @@
-//! The one place where a scene's files are read; decoding them is pure.
+//! Reads a scene's files. Decoding them is pure.
 
 use super::facts::order_facts;
 use super::panorama::decode_panorama;
@@ -14,16 +14,12 @@ use std::path::{Path, PathBuf};
 /// Why a scene cannot be made from its files: a reason for quarantine.
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
-    /// A path leads nowhere.
     #[error(transparent)]
     Root(#[from] RootError),
-    /// A file cannot be read.
     #[error("cannot read {}: {source}; check the path and the roots (--root NAME=DIR)", path.display())]
     Read { path: PathBuf, source: std::io::Error },
-    /// A file's content cannot be used.
     #[error(transparent)]
     Decode(#[from] SceneError),
-    /// The parts do not make a scene.
     #[error(transparent)]
     Assemble(#[from] AssembleError),
 }
@@ -59,11 +55,10 @@ pub struct DecodedScene {
 #[serde(transparent)]
 pub struct InputDigests(pub BTreeMap<String, String>);
 
-/// A scene that can be traced, and what is known about it.
+/// A scene ready to trace, with its facts.
 pub struct LoadedScene {
-    /// What the tracer takes.
     pub scene: Scene,
-    /// What loading found out, for partials and `tuple.json`.
+    /// For partials and `tuple.json`.
     pub facts: SceneFacts,
     /// BLAKE3 digests of its files.
     pub inputs: InputDigests,
@@ -135,7 +130,7 @@ pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, Load
     })
 }
 
-/// Only panoramas call `sight`: a line needs a part of them.
+/// Only panoramas call `sight`: a line uses a part of them.
 fn decode_side(
     side: &Side,
     files: &SideFiles,

@@ -1,7 +1,7 @@
-//! What the beginning and the end of a file tell: whether it can be what a scene line takes it for.
+//! Checks an input file by its beginning and end.
 //!
-//! Nothing is refused here that a scene could be made from: where a header alone does not settle it, the file is read as
-//! a scene's files are. The pixels themselves (NaN, no valid depth) are not checked.
+//! Refuses no file that a scene can use: if the header does not decide, the whole file is decoded as for a scene. Does not
+//! check the pixels (NaN, no valid depth).
 
 use super::{color, depth, mask, panorama};
 use crate::formats::error::SceneError;
@@ -9,12 +9,12 @@ use crate::formats::files::{FileFormat, NamedBytes};
 use crate::formats::{ply, raster};
 use crate::line::Transfer;
 
-/// Bytes of a file's beginning that show most headers; a JPEG may have a preview before its size.
+/// Bytes at a file's start that contain most headers; a JPEG may have a preview before its size.
 pub const START_BYTES: usize = 1 << 14;
-/// Bytes of its end that show how a PNG or JPEG ends.
+/// Bytes at a file's end that contain the end marker of a PNG or JPEG.
 pub const END_BYTES: usize = 16;
 
-/// What a scene line takes a file for.
+/// Role of a file in a scene line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum FileRole {
     Color,
@@ -40,30 +40,30 @@ pub struct FileEnds {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
-    /// Nothing wrong. Width and height in pixels; none of a mesh.
+    /// No error. Width and height in pixels; `None` for a mesh.
     Sound(Option<[usize; 2]>),
-    /// The whole file must be read.
+    /// The parts do not decide: the whole file must be read.
     Unsure,
 }
 
-/// Looks at the parts of a file. Pure.
+/// Checks the parts of a file. Pure.
 pub fn look(role: FileRole, ends: &FileEnds) -> Result<Look, SceneError> {
     let (file, length) = (&ends.start, ends.length);
     let is_whole = file.bytes.len() as u64 == length;
     match size(role, file, length) {
         Ok(size) if ends_well(ends, is_whole) => Ok(Look::Sound(size)),
         Ok(_) => Ok(Look::Unsure),
-        // The header may be longer than what was read of the file.
+        // The header may be longer than the part that was read.
         Err(SceneError::Unreadable { .. }) if !is_whole => Ok(Look::Unsure),
         Err(error) => Err(error),
     }
 }
 
-/// Reads a whole file that a look left unsure.
+/// Checks a whole file after [`Look::Unsure`].
 pub fn look_at_whole(role: FileRole, file: &NamedBytes) -> Result<Option<[usize; 2]>, SceneError> {
     let size = size(role, file, file.bytes.len() as u64)?;
     let is_jpeg = file.bytes.starts_with(&[0xff, 0xd8, 0xff]);
-    // Much of the work of decoding is spared where the format alone tells that the file is whole.
+    // A JPEG with an end marker is complete: decoding it would only cost time.
     if !(is_jpeg && raster::jpeg_is_whole(&file.bytes)) {
         match role {
             FileRole::Color | FileRole::Panorama => {
@@ -96,8 +96,8 @@ fn whole_sphere(file: &NamedBytes, [width, height]: [usize; 2]) -> Result<[usize
     Ok([width, height])
 }
 
-/// Whether the file ends as its format does. True where the header was checked against the length already, and
-/// where the end was not read.
+/// Whether the file has its format's end marker or length. True for formats whose header was checked against the length,
+/// and if the end was not read.
 fn ends_well(ends: &FileEnds, is_whole: bool) -> bool {
     let end = match &ends.end {
         _ if is_whole => &ends.start.bytes,
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_stand_here_is_told_from_the_beginning() {
+    fn wrong_formats_are_refused_by_their_beginning() {
         let rgb = png(&noise(64 * 48 * 3), 64, 48, Png::Rgb8);
         let jpeg = jpeg(&noise(64 * 48 * 3), 64, 48);
         let booleans = npy("|b1", false, "(48, 64)", &[0; 64 * 48]);
@@ -192,7 +192,7 @@ mod tests {
             let error = look(role, &ends(file, 1000)).unwrap_err().to_string();
             assert!(error.contains(words), "{error}");
         }
-        // A decoder's word is believed of the whole file alone.
+        // A decoder's error counts only for the whole file.
         let looked = look(FileRole::Depth, &ends(&short, 1000)).unwrap();
         assert_eq!(looked, Look::Unsure);
         let error = look_at_whole(FileRole::Depth, &short).unwrap_err();
@@ -219,7 +219,7 @@ mod tests {
         }
     }
 
-    /// What follows the image is no fault: a scene can be made from it.
+    /// Bytes after the image are no error: a scene can use the file.
     #[test]
     fn bytes_behind_the_image_do_not_matter() {
         for mut file in [png(&noise(12), 2, 2, Png::Rgb8), jpeg(&noise(192), 8, 8)] {
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_header_is_no_fault() {
+    fn a_long_header_is_accepted() {
         let mut file = jpeg(&noise(192), 8, 8);
         let mut note = vec![0xff, 0xe1, 0xea, 0x60];
         note.resize(2 + 60_000, 0);
@@ -269,9 +269,9 @@ mod tests {
         property list uchar int vertex_indices\nend_header\n0 0 1 9 9 9\n1 0 1 9 9 9\n0 1 1 9 9 9\n3 0 1 2\n";
 
     proptest! {
-        /// Nothing is refused that a scene could be made from, whatever has happened to the bytes.
+        /// Damaged bytes are refused only if a scene could not use them.
         #[test]
-        fn what_is_refused_cannot_be_decoded(
+        fn refused_files_cannot_be_decoded(
             kind in 0usize..10,
             role in prop::sample::select(ROLES.to_vec()),
             flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..3),

@@ -17,7 +17,7 @@ pub(super) struct Mask {
     pub(super) valid: Vec<bool>,
 }
 
-/// The file's format, if masks may be kept in it.
+/// The file's format, if it can hold a mask.
 fn format(file: &NamedBytes) -> Result<FileFormat, SceneError> {
     match file.format(FORMATS)? {
         format @ (FileFormat::Jpeg | FileFormat::Exr | FileFormat::Pfm | FileFormat::Hdr) => {
@@ -38,8 +38,7 @@ pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneEr
     Ok([head.width, head.height])
 }
 
-/// Decodes a mask: valid is what is neither 0 nor NaN. Of a PNG, any colour channel above 0;
-/// alpha is ignored.
+/// Decodes a mask: values other than 0 and NaN are valid; in a PNG, pixels with a colour channel above 0. Ignores alpha.
 pub(super) fn decode(file: &NamedBytes) -> Result<Mask, SceneError> {
     let raster = match format(file)? {
         FileFormat::Npy => {

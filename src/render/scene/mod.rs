@@ -8,9 +8,9 @@
 //!                                                      -> fill, center -> photograph (Sheet)
 //! ```
 //!
-//! a panorama through `window` (what the film sees of it) and `equirect` to `panorama` (Sheet),
+//! a panorama through `window` (the part that the film sees) and `equirect` to `panorama` (Sheet),
 //! and a mesh through `ply_header`, `ply`, `transfer` to `mesh` (Polygons). `assemble` takes either: `place`, `check_geometry`,
-//! `near`, `surface`, with the coordinates of `geometry`. `look` checks many files by little more than their headers.
+//! `near`, `surface`, with the coordinates of `geometry`. `look` checks files by their headers.
 //!
 //! Hostile bytes end in a [`SceneError`](crate::formats::SceneError), never in a panic, and sizes are checked before anything
 //! of that size is allocated ([`crate::formats::limits`]). A sheet's bits are a function of the bytes and the
@@ -43,7 +43,7 @@ mod window;
 pub use assemble::assemble;
 pub use check_geometry::{GeometryError, MAX_INCIDENCE_DEG, check_geometry};
 pub use error::{AssembleError, MAX_TOO_NEAR_SHARE};
-pub use facts::{OrderFact, SceneFacts, Sides};
+pub use facts::{OrderFact, SceneFacts, Sides, SidesWith};
 pub(crate) use geometry::BackCamera;
 pub use load::{
     DecodedScene, InputDigests, LoadError, LoadedScene, SceneFiles, SideFiles, decode, load,
@@ -52,5 +52,5 @@ pub use load::{
 pub use look::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
 pub use mesh::{Polygons, decode_mesh};
 pub use photograph::{Sheet, decode_linear_image, decode_photograph};
-pub use place::{Decoded, MeshFacts, MeshSides};
-pub use relative::{RelativeEnds, RelativeSides};
+pub use place::{Decoded, MeshFacts};
+pub use relative::RelativeEnds;

@@ -1,4 +1,4 @@
-//! How much of a side stands between the lens and the pane.
+//! The share of a side between the lens and the pane.
 
 use super::error::{AssembleError, MAX_TOO_NEAR_SHARE};
 use super::photograph::Sheet;
@@ -21,9 +21,22 @@ struct Counts {
     nearest_m: f64,
 }
 
+impl Counts {
+    /// Counts points of (z, height over the lens along the pane's normal).
+    fn of(points: impl Iterator<Item = (f64, f64)>, plane_distance_m: f64) -> Self {
+        let mut counts = Self { all: 0, near: 0, nearest_m: f64::INFINITY };
+        for (z_m, height_m) in points {
+            counts.all += 1;
+            counts.near += u64::from(height_m < plane_distance_m);
+            counts.nearest_m = counts.nearest_m.min(z_m);
+        }
+        counts
+    }
+}
+
 impl Near<'_> {
-    /// Share that is nearer than the pane; an error above [`MAX_TOO_NEAR_SHARE`]. `height` is that of a point in
-    /// capture coordinates over the lens, along the pane's normal; meshes are already in the lens's coordinates.
+    /// Share nearer than the pane; an error above [`MAX_TOO_NEAR_SHARE`]. `height` maps a point in capture coordinates to
+    /// its distance from the lens along the pane's normal; meshes are already in the lens's coordinates.
     pub(super) fn share(
         &self,
         side: &'static str,
@@ -48,33 +61,23 @@ impl Near<'_> {
 
     fn of_sheet(&self, sheet: &Sheet, height: impl Fn(DVec3) -> f64) -> Counts {
         let k = &sheet.intrinsics;
-        let (mut all, mut near, mut nearest_m) = (0u64, 0u64, f64::INFINITY);
         let pixels = sheet.inverse_depth_per_m.iter().zip(&sheet.valid).enumerate();
-        for (q, (&w, _)) in pixels.filter(|(_, (_, valid))| **valid) {
+        let points = pixels.filter(|(_, (_, valid))| **valid).map(|(q, (&w, _))| {
             let (i, j) = (q % sheet.width, q / sheet.width);
             let z = 1.0 / f64::from(w);
             let x = (i as f64 + 0.5 - k.cx) / k.fx * z;
             let y = (j as f64 + 0.5 - k.cy) / k.fy * z;
-            all += 1;
-            near += u64::from(height(DVec3::new(x, y, z)) < self.slab.plane_distance_m);
-            nearest_m = nearest_m.min(z);
-        }
-        Counts { all, near, nearest_m }
+            (z, height(DVec3::new(x, y, z)))
+        });
+        Counts::of(points, self.slab.plane_distance_m)
     }
 
-    /// A mesh may surround the lens: only what is in the field of view can stand in the way.
+    /// A mesh may surround the lens: only vertices in the field of view count.
     fn of_vertices(&self, vertices_m: &[DVec3]) -> Counts {
-        let (mut all, mut near, mut nearest_m) = (0u64, 0u64, f64::INFINITY);
-        for v in vertices_m {
-            let is_in_view = v.z >= NEAR_M
-                && v.x.abs() <= self.reach[0] * v.z
-                && v.y.abs() <= self.reach[1] * v.z;
-            if is_in_view {
-                all += 1;
-                near += u64::from(v.dot(self.slab.normal) < self.slab.plane_distance_m);
-                nearest_m = nearest_m.min(v.z);
-            }
-        }
-        Counts { all, near, nearest_m }
+        let is_in_view = |v: &&DVec3| {
+            v.z >= NEAR_M && v.x.abs() <= self.reach[0] * v.z && v.y.abs() <= self.reach[1] * v.z
+        };
+        let points = vertices_m.iter().filter(is_in_view).map(|v| (v.z, v.dot(self.slab.normal)));
+        Counts::of(points, self.slab.plane_distance_m)
     }
 }

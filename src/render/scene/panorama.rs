@@ -1,7 +1,7 @@
-//! A panorama: what the film needs of it becomes a pinhole view, a sheet like any other.
+//! A panorama: the part that the film sees becomes a pinhole view, a sheet like any other.
 //!
-//! The view is the capture camera's, its window is what [`super::window`] finds with a pixel to spare on every side, so
-//! that no path ends on the continuation of a border. It has about as many pixels a radian as the panorama, nowhere
+//! The view is the capture camera's. Its window is that of [`super::window`] plus one pixel on every side, so that no path
+//! ends on the continuation of a border. It has about as many pixels a radian as the panorama, nowhere
 //! fewer, within [`MAX_VIEW_SIDE`]. Colour is interpolated in linear light, depth as inverse distance along the ray.
 
 use super::equirect::{Taps, rotation};
@@ -127,7 +127,7 @@ pub(super) fn decode_panorama(
     })
 }
 
-/// Full panoramas alone: twice as wide as high, within a percent.
+/// Accepts only full panoramas: twice as wide as high, within a percent.
 pub(super) fn check_aspect(
     file: &NamedBytes,
     width: usize,

@@ -4,7 +4,7 @@ use super::relative::{self, RelativeEnds};
 use super::{center, color, depth, fill, mask};
 use crate::formats::error::SceneError;
 use crate::formats::files::{NamedBytes, PhotographFiles};
-use crate::line::{Fill, Intrinsics, Photograph, Transfer};
+use crate::line::{Fill, Intrinsics, Photograph, Transfer, validate_side};
 use std::path::Path;
 
 /// A continuous surface that carries radiance: one vertex at each pixel centre of the depth image.
@@ -16,11 +16,11 @@ pub struct Sheet {
     pub height: usize,
     /// 1/z of each vertex, row by row; holes are filled, every value is normal and above 0.
     pub inverse_depth_per_m: Vec<f32>,
-    /// Which vertices were measured, before filling.
+    /// Whether each vertex was measured (not filled).
     pub valid: Vec<bool>,
     /// Filled vertices / all vertices.
     pub filled_share: f64,
-    /// The metres that a relative depth was given.
+    /// Ends of a relative depth in metres.
     pub relative: Option<RelativeEnds>,
     /// Texels across: pixels of the colour image, which covers the same field of view.
     pub color_width: usize,
@@ -30,7 +30,7 @@ pub struct Sheet {
     pub radiance: Vec<[f32; 4]>,
     /// The largest radiance of any channel.
     pub max_radiance: f32,
-    /// For the depth image's pixels, whatever size the manifest gave them for; `size` is `None`.
+    /// In pixels of the depth image; `size` is `None`.
     pub intrinsics: Intrinsics,
     /// Mean z of the four centre pixels as published; the nearest valid ones where they are holes.
     pub front_center_z_m: f64,
@@ -38,11 +38,12 @@ pub struct Sheet {
 
 /// Decodes the files of a photograph and fills the holes of its depth image.
 ///
-/// A hole is a pixel that the mask excludes, or whose depth is 0, negative, NaN or infinite. A
-/// depth whose inverse is no normal `f32` (nearer than about 3e-39 m, farther than 8.5e37 m) is an
+/// A hole is a pixel that the mask excludes or with a depth of 0, negative, NaN or infinite. A
+/// depth whose inverse is not a normal `f32` (nearer than about 3e-39 m, farther than 8.5e37 m) is an
 /// error: a placeholder such as `FLT_MAX` must not become a surface.
 pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<Sheet, SceneError> {
-    check_parameters(line, files)?;
+    validate_side("photograph", &line.clone().into())
+        .map_err(|source| SceneError::Parameter { path: files.color.path.clone(), source })?;
     let mut depth = depth::decode(&files.depth, line.depth_unit_m)?;
     let (width, height) = (depth.width, depth.height);
     let intrinsics = scale_intrinsics(&line.intrinsics, width, height);
@@ -91,50 +92,12 @@ pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<S
     })
 }
 
-/// Width, height and pixels of a linear image (EXR or `.npy`; others too, whose codes are then taken for light). Values
-/// must be finite and not negative.
+/// Width, height and pixels of a linear image: EXR or `.npy`; codes of other formats are taken as linear. Values must be
+/// finite and not negative.
 pub fn decode_linear_image(file: &NamedBytes) -> Result<(usize, usize, Vec<[f32; 3]>), SceneError> {
     let color = color::decode(file, Transfer::Linear, [1.0; 3])?;
     let pixels = color.radiance.iter().map(|&[r, g, b, _]| [r, g, b]);
     Ok((color.width, color.height, pixels.collect()))
-}
-
-/// Numbers of the line that every later formula divides or multiplies by.
-fn check_parameters(line: &Photograph, files: &PhotographFiles) -> Result<(), SceneError> {
-    let Photograph { intrinsics, exposure, depth_unit_m, .. } = line;
-    let [size_x, size_y] = intrinsics.size.unwrap_or([1, 1]).map(f64::from);
-    let refuse = |path: &Path, name, value, expected| {
-        Err(SceneError::Parameter { path: path.to_owned(), name, value, expected })
-    };
-    // Every comparison is false for NaN.
-    if !(*exposure >= 0.0 && *exposure < f64::INFINITY) {
-        return refuse(&files.color.path, "exposure", *exposure, "finite and not negative");
-    }
-    if let Some(factor) = line.illuminant.into_iter().find(|f| !(0.0..f64::INFINITY).contains(f)) {
-        return refuse(
-            &files.color.path,
-            "illuminant",
-            factor,
-            "three finite numbers, none negative",
-        );
-    }
-    for (name, value) in [
-        ("depth_unit_m", *depth_unit_m),
-        ("intrinsics.fx", intrinsics.fx),
-        ("intrinsics.fy", intrinsics.fy),
-        ("intrinsics.size", size_x),
-        ("intrinsics.size", size_y),
-    ] {
-        if !(value > 0.0 && value < f64::INFINITY) {
-            return refuse(&files.depth.path, name, value, "finite and above 0");
-        }
-    }
-    for (name, value) in [("intrinsics.cx", intrinsics.cx), ("intrinsics.cy", intrinsics.cy)] {
-        if !value.is_finite() {
-            return refuse(&files.depth.path, name, value, "finite");
-        }
-    }
-    Ok(())
 }
 
 /// Intrinsics for an image of `width` x `height` pixels of the same field of view.

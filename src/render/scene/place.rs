@@ -1,4 +1,4 @@
-//! What the files of one side became, and where it stands.
+//! A decoded side and its position.
 
 use super::error::AssembleError;
 use super::mesh::Polygons;
@@ -8,7 +8,7 @@ use crate::trace::{MAX_COORDINATE_M, Mesh};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// What the files of one side became.
+/// One side, decoded from its files.
 #[derive(Clone)]
 pub enum Decoded {
     Sheet(Sheet),
@@ -27,7 +27,7 @@ impl From<Polygons> for Decoded {
     }
 }
 
-/// One side in the tracer's coordinates: a photograph has a pose for that, a mesh's vertices are moved.
+/// One side in the tracer's coordinates: a photograph gets a pose, a mesh gets moved vertices.
 pub(super) enum Placed {
     Sheet(Sheet),
     Mesh(Box<PlacedMesh>),
@@ -36,34 +36,17 @@ pub(super) enum Placed {
 /// A mesh in the lens's coordinates (of the mirrored world, for the back).
 pub(super) struct PlacedMesh {
     pub(super) mesh: Mesh,
-    /// Vertices that triangles have, each once.
+    /// The vertices that triangles use.
     pub(super) vertices_m: Vec<DVec3>,
     facts: MeshFacts,
 }
 
-/// What became of the triangles of meshes.
+/// Counts of a mesh's triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct MeshSides {
-    /// Of the front, if it is a mesh.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub front: Option<MeshFacts>,
-    /// Of the back, if it is a mesh.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub back: Option<MeshFacts>,
-}
-
-impl MeshSides {
-    pub(super) fn is_empty(&self) -> bool {
-        self.front.is_none() && self.back.is_none()
-    }
-}
-
-/// What became of a mesh's triangles.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MeshFacts {
     /// Traced, in whole or in part.
     pub traced: u64,
-    /// Dropped: two corners at one place, or faces of fewer than three corners.
+    /// Dropped: two corners at one point, or faces of fewer than three corners.
     pub degenerate: u64,
     /// Dropped: wholly behind the lens.
     pub behind: u64,
@@ -77,8 +60,7 @@ impl Decoded {
         })
     }
 
-    /// Moves a mesh by `transform`, from capture coordinates to the lens's; `lateral_m` is about how far rays start
-    /// from the axis.
+    /// Moves a mesh by `transform`, from capture coordinates to the lens's. Rays start within about `lateral_m` of the axis.
     pub(super) fn place(
         self,
         side: &'static str,
@@ -143,8 +125,8 @@ impl Placed {
         }
     }
 
-    /// What `front_center` and `back_center` focus on: z before the lens. `transform` leads from a sheet's capture camera
-    /// to the lens; meshes are there already.
+    /// The z that `front_center` and `back_center` focus on. `transform` maps a sheet's capture coordinates to the lens's;
+    /// meshes are already in the lens's.
     pub(super) fn center_z_m(
         &self,
         side: &'static str,

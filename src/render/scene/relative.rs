@@ -1,9 +1,9 @@
-//! Relative depth, as networks estimate it from one photograph: known up to a scale and a shift, so that metres come from
-//! the kind of place that it shows.
+//! Relative depth, as networks estimate it from one photograph: known up to scale and shift. The depth range of the line
+//! gives metres.
 //!
-//! Two percentiles of the valid values become the far and the near end; what lies beyond is drawn to them. In between,
+//! Two percentiles of the valid values become the far and the near end; values beyond them are clamped. In between,
 //! 1/z is linear in a relative *inverse* depth (MiDaS, Ranftl et al., TPAMI 2022; Depth Anything), and z in a relative
-//! depth (Marigold). Where only a mean is given, the ends follow from it: z scales with them.
+//! depth (Marigold). If only a mean is given, the ends are scaled to meet it.
 
 use super::depth::Depth;
 use crate::formats::error::SceneError;
@@ -11,36 +11,17 @@ use crate::line::{DepthKind, DepthRange};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// The ends that a relative depth image was given.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// The near and far end of a relative depth image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RelativeEnds {
-    /// Of its nearest pixels.
     pub near_m: f64,
-    /// Of its farthest pixels.
     pub far_m: f64,
-    /// Share of the valid pixels that lay beyond the ends, and were drawn to them.
+    /// Share of the valid pixels beyond the ends, which were clamped.
     pub clamped_share: f64,
 }
 
-/// The ends of a scene's relative depths.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct RelativeSides {
-    /// Of the front, if its depth is relative.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub front: Option<RelativeEnds>,
-    /// Of the back, if its depth is relative.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub back: Option<RelativeEnds>,
-}
-
-impl RelativeSides {
-    pub(super) fn is_empty(&self) -> bool {
-        self.front.is_none() && self.back.is_none()
-    }
-}
-
-/// Turns relative values into metres along the axis. Values may be negative or zero; those that are no finite number are
-/// cleared in `valid`. A flat image is all at one distance, the mean or the middle of the ends.
+/// Turns relative values into metres along the axis. Values may be negative or zero; pixels with values that are not finite
+/// become invalid. A flat image lies at one distance: the mean, or the middle of the ends.
 pub(super) fn scale(
     depth: &mut Depth,
     valid: &mut [bool],
@@ -87,7 +68,7 @@ pub(super) fn scale(
     Ok(RelativeEnds { near_m, far_m: near_m * ratio, clamped_share })
 }
 
-/// The value below which `percent` of 100 of the values lie: that of the nearest rank. Moves the values about.
+/// Percentile by nearest rank. Reorders the values.
 fn percentile(values: &mut [f64], percent: f64) -> f64 {
     let last = values.len() - 1;
     let rank = (percent / 100.0 * last as f64).round() as usize;

@@ -19,7 +19,7 @@ pub(super) fn front_surface(placed: Placed, reach_m: f64) -> Result<Surface, Ass
     }
 }
 
-/// The surface seen reflected in it; `directions` are the camera's.
+/// The surface reflected in the pane; `directions` are the camera's.
 pub(super) fn back_surface(
     placed: Placed,
     line: &SceneLine,
@@ -43,7 +43,7 @@ pub(super) fn back_surface(
     }
 }
 
-/// Where the back photograph's capture camera stands in the mirrored world.
+/// Pose of the back photograph's capture camera in the mirrored world.
 fn back_pose(
     line: &SceneLine,
     slab: &Slab,

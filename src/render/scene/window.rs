@@ -1,4 +1,4 @@
-//! Which part of a side the film can see: what a panorama's view must cover.
+//! The part of a side that the film can see, which a panorama's view must cover.
 //!
 //! Every order of the glass is the camera's ray, or the one mirrored in the front face, shifted along the normal
 //! ([`crate::trace::Slab::kappa_m`]). Seen from the side's capture camera such a line runs from where it enters the sphere
@@ -10,10 +10,10 @@ use crate::line::{Focus, FocusAt, SceneLine};
 use crate::trace::{Lens, Order, Slab};
 use glam::{DMat3, DVec3};
 
-/// Round trips inside the glass that are reckoned with; further ones are as good as black.
+/// Round trips inside the glass to consider; light of further ones is negligible.
 const ROUND_TRIPS: u32 = 8;
 
-/// 85 degrees: a pinhole view sees no further, and scenes that look further away are refused.
+/// Tangent of 85 degrees, the limit of a pinhole view; scenes beyond it are refused.
 const MAX_TANGENT: f64 = 11.43;
 
 /// Tangents `[least, most]` across and down, in the capture camera's view.
@@ -30,7 +30,7 @@ pub(super) struct Sight {
     rotation: DMat3,
     translation_m: DVec3,
     order: fn(u32) -> Order,
-    /// Surfaces that are nearer are refused, but for a few pixels.
+    /// Nearer surfaces are refused, except for a few pixels.
     pub(super) pane_m: f64,
 }
 

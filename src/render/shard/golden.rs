@@ -57,7 +57,7 @@ pub fn golden(isa: Isa, threads: usize) -> Golden {
     digest_of(digests.iter().map(|digest| digest.wait().as_str()))
 }
 
-/// What every machine must make of the golden scenes with this version of the tracer.
+/// The digest that every machine must reproduce with this version of the tracer.
 pub fn pinned() -> Golden {
     digest_of(DIGESTS.iter().map(|(_, digest)| *digest))
 }
@@ -106,7 +106,7 @@ mod tests {
     use crate::trace::TRACER_VERSION;
     use std::fmt::Write;
 
-    /// If this fails, pixels have changed: raise `TRACER_VERSION`, say so in CHANGELOG, then paste the printed table.
+    /// If this fails, pixels have changed: raise `TRACER_VERSION`, add a line to CHANGELOG, then paste the printed table.
     #[test]
     fn pixels_are_those_of_this_tracer_version() {
         let found: Vec<(&str, String)> = golden_scenes()
@@ -127,8 +127,8 @@ mod tests {
         assert!(
             found == pinned && TRACER_VERSION == VERSION,
             "golden pixels of tracer version {VERSION} and of this one ({TRACER_VERSION}) differ in:{changed}\n\
-             if that is meant: raise TRACER_VERSION above {VERSION}, add a line to CHANGELOG.md, set VERSION in \
-             src/shard/golden.rs to it and replace the rows of DIGESTS by\n{table}"
+             if this is intended: raise TRACER_VERSION above {VERSION}, add a line to CHANGELOG.md, set VERSION in \
+             src/render/shard/golden.rs to it and replace the rows of DIGESTS by\n{table}"
         );
     }
 

@@ -13,14 +13,13 @@ use glam::DVec3;
 
 /// A scene of the golden set.
 pub struct GoldenScene {
-    /// What it is there for.
     pub name: &'static str,
     /// For the tracer. A film of 16 x 10 px.
     pub scene: Scene,
 }
 
-/// What sets one golden scene apart; the rest is [`Words::new`]'s.
-struct Words {
+/// Parameters of a golden scene; the defaults are [`Parameters::new`].
+struct Parameters {
     spp: u32,
     gaussian: bool,
     aperture_radius_m: f64,
@@ -40,7 +39,7 @@ struct Words {
     layers: [bool; 4],
 }
 
-impl Words {
+impl Parameters {
     /// A wide lens before a pane of glass at right angles, steps in depth, noise for a picture.
     fn new() -> Self {
         Self {
@@ -142,9 +141,9 @@ fn hash(q: usize, salt: u32) -> u32 {
     x ^ (x >> 15)
 }
 
-type Change = fn(&mut Words);
+type Change = fn(&mut Parameters);
 
-/// How each scene differs from [`Words::new`], in a fixed order.
+/// How each scene differs from [`Parameters::new`], in a fixed order.
 const SCENES: [(&str, Change); 14] = [
     ("mirror", |_| {}),
     ("camera", |w| w.from_camera = true),
@@ -194,9 +193,9 @@ pub fn golden_scenes() -> Vec<GoldenScene> {
     SCENES
         .into_iter()
         .map(|(name, change)| {
-            let mut words = Words::new();
-            change(&mut words);
-            GoldenScene { name, scene: words.scene() }
+            let mut parameters = Parameters::new();
+            change(&mut parameters);
+            GoldenScene { name, scene: parameters.scene() }
         })
         .collect()
 }
@@ -206,7 +205,7 @@ mod tests {
     use super::*;
     use crate::trace::Surface;
 
-    /// The set is worth its name only while it covers what the tracer can do.
+    /// The set must cover every branch of the tracer.
     #[test]
     fn every_branch_is_covered() {
         let scenes = golden_scenes();

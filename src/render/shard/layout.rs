@@ -1,4 +1,4 @@
-//! How a scene is cut: tiles (the film's size need not divide) times sample ranges, numbered from 0.
+//! Divides a scene into shards: tiles times sample ranges, numbered from 0.
 
 use crate::line::SceneLine;
 use crate::trace::Tile;
@@ -11,7 +11,7 @@ pub fn samples_per_range(spp: u32) -> u32 {
     spp.min((spp / 16).max(256))
 }
 
-/// Seconds of one core that a camera sample costs, roughly: to choose a tile with, and to say how long a run takes.
+/// Approximate seconds of one core per camera sample, to choose a tile size and to estimate a run's duration.
 pub const SECONDS_PER_SAMPLE: f64 = 2.5e-8;
 
 /// A shard should cost at least this, so that checkpointing it stays cheap.
@@ -34,7 +34,7 @@ pub fn choose_tile_px(lines: &[SceneLine]) -> u32 {
     enough.unwrap_or(TILES_PX[TILES_PX.len() - 1])
 }
 
-/// One piece of work: its result is a pure function of the scene and these.
+/// One unit of work. Its result is a pure function of the scene and these fields.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Shard {
     /// Number in the scene.
@@ -44,7 +44,7 @@ pub struct Shard {
     pub samples: Range<u32>,
 }
 
-/// The cut of one scene.
+/// The division of one scene into shards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ShardLayout {
     width: u32,
@@ -61,8 +61,8 @@ impl ShardLayout {
         Self { width, height, spp, samples_per_range: samples_per_range(spp), tile_px }
     }
 
-    /// The cut of a manifest line. Adaptive scenes have one range: a cell decides from all of its samples. Their tiles
-    /// are whole cells: `tile_px` is rounded up to that.
+    /// The shards of a manifest line. Adaptive scenes have one range, because a cell decides from all its samples, and
+    /// tiles of whole cells: `tile_px` is rounded up.
     pub fn of(line: &SceneLine, tile_px: u32) -> Self {
         let (film, cell) = (&line.film, crate::trace::CELL_PX);
         if film.target_error.is_none() {

@@ -1,4 +1,4 @@
-//! `RUN/spec.json`: what a run may not change under way.
+//! `RUN/spec.json`: the settings that a run may not change.
 
 use crate::line::{SceneLine, to_jsonl};
 use serde::{Deserialize, Serialize};
@@ -35,7 +35,7 @@ pub struct Spec {
     pub left_out: Vec<String>,
 }
 
-/// The golden shard: a machine that computes other bits is not let in.
+/// The golden shard: a machine that computes other bits may not join.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Golden {
@@ -45,7 +45,7 @@ pub struct Golden {
     pub blake3: String,
 }
 
-/// A run that a recipe does not fit.
+/// The run was planned from another recipe.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "{} holds another run than this recipe makes:\n{diff}finish it with the recipe it was planned from, or plan \
@@ -53,7 +53,7 @@ pub struct Golden {
 )]
 pub struct SpecMismatch {
     pub run: PathBuf,
-    /// What differs, a line each.
+    /// The differences, one per line.
     pub diff: String,
 }
 
@@ -68,9 +68,9 @@ pub fn scene_digest(line: &SceneLine) -> String {
 }
 
 impl Spec {
-    /// Where `self` (in the run) and `new` (by the recipe) differ, a line each; empty if they agree.
+    /// Differences between `self` (the run) and `new` (the recipe), one per line; empty if they agree.
     ///
-    /// Roots are places, not content: they do not count.
+    /// Ignores roots: they are locations, not content.
     pub fn diff(&self, old_lines: &[SceneLine], new: &Self, new_lines: &[SceneLine]) -> String {
         let mut text = String::new();
         let mut row = |what: &str, old: &dyn std::fmt::Display, new: &dyn std::fmt::Display| {
@@ -109,11 +109,11 @@ struct Row {
     /// The first scene of these values.
     first: String,
     scenes: usize,
-    /// All the scenes have these values.
+    /// All these scenes have the same values.
     is_uniform: bool,
 }
 
-/// Differences of scenes with the same id, a row for each key: a changed seed must not bury a changed pane.
+/// Differences of scenes with the same id, one row per key, so that many changed seeds do not hide a changed pane.
 fn lines_diff(old_lines: &[SceneLine], new_lines: &[SceneLine]) -> String {
     let by_id: BTreeMap<&str, &SceneLine> = old_lines.iter().map(|l| (l.id.as_str(), l)).collect();
     let mut rows: BTreeMap<String, Row> = BTreeMap::new();

@@ -136,7 +136,7 @@ impl Cell {
         let of = |layer: Layer| self.error(|c| c.layers()[layer]);
         let above = |layer: Layer| scene.layers[layer] && of(layer) > target;
         let is_input_above = above(Layer::Input);
-        // What I still lacks is sought where the larger share of its error comes from.
+        // I goes on in the part with the larger share of its error.
         let (front, back) = (self.error(|c| c.front), self.error(|c| c.reflected));
         let go_on = [
             above(Layer::Transmission) || (is_input_above && front >= back),
@@ -148,9 +148,9 @@ impl Cell {
         }
     }
 
-    /// RMS error of one of the means over the cell: the larger of what its last two moves tell if the error falls like
-    /// that of independent samples. (See [`super::means::square_error`]; so few pixels do not tell how it falls.) The
-    /// last move alone is now and then small by chance, and a cell that stops for that reason stops too early.
+    /// RMS error of one of the means over the cell: the larger estimate of its last two moves, if the error falls like
+    /// that of independent samples. (See [`super::means::square_error`]; so few pixels do not show its rate.) The last
+    /// move alone is sometimes small by chance, and the cell would stop too early.
     fn error(&self, means: impl Fn(&Components) -> Means) -> f64 {
         let (mut last, mut before) = (0.0, 0.0);
         for pixel in &self.pixels {

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! F and B are the photographs' radiances where the line first meets their sheet (or mesh): a path ends there, because
-//! the photograph's radiance is what leaves the surface (the paper's Eq. 1), so there is no other transport.
+//! the photograph's radiance is the radiance that leaves the surface (the paper's Eq. 1): there is no other transport.
 
 use super::camera::{CameraBlock, GROUPS, Pixel};
 use super::fetch::{Cells, TexelMap, Weights};
@@ -68,7 +68,7 @@ struct Bundle<'a> {
     ends: [u32; 3],
 }
 
-/// What a bundle's radiance goes into.
+/// Targets of a bundle's radiance.
 #[derive(Clone, Copy, PartialEq)]
 enum Feeds {
     /// The order's weighted sum.
@@ -97,7 +97,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
         (self.paths, self.misses)
     }
 
-    /// What is `wanted` of pixel (`x`, `y`) from `samples`, an aligned power-of-two block; R takes its first
+    /// Traces the `wanted` parts of pixel (`x`, `y`) from `samples`, an aligned power-of-two block; R takes its first
     /// `clean` samples.
     #[inline(always)]
     pub(super) fn pixel(
@@ -199,7 +199,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
         Path::Lens { constant, slope: self.scene.slab.kappa_m(followed.order, 1.0) - constant }
     }
 
-    /// Sums of one bundle's weighted radiance, and its missed paths. What feeds T goes into `bare`.
+    /// Sums of one bundle's weighted radiance, and its missed paths. T's unweighted sum goes into `bare`.
     #[inline(always)]
     fn follow(&mut self, pixel: &Pixel, bundle: &Bundle, bare: &mut Sums) -> (Sums, u64) {
         let (scene, camera, rays) = (self.scene, &*self.camera, &mut *self.rays);

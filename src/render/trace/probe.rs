@@ -1,4 +1,4 @@
-//! The intersection kernel by itself: what a pixel's bundle does in [`super::bundle`] between its lines and its hits.
+//! The intersection kernel alone: the step of [`super::bundle`] from a bundle's lines to its hits.
 //!
 //! There is no clock here: a probe prepares camera samples and lines once, then finds each bundle's span and walks the
 //! grid as often as it is asked to. The caller measures the time.
@@ -23,7 +23,7 @@ struct Bundle<'a> {
     pixel: Pixel,
     maker: LineMaker<'a>,
     lines: [Lines; GROUPS],
-    /// Only a view without a closed form of its footprint looks at it; else one block is shared.
+    /// Only views without a closed form of their footprint use it; others share one block.
     camera: Option<Box<CameraBlock>>,
 }
 
@@ -196,7 +196,7 @@ impl<'a> BundleProbe<'a> {
         rays
     }
 
-    /// Cells between the beginning of each ray's walk and its hit in `hits` (what [`Self::intersect`] gave).
+    /// Cells between the start of each ray's walk and its hit in `hits`, the result of [`Self::intersect`].
     pub fn count(&self, hits: &[f32]) -> WalkCount {
         let shared = CameraBlock::new();
         let mut count = WalkCount::default();

@@ -1,6 +1,6 @@
 //! The photograph's radiance, bilinear between pixel centres and constant beyond the outermost ones.
 //!
-//! Texture coordinates are projective: a surface point shows what the photograph shows at its projection, so an
+//! Texture coordinates are projective: a surface point has the radiance of the photograph at its projection, so an
 //! unrefracted view from the capture point is the photograph itself.
 
 /// Linear Rec.709 radiance of a photograph.

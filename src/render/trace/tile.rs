@@ -1,4 +1,4 @@
-//! A tile's pixels, one after the other, on the best instruction set at hand.
+//! Traces a tile's pixels in order, on the best available instruction set.
 
 use super::adaptive;
 use super::bundle::Tracer;
@@ -22,7 +22,7 @@ pub struct Tile {
 /// Instruction set of the kernels. All give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Isa {
-    /// What every machine of the architecture has (SSE2 on x86-64).
+    /// The baseline of the architecture (SSE2 on x86-64).
     Baseline,
     /// 256-bit vectors.
     Avx2,

@@ -1,8 +1,8 @@
 //! Sixteen rays walk the depth grid from near to far until they pass below the sheet.
 //!
 //! A ray is (u, v) = p + s w with w falling; the sheet is two triangles a cell, split along the diagonal from
-//! (i + 1, j) to (i, j + 1). What is carried from cell to cell is one fact, "the ray is above the sheet", and it
-//! is never derived a second time at a shared edge: so no ray can slip between two cells. Outside the grid the
+//! (i + 1, j) to (i, j + 1). Only one fact is carried from cell to cell, "the ray is above the sheet", and it is
+//! never derived twice at a shared edge: no ray can slip between two cells. Outside the grid the
 //! border's inverse depth continues, so every ray ends on a surface: the outermost columns and rows of cells reach
 //! to infinity, and so a ray crosses at most nx + ny + 2 cells, however far away it passes.
 //!
@@ -115,7 +115,7 @@ impl Walkers {
     }
 }
 
-/// What all rays of a bundle walk over.
+/// The grid that all rays of a bundle walk over.
 struct Ground<'a> {
     w: &'a [f32],
     nx: i32,

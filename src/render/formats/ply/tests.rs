@@ -3,7 +3,7 @@ use crate::line::MeshFile;
 use crate::scene::decode_mesh;
 use std::path::PathBuf;
 
-/// Two squares and a triangle that share corners, with what other programs add; the body in any coding.
+/// Two squares and a triangle that share corners, with extra elements of other programs, in any coding.
 fn file(coding: &str, colour: &str) -> NamedBytes {
     let mut bytes = format!(
         "ply\r\nformat {coding} 1.0\ncomment made by hand\nobj_info nothing\nelement camera 1\nproperty list uchar \
@@ -98,7 +98,7 @@ fn every_coding_reads_the_same() {
 }
 
 #[test]
-fn meshes_stand_where_the_line_says_in_linear_light() {
+fn the_line_sets_pose_unit_and_exposure_of_a_mesh() {
     let file = file("binary_little_endian", "uchar");
     let line = mesh_line(
         r#"{"mesh":"a.ply","unit_m":0.5,"exposure":2,"pose":{"rotation":[[0,0,1],[0,1,0],[-1,0,0]],

@@ -22,7 +22,7 @@ fn all(width: usize) -> impl Iterator<Item = DVec3> {
     (0..width * width / 2).map(move |at| direction(at % width, at / width, width))
 }
 
-/// What the panoramas of these tests show.
+/// Radiance of the test panoramas in direction `d`.
 fn color(d: DVec3) -> [f64; 3] {
     let d = d.normalize();
     [0.5 + 0.4 * d.x, 0.5 + 0.4 * d.y, 0.5 + 0.4 * d.z]
@@ -75,7 +75,7 @@ fn traced(loaded: &LoadedScene) -> TileResult {
     trace_tile(&loaded.scene, tile, 0..loaded.scene.spp, Isa::detect())
 }
 
-/// Largest difference of a layer from what `expected` says of the ray (x, y, 1) through each pixel's centre.
+/// Largest difference of a layer from `expected` of the ray (x, y, 1) through each pixel's centre.
 fn difference(loaded: &LoadedScene, layer: usize, expected: impl Fn(DVec3) -> [f64; 3]) -> f64 {
     let film = &loaded.scene.film;
     let pixels = traced(loaded).pixels;
@@ -257,7 +257,7 @@ fn holes_are_filled_and_counted_and_relative_depths_get_metres() {
 }
 
 #[test]
-fn what_is_no_panorama_is_refused() {
+fn other_images_are_refused() {
     let depth = map(64, |_| 3.0);
     let message = |side: &str, image: &NamedBytes, depth: &NamedBytes| {
         sheet(side, image, depth).err().unwrap().to_string()

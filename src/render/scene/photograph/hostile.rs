@@ -9,7 +9,7 @@ use ::exr::prelude::{Blocks, Compression, Encoding, FlatSamples, LineOrder, Vec2
 use image::ExtendedColorType as Png;
 use proptest::prelude::*;
 
-/// Puts the bytes into each slot beside good files of the same size, and checks what comes out.
+/// Decodes the bytes as colour, depth and mask beside valid files, and checks the sheet or the error.
 fn decode_everywhere(bytes: &[u8]) {
     let line: Photograph = serde_json::from_str(
         r#"{"color":"c","depth":"d","intrinsics":{"fx":10,"fy":10,"cx":2,"cy":1}}"#,
@@ -33,7 +33,7 @@ fn decode_everywhere(bytes: &[u8]) {
                 assert!(sheet.inverse_depth_per_m.iter().all(|w| w.is_normal() && *w > 0.0));
                 assert!(sheet.max_radiance.is_finite() && sheet.front_center_z_m > 0.0);
             }
-            // A mask of zeros is a good file; what is missing then is depth.
+            // A mask of zeros is a valid file but leaves no depth.
             Err(SceneError::NoDepth { .. }) => {}
             Err(error) => assert!(error.to_string().contains("bad"), "{error}"),
         }

@@ -1,7 +1,7 @@
 //! Triangle meshes: the general path, for surfaces that are no depth image and for poses that no grid can take.
 //!
 //! ```text
-//! project.rs   corners in the lens's projective space (x/z, y/z, w = 1/z); what lies behind it is cut off
+//! project.rs   corners in the lens's projective space (x/z, y/z, w = 1/z); cut off behind it
 //! tree.rs      a hierarchy of boxes around them, built by obvhs, walked by sixteen rays at once
 //! woop.rs      sixteen rays against a triangle: no ray slips between two triangles that share an edge
 //! bundle.rs    radiance at the hits into the estimator's sums

@@ -5,7 +5,7 @@ use super::tree::Tree;
 use super::woop::{Corners, Hits, Rays};
 use glam::DVec3;
 
-/// Near plane, m: what lies nearer to the lens, or behind it, is cut off.
+/// Near plane, m: parts nearer to the lens, or behind it, are cut off.
 pub const NEAR_M: f64 = 1.0e-3;
 
 /// Largest magnitude of a vertex's coordinates, m: the boxes' areas stay finite in f32.
@@ -20,7 +20,7 @@ pub struct Mesh {
     counts: MeshCounts,
 }
 
-/// What became of a mesh's triangles.
+/// Counts of a mesh's triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshCounts {
     /// Traced, in whole or in part.
@@ -89,7 +89,7 @@ impl Mesh {
         }
     }
 
-    /// What became of the triangles.
+    /// Counts of the triangles.
     pub fn counts(&self) -> MeshCounts {
         self.counts
     }
@@ -107,7 +107,7 @@ impl Mesh {
         self.tree.first_hits(rays, count)
     }
 
-    /// What the first `count` rays with directions (`d`, 1) through points `p` of the plane z = 0 see.
+    /// First hits of the first `count` rays with directions (`d`, 1) through points `p` of the plane z = 0.
     #[inline(always)]
     pub(super) fn see(&self, d: [[f32; LANES]; 2], p: [[f32; LANES]; 2], count: usize) -> Seen {
         let hits = self.first_hits(&Rays::new(d, p, self.tree.top()), count);
@@ -152,7 +152,7 @@ struct Clip<'a> {
 }
 
 impl Clip<'_> {
-    /// Adds what of the triangle is in front of the near plane; `false` if nothing is.
+    /// Adds the part of the triangle in front of the near plane; `false` if there is none.
     fn add(&mut self, triangle: [u32; 3]) -> bool {
         let is_seen = triangle.map(|i| self.vertices[i as usize].z >= NEAR_M);
         if is_seen == [true; 3] {

@@ -133,7 +133,7 @@ fn no_ray_leaves_a_closed_mesh() {
                 );
                 tested += 1;
             }
-            // What a test that is not watertight does with the same rays; side 16 has too many triangles to try all.
+            // The same rays with a test that is not watertight; side 16 has too many triangles to try all.
             if block % 16 == 0 && side < 16 {
                 let origin = glam::Vec3A::new(p[0][0], p[1][0], 0.0);
                 let ray = Ray::new_inf(origin, glam::Vec3A::new(d[0][0], d[1][0], 1.0));

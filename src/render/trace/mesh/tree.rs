@@ -12,7 +12,7 @@ use obvhs::{BvhBuildParams, aabb::Aabb, bvh2::builder::build_bvh2};
 /// Margin of the boxes and the rays, relative: eight roundings of f32.
 pub(super) const MARGIN: f32 = 4.768_371_6e-7;
 
-/// A box, and what follows it.
+/// A box and its successor.
 struct Node {
     low: [f32; 3],
     high: [f32; 3],
@@ -49,8 +49,8 @@ impl Tree {
         if triangles.is_empty() {
             return (tree, Vec::new());
         }
-        // Over a height of 1/m a ray moves sideways by `lateral_m`: in this scale the builder's areas are what such
-        // rays see of a box. A power of two, so that nothing is rounded.
+        // Over a height of 1/m a ray moves sideways by `lateral_m`: in this scale the builder's areas are the boxes' areas
+        // as such rays see them. A power of two: nothing is rounded.
         let exponent = libm::round(libm::log2(lateral_m.clamp(1.0e-4, 1.0)));
         let scale = libm::exp2(exponent) as f32;
         let boxes: Vec<Aabb> = triangles

@@ -15,7 +15,7 @@ pub(super) type Corners = [[f32; 3]; 3];
 /// Slope that stands in for 0, so that reciprocals stay finite.
 const TINY: f32 = 1.0e-20;
 
-/// Sixteen rays (u, v) = d + w p, and what a box is tested with.
+/// Sixteen rays (u, v) = d + w p, with the constants of the box test.
 pub(super) struct Rays {
     d: [Lane; 2],
     p: [Lane; 2],
@@ -69,7 +69,7 @@ impl Rays {
         rays
     }
 
-    /// Whether any of the rays may meet something in the box that is nearer than, or as near as, what it has met.
+    /// Whether any ray may have a hit in the box that is at least as near as its hit so far.
     #[inline(always)]
     pub(super) fn touch(&self, low: [f32; 3], high: [f32; 3], hits: &Hits) -> bool {
         let mut any = 0u32;

@@ -89,7 +89,7 @@ fn terrains() -> Vec<Terrain> {
         Terrain { name: "outdoors", grid: procedural(outdoors), slope_px: 90.0 },
         rough_terrain(),
     ];
-    let sets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/rgbd");
+    let sets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/rgbd");
     for (name, path, unit_m, slope_px) in [
         ("real kitchen", "sevenscenes_kitchen/frame-000000.depth.png", 0.001, 90.0),
         ("real road", "kitti_road/depth/0000000050.png", 1.0 / 256.0, 5.0),

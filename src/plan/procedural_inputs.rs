@@ -1,0 +1,103 @@
+//! The procedural photographs of a recipe: their files in the run's folder, and the same bytes in memory for previews.
+
+use procedural::{SampleError, SampleFiles, SamplePhotograph};
+use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
+use std::collections::BTreeMap;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Bytes per pixel: four each for depth and mask, and a measured 0.76 for the PNG.
+const BYTES_A_PIXEL: f64 = 8.76;
+
+/// A procedural photograph that planning writes into the run's folder.
+#[derive(Clone, Debug)]
+pub struct ProceduralPhotograph {
+    pub(crate) root: String,
+    pub(crate) photograph: SamplePhotograph,
+    /// Width and height, px.
+    pub(crate) size: [u32; 2],
+}
+
+impl ProceduralPhotograph {
+    /// Estimated total size of the three files.
+    pub fn estimated_bytes(&self) -> u64 {
+        let [width, height] = self.size.map(f64::from);
+        (width * height * BYTES_A_PIXEL) as u64
+    }
+}
+
+/// The folder for the files that planning writes for the root `source`, below the run's folder.
+fn inputs_folder(run: &Path, source: &str) -> PathBuf {
+    run.join("inputs").join(source)
+}
+
+/// Writes the photographs that are missing in the run's folder. `on_photograph` receives (done, all).
+pub fn make_photographs(
+    run: &Path,
+    all: &[ProceduralPhotograph],
+    threads: usize,
+    on_photograph: &(dyn Fn(usize, usize) + Sync),
+) -> Result<(), SampleError> {
+    let is_missing = |made: &&ProceduralPhotograph| {
+        !procedural::is_written(&inputs_folder(run, &made.root), &made.photograph)
+    };
+    let missing: Vec<_> = all.iter().filter(is_missing).collect();
+    if missing.is_empty() {
+        return Ok(());
+    }
+    let done = AtomicUsize::new(0);
+    on_photograph(0, missing.len());
+    let make = || {
+        missing.par_iter().try_for_each(|made| {
+            let [width, height] = made.size;
+            procedural::write(&inputs_folder(run, &made.root), &made.photograph, width, height)?;
+            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+            on_photograph(done, missing.len());
+            Ok(())
+        })
+    };
+    match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
+        Ok(pool) => pool.install(make),
+        // The system refuses threads: use the caller's.
+        Err(_) => make(),
+    }
+}
+
+/// Files of photographs that are not written yet. Renders a photograph when one of its files is first read.
+pub(super) struct SampleBytes<'a> {
+    photographs: Vec<(&'a ProceduralPhotograph, OnceLock<Option<SampleFiles>>)>,
+    /// Path to (index of the photograph, index of the file).
+    places: BTreeMap<PathBuf, (usize, usize)>,
+}
+
+impl<'a> SampleBytes<'a> {
+    pub(super) fn new(run: &Path, all: &'a [ProceduralPhotograph]) -> Self {
+        let (mut photographs, mut places) = (Vec::new(), BTreeMap::new());
+        for one in all {
+            let (folder, photograph) = (inputs_folder(run, &one.root), &one.photograph);
+            let files = [photograph.color_path(), photograph.depth_path(), photograph.mask_path()];
+            for (kind, file) in files.iter().enumerate() {
+                places.insert(folder.join(file), (photographs.len(), kind));
+            }
+            photographs.push((one, OnceLock::new()));
+        }
+        Self { photographs, places }
+    }
+
+    /// The bytes of a file; `None` if it does not belong to a procedural photograph.
+    pub(super) fn read(&self, path: &Path) -> Option<io::Result<Vec<u8>>> {
+        let &(index, kind) = self.places.get(path)?;
+        if path.is_file() {
+            return Some(std::fs::read(path));
+        }
+        let (one, made) = &self.photographs[index];
+        let [width, height] = one.size;
+        let files = made.get_or_init(|| procedural::encode(&one.photograph, width, height).ok());
+        Some(match files {
+            Some(files) => Ok([&files.color, &files.depth, &files.mask][kind].clone()),
+            None => Err(io::Error::other("the photograph cannot be encoded")),
+        })
+    }
+}
