@@ -1,12 +1,13 @@
 //! The result of `bench error`: tables for a person, an object for a program, and the files of both.
 
 use super::cpu::on_cpu;
+use super::csv::csv;
 use super::error::BenchError;
 use super::fit::Slope;
 use super::ladder::{LayerRow, VARIANTS};
 use super::plot::error_plot;
 use super::reference::Reference;
-use super::table::{align, csv};
+use compose::markdown_table;
 use render::atomic_file;
 use render::layer::Layer;
 use serde::{Serialize, Serializer};
@@ -177,7 +178,7 @@ fn text(report: &ErrorReport) -> String {
                 optional(row.stated_over_true, |ratio| format!("{ratio:.2}")),
             ]);
         }
-        text += &align(&table, 0);
+        text += &markdown_table(&table, 0);
     }
     text += "\n";
     text += &summary(rows, slopes);
@@ -210,7 +211,7 @@ fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
         }
         table.push(cells);
     }
-    align(&table, 1)
+    markdown_table(&table, 1)
 }
 
 fn optional(value: Option<f64>, print: impl Fn(f64) -> String) -> String {

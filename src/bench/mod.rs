@@ -13,6 +13,7 @@
 mod calibrate;
 mod clock;
 mod cpu;
+mod csv;
 mod deviation;
 mod dump;
 mod error;
@@ -25,13 +26,13 @@ mod plot;
 mod reference;
 mod render;
 mod scenes;
-mod table;
 #[cfg(feature = "train")]
 mod train_step;
 
 pub use calibrate::calibrate;
 pub use clock::thread_cpu_s;
 pub use cpu::{cpu_name, on_cpu};
+pub use csv::csv;
 pub use deviation::{CELL_PX, Deviation};
 pub use dump::RayDump;
 pub use error::BenchError;
@@ -46,6 +47,5 @@ pub use plot::error_plot;
 pub use reference::{REFERENCE_SCHEMA, Reference, ReferenceRecord, own_reference, read_reference};
 pub use render::{Rendering, Work, render};
 pub use scenes::{BenchScene, indoor, outdoor, pair, stress};
-pub use table::{align, csv};
 #[cfg(feature = "train")]
 pub use train_step::{TrainBench, TrainStep};

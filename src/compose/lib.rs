@@ -38,7 +38,7 @@ pub use run::{Method, Scored, run};
 pub use score::{Scores, psnr_colour_db, score};
 pub use ssim::ssim_grey;
 pub use subject::{LeftOut, Subject, Unread, WithTruth};
-pub use table::{Protocol, Row, means_table, per_image_csv};
+pub use table::{Protocol, Row, markdown_table, means_table, per_image_csv};
 
 #[cfg(test)]
 mod tests;

@@ -252,7 +252,7 @@ mod tests {
         let json = serde_json::to_value(MethodMeans::of("input", &scored.rows)).unwrap();
         assert_eq!((&json["images"], &json["psnr_colour_db"]), (&2.into(), &"inf".into()));
         let spot = MethodMeans::of("spot", &scored.rows);
-        assert!(spot.all.psnr_colour_db.is_finite() && spot.aligned.is_some());
+        assert!(spot.all.scores.psnr_colour_db.is_finite() && spot.aligned.is_some());
     }
 
     #[test]

@@ -59,7 +59,6 @@ pub struct CheckpointState {
 pub enum CheckpointError {
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// It cannot be read.
     #[error("the checkpoint {} cannot be used: {reason}", path.display())]
     Damaged { path: PathBuf, reason: String },
     #[error(transparent)]

@@ -17,7 +17,6 @@ pub const EVALUATION_SCHEMA: &str = "glasshouse.evaluate/1";
 pub enum EvaluationError {
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// The grid of pictures.
     #[error("the pictures that were scored make no PNG: {0}")]
     Picture(#[from] image::ImageError),
     #[error("the scores make no JSON: {0}")]

@@ -1,6 +1,6 @@
 //! Which examples a step sees, and how: a function of the settings, the seed and the step's number.
 
-use super::example::{Cut, Example, Planes};
+use super::example::{Cut, Example};
 use super::mixture::MixtureRecipe;
 use super::random::Stream;
 use super::source::{Base, ExampleError, PairSource, PhotographSource, TupleSource};
@@ -244,7 +244,7 @@ impl ExampleSampler {
         let factor = wanted as f64 / short as f64;
         let side = |length: usize| ((length as f64 * factor).round() as usize).max(wanted);
         let (rows, columns) = (side(example.rows), side(example.columns));
-        let resized = |planes: &Planes| {
+        example.map([rows, columns], |planes| {
             let pixels = example.rows * example.columns;
             let picture =
                 Rgb32FImage::from_fn(example.columns as u32, example.rows as u32, |x, y| {
@@ -260,15 +260,7 @@ impl ExampleSampler {
                 }
             }
             out
-        };
-        Example {
-            rows,
-            columns,
-            input: resized(&example.input),
-            transmission: resized(&example.transmission),
-            glass_reflection: example.glass_reflection.as_ref().map(resized),
-            clean_reflection: example.clean_reflection.as_ref().map(resized),
-        }
+        })
     }
 }
 

@@ -33,7 +33,6 @@ pub struct Mixture {
 /// Pictures that cannot be mixed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MixtureError {
-    /// Front and back are not of one size, or their values are not.
     #[error(
         "front has {} x {} px and {} values, back {} x {} px and {}; give two pictures of one size with three values a pixel",
         front[0], front[1], front[2], back[0], back[1], back[2]
@@ -44,7 +43,6 @@ pub enum MixtureError {
         /// Columns, rows, values.
         back: [usize; 3],
     },
-    /// Zhang's vignette has no room for it.
     #[error(
         "{columns} x {rows} px are too many for Zhang's mixtures; crop to less than 550 px a side"
     )]

@@ -10,37 +10,29 @@ use image::RgbImage;
 use plan::{SettingError, Stage, TrainSettings};
 use std::path::PathBuf;
 
-/// A checkpoint whose networks cannot work.
+/// Why the networks of a checkpoint cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum SeparatorError {
-    /// It has no SP-net.
     #[error(
         "{} is of the backtrack stage: it holds BT-net alone, which separates nothing; give a checkpoint of the separation stage",
         path.display()
     )]
     NoSeparation { path: PathBuf },
-    /// Features come from other weights than those that the networks know.
     #[error(
         "{} was trained with features of VGG-19 weights of BLAKE3 {expected}, but those given have {found}; give the file that it was trained with",
         path.display()
     )]
     OtherFeatures {
         path: PathBuf,
-        /// Digest of the weights that it was trained with, or `none`.
+        /// Digest of the training's weights, or `none`.
         expected: String,
-        /// Digest of those given, or `none`.
+        /// Digest of the given weights, or `none`.
         found: String,
     },
-    /// Settings that no training has.
     #[error("the settings of {} are damaged: {source}", path.display())]
     Settings { path: PathBuf, source: SettingError },
-    /// Weights that do not fit its own settings.
     #[error("the networks of {} do not fit its settings: {source}; take another checkpoint", path.display())]
-    Weights {
-        path: PathBuf,
-        /// What is missing, or of another shape.
-        source: candle_core::Error,
-    },
+    Weights { path: PathBuf, source: candle_core::Error },
 }
 
 /// SP-net, BT-net and what describes images to them.

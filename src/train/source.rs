@@ -16,28 +16,20 @@ use std::sync::Arc;
 /// An example that cannot be had.
 #[derive(Debug, thiserror::Error)]
 pub enum ExampleError {
-    /// A file of a tuple is damaged.
     #[error(
         "{file}: {reason}; `glasshouse audit` finds what else is damaged, `glasshouse retry` has it made anew"
     )]
     Damaged {
-        /// Its key in the store.
+        /// Key in the store.
         file: String,
         reason: String,
     },
-    /// A file of a scene or a pair cannot be used.
     #[error("example {name}: {reason}")]
-    Unusable {
-        /// The scene, or the pair.
-        name: String,
-        reason: String,
-    },
+    Unusable { name: String, reason: String },
     #[error(transparent)]
     Store(#[from] TupleFilesError),
-    /// Nothing to train on.
     #[error("{0}")]
     None(String),
-    /// Told to stop while waiting.
     #[error("stopped")]
     Stopped,
 }

@@ -6,22 +6,15 @@ use plan::{FeatureSource, TrainSettings};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// A feature network that cannot be had.
+/// Errors of loading the feature network.
 #[derive(Debug, thiserror::Error)]
 pub enum FeaturesError {
-    /// The settings ask for a file and none was given.
     #[error("these networks see features of a VGG-19 from a file: give it with --features FILE")]
     NoFile,
-    /// The file cannot be read.
     #[error("cannot read {}: {source}; check the path", path.display())]
     Read { path: PathBuf, source: std::io::Error },
-    /// The file holds other tensors.
     #[error("{} holds no VGG-19 that can be used: {source}", path.display())]
-    Weights {
-        path: PathBuf,
-        /// The missing or misshapen tensor.
-        source: VggError,
-    },
+    Weights { path: PathBuf, source: VggError },
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),
 }

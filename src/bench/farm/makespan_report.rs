@@ -1,9 +1,9 @@
 //! The figures of [`makespan`](super::makespan()).
 
-use super::median::median;
 use super::setup::Conditions;
-use crate::bench::align;
+use crate::bench::clock::median;
 use crate::farm::simulate::{Case, Fault, simulate};
+use compose::markdown_table;
 use serde::Serialize;
 use std::fmt;
 
@@ -163,7 +163,7 @@ impl fmt::Display for Makespan {
         ];
         let mut rows = vec![head.map(str::to_owned).to_vec()];
         rows.extend(self.runs.iter().map(MakespanRun::row));
-        write!(f, "{}", align(&rows, 1))?;
+        write!(f, "{}", markdown_table(&rows, 1))?;
         for fault in self.runs.last().iter().flat_map(|run| &run.faults) {
             writeln!(f, "{fault}")?;
         }

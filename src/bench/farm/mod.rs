@@ -14,7 +14,6 @@ mod error;
 mod half_done;
 mod makespan;
 mod makespan_report;
-mod median;
 mod overhead;
 mod overhead_report;
 mod place;

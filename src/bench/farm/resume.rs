@@ -2,13 +2,13 @@
 
 use super::error::FarmBenchError;
 use super::half_done::{HalfDone, half_done};
-use super::median::median;
 use super::place::Place;
 use super::recipe::Recipe;
 use super::setup::{Conditions, Setup};
-use crate::bench::align;
+use crate::bench::clock::median;
 use crate::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper};
 use crate::run::Run;
+use compose::markdown_table;
 use render::line::Roots;
 use render::trace::Isa;
 use serde::Serialize;
@@ -192,7 +192,7 @@ impl fmt::Display for Resume {
             self.tuples_there,
             self.partials_there,
             self.how,
-            align(&table, 1).trim_end()
+            markdown_table(&table, 1).trim_end()
         )
     }
 }

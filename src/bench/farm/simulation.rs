@@ -1,8 +1,9 @@
 //! A farm in virtual time, with its figures.
 
 use super::error::FarmBenchError;
-use crate::bench::{align, thread_cpu_s};
+use crate::bench::thread_cpu_s;
 use crate::farm::simulate::{self as sim, Case, Fault, Outcome};
+use compose::markdown_table;
 use serde::Serialize;
 use std::fmt;
 
@@ -108,7 +109,7 @@ impl Simulation {
             ),
             ("published though done", o.published_though_done.to_string()),
         ];
-        align(&rows.map(|(name, value)| vec![name.to_owned(), value]), 1)
+        markdown_table(&rows.map(|(name, value)| vec![name.to_owned(), value]), 1)
     }
 
     fn messages(&self) -> String {
@@ -125,7 +126,7 @@ impl Simulation {
             all.to_string(),
             format!("{} (median {})", o.peak_messages_per_s, o.median_messages_per_s),
         ]);
-        align(&table, 1)
+        markdown_table(&table, 1)
     }
 }
 
