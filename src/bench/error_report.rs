@@ -1,4 +1,4 @@
-//! The result of `bench error`: tables for a person, an object for a program, and the files of both.
+//! The result of `bench error` as text, JSON and files.
 
 use super::cpu::on_cpu;
 use super::csv::csv;
@@ -20,7 +20,6 @@ pub const ERROR_SCHEMA: &str = "glasshouse.bench_error/1";
 /// Errors of a scene's renderings against a reference. Its keys are those of [`ERROR_SCHEMA`].
 #[derive(Serialize)]
 pub struct ErrorReport<'a> {
-    /// Name of the scene.
     pub scene: &'a str,
     /// Width and height, px.
     pub film: [u32; 2],
@@ -28,19 +27,17 @@ pub struct ErrorReport<'a> {
     /// Instruction set of the kernels.
     pub isa: &'static str,
     pub threads: usize,
-    /// The processor, if the system tells.
     pub cpu: Option<String>,
-    /// Seeds that were averaged over.
+    /// Number of averaged seeds.
     pub seeds: u32,
     /// Samples a pixel of each rung.
     pub spp: &'a [u32],
-    /// What the renderings were compared with.
     #[serde(serialize_with = "reference_object")]
     pub reference: &'a Reference,
     pub slopes: Vec<Slope>,
     /// By variant, rung and layer.
     pub rows: Vec<LayerRow>,
-    /// Folder of the files; not in `error.json`, which lies there.
+    /// Folder of the files; absent from `error.json` itself.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub out: Option<PathBuf>,
 }
@@ -114,7 +111,7 @@ impl fmt::Display for ErrorReport<'_> {
     }
 }
 
-/// What the error is against, in words.
+/// The reference, in words.
 fn truth(reference: &Reference, what: &str) -> String {
     reference.record.as_ref().map_or_else(
         || format!("the images in {}", reference.dir.display()),
@@ -122,7 +119,7 @@ fn truth(reference: &Reference, what: &str) -> String {
     )
 }
 
-/// The tables: one for each kind of sampling and layer.
+/// One table per kind of sampling and layer.
 fn text(report: &ErrorReport) -> String {
     let ErrorReport { reference, rows, slopes, .. } = report;
     let mut text = format!(
@@ -186,7 +183,7 @@ fn text(report: &ErrorReport) -> String {
     text
 }
 
-/// One row for each layer: how each kind of sampling falls, and where it ends.
+/// One row per layer: slope and final error of each kind of sampling.
 fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
     let top = rows.iter().map(|row| row.spp).max().unwrap_or(0);
     let mut head = vec!["layer".to_owned()];

@@ -1,14 +1,14 @@
-//! Speed and error, measured: `glasshouse bench`. Not in the pipeline.
+//! `glasshouse bench`: measures speed and error. Not in the pipeline.
 //!
 //! ```text
 //! scenes -> kernels (-> dump)                     bench trace: rays a second
 //!        -> calibrate                               plan: seconds of a core that a run takes
-//!        -> reference, ladder -> deviation -> fit -> table, plot    bench error: error against CPU seconds
+//!        -> reference, ladder -> deviation -> fit -> csv, plot      bench error: error against CPU seconds
 //! train_step                                                   bench train: CPU seconds of a step and its parts
-//! farm                                                         bench farm: what the farm adds, makespan, resuming
+//! farm                                                         bench farm: overhead, makespan, resuming
 //! ```
 //!
-//! Times are CPU seconds of the threads that worked ([`thread_cpu_s`]): machines are shared.
+//! Times are CPU seconds of the working threads ([`thread_cpu_s`]), because machines are shared.
 
 mod calibrate;
 mod clock;

@@ -1,4 +1,4 @@
-//! The networks of a checkpoint, put together to work.
+//! The networks of a checkpoint, for inference.
 
 use super::checkpoint::Checkpoint;
 use super::inference::Networks;
@@ -35,14 +35,14 @@ pub enum SeparatorError {
     Weights { path: PathBuf, source: candle_core::Error },
 }
 
-/// SP-net, BT-net and what describes images to them.
+/// SP-net, BT-net and their feature network.
 pub struct Separator {
     learner: Learner,
 }
 
 impl Separator {
-    /// Of a checkpoint of the separation stage. `vgg` is what its settings ask for, `vgg_blake3` the digest of its file, where
-    /// it is from one.
+    /// From a checkpoint of the separation stage. `vgg` is the feature network of its settings, `vgg_blake3` the digest of the
+    /// weights file, if there is one.
     pub fn new(
         checkpoint: &Checkpoint,
         vgg: Option<Vgg>,
@@ -63,7 +63,7 @@ impl Separator {
             });
         }
         let settings = TrainSettings {
-            // Who works needs no discriminator.
+            // Inference needs no discriminator.
             adversarial_weight: 0.0,
             ..state.settings.clone()
         };
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn networks_work_as_they_learned() {
+    fn a_separator_gives_the_results_of_its_learner() {
         let folder = tempfile::tempdir().unwrap();
         let settings = settings();
         let checkpoint = checkpoint(folder.path(), Stage::Separation, &settings);
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn unsuitable_checkpoints_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let settings = settings();
         let text = |checkpoint: &Checkpoint, vgg, blake3| {
@@ -151,7 +151,7 @@ mod tests {
         let mut whole = checkpoint(folder.path(), Stage::Separation, &settings);
         let other = text(&whole, Some(vgg(&settings)), Some("abc"));
         assert!(other.contains("BLAKE3 none") && other.contains("have abc"), "{other}");
-        // Without what its first layer was made for.
+        // Without the features that its first layer expects.
         let narrow = text(&whole, None, None);
         assert!(narrow.contains("kernel.0 is [4, "), "{narrow}");
         whole.model.remove("separation.last");

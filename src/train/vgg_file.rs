@@ -1,4 +1,4 @@
-//! VGG-19 as the settings ask for it: none, random, or from a file of torchvision's weights.
+//! VGG-19 by the settings: none, random, or from a file of torchvision's weights.
 
 use super::vgg::{Vgg, VggError};
 use candle_core::{Device, Tensor};
@@ -22,14 +22,14 @@ pub enum FeaturesError {
 /// The feature network, and the digest of its file.
 #[derive(Default)]
 pub struct Features {
-    /// `None` where images are described by their colours alone.
+    /// `None` for networks that see colours only.
     pub vgg: Option<Vgg>,
     /// BLAKE3 of the file, if the weights are from one.
     pub blake3: Option<String>,
 }
 
 impl Features {
-    /// What `settings` ask for; `file` has the weights where they are from a file.
+    /// Loads the feature network of `settings`; `file` has its weights, if they need one.
     pub fn load(
         settings: &TrainSettings,
         file: Option<&Path>,

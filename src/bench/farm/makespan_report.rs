@@ -7,7 +7,6 @@ use compose::markdown_table;
 use serde::Serialize;
 use std::fmt;
 
-/// The makespan of a farm.
 #[derive(Clone, Debug, Serialize)]
 pub struct Makespan {
     #[serde(flatten)]
@@ -18,14 +17,14 @@ pub struct Makespan {
     seed: u64,
     load_s: f64,
     lease_s: f64,
-    /// Without faults, with faults.
+    /// First without, then with faults.
     pub runs: Vec<MakespanRun>,
-    /// Anything else is a defect of the program.
+    /// Always true unless the program has a defect.
     #[serde(rename = "tuples_equal_those_of_one_process")]
     pub tuples_equal: bool,
 }
 
-/// Some passes over one case.
+/// The passes of one case.
 #[derive(Clone, Debug, Serialize)]
 pub struct MakespanRun {
     #[serde(skip)]

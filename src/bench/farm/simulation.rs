@@ -1,4 +1,4 @@
-//! A farm in virtual time, with its figures.
+//! Figures of a farm simulated in virtual time.
 
 use super::error::FarmBenchError;
 use crate::bench::thread_cpu_s;
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_simulation_says_the_same_in_text_and_json() {
+    fn text_and_json_have_the_same_figures() {
         let slow = Fault::Slow { worker: 1, times: 4.0 };
         let simulation = simulate(&case(vec![slow])).unwrap();
         let value = serde_json::to_value(&simulation).unwrap();

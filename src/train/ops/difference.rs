@@ -122,7 +122,7 @@ fn both<'a>(
 ) -> Result<[&'a [f32]; 2]> {
     if a_layout.dims() != b_layout.dims() {
         candle_core::bail!(
-            "difference: {:?} and {:?} have not one shape",
+            "difference: {:?} and {:?} differ in shape",
             a_layout.dims(),
             b_layout.dims()
         );
