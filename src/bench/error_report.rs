@@ -11,6 +11,7 @@ use compose::markdown_table;
 use render::atomic_file;
 use render::layer::Layer;
 use serde::{Serialize, Serializer};
+use serde_json::json;
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
 use std::path::{Path, PathBuf};
@@ -47,32 +48,16 @@ fn reference_object<S: Serializer>(
     reference: &&Reference,
     serializer: S,
 ) -> Result<S::Ok, S::Error> {
-    #[derive(Serialize)]
-    struct Own<'a> {
-        dir: &'a Path,
-        spp: u32,
-        seed: u64,
-        stated_rmse: BTreeMap<&'static str, Option<f64>>,
-        cpu_s: f64,
-        reused: bool,
-    }
-    #[derive(Serialize)]
-    struct Given<'a> {
-        dir: &'a Path,
-    }
-    let dir = reference.dir.as_path();
-    match &reference.record {
-        None => Given { dir }.serialize(serializer),
-        Some(record) => Own {
-            dir,
-            spp: record.spp,
-            seed: record.seed,
-            stated_rmse: Layer::NAMES.into_iter().zip(record.error_rms).collect(),
-            cpu_s: record.cpu_s,
-            reused: reference.reused,
-        }
-        .serialize(serializer),
-    }
+    let dir = reference.dir.to_string_lossy();
+    let Some(record) = &reference.record else {
+        return json!({ "dir": dir }).serialize(serializer);
+    };
+    let stated: BTreeMap<_, _> = Layer::NAMES.into_iter().zip(record.error_rms).collect();
+    let object = json!({
+        "dir": dir, "spp": record.spp, "seed": record.seed, "stated_rmse": stated,
+        "cpu_s": record.cpu_s, "reused": reference.reused,
+    });
+    object.serialize(serializer)
 }
 
 #[derive(Serialize)]

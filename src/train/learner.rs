@@ -210,11 +210,10 @@ impl Learner {
     ///
     /// candle fails, or the batch lacks layers of the stage.
     pub fn step(&mut self, step: u64, batch: &Batch, lap: Lap) -> Result<StepLosses> {
-        let (given, made, truth, sum) = match self.stage {
+        let (given, made, truth, mut sum) = match self.stage {
             Stage::Backtrack => self.backtrack_losses(batch, lap)?,
             Stage::Separation => self.separation_losses(batch, lap)?,
         };
-        let mut sum = sum;
         let mut of_discriminator = None;
         if let (Some(discriminator), Some(adam)) =
             (&self.discriminator, &mut self.discriminator_adam)
@@ -228,11 +227,8 @@ impl Learner {
                 lap("discriminator step");
             }
             let verdicts = discriminator.forward_frozen(&given, &made)?;
-            sum.add(
-                "adversarial",
-                self.settings.adversarial_weight,
-                &adversarial_loss(&verdicts)?,
-            )?;
+            let weight = self.settings.adversarial_weight;
+            sum.add("adversarial", weight, &adversarial_loss(&verdicts)?)?;
             lap("losses");
         }
         let total = sum.total()?;
