@@ -1,7 +1,7 @@
-//! How long a run will take on this machine: some of its scenes are read, decoded and traced in part.
+//! Estimates the duration of a run on this machine: reads, decodes and partly traces some of its scenes.
 //!
-//! The pixels that are traced get all their samples, so that what a pixel costs besides them is counted as in the run. The
-//! estimate is of one core; cores that share their arithmetic units are slower when all are busy.
+//! Traced pixels get all their samples, so that the fixed cost of a pixel counts as in the run. The estimate is for one
+//! core; cores that share arithmetic units are slower when all are busy.
 
 use super::clock::thread_cpu_s;
 use plan::Calibration;
@@ -10,16 +10,16 @@ use render::scene::{LoadError, SceneFiles, load};
 use render::shard::samples_per_range;
 use render::trace::{CELL_PX, Isa, Tile, trace_tile};
 
-/// Scenes that are tried out.
+/// Calibrated scenes.
 const SCENES: usize = 3;
-/// Scenes that are tried in all, if some cannot be loaded.
+/// Most attempts, if some scenes cannot be loaded.
 const MOST_TRIED: usize = 8;
-/// Seconds of tracing a scene.
+/// Tracing time per scene.
 const TRACING_S: f64 = 0.2;
-/// Pixels across a piece; its height is one cell's.
+/// Width of a traced piece; its height is that of a cell.
 const PIECE_PX: u32 = 32;
 
-/// Tries out scenes spread over `lines`, whose files `read` reads; `None` if none of them can be loaded.
+/// Calibrates with scenes spread over `lines`; `read` reads their files. `None` if no scene can be loaded.
 pub fn calibrate(
     lines: &[SceneLine],
     read: &dyn Fn(&SceneLine) -> Result<SceneFiles, LoadError>,
@@ -34,7 +34,7 @@ pub fn calibrate(
         };
         load_s += thread_cpu_s() - start;
         let (mut seconds, mut pixels) = (0.0, 0u64);
-        // Of an adaptive scene a cell is traced to its end.
+        // Cells of adaptive scenes are traced to their end.
         let samples = match line.film.target_error {
             None => samples_per_range(line.film.spp),
             Some(_) => line.film.spp,
@@ -62,7 +62,7 @@ pub fn calibrate(
     })
 }
 
-/// Scenes from all over the manifest: the first three from its sixths, others between them.
+/// Scenes spread over the manifest: first at 1/6, 3/6 and 5/6, then between.
 fn spread(lines: &[SceneLine]) -> impl Iterator<Item = &SceneLine> {
     let mut at: Vec<usize> = [1, 3, 5, 0, 2, 4, 6, 7]
         .iter()
@@ -74,7 +74,7 @@ fn spread(lines: &[SceneLine]) -> impl Iterator<Item = &SceneLine> {
     at.into_iter().map(|index| &lines[index])
 }
 
-/// The film in pieces, in an order that reaches all of its parts early.
+/// Pieces of the film, in an order that covers all regions early.
 fn pieces(line: &SceneLine) -> Vec<Tile> {
     let film = &line.film;
     let columns = film.width.div_ceil(PIECE_PX);
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn scenes_that_cannot_be_read_are_passed_over() {
+    fn unreadable_scenes_are_skipped() {
         let nowhere = || LoadError::Read {
             path: "nowhere".into(),
             source: std::io::Error::other("on purpose"),
@@ -136,7 +136,7 @@ mod tests {
         let photographs = listing(2, 1).into_iter();
         let photographs: Vec<_> = photographs.map(|p| photograph(&p, [16, 12]).unwrap()).collect();
         let read = |line: &SceneLine| {
-            // What is in the middle is not there.
+            // The scene in the middle is missing.
             if line.seed == 6 {
                 return Err(nowhere());
             }

@@ -1,21 +1,27 @@
-//! The CPU clock of the calling thread.
+//! The CPU clock of the calling thread, and medians of measured seconds.
 
 use rustix::time::{ClockId, clock_gettime};
 
-/// Seconds (user and system) that the calling thread has computed so far. Time in which others had the core does not
-/// count; a core that others slow down does.
+/// CPU seconds (user and system) of the calling thread. Time in which another thread has the core does not count; contention
+/// for shared units of a core does.
 pub fn thread_cpu_s() -> f64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
-/// Median and smallest of some seconds. Panics if there are none.
-pub(super) fn median_and_best(seconds: &[f64]) -> (f64, f64) {
-    let mut sorted = seconds.to_vec();
+/// The middle value, or the mean of the two in the middle; NaN without values.
+pub(super) fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
-    let n = sorted.len();
-    let median = f64::midpoint(sorted[(n - 1) / 2], sorted[n / 2]);
-    (median, sorted[0])
+    match sorted.len() {
+        0 => f64::NAN,
+        n => f64::midpoint(sorted[(n - 1) / 2], sorted[n / 2]),
+    }
+}
+
+/// Median and smallest of some seconds.
+pub(super) fn median_and_best(seconds: &[f64]) -> (f64, f64) {
+    (median(seconds), seconds.iter().copied().fold(f64::INFINITY, f64::min))
 }
 
 #[cfg(test)]
@@ -38,5 +44,6 @@ mod tests {
     fn medians() {
         assert_eq!(median_and_best(&[3.0, 1.0, 2.0]), (2.0, 1.0));
         assert_eq!(median_and_best(&[4.0, 1.0, 2.0, 3.0]), (2.5, 1.0));
+        assert!(median(&[]).is_nan());
     }
 }

@@ -1,13 +1,13 @@
-//! The machine's processor: figures are worth little without its name.
+//! The processor's name, which belongs to every figure.
 
-/// The model name, if the system tells.
+/// The model name, if known.
 pub fn cpu_name() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
-/// ` on NAME`, or nothing.
+/// ` on NAME`, or empty.
 pub fn on_cpu() -> String {
     cpu_name().map_or_else(String::new, |name| format!(" on {name}"))
 }

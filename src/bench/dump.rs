@@ -1,4 +1,4 @@
-//! Rays, hits and vertices as plain files, so that another ray tracer can be given exactly the same work.
+//! Rays, hits and vertices as plain files, to give other ray tracers exactly the same work.
 
 use super::error::BenchError;
 use render::atomic_file;
@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// The schema name of `rays.json`.
 const SCHEMA: &str = "glasshouse.rays/1";
 
-/// A folder that classes of rays are written to.
+/// A folder of ray classes.
 pub struct RayDump {
     dir: PathBuf,
     classes: Vec<Class>,
@@ -29,12 +29,12 @@ struct Class {
     hits: String,
     /// Little-endian f32, `[x, y, z]` a vertex, row by row, metres.
     vertices: String,
-    /// Of intersection alone, on the machine and moment of the dump.
+    /// Speed of intersection alone, measured during the dump.
     kernel_mrays_per_s: f64,
 }
 
 impl RayDump {
-    /// Begins a dump into `dir`, which is made.
+    /// Starts a dump; creates `dir`.
     pub fn new(dir: &Path) -> Result<Self, BenchError> {
         atomic_file::create_dir(dir)?;
         Ok(Self { dir: dir.to_owned(), classes: Vec::new() })
@@ -52,7 +52,7 @@ impl RayDump {
         let rays: Vec<f32> =
             probe.rays().iter().flat_map(|ray| [ray.origin, ray.direction]).flatten().collect();
         let depths: Vec<f32> = hits.iter().map(|w| 1.0 / w).collect();
-        // The sheet is the same for every class of one side of a scene: written each time, so that a class stands alone.
+        // Classes of one side share their sheet; it is written for each, so that a class is self-contained.
         let class = Class {
             name: name.to_owned(),
             count: hits.len(),
@@ -70,7 +70,7 @@ impl RayDump {
         Ok(())
     }
 
-    /// Writes `rays.json`; its path.
+    /// Writes `rays.json` and returns its path.
     pub fn finish(self) -> Result<PathBuf, BenchError> {
         let list = serde_json::json!({ "schema": SCHEMA, "classes": self.classes });
         let path = self.dir.join("rays.json");

@@ -1,15 +1,17 @@
-//! The result of `bench error`: tables for a person, an object for a program, and the files of both.
+//! The result of `bench error` as text, JSON and files.
 
 use super::cpu::on_cpu;
+use super::csv::csv;
 use super::error::BenchError;
 use super::fit::Slope;
 use super::ladder::{LayerRow, VARIANTS};
 use super::plot::error_plot;
 use super::reference::Reference;
-use super::table::{align, csv};
+use compose::markdown_table;
 use render::atomic_file;
 use render::layer::Layer;
 use serde::{Serialize, Serializer};
+use serde_json::json;
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
 use std::path::{Path, PathBuf};
@@ -19,7 +21,6 @@ pub const ERROR_SCHEMA: &str = "glasshouse.bench_error/1";
 /// Errors of a scene's renderings against a reference. Its keys are those of [`ERROR_SCHEMA`].
 #[derive(Serialize)]
 pub struct ErrorReport<'a> {
-    /// Name of the scene.
     pub scene: &'a str,
     /// Width and height, px.
     pub film: [u32; 2],
@@ -27,19 +28,17 @@ pub struct ErrorReport<'a> {
     /// Instruction set of the kernels.
     pub isa: &'static str,
     pub threads: usize,
-    /// The processor, if the system tells.
     pub cpu: Option<String>,
-    /// Seeds that were averaged over.
+    /// Number of averaged seeds.
     pub seeds: u32,
     /// Samples a pixel of each rung.
     pub spp: &'a [u32],
-    /// What the renderings were compared with.
     #[serde(serialize_with = "reference_object")]
     pub reference: &'a Reference,
     pub slopes: Vec<Slope>,
     /// By variant, rung and layer.
     pub rows: Vec<LayerRow>,
-    /// Folder of the files; not in `error.json`, which lies there.
+    /// Folder of the files; absent from `error.json` itself.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub out: Option<PathBuf>,
 }
@@ -49,32 +48,16 @@ fn reference_object<S: Serializer>(
     reference: &&Reference,
     serializer: S,
 ) -> Result<S::Ok, S::Error> {
-    #[derive(Serialize)]
-    struct Own<'a> {
-        dir: &'a Path,
-        spp: u32,
-        seed: u64,
-        stated_rmse: BTreeMap<&'static str, Option<f64>>,
-        cpu_s: f64,
-        reused: bool,
-    }
-    #[derive(Serialize)]
-    struct Given<'a> {
-        dir: &'a Path,
-    }
-    let dir = reference.dir.as_path();
-    match &reference.record {
-        None => Given { dir }.serialize(serializer),
-        Some(record) => Own {
-            dir,
-            spp: record.spp,
-            seed: record.seed,
-            stated_rmse: Layer::NAMES.into_iter().zip(record.error_rms).collect(),
-            cpu_s: record.cpu_s,
-            reused: reference.reused,
-        }
-        .serialize(serializer),
-    }
+    let dir = reference.dir.to_string_lossy();
+    let Some(record) = &reference.record else {
+        return json!({ "dir": dir }).serialize(serializer);
+    };
+    let stated: BTreeMap<_, _> = Layer::NAMES.into_iter().zip(record.error_rms).collect();
+    let object = json!({
+        "dir": dir, "spp": record.spp, "seed": record.seed, "stated_rmse": stated,
+        "cpu_s": record.cpu_s, "reused": reference.reused,
+    });
+    object.serialize(serializer)
 }
 
 #[derive(Serialize)]
@@ -113,7 +96,7 @@ impl fmt::Display for ErrorReport<'_> {
     }
 }
 
-/// What the error is against, in words.
+/// The reference, in words.
 fn truth(reference: &Reference, what: &str) -> String {
     reference.record.as_ref().map_or_else(
         || format!("the images in {}", reference.dir.display()),
@@ -121,7 +104,7 @@ fn truth(reference: &Reference, what: &str) -> String {
     )
 }
 
-/// The tables: one for each kind of sampling and layer.
+/// One table per kind of sampling and layer.
 fn text(report: &ErrorReport) -> String {
     let ErrorReport { reference, rows, slopes, .. } = report;
     let mut text = format!(
@@ -177,7 +160,7 @@ fn text(report: &ErrorReport) -> String {
                 optional(row.stated_over_true, |ratio| format!("{ratio:.2}")),
             ]);
         }
-        text += &align(&table, 0);
+        text += &markdown_table(&table, 0);
     }
     text += "\n";
     text += &summary(rows, slopes);
@@ -185,7 +168,7 @@ fn text(report: &ErrorReport) -> String {
     text
 }
 
-/// One row for each layer: how each kind of sampling falls, and where it ends.
+/// One row per layer: slope and final error of each kind of sampling.
 fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
     let top = rows.iter().map(|row| row.spp).max().unwrap_or(0);
     let mut head = vec!["layer".to_owned()];
@@ -210,7 +193,7 @@ fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
         }
         table.push(cells);
     }
-    align(&table, 1)
+    markdown_table(&table, 1)
 }
 
 fn optional(value: Option<f64>, print: impl Fn(f64) -> String) -> String {

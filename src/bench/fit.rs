@@ -1,21 +1,21 @@
-//! How fast an error falls.
+//! The rate at which an error falls.
 
 use serde::Serialize;
 
-/// Slope of a layer's error over its samples, in logarithms: -0.5 for independent samples.
+/// Log-log slope of a layer's error over its samples: -0.5 for independent samples.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Slope {
     pub variant: &'static str,
     pub layer: &'static str,
-    /// Of RMSE against samples; `null` with fewer than two different numbers of samples.
+    /// `null` with fewer than two different numbers of samples.
     pub slope: Option<f64>,
-    /// Rungs that it was fitted to.
+    /// Number of fitted rungs.
     pub rungs: usize,
-    /// The same over the rungs of at least 16 samples: what more samples bring where there are many already.
+    /// The slope over the rungs of at least 16 samples.
     pub tail_slope: Option<f64>,
 }
 
-/// Least-squares slope of log `y` against log `x`; `None` if it has none.
+/// Least-squares slope of log `y` against log `x`; `None` for fewer than two different `x`.
 pub fn log_log_slope(points: &[(f64, f64)]) -> Option<f64> {
     let logs: Vec<(f64, f64)> = points
         .iter()
@@ -35,7 +35,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn powers_have_their_exponent() {
+    fn the_slope_of_a_power_is_its_exponent() {
         let points: Vec<(f64, f64)> =
             (0..6).map(|k| f64::from(1 << k)).map(|n| (n, 3.0 * libm::pow(n, -0.75))).collect();
         assert!((log_log_slope(&points).unwrap() + 0.75).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! Rays a second on one core: intersection by itself, and the whole tracer.
+//! Rays a second on one core: intersection alone, and the whole tracer.
 
 use super::clock::{median_and_best, thread_cpu_s};
 use super::error::BenchError;
@@ -12,10 +12,10 @@ use render::trace::{
 use serde::Serialize;
 use std::hint::black_box;
 
-/// Every fourth pixel across and down is looked at.
+/// Every fourth pixel across and down is used.
 const STEP_PX: u32 = 4;
 
-/// Tiles across and down, and their side, that stand for a film in [`tracer`].
+/// Number of tiles across and down, and their side, for [`tracer`].
 const TILES: u32 = 4;
 const TILE_PX: u32 = 16;
 
@@ -29,19 +29,19 @@ pub struct KernelTiming {
     pub best_mrays_per_s: f64,
 }
 
-/// Intersection alone: span and walk of one order's bundles, camera samples and lines made before.
+/// Intersection alone: span and walk of one order's bundles, without camera samples and lines.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct KernelRow {
     pub scene: String,
     /// `t0`, `t1`, `r0`, `r1`, or `R` (the pinhole).
     pub kernel: &'static str,
-    /// Where the back photograph's camera stands (`mirror`, `camera`); `null` for the front's orders.
+    /// Camera position of the back photograph (`mirror`, `camera`); `null` for the front's orders.
     pub apex: Option<&'static str>,
     /// Rays of a pass.
     pub rays: u64,
     /// Mean number of cells between a ray's start and its hit.
     pub cells_per_ray: f64,
-    /// Mean number of cells of the longest of sixteen rays.
+    /// Mean cell count of the longest ray among sixteen.
     pub rounds_per_16_rays: f64,
     pub timings: Vec<KernelTiming>,
 }
@@ -50,11 +50,11 @@ pub struct KernelRow {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TracerRow {
     pub scene: String,
-    /// Where the back photograph's camera stands.
+    /// Camera position of the back photograph.
     pub apex: &'static str,
     /// Camera samples of a pass.
     pub samples: u64,
-    /// Rays of a pass: of all orders and R.
+    /// Rays of a pass: all orders and R.
     pub rays: u64,
     pub timings: Vec<TracerTiming>,
 }
@@ -86,7 +86,7 @@ pub struct BuildRow {
     pub best_build_ms: f64,
 }
 
-/// What else is done with each class: its name, its rays, their hits (1/m), Mrays/s of the first instruction set.
+/// Receives each class: name, rays, hits (1/m), Mrays/s of the first instruction set.
 pub type OnClass<'a> = dyn FnMut(&str, &BundleProbe, &[f32], f64) -> Result<(), BenchError> + 'a;
 
 fn isa_name(isa: Isa) -> &'static str {
@@ -96,7 +96,7 @@ fn isa_name(isa: Isa) -> &'static str {
     }
 }
 
-/// The scene with another apex, ready to be traced at 256 samples.
+/// The scene with another apex, assembled for 256 samples.
 fn scene_at(scene: &BenchScene, apex: Apex) -> Result<Scene, BenchError> {
     let mut line = scene.line.clone();
     line.back.set_apex(apex);
@@ -106,7 +106,7 @@ fn scene_at(scene: &BenchScene, apex: Apex) -> Result<Scene, BenchError> {
 
 const APEXES: [(&str, Apex); 2] = [("mirror", Apex::Mirror), ("camera", Apex::Camera)];
 
-/// Seconds of `passes` passes of each instruction set, taken in turns after one pass that does not count.
+/// Seconds of `passes` passes of each instruction set, interleaved, after one warm-up pass.
 fn seconds_of(isas: &[Isa], passes: usize, mut pass: impl FnMut(Isa)) -> Vec<Vec<f64>> {
     let mut seconds = vec![Vec::with_capacity(passes); isas.len()];
     for round in 0..=passes {
@@ -202,7 +202,7 @@ pub fn tracer(
             rays = 0;
             for tile in &tiles {
                 let result = black_box(trace_tile(&assembled, *tile, 0..BLOCK as u32, isa));
-                // Every order's paths count in I, the pinhole's in R.
+                // I counts the paths of every order, R those of the pinhole.
                 rays += result.paths[Layer::Input] + result.paths[Layer::CleanReflection];
             }
         });
@@ -277,7 +277,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tiles_lie_on_the_film_and_apart() {
+    fn tiles_do_not_overlap_and_lie_on_the_film() {
         for (width, height) in [(256, 256), (64, 64), (1000, 70), (40, 24)] {
             let tiles = tiles(width, height);
             let mut covered = vec![false; (width * height) as usize];

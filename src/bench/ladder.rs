@@ -1,4 +1,4 @@
-//! A ladder of sample counts, rendered with every kind of sampling and compared with a reference.
+//! Renderings at several sample counts (rungs) with every kind of sampling, compared with a reference.
 
 use super::deviation::Deviation;
 use super::error::BenchError;
@@ -11,19 +11,18 @@ use render::line::{LayerSet, SceneLine};
 use render::trace::Sampling;
 use serde::Serialize;
 
-/// A way to sample: what a number of the ladder means to it.
+/// A kind of sampling, and its scene line for a rung.
 #[derive(Clone, Copy)]
 pub struct Variant {
-    /// What files call it.
+    /// Name in files.
     pub name: &'static str,
     pub title: &'static str,
-    /// Kind of the sample points.
     pub sampling: Sampling,
     /// The scene line for one rung of the ladder.
     pub line: fn(&SceneLine, u32) -> SceneLine,
 }
 
-/// All ways, in the order in which they are rendered and shown.
+/// All kinds, in the order of rendering and output.
 pub const VARIANTS: [Variant; 3] = [
     Variant {
         name: "sobol",
@@ -54,27 +53,27 @@ fn with_samples(line: &SceneLine, spp: u32) -> SceneLine {
     line
 }
 
-/// A target error in place of a number: the higher the rung, the lower the target. The factor makes rungs of about
-/// equal cost lie beside each other on photographs.
+/// A target error in place of a sample count: the higher the rung, the lower the target. With this factor equal rungs have
+/// about equal cost on photographs.
 fn with_target(line: &SceneLine, rung: u32) -> SceneLine {
     let mut line = with_samples(line, MOST_SAMPLES);
     line.film.target_error = Some(0.03 / f64::from(rung).sqrt());
     line
 }
 
-/// Samples a pixel that an adaptive rendering may take.
+/// Most samples a pixel of an adaptive rendering.
 const MOST_SAMPLES: u32 = 65_536;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Ladder {
     /// Samples a pixel, ascending powers of two.
     pub spp: Vec<u32>,
-    /// Seeds: the scene's and those after it. Errors are averaged over them.
+    /// Number of seeds, from the scene's on. Errors are averaged over them.
     pub seeds: u32,
 }
 
 impl Ladder {
-    /// Camera samples of the whole ladder on a film of `pixels`, all variants: what progress counts.
+    /// Camera samples of the whole ladder for all variants on a film of `pixels`, for progress.
     pub fn samples(&self, pixels: u64) -> u64 {
         let once: u64 = self.spp.iter().map(|&n| u64::from(n)).sum();
         once * u64::from(self.seeds) * pixels * VARIANTS.len() as u64
@@ -86,22 +85,20 @@ impl Ladder {
 pub struct LayerRow {
     pub variant: &'static str,
     pub layer: &'static str,
-    /// The rung: samples a pixel that were asked for.
+    /// The rung: requested samples a pixel.
     pub spp: u32,
-    /// Samples a pixel that the layer took (R takes fewer); of adaptive sampling the mean over the film.
+    /// Samples a pixel of the layer (R takes fewer); for adaptive sampling the mean over the film.
     pub samples: f64,
-    /// CPU seconds of the tracer for all four layers together; the median over the seeds and, where it is
-    /// short, of some repetitions.
+    /// CPU seconds of the tracer for all four layers; the median over seeds and repetitions of short renderings.
     pub cpu_s: f64,
-    /// Differences from the reference.
     #[serde(flatten)]
     pub deviation: Deviation,
-    /// The RMS error that the tuple states of itself; `null` where one sample has no halves.
+    /// RMS error stated by the tuple; `null` with one sample.
     pub stated_rmse: Option<f64>,
     pub stated_over_true: Option<f64>,
 }
 
-/// A rendering that took less than this is timed some more times.
+/// Shorter renderings are timed again.
 const SHORT_S: f64 = 0.25;
 const MORE_TIMINGS: usize = 4;
 
@@ -113,7 +110,7 @@ pub fn climb(
     work: &Work,
 ) -> Result<Option<Vec<LayerRow>>, BenchError> {
     let mut rows = Vec::new();
-    // The first rendering of a process, which has the memory to fetch, does not count.
+    // Warm-up: the first rendering of a process also allocates its memory.
     let first = (VARIANTS[0].line)(&scene.line, 1);
     let uncounted = Work { on_samples: &|_| {}, ..*work };
     if render(scene, &first, VARIANTS[0].sampling, &uncounted)?.is_none() {
@@ -128,7 +125,7 @@ pub fn climb(
             for seed in 0..ladder.seeds {
                 let mut line = (variant.line)(&scene.line, spp);
                 line.seed = line.seed.wrapping_add(u64::from(seed));
-                // An adaptive rung is announced as the number it stands for.
+                // Progress counts an adaptive rung as its nominal sample count.
                 let on_samples = |count: u64| {
                     (work.on_samples)(count / u64::from(line.film.spp) * u64::from(spp));
                 };
@@ -179,10 +176,10 @@ pub fn climb(
     Ok(Some(rows))
 }
 
-/// A rung counts for the slope while its RMSE is this many times the reference's own stated error.
+/// The slope uses rungs whose RMSE is at least this many times the reference's stated error.
 const CLEAR_OF_REFERENCE: f64 = 3.0;
 
-/// Where the tail of a ladder begins, samples.
+/// First sample count of the tail.
 const TAIL_SAMPLES: f64 = 16.0;
 
 /// Slopes of RMSE against the layer's samples, by variant and layer.

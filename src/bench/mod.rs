@@ -1,18 +1,19 @@
-//! Speed and error, measured: `glasshouse bench`. Not in the pipeline.
+//! `glasshouse bench`: measures speed and error. Not in the pipeline.
 //!
 //! ```text
 //! scenes -> kernels (-> dump)                     bench trace: rays a second
 //!        -> calibrate                               plan: seconds of a core that a run takes
-//!        -> reference, ladder -> deviation -> fit -> table, plot    bench error: error against CPU seconds
+//!        -> reference, ladder -> deviation -> fit -> csv, plot      bench error: error against CPU seconds
 //! train_step                                                   bench train: CPU seconds of a step and its parts
-//! farm                                                         bench farm: what the farm adds, makespan, resuming
+//! farm                                                         bench farm: overhead, makespan, resuming
 //! ```
 //!
-//! Times are CPU seconds of the threads that worked ([`thread_cpu_s`]): machines are shared.
+//! Times are CPU seconds of the working threads ([`thread_cpu_s`]), because machines are shared.
 
 mod calibrate;
 mod clock;
 mod cpu;
+mod csv;
 mod deviation;
 mod dump;
 mod error;
@@ -25,13 +26,13 @@ mod plot;
 mod reference;
 mod render;
 mod scenes;
-mod table;
 #[cfg(feature = "train")]
 mod train_step;
 
 pub use calibrate::calibrate;
 pub use clock::thread_cpu_s;
 pub use cpu::{cpu_name, on_cpu};
+pub use csv::csv;
 pub use deviation::{CELL_PX, Deviation};
 pub use dump::RayDump;
 pub use error::BenchError;
@@ -46,6 +47,5 @@ pub use plot::error_plot;
 pub use reference::{REFERENCE_SCHEMA, Reference, ReferenceRecord, own_reference, read_reference};
 pub use render::{Rendering, Work, render};
 pub use scenes::{BenchScene, indoor, outdoor, pair, stress};
-pub use table::{align, csv};
 #[cfg(feature = "train")]
 pub use train_step::{TrainBench, TrainStep};

@@ -1,4 +1,4 @@
-//! Error against CPU seconds as a log-log plot in SVG: no script, no style sheet, no font of its own.
+//! Error against CPU seconds as a log-log plot in plain SVG.
 
 use super::ladder::{LayerRow, VARIANTS};
 use crate::plot::{Axis, LAYER_COLOURS, Panel, Stroke};
@@ -13,7 +13,7 @@ const PANEL: [f64; 2] = [360.0, 340.0];
 const TOP: f64 = 64.0;
 const LEFTS: [f64; 2] = [72.0, 544.0];
 
-/// What a panel shows of a row.
+/// The plotted number of a row.
 type Measure = fn(&LayerRow) -> f64;
 
 /// The plot: RMSE of the whole layer on the left, of its worst 8 x 8 px on the right; a line for each layer and variant.
@@ -45,7 +45,7 @@ pub fn error_plot(rows: &[LayerRow], title: &str) -> String {
 fn panel(rows: &[&LayerRow], label: &str, measure: Measure, left: f64) -> Markup {
     let (right, bottom) = (left + PANEL[0], TOP + PANEL[1]);
     let mut x = Axis::log(rows.iter().map(|row| row.cpu_s), [left, right]);
-    // Room for the names at the lines' ends.
+    // Space for the names at the ends of lines.
     x.values[1] *= 1.25;
     let panel = Panel {
         x,

@@ -1,4 +1,4 @@
-//! What a rendering is compared with: images from a folder, or many more samples of another seed, kept for the next time.
+//! Reference images: from a folder, or rendered with many more samples of another seed and kept.
 
 use super::error::BenchError;
 use super::render::{Work, render};
@@ -17,27 +17,27 @@ use std::path::{Path, PathBuf};
 /// The schema name of `reference.json`.
 pub const REFERENCE_SCHEMA: &str = "glasshouse.reference/1";
 
-/// Between a scene's seed and its reference's; the seeds of a ladder are the scene's and those right after it.
+/// Distance of the reference's seed from the scene's. Ladders use the seeds next to the scene's.
 const SEED_STEP: u64 = 1 << 32;
 
-/// Four images that count as the truth.
+/// Four images taken as the truth.
 pub struct Reference {
     /// Row by row, linear.
     pub layers: PerLayer<Vec<[f32; 3]>>,
-    /// How it was made; `None` for images from elsewhere.
+    /// `None` for images of other programs.
     pub record: Option<ReferenceRecord>,
     pub dir: PathBuf,
-    /// It was found, not rendered now.
+    /// Read from disk, not rendered now.
     pub reused: bool,
 }
 
-/// `reference.json`: which rendering lies beside it.
+/// `reference.json`: the rendering in the same folder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceRecord {
     /// Always [`REFERENCE_SCHEMA`].
     pub schema: String,
-    /// BLAKE3 (hex) of the reference's scene line (its samples and seed included) and of its input files' digests.
+    /// BLAKE3 (hex) of the reference's scene line (with its samples and seed) and the digests of its input files.
     pub scene_blake3: String,
     pub tracer_version: u32,
     pub spp: u32,
@@ -45,11 +45,9 @@ pub struct ReferenceRecord {
     pub seed: u64,
     /// Stated RMS error of each layer (I, T, R~, R), linear.
     pub error_rms: [Option<f64>; 4],
-    /// CPU seconds that it took.
     pub cpu_s: f64,
 }
 
-/// The scene line of a scene's own reference.
 fn reference_line(line: &SceneLine, spp: u32) -> SceneLine {
     let mut line = line.clone();
     line.film.spp = spp;
@@ -57,7 +55,7 @@ fn reference_line(line: &SceneLine, spp: u32) -> SceneLine {
     line
 }
 
-/// Digest of a line and of the files that it was read from.
+/// Digest of a line and its input files.
 fn digest(scene: &BenchScene, line: &SceneLine) -> String {
     let inputs = serde_json::to_string(&scene.photographs.inputs)
         .expect("digests are a map of strings to strings");
@@ -65,7 +63,7 @@ fn digest(scene: &BenchScene, line: &SceneLine) -> String {
     blake3::hash(text.as_bytes()).to_hex().to_string()
 }
 
-/// The scene's own reference of `spp` samples in `dir`: the one that is there if it fits, else rendered and written.
+/// The scene's own reference of `spp` samples in `dir`: reused if it matches, else rendered and written.
 ///
 /// `None` when the work was stopped.
 pub fn own_reference(
@@ -104,7 +102,7 @@ pub fn own_reference(
         cpu_s: rendering.cpu_s,
     };
     atomic_file::create_dir(dir)?;
-    // The record goes first and comes last, so that it never stands beside other images than its own.
+    // Removed first and written last, so that the record never describes other images.
     let _ = std::fs::remove_file(&record_path);
     for (layer, pixels) in tuple.layers.iter() {
         let name = layer.name();
@@ -123,7 +121,7 @@ pub fn own_reference(
     }))
 }
 
-/// Images of the film's size from a folder: for each layer `LAYER.exr`, `ref_LAYER.npy` or `LAYER.npy`, linear R G B.
+/// Reads images of the film's size: for each layer `LAYER.exr`, `ref_LAYER.npy` or `LAYER.npy`, linear R G B.
 pub fn read_reference(dir: &Path, line: &SceneLine) -> Result<Reference, BenchError> {
     let read = |layer: &'static str| -> Result<Vec<[f32; 3]>, BenchError> {
         let names = [format!("{layer}.exr"), format!("ref_{layer}.npy"), format!("{layer}.npy")];

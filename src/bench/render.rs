@@ -1,4 +1,4 @@
-//! One rendering through the program's own shards and merge, with its tracer's CPU seconds.
+//! One rendering through shards and merge, with the CPU seconds of the tracer.
 
 use super::clock::thread_cpu_s;
 use super::error::BenchError;
@@ -12,27 +12,27 @@ use render::trace::{Isa, Sampling};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-/// Side of a tile, px: enough tiles to share among threads, few enough to cost nothing.
+/// Side of a tile, px: enough tiles for all threads, and few enough for a negligible cost.
 const TILE_PX: u32 = 32;
 
 pub struct Work<'a> {
     pub threads: usize,
     pub isa: Isa,
-    /// Set from outside to stop after the shards in flight.
+    /// Set to stop after the shards in flight.
     pub stop: &'a AtomicBool,
-    /// Told the camera samples of each finished shard.
+    /// Receives the camera samples of each finished shard.
     pub on_samples: &'a (dyn Fn(u64) + Sync),
 }
 
 pub struct Rendering {
     /// The four layers and their stated errors.
     pub tuple: Tuple,
-    /// CPU seconds of all threads in the tracer: camera samples, intersection and radiance of all four layers. Neither
-    /// decoding nor digests nor the merge.
+    /// CPU seconds of all threads in the tracer (camera samples, intersection and radiance of all four layers), without
+    /// decoding, digests and merge.
     pub cpu_s: f64,
 }
 
-/// Renders `line` (of the scene's photographs). `None` when `stop` was set before the end.
+/// Renders `line` with the scene's photographs. `None` if `stop` was set before the end.
 pub fn render(
     scene: &BenchScene,
     line: &SceneLine,

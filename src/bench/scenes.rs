@@ -1,4 +1,4 @@
-//! What is measured: scenes built in, so that a benchmark runs anywhere, and scenes from files.
+//! Measured scenes: built in, so that benchmarks run anywhere, or from files.
 
 use super::error::BenchError;
 use procedural::{Place, SamplePhotograph};
@@ -13,17 +13,16 @@ use serde_json::json;
 /// Seed of the built-in photographs.
 const PHOTOGRAPHS_SEED: u64 = 2020;
 
-/// A scene whose photographs are decoded, to be assembled as often as its line changes.
+/// A scene with decoded photographs, assembled again whenever its line changes.
 #[derive(Clone)]
 pub struct BenchScene {
-    /// What to call it.
     pub name: String,
     pub line: SceneLine,
     pub photographs: DecodedScene,
 }
 
 impl BenchScene {
-    /// Assembles `line`, which has this scene's photographs and may differ in the rest.
+    /// Assembles `line` with this scene's photographs.
     pub fn assemble(
         &self,
         line: &SceneLine,
@@ -36,7 +35,7 @@ impl BenchScene {
     }
 }
 
-/// An indoor photograph in front, an outdoor one behind: what `bench error` measures by default.
+/// An indoor photograph in front, an outdoor one behind: the default of `bench error`.
 ///
 /// Photographs of `size` px, a square film of `film_px`, the paper's lens and pane.
 pub fn pair(size: [u32; 2], film_px: u32) -> Result<BenchScene, BenchError> {
@@ -51,12 +50,12 @@ pub fn outdoor(size: [u32; 2], film_px: u32) -> Result<BenchScene, BenchError> {
     procedural("outdoor", [Place::Outdoor; 2], size, film_px)
 }
 
-/// Blocks of 4 x 4 px whose inverse depths are uniform between 1/50 and 1/0.6 m and have nothing to do with each other,
-/// focused at 0.8 m: every ray passes a depth step every few cells.
+/// Blocks of 4 x 4 px with independent inverse depths, uniform between 1/50 and 1/0.6 m, focused at 0.8 m: every ray crosses
+/// a depth step every few cells.
 pub fn stress(film_px: u32) -> BenchScene {
     const BLOCK_PX: usize = 4;
     const SIZE: [u32; 2] = [1024, 768];
-    // Its field of view is a little wider than the film's.
+    // The field of view is slightly wider than the film's.
     let intrinsics = json!({"fx": 1365.0, "fy": 1365.0, "cx": 512.0, "cy": 384.0});
     let mut line = line("stress", film_px, [&intrinsics; 2], [false; 2]);
     line.camera.focus = render::line::Focus::Distance { distance_m: 0.8 };
@@ -139,7 +138,7 @@ pub(super) fn photograph(
     })
 }
 
-/// The paper's camera and pane; sky is as far as the farthest thing (`is_far`).
+/// The paper's camera and pane; with `is_far` the sky is at the farthest depth.
 fn line(
     name: &str,
     film_px: u32,

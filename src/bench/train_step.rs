@@ -1,4 +1,4 @@
-//! Seconds of a training step, and of its parts.
+//! Seconds of a training step and its parts.
 
 use crate::run::process_cpu_s;
 use std::time::Instant;
@@ -7,24 +7,23 @@ use train::{Batch, FeatureSource, Learner, Stage, Stream, TrainSettings, Vgg};
 
 #[derive(Clone, Debug)]
 pub struct TrainStep {
-    /// User and system, of all threads.
+    /// User and system time of all threads.
     pub cpu_s: f64,
     pub wall_s: f64,
-    /// CPU seconds of its parts, in order of time; a name may stand more than once.
+    /// CPU seconds of its parts in order; names may repeat.
     pub parts: Vec<(&'static str, f64)>,
-    /// What the generators minimised.
+    /// Loss of the generators.
     pub loss: f32,
 }
 
-/// The step of the separation stage as `bench train` measures it.
+/// The measured step of the separation stage.
 pub struct TrainBench {
     learner: Learner,
     batch: Batch,
 }
 
 impl TrainBench {
-    /// SP-net, BT-net, a discriminator that learns in every step, a random VGG-19; random images of `size_px` squared.
-    /// `settings` say widths, batch, features.
+    /// SP-net, BT-net, a discriminator trained in every step, and a random VGG-19, on random images of `size_px` squared.
     pub fn new(settings: &TrainSettings, size_px: usize, device: &Device) -> Result<Self> {
         let settings = TrainSettings { discriminator_every: 1, ..settings.clone() };
         let vgg = match settings.features {
@@ -49,7 +48,7 @@ impl TrainBench {
         })
     }
 
-    /// Numbers that are learned; VGG's are not among them.
+    /// Number of trainable weights, without VGG.
     pub fn parameters(&self) -> usize {
         self.learner.parameters()
     }

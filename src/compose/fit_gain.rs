@@ -1,4 +1,4 @@
-//! The gain that fits the pictures of a subject best: a row of its own in every table.
+//! The best gain for the pictures of a subject, which is a row of every table.
 
 use super::error::EvaluateError;
 use super::gain::best_gain;
@@ -6,32 +6,30 @@ use super::subject::{LeftOut, Subject, Unread, read};
 use serde::Serialize;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Pictures that are read at most, and pixels, about.
+/// Limits of the fitted pictures and, approximately, pixels.
 const MOST_PICTURES: usize = 64;
 const MOST_PIXELS: u64 = 200_000_000;
 
-/// The factor of an input's light that fits truths best.
+/// The best factor on the inputs' linear light.
 #[derive(Clone, Debug, Serialize)]
 pub struct Gain {
-    /// On linear light.
     pub factor: f64,
-    /// Folder of the pictures that it was fitted to.
+    /// Folder of the fitted pictures.
     pub fitted_to: String,
-    /// How many they are.
     pub images: usize,
-    /// What each of them is.
+    /// Kind of these pictures.
     #[serde(skip)]
     pub kind: &'static str,
 }
 
 impl Gain {
-    /// How its row is called.
+    /// Name of its row.
     pub fn row_name(&self) -> String {
         format!("input x {:.3}", self.factor)
     }
 }
 
-/// Fits the gain to the first pictures that are there, and lists those that cannot be read. `None` where there are none.
+/// Fits the gain to the first readable pictures and lists unreadable ones. `None` without readable pictures.
 pub fn fit_gain(
     subject: &dyn Subject,
     place: String,

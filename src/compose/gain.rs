@@ -1,20 +1,20 @@
 //! One factor on linear light for all of a method's pictures.
 //!
-//! A truth that was photographed through the glass is darker than one without it, by about a tenth; which of the two a method
-//! learnt says nothing of how well it takes reflections away. The best factor tells how much of a score is that.
+//! A ground truth photographed through the glass is about a tenth darker than one without glass. Which of the two a method
+//! learnt says nothing about reflection removal; the best factor shows the effect of brightness on a score.
 
 use super::EvaluateError;
 use super::score::{check_same_size, psnr_db};
 use image::{Rgb, RgbImage};
 use render::color::{SrgbEncoder, srgb_to_linear};
 
-/// Least and greatest factor that are tried, in hundredths.
+/// Range of the factor, in hundredths.
 const HUNDREDTHS: std::ops::RangeInclusive<u32> = 50..=200;
 
-/// How near the best factor is found.
+/// Precision of the best factor.
 const NEAR: f64 = 1e-3;
 
-/// Least mean square that a pair is counted with, so that equal pictures, whose PSNR is infinite, leave the others a say.
+/// Least mean square error of a pair: keeps the PSNR of equal pictures finite, so that other pairs still count.
 const LEAST_MEAN_SQUARE: f64 = 1e-4;
 
 /// The factor on the outputs' linear light, 0.5 to 2, with which the mean colour PSNR of the pairs (output, truth) is
@@ -40,7 +40,7 @@ pub fn best_gain<'a>(
         }
         mean
     };
-    // First, so that it stays where all are alike.
+    // First, so that 1 wins ties.
     mean_psnr_db(1.0);
     let (mut low, mut high) = (0.0, 0.0);
     let mut top = f64::NEG_INFINITY;
@@ -51,7 +51,7 @@ pub fn best_gain<'a>(
             (top, low, high) = (mean, gain - 0.01, gain + 0.01);
         }
     }
-    // Golden section. Rounded codes make steps of the curve, so that the best of all that were tried is taken.
+    // Golden section. Rounded codes make the curve stepped, so the best of all tried factors is taken.
     let section = (5f64.sqrt() - 1.0) / 2.0;
     let (mut left, mut right) = (high - section * (high - low), low + section * (high - low));
     let (mut at_left, mut at_right) = (mean_psnr_db(left), mean_psnr_db(right));
@@ -79,14 +79,14 @@ pub fn apply_gain(image: &RgbImage, gain: f64) -> RgbImage {
     brighter
 }
 
-/// The code of each code's light times `gain`.
+/// The new code of each code.
 fn codes(encoder: &SrgbEncoder, gain: f64) -> [u8; 256] {
     std::array::from_fn(|code| {
         encoder.encode((f64::from(srgb_to_linear(code as u8)) * gain) as f32)
     })
 }
 
-/// Of the truth's samples where the output has one code: count, sum, sum of squares. All that a factor's PSNR needs.
+/// Count, sum and sum of squares of the truth's samples by the output's code: sufficient for the PSNR of any factor.
 struct CodeSums([[u64; 3]; 256]);
 
 impl CodeSums {
@@ -130,7 +130,7 @@ mod tests {
         let outputs = truths.each_ref().map(|truth| apply_gain(truth, 0.9));
         let gain = best_gain(outputs.iter().zip(&truths)).unwrap();
         assert!((gain - 1.0 / 0.9).abs() < 0.005, "{gain}");
-        // It is what the score is best with.
+        // Other factors give lower scores.
         let psnr_db = |gain: f64| {
             let of =
                 |(output, truth)| score(&apply_gain(output, gain), truth).unwrap().psnr_colour_db;
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_pictures_need_none() {
+    fn equal_pictures_have_gain_1() {
         let image = picture(3);
         assert_eq!(apply_gain(&image, 1.0), image);
         let gain = best_gain([(&image, &image)]).unwrap();

@@ -1,4 +1,4 @@
-//! What a file's name says of it, in the layouts in which pictures with ground truth are published.
+//! Meaning of file names in published layouts of pictures with ground truth.
 //!
 //! ```text
 //! layer folders   blended/NAME.*  transmission_layer/NAME.*  reflection_layer/NAME.*  clean_reflection_layer/NAME.*
@@ -9,7 +9,7 @@
 //!
 //! Endings are `.jpg`, `.jpeg` or `.png` in any case, and may differ within a pair.
 
-/// What a picture is to its pair.
+/// Role of a picture in its pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Role {
     Blended,
@@ -18,7 +18,7 @@ pub(super) enum Role {
     CleanReflection,
 }
 
-/// How a file was recognised; files of different layouts are never of one pair.
+/// Naming scheme of a file; files of one pair share it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Layout {
     LayerFolders,
@@ -38,21 +38,21 @@ pub(super) fn layer_folder(name: &str) -> Option<Role> {
     }
 }
 
-/// The name without its ending, if that is a picture's.
+/// The name without the ending of a readable picture.
 pub(super) fn picture_stem(name: &str) -> Option<&str> {
     let (stem, ending) = name.rsplit_once('.')?;
     let known = ["jpg", "jpeg", "png"];
     known.iter().any(|k| ending.eq_ignore_ascii_case(k)).then_some(stem)
 }
 
-/// Whether a file is a picture in a form that is not read here.
+/// Whether a file is a picture in an unsupported format.
 pub(super) fn is_other_picture(name: &str) -> bool {
     let others = ["bmp", "gif", "tif", "tiff", "webp", "ppm", "pgm", "exr", "hdr", "heic", "avif"];
     name.rsplit_once('.')
         .is_some_and(|(_, ending)| others.iter().any(|k| ending.eq_ignore_ascii_case(k)))
 }
 
-/// Layout and role of a picture outside layer folders, and its pair's name: empty if that is the folder's.
+/// Layout and role of a picture outside layer folders, and its pair's name: empty for the folder's name.
 pub(super) fn recognise(stem: &str) -> Option<(Layout, Role, String)> {
     let letter = |letter: &str| match letter {
         "m" => Some(Role::Blended),
@@ -70,7 +70,7 @@ pub(super) fn recognise(stem: &str) -> Option<(Layout, Role, String)> {
             return Some((Layout::CeilNet, role, name.to_owned()));
         }
     }
-    // The last part that is one of the letters; what stands first is the picture's own.
+    // The last part that is a letter; the first part is always the picture's own.
     let parts: Vec<&str> = stem.split('-').collect();
     let (place, role) =
         (1..parts.len()).rev().find_map(|place| Some((place, letter(parts[place])?)))?;

@@ -1,15 +1,15 @@
-//! How near the pictures of a network come to the truth: pictures with ground truth, found, read, scored and tabled.
+//! Scores of networks: finds, reads, scores and tabulates pictures with ground truth.
 //!
 //! ```text
-//! folders -> layout, pairs (which file is whose truth) -> picture (8-bit RGB) -> a network -> gain, score -> table
+//! folders -> layout, pairs (pictures and their truths) -> picture (8-bit RGB) -> a network -> gain, score -> table
 //!                                                               `-> align (is the truth where the picture is?)
 //! ```
 //!
 //! [`run`] scores all pictures of a [`Subject`], a folder of pairs or a run's scenes, by every [`Method`].
 //!
-//! Papers measure in different ways, so that numbers compare only under one protocol; `score` computes the two that matter
-//! here, side by side. Real pairs are photographed one after the other, and some do not lie on each other: `align` tells
-//! which, and tables state means with and without them.
+//! Papers use different protocols, whose numbers do not compare; `score` computes two of them side by side. Real pairs are
+//! photographed one after the other, and some are misaligned: `align` finds them, and tables give means with and without
+//! them.
 //!
 //! Only `pairs` and `picture` touch files.
 
@@ -38,7 +38,7 @@ pub use run::{Method, Scored, run};
 pub use score::{Scores, psnr_colour_db, score};
 pub use ssim::ssim_grey;
 pub use subject::{LeftOut, Subject, Unread, WithTruth};
-pub use table::{Protocol, Row, means_table, per_image_csv};
+pub use table::{Protocol, Row, markdown_table, means_table, per_image_csv};
 
 #[cfg(test)]
 mod tests;

@@ -1,4 +1,4 @@
-//! Which pictures of a folder have which truth.
+//! Pairs of pictures and ground truths in a folder.
 
 use super::EvaluateError;
 use super::layout::{Layout, Role, is_other_picture, layer_folder, picture_stem, recognise};
@@ -6,13 +6,13 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// How deep folders are searched; links that lead back end here.
+/// Depth limit of the search, which also ends link cycles.
 const MAX_DEPTH: usize = 16;
 
 /// A picture with its truth.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pair {
-    /// The files' name in common, after the folders that lead to it: `real20/4`.
+    /// Common name of the files, with their folders: `real20/4`.
     pub name: String,
     /// The picture with the reflection (I).
     pub blended: PathBuf,
@@ -24,19 +24,18 @@ pub struct Pair {
     pub clean_reflection: Option<PathBuf>,
 }
 
-/// What a folder holds.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Found {
-    /// By name, in the order of its bytes: `103` before `22`.
+    /// Sorted by the bytes of the name: `103` before `22`.
     pub pairs: Vec<Pair>,
-    /// Files and folders that are in no pair, by path, and why.
+    /// Files and folders outside of pairs, with reasons, sorted by path.
     pub left_out: Vec<(PathBuf, String)>,
 }
 
 /// Finds the pairs of a folder and of all folders below it, in any of the layouts of [`super`]'s `layout.rs`, also mixed.
 ///
-/// No picture is passed over in silence: those without a partner, of doubtful names or in other formats are left out with
-/// the reason. Files that are no pictures, outside of layer folders, and hidden files are not mentioned.
+/// Pictures without a partner, with ambiguous names or in other formats are listed with the reason. Hidden files, and other
+/// files outside of layer folders, are ignored.
 pub fn find_pairs(dir: &Path) -> Result<Found, EvaluateError> {
     let mut search = Search::default();
     search.folder(dir, dir, "", 0)?;
@@ -50,7 +49,7 @@ pub fn find_pairs(dir: &Path) -> Result<Found, EvaluateError> {
     Ok(found)
 }
 
-/// Files by the pair that they belong to, each role's in a list of its own.
+/// Files by pair and role.
 #[derive(Default)]
 struct Search {
     by_name: BTreeMap<(String, Layout), [Vec<PathBuf>; 4]>,
@@ -58,7 +57,7 @@ struct Search {
 }
 
 impl Search {
-    /// Looks at a folder whose pairs' names begin with `group`.
+    /// Searches a folder; the names of its pairs start with `group`.
     fn folder(
         &mut self,
         root: &Path,
@@ -98,7 +97,7 @@ impl Search {
         Ok(())
     }
 
-    /// Looks at a folder whose pictures all have one role.
+    /// Searches a layer folder, whose pictures share a role.
     fn layer(
         &mut self,
         dir: &Path,
@@ -117,7 +116,7 @@ impl Search {
         Ok(())
     }
 
-    /// Names and paths of a folder's entries but hidden ones.
+    /// Names and paths of the entries that are not hidden.
     fn entries(&mut self, dir: &Path) -> Result<Vec<(String, PathBuf)>, EvaluateError> {
         let failed = |source| EvaluateError::Read { path: dir.to_owned(), source };
         let mut entries = Vec::new();
@@ -157,7 +156,7 @@ impl Search {
             self.leave_all_out(files, &reason);
         }
         let mut found = Found::default();
-        // Two layouts in one folder can give one name twice.
+        // Two layouts in one folder can produce the same name.
         for same in pairs.chunk_by(|a, b| a.0 == b.0) {
             match same {
                 [(name, [blended, transmission, reflection, clean])] => found.pairs.push(Pair {
@@ -189,7 +188,7 @@ impl Search {
 
 const NO_PICTURE: &str = "is no .jpg, .jpeg or .png; save it as one";
 
-/// The folder's own name, or `picture` where it has none.
+/// The folder's own name, or `picture` for a path without one.
 fn last_part(dir: &Path) -> String {
     let name = dir.file_name().and_then(|name| name.to_str());
     name.unwrap_or("picture").to_owned()
@@ -289,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn one_name_in_two_layouts_is_doubtful() {
+    fn one_name_in_two_layouts_is_ambiguous() {
         let dir = folder(&[
             "blended/a.png",
             "transmission_layer/a.png",

@@ -1,7 +1,6 @@
-//! Pictures as networks take them: 8-bit RGB, the right way up.
+//! Reads pictures as upright 8-bit RGB.
 //!
-//! Samples are taken for sRGB codes: colour profiles and gamma chunks are ignored, as the programs ignore them whose scores
-//! are compared with.
+//! Samples count as sRGB codes: colour profiles and gamma chunks are ignored, as in the programs of published scores.
 
 use super::EvaluateError;
 use image::codecs::{jpeg::JpegDecoder, png::PngDecoder};
@@ -25,8 +24,8 @@ pub fn read_picture(path: &Path) -> Result<RgbImage, EvaluateError> {
 
 /// Decodes the bytes of a PNG or JPEG file; `path` is for messages.
 ///
-/// Turned and mirrored as its EXIF orientation says. 16-bit samples become the nearest 8-bit ones, grey becomes three equal
-/// channels, an alpha channel that is opaque everywhere is dropped and any other refused.
+/// Applies the EXIF orientation. 16-bit samples become the nearest 8-bit ones, grey becomes three equal channels, an opaque
+/// alpha channel is dropped and any other is refused.
 pub fn decode_picture(path: &Path, bytes: &[u8]) -> Result<RgbImage, EvaluateError> {
     let unreadable = |reason: String| EvaluateError::Picture { path: path.to_owned(), reason };
     let failed = |error: ImageError| unreadable(error.to_string());
@@ -47,7 +46,7 @@ pub fn decode_picture(path: &Path, bytes: &[u8]) -> Result<RgbImage, EvaluateErr
     }
     Ok(match picture {
         DynamicImage::ImageRgb8(image) => image,
-        // The crate's own way from 16 bits to 8 is not documented to round.
+        // The image crate does not document how it rounds 16 bits to 8.
         wide @ (DynamicImage::ImageRgb16(_)
         | DynamicImage::ImageRgba16(_)
         | DynamicImage::ImageLuma16(_)
@@ -66,7 +65,7 @@ fn narrow(code: u16) -> u8 {
     ((u32::from(code) + 128) / 257) as u8
 }
 
-/// Checks the size, then reads the pixels and what EXIF says of their order.
+/// Checks the size, then reads the pixels and the EXIF orientation.
 fn read(
     path: &Path,
     mut decoder: impl ImageDecoder,
@@ -77,7 +76,7 @@ fn read(
     if !fits || width as usize * height as usize > MAX_PIXELS {
         return Err(EvaluateError::Size { path: path.to_owned(), width, height });
     }
-    // EXIF data that cannot be understood say nothing of the pixels.
+    // Damaged EXIF data does not affect the pixels.
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
     let picture = DynamicImage::from_decoder(decoder).map_err(|error| EvaluateError::Picture {
         path: path.to_owned(),
@@ -147,7 +146,7 @@ mod tests {
         let plain = decode(&turned_jpeg(None)).unwrap();
         assert!(plain.dimensions() == (16, 8) && is_red(&plain, 0, 4));
         assert_eq!(decode(&turned_jpeg(Some(1))).unwrap(), plain);
-        // 3: turned by half a turn. 6: to be turned clockwise, so that the left comes up. 8: the other way.
+        // 3: half a turn. 6: a quarter turn clockwise, left becomes top. 8: counterclockwise.
         let half = decode(&turned_jpeg(Some(3))).unwrap();
         assert!(half.dimensions() == (16, 8) && !is_red(&half, 0, 4));
         let clockwise = decode(&turned_jpeg(Some(6))).unwrap();
@@ -173,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn what_shines_through_is_refused() {
+    fn transparent_pictures_are_refused() {
         let opaque = png(&[1, 2, 3, 255], 1, 1, ExtendedColorType::Rgba8);
         assert_eq!(decode(&opaque).unwrap().as_raw(), &[1, 2, 3]);
         let error = decode(&png(&[1, 2, 3, 254], 1, 1, ExtendedColorType::Rgba8)).unwrap_err();

@@ -1,4 +1,4 @@
-//! All pictures of a subject, each given to every method and scored.
+//! Scores every picture of a subject by every method.
 
 use super::align::shift_px;
 use super::error::EvaluateError;
@@ -12,23 +12,23 @@ use rayon::prelude::*;
 use std::error::Error;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Pictures in memory at once, with what the methods made of them.
+/// Pictures in memory at once, with the outputs of all methods.
 const AT_ONCE: usize = 8;
-/// Pictures that are kept, to be looked at.
+/// Pictures kept for the grid.
 const KEPT: usize = 4;
 
-/// What makes a picture of an input.
+/// Makes a picture from an input.
 pub trait Method: Sync {
-    /// Shortest side that it takes, px.
+    /// Shortest accepted side, px.
     fn least_px(&self) -> u32 {
         1
     }
 
-    /// Its picture, as large as the input.
+    /// The output, with the size of the input.
     fn make(&self, input: &RgbImage) -> Result<RgbImage, Box<dyn Error + Send + Sync>>;
 }
 
-/// The picture as it is.
+/// The unprocessed picture.
 struct Input;
 
 impl Method for Input {
@@ -45,22 +45,22 @@ impl Method for Gain {
 
 #[derive(Default)]
 pub struct Scored {
-    /// Names of the methods: `input`, the gain's, those that were given.
+    /// Names of the methods: `input`, the gain, the given ones.
     pub methods: Vec<String>,
     /// By method, then by picture.
     pub rows: Vec<Row>,
-    /// Pictures that could not be read.
+    /// Unreadable pictures.
     pub left_out: Vec<LeftOut>,
-    /// Of some pictures, evenly drawn: what each method made, and the truth; small.
+    /// Shrunk outputs of each method, and the truth, for some evenly drawn pictures.
     pub kept: Vec<Vec<RgbImage>>,
-    /// Pictures that were gone through.
+    /// Processed pictures.
     pub done: usize,
-    /// Told to stop before the end.
+    /// The stop flag ended it early.
     pub stopped: bool,
 }
 
-/// Scores every picture as it is, with the gain, and by every method. One that cannot be read is left out of all, so that
-/// means are of the same pictures. `on_picture` is called after each; `shrink` makes one small enough to be kept.
+/// Scores every picture unprocessed, with the gain, and by every method. Unreadable pictures are left out for all methods, so
+/// that means cover the same pictures. Calls `on_picture` after each; `shrink` reduces the kept pictures.
 pub fn run(
     subject: &dyn Subject,
     gain: Option<&Gain>,
@@ -136,7 +136,7 @@ pub fn run(
     Ok(all)
 }
 
-/// A picture that all methods take, and how far its truth lies beside it, px.
+/// A picture accepted by all methods, and the shift of its ground truth, px.
 fn readable(
     subject: &dyn Subject,
     index: usize,
@@ -166,7 +166,7 @@ mod tests {
     use std::cell::Cell;
     use std::path::Path;
 
-    /// Copies what it is given but for its first pixel.
+    /// Changes the first pixel of the input.
     struct Spot;
 
     impl Method for Spot {
@@ -203,7 +203,7 @@ mod tests {
         path
     }
 
-    /// Equal pictures, darker ones, a small one, one whose truth has another size, one that is not there.
+    /// Equal, darker, small, of another size than the truth, missing.
     fn pairs(folder: &Path) -> Vec<Pair> {
         let sizes = [
             ("equal", [24, 20], [24, 20], 1.0),
@@ -252,11 +252,11 @@ mod tests {
         let json = serde_json::to_value(MethodMeans::of("input", &scored.rows)).unwrap();
         assert_eq!((&json["images"], &json["psnr_colour_db"]), (&2.into(), &"inf".into()));
         let spot = MethodMeans::of("spot", &scored.rows);
-        assert!(spot.all.psnr_colour_db.is_finite() && spot.aligned.is_some());
+        assert!(spot.all.scores.psnr_colour_db.is_finite() && spot.aligned.is_some());
     }
 
     #[test]
-    fn a_method_that_fails_and_a_stop_end_it() {
+    fn a_failing_method_and_a_stop_end_the_run() {
         let folder = tempfile::tempdir().unwrap();
         let pairs = pairs(folder.path());
         let shrink = |picture: RgbImage| picture;

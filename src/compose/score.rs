@@ -3,30 +3,45 @@
 //! | protocol | PSNR | SSIM |
 //! |---|---|---|
 //! | paper: Kim, Huo and Yoon, CVPR 2020 | one mean square over all channels | of the grey pictures |
-//! | errnet: Wei et al., CVPR 2019, and what follows it | of each channel, then the mean of three | of each channel, then the mean of three |
+//! | errnet: Wei et al., CVPR 2019, and later work | of each channel, then the mean of three | of each channel, then the mean of three |
 //!
 //! Both: range 255, SSIM as [`ssim_grey`] has it (scikit-image's defaults).
 
 use super::EvaluateError;
 use crate::ssim_grey;
 use image::{Rgb, RgbImage};
+use serde::{Serialize, Serializer};
 
-/// How near a picture is to the truth. Equal pictures have an infinite PSNR (`f64::INFINITY`, written `inf`), and so has
-/// every mean with one of them in it, as scikit-image and numpy have it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Scores of a picture against its ground truth. As in scikit-image and numpy, the PSNR of equal pictures and every mean that
+/// includes it are infinite (`inf` in files); the means of no picture are NaN (null in JSON).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Scores {
     /// Paper protocol: PSNR of all samples of all channels together, dB.
+    #[serde(serialize_with = "number")]
     pub psnr_colour_db: f64,
     /// Paper protocol: SSIM of the pictures in 8-bit grey.
+    #[serde(serialize_with = "number")]
     pub ssim_grey: f64,
     /// ERRNet protocol: mean of the PSNRs of R, G and B, dB.
+    #[serde(serialize_with = "number")]
     pub psnr_channels_db: f64,
     /// ERRNet protocol: mean of the SSIMs of R, G and B.
+    #[serde(serialize_with = "number")]
     pub ssim_channels: f64,
 }
 
+/// JSON has no infinite numbers.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks for it")]
+fn number<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    if value.is_infinite() {
+        serializer.serialize_str("inf")
+    } else {
+        serializer.serialize_f64(*value)
+    }
+}
+
 impl Scores {
-    /// The mean of each score; all not-a-number of none.
+    /// The mean of each score.
     pub fn mean(scores: &[Self]) -> Self {
         let mean = |of: fn(&Self) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
         Self {
@@ -38,7 +53,7 @@ impl Scores {
     }
 }
 
-/// Scores a picture against the truth. Pictures of less than 7 px a side are one window to SSIM.
+/// Scores a picture against its ground truth.
 pub fn score(output: &RgbImage, truth: &RgbImage) -> Result<Scores, EvaluateError> {
     check_same_size(output, truth)?;
     let (width, height) = (output.width() as usize, output.height() as usize);
@@ -64,7 +79,7 @@ pub fn psnr_colour_db(output: &RgbImage, truth: &RgbImage) -> Result<f64, Evalua
     Ok(psnr_db(sum as f64 / truth.as_raw().len() as f64))
 }
 
-/// Passes two pictures of one size that is not 0.
+/// Checks that two pictures have the same size and at least one pixel.
 pub(super) fn check_same_size(a: &RgbImage, b: &RgbImage) -> Result<(), EvaluateError> {
     if a.dimensions() != b.dimensions() {
         return Err(EvaluateError::SizesDiffer {
@@ -143,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_pictures_are_infinitely_near() {
+    fn psnr_of_equal_pictures_is_infinite() {
         let (picture, other) = pictures();
         let scores = score(&picture, &picture).unwrap();
         assert_eq!(scores.psnr_colour_db, f64::INFINITY);
@@ -156,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_that_do_not_fit_are_refused() {
+    fn pictures_of_different_sizes_are_refused() {
         let error = score(&RgbImage::new(3, 2), &RgbImage::new(2, 3)).unwrap_err();
         assert!(error.to_string().contains("3 x 2 px"), "{error}");
         let error = score(&RgbImage::new(0, 0), &RgbImage::new(0, 0)).unwrap_err();

@@ -4,15 +4,15 @@
 const WINDOW: usize = 7;
 
 /// Mean structural similarity of two grey images of 8-bit range: 7 x 7 px uniform window, K1 = 0.01, K2 = 0.03, sample
-/// covariance (divided by 48), the mean over all windows that lie inside. Images smaller than the window are taken as one.
+/// covariance (divided by 48), the mean over all windows inside the image. A smaller image is a single window.
 ///
-/// Sums move along with the window, so that the time does not depend on its size. Of whole numbers they are exact.
+/// Moving sums make the time independent of the window size. For integers they are exact.
 pub fn ssim_grey<T: Copy + Into<f64>>(a: &[T], b: &[T], width: usize, height: usize) -> f64 {
     let (c1, c2) = ((0.01 * 255.0f64).powi(2), (0.03 * 255.0f64).powi(2));
     let (across, down) = (WINDOW.min(width), WINDOW.min(height));
     let count = (across * down) as f64;
     let sample = count / (count - 1.0).max(1.0);
-    // Of each column, over the window's rows: the sums of p, q, p p, q q, p q.
+    // Sums of p, q, p p, q q, p q of each column over the window's rows.
     let mut columns = vec![[0.0; 5]; width];
     let add_row = |columns: &mut [[f64; 5]], y: usize, sign: f64| {
         let row = y * width..(y + 1) * width;
@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn equal_images_are_alike_and_constant_ones_by_their_luminance() {
+    fn equal_images_score_1_and_constant_ones_by_luminance() {
         let ramp: Vec<f64> = (0..20 * 12).map(|k| f64::from(k % 256)).collect();
         assert!((ssim_grey(&ramp, &ramp, 20, 12) - 1.0).abs() < 1e-12);
         // Without structure the second factor is 1.
@@ -103,7 +103,7 @@ mod tests {
             let b: Vec<f64> = (0..width * height).map(|k| at(k, 5)).collect();
             let (fast, exact) = (ssim_grey(&a, &b, width, height), slow(&a, &b, width, height));
             assert!((fast - exact).abs() < 1e-12, "{width}x{height} {fast} {exact}");
-            // Not whole numbers, nearly flat: what rounding does to sums that move shows here first.
+            // Fractional, nearly flat values: the worst case for rounding in moving sums.
             let near = |v: &f64| 250.0 + v / 768.0;
             let (a, b): (Vec<f64>, Vec<f64>) =
                 (a.iter().map(near).collect(), b.iter().map(near).collect());

@@ -1,4 +1,4 @@
-//! Pictures with their truths, from wherever they are.
+//! Sources of pictures with ground truth.
 
 use super::pairs::Pair;
 use super::picture::read_picture;
@@ -6,48 +6,43 @@ use image::RgbImage;
 use serde::Serialize;
 use std::error::Error;
 
-/// A picture, and what it should become. Both have the same size.
+/// A picture and its ground truth, of one size.
 pub struct WithTruth {
-    /// The picture as it is.
     pub input: RgbImage,
-    /// The picture as it should be.
     pub truth: RgbImage,
 }
 
-/// Why a picture was not read.
 #[derive(Debug)]
 pub enum Unread {
-    /// It was not made yet.
+    /// Not rendered yet.
     Missing(String),
-    /// It is there, and of no use.
+    /// Unusable.
     Unreadable(String),
-    /// No picture can be read any more.
+    /// The source failed; no picture can be read.
     Fatal(Box<dyn Error + Send + Sync>),
 }
 
-/// A picture that was not scored, and why.
+/// A picture without scores.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct LeftOut {
-    /// Its name, or its file.
+    /// Name or file.
     pub image: String,
-    /// What is wrong with it.
     pub reason: String,
 }
 
 /// Pictures with their truths, in order.
 pub trait Subject: Sync {
     fn count(&self) -> usize;
-    /// What a picture is called.
     fn name(&self, index: usize) -> String;
     /// Reads a picture; `read` checks it.
     fn read(&self, index: usize) -> Result<WithTruth, Unread>;
-    /// Every truth lies exactly on its picture, so that no shift is measured.
+    /// Pictures and truths are aligned by construction, so no shift is measured.
     fn is_aligned(&self) -> bool;
-    /// What one of them is: `pair`, `train scene`.
+    /// Kind of a picture: `pair`, `train scene`.
     fn kind(&self) -> &'static str;
 }
 
-/// A picture and its truth of equal size.
+/// Reads a pair and checks its sizes.
 pub(super) fn read(subject: &dyn Subject, index: usize) -> Result<WithTruth, Unread> {
     let pair = subject.read(index)?;
     let ([w, h], [tw, th]) = (size(&pair.input), size(&pair.truth));

@@ -7,27 +7,24 @@ use std::fmt::Write;
 /// One picture's scores by one method.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// What made the picture: a network's name, `input` for the picture as it was.
+    /// Name of the method; `input` for the unprocessed picture.
     pub method: String,
     pub image: String,
-    /// Columns, px.
     pub width: u32,
-    /// Rows, px.
     pub height: u32,
-    /// How far picture and truth are apart, px; nothing where it was not measured, as of rendered pairs, which lie on each
-    /// other by construction.
+    /// Distance between picture and ground truth, px; `None` for rendered pairs, which are aligned by construction.
     pub shift_px: Option<f64>,
     pub scores: Scores,
 }
 
 impl Row {
-    /// Whether picture and truth lie on each other; a pair that was not measured counts as such.
+    /// A pair without a measured shift counts as aligned.
     pub fn is_aligned(&self) -> bool {
         self.shift_px.is_none_or(|shift| shift <= MAX_ALIGNED_SHIFT_PX)
     }
 }
 
-/// Which scores a table shows.
+/// The scores of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Protocol {
     /// Kim et al.'s: colour PSNR, SSIM of grey.
@@ -37,8 +34,8 @@ pub enum Protocol {
     Both,
 }
 
-/// Means by method, in the order in which the methods come first. If some pairs do not lie on each other, a second table
-/// leaves them out, and a line below tells so.
+/// Means by method, in the order of the methods' first rows. If some pairs are not aligned, a second table leaves them out,
+/// after a line that names them.
 pub fn means_table(rows: &[Row], protocol: Protocol) -> String {
     let all: Vec<&Row> = rows.iter().collect();
     let aligned: Vec<&Row> = rows.iter().filter(|row| row.is_aligned()).collect();
@@ -61,7 +58,34 @@ pub fn means_table(rows: &[Row], protocol: Protocol) -> String {
     text
 }
 
-/// Cells are padded, so that the text is a table to the eye, too.
+/// A Markdown table with padded cells. The first row is the head; the first `left` columns are words, the others numbers.
+pub fn markdown_table(rows: &[Vec<String>], left: usize) -> String {
+    let columns = rows.first().map_or(0, Vec::len);
+    let cell = |row: &Vec<String>, k: usize| row.get(k).cloned().unwrap_or_default();
+    let width = |k: usize| rows.iter().map(|row| cell(row, k).chars().count()).max();
+    let widths: Vec<usize> = (0..columns).map(|k| width(k).unwrap_or(0).max(3)).collect();
+    let mut text = String::new();
+    for (n, row) in rows.iter().enumerate() {
+        for (k, &width) in widths.iter().enumerate() {
+            let cell = cell(row, k);
+            let _ = if k < left {
+                write!(text, "| {cell:width$} ")
+            } else {
+                write!(text, "| {cell:>width$} ")
+            };
+        }
+        text += "|\n";
+        if n == 0 {
+            for (k, width) in widths.iter().enumerate() {
+                let end = if k < left { '-' } else { ':' };
+                let _ = write!(text, "|{}{end}", "-".repeat(width + 1));
+            }
+            text += "|\n";
+        }
+    }
+    text
+}
+
 fn table(rows: &[&Row], protocol: Protocol) -> String {
     let scores_of = |[psnr, ssim, psnr_channels, ssim_channels]: [String; 4]| match protocol {
         Protocol::Paper => vec![psnr, ssim],
@@ -94,32 +118,10 @@ fn table(rows: &[&Row], protocol: Protocol) -> String {
         ];
         lines.push(line(method, scores.len().to_string(), cells));
     }
-    let columns = lines[0].len();
-    let widths: Vec<usize> = (0..columns)
-        .map(|k| lines.iter().map(|line| line[k].chars().count()).max())
-        .map(Option::unwrap_or_default)
-        .collect();
-    let mut text = String::new();
-    for (index, line) in lines.iter().enumerate() {
-        for (k, (cell, width)) in line.iter().zip(&widths).enumerate() {
-            let _ = match k {
-                0 => write!(text, "| {cell:width$} |"),
-                _ => write!(text, " {cell:>width$} |"),
-            };
-        }
-        text.push('\n');
-        if index == 0 {
-            let _ = write!(text, "|{}|", "-".repeat(widths[0] + 2));
-            for width in &widths[1..] {
-                let _ = write!(text, "{}:|", "-".repeat(width + 1));
-            }
-            text.push('\n');
-        }
-    }
-    text
+    markdown_table(&lines, 1)
 }
 
-/// Every row, `\n` at line ends. PSNR of equal pictures is `inf`; cells of a shift that was not measured are empty.
+/// All rows. The PSNR of equal pictures is `inf`; cells of unmeasured shifts are empty.
 pub fn per_image_csv(rows: &[Row]) -> String {
     let mut text = "method,image,width,height,aligned,shift_px,psnr_colour_db,ssim_grey,psnr_channels_db,ssim_channels\n".to_owned();
     for row in rows {
@@ -189,6 +191,13 @@ mod tests {
     const HEAD: &str = "|Method|Images|PSNR (dB, colour)|SSIM (grey)|PSNR (dB, channel mean)|SSIM (channel mean)|\n|-|-:|-:|-:|-:|-:|\n";
 
     #[test]
+    fn columns_are_aligned() {
+        let rows = [["a", "R~"], ["long", "10.5"]].map(|row| row.map(str::to_owned).to_vec());
+        let text = "| a    |   R~ |\n|------|-----:|\n| long | 10.5 |\n";
+        assert_eq!(markdown_table(&rows, 1), text);
+    }
+
+    #[test]
     fn means_are_by_method() {
         let rows = [
             row("ours", "b", Some(0.5), 20.0),
@@ -212,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn pairs_beside_each_other_are_left_out_of_a_second_table() {
+    fn a_second_table_leaves_shifted_pairs_out() {
         let rows = [row("ours", "b", Some(0.5), f64::INFINITY), row("ours", "a", Some(9.0), 30.0)];
         let text = packed(&means_table(&rows, Protocol::Both));
         assert_eq!(text.matches(HEAD).count(), 2);
@@ -220,7 +229,7 @@ mod tests {
         assert!(text.contains("|ours|1|inf|"), "{text}");
         assert!(text.contains("more than 1.5 px beside the picture: a. Without them:"));
         assert_eq!(packed(&means_table(&[], Protocol::Both)), HEAD);
-        // Only such pairs: the second table is empty, and its head shows that.
+        // With shifted pairs alone the second table is empty.
         assert!(packed(&means_table(&rows[1..], Protocol::Both)).ends_with(HEAD));
     }
 

@@ -1,17 +1,13 @@
-//! Published pictures: which are pairs, their scores and shifts, against numbers that other programs measured (`index.csv`
-//! beside them).
+//! Pairs, scores and shifts of published pictures against measurements of other programs (`index.csv`).
 
-#![allow(
-    clippy::print_stdout,
-    reason = "what was measured, and the only trace of a test that did not run"
-)]
+#![allow(clippy::print_stdout, reason = "prints measurements, and whether a test was skipped")]
 
 use super::{find_pairs, read_picture, score, shift_px};
 use image::ImageFormat;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// The folder, and the lines of its index by column names, less those without a truth.
+/// The folder, and the index lines with a ground truth by column names.
 fn published() -> Option<(PathBuf, Vec<HashMap<String, String>>)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/reflection");
     let Ok(index) = std::fs::read_to_string(root.join("index.csv")) else {
@@ -68,8 +64,8 @@ fn published_pairs_have_their_scores_and_shifts() {
             "{} {:.5} dB {:.6}, {:.2} {:.2} px, peak {:.2}",
             row["id"], found.psnr_colour_db, found.ssim_grey, shift.across, shift.down, shift.peak
         );
-        // PNG files to the digits that are printed. JPEG decoders round differently and scale colours up differently: pixels
-        // of ours and of libjpeg differ by some codes at coloured edges.
+        // PNG files agree to the printed digits. JPEG decoders differ in rounding and chroma upsampling, by some codes at
+        // coloured edges.
         let format = ImageFormat::from_path(&row["blended"]).unwrap();
         let (psnr_near_db, ssim_near) =
             if format == ImageFormat::Png { (0.00501, 0.0000501) } else { (0.012, 0.00012) };
@@ -77,7 +73,7 @@ fn published_pairs_have_their_scores_and_shifts() {
         let ssim_off = (found.ssim_grey - number("input_ssim_gray")).abs();
         assert!(psnr_off <= psnr_near_db && ssim_off <= ssim_near, "{}", row["id"]);
         assert_eq!(shift.is_aligned(), row["aligned"] == "yes", "{}", row["id"]);
-        // Their estimator finds fractions of a pixel in another way, and prints tenths.
+        // The other estimator interpolates differently and prints tenths.
         let off = [shift.across - number("shift_x"), shift.down - number("shift_y")];
         assert!(off.iter().all(|d| d.abs() < 0.25), "{}", row["id"]);
     }

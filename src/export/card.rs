@@ -5,11 +5,10 @@ use super::finish::Summary;
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, PixelEncoding};
 use crate::run::Run;
-use render::layer::Layer;
 use serde_json::json;
 use std::fmt::Write;
 
-/// Sizes as the hub names them: below each number.
+/// The hub's size categories and their upper bounds.
 const SIZES: [(u64, &str); 6] = [
     (1_000, "n<1K"),
     (10_000, "1K<n<10K"),
@@ -19,7 +18,7 @@ const SIZES: [(u64, &str); 6] = [
     (u64::MAX, "10M<n<100M"),
 ];
 
-/// Scenes in quarantine that the card lists; `export.json` lists all.
+/// Quarantined scenes listed on the card; `export.json` lists all.
 const SHOWN: usize = 50;
 
 pub(super) fn card(run: &Run, plan: &ExportPlan, summary: &Summary) -> String {
@@ -41,7 +40,7 @@ pub(super) fn card(run: &Run, plan: &ExportPlan, summary: &Summary) -> String {
 fn header(plan: &ExportPlan, summary: &Summary) -> String {
     let size = SIZES.iter().find(|(below, _)| summary.numbers.tuples < *below);
     let size = size.map_or("", |(_, name)| name);
-    // A JSON string is a YAML string, whatever the recipe's name holds.
+    // Any JSON string is a YAML string.
     let mut text = format!(
         "---\nlicense: other\npretty_name: {}\ntask_categories:\n- image-to-image\ntags:\n- reflection-removal\n- \
          reflection-separation\n- synthetic\n- image\nsize_categories:\n- {size}\n",
@@ -79,8 +78,8 @@ fn what(plan: &ExportPlan, summary: &Summary) -> String {
         "R~: what the glass reflects of the back scene (double image, loss), with the lens",
         "R: the back scene mirrored, without effects of glass and lens",
     ];
-    for (layer, contents) in contents.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
-        let _ = writeln!(text, "| `{}` | {contents} |", Layer::NAMES[layer]);
+    for (layer, name) in plan.layers() {
+        let _ = writeln!(text, "| `{name}` | {} |", contents[layer]);
     }
     let pixels = match plan.request.encoding {
         PixelEncoding::Srgb8 => "PNG of 8-bit sRGB codes; values above 1 are clipped",
@@ -116,8 +115,8 @@ fn errors(plan: &ExportPlan, summary: &Summary) -> String {
                     white is 1). Over all tuples, and the share of values above 1, which PNGs clip:\n\n\
                     | layer | pictures | mean error | largest error | mean share clipped | largest share |\n|---|---|---|---|---|---|\n"
         .to_owned();
-    for (_, name) in Layer::NAMES.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
-        let Some(layer) = summary.numbers.layers.get(*name) else {
+    for (_, name) in plan.layers() {
+        let Some(layer) = summary.numbers.layers.get(name) else {
             continue;
         };
         let [error, largest] = mean_and_max(layer.error, layer.stated);
@@ -178,7 +177,7 @@ fn terms(run: &Run, summary: &Summary) -> String {
         } else {
             format!("`{root}`")
         };
-        // Planning puts what it makes itself into the run's own folder.
+        // Planning writes procedural photographs into the run's folder.
         let is_procedural =
             run.spec.roots.get(root).is_some_and(|folder| folder.starts_with("inputs"));
         let note = if is_procedural {

@@ -1,14 +1,14 @@
-//! What the card says in numbers: ranges of parameters, stated errors. Added up part by part, in a fixed order.
+//! The card's numbers: ranges of parameters, stated errors. Summed part by part in a fixed order.
 
 use render::line::Side;
 use render::merge::TupleRecord;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// A parameter of a scene: what it is called, and where it stands.
+/// Name and accessor of a scene parameter.
 type Parameter = (&'static str, fn(&TupleRecord) -> f64);
 
-/// Parameters whose ranges the card shows, in its order.
+/// Parameters on the card, in order.
 pub(super) const PARAMETERS: [Parameter; 13] = [
     ("film width, px", |r| r.scene.film.width.into()),
     ("film height, px", |r| r.scene.film.height.into()),
@@ -25,7 +25,6 @@ pub(super) const PARAMETERS: [Parameter; 13] = [
     ("glass: yaw, degrees", |r| r.scene.glass.tilt_deg[1]),
 ];
 
-/// Numbers of some tuples.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Numbers {
@@ -33,24 +32,23 @@ pub(super) struct Numbers {
     /// Least and largest of each of [`PARAMETERS`]; empty without tuples.
     pub(super) ranges: Vec<[f64; 2]>,
     pub(super) layers: BTreeMap<String, LayerNumbers>,
-    /// Sides of scenes that show a file of a named root.
+    /// Number of scene sides by the named root of their files.
     pub(super) roots: BTreeMap<String, u64>,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct LayerNumbers {
-    /// Tuples that have it.
+    /// Tuples with this layer.
     pub(super) images: u64,
-    /// Of these, those that state an error.
+    /// Tuples that state its error.
     pub(super) stated: u64,
-    /// Stated RMS errors, added up, and the largest; linear.
+    /// Stated RMS errors, linear.
     pub(super) error: SumAndMax,
     /// Shares of values above 1.
     pub(super) clipped: SumAndMax,
 }
 
-/// A mean to be, and the largest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SumAndMax {
@@ -92,7 +90,6 @@ impl Numbers {
         }
     }
 
-    /// Adds others to these.
     pub(super) fn add(&mut self, other: &Self) {
         self.tuples += other.tuples;
         if self.ranges.is_empty() {
@@ -114,7 +111,7 @@ impl Numbers {
     }
 }
 
-/// Name of the root that a side's file lies under; empty without one.
+/// Named root of a side's file; empty without one.
 fn root_of(side: &Side) -> String {
     let root = side.name().split_once(':').map(|(root, _)| root);
     root.unwrap_or_default().to_owned()

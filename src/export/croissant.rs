@@ -1,83 +1,25 @@
-//! `croissant.json`: the export as ML Commons' Croissant 1.0 describes data sets.
+//! `croissant.json`: the export's description in ML Commons' Croissant 1.0.
 //!
-//! A record set a layer, joined by `id`: mlcroissant joins two sources at most.
+//! Each layer has a record set, joined by `id`: mlcroissant joins at most two sources.
 
+use super::digest::FileRecord;
 use super::finish::Summary;
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, PixelEncoding};
-use render::layer::Layer;
 use serde_json::{Value, json};
 
 const CITATION: &str = "S. Kim, Y. Huo, S.-E. Yoon. Single Image Reflection Removal with Physically-Based Training Images. \
                         CVPR 2020.";
 
 pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
-    let is_tars = plan.request.format == ExportFormat::Webdataset;
-    let mut distribution = Vec::new();
-    let mut record_sets = Vec::new();
-    if is_tars {
-        for shard in &summary.shards {
-            distribution.push(json!({
-                "@type": "cr:FileObject", "@id": shard.path, "name": shard.path, "contentUrl": shard.path,
-                "contentSize": format!("{} B", shard.bytes), "encodingFormat": "application/x-tar",
-                "sha256": shard.sha256,
-            }));
-        }
-    }
-    let tars: Vec<Value> = summary.shards.iter().map(|s| json!({ "@id": s.path })).collect();
-    let mut file_set = |name: &str, format: &str, includes: String| {
-        let mut set = json!({ "@type": "cr:FileSet", "@id": name, "name": name });
-        if is_tars {
-            set["containedIn"] = json!(tars);
-        }
-        set["encodingFormat"] = json!(format);
-        set["includes"] = json!(includes);
-        distribution.push(set);
-    };
-    if is_tars {
-        file_set("tuple-files", "application/json", "*.json".to_owned());
-        record_sets.push(record_set(
-            "tuples",
-            "Each tuple's record, tuple.json, as text.",
-            &[
-                id_field("tuples", "tuple-files", r"^(?:.*/)?([^/.]+)\.json$"),
-                field(
-                    "tuples",
-                    "json",
-                    "sc:Text",
-                    "tuple-files",
-                    &json!({ "fileProperty": "content" }),
-                ),
-            ],
-        ));
-    } else {
-        file_set("metadata-files", "application/jsonlines", "*/metadata.jsonl".to_owned());
-        record_sets.push(record_set(
-            "tuples",
-            "Each tuple's parameters, a line of metadata.jsonl.",
-            &columns(),
-        ));
-    }
-    let is_png = plan.request.encoding != PixelEncoding::Linear;
-    for (_, layer) in Layer::NAMES.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
-        let files = format!("{layer}-files");
-        let (includes, id) = match (is_tars, is_png) {
-            (true, true) => (format!("*.{layer}.png"), r"^(?:.*/)?([^/.]+)\.[^/]*$"),
-            (true, false) => (format!("*.{layer}.exr"), r"^(?:.*/)?([^/.]+)\.[^/]*$"),
-            (false, _) => (format!("*/{layer}/*.png"), r"^(?:.*/)?([^/.]+)\.[^/]*$"),
-        };
-        file_set(&files, if is_png { "image/png" } else { "image/x-exr" }, includes);
-        if is_png {
-            let content = json!({ "fileProperty": "content" });
-            record_sets.push(record_set(
-                layer,
-                "The layer's pictures; id is that of tuples.",
-                &[
-                    id_field(layer, &files, id),
-                    field(layer, "image", "sc:ImageObject", &files, &content),
-                ],
-            ));
-        }
+    let mut distribution = if has_tars(plan) { shards(summary) } else { Vec::new() };
+    let [files, records] = tuples(plan, summary);
+    distribution.push(files);
+    let mut record_sets = vec![records];
+    for (_, layer) in plan.layers() {
+        let (files, records) = pictures(plan, summary, layer);
+        distribution.push(files);
+        record_sets.extend(records);
     }
     let description = format!(
         "{} tuples of pictures behind glass and their exact parts, for single-image reflection removal. README.md says how they \
@@ -101,6 +43,73 @@ pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
     text
 }
 
+/// The tars.
+fn shards(summary: &Summary) -> Vec<Value> {
+    let shard = |shard: &FileRecord| {
+        json!({
+            "@type": "cr:FileObject", "@id": shard.path, "name": shard.path, "contentUrl": shard.path,
+            "contentSize": format!("{} B", shard.bytes), "encodingFormat": "application/x-tar",
+            "sha256": shard.sha256,
+        })
+    };
+    summary.shards.iter().map(shard).collect()
+}
+
+/// Files in the tars, or in folders if there are no tars.
+fn file_set(
+    plan: &ExportPlan,
+    summary: &Summary,
+    name: &str,
+    format: &str,
+    includes: &str,
+) -> Value {
+    let mut set = json!({ "@type": "cr:FileSet", "@id": name, "name": name });
+    if has_tars(plan) {
+        let tars: Vec<Value> = summary.shards.iter().map(|s| json!({ "@id": s.path })).collect();
+        set["containedIn"] = json!(tars);
+    }
+    set["encodingFormat"] = json!(format);
+    set["includes"] = json!(includes);
+    set
+}
+
+fn has_tars(plan: &ExportPlan) -> bool {
+    plan.request.format == ExportFormat::Webdataset
+}
+
+/// File set and record set of the tuples' records.
+fn tuples(plan: &ExportPlan, summary: &Summary) -> [Value; 2] {
+    if has_tars(plan) {
+        let id = id_field("tuples", "tuple-files", r"^(?:.*/)?([^/.]+)\.json$");
+        let content = json!({ "fileProperty": "content" });
+        let text = field("tuples", "json", "sc:Text", "tuple-files", &content);
+        let about = "Each tuple's record, tuple.json, as text.";
+        let files = file_set(plan, summary, "tuple-files", "application/json", "*.json");
+        return [files, record_set("tuples", about, &[id, text])];
+    }
+    let format = "application/jsonlines";
+    let files = file_set(plan, summary, "metadata-files", format, "*/metadata.jsonl");
+    let about = "Each tuple's parameters, a line of metadata.jsonl.";
+    [files, record_set("tuples", about, &columns())]
+}
+
+/// File set of a layer's pictures, and their record set if they are PNGs: Croissant reads no OpenEXR.
+fn pictures(plan: &ExportPlan, summary: &Summary, layer: &str) -> (Value, Option<Value>) {
+    let is_png = plan.request.encoding != PixelEncoding::Linear;
+    let (format, ending) = if is_png { ("image/png", "png") } else { ("image/x-exr", "exr") };
+    let includes =
+        if has_tars(plan) { format!("*.{layer}.{ending}") } else { format!("*/{layer}/*.png") };
+    let files = format!("{layer}-files");
+    let set = file_set(plan, summary, &files, format, &includes);
+    let records = is_png.then(|| {
+        let id = id_field(layer, &files, r"^(?:.*/)?([^/.]+)\.[^/]*$");
+        let content = json!({ "fileProperty": "content" });
+        let image = field(layer, "image", "sc:ImageObject", &files, &content);
+        record_set(layer, "The layer's pictures; id is that of tuples.", &[id, image])
+    });
+    (set, records)
+}
+
 fn record_set(name: &str, description: &str, fields: &[Value]) -> Value {
     json!({
         "@type": "cr:RecordSet", "@id": name, "name": name, "description": description,
@@ -116,14 +125,14 @@ fn field(set: &str, name: &str, data_type: &str, files: &str, extract: &Value) -
     })
 }
 
-/// The scene's id, out of the file's name.
+/// The scene's id, extracted from the file name.
 fn id_field(set: &str, files: &str, regex: &str) -> Value {
     let mut id = field(set, "id", "sc:Text", files, &json!({ "fileProperty": "filename" }));
     id["source"]["transform"] = json!({ "regex": regex });
     id
 }
 
-/// Columns of `metadata.jsonl` that every tuple has.
+/// The columns of `metadata.jsonl` that all tuples share.
 fn columns() -> Vec<Value> {
     let columns = [
         ("id", "sc:Text"),
@@ -147,44 +156,22 @@ fn columns() -> Vec<Value> {
     columns.into_iter().map(field).collect()
 }
 
-/// Croissant's own context, word by word: mlcroissant warns of any other.
+/// Croissant's own context, word by word and in its order: mlcroissant warns of any other.
 fn context() -> Value {
-    json!({
-        "@language": "en",
-        "@vocab": "https://schema.org/",
-        "citeAs": "cr:citeAs",
-        "column": "cr:column",
-        "conformsTo": "dct:conformsTo",
-        "cr": "http://mlcommons.org/croissant/",
-        "rai": "http://mlcommons.org/croissant/RAI/",
-        "data": { "@id": "cr:data", "@type": "@json" },
-        "dataType": { "@id": "cr:dataType", "@type": "@vocab" },
-        "equivalentProperty": "cr:equivalentProperty",
-        "dct": "http://purl.org/dc/terms/",
-        "examples": { "@id": "cr:examples", "@type": "@json" },
-        "extract": "cr:extract",
-        "field": "cr:field",
-        "fileProperty": "cr:fileProperty",
-        "fileObject": "cr:fileObject",
-        "fileSet": "cr:fileSet",
-        "format": "cr:format",
-        "includes": "cr:includes",
-        "isLiveDataset": "cr:isLiveDataset",
-        "jsonPath": "cr:jsonPath",
-        "key": "cr:key",
-        "md5": "cr:md5",
-        "parentField": "cr:parentField",
-        "path": "cr:path",
-        "recordSet": "cr:recordSet",
-        "references": "cr:references",
-        "regex": "cr:regex",
-        "repeated": "cr:repeated",
-        "replace": "cr:replace",
-        "samplingRate": "cr:samplingRate",
-        "sc": "https://schema.org/",
-        "separator": "cr:separator",
-        "source": "cr:source",
-        "subField": "cr:subField",
-        "transform": "cr:transform",
-    })
+    const KEYS: &str = "@language @vocab citeAs column conformsTo cr rai data dataType equivalentProperty \
+        dct examples extract field fileProperty fileObject fileSet format includes \
+        isLiveDataset jsonPath key md5 parentField path recordSet references regex \
+        repeated replace samplingRate sc separator source subField transform";
+    let value = |key: &str| match key {
+        "@language" => json!("en"),
+        "@vocab" | "sc" => json!("https://schema.org/"),
+        "cr" => json!("http://mlcommons.org/croissant/"),
+        "rai" => json!("http://mlcommons.org/croissant/RAI/"),
+        "dct" => json!("http://purl.org/dc/terms/"),
+        "conformsTo" => json!("dct:conformsTo"),
+        "data" | "examples" => json!({ "@id": format!("cr:{key}"), "@type": "@json" }),
+        "dataType" => json!({ "@id": "cr:dataType", "@type": "@vocab" }),
+        _ => json!(format!("cr:{key}")),
+    };
+    KEYS.split(' ').map(|key| (key.to_owned(), value(key))).collect()
 }

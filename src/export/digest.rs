@@ -17,7 +17,6 @@ pub(super) struct FileRecord {
 }
 
 impl FileRecord {
-    /// Of a file with these bytes.
     pub(super) fn new(path: &str, bytes: &[u8]) -> Self {
         Self {
             path: path.to_owned(),
@@ -39,7 +38,7 @@ fn hex(digest: &[u8]) -> String {
     })
 }
 
-/// Digests and counts what passes through.
+/// A writer that digests and counts the bytes that pass through.
 pub(super) struct Digesting<W> {
     inner: W,
     sha256: Sha256,
@@ -51,7 +50,7 @@ impl<W: Write> Digesting<W> {
         Self { inner, sha256: Sha256::new(), bytes: 0 }
     }
 
-    /// What was written to, and what is to be said of it.
+    /// The inner writer, and the record of the bytes.
     pub(super) fn finish(self, path: &str) -> (W, FileRecord) {
         let record = FileRecord {
             path: path.to_owned(),

@@ -1,4 +1,4 @@
-//! The end of an export: what is said of all parts together, and the digests of all files.
+//! The end of an export: metadata, card, Croissant description, and the digests of all files.
 
 use super::card::card;
 use super::card_numbers::Numbers;
@@ -16,22 +16,19 @@ use render::line::Split;
 use std::collections::BTreeMap;
 use std::io::Write;
 
-/// An export in numbers.
 pub(super) struct Summary {
     pub(super) splits: BTreeMap<Split, u64>,
     pub(super) numbers: Numbers,
-    /// Shards, if it has any.
     pub(super) shards: Vec<FileRecord>,
 }
 
-/// Files and bytes.
 #[derive(Default)]
 pub(super) struct Total {
     pub(super) files: u64,
     pub(super) bytes: u64,
 }
 
-/// Writes metadata, card, Croissant and `SHA256SUMS`, in this order. All parts must be done.
+/// Writes metadata, card, Croissant and `SHA256SUMS`, in this order. All parts must be complete.
 pub(super) fn finish(
     run: &Run,
     plan: &ExportPlan,
@@ -110,7 +107,7 @@ fn each_part(
     Ok(())
 }
 
-/// A text file that is written line by line, and its digest.
+/// A text file written line by line, with its digest.
 struct Summed {
     file: Digesting<PendingFile>,
     name: String,

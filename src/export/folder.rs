@@ -1,4 +1,4 @@
-//! The exported folder: whose it is, what of it is done, and what a killed process left in it.
+//! The exported folder: its owner, its completed parts, and leftovers of killed processes.
 
 use super::error::{ExportError, unreadable};
 use super::request::{ExportRequest, REQUEST_FILE};
@@ -7,23 +7,22 @@ use std::fs::{File, TryLockError};
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
-/// What is known of parts that are done; gone when the export is complete.
+/// Records of completed parts; removed when the export is complete.
 pub(super) const STATE_FOLDER: &str = ".export";
-/// Digests of all files; written last, so that its presence means that the export is complete.
+/// Digests of all files; written last: its presence means that the export is complete.
 pub(super) const SUMS_FILE: &str = "SHA256SUMS";
 pub(super) const CARD_FILE: &str = "README.md";
 pub(super) const CROISSANT_FILE: &str = "croissant.json";
 
-/// What a folder holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FolderState {
     Empty,
-    /// A part of the export that is asked for; its scenes are those of this request.
+    /// A started export. Its scenes are those of this request.
     Begun(Box<ExportRequest>),
     Complete,
 }
 
-/// Looks into a folder and refuses one that holds something else. Reads only.
+/// Probes a folder without writing; refuses one with other contents.
 pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportError> {
     let foreign = |reason: String| ExportError::Foreign { out: out.to_owned(), reason };
     if out.exists() && !out.is_dir() {
@@ -31,7 +30,7 @@ pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportEr
     }
     let names = names(out)?;
     if !names.iter().any(|name| name == REQUEST_FILE) {
-        // What a process leaves that was killed at once.
+        // Leftovers of a process that was killed at its start.
         let is_ours = |name: &String| name == STATE_FOLDER || is_temporary(Path::new(name));
         return match names.iter().find(|name| !is_ours(name)) {
             None => Ok(FolderState::Empty),
@@ -70,7 +69,7 @@ pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportEr
     }
 }
 
-/// Names in a folder, sorted; none of one that is not there.
+/// Sorted names in a folder; none if it does not exist.
 fn names(folder: &Path) -> Result<Vec<String>, ExportError> {
     let mut names = Vec::new();
     let entries = match std::fs::read_dir(folder) {
@@ -86,7 +85,7 @@ fn names(folder: &Path) -> Result<Vec<String>, ExportError> {
     Ok(names)
 }
 
-/// The name may stand in the folder of an export that is not complete.
+/// Whether a started export may contain the name.
 fn is_part(name: &str, request: &ExportRequest) -> bool {
     let known = [STATE_FOLDER, REQUEST_FILE, CARD_FILE, CROISSANT_FILE];
     known.contains(&name)
@@ -104,7 +103,7 @@ fn is_shard(rest: &str) -> bool {
     number.is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
 }
 
-/// A file that `SHA256SUMS` names and that is not there.
+/// A missing file of `SHA256SUMS`.
 fn lost(out: &Path) -> Result<Option<String>, ExportError> {
     let path = out.join(SUMS_FILE);
     let sums = BufReader::new(File::open(&path).map_err(unreadable(&path))?);
@@ -125,7 +124,7 @@ pub(super) struct ExportFolder {
 }
 
 impl ExportFolder {
-    /// Claims it until this is dropped, and removes what a killed process left.
+    /// Claims the folder until the value is dropped, and removes leftovers of killed processes.
     pub(super) fn claim(root: &Path) -> Result<Self, ExportError> {
         let state = root.join(STATE_FOLDER);
         atomic_file::create_dir(&state)?;
@@ -144,7 +143,6 @@ impl ExportFolder {
         Ok(Self { root: root.to_owned(), _lock: lock })
     }
 
-    /// Path of a file.
     pub(super) fn path(&self, name: &str) -> PathBuf {
         self.root.join(name)
     }
@@ -153,7 +151,7 @@ impl ExportFolder {
         &self.root
     }
 
-    /// Nothing is left to do: what was known of parts is not needed any more.
+    /// Removes the records of parts after the export is complete.
     pub(super) fn forget_state(&self) -> Result<(), ExportError> {
         let state = self.path(STATE_FOLDER);
         match std::fs::remove_dir_all(&state) {

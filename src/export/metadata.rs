@@ -1,22 +1,21 @@
-//! A line of imagefolder's `metadata.jsonl`: where a tuple's pictures are, and its parameters as columns.
+//! A line of imagefolder's `metadata.jsonl`: file names and parameters of a tuple as columns.
 
 use super::plan::ExportPlan;
 use super::sample::layer_file;
-use render::layer::Layer;
 use render::merge::TupleRecord;
 use serde_json::{Map, Value, json};
 
 /// The file, in each split's folder.
 pub(super) const METADATA_FILE: &str = "metadata.jsonl";
 
-/// A scene's line. Every line of an export has the same keys with values of the same type, as Arrow wants it.
+/// The line of a tuple. Arrow requires the same keys and types in every line.
 pub(super) fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
     let (scene, request) = (&record.scene, &plan.request);
     let mut row = Map::new();
     let mut put = |key: String, value: Value| row.insert(key, value);
     put("id".to_owned(), json!(scene.id));
     let asked = scene.film.layers.asked().0;
-    for (layer, name) in Layer::NAMES.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
+    for (layer, name) in plan.layers() {
         let file = layer_file(request.format, request.encoding, scene, layer);
         // Relative to the metadata.
         let file = file.split_once('/').map(|(_, rest)| rest.to_owned());
@@ -43,8 +42,8 @@ pub(super) fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
     ] {
         put(key.to_owned(), value);
     }
-    for (_, name) in Layer::NAMES.iter().enumerate().filter(|(l, _)| plan.layers[*l]) {
-        let error = record.layers.get(*name).and_then(|layer| layer.error_rms);
+    for (_, name) in plan.layers() {
+        let error = record.layers.get(name).and_then(|layer| layer.error_rms);
         put(format!("{name}_error_rms"), json!(error));
     }
     let mut line = Value::Object(row).to_string();

@@ -1,15 +1,15 @@
-//! A run's tuples as a data set in the forms that loaders know.
+//! A run's tuples as a data set in formats of common loaders.
 //!
 //! ```text
-//! request.rs   what is asked for: export.json          plan.rs      which scenes, in which order
-//! folder.rs    whose folder it is, what is done        sample.rs    a tuple -> names and bytes
-//! write.rs     all tuples, on all threads, in order    part.rs      some of them, durable: shard.rs, digest.rs
+//! request.rs   the request: export.json                plan.rs      selection and order of scenes
+//! folder.rs    owner and state of the folder           sample.rs    a tuple -> names and bytes
+//! write.rs     all tuples, on all threads, in order    part.rs      a durable part: shard.rs, digest.rs
 //! finish.rs    metadata.rs, card.rs, croissant.rs, SHA256SUMS
 //! ```
 //!
-//! An export's bytes follow from the run's manifest and the request: no time, host, path or number of threads is in them.
-//! It is made part by part; a process that is killed and started again goes on after the last part that is done, and ends
-//! with the same bytes. `SHA256SUMS` is written last. Two batches of tuples are in memory, whatever the run's size.
+//! The bytes of an export depend on the run's manifest and the request, not on time, host, paths or threads. It is written
+//! part by part; after a kill the same command resumes after the last complete part and gives the same bytes. `SHA256SUMS`
+//! is written last. Memory holds two batches of tuples for a run of any size.
 
 mod card;
 mod card_numbers;

@@ -1,4 +1,4 @@
-//! A part of an export: a shard, or some tuples' files. Once it is done, its record says so, and it is not made again.
+//! A part of an export: a shard, or the files of some tuples. A record marks a complete part, which is not made again.
 
 use super::card_numbers::Numbers;
 use super::digest::FileRecord;
@@ -13,17 +13,16 @@ use render::atomic_file;
 use render::line::Split;
 use serde::{Deserialize, Serialize};
 
-/// Tuples of a part whose files stand by themselves.
+/// Tuples of a part without a shard.
 const TUPLES_A_PART: usize = 256;
 
-/// What is known of a part that is done.
+/// The record of a complete part.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct PartRecord {
-    /// Its tuples, in numbers.
     pub(super) numbers: Numbers,
     pub(super) files: Vec<FileRecord>,
-    /// Its lines of `metadata.jsonl`.
+    /// Lines of `metadata.jsonl`.
     pub(super) lines: Vec<String>,
 }
 
@@ -32,7 +31,7 @@ fn record_name(split: Split, number: usize) -> String {
 }
 
 impl PartRecord {
-    /// The record of part `number`, if that is done. Its files must be as it left them.
+    /// The record of part `number`, if it is complete. Its files must be unchanged.
     pub(super) fn read(
         folder: &ExportFolder,
         split: Split,
@@ -71,10 +70,10 @@ impl PartRecord {
     }
 }
 
-/// A sample whose files are written already, unless they go into a shard.
+/// A sample. Its files are written already, unless they go into a shard.
 pub(super) struct Prepared {
     pub(super) sample: Sample,
-    /// Of files that stand by themselves.
+    /// Records of the written files.
     pub(super) written: Vec<FileRecord>,
 }
 
@@ -88,7 +87,7 @@ pub(super) struct Parts<'a> {
 }
 
 impl<'a> Parts<'a> {
-    /// Goes on with part `number`.
+    /// Starts at part `number`.
     pub(super) fn new(
         plan: &'a ExportPlan,
         folder: &'a ExportFolder,
@@ -98,7 +97,7 @@ impl<'a> Parts<'a> {
         Self { plan, folder, split, number, open: None }
     }
 
-    /// Adds a tuple; begins another part where the open one is full.
+    /// Adds a tuple; starts another part if the open one is full.
     pub(super) fn add(&mut self, prepared: Prepared) -> Result<(), ExportError> {
         let request = &self.plan.request;
         let limit_bytes = u64::from(request.shard_mb.unwrap_or(0)) * 1_000_000;
@@ -135,7 +134,7 @@ impl<'a> Parts<'a> {
         Ok(())
     }
 
-    /// Ends the open part, if there is one; on return it is durable.
+    /// Ends the open part, if any; on return it is durable.
     pub(super) fn close(&mut self) -> Result<(), ExportError> {
         let Some((mut record, shard)) = self.open.take() else {
             return Ok(());

@@ -1,10 +1,11 @@
-//! Which scenes of a run are exported, in which order, and which are not.
+//! Selection and order of the exported scenes.
 
 use super::error::ExportError;
 use super::request::{EXPORT_REQUEST_SCHEMA, ExportFormat, ExportRequest, PixelEncoding, check};
 use crate::run::{AccessError, Run, Scope, Snapshot};
 use crate::store::Store;
 use render::ids::SceneId;
+use render::layer::Layer;
 use render::line::Split;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -14,36 +15,33 @@ use std::collections::BTreeSet;
 #[serde(deny_unknown_fields)]
 pub struct LeftOut {
     pub scene: SceneId,
-    /// Why it is in quarantine; `null` if it was not merged yet.
+    /// The reason of the quarantine; `null` for a scene that is not merged yet.
     pub reason: Option<String>,
 }
 
-/// What a user asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExportOptions {
     pub format: ExportFormat,
-    /// How pixels are stored.
     pub encoding: PixelEncoding,
     pub splits: BTreeSet<Split>,
-    /// A WebDataset shard has at most so many megabytes (1e6 bytes), or one tuple.
+    /// Largest WebDataset shard, megabytes (1e6 bytes); a shard with a single tuple may be larger.
     pub shard_mb: u32,
-    /// Scenes that are not merged yet are left out, too.
+    /// Leave scenes out that are not merged yet, too.
     pub partial: bool,
 }
 
-/// What will be exported.
 #[derive(Clone, Debug)]
 pub struct ExportPlan {
-    /// What goes into `export.json`.
+    /// Written to `export.json`.
     pub request: ExportRequest,
-    /// Places in the manifest: split by split, sorted as the names of their files are.
+    /// Indices in the manifest: split by split, in the order of file names.
     pub scenes: Vec<usize>,
-    /// Layers that some scene has, in the tuples' order.
+    /// Whether any scene has the layer, in the order of [`Layer::ALL`].
     pub layers: [bool; 4],
 }
 
 impl ExportPlan {
-    /// Looks at what is there of the run.
+    /// Selects from the run's current tuples.
     pub fn new(run: &Run, store: &Store, options: &ExportOptions) -> Result<Self, ExportError> {
         check(options.format, options.encoding)?;
         let snapshot = Snapshot::take(run, store, Scope::DONE).map_err(AccessError::from)?;
@@ -82,7 +80,7 @@ impl ExportPlan {
         Ok(Self::of(run, request))
     }
 
-    /// The plan of a request that stands already.
+    /// The plan of an existing request.
     pub(super) fn of(run: &Run, request: ExportRequest) -> Self {
         let out: BTreeSet<&SceneId> = request.left_out.iter().map(|l| &l.scene).collect();
         let splits = request.splits.iter().copied().collect();
@@ -96,20 +94,25 @@ impl ExportPlan {
         Self { request, scenes, layers }
     }
 
-    /// Scenes that are left out because they are in quarantine, with their reasons.
+    /// Indices and names of the layers.
+    pub(super) fn layers(&self) -> impl Iterator<Item = (usize, &'static str)> {
+        Layer::NAMES.into_iter().enumerate().filter(|(layer, _)| self.layers[*layer])
+    }
+
+    /// Quarantined scenes and their reasons.
     pub fn quarantined(&self) -> impl Iterator<Item = (&SceneId, &str)> {
         let left_out = self.request.left_out.iter();
         left_out.filter_map(|l| Some((&l.scene, l.reason.as_deref()?)))
     }
 
-    /// Scenes that are left out because they are not merged yet.
+    /// Number of scenes that are not merged yet.
     pub fn missing(&self) -> usize {
         let left_out = self.request.left_out.iter();
         left_out.filter(|l| l.reason.is_none()).count()
     }
 }
 
-/// All scenes of some splits. The dot is what follows an id in the names of files: `a-1.json` comes before `a.json`.
+/// All scenes of some splits, in the order of file names: a dot follows the id, so `a-1.json` precedes `a.json`.
 fn scenes(run: &Run, splits: &BTreeSet<Split>) -> Vec<usize> {
     let mut scenes: Vec<usize> =
         (0..run.lines.len()).filter(|&scene| splits.contains(&run.lines[scene].split)).collect();
@@ -120,7 +123,7 @@ fn scenes(run: &Run, splits: &BTreeSet<Split>) -> Vec<usize> {
     scenes
 }
 
-/// A reason without the folders of this machine: an export tells nobody where it was made.
+/// A reason without this machine's folders: an export does not reveal where it was made.
 fn without_places(run: &Run, reason: &str) -> String {
     let named = run.spec.roots.keys();
     let mut places: Vec<(String, String)> = named

@@ -1,4 +1,4 @@
-//! `export.json`: what was asked for. It is written first, and says whose folder it is.
+//! `export.json`: the request. It is written first and identifies the folder.
 
 use super::error::ExportError;
 use super::plan::LeftOut;
@@ -6,13 +6,13 @@ use render::line::Split;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// The schema name of an export's request. Raised whenever the bytes of an export change.
+/// Schema of `export.json`. Raised whenever the bytes of an export change.
 pub const EXPORT_REQUEST_SCHEMA: &str = "glasshouse.export_request/1";
 
 /// Its file in the exported folder.
 pub(super) const REQUEST_FILE: &str = "export.json";
 
-/// What reads the folder.
+/// The reader of the folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ExportFormat {
@@ -20,13 +20,12 @@ pub enum ExportFormat {
     Webdataset,
     /// Hugging Face's imagefolder: `SPLIT/metadata.jsonl` and `SPLIT/LAYER/ID.png`.
     Imagefolder,
-    /// Folders as published sets have them: `SPLIT/blended/ID.png`, ...
+    /// Folders of published sets: `SPLIT/blended/ID.png`, ...
     Pairs,
     /// A multi-part OpenEXR file a tuple: `SPLIT/ID.exr`.
     Exr,
 }
 
-/// How pixels are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PixelEncoding {
@@ -38,7 +37,6 @@ pub enum PixelEncoding {
     Linear,
 }
 
-/// What a folder is, or is to be.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExportRequest {
@@ -50,14 +48,13 @@ pub struct ExportRequest {
     pub manifest_blake3: String,
     pub tracer_version: u32,
     pub format: ExportFormat,
-    /// How pixels are stored.
     pub encoding: PixelEncoding,
     /// Splits, in their order.
     pub splits: Vec<Split>,
-    /// Of WebDataset alone: a shard has at most so many megabytes (1e6 bytes), or one tuple.
+    /// WebDataset only: largest shard, megabytes (1e6 bytes).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shard_mb: Option<u32>,
-    /// Scenes of the splits that are not in it.
+    /// Scenes of the splits that are not exported.
     pub left_out: Vec<LeftOut>,
 }
 
@@ -68,7 +65,7 @@ impl ExportRequest {
         json
     }
 
-    /// Where `self` (in the folder) and `new` differ, in words; scenes left out do not count.
+    /// Differences between `self` (in the folder) and `new`, in words; left-out scenes are not compared.
     pub(super) fn diff(&self, new: &Self) -> Vec<String> {
         let mut rows = Vec::new();
         let mut row = |what: &str, old: &dyn fmt::Display, new: &dyn fmt::Display| {
@@ -90,7 +87,7 @@ impl ExportRequest {
     }
 }
 
-/// Refuses what no reader could read.
+/// Refuses combinations without a reader.
 pub(super) fn check(format: ExportFormat, encoding: PixelEncoding) -> Result<(), ExportError> {
     let reason = match (format, encoding) {
         (ExportFormat::Imagefolder, PixelEncoding::Linear) => {

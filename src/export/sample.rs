@@ -1,4 +1,4 @@
-//! A tuple of the run as the files of an export: names, and bytes.
+//! A tuple as the files of an export: names and bytes.
 
 use super::error::ExportError;
 use super::plan::ExportPlan;
@@ -14,7 +14,6 @@ use render::merge::{
 };
 use std::collections::BTreeMap;
 
-/// A tuple, ready to be written.
 pub(super) struct Sample {
     /// Its files, sorted by name: paths in the exported folder, or members of a tar.
     pub(super) files: Vec<(String, Bytes)>,
@@ -26,7 +25,7 @@ pub(super) struct Sample {
 const PAIR_FOLDERS: [&str; 4] =
     ["blended", "transmission_layer", "reflection_layer", "clean_reflection_layer"];
 
-/// Where a layer of a scene is in an export. Of [`ExportFormat::Exr`] it is the file of all layers.
+/// Path of a layer in an export; for [`ExportFormat::Exr`] the file of all layers.
 pub(super) fn layer_file(
     format: ExportFormat,
     encoding: PixelEncoding,
@@ -46,15 +45,15 @@ pub(super) fn layer_file(
     }
 }
 
-/// Folders that files of a split stand in, from the exported folder; none of tars.
+/// Folders of a split, relative to the exported folder; none for tars.
 pub(super) fn layer_folders(plan: &ExportPlan, split: Split) -> Vec<String> {
-    let layers = (0..Layer::NAMES.len()).filter(|&layer| plan.layers[layer]);
+    let layers = plan.layers();
     match plan.request.format {
         ExportFormat::Webdataset => Vec::new(),
-        ExportFormat::Imagefolder => {
-            layers.map(|l| format!("{split}/{}", Layer::NAMES[l])).collect()
+        ExportFormat::Imagefolder => layers.map(|(_, name)| format!("{split}/{name}")).collect(),
+        ExportFormat::Pairs => {
+            layers.map(|(l, _)| format!("{split}/{}", PAIR_FOLDERS[l])).collect()
         }
-        ExportFormat::Pairs => layers.map(|l| format!("{split}/{}", PAIR_FOLDERS[l])).collect(),
         ExportFormat::Exr => vec![split.to_string()],
     }
 }
@@ -97,7 +96,7 @@ impl TupleBytes {
     }
 }
 
-/// The record and what the encoding is made from.
+/// The record and the source files of the encoding.
 fn read(
     store: &Store,
     line: &SceneLine,
@@ -122,7 +121,7 @@ fn copies(
     for (layer, name) in made(line) {
         let file = format!("{name}.png");
         let bytes = tuple.take(line, &file)?;
-        // A file that was cut or changed must not be handed on.
+        // A truncated or changed file must not be exported.
         check_png(&bytes, line.film.width, line.film.height)
             .map_err(|e| damaged(line, &file, &e))?;
         files.push((layer_file(format, PixelEncoding::Srgb8, line, layer), bytes));
@@ -139,7 +138,7 @@ fn encoded(
 ) -> Result<Vec<(String, Bytes)>, ExportError> {
     let layers = decode_tuple_exr(exr, record).map_err(|e| damaged(line, "tuple.exr", &e))?;
     let (width, height) = (line.film.width, line.film.height);
-    // A layer has a digest of its halves where the file holds halves.
+    // Only layers of half floats have this digest.
     let is_half = record.layers.values().all(|l| l.exr_blake3.is_some());
     let precision = if is_half { ExrPrecision::Half } else { ExrPrecision::Float };
     let failed = |name: &str, reason: &dyn std::fmt::Display| ExportError::Encode {
@@ -169,8 +168,8 @@ fn encoded(
     Ok(files)
 }
 
-/// Layers that a scene makes: places and names.
-pub(super) fn made(line: &SceneLine) -> impl Iterator<Item = (usize, &'static str)> {
+/// Indices and names of a scene's layers.
+fn made(line: &SceneLine) -> impl Iterator<Item = (usize, &'static str)> {
     let asked = line.film.layers.asked().0;
     Layer::NAMES.into_iter().enumerate().filter(move |(layer, _)| asked[*layer])
 }

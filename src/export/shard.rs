@@ -1,4 +1,4 @@
-//! A WebDataset shard: a tar whose bytes follow from its members alone.
+//! A WebDataset shard: a tar whose bytes depend on its members alone.
 
 use super::digest::{Digesting, FileRecord};
 use super::error::ExportError;
@@ -14,7 +14,6 @@ const END: u64 = 2 * BLOCK;
 /// Longer names need an entry of their own.
 const SHORT_NAME: usize = 100;
 
-/// A shard that is being written.
 pub(super) struct Shard {
     tar: Builder<Digesting<PendingFile>>,
     path: PathBuf,
@@ -23,14 +22,12 @@ pub(super) struct Shard {
 }
 
 impl Shard {
-    /// Begins `name` in the exported folder.
     pub(super) fn begin(out: &Path, name: String) -> Result<Self, ExportError> {
         let path = out.join(&name);
         let file = PendingFile::begin(&path)?;
         Ok(Self { tar: Builder::new(Digesting::new(file)), path, name, bytes: END })
     }
 
-    /// Whether these members still fit.
     pub(super) fn has_room(&self, files: &[(String, Bytes)], limit_bytes: u64) -> bool {
         self.bytes + tar_bytes(files) <= limit_bytes
     }
@@ -67,7 +64,7 @@ impl Shard {
     }
 }
 
-/// What members take in a tar.
+/// Size of members in a tar.
 fn tar_bytes(files: &[(String, Bytes)]) -> u64 {
     let blocks = |bytes: usize| (bytes as u64).div_ceil(BLOCK) * BLOCK;
     let of = |(name, bytes): &(String, Bytes)| {
@@ -82,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tar_is_as_large_as_foreseen_and_has_no_times() {
+    fn a_tar_has_the_predicted_size_and_no_times() {
         let folder = tempfile::tempdir().unwrap();
         let files: Vec<(String, Bytes)> = [0, 1, 511, 512, 513, 5000]
             .into_iter()

@@ -1,4 +1,4 @@
-//! Writes an export: tuples are read and encoded on all threads, and come out in their order, some at a time.
+//! Writes an export: tuples are read and encoded on all threads in batches, and written in order.
 
 use super::digest::FileRecord;
 use super::error::ExportError;
@@ -18,44 +18,41 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Tuples in a batch, for each thread.
+/// Tuples of a batch per thread.
 const BATCH: usize = 8;
-/// Pixels of a batch, more only for a single tuple: two batches are in memory.
+/// Most pixels of a batch, except for a single larger tuple: two batches are in memory.
 const BATCH_PIXELS: u64 = 1 << 23;
-/// Tuples that are encoded to foretell an export's size.
+/// Tuples encoded to estimate the size of an export.
 const TRIALS: usize = 8;
 
-/// What came out. Its keys are those of `glasshouse.export/1`.
+/// The result. Its keys are those of `glasshouse.export/1`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Exported {
-    /// Tuples by split, those of an earlier start too.
+    /// Tuples by split, including those of earlier calls.
     pub tuples: BTreeMap<Split, u64>,
-    /// Tuples that an earlier start had written.
+    /// Tuples of earlier calls.
     #[serde(rename = "tuples_resumed")]
     pub resumed: u64,
     /// Files, without `SHA256SUMS`.
     pub files: u64,
-    /// Their bytes.
     pub bytes: u64,
-    /// All was there before.
     pub already_complete: bool,
-    /// It was told to stop before the end; the same command goes on.
+    /// The stop flag ended it early; the same command resumes.
     #[serde(skip)]
     pub stopped: bool,
 }
 
-/// How an export is made; nothing of it changes its bytes.
+/// Threads and callbacks; they do not change the bytes of the export.
 pub struct ExportWork<'a> {
-    /// Threads that read and encode.
     pub threads: usize,
-    /// Ends it after the tuples in hand.
+    /// Ends the export after the current batch.
     pub stop: &'a AtomicBool,
-    /// Told of tuples that are done, and whether they were found done.
+    /// Receives numbers of finished tuples, and whether an earlier call wrote them.
     pub on_tuples: &'a (dyn Fn(u64, bool) + Sync),
 }
 
-/// Exports a run into `out`, or goes on where an earlier start was stopped: then the scenes are those that were there
-/// when it began, which the plan returned names.
+/// Exports a run into `out`, or resumes an earlier call; then the scenes are those of that call, which the returned plan
+/// names.
 pub fn export(
     run: &Run,
     store: &Store,
@@ -63,7 +60,7 @@ pub fn export(
     out: &Path,
     work: &ExportWork,
 ) -> Result<(ExportPlan, Exported), ExportError> {
-    // Before anything is made there.
+    // Checked before anything is written.
     if look(out, &plan.request)? == FolderState::Complete && !out.join(STATE_FOLDER).exists() {
         return Ok(nothing_to_do(run, plan));
     }
@@ -110,7 +107,7 @@ pub fn export(
     Ok((plan, exported))
 }
 
-/// Of an export that is complete.
+/// The result for an export that is complete already.
 fn nothing_to_do(run: &Run, plan: ExportPlan) -> (ExportPlan, Exported) {
     let mut exported = Exported { already_complete: true, ..Exported::default() };
     for &scene in &plan.scenes {
@@ -119,7 +116,7 @@ fn nothing_to_do(run: &Run, plan: ExportPlan) -> (ExportPlan, Exported) {
     (plan, exported)
 }
 
-/// About how many bytes an export will have, from some of its tuples, encoded.
+/// Estimated bytes of an export, from some encoded tuples.
 pub fn foretell_bytes(run: &Run, store: &Store, plan: &ExportPlan) -> Result<u64, ExportError> {
     let count = plan.scenes.len();
     let trials = count.min(TRIALS);
@@ -141,7 +138,7 @@ struct SplitWriter<'a> {
 }
 
 impl SplitWriter<'_> {
-    /// Writes the tuples of a split, until told to stop. How many were there, and how many came.
+    /// Writes the tuples of a split until the stop flag is set. Returns the numbers of earlier and new tuples.
     fn write(&mut self, split: Split, lines: &[&SceneLine]) -> Result<(u64, u64), ExportError> {
         let mut number = 0;
         let mut resumed = 0;
@@ -161,7 +158,7 @@ impl SplitWriter<'_> {
         let mut written = 0;
         let mut batches = batches(rest, self.work.threads * BATCH);
         let mut ready: Vec<Prepared> = Vec::new();
-        // While a batch is written, the next one is prepared.
+        // Writes a batch while the next one is prepared.
         loop {
             let is_stopped = self.work.stop.load(Ordering::Relaxed);
             let batch = if is_stopped { None } else { batches.next() };
@@ -198,7 +195,7 @@ impl SplitWriter<'_> {
         let mut written = Vec::new();
         if request.format != ExportFormat::Webdataset {
             for (name, bytes) in sample.files.drain(..) {
-                // The disk is waited for once a part.
+                // Made durable once per part.
                 atomic_file::write_relaxed(&self.folder.path(&name), &bytes)?;
                 written.push(FileRecord::new(&name, &bytes));
             }
@@ -207,7 +204,7 @@ impl SplitWriter<'_> {
     }
 }
 
-/// Lines in pieces that fit into memory.
+/// Lines in batches that fit into memory.
 fn batches<'a, 'b>(
     lines: &'a [&'b SceneLine],
     most: usize,

@@ -1,4 +1,4 @@
-//! Stated errors of all tuples: how they are distributed, and what they cost.
+//! Stated errors of all tuples: their distribution and cost.
 
 use super::survey::{DoneScene, Survey};
 use super::text::{error, evenly, exact, quantile, table};
@@ -36,10 +36,10 @@ pub(super) fn errors(run: &Run, survey: &Survey) -> Markup {
     html! {
         p {
             "The stated error of a layer is the estimated RMS error over its film and colours, in linear radiance (white is \
-            1), from " code { "tuple.json" } ". It is told from how far means moved at the last two doublings of their \
+            1), from " code { "tuple.json" } ". It is estimated from the moves of the means at the last two doublings of their \
             samples. "
             @if known == 0 {
-                "Workers have not told yet what single scenes cost."
+                "Workers have not reported the cost of single scenes yet."
             } @else if known < survey.done.len() {
                 "The cost of " (known) " scenes is known; a part of each other scene was traced by a worker without a log."
             }
@@ -211,7 +211,7 @@ fn summary(run: &Run, layers: &[LayerErrors]) -> Markup {
     table("Stated errors", &heads, &html! { @for layer in layers { (row(layer)) } })
 }
 
-/// Costs of the scenes whose every shard is in the logs once.
+/// Costs of the scenes with each shard in the logs exactly once.
 fn costs(run: &Run, survey: &Survey) -> Costs {
     let mut traced: BTreeMap<&str, (u32, f64)> = BTreeMap::new();
     for scene in survey.logs.iter().flat_map(|log| &log.scenes) {

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-/// Longest side of a grid of pictures when read and when shown, px.
+/// Longest side of a grid of pictures in the file and on the page, px.
 const MOST_PX: u32 = 16_384;
 const SHOWN_PX: u32 = 1820;
 /// Pictures in the table of single pictures.
@@ -36,7 +36,7 @@ pub(super) fn evaluation(run: &Path) -> Markup {
     }
 }
 
-/// A grid of pictures, or why it cannot be shown.
+/// A grid of pictures, or the error of reading it.
 pub(super) fn grid(png: &[u8], alt: &str, caption: &str) -> Markup {
     let picture = decode_png_within(png, MOST_PX);
     match picture.and_then(|picture| img(&shrunk(picture, SHOWN_PX), alt)) {

@@ -8,8 +8,8 @@ const SIZE: [f64; 2] = [300.0, 170.0];
 const X_ENDS: [f64; 2] = [34.0, 288.0];
 const Y_ENDS: [f64; 2] = [128.0, 34.0];
 
-/// A histogram of `values`, which must be finite; `None` if they are all the same. Values above 0 that reach over more than
-/// a factor of 30 get a logarithmic axis if it spreads them better.
+/// A histogram of finite `values`; `None` if they are all equal. Positive values with a range above a factor of 30 get a
+/// logarithmic axis if it spreads them better.
 pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<Markup> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -1,8 +1,8 @@
 //! The report: one self-contained HTML page that opens from any disk and can be attached to a mail.
 //!
 //! `survey` reads the run's store once; each section has a file (`glance`, `sheet`, `errors`, `seconds`, `parameters`,
-//! `quarantine`, `training`, `evaluation`); `page` joins them. A half-done run has a report, too, and damaged tuples are named
-//! on it. The page stays within about 10 MB for a run of any size.
+//! `quarantine`, `training`, `evaluation`); `page` joins them. A half-finished run has a report, too; it names
+//! damaged tuples. The page stays within about 10 MB for a run of any size.
 
 mod errors;
 mod evaluation;

@@ -1,4 +1,4 @@
-//! A noise map as a picture, and what its colours mean.
+//! A noise map as a picture, and its colour scale.
 
 use crate::plot::{Axis, PAPER_SYMBOLS, plot};
 use image::{Rgb, RgbImage, imageops};
@@ -6,9 +6,9 @@ use maud::{Markup, html};
 use render::layer::Layer;
 use render::merge::NoiseMap;
 
-/// Errors (linear radiance) at the ends of the colours. The same for all scenes and runs, so that pages can be compared.
+/// Errors (linear radiance) at the ends of the colour scale: fixed, so that pages can be compared.
 pub(super) const ENDS: [f64; 2] = [1e-5, 1e-1];
-/// Steps of the colours: they take fewer bytes than a smooth scale, and look the same.
+/// Number of colours: fewer bytes than a smooth scale, with the same look.
 const LEVELS: f64 = 48.0;
 /// Longest side of a layer's map, px, where there are several.
 const PART_PX: u32 = 128;
@@ -16,7 +16,7 @@ const PART_PX: u32 = 128;
 const ONLY_PX: u32 = 256;
 const GAP: u32 = 2;
 
-/// Viridis (Smith and van der Walt), which gets brighter evenly and which colour-blind eyes can read.
+/// Viridis (Smith and van der Walt): perceptually uniform, readable with colour blindness.
 const COLOURS: [[u8; 3]; 9] = [
     [0x44, 0x01, 0x54],
     [0x47, 0x2d, 0x7b],

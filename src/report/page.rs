@@ -1,4 +1,4 @@
-//! `report/index.html`: all sections on one page that needs nothing else.
+//! `report/index.html`: all sections on one self-contained page.
 
 use super::errors::errors;
 use super::evaluation::evaluation;
@@ -20,10 +20,9 @@ use std::path::{Path, PathBuf};
 
 const STYLE: &str = concat!(include_str!("../serve/look.css"), include_str!("report.css"));
 
-/// The page fetches nothing and runs nothing, whatever text it holds.
+/// Forbids all requests and scripts.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'";
 
-/// The report cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
     #[error(transparent)]
@@ -32,7 +31,6 @@ pub enum ReportError {
     Store(#[from] StoreError),
 }
 
-/// The result of making a report.
 #[derive(Debug)]
 pub struct Report {
     pub path: PathBuf,
@@ -82,7 +80,7 @@ fn page(run: &Run, survey: &Survey, tuples: Markup) -> Markup {
     let sections = [
         ("glance", "The run at a glance", glance(run, survey)),
         ("tuples", "Tuples", tuples),
-        ("errors", "Stated errors, and what they cost", errors(run, survey)),
+        ("errors", "Stated errors and their cost", errors(run, survey)),
         ("seconds", "Where the seconds went", seconds_of(survey)),
         ("parameters", "Parameters", parameters),
         ("quarantine", "Quarantine", quarantine(&survey.status.counts.quarantined)),
@@ -121,7 +119,7 @@ fn page(run: &Run, survey: &Survey, tuples: Markup) -> Markup {
     }
 }
 
-/// Draws that were not kept, or why nothing is known of them.
+/// Rejected draws, or the error of reading them.
 fn rejected(run: &Run) -> Markup {
     match read_rejected(run.path(keys::REJECTED)) {
         Ok(rejected) => rejections(run.lines.len(), &rejected),

@@ -57,13 +57,13 @@ pub(super) fn parameters(lines: &[SceneLine]) -> Markup {
         @if plots.is_empty() {
             p.dim { "All scenes have the same parameters." }
         } @else {
-            p { "What " (lines.len()) " scenes were drawn from, where they differ. The dashed line is the median." }
+            p { "Parameters that differ among " (lines.len()) " scenes. The dashed line is the median." }
             div.plots { @for plot in plots { (plot) } }
         }
     }
 }
 
-/// The draws that were not kept; empty if there were none.
+/// The rejected draws; empty without any.
 pub(super) fn rejections(scenes: usize, rejected: &[RejectedScene]) -> Markup {
     if rejected.is_empty() {
         return html! {};
@@ -87,10 +87,10 @@ pub(super) fn rejections(scenes: usize, rejected: &[RejectedScene]) -> Markup {
     html! {
         h3 { "Rejected draws" }
         p {
-            (draws) " draws were looked at for " (scenes) " scenes; " (rejected.len()) " of them ("
-            (percent(rejected.len())) ") were not kept, and other draws took their places. "
+            (draws) " draws were examined for " (scenes) " scenes; " (rejected.len()) " of them ("
+            (percent(rejected.len())) ") were rejected and replaced by other draws. "
             code { "rejected.jsonl" } " has each with its reason."
         }
-        (table("Rejected draws", &["rule", "#draws", "#of all looks", "for example"], &rows))
+        (table("Rejected draws", &["rule", "#draws", "#of all draws", "for example"], &rows))
     }
 }

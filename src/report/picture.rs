@@ -9,41 +9,42 @@ use maud::{Markup, html};
 use std::io::Cursor;
 
 pub(super) const QUALITY: u8 = 90;
-/// A JPEG replaces a PNG that is more than so many times as long.
+/// A JPEG replaces a PNG that is longer by more than this factor.
 pub(super) const MUCH_SMALLER: usize = 2;
 
-/// A PNG of exactly this size, px; anything else is an error before its pixels are unpacked.
+/// A PNG of exactly this size, px; any other size is an error before its pixels are decoded.
 pub(super) fn decode_png(bytes: &[u8], size: [u32; 2]) -> Result<RgbImage, String> {
-    let decoder =
-        PngDecoder::with_limits(Cursor::new(bytes), limits(size)).map_err(|e| e.to_string())?;
-    let (width, height) = decoder.dimensions();
-    if [width, height] != size {
-        return Err(format!("it has {width} x {height} px, its film {} x {}", size[0], size[1]));
-    }
-    let image = image::DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
-    Ok(image.into_rgb8())
+    decode(bytes, size, |found| {
+        (found != size).then(|| format!("px, its film {} x {}", size[0], size[1]))
+    })
 }
 
 /// A PNG of at most `most` px a side.
 pub(super) fn decode_png_within(bytes: &[u8], most: u32) -> Result<RgbImage, String> {
-    let decoder = PngDecoder::with_limits(Cursor::new(bytes), limits([most, most]))
-        .map_err(|e| e.to_string())?;
-    let (width, height) = decoder.dimensions();
-    if width.max(height) > most {
-        return Err(format!("it has {width} x {height} px, more than {most} a side"));
-    }
-    let image = image::DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
-    Ok(image.into_rgb8())
+    decode(bytes, [most; 2], |found| {
+        (found.into_iter().max() > Some(most)).then(|| format!("px, more than {most} a side"))
+    })
 }
 
-fn limits([width, height]: [u32; 2]) -> Limits {
+/// Decodes a PNG after `refuse` has seen its size.
+fn decode(
+    bytes: &[u8],
+    most: [u32; 2],
+    refuse: impl Fn([u32; 2]) -> Option<String>,
+) -> Result<RgbImage, String> {
     let mut limits = Limits::default();
     // Four channels of 16 bits, and the decoder's own rows.
-    limits.max_alloc = Some(u64::from(width) * u64::from(height) * 8 + (64 << 20));
-    limits
+    limits.max_alloc = Some(u64::from(most[0]) * u64::from(most[1]) * 8 + (64 << 20));
+    let failed = |e: image::ImageError| e.to_string();
+    let decoder = PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(failed)?;
+    let (width, height) = decoder.dimensions();
+    if let Some(reason) = refuse([width, height]) {
+        return Err(format!("it has {width} x {height} {reason}"));
+    }
+    Ok(image::DynamicImage::from_decoder(decoder).map_err(failed)?.into_rgb8())
 }
 
-/// The picture, or a smaller one that is at most `most` px wide and high.
+/// The picture, scaled down to at most `most` px a side.
 pub(super) fn shrunk(picture: RgbImage, most: u32) -> RgbImage {
     let (width, height) = picture.dimensions();
     let longest = width.max(height);
@@ -54,7 +55,7 @@ pub(super) fn shrunk(picture: RgbImage, most: u32) -> RgbImage {
     imageops::thumbnail(&picture, side(width), side(height))
 }
 
-/// An `<img>`: a PNG, or a JPEG where that is much smaller.
+/// An `<img>`: a PNG, or a JPEG if that is much smaller.
 pub(super) fn img(picture: &RgbImage, alt: &str) -> Result<Markup, String> {
     let png = png(picture)?;
     let mut jpeg = Vec::new();
@@ -66,7 +67,7 @@ pub(super) fn img(picture: &RgbImage, alt: &str) -> Result<Markup, String> {
     Ok(tag(picture, alt, kind, &bytes))
 }
 
-/// An `<img>` whose pixels are exact.
+/// An `<img>` with exact pixels.
 pub(super) fn exact_img(picture: &RgbImage, alt: &str) -> Result<Markup, String> {
     Ok(tag(picture, alt, "png", &png(picture)?))
 }
@@ -89,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pictures_have_the_size_that_is_expected() {
+    fn pictures_of_another_size_are_refused() {
         let picture = RgbImage::from_fn(8, 6, |x, y| image::Rgb([x as u8 * 30, y as u8 * 40, 7]));
         let bytes = png(&picture).unwrap();
         assert_eq!(decode_png(&bytes, [8, 6]).unwrap(), picture);
@@ -113,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn what_compresses_badly_becomes_a_jpeg() {
+    fn pictures_that_compress_badly_become_jpegs() {
         let flat = RgbImage::from_pixel(64, 64, image::Rgb([9, 9, 9]));
         let text = |tag: Result<Markup, String>| tag.unwrap().into_string();
         assert!(text(img(&flat, "a")).contains("image/png"));

@@ -53,8 +53,8 @@ fn all_seconds(survey: &Survey) -> Markup {
             (seconds(before)) " more. Their wall seconds add up to " (seconds(wall))
             "; thread seconds of the stages, waiting included, to " (seconds(threads)) "."
             @if missing > 0 {
-                " Of " (grouped(missing)) " tuples there is no log: their worker was killed, is still at work, or was of \
-                an older version."
+                " Of " (grouped(missing)) " tuples there is no log: their worker was killed, is still running, or had an older \
+                version."
             }
         }
         (bar(&stages, total))

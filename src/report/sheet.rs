@@ -18,7 +18,7 @@ use render::merge::{LayerRecord, NoiseMap, TupleRecord};
 
 /// Tuples on the sheet.
 const SHOWN: usize = 32;
-/// Longest sheet, bytes: with larger pictures it has fewer rows.
+/// Largest sheet, bytes: larger pictures leave fewer rows.
 const BUDGET: usize = 7 << 20;
 /// Factor of the second, brighter picture of the reflection.
 const GAIN: f32 = 8.0;
@@ -40,13 +40,12 @@ struct Row {
     has_map: bool,
 }
 
-/// Why there is no row.
 enum Lack {
     Store(StoreError),
     Damaged(SceneId, String),
 }
 
-/// Reads and draws. Damaged tuples are left out and named.
+/// Reads and draws tuples. Damaged ones are left out and listed.
 pub(super) fn sheet(run: &Run, store: &Store, survey: &Survey) -> Result<Sheet, StoreError> {
     let drawn = evenly(survey.done.len(), SHOWN);
     let encoder = SrgbEncoder::new();
@@ -87,7 +86,7 @@ fn content(rows: &[&Row], done: usize, noise_maps: usize) -> Markup {
             (rows.len()) " of " (done) " tuples, evenly drawn over the manifest. Linear light, sRGB-coded and clipped at white \
             for the screen, at most " (THUMBNAIL_PX) " px a side; JPEG of quality " (QUALITY)
             " where that takes less than 1/" (MUCH_SMALLER) " of a PNG. "
-            b { "I" } " is what the camera sees; " b { "T" } " the scene behind the glass, bent as by it; "
+            b { "I" } " is the camera's image; " b { "T" } " the scene behind the glass, bent as by it; "
             b { (PAPER_SYMBOLS[Layer::GlassReflection]) } " the scene reflected by both faces of the glass, through the lens; "
             b { "R" } " the same without glass and lens. The error beside a layer is its stated RMS error over the film and \
             its colours, linear radiance."
@@ -166,10 +165,10 @@ fn numbers(layer: &LayerRecord) -> Markup {
     }
 }
 
-/// A map as `<img>` and the order of its parts, or what is wrong with it.
+/// A map as `<img>` and the order of its parts, or the error of reading it.
 type Map = Result<(Markup, String), String>;
 
-/// The scene's noise map, if it is still there.
+/// The scene's noise map, if it exists.
 fn noise(line: &SceneLine, store: &Store) -> Result<Option<Map>, Lack> {
     let bytes = store.get(&keys::noise(&line.id)).map_err(Lack::Store)?;
     let draw = |bytes: &[u8]| {

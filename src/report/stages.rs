@@ -3,7 +3,7 @@
 use crate::plot::{Axis, plot};
 use maud::{Markup, html};
 
-/// A stage's name, colour (Okabe and Ito's and greys) and what it is.
+/// Name, colour (Okabe and Ito, and greys) and description of each stage.
 pub(super) const STAGES: [(&str, &str, &str); 8] = [
     ("read", "#CC79A7", "input files"),
     ("decode", "#E69F00", "pictures and depth become a scene"),

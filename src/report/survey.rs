@@ -1,4 +1,4 @@
-//! Everything that the report needs from a run's store, read once.
+//! The report's data from a run's store, read once.
 
 use crate::run::{Run, Scope, Snapshot, Status, WorkLog, keys, read_logs};
 use crate::store::{Store, StoreError};
@@ -31,11 +31,11 @@ pub(super) struct DoneScene {
     pub(super) layers: [Option<LayerFacts>; 4],
 }
 
-/// A layer's entry in `tuple.json`, as far as it is kept in memory for all scenes.
+/// The entries of a layer in `tuple.json` that are kept for all scenes.
 pub(super) struct LayerFacts {
-    /// Samples a pixel; of an adaptive scene their mean.
+    /// Samples a pixel; for an adaptive scene the mean.
     pub(super) samples: f64,
-    /// Stated RMS error, linear; none of one sample.
+    /// Stated RMS error, linear; `None` for one sample.
     pub(super) error_rms: Option<f64>,
 }
 
@@ -61,7 +61,7 @@ impl Survey {
             let index = indices[at];
             let line = &run.lines[index];
             match bytes.map(|bytes| facts(line, &bytes, &listed)) {
-                // It was removed meanwhile.
+                // Removed since the listing.
                 None => {}
                 Some(Ok(layers)) => survey.done.push(DoneScene { index, layers }),
                 Some(Err(reason)) => survey.damaged.push((line.id.clone(), reason)),
@@ -76,7 +76,7 @@ impl Survey {
     }
 }
 
-/// What the report needs of a scene's `tuple.json`, or what is wrong with its tuple.
+/// The layers of a scene's `tuple.json`, or the damage of its tuple.
 fn facts(
     line: &SceneLine,
     bytes: &[u8],

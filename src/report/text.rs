@@ -23,7 +23,7 @@ pub(super) fn seconds(value: f64) -> Markup {
     exact(value, &format!("{value:.digits$}"))
 }
 
-/// A table in a region of its own, which scrolls where the page is narrow. A head that begins with `#` is of numbers.
+/// A table in a scrollable region. A head that starts with `#` marks a column of numbers.
 pub(super) fn table<H: AsRef<str>>(label: &str, heads: &[H], rows: &Markup) -> Markup {
     html! {
         div.box role="region" aria-label=(label) tabindex="0" {
@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn some_are_taken_evenly() {
+    fn indices_are_evenly_spaced() {
         assert_eq!(evenly(3, 8), [0, 1, 2]);
         assert_eq!(evenly(10, 4), [0, 2, 5, 7]);
         assert!(evenly(0, 4).is_empty());
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_are_values_that_are_there() {
+    fn quantiles_are_given_values() {
         let values = [1.0, 2.0, 3.0, 4.0, 50.0];
         assert_eq!(quantile(&values, 0.5), 3.0);
         assert_eq!(quantile(&values, 0.95), 50.0);

@@ -45,8 +45,8 @@ fn stage(folder: &Path, title: &str, columns: &str) -> Option<Markup> {
         @if let Some((step, png)) = newest_picture(folder) {
             (grid(
                 &png,
-                &format!("What the networks make of validation scenes at step {step}"),
-                &format!("Validation scenes at step {step}: {columns}. * is what the networks make."),
+                &format!("Outputs of the networks for validation scenes at step {step}"),
+                &format!("Validation scenes at step {step}: {columns}. * marks outputs of the networks."),
             ))
         }
     })
@@ -68,7 +68,7 @@ fn column(csv: &str, name: &str) -> Vec<Point> {
     lines.filter_map(point).collect()
 }
 
-/// A curve as SVG; of many points, means are drawn.
+/// A curve as SVG; many points are averaged.
 fn curve(name: &str, unit: &str, points: &[Point]) -> Markup {
     let at_once = points.len().div_ceil(POINTS).max(1);
     let means: Vec<Point> = points

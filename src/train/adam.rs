@@ -1,4 +1,4 @@
-//! Adam (Kingma and Ba, ICLR 2015) whose state can be saved. candle's hides its moments.
+//! Adam (Kingma and Ba, ICLR 2015) with access to its moments, which candle's hides, so that they can be saved.
 
 use candle_core::backprop::GradStore;
 use candle_core::{Result, Tensor, Var};
@@ -6,11 +6,11 @@ use candle_core::{Result, Tensor, Var};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdamOptions {
     pub learning_rate: f64,
-    /// Of the mean of the gradients.
+    /// Decay of the mean gradient.
     pub beta1: f64,
-    /// Of the mean of their squares.
+    /// Decay of the mean square.
     pub beta2: f64,
-    /// Added to the root of the second.
+    /// Added to the root of the mean square.
     pub epsilon: f64,
 }
 
@@ -22,7 +22,7 @@ impl Default for AdamOptions {
 
 /// A named variable with its moments.
 pub struct Moments {
-    /// Unique among the optimiser's.
+    /// Unique within the optimiser.
     pub name: String,
     pub variable: Var,
     /// Running mean of its gradients.
@@ -39,7 +39,7 @@ pub struct Adam {
 }
 
 impl Adam {
-    /// For these variables, none of which has been learned yet.
+    /// With moments of 0.
     pub fn new(variables: Vec<(String, Var)>, options: AdamOptions) -> Result<Self> {
         let moments = variables
             .into_iter()
@@ -55,7 +55,7 @@ impl Adam {
         Ok(Self { options, steps: 0, moments })
     }
 
-    /// One step, as PyTorch takes it. Variables without a gradient stay.
+    /// One step as in PyTorch. Variables without a gradient do not change.
     pub fn step(&mut self, gradients: &GradStore) -> Result<()> {
         self.steps += 1;
         let AdamOptions { learning_rate, beta1, beta2, epsilon } = self.options;
@@ -65,7 +65,7 @@ impl Adam {
             let Some(gradient) = gradients.get(&moments.variable) else {
                 continue;
             };
-            // Detached, or the graph of all steps would be kept.
+            // Detached: otherwise the graph of all steps would stay in memory.
             moments.mean = ((&moments.mean * beta1)? + (gradient * (1.0 - beta1))?)?.detach();
             moments.square =
                 ((&moments.square * beta2)? + (gradient.sqr()? * (1.0 - beta2))?)?.detach();

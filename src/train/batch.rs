@@ -5,18 +5,15 @@ use candle_core::{Device, Result, Tensor};
 
 /// Images of a step, each (batch, 3, rows, columns).
 pub struct Batch {
-    /// I.
     pub input: Tensor,
-    /// T.
     pub transmission: Tensor,
-    /// R~, where it is known.
+    /// `None` for real photographs without it; so is `clean_reflection`.
     pub glass_reflection: Option<Tensor>,
-    /// R, where it is known.
     pub clean_reflection: Option<Tensor>,
 }
 
 impl Batch {
-    /// Of examples of one size that have the same layers.
+    /// The examples must have one size and the same layers.
     pub fn new(examples: &[Example], device: &Device) -> Result<Self> {
         let Some(first) = examples.first() else {
             candle_core::bail!("a batch of no examples");

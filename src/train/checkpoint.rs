@@ -1,4 +1,4 @@
-//! Checkpoints: a folder a step, `model.safetensors`, `optimizer.safetensors`, `state.json`, all there or none.
+//! Checkpoints: a folder per step with `model.safetensors`, `optimizer.safetensors` and `state.json`, written atomically.
 
 use super::learner::Learner;
 use candle_core::{Device, Tensor};
@@ -15,17 +15,17 @@ const MODEL: &str = "model.safetensors";
 const OPTIMIZER: &str = "optimizer.safetensors";
 const STATE: &str = "state.json";
 
-/// What a training was made of that no setting says.
+/// Inputs of a training besides its settings.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Origin {
-    /// Digest of VGG's weights file (BLAKE3), where features are from a file.
+    /// BLAKE3 of VGG's weights file, if there is one.
     pub vgg_blake3: Option<String>,
-    /// Digest of the scenes that examples are of, in the manifest's order.
+    /// Digest of the train scenes in the manifest's order.
     pub scenes_blake3: String,
     /// Digest of the names of the real pairs.
     pub real_blake3: Option<String>,
-    /// The backtrack checkpoint that the separation stage began with: its step and the digest of its model.
+    /// Step and model digest of the backtrack checkpoint that the separation stage started with.
     pub backtrack: Option<(u64, String)>,
 }
 
@@ -36,37 +36,34 @@ pub struct CheckpointState {
     /// Always [`CHECKPOINT_SCHEMA`].
     pub schema: String,
     pub stage: Stage,
-    /// Steps so far. Order, crops and all other chance follow from this and the seed.
+    /// Steps so far. With the seed it determines order, crops and all random numbers.
     pub step: u64,
     /// Steps of the generators' optimiser.
     pub generator_steps: u64,
     pub discriminator_steps: u64,
-    /// Numbers that are learned.
+    /// Number of trainable weights.
     pub parameters: usize,
     pub settings: TrainSettings,
-    /// What else it was made of.
     pub origin: Origin,
-    /// Instructions that products of matrices were computed with: others give other last bits.
+    /// Instruction set of matrix products: it affects the last bits.
     pub code_path: String,
-    /// Mean PSNR of what was made of the validation scenes, dB, if there were any.
+    /// Mean PSNR of the outputs for the validation scenes, dB, if there are any.
     pub validation_psnr_db: Option<f64>,
     /// Digests (BLAKE3) of the other two files, by name.
     pub files: BTreeMap<String, String>,
 }
 
-/// A checkpoint that cannot be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// It cannot be read.
     #[error("the checkpoint {} cannot be used: {reason}", path.display())]
     Damaged { path: PathBuf, reason: String },
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),
 }
 
-/// A checkpoint that was read and is as it was written.
+/// A checkpoint with verified digests.
 pub struct Checkpoint {
     pub path: PathBuf,
     /// `state.json`.
@@ -75,7 +72,7 @@ pub struct Checkpoint {
     pub moments: HashMap<String, Tensor>,
 }
 
-/// `avx512f`, `fma` or `baseline`: what products of matrices are computed with here.
+/// Instruction set of matrix products on this machine: `avx512f`, `fma` or `baseline`.
 pub fn code_path() -> &'static str {
     #[cfg(target_arch = "x86_64")]
     {
@@ -144,7 +141,7 @@ fn digest(bytes: &[u8]) -> String {
 }
 
 impl Checkpoint {
-    /// Reads a checkpoint and holds its files against their digests.
+    /// Reads a checkpoint and verifies the digests of its files.
     pub fn read(path: &Path, device: &Device) -> Result<Self, CheckpointError> {
         let damaged = |reason: String| CheckpointError::Damaged { path: path.to_owned(), reason };
         let file = |name: &str| {
@@ -174,7 +171,7 @@ impl Checkpoint {
         })
     }
 
-    /// The newest of a stage that can be used, and why newer ones cannot.
+    /// The newest usable checkpoint of a stage, and the errors of newer ones.
     pub fn newest(stage_folder: &Path, device: &Device) -> (Option<Self>, Vec<CheckpointError>) {
         let mut refused = Vec::new();
         for step in steps(stage_folder).into_iter().rev() {
@@ -199,7 +196,7 @@ pub fn steps(stage_folder: &Path) -> Vec<u64> {
     steps
 }
 
-/// Removes all but the newest `keep` checkpoints and the one of step `best`, and what killed writers left.
+/// Removes all checkpoints except the newest `keep` and the one of step `best`.
 pub fn prune(stage_folder: &Path, keep: usize, best: Option<u64>) -> std::io::Result<()> {
     let steps = steps(stage_folder);
     let old = steps.len().saturating_sub(keep.max(1));
@@ -211,7 +208,7 @@ pub fn prune(stage_folder: &Path, keep: usize, best: Option<u64>) -> std::io::Re
     Ok(())
 }
 
-/// Removes what writers that were killed left. Only for who has the stage for itself.
+/// Removes leftovers of killed writers. The caller must hold the lock of the stage.
 pub fn clear(stage_folder: &Path) -> std::io::Result<()> {
     let Ok(entries) = std::fs::read_dir(stage_folder) else {
         return Ok(());

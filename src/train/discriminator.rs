@@ -1,6 +1,6 @@
 //! The conditional PatchGAN discriminator of Isola et al. (CVPR 2017), as Zhang et al. use it on (I, T).
 
-use super::generator::{SLOPE, See, frozen, learning};
+use super::generator::{SLOPE, See, frozen, learning, numbered};
 use super::ops::{NormOptions, Window, conv2d, norm_act};
 use super::random::Stream;
 use candle_core::{DType, Device, Result, Tensor, Var};
@@ -8,22 +8,22 @@ use candle_core::{DType, Device, Result, Tensor, Var};
 /// Channels of its five 4 x 4 convolutions for a width of 64.
 const WIDTHS: [usize; 4] = [1, 2, 4, 8];
 
-/// From one place to the next in each of them, px.
+/// Strides of these convolutions, px.
 const STRIDES: [usize; 5] = [2, 2, 2, 1, 1];
 
 const EPSILON: f64 = 1e-5;
 
-/// The network: 256 px become 30 x 30 verdicts.
+/// 256 x 256 px give 30 x 30 logits.
 pub struct Discriminator {
     kernels: Vec<Var>,
-    /// Of the three layers in the middle.
+    /// Gains of the three middle layers.
     gains: Vec<Var>,
     offsets: Vec<Var>,
     slope: f32,
 }
 
 impl Discriminator {
-    /// With weights from a seed: of deviation 0.02, as published. `width` is 64 there.
+    /// Random weights of deviation 0.02 from a seed; the published width is 64.
     pub fn new(width: usize, seed: u64, name: &str, device: &Device) -> Result<Self> {
         let widths: Vec<usize> = WIDTHS.iter().map(|times| times * width).chain([1]).collect();
         let mut inputs = 6;
@@ -44,29 +44,23 @@ impl Discriminator {
         Ok(discriminator)
     }
 
-    /// Everything that is learned, by name, in a fixed order.
+    /// All trainable variables by name, in a fixed order.
     pub fn variables(&self) -> Vec<(String, Var)> {
-        let lists = [("kernel", &self.kernels), ("gain", &self.gains), ("offset", &self.offsets)];
-        let named = lists.into_iter().flat_map(|(name, list)| {
-            let numbered = list.iter().enumerate();
-            numbered.map(move |(layer, variable)| (format!("{name}.{layer}"), variable.clone()))
-        });
-        named.collect()
+        numbered(&[("kernel", &self.kernels), ("gain", &self.gains), ("offset", &self.offsets)])
     }
 
-    /// With another slope of the leaky ReLU, for negative numbers.
+    /// Sets the slope of the leaky ReLU for negative numbers.
     #[must_use]
     pub fn with_slope(self, slope: f32) -> Self {
         Self { slope, ..self }
     }
 
-    /// Verdicts (batch, 1, rows, columns) on what is shown beside what it is said to be a layer of, both (batch, 3, ...), as
-    /// logits: above 0 is taken for real.
+    /// Logits (batch, 1, rows, columns) for an image and one of its layers, both (batch, 3, ...). Above 0 means real.
     pub fn forward(&self, image: &Tensor, layer_of_it: &Tensor) -> Result<Tensor> {
         self.forward_by(image, layer_of_it, learning)
     }
 
-    /// The same for whom it judges: gradients flow to the images, none to its own weights, whose products are spared.
+    /// The same with detached weights: gradients flow to the images only, and the products for the weights are saved.
     pub fn forward_frozen(&self, image: &Tensor, layer_of_it: &Tensor) -> Result<Tensor> {
         self.forward_by(image, layer_of_it, frozen)
     }
@@ -97,7 +91,7 @@ fn is_normed(layer: usize) -> bool {
     (1..=3).contains(&layer)
 }
 
-/// Leaky ReLU with a right gradient at 0.
+/// Leaky ReLU with PyTorch's gradient at 0.
 fn leaky(x: &Tensor, slope: f32) -> Result<Tensor> {
     let steep = x.gt(0.0)?.to_dtype(x.dtype())?;
     x * ((steep * f64::from(1.0 - slope))? + f64::from(slope))?
@@ -108,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_the_published_one() {
+    fn sizes_are_the_published_ones() {
         let discriminator = Discriminator::new(64, 1, "d", &Device::Cpu).unwrap();
         let variables = discriminator.variables();
         let count: usize = variables.iter().map(|(_, v)| v.elem_count()).sum();

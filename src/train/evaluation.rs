@@ -1,4 +1,4 @@
-//! What `evaluate` found: a table with what one must know of it, the same as JSON, and the files of both.
+//! The result of `evaluate`: a table with notes, JSON, and the files of both.
 
 use super::checkpoint::CheckpointState;
 use super::picture::rgb_grid;
@@ -12,24 +12,21 @@ use std::path::{Path, PathBuf};
 
 pub const EVALUATION_SCHEMA: &str = "glasshouse.evaluate/1";
 
-/// Scores that cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluationError {
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// The grid of pictures.
     #[error("the pictures that were scored make no PNG: {0}")]
     Picture(#[from] image::ImageError),
     #[error("the scores make no JSON: {0}")]
     Json(#[from] serde_json::Error),
 }
 
-/// A network that was scored.
 #[derive(Clone, Debug, Serialize)]
 pub struct ScoredNetwork {
-    /// Its row.
+    /// Name of its row.
     pub method: String,
-    /// Folder of its checkpoint.
+    /// Folder of the checkpoint.
     pub path: PathBuf,
     stage: &'static str,
     step: u64,
@@ -39,7 +36,6 @@ pub struct ScoredNetwork {
 }
 
 impl ScoredNetwork {
-    /// The network of a checkpoint.
     pub fn new(method: String, path: PathBuf, state: &CheckpointState) -> Self {
         Self {
             method,
@@ -53,7 +49,7 @@ impl ScoredNetwork {
     }
 }
 
-/// All that an evaluation found. Its keys are those of [`EVALUATION_SCHEMA`].
+/// The result of an evaluation. Its keys are those of [`EVALUATION_SCHEMA`].
 #[derive(Clone, Debug, Serialize)]
 pub struct Evaluation {
     /// Folder of the run, or of the pairs.
@@ -67,14 +63,14 @@ pub struct Evaluation {
     pub tile_px: u32,
     #[serde(rename = "rows")]
     pub means: Vec<MethodMeans>,
-    /// What comes of brightness alone.
+    /// The effect of brightness alone.
     pub gain: Option<Gain>,
     #[serde(rename = "checkpoints")]
     pub networks: Vec<ScoredNetwork>,
     /// Pictures without scores.
     pub left_out: Vec<LeftOut>,
     pub files: Vec<PathBuf>,
-    /// Threads that computed; not in the file, whose bytes they do not change.
+    /// Number of threads; absent from the file, whose bytes do not depend on it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub threads: Option<usize>,
     /// By method, then by picture.
@@ -92,7 +88,6 @@ struct Document<'a> {
 }
 
 impl Evaluation {
-    /// Of scores, whose methods are `methods`.
     pub fn new(place: String, methods: &[String], rows: Vec<Row>, protocol: Protocol) -> Self {
         Self {
             place,
@@ -169,7 +164,7 @@ impl Evaluation {
     fn markdown(&self) -> String {
         let [table, notes] = self.table();
         let mut text = format!("# Evaluation\n\n{}\n\n{table}\n", self.what());
-        // Lines would run into one another here: each is an item.
+        // A list, because Markdown would join the lines.
         for note in notes.lines() {
             let _ = writeln!(text, "- {note}");
         }
@@ -182,7 +177,7 @@ impl Evaluation {
         text
     }
 
-    /// What was scored, in a line.
+    /// Number and source of the pictures, in a line.
     fn what(&self) -> String {
         let what = match self.split {
             Some("all") => counted(self.images, "scene"),

@@ -11,7 +11,7 @@ pub(super) struct EventFile {
     file: File,
 }
 
-/// The wire types of protocol buffers that are needed.
+/// A varint of protocol buffers.
 fn varint(out: &mut Vec<u8>, mut value: u64) {
     while value >= 0x80 {
         out.push(value as u8 | 0x80);
@@ -76,7 +76,7 @@ fn picture(tag: &str, [width, height]: [u32; 2], png: &[u8]) -> Vec<u8> {
 }
 
 impl EventFile {
-    /// Begins the file of a training that goes on from `step`; one of that name is replaced.
+    /// Starts the file of a training that resumes at `step`; replaces a file of that name.
     pub(super) fn create(folder: &Path, step: u64) -> io::Result<Self> {
         let mut file = File::create(folder.join(format!("events.out.tfevents.{step:010}")))?;
         file.write_all(&record(&event(now(), 0, 3, b"brain.Event:2")))?;
@@ -117,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn records_are_tensorflow_s() {
+    fn records_equal_those_of_tensorboard() {
         // The first record of every event file, written by tensorboard 2.21's RecordWriter at wall time 1.5.
         let bytes = record(&event_of_version(1.5));
         let expected = [
@@ -128,7 +128,7 @@ mod tests {
         assert_eq!(bytes, expected);
     }
 
-    /// Without a step, as TensorFlow writes it.
+    /// An event without a step, as written by TensorFlow.
     fn event_of_version(seconds: f64) -> Vec<u8> {
         let mut out = vec![1 << 3 | 1];
         out.extend(seconds.to_le_bytes());

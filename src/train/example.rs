@@ -1,4 +1,4 @@
-//! One example: up to four images of one size, sRGB-coded, as networks see them.
+//! One example: up to four images of one size, sRGB-coded.
 
 use super::random::Stream;
 
@@ -7,21 +7,16 @@ pub type Planes = Vec<f32>;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Example {
-    /// Pixels down.
     pub rows: usize,
-    /// Pixels across.
     pub columns: usize,
-    /// I.
     pub input: Planes,
-    /// T.
     pub transmission: Planes,
-    /// R~, where it is known.
+    /// `None` for real photographs without it; so is `clean_reflection`.
     pub glass_reflection: Option<Planes>,
-    /// R, where it is known.
     pub clean_reflection: Option<Planes>,
 }
 
-/// Which part of an example a step sees.
+/// The crop of an example in a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cut {
     /// First row.
@@ -30,12 +25,12 @@ pub struct Cut {
     pub column: usize,
     /// Side, px.
     pub size: usize,
-    /// Mirrored, left to right.
+    /// Flipped left to right.
     pub mirrored: bool,
 }
 
 impl Cut {
-    /// Draws a square of `size` px of an image; `None` if it is smaller.
+    /// Draws a square of `size` px; `None` if the image is smaller.
     pub fn draw(
         rows: usize,
         columns: usize,
@@ -54,7 +49,7 @@ impl Cut {
 }
 
 impl Example {
-    /// Bytes of its numbers.
+    /// Size in memory.
     pub fn bytes(&self) -> usize {
         let layers = [Some(&self.input), Some(&self.transmission)];
         let rest = [self.glass_reflection.as_ref(), self.clean_reflection.as_ref()];
@@ -62,10 +57,26 @@ impl Example {
         values * size_of::<f32>()
     }
 
-    /// A part of it.
+    /// An example of this size whose layers `layer` computes from the layers of this one.
+    pub(super) fn map(
+        &self,
+        [rows, columns]: [usize; 2],
+        layer: impl Fn(&Planes) -> Planes,
+    ) -> Self {
+        Self {
+            rows,
+            columns,
+            input: layer(&self.input),
+            transmission: layer(&self.transmission),
+            glass_reflection: self.glass_reflection.as_ref().map(&layer),
+            clean_reflection: self.clean_reflection.as_ref().map(&layer),
+        }
+    }
+
+    /// The crop.
     #[must_use]
     pub fn cut(&self, cut: Cut) -> Self {
-        let part = |planes: &Planes| {
+        self.map([cut.size; 2], |planes| {
             let mut out = Vec::with_capacity(3 * cut.size * cut.size);
             for plane in planes.chunks_exact(self.rows * self.columns) {
                 for row in cut.row..cut.row + cut.size {
@@ -78,15 +89,7 @@ impl Example {
                 }
             }
             out
-        };
-        Self {
-            rows: cut.size,
-            columns: cut.size,
-            input: part(&self.input),
-            transmission: part(&self.transmission),
-            glass_reflection: self.glass_reflection.as_ref().map(part),
-            clean_reflection: self.clean_reflection.as_ref().map(part),
-        }
+        })
     }
 }
 

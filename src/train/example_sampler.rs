@@ -1,6 +1,6 @@
-//! Which examples a step sees, and how: a function of the settings, the seed and the step's number.
+//! The examples of a step: a function of the settings, the seed and the step.
 
-use super::example::{Cut, Example, Planes};
+use super::example::{Cut, Example};
 use super::mixture::MixtureRecipe;
 use super::random::Stream;
 use super::source::{Base, ExampleError, PairSource, PhotographSource, TupleSource};
@@ -14,7 +14,7 @@ use std::time::Duration;
 /// Largest short edge that real photographs are scaled to, over the crop (Zhang et al.: 479 over 256).
 const LARGEST: f64 = 479.0 / 256.0;
 
-/// Time between looks for a tuple that is not there yet.
+/// Interval of polling for a missing tuple.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
 
 /// Where the scenes' examples come from.
@@ -33,7 +33,7 @@ impl SceneSource {
     }
 }
 
-/// What [`ExampleSampler`] remembers of what it has read, for the next epoch.
+/// Examples kept in memory for the next epoch.
 struct Kept {
     bytes: usize,
     bases: HashMap<(bool, usize), Arc<Base>>,
@@ -44,21 +44,21 @@ pub struct ExampleSampler {
     settings: TrainSettings,
     scenes: SceneSource,
     real: PairSource,
-    /// Memory for what was read, bytes. A set that fits is read once.
+    /// Memory for examples, bytes. A data set that fits is read once.
     memory: usize,
     kept: Mutex<Kept>,
-    /// By name: the epoch last asked for, and its order.
+    /// The current epoch of each order, by name, and its permutation.
     orders: Mutex<HashMap<&'static str, (u64, Vec<usize>)>>,
-    /// Closed when nobody waits for examples any longer.
+    /// Closed when the loader is dropped.
     stopped: Receiver<()>,
 }
 
 impl ExampleSampler {
-    /// Of these sources. `memory` is in bytes.
+    /// `memory` is in bytes.
     ///
     /// # Errors
     ///
-    /// Where there is nothing to learn from.
+    /// A source that the settings need is empty.
     pub fn new(
         settings: &TrainSettings,
         scenes: SceneSource,
@@ -110,7 +110,7 @@ impl ExampleSampler {
             .collect()
     }
 
-    /// The real pair at a position of the endless order.
+    /// The real pair at a position of the endless sequence.
     fn real_example(&self, position: u64, stream: &mut Stream) -> Result<Example, ExampleError> {
         let index = self.place(position, self.real.pairs.len(), "real order");
         let read = || Ok(Some(Base::Example(self.real.read(index)?)));
@@ -119,7 +119,7 @@ impl ExampleSampler {
         Ok(self.scaled(example, stream))
     }
 
-    /// What chance makes of what was read; `None` where nothing was, or where a recipe of mixtures refuses the pair.
+    /// The example after random augmentation; `None` without one, or if the mixture recipe refuses the pair.
     fn drawn(
         &self,
         base: Option<&Base>,
@@ -146,7 +146,7 @@ impl ExampleSampler {
         }))
     }
 
-    /// The scene at a position of the endless order, or, where it has no tuple and will get none, the next that has.
+    /// The scene at a position of the endless sequence, or the next one with a tuple if this scene will not get one.
     fn scene_example(&self, position: u64, stream: &mut Stream) -> Result<Example, ExampleError> {
         let count = self.scenes.len();
         for further in 0..count as u64 {
@@ -160,14 +160,14 @@ impl ExampleSampler {
                     if found.is_some() || !self.settings.follow || source.is_in_quarantine(index)? {
                         break found;
                     }
-                    // The farm is at it.
+                    // The farm is still working on it.
                     match self.stopped.recv_timeout(LOOK_EVERY) {
                         Err(RecvTimeoutError::Timeout) => {}
                         _ => return Err(ExampleError::Stopped),
                     }
                 },
             };
-            // Where a recipe of mixtures refuses the pair, the next is taken.
+            // The next scene replaces a pair that the mixture recipe refuses.
             if let Some(example) = self.drawn(base.as_deref(), stream)? {
                 return Ok(example);
             }
@@ -178,7 +178,7 @@ impl ExampleSampler {
         ))
     }
 
-    /// Which of `count` stands at a position: every epoch has its own order.
+    /// Index among `count` at a position: every epoch has its own permutation.
     fn place(&self, position: u64, count: usize, name: &'static str) -> usize {
         let (epoch, place) = (position / count as u64, (position % count as u64) as usize);
         if self.settings.follow && epoch == 0 {
@@ -200,7 +200,7 @@ impl ExampleSampler {
         }
     }
 
-    /// What was kept, or what `read` gives, which is kept while there is room.
+    /// The kept example, or the result of `read`, which is kept if there is room.
     fn base(
         &self,
         key: (bool, usize),
@@ -233,7 +233,7 @@ impl ExampleSampler {
         Ok(example.cut(cut))
     }
 
-    /// A real photograph at a size of chance, never enlarged, so that the crop sees a good part of it.
+    /// A real photograph scaled down to a random size, so that the crop covers a large part of it.
     fn scaled(&self, example: Example, stream: &mut Stream) -> Example {
         let crop = self.settings.crop_px as f64;
         let wanted = (crop * (1.0 + (LARGEST - 1.0) * stream.unit())).round() as usize;
@@ -244,7 +244,7 @@ impl ExampleSampler {
         let factor = wanted as f64 / short as f64;
         let side = |length: usize| ((length as f64 * factor).round() as usize).max(wanted);
         let (rows, columns) = (side(example.rows), side(example.columns));
-        let resized = |planes: &Planes| {
+        example.map([rows, columns], |planes| {
             let pixels = example.rows * example.columns;
             let picture =
                 Rgb32FImage::from_fn(example.columns as u32, example.rows as u32, |x, y| {
@@ -260,19 +260,11 @@ impl ExampleSampler {
                 }
             }
             out
-        };
-        Example {
-            rows,
-            columns,
-            input: resized(&example.input),
-            transmission: resized(&example.transmission),
-            glass_reflection: example.glass_reflection.as_ref().map(resized),
-            clean_reflection: example.clean_reflection.as_ref().map(resized),
-        }
+        })
     }
 }
 
-/// Steps of the first `steps` that see real photographs: evenly spread.
+/// Number of steps with real photographs among the first `steps`, evenly spread.
 fn share_of(steps: u64, share: f64) -> u64 {
     (steps as f64 * share).floor() as u64
 }

@@ -6,31 +6,29 @@ use super::random::Stream;
 use candle_core::{DType, Device, Result, Tensor, Var};
 use plan::Start;
 
-/// From one of the kernel's pixels to the next in each 3 x 3 convolution.
+/// Dilation of each 3 x 3 convolution.
 pub const DILATIONS: [usize; 8] = [1, 2, 4, 8, 16, 32, 64, 1];
 
 const EPSILON: f64 = 1e-3;
 
-/// Of the leaky ReLU, for negative numbers: Zhang et al.'s.
+/// Slope of the leaky ReLU for negative numbers (Zhang et al.).
 pub const SLOPE: f32 = 0.2;
 
-/// Sizes of a generator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GeneratorOptions {
-    /// Channels between: 64.
+    /// Hidden channels; 64 in the paper.
     pub width: usize,
-    /// Channels of the result: 6 of SP-net (T*, R~*), 3 of BT-net (R*).
+    /// Output channels: 6 for SP-net (T*, R~*), 3 for BT-net (R*).
     pub outputs: usize,
-    /// Channels of the features that it is given, the first finest; none without a feature network.
+    /// Channels of the input features, finest first; empty without a feature network.
     pub features: Vec<usize>,
     pub start: Start,
-    /// Of the leaky ReLU, for negative numbers: [`SLOPE`]. 1 makes the network linear but for its norms.
+    /// Slope of the leaky ReLU, usually [`SLOPE`]. With 1 the network is linear except for its norms.
     pub slope: f32,
 }
 
-/// The network. All it learns is in [`Generator::variables`].
 pub struct Generator {
-    /// (width, all features from the coarsest on and red, green, blue, 1, 1), then (width, width, 3, 3).
+    /// The first is (width, features from coarse to fine and R, G, B, 1, 1), the others (width, width, 3, 3).
     kernels: Vec<Var>,
     /// Adaptive norm: `by_itself x + by_norm (norm(x) + offset)`.
     by_itself: Vec<Var>,
@@ -42,7 +40,7 @@ pub struct Generator {
 }
 
 impl Generator {
-    /// With weights from a seed; `name` tells this network's numbers from those of others.
+    /// Random weights from a seed; `name` separates the random streams of networks.
     pub fn new(options: &GeneratorOptions, seed: u64, name: &str, device: &Device) -> Result<Self> {
         let width = options.width;
         let inputs = options.features.iter().sum::<usize>() + 3;
@@ -71,7 +69,7 @@ impl Generator {
             generator.by_norm.push(Var::zeros(1, DType::F32, device)?);
             generator.offsets.push(Var::zeros(width, DType::F32, device)?);
         }
-        // Glorot and Bengio's, as Zhang et al. have it.
+        // Glorot and Bengio, as in Zhang et al.
         let deviation = (2.0 / (width + options.outputs) as f64).sqrt();
         let mut stream = Stream::new(seed, &format!("{name} last"));
         let last = stream.normal_tensor(&[options.outputs, width, 1, 1], deviation, device)?;
@@ -83,31 +81,26 @@ impl Generator {
         self.last.device()
     }
 
-    /// Everything that is learned, by name, in a fixed order.
+    /// All trainable variables by name, in a fixed order.
     pub fn variables(&self) -> Vec<(String, Var)> {
-        let mut variables = Vec::new();
-        let lists = [
+        let mut variables = numbered(&[
             ("kernel", &self.kernels),
             ("by_itself", &self.by_itself),
             ("by_norm", &self.by_norm),
             ("offset", &self.offsets),
-        ];
-        for (name, list) in lists {
-            let named = list.iter().enumerate();
-            variables.extend(named.map(|(layer, v)| (format!("{name}.{layer}"), v.clone())));
-        }
+        ]);
         variables.push(("last".to_owned(), self.last.clone()));
         variables.push(("last_bias".to_owned(), self.last_bias.clone()));
         variables
     }
 
-    /// Of sRGB-coded images (batch, 3, rows, columns) and their features, the finest first: (batch, outputs, rows, columns),
-    /// not clamped.
+    /// Output (batch, outputs, rows, columns), not clamped, for sRGB-coded images (batch, 3, rows, columns) and their features,
+    /// finest first.
     pub fn forward(&self, images: &Tensor, features: &[Tensor]) -> Result<Tensor> {
         self.forward_by(images, features, learning)
     }
 
-    /// The same for who does not learn: nothing is kept for gradients.
+    /// Inference: weights are detached, no gradients.
     pub fn forward_frozen(&self, images: &Tensor, features: &[Tensor]) -> Result<Tensor> {
         self.forward_by(images, features, frozen)
     }
@@ -124,8 +117,8 @@ impl Generator {
         out.broadcast_add(&see(&self.last_bias).reshape((1, (), 1, 1))?)
     }
 
-    /// The 1 x 1 convolution of the hypercolumn. It works on channels and resizing on pixels, so they can change places: each
-    /// feature is convolved at its own size, and the tensor of all channels at full size never exists.
+    /// The 1 x 1 convolution of the hypercolumn. It commutes with resizing, so each feature is convolved at its own size and
+    /// the full-size tensor of all channels is never built.
     fn first(&self, images: &Tensor, features: &[Tensor], see: See) -> Result<Tensor> {
         let (_, _, rows, columns) = images.dims4()?;
         let mut start = 0;
@@ -155,10 +148,19 @@ impl Generator {
     }
 }
 
-/// How a pass through a network sees its weights.
+/// Variables of lists, named `LIST.INDEX`.
+pub(super) fn numbered(lists: &[(&str, &Vec<Var>)]) -> Vec<(String, Var)> {
+    let mut named = Vec::new();
+    for (name, list) in lists {
+        named.extend(list.iter().enumerate().map(|(k, v)| (format!("{name}.{k}"), v.clone())));
+    }
+    named
+}
+
+/// How a forward pass reads the weights: with or without gradients.
 pub(super) type See = fn(&Var) -> Tensor;
 
-/// As what is learned: gradients flow to them.
+/// Gradients flow to the weight.
 pub(super) fn learning(weight: &Var) -> Tensor {
     weight.as_tensor().clone()
 }
@@ -167,7 +169,7 @@ pub(super) fn frozen(weight: &Var) -> Tensor {
     weight.detach()
 }
 
-/// The middle of the kernel passes channel i on to channel i.
+/// A kernel that copies channel i to channel i.
 fn identity([outputs, inputs, rows, columns]: [usize; 4], device: &Device) -> Result<Tensor> {
     let mut values = vec![0.0f32; outputs * inputs * rows * columns];
     for channel in 0..outputs.min(inputs) {

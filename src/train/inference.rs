@@ -1,4 +1,4 @@
-//! Networks at work: images of any size, nothing learned.
+//! Inference on images of any size.
 
 use super::example::Planes;
 use super::generator::Generator;
@@ -6,27 +6,27 @@ use super::picture::Picture;
 use super::vgg::Vgg;
 use candle_core::{Result, Tensor};
 
-/// Pixels that neighbouring tiles share, at least: as far as the widest convolutions together see.
+/// Least overlap of neighbouring tiles, px: the reach of all convolutions together.
 const OVERLAP: usize = 128;
 
-/// Least side of what VGG-19 and its four pools can describe, px.
+/// Least side of an image for VGG-19 with its four pools, px.
 pub const LEAST_PX: usize = 16;
 
-/// Least side of a tile, px; smaller ones are made as large.
+/// Least side of a tile, px; smaller settings are raised to it.
 pub const LEAST_TILE_PX: usize = 2 * OVERLAP + LEAST_PX;
 
 /// The networks of a checkpoint.
 #[derive(Clone, Copy)]
 pub struct Networks<'a> {
-    /// Describes images, if the networks were trained with features.
+    /// Feature network, if the training had one.
     pub vgg: Option<&'a Vgg>,
     pub separation: Option<&'a Generator>,
     pub backtrack: &'a Generator,
 }
 
 impl Networks<'_> {
-    /// T* and R~* of an image, clamped to [0, 1]. Larger ones than `tile_px` squared are done in tiles that overlap; every
-    /// tile is normed by itself.
+    /// T* and R~* of an image, clamped to [0, 1]. Images larger than `tile_px` squared are processed in overlapping tiles, each
+    /// with its own norms.
     pub fn separate(&self, image: &Picture, tile_px: usize) -> Result<[Picture; 2]> {
         let Some(separation) = self.separation else {
             candle_core::bail!("the checkpoint has no SP-net: give one of the separation stage");
@@ -117,7 +117,7 @@ impl Networks<'_> {
     }
 }
 
-/// First pixels of tiles that cover `length`, evenly spread, sharing [`OVERLAP`] at least.
+/// First pixels of evenly spread tiles that cover `length` and overlap by at least [`OVERLAP`].
 fn starts(length: usize, tile: usize) -> Vec<usize> {
     if length <= tile {
         return vec![0];
@@ -126,7 +126,7 @@ fn starts(length: usize, tile: usize) -> Vec<usize> {
     (0..=more).map(|k| k * (length - tile) / more).collect()
 }
 
-/// Weights of a tile's pixels: they fall off towards edges at which another tile goes on.
+/// Weights of a tile's pixels, with a ramp at edges shared with another tile.
 fn ramp(start: usize, size: usize, length: usize) -> Vec<f32> {
     let weight = |k: usize| {
         let before = if start == 0 { OVERLAP } else { k + 1 };
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn in_tiles_it_is_nearly_the_same() {
+    fn tiles_give_nearly_the_same_result() {
         let options = GeneratorOptions {
             width: 4,
             outputs: 6,
@@ -172,7 +172,7 @@ mod tests {
         let image = Picture { rows, columns, planes };
         let [whole, _] = networks.separate(&image, 500).unwrap();
         let [tiled, _] = networks.separate(&image, 280).unwrap();
-        // New networks have no norm: where a tile sees as far as it must, nothing differs.
+        // Untrained networks have no norm, so a sufficient overlap gives equal results.
         let pairs = whole.planes.iter().zip(&tiled.planes);
         let worst = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(worst < 1e-5, "{worst}");

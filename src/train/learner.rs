@@ -13,10 +13,10 @@ use candle_core::{Device, Result, Tensor, Var};
 use plan::{Stage, TrainSettings};
 use std::collections::{BTreeMap, HashMap};
 
-/// The networks of a stage, and what their optimisers remember.
+/// The networks of a stage and their optimisers.
 pub struct Learner {
     pub stage: Stage,
-    /// SP-net, of the separation stage.
+    /// SP-net, in the separation stage.
     pub separation: Option<Generator>,
     pub backtrack: Generator,
     /// Tells R from R* of an R~, or T from T* of an I.
@@ -32,23 +32,23 @@ pub struct Learner {
 pub struct Term {
     /// `transmission_l1`, ...
     pub name: &'static str,
-    /// Its part of the sum.
+    /// Weighted value.
     pub value: f32,
 }
 
-/// A step in numbers.
+/// Losses of a step.
 pub struct StepLosses {
-    /// What the generators minimise.
+    /// The generators' loss.
     pub total: f32,
     pub terms: Vec<Term>,
-    /// What the discriminator minimises, in steps in which it learned.
+    /// The discriminator's loss, in steps that train it.
     pub discriminator: Option<f32>,
 }
 
-/// Calls when a part of a step is over, with its name.
+/// Receives the name of each finished part of a step.
 pub type Lap<'a> = &'a mut dyn FnMut(&'static str);
 
-/// Terms that are added up.
+/// Weighted terms of a loss.
 #[derive(Default)]
 struct Sum {
     terms: Vec<(&'static str, Tensor)>,
@@ -75,7 +75,7 @@ impl Sum {
 }
 
 impl Learner {
-    /// New networks of a stage. `vgg` is there unless the settings have no features.
+    /// New networks of a stage. `vgg` is given unless the settings have no features.
     pub fn new(
         stage: Stage,
         settings: &TrainSettings,
@@ -135,7 +135,7 @@ impl Learner {
         })
     }
 
-    /// Everything that is learned, by name, in a fixed order.
+    /// All trainable variables by name, in a fixed order.
     pub fn variables(&self) -> Vec<(String, Var)> {
         let adams = std::iter::once(&self.generator_adam).chain(&self.discriminator_adam);
         adams
@@ -144,19 +144,19 @@ impl Learner {
             .collect()
     }
 
-    /// Numbers that are learned.
+    /// Number of trainable weights.
     pub fn parameters(&self) -> usize {
         let variables = self.variables();
         variables.iter().map(|(_, v)| v.elem_count()).sum()
     }
 
-    /// What is learned, by name.
+    /// All weights by name.
     pub fn model(&self) -> BTreeMap<String, Tensor> {
         let variables = self.variables().into_iter();
         variables.map(|(name, variable)| (name, variable.as_detached_tensor())).collect()
     }
 
-    /// What the optimisers remember: `mean.NAME` and `square.NAME`.
+    /// Moments of the optimisers: `mean.NAME` and `square.NAME`.
     pub fn moments(&self) -> BTreeMap<String, Tensor> {
         let adams = std::iter::once(&self.generator_adam).chain(&self.discriminator_adam);
         adams
@@ -170,11 +170,11 @@ impl Learner {
             .collect()
     }
 
-    /// Puts weights in the place of those whose names begin with `prefix`.
+    /// Replaces the weights whose names start with `prefix`.
     ///
     /// # Errors
     ///
-    /// One that is missing, or has another shape.
+    /// A weight is missing or has another shape.
     pub fn set_model(&mut self, model: &HashMap<String, Tensor>, prefix: &str) -> Result<()> {
         for (name, variable) in self.variables() {
             if name.starts_with(prefix) {
@@ -184,11 +184,7 @@ impl Learner {
         Ok(())
     }
 
-    /// Puts what optimisers remembered in place, with their numbers of steps.
-    ///
-    /// # Errors
-    ///
-    /// As of [`Self::set_model`].
+    /// Restores the optimisers' moments and step counts; errors as for [`Self::set_model`].
     pub fn set_moments(
         &mut self,
         moments: &HashMap<String, Tensor>,
@@ -208,17 +204,16 @@ impl Learner {
         Ok(())
     }
 
-    /// One step, the `step`-th from 0: the discriminator first where it is its turn, then the generators.
+    /// Trains one step (counted from 0): the discriminator if it is due, then the generators.
     ///
     /// # Errors
     ///
-    /// candle's, and a batch without the layers that the stage cannot do without.
+    /// candle fails, or the batch lacks layers of the stage.
     pub fn step(&mut self, step: u64, batch: &Batch, lap: Lap) -> Result<StepLosses> {
-        let (given, made, truth, sum) = match self.stage {
+        let (given, made, truth, mut sum) = match self.stage {
             Stage::Backtrack => self.backtrack_losses(batch, lap)?,
             Stage::Separation => self.separation_losses(batch, lap)?,
         };
-        let mut sum = sum;
         let mut of_discriminator = None;
         if let (Some(discriminator), Some(adam)) =
             (&self.discriminator, &mut self.discriminator_adam)
@@ -232,11 +227,8 @@ impl Learner {
                 lap("discriminator step");
             }
             let verdicts = discriminator.forward_frozen(&given, &made)?;
-            sum.add(
-                "adversarial",
-                self.settings.adversarial_weight,
-                &adversarial_loss(&verdicts)?,
-            )?;
+            let weight = self.settings.adversarial_weight;
+            sum.add("adversarial", weight, &adversarial_loss(&verdicts)?)?;
             lap("losses");
         }
         let total = sum.total()?;
@@ -251,7 +243,7 @@ impl Learner {
         })
     }
 
-    /// The separation stage's loss for these images, and its gradients: what [`Self::step`] minimises, without the steps.
+    /// The separation stage's loss and its gradients, without a step of Adam.
     #[cfg(test)]
     pub(super) fn gradients(&self, batch: &Batch) -> Result<(Tensor, GradStore)> {
         let (given, made, _, mut sum) = self.separation_losses(batch, &mut |_| {})?;
@@ -269,7 +261,7 @@ impl Learner {
         &self.device
     }
 
-    /// The networks, to work with what they have learned so far.
+    /// The networks, for inference.
     pub fn networks(&self) -> Networks<'_> {
         Networks {
             vgg: self.vgg.as_ref(),
@@ -285,7 +277,7 @@ impl Learner {
         }
     }
 
-    /// Adds what a made image is compared with its truth by. `features` are the made one's.
+    /// Adds the terms that compare an output with its ground truth. `features` are those of the output.
     fn compare(
         &self,
         sum: &mut Sum,
@@ -304,11 +296,11 @@ impl Learner {
         Ok(())
     }
 
-    /// BT(R~) against R. Returns what the discriminator is shown: given, made, true.
+    /// BT(R~) against R. Returns the discriminator's images (input, output, ground truth) and the terms.
     fn backtrack_losses(&self, batch: &Batch, lap: Lap) -> Result<(Tensor, Tensor, Tensor, Sum)> {
         let (Some(given), Some(truth)) = (&batch.glass_reflection, &batch.clean_reflection) else {
             candle_core::bail!(
-                "BT-net learns from glass_reflection and clean_reflection, which these examples have not: trace them, or leave such examples to the separation stage"
+                "BT-net learns from glass_reflection and clean_reflection, which these examples lack: trace them, or use such examples in the separation stage only"
             );
         };
         let made = self.backtrack.forward(given, &self.features(given)?)?;
@@ -321,7 +313,7 @@ impl Learner {
         Ok((given.clone(), made, truth.clone(), sum))
     }
 
-    /// Features of a made image, if the loss has them.
+    /// Features of an output, if the loss uses them.
     fn loss_features(&self, image: &Tensor) -> Result<Vec<Tensor>> {
         if self.settings.feature_weight > 0.0 { self.features(image) } else { Ok(Vec::new()) }
     }
@@ -340,10 +332,10 @@ impl Learner {
         let features = self.loss_features(&t)?;
         let names = ["transmission_l1", "transmission_feature"];
         self.compare(&mut sum, names, &t, &features, &batch.transmission)?;
-        // Where R~ itself is not known, as of real photographs, nothing is said of it.
+        // Real photographs have no R~ to compare with.
         let priori = batch.clean_reflection.as_ref().filter(|_| self.settings.a_priori);
         if batch.glass_reflection.is_some() || priori.is_some() {
-            // BT-net sees the same features that R~* is compared by.
+            // BT-net's input features are those of the comparison of R~*.
             let features = self.features(&r)?;
             if let Some(truth) = &batch.glass_reflection {
                 let names = ["glass_reflection_l1", "glass_reflection_feature"];

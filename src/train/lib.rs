@@ -1,22 +1,20 @@
-//! Stage 8: tuples become networks that take reflections away.
+//! Trains networks for reflection removal on tuples.
 //!
 //! ```text
-//! source (tuples, photographs, pairs) -> example_sampler (which, cut how) -> loader (ahead) -> batch
-//!     -> learner (networks, losses, Adam: one step) -> session (all steps, watched, written down, resumed)
+//! source (tuples, photographs, pairs) -> example_sampler (order, crops) -> loader (ahead) -> batch
+//!     -> learner (networks, losses, Adam: one step) -> session (all steps, checkpoints, logs)
 //!
-//! ops/              what candle computes slowly or with wrong gradients, made right
-//! vgg               frozen features of images           checkpoint    a folder a step, whole or not at all
-//! generator         what SP-net and BT-net share        metrics, events, picture    for who watches
-//! discriminator     who tells real from made
-//! loss, adam        what is minimised, and how          inference     networks at work
-//! random            random numbers by seed and name     srgb_planes   pixels as networks see them
-//! mixture           photographs added as images, for comparison
-//! separator         the networks of a checkpoint, ready to work
-//! run, resume       a stage's training in a run's folder, from whatever was trained there before
+//! ops/              operations that candle computes slowly or with wrong gradients
+//! vgg               frozen features of images           checkpoint    a folder per step, written atomically
+//! generator         architecture of SP-net and BT-net   metrics, events, picture    logs of a training
+//! discriminator     conditional PatchGAN                inference     networks on images of any size
+//! loss, adam        losses and optimiser                separator     the networks of a checkpoint
+//! random            random numbers by seed and name     srgb_planes   pixels as planes
+//! mixture           photographs mixed as images, for comparison
+//! run, resume       a stage's training in a run's folder, resumed from its checkpoints
 //! ```
 //!
-//! What is learned is a function of the settings, the scenes and the machine's kind of CPU: not of threads, of time, or of how
-//! often it was stopped.
+//! The weights depend on the settings, the scenes and the CPU's instruction set, not on threads, time or interruptions.
 
 pub mod ops;
 
@@ -48,12 +46,10 @@ mod srgb_planes;
 mod vgg;
 mod vgg_file;
 
-/// Tensors and devices of this crate's interface.
 pub use candle_core;
 pub use plan::{
     ExampleKind, FeatureSource, PixelSource, SettingError, Stage, Start, TrainSettings,
 };
-/// The files that networks are kept in.
 pub use safetensors;
 
 pub use adam::{Adam, AdamOptions, Moments};

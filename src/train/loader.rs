@@ -1,4 +1,4 @@
-//! Examples are read and cut ahead of the steps that need them, on threads of their own.
+//! Reads and crops examples ahead of the steps, on separate threads.
 
 use super::example::Example;
 use super::example_sampler::ExampleSampler;
@@ -11,30 +11,30 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Steps that are ready, or being made so, at most.
+/// Largest number of steps read ahead.
 const AHEAD: usize = 8;
 
-/// Time between looks whether to stop.
+/// Interval of polling the stop flag.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 
 type Ready = (u64, Result<Vec<Example>, ExampleError>);
 
-/// Hands out the examples of step after step.
+/// Returns the examples of one step after another.
 pub struct Loader {
-    /// Dropped first, so that the threads end.
+    /// Dropped before the threads are joined.
     ready: Option<Receiver<Ready>>,
-    /// Allowance of the steps that may be begun.
+    /// Steps for the threads to read.
     tickets: Option<Sender<u64>>,
     waiting: BTreeMap<u64, Result<Vec<Example>, ExampleError>>,
     steps: Range<u64>,
     asked: u64,
-    /// Closed when nobody waits any longer.
+    /// Dropped to stop the sampler.
     stop: Option<Sender<()>>,
     threads: Vec<JoinHandle<()>>,
 }
 
 impl Loader {
-    /// Begins to read for `steps` on so many threads. `stop` is the other end of what the sampler watches.
+    /// Starts to read for `steps`. `stop` is the other end of the sampler's channel.
     pub fn start(
         sampler: ExampleSampler,
         steps: Range<u64>,
@@ -67,7 +67,7 @@ impl Loader {
         loader
     }
 
-    /// Lets as many steps be begun as may be.
+    /// Fills the queue of steps.
     fn ask(&mut self) {
         let Some(tickets) = &self.tickets else {
             return;
@@ -80,7 +80,7 @@ impl Loader {
         }
     }
 
-    /// The examples of the next step; `None` after the last. Does not wait for longer than until `stop` is set.
+    /// The examples of the next step; `None` after the last. Stops waiting when `stop` is set.
     pub fn next_step(&mut self, stop: &AtomicBool) -> Option<Result<Vec<Example>, ExampleError>> {
         if self.steps.is_empty() {
             return None;
@@ -97,7 +97,7 @@ impl Loader {
                 Err(RecvTimeoutError::Timeout) if !stop.load(Ordering::Relaxed) => {}
                 Err(RecvTimeoutError::Timeout) => return Some(Err(ExampleError::Stopped)),
                 Err(RecvTimeoutError::Disconnected) => {
-                    let text = "the thread that reads examples ended: what it said stands above";
+                    let text = "the thread that reads examples ended; its message is above";
                     return Some(Err(ExampleError::None(text.to_owned())));
                 }
             }
@@ -114,7 +114,7 @@ impl Drop for Loader {
         self.tickets = None;
         self.ready = None;
         for thread in self.threads.drain(..) {
-            // One that panicked has said so.
+            // A panicked thread has printed its message.
             let _ = thread.join();
         }
     }

@@ -1,4 +1,4 @@
-//! What the networks are trained by (Kim et al., section 4; Zhang et al. for what it takes from there).
+//! Losses (Kim et al., section 4, partly after Zhang et al.).
 
 use super::ops::{absolute, mean_absolute_difference};
 use candle_core::{Result, Tensor};
@@ -26,14 +26,14 @@ pub fn feature_difference(features: &[Tensor], targets: &[Tensor]) -> Result<Ten
 
 /// Mean of ln(1 + e^x), without overflow: max(x, 0) + ln(1 + e^-|x|).
 fn softplus(x: &Tensor) -> Result<Tensor> {
-    // Through what is differentiable: x / 2 + |x| / 2 is max(x, 0) with the gradient 1/2 at 0, as softplus has there.
+    // x / 2 + |x| / 2 is max(x, 0) with softplus's gradient 1/2 at 0.
     let size = absolute(x)?;
     let positive = ((x + &size)? * 0.5)?;
     let rest = (size.neg()?.exp()? + 1.0)?.log()?;
     (positive + rest)?.mean_all()
 }
 
-/// The generator's loss for verdicts (logits) on what it made: -ln D.
+/// The generator's loss for the logits of its output: -ln D.
 pub fn adversarial_loss(verdicts: &Tensor) -> Result<Tensor> {
     softplus(&verdicts.neg()?)
 }
@@ -49,7 +49,7 @@ mod tests {
     use candle_core::{Device, Var};
 
     #[test]
-    fn softplus_and_its_gradient_hold_at_all_sizes() {
+    fn softplus_and_its_gradient_do_not_overflow() {
         for x in [-200.0f32, -3.0, -1e-3, 0.0, 0.5, 4.0, 90.0] {
             let variable = Var::new(&[x], &Device::Cpu).unwrap();
             let y = softplus(&variable).unwrap();

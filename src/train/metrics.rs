@@ -1,4 +1,4 @@
-//! `metrics.csv`: a line a step.
+//! `metrics.csv`: one line per step.
 
 use super::learner::StepLosses;
 use std::fmt::Write as _;
@@ -22,7 +22,7 @@ pub(super) struct Metrics {
 }
 
 impl Metrics {
-    /// Opens the file of a training that goes on from `step`: lines of later steps, which will be taken again, go.
+    /// Opens the file of a training that resumes at `step`; removes the lines of later steps, which are repeated.
     pub(super) fn open(path: &Path, step: u64) -> io::Result<Self> {
         let mut text =
             format!("step,total,{},discriminator,validation_psnr_db,wall_s\n", TERMS.join(","));
@@ -40,12 +40,12 @@ impl Metrics {
         Ok(Self { file })
     }
 
-    /// On return all lines survive a power cut.
+    /// Makes all lines durable.
     pub(super) fn sync(&self) -> io::Result<()> {
         self.file.sync_data()
     }
 
-    /// Adds a line. Where a number is not of this step, its place is empty.
+    /// Adds a line. Absent numbers are empty.
     pub(super) fn add(
         &mut self,
         step: u64,
@@ -74,7 +74,7 @@ mod tests {
     use crate::Term;
 
     #[test]
-    fn lines_after_the_step_that_is_resumed_go() {
+    fn resuming_removes_later_lines() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("metrics.csv");
         let losses = |total| StepLosses {

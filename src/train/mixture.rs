@@ -1,4 +1,4 @@
-//! Pictures mixed in the image plane, as earlier work made its training data, to compare rendered tuples with.
+//! Pictures mixed in the image plane, as in the training data of earlier work, for comparison with rendered tuples.
 //!
 //! ```text
 //! zhang.rs     Zhang, Ng and Chen, CVPR 2018: mixed in linear light, with a vignetted reflection
@@ -6,7 +6,7 @@
 //! blur.rs      the Gaussian blur of both
 //! ```
 //!
-//! Each recipe is a pure function of two pictures and of what is drawn at random, and a function that draws.
+//! Each recipe is a pure function of two pictures and its random parameters, and a function that draws the parameters.
 
 mod blur;
 mod ceilnet;
@@ -17,23 +17,20 @@ pub use zhang::{ZhangDraw, zhang};
 
 use super::{Picture, Stream};
 
-/// What a pair becomes; sRGB codes from 0 to 1.
+/// A mixed pair; sRGB codes from 0 to 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mixture {
-    /// What a network sees.
     pub input: Picture,
-    /// The front picture as given: both recipes have it, undimmed, as the network's target.
+    /// The unchanged front picture, the target of both recipes.
     pub transmission: Picture,
-    /// The back picture as it stands in the input: blurred, darkened.
+    /// The back picture as added to the input: blurred, darkened.
     pub reflection: Picture,
-    /// The back picture as given, sharp.
+    /// The unchanged back picture.
     pub clean_reflection: Picture,
 }
 
-/// Pictures that cannot be mixed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MixtureError {
-    /// Front and back are not of one size, or their values are not.
     #[error(
         "front has {} x {} px and {} values, back {} x {} px and {}; give two pictures of one size with three values a pixel",
         front[0], front[1], front[2], back[0], back[1], back[2]
@@ -44,7 +41,6 @@ pub enum MixtureError {
         /// Columns, rows, values.
         back: [usize; 3],
     },
-    /// Zhang's vignette has no room for it.
     #[error(
         "{columns} x {rows} px are too many for Zhang's mixtures; crop to less than 550 px a side"
     )]
@@ -61,8 +57,8 @@ pub enum MixtureRecipe {
 }
 
 impl MixtureRecipe {
-    /// Draws and mixes; nothing if the recipe refuses such a pair, so that another is to be drawn. How many numbers are taken
-    /// from the stream does not depend on the pictures.
+    /// Draws and mixes; `None` if the recipe refuses the pair. The number of values taken from the stream does not depend on
+    /// the pictures.
     pub fn mix(
         self,
         front: &Picture,

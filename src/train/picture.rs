@@ -1,4 +1,4 @@
-//! Pictures as networks take and make them, and grids of them for a person to look at.
+//! Inputs and outputs of networks as pictures, and grids of pictures.
 
 use super::example::Planes;
 use super::srgb_planes::bytes_of_planes;
@@ -14,15 +14,12 @@ const WIDEST: u32 = 256;
 /// An image, sRGB-coded, planar.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    /// Pixels down.
     pub rows: usize,
-    /// Pixels across.
     pub columns: usize,
     pub planes: Planes,
 }
 
 impl Picture {
-    /// As 8-bit RGB.
     pub fn to_rgb(&self) -> RgbImage {
         let (width, height) = (self.columns as u32, self.rows as u32);
         let mut picture = RgbImage::new(width, height);
@@ -30,7 +27,6 @@ impl Picture {
         picture
     }
 
-    /// Of 8-bit RGB.
     pub fn from_rgb(picture: &RgbImage) -> Self {
         Self {
             rows: picture.height() as usize,
@@ -41,13 +37,10 @@ impl Picture {
 }
 
 pub struct Grid {
-    /// Its bytes.
     pub png: Vec<u8>,
-    /// Width and height, px.
     pub size: [u32; 2],
 }
 
-/// Rows of pictures in one.
 pub(super) fn picture_grid(rows: &[Vec<Picture>]) -> Result<Grid, image::ImageError> {
     let rows: Vec<Vec<RgbImage>> = rows
         .iter()
@@ -56,7 +49,7 @@ pub(super) fn picture_grid(rows: &[Vec<Picture>]) -> Result<Grid, image::ImageEr
     rgb_grid(&rows)
 }
 
-/// A picture that is narrow enough for a grid.
+/// The picture, scaled down to the width limit of a grid.
 pub fn shrunk(picture: RgbImage) -> RgbImage {
     if picture.width() <= WIDEST {
         return picture;
@@ -65,11 +58,7 @@ pub fn shrunk(picture: RgbImage) -> RgbImage {
     imageops::thumbnail(&picture, WIDEST, height)
 }
 
-/// Rows of pictures in one, each as large as it is.
-///
-/// # Errors
-///
-/// Of the encoder.
+/// Rows of pictures as one PNG.
 pub fn rgb_grid(rows: &[Vec<RgbImage>]) -> Result<Grid, image::ImageError> {
     let width_of = |row: &Vec<RgbImage>| row.iter().map(|p| p.width() + GAP).sum::<u32>();
     let height_of = |row: &Vec<RgbImage>| row.iter().map(RgbImage::height).max().unwrap_or(0);

@@ -1,15 +1,14 @@
-//! Random numbers of the trainer: a function of the seed, a name and a position, so that nothing but these is to be saved.
+//! Random numbers of the trainer: functions of the seed, a name and a position, so that no generator state is saved.
 
 use candle_core::{Device, Result, Tensor};
 
-/// A stream of random numbers. Two streams of one seed with different names have nothing in common.
+/// A stream of random numbers. Streams of one seed with different names are independent.
 #[derive(Clone, Debug)]
 pub struct Stream {
     reader: blake3::OutputReader,
 }
 
 impl Stream {
-    /// The stream `name` of a seed.
     pub fn new(seed: u64, name: &str) -> Self {
         let mut hasher = blake3::Hasher::new();
         hasher.update(b"glasshouse.train.random/1");
@@ -68,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn streams_are_pinned_and_apart() {
+    fn streams_repeat_and_differ_by_name_and_seed() {
         let mut stream = Stream::new(7, "init");
         assert_eq!(stream.clone().bits(), stream.bits());
         assert_ne!(Stream::new(7, "init").bits(), Stream::new(7, "order").bits());
@@ -76,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_have_their_moments() {
+    fn distributions_are_as_stated() {
         let mut stream = Stream::new(1, "moments");
         let values: Vec<f64> = (0..40_000).map(|_| stream.normal()).collect();
         let mean = values.iter().sum::<f64>() / 40_000.0;

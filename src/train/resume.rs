@@ -1,4 +1,4 @@
-//! Where a training begins: the stage's newest checkpoint, the BT-net of the stage before, or nothing.
+//! The start of a training: the stage's newest checkpoint, the BT-net of the stage before, or new networks.
 
 use super::checkpoint::{Checkpoint, Origin, code_path, stage_folder};
 use super::error::TrainError;
@@ -14,18 +14,18 @@ use render::shard::scene_digest;
 use std::fs::{File, TryLockError};
 use std::path::Path;
 
-/// Settings that make networks what they are: the next stage takes them over.
+/// Settings of the architecture, which the next stage takes over.
 const OF_NETWORKS: [&str; 4] = ["features", "vgg_divisor", "width", "start"];
 
-/// What the run's folder holds to begin with.
+/// The checkpoints to start from.
 pub(super) struct Beginning {
     /// The newest checkpoint of this stage.
     pub(super) own: Option<Checkpoint>,
-    /// The newest BT-net, where the separation stage has no checkpoint yet.
+    /// The newest BT-net, if the separation stage has no checkpoint yet.
     before: Option<Checkpoint>,
 }
 
-/// Takes a stage's folder; the lock ends with the file.
+/// Locks a stage's folder until the file is dropped.
 pub(super) fn lock(folder: &Path) -> Result<File, TrainError> {
     render::atomic_file::create_dir(folder)?;
     let path = folder.join("train.lock");
@@ -42,7 +42,7 @@ pub(super) fn lock(folder: &Path) -> Result<File, TrainError> {
 }
 
 impl Beginning {
-    /// Finds the checkpoints, and warns of those that are damaged.
+    /// Finds the checkpoints and warns of damaged ones.
     pub(super) fn find(
         run: &Path,
         stage: Stage,
@@ -68,7 +68,7 @@ impl Beginning {
         Self { own, before }
     }
 
-    /// Steps that were taken before.
+    /// Steps so far.
     pub(super) fn step(&self) -> u64 {
         self.own.as_ref().map_or(0, |own| own.state.step)
     }
@@ -100,7 +100,7 @@ impl Beginning {
         Ok(settings)
     }
 
-    /// What the networks are made of besides the settings; it must be what the checkpoint was made of.
+    /// The inputs besides the settings, which must equal those of the checkpoint.
     pub(super) fn origin(
         &self,
         lines: &[SceneLine],
@@ -133,7 +133,7 @@ impl Beginning {
                 ));
             }
         }
-        // BT-net knows the features of its own weights alone.
+        // BT-net only works with the features of its own training.
         match &self.before {
             Some(before) if before.state.origin.vgg_blake3 != origin.vgg_blake3 => {
                 Err(other_origin(VGG, before))
@@ -142,7 +142,7 @@ impl Beginning {
         }
     }
 
-    /// Networks with random weights, BT-net's with those of the stage before. [`super::Session`] puts in the stage's own.
+    /// Random networks, with the BT-net of the stage before. [`super::Session`] restores the stage's own checkpoint.
     pub(super) fn learner(
         &self,
         stage: Stage,

@@ -1,4 +1,4 @@
-//! One stage's training from a run's folder, first step to last, whatever was trained there before.
+//! The training of one stage in a run's folder, resumed from its checkpoints.
 
 use super::checkpoint::{clear, code_path, stage_folder};
 use super::error::TrainError;
@@ -22,74 +22,71 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-/// Threads that read examples: networks leave them little to do.
+/// Threads that read examples: reading is much faster than training.
 const READERS: usize = 1;
-/// Steps between checkpoints, where nothing is said: a twentieth of all, within these.
+/// Limits of the default number of steps between checkpoints, a twentieth of all steps.
 const CHECKPOINT_EVERY: [u64; 2] = [10, 1000];
 
-/// What to train, on what, how often to write it down.
+/// A training: networks, data and schedule.
 pub struct Training<'a> {
     /// Folder of the run; checkpoints go to `train/STAGE` in it.
     pub run: PathBuf,
     pub stage: Stage,
-    /// Steps in all, those of earlier calls included.
+    /// Total steps, including those of earlier calls.
     pub steps: u64,
-    /// Scenes of the run: those of the split "train" are learned from, those of "test" validate.
+    /// Scenes of the run: the split "train" for training, "test" for validation.
     pub scenes: &'a [SceneLine],
     pub tuples: Arc<dyn TupleFiles>,
-    /// Named folders of their photographs, which mixtures are made of.
+    /// Named folders of the photographs, for mixtures.
     pub roots: Roots,
     pub inputs: Box<dyn InputFiles + Send + Sync>,
     /// Real pairs; `None` if no folder of them was given.
     pub pairs: Option<Vec<Pair>>,
-    /// The settings, given those that are frozen in a checkpoint, if there is one.
+    /// Returns the settings, given those of a checkpoint, if there is one.
     pub settings: &'a dyn Fn(Option<&TrainSettings>) -> TrainSettings,
-    /// VGG-19's weights, where the settings ask for a file.
+    /// File of VGG-19's weights, if the settings need one.
     pub features: Option<PathBuf>,
     pub device: Device,
     /// Steps between checkpoints; a twentieth of `steps` if `None`.
     pub checkpoint_every: Option<u64>,
-    /// Checkpoints that are kept, besides the best.
+    /// Number of checkpoints to keep besides the best.
     pub keep: usize,
-    /// Scenes to validate on, at most.
+    /// Largest number of validation scenes.
     pub validate: usize,
     /// Steps between grids of pictures, 0 for none; as checkpoints if `None`.
     pub pictures_every: Option<u64>,
-    /// Memory for examples that were read, bytes.
+    /// Memory for examples, bytes.
     pub memory_bytes: usize,
-    /// Check everything, write and train nothing.
+    /// Only check; write and train nothing.
     pub dry_run: bool,
 }
 
-/// What a training did. Its keys are those of `glasshouse.train/1`.
+/// The result of a training. Its keys are those of `glasshouse.train/1`.
 #[derive(Clone, Debug, Serialize)]
 pub struct TrainSummary {
-    /// Folder of the run.
     pub run: PathBuf,
-    /// Name of the stage.
     pub stage: &'static str,
     pub dry_run: bool,
-    /// Steps that were taken before.
+    /// Steps of earlier calls.
     pub from_step: u64,
-    /// Numbers that are learned.
+    /// Number of trainable weights.
     pub parameters: usize,
-    /// Scenes to learn from.
+    /// Number of train scenes.
     pub scenes: usize,
-    /// Real pairs to learn from.
     pub real_pairs: usize,
     pub settings: TrainSettings,
     pub threads: usize,
-    /// Instructions that products of matrices were computed with.
+    /// Instruction set of matrix products.
     pub code_path: &'static str,
     /// `None` after a dry run.
     #[serde(flatten)]
     pub trained: Option<Trained>,
-    /// `None` where no step was left to take.
+    /// `None` if no step was left.
     #[serde(flatten)]
     pub pace: Option<Pace>,
 }
 
-/// How fast steps were taken.
+/// Speed of the training.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Pace {
     pub wall_s: f64,
@@ -119,8 +116,8 @@ impl fmt::Display for TrainSummary {
     }
 }
 
-/// Trains until `training.steps` steps are taken in all, or until `stop` is set: resumes from the newest checkpoint of the
-/// stage, and the separation stage begins with the newest BT-net.
+/// Trains up to `training.steps` total steps or until `stop` is set. Resumes from the newest checkpoint of the stage; the
+/// separation stage starts with the newest BT-net.
 pub fn run(
     training: Training<'_>,
     watcher: &mut dyn Watcher,
@@ -215,7 +212,7 @@ fn of_split(scenes: &[SceneLine], split: Split) -> Vec<SceneLine> {
     lines.cloned().collect()
 }
 
-/// Says how many of the scenes cannot be learned from yet.
+/// Warns of train scenes without a tuple.
 fn warn_of_missing(
     lines: &[SceneLine],
     tuples: &dyn TupleFiles,

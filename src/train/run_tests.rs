@@ -122,7 +122,7 @@ fn model(run: &Path, step: u64) -> Vec<u8> {
 }
 
 #[test]
-fn a_training_resumes_to_the_same_bits_and_begins_the_next_stage() {
+fn a_training_resumes_to_the_same_bits_and_starts_the_next_stage() {
     let [photographs, whole, parts] = [(); 3].map(|()| tempfile::tempdir().unwrap());
     let (whole, parts) = (whole.path(), parts.path());
     let pairs = pairs(photographs.path());
@@ -158,7 +158,7 @@ fn a_training_resumes_to_the_same_bits_and_begins_the_next_stage() {
 }
 
 #[test]
-fn what_cannot_be_trained_is_refused_with_its_reason() {
+fn impossible_trainings_are_refused_with_a_reason() {
     let [photographs, folder] = [(); 2].map(|()| tempfile::tempdir().unwrap());
     let folder = folder.path();
     let pairs = pairs(photographs.path());

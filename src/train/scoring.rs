@@ -1,4 +1,4 @@
-//! A run's tuples and trained networks, as [`compose`] scores them.
+//! A run's tuples and trained networks for scoring by [`compose`].
 
 use super::inference::LEAST_PX;
 use super::separator::Separator;
@@ -61,10 +61,10 @@ impl From<ExampleError> for Unread {
     }
 }
 
-/// Networks, with the side of their tiles.
+/// Networks that process pictures in tiles.
 pub struct Tiled<'a> {
     pub separator: &'a Separator,
-    /// Larger pictures are done in overlapping tiles of this side, px.
+    /// Side of the overlapping tiles of larger pictures, px.
     pub tile_px: u32,
 }
 

@@ -1,4 +1,4 @@
-//! The networks of a checkpoint, put together to work.
+//! The networks of a checkpoint, for inference.
 
 use super::checkpoint::Checkpoint;
 use super::inference::Networks;
@@ -10,47 +10,39 @@ use image::RgbImage;
 use plan::{SettingError, Stage, TrainSettings};
 use std::path::PathBuf;
 
-/// A checkpoint whose networks cannot work.
+/// Why the networks of a checkpoint cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum SeparatorError {
-    /// It has no SP-net.
     #[error(
         "{} is of the backtrack stage: it holds BT-net alone, which separates nothing; give a checkpoint of the separation stage",
         path.display()
     )]
     NoSeparation { path: PathBuf },
-    /// Features come from other weights than those that the networks know.
     #[error(
         "{} was trained with features of VGG-19 weights of BLAKE3 {expected}, but those given have {found}; give the file that it was trained with",
         path.display()
     )]
     OtherFeatures {
         path: PathBuf,
-        /// Digest of the weights that it was trained with, or `none`.
+        /// Digest of the training's weights, or `none`.
         expected: String,
-        /// Digest of those given, or `none`.
+        /// Digest of the given weights, or `none`.
         found: String,
     },
-    /// Settings that no training has.
     #[error("the settings of {} are damaged: {source}", path.display())]
     Settings { path: PathBuf, source: SettingError },
-    /// Weights that do not fit its own settings.
     #[error("the networks of {} do not fit its settings: {source}; take another checkpoint", path.display())]
-    Weights {
-        path: PathBuf,
-        /// What is missing, or of another shape.
-        source: candle_core::Error,
-    },
+    Weights { path: PathBuf, source: candle_core::Error },
 }
 
-/// SP-net, BT-net and what describes images to them.
+/// SP-net, BT-net and their feature network.
 pub struct Separator {
     learner: Learner,
 }
 
 impl Separator {
-    /// Of a checkpoint of the separation stage. `vgg` is what its settings ask for, `vgg_blake3` the digest of its file, where
-    /// it is from one.
+    /// From a checkpoint of the separation stage. `vgg` is the feature network of its settings, `vgg_blake3` the digest of the
+    /// weights file, if there is one.
     pub fn new(
         checkpoint: &Checkpoint,
         vgg: Option<Vgg>,
@@ -71,7 +63,7 @@ impl Separator {
             });
         }
         let settings = TrainSettings {
-            // Who works needs no discriminator.
+            // Inference needs no discriminator.
             adversarial_weight: 0.0,
             ..state.settings.clone()
         };
@@ -130,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn networks_work_as_they_learned() {
+    fn a_separator_gives_the_results_of_its_learner() {
         let folder = tempfile::tempdir().unwrap();
         let settings = settings();
         let checkpoint = checkpoint(folder.path(), Stage::Separation, &settings);
@@ -148,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn unsuitable_checkpoints_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let settings = settings();
         let text = |checkpoint: &Checkpoint, vgg, blake3| {
@@ -159,7 +151,7 @@ mod tests {
         let mut whole = checkpoint(folder.path(), Stage::Separation, &settings);
         let other = text(&whole, Some(vgg(&settings)), Some("abc"));
         assert!(other.contains("BLAKE3 none") && other.contains("have abc"), "{other}");
-        // Without what its first layer was made for.
+        // Without the features that its first layer expects.
         let narrow = text(&whole, None, None);
         assert!(narrow.contains("kernel.0 is [4, "), "{narrow}");
         whole.model.remove("separation.last");

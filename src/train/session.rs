@@ -1,4 +1,4 @@
-//! A training: step after step, watched, written down, resumed.
+//! A training session: steps, validation, checkpoints, logs, resuming.
 
 use super::batch::Batch;
 use super::checkpoint::{Checkpoint, CheckpointState, Origin, prune, write_checkpoint};
@@ -19,32 +19,28 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// PSNR of pictures that are equal, dB, so that means stay numbers.
+/// PSNR of equal pictures, dB: keeps means finite.
 const MOST_DB: f64 = 100.0;
 
-/// When what is done. None of it changes what is learned.
+/// Intervals of checkpoints and pictures. They do not change the weights.
 #[derive(Clone, Copy, Debug)]
 pub struct Schedule {
     pub until: u64,
-    /// A checkpoint every so many steps; the last step has one anyway.
+    /// Steps between checkpoints; the last step always has one.
     pub checkpoint_every: u64,
-    /// Checkpoints that are kept, besides the best.
+    /// Number of checkpoints to keep besides the best.
     pub keep: usize,
-    /// A grid of pictures every so many steps; 0 for none.
+    /// Steps between grids of pictures; 0 for none.
     pub pictures_every: u64,
 }
 
-/// Told of what happens.
+/// Receives the events of a training.
 pub trait Watcher {
-    /// All is ready: these steps are taken next, each of so many examples.
+    /// Training starts with these steps, each with a batch of this size.
     fn begins(&mut self, _steps: Range<u64>, _batch: usize) {}
-    /// A step was taken.
     fn step(&mut self, _step: u64, _losses: &StepLosses, _wall_s: f64) {}
-    /// A checkpoint was written.
     fn checkpoint(&mut self, _step: u64, _path: &Path, _validation_psnr_db: Option<f64>) {}
-    /// Something that may be worth knowing.
     fn note(&mut self, _text: &str) {}
-    /// Something that should be known.
     fn warning(&mut self, _text: &str) {}
 }
 
@@ -54,19 +50,19 @@ impl Watcher for () {}
 #[derive(Clone, Debug, Serialize)]
 pub struct Trained {
     pub step: u64,
-    /// Steps that were taken now.
+    /// Steps of this call.
     #[serde(rename = "steps_taken")]
     pub taken: u64,
-    /// The newest checkpoint, if a step was ever taken.
+    /// The newest checkpoint, if there is one.
     pub checkpoint: Option<PathBuf>,
-    /// Loss of the last step that was taken now.
+    /// Loss of the last step of this call.
     pub loss: Option<f32>,
-    /// The newest checkpoint's validation, dB.
+    /// Validation PSNR of the newest checkpoint, dB.
     pub validation_psnr_db: Option<f64>,
-    /// Seconds of the steps, without what is written between them.
+    /// Seconds of the steps alone, without checkpoints and logs.
     #[serde(skip)]
     pub busy_s: f64,
-    /// It was told to stop.
+    /// The stop flag ended it.
     #[serde(skip)]
     pub stopped: bool,
 }
@@ -89,13 +85,12 @@ impl Best {
     }
 }
 
-/// A training that can be taken further.
 pub struct Session {
     folder: PathBuf,
     learner: Learner,
     settings: TrainSettings,
     origin: Origin,
-    /// Whole images that nothing is learned from.
+    /// Whole images for validation.
     validation: Vec<Example>,
     step: u64,
     last: Option<Last>,
@@ -109,7 +104,7 @@ struct Last {
 }
 
 impl Session {
-    /// Goes on from a checkpoint of this stage, or begins.
+    /// Resumes from a checkpoint of this stage, or starts at step 0.
     pub fn new(
         folder: &Path,
         mut learner: Learner,
@@ -144,11 +139,7 @@ impl Session {
         })
     }
 
-    pub fn steps_taken(&self) -> u64 {
-        self.step
-    }
-
-    /// Takes steps until the schedule's end, or until `stop` is set; either way what was learned is written.
+    /// Trains until the schedule's end or until `stop` is set, and writes a checkpoint in both cases.
     pub fn run(
         &mut self,
         loader: &mut Loader,
@@ -177,7 +168,7 @@ impl Session {
                     break;
                 }
                 Some(Err(error)) => {
-                    // What was learned until here is not lost.
+                    // The steps so far are kept.
                     self.write_rest(&metrics, schedule, watcher)?;
                     return Err(error.into());
                 }
@@ -197,7 +188,7 @@ impl Session {
             let validated = if is_due { self.validate()? } else { None };
             metrics.add(self.step, &losses, validated, wall_s).map_err(write_error(csv.clone()))?;
             if is_due {
-                // The line first, and durably: what a checkpoint holds is not taken, and so not noted, again.
+                // Metrics first, and durably: steps of a checkpoint are not repeated, so a lost line would stay lost.
                 metrics.sync().map_err(write_error(csv.clone()))?;
                 self.write(validated, schedule, watcher)?;
             }
@@ -239,7 +230,7 @@ impl Session {
         })
     }
 
-    /// Writes a checkpoint of the steps that none holds yet, if there are any.
+    /// Writes a checkpoint if the last one is older than the last step.
     fn write_rest(
         &mut self,
         metrics: &Metrics,
@@ -255,7 +246,7 @@ impl Session {
         self.write(psnr, schedule, watcher)
     }
 
-    /// Writes a checkpoint of now and removes old ones.
+    /// Writes a checkpoint and removes old ones.
     fn write(
         &mut self,
         psnr: Option<f64>,
@@ -285,15 +276,16 @@ impl Session {
         Ok(())
     }
 
-    /// Mean PSNR of what is made of the validation images, dB, as 8-bit pictures.
+    /// Mean PSNR of the outputs for the validation images as 8-bit pictures, dB.
     fn validate(&self) -> Result<Option<f64>, TrainError> {
         let mut sum = 0.0;
         let mut count = 0u32;
         for example in &self.validation {
-            let Some((made, truth)) = self.made(example)?.last_pair() else {
+            let pictures = self.made(example)?;
+            let [_, made, truth, ..] = &pictures[..] else {
                 continue;
             };
-            // Of equal pictures it is infinite.
+            // The PSNR of equal pictures is infinite.
             let psnr_db = psnr_colour_db(&made.to_rgb(), &truth.to_rgb());
             sum += psnr_db.map_err(candle_core::Error::wrap)?.min(MOST_DB);
             count += 1;
@@ -301,8 +293,8 @@ impl Session {
         Ok((count > 0).then(|| sum / f64::from(count)))
     }
 
-    /// What the networks make of an example, beside what they were given and should have made.
-    fn made(&self, example: &Example) -> Result<Made, TrainError> {
+    /// The input of an example, the networks' output, the ground truth and other layers; nothing if a layer is missing.
+    fn made(&self, example: &Example) -> Result<Vec<Picture>, TrainError> {
         let picture = |planes: &Vec<f32>| Picture {
             rows: example.rows,
             columns: example.columns,
@@ -310,62 +302,38 @@ impl Session {
         };
         let networks = self.learner.networks();
         let whole = example.rows.max(example.columns);
-        let mut made = Made::default();
-        match self.learner.stage {
+        Ok(match self.learner.stage {
             Stage::Backtrack => {
                 let (Some(given), Some(truth)) =
                     (&example.glass_reflection, &example.clean_reflection)
                 else {
-                    return Ok(made);
+                    return Ok(Vec::new());
                 };
                 let tracked = networks.track_back(&picture(given), whole)?;
-                made.pictures = vec![picture(given), tracked, picture(truth)];
-                made.compared = Some([1, 2]);
+                vec![picture(given), tracked, picture(truth)]
             }
             Stage::Separation => {
                 let [t, r] = networks.separate(&picture(&example.input), whole)?;
                 let tracked = networks.track_back(&r, whole)?;
-                made.pictures = vec![picture(&example.input), t, picture(&example.transmission), r];
                 let black = vec![0.0; example.input.len()];
                 let known = |planes: &Option<Vec<f32>>| picture(planes.as_ref().unwrap_or(&black));
-                made.pictures.push(known(&example.glass_reflection));
-                made.pictures.push(tracked);
-                made.pictures.push(known(&example.clean_reflection));
-                made.compared = Some([1, 2]);
+                let [glass, clean] =
+                    [&example.glass_reflection, &example.clean_reflection].map(known);
+                let (input, truth) = (picture(&example.input), picture(&example.transmission));
+                vec![input, t, truth, r, glass, tracked, clean]
             }
-        }
-        Ok(made)
+        })
     }
 
     /// A PNG with a row for each validation image: I, T*, T, R~*, R~, R*, R, or R~, R*, R.
     fn pictures(&self) -> Result<Option<Grid>, TrainError> {
         let mut rows = Vec::new();
         for example in self.validation.iter().take(4) {
-            let made = self.made(example)?;
-            if !made.pictures.is_empty() {
-                rows.push(made.pictures);
-            }
+            rows.extend(Some(self.made(example)?).filter(|pictures| !pictures.is_empty()));
         }
         if rows.is_empty() {
             return Ok(None);
         }
-        let grid = picture_grid(&rows).map_err(candle_core::Error::wrap)?;
-        Ok(Some(grid))
-    }
-}
-
-/// Pictures of one example.
-#[derive(Default)]
-struct Made {
-    pictures: Vec<Picture>,
-    /// Which of them is held against which.
-    compared: Option<[usize; 2]>,
-}
-
-impl Made {
-    fn last_pair(mut self) -> Option<(Picture, Picture)> {
-        let [made, truth] = self.compared?;
-        let truth = self.pictures.swap_remove(truth);
-        Some((self.pictures.swap_remove(made), truth))
+        Ok(Some(picture_grid(&rows).map_err(candle_core::Error::wrap)?))
     }
 }

@@ -1,4 +1,4 @@
-//! Where examples are read from: the run's tuples, its photographs, real photographs.
+//! Sources of examples: the run's tuples, its photographs, real photographs.
 
 use super::example::{Example, Planes};
 use super::picture::Picture;
@@ -13,36 +13,27 @@ use render::scene::{Decoded, decode, read_files_by};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// An example that cannot be had.
 #[derive(Debug, thiserror::Error)]
 pub enum ExampleError {
-    /// A file of a tuple is damaged.
     #[error(
         "{file}: {reason}; `glasshouse audit` finds what else is damaged, `glasshouse retry` has it made anew"
     )]
     Damaged {
-        /// Its key in the store.
+        /// Key in the store.
         file: String,
         reason: String,
     },
-    /// A file of a scene or a pair cannot be used.
     #[error("example {name}: {reason}")]
-    Unusable {
-        /// The scene, or the pair.
-        name: String,
-        reason: String,
-    },
+    Unusable { name: String, reason: String },
     #[error(transparent)]
     Store(#[from] TupleFilesError),
-    /// Nothing to train on.
     #[error("{0}")]
     None(String),
-    /// Told to stop while waiting.
     #[error("stopped")]
     Stopped,
 }
 
-/// A store that cannot be asked.
+/// The store failed.
 #[derive(Debug, thiserror::Error)]
 #[error(transparent)]
 pub struct TupleFilesError(pub Box<dyn std::error::Error + Send + Sync>);
@@ -52,17 +43,17 @@ pub trait TupleFiles: Send + Sync {
     /// One file of a scene's tuple; `None` if it does not exist.
     fn get(&self, scene: &SceneId, file: &str) -> Result<Option<Vec<u8>>, TupleFilesError>;
 
-    /// Whether the scene is quarantined: it gets no tuple unless it is retried.
+    /// A quarantined scene gets no tuple unless it is retried.
     fn is_quarantined(&self, scene: &SceneId) -> Result<bool, TupleFilesError>;
 
-    /// How many of these scenes have a tuple.
+    /// Number of these scenes with a tuple.
     fn count(&self, scenes: &[SceneId]) -> Result<usize, TupleFilesError>;
 }
 
 /// An example before random augmentation.
 pub enum Base {
     Example(Example),
-    /// Two photographs of one size, sRGB-coded, to be mixed.
+    /// Two photographs of one size, sRGB-coded, for mixing.
     Photographs {
         front: Picture,
         back: Picture,
@@ -70,7 +61,7 @@ pub enum Base {
 }
 
 impl Base {
-    /// Bytes of its numbers.
+    /// Size in memory.
     pub(super) fn bytes(&self) -> usize {
         match self {
             Self::Example(example) => example.bytes(),
@@ -83,21 +74,20 @@ impl Base {
 
 /// Tuples, by the scenes of a manifest.
 pub struct TupleSource {
-    /// Where they are stored.
     pub files: Arc<dyn TupleFiles>,
     pub lines: Vec<SceneLine>,
     pub pixels: PixelSource,
 }
 
 impl TupleSource {
-    /// A scene's tuple; `None` if there is none (yet).
+    /// A scene's tuple; `None` if it does not exist yet.
     pub fn read(&self, index: usize) -> Result<Option<Base>, ExampleError> {
         let line = &self.lines[index];
         let Some(json) = self.files.get(&line.id, "tuple.json")? else {
             return Ok(None);
         };
         if !is_record_of(&json, line) {
-            // Of another plan, or of another version: the farm makes it again.
+            // The farm replaces tuples of another plan or version.
             return Ok(None);
         }
         let file = tuple_key(&line.id, "tuple.json");
@@ -124,7 +114,6 @@ impl TupleSource {
         })))
     }
 
-    /// The scene gets no tuple unless it is retried.
     pub fn is_in_quarantine(&self, index: usize) -> Result<bool, ExampleError> {
         Ok(self.files.is_quarantined(&self.lines[index].id)?)
     }
@@ -158,12 +147,12 @@ impl TupleSource {
                 continue;
             }
             let (key, bytes) = self.file(line, &format!("{name}.png"))?;
-            // Its checksums are PNG's own.
+            // PNG has its own checksums.
             let picture = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png)
                 .map_err(|e| damaged(&key, &e))?
                 .into_rgb8();
             if [picture.width(), picture.height()] != [line.film.width, line.film.height] {
-                return Err(damaged(&key, &"it has not the size of its scene's film"));
+                return Err(damaged(&key, &"its size differs from its scene's film"));
             }
             *layer = Some(planes_of_bytes(picture.as_raw()));
         }
@@ -171,7 +160,7 @@ impl TupleSource {
     }
 }
 
-/// The name of a tuple's file in messages: its key in a run.
+/// Key of a tuple's file in a run, for messages.
 fn tuple_key(scene: &SceneId, file: &str) -> String {
     format!("tuples/{scene}/{file}")
 }
@@ -184,13 +173,13 @@ fn damaged(file: &str, reason: &dyn std::fmt::Display) -> ExampleError {
 pub struct PhotographSource {
     pub lines: Vec<SceneLine>,
     pub roots: Roots,
-    /// Folder that relative paths start from.
+    /// Base of relative paths.
     pub base: PathBuf,
     pub inputs: Box<dyn InputFiles + Send + Sync>,
 }
 
 impl PhotographSource {
-    /// A scene's two photographs at its film's size: the largest part in the middle that has its shape.
+    /// A scene's two photographs at its film's size: the largest central crop of its aspect ratio.
     pub fn read(&self, index: usize) -> Result<Base, ExampleError> {
         let line = &self.lines[index];
         let unusable =
@@ -213,7 +202,7 @@ impl PhotographSource {
     }
 }
 
-/// The middle of a picture at another size, sRGB-coded.
+/// The central crop of a picture at another size, sRGB-coded.
 fn fitted(
     radiance: &[[f32; 4]],
     [width, height]: [u32; 2],
@@ -238,13 +227,12 @@ fn fitted(
     }
 }
 
-/// Real photographs with what was behind the glass.
+/// Real photographs with ground truth.
 pub struct PairSource {
     pub pairs: Vec<Pair>,
 }
 
 impl PairSource {
-    /// A pair as it is on disk.
     pub fn read(&self, index: usize) -> Result<Example, ExampleError> {
         let pair = &self.pairs[index];
         let unusable = |reason: String| ExampleError::Unusable { name: pair.name.clone(), reason };

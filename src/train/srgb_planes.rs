@@ -1,11 +1,11 @@
-//! Pixels as networks see them: sRGB-coded, clamped to [0, 1], planar.
+//! Pixels as network inputs: sRGB-coded, clamped to [0, 1], planar.
 
 use super::example::Planes;
 use exr::prelude::f16;
 use render::color::linear_to_srgb;
 use std::sync::LazyLock;
 
-/// Codes of all half floats from 0 to 1, by their bits: tuples are stored as such.
+/// sRGB codes of all half floats from 0 to 1, by their bits: tuples hold half floats.
 static OF_HALVES: LazyLock<Vec<f32>> = LazyLock::new(|| {
     let one = f16::ONE.to_bits();
     (0..=one).map(|bits| linear_to_srgb(f16::from_bits(bits).to_f32()) as f32).collect()

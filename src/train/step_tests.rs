@@ -1,10 +1,10 @@
-//! A step of the separation stage against PyTorch's in double precision (`tests/train/step.py` makes it).
+//! A step of the separation stage against PyTorch in double precision (`tests/train/step.py`).
 
 use super::*;
 use candle_core::{Device, Tensor, Var};
 use std::collections::HashMap;
 
-/// What the script divides VGG's widths by, and its other widths.
+/// The script's divisor of VGG's widths, and its other widths.
 const DIVISOR: usize = 32;
 const WIDTH: usize = 6;
 const DISCRIMINATOR_WIDTH: usize = 4;
@@ -59,7 +59,7 @@ fn off(found: &Tensor, expected: &[f32]) -> f64 {
 }
 
 #[test]
-fn gradients_of_the_whole_step_are_pytorch_s() {
+fn gradients_of_the_whole_step_equal_pytorch() {
     let fixture = Fixture::read();
     let learner = fixture.learner(1.0);
     let (loss, gradients) = learner.gradients(&fixture.batch()).unwrap();
@@ -76,14 +76,14 @@ fn gradients_of_the_whole_step_are_pytorch_s() {
     }
     let expected = fixture.0.keys().filter(|k| k.starts_with("gradient.")).count();
     assert_eq!(compared, expected);
-    // The discriminator judges here, it does not learn.
+    // The discriminator is frozen here.
     let discriminator = learner.discriminator.as_ref().unwrap();
     let judged: Vec<Var> = discriminator.variables().into_iter().map(|(_, v)| v).collect();
     assert!(judged.iter().all(|v| gradients.get(v).is_none()));
 }
 
 #[test]
-fn the_loss_and_five_steps_of_adam_are_pytorch_s() {
+fn the_loss_and_five_steps_of_adam_equal_pytorch() {
     let fixture = Fixture::read();
     let mut learner = fixture.learner(SLOPE);
     let batch = fixture.batch();
@@ -106,7 +106,7 @@ fn the_loss_and_five_steps_of_adam_are_pytorch_s() {
 }
 
 #[test]
-fn without_a_priori_bt_net_stays() {
+fn bt_net_does_not_change_without_the_a_priori_loss() {
     let fixture = Fixture::read();
     let mut settings = TrainSettings {
         width: 4,
@@ -136,7 +136,7 @@ fn without_a_priori_bt_net_stays() {
     assert_eq!(names, "transmission_l1 glass_reflection_l1 clean_reflection_l1 adversarial");
 }
 
-/// An image of waves; each phase another.
+/// An image of waves with a phase.
 fn waves(phase: f64, scale: f64) -> Vec<f32> {
     let value = |channel: usize, y: usize, x: usize| {
         let (x, y) = (x as f64 / 8.0, y as f64 / 11.0);
@@ -147,7 +147,7 @@ fn waves(phase: f64, scale: f64) -> Vec<f32> {
 }
 
 #[test]
-fn one_example_is_learned_by_heart() {
+fn one_example_can_be_overfitted() {
     let (transmission, reflection) = (waves(0.4, 0.8), waves(2.1, 0.2));
     let sum = transmission.iter().zip(&reflection);
     let example = Example {

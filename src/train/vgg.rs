@@ -5,14 +5,14 @@ use super::random::Stream;
 use candle_core::{DType, Device, Result, Tensor};
 use std::collections::HashMap;
 
-/// Places of the convolutions in torchvision's `vgg19().features`; a ReLU follows each.
+/// Indices of the convolutions in torchvision's `vgg19().features`; a ReLU follows each.
 pub const VGG_PLACES: [usize; 14] = [0, 2, 5, 7, 10, 12, 14, 16, 19, 21, 23, 25, 28, 30];
 
-/// Outputs of these convolutions.
+/// Output channels of these convolutions.
 pub const VGG_WIDTHS: [usize; 14] =
     [64, 64, 128, 128, 256, 256, 256, 256, 512, 512, 512, 512, 512, 512];
 
-/// A pool stands before these.
+/// Convolutions that follow a pool.
 const POOLS: [usize; 4] = [2, 4, 8, 12];
 
 /// conv1_2, conv2_2, conv3_2, conv4_2, conv5_2.
@@ -22,24 +22,17 @@ const TAPS: [usize; 5] = [1, 3, 5, 9, 13];
 const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
 
-/// Weights that cannot be used.
+/// Unusable weights.
 #[derive(Debug, thiserror::Error)]
 pub enum VggError {
-    /// A tensor is not there.
     #[error(
         "{name} is missing: the file must hold torchvision's vgg19 (features.0 to features.30)"
     )]
     Missing { name: String },
-    /// A tensor has another shape.
     #[error(
         "{name} is {found:?}, but must be {expected:?}: these are not torchvision's vgg19 weights"
     )]
-    Shape {
-        name: String,
-        found: Vec<usize>,
-        /// What it must be.
-        expected: Vec<usize>,
-    },
+    Shape { name: String, found: Vec<usize>, expected: Vec<usize> },
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),
 }
@@ -67,40 +60,40 @@ impl Vgg {
             }
             Ok(tensor.to_device(device)?.to_dtype(DType::F32)?)
         };
-        let mut channels = 3;
-        let mut convolutions = Vec::new();
-        for (place, width) in VGG_PLACES.into_iter().zip(VGG_WIDTHS) {
-            let width = width / narrow;
+        Self::of(narrow, device, |place, [width, channels]| {
             let kernel = tensor(format!("features.{place}.weight"), vec![width, channels, 3, 3])?;
-            let bias = tensor(format!("features.{place}.bias"), vec![width])?;
-            convolutions.push((kernel, bias));
-            channels = width;
-        }
-        Ok(Self::of(convolutions, device)?)
+            Ok((kernel, tensor(format!("features.{place}.bias"), vec![width])?))
+        })
     }
 
-    /// With random weights (He et al.'s, of deviation sqrt(2 / inputs)) from a seed: a loss nearly as good, features that mean
+    /// Random weights from a seed (He et al., deviation sqrt(2 / inputs)). The loss is nearly as good; the features mean
     /// little.
     pub fn random(seed: u64, narrow: usize, device: &Device) -> Result<Self> {
-        let mut channels = 3;
-        let mut convolutions = Vec::new();
-        for (place, width) in VGG_PLACES.into_iter().zip(VGG_WIDTHS) {
-            let width = width / narrow;
+        Self::of(narrow, device, |place, [width, channels]| {
             let deviation = (2.0 / (9 * channels) as f64).sqrt();
             let mut stream = Stream::new(seed, &format!("vgg features.{place}"));
             let kernel = stream.normal_tensor(&[width, channels, 3, 3], deviation, device)?;
-            convolutions.push((kernel, Tensor::zeros(width, DType::F32, device)?));
-            channels = width;
-        }
-        Self::of(convolutions, device)
+            Ok((kernel, Tensor::zeros(width, DType::F32, device)?))
+        })
     }
 
-    fn of(convolutions: Vec<(Tensor, Tensor)>, device: &Device) -> Result<Self> {
+    /// `layer` gives kernel and bias of the convolution at a place, with these numbers of outputs and inputs.
+    fn of<E: From<candle_core::Error>>(
+        narrow: usize,
+        device: &Device,
+        layer: impl Fn(usize, [usize; 2]) -> std::result::Result<(Tensor, Tensor), E>,
+    ) -> std::result::Result<Self, E> {
+        let mut channels = 3;
+        let mut convolutions = Vec::new();
+        for (place, width) in VGG_PLACES.into_iter().zip(VGG_WIDTHS) {
+            convolutions.push(layer(place, [width / narrow, channels])?);
+            channels = width / narrow;
+        }
         let row = |values: [f32; 3]| Tensor::new(&values, device)?.reshape((1, 3, 1, 1));
         Ok(Self { convolutions, mean: row(MEAN)?, deviation: row(DEVIATION)? })
     }
 
-    /// relu(conv1_2) to relu(conv5_2) of sRGB-coded images in [0, 1], (batch, 3, rows, columns): each half as wide and high as
+    /// relu(conv1_2) to relu(conv5_2) of sRGB-coded images in [0, 1], (batch, 3, rows, columns). Each has half the size of
     /// the one before.
     pub fn features(&self, images: &Tensor) -> Result<Vec<Tensor>> {
         let mut features = Vec::with_capacity(TAPS.len());

@@ -1,4 +1,4 @@
-//! VGG-19 as the settings ask for it: none, random, or from a file of torchvision's weights.
+//! VGG-19 by the settings: none, random, or from a file of torchvision's weights.
 
 use super::vgg::{Vgg, VggError};
 use candle_core::{Device, Tensor};
@@ -6,22 +6,15 @@ use plan::{FeatureSource, TrainSettings};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// A feature network that cannot be had.
+/// Errors of loading the feature network.
 #[derive(Debug, thiserror::Error)]
 pub enum FeaturesError {
-    /// The settings ask for a file and none was given.
     #[error("these networks see features of a VGG-19 from a file: give it with --features FILE")]
     NoFile,
-    /// The file cannot be read.
     #[error("cannot read {}: {source}; check the path", path.display())]
     Read { path: PathBuf, source: std::io::Error },
-    /// The file holds other tensors.
     #[error("{} holds no VGG-19 that can be used: {source}", path.display())]
-    Weights {
-        path: PathBuf,
-        /// The missing or misshapen tensor.
-        source: VggError,
-    },
+    Weights { path: PathBuf, source: VggError },
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),
 }
@@ -29,14 +22,14 @@ pub enum FeaturesError {
 /// The feature network, and the digest of its file.
 #[derive(Default)]
 pub struct Features {
-    /// `None` where images are described by their colours alone.
+    /// `None` for networks that see colours only.
     pub vgg: Option<Vgg>,
     /// BLAKE3 of the file, if the weights are from one.
     pub blake3: Option<String>,
 }
 
 impl Features {
-    /// What `settings` ask for; `file` has the weights where they are from a file.
+    /// Loads the feature network of `settings`; `file` has its weights, if they need one.
     pub fn load(
         settings: &TrainSettings,
         file: Option<&Path>,

@@ -118,7 +118,7 @@ fn of_a_run(files: &mut Files) {
 
 fn of_a_farm(files: &mut Files) {
     let folder = files.folder.path().to_owned();
-    // A scene whose depth is no number is set aside.
+    // A scene with NaN depth is quarantined.
     files.put("nan_depth.npy", npy("(48, 64)", &[f32::NAN; 48 * 64]));
     let mut bad = scene("bad");
     bad["front"]["depth"] = json!("nan_depth.npy");

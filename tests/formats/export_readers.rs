@@ -1,6 +1,6 @@
 //! Exports read back by the packages that their users have, and by the examples of docs/datasets.md.
 //!
-//! The Python that has them is `GLASSHOUSE_PYTHON`, else `python3`; what it has not is skipped, with a line that says so.
+//! `GLASSHOUSE_PYTHON`, or `python3`, must have them; a missing reader is skipped with a message.
 
 use crate::export::{RECIPE, finished};
 use crate::support::program::{Ended, command, run, text};

@@ -1,4 +1,4 @@
-//! What an export refuses, and what it says of scenes that it has not.
+//! Refused exports, and messages about scenes left out.
 
 use crate::export::{RECIPE, arguments, content, finished, ids};
 use crate::support::outputs::files;

@@ -1,4 +1,4 @@
-//! `inspect` on damaged files: what is wrong, where, and what to do; never "whole", never a panic.
+//! `inspect` on damaged files names the damage, its place and a remedy; never "whole", never a panic.
 
 use crate::every_file::files;
 use crate::inspect::one;
@@ -7,7 +7,7 @@ use crate::support::workplace::run_in;
 use serde_json::Value;
 use std::path::Path;
 
-/// What `inspect` says of a file whose bytes are changed; the file is put back.
+/// Output of `inspect` for a changed file; restores the file.
 fn inspect(
     folder: &Path,
     path: &Path,

@@ -38,7 +38,7 @@ pub(crate) fn finished() -> TempDir {
     copy
 }
 
-/// The page of a run, made anew, and what the command says.
+/// The new page of a run, and the command's output.
 #[track_caller]
 pub(crate) fn report(run_folder: &Path, code: i32, more: &[&str]) -> (String, Value) {
     let arguments = [&["report", text(run_folder), "--json"][..], more].concat();

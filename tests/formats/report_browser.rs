@@ -5,7 +5,7 @@ use crate::support::program::{run, text};
 use crate::support::scenes::place;
 use serde_json::Value;
 
-/// Measures the report in frames of several widths, and says what it found in an element.
+/// Measures the report in frames of several widths and writes the results into an element.
 const MEASURE: &str = r#"<!doctype html><html lang="en"><head><meta charset="utf-8">
 <meta name="color-scheme" content="light dark"><title>measure</title></head><body>
 <iframe src="index.html" width="420" height="900"></iframe>

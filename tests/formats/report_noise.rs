@@ -1,4 +1,4 @@
-//! Noise maps beside tuples: what they add up to, and that nothing depends on them.
+//! Noise maps: their sums, and that nothing depends on them.
 
 use crate::report::{LAYERS, finished, report};
 use crate::support::markup::{all, strictly};
@@ -60,7 +60,7 @@ fn merging_and_making_anew_make_the_same_maps() {
     run(&["work", text(folder), "-j", "1"]).expect(0);
     assert_eq!(std::fs::read(&map).unwrap(), before);
     assert_eq!(files(&folder.join("logs")).len(), 2);
-    // One scene was traced twice: what it cost cannot be told by adding up.
+    // One scene was traced twice, so its cost is not the sum.
     let (page, _) = report(folder, 0, &[]);
     assert_eq!(all(&strictly(&page), "#errors circle").len(), 4 * (SCENES - 1));
     run(&["audit", text(folder), "--share", "1", "-q"]).expect(0);

@@ -3,7 +3,7 @@
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// What a browser made of a page.
+/// A page as rendered by a browser.
 pub(crate) struct Browsed {
     /// The page as it was at the end.
     pub(crate) dom: String,

@@ -36,7 +36,7 @@ impl Nats {
         self.folder.path().join("jetstream")
     }
 
-    /// SIGKILL, some time without a server, and a new one: with what the old one kept, or without.
+    /// SIGKILL, a pause, and a new server, with or without the stored data.
     pub(crate) fn kill_and_restart(&mut self, forget: bool) {
         self.server = None;
         if forget {

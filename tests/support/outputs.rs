@@ -1,4 +1,4 @@
-//! What a run has made, decoded.
+//! Decoded results of a run.
 
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, read};
 use serde_json::Value;

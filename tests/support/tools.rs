@@ -16,7 +16,7 @@ impl Daemon {
         installed(command.stderr(Stdio::null()).spawn(), command).map(Self)
     }
 
-    /// The same, which is given back with what it says on stderr.
+    /// The same; returns it with its stderr.
     pub(crate) fn start_and_hear(command: &mut Command) -> Option<(Self, ChildStderr)> {
         command.stdin(Stdio::null()).stderr(Stdio::piped());
         let mut child = installed(command.spawn(), command)?;
@@ -54,7 +54,7 @@ pub(crate) fn tool(command: &mut Command) -> Option<Output> {
     installed(command.stdin(Stdio::null()).output(), command)
 }
 
-/// Asserts that a tool was content, shows what it said otherwise.
+/// Asserts that a tool succeeded; shows its output otherwise.
 #[track_caller]
 pub(crate) fn content(output: &Output) {
     assert!(

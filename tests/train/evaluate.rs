@@ -88,7 +88,7 @@ fn a_run_is_scored() {
         json["files"].as_array().unwrap().iter().map(|f| f.as_str().unwrap()).collect();
     assert_eq!(files.len(), 4);
     let folder = place.run.join("train/evaluation");
-    // One test scene: the input, times a gain, what the network makes of it, the truth.
+    // One test scene: the input, times a gain, the network's output, the truth.
     let pictures = image::open(folder.join("evaluation.png")).unwrap();
     let first = image::open(tuples(&place.run, "test")[0].join("input.png")).unwrap();
     assert_eq!(pictures.width(), 4 * (first.width() + 4));
@@ -103,7 +103,7 @@ fn a_run_is_scored() {
     let written: Value = serde_json::from_str(&read("evaluation.json")).unwrap();
     assert_eq!(written["rows"], json["rows"]);
 
-    // What is printed is the table; rows can be named, chosen and repeated, and splits as well.
+    // The output is the table; rows can be named, chosen and repeated, and splits as well.
     let out = place.folder.path().join("scores");
     let step = format!("ours={}", shown(&place.run.join("train/separation/step-0000004")));
     let more = ["--split", "all", "--out", text(&out), "--protocol", "paper", "-q"];
@@ -225,7 +225,7 @@ fn photographs_are_separated() {
         psnr_db(&whole.join("large.transmission.png"), &file("one/large.transmission.png"));
     assert!(near_db > 30.0, "{near_db}");
 
-    // A stage's folder and a checkpoint's are as good as the run.
+    // The folder of a stage or checkpoint is accepted like the run.
     let stage = place.run.join("train/separation");
     for checkpoint in [&stage, &stage.join("step-0000004")] {
         let out = file("again");
@@ -296,7 +296,7 @@ fn published_pairs_are_scored() {
     assert_eq!(csv.lines().count(), 1 + 37);
     assert_eq!(csv.lines().filter(|line| line.contains(",no,")).count(), beside);
     assert!(read("evaluation.md").contains("Without them:"));
-    // Those of which nobody knows the truth are named.
+    // Pictures without a known truth are named.
     assert!(read("evaluation.md").contains("ceilnet_real_inputs_only"));
 
     let place = merged();

@@ -34,7 +34,7 @@ pairs = { sample = 2 }
 /// The smallest networks.
 const SMALL: [&str; 6] = ["--width", "4", "--crop", "40", "--discriminator-width", "2"];
 
-/// A run whose tuples are made.
+/// A finished run.
 fn made() -> &'static Path {
     static MADE: OnceLock<TempDir> = OnceLock::new();
     let folder = MADE.get_or_init(|| {

@@ -10,11 +10,10 @@ use crate::farm::Fault as Ordered;
 use crate::farm::simulate::{Case, Fault, lower_bound_s};
 use std::time::{Duration, Instant, SystemTime};
 
-/// One worker is killed at this share of the lower bound of a farm with a slow worker.
+/// Time of the kill, as a share of the lower bound with the slow worker.
 const KILLED_AT: f64 = 1.0 / 3.0;
 
-/// Measures `case` without faults, then with its faults: if it has none, with one worker four times slower and another
-/// one killed.
+/// Measures `case` without and with its faults. By default one worker is four times slower and another one is killed.
 pub fn makespan(setup: &Setup, case: &Case, passes: u32) -> Result<Makespan, FarmBenchError> {
     let mut faulty = case.clone();
     ordered(&faulty)?;
@@ -57,7 +56,7 @@ fn usual_faults(case: &Case) -> Result<Vec<Fault>, FarmBenchError> {
 /// Second and worker.
 type Kills = Vec<(f64, usize)>;
 
-/// Each worker's slowness, and the kills in the order of time.
+/// Slowness of each worker, and the kills in order of time.
 fn ordered(case: &Case) -> Result<(Vec<f64>, Kills), FarmBenchError> {
     let (mut slow, mut kills) = (vec![1.0; case.fleet.workers as usize], Vec::new());
     for fault in &case.faults {
@@ -80,7 +79,7 @@ fn recipe(place: &Place, case: &Case, name: &str) -> Recipe {
     Recipe::tiny(place.name(name), work.scenes, work.shards)
 }
 
-/// Workers that are ready, before there is work.
+/// Starts workers and waits until they are ready, before work is published.
 fn start_workers<'a>(
     place: &'a Place,
     case: &Case,
@@ -110,7 +109,7 @@ fn measure(place: &Place, case: &Case, name: &str) -> Result<Pass, FarmBenchErro
     let run_text = run.to_string_lossy().into_owned();
     let (slow, kills) = ordered(case)?;
     let mut workers = start_workers(place, case, &run_text, &slow)?;
-    // Time begins with the coordinator: the queue is empty until then.
+    // The clock starts with the coordinator: the queue is empty before.
     let (begun, start) = (SystemTime::now(), Instant::now());
     let lease = case.rules.lease_s.to_string();
     let arguments = ["coordinate", &run_text, "--lease-s", &lease, "--json"];
@@ -148,7 +147,7 @@ fn measure(place: &Place, case: &Case, name: &str) -> Result<Pass, FarmBenchErro
     })
 }
 
-/// The digest of the tuples that one process makes.
+/// The digest of the tuples made by one process.
 fn alone(place: &Place, case: &Case) -> Result<String, FarmBenchError> {
     let run = place.plan(&recipe(place, case, "alone"))?;
     let path = run.to_string_lossy();

@@ -1,13 +1,12 @@
 //! The figures of [`makespan`](super::makespan()).
 
-use super::median::median;
 use super::setup::Conditions;
-use crate::bench::align;
+use crate::bench::clock::median;
 use crate::farm::simulate::{Case, Fault, simulate};
+use compose::markdown_table;
 use serde::Serialize;
 use std::fmt;
 
-/// The makespan of a farm.
 #[derive(Clone, Debug, Serialize)]
 pub struct Makespan {
     #[serde(flatten)]
@@ -18,14 +17,14 @@ pub struct Makespan {
     seed: u64,
     load_s: f64,
     lease_s: f64,
-    /// Without faults, with faults.
+    /// First without, then with faults.
     pub runs: Vec<MakespanRun>,
-    /// Anything else is a defect of the program.
+    /// Always true unless the program has a defect.
     #[serde(rename = "tuples_equal_those_of_one_process")]
     pub tuples_equal: bool,
 }
 
-/// Some passes over one case.
+/// The passes of one case.
 #[derive(Clone, Debug, Serialize)]
 pub struct MakespanRun {
     #[serde(skip)]
@@ -163,7 +162,7 @@ impl fmt::Display for Makespan {
         ];
         let mut rows = vec![head.map(str::to_owned).to_vec()];
         rows.extend(self.runs.iter().map(MakespanRun::row));
-        write!(f, "{}", align(&rows, 1))?;
+        write!(f, "{}", markdown_table(&rows, 1))?;
         for fault in self.runs.last().iter().flat_map(|run| &run.faults) {
             writeln!(f, "{fault}")?;
         }

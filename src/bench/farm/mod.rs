@@ -1,9 +1,9 @@
-//! The farm itself, measured with real processes or simulated: `glasshouse bench farm`.
+//! `glasshouse bench farm`: the farm, measured with real processes or simulated.
 //!
 //! ```text
-//! overhead       shards a second, 1 to N workers; CPU seconds that the farm adds to a shard
+//! overhead       shards a second, 1 to N workers; the farm's CPU seconds per shard
 //! makespan       time of a run over its lower bound, without and with faults
-//! resume         time until a run that is half done goes on
+//! resume         time until a half-finished run resumes
 //! simulation     the same rules in virtual time, for any number of workers (farm::simulate)
 //!
 //! place          a temporary folder, a NATS server -> process, server: children that end with their owner
@@ -14,7 +14,6 @@ mod error;
 mod half_done;
 mod makespan;
 mod makespan_report;
-mod median;
 mod overhead;
 mod overhead_report;
 mod place;

@@ -1,4 +1,4 @@
-//! What the farm adds to a shard, with real workers on a real queue.
+//! The farm's cost per shard, measured with real workers on a real queue.
 
 use super::error::FarmBenchError;
 use super::overhead_report::{Overhead, OverheadRun};
@@ -10,14 +10,13 @@ use crate::farm::Fault;
 use crate::farm::simulate::Work;
 use std::time::SystemTime;
 
-/// Seconds of the shards that show how the farm scales where there are fewer cores than workers.
+/// Length of a sleeping shard, s: it shows how the farm scales beyond the number of cores.
 pub(super) const ASLEEP_S: f64 = 0.05;
 /// Workers of the run with real shards.
 const REAL_WORKERS: u32 = 2;
-/// Side of a tile in px and samples of that run, as `plan` chooses them.
+/// Tile side (px) and samples of that run: the defaults of `plan`.
 pub(super) const REAL: [u32; 2] = [256, 256];
 
-/// A run to measure.
 struct Plan {
     name: &'static str,
     workers: u32,
@@ -26,7 +25,7 @@ struct Plan {
 }
 
 /// Measures runs of 1, 2, 4, ... `workers`, on a queue and inside one process, with shards that cost nothing and with
-/// shards that sleep; then one with real shards.
+/// sleeping shards; then one run with real shards.
 pub fn overhead(
     setup: &Setup,
     workers: u32,
@@ -106,8 +105,7 @@ fn measure(place: &Place, plan: &Plan, shared: bool) -> Result<OverheadRun, Farm
     };
     let run = place.plan(&recipe)?;
     let path = run.to_string_lossy();
-    let cost = plan.asleep.clone();
-    let cost = cost.map(|work| Fault::Cost(work).to_string());
+    let cost = plan.asleep.clone().map(|work| Fault::Cost(work).to_string());
     let (processes, threads) = if shared { (plan.workers, 1) } else { (1, plan.workers) };
     let threads = threads.to_string();
     let mut arguments = vec!["work", &path, "-j", &threads, "-v", "--json"];
@@ -116,22 +114,20 @@ fn measure(place: &Place, plan: &Plan, shared: bool) -> Result<OverheadRun, Farm
         arguments.extend(["--fault", cost]);
     }
     let asleep_s = plan.asleep.as_ref().map_or(0.0, mean_shard_s);
-    let mut measured = OverheadRun::new(queue, plan.workers, asleep_s);
+    let mut measured =
+        OverheadRun { queue, workers: plan.workers, shard_s: asleep_s, ..OverheadRun::default() };
     let server = place.server_cpu_s();
     let mut workers: Vec<Process> = Vec::new();
     for _ in 0..processes {
-        workers.push(if shared {
-            place.start_on_queue(&arguments)?
-        } else {
-            place.start(&arguments)?
-        });
+        let start = if shared { Place::start_on_queue } else { Place::start };
+        workers.push(start(place, &arguments)?);
     }
     for worker in &mut workers {
         worker.wait_until_ready()?;
     }
     let begun = SystemTime::now();
     if shared {
-        // Fills the queue until the run is done.
+        // The coordinator fills the queue and ends with the run.
         let arguments = ["coordinate", &path, "--json", "--progress", "none"];
         let (outcome, _) = place.start_on_queue(&arguments)?.result()?;
         measured.coordinator_cpu_s = outcome["cpu_s"].as_f64().unwrap_or(f64::NAN);

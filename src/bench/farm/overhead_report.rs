@@ -2,70 +2,49 @@
 
 use super::overhead::{ASLEEP_S, REAL};
 use super::setup::Conditions;
-use crate::bench::align;
+use compose::markdown_table;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// What the farm adds to shards.
+/// The farm's own cost per shard.
 #[derive(Clone, Debug, Serialize)]
 pub struct Overhead {
-    /// How it was measured.
     #[serde(flatten)]
     pub how: Conditions,
-    /// Runs with shards that cost nothing, or sleep.
+    /// Runs with shards that cost nothing or sleep.
     pub runs: Vec<OverheadRun>,
-    /// The run with real shards.
     pub real_shards: OverheadRun,
 }
 
-/// A run of the farm.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct OverheadRun {
     /// `nats` or `process`.
     pub queue: &'static str,
     /// Processes on `nats`, threads of one `process`.
     pub workers: u32,
-    /// Shards that were traced.
+    /// Traced shards.
     pub shards: u64,
-    /// Seconds that each shard slept.
+    /// Sleep of each shard.
     pub shard_s: f64,
-    /// Until the last tuple.
+    /// Time to the last tuple.
     pub wall_s: f64,
-    /// Shards over `wall_s`.
     pub shards_per_s: f64,
-    /// CPU time that the farm adds to a shard.
+    /// CPU time added to a shard by the farm.
     pub overhead_cpu_us_per_shard: f64,
-    /// Time of a worker for a shard, beyond the sleep.
+    /// Worker time per shard beyond the sleep.
     pub overhead_wall_us_per_shard: f64,
-    /// Share of all CPU seconds.
+    /// The farm's share of all CPU seconds.
     pub overhead_cpu_share: f64,
     /// CPU seconds of all workers, by stage.
     pub cpu_seconds: BTreeMap<String, f64>,
     pub coordinator_cpu_s: f64,
-    /// Of the NATS server, if known.
+    /// CPU seconds of the NATS server, if known.
     pub server_cpu_s: Option<f64>,
 }
 
 impl OverheadRun {
-    pub(super) fn new(queue: &'static str, workers: u32, shard_s: f64) -> Self {
-        Self {
-            queue,
-            workers,
-            shards: 0,
-            shard_s,
-            wall_s: 0.0,
-            shards_per_s: 0.0,
-            overhead_cpu_us_per_shard: 0.0,
-            overhead_wall_us_per_shard: 0.0,
-            overhead_cpu_share: 0.0,
-            cpu_seconds: BTreeMap::new(),
-            coordinator_cpu_s: 0.0,
-            server_cpu_s: None,
-        }
-    }
-
-    /// With the figures that follow from the others.
+    /// Adds the figures that follow from the measured ones.
     pub(super) fn finished(mut self) -> Self {
         let shards = self.shards as f64;
         self.shards_per_s = shards / self.wall_s;
@@ -80,20 +59,20 @@ impl OverheadRun {
         self.cpu_seconds.get(stage).copied().unwrap_or(0.0)
     }
 
-    /// All CPU seconds except the start's.
+    /// All CPU seconds without start-up.
     fn all_cpu_s(&self) -> f64 {
         let workers: f64 = self.cpu_seconds.values().sum();
         workers - self.cpu_of("before") + self.coordinator_cpu_s + self.server_cpu_s.unwrap_or(0.0)
     }
 
-    /// From files to the tracer, and from there to tuples.
+    /// Stages between files and tracer, and between tracer and tuples.
     fn around_cpu_s(&self) -> f64 {
         let stages = ["read", "decode", "merge", "encode", "write"];
         stages.map(|stage| self.cpu_of(stage)).iter().sum()
     }
 
-    /// Checkpoints, queue, leases, coordinator, and all work of the store's threads for tuples: at least the farm's own
-    /// cost, at most a little more.
+    /// Checkpoints, queue, leases, coordinator and all work of the store's threads for tuples: an upper bound of the farm's
+    /// own cost.
     fn farm_cpu_s(&self) -> f64 {
         self.all_cpu_s() - self.cpu_of("trace") - self.around_cpu_s()
     }
@@ -117,13 +96,13 @@ impl OverheadRun {
 }
 
 impl Overhead {
-    /// The runs on one kind of queue, with or without sleep, as a table; nothing without runs.
+    /// The runs on one kind of queue, with or without sleep, as a table; `None` without runs.
     fn table(&self, title: &str, asleep: bool, queue: &str) -> Option<String> {
         let head = [title, "shards", "shards/s", "of ideal", "CPU us a shard", "worker us a shard"];
         let mut table = vec![head.map(str::to_owned).to_vec()];
         let is_row = |run: &&OverheadRun| (run.shard_s > 0.0) == asleep && run.queue == queue;
         table.extend(self.runs.iter().filter(is_row).map(OverheadRun::row));
-        (table.len() > 1).then(|| align(&table, 0))
+        (table.len() > 1).then(|| markdown_table(&table, 0))
     }
 }
 
@@ -164,17 +143,22 @@ impl fmt::Display for Overhead {
 mod tests {
     use super::*;
 
-    /// 100 shards in 2 s of 4 workers that slept 0.05 s each; of 3.5 CPU s after the start 1 is the farm's.
+    /// 4 workers, 100 shards of 0.05 s sleep in 2 s; 1 of 3.5 CPU seconds after start-up is the farm's.
     #[test]
-    fn figures_follow_from_what_was_measured() {
-        let mut run = OverheadRun::new("nats", 4, 0.05);
-        run.shards = 100;
-        run.wall_s = 2.0;
+    fn derived_figures() {
         let stages = [("before", 9.0), ("trace", 2.0), ("merge", 0.5), ("queue", 0.5)];
-        run.cpu_seconds = stages.map(|(stage, s)| (stage.to_owned(), s)).into();
-        run.coordinator_cpu_s = 0.25;
-        run.server_cpu_s = Some(0.25);
-        let run = run.finished();
+        let run = OverheadRun {
+            queue: "nats",
+            workers: 4,
+            shards: 100,
+            shard_s: 0.05,
+            wall_s: 2.0,
+            cpu_seconds: stages.map(|(stage, s)| (stage.to_owned(), s)).into(),
+            coordinator_cpu_s: 0.25,
+            server_cpu_s: Some(0.25),
+            ..OverheadRun::default()
+        }
+        .finished();
         assert_eq!(run.shards_per_s, 50.0);
         assert_eq!(run.overhead_cpu_us_per_shard, 1e4);
         assert!((run.overhead_wall_us_per_shard - 3e4).abs() < 1e-6);

@@ -1,4 +1,4 @@
-//! Where a farm is measured: a folder and a NATS server, both gone when they are dropped.
+//! The environment of a measurement: a temporary folder and a NATS server, both removed on drop.
 
 use super::error::FarmBenchError;
 use super::process::Process;
@@ -14,10 +14,9 @@ use std::sync::atomic::Ordering;
 use std::time::SystemTime;
 use tempfile::TempDir;
 
-/// The queue's name in a result without one.
+/// The queue's name in results without a queue.
 pub(super) const NO_QUEUE: &str = "none";
 
-/// A folder, and a queue if there is one.
 pub(super) struct Place<'a> {
     setup: &'a Setup<'a>,
     folder: TempDir,
@@ -43,7 +42,6 @@ impl<'a> Place<'a> {
         self.setup.watcher
     }
 
-    /// How a result was measured.
     pub(super) fn conditions(&self, mode: &'static str) -> Conditions {
         let queue = match (&self.server, &self.url) {
             (Some(_), _) => "a nats-server started for this",
@@ -58,7 +56,7 @@ impl<'a> Place<'a> {
         self.url.as_deref().ok_or(FarmBenchError::NoQueue)
     }
 
-    /// An error after a signal.
+    /// Fails after a signal.
     pub(super) fn go_on(&self) -> Result<(), FarmBenchError> {
         if self.setup.stop.load(Ordering::Relaxed) {
             return Err(FarmBenchError::Stopped);
@@ -66,7 +64,7 @@ impl<'a> Place<'a> {
         Ok(())
     }
 
-    /// A name that no other measurement uses.
+    /// A unique name.
     pub(super) fn name(&self, what: &str) -> String {
         let name = self.folder.path().file_name();
         let name = name.map_or_else(String::new, |n| n.to_string_lossy().into_owned());
@@ -98,7 +96,7 @@ impl<'a> Place<'a> {
     /// Starts this program on the NATS server.
     pub(super) fn start_on_queue(&self, arguments: &[&str]) -> Result<Process<'_>, FarmBenchError> {
         let mut command = self.command(arguments);
-        // Not on the command line, where others could read a password in the URL.
+        // The command line would expose a password in the URL.
         command.env("GLASSHOUSE_QUEUE", self.need_queue()?);
         Process::start(self, command)
     }
@@ -115,7 +113,7 @@ impl<'a> Place<'a> {
         command
     }
 
-    /// CPU seconds of the server, if it was started here and the system tells.
+    /// CPU seconds of the server, if it was started here and they are known.
     pub(super) fn server_cpu_s(&self) -> Option<f64> {
         self.server.as_ref().and_then(Server::cpu_s)
     }

@@ -1,4 +1,4 @@
-//! A process of the measured farm, which ends with its owner.
+//! A process of the measured farm, killed on drop.
 
 use super::error::FarmBenchError;
 use super::place::Place;
@@ -8,17 +8,16 @@ use serde_json::Value;
 use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
-/// `work -v` says this first, when it is ready: a measurement waits for it.
+/// First message of a ready `work -v`; measurements wait for it.
 pub const WORK_BEGINS: &str = "work begins on ";
-/// `work -v` ends its message about a loaded scene with this: a measurement waits for it and counts it.
+/// End of the message of `work -v` about a loaded scene; measurements wait for it and count it.
 pub const SCENE_LOADED: &str = " is loaded";
 
-/// A process that takes longer hangs.
+/// Longest duration of a process.
 const TOO_LONG: Duration = Duration::from_mins(10);
-/// Between two polls of a process.
+/// Interval of polling a process.
 const POLL: Duration = Duration::from_millis(5);
 
-/// A process of this program.
 pub(super) struct Process<'a> {
     place: &'a Place<'a>,
     child: Child,
@@ -46,12 +45,12 @@ impl<'a> Process<'a> {
         })
     }
 
-    /// Since it was started.
+    /// Time since the start.
     pub(super) fn age(&self) -> Duration {
         self.since.elapsed()
     }
 
-    /// Waits until it says something like this (with `-v`).
+    /// Waits for a line of `-v` that contains `what`.
     fn wait_until_it_says(&mut self, what: &str) -> Result<(), FarmBenchError> {
         loop {
             self.place.go_on()?;
@@ -70,12 +69,12 @@ impl<'a> Process<'a> {
         }
     }
 
-    /// Waits until a worker takes spans.
+    /// Waits until a worker accepts spans.
     pub(super) fn wait_until_ready(&mut self) -> Result<(), FarmBenchError> {
         self.wait_until_it_says(WORK_BEGINS)
     }
 
-    /// Waits until a worker begins to trace a scene.
+    /// Waits until a worker starts to trace a scene.
     pub(super) fn wait_until_it_traces(&mut self) -> Result<(), FarmBenchError> {
         self.wait_until_it_says(SCENE_LOADED)
     }
@@ -92,14 +91,14 @@ impl<'a> Process<'a> {
         let _ = self.child.wait();
     }
 
-    /// Scenes that it has loaded, by its own messages (with `-v`).
+    /// Number of loaded scenes, from its messages (with `-v`).
     pub(super) fn loads(&mut self) -> u64 {
         self.said.extend(self.stderr.try_iter());
         let is_load = |line: &&String| line.ends_with(SCENE_LOADED);
         self.said.iter().filter(is_load).count() as u64
     }
 
-    /// SIGTERM; waits for its end.
+    /// SIGTERM, then waits.
     pub(super) fn terminate(mut self) -> Result<(), FarmBenchError> {
         if let Some(pid) = rustix::process::Pid::from_raw(self.child.id() as i32) {
             let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
@@ -121,7 +120,7 @@ impl<'a> Process<'a> {
         }
     }
 
-    /// Its result, once it has ended with exit code 0, and its duration.
+    /// Waits for exit code 0; returns the printed JSON and the duration.
     pub(super) fn result(mut self) -> Result<(Value, Duration), FarmBenchError> {
         let code = self.wait()?;
         let took = self.age();

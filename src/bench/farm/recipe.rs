@@ -1,8 +1,8 @@
-//! The runs that a farm is measured with.
+//! Recipes of measured runs.
 
-/// What is to be planned: scenes of a few pixels of procedural photographs.
+/// A run of small scenes of procedural photographs.
 pub(super) struct Recipe {
-    /// Makes the run's number different from all others': two measurements may share a server.
+    /// Unique, because measurements may share a server.
     pub(super) name: String,
     pub(super) scenes: u32,
     pub(super) film_px: [u32; 2],
@@ -12,7 +12,7 @@ pub(super) struct Recipe {
 }
 
 impl Recipe {
-    /// Scenes of `shards` shards each, of 8 x 8 px and 4 samples: as good as nothing to trace.
+    /// Scenes of `shards` shards of 8 x 8 px and 4 samples, which cost next to nothing.
     pub(super) fn tiny(name: String, scenes: u32, shards: u32) -> Self {
         let down =
             (1..=shards).take_while(|d| d * d <= shards).filter(|d| shards.is_multiple_of(*d));
@@ -28,7 +28,7 @@ impl Recipe {
     }
 
     pub(super) fn text(&self) -> String {
-        // Ordered pairs of different photographs, for all scenes, from either kind.
+        // Enough photographs of either kind for ordered pairs in all scenes.
         let count = 16.max(2 * f64::from(self.scenes).sqrt().ceil() as u32 + 2);
         let ([width, height], [across, down]) = (self.film_px, self.photograph_px);
         format!(

@@ -1,14 +1,14 @@
-//! The time until a run that is half done goes on.
+//! The time until a half-finished run resumes.
 
 use super::error::FarmBenchError;
 use super::half_done::{HalfDone, half_done};
-use super::median::median;
 use super::place::Place;
 use super::recipe::Recipe;
 use super::setup::{Conditions, Setup};
-use crate::bench::align;
+use crate::bench::clock::median;
 use crate::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper};
 use crate::run::Run;
+use compose::markdown_table;
 use render::line::Roots;
 use render::trace::Isa;
 use serde::Serialize;
@@ -17,10 +17,9 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 const LEASE: Duration = Duration::from_secs(30);
-/// Between two polls of the queue.
+/// Interval of polling the queue.
 const POLL: Duration = Duration::from_millis(20);
 
-/// Times until a run goes on.
 #[derive(Clone, Debug, Serialize)]
 pub struct Resume {
     #[serde(flatten)]
@@ -30,11 +29,11 @@ pub struct Resume {
     tuples_there: u64,
     partials_there: u64,
     scenes_missing: u64,
-    /// `status`, to its end.
+    /// Duration of `status`.
     pub status_s: Times,
     /// `work`, until its first scene is loaded.
     pub work_s: Times,
-    /// `coordinate`, until all that is missing is in the queue.
+    /// `coordinate`, until all missing work is in the queue.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coordinate_s: Option<Times>,
     /// `work --queue`, until its first scene is loaded.
@@ -42,7 +41,7 @@ pub struct Resume {
     pub work_queue_s: Option<Times>,
 }
 
-/// Seconds of several passes; the first one begins just after the files were written.
+/// Seconds of several passes. Before the first pass the files were just written.
 #[derive(Clone, Debug, Serialize)]
 pub struct Times {
     first: f64,
@@ -56,7 +55,7 @@ impl Times {
     }
 }
 
-/// Makes a run of `scenes` of so many `shards`, half of it done, and measures how long it takes to go on.
+/// Makes a half-finished run of `scenes` with `shards` each and measures the time until it resumes.
 pub fn resume(
     setup: &Setup,
     scenes: u32,
@@ -97,7 +96,7 @@ pub fn resume(
     })
 }
 
-/// A shard sleeps for an hour: no pass does anything, the next one finds the same run.
+/// Every shard sleeps for an hour, so that all passes find the same run.
 const IDLE: &str = "--fault=cost:1,1,3600,0,0,0,0";
 
 fn work_arguments(path: &str) -> [&str; 6] {
@@ -142,7 +141,7 @@ fn measure_on_queue(
     let since = Instant::now();
     loop {
         place.go_on()?;
-        // An error until the coordinator has made the stream.
+        // Fails until the coordinator has created the stream.
         let waiting = queue.look().map_or(0, |state| state.waiting);
         if waiting == there.missing {
             times[2].push(since.elapsed().as_secs_f64());
@@ -158,7 +157,7 @@ fn measure_on_queue(
     times[3].push(worker.age().as_secs_f64());
     worker.kill();
     coordinator.terminate()?;
-    // The worker was killed: without its record the next one does not suspect the scene.
+    // The attempt record of the killed worker would make the scene suspect to the next one.
     let _ = std::fs::remove_dir_all(folder.join(crate::run::keys::ATTEMPTS));
     queue.remove()?;
     Ok(())
@@ -192,7 +191,7 @@ impl fmt::Display for Resume {
             self.tuples_there,
             self.partials_there,
             self.how,
-            align(&table, 1).trim_end()
+            markdown_table(&table, 1).trim_end()
         )
     }
 }

@@ -1,4 +1,4 @@
-//! A `nats-server` that ends with its owner.
+//! A `nats-server`, killed on drop.
 
 use super::error::FarmBenchError;
 use std::net::{TcpListener, TcpStream};
@@ -13,7 +13,7 @@ pub(super) struct Server {
 }
 
 impl Server {
-    /// None where the program is not installed.
+    /// `None` if the program is not installed.
     pub(super) fn start(folder: &Path) -> Result<Option<Self>, FarmBenchError> {
         let free = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr());
         let port = free.map_err(FarmBenchError::system("find a free port"))?.port();
@@ -40,10 +40,10 @@ impl Server {
         format!("nats://127.0.0.1:{}", self.port)
     }
 
-    /// CPU seconds of the server, if the system tells.
+    /// CPU seconds of the server, if known.
     pub(super) fn cpu_s(&self) -> Option<f64> {
         let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.child.id())).ok()?;
-        // The name before it, in brackets, may hold anything.
+        // The process name, in brackets before the fields, may contain spaces.
         let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
         let ticks = |k: usize| fields.get(k)?.parse::<f64>().ok();
         Some((ticks(11)? + ticks(12)?) / rustix::param::clock_ticks_per_second() as f64)

@@ -1,33 +1,31 @@
-//! What a farm is measured with.
+//! Inputs and conditions of a farm measurement.
 
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-/// Follows a measurement, which consists of parts.
+/// Follows the parts of a measurement.
 pub trait Watcher: Sync {
-    /// There will be so many parts.
     fn starts(&self, parts: u64);
-    /// What is measured from now on.
+    /// Names the part that starts now.
     fn measures(&self, what: &str);
     fn part_is_done(&self);
 }
 
-/// What a farm is measured with.
 pub struct Setup<'a> {
-    /// This program, of which processes are started.
+    /// This program's executable.
     pub program: &'a Path,
-    /// Address of a NATS server; if `None`, one is started if `nats-server` is installed.
+    /// Address of a NATS server; with `None` an installed `nats-server` is started.
     pub queue: Option<&'a str>,
-    /// The processor's name, for the result.
+    /// Name of the processor.
     pub cpu: Option<String>,
-    /// Stops the measurement when a signal has set it.
+    /// Set by a signal to stop the measurement.
     pub stop: &'a AtomicBool,
     pub watcher: &'a dyn Watcher,
 }
 
-/// How the figures beside it were measured.
+/// The conditions of a measurement.
 #[derive(Clone, Debug, Serialize)]
 pub struct Conditions {
     measured: bool,
@@ -41,7 +39,7 @@ impl Conditions {
         Self { measured: true, mode, queue, cpu }
     }
 
-    /// There was a queue that processes share.
+    /// Whether the processes shared a queue.
     pub fn has_queue(&self) -> bool {
         self.queue != super::place::NO_QUEUE
     }

@@ -1,8 +1,9 @@
-//! A farm in virtual time, with its figures.
+//! Figures of a farm simulated in virtual time.
 
 use super::error::FarmBenchError;
-use crate::bench::{align, thread_cpu_s};
+use crate::bench::thread_cpu_s;
 use crate::farm::simulate::{self as sim, Case, Fault, Outcome};
+use compose::markdown_table;
 use serde::Serialize;
 use std::fmt;
 
@@ -108,7 +109,7 @@ impl Simulation {
             ),
             ("published though done", o.published_though_done.to_string()),
         ];
-        align(&rows.map(|(name, value)| vec![name.to_owned(), value]), 1)
+        markdown_table(&rows.map(|(name, value)| vec![name.to_owned(), value]), 1)
     }
 
     fn messages(&self) -> String {
@@ -125,7 +126,7 @@ impl Simulation {
             all.to_string(),
             format!("{} (median {})", o.peak_messages_per_s, o.median_messages_per_s),
         ]);
-        align(&table, 1)
+        markdown_table(&table, 1)
     }
 }
 
@@ -156,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_simulation_says_the_same_in_text_and_json() {
+    fn text_and_json_have_the_same_figures() {
         let slow = Fault::Slow { worker: 1, times: 4.0 };
         let simulation = simulate(&case(vec![slow])).unwrap();
         let value = serde_json::to_value(&simulation).unwrap();

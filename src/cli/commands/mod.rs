@@ -193,7 +193,7 @@ Examples:
     /// Write report/index.html: the whole run on one page that needs nothing else, to look at and to attach to a mail
     #[command(after_help = "\
 On the page: the run at a glance, a contact sheet of up to 32 tuples with maps of their noise, stated
-errors and what they cost, where the seconds went, parameters, quarantine, training and scores. It
+errors and their cost, where the seconds went, parameters, quarantine, training and scores. It
 has no script and fetches nothing; at most about 10 MB, whatever the size of the run. A run that is
 half done has a report, too. Training and scores are those of RUN, also where --store is given.
 

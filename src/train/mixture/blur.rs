@@ -1,10 +1,10 @@
 //! Gaussian blur with a kernel of a given width.
 
-/// What lies beyond a picture's border.
+/// Continuation beyond a picture's border.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Border {
     Black,
-    /// The picture mirrored at its outermost pixels, which are not repeated; OpenCV's default.
+    /// Mirrored at the outermost pixels without repeating them; OpenCV's default.
     Mirrored,
 }
 
@@ -18,14 +18,14 @@ pub(super) fn blur(
 ) -> Vec<f64> {
     let mut blurred = Vec::with_capacity(values.len());
     for plane in values.chunks(rows * columns) {
-        // Along the rows with the result turned, twice: the second turn puts rows and columns back.
+        // Two passes along rows, each transposing the result.
         let once = blur_rows(plane, columns, kernel, border);
         blurred.extend(blur_rows(&once, rows, kernel, border));
     }
     blurred
 }
 
-/// Blurs along the rows of one plane and turns it: rows become columns.
+/// Blurs along the rows of one plane and transposes it.
 fn blur_rows(plane: &[f64], columns: usize, kernel: &[f64], border: Border) -> Vec<f64> {
     let (rows, radius) = (plane.len() / columns, kernel.len() / 2);
     let mut turned = vec![0.0; plane.len()];

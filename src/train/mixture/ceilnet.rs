@@ -2,8 +2,7 @@
 //! Smoothing", ICCV 2017.
 //!
 //! After `generate_data_reflection.lua` of fqnchina/CEILNet, which ERRNet's `ReflectionSythesis_1` repeats: the pictures' codes
-//! are added as they are, without decoding, and one number is taken from all channels of the reflection where the sum
-//! overflows.
+//! are added without decoding, and one number is subtracted from all channels of the reflection if the sum overflows.
 
 use super::blur::{Border, blur, gaussian};
 use super::{Mixture, MixtureError, Picture, check, doubles, planes};
@@ -12,10 +11,10 @@ use crate::Stream;
 /// Width of the blur's window, px.
 const WINDOW_PX: usize = 11;
 
-/// How much more than the mean excess over 1 is taken from the reflection.
+/// Factor of the mean excess over 1 that is subtracted from the reflection.
 const OVERFLOW_FACTOR: f64 = 1.3;
 
-/// What is drawn at random.
+/// Random parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CeilnetDraw {
     /// Standard deviation of the blur, px: 2 to 5.
@@ -23,14 +22,14 @@ pub struct CeilnetDraw {
 }
 
 impl CeilnetDraw {
-    /// One number of the stream.
+    /// Takes one number from the stream.
     pub fn draw(stream: &mut Stream) -> Self {
         Self { sigma_px: 2.0 + 3.0 * stream.unit() }
     }
 }
 
-/// Mixes two pictures; beyond the border the back one is black. The reflection is the input less the front picture, as in
-/// CEILNet's files (`label2`): where the sum is clipped, less of it is left than ERRNet states.
+/// Mixes two pictures; the back one is black beyond its border. The reflection is the input minus the front picture, as in
+/// CEILNet's files (`label2`); where the sum is clipped it is smaller than in ERRNet.
 pub fn ceilnet(
     front: &Picture,
     back: &Picture,

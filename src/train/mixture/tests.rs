@@ -27,7 +27,7 @@ fn assert_near(found: &Picture, expected: &Tensor, what: &str) {
 }
 
 #[test]
-fn mixtures_are_the_originals() {
+fn mixtures_equal_those_of_the_original_programs() {
     let all = expected();
     let back = picture(&all["back"]);
     for front_name in ["bright", "dim"] {
@@ -81,7 +81,7 @@ fn draws_keep_to_their_ranges() {
 }
 
 #[test]
-fn pairs_are_refused() {
+fn unsuitable_pairs_are_refused() {
     let mut stream = Stream::new(5, "mixture");
     let mut mix = |recipe: MixtureRecipe, front: f32, back: f32| {
         recipe.mix(&even(9, 7, front), &even(9, 7, back), &mut stream).unwrap()
@@ -99,13 +99,13 @@ fn pairs_are_refused() {
 }
 
 #[test]
-fn a_seed_makes_one_mixture() {
+fn a_seed_determines_the_mixture() {
     let all = expected();
     let (front, back) = (picture(&all["bright"]), picture(&all["back"]));
     for recipe in [MixtureRecipe::Zhang, MixtureRecipe::Ceilnet] {
         let made = |seed| {
             let mut stream = Stream::new(seed, "mixture");
-            // The vignette may leave little of it; that is for the caller to try again.
+            // A dark vignette refuses a draw, so try again.
             let tries = std::iter::repeat_with(|| recipe.mix(&front, &back, &mut stream).unwrap());
             tries.flatten().next().unwrap()
         };

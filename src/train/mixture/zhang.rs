@@ -9,22 +9,22 @@ use crate::Stream;
 
 const GAMMA: f64 = 2.2;
 
-/// Side of the vignette that masks are cut out of, px, and how much of it is never reached.
+/// Side of the vignette that masks are cropped from, px, and its unused margin.
 const VIGNETTE_PX: usize = 560;
 const VIGNETTE_SPARE_PX: usize = 10;
 
-/// Half the vignette's side in standard deviations of the Gaussian whose square root it is.
+/// Half the vignette's side in standard deviations of its Gaussian; the vignette is the root of that Gaussian.
 const VIGNETTE_SIGMAS: f64 = 3.0;
 
-/// Standard deviations that can be drawn: so many, evenly from 1 to 5 px.
+/// Number of standard deviations to draw from, evenly spaced from 1 to 5 px.
 const SIGMA_COUNT: usize = 80;
 
-/// What is drawn at random.
+/// Random parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ZhangDraw {
     /// Standard deviation of the blur, px: one of 80 values from 1 to 5.
     pub sigma_px: f64,
-    /// How many times the mean excess over 1 is taken from the reflection: 1.08 to 1.18.
+    /// Factor of the mean excess over 1 that is subtracted from the reflection: 1.08 to 1.18.
     pub attenuation: f64,
     /// The vignette's column at the left border.
     pub mask_column: usize,
@@ -35,7 +35,7 @@ pub struct ZhangDraw {
 }
 
 impl ZhangDraw {
-    /// Five numbers of the stream, for pictures of less than 550 px a side.
+    /// Takes five numbers from the stream, for pictures of less than 550 px a side.
     pub fn draw(rows: usize, columns: usize, stream: &mut Stream) -> Result<Self, MixtureError> {
         let side = VIGNETTE_PX - VIGNETTE_SPARE_PX;
         if rows >= side || columns >= side {
@@ -51,8 +51,8 @@ impl ZhangDraw {
     }
 }
 
-/// Mixes two pictures. Nothing if the back one is less than half as bright as the front one on average (of codes), or if
-/// any picture is so dark that there is little to see, as in the original.
+/// Mixes two pictures. As in the original, `None` if the mean code of the back picture is less than half of that of the front
+/// picture, or if a picture is too dark.
 pub fn zhang(
     front: &Picture,
     back: &Picture,
@@ -100,8 +100,8 @@ pub fn zhang(
     Ok((!is_dark).then_some(mixture))
 }
 
-/// Takes from a channel of the reflection what the sum is too bright by where it is too bright, on average, times
-/// `attenuation`; the rest is clamped to 0 to 1.
+/// Subtracts the mean excess over 1 of the sum, over its excessive pixels, times `attenuation` from a channel of the
+/// reflection; clamps to 0 to 1.
 fn darken(reflected: &mut [f64], transmitted: &[f64], attenuation: f64) {
     let sums = reflected.iter().zip(transmitted).map(|(r, t)| r + t);
     let (mut total, mut count) = (0.0, 0u64);
@@ -109,7 +109,7 @@ fn darken(reflected: &mut [f64], transmitted: &[f64], attenuation: f64) {
         total += sum;
         count += 1;
     }
-    // As in the original, whose denominator must not be 0.
+    // The original avoids a denominator of 0 like this.
     let mean = (total / (count as f64 + 1e-6)).max(1.0);
     for r in reflected {
         *r = (*r - (mean - 1.0) * attenuation).clamp(0.0, 1.0);

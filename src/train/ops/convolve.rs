@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 /// Convolution of `image` (batch, in, rows, columns) with `kernel` (out, in, rows, columns), both f32: (batch, out, ...).
 ///
-/// Gradients that nothing asks for (of frozen kernels, of images that are data) are not computed.
+/// Unused gradients (of frozen kernels and input images) are not computed.
 pub fn conv2d(image: &Tensor, kernel: &Tensor, window: Window) -> Result<Tensor> {
     if image.device().is_cpu() {
         let image = image.contiguous()?;
@@ -35,8 +35,8 @@ pub fn conv2d_bias_relu(
     biased * positive
 }
 
-/// The same from plain operations with right gradients, for devices without own kernels: one product for each of the kernel's
-/// pixels. candle's convolution has wrong or slow gradients.
+/// The same from candle operations with correct gradients, for other devices: one product per kernel pixel. candle's own
+/// convolution has wrong or slow gradients.
 pub(super) fn by_products(image: &Tensor, kernel: &Tensor, window: Window) -> Result<Tensor> {
     let sizes = Sizes::new(image.dims(), kernel.dims(), window)?;
     let [rows, columns] = sizes.out;
@@ -162,7 +162,7 @@ impl CustomOp3 for ConvolveBiasRelu {
     }
 }
 
-/// Gradients of image and kernel, of those that somebody asks for.
+/// The needed gradients of image and kernel.
 fn gradients(
     window: Window,
     image: &Tensor,
@@ -187,7 +187,7 @@ fn shape_of(sizes: &Sizes) -> Shape {
     (sizes.batch, sizes.channels_out, rows, columns).into()
 }
 
-/// Of the result's gradient and the kernel: the image's gradient, which has these dimensions.
+/// The image's gradient, with these dimensions, from the result's gradient and the kernel.
 struct ImageGradient(Window, Vec<usize>);
 
 impl CustomOp2 for ImageGradient {
@@ -210,7 +210,7 @@ impl CustomOp2 for ImageGradient {
     }
 }
 
-/// Of the image and the result's gradient: the kernel's gradient, which has these dimensions.
+/// The kernel's gradient, with these dimensions, from the image and the result's gradient.
 struct KernelGradient(Window, Vec<usize>);
 
 impl CustomOp2 for KernelGradient {

@@ -1,13 +1,19 @@
-//! Mean absolute difference, in one pass.
+//! The absolute value, and the mean absolute difference in one pass.
 
-use super::{absolute, values};
+use super::values;
 use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor};
 use rayon::prelude::*;
+
+/// |x|, with PyTorch's gradient 0 at 0. candle's gradient is 1 there, which would bias black and clipped pixels.
+pub fn absolute(x: &Tensor) -> Result<Tensor> {
+    // The derivative of x times its constant sign is the sign.
+    x * x.sign()?.detach()
+}
 
 /// Numbers whose differences one thread adds up at once.
 const AT_ONCE: usize = 1 << 15;
 
-/// Mean of |a - b| over two f32 tensors of one shape, summed in double precision. Where they are equal the gradient is 0.
+/// Mean of |a - b| over two f32 tensors of one shape, summed in f64. The gradient is 0 where they are equal.
 pub fn mean_absolute_difference(a: &Tensor, b: &Tensor) -> Result<Tensor> {
     if !a.device().is_cpu() {
         return plain(a, b);
@@ -15,7 +21,7 @@ pub fn mean_absolute_difference(a: &Tensor, b: &Tensor) -> Result<Tensor> {
     a.contiguous()?.apply_op2(&b.contiguous()?, Difference)
 }
 
-/// The same from plain operations.
+/// The same from candle's operations.
 pub(super) fn plain(a: &Tensor, b: &Tensor) -> Result<Tensor> {
     absolute(&(a - b)?)?.mean_all()
 }
@@ -72,7 +78,7 @@ impl CustomOp2 for Difference {
     }
 }
 
-/// Of two tensors and a gradient of their mean difference: the first one's gradient.
+/// The gradient of the first tensor, from both tensors and the gradient of their mean difference.
 struct Side;
 
 impl CustomOp3 for Side {
@@ -100,7 +106,7 @@ impl CustomOp3 for Side {
             } else if difference < 0.0 {
                 -each
             } else {
-                // 0, or not a number: that is passed on.
+                // 0 or NaN, which is passed on.
                 difference
             }
         });
@@ -116,7 +122,7 @@ fn both<'a>(
 ) -> Result<[&'a [f32]; 2]> {
     if a_layout.dims() != b_layout.dims() {
         candle_core::bail!(
-            "difference: {:?} and {:?} have not one shape",
+            "difference: {:?} and {:?} differ in shape",
             a_layout.dims(),
             b_layout.dims()
         );

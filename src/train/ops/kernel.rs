@@ -1,28 +1,28 @@
-//! Convolution and its two gradients, on slices: unfolded in parts that fit the cache, one product of matrices a part, parts
-//! on all threads.
+//! Convolution and its two gradients on slices: unfolded in parts that fit the cache, one matrix product per part, parts on
+//! all threads.
 //!
-//! How the work is cut depends on the sizes alone and partial sums are added in one order: any number of threads gives the
-//! same bits.
+//! The division into parts depends on the sizes alone and partial sums are added in a fixed order, so the bits do not depend
+//! on the number of threads.
 
 use super::matrix::{Mat, MatMut, product};
 use super::window::{Sizes, Window};
 use rayon::prelude::*;
 use std::cell::RefCell;
 
-/// Places of a pointwise convolution that are done at once.
+/// Places of a pointwise convolution per part.
 const PLACES_AT_ONCE: usize = 4096;
 
 /// Partial sums of a kernel's gradient.
 const SUMS: usize = 8;
 
-/// Input channels of a strided convolution whose gradients are done at once.
+/// Input channels per part in the image gradient of a strided convolution.
 const CHANNELS_AT_ONCE: usize = 4;
 
 thread_local! {
     static BUFFER: RefCell<Vec<f32>> = const { RefCell::new(Vec::new()) };
 }
 
-/// Lends a buffer of the thread's own; its contents are of no meaning.
+/// Lends a thread-local buffer with arbitrary contents.
 fn with_buffer<T>(len: usize, with: impl FnOnce(&mut [f32]) -> T) -> T {
     BUFFER.with_borrow_mut(|buffer| {
         if buffer.len() < len {
@@ -32,7 +32,7 @@ fn with_buffer<T>(len: usize, with: impl FnOnce(&mut [f32]) -> T) -> T {
     })
 }
 
-/// The convolution (as networks say: the kernel is not mirrored) of `image` with `kernel`.
+/// The convolution (without mirroring the kernel) of `image` with `kernel`.
 pub(super) fn forward(sizes: &Sizes, image: &[f32], kernel: &[f32]) -> Vec<f32> {
     let (seen, out_len) = (sizes.seen(), sizes.out_len());
     let kernel = Mat::by_rows(kernel, sizes.channels_out, seen, seen);
@@ -66,7 +66,7 @@ pub(super) fn forward(sizes: &Sizes, image: &[f32], kernel: &[f32]) -> Vec<f32> 
     out
 }
 
-/// Gradient of the kernel: what each of its numbers saw, weighted with the result's gradient.
+/// Gradient of the kernel: its input pixels weighted with the result's gradient.
 pub(super) fn kernel_gradient(sizes: &Sizes, image: &[f32], gradient: &[f32]) -> Vec<f32> {
     let (seen, out_len, image_len) = (sizes.seen(), sizes.out_len(), sizes.image_len());
     let rows = if sizes.is_pointwise() {

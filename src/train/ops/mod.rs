@@ -1,17 +1,16 @@
-//! Operations on tensors that candle computes slowly, with wrong gradients or not at all: convolution, pooling, resizing,
+//! Tensor operations that candle computes slowly, with wrong gradients or not at all: convolution, pooling, resizing,
 //! norm with leaky ReLU, absolute value.
 //!
 //! ```text
 //! matrix.rs    products of matrices, by the gemm crate          convolve.rs   convolution op: tensors, gradients, fallback
-//! window.rs    which pixels a kernel sees; unfolding them       pool.rs       2 x 2 maximum
+//! window.rs    a kernel's pixels; unfolding them                pool.rs       2 x 2 maximum
 //! kernel.rs    convolution and its two gradients on slices      resize.rs     bilinear resizing
-//! difference.rs   mean absolute difference                      norm.rs       batch norm and leaky ReLU, absolute.rs  |x|
+//! difference.rs   |x|, mean absolute difference                 norm.rs       batch norm and leaky ReLU
 //! ```
 //!
-//! On the CPU sums are taken in an order that does not depend on the number of threads. On other devices plain candle
-//! operations with right gradients take over.
+//! On the CPU the order of sums does not depend on the number of threads. Other devices use candle operations with correct
+//! gradients.
 
-mod absolute;
 mod convolve;
 mod difference;
 mod kernel;
@@ -21,9 +20,8 @@ mod pool;
 mod resize;
 mod window;
 
-pub use absolute::absolute;
 pub use convolve::{conv2d, conv2d_bias_relu};
-pub use difference::mean_absolute_difference;
+pub use difference::{absolute, mean_absolute_difference};
 pub use norm::{NormOptions, norm_act};
 pub use pool::max_pool2;
 pub use resize::bilinear;

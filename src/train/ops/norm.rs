@@ -4,12 +4,11 @@ use super::values;
 use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor};
 use rayon::prelude::*;
 
-/// What is no tensor of the operation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NormOptions {
     /// Added to the variance.
     pub epsilon: f64,
-    /// Of leaky ReLU below 0; its gradient at 0, too.
+    /// Slope of leaky ReLU for numbers up to 0.
     pub slope: f32,
 }
 
@@ -31,7 +30,7 @@ pub fn norm_act(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> Resu
     plain(x, coefficients, options)
 }
 
-/// The same from plain operations with right gradients.
+/// The same from candle operations with correct gradients.
 pub(super) fn plain(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> Result<Tensor> {
     let (batch, channels, rows, columns) = x.dims4()?;
     let pixels = batch * rows * columns;
@@ -140,7 +139,7 @@ impl CustomOp2 for NormAct {
     }
 }
 
-/// The operation before ReLU is a straight line in x: `steepness x + offset` in each channel.
+/// Before ReLU the operation is affine in x: `steepness x + offset` per channel.
 struct Line {
     steepness: f32,
     offset: f32,
@@ -186,7 +185,7 @@ impl CustomOp3 for NormActGradient {
         let passed = |line: &Line, x: f32, gradient: f32| {
             if line.at(x) > 0.0 { gradient } else { slope * gradient }
         };
-        // Sums of what ReLU passes: by itself, times x, times norm(x).
+        // Sums of ReLU's gradient: alone, times x, times norm(x).
         let of_channel = |channel: usize| {
             let line = Line::new(coefficients, &statistics, channel);
             let (mean, inverse_deviation) = statistics[channel];

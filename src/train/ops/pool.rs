@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 /// The largest of each 2 x 2 pixels of a (batch, channels, rows, columns) f32 tensor; an odd last row or column is left out.
 ///
-/// The gradient goes to the first of the largest, as in PyTorch (candle's is four times too small).
+/// The gradient goes to the first largest pixel, as in PyTorch (candle's gradient is four times too small).
 pub fn max_pool2(image: &Tensor) -> Result<Tensor> {
     if image.device().is_cpu() {
         return image.contiguous()?.apply_op1(MaxPool2);
@@ -14,7 +14,7 @@ pub fn max_pool2(image: &Tensor) -> Result<Tensor> {
     plain(image)
 }
 
-/// The same from plain operations with right gradients.
+/// The same from candle operations with correct gradients.
 pub(super) fn plain(image: &Tensor) -> Result<Tensor> {
     let (batch, channels, rows, columns) = image.dims4()?;
     let even = image.narrow(2, 0, rows / 2 * 2)?.narrow(3, 0, columns / 2 * 2)?;
@@ -24,7 +24,7 @@ pub(super) fn plain(image: &Tensor) -> Result<Tensor> {
         .permute((0, 1, 3, 2, 4))?
         .contiguous()?
         .reshape((batch * channels * (rows / 2) * (columns / 2), 4))?;
-    // A choice is constant: the gradient goes through what was chosen.
+    // The choice is constant: the gradient flows through the chosen pixel.
     let place = split.argmax_keepdim(1)?;
     split.gather(&place, 1)?.reshape((batch, channels, rows / 2, columns / 2))
 }
@@ -58,7 +58,7 @@ impl CustomOp1 for MaxPool2 {
     }
 }
 
-/// Where the first of the largest of four pixels is.
+/// Index of the first largest of four pixels.
 fn largest_of(plane: &[f32], columns: usize, row: usize, column: usize) -> usize {
     let first = 2 * row * columns + 2 * column;
     let mut largest = first;

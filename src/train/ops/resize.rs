@@ -30,8 +30,7 @@ pub(super) fn plain(image: &Tensor, rows: usize, columns: usize) -> Result<Tenso
     high.reshape((batch, channels, rows, columns))
 }
 
-/// For each place of a line of `to` pixels: the pixel of the line of `from` that lies before it, the one behind, and the
-/// weight of the second.
+/// For each of `to` pixels of a line: its two neighbours among `from` pixels, and the weight of the second.
 fn taps(from: usize, to: usize) -> Vec<(usize, usize, f32)> {
     let scale = from as f64 / to as f64;
     let tap = |place: usize| {

@@ -58,14 +58,14 @@ fn window(name: &str) -> Window {
 }
 
 #[test]
-fn convolutions_are_pytorch_s() {
+fn convolutions_equal_pytorch() {
     for (name, case) in cases("conv") {
         compare(&name, &case, &["x", "w"], |t| conv2d(&t[0], &t[1], window(&name)).unwrap());
     }
 }
 
 #[test]
-fn convolutions_by_products_are_too() {
+fn convolutions_by_products_equal_pytorch() {
     for (name, case) in cases("conv") {
         compare(&name, &case, &["x", "w"], |t| {
             convolve::by_products(&t[0], &t[1], window(&name)).unwrap()
@@ -74,7 +74,7 @@ fn convolutions_by_products_are_too() {
 }
 
 #[test]
-fn bias_and_relu_are_pytorch_s() {
+fn bias_and_relu_equal_pytorch() {
     for (name, case) in cases("relu") {
         let window = Window::same(3, 1);
         compare(&name, &case, &["x", "w", "b"], |t| {
@@ -84,10 +84,10 @@ fn bias_and_relu_are_pytorch_s() {
 }
 
 #[test]
-fn pools_resizes_norms_and_absolutes_are_pytorch_s() {
+fn pools_resizes_norms_and_absolutes_equal_pytorch() {
     for (name, case) in cases("pool") {
         compare(&name, &case, &["x"], |t| max_pool2(&t[0]).unwrap());
-        // Of equal numbers another may be chosen there.
+        // Ties may be resolved differently there.
         if !name.ends_with("ties") {
             compare(&name, &case, &["x"], |t| pool::plain(&t[0]).unwrap());
         }
@@ -132,7 +132,7 @@ fn mean_absolute_differences_are_those_of_plain_operations() {
 }
 
 #[test]
-fn what_nobody_asks_for_is_not_computed() {
+fn unused_gradients_are_not_computed() {
     let image = Tensor::ones((1, 2, 5, 5), candle_core::DType::F32, &Device::Cpu).unwrap();
     let kernel = Var::ones((3, 2, 3, 3), candle_core::DType::F32, &Device::Cpu).unwrap();
     let out = conv2d(&image, &kernel, Window::same(3, 1)).unwrap();

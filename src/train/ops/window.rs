@@ -1,21 +1,21 @@
-//! Which pixels a kernel sees at each place, and those pixels unfolded to a matrix.
+//! The pixels under a kernel at each place, unfolded to a matrix.
 
 use candle_core::{Result, bail};
 use std::ops::Range;
 
-/// How a kernel is led over an image. The same for both directions.
+/// Padding, stride and dilation of a kernel, equal in both directions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window {
     /// Zeros around the image, px.
     pub padding: usize,
-    /// From one place to the next, px.
+    /// Distance of places, px.
     pub stride: usize,
-    /// From one of the kernel's pixels to the next, px.
+    /// Distance of the kernel's pixels, px.
     pub dilation: usize,
 }
 
 impl Window {
-    /// Of a kernel of odd size, so that the image keeps its size.
+    /// Keeps the image size, for a kernel of odd size.
     pub const fn same(kernel: usize, dilation: usize) -> Self {
         Self { padding: dilation * (kernel / 2), stride: 1, dilation }
     }
@@ -85,7 +85,7 @@ impl Sizes {
         self.out[0] * self.out[1]
     }
 
-    /// The kernel sees each pixel by itself: there is nothing to unfold.
+    /// A 1 x 1 kernel that needs no unfolding.
     pub(super) fn is_pointwise(&self) -> bool {
         self.kernel == [1, 1] && self.window.stride == 1 && self.window.padding == 0
     }
@@ -127,7 +127,7 @@ impl Sizes {
         }
     }
 
-    /// What the kernel sees at the places of some rows of the result: a matrix of [`Self::seen`] rows and a column a place.
+    /// The kernel's pixels for some rows of the result: a matrix of [`Self::seen`] rows and one column per place.
     pub(super) fn unfold(&self, image: &[f32], rows: Range<usize>, into: &mut [f32]) {
         let places = rows.len() * self.out[1];
         let mut lines = into.chunks_exact_mut(places);
@@ -155,8 +155,8 @@ impl Sizes {
         });
     }
 
-    /// The transpose of [`Self::unfold`] for some channels: adds each place's values to the pixels that it sees. `planes`
-    /// holds the channels alone.
+    /// The transpose of [`Self::unfold`] for some channels: adds each place's values to its pixels. `planes` holds these
+    /// channels only.
     pub(super) fn fold(&self, unfolded: &[f32], channels: usize, planes: &mut [f32]) {
         let mut lines = unfolded.chunks_exact(self.out_len());
         self.each_pixel(0..channels, |channel, kernel_row, kernel_column| {

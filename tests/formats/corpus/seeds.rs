@@ -240,7 +240,7 @@ pub(crate) fn all() -> Vec<Seed> {
     seeds
 }
 
-/// What the processes of a farm tell each other.
+/// Messages between the processes of a farm.
 fn farm() -> Vec<(&'static str, String, Vec<u8>)> {
     let waiting = Message { task: Task { scene: 7, shards: 16..32 }, hops: 1 };
     let records = [

@@ -1,8 +1,8 @@
 //! `bench trace`
 
 use crate::bench::{
-    BenchScene, BuildRow, KernelRow, RayDump, TracerRow, align, cpu_name, grid_builds, indoor,
-    kernels, on_cpu, outdoor, stress, tracer,
+    BenchScene, BuildRow, KernelRow, RayDump, TracerRow, cpu_name, grid_builds, indoor, kernels,
+    on_cpu, outdoor, stress, tracer,
 };
 use crate::cli::args::{Global, IsaChoice, RootArgs, isa};
 use crate::cli::commands::bench::{isa_name, read_scene};
@@ -10,6 +10,7 @@ use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use clap::Args as ClapArgs;
+use compose::markdown_table;
 use render::line::Roots;
 use render::trace::{Isa, TRACER_VERSION};
 use serde::Serialize;
@@ -129,9 +130,9 @@ impl fmt::Display for Report {
              Grid and pyramid, milliseconds\n\n{}",
             on_cpu(),
             self.passes,
-            align(&kernel_table(&self.kernels, &self.isas), 2),
-            align(&tracer_table(&self.tracer, &self.isas), 2),
-            align(&build_table(&self.grids), 2).trim_end(),
+            markdown_table(&kernel_table(&self.kernels, &self.isas), 2),
+            markdown_table(&tracer_table(&self.tracer, &self.isas), 2),
+            markdown_table(&build_table(&self.grids), 2).trim_end(),
         )?;
         match &self.dump {
             Some(path) => write!(f, "\n\nrays in {}", path.display()),

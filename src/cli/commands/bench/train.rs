@@ -1,12 +1,13 @@
 //! `bench train`
 
-use crate::bench::{TrainBench, TrainStep, align, cpu_name, on_cpu};
+use crate::bench::{TrainBench, TrainStep, cpu_name, on_cpu};
 use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::network::use_threads;
 use crate::cli::output::{Output, as_map};
 use crate::cli::progress::Progress;
 use clap::Args as ClapArgs;
+use compose::markdown_table;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -156,7 +157,7 @@ impl fmt::Display for Report {
             images_per_s = self.images_per_second,
             parameters = self.params,
             peak = peak.map_or("?".to_owned(), |b| format!("{:.2} GB", b as f64 / 1e9)),
-            table = align(&rows, 1),
+            table = markdown_table(&rows, 1),
         )
     }
 }
