@@ -1,4 +1,4 @@
-//! Numbers, times and cut texts as people read them.
+//! Human-readable numbers, times and shortened texts.
 
 /// `1,234,567`
 pub(crate) fn grouped(count: u64) -> String {
@@ -13,7 +13,13 @@ pub(crate) fn grouped(count: u64) -> String {
     text
 }
 
-/// `3 s`, `12 min`, `2 h 05 min`, `3 d 4 h`: what a glance needs, rounded down.
+/// `1 scene`, `2,000 scenes`
+pub(crate) fn many(count: u64, what: &str) -> String {
+    let plural = if count == 1 { "" } else { "s" };
+    format!("{} {what}{plural}", grouped(count))
+}
+
+/// `3 s`, `12 min`, `2 h 05 min`, `3 d 4 h`: rounded down to two units.
 pub(crate) fn duration(seconds: f64) -> String {
     if !seconds.is_finite() {
         return "unknown".to_owned();
@@ -64,7 +70,7 @@ pub(crate) fn cut(text: &str, limit: usize) -> String {
     first
 }
 
-/// A page without control characters other than tabs and line ends: escape codes of a terminal's log, and what could hide
+/// Replaces control characters other than tabs and line ends: a log's escape codes, and characters that could hide
 /// text.
 pub(crate) fn printable(page: String) -> String {
     let is_hidden = |c: char| c.is_control() && c != '\n' && c != '\t';

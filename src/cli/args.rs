@@ -1,6 +1,7 @@
 //! Arguments that commands share. This file imports no command.
 
-use super::exit_code::{Exit, Failure};
+use super::exit_code::{Exit, Failure, failure};
+use crate::farm::queue::NatsOptions;
 use clap::{Args as ClapArgs, ValueEnum};
 use render::ids::SceneId;
 use render::line::Split;
@@ -15,16 +16,16 @@ pub(super) struct Global {
     /// Print one JSON object with a `schema` field to stdout, and nothing else there
     #[arg(long, global = true)]
     pub(super) json: bool,
-    /// Threads that compute; one more reads files and one writes them, mostly waiting [default: one for each core]
+    /// Compute threads; two more threads read and write files [default: one for each core]
     #[arg(short = 'j', long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(super) threads: Option<u16>,
-    /// No progress and no notes
+    /// Print no progress and no notes
     #[arg(short, long, global = true)]
     pub(super) quiet: bool,
-    /// Say more: rejected partials, where the seconds went
+    /// Print more: rejected partials, time by stage
     #[arg(short, long, global = true)]
     pub(super) verbose: bool,
-    /// Say what would be done, write nothing
+    /// Print what the command would do, write nothing
     #[arg(short = 'n', long, global = true)]
     pub(super) dry_run: bool,
     /// Colour of messages
@@ -54,7 +55,7 @@ pub(super) enum ProgressHow {
     Auto,
     /// Bars.
     Bar,
-    /// A line now and then.
+    /// A line every few seconds.
     Plain,
     /// None.
     None,
@@ -62,9 +63,9 @@ pub(super) enum ProgressHow {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum IsaChoice {
-    /// The fastest at hand.
+    /// The fastest that this machine has.
     Auto,
-    /// What every machine has.
+    /// Instructions that every machine has.
     Baseline,
     /// 256-bit vectors.
     Avx2,
@@ -82,14 +83,17 @@ pub(super) fn isa(global: &Global) -> Result<Isa, Failure> {
         IsaChoice::Auto => Ok(Isa::detect()),
         IsaChoice::Baseline => Ok(Isa::Baseline),
         IsaChoice::Avx2 if Isa::detect() == Isa::Avx2 => Ok(Isa::Avx2),
-        IsaChoice::Avx2 => Err(Failure::new(
-            Exit::Usage,
-            anyhow::anyhow!("this machine has no AVX2; use --isa auto"),
-        )),
+        IsaChoice::Avx2 => Err(failure!(Exit::Usage, "this machine has no AVX2; use --isa auto")),
     }
 }
 
-/// A place for a named root.
+/// A command line value as the user types it.
+pub(super) fn typed(value: &impl ValueEnum) -> String {
+    let name = value.to_possible_value();
+    name.map_or_else(String::new, |name| name.get_name().to_owned())
+}
+
+/// Folders of named roots.
 #[derive(Clone, Debug, ClapArgs)]
 pub(super) struct RootArgs {
     /// Folder of a named root, or s3://BUCKET/PREFIX; repeatable
@@ -97,21 +101,21 @@ pub(super) struct RootArgs {
     pub(super) roots: Vec<String>,
 }
 
-/// How often what is traced is written down.
+/// How often partials are written.
 #[derive(Clone, Copy, Debug, ClapArgs)]
 pub(super) struct CheckpointArgs {
-    /// Partials of a scene that is open as a whole wait in memory for so long, for the rest of it: what a kill may cost
+    /// Seconds for which a scene's partials stay in memory before they are written; a kill loses at most that much work
     #[arg(long, value_name = "S", default_value = "20", value_parser = parse_duration, env = "GLASSHOUSE_CHECKPOINT_S")]
     pub(super) checkpoint_s: Duration,
 }
 
-/// Where input files from object stores are kept.
+/// Cache of input files from object stores.
 #[derive(Clone, Debug, ClapArgs)]
 pub(super) struct CacheArgs {
     /// Folder for input files that come from an object store; workers may share it [default: RUN/cache]
     #[arg(long, value_name = "DIR", env = "GLASSHOUSE_CACHE")]
     pub(super) cache: Option<PathBuf>,
-    /// Its size at most, about, in GB; 0 keeps nothing
+    /// Approximate limit of the cache, GB; 0 keeps nothing
     #[arg(long, value_name = "GB", default_value = "20", value_parser = parse_gb)]
     pub(super) cache_gb: f64,
 }
@@ -127,7 +131,31 @@ pub(super) struct StoreArgs {
     pub(super) store: Option<String>,
 }
 
-/// Where the queue and the store of a farm are.
+/// Keys to a NATS server.
+#[derive(Clone, Debug, ClapArgs)]
+#[command(next_help_heading = FARM)]
+pub(super) struct NatsKeys {
+    /// File with the seed of an nkey
+    #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_NKEY", requires = "queue")]
+    queue_nkey: Option<PathBuf>,
+    /// File with NATS credentials, as nsc writes it
+    #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_CREDS", requires = "queue")]
+    queue_creds: Option<PathBuf>,
+    /// File with certificates (PEM) to trust besides the system's
+    #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_CA", requires = "queue")]
+    queue_ca: Option<PathBuf>,
+}
+
+impl NatsKeys {
+    /// Options of a connection to `url` under `name`.
+    pub(super) fn options(&self, url: String, name: String) -> NatsOptions {
+        let [nkey, creds, ca] =
+            [&self.queue_nkey, &self.queue_creds, &self.queue_ca].map(Clone::clone);
+        NatsOptions { url, nkey, creds, ca, name }
+    }
+}
+
+/// Queue and store of a farm.
 #[derive(Clone, Debug, ClapArgs)]
 #[command(next_help_heading = FARM)]
 pub(super) struct QueueArgs {
@@ -137,24 +165,17 @@ pub(super) struct QueueArgs {
     /// Where the run's objects are, if not in the run's folder: a folder that all machines see, or s3://BUCKET/PREFIX
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE", requires = "queue")]
     pub(super) store: Option<String>,
-    /// Try again for so long when the store is away or busy; a worker then ends with 75
+    /// Retry a store that is unavailable or busy for so long; after that a worker exits with 75
     #[arg(long, value_name = "S", default_value = "45", value_parser = parse_duration, requires = "queue")]
     pub(super) store_patience_s: Duration,
-    /// What is held for longer without a sign of life goes to another worker; the same for all
+    /// Lease: a task whose worker is silent for longer goes to another worker; must be the same on all machines
     #[arg(long, value_name = "S", default_value = "30", value_parser = parse_duration, requires = "queue")]
     pub(super) lease_s: Duration,
-    /// File with the seed of an nkey
-    #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_NKEY", requires = "queue")]
-    pub(super) queue_nkey: Option<PathBuf>,
-    /// File with NATS credentials, as nsc writes it
-    #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_CREDS", requires = "queue")]
-    pub(super) queue_creds: Option<PathBuf>,
-    /// File with certificates (PEM) to trust besides the system's
-    #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_CA", requires = "queue")]
-    pub(super) queue_ca: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) keys: NatsKeys,
 }
 
-/// A queue that is only looked at.
+/// A queue that a command only reads.
 #[derive(Clone, Debug, ClapArgs)]
 #[command(next_help_heading = FARM)]
 pub(super) struct ServerArgs {
@@ -174,9 +195,9 @@ pub(super) struct ServerArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum SplitName {
-    /// What no training saw.
+    /// Scenes that no training sees.
     Test,
-    /// What it was trained on.
+    /// Scenes to train on.
     Train,
     /// Both.
     All,
@@ -193,7 +214,7 @@ impl SplitName {
         }
     }
 
-    /// Whether scenes of a split are among these.
+    /// Whether it includes scenes of `split`.
     pub(super) fn has(self, split: Split) -> bool {
         match self {
             Self::Test => split == Split::Test,

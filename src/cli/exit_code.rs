@@ -1,4 +1,4 @@
-//! Exit codes, as scripts and schedulers rely on them.
+//! Exit codes, on which scripts and schedulers rely.
 
 use std::process::ExitCode;
 
@@ -39,11 +39,9 @@ impl Exit {
             Self::Terminated => 143,
         }
     }
-}
 
-impl Exit {
-    /// Ends the program here: for a thread that hangs and cannot be stopped otherwise.
-    #[allow(clippy::exit, reason = "this is the place where it is decided")]
+    /// Ends the program at once: for a thread that hangs and cannot be stopped otherwise.
+    #[allow(clippy::exit, reason = "the only place that exits")]
     pub(super) fn now(self) -> ! {
         std::process::exit(self.code().into())
     }
@@ -60,7 +58,7 @@ impl From<Exit> for ExitCode {
 pub(super) struct Failure {
     pub(super) exit: Exit,
     pub(super) error: anyhow::Error,
-    /// More of it for the object of --json.
+    /// Further fields of the error object that --json prints.
     pub(super) details: serde_json::Map<String, serde_json::Value>,
 }
 
@@ -69,10 +67,8 @@ impl Failure {
     pub(super) fn new(exit: Exit, error: impl Into<anyhow::Error>) -> Self {
         Self { exit, error: error.into(), details: serde_json::Map::new() }
     }
-}
 
-impl Failure {
-    /// What happened, in one line: each cause once. The library's errors hold their causes in their own text.
+    /// The error in one line: each cause once, because the library's errors repeat their causes in their own text.
     pub(super) fn text(&self) -> String {
         let mut text = String::new();
         for cause in self.error.chain().map(ToString::to_string) {
@@ -87,42 +83,94 @@ impl Failure {
     }
 }
 
-impl From<crate::run::RunError> for Failure {
-    fn from(error: crate::run::RunError) -> Self {
-        use crate::run::RunError as E;
-        let exit = match error {
-            E::Missing { .. } | E::Manifest { .. } | E::Root(_) => Exit::InvalidInput,
-            E::Spec { .. } | E::Disagrees { .. } => Exit::Disagrees,
-            E::Busy { .. } => Exit::TryAgain,
-            E::Read { .. } => Exit::Failed,
-        };
-        Self::new(exit, error)
-    }
+/// `failure!(exit, "format", ...)`: a failure with a text.
+macro_rules! failure {
+    ($exit:expr, $($text:tt)+) => {
+        $crate::cli::exit_code::Failure::new($exit, anyhow::anyhow!($($text)+))
+    };
 }
+pub(super) use failure;
 
-impl From<crate::farm::FarmError> for Failure {
-    fn from(error: crate::farm::FarmError) -> Self {
-        use crate::farm::FarmError as E;
-        match error {
-            E::Access(error) => error.into(),
-            E::Queue(_) | E::Isolated(_) => Self::new(Exit::Failed, error),
+/// Exit codes of an error's variants. A variant that only wraps another error has that error's code.
+macro_rules! exit_codes {
+    ($($error:ty {
+        $(($($wrapper:ident)|+) => its_own,)?
+        $($($variant:ident)|+ => $exit:ident,)*
+        $(_ => $other:ident,)?
+    })+) => {$(
+        impl From<$error> for $crate::cli::exit_code::Failure {
+            #[allow(clippy::match_single_binding, dead_code, reason = "some errors have one code")]
+            fn from(error: $error) -> Self {
+                type E = $error;
+                let exit = match error {
+                    $($(E::$wrapper(error) => return error.into(),)+)?
+                    $($(E::$variant { .. })|+ => $crate::cli::exit_code::Exit::$exit,)*
+                    $(_ => $crate::cli::exit_code::Exit::$other,)?
+                };
+                Self::new(exit, error)
+            }
         }
+    )+};
+}
+pub(super) use exit_codes;
+
+exit_codes! {
+    crate::run::RunError {
+        Missing | Manifest | Root => InvalidInput,
+        Spec | Disagrees => Disagrees,
+        Busy => TryAgain,
+        Read => Failed,
+    }
+    crate::run::AccessError {
+        (Run | Store) => its_own,
+        Golden => Disagrees,
+        Write | Tuple => Failed,
+    }
+    crate::run::ControlError {
+        (Store) => its_own,
+        Finished | Cancelled => Failed,
+    }
+    crate::run::ExplainError {
+        (Access) => its_own,
+        Unknown => Usage,
+    }
+    crate::run::RetryError {
+        (Store) => its_own,
+        Refused => Usage,
+    }
+    crate::run::PlanError {
+        (Draft | Run) => its_own,
+        Mismatch => Disagrees,
+        Write | Sample => Failed,
+    }
+    crate::farm::FarmError {
+        (Access) => its_own,
+        Queue | Isolated => Failed,
+    }
+    crate::farm::queue::QueueError {
+        _ => Usage,
+    }
+    crate::export::ExportError {
+        (Store | Run) => its_own,
+        Request => Usage,
+        Unfinished | Busy => TryAgain,
+        Nothing => InvalidInput,
+        Foreign => Disagrees,
+        Write | Read | Damaged | Encode => Failed,
+    }
+    crate::report::ReportError {
+        (Store) => its_own,
+        Write => Failed,
+    }
+    render::atomic_file::WriteError {
+        _ => Failed,
+    }
+    render::line::RootError {
+        _ => Usage,
     }
 }
 
-impl From<crate::run::AccessError> for Failure {
-    fn from(error: crate::run::AccessError) -> Self {
-        use crate::run::AccessError as E;
-        match error {
-            E::Run(error) => error.into(),
-            E::Golden { .. } => Self::new(Exit::Disagrees, error),
-            E::Store(error) => error.into(),
-            E::Write(_) | E::Tuple(_) => Self::new(Exit::Failed, error),
-        }
-    }
-}
-
-/// A [`StoreError`](crate::store::StoreError) that passed through a crate which does not know stores.
+/// Converts a [`StoreError`](crate::store::StoreError) that a crate without stores has passed on.
 fn from_boxed(error: Box<dyn std::error::Error + Send + Sync>) -> Failure {
     match error.downcast::<crate::store::StoreError>() {
         Ok(error) => (*error).into(),
@@ -150,64 +198,6 @@ impl From<plan::DraftError> for Failure {
             }
             _ => Self::new(Exit::InvalidInput, error),
         }
-    }
-}
-
-impl From<crate::run::ControlError> for Failure {
-    fn from(error: crate::run::ControlError) -> Self {
-        use crate::run::ControlError as E;
-        match error {
-            E::Store(error) => error.into(),
-            E::Finished | E::Cancelled => Self::new(Exit::Failed, error),
-        }
-    }
-}
-
-impl From<crate::run::ExplainError> for Failure {
-    fn from(error: crate::run::ExplainError) -> Self {
-        use crate::run::ExplainError as E;
-        match error {
-            E::Access(error) => error.into(),
-            E::Unknown(_) => Self::new(Exit::Usage, error),
-        }
-    }
-}
-
-impl From<crate::run::RetryError> for Failure {
-    fn from(error: crate::run::RetryError) -> Self {
-        use crate::run::RetryError as E;
-        match error {
-            E::Store(error) => error.into(),
-            E::Refused(_) => Self::new(Exit::Usage, error),
-        }
-    }
-}
-
-impl From<crate::run::PlanError> for Failure {
-    fn from(error: crate::run::PlanError) -> Self {
-        use crate::run::PlanError as E;
-        match error {
-            E::Draft(error) => error.into(),
-            E::Run(error) => error.into(),
-            E::Mismatch(_) => Self::new(Exit::Disagrees, error),
-            E::Write(_) | E::Sample(_) => Self::new(Exit::Failed, error),
-        }
-    }
-}
-
-impl From<crate::export::ExportError> for Failure {
-    fn from(error: crate::export::ExportError) -> Self {
-        use crate::export::ExportError as E;
-        let exit = match error {
-            E::Store(error) => return error.into(),
-            E::Run(error) => return error.into(),
-            E::Request(_) => Exit::Usage,
-            E::Unfinished { .. } | E::Busy { .. } => Exit::TryAgain,
-            E::Nothing(_) => Exit::InvalidInput,
-            E::Foreign { .. } => Exit::Disagrees,
-            E::Write(_) | E::Read { .. } | E::Damaged { .. } | E::Encode { .. } => Exit::Failed,
-        };
-        Self::new(exit, error)
     }
 }
 
@@ -250,24 +240,8 @@ impl From<train::TrainError> for Failure {
             _ => None,
         };
         let mut failure = Self::new(exit, error);
-        let details = differences.map(|list| ("differences".to_owned(), list));
-        failure.details.extend(details);
+        failure.details.extend(differences.map(|list| ("differences".to_owned(), list)));
         failure
-    }
-}
-
-impl From<render::atomic_file::WriteError> for Failure {
-    fn from(error: render::atomic_file::WriteError) -> Self {
-        Self::new(Exit::Failed, error)
-    }
-}
-
-impl From<crate::report::ReportError> for Failure {
-    fn from(error: crate::report::ReportError) -> Self {
-        match error {
-            crate::report::ReportError::Store(error) => error.into(),
-            error @ crate::report::ReportError::Write(_) => Self::new(Exit::Failed, error),
-        }
     }
 }
 
@@ -279,17 +253,5 @@ impl From<crate::store::StoreError> for Failure {
             _ => Exit::Failed,
         };
         Self::new(exit, error)
-    }
-}
-
-impl From<crate::farm::queue::QueueError> for Failure {
-    fn from(error: crate::farm::queue::QueueError) -> Self {
-        Self::new(Exit::Usage, error)
-    }
-}
-
-impl From<render::line::RootError> for Failure {
-    fn from(error: render::line::RootError) -> Self {
-        Self::new(Exit::Usage, error)
     }
 }

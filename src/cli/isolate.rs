@@ -1,7 +1,7 @@
-//! A worker's child: a process for a task that was lost with an earlier one.
+//! A worker's child process, which traces a task that was lost with an earlier process.
 //!
 //! The child is `work --only SCENE:A-B` on the same run and store. It prints a line when it renews its lease, a line
-//! with `hung` when it finds out that it makes no progress, and at last its outcome as JSON.
+//! with `hung` when it makes no progress, and finally its outcome as JSON.
 
 use super::args::{CacheArgs, QueueArgs};
 use crate::farm::{Fault, Sandbox, SandboxEnd};
@@ -16,11 +16,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// What a child prints when all goes well.
+/// The child's sign of life.
 pub(super) const SIGN: &str = "goes on";
-/// What it prints before it ends because it hangs.
+/// Prefix of the line that the child prints before it exits because it hangs.
 pub(super) const HUNG: &str = "hung: ";
-/// Lines of a lost child's messages that are kept.
+/// Lines to keep of a lost child's messages.
 const TAIL_LINES: usize = 20;
 
 /// Shards of a scene, as `SCENE:A-B`: from A up to, not with, B.
@@ -51,7 +51,7 @@ pub(super) struct Children<'a> {
     pub(super) cache: Option<&'a CacheArgs>,
     pub(super) queue: Option<&'a QueueArgs>,
     pub(super) threads: usize,
-    pub(super) isa: &'static str,
+    pub(super) isa: String,
     pub(super) hang: Duration,
     pub(super) name: &'a str,
     pub(super) faults: &'a [Fault],
@@ -64,10 +64,10 @@ impl Children<'_> {
         command.arg("work").arg(self.run);
         let Only { scene, shards } = only;
         command.args(["--only", &format!("{scene}:{}-{}", shards.start, shards.end)]);
-        command.args(["--json", "--progress", "none", "--isa", self.isa]);
+        command.args(["--json", "--progress", "none", "--isa", &self.isa]);
         command.args(["-j", &self.threads.to_string(), "--name", self.name]);
         command.args(["--hang-s", &self.hang.as_secs_f64().to_string()]);
-        // What it gets done before it dies counts, every shard of it.
+        // Every finished shard is written at once, because the child may die.
         command.args(["--checkpoint-s", "0"]);
         for root in self.roots {
             command.args(["--root", root]);
@@ -81,9 +81,9 @@ impl Children<'_> {
             }
             command.args(["--cache-gb", &cache.cache_gb.to_string()]);
         }
-        // Its last lines are to say what happened; where in the program is of less use.
+        // Its last lines should say what happened; a backtrace would displace them.
         command.env("RUST_BACKTRACE", "0");
-        // Not on the command line, where others would see what may be in a URL.
+        // Not on the command line, where other users could see a password in a URL.
         command.env_remove("GLASSHOUSE_QUEUE").env_remove("GLASSHOUSE_STORE");
         if let Some(QueueArgs { queue: Some(url), store, store_patience_s, .. }) = self.queue {
             let patience = store_patience_s.as_secs_f64().to_string();
@@ -155,7 +155,7 @@ impl Sandbox for Children<'_> {
             (Some(reason), _) => lost(EndKind::Hung, reason),
             (None, None) => lost(EndKind::Crashed, signal(status)),
             (None, Some(0 | 3)) => done(&last),
-            // A signal for all of a terminal's processes.
+            // The terminal sends its signals to all processes.
             (None, Some(75 | 130 | 143)) => SandboxEnd::Stopped,
             (None, Some(code)) => {
                 SandboxEnd::Failed(format!("it ended with {code}: {}", log_tail.trim_end()))
@@ -165,7 +165,7 @@ impl Sandbox for Children<'_> {
 }
 
 fn end(child: &mut Child) {
-    // What it has put is durable, the rest is traced again.
+    // The results that it has put are durable; the rest is traced again.
     let _ = child.kill();
     let _ = child.wait();
 }
@@ -179,7 +179,7 @@ fn signal(status: ExitStatus) -> String {
 
 fn done(outcome: &str) -> SandboxEnd {
     let Ok(outcome) = serde_json::from_str::<Value>(outcome) else {
-        return SandboxEnd::Failed("it ended without saying what it did".to_owned());
+        return SandboxEnd::Failed("it ended without an outcome".to_owned());
     };
     let count = |key: &str| outcome[key].as_u64().unwrap_or(0);
     SandboxEnd::Done {

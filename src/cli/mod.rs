@@ -22,15 +22,15 @@ use clap::Parser;
 use output::Output;
 use std::process::ExitCode;
 
-/// Parses the arguments, does what they say, and returns the exit code.
+/// Parses the arguments, runs the command, and returns the exit code.
 pub fn main() -> ExitCode {
     let args = match Args::try_parse() {
         Ok(args) => args,
         Err(error) => {
-            // Help and version go to stdout and are no error; the rest is usage.
+            // Help and version go to stdout and are not errors.
             let code = if error.use_stderr() { Exit::Usage } else { Exit::Done };
             let _ = error.print();
-            // The arguments were not understood, so --json is looked for by hand.
+            // The parser has failed, so search for --json directly.
             let json = std::env::args_os()
                 .take_while(|argument| argument != "--")
                 .any(|argument| argument == "--json");
@@ -41,7 +41,7 @@ pub fn main() -> ExitCode {
         }
     };
     let output = Output::new(&args.global);
-    // Queue and store each bring a TLS provider: without a choice the first connection panics.
+    // Queue and store each link a TLS provider: without a choice the first connection panics.
     let _ = rustls::crypto::ring::default_provider().install_default();
     let result = args.run(&output);
     match result {

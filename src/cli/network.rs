@@ -1,10 +1,9 @@
-//! The networks that a command works with: which checkpoint, with which features.
+//! Networks for a command: the checkpoint and its image features.
 
 use super::args::{Global, threads};
-use super::exit_code::{Exit, Failure};
+use super::exit_code::{Exit, Failure, failure};
 use super::output::Output;
 use crate::run::keys;
-use anyhow::anyhow;
 use clap::{Args as ClapArgs, ValueEnum};
 use plan::{FeatureSource, Stage};
 use std::path::{Path, PathBuf};
@@ -17,18 +16,18 @@ use train::{
 /// Side of tiles.
 pub(super) const TILE_PX: u32 = 768;
 
-/// How networks are taken to work.
+/// How to load and apply networks.
 #[derive(Debug, ClapArgs)]
 pub(super) struct NetworkArgs {
-    /// VGG-19 weights, for networks that were trained with features of a file: the same file
+    /// VGG-19 weights, for networks that were trained with the features of a file; must be the same file
     #[arg(long, value_name = "FILE")]
     pub(super) features: Option<String>,
-    /// Larger pictures are done in overlapping tiles of this side, px: less memory, and another norm for each tile
+    /// Split larger pictures into overlapping tiles of this side, px: less memory, but a norm per tile
     #[arg(long, value_name = "PX", default_value_t = TILE_PX, value_parser = clap::value_parser!(u32).range(272..=16384))]
     pub(super) tile_px: u32,
 }
 
-/// Where networks compute.
+/// Device of the networks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(super) enum DeviceName {
     /// The processor.
@@ -40,39 +39,38 @@ pub(super) enum DeviceName {
 }
 
 impl DeviceName {
-    /// Opens it.
     #[cfg_attr(
         not(feature = "cuda"),
-        allow(clippy::unnecessary_wraps, reason = "a GPU may not be there")
+        allow(clippy::unnecessary_wraps, reason = "a GPU may be missing")
     )]
     pub(super) fn open(self) -> Result<Device, Failure> {
         match self {
             Self::Cpu => Ok(Device::Cpu),
             #[cfg(feature = "cuda")]
             Self::Cuda => Device::new_cuda(0).map_err(|e| {
-                let error = anyhow::anyhow!(
+                failure!(
+                    Exit::Failed,
                     "no GPU can be used ({e}): see docs/training.md, or leave --device out"
-                );
-                Failure::new(Exit::Failed, error)
+                )
             }),
         }
     }
 }
 
-/// Makes the pool of threads that networks compute on, and says how many they are.
+/// Builds the thread pool of the networks and returns the number of threads.
 pub(super) fn use_threads(global: &Global) -> usize {
     let threads = threads(global);
-    // `run` comes here twice: the pool stands already.
+    // Fails on the second call of `run`: the pool exists already.
     let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     threads
 }
 
-/// The file of VGG-19's weights, if `--features` names one.
+/// The file of VGG-19 weights, if `--features` names one.
 pub(super) fn weights_file(typed: Option<&str>) -> Option<&Path> {
     typed.filter(|typed| !["none", "random"].contains(typed)).map(Path::new)
 }
 
-/// Networks, ready to work.
+/// Networks with their checkpoint.
 pub(super) struct Network {
     pub(super) separator: Separator,
     /// Folder of the checkpoint.
@@ -80,17 +78,17 @@ pub(super) struct Network {
     pub(super) state: CheckpointState,
 }
 
-/// Which of a stage's checkpoints.
+/// Choice among a stage's checkpoints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Which {
-    /// The best on validation scenes, or the newest where none was measured.
+    /// The best on validation scenes, or the newest if none was validated.
     Best,
-    /// The newest. Scores are taken of it: the best was chosen by scenes that would be scored.
+    /// The newest. Evaluation uses it, because the best was chosen by scenes that evaluation scores.
     Newest,
 }
 
 impl Network {
-    /// Of a checkpoint's folder, a stage's or a run's. `weights` is VGG-19's file, if one was typed.
+    /// Opens the folder of a checkpoint, a stage or a run. `weights` is the file of VGG-19 weights, if one was typed.
     pub(super) fn open(
         place: &Path,
         which: Which,
@@ -101,7 +99,7 @@ impl Network {
         let settings = &checkpoint.state.settings;
         if weights.is_some() && settings.features != FeatureSource::File {
             output.note(&format!(
-                "{} sees no features of a file: --features is not used for it",
+                "{} uses no features of a file: --features is ignored for it",
                 checkpoint.path.display()
             ));
         }
@@ -121,7 +119,7 @@ impl Network {
         Ok(Self { separator, path: checkpoint.path, state: checkpoint.state })
     }
 
-    /// How a table's row is called: `name`, or stage and step, and what is unlike the paper's features.
+    /// Name of the table row: `name` or stage and step, and the features if they are not the paper's.
     pub(super) fn row_name(&self, name: Option<&str>) -> String {
         let state = &self.state;
         let name = name
@@ -157,18 +155,18 @@ fn checkpoint(place: &Path, which: Which, output: &Output) -> Result<Checkpoint,
     for error in refused {
         output.warning(&error.to_string());
     }
+    let place = place.display();
     newest.ok_or_else(|| {
-        let error = if is_run {
-            anyhow!(
-                "{run} has no checkpoint of the separation stage that can be used; `glasshouse train {run} --stage separation --steps S` makes one",
-                run = place.display()
+        if is_run {
+            failure!(
+                Exit::InvalidInput,
+                "{place} has no usable checkpoint of the separation stage; `glasshouse train {place} --stage separation --steps S` makes one"
             )
         } else {
-            anyhow!(
-                "{} holds no checkpoint; give a checkpoint's folder (step-NNNNNNN), that of its stage (RUN/train/separation), or a run",
-                place.display()
+            failure!(
+                Exit::InvalidInput,
+                "{place} holds no checkpoint; give a checkpoint's folder (step-NNNNNNN), that of its stage (RUN/train/separation), or a run"
             )
-        };
-        Failure::new(Exit::InvalidInput, error)
+        }
     })
 }

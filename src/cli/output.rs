@@ -11,27 +11,28 @@ use std::io::{IsTerminal, Write};
 /// The schema name of an error with --json.
 const ERROR_SCHEMA: &str = "glasshouse.error/1";
 
-/// The one object on stdout of a command line that was not understood.
+/// Prints the error object for an invalid command line.
 pub(super) fn usage_json(error: &str) {
     let object =
         json!({ "schema": ERROR_SCHEMA, "error": error.trim_end(), "exit": Exit::Usage.code() });
     let _ = writeln!(std::io::stdout().lock(), "{object}");
 }
 
-/// Scenes with reasons, as objects `{scene, reason}`.
+/// Serializes scenes with reasons as objects `{scene, reason}`.
 pub(super) fn reasons<S: Serializer>(
     scenes: &[(SceneId, String)],
     serializer: S,
 ) -> Result<S::Ok, S::Error> {
-    #[derive(Serialize)]
-    struct Reason<'a> {
-        scene: &'a SceneId,
-        reason: &'a str,
-    }
-    serializer.collect_seq(scenes.iter().map(|(scene, reason)| Reason { scene, reason }))
+    reasons_json(scenes).serialize(serializer)
 }
 
-/// Names with numbers as an object, in their order.
+/// The same as a value.
+pub(super) fn reasons_json(scenes: &[(SceneId, String)]) -> Value {
+    let object = |(scene, reason): &(SceneId, String)| json!({ "scene": scene, "reason": reason });
+    scenes.iter().map(object).collect()
+}
+
+/// Serializes named numbers as an object, in their order.
 pub(super) fn as_map<S: Serializer>(
     numbers: &[(&'static str, f64)],
     serializer: S,
@@ -47,7 +48,6 @@ fn print_object(schema: &str, object: Value) {
     let _ = writeln!(std::io::stdout().lock(), "{full}");
 }
 
-/// Where output goes, and how.
 pub(super) struct Output {
     json: bool,
     pub(super) quiet: bool,
@@ -67,16 +67,23 @@ impl Output {
         Self { json: global.json, quiet: global.quiet, verbose: global.verbose, color }
     }
 
-    /// The command's result: with --json an object that begins with its schema, else a text. A closed pipe is no error.
+    /// Prints the command's result: with --json an object that begins with its schema, else a text. A closed pipe is no
+    /// error.
     pub(super) fn show(&self, schema: &str, result: &(impl Serialize + Display)) {
+        let object = if self.json { serde_json::to_value(result).ok() } else { None };
+        self.say(schema, object.unwrap_or_default(), result);
+    }
+
+    /// [`Self::show`] for a result without a type of its own.
+    pub(super) fn say(&self, schema: &str, object: Value, text: impl Display) {
         if self.json {
-            print_object(schema, serde_json::to_value(result).unwrap_or_default());
+            print_object(schema, object);
         } else {
-            self.text(&result.to_string());
+            self.text(&text.to_string());
         }
     }
 
-    /// A line for the process that started this one. Without that process there is nobody to work for.
+    /// Prints a line for the parent process; exits if that process is gone.
     pub(super) fn tell_parent(text: &str) {
         let mut stdout = std::io::stdout().lock();
         let told = writeln!(stdout, "{text}").and_then(|()| stdout.flush());
@@ -85,25 +92,24 @@ impl Output {
         }
     }
 
-    /// A line of a result that is not JSON.
-    #[allow(clippy::unused_self, reason = "who prints has an output")]
+    /// Prints a line of a result that is not JSON.
+    #[allow(clippy::unused_self, reason = "printing needs an output")]
     pub(super) fn text(&self, text: &str) {
         let _ = writeln!(std::io::stdout().lock(), "{text}");
     }
 
-    /// Something a person may want to know.
+    /// Prints a note, unless --quiet is given.
     pub(super) fn note(&self, text: &str) {
         if !self.quiet {
             self.line("note", "36", text);
         }
     }
 
-    /// Something a person should know.
     pub(super) fn warning(&self, text: &str) {
         self.line("warning", "33", text);
     }
 
-    /// Why the program ends; with --json also as the one object on stdout.
+    /// Prints the reason for the program's end; with --json also as the only object on stdout.
     pub(super) fn error(&self, failure: &Failure) {
         let text = failure.text();
         if self.json {

@@ -19,14 +19,14 @@ pub(super) struct Progress {
     what: &'static str,
     length: AtomicU64,
     done: AtomicU64,
-    /// Of `done`, those that cost nothing now.
+    /// Units of `done` that existed before.
     free: AtomicU64,
     start: Instant,
-    /// Scenes whose photographs do not fill the view: share of missed paths and id.
+    /// Scenes with photographs that do not fill the view: share of missed paths and id.
     narrow: Mutex<Vec<(f64, String)>>,
 }
 
-/// Share of a layer's paths off the photograph from which a person should know.
+/// A scene is reported if a larger share of a layer's paths misses the photograph.
 const NARROW_SHARE: f64 = 0.1;
 
 impl Progress {
@@ -69,7 +69,7 @@ impl Progress {
         }
     }
 
-    /// `count` units are done; `free` ones were found done.
+    /// Counts `count` finished units; `free` ones existed before and do not count for the rate.
     pub(super) fn add(&self, count: u64, free: bool) {
         self.done.fetch_add(count, Ordering::Relaxed);
         if free {
@@ -87,7 +87,7 @@ impl Progress {
         }
     }
 
-    /// Units that are done.
+    /// Finished units.
     pub(super) fn done(&self) -> u64 {
         self.done.load(Ordering::Relaxed)
     }
@@ -120,14 +120,14 @@ impl Progress {
         }
     }
 
-    /// Says once which scenes show much more than was photographed.
+    /// Prints a note about the scenes that show much more than was photographed.
     pub(super) fn note_narrow_scenes(&self, output: &Output) {
         let narrow = self.narrow.lock().expect("no holder of this lock panics");
         let worst = narrow.iter().max_by(|a, b| a.0.total_cmp(&b.0));
         if let Some((share, scene)) = worst {
             output.note(&format!(
-                "{} scenes look past a photograph's border in over {:.0} % of a layer's paths (worst: {scene}, {:.0} %); a longer \
-                 focal length, less tilt or apex \"mirror\" avoids that",
+                "in {} scenes over {:.0} % of a layer's paths miss the photograph (worst: {scene}, {:.0} %); a longer focal \
+                 length, less tilt or apex \"mirror\" avoids that",
                 narrow.len(),
                 NARROW_SHARE * 100.0,
                 share * 100.0,
@@ -142,45 +142,34 @@ impl Progress {
     }
 
     pub(super) fn event(&self, event: Event, output: &Output) {
+        let note = |text: &str| self.suspend(|| output.note(text));
+        let warning = |text: &str| self.suspend(|| output.warning(text));
+        let verbose = |text: &str| {
+            if output.verbose {
+                note(text);
+            }
+        };
         match event {
             Event::Started { shards, scenes } => {
                 self.set_length(shards);
-                if output.verbose {
-                    self.suspend(|| output.note(&format!("{WORK_BEGINS}{scenes} scenes")));
-                }
+                verbose(&format!("{WORK_BEGINS}{scenes} scenes"));
             }
-            Event::SceneOpened { scene } => {
-                if output.verbose {
-                    self.suspend(|| output.note(&format!("scene {scene}{SCENE_LOADED}")));
-                }
-            }
+            Event::SceneOpened { scene } => verbose(&format!("scene {scene}{SCENE_LOADED}")),
             Event::ShardDone { resumed } => self.add(1, resumed),
-            Event::PartialRejected { reason } => {
-                if output.verbose {
-                    self.suspend(|| output.note(&reason));
-                }
-            }
-            Event::QueueLost { reason } => {
-                self.suspend(|| {
-                    output.note(&format!("waiting for the queue: {reason}"));
-                });
-            }
-            Event::StoreLost { reason } => {
-                self.suspend(|| {
-                    output.note(&format!("waiting for the store: {reason}"));
-                });
-            }
+            Event::PartialRejected { reason } => verbose(&reason),
+            Event::QueueLost { reason } => note(&format!("waiting for the queue: {reason}")),
+            Event::StoreLost { reason } => note(&format!("waiting for the store: {reason}")),
             Event::Controlled { state, reason } => {
                 let reason = reason.map_or_else(String::new, |reason| format!(" ({reason})"));
-                self.suspend(|| match state {
-                    ControlState::Running => output.note("the run was resumed: going on"),
-                    ControlState::Paused => output.warning(&format!(
-                        "the run is paused{reason}: what is open is finished, nothing new is begun until `glasshouse resume RUN`"
+                match state {
+                    ControlState::Running => note("the run was resumed"),
+                    ControlState::Paused => warning(&format!(
+                        "the run is paused{reason}: open scenes are finished, no other starts until `glasshouse resume RUN`"
                     )),
-                    ControlState::Cancelled => output.warning(&format!(
-                        "the run is cancelled{reason}: ending after the shards in flight; `glasshouse resume RUN` takes that back"
+                    ControlState::Cancelled => warning(&format!(
+                        "the run is cancelled{reason}: ending after the shards in flight; `glasshouse resume RUN` undoes the cancel"
                     )),
-                });
+                }
             }
             Event::SceneMerged { scene, miss_share } => {
                 self.message(format!("{scene} merged"));
@@ -189,23 +178,19 @@ impl Progress {
                     narrow.push((miss_share, scene.to_string()));
                 }
             }
-            Event::Isolated { scene } => self.suspend(|| {
-                output.note(&format!(
-                    "scene {scene} was lost with an earlier process: it is traced in one of its own"
-                ));
-            }),
-            Event::Aborts { scene } => self.suspend(|| {
-                output.warning(&format!("scene {scene} aborts this process, as ordered"));
-            }),
-            Event::ChildLost { scene, reason } => self.suspend(|| {
-                output.warning(&format!("scene {scene} was lost with its process: {reason}"));
-            }),
-            Event::Drained { reason } => self.suspend(|| output.warning(&reason)),
+            Event::Isolated { scene } => note(&format!(
+                "scene {scene} was lost with an earlier process: a child process traces it"
+            )),
+            Event::Aborts { scene } => {
+                warning(&format!("scene {scene} aborts this process, as --fault asks"));
+            }
+            Event::ChildLost { scene, reason } => {
+                warning(&format!("scene {scene} was lost with its process: {reason}"));
+            }
+            Event::Drained { reason } => warning(&reason),
             Event::SceneQuarantined { scene, reason, shards } => {
                 self.set_length(self.length.load(Ordering::Relaxed).saturating_sub(shards));
-                self.suspend(|| {
-                    output.warning(&format!("scene {scene} is in quarantine: {reason}"));
-                });
+                warning(&format!("scene {scene} is in quarantine: {reason}"));
             }
         }
     }

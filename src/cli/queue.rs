@@ -1,7 +1,7 @@
 //! From `--queue` and `--store` to a queue and a store.
 
 use super::args::{QueueArgs, ServerArgs};
-use super::exit_code::{Exit, Failure};
+use super::exit_code::{Exit, Failure, failure};
 use crate::farm::queue::{NatsCoordinator, NatsOptions, NatsWorker};
 use crate::run::Run;
 use crate::store::{Store, StoreOptions};
@@ -9,17 +9,15 @@ use std::path::Path;
 use std::time::Duration;
 
 pub(super) fn store(run: &Path, args: &QueueArgs) -> Result<Store, Failure> {
+    let options =
+        StoreOptions { patience: args.store_patience_s, ..super::store_env::store_options() };
     Ok(match &args.store {
-        Some(address) => Store::open(address, &store_options(args))?,
+        Some(address) => Store::open(address, &options)?,
         None => Store::local(run)?,
     })
 }
 
-fn store_options(args: &QueueArgs) -> StoreOptions {
-    StoreOptions { patience: args.store_patience_s, ..super::store_env::store_options() }
-}
-
-/// Brings the run's rules to a machine that has only the store.
+/// Copies the run's spec and manifest to a machine that has only the store.
 pub(super) fn fetch_run(run: &Path, args: &QueueArgs) -> Result<(), Failure> {
     match &args.store {
         None => Ok(()),
@@ -39,18 +37,12 @@ pub(super) fn host_name() -> String {
 
 fn options(args: &QueueArgs, name: &str) -> Result<NatsOptions, Failure> {
     let url = args.queue.clone().ok_or_else(|| {
-        let error = anyhow::anyhow!(
+        failure!(
+            Exit::Usage,
             "--queue URL is missing (or GLASSHOUSE_QUEUE): where is the NATS server?"
-        );
-        Failure::new(Exit::Usage, error)
+        )
     })?;
-    Ok(NatsOptions {
-        url,
-        nkey: args.queue_nkey.clone(),
-        creds: args.queue_creds.clone(),
-        ca: args.queue_ca.clone(),
-        name: name.to_owned(),
-    })
+    Ok(args.keys.options(url, name.to_owned()))
 }
 
 /// A worker's end of the queue.
@@ -66,7 +58,7 @@ pub(super) fn coordinator(run: &Run, args: &QueueArgs) -> Result<NatsCoordinator
     Ok(NatsCoordinator::connect(&options, run.id(), args.lease_s)?)
 }
 
-/// The queue for who only looks; none if no server was given.
+/// A connection that only reads; `None` without a server.
 pub(super) fn observer(run: &Run, args: &ServerArgs) -> Result<Option<NatsCoordinator>, Failure> {
     let Some(url) = args.queue.clone() else {
         return Ok(None);
@@ -78,6 +70,6 @@ pub(super) fn observer(run: &Run, args: &ServerArgs) -> Result<Option<NatsCoordi
         ca: args.queue_ca.clone(),
         name: "status".to_owned(),
     };
-    // Nothing is made by it, so it needs no lease.
+    // It creates no tasks, so it needs no lease.
     Ok(Some(NatsCoordinator::connect(&options, run.id(), Duration::ZERO)?))
 }

@@ -1,12 +1,12 @@
 //! Labels and texts in two columns, for a terminal of 80 columns.
 
 /// Columns of a line.
-const WIDTH: usize = 80;
+pub(super) const WIDTH: usize = 80;
 /// Fewest columns of the labels.
 const LEAST_LABEL: usize = 10;
 
-/// Rows of a label and a text each. Texts are broken between words and go on below their beginning; what has no space
-/// (a path, a digest) is not broken.
+/// Formats rows of a label and a text. Long texts wrap between words, indented to their column; a word without spaces
+/// (a path, a digest) stays whole.
 pub(super) fn rows<'a>(rows: impl IntoIterator<Item = (&'a str, &'a str)>) -> String {
     let rows: Vec<(&str, &str)> = rows.into_iter().collect();
     let labels = rows.iter().map(|(label, _)| label.chars().count());
@@ -21,8 +21,7 @@ pub(super) fn rows<'a>(rows: impl IntoIterator<Item = (&'a str, &'a str)>) -> St
     text
 }
 
-/// Lines of at most `width` columns, where words allow it. What stands in columns of its own, with more spaces, keeps
-/// them.
+/// Wraps a text to at most `width` columns, unless a word is longer. Runs of spaces, which align columns, stay.
 pub(super) fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines = Vec::new();
     for line in text.lines() {
@@ -51,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn long_texts_go_on_below_their_beginning() {
+    fn long_texts_wrap_in_their_column() {
         let long = "word ".repeat(30);
         let text = rows([("a", "b"), ("label", long.trim())]);
         assert!(text.starts_with("\n  a           b\n  label       word word"), "{text}");

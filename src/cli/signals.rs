@@ -17,8 +17,8 @@ impl Signals {
         let stop = Arc::new(AtomicBool::new(false));
         let which = Arc::new(AtomicUsize::new(0));
         for signal in [SIGINT, SIGTERM, SIGUSR1] {
-            // In this order: the first signal finds `stop` unset, sets it, and only a second one exits. A signal
-            // that cannot be caught keeps its default, which ends the program: nothing is lost by that either.
+            // In this order: the first signal finds `stop` unset and sets it; only a second one exits. A signal that
+            // cannot be caught keeps its default action and ends the program, which loses no durable result.
             let code = 128 + signal;
             let _ =
                 signal_hook::flag::register_conditional_shutdown(signal, code, Arc::clone(&stop));
@@ -28,12 +28,12 @@ impl Signals {
         Self { stop, which }
     }
 
-    /// Set when a signal came.
+    /// Set by the first signal.
     pub(super) fn stop(&self) -> &AtomicBool {
         &self.stop
     }
 
-    /// How to exit after the signal.
+    /// Exit code for the last signal.
     pub(super) fn exit(&self) -> Exit {
         match self.which.load(Ordering::Relaxed) as i32 {
             SIGINT => Exit::Interrupted,

@@ -1,9 +1,10 @@
-//! A run's state for people.
+//! A run's status as text.
 
 use crate::farm::queue::QueueState;
 use crate::run::{EndKind, RunState, StandingAttempt, Status};
-use crate::text::{duration, grouped, percent, rate};
+use crate::text::{cut as shorten, duration, grouped, many, percent, rate};
 use serde::{Serialize, Serializer};
+use serde_json::{Value, json};
 use std::fmt::Write;
 
 /// Characters of the bar.
@@ -11,45 +12,28 @@ const BAR: usize = 40;
 /// Characters of a reason.
 const REASON: usize = 160;
 
-/// What is known of the queue.
+/// The state of the queue.
 pub(super) enum Queue {
-    /// None was given, or none is needed any more.
+    /// No queue was given, or the run is finished.
     None,
     There(QueueState),
-    /// It did not, for this reason.
+    /// It does not answer, for this reason.
     Lost(String),
 }
 
 impl Serialize for Queue {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        #[derive(Serialize)]
-        struct Known<'a> {
-            spans_waiting: Option<u64>,
-            spans_held: Option<u64>,
-            reason: Option<&'a str>,
-        }
-        let known = match self {
-            Self::None => None,
-            Self::There(state) => Some(Known {
-                spans_waiting: Some(state.waiting),
-                spans_held: Some(state.held),
-                reason: None,
-            }),
-            Self::Lost(reason) => {
-                Some(Known { spans_waiting: None, spans_held: None, reason: Some(reason) })
-            }
+        let object = |waiting: Option<u64>, held: Option<u64>, reason: Option<&str>| json!({ "spans_waiting": waiting, "spans_held": held, "reason": reason });
+        let state = match self {
+            Self::None => Value::Null,
+            Self::There(state) => object(Some(state.waiting), Some(state.held), None),
+            Self::Lost(reason) => object(None, None, Some(reason)),
         };
-        known.serialize(serializer)
+        state.serialize(serializer)
     }
 }
 
-/// `1 scene`, `2 scenes`
-fn many(count: u64, what: &str) -> String {
-    let plural = if count == 1 { "" } else { "s" };
-    format!("{} {what}{plural}", grouped(count))
-}
-
-/// Rate and time left, as far as they are known.
+/// Rate and time left, if they are known.
 fn pace(view: &Status) -> Vec<String> {
     let mut parts = Vec::new();
     if let Some(per_s) = view.rate_scenes_per_s {
@@ -76,7 +60,7 @@ pub(super) fn line(name: &str, view: &Status) -> String {
     format!("{name}: {}, {}", view.state.name(), parts.join(", "))
 }
 
-/// All of it; of each list at most `shown` entries.
+/// The full status; of each list at most `shown` entries.
 pub(super) fn page(name: &str, view: &Status, queue: &Queue, shown: usize) -> String {
     let counts = &view.counts;
     let mut text = format!(
@@ -132,8 +116,8 @@ pub(super) fn page(name: &str, view: &Status, queue: &Queue, shown: usize) -> St
     let reasons = reasons.map(|q| format!("{}: {}", q.scene, cut(&q.reason)));
     list(&mut text, "quarantine", reasons, shown);
     match view.state {
-        RunState::Paused => text += "\n`glasshouse resume RUN` goes on",
-        RunState::Cancelled => text += "\n`glasshouse resume RUN` takes that back",
+        RunState::Paused => text += "\n`glasshouse resume RUN` continues it",
+        RunState::Cancelled => text += "\n`glasshouse resume RUN` undoes the cancel",
         RunState::Running | RunState::Finished => {}
     }
     if !counts.quarantined.is_empty() {
@@ -142,7 +126,7 @@ pub(super) fn page(name: &str, view: &Status, queue: &Queue, shown: usize) -> St
     text
 }
 
-/// An attempt in a line.
+/// An attempt, on one line.
 pub(super) fn attempt(attempt: &StandingAttempt) -> String {
     let note = &attempt.note;
     let [start, end] = note.shards;
@@ -163,7 +147,8 @@ pub(super) fn attempt(attempt: &StandingAttempt) -> String {
     text
 }
 
-fn row(text: &mut String, name: &str, value: &str) {
+/// Appends a line with a name and a value.
+pub(super) fn row(text: &mut String, name: &str, value: &str) {
     let _ = write!(text, "\n  {name:<11} {value}");
 }
 
@@ -177,11 +162,7 @@ fn list(text: &mut String, name: &str, rows: impl ExactSizeIterator<Item = Strin
     }
 }
 
-/// A reason in a line, its first characters.
+/// The first characters of a reason, on one line.
 fn cut(reason: &str) -> String {
-    let mut line: String = reason.chars().take(REASON).collect();
-    if line.len() < reason.len() {
-        line.push('…');
-    }
-    line.replace(|c: char| c.is_control(), " ")
+    shorten(reason, REASON).replace(|c: char| c.is_control(), " ")
 }

@@ -1,15 +1,15 @@
-//! What the environment and the command line say about object stores.
+//! Settings of object stores, from the environment and the command line.
 
 use super::args::CacheArgs;
 use crate::run::Run;
 use crate::store::{Cache, Inputs, StoreOptions};
 
-/// How the names of settings begin that belong to object stores.
+/// Prefixes of the settings of object stores.
 const SETTINGS: [&str; 3] = ["AWS_", "GOOGLE_", "AZURE_"];
 /// Bytes of `--cache-gb`'s unit.
 const GB: f64 = 1e9;
 
-/// Credentials and the like, by the names that the stores' own tools use.
+/// Credentials and endpoints, under the names that the stores' own tools use.
 pub(super) fn store_options() -> StoreOptions {
     let settings = std::env::vars_os().filter_map(|(name, value)| {
         let (name, value) = (name.into_string().ok()?, value.into_string().ok()?);
@@ -19,12 +19,12 @@ pub(super) fn store_options() -> StoreOptions {
     StoreOptions { settings: settings.collect(), ..StoreOptions::default() }
 }
 
-/// A reader of input files without a cache, for what reads each file once.
+/// A reader of input files without a cache, for commands that read each file once.
 pub(super) fn inputs() -> Inputs {
     Inputs::new(store_options(), None)
 }
 
-/// A reader of a run's input files. Objects are kept in the run's folder unless `args` say where.
+/// A reader of a run's input files, with a cache in the run's folder or where `args` say.
 pub(super) fn inputs_of(run: &Run, args: &CacheArgs) -> Inputs {
     let folder = args.cache.clone();
     let folder = folder.unwrap_or_else(|| run.root().join("cache"));

@@ -1,6 +1,6 @@
-//! The run that a command is about, and where its objects are.
+//! A command's run and the store of its objects.
 
-use super::exit_code::{Exit, Failure};
+use super::exit_code::{Exit, Failure, failure};
 use super::store_env::{inputs, store_options};
 use crate::run::{Run, keys};
 use crate::store::Store;
@@ -13,25 +13,21 @@ pub(super) fn open(
     address: Option<&str>,
     roots: &Roots,
 ) -> Result<(Run, Store), Failure> {
-    let elsewhere = match address {
-        Some(address) => {
-            let store = Store::open(address, &store_options())?;
-            fetch(folder, &store)?;
-            Some(store)
-        }
-        None => None,
-    };
+    let elsewhere = address.map(|address| Store::open(address, &store_options())).transpose()?;
+    if let Some(store) = &elsewhere {
+        fetch(folder, store)?;
+    }
     let mut run = Run::open(folder, roots)?;
     run.inputs = inputs();
-    // Opening a store makes its folder: not before there is a run in it.
-    let store = elsewhere.map_or_else(|| Store::local(folder), Ok)?;
-    if address.is_some() {
-        check(&run, &store)?;
+    if let Some(store) = &elsewhere {
+        check(&run, store)?;
     }
+    // Opening a local store creates its folder, so only after the run has been found there.
+    let store = elsewhere.map_or_else(|| Store::local(folder), Ok)?;
     Ok((run, store))
 }
 
-/// Brings the run's rules to a machine that has only the store.
+/// Copies the run's spec and manifest to a machine that has only the store.
 pub(super) fn fetch(folder: &Path, store: &Store) -> Result<(), Failure> {
     if folder.join(keys::SPEC).exists() {
         return Ok(());
@@ -39,18 +35,18 @@ pub(super) fn fetch(folder: &Path, store: &Store) -> Result<(), Failure> {
     render::atomic_file::create_dir(folder)?;
     for key in [keys::MANIFEST, keys::SPEC] {
         let bytes = store.get(key)?.ok_or_else(|| {
-            let error = anyhow::anyhow!(
+            failure!(
+                Exit::TryAgain,
                 "{} holds no run yet (no {key}); start `glasshouse coordinate RUN --store …` first, then try again",
                 store.name()
-            );
-            Failure::new(Exit::TryAgain, error)
+            )
         })?;
         render::atomic_file::write(&folder.join(key), &bytes)?;
     }
     Ok(())
 }
 
-/// The store's objects are of this run. One without a spec is empty yet.
+/// Checks that the store belongs to this run. A store without a spec is still empty.
 fn check(run: &Run, store: &Store) -> Result<(), Failure> {
     let (Some(there), Ok(here)) = (store.get(keys::SPEC)?, std::fs::read(run.path(keys::SPEC)))
     else {
@@ -59,11 +55,11 @@ fn check(run: &Run, store: &Store) -> Result<(), Failure> {
     if there == here {
         return Ok(());
     }
-    let error = anyhow::anyhow!(
+    Err(failure!(
+        Exit::Disagrees,
         "{} holds another run than {}: their {} differ; give the store of this run",
         store.name(),
         run.root().display(),
         keys::SPEC
-    );
-    Err(Failure::new(Exit::Disagrees, error))
+    ))
 }

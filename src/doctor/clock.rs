@@ -1,18 +1,18 @@
-//! Clocks: leases and ages are measured with the monotonic one; requests to a bucket are signed with the time of day.
+//! Clocks: leases and ages use the monotonic clock; requests to a bucket are signed with the time of day.
 
 use super::finding::{Finding, Level, seconds_text};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// Between two looks at both clocks.
+/// Time over which both clocks are compared.
 const LOOK: Duration = Duration::from_millis(50);
-/// Buckets refuse what is signed so far off.
+/// Buckets refuse requests that are signed with a larger offset.
 const REFUSED_S: f64 = 900.0;
-/// More than this is a clock that nobody sets.
+/// A larger offset means that the clock is not synchronised.
 const OFF_S: f64 = 5.0;
-/// 2025: before this program was made.
+/// Start of 2025, before the first release.
 const PAST_S: u64 = 1_735_689_600;
 
-/// Whether the clocks run, and evenly.
+/// Checks that the clocks run forwards and at the same rate.
 pub fn check_clock() -> Finding {
     let (start, day) = (Instant::now(), SystemTime::now());
     let mut last = start;
@@ -26,19 +26,19 @@ pub fn check_clock() -> Finding {
     let apart = (by_day.as_secs_f64() - start.elapsed().as_secs_f64()).abs();
     let today = day.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
     Finding::ok("clock", "runs forwards and evenly")
-        .unless(is_steady, Level::Fail, "the monotonic clock went back: no lease can be kept on this machine")
+        .unless(is_steady, Level::Fail, "the monotonic clock went back: leases do not work on this machine")
         .unless(
             today > PAST_S,
             Level::Fail,
-            "the time of day lies before this program was made: set the clock (NTP), or no certificate is believed",
+            "the time of day is before this program's release: set the clock (NTP), or certificates are rejected",
         )
-        .unless(apart < 0.02, Level::Warn, "the time of day jumps: it is being set; look again in a minute")
+        .unless(apart < 0.02, Level::Warn, "the time of day jumps: it is being set; check again in a minute")
         .with("unix_s", today)
         .with("apart_s", apart)
 }
 
-/// This machine's clock against another's that showed `there` between `before` and `after`; `exact_s` is how finely it
-/// tells.
+/// Compares this machine's clock with another that showed `there` between `before` and `after`; `exact_s` is its
+/// resolution.
 pub(super) fn compare(
     check: &'static str,
     there: SystemTime,
@@ -48,7 +48,7 @@ pub(super) fn compare(
     let seconds =
         |time: SystemTime| time.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64();
     let (there, before, after) = (seconds(there), seconds(before), seconds(after));
-    // Nothing is known of what lies between.
+    // Within the interval no offset can be detected.
     let off = if there + exact_s < before {
         there + exact_s - before
     } else if there > after {
@@ -66,12 +66,12 @@ pub(super) fn compare(
         .unless(
             off.abs() < REFUSED_S,
             Level::Fail,
-            "set this machine's clock (NTP): requests that are signed so far off are refused",
+            "set this machine's clock (NTP): requests signed with this offset are refused",
         )
         .unless(
             off.abs() < OFF_S,
             Level::Warn,
-            "set this machine's clock (NTP): ages that `status` shows are wrong by that",
+            "set this machine's clock (NTP): ages in `status` are wrong by this offset",
         )
         .with("off_s", off)
 }
@@ -85,7 +85,7 @@ mod tests {
         let at = |s: u64| UNIX_EPOCH + Duration::from_secs(s);
         let of = |there| compare("c", at(there), [at(1000), at(1002)], 1.0);
         assert_eq!(of(1001).level, Level::Ok);
-        // A bucket tells whole seconds.
+        // A bucket reports whole seconds.
         assert_eq!(of(999).measured["off_s"], 0.0);
         assert_eq!((of(990).level, of(1020).level), (Level::Warn, Level::Warn));
         assert_eq!((of(10).level, of(5000).level), (Level::Fail, Level::Fail));

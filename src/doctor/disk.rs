@@ -1,6 +1,6 @@
-//! The disk of a run: space, speed, and what renames, links and locks promise there.
+//! The disk of a run: space, speed, and the guarantees of renames, links and locks.
 //!
-//! The probes write by themselves and not through [`render::atomic_file`]: they measure what that relies on.
+//! Most probes do not use [`render::atomic_file`], because they test the guarantees that it relies on.
 
 use super::finding::{Finding, Level, bytes_text, seconds_text};
 use render::atomic_file;
@@ -9,20 +9,20 @@ use std::io::{self, ErrorKind, Write};
 use std::path::Path;
 use std::time::Instant;
 
-/// Bytes of the file that is written.
+/// Bytes of the long file.
 const WRITTEN: usize = 32 << 20;
-/// Files that are put durably one by one.
+/// Files that are written durably, one by one.
 const DURABLE_FILES: usize = 15;
-/// Files that are made, listed and removed.
+/// Files that are created, listed and removed.
 const SMALL_FILES: usize = 100;
-/// Less space hardly does for a run.
+/// With less space, most runs do not fit.
 const LITTLE_SPACE: u64 = 1_000_000_000;
 const NO_SPACE: u64 = 50_000_000;
 const SLOW_MB_PER_S: f64 = 20.0;
 const SLOW_DURABLE_S: f64 = 0.05;
 const SLOW_SMALL_S: f64 = 5.0;
 
-/// Bytes that may be written where `folder` is or will be.
+/// Free bytes on the disk of a folder that may not exist yet.
 pub fn available_bytes(folder: &Path) -> Option<u64> {
     let folder = std::path::absolute(folder).ok()?;
     let there = folder.ancestors().find(|folder| folder.is_dir())?;
@@ -32,21 +32,19 @@ pub fn available_bytes(folder: &Path) -> Option<u64> {
 
 /// Measures in a temporary folder in `folder`, which is removed.
 pub fn check_disk(folder: &Path) -> Vec<Finding> {
+    type Probe = fn(&Path) -> io::Result<Finding>;
+    let probes: [(&str, Probe); 4] = [
+        ("disk speed", speed),
+        ("durable files", durable),
+        ("small files", small_files),
+        ("disk promises", promises),
+    ];
     let mut findings = vec![space(available_bytes(folder))];
-    let place = tempfile::Builder::new().prefix(".tmp-doctor-").tempdir_in(folder);
-    let probes: [fn(&Path) -> io::Result<Finding>; 4] = [speed, durable, small_files, promises];
-    match place {
+    match tempfile::Builder::new().prefix(".tmp-doctor-").tempdir_in(folder) {
         Err(error) => findings.push(cannot("disk", &error)),
-        Ok(place) => {
-            for (probe, check) in probes.into_iter().zip([
-                "disk speed",
-                "durable files",
-                "small files",
-                "disk promises",
-            ]) {
-                findings.push(probe(place.path()).unwrap_or_else(|error| cannot(check, &error)));
-            }
-        }
+        Ok(place) => findings.extend(probes.into_iter().map(|(check, probe)| {
+            probe(place.path()).unwrap_or_else(|error| cannot(check, &error))
+        })),
     }
     findings
 }
@@ -57,28 +55,28 @@ fn cannot(check: &'static str, error: &io::Error) -> Finding {
             "let this user write there, or take another folder (`plan --out`, `--store`)"
         }
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "make room, or take another disk",
-        _ => "take another folder, or see what is wrong with this disk",
+        _ => "take another folder, or check this disk",
     };
     Finding::fail(check, format!("cannot write: {error}"), to_do)
 }
 
 fn space(bytes: Option<u64>) -> Finding {
     let Some(bytes) = bytes else {
-        return Finding::warn("disk space", "the system does not say", "`df` may know");
+        return Finding::warn("disk space", "unknown to the system", "check with `df`");
     };
     Finding::ok("disk space", format!("{} free", bytes_text(bytes as f64)))
         .unless(bytes >= NO_SPACE, Level::Fail, "make room, or take another disk")
         .unless(
             bytes >= LITTLE_SPACE,
             Level::Warn,
-            "`glasshouse plan RECIPE -n` says what a run needs",
+            "`glasshouse plan RECIPE -n` estimates the space that a run needs",
         )
         .with("free_bytes", bytes)
 }
 
-/// A long file, to the disk.
+/// Writes and syncs a long file.
 fn speed(place: &Path) -> io::Result<Finding> {
-    // No two blocks alike, so that a disk that packs or shares them is not taken for a fast one.
+    // All blocks differ, so that compression or deduplication does not look like speed.
     let mut block: Vec<u8> =
         (0..1u32 << 20).map(|i| (i.wrapping_mul(0x9e37_79b1) >> 24) as u8).collect();
     let start = Instant::now();
@@ -98,12 +96,12 @@ fn speed(place: &Path) -> io::Result<Finding> {
         .unless(
             rate >= SLOW_MB_PER_S,
             Level::Warn,
-            "a run on a local disk, or fewer workers on this one",
+            "put the run on a local disk, or use fewer workers on this one",
         )
         .with("mb_per_s", rate))
 }
 
-/// What every partial and every file of a tuple costs.
+/// The cost of writing a partial or a file of a tuple.
 fn durable(place: &Path) -> io::Result<Finding> {
     let mut seconds = Vec::new();
     for number in 0..DURABLE_FILES {
@@ -120,14 +118,14 @@ fn durable(place: &Path) -> io::Result<Finding> {
         seconds_text(median),
         seconds_text(worst)
     );
-    let to_do = "results wait for this disk: a local one, or a bucket with --store, is faster";
+    let to_do = "results wait for this disk: use a local disk, or a bucket with --store";
     Ok(Finding::ok("durable files", text)
         .unless(median <= SLOW_DURABLE_S, Level::Warn, to_do)
         .with("median_s", median)
         .with("most_s", worst))
 }
 
-/// Names are slow on some network disks.
+/// Creates, lists and removes files, which is slow on some network disks.
 fn small_files(place: &Path) -> io::Result<Finding> {
     let folder = place.join("small");
     let start = Instant::now();
@@ -143,18 +141,18 @@ fn small_files(place: &Path) -> io::Result<Finding> {
         .unless(
             seconds <= SLOW_SMALL_S,
             Level::Warn,
-            "names are slow on this disk: a local one, or a bucket with --store",
+            "creating files is slow on this disk: use a local disk, or a bucket with --store",
         )
         .unless(
             listed == SMALL_FILES,
             Level::Fail,
-            "a file that was made is not listed: no run can be on this disk",
+            "a new file is not listed: this disk cannot hold a run",
         )
         .with("seconds", seconds)
         .with("listed", listed))
 }
 
-/// What runs rely on: names that are taken once, renames that replace whole files, locks.
+/// Tests the guarantees that runs need: exclusive creation, atomic renames, locks.
 fn promises(place: &Path) -> io::Result<Finding> {
     let path = |name: &str| place.join(name);
     let mut broken = Vec::new();
@@ -164,10 +162,10 @@ fn promises(place: &Path) -> io::Result<Finding> {
         result.is_err_and(|error| error.kind() == ErrorKind::AlreadyExists)
     };
     if !is_taken(File::create_new(path("one")).map(drop)) {
-        broken.push("a file can be made twice (O_EXCL)");
+        broken.push("a file can be created twice (O_EXCL)");
     }
     match fs::hard_link(path("one"), path("link")) {
-        // What makes an object that is put once.
+        // Objects are put once by a hard link.
         Ok(()) if !is_taken(fs::hard_link(path("two"), path("link"))) => {
             broken.push("a link replaces a file");
         }
@@ -186,12 +184,13 @@ fn promises(place: &Path) -> io::Result<Finding> {
     let open = || File::options().append(true).open(path("one"));
     let (first, second) = (open()?, open()?);
     if !matches!((locks(&first), locks(&second)), (Ok(true), Ok(false))) {
-        broken.push("locks do not hold, so that two programs could work on one run");
+        broken.push("locks do not work, so two programs could work on one run");
     }
     Ok(if broken.is_empty() {
-        Finding::ok("disk promises", "names are taken once, renames replace, links and locks hold")
+        Finding::ok("disk promises", "exclusive creation, renames, links and locks work")
     } else {
-        let to_do = "take another disk for runs; a bucket with --store needs none of this";
+        let to_do =
+            "use another disk for runs; a bucket with --store does not need these guarantees";
         Finding::fail("disk promises", broken.join("; "), to_do)
     })
 }
@@ -201,7 +200,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_good_disk_is_good_and_left_as_it_was() {
+    fn a_good_disk_passes_and_no_file_stays() {
         let folder = tempfile::tempdir().unwrap();
         let found = check_disk(folder.path());
         assert_eq!(found.len(), 5);
@@ -218,12 +217,12 @@ mod tests {
     }
 
     #[test]
-    fn the_space_of_a_folder_to_be_is_that_of_the_one_above() {
+    fn a_missing_folder_has_the_space_of_its_parent() {
         let folder = tempfile::tempdir().unwrap();
         let there = available_bytes(folder.path()).unwrap();
         let to_be = available_bytes(&folder.path().join("a/b")).unwrap();
         assert!(there > 0 && to_be > 0);
-        // Others write meanwhile.
+        // Other processes may write meanwhile.
         assert!(there.abs_diff(to_be) < there / 2);
     }
 }

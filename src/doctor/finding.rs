@@ -1,17 +1,15 @@
-//! What a check found.
+//! Results of checks.
 
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-/// How bad it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Level {
-    /// As it should be.
     Ok,
-    /// It works, slower or less safely than it could.
+    /// It works, but slower or less safely than it could.
     Warn,
-    /// It will not work.
+    /// It does not work.
     Fail,
 }
 
@@ -27,15 +25,14 @@ impl Level {
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// What was looked at, in a word or two.
+    /// Name of the check.
     pub check: &'static str,
-    /// How bad it is.
     pub level: Level,
-    /// What was measured, in words.
+    /// The result in words.
     pub value: String,
-    /// What to do, where something should be done.
+    /// Advice, if the level is not `Ok`.
     pub to_do: Option<String>,
-    /// What was measured, by name, with its unit in the name.
+    /// Measured values; their names contain the unit.
     pub measured: Map<String, Value>,
 }
 
@@ -44,17 +41,15 @@ impl Finding {
         Self { check, level: Level::Ok, value: value.into(), to_do: None, measured: Map::new() }
     }
 
-    /// It could be better.
     pub fn warn(check: &'static str, value: impl Into<String>, to_do: impl Into<String>) -> Self {
         Self::ok(check, value).but(Level::Warn, to_do)
     }
 
-    /// It will not work.
     pub fn fail(check: &'static str, value: impl Into<String>, to_do: impl Into<String>) -> Self {
         Self::ok(check, value).but(Level::Fail, to_do)
     }
 
-    /// The same, worse than it seemed; a level that is there and is as bad stays.
+    /// Raises the level; an equal or higher level stays, with its advice.
     #[must_use]
     pub fn but(mut self, level: Level, to_do: impl Into<String>) -> Self {
         if level > self.level {
@@ -64,13 +59,13 @@ impl Finding {
         self
     }
 
-    /// The same if `is_so`, else worse.
+    /// [`Self::but`] if `is_so` is false.
     #[must_use]
     pub fn unless(self, is_so: bool, level: Level, to_do: impl Into<String>) -> Self {
         if is_so { self } else { self.but(level, to_do) }
     }
 
-    /// The same with a number.
+    /// Adds a measured value.
     #[must_use]
     pub fn with(mut self, name: &str, value: impl Into<Value>) -> Self {
         self.measured.insert(name.to_owned(), value.into());
@@ -78,7 +73,7 @@ impl Finding {
     }
 }
 
-/// `12 kB`, `3.4 MB`, `5.6 GB`: thousands, as disks are sold.
+/// `12 kB`, `3.4 MB`, `5.6 GB`: decimal units.
 pub(crate) fn bytes_text(bytes: f64) -> String {
     match bytes {
         b if b < 1e6 => format!("{:.0} kB", b / 1e3),

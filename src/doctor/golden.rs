@@ -1,11 +1,11 @@
-//! Whether this machine computes the bits that all machines must.
+//! Checks that this machine computes the same bits as all others.
 
 use super::finding::{Finding, seconds_text};
 use render::shard::{Golden, golden, pinned};
 use render::trace::{Isa, TRACER_VERSION};
 use std::time::Instant;
 
-/// Traces the golden shard and compares its digest with the one that this version is known to make, and with a run's.
+/// Traces the golden shard and compares its digest with the digest of this version and with that of a run.
 pub fn check_golden(isa: Isa, threads: usize, run: Option<&Golden>) -> Finding {
     let start = Instant::now();
     let found = golden(isa, threads);
@@ -19,14 +19,16 @@ fn judge(found: &Golden, pinned: &Golden, run: Option<&Golden>, text: &str) -> F
     if found != pinned {
         return Finding::fail(
             "right bits",
-            format!("{text}, and other bits came out than tracer version {TRACER_VERSION} makes"),
-            "never let this machine work on a run; please report its processor",
+            format!("{text}, but its bits differ from tracer version {TRACER_VERSION}"),
+            "do not use this machine for a run; please report its processor",
         );
     }
     if run.is_some_and(|run| run != pinned) {
         return Finding::fail(
             "right bits",
-            format!("{text}: the bits of this version, but the run was planned with another"),
+            format!(
+                "{text}: the bits of this version, but the run was planned with another version"
+            ),
             "finish the run with the version that planned it, or plan again into a new folder",
         );
     }

@@ -4,12 +4,12 @@ use super::finding::{Finding, Level};
 use render::trace::Isa;
 use rustix::process::{Resource, getrlimit};
 
-/// Files that a worker or a coordinator with a page may have open at a time, with room to spare.
+/// Enough open files for a worker or a coordinator with a page.
 const OPEN_FILES: u64 = 1024;
-/// Fewer do not do for the store alone.
+/// Fewer are not enough for the store.
 const FEWEST_OPEN_FILES: u64 = 128;
 
-/// The processor and its cores, against `threads` that are to compute on it.
+/// Checks the processor, and its cores against the number of compute threads.
 pub fn check_cpu(isa: Isa, threads: usize) -> [Finding; 2] {
     let model = model().unwrap_or_else(|| "unknown processor".to_owned());
     let (avx2, avx512) = (Isa::detect() == Isa::Avx2, has_avx512());
@@ -19,12 +19,12 @@ pub fn check_cpu(isa: Isa, threads: usize) -> [Finding; 2] {
         Isa::Baseline => "the baseline",
     };
     let text =
-        format!("{model}; AVX2 {}, AVX-512 {}; the tracer takes {taken}", yes(avx2), yes(avx512));
+        format!("{model}; AVX2 {}, AVX-512 {}; the tracer uses {taken}", yes(avx2), yes(avx512));
     let kernels = Finding::ok("processor", text)
         .unless(
             isa == Isa::Avx2,
             Level::Warn,
-            "nothing is wrong: without AVX2 tracing gives the same bits and takes a few times as long",
+            "no error: without AVX2 tracing gives the same bits, but takes a few times as long",
         )
         .with("model", model)
         .with("avx2", avx2)
@@ -41,7 +41,7 @@ pub fn check_cpu(isa: Isa, threads: usize) -> [Finding; 2] {
         .unless(
             threads <= there,
             Level::Warn,
-            format!("more threads than cores only cost memory: -j {there}"),
+            format!("use -j {there}: more threads than cores only need more memory"),
         )
         .with("cores", there)
         .with("cores_of_machine", online)
@@ -66,14 +66,14 @@ fn model() -> Option<String> {
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
-/// Cores of the machine, whatever this process may use of them.
+/// Cores of the machine, including those that this process may not use.
 fn online() -> Option<usize> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let count = text.lines().filter(|line| line.starts_with("processor")).count();
     (count > 0).then_some(count)
 }
 
-/// How many files may be open.
+/// Checks the limit of open files.
 pub fn check_open_files() -> Finding {
     let limit = getrlimit(Resource::Nofile);
     judge_open_files(limit.current, limit.maximum)
@@ -86,10 +86,10 @@ fn judge_open_files(soft: Option<u64>, hard: Option<u64>) -> Finding {
         return Finding::ok("open files", "no limit");
     };
     let raise = if hard.is_none_or(|hard| hard >= OPEN_FILES) {
-        format!("`ulimit -n {OPEN_FILES}` before the program is started")
+        format!("run `ulimit -n {OPEN_FILES}` before the program")
     } else {
         format!(
-            "have the hard limit raised to {OPEN_FILES} (limits.conf, or LimitNOFILE= of the service)"
+            "raise the hard limit to {OPEN_FILES} (limits.conf, or LimitNOFILE= of the service)"
         )
     };
     Finding::ok("open files", format!("{limit} allowed, {} at most", text(hard)))
@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn few_open_files_are_told() {
+    fn low_limits_of_open_files_are_reported() {
         assert_eq!(judge_open_files(None, None).level, Level::Ok);
         assert_eq!(judge_open_files(Some(1024), None).level, Level::Ok);
         let few = judge_open_files(Some(256), Some(4096));
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn more_threads_than_cores_are_told() {
+    fn more_threads_than_cores_are_reported() {
         let [kernels, cores] = check_cpu(Isa::Baseline, 100_000);
         assert_eq!((kernels.level, cores.level), (Level::Warn, Level::Warn));
         let [_, cores] = check_cpu(Isa::detect(), 1);

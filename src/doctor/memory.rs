@@ -1,27 +1,26 @@
-//! Memory that is there, for this process and its container, against what threads need.
+//! Available memory of the machine and its container, against the needs of the threads.
 
 use super::finding::{Finding, Level, bytes_text};
 use std::fs::read_to_string;
 use std::path::{Path, PathBuf};
 
-/// Of a process that traces, whatever its threads.
+/// Memory of a tracing process without its threads.
 const BASE_BYTES: u64 = 50_000_000;
-/// Of each computing thread with photographs of 1024 x 768 px and a film of 256 x 256 px: a loaded scene, the shards of
-/// one, and encoded results. Measured: 138 MB with one thread, 236 MB with two.
+/// Memory of each compute thread with photographs of 1024 x 768 px and a film of 256 x 256 px: a loaded scene, shards,
+/// and encoded results. Measured: 138 MB with one thread, 236 MB with two.
 const THREAD_BYTES: u64 = 120_000_000;
 
-/// What the system says of memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Memory {
-    /// Bytes that the machine could give now.
+    /// Available on the machine, bytes.
     available: Option<u64>,
-    /// Bytes that the container may still take.
+    /// Left in the container, bytes.
     left_in_group: Option<u64>,
-    /// Bytes that the container may have in all.
+    /// Limit of the container, bytes.
     group_limit: Option<u64>,
 }
 
-/// Memory against `threads` that are to trace.
+/// Checks the memory for `threads` compute threads.
 pub fn check_memory(threads: usize) -> Finding {
     judge(look(Path::new("/")), threads)
 }
@@ -32,8 +31,8 @@ fn judge(memory: Memory, threads: usize) -> Finding {
     let Some(there) = there else {
         return Finding::warn(
             "memory",
-            "the system does not say",
-            "see to it that there are 120 MB a thread",
+            "unknown to the system",
+            "make sure that there are 120 MB per thread",
         );
     };
     let group = memory.group_limit.map_or_else(String::new, |limit| {
@@ -49,19 +48,19 @@ fn judge(memory: Memory, threads: usize) -> Finding {
         .unless(
             most > 0,
             Level::Fail,
-            "make room, or raise the container's limit: not even one thread has enough",
+            "free memory, or raise the container's limit: it is not enough for one thread",
         )
         .unless(
             there >= need,
             Level::Warn,
-            format!("fewer threads: -j {}; larger photographs need more than that", most.max(1)),
+            format!("use fewer threads: -j {}; larger photographs need more memory", most.max(1)),
         )
         .with("free_bytes", there)
         .with("group_limit_bytes", memory.group_limit)
         .with("needed_bytes", need)
 }
 
-/// What the files below `root` (`/` but in tests) say.
+/// Reads the system's files below `root` (`/` except in tests).
 fn look(root: &Path) -> Memory {
     let available = read_to_string(root.join("proc/meminfo")).ok().and_then(|text| {
         let line = text.lines().find(|line| line.starts_with("MemAvailable:"))?.to_owned();
@@ -71,7 +70,7 @@ fn look(root: &Path) -> Memory {
     let mut memory = Memory { available, ..Memory::default() };
     for (limit, used) in groups(root) {
         let number = |path: &Path| read_to_string(path).ok()?.trim().parse::<u64>().ok();
-        // `max`, or a number near the largest, is no limit.
+        // `max`, or a number near the largest, means no limit.
         let Some(limit) = number(&limit).filter(|limit| *limit < 1 << 60) else {
             continue;
         };
@@ -83,7 +82,7 @@ fn look(root: &Path) -> Memory {
     memory
 }
 
-/// Files with the limit and the use of each control group that this process is in, of version 2 and 1.
+/// Files with the limit and the usage of each control group of this process, of versions 2 and 1.
 fn groups(root: &Path) -> Vec<(PathBuf, PathBuf)> {
     let mut files = Vec::new();
     let text = read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
@@ -100,7 +99,7 @@ fn groups(root: &Path) -> Vec<(PathBuf, PathBuf)> {
             }
             _ => continue,
         };
-        // Inside of a container the own group is often mounted at the top.
+        // Inside a container, the process's group is often mounted at the top.
         let mount = root.join(mount);
         let own = mount.join(path.trim_start_matches('/'));
         for folder in own.ancestors().take_while(|folder| folder.starts_with(&mount)) {

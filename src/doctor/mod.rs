@@ -1,11 +1,11 @@
-//! Is this machine fit to work, and is the way to store and queue free? `glasshouse doctor`.
+//! Checks of this machine and of its connection to store and queue: `glasshouse doctor`.
 //!
 //! ```text
-//! machine (cores, kernels, memory, open files)    disk (space, speed, what a rename promises)    clock
-//! golden (does it compute the right bits?)        store, queue (do they answer, and do as they must?)
+//! machine (cores, kernels, memory, open files)    disk (space, speed, guarantees)    clock
+//! golden (bits of the golden shard)               store, queue (answers and guarantees)
 //! ```
 //!
-//! Every check measures, judges, and says what to do: a [`Finding`]. Nothing that is written stays.
+//! Every check gives a [`Finding`]: a measurement, a level and advice. The checks leave no files behind.
 
 mod clock;
 mod disk;

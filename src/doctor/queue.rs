@@ -1,4 +1,4 @@
-//! The queue's server: does it answer, may this one use JetStream, is it new enough?
+//! The queue's server: answer, JetStream, version.
 
 #[cfg(feature = "nats")]
 use super::clock::compare;
@@ -7,19 +7,20 @@ use super::finding::{Finding, Level, seconds_text};
 use crate::farm::queue::{NatsOptions, probe_nats};
 use serde_json::json;
 
-/// The oldest server that does all that is asked of it, and the one to have.
+/// The oldest server with all required functions, and the recommended one.
 const OLDEST: [u32; 3] = [2, 9, 10];
 const RECOMMENDED: [u32; 3] = [2, 12, 0];
-/// Slower is told: a worker asks for each span.
+/// A slower server is reported, because workers ask it for every task.
 const SLOW_S: f64 = 0.5;
 
-/// Connects, asks for limits, makes a small stream in memory and removes it.
+/// Connects, reads the limits, creates a small stream in memory and removes it.
 #[cfg(feature = "nats")]
 pub fn check_queue(options: &NatsOptions) -> Vec<Finding> {
     let facts = match probe_nats(options) {
         Ok(facts) => facts,
         Err(error) => {
-            let to_do = "does the server run, is the address right, is its port open from here?";
+            let to_do =
+                "check that the server runs, the address, and that its port is open from here";
             return vec![Finding::fail("queue", error.to_string(), to_do)];
         }
     };
@@ -43,7 +44,7 @@ pub fn check_queue(options: &NatsOptions) -> Vec<Finding> {
         }
         (Err(None), true) => Finding::ok(
             "JetStream",
-            "enabled; limits are not told to this user, which a worker does not need",
+            "enabled; this user may not read its limits, which a worker does not need",
         ),
         (Err(Some(reason)), true) => Finding::ok("JetStream", format!("enabled; its limits cannot be read ({reason})")),
         (Err(reason), false) => Finding::fail(
@@ -56,15 +57,15 @@ pub fn check_queue(options: &NatsOptions) -> Vec<Finding> {
         Some(Ok((there, between))) => findings.push(compare("queue clock", there, between, 0.0)),
         Some(Err(reason)) => findings.push(Finding::warn(
             "streams",
-            format!("none can be made: {reason}"),
-            "right for a worker's key; a coordinator's must be allowed to",
+            format!("none can be created: {reason}"),
+            "correct for a worker's key; a coordinator's key must be allowed to",
         )),
         None => {}
     }
     findings
 }
 
-/// Judges a server by its version and the seconds that it takes to answer.
+/// Judges a server by its version and its answer time in seconds.
 pub fn judge_queue(version: &str, answer_s: f64) -> Finding {
     let numbers = numbers(version);
     let text = format!("nats-server {version} answers in {}", seconds_text(answer_s));
@@ -77,7 +78,7 @@ pub fn judge_queue(version: &str, answer_s: f64) -> Finding {
     Finding::ok("queue", text)
         .unless(numbers.is_none_or(|n| n >= OLDEST), Level::Fail, old.clone())
         .unless(numbers.is_none_or(|n| n >= RECOMMENDED), Level::Warn, old)
-        .unless(answer_s < SLOW_S, Level::Warn, "a server nearer to the workers")
+        .unless(answer_s < SLOW_S, Level::Warn, "use a server nearer to the workers")
         .with("version", version)
         .with("answer_s", answer_s)
 }
@@ -94,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn old_servers_are_told() {
+    fn old_servers_are_reported() {
         let level = |version| judge_queue(version, 0.01).level;
         assert_eq!(level("2.9.9"), Level::Fail);
         assert_eq!((level("2.9.10"), level("2.11.3")), (Level::Warn, Level::Warn));

@@ -7,12 +7,12 @@ use std::time::{Instant, SystemTime};
 
 /// Folder of the probe's object.
 const FOLDER: &str = "doctor-probe";
-/// Slower is told: every result is put.
+/// A slower store is reported, because every result is put there.
 const SLOW_S: f64 = 1.0;
-/// A bucket tells whole seconds.
+/// A bucket reports whole seconds.
 const EXACT_S: f64 = 1.0;
 
-/// Makes one object of its own, `doctor-probe/NAME`, and removes it. `name` must be nobody else's.
+/// Creates the object `doctor-probe/NAME` and removes it. `name` must be unique.
 pub fn check_store(store: &Store, name: &str) -> Vec<Finding> {
     let key = format!("{FOLDER}/{name}");
     let mut findings = Vec::new();
@@ -20,10 +20,10 @@ pub fn check_store(store: &Store, name: &str) -> Vec<Finding> {
     if let Err((what, error)) = checked {
         findings.push(failed(what, &error));
     }
-    // Also after a failure; what was never put is removed in vain.
+    // Also after a failure.
     let start = Instant::now();
     let removed = store.delete(std::slice::from_ref(&key));
-    // What cannot even be put need not be removed.
+    // After a failure the removal says nothing new.
     if findings.iter().all(|f| f.level < Level::Fail) {
         findings.push(match removed {
             Ok(()) => {
@@ -33,12 +33,12 @@ pub fn check_store(store: &Store, name: &str) -> Vec<Finding> {
             Err(error) => Finding::fail(
                 "store remove",
                 error.to_string(),
-                format!("let this program remove objects (partials go when their tuple is there); remove {key} by hand"),
+                format!("allow this program to remove objects (it removes the partials of finished tuples); remove {key} by hand"),
             ),
         });
     }
     if let Some(root) = store.local_root() {
-        // Only if it is empty: another may be at it.
+        // Only removes an empty folder: another doctor may use it.
         let _ = std::fs::remove_dir(root.join(FOLDER));
     }
     findings
@@ -53,11 +53,11 @@ fn probe(store: &Store, key: &str, findings: &mut Vec<Finding>) -> Result<(), Fa
     let text = format!("{} takes an object in {}", store.name(), seconds_text(seconds));
     findings.push(
         Finding::ok("store put", text)
-            .unless(seconds < SLOW_S, Level::Warn, "results are slow to be kept: a nearer store")
+            .unless(seconds < SLOW_S, Level::Warn, "putting results is slow: use a nearer store")
             .unless(
                 put == Put::New,
                 Level::Warn,
-                "an object of the probe's name was there: two doctors at once?",
+                "an object with the probe's name existed: do two doctors run?",
             )
             .with("seconds", seconds),
     );
@@ -69,7 +69,7 @@ fn probe(store: &Store, key: &str, findings: &mut Vec<Finding>) -> Result<(), Fa
             .unless(
                 read.as_deref() == Some(b"one"),
                 Level::Fail,
-                "what was put a moment ago is not what is read: no run can be in this store",
+                "the object just put reads differently: this store cannot hold a run",
             )
             .with("seconds", seconds),
     );
@@ -82,7 +82,7 @@ fn probe(store: &Store, key: &str, findings: &mut Vec<Finding>) -> Result<(), Fa
             .unless(
                 found.is_some(),
                 Level::Fail,
-                "what was put a moment ago is not listed: a run takes the list for the truth",
+                "the object just put is not listed, but a run relies on lists",
             )
             .with("seconds", seconds),
     );
@@ -93,30 +93,29 @@ fn probe(store: &Store, key: &str, findings: &mut Vec<Finding>) -> Result<(), Fa
     Ok(())
 }
 
-/// A second put of other bytes must be refused, or two machines that disagree would not be found out.
+/// A second put of other bytes must be refused, or machines with different results would stay undetected.
 fn once(store: &Store, key: &str) -> Result<Finding, StoreError> {
-    let second = match store.create(key, b"two") {
+    let is_refused = match store.create(key, b"two") {
         Err(StoreError::Differs { .. }) => true,
         Err(error) => return Err(error),
         Ok(_) => false,
     };
-    let same = store.create(key, b"one")? == Put::Same;
-    Ok(if second && same {
-        Finding::ok("store put once", "a name that is taken is refused, and what was there stays")
+    Ok(if is_refused && store.create(key, b"one")? == Put::Same {
+        Finding::ok("store put once", "an existing name is refused, and its object stays")
     } else {
         Finding::fail(
             "store put once",
             "a second put replaced the first (no conditional put)",
-            "take a store that knows If-None-Match: S3 itself, MinIO, Ceph or R2 of the last years",
+            "use a store with If-None-Match: S3, or a recent MinIO, Ceph or R2",
         )
     })
 }
 
 fn failed(check: &'static str, error: &StoreError) -> Finding {
     let to_do = if error.is_passing() {
-        "is its address right, and does it run? AWS_ENDPOINT_URL is where a bucket that is not Amazon's is"
+        "check its address, and that it runs; a bucket outside AWS needs AWS_ENDPOINT_URL"
     } else {
-        "are bucket, keys (AWS_ACCESS_KEY_ID, …), region and rights those that it wants?"
+        "check bucket, keys (AWS_ACCESS_KEY_ID, …), region and permissions"
     };
     Finding::fail(check, error.to_string(), to_do)
 }
@@ -126,7 +125,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_folder_is_a_good_store_and_left_as_it_was() {
+    fn a_folder_is_a_good_store_and_no_object_stays() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::local(folder.path()).unwrap();
         let found = check_store(&store, "x");

@@ -1,16 +1,17 @@
-//! Tar archives, as WebDataset reads them: members whose names agree up to the first dot are a sample.
+//! Tar archives in the WebDataset convention: members with equal names up to the first dot are a sample.
 
-use super::facts::{Inspection, Problem, first_of, many};
+use super::facts::{Inspection, Problem, first_of};
 use super::kind::Kind;
+use crate::text::many;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Read};
 
-/// What to do about a damaged shard.
+/// Remedy for a damaged shard.
 const EXPORT: &str = "`glasshouse export RUN --format webdataset` makes it again";
-/// Longest record of a sample that is read.
+/// Longest record of a sample to read.
 const MAX_RECORD_BYTES: u64 = 1 << 24;
-/// Keys that are shown.
+/// Keys to show.
 const SHOWN: usize = 3;
 
 /// Explains an archive of `length` bytes, in one pass over its headers and records.
@@ -19,7 +20,7 @@ pub(super) fn read(bytes: impl Read, length: u64) -> Inspection {
     found.bytes = Some(length);
     let mut samples = Samples::default();
     if let Err(error) = members(bytes, &mut samples) {
-        let what = format!("it is cut, or no tar archive from there on: {error}");
+        let what = format!("it is truncated, or not a tar archive from there on: {error}");
         let place = format!("after {}", many(samples.members, "member"));
         found.wrong(Problem::new(what, EXPORT).at(place));
     }
@@ -54,7 +55,7 @@ struct Samples {
 #[derive(Default)]
 struct Sample {
     endings: BTreeSet<String>,
-    /// Layers that were made, by the sample's record.
+    /// Layers in the sample's record.
     layers: Option<Vec<String>>,
 }
 
@@ -77,10 +78,11 @@ impl Samples {
         let all: BTreeSet<&String> = self.samples.values().flat_map(|s| &s.endings).collect();
         let mut complete = 0;
         for (key, sample) in &self.samples {
-            let lacks = sample.lacks(&all);
-            complete += u64::from(lacks.is_empty());
-            if !lacks.is_empty() {
-                let problem = Problem::new(format!("it lacks {}", lacks.join(", ")), EXPORT);
+            let missing = sample.missing(&all);
+            if missing.is_empty() {
+                complete += 1;
+            } else {
+                let problem = Problem::new(format!("it lacks {}", missing.join(", ")), EXPORT);
                 found.wrong(problem.at(format!("sample {key}")));
             }
         }
@@ -96,14 +98,15 @@ impl Samples {
 }
 
 impl Sample {
-    /// Pictures of layers that its record names and it has not, else what other samples have.
-    fn lacks(&self, all: &BTreeSet<&String>) -> Vec<String> {
+    /// Layers of its record without a picture; without a record, endings that other samples have.
+    fn missing<'a>(&'a self, all: &BTreeSet<&'a String>) -> Vec<&'a str> {
         let has = |layer: &str| self.endings.iter().any(|e| e.starts_with(&format!("{layer}.")));
-        if let Some(layers) = &self.layers {
-            layers.iter().filter(|layer| !has(layer)).cloned().collect()
-        } else {
-            let missing = all.iter().filter(|e| !self.endings.contains(**e));
-            missing.map(|e| (*e).clone()).collect()
+        match &self.layers {
+            Some(layers) => layers.iter().filter(|l| !has(l)).map(String::as_str).collect(),
+            None => {
+                let missing = all.iter().filter(|e| !self.endings.contains(**e));
+                missing.map(|e| e.as_str()).collect()
+            }
         }
     }
 }

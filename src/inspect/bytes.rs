@@ -1,4 +1,4 @@
-//! From a file's bytes to what is known of it: its kind, and the kind's reader.
+//! Finds a file's kind from its bytes and calls the kind's reader.
 
 use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};
@@ -7,10 +7,10 @@ use super::{archive, checkpoint, lists, manifest, partial, picture, record, tupl
 use render::layer::Layer;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Bytes that tell the kind.
+/// Number of bytes that decide the kind.
 pub(super) const HEAD_BYTES: usize = 1 << 16;
 
-/// Explains a file. Never panics.
+/// Inspects a file. Never panics.
 pub fn inspect_bytes(input: &Input) -> Inspection {
     let head = &input.bytes[..input.bytes.len().min(HEAD_BYTES)];
     let by_content = kind_of(input.name, head);
@@ -19,10 +19,10 @@ pub fn inspect_bytes(input: &Input) -> Inspection {
         None => unknown(input, kind),
         Some(kind) => read(kind, input),
     };
-    // Foreign decoders may panic on hostile bytes.
+    // Decoders of other crates may panic on hostile bytes.
     let mut found = catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
         let mut found = Inspection::new(kind);
-        found.wrong(Problem::new("its reader gave up on it: the bytes make no sense", AGAIN));
+        found.wrong(Problem::new("its reader panicked: the bytes make no sense", AGAIN));
         found
     });
     found.bytes = Some(input.bytes.len() as u64);
@@ -73,48 +73,39 @@ fn image(input: &Input) -> Inspection {
     }
 }
 
-/// A file whose bytes tell nothing; its name may say what was expected.
+/// Reports a file that its bytes do not identify; its name may tell the expected kind.
 fn unknown(input: &Input, kind: Kind) -> Inspection {
     let mut found = Inspection::new(kind);
-    let name = input.name;
+    let start = beginning(input.bytes);
     let is_empty = input.bytes.is_empty();
     let problem = match kind {
         Kind::Lock if is_empty => {
             found.is_whole("a lock has no bytes");
             return found;
         }
-        _ if name.starts_with(".tmp-") => Problem::new(
+        _ if input.name.starts_with(".tmp-") => Problem::new(
             "it is being written, or was left by a process that was killed",
             "delete it if no process works here",
         ),
         _ if is_empty => Problem::new("it is empty: 0 bytes", AGAIN),
         Kind::Unknown => Problem::new(
-            format!(
-                "nothing that this program writes or reads begins like this: {}",
-                beginning(input.bytes)
-            ),
+            format!("this program neither writes nor reads a file that begins like this: {start}"),
             "give a file of a run, of `render`, `train`, `evaluate` or `export`, a recipe, an input file, or a run's folder",
         ),
         _ => {
             let expected = schema_of(kind).map_or_else(
                 || "it does not begin like one".to_owned(),
-                |schema| format!("no schema {schema:?} is found at its beginning"),
+                |schema| format!("it does not begin with the schema {schema:?}"),
             );
-            Problem::new(
-                format!(
-                    "its name is that of a {}, but {expected}: {}",
-                    kind.words(),
-                    beginning(input.bytes)
-                ),
-                AGAIN,
-            )
+            let words = kind.words();
+            Problem::new(format!("its name is that of a {words}, but {expected}: {start}"), AGAIN)
         }
     };
     found.wrong(problem);
     found
 }
 
-/// The first bytes: as text if they are that, else as numbers.
+/// The first bytes, as text if possible, else in hexadecimal.
 fn beginning(bytes: &[u8]) -> String {
     let start = &bytes[..bytes.len().min(16)];
     if start.is_empty() {
@@ -133,9 +124,10 @@ fn beginning(bytes: &[u8]) -> String {
 mod tests {
     use super::*;
 
-    /// No bytes of any kind, cut or changed anywhere, make a reader panic or say that all is well when it cannot know.
+    /// Truncated and changed bytes of any kind never make a reader panic, or report a file as intact and damaged at
+    /// once.
     #[test]
-    fn hostile_bytes_come_back() {
+    fn hostile_bytes_become_problems() {
         let beginnings: &[&[u8]] = &[
             b"",
             b"\0",

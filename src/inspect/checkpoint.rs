@@ -1,5 +1,5 @@
-//! A checkpoint: its state and its tensors, each compared with the other. Tensors are listed only if the
-//! program was built with the trainer.
+//! State and tensors of a checkpoint, compared with each other. Tensors are listed only if the program was built with
+//! the trainer.
 
 use super::digests::{CheckpointDigests, Digested, hold_file, hold_record};
 use super::facts::Inspection;

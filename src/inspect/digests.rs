@@ -1,4 +1,4 @@
-//! Records that hold the digests of files beside them: each is compared with the other.
+//! Records with digests of the files beside them: record and file are compared with each other.
 
 use super::facts::{Inspection, Problem};
 use super::input::Input;
@@ -7,19 +7,19 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 
-/// A record that holds digests of files beside it.
+/// A record with digests of files beside it.
 pub(super) trait Digested: DeserializeOwned {
     /// Its name in its folder.
     const NAME: &'static str;
-    /// What to do if a digest does not fit.
+    /// Remedy for a wrong digest.
     const TO_DO: &'static str;
     /// Whether a missing file is damage.
     const NEEDS_FILES: bool;
 
-    /// The files whose digests it holds.
+    /// The files with a digest in it.
     fn files(&self) -> Vec<&str>;
 
-    /// What is wrong with the bytes of one of them.
+    /// Compares the bytes of one of them with its digest.
     fn compare(&self, name: &str, bytes: &[u8]) -> Result<(), String>;
 }
 
@@ -29,13 +29,13 @@ pub(super) fn hold_file<D: Digested>(found: &mut Inspection, input: &Input) {
     let record = record.filter(|record| record.files().contains(&input.name));
     let Some(record) = record else {
         found.may_be_whole(format!(
-            "all of it can be read; no {} beside it holds its digest",
+            "all of it can be read; no {} beside it has its digest",
             D::NAME
         ));
         return;
     };
     match record.compare(input.name, input.bytes) {
-        Ok(()) => found.is_whole(format!("its digest is that of {}", D::NAME)),
+        Ok(()) => found.is_whole(format!("it has the digest in {}", D::NAME)),
         Err(reason) => found.wrong(Problem::new(reason, D::TO_DO)),
     }
 }
@@ -46,7 +46,7 @@ pub(super) fn hold_record<D: Digested>(found: &mut Inspection, input: &Input, re
     for name in record.files() {
         let Some(bytes) = (input.beside)(name) else {
             if D::NEEDS_FILES {
-                let what = format!("{name}, which belongs to it, is not beside it");
+                let what = format!("its file {name} is missing");
                 found.wrong(Problem::new(what, D::TO_DO));
             }
             continue;
@@ -59,20 +59,18 @@ pub(super) fn hold_record<D: Digested>(found: &mut Inspection, input: &Input, re
         }
     }
     found.may_be_whole(match compared.as_slice() {
-        [] => format!("{}, whose digest it holds, is not beside it", record.files().join(", ")),
-        fitting => format!(
-            "its digests fit {} beside it; it has no digest of its own",
-            fitting.join(" and ")
-        ),
+        [] => format!("{}, for which it has a digest, is missing", record.files().join(", ")),
+        fitting => {
+            format!("its digests fit {} beside it; it has no own digest", fitting.join(" and "))
+        }
     });
 }
 
-/// An error if a digest is not the one that a record holds.
 fn same(digest: &str, expected: &str, record: &str) -> Result<(), String> {
     if digest == expected {
         Ok(())
     } else {
-        Err(format!("it is not what was written: its digest differs from that of {record}"))
+        Err(format!("it was changed: it does not have the digest in {record}"))
     }
 }
 
@@ -92,7 +90,7 @@ impl Digested for Spec {
     }
 }
 
-/// Digests of a checkpoint's `state.json`. Only the trainer knows the rest of it.
+/// Digests of a checkpoint's `state.json`; the trainer defines its other fields.
 #[derive(Deserialize)]
 pub(super) struct CheckpointDigests {
     files: BTreeMap<String, String>,
@@ -101,7 +99,7 @@ pub(super) struct CheckpointDigests {
 impl Digested for CheckpointDigests {
     const NAME: &'static str = "state.json";
     const TO_DO: &'static str =
-        "delete its folder: `glasshouse train` goes on from the checkpoint before it";
+        "delete its folder: `glasshouse train` resumes from the checkpoint before it";
     const NEEDS_FILES: bool = true;
 
     fn files(&self) -> Vec<&str> {

@@ -12,12 +12,11 @@ use serde_json::json;
 use std::fmt::Write;
 use std::io::Cursor;
 
-/// Most channels that are read.
 const MAX_CHANNELS: usize = 256;
 /// Deflate expands at most 1,032 times; a header that claims more is wrong.
 const MOST_INFLATED: u64 = 1100;
 
-/// What the header of the first layer says.
+/// The header of the first layer.
 pub(super) struct Head {
     pub(super) width: usize,
     pub(super) height: usize,
@@ -39,12 +38,15 @@ impl Head {
 
     /// Whether there are channels `NAME.R`, ... of a layer.
     pub(super) fn has_layer(&self, layer: &str) -> bool {
-        let start = format!("{layer}.");
-        self.channels.iter().any(|(name, _)| name.starts_with(&start))
+        self.channels.iter().any(|(name, _)| is_of(name, layer))
     }
 }
 
-/// Reads the header; allocates nothing by the sizes that it claims.
+fn is_of(channel: &str, layer: &str) -> bool {
+    channel.strip_prefix(layer).is_some_and(|rest| rest.starts_with('.'))
+}
+
+/// Reads the header without allocating memory for the sizes that it claims.
 pub(super) fn head(bytes: &[u8]) -> Result<Head, String> {
     let meta =
         MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| e.to_string())?;
@@ -58,12 +60,12 @@ pub(super) fn head(bytes: &[u8]) -> Result<Head, String> {
         return Err(format!("its header claims {width} x {height} px"));
     }
     if list.len() > MAX_CHANNELS || first.deep || list.iter().any(|c| c.sampling != Vec2(1, 1)) {
-        return Err("it has deep data, subsampled channels or more than 256 of them, which nothing here writes".to_owned());
+        return Err("it has deep data, subsampled channels or more than 256 channels, which this program does not write".to_owned());
     }
     let claimed = (width * height) as u64 * first.channels.bytes_per_pixel as u64;
     if claimed / MOST_INFLATED > bytes.len() as u64 {
         return Err(format!(
-            "it is cut: {width} x {height} px of {} channels do not fit {} bytes",
+            "it is truncated: {width} x {height} px of {} channels do not fit into {} bytes",
             list.len(),
             bytes.len()
         ));
@@ -86,7 +88,7 @@ pub(super) fn head(bytes: &[u8]) -> Result<Head, String> {
     })
 }
 
-/// What to do about a damaged image.
+/// Remedy for a damaged image.
 pub(super) fn to_do(kind: Kind) -> &'static str {
     match kind {
         Kind::Partial => "nothing: `glasshouse work RUN` traces it again",
@@ -94,13 +96,13 @@ pub(super) fn to_do(kind: Kind) -> &'static str {
     }
 }
 
-/// An image without layers: of `render`, of a reference, or an input.
+/// Inspects an image without layers: an output of `render`, a reference, or an input.
 pub(super) fn read(input: &Input, head: &Head) -> Inspection {
     let mut found = Inspection::new(Kind::Exr);
     say_size(&mut found, head);
     let stem = input.name.strip_suffix(".exr").unwrap_or(input.name);
     if Layer::NAMES.contains(&stem) {
-        let text = format!("{stem}, linear radiance, as `glasshouse render` and `bench` write it");
+        let text = format!("{stem}, linear radiance, by `glasshouse render` or `bench`");
         found.facts.fact("layer", text, stem);
     }
     let names: Vec<&String> = head.channels.iter().map(|(name, _)| name).collect();
@@ -130,7 +132,7 @@ pub(super) fn say_size(found: &mut Inspection, head: &Head) {
     found.facts.put("precision", head.precision());
 }
 
-/// Smallest, mean and largest finite value; returns the count of the others.
+/// Adds the smallest, mean and largest finite value; returns the number of non-finite values.
 pub(super) fn say_values<'a>(
     found: &mut Inspection,
     name: &str,
@@ -167,12 +169,11 @@ pub(super) fn say_values<'a>(
     nan + infinite
 }
 
-/// Layers by name, each with the values of its channels; returns how many are not finite.
+/// Adds the values of each layer's channels; returns the number of non-finite values.
 pub(super) fn say_layers(found: &mut Inspection, channels: &ExrChannels) -> u64 {
     let mut not_finite = 0;
     for layer in Layer::NAMES {
-        let is_of = |name: &str| name.strip_prefix(layer).is_some_and(|rest| rest.starts_with('.'));
-        let of = channels.list.iter().filter(|(name, _)| is_of(name));
+        let of = channels.list.iter().filter(|(name, _)| is_of(name, layer));
         let mut values = of.flat_map(|(_, values)| values).peekable();
         if values.peek().is_some() {
             not_finite += say_values(found, layer, values);

@@ -1,4 +1,4 @@
-//! From the path of a file to what is known of it.
+//! Inspects the file at a path.
 
 use super::archive;
 use super::bytes::{HEAD_BYTES, inspect_bytes};
@@ -9,24 +9,21 @@ use std::fs::File;
 use std::io::{self, Read, Seek};
 use std::path::Path;
 
-/// Longest file that is read as a whole; archives are read as a stream.
+/// Longest file to read as a whole; archives are read as a stream.
 const MAX_WHOLE_BYTES: u64 = 1 << 32;
 
-/// Explains a file. Whatever is wrong, a missing file too, becomes a problem of the inspection.
+/// Inspects a file. Every error, a missing file too, becomes a problem of the inspection.
 pub(super) fn inspect_file(path: &Path) -> Inspection {
-    match read(path) {
-        Ok(found) => found,
-        Err(error) => {
-            let mut found = Inspection::new(Kind::Unknown);
-            let to_do = match error.kind() {
-                io::ErrorKind::NotFound => "check the path: it is relative to where you are",
-                io::ErrorKind::PermissionDenied => "check its permissions",
-                _ => "check the disk",
-            };
-            found.wrong(Problem::new(format!("it cannot be read: {error}"), to_do));
-            found
-        }
-    }
+    read(path).unwrap_or_else(|error| {
+        let mut found = Inspection::new(Kind::Unknown);
+        let to_do = match error.kind() {
+            io::ErrorKind::NotFound => "check the path: it is relative to the current folder",
+            io::ErrorKind::PermissionDenied => "check its permissions",
+            _ => "check the disk",
+        };
+        found.wrong(Problem::new(format!("it cannot be read: {error}"), to_do));
+        found
+    })
 }
 
 fn read(path: &Path) -> io::Result<Inspection> {
@@ -58,16 +55,14 @@ fn read(path: &Path) -> io::Result<Inspection> {
     Ok(inspect_bytes(&Input { name: &name, bytes: &bytes, beside: &beside }))
 }
 
-/// A file below the folder of `path`; never one above it.
+/// Reads a file below the folder of `path`, never one above it.
 fn file_beside(path: &Path, name: &str) -> Option<Vec<u8>> {
     let is_plain = |part: std::path::Component| matches!(part, std::path::Component::Normal(_));
     if !Path::new(name).components().all(is_plain) {
         return None;
     }
     let path = path.parent()?.join(name);
-    let length = std::fs::metadata(&path).ok().filter(std::fs::Metadata::is_file)?.len();
-    if length > MAX_WHOLE_BYTES {
-        return None;
-    }
+    let is_readable = |data: &std::fs::Metadata| data.is_file() && data.len() <= MAX_WHOLE_BYTES;
+    std::fs::metadata(&path).ok().filter(is_readable)?;
     std::fs::read(path).ok()
 }

@@ -1,17 +1,18 @@
-//! Folders: a run at a glance, a tuple, a checkpoint, the training of a stage.
+//! Folders: a run, a tuple, a checkpoint, the training of a stage.
 
 use super::digests::{CheckpointDigests, Digested};
-use super::facts::{Inspection, Problem, Whole, many};
+use super::facts::{Inspection, Problem, Whole};
 use super::file::inspect_file;
 use super::kind::Kind;
 use crate::run::{Control, ControlState, Counts, Run, Scope, Snapshot, keys};
 use crate::store::Store;
+use crate::text::many;
 use render::layer::Layer;
 use render::line::Roots;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Explains a file or folder. Whatever is wrong, a missing file too, becomes a problem of the inspection.
+/// Inspects a file or folder. Every error, a missing file too, becomes a problem of the inspection.
 pub fn inspect_path(path: &Path) -> Inspection {
     if path.is_dir() { read(path) } else { inspect_file(path) }
 }
@@ -42,7 +43,7 @@ fn read(folder: &Path) -> Inspection {
     found
 }
 
-/// A folder that is described by the file written last.
+/// Inspects a folder by its last file.
 fn of_file(folder: &Path, name: &str, kind: Kind, to_do: &str) -> Inspection {
     if !folder.join(name).is_file() {
         let mut found = Inspection::new(kind);
@@ -61,12 +62,12 @@ fn tuple(folder: &Path) -> Inspection {
     if found.is_sound() && !folder.join("tuple.exr").is_file() {
         found.wrong(Problem::new("tuple.exr is missing", AGAIN));
     }
-    // The record's reader has reported missing pictures.
+    // The reader of tuple.json reports missing pictures.
     let pictures = Layer::NAMES.map(|layer| format!("{layer}.png"));
     for name in pictures.iter().filter(|name| folder.join(name).is_file()) {
         add_problems(&mut found, inspect_file(&folder.join(name)), name);
     }
-    found.is_whole("all files are there, and the digests in tuple.json fit every layer");
+    found.is_whole("no file is missing, and the digests in tuple.json fit every layer");
     found
 }
 
@@ -83,7 +84,7 @@ fn add_problems(found: &mut Inspection, part: Inspection, place: &str) {
     }
 }
 
-/// Folders of checkpoints with their names, in the order of their steps.
+/// Names and folders of checkpoints, in the order of their steps.
 fn checkpoints(folder: &Path) -> Vec<(String, PathBuf)> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let named =
@@ -113,9 +114,7 @@ fn stage(folder: &Path, steps: &[(String, PathBuf)]) -> Inspection {
     let metrics = folder.join("metrics.csv");
     if metrics.is_file() {
         let metrics = inspect_file(&metrics);
-        for (label, text) in metrics.facts.rows() {
-            found.facts.say(label, text);
-        }
+        found.facts.rows.extend(metrics.facts.rows.iter().cloned());
         add_problems(&mut found, metrics, "metrics.csv");
     }
     found.is_whole("all files of its checkpoints have the digests of their states");
@@ -127,7 +126,7 @@ fn run(folder: &Path) -> Inspection {
     let run = match Run::open(folder, &Roots::default()) {
         Ok(run) => run,
         Err(error) => {
-            // The text ends with what to do.
+            // The text ends with the remedy.
             let text = error.to_string();
             let parts = text.rsplit_once("; ");
             let (what, to_do) = parts.unwrap_or((&text, "plan again into a new folder"));
@@ -151,7 +150,7 @@ fn run(folder: &Path) -> Inspection {
     say_control(&mut found, folder);
     advise(&mut found, &status, folder, has_report);
     found.may_be_whole(
-        "spec and manifest fit each other; `glasshouse audit RUN` traces scenes again and compares",
+        "spec and manifest match; `glasshouse audit RUN` traces scenes again and compares",
     );
     found
 }
@@ -195,7 +194,7 @@ fn say_control(found: &mut Inspection, folder: &Path) {
         Some(Ok(control)) if control.state != ControlState::Running => {
             let text = format!("{}{}", control.state.name(), control.because());
             found.facts.fact("held", text, control.state.name());
-            found.next.push(format!("{resume} lets it go on"));
+            found.next.push(format!("{resume} continues it"));
         }
         Some(Err(reason)) => {
             let what = format!("control.json is damaged ({reason}), which pauses the run");
@@ -208,11 +207,11 @@ fn say_control(found: &mut Inspection, folder: &Path) {
 fn advise(found: &mut Inspection, status: &Counts, folder: &Path, has_report: bool) {
     let (shown, next) = (folder.display(), &mut found.next);
     if !status.is_finished() {
-        next.push(format!("`glasshouse work {shown}` does what is left"));
+        next.push(format!("`glasshouse work {shown}` makes the missing tuples"));
     }
     if let Some(scene) = status.quarantined.first() {
         next.push(format!(
-            "`glasshouse explain {shown} {}` says what is wrong; `glasshouse retry {shown} --all` tries again",
+            "`glasshouse explain {shown} {}` shows the error; `glasshouse retry {shown} --all` tries again",
             scene.scene
         ));
     }

@@ -1,28 +1,26 @@
-//! A file as its reader gets it.
+//! The input of a reader.
 
 use super::facts::{Inspection, Problem};
 
-/// What to do about a file that is one of many.
-pub(super) const AGAIN: &str = "take it from where it was made, or make it again";
+/// Remedy for a file that can be copied or made again.
+pub(super) const AGAIN: &str = "copy it again from its origin, or make it again";
 
 /// A file's bytes, its name, and the files beside it.
 pub struct Input<'a> {
     pub name: &'a str,
     pub bytes: &'a [u8],
-    /// A file in the same folder, if it is there and can be read.
+    /// Reads a file in the same folder, if possible.
     pub beside: &'a dyn Fn(&str) -> Option<Vec<u8>>,
 }
 
 impl Input<'_> {
-    /// The file as text; what is wrong with it is added to `found`.
+    /// The file as text; bytes that are not UTF-8 become a problem of `found`.
     pub(super) fn text(&self, found: &mut Inspection) -> Option<&str> {
-        match std::str::from_utf8(self.bytes) {
-            Ok(text) => Some(text),
-            Err(error) => {
-                let place = format!("byte {}", error.valid_up_to());
-                found.wrong(Problem::new("it is no UTF-8 text", AGAIN).at(place));
-                None
-            }
+        let text = std::str::from_utf8(self.bytes);
+        if let Err(error) = text {
+            let place = format!("byte {}", error.valid_up_to());
+            found.wrong(Problem::new("it is not UTF-8 text", AGAIN).at(place));
         }
+        text.ok()
     }
 }

@@ -1,4 +1,4 @@
-//! Kinds of files, known by the first bytes, or by the name where the bytes do not decide.
+//! Kinds of files, recognised by their first bytes, or by their names if the bytes do not decide.
 
 macro_rules! kinds {
     ($($kind:ident $name:literal $words:literal)*) => {
@@ -26,38 +26,38 @@ kinds! {
     Partial "partial" "partial, the result of one shard"
     TupleExr "tuple_exr" "tuple.exr, the layers of one scene"
     Exr "exr" "OpenEXR image"
-    TupleRecord "tuple_record" "tuple.json, how one scene's tuple came to be"
-    Spec "spec" "spec.json, the frozen rules of a run"
-    Manifest "manifest" "manifest, one scene a line"
+    TupleRecord "tuple_record" "tuple.json, the record of one scene's tuple"
+    Spec "spec" "spec.json, the frozen settings of a run"
+    Manifest "manifest" "manifest, one scene per line"
     Scene "scene" "single scene, for `glasshouse render`"
     Recipe "recipe" "recipe"
     DepthRanges "depth_ranges" "table of depth ranges by category"
     PhotographList "photograph_list" "list of photographs"
-    Rejected "rejected" "list of scenes that were drawn and not kept"
-    Quarantine "quarantine" "quarantine record: why a scene cannot be made"
+    Rejected "rejected" "list of scenes that were drawn and rejected"
+    Quarantine "quarantine" "quarantine record: the error of a scene that cannot be made"
     Attempt "attempt" "record of an attempt at some shards"
     Control "control" "control.json, which pauses or cancels a run"
-    Receipt "receipt" "receipt: which worker made a tuple"
-    MadeBy "made_by" "note: which worker made some partials"
-    Finished "finished" "finished.json, which says that nothing is left to do"
+    Receipt "receipt" "receipt: the worker of a tuple"
+    MadeBy "made_by" "note: the worker of some partials"
+    Finished "finished" "finished.json, the mark of a finished run"
     TrainRecipe "train_recipe" "train.json, the recipe's [train]"
     CheckpointState "checkpoint_state" "state.json of a checkpoint"
     Tensors "tensors" "safetensors file"
     Best "best" "best.json, the best checkpoint of a stage"
     Metrics "metrics" "metrics.csv, the losses of a training"
     Events "events" "TensorBoard event file"
-    EvaluationRows "evaluation_rows" "scores, a picture a row"
+    EvaluationRows "evaluation_rows" "scores, one row per picture"
     EvaluationTable "evaluation_table" "table of mean scores"
     Output "output" "JSON that a command of this program printed"
     Archive "archive" "tar archive"
-    Listing "listing" "list of an exported set, one sample a line"
-    Croissant "croissant" "croissant.json, the description of an exported set"
+    Listing "listing" "list of an exported data set, one sample per line"
+    Croissant "croissant" "croissant.json, the description of an exported data set"
     Sums "sums" "SHA256SUMS, digests of the files beside it"
     Report "report" "report page"
     Picture "picture" "picture"
     Array "array" ".npy array"
     Mesh "mesh" "PLY mesh"
-    Lock "lock" "lock, empty on purpose; it may stay"
+    Lock "lock" "lock, empty on purpose"
     Run "run" "run"
     TupleFolder "tuple" "tuple, all files of one scene"
     CheckpointFolder "checkpoint" "checkpoint of a training"
@@ -82,13 +82,13 @@ const SCHEMAS: &[(&str, Kind)] = &[
     ("glasshouse.checkpoint/1", Kind::CheckpointState),
 ];
 
-/// The schema that files of a kind carry, if they carry one.
+/// The schema of a kind's files, if they have one.
 pub(super) fn schema_of(kind: Kind) -> Option<&'static str> {
     let kind = if kind == Kind::Manifest { Kind::Scene } else { kind };
     SCHEMAS.iter().find(|(_, of)| *of == kind).map(|(schema, _)| *schema)
 }
 
-/// The kind by the first bytes of a file (some kilobytes, or all of it).
+/// The kind by the first bytes of a file.
 pub(super) fn kind_of(name: &str, head: &[u8]) -> Option<Kind> {
     Some(match head {
         [] => return None,
@@ -107,7 +107,7 @@ pub(super) fn kind_of(name: &str, head: &[u8]) -> Option<Kind> {
     })
 }
 
-/// The head as text; none if it is binary. It may end within a character.
+/// The head as text, `None` if it is binary. It may end within a character.
 fn text_of(head: &[u8]) -> Option<&str> {
     if head.contains(&0) {
         return None;
@@ -150,7 +150,7 @@ fn text_kind(name: &str, text: &str) -> Option<Kind> {
         .and_then(|rest| by_schema(rest.strip_prefix('=')?.trim_start().strip_prefix('"')?))
 }
 
-/// The kind of the schema that `text` begins with; of another version, too.
+/// The kind of the schema at the beginning of `text`, in any version.
 fn by_schema(text: &str) -> Option<Kind> {
     let schema = text.split(['"', '\n']).next()?;
     let stem = |schema: &'static str| schema.split('/').next().unwrap_or(schema);
@@ -188,16 +188,15 @@ fn json_kind(name: &str, text: &str) -> Option<Kind> {
     }
 }
 
-/// A line as `sha256sum` writes it: digest, two spaces, name.
+/// Whether a line is from `sha256sum`: digest, two spaces, name.
 fn is_sum(line: &str) -> bool {
-    let parts = line.split_at_checked(64);
-    parts.is_some_and(|(digest, name)| {
-        digest.bytes().all(|b| b.is_ascii_hexdigit())
-            && (name.starts_with("  ") || name.starts_with(" *"))
+    let is_hex = |digest: &str| digest.bytes().all(|b| b.is_ascii_hexdigit());
+    line.split_at_checked(64).is_some_and(|(digest, name)| {
+        is_hex(digest) && (name.starts_with("  ") || name.starts_with(" *"))
     })
 }
 
-/// The kind that files of this name have: what was expected of a file whose bytes tell nothing.
+/// The kind by the name of a file.
 pub(super) fn kind_by_name(name: &str) -> Option<Kind> {
     let ending = name.rsplit_once('.').map_or("", |(_, ending)| ending);
     Some(match name {
@@ -250,7 +249,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn content_goes_before_the_name() {
+    fn content_decides_before_the_name() {
         let of = |text: &str| kind_of("x.png", text.as_bytes());
         assert_eq!(of(r#"{ "schema" : "glasshouse.spec/1"}"#), Some(Kind::Spec));
         assert_eq!(of(r#"{"schema":"glasshouse.spec/9"}"#), Some(Kind::Spec));

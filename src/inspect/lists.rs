@@ -1,16 +1,15 @@
-//! Text files of one entry a line, and the report page: whether every line can be read, and how many there are.
+//! Text files with one entry per line, and the report page.
 
-use super::facts::{Inspection, Problem, first_of, many};
+use super::facts::{Inspection, Problem, first_of};
 use super::input::{AGAIN, Input};
 use super::kind::Kind;
 use crate::plot::number;
-use crate::text::csv_cells;
-use plan::RejectedScene;
-use plan::parse_list;
+use crate::text::{csv_cells, many};
+use plan::{RejectedScene, parse_list};
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 
-/// Names that are shown.
+/// Names to show.
 const SHOWN: usize = 12;
 
 pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
@@ -19,7 +18,10 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
         return found;
     };
     match kind {
-        Kind::PhotographList => photographs(&mut found, text),
+        Kind::PhotographList => match parse_list(text) {
+            Ok(images) => count(&mut found, "photographs", images.len()),
+            Err(error) => found.wrong(Problem::new(error.to_string(), "correct that line")),
+        },
         Kind::Rejected => {
             let draws: Vec<RejectedScene> = json_lines(&mut found, text);
             count(&mut found, "draws", draws.len());
@@ -31,8 +33,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
             say_columns(&mut found, columns.unwrap_or_default());
         }
         Kind::Sums => {
-            let names = text.lines().filter_map(|line| line.get(66..));
-            let names: Vec<&str> = names.collect();
+            let names: Vec<&str> = text.lines().filter_map(|line| line.get(66..)).collect();
             let files = many(names.len() as u64, "file");
             found.facts.fact("files", files, json!(names));
         }
@@ -52,7 +53,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
     }
     if !text.ends_with('\n') {
         let place = format!("line {}", text.lines().count());
-        found.wrong(Problem::new("its last line is cut", AGAIN).at(place));
+        found.wrong(Problem::new("its last line is truncated", AGAIN).at(place));
     }
     found.may_be_whole(match kind {
         Kind::Sums => "`sha256sum -c SHA256SUMS` compares the files beside it",
@@ -70,19 +71,10 @@ fn say_columns(found: &mut Inspection, columns: Vec<String>) {
     found.facts.fact("columns", first_of(&columns, SHOWN), columns);
 }
 
-fn photographs(found: &mut Inspection, text: &str) {
-    match parse_list(text) {
-        Ok(images) => count(found, "photographs", images.len()),
-        Err(error) => found.wrong(Problem::new(error.to_string(), "correct that line")),
-    }
-}
-
 /// The lines of a list, up to the first bad one.
 fn json_lines<T: DeserializeOwned>(found: &mut Inspection, text: &str) -> Vec<T> {
-    let lines = text.lines().enumerate();
-    let lines = lines.filter(|(_, line)| !line.trim().is_empty());
     let mut read = Vec::new();
-    for (index, line) in lines {
+    for (index, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
         match serde_json::from_str(line) {
             Ok(value) => read.push(value),
             Err(error) => {
@@ -95,7 +87,7 @@ fn json_lines<T: DeserializeOwned>(found: &mut Inspection, text: &str) -> Vec<T>
     read
 }
 
-/// Rows with as many cells as there are columns. Columns of numbers are summarised by their ranges.
+/// Reads rows with one cell per column, and adds the range of each numeric column.
 fn table<'a>(
     found: &mut Inspection,
     mut lines: impl Iterator<Item = &'a str>,
@@ -108,7 +100,7 @@ fn table<'a>(
     for line in lines {
         rows += 1;
         let Some(row) = cells(line).filter(|row| row.len() == columns.len()) else {
-            let what = format!("it has not {} cells", columns.len());
+            let what = format!("it does not have {} cells", columns.len());
             found.wrong(Problem::new(what, AGAIN).at(format!("row {rows}")));
             break;
         };
@@ -118,40 +110,35 @@ fn table<'a>(
                 Some([least.min(value), most.max(value)])
             });
             if found.kind == Kind::Metrics && !cell.parse().is_ok_and(f64::is_finite) {
-                found.wrong(
-                    Problem::new(format!("{cell} is no finite number"), FINITE)
-                        .at(format!("row {rows}")),
-                );
+                let problem = Problem::new(format!("{cell} is not a finite number"), FINITE);
+                found.wrong(problem.at(format!("row {rows}")));
             }
         }
     }
     count(found, "rows", rows);
     for (column, range) in columns.iter().zip(ranges) {
         if let Some([least, most]) = range.filter(|[least, most]| least <= most) {
-            let range = if least == most {
-                number(least)
-            } else {
-                format!("{} to {}", number(least), number(most))
-            };
+            let is_one = least == most;
+            let [least, most] = [least, most].map(number);
+            let range = if is_one { least } else { format!("{least} to {most}") };
             found.facts.say(column.replace('_', " "), range);
         }
     }
     say_columns(found, columns);
 }
 
-/// What to do about a loss that is not finite.
+/// Remedy for a loss that is not finite.
 const FINITE: &str = "train again with a smaller --learning-rate, in a new run";
 
-/// The page is made from the run alone.
 fn report(found: &mut Inspection, text: &str) {
     let title = text.split_once("<title>").and_then(|(_, rest)| rest.split_once("</title>"));
     if let Some((title, _)) = title {
         found.facts.value("title", title);
     }
     if text.trim_end().ends_with("</html>") {
-        found.may_be_whole("it ends as a page does; pages have no digest");
+        found.may_be_whole("it ends with </html>; pages have no digest");
     } else {
-        let what = "it is cut: it does not end with </html>";
+        let what = "it is truncated: it does not end with </html>";
         found.wrong(Problem::new(what, "`glasshouse report RUN` writes it again"));
     }
 }

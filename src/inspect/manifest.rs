@@ -67,11 +67,11 @@ fn say(found: &mut Inspection, lines: &[SceneLine]) {
     }
     say_ranges(found, lines);
     if lines.is_empty() {
-        found.wrong(Problem::new("it describes no scene", "add scenes to it"));
+        found.wrong(Problem::new("it has no scene", "add scenes to it"));
     }
 }
 
-/// Parameters whose ranges are shown: name, JSON pointer into a line, unit.
+/// Parameters to show with their ranges: name, JSON pointer into a line, unit.
 const NUMBERS: &[(&str, &str, &str)] = &[
     ("film.width", "/film/width", "px"),
     ("film.height", "/film/height", "px"),
@@ -91,10 +91,9 @@ fn say_ranges(found: &mut Inspection, lines: &[SceneLine]) {
     let mut ranges = Map::new();
     for (name, place, unit) in NUMBERS {
         let values = lines.iter().filter_map(|line| line.pointer(place)?.as_f64());
-        let (least, most) = values
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), value| {
-                (least.min(value), most.max(value))
-            });
+        let (least, most) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), value| {
+            (lo.min(value), hi.max(value))
+        });
         if least <= most {
             let range =
                 if least == most { least.to_string() } else { format!("{least} to {most}") };

@@ -1,20 +1,19 @@
-//! What a file is, which scene it belongs to, and whether it is whole: `glasshouse inspect`.
+//! Recognises files and checks whether they are intact: `glasshouse inspect`.
 //!
-//! A path is a file or a folder; a file's kind follows from its first bytes, and each kind has a reader. Small files have one
-//! generic path (`record` and `lists`: checked by the type of their schema, shown as a table); partials, tuples, scene
-//! lines, checkpoints, archives and runs have readers of their own. The groups of modules stand in the order in which each
-//! uses those before it.
+//! A path is a file or a folder. A file's first bytes decide its kind, and each kind has a reader. Small files share a
+//! generic reader (`record` and `lists`: checked by the type of their schema, shown as a table); partials, tuples,
+//! scene lines, checkpoints, archives and runs have special readers. Each group of modules uses only groups above it.
 //!
-//! Readers take bytes (or a stream) and give facts; only `file` and `folder` touch the disk. Hostile bytes become a
-//! [`Problem`], never a panic, and no header's number is believed before it is checked against the file's length.
+//! Readers take bytes (or a stream) and return facts; only `file` and `folder` access the disk. Hostile bytes become a
+//! [`Problem`], never a panic, and every number in a header is checked against the file's length before it is used.
 
-// What is known of a file.
+// Findings.
 mod kind;
 
 mod facts;
 mod input;
 
-// Every record is read alike.
+// Generic readers.
 mod digests;
 mod record;
 
@@ -24,7 +23,7 @@ mod picture;
 #[cfg(feature = "train")]
 mod tensors;
 
-// Readers of their own.
+// Special readers.
 mod archive;
 mod checkpoint;
 mod manifest;

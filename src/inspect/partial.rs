@@ -1,4 +1,4 @@
-//! A partial: which shard, of which scene, and whether its digest fits.
+//! Partials: scene, shard and digest.
 
 use super::exr::{Head, say_values, to_do};
 use super::facts::{Inspection, Problem};
@@ -26,7 +26,9 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
         Ok(partial) => {
             for layer in Layer::ALL {
                 if partial.header.layer_samples[layer] == 0 {
-                    found.facts.say(layer.name(), "not asked for, or no samples in this range");
+                    found
+                        .facts
+                        .say(layer.name(), "not requested, or without samples in this range");
                     continue;
                 }
                 let values =
@@ -71,11 +73,11 @@ fn say(found: &mut Inspection, header: &PartialHeader, name: &str) {
     }
     if header.tracer_version != TRACER_VERSION {
         found.next.push(format!(
-            "its tracer version is not this program's, {TRACER_VERSION}: a run takes partials of one version only"
+            "this program has another tracer version, {TRACER_VERSION}: all partials of a run must have the same"
         ));
     }
     if keys::shard_of(name).is_some_and(|shard| shard != header.shard) {
-        let what = format!("its name is that of another shard than its header's, {}", header.shard);
+        let what = format!("its name is of another shard than its header: {}", header.shard);
         found.wrong(Problem::new(what, to_do(Kind::Partial)));
     }
 }

@@ -1,4 +1,4 @@
-//! Pictures, arrays and meshes: inputs, and what is made for people to look at.
+//! Pictures, arrays and meshes: inputs and previews.
 
 use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};
@@ -26,7 +26,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
         Ok(()) if input.bytes.starts_with(b"\x89PNG") => {
             found.is_whole("it can be decoded, and its checksums fit");
         }
-        Ok(()) => found.may_be_whole("it can be read to its end; the format has no checksum"),
+        Ok(()) => found.may_be_whole("it can be read completely; the format has no checksum"),
     }
     found
 }

@@ -1,24 +1,16 @@
-//! Small files of one JSON object or TOML table: each is checked by its type and shown as a table of keys and values.
+//! Small files with one JSON object or TOML table, checked by their type and shown as a table of keys and values.
 
 use super::digests::{Digested, hold_record};
 use super::facts::{Inspection, Problem, text_of};
 use super::input::{AGAIN, Input};
 use super::kind::{Kind, schema_of};
-use crate::run::{AttemptRecord, Control, Provenance, QuarantineRecord, keys};
+use crate::run::{AttemptRecord, Control, PartialsProvenance, Provenance, QuarantineRecord, keys};
 use plan::{DepthRanges, Recipe, TrainRecipe};
 use render::shard::Spec;
 use render::trace::TRACER_VERSION;
 use serde::Deserialize;
 use serde::de::{DeserializeOwned, IgnoredAny};
 use serde_json::{Map, Value, json};
-
-#[derive(Deserialize)]
-#[allow(dead_code, reason = "only its form is checked")]
-struct MadeBy {
-    shards: [u32; 2],
-    worker: String,
-    host: String,
-}
 
 #[derive(Deserialize)]
 #[allow(dead_code, reason = "only its form is checked")]
@@ -34,7 +26,7 @@ struct Best {
     validation_psnr_db: f64,
 }
 
-/// Explains a record of a kind that has no reader of its own.
+/// Inspects a record of a kind without a special reader.
 pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
     let mut found = Inspection::new(kind);
     let object = match kind {
@@ -48,7 +40,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
         Kind::Quarantine => keys_of::<QuarantineRecord>(&mut found, input),
         Kind::Attempt => keys_of::<AttemptRecord>(&mut found, input),
         Kind::Receipt => keys_of::<Provenance>(&mut found, input),
-        Kind::MadeBy => keys_of::<MadeBy>(&mut found, input),
+        Kind::MadeBy => keys_of::<PartialsProvenance>(&mut found, input),
         Kind::Finished => keys_of::<Finished>(&mut found, input),
         Kind::Best => keys_of::<Best>(&mut found, input),
         Kind::TrainRecipe => keys_of::<TrainRecipe>(&mut found, input),
@@ -76,7 +68,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
     found
 }
 
-/// Parses a JSON file of the schema of `found`'s kind; what is wrong with it is added to `found`.
+/// Parses a JSON file with the schema of `found`'s kind; errors become problems of `found`.
 pub(super) fn typed<T: DeserializeOwned>(
     found: &mut Inspection,
     input: &Input,
@@ -105,7 +97,7 @@ pub(super) fn typed<T: DeserializeOwned>(
 fn json_problem(error: &serde_json::Error, to_do: &str) -> Problem {
     let text = error.to_string();
     let reason = text.rsplit_once(" at line ").map_or(text.as_str(), |(reason, _)| reason);
-    let what = if error.is_eof() { "it is cut" } else { "it cannot be read" };
+    let what = if error.is_eof() { "it is truncated" } else { "it cannot be read" };
     let place = format!("line {}, column {}", error.line(), error.column());
     Problem::new(format!("{what}: {reason}"), to_do).at(place)
 }
@@ -118,7 +110,7 @@ fn keys_of<T: DeserializeOwned>(
     typed::<T>(found, input, to_do).map(|(_, object)| object)
 }
 
-/// A table in TOML; of nested tables the keys, of lists of tables the count.
+/// Parses a TOML table; keeps the keys of nested tables and the lengths of lists of tables.
 fn toml_table<E: std::fmt::Display>(
     found: &mut Inspection,
     input: &Input,
@@ -138,7 +130,7 @@ fn toml_table<E: std::fmt::Display>(
     Some(table.into_iter().map(|(key, value)| (key, keys(value))).collect())
 }
 
-/// The keys of what a command printed; the texts of a data set's description.
+/// The keys of a command's output, or the texts of a data set's description.
 fn summary(kind: Kind, object: Map<String, Value>) -> Map<String, Value> {
     if kind == Kind::Croissant {
         let texts = object.into_iter().filter(|(_, value)| value.is_string());
@@ -149,7 +141,7 @@ fn summary(kind: Kind, object: Map<String, Value>) -> Map<String, Value> {
     [("schema".to_owned(), schema), ("keys".to_owned(), keys)].into_iter().collect()
 }
 
-/// Keys and values; the keys of a nested object follow its own key.
+/// Adds keys and values; rows of a nested object begin with its key.
 fn tell(found: &mut Inspection, object: &Map<String, Value>) {
     let known = schema_of(found.kind).is_some();
     for (key, value) in object.iter().filter(|(key, _)| !(known && *key == "schema")) {
@@ -164,7 +156,7 @@ fn tell(found: &mut Inspection, object: &Map<String, Value>) {
     }
 }
 
-/// A record's name in a run follows from what is in it.
+/// Checks that a record's name matches its content.
 fn check_name(found: &mut Inspection, name: &str, object: &Map<String, Value>) {
     let scene = object.get("scene").and_then(Value::as_str);
     let is_named_so = |scene: &&str| name.strip_suffix(".json") == Some(scene);
@@ -172,17 +164,17 @@ fn check_name(found: &mut Inspection, name: &str, object: &Map<String, Value>) {
         Kind::Quarantine | Kind::Receipt => {
             if let Some(scene) = scene.filter(|scene| !is_named_so(scene)) {
                 found.next.push(format!(
-                    "its name in a run is {scene}.json: under another one the run takes it for that scene's"
+                    "its name in a run is {scene}.json: under another name it counts for another scene"
                 ));
             }
         }
         Kind::Attempt => {
-            let named = keys::attempt_of(name);
-            if named.is_some_and(|(shards, n)| {
+            let is_other = |(shards, n): ([u32; 2], u32)| {
                 object["shards"] != json!(shards) || object["n"] != json!(n)
-            }) {
+            };
+            if keys::attempt_of(name).is_some_and(is_other) {
                 found.wrong(Problem::new(
-                    "its name says other shards or another number than it does",
+                    "its name has other shards or another number than its content",
                     "delete it: the attempt is then not counted",
                 ));
             }
@@ -191,7 +183,7 @@ fn check_name(found: &mut Inspection, name: &str, object: &Map<String, Value>) {
     }
 }
 
-/// What to do about a damaged record.
+/// Remedy for a damaged record.
 fn to_do(kind: Kind) -> &'static str {
     match kind {
         Kind::Quarantine => "delete it to have the scene tried again",
@@ -206,24 +198,24 @@ fn to_do(kind: Kind) -> &'static str {
     }
 }
 
-/// What can be done with a record.
+/// Adds next steps.
 fn advise(found: &mut Inspection, object: &Map<String, Value>) {
     let scene = object.get("scene").and_then(Value::as_str).unwrap_or("SCENE");
     let next = match found.kind {
         Kind::Spec if object["tracer_version"] != TRACER_VERSION => format!(
-            "it was planned with tracer version {}, this program has {TRACER_VERSION}: finish the run with the version \
-             that planned it, or plan again into a new folder",
+            "it was planned with tracer version {}, this program has {TRACER_VERSION}: finish the run with the version that \
+             planned it, or plan again into a new folder",
             object["tracer_version"]
         ),
         Kind::Quarantine => format!(
-            "correct the cause, then `glasshouse retry RUN {scene}`; `glasshouse explain RUN {scene}` tells more"
+            "correct the cause, then `glasshouse retry RUN {scene}`; `glasshouse explain RUN {scene}` has details"
         ),
         Kind::Attempt => {
-            format!("`glasshouse explain RUN {scene}` tells what becomes of its shards")
+            format!("`glasshouse explain RUN {scene}` shows the state of its shards")
         }
-        Kind::Control => "`glasshouse resume RUN` lets the run go on".to_owned(),
-        Kind::Recipe => "`glasshouse plan RECIPE -n` tells what a run of it takes".to_owned(),
-        Kind::Output => "docs/formats.md has its fields".to_owned(),
+        Kind::Control => "`glasshouse resume RUN` continues the run".to_owned(),
+        Kind::Recipe => "`glasshouse plan RECIPE -n` estimates the cost of a run".to_owned(),
+        Kind::Output => "docs/formats.md describes its fields".to_owned(),
         _ => return,
     };
     found.next.push(next);

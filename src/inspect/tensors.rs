@@ -1,10 +1,10 @@
-//! What the trainer knows of a checkpoint: the state's type and the tensors.
+//! The parts of a checkpoint that need the trainer: the state's type and the tensors.
 
 use super::digests::{CheckpointDigests, Digested};
-use super::facts::{Inspection, Problem, many};
+use super::facts::{Inspection, Problem};
 use super::input::Input;
 use super::record::typed;
-use crate::text::grouped;
+use crate::text::{grouped, many};
 use serde_json::json;
 use std::collections::BTreeMap;
 use train::safetensors::{Dtype, SafeTensors};
@@ -15,17 +15,17 @@ pub(super) fn check_state(found: &mut Inspection, input: &Input) {
     let state = typed::<CheckpointState>(found, input, CheckpointDigests::TO_DO);
     if let Some((state, _)) = state.filter(|(state, _)| state.code_path != code_path()) {
         found.next.push(format!(
-            "it was computed with {} instructions, this machine has {}: going on is allowed, the last bits differ",
+            "it was computed with {} instructions, this machine has {}: resuming works, but the last bits differ",
             state.code_path,
             code_path()
         ));
     }
 }
 
-/// Tensors, numbers and numbers that are not finite, of one network.
+/// Numbers of tensors, values and non-finite values of one network.
 type Group = [u64; 3];
 
-/// Networks of a safetensors file, and the shapes of its tensors.
+/// Adds the networks of a safetensors file and the shapes of its tensors.
 pub(super) fn tell(found: &mut Inspection, input: &Input) {
     let tensors = match SafeTensors::deserialize(input.bytes) {
         Ok(tensors) => tensors,

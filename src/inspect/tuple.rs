@@ -1,11 +1,12 @@
-//! A tuple's `tuple.exr` and `tuple.json`, each compared with the other.
+//! `tuple.exr` and `tuple.json` of a tuple, compared with each other.
 
 use super::digests::{Digested, hold_file, hold_record};
 use super::exr::{self, Head, say_layers, say_size};
-use super::facts::{Inspection, Problem, many};
+use super::facts::{Inspection, Problem};
 use super::input::Input;
 use super::kind::Kind;
 use super::record::typed;
+use crate::text::many;
 use render::formats::decode_exr_channels;
 use render::layer::Layer;
 use render::merge::{TupleRecord, decode_tuple_exr, tuple_files};
@@ -22,7 +23,7 @@ impl Digested for TupleRecord {
         vec!["tuple.exr"]
     }
 
-    /// The header's size is checked against the file's length before anything is unpacked.
+    /// Checks the size in the header against the file's length before it decompresses any data.
     fn compare(&self, _: &str, bytes: &[u8]) -> Result<(), String> {
         exr::head(bytes)?;
         decode_tuple_exr(bytes, self).map(drop)
@@ -36,7 +37,7 @@ pub(super) fn read_exr(input: &Input, head: &Head) -> Inspection {
         .and_then(|bytes| serde_json::from_slice::<TupleRecord>(&bytes).ok());
     if let Some(record) = &record {
         let id = record.scene.id.as_str();
-        let text = format!("{id} (by tuple.json beside it)");
+        let text = format!("{id} (from tuple.json beside it)");
         found.facts.fact("scene", text, id);
     }
     let wrong = |what: String| Problem::new(what, TupleRecord::TO_DO);
@@ -66,7 +67,7 @@ pub(super) fn read_record(input: &Input) -> Inspection {
     let files = tuple_files(&record.scene);
     let is_missing = |name: &&String| (input.beside)(name).is_none();
     let missing: Vec<&str> = files.iter().filter(is_missing).map(String::as_str).collect();
-    // A record alone in its folder is a copy.
+    // A record without other files is a copy.
     if missing.len() + 1 >= files.len() && files.len() > 1 {
         found.may_be_whole("its tuple's other files are not beside it");
         return found;

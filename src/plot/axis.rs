@@ -1,8 +1,8 @@
-//! An axis: from values to positions, and where its ticks are.
+//! Axes: positions of values, and ticks.
 
 use maud::{Markup, html};
 
-/// How values are spread over an axis.
+/// Scale of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Scale {
     Linear,
@@ -42,7 +42,7 @@ impl Axis {
         Self { scale: Scale::Log, values, ends }
     }
 
-    /// A linear axis that is as long as its values, or somewhat longer if they are all equal.
+    /// A linear axis over the range of its values, or a little longer if they are all equal.
     pub(crate) fn linear(values: impl Iterator<Item = f64>, ends: [f64; 2]) -> Self {
         let (lo, hi) = range(values);
         let values = if lo < hi {
@@ -59,7 +59,7 @@ impl Axis {
         a + (b - a) * self.place(value)
     }
 
-    /// The same as a share of the axis's length.
+    /// Position of a value as a share of the axis.
     pub(crate) fn place(&self, value: f64) -> f64 {
         let [lo, hi] = self.values;
         match self.scale {
@@ -68,7 +68,6 @@ impl Axis {
         }
     }
 
-    /// Whether equal steps are equal factors.
     pub(crate) fn is_log(&self) -> bool {
         self.scale == Scale::Log
     }
@@ -167,7 +166,7 @@ mod tests {
         assert_eq!(labels(&axis(0.0, 99.0)), ["0", "20", "40", "60", "80"]);
         assert_eq!(labels(&axis(1.3, 1.7)), ["1.3", "1.4", "1.5", "1.6", "1.7"]);
         assert_eq!(labels(&axis(-1.0, 1.0)), ["-1.0", "-0.5", "0.0", "0.5", "1.0"]);
-        // Of one value: from 4.5 to 5.5.
+        // One value: from 4.5 to 5.5.
         assert_eq!(labels(&axis(5.0, 5.0)), ["4.6", "4.8", "5.0", "5.2", "5.4"]);
         assert_eq!(labels(&axis(0.0, 0.0)).len(), 5);
         assert_eq!(axis(0.0, 50.0).at(25.0), 50.0);
@@ -184,7 +183,7 @@ mod tests {
         assert!(small[0].starts_with("10<tspan") && small[0].contains("\u{2212}5<"));
         assert!(labels(&axis(1e-30, 1e30)).len() <= 10);
         assert!((axis(1.0, 1000.0).at(10.0) - 30.0).abs() < 1e-9);
-        // Of one value there is an axis, too.
+        // One value also gives an axis.
         let one = Axis::log([3.0].into_iter(), [0.0, 1.0]);
         assert!(one.ticks().len() > 1 && one.is_log());
     }

@@ -1,8 +1,7 @@
 //! Plots as SVG: axes with ticks, units and labels, lines and points. No script, style sheet or font.
 //!
-//! An [`Axis`] maps values to positions and knows where its ticks are; a [`Panel`] has two of them and draws the frame and
-//! the data. Frame and text take the page's text colour (`currentColor`), so that one plot suits a light page and a dark
-//! one.
+//! An [`Axis`] maps values to positions and places ticks; a [`Panel`] has two axes and draws the frame and the data.
+//! Frame and text have the page's text colour (`currentColor`), so that a plot suits light and dark pages.
 
 mod axis;
 mod panel;

@@ -7,13 +7,13 @@ use maud::{Markup, html};
 pub(crate) struct Panel<'a> {
     pub(crate) x: Axis,
     pub(crate) y: Axis,
-    /// Quantity and unit of the horizontal axis; stands below on the right.
+    /// Quantity and unit of the horizontal axis, below on the right.
     pub(crate) x_label: &'a str,
-    /// Quantity and unit of the vertical axis; stands above on the left.
+    /// Quantity and unit of the vertical axis, above on the left.
     pub(crate) y_label: &'a str,
 }
 
-/// How a line is drawn.
+/// Style of a line.
 pub(crate) struct Stroke<'a> {
     pub(crate) colour: &'a str,
     /// px.
@@ -22,9 +22,9 @@ pub(crate) struct Stroke<'a> {
     pub(crate) dash: &'a str,
 }
 
-/// A plot of `size` px of its own coordinates. `label` is its accessible name.
+/// A plot of `width` x `height` px. `label` is its accessible name.
 pub(crate) fn plot([width, height]: [f64; 2], label: &str, content: &Markup) -> Markup {
-    // A phone shows wide plots smaller.
+    // A phone scales wide plots down.
     let font_size = if width > 400.0 { 13 } else { 11 };
     html! {
         svg.plot viewBox={ "0 0 " (width) " " (height) } role="img" aria-label=(label)
@@ -95,7 +95,7 @@ impl Panel<'_> {
         }
     }
 
-    /// Names beside positions (`y`, `x`, name, colour), pushed apart so that none covers another.
+    /// Names beside positions (`y`, `x`, name, colour), shifted so that none overlap.
     pub(crate) fn names(mut names: Vec<(f64, f64, &str, &str)>) -> Markup {
         names.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut lowest = f64::NEG_INFINITY;

@@ -1,11 +1,11 @@
-//! How layers look in plots, and how numbers are written there.
+//! Symbols and colours of layers, and number formats.
 
 use render::layer::PerLayer;
 
-/// The same as the paper prints them: a combining tilde above the R.
+/// The layers' symbols as in the paper, with a combining tilde above the R.
 pub(crate) const PAPER_SYMBOLS: PerLayer<&str> = PerLayer(["I", "T", "R\u{303}", "R"]);
 
-/// Their colours (Okabe and Ito's, which colour-blind eyes tell apart).
+/// The layers' colours, by Okabe and Ito: distinguishable for the colour-blind.
 pub(crate) const LAYER_COLOURS: PerLayer<&str> =
     PerLayer(["#0072B2", "#D55E00", "#009E73", "#CC79A7"]);
 

@@ -1,10 +1,11 @@
 //! Records of attempts, by which scenes that kill their workers are detected.
 //!
-//! A worker that takes a task first puts `attempts/<scene>/<start>-<end>.<n>.json`, and removes it when the task ends in
-//! order. A record that remains belongs to an attempt that goes on, or to one that was lost. The queue tells which: when it
-//! delivers a task again, the last holder's lease has expired. A task that was lost once is tried in a child process; after
-//! four losses its scene goes into quarantine.
+//! A worker that takes a task first puts `attempts/<scene>/<start>-<end>.<n>.json` and removes it when the task ends in
+//! order. A remaining record belongs to a running attempt or to a lost one. The queue decides which: when it delivers a
+//! task again, the last holder's lease has expired. A task that was lost once is traced in a child process; after four
+//! losses its scene goes into quarantine.
 
+use super::json_line;
 use super::keys;
 use super::task::Task;
 use crate::store::{Store, StoreError};
@@ -16,10 +17,10 @@ use std::time::SystemTime;
 /// Schema of an [`AttemptRecord`].
 pub const ATTEMPT_SCHEMA: &str = "glasshouse.attempt/1";
 
-/// A scene that was lost so often, without new partials in between, goes into quarantine.
+/// A scene goes into quarantine after this many losses without new partials in between.
 pub const MOST_LOST: u32 = 4;
 
-/// A scene goes into quarantine when its files are unreadable on so many machines.
+/// A scene goes into quarantine when its files are unreadable on this many machines.
 const HOSTS_TO_REFUSE: usize = 2;
 
 /// `attempts/<scene>/<start>-<end>.<n>.json`
@@ -31,18 +32,17 @@ pub struct AttemptRecord {
     pub scene: SceneId,
     /// First shard, and one past the last.
     pub shards: [u32; 2],
-    /// From 1, of those with the same shards.
+    /// Number of the attempt at these shards, from 1.
     pub n: u32,
-    /// The worker that tries.
     pub worker: String,
     pub host: String,
-    /// How many of these shards had a partial before.
+    /// Shards that had a partial before.
     pub found: u32,
-    /// How it failed; `null` while it goes on.
+    /// How it failed; `null` while it runs.
     pub ended: Option<Ending>,
 }
 
-/// How an attempt failed, as a worker recorded it.
+/// A failure, as a worker recorded it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ending {
@@ -76,14 +76,14 @@ pub struct WorkerName {
     pub host: String,
 }
 
-/// What earlier attempts tell about a task.
+/// Judgement of a task by its earlier attempts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum PoisonCheck {
-    /// No attempt at it was lost.
+    /// No attempt was lost.
     Clean,
     /// It may have killed a worker: only a child process may trace it.
     Suspect,
-    /// It has killed too many: its scene goes into quarantine for this reason.
+    /// It has killed too many processes: its scene goes into quarantine for this reason.
     Poison(String),
 }
 
@@ -101,22 +101,21 @@ impl AttemptRecord {
         }
     }
 
-    /// Reads the record under `key`; `None` if the key is no attempt's. A damaged record counts as lost.
+    /// Reads the record under `key`; `None` for a key of another kind. A damaged record counts as lost.
     pub(crate) fn parse(scene: &SceneId, key: &str, bytes: &[u8]) -> Option<Self> {
-        let (shards, n) = keys::attempt_of(key)?;
-        let damaged = |e| Self {
-            schema: ATTEMPT_SCHEMA.to_owned(),
-            scene: scene.clone(),
-            shards,
-            n,
-            worker: "unknown".to_owned(),
-            host: "unknown".to_owned(),
-            found: 0,
-            ended: Some(Ending {
+        let ([start, end], n) = keys::attempt_of(key)?;
+        let damaged = |e| {
+            let unknown = WorkerName { worker: "unknown".to_owned(), host: "unknown".to_owned() };
+            let ended = Some(Ending {
                 kind: EndKind::Crashed,
                 reason: format!("its record is damaged ({e})"),
                 log_tail: String::new(),
-            }),
+            });
+            Self {
+                n,
+                ended,
+                ..Self::new(scene, &Task { scene: 0, shards: start..end }, &unknown, 0)
+            }
         };
         Some(serde_json::from_slice(bytes).unwrap_or_else(damaged))
     }
@@ -125,20 +124,14 @@ impl AttemptRecord {
         keys::attempt(&self.scene, self.shards, self.n)
     }
 
-    fn json(&self) -> Vec<u8> {
-        let mut json = serde_json::to_vec(self).expect("strings and numbers are JSON");
-        json.push(b'\n');
-        json
-    }
-
     /// Puts the record under the next free number.
     pub(crate) fn begin(&mut self, store: &Store, earlier: &[Self]) -> Result<(), StoreError> {
         let same = earlier.iter().filter(|r| r.shards == self.shards);
         self.n = 1 + same.map(|r| r.n).max().unwrap_or(0);
         loop {
-            match store.create(&self.key(), &self.json()) {
+            match store.create(&self.key(), &json_line(self)) {
                 Ok(_) => return Ok(()),
-                // Another worker took the task, too: this one's lease expired, or the queue lost its memory.
+                // Another worker took the task, too: this one's lease expired, or the queue was reset.
                 Err(StoreError::Differs { .. }) => self.n += 1,
                 Err(error) => return Err(error),
             }
@@ -147,19 +140,23 @@ impl AttemptRecord {
 
     pub(crate) fn end(mut self, store: &Store, ending: Ending) -> Result<Self, StoreError> {
         self.ended = Some(ending);
-        store.replace(&self.key(), &self.json())?;
+        store.replace(&self.key(), &json_line(&self))?;
         Ok(self)
     }
 
-    /// Removes the record: the task has ended in order. One that remains counts if the task's next holder is lost.
+    /// Removes the record, because the task has ended in order. If that fails, the record counts once the queue
+    /// delivers the task again.
     pub(crate) fn forget(&self, store: &Store) {
         let _ = store.delete(&[self.key()]);
     }
 
+    fn end_kind(&self) -> Option<EndKind> {
+        self.ended.as_ref().map(|ending| ending.kind)
+    }
+
     /// The scene's files could not be read on this host.
     pub(crate) fn could_not_read(&self, host: &str) -> bool {
-        let kind = self.ended.as_ref().map(|ending| ending.kind);
-        self.host == host && kind == Some(EndKind::Unreadable)
+        self.host == host && self.end_kind() == Some(EndKind::Unreadable)
     }
 
     fn is_of(&self, task: &Task) -> bool {
@@ -170,18 +167,18 @@ impl AttemptRecord {
         self.shards[0] < task.shards.end && task.shards.start < self.shards[1]
     }
 
-    /// This task may have killed the worker.
+    /// Whether this task may have killed the worker.
     fn was_lost(&self, task: &Task) -> bool {
-        match self.ended.as_ref().map(|ending| ending.kind) {
+        match self.end_kind() {
             None | Some(EndKind::Unreadable) => false,
-            // Parts of it may have been donated since, and are not to blame.
+            // Parts of the lost task may have been donated before; they are not suspects.
             Some(EndKind::Lost) => self.is_of(task),
             Some(EndKind::Crashed | EndKind::Hung) => self.overlaps(task),
         }
     }
 }
 
-/// A scene's records, sorted by shards and number. A damaged record counts as lost.
+/// A scene's records, sorted by shards and number.
 pub fn attempts(store: &Store, scene: &SceneId) -> Result<Vec<AttemptRecord>, StoreError> {
     let records = attempts_with_times(store, scene)?.into_iter();
     Ok(records.map(|(record, _)| record).collect())
@@ -203,8 +200,8 @@ pub(crate) fn attempts_with_times(
     Ok(records)
 }
 
-/// Marks earlier attempts at a task as lost, because the queue has delivered it again: their leases have expired. A worker
-/// that was only slow removes its record when it ends.
+/// Marks earlier attempts at a task as lost, because the queue has delivered it again: their leases have expired. A
+/// worker that was only slow removes its record when it ends.
 pub(crate) fn mark_lost(
     store: &Store,
     records: Vec<AttemptRecord>,
@@ -220,20 +217,21 @@ pub(crate) fn mark_lost(
     records.into_iter().map(mark).collect()
 }
 
-/// Judges a task by the records of its scene; `found` of its shards have partials.
+/// Judges a task by the records of its scene; `found` shards of the task have partials.
 pub(crate) fn poison_check(records: &[AttemptRecord], task: &Task, found: u32) -> PoisonCheck {
     let lost: Vec<&AttemptRecord> = records.iter().filter(|record| record.was_lost(task)).collect();
     let Some(last) = lost.last() else {
         return PoisonCheck::Clean;
     };
-    // Attempts that added partials before they were lost count as one: the shards that are left killed at most the last.
+    // Attempts that added partials before they were lost count as one: the remaining shards killed at most the last of
+    // them.
     let advanced = |record: &&&AttemptRecord| record.is_of(task) && record.found < found;
     let moved = lost.iter().filter(advanced).count();
     let count = lost.len() - moved + moved.min(1);
     if count < MOST_LOST as usize {
         return PoisonCheck::Suspect;
     }
-    let told = match &last.ended {
+    let reason = match &last.ended {
         Some(ending) if ending.log_tail.is_empty() => ending.reason.clone(),
         Some(ending) => {
             format!("{}; its last lines: {}", ending.reason, ending.log_tail.trim_end())
@@ -241,23 +239,17 @@ pub(crate) fn poison_check(records: &[AttemptRecord], task: &Task, found: u32) -
         None => String::new(),
     };
     PoisonCheck::Poison(format!(
-        "{count} processes were lost with shards {} to {}; the last one: {told}",
+        "{count} processes were lost with shards {} to {}; the last one: {reason}",
         task.shards.start,
         task.shards.end - 1
     ))
 }
 
-/// Enough machines have failed to read the scene's files; after `MOST_LOST` attempts one machine is enough.
+/// Whether enough machines have failed to read the scene's files; after `MOST_LOST` attempts one machine is enough.
 pub(crate) fn is_unreadable(records: &[AttemptRecord]) -> bool {
-    let told: Vec<&AttemptRecord> = records
-        .iter()
-        .filter(|r| {
-            let ending = r.ended.as_ref();
-            ending.is_some_and(|ending| ending.kind == EndKind::Unreadable)
-        })
-        .collect();
-    let hosts: BTreeSet<&str> = told.iter().map(|record| record.host.as_str()).collect();
-    hosts.len() >= HOSTS_TO_REFUSE || told.len() >= MOST_LOST as usize
+    let failed = || records.iter().filter(|r| r.end_kind() == Some(EndKind::Unreadable));
+    let hosts: BTreeSet<&str> = failed().map(|record| record.host.as_str()).collect();
+    hosts.len() >= HOSTS_TO_REFUSE || failed().count() >= MOST_LOST as usize
 }
 
 #[cfg(test)]
@@ -290,10 +282,10 @@ mod tests {
     #[test]
     fn only_lost_attempts_count() {
         assert_eq!(poison_check(&[], &TASK, 0), PoisonCheck::Clean);
-        // It goes on, or the queue lost its memory.
+        // It still runs, or the queue was reset.
         assert_eq!(poison_check(&[record(1, 0, None)], &TASK, 0), PoisonCheck::Clean);
         assert_eq!(poison_check(&[record(1, 0, LOST)], &TASK, 0), PoisonCheck::Suspect);
-        // A part that was donated before is not to blame; but the shard that killed a child may be in it.
+        // A part that was donated before is no suspect, but the shard that killed a child process may be in it.
         assert_eq!(poison_check(&[record(1, 0, LOST)], &TAIL, 0), PoisonCheck::Clean);
         assert_eq!(poison_check(&[record(1, 0, CRASHED)], &TAIL, 0), PoisonCheck::Suspect);
         let unreadable = [record(1, 0, Some(EndKind::Unreadable))];
@@ -301,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn a_span_that_is_delivered_again_was_lost() {
+    fn a_task_that_is_delivered_again_was_lost() {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::local(dir.path()).unwrap();
         let mut running = record(1, 0, None);
@@ -318,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn four_losses_without_anything_new() {
+    fn four_losses_without_new_partials_are_poison() {
         let mut lost = vec![record(1, 0, LOST)];
         for n in 2..4 {
             lost.push(record(n, 0, CRASHED));
@@ -326,13 +318,13 @@ mod tests {
         }
         lost.push(record(4, 0, CRASHED));
         let PoisonCheck::Poison(reason) = poison_check(&lost, &TASK, 0) else {
-            panic!("it goes on");
+            panic!("four losses are not poison");
         };
         let words = "the last one: signal 6; its last lines: out of memory";
         assert!(reason.contains("4 processes") && reason.contains(words), "{reason}");
     }
 
-    /// Processes that are killed from outside, and resume where the last one ended, do not make a scene poison.
+    /// Processes that are killed from outside and resume each other's work do not make a scene poison.
     #[test]
     fn attempts_that_add_partials_count_once() {
         let steps: Vec<AttemptRecord> = (1..10).map(|n| record(n, n * 4, LOST)).collect();

@@ -1,7 +1,7 @@
 //! Traces scenes again, in memory, and compares the results with the run's, bit for bit.
 //!
-//! The golden shard refuses machines that always compute other bits. An audit finds those that sometimes do, and objects
-//! that were damaged later, and names the workers that made them.
+//! The golden shard refuses machines that always compute other bits. An audit finds machines that sometimes do, and
+//! objects that were damaged later, and names their workers.
 
 use super::compare::{FileDifference, compare};
 use super::error::AccessError;
@@ -13,7 +13,7 @@ use render::color::SrgbEncoder;
 use render::ids::SceneId;
 use render::job::{SceneJob, render_partials};
 use render::line::SceneLine;
-use render::merge::{TupleRecord, combine, encode_tuple_file, tuple_files};
+use render::merge::{Tuple, TupleRecord, combine, encode_tuple_file, tuple_files};
 use render::partial::{self, Partial};
 use render::scene::{InputDigests, load, read_files_by};
 use render::shard::golden;
@@ -23,7 +23,6 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-/// How to trace again.
 pub(crate) struct AuditOptions<'a> {
     pub(crate) threads: usize,
     /// Instruction set of the tracer.
@@ -36,7 +35,7 @@ pub(crate) struct AuditOptions<'a> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Verdict {
-    /// Every file is the same, bit for bit.
+    /// Every file is equal, bit for bit.
     Same,
     Differs,
     /// The scene could not be compared.
@@ -55,7 +54,13 @@ pub(crate) struct SceneAudit {
     pub(crate) reason: Option<String>,
 }
 
-/// Checks that this machine computes the golden shard's bits; without that its verdicts would mean nothing.
+impl SceneAudit {
+    fn not_compared(self, reason: String) -> Self {
+        Self { reason: Some(reason), ..self }
+    }
+}
+
+/// Checks that this machine computes the golden shard's bits; otherwise its verdicts would mean nothing.
 pub(crate) fn check_auditor(run: &Run, options: &AuditOptions) -> Result<(), AccessError> {
     let found = golden(options.isa, options.threads.max(1));
     if found == run.spec.golden {
@@ -105,7 +110,7 @@ fn draw<'a>(
     places
 }
 
-/// Traces a scene again and compares everything that the store holds of it: its tuple's files and its partials. Calls
+/// Traces a scene again and compares all of its files in the store: its tuple's files and its partials. Calls
 /// `on_shard` after each shard. Returns `None` if it was stopped.
 pub(crate) fn audit_scene(
     run: &Run,
@@ -128,24 +133,20 @@ pub(crate) fn audit_scene(
     there.extend(partials.into_iter().filter(|key| keys::shard_of(key).is_some()));
     there.sort();
     if there.is_empty() {
-        audit.reason = Some("the run holds nothing of it yet".to_owned());
-        return Ok(Some(audit));
+        return Ok(Some(audit.not_compared("the run has no files of it yet".to_owned())));
     }
     let open = |path: &Path| run.inputs.read(path);
     let files = read_files_by(line, &run.roots, run.root(), &open);
-    let loaded = files.and_then(|files| load(line, &files));
-    let loaded = match loaded {
+    let loaded = match files.and_then(|files| load(line, &files)) {
         Ok(loaded) => loaded,
         Err(error) => {
-            audit.reason = Some(format!("this machine cannot load it: {error}"));
-            return Ok(Some(audit));
+            return Ok(Some(audit.not_compared(format!("this machine cannot load it: {error}"))));
         }
     };
     if let Some(files) = other_inputs(store, line, &loaded.inputs)? {
-        audit.reason = Some(format!(
-            "this machine's input files are not those of the tuple ({files}): one of the two is damaged or another version"
-        ));
-        return Ok(Some(audit));
+        return Ok(Some(audit.not_compared(format!(
+            "this machine's input files differ from the tuple's ({files}): one of the two is damaged or another version"
+        ))));
     }
     let job = SceneJob::new(line, run.layout(line), loaded);
     let Some(partials) =
@@ -156,7 +157,7 @@ pub(crate) fn audit_scene(
     let made = Made::new(run, line, &partials)?;
     for (key, stored) in there.iter().zip(store.get_all(&there)?) {
         let (Some(made), Some(stored)) = (made.file(key)?, stored) else {
-            // A file that belongs to no scene, or was removed meanwhile.
+            // An unknown file, or one that was removed meanwhile.
             continue;
         };
         audit.files += 1;
@@ -166,8 +167,8 @@ pub(crate) fn audit_scene(
     Ok(Some(audit))
 }
 
-/// Names input files whose digests differ between the tuple's record and this machine. A damaged record is compared like
-/// any other file.
+/// Names input files with different digests in the tuple's record and on this machine. A damaged record is compared
+/// like any other file.
 fn other_inputs(
     store: &Store,
     line: &SceneLine,
@@ -186,23 +187,19 @@ fn other_inputs(
     Ok((!names.is_empty()).then(|| names.join(", ")))
 }
 
-/// The scene as traced now, to be encoded file by file.
+/// The scene as traced now, encoded file by file.
 struct Made<'p> {
     partials: &'p [Partial],
-    tuple: render::merge::Tuple,
+    tuple: Tuple,
     encoder: SrgbEncoder,
-    line: SceneLine,
+    line: &'p SceneLine,
 }
 
 impl<'p> Made<'p> {
-    fn new(run: &Run, line: &SceneLine, partials: &'p [Partial]) -> Result<Self, AccessError> {
+    fn new(run: &Run, line: &'p SceneLine, partials: &'p [Partial]) -> Result<Self, AccessError> {
         let tuple = combine(line, run.spec.tile_px, partials);
-        Ok(Self {
-            partials,
-            tuple: tuple.map_err(|e| AccessError::Tuple(e.to_string()))?,
-            encoder: SrgbEncoder::new(),
-            line: line.clone(),
-        })
+        let tuple = tuple.map_err(|e| AccessError::Tuple(e.to_string()))?;
+        Ok(Self { partials, tuple, encoder: SrgbEncoder::new(), line })
     }
 
     /// The bytes that belong under `key`; `None` if the scene has no such file.
@@ -216,7 +213,7 @@ impl<'p> Made<'p> {
             return bytes.map_err(|e| cannot(&e));
         }
         let name = key.rsplit('/').next().unwrap_or(key);
-        if !tuple_files(&self.line).iter().any(|file| file == name) {
+        if !tuple_files(self.line).iter().any(|file| file == name) {
             return Ok(None);
         }
         let bytes = encode_tuple_file(&self.tuple, &self.encoder, name);

@@ -1,4 +1,5 @@
-//! How two files of a tuple or two partials differ: bits first, then pixels or fields, for a person to judge.
+//! The differences between two files of a tuple or two partials: bits first, then pixels or fields, for the user to
+//! judge.
 
 use render::formats::decode_exr_channels;
 use serde::Serialize;
@@ -10,15 +11,15 @@ use std::collections::BTreeSet;
 pub(crate) struct FileDifference {
     /// Key of the file in the store.
     pub(crate) file: String,
-    /// Of an image: pixels that differ.
+    /// For an image: pixels that differ.
     pub(crate) pixels: Option<u64>,
-    /// Of an image: all pixels.
+    /// For an image: all pixels.
     pub(crate) of_pixels: Option<u64>,
-    /// Of an image: the largest difference of a channel; linear radiance in an EXR, 8-bit steps in a PNG.
+    /// For an image: the largest difference of a channel; linear radiance in an EXR, 8-bit steps in a PNG.
     pub(crate) largest: Option<f64>,
-    /// Where the largest difference is, `[x, y]`, px.
+    /// Position of the largest difference, `[x, y]`, px.
     pub(crate) at: Option<[u32; 2]>,
-    /// Explanation in words, if numbers do not tell.
+    /// Explanation in words, if there are no numbers.
     pub(crate) note: String,
 }
 
@@ -30,10 +31,10 @@ struct Pixels {
     values: Vec<f32>,
 }
 
-/// At most so many fields of a JSON file are named.
+/// Fields of a JSON file to name.
 const FIELDS_NAMED: usize = 8;
 
-/// Compares the bytes that are `stored` under `file` with those that were `made` now; `None` if they are equal.
+/// Compares the bytes `stored` under `file` with the bytes `made` now; `None` if they are equal.
 pub(crate) fn compare(file: &str, made: &[u8], stored: &[u8]) -> Option<FileDifference> {
     if made == stored {
         return None;
@@ -57,7 +58,7 @@ pub(crate) fn compare(file: &str, made: &[u8], stored: &[u8]) -> Option<FileDiff
     match (decode(made), decode(stored)) {
         (Ok(made), Ok(stored)) => images(&mut difference, &made, &stored),
         (_, Err(reason)) => difference.note = format!("it cannot be read: {reason}"),
-        (Err(reason), _) => difference.note = format!("what was made now cannot be read: {reason}"),
+        (Err(reason), _) => difference.note = format!("the new file cannot be read: {reason}"),
     }
     Some(difference)
 }
@@ -92,8 +93,7 @@ fn images(difference: &mut FileDifference, made: &Pixels, stored: &Pixels) {
     difference.pixels = Some(count);
     difference.of_pixels = Some((made.width * made.height) as u64);
     if count == 0 {
-        "no pixel differs: the file is packed otherwise, or its header differs"
-            .clone_into(&mut difference.note);
+        difference.note = "no pixel differs: the compression or the header differs".to_owned();
         return;
     }
     difference.largest = Some(largest);
@@ -139,7 +139,7 @@ fn fields(made: &[u8], stored: &[u8]) -> String {
     };
     found.truncate(FIELDS_NAMED);
     if found.is_empty() {
-        "no field differs: it is only written otherwise".to_owned()
+        "no field differs, only the formatting".to_owned()
     } else {
         format!("fields differ: {}{more}", found.join(", "))
     }
@@ -170,7 +170,7 @@ mod tests {
     const PIXELS: [[f32; 3]; 6] = [[0.25, 0.5, 0.75]; 6];
 
     #[test]
-    fn one_pixel_is_found() {
+    fn a_differing_pixel_is_found() {
         let mut other = PIXELS;
         other[4][1] += 0.125;
         let exr = |pixels: &[[f32; 3]]| encode_rgb_exr(pixels, 3, 2).unwrap();
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_image_is_said() {
+    fn damaged_and_other_images_are_reported() {
         let exr = encode_rgb_exr(&PIXELS, 3, 2).unwrap();
         for damaged in [&b""[..], b"text", &exr[..exr.len() / 2]] {
             let found = compare("a.exr", &exr, damaged).unwrap();

@@ -1,10 +1,11 @@
-//! Pausing, resuming and cancelling a run by one small object in its store, which workers and coordinators poll. That needs
-//! neither a queue nor a coordinator.
+//! Pausing, resuming and cancelling a run by one small object in its store, which workers and coordinators poll.
+//! Neither a queue nor a coordinator is needed.
 //!
-//! *Paused*: workers finish the scenes that they have opened, keep the leases of their other tasks, and take no new ones;
-//! coordinators publish nothing. *Cancelled*: workers finish the shards in flight and end without requeueing anything;
-//! coordinators remove the queue and end. `resume` removes the object. Finished tuples always stay.
+//! *Paused*: workers finish the scenes that they have opened, keep the leases of their other tasks, and take no new
+//! ones; coordinators publish nothing. *Cancelled*: workers finish the shards in flight and end without requeueing
+//! anything; coordinators remove the queue and end. `resume` removes the object. Finished tuples always stay.
 
+use super::json_line;
 use super::keys;
 use crate::store::{Store, StoreError};
 use serde::{Deserialize, Serialize};
@@ -14,7 +15,7 @@ use std::time::Instant;
 /// Schema of `control.json`.
 pub(crate) const CONTROL_SCHEMA: &str = "glasshouse.control/1";
 
-/// What a run has been told to do.
+/// The user's last order for a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ControlState {
@@ -40,9 +41,8 @@ impl ControlState {
 /// Content of `control.json`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Control {
-    /// What the run has been told.
     pub state: ControlState,
-    /// Why, as the user gave it.
+    /// The user's reason.
     pub reason: Option<String>,
 }
 
@@ -57,18 +57,24 @@ struct Record {
 }
 
 impl Control {
-    /// Reads a run's; without an object it is running.
+    /// Reads a run's control object; a run without one is running.
     pub fn get(store: &Store) -> Result<Self, StoreError> {
         let bytes = store.get(keys::CONTROL)?;
         Ok(bytes.map_or_else(Self::default, |bytes| Self::parse(&bytes)))
     }
 
-    /// A damaged record pauses the run: its writer meant to hold it.
+    /// A damaged record pauses the run, because its writer meant to stop it.
     fn parse(bytes: &[u8]) -> Self {
-        Self::read(bytes).unwrap_or_else(|reason| Self::damaged(&reason))
+        Self::read(bytes).unwrap_or_else(|error| Self {
+            state: ControlState::Paused,
+            reason: Some(format!(
+                "{} is damaged ({error}); `glasshouse resume RUN` removes it",
+                keys::CONTROL
+            )),
+        })
     }
 
-    /// Reads the object's bytes, or says what is wrong with them.
+    /// Reads the object's bytes.
     pub fn read(bytes: &[u8]) -> Result<Self, String> {
         match serde_json::from_slice::<Record>(bytes) {
             Ok(record) if record.schema == CONTROL_SCHEMA => {
@@ -76,16 +82,6 @@ impl Control {
             }
             Ok(record) => Err(format!("its schema is {:?}", record.schema)),
             Err(error) => Err(error.to_string()),
-        }
-    }
-
-    fn damaged(what: &dyn std::fmt::Display) -> Self {
-        Self {
-            state: ControlState::Paused,
-            reason: Some(format!(
-                "{} is damaged ({what}); `glasshouse resume RUN` removes it",
-                keys::CONTROL
-            )),
         }
     }
 
@@ -102,34 +98,27 @@ pub(crate) enum ControlError {
     /// The store cannot be used.
     #[error(transparent)]
     Store(#[from] StoreError),
-    #[error("every scene of the run is done or in quarantine: there is nothing to hold")]
+    #[error("every scene of the run is done or in quarantine: there is nothing to pause or cancel")]
     Finished,
     /// A pause would weaken a cancel.
-    #[error("the run is cancelled; `glasshouse resume RUN` takes that back")]
+    #[error("the run is cancelled; `glasshouse resume RUN` undoes the cancel")]
     Cancelled,
 }
 
-/// A change of `control.json`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Changed {
-    pub(crate) before: ControlState,
-    pub(crate) now: ControlState,
-}
-
-/// Pauses, cancels or resumes a run; with `dry_run` only checks that it can. Repeating the present state is no error.
+/// Pauses, cancels or resumes a run; with `dry_run` only checks that it can. Returns the state before. Repeating the
+/// present state is no error.
 pub(crate) fn set_control(
     store: &Store,
     state: ControlState,
     reason: Option<&str>,
     dry_run: bool,
-) -> Result<Changed, ControlError> {
+) -> Result<ControlState, ControlError> {
     let before = Control::get(store)?.state;
-    let changed = Changed { before, now: state };
     if state == ControlState::Running {
         if !dry_run {
             store.delete(&[keys::CONTROL.to_owned()])?;
         }
-        return Ok(changed);
+        return Ok(before);
     }
     if store.get(keys::FINISHED)?.is_some() {
         return Err(ControlError::Finished);
@@ -140,10 +129,9 @@ pub(crate) fn set_control(
     if !dry_run {
         let record =
             Record { schema: CONTROL_SCHEMA.to_owned(), state, reason: reason.map(str::to_owned) };
-        let json = serde_json::to_string(&record).expect("strings are JSON");
-        store.replace(keys::CONTROL, format!("{json}\n").as_bytes())?;
+        store.replace(keys::CONTROL, &json_line(&record))?;
     }
-    Ok(changed)
+    Ok(before)
 }
 
 /// Polls `control.json`.
@@ -206,13 +194,12 @@ mod tests {
         use ControlState::{Cancelled, Paused, Running};
         let (_folder, store) = store();
         assert_eq!(Control::get(&store).unwrap(), Control::default());
-        let changed = set_control(&store, Paused, Some("backup"), false).unwrap();
-        assert_eq!((changed.before, changed.now), (Running, Paused));
+        assert_eq!(set_control(&store, Paused, Some("backup"), false).unwrap(), Running);
         let control = Control::get(&store).unwrap();
         assert_eq!(control.state, Paused);
         assert_eq!(control.because(), " (backup)");
         // Nothing is written in a dry run.
-        assert_eq!(set_control(&store, Running, None, true).unwrap().before, Paused);
+        assert_eq!(set_control(&store, Running, None, true).unwrap(), Paused);
         assert_eq!(Control::get(&store).unwrap(), control);
         set_control(&store, Cancelled, None, false).unwrap();
         let weaker = set_control(&store, Paused, None, false).unwrap_err();
@@ -225,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_record_holds_the_run() {
+    fn a_damaged_record_pauses_the_run() {
         let (_folder, store) = store();
         let other = br#"{"schema":"glasshouse.control/2","state":"running"}"#;
         for damage in [&b""[..], b"{", b"\xff", other] {

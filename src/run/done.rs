@@ -5,7 +5,7 @@ use crate::store::{Store, StoreError};
 use render::line::SceneLine;
 use render::merge::{is_record_of, tuple_files};
 
-/// The scene's tuple is in the store, with all of its files, made from this line by this version of the tracer.
+/// Whether the store has all files of the scene's tuple, made from this line by this version of the tracer.
 pub(crate) fn is_done(store: &Store, line: &SceneLine) -> Result<bool, StoreError> {
     let Some(record) = store.get(&keys::tuple_record(&line.id))? else {
         return Ok(false);

@@ -15,7 +15,7 @@ pub enum RunError {
     /// A file cannot be read.
     #[error("cannot read {}: {source}; check the folder and its permissions", path.display())]
     Read { path: PathBuf, source: io::Error },
-    /// `spec.json` is damaged, or a file beside it is no text.
+    /// `spec.json` is damaged, or a file is not text.
     #[error("{} is damaged: {reason}; plan the run again into a new folder", path.display())]
     Spec { path: PathBuf, reason: String },
     /// `manifest.jsonl` is damaged.

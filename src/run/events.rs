@@ -20,7 +20,7 @@ pub enum Event {
     },
     /// A partial on disk is damaged or of another plan.
     PartialRejected {
-        /// What is wrong, and what happens next.
+        /// The damage, and what happens next.
         reason: String,
     },
     /// A tuple is durable.
@@ -29,9 +29,9 @@ pub enum Event {
         /// The largest share, among its layers, of paths that ended beyond a photograph's border.
         miss_share: f64,
     },
-    /// The queue cannot be reached; tasks that are held go on.
+    /// The queue cannot be reached; leased tasks continue.
     QueueLost { reason: String },
-    /// The store cannot be reached; it is tried again.
+    /// The store cannot be reached; the call is repeated.
     StoreLost { reason: String },
     /// A scene that was lost with an earlier process is traced in a child process.
     Isolated { scene: SceneId },

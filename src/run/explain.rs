@@ -1,4 +1,4 @@
-//! `explain`: all that a run's store tells about one scene or shard, and what happens next.
+//! `explain`: the state of one scene or shard in a run's store, and what happens next.
 
 use super::attempts::{MOST_LOST, attempts_with_times};
 use super::control::{Control, ControlState};
@@ -16,8 +16,9 @@ use render::trace::Tile;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
+use std::time::SystemTime;
 
-/// All about a scene.
+/// Explanation of a scene.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Explanation {
     pub(crate) scene: SceneId,
@@ -30,15 +31,15 @@ pub(crate) struct Explanation {
     pub(crate) tile_px: u32,
     /// Sample ranges of each tile.
     pub(crate) ranges: u32,
-    /// Shards whose partials are there, as half-open ranges.
+    /// Shards with partials, as half-open ranges.
     pub(crate) there: Vec<[u32; 2]>,
     /// The other shards, as half-open ranges.
     pub(crate) missing: Vec<[u32; 2]>,
     /// The shard that the caller asked for.
     pub(crate) shard: Option<ShardFacts>,
-    /// Attempts at it that go on or were lost.
+    /// Running and lost attempts at it.
     pub(crate) attempts: Vec<StandingAttempt>,
-    /// Its record of quarantine.
+    /// Its quarantine record.
     pub(crate) quarantine: Option<serde_json::Value>,
     /// Workers that made its tuple, in a farm.
     pub(crate) receipt: Option<Provenance>,
@@ -48,7 +49,7 @@ pub(crate) struct Explanation {
     pub(crate) next: Vec<String>,
 }
 
-/// All about a shard.
+/// Explanation of a shard.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct ShardFacts {
     /// Its number in the scene.
@@ -86,10 +87,8 @@ pub(crate) fn explain(
 ) -> Result<Explanation, ExplainError> {
     let place = run.lines.iter().position(|line| line.id == *scene);
     let index = place.ok_or_else(|| {
-        ExplainError::Unknown(format!(
-            "{scene} is no scene of this run; {} names them all",
-            keys::MANIFEST
-        ))
+        let text = format!("{scene} is no scene of this run; {} names them all", keys::MANIFEST);
+        ExplainError::Unknown(text)
     })?;
     let line = &run.lines[index];
     let layout = run.layout(line);
@@ -99,13 +98,10 @@ pub(crate) fn explain(
             layout.len()
         )));
     }
+    let age_s = |put: SystemTime| put.elapsed().unwrap_or_default().as_secs_f64();
     let attempts = attempts_with_times(store, scene)?.into_iter();
-    let attempts: Vec<StandingAttempt> = attempts
-        .map(|(note, put)| StandingAttempt {
-            note,
-            age_s: put.elapsed().unwrap_or_default().as_secs_f64(),
-        })
-        .collect();
+    let attempts: Vec<StandingAttempt> =
+        attempts.map(|(note, put)| StandingAttempt { note, age_s: age_s(put) }).collect();
     let partials: BTreeSet<u32> = store
         .list(&keys::partials(scene))?
         .iter()
@@ -163,7 +159,7 @@ pub(crate) fn explain(
     Ok(explanation)
 }
 
-/// Says where a shard's result is. Its partial is read and checked.
+/// Says where a shard's result is; reads and checks its partial.
 fn result_of(
     store: &Store,
     scene: &SceneId,
@@ -179,14 +175,14 @@ fn result_of(
         let holds = |a: &&StandingAttempt| (a.note.shards[0]..a.note.shards[1]).contains(&shard);
         let holder = attempts.iter().rfind(|a| holds(a) && a.note.ended.is_none());
         return Ok(match holder {
-            Some(a) => format!("not there; in hand of {}, or lost with it", a.note.worker),
+            Some(a) => format!("not there; held by {}, or lost with it", a.note.worker),
             None => "not there".to_owned(),
         });
     };
     let path = PathBuf::from(store.name()).join(&key);
     Ok(match partial::decode(&path, &bytes) {
         Ok(_) => format!("{key}, {} bytes, intact", bytes.len()),
-        Err(error) => format!("of no use, it will be traced again: {error}"),
+        Err(error) => format!("unusable, it will be traced again: {error}"),
     })
 }
 
@@ -217,26 +213,27 @@ fn next(known: &Explanation, control: &Control) -> Vec<String> {
         SceneState::Quarantined => {
             next.push("It is left out; the run ends without it, with exit code 3.".to_owned());
             next.push(format!(
-                "Repair what the reason names, then `glasshouse retry RUN {scene}`, and start `work` (of a farm `coordinate`, \
-                 too) if they have ended."
+                "Repair the cause that the reason names, then `glasshouse retry RUN {scene}`, and start `work` (in a farm \
+                 also `coordinate`) if they have ended."
             ));
             return next;
         }
         SceneState::Complete => next.push(
-            "All shards are there: the next worker that opens it writes the tuple, or `glasshouse merge RUN` in a folder."
+            "All shards are there: the next worker that opens it writes the tuple, or, in a folder, `glasshouse merge RUN`."
                 .to_owned(),
         ),
         SceneState::Begun if known.attempts.iter().any(|a| a.note.ended.is_none()) => next.push(format!(
-            "{left} shards are left. If the worker that holds them lives, it goes on; else the queue delivers them again after \
-             a lease, and a child process tries them. After {MOST_LOST} losses without a new partial the scene goes into quarantine."
+            "{left} shards are left. If the worker that holds them is alive, it continues; else the queue delivers them again \
+             after a lease, and a child process traces them. After {MOST_LOST} losses without a new partial the scene goes \
+             into quarantine."
         )),
         SceneState::Begun | SceneState::Waiting => next.push(format!(
-            "The next worker that takes it traces the {left} shards that are missing."
+            "The next worker that takes it traces the {left} missing shards."
         )),
     }
     match control.state {
         ControlState::Running => next.push(
-            "If no worker is running: `glasshouse work RUN`; in a farm, `glasshouse coordinate` publishes what is missing."
+            "If no worker is running: `glasshouse work RUN`; in a farm, `glasshouse coordinate` publishes the missing shards."
                 .to_owned(),
         ),
         ControlState::Paused => next.push(format!(
@@ -256,7 +253,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_in_a_row_are_one_range() {
+    fn consecutive_numbers_are_one_range() {
         assert_eq!(rows([].into_iter()), Vec::<[u32; 2]>::new());
         assert_eq!(rows([0, 1, 2, 5, 7, 8].into_iter()), [[0, 3], [5, 6], [7, 9]]);
     }

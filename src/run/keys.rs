@@ -1,16 +1,16 @@
-//! Names of a run's objects: keys of an object store, paths below the folder of a run.
+//! Names of a run's objects: keys in an object store, paths below the run's folder.
 
 use render::ids::SceneId;
 use render::line::SceneLine;
 use render::merge::tuple_files;
 
-/// The run's rules; written last by planning, never changed.
+/// The run's spec; written last by planning, never changed.
 pub const SPEC: &str = "spec.json";
-/// All scenes, one a line.
+/// All scenes, one per line.
 pub const MANIFEST: &str = "manifest.jsonl";
 /// Scenes that planning drew, previewed and rejected.
 pub(crate) const REJECTED: &str = "rejected.jsonl";
-/// Locked by a process that works on the run's folder alone.
+/// Locked by the process that works on the run's folder.
 pub(crate) const LOCK: &str = "work.lock";
 /// Written by the coordinator when every scene is done or in quarantine.
 pub const FINISHED: &str = "finished.json";
@@ -22,13 +22,13 @@ pub const CONTROL: &str = "control.json";
 pub const TUPLES: &str = "tuples";
 /// Folder of the scenes in quarantine.
 pub const QUARANTINE: &str = "quarantine";
-/// Folder of noise maps, which are no part of the tuples.
+/// Folder of noise maps, which do not belong to the tuples.
 pub const NOISE: &str = "noise";
 /// Folder of the logs that workers write when they end.
 pub const LOGS: &str = "logs";
 /// Folder of all partials.
 pub const PARTIALS: &str = "partials";
-/// Folder of attempts that have not ended, or were lost.
+/// Folder of running and lost attempts.
 pub const ATTEMPTS: &str = "attempts";
 /// Folder of results that differ from those in the store.
 pub const CONFLICTS: &str = "conflicts";
@@ -36,7 +36,7 @@ pub const CONFLICTS: &str = "conflicts";
 pub const RECEIPTS: &str = "receipts";
 pub(crate) const REPORT: &str = "report/index.html";
 
-/// The file of a tuple that is written last.
+/// The last file of a tuple.
 const RECORD: &str = "tuple.json";
 
 /// The scene of a key in one of the folders: `partials/<scene>/000001.exr`, `receipts/<scene>.json`.
@@ -67,7 +67,7 @@ pub fn made_by(scene: &SceneId, [start, end]: [u32; 2]) -> String {
     format!("{PARTIALS}/{scene}/{start}-{end}.json")
 }
 
-/// The result of `worker` for `key`, where another result was there before.
+/// The result of `worker` for `key`, if the store held another result.
 pub fn conflict(worker: &str, key: &str) -> String {
     format!("{CONFLICTS}/{worker}/{key}")
 }
@@ -88,7 +88,7 @@ pub(crate) fn tuple_keys(line: &SceneLine) -> impl Iterator<Item = String> {
     files.map(|file| tuple(&line.id, &file))
 }
 
-/// `tuple.json` of a scene, which is written after the tuple's other files.
+/// `tuple.json` of a scene, written after the tuple's other files.
 pub(crate) fn tuple_record(scene: &SceneId) -> String {
     tuple(scene, RECORD)
 }

@@ -1,7 +1,7 @@
-//! A run's folder or bucket: its objects by key, the records in them, and what they say about its progress.
+//! A run's folder or bucket: its objects by key, the records in them, and the progress that they show.
 //!
-//! The store is the only state. Starting, resuming and recovering are the same: see which results are there, make those
-//! that are missing. Modules import only modules above them.
+//! The store is the only state. Starting, resuming and recovering are the same operation: list the results, make the
+//! missing ones. Modules import only modules above them.
 
 mod error;
 pub mod keys;
@@ -61,3 +61,10 @@ pub use stages::{StageSeconds, process_cpu_s};
 pub use task::Task;
 pub use work_log::Stop;
 pub(crate) use work_log::{LogTime, SceneSeconds, SceneTrace, WORK_LOG_SCHEMA, WorkLog, read_logs};
+
+/// A record as one line of JSON.
+fn json_line(record: &impl serde::Serialize) -> Vec<u8> {
+    let mut json = serde_json::to_vec(record).expect("strings and numbers are JSON");
+    json.push(b'\n');
+    json
+}

@@ -13,12 +13,11 @@ use std::path::{Path, PathBuf};
 #[derive(Debug)]
 pub struct Run {
     root: PathBuf,
-    /// How it is divided and traced.
     pub spec: Spec,
     pub lines: Vec<SceneLine>,
     /// Roots of its input files: the spec's, overridden by the user's.
     pub roots: Roots,
-    /// Reads the files of its scenes.
+    /// Reader of the scenes' files.
     pub inputs: Inputs,
 }
 
@@ -29,9 +28,9 @@ impl Run {
         let text = read(root, keys::SPEC)?;
         let spec: Spec = serde_json::from_str(&text).map_err(|e| damaged(e.to_string()))?;
         let manifest = match read(root, keys::MANIFEST) {
-            // Planning writes the spec last: without its manifest it is half of a run, not none.
+            // Planning writes the spec last: a spec without its manifest is a damaged run.
             Err(RunError::Missing { .. }) => {
-                return Err(damaged("manifest.jsonl, which belongs to it, is gone".to_owned()));
+                return Err(damaged("its manifest.jsonl is gone".to_owned()));
             }
             other => other?,
         };
@@ -49,19 +48,16 @@ impl Run {
             ));
         }
         if spec.manifest_blake3 != manifest_digest(&manifest) {
-            return disagrees(
-                "manifest.jsonl is not the one that spec.json was made for".to_owned(),
-            );
+            return disagrees("manifest.jsonl does not have the digest in spec.json".to_owned());
         }
         let lines = parse_jsonl(&manifest)
             .map_err(|source| RunError::Manifest { path: root.join(keys::MANIFEST), source })?;
         let mut roots = given.clone();
         for (name, folder) in &spec.roots {
             if roots.get(name).is_none() {
-                // Relative folders are the run's own and move with it.
-                let is_own = !is_url(folder);
-                let folder = folder.clone();
-                roots.insert(name, if is_own { root.join(folder) } else { folder })?;
+                // Relative folders are below the run's folder and move with it.
+                let folder = if is_url(folder) { folder.clone() } else { root.join(folder) };
+                roots.insert(name, folder)?;
             }
         }
         Ok(Self { root: root.to_owned(), spec, lines, roots, inputs: Inputs::default() })

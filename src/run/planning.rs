@@ -1,15 +1,15 @@
-//! `plan`: writes `RUN/manifest.jsonl` and `RUN/spec.json` from a recipe or a `.jsonl`. Neither changes afterwards.
+//! `plan`: writes `RUN/manifest.jsonl` and `RUN/spec.json` from a recipe or a `.jsonl`. Both are final.
 
 use super::error::RunError;
 use super::keys;
 use super::open::Run;
 use plan::{
-    DraftError, Drafted, InputFiles, InvalidInput, ProceduralPhotograph, RejectedScene, Request,
-    draft, invalid_text, make_photographs, rejected_lines,
+    DraftError, Drafted, InputFiles, ProceduralPhotograph, Request, draft, invalid_text,
+    make_photographs, rejected_lines,
 };
 use procedural::SampleError;
 use render::atomic_file::{self, WriteError};
-use render::line::{Roots, SceneLine, to_jsonl};
+use render::line::{Roots, to_jsonl};
 use render::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
 use render::trace::{Isa, TRACER_VERSION};
 use std::path::Path;
@@ -22,7 +22,7 @@ pub(crate) struct PlanOptions<'a> {
     /// Side of a tile, px; `None` chooses one.
     pub(crate) tile_px: Option<u32>,
     pub(crate) dry_run: bool,
-    /// Leave out photographs (of a manifest: scenes) whose files cannot be used.
+    /// Leave out photographs (of a manifest: scenes) with unusable files.
     pub(crate) skip_invalid: bool,
     /// Threads that check input files and make procedural photographs.
     pub(crate) threads: usize,
@@ -32,39 +32,31 @@ pub(crate) struct PlanOptions<'a> {
 #[derive(Debug)]
 pub(crate) struct Planned {
     pub(crate) spec: Spec,
-    pub(crate) lines: Vec<SceneLine>,
+    pub(crate) drafted: Drafted,
     /// The same run was planned before.
     pub(crate) existed: bool,
-    /// Notes for the user: images without depth, scenes that are paired less well than the recipe asks.
-    pub(crate) notes: Vec<String>,
-    /// Draws that the preview rejected.
-    pub(crate) rejected: Vec<RejectedScene>,
-    /// Input files that cannot be used, by path.
-    pub(crate) invalid: Vec<InvalidInput>,
-    /// Input files that were checked.
-    pub(crate) files: usize,
-    /// What is left out: `photographs` or `scenes`.
-    pub(crate) parts: &'static str,
-    /// Total size of the input files; `None` if they were not checked, because the run was planned before.
-    pub(crate) input_bytes: Option<u64>,
-    /// Estimated size of procedural photographs in the run's folder, bytes.
-    pub(crate) made_bytes: u64,
 }
 
 impl Planned {
-    /// A table of the input files that cannot be used, and what was done about them; `None` if all can be used.
+    /// Estimated size of the procedural photographs in the run's folder, bytes.
+    pub(crate) fn made_bytes(&self) -> u64 {
+        self.drafted.to_make.iter().map(ProceduralPhotograph::estimated_bytes).sum()
+    }
+
+    /// A table of the unusable input files and their treatment; `None` if all files are usable.
     pub(crate) fn invalid_text(&self) -> Option<String> {
-        if self.invalid.is_empty() {
+        let Drafted { invalid, files, left_out_kind: parts, .. } = &self.drafted;
+        if invalid.is_empty() {
             return None;
         }
-        let table = invalid_text(&self.invalid, self.files);
-        let (count, parts) = (self.spec.left_out.len(), self.parts);
-        let done = match self.parts {
+        let table = invalid_text(invalid, *files);
+        let count = self.spec.left_out.len();
+        let done = match *parts {
             _ if self.existed => {
-                "the run is planned and stays as it is: scenes that cannot be made will be set aside".to_owned()
+                "the run is planned and does not change: scenes that cannot be made go into quarantine".to_owned()
             }
             _ if count == 0 => {
-                "scenes that need them will be set aside with these reasons; --skip-invalid leaves them out".to_owned()
+                "scenes that need them go into quarantine with these reasons; --skip-invalid leaves them out".to_owned()
             }
             "photographs" => format!("{parts} left out: {count}; others were drawn in their place"),
             _ => format!("{parts} left out: {count}"),
@@ -93,8 +85,8 @@ pub enum PlanError {
     Sample(#[from] SampleError),
 }
 
-/// Plans `source` into the folder `out`. Calls `on_progress` with (what, done, all) while it checks files, previews scenes
-/// and makes photographs.
+/// Plans `source` into the folder `out`. Calls `on_progress` with (step, done, all) while it checks files, previews
+/// scenes and makes photographs.
 pub(crate) fn plan_run(
     source: &Path,
     out: &Path,
@@ -106,7 +98,7 @@ pub(crate) fn plan_run(
         Err(RunError::Missing { .. }) => None,
         Err(error) => return Err(error.into()),
     };
-    // Inputs that were left out of a run stay out, even if their files can be used now.
+    // Inputs that were left out of a run stay out, even if their files are usable now.
     let left_out = existing.iter().flat_map(|run| run.spec.left_out.clone());
     let request = Request {
         roots: options.roots,
@@ -143,34 +135,13 @@ pub(crate) fn plan_run(
     }
     if !options.dry_run {
         let on_photograph = |done, all| on_progress("photographs", done, all);
-        write_inputs(out, &drafted, options.threads, &on_photograph)?;
+        atomic_file::create_dir(out)?;
+        make_photographs(out, &drafted.to_make, options.threads, &on_photograph)?;
         if existing.is_none() {
             write_plan(out, &drafted, &manifest, &spec)?;
         }
     }
-    Ok(Planned {
-        spec,
-        existed: existing.is_some(),
-        notes: drafted.notes,
-        rejected: drafted.rejected,
-        invalid: drafted.invalid,
-        files: drafted.files,
-        parts: drafted.left_out_kind,
-        input_bytes: drafted.input_bytes,
-        made_bytes: drafted.to_make.iter().map(ProceduralPhotograph::estimated_bytes).sum(),
-        lines: drafted.lines,
-    })
-}
-
-/// Writes the photographs that the plan itself makes, where they are missing.
-fn write_inputs(
-    out: &Path,
-    drafted: &Drafted,
-    threads: usize,
-    on_photograph: &(dyn Fn(usize, usize) + Sync),
-) -> Result<(), PlanError> {
-    atomic_file::create_dir(out)?;
-    Ok(make_photographs(out, &drafted.to_make, threads, on_photograph)?)
+    Ok(Planned { spec, drafted, existed: existing.is_some() })
 }
 
 fn write_plan(out: &Path, drafted: &Drafted, manifest: &str, spec: &Spec) -> Result<(), PlanError> {

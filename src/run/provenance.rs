@@ -1,7 +1,9 @@
-//! Which worker made which results, to find the wrong one when two disagree: of a tuple in `receipts/<scene>.json`, of
-//! partials in a record beside them, which is removed with them. Both are only shown; nothing is decided by them.
+//! The workers that made results, to find the wrong one when two results differ: for a tuple in
+//! `receipts/<scene>.json`, for partials in a record beside them, which is removed with them. Both records are only
+//! displayed; no decision uses them.
 
 use super::attempts::{WorkerName, attempts};
+use super::json_line;
 use super::keys;
 use super::task::Task;
 use crate::store::{Store, StoreError};
@@ -12,8 +14,8 @@ use std::collections::BTreeSet;
 pub(crate) const RECEIPT_SCHEMA: &str = "glasshouse.receipt/1";
 pub(crate) const MADE_BY_SCHEMA: &str = "glasshouse.made_by/1";
 
-/// `receipts/<scene>.json`: the worker of a tuple. Fields that another version does not write, or that are damaged, are
-/// empty.
+/// `receipts/<scene>.json`: the worker of a tuple. Fields that another version does not write are empty, and so are all
+/// fields of a damaged record.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Provenance {
     /// `glasshouse.receipt/1`.
@@ -29,13 +31,13 @@ pub struct Provenance {
     /// Version of the worker's program.
     #[serde(default)]
     pub version: Option<String>,
-    /// Other workers that made partials of it, as far as is known.
+    /// Other workers that are known to have made partials of it.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     pub with: BTreeSet<String>,
 }
 
 impl Provenance {
-    /// For a tuple that `who` made, alone or with others, whose partials are still in the store.
+    /// For a tuple that `worker` made, alone or with others; the partials must still be in the store.
     pub(crate) fn new(store: &Store, scene: &SceneId, worker: &WorkerName, alone: bool) -> Self {
         Self {
             schema: RECEIPT_SCHEMA.to_owned(),
@@ -51,7 +53,7 @@ impl Provenance {
         }
     }
 
-    /// Puts it. If another worker has made the same tuple, that worker's stays.
+    /// Puts the record. If another worker has made the same tuple, its record stays.
     pub(crate) fn put(&self, store: &Store, scene: &SceneId) -> Result<(), StoreError> {
         match store.create(&keys::receipt(scene), &json_line(self)) {
             Ok(_) | Err(StoreError::Differs { .. }) => Ok(()),
@@ -59,7 +61,6 @@ impl Provenance {
         }
     }
 
-    /// Reads a scene's, if it is there.
     pub fn get(store: &Store, scene: &SceneId) -> Result<Option<Self>, StoreError> {
         let bytes = store.get(&keys::receipt(scene))?;
         Ok(bytes.map(|bytes| Self::parse(&bytes)))
@@ -69,20 +70,16 @@ impl Provenance {
         serde_json::from_slice(bytes).unwrap_or_default()
     }
 
-    /// The worker and all others that took part.
+    /// All workers that took part.
     pub fn workers(&self) -> impl Iterator<Item = &String> {
         self.worker.iter().chain(&self.with)
     }
 
     /// The same as text.
     pub fn makers(&self) -> String {
-        let worker = self.worker.as_deref().unwrap_or("unknown");
+        let worker = self.worker.clone().unwrap_or_else(|| "unknown".to_owned());
         let with: Vec<&str> = self.with.iter().map(String::as_str).collect();
-        if with.is_empty() {
-            worker.to_owned()
-        } else {
-            format!("{worker} with {}", with.join(", "))
-        }
+        if with.is_empty() { worker } else { format!("{worker} with {}", with.join(", ")) }
     }
 }
 
@@ -97,7 +94,7 @@ pub(crate) struct PartialsProvenance {
 }
 
 impl PartialsProvenance {
-    /// Puts the record. A failure is ignored: only [`other_workers`] misses it.
+    /// Puts the record. A failure is ignored, because only [`other_workers`] reads it.
     pub(crate) fn put(store: &Store, scene: &SceneId, task: &Task, worker: &WorkerName) {
         let shards = [task.shards.start, task.shards.end];
         let record = Self {
@@ -117,12 +114,6 @@ impl PartialsProvenance {
         let found = store.get_all(&keys)?.into_iter().flatten();
         Ok(found.filter_map(|bytes| serde_json::from_slice(&bytes).ok()).collect())
     }
-}
-
-fn json_line(record: &impl Serialize) -> Vec<u8> {
-    let mut json = serde_json::to_vec(record).expect("strings and numbers are JSON");
-    json.push(b'\n');
-    json
 }
 
 /// Workers other than `me` that may have put a shard's partial, or (without a shard) a scene's tuple.

@@ -1,4 +1,4 @@
-//! Scenes in quarantine, each with its reason: they cannot be traced or merged, and the run goes on without them.
+//! Scenes in quarantine, with reasons: they cannot be traced or merged, and the run continues without them.
 
 use super::keys;
 use crate::store::{Store, StoreError};
@@ -15,12 +15,12 @@ pub struct QuarantineRecord {
     /// Always [`QUARANTINE_SCHEMA`].
     pub schema: String,
     pub scene: SceneId,
-    /// What happened, to which file, and what to do.
+    /// The error, its file, and a remedy.
     pub reason: String,
 }
 
 impl QuarantineRecord {
-    /// Puts a record. If another worker was first, its reason stays.
+    /// Puts a record. If another worker was first, its record stays.
     pub fn put(store: &Store, scene: &SceneId, reason: &str) -> Result<(), StoreError> {
         let record = Self {
             schema: QUARANTINE_SCHEMA.to_owned(),
@@ -35,7 +35,6 @@ impl QuarantineRecord {
         }
     }
 
-    /// Reads a scene's record, if it is in quarantine.
     pub fn get(store: &Store, scene: &SceneId) -> Result<Option<Self>, StoreError> {
         let bytes = store.get(&keys::quarantine(scene))?;
         Ok(bytes.map(|bytes| Self::parse(scene, &bytes)))

@@ -1,4 +1,4 @@
-//! `retry`: takes scenes out of quarantine, and forgets their attempts.
+//! `retry`: takes scenes out of quarantine and removes their attempts.
 
 use super::keys;
 use crate::store::{Store, StoreError};
@@ -12,11 +12,11 @@ pub enum RetryScenes<'a> {
     All,
     /// These; each must be in quarantine.
     These(&'a [SceneId]),
-    /// These, in whatever state: all their results are removed.
+    /// These, in any state; all their results are removed.
     Anew(&'a [SceneId]),
 }
 
-/// What `retry` did.
+/// Result of [`retry`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Retried {
     /// Scenes to be tried again, in the manifest's order.
@@ -43,8 +43,8 @@ pub enum RetryError {
     Refused(String),
 }
 
-/// Removes the quarantine records and attempts of `which`, and all results of [`RetryScenes::Anew`], from a run with the
-/// scenes `manifest`; with `dry_run` only counts them. An error changes nothing.
+/// Removes the quarantine records and attempts of `which`, and all results of [`RetryScenes::Anew`], from a run with
+/// the scenes `manifest`; with `dry_run` only counts them. An error changes nothing.
 pub fn retry(
     store: &Store,
     manifest: &[SceneId],
@@ -69,20 +69,19 @@ pub fn retry(
     let mut retried =
         Retried { was_finished: store.get(keys::FINISHED)?.is_some(), ..Retried::default() };
     for scene in manifest.iter().filter(|s| asked(s)) {
+        let is_anew = matches!(which, RetryScenes::Anew(_));
         let attempts = store.list(&keys::attempts(scene))?;
-        let results =
-            if matches!(which, RetryScenes::Anew(_)) { results(store, scene)? } else { Vec::new() };
-        // Not counted: it is no result, and it may be missing.
-        let noise = [keys::noise(scene)];
+        let results = if is_anew { results(store, scene)? } else { Vec::new() };
         retried.attempts += attempts.len() as u64;
         retried.results += results.len() as u64;
         retried.scenes.push(scene.clone());
         if !dry_run {
             store.delete(&results)?;
-            if matches!(which, RetryScenes::Anew(_)) {
-                store.delete(&noise)?;
+            if is_anew {
+                // Not counted: the noise map is no result, and may be missing.
+                store.delete(&[keys::noise(scene)])?;
             }
-            // The quarantine record last: a scene that is freed must have no old attempts.
+            // The quarantine record last: a scene out of quarantine must have no old attempts.
             store.delete(&attempts)?;
             store.delete(&[keys::quarantine(scene)])?;
         }
@@ -93,7 +92,7 @@ pub fn retry(
     Ok(retried)
 }
 
-/// Keys of all results of a scene, its tuple's record first: without it the tuple is not done.
+/// Keys of all results of a scene, the tuple's record first: without it the tuple is not done.
 fn results(store: &Store, scene: &SceneId) -> Result<Vec<String>, StoreError> {
     let record = keys::tuple_record(scene);
     let mut results = store.list(&keys::tuple_folder(scene))?;
@@ -106,7 +105,7 @@ fn results(store: &Store, scene: &SceneId) -> Result<Vec<String>, StoreError> {
     Ok(results)
 }
 
-/// Says of each scene which state it is in.
+/// Names the state of each scene.
 fn refusal(store: &Store, manifest: &[SceneId], wrong: &[&SceneId]) -> Result<String, StoreError> {
     let mut reasons = Vec::new();
     for scene in wrong {
@@ -115,7 +114,7 @@ fn refusal(store: &Store, manifest: &[SceneId], wrong: &[&SceneId]) -> Result<St
         } else if store.get(&keys::tuple_record(scene))?.is_some() {
             format!("{scene} is not in quarantine: it is done")
         } else {
-            format!("{scene} is not in quarantine: it waits or is being made")
+            format!("{scene} is not in quarantine: it is waiting or in progress")
         });
     }
     Ok(reasons.join("; "))
@@ -127,7 +126,7 @@ mod tests {
     use crate::run::QuarantineRecord;
 
     #[test]
-    fn only_what_is_in_quarantine_is_taken_out() {
+    fn only_scenes_in_quarantine_are_retried() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::local(folder.path()).unwrap();
         let id = |text: &str| SceneId::new(text).unwrap();
@@ -145,7 +144,7 @@ mod tests {
         let error = retry(&store, &manifest, RetryScenes::These(&wrong), false).unwrap_err();
         let text = error.to_string();
         for part in [
-            "c is not in quarantine: it waits",
+            "c is not in quarantine: it is waiting",
             "d is not in quarantine: it is done",
             "e is no scene",
         ] {

@@ -88,13 +88,13 @@ impl StageSeconds {
         add(&counter.cpu, spent.cpu);
     }
 
-    /// Seconds of the clock by stage, in pipeline order.
+    /// Wall-clock seconds by stage, in pipeline order.
     pub fn all(&self) -> [(&'static str, f64); STAGES.len()] {
         std::array::from_fn(|k| (STAGES[k], seconds(&self.stages[k].wall)))
     }
 
-    /// CPU seconds of the process so far: before work started, by stage, and the rest, which is the queue, leases and the
-    /// store's threads.
+    /// CPU seconds of the process so far: before work started, by stage, and the rest (the queue, leases and the
+    /// store's threads).
     pub fn cpu(&self) -> Vec<(&'static str, f64)> {
         let before = self.before.as_secs_f64();
         let mut all = vec![("before", before)];

@@ -1,4 +1,4 @@
-//! What a worker leases from the queue.
+//! The unit of work that a worker leases from the queue.
 
 use std::ops::Range;
 

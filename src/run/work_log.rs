@@ -1,6 +1,7 @@
-//! Logs that workers write when they end, `RUN/logs/work-*.json`. The report adds them up, nothing else reads them; a
-//! worker that is killed leaves none.
+//! Logs that workers write when they end, `RUN/logs/work-*.json`. Only the report reads them. A killed worker writes
+//! none.
 
+use super::json_line;
 use super::keys;
 use super::open::Run;
 use crate::store::{Store, StoreError};
@@ -13,7 +14,7 @@ use std::time::{Duration, Instant, SystemTime};
 /// Schema of a [`WorkLog`].
 pub(crate) const WORK_LOG_SCHEMA: &str = "glasshouse.work_log/1";
 
-/// `logs/work-<milliseconds>-<worker>.json`, one a process. Fields that another version does not write are empty.
+/// `logs/work-<milliseconds>-<worker>.json`, one per process. Fields that another version does not write are empty.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub(crate) struct WorkLog {
@@ -32,7 +33,7 @@ pub(crate) struct WorkLog {
     pub(crate) stopped: Option<String>,
     pub(crate) merged: u64,
     pub(crate) shards_traced: u64,
-    /// Shards whose partials it found.
+    /// Shards with partials that it found.
     pub(crate) shards_resumed: u64,
     pub(crate) scenes_loaded: u64,
     /// Wall-clock seconds by stage, summed over threads.
@@ -85,7 +86,7 @@ impl SceneSeconds {
         change(scenes.entry(scene).or_default());
     }
 
-    /// As the log has it.
+    /// The entries of the log.
     pub(crate) fn of(&self, run: &Run) -> Vec<SceneTrace> {
         let scenes = self.0.lock().expect("no holder of this lock panics");
         let trace = |(&scene, &(shards, cpu)): (&u32, &(u32, Duration))| SceneTrace {
@@ -98,16 +99,13 @@ impl SceneSeconds {
 }
 
 impl WorkLog {
-    /// Puts it, unless the worker did nothing. A failure is ignored: only the report misses it, and says of how many tuples
-    /// it knows.
+    /// Puts the log, unless the worker did nothing. A failure is ignored: the report states how many tuples its logs
+    /// cover.
     pub(crate) fn leave(&self, store: &Store) {
         if self.merged + self.shards_traced + self.scenes_loaded == 0 {
             return;
         }
-        let store = store.with_patience(Duration::ZERO);
-        let mut json = serde_json::to_vec(self).expect("numbers and strings are JSON");
-        json.push(b'\n');
-        let _ = store.create(&self.key(), &json);
+        let _ = store.with_patience(Duration::ZERO).create(&self.key(), &json_line(self));
     }
 
     /// Unique: two processes with the same worker name do not start in the same millisecond.
@@ -119,9 +117,17 @@ impl WorkLog {
         let milliseconds = (self.started_unix_s * 1e3) as u64;
         format!("{}/work-{milliseconds:013}-{worker}.json", keys::LOGS)
     }
+
+    /// Whether its times are finite and not negative, so that the report can add them.
+    fn is_sound(&self) -> bool {
+        let seconds = self.thread_seconds.values().chain(self.cpu_seconds.values());
+        let scenes = self.scenes.iter().map(|scene| &scene.cpu_s);
+        let mut all = seconds.chain(scenes).chain([&self.wall_s]);
+        all.all(|s| s.is_finite() && *s >= 0.0)
+    }
 }
 
-/// All logs of a run, oldest first, and the keys of damaged ones.
+/// A run's logs, oldest first, and the keys of damaged ones.
 pub(crate) fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), StoreError> {
     let mut keys = store.list(keys::LOGS)?;
     keys.retain(|key| {
@@ -140,16 +146,6 @@ pub(crate) fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), St
     Ok((logs, damaged))
 }
 
-impl WorkLog {
-    /// Its numbers can be added up.
-    fn is_sound(&self) -> bool {
-        let seconds = self.thread_seconds.values().chain(self.cpu_seconds.values());
-        let scenes = self.scenes.iter().map(|scene| &scene.cpu_s);
-        let mut all = seconds.chain(scenes).chain([&self.wall_s]);
-        all.all(|s| s.is_finite() && *s >= 0.0)
-    }
-}
-
 /// Why work ended early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
@@ -162,7 +158,7 @@ pub enum Stop {
 }
 
 impl Stop {
-    /// As it is written in JSON.
+    /// Its name in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::Asked => "signal",

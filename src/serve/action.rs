@@ -2,17 +2,17 @@
 
 use render::ids::SceneId;
 
-/// A token has at least this many characters: guesses are not counted, so it must not be guessable.
+/// Shortest token. Failed attempts are not limited, so a token must not be guessable.
 pub const MIN_TOKEN_CHARACTERS: usize = 16;
 
 /// A change of a run's state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// Let workers finish what they have opened and take nothing new.
+    /// Let workers finish their open scenes and start no others.
     Pause,
-    /// Go on after a pause.
+    /// Continue after a pause.
     Resume,
-    /// Give up the rest of the run.
+    /// Cancel the rest of the run.
     Cancel,
     /// Take a scene out of quarantine and try it again.
     Retry(SceneId),
@@ -28,8 +28,8 @@ impl Token {
         (text.chars().count() >= MIN_TOKEN_CHARACTERS).then(|| Self(blake3::hash(text.as_bytes())))
     }
 
-    /// Whether the value of an `Authorization` header holds this token. Digests are compared, in constant time, so that
-    /// the time tells neither the length nor how much of a guess is right.
+    /// Whether the value of an `Authorization` header contains this token. The comparison of digests takes constant
+    /// time, so that the time reveals neither the length nor a correct prefix of a guess.
     pub(super) fn opens(&self, authorization: &[u8]) -> bool {
         let Some((scheme, given)) = authorization.split_at_checked(7) else {
             return false;
@@ -43,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_whole_token_opens() {
+    fn only_the_complete_token_is_accepted() {
         let token = Token::new("correct horse battery").unwrap();
         assert!(token.opens(b"Bearer correct horse battery"));
         assert!(token.opens(b"bearer  correct horse battery "));
@@ -61,7 +61,7 @@ mod tests {
     }
 
     #[test]
-    fn tokens_that_can_be_guessed_are_refused() {
+    fn short_tokens_are_refused() {
         assert!(Token::new("").is_none());
         assert!(Token::new("123456789012345").is_none());
         assert!(Token::new("1234567890123456").is_some());

@@ -1,4 +1,4 @@
-//! `/metrics`: a view in Prometheus' text format, version 0.0.4.
+//! `/metrics`: a view in Prometheus's text format, version 0.0.4.
 
 use super::view::{FarmView, WorkerState, WorkerView};
 use crate::run::RunState;
@@ -14,7 +14,7 @@ pub(super) fn metrics(view: &FarmView) -> String {
     out.family("run_info", "gauge", "The run; always 1.");
     let labels = [("name", view.name.as_str()), ("run", &view.run), ("version", &view.version)];
     out.sample("run_info", &labels, 1.0);
-    out.family("run_state", "gauge", "1 for the state that the run is in.");
+    out.family("run_state", "gauge", "1 for the present state of the run.");
     for state in RunState::ALL {
         let is_it = u8::from(state == view.state);
         out.sample("run_state", &[("state", state.name())], is_it.into());
@@ -35,15 +35,12 @@ pub(super) fn metrics(view: &FarmView) -> String {
         view.rate_scenes_per_s,
     );
     out.one("eta_seconds", "Seconds until the last tuple at this rate.", view.eta_s);
-    out.one(
-        "queue_connected",
-        "1 if the coordinator has a connection to the queue.",
-        Some(u8::from(view.queue.connected).into()),
-    );
+    let connected = Some(u8::from(view.queue.connected).into());
+    out.one("queue_connected", "1 if the coordinator is connected to the queue.", connected);
     let waiting = view.queue.spans_waiting.map(|n| n as f64);
-    out.one("queue_spans_waiting", "Spans that no worker holds.", waiting);
+    out.one("queue_spans_waiting", "Tasks that no worker holds.", waiting);
     let held = view.queue.spans_held.map(|n| n as f64);
-    out.one("queue_spans_held", "Spans that a worker holds.", held);
+    out.one("queue_spans_held", "Tasks that a worker holds.", held);
     workers(&mut out, &view.workers);
     let newest = view.recent.iter().map(|tuple| tuple.age_s);
     out.one(
@@ -55,13 +52,13 @@ pub(super) fn metrics(view: &FarmView) -> String {
 }
 
 fn workers(out: &mut Out, workers: &[WorkerView]) {
-    out.family("workers", "gauge", "Workers by what they are doing.");
+    out.family("workers", "gauge", "Workers by state.");
     for state in WorkerState::ALL {
         let count = workers.iter().filter(|w| w.state == state).count();
         out.sample("workers", &[("state", state.name())], count as f64);
     }
-    // A scraper refuses the whole page if a series occurs twice: of two workers of one name on one host, the one with the
-    // latest progress counts.
+    // A scraper rejects the whole page if a series occurs twice. Of two workers with one name on one host, keep the one
+    // with the latest progress.
     let mut named: BTreeMap<[&str; 2], &WorkerView> = BTreeMap::new();
     for worker in workers {
         let place = named.entry([&worker.name, &worker.host]).or_insert(worker);
@@ -69,11 +66,7 @@ fn workers(out: &mut Out, workers: &[WorkerView]) {
             *place = worker;
         }
     }
-    out.family(
-        "worker_last_progress_seconds",
-        "gauge",
-        "Seconds since a worker got on with something.",
-    );
+    out.family("worker_last_progress_seconds", "gauge", "Seconds since a worker made progress.");
     for ([name, host], worker) in &named {
         let labels = [("worker", *name), ("host", *host)];
         out.sample("worker_last_progress_seconds", &labels, worker.last_progress_s);
@@ -89,12 +82,8 @@ fn workers(out: &mut Out, workers: &[WorkerView]) {
     }
     out.family("worker_info", "gauge", "A worker's version and state; always 1.");
     for ([name, host], worker) in &named {
-        let labels = [
-            ("worker", *name),
-            ("host", *host),
-            ("version", &worker.version),
-            ("state", worker.state.name()),
-        ];
+        let (version, state) = (worker.version.as_str(), worker.state.name());
+        let labels = [("worker", *name), ("host", *host), ("version", version), ("state", state)];
         out.sample("worker_info", &labels, 1.0);
     }
 }
@@ -114,16 +103,12 @@ impl Out {
     }
 
     fn sample(&mut self, name: &str, labels: &[(&str, &str)], value: f64) {
-        let _ = write!(self.0, "glasshouse_{name}");
-        for (at, (key, text)) in labels.iter().enumerate() {
-            let before = if at == 0 { '{' } else { ',' };
-            let _ = write!(self.0, "{before}{key}=\"{}\"", label(text));
-        }
-        if !labels.is_empty() {
-            self.0.push('}');
-        }
-        let _ =
-            if value.is_finite() { writeln!(self.0, " {value}") } else { writeln!(self.0, " NaN") };
+        let pair = |(key, text): &(&str, &str)| format!("{key}=\"{}\"", label(text));
+        let pairs: Vec<String> = labels.iter().map(pair).collect();
+        let labels =
+            if pairs.is_empty() { String::new() } else { format!("{{{}}}", pairs.join(",")) };
+        let value = if value.is_finite() { value.to_string() } else { "NaN".to_owned() };
+        let _ = writeln!(self.0, "glasshouse_{name}{labels} {value}");
     }
 
     /// A gauge without labels.

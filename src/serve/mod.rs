@@ -1,8 +1,8 @@
-//! What a coordinator shows of a run over HTTP: a page for people, JSON for scripts, metrics for Prometheus.
+//! A coordinator's HTTP server: a page for people, JSON for scripts, metrics for Prometheus.
 //!
-//! [`FarmView`] is plain data with ages in seconds. A [`FarmSource`] makes it: [`WatchedRun`] from what a coordinator has
-//! seen. [`serve`] answers requests with it. Nothing here changes a run without the token; with it, the source carries out an
-//! [`Action`]. A name from a request reaches a disk or a store only as a [`render::ids::SceneId`] and one of
+//! [`FarmView`] is plain data with ages in seconds. A [`FarmSource`] provides it: [`WatchedRun`] from a coordinator's
+//! observations. [`serve`] answers requests with it. A run can be changed only with the token: the source then carries
+//! out an [`Action`]. Names from a request reach a disk or a store only as a [`render::ids::SceneId`] and one of
 //! [`render::layer::Layer::NAMES`].
 
 mod action;

@@ -4,8 +4,8 @@ const note = document.getElementById("note");
 const ask = document.getElementById("ask");
 let heard = Date.now(), timer;
 
-// Makes `old` equal to `now` and touches only what differs. Elements with a key move, so that pictures are not loaded
-// again; an opened log stays open.
+// Makes `old` equal to `now` by changing only the differences. Elements with a key move, so that pictures are not
+// loaded again; an opened log stays open.
 function morph(old, now) {
   if (old.isEqualNode(now)) return;
   if (old.nodeType !== 1 || old.nodeName !== now.nodeName) return old.replaceWith(now);
@@ -26,7 +26,7 @@ function morph(old, now) {
   while (at) { const next = at.nextSibling; at.remove(); at = next; }
 }
 
-// The server draws the page; its new numbers are put into this one.
+// The server draws the page; the script copies the new content into this one.
 async function refresh() {
   clearTimeout(timer);
   try {
@@ -39,14 +39,14 @@ async function refresh() {
     note.hidden = true;
   } catch {
     note.textContent = `No answer from the coordinator for ${Math.round((Date.now() - heard) / 1000)} s: ` +
-      "this is how things were then. A coordinator ends by itself when its run is finished.";
+      "the page shows the last known state. A coordinator exits when its run is finished.";
     note.hidden = false;
   }
   timer = setTimeout(refresh, 2000);
 }
 timer = setTimeout(refresh, 2000);
 
-// Only with a token set is there something to ask.
+// The dialog exists only if the server has a token.
 if (ask) {
   const part = (id) => document.getElementById(id);
   let target;

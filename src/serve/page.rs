@@ -1,7 +1,7 @@
-//! The status page: one HTML file that needs nothing else, drawn from a view.
+//! The status page: one self-contained HTML file, drawn from a view.
 //!
-//! It is complete without a script. The script fetches the changing part every two seconds, drawn by the same code, and
-//! replaces what differs. Lists are cut: nobody reads a page of 500 workers.
+//! It is complete without its script. The script fetches the changing part every two seconds, drawn by the same code,
+//! and replaces the differences. Long lists are shortened.
 
 use super::view::{FarmView, QuarantinedScene, RecentTuple, WorkerState, WorkerView};
 use crate::plot::PAPER_SYMBOLS;
@@ -22,7 +22,7 @@ const TEXT_SHOWN: usize = 2000;
 const STYLE: &str = concat!(include_str!("look.css"), include_str!("page.css"));
 const SCRIPT: &str = include_str!("page.js");
 
-/// The page. `nonce` marks its own style and script; `can_act` shows buttons, which ask for the token.
+/// The page. `nonce` marks its style and script; `can_act` shows buttons, which ask for the token.
 pub(super) fn page(view: &FarmView, nonce: &str, can_act: bool) -> String {
     let page = html! {
         (DOCTYPE)
@@ -53,7 +53,7 @@ pub(super) fn page(view: &FarmView, nonce: &str, can_act: bool) -> String {
     printable(page.into_string())
 }
 
-/// The changing parts of a page: its title, and the element with everything but frame and dialog.
+/// The changing parts of a page: its title, and the element with all content except frame and dialog.
 pub(super) fn live(view: &FarmView, can_act: bool) -> String {
     let parts = html! { (title(view)) (changing(view, can_act)) };
     printable(parts.into_string())
@@ -77,7 +77,7 @@ fn changing(view: &FarmView, can_act: bool) -> Markup {
     }
 }
 
-/// A button's question before it acts. The token stays in its field, in memory, until the page is left.
+/// The confirmation of a button. The token stays in its field, in memory, until the page is left.
 fn dialog() -> Markup {
     html! {
         dialog #ask {
@@ -104,12 +104,12 @@ fn head(view: &FarmView, can_act: bool) -> Markup {
             span.push {
                 @if can_act && is_open {
                     @if view.state == RunState::Running {
-                        (button("/api/pause", "Pause", "Start nothing new? Open scenes are finished."))
+                        (button("/api/pause", "Pause", "Pause this run? Workers finish their open scenes."))
                     } @else {
-                        (button("/api/resume", "Resume", "Go on?"))
+                        (button("/api/resume", "Resume", "Resume this run?"))
                     }
                     " "
-                    (button("/api/cancel", "Cancel", "Give up the rest of this run? Its workers and its coordinator end."))
+                    (button("/api/cancel", "Cancel", "Cancel the rest of this run? Its workers and its coordinator exit."))
                 }
             }
         }
@@ -120,7 +120,7 @@ fn button(target: &str, text: &str, question: &str) -> Markup {
     html! { button data-post=(target) data-ask=(question) { (text) } }
 }
 
-/// What cannot wait until someone reads the tables.
+/// Urgent messages.
 fn alerts(view: &FarmView) -> Markup {
     let is_silent = |worker: &WorkerView| worker.state == WorkerState::Silent;
     html! {
@@ -128,7 +128,7 @@ fn alerts(view: &FarmView) -> Markup {
             @let reason = view.queue.reason.as_deref().unwrap_or("it does not answer");
             div.card.alert data-key="queue" {
                 b.bad { "No queue." } " " (sentence(reason))
-                " Workers finish what they hold; the coordinator keeps trying."
+                " Workers finish their leased tasks; the coordinator keeps trying."
             }
         }
         @if view.state == RunState::Running && view.workers.iter().all(is_silent) {
@@ -140,7 +140,7 @@ fn alerts(view: &FarmView) -> Markup {
     }
 }
 
-/// A reason as a sentence: with a full stop.
+/// A reason with a full stop.
 fn sentence(reason: &str) -> String {
     let reason = cut(reason, TEXT_SHOWN);
     if reason.ends_with(['.', '!', '?']) { reason } else { reason + "." }
@@ -149,7 +149,7 @@ fn sentence(reason: &str) -> String {
 fn progress(view: &FarmView) -> Markup {
     let scenes = view.scenes;
     let done = percent(scenes.done, scenes.total);
-    // Wide enough to be seen, however few they are.
+    // At least wide enough to be visible.
     let lost = match (view.quarantined, scenes.total) {
         (0, _) | (_, 0) => 0.0,
         (lost, total) => (lost as f64 / total as f64 * 100.0).clamp(0.3, 100.0),
@@ -243,8 +243,8 @@ fn tuple_card(tuple: &RecentTuple, run: &str) -> Markup {
             div.layers {
                 @for (layer, symbol) in Layer::NAMES.iter().zip(PAPER_SYMBOLS.0).filter(|(layer, _)| has(layer)) {
                     figure title=(layer) {
-                        // The run is in the address because a browser keeps pictures, and the next run may have the same
-                        // scenes.
+                        // The address contains the run, because browsers cache pictures and another run may have the
+                        // same scenes.
                         img loading="lazy" alt={ (layer) " of " (scene) }
                             src={ "/thumbnails/" (scene) "/" (layer) ".png?run=" (run) };
                         figcaption { (symbol) }
@@ -267,7 +267,7 @@ fn workers(view: &FarmView) -> Markup {
         section.card data-key="workers" {
             h2 { "Workers " small { (grouped(count)) } }
             @if all.is_empty() {
-                span.dim { "none has been heard of" }
+                span.dim { "none known" }
             } @else {
                 div.scroll tabindex="0" {
                     table {
@@ -288,7 +288,7 @@ fn workers(view: &FarmView) -> Markup {
 fn worker_row(worker: &WorkerView, version: &str) -> Markup {
     let state = worker.state.name();
     let class = (worker.state == WorkerState::Silent).then_some("alarm");
-    // The version of a worker is unknown until it has made something.
+    // The version of a worker is unknown before its first tuple.
     let is_other = !worker.version.is_empty() && worker.version != version;
     html! {
         tr class=[class] data-key=(worker.name) {
@@ -343,7 +343,7 @@ fn quarantined_scene(record: &QuarantinedScene, can_act: bool) -> Markup {
     }
 }
 
-/// How many of a list are not shown.
+/// The number of entries that are not shown.
 fn more(all: u64, shown: usize, what: &str) -> Markup {
     let rest = all.saturating_sub(shown as u64);
     html! {
@@ -355,10 +355,8 @@ fn more(all: u64, shown: usize, what: &str) -> Markup {
 
 /// At most the last `limit` characters of a text.
 fn end(text: &str, limit: usize) -> String {
-    let count = text.chars().count();
-    if count <= limit {
-        return text.to_owned();
+    match text.chars().count().saturating_sub(limit) {
+        0 => text.to_owned(),
+        more => format!("…{}", text.chars().skip(more).collect::<String>()),
     }
-    let rest: String = text.chars().skip(count - limit).collect();
-    format!("…{rest}")
 }

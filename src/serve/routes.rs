@@ -1,4 +1,4 @@
-//! Routes: which requests are refused, and the answers to the others.
+//! Routes: refused requests, and the answers to all others.
 
 use super::action::{Action, Token};
 use super::server::FarmSource;
@@ -21,11 +21,12 @@ use std::time::Duration;
 use tokio::sync::Semaphore;
 use tokio::time::timeout;
 
-/// Longest wait for an answer of the source.
+/// Time limit of the source's answer.
 const SOURCE_LIMIT: Duration = Duration::from_secs(20);
-/// Concurrent calls of the source, for views and actions and for pictures: a slow store must not delay numbers.
+/// Concurrent calls of the source, separately for pictures and for all other requests, so that a slow store does not
+/// delay the numbers.
 const CALLS: usize = 8;
-/// Bytes of a request's body; no route needs one.
+/// Longest body of a request; no route needs one.
 const BODY_BYTES: u64 = 4096;
 
 /// State of every request.
@@ -38,7 +39,7 @@ struct App {
     picture_calls: Arc<Semaphore>,
 }
 
-/// An answer that refuses: a status and a sentence.
+/// A refusal: a status and a sentence.
 type Refusal = (StatusCode, String);
 
 pub(super) fn router(
@@ -73,7 +74,8 @@ fn refuse(status: StatusCode, sentence: &str) -> Refusal {
     (status, format!("{sentence}\n"))
 }
 
-/// Refuses requests for a foreign host, and tells browsers the type of every answer and that no other site may embed it.
+/// Refuses requests for a foreign host, and forbids browsers to guess the type of an answer or to embed it in another
+/// site.
 async fn guard(State(app): State<App>, request: Request, next: Next) -> Response {
     let mut response = match app.admit(&request) {
         Ok(()) => next.run(request).await,
@@ -99,7 +101,7 @@ impl App {
         if !self.is_ours(request) {
             return Err(refuse(
                 StatusCode::FORBIDDEN,
-                "this name is not this server's: it listens on this machine alone, open it as localhost or 127.0.0.1",
+                "this name is not this server's: it listens on this machine only, open it as localhost or 127.0.0.1",
             ));
         }
         let length = headers.get(header::CONTENT_LENGTH);
@@ -110,8 +112,9 @@ impl App {
         Ok(())
     }
 
-    /// A browser asks a server on a loopback address for a loopback name; for any other name, a foreign page has let its own
-    /// name point here (DNS rebinding). The port is not compared: a tunnel may have another one.
+    /// A server on a loopback address must be asked for a loopback name. Any other name comes from a foreign page that
+    /// points its own name to this address (DNS rebinding). The port is not compared, because a tunnel may use another
+    /// one.
     fn is_ours(&self, request: &Request) -> bool {
         if !self.listens_on.is_loopback() {
             return true;
@@ -139,7 +142,7 @@ impl App {
             && (name.eq_ignore_ascii_case("localhost") || address.parse().is_ok_and(is_our_address))
     }
 
-    /// Asks the source on a thread where it may block.
+    /// Asks the source on a thread that may block.
     async fn ask<T: Send + 'static>(
         &self,
         places: &Arc<Semaphore>,
@@ -159,11 +162,11 @@ impl App {
             Ok(Some(answer)) => Ok(answer),
             Ok(None) => Err(refuse(
                 StatusCode::INTERNAL_SERVER_ERROR,
-                "the coordinator failed to answer; its log says why",
+                "the coordinator failed to answer; see its log",
             )),
             Err(_) => Err(refuse(
                 StatusCode::GATEWAY_TIMEOUT,
-                "the coordinator does not answer; try again, and look at its log",
+                "the coordinator does not answer; try again, and see its log",
             )),
         }
     }
@@ -177,18 +180,15 @@ impl App {
         let Some(token) = &self.token else {
             return Err(refuse(
                 StatusCode::FORBIDDEN,
-                "this server only shows: start the coordinator with a token to act from here",
+                "this server is read-only: start the coordinator with a token to allow actions",
             ));
         };
-        let given = headers.get(header::AUTHORIZATION);
-        if !given.is_some_and(|value| token.opens(value.as_bytes())) {
-            let sentence = match given {
-                None => "no token: send the coordinator's as `Authorization: Bearer TOKEN`",
-                Some(_) => "wrong token: send the coordinator's as `Authorization: Bearer TOKEN`",
-            };
-            return Err(refuse(StatusCode::FORBIDDEN, sentence));
-        }
-        Ok(())
+        let sentence = match headers.get(header::AUTHORIZATION) {
+            Some(value) if token.opens(value.as_bytes()) => return Ok(()),
+            Some(_) => "wrong token: send the coordinator's as `Authorization: Bearer TOKEN`",
+            None => "no token: send the coordinator's as `Authorization: Bearer TOKEN`",
+        };
+        Err(refuse(StatusCode::FORBIDDEN, sentence))
     }
 
     async fn act(&self, headers: &HeaderMap, action: Action) -> Result<String, Refusal> {

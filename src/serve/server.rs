@@ -1,4 +1,4 @@
-//! Sockets: how many connections, for how long, and how the server ends.
+//! Sockets: limits of connections, and the end of the server.
 
 use super::action::{Action, MIN_TOKEN_CHARACTERS, Token};
 use super::routes::router;
@@ -17,43 +17,43 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{Semaphore, oneshot};
 use tokio::time::{sleep, timeout};
 
-/// Concurrent connections; more wait until one ends.
+/// Concurrent connections; further ones wait.
 const MAX_CONNECTIONS: usize = 256;
-/// Time limit of a request's head; also how long an idle connection is kept.
+/// Time limit of a request's head and of an idle connection.
 const HEAD_LIMIT: Duration = Duration::from_secs(10);
 /// Bytes of a request's head.
 const HEAD_BYTES: usize = 16 << 10;
 /// Lines of a request's head.
 const HEAD_LINES: usize = 64;
-/// A connection takes no request after this time, so that a client that reads slowly, or never, does not keep it.
+/// A connection accepts no request after this time, so that a slow client cannot keep it.
 const CONNECTION_LIMIT: Duration = Duration::from_mins(1);
 /// Time limit of its last answer.
 const LAST_ANSWER_LIMIT: Duration = Duration::from_secs(10);
 
-/// Where a server gets views and passes actions. Called from several threads at once; may block for a while (the caller
-/// waits for 20 s at most), but a hung call occupies one of few places.
+/// The source of views and the receiver of actions. Called from several threads concurrently. Calls may block (the
+/// caller waits for at most 20 s), but a hung call occupies one of few slots.
 pub trait FarmSource: Send + Sync {
-    /// The run as it is now. Called every two seconds for each open page: it must be cheap.
+    /// The present state of the run. Called every two seconds for each open page, so it must be cheap.
     fn view(&self) -> FarmView;
-    /// A PNG of a layer of a merged scene's tuple, made small enough for a page (256 px wide, say); `None` if there is
-    /// none. `layer` is one of [`render::layer::Layer::NAMES`]; the scene may not exist.
+    /// A small PNG of a layer of a scene's tuple (about 256 px wide); `None` if there is none. `layer` is one of
+    /// [`render::layer::Layer::NAMES`]; the scene may not exist.
     fn thumbnail(&self, scene: &SceneId, layer: &str) -> Option<Vec<u8>>;
-    /// Does something, or says in a sentence why not. Called only if a token is set and was given.
+    /// Carries out an action; the error is a sentence. Called only for requests with the token.
     fn act(&self, action: Action) -> Result<(), String>;
 }
 
 /// The server cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The address is taken, foreign or forbidden.
+    /// The address is in use, foreign or forbidden.
     #[error(
         "cannot listen on {address}: {source}; choose another address (port 0 picks a free one)"
     )]
     Listen { address: SocketAddr, source: std::io::Error },
-    /// No thread, or no file descriptors.
+    /// The system is out of threads or file descriptors.
     #[error("cannot start the web server: {0}")]
     Start(std::io::Error),
-    /// A token that can be guessed.
+    /// The token is too short.
     #[error(
         "the token for the web server has fewer than {MIN_TOKEN_CHARACTERS} characters; make one with `openssl rand -hex 16`"
     )]
@@ -86,16 +86,13 @@ impl Drop for Server {
     }
 }
 
-/// Listens on `listen` and answers requests from `source` on a thread of its own. Without a `token` it only shows.
+/// Listens on `listen` and answers requests from `source` on its own thread. Without a `token` it refuses actions.
 pub fn serve(
     listen: SocketAddr,
     source: Arc<dyn FarmSource>,
     token: Option<String>,
 ) -> Result<Server, ServeError> {
-    let token = match token {
-        Some(text) => Some(Token::new(&text).ok_or(ServeError::WeakToken)?),
-        None => None,
-    };
+    let token = token.map(|text| Token::new(&text).ok_or(ServeError::WeakToken)).transpose()?;
     let cannot_listen = |e| ServeError::Listen { address: listen, source: e };
     let listener = TcpListener::bind(listen).map_err(cannot_listen)?;
     listener.set_nonblocking(true).map_err(cannot_listen)?;
@@ -121,13 +118,13 @@ fn run(
     stopped: oneshot::Receiver<()>,
 ) {
     runtime.block_on(async {
-        // It can fail only without a runtime.
+        // This can fail only outside a runtime.
         if let Ok(listener) = tokio::net::TcpListener::from_std(listener) {
             tokio::spawn(accept(listener, routes));
             let _ = stopped.await;
         }
     });
-    // A hung call of the source must not keep the coordinator from ending.
+    // A hung call of the source must not keep the coordinator from exiting.
     runtime.shutdown_timeout(Duration::from_millis(500));
 }
 
@@ -145,13 +142,13 @@ async fn accept(listener: tokio::net::TcpListener, routes: axum::Router) {
                     drop(place);
                 });
             }
-            // No descriptors left, or the client is gone already: the next one may fare better.
+            // The system is out of descriptors, or the client is gone already: try again.
             Err(_) => sleep(Duration::from_millis(100)).await,
         }
     }
 }
 
-/// Answers the requests of one connection. Its errors are the client's.
+/// Answers the requests of one connection. Errors are the client's and are ignored.
 async fn converse(stream: TcpStream, routes: axum::Router) {
     let _ = stream.set_nodelay(true);
     let connection = http1::Builder::new()

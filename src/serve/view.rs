@@ -1,6 +1,6 @@
-//! What the status page shows of a run, as plain data.
+//! The content of the status page, as plain data.
 //!
-//! Ages are seconds by the coordinator's monotonic clock, so that a worker's wrong clock shows nowhere.
+//! Ages are seconds by the coordinator's monotonic clock, so that a worker's wrong clock does no harm.
 
 use crate::run::RunState;
 use render::ids::SceneId;
@@ -20,28 +20,27 @@ pub struct FarmView {
     pub run: String,
     /// Version of the coordinator's program.
     pub version: String,
-    /// What the run is doing.
     pub state: RunState,
-    /// Scenes with a tuple, of all.
+    /// Scenes with a tuple, and all scenes.
     pub scenes: Count,
-    /// Shards done, of all.
+    /// Finished shards, and all shards.
     pub shards: Count,
-    /// Scenes in quarantine, all of them.
+    /// Number of scenes in quarantine.
     pub quarantined: u64,
-    /// Scenes finished a second, over the last minutes; `null` until something can be said.
+    /// Finished scenes per second over the last minutes; `null` if unknown.
     pub rate_scenes_per_s: Option<f64>,
     /// Seconds until the last tuple at this rate; `null` if unknown.
     pub eta_s: Option<f64>,
     pub queue: QueueView,
-    /// Workers heard of, in any order.
+    /// Known workers, in any order.
     pub workers: Vec<WorkerView>,
-    /// Scenes in quarantine, latest first; may be fewer than `quarantined`.
+    /// Scenes in quarantine; may be fewer than `quarantined`.
     pub quarantine: Vec<QuarantinedScene>,
-    /// Tuples made last, latest first; a dozen is plenty.
+    /// The latest tuples, latest first.
     pub recent: Vec<RecentTuple>,
 }
 
-/// A count of finished things, of all.
+/// Finished items, and all items.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Count {
     pub done: u64,
@@ -51,47 +50,46 @@ pub struct Count {
 /// The queue as the coordinator sees it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct QueueView {
-    /// The coordinator has a connection.
+    /// Whether the coordinator has a connection.
     pub connected: bool,
-    /// Why not, in a sentence.
+    /// Why there is no connection.
     pub reason: Option<String>,
-    /// Spans that no worker holds; `null` if unknown.
+    /// Tasks that no worker holds; `null` if unknown.
     pub spans_waiting: Option<u64>,
-    /// Spans that a worker holds; `null` if unknown.
+    /// Tasks that a worker holds; `null` if unknown.
     pub spans_held: Option<u64>,
 }
 
-/// A worker as the coordinator last heard of it.
+/// A worker's last known state.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WorkerView {
     /// Its name, unique in the run.
     pub name: String,
-    /// The machine that it runs on.
+    /// Its machine.
     pub host: String,
-    /// Version of its program; empty if it is not known yet.
+    /// Version of its program; empty if unknown.
     pub version: String,
-    /// What it is doing.
     pub state: WorkerState,
     /// Seconds since its last progress.
     pub last_progress_s: f64,
-    /// The scene it works on.
+    /// Its current scene.
     pub scene: Option<SceneId>,
-    /// Number of the shard it works on, in that scene.
+    /// Number of its current shard in that scene.
     pub shard: Option<u32>,
-    /// Shards that it has traced since it started.
+    /// Shards traced since it started.
     pub shards_done: u64,
 }
 
-/// What a worker is doing.
+/// Activity of a worker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WorkerState {
-    /// It made no progress for too long: hung, lost or cut off.
+    /// It made no progress for too long: hung, lost or disconnected.
     Silent,
-    /// It requeues its spans and ends.
+    /// It requeues its tasks and exits.
     Stopping,
     Working,
-    /// It has nothing to do.
+    /// It has no task.
     Idle,
 }
 
@@ -114,7 +112,7 @@ impl WorkerState {
 pub struct QuarantinedScene {
     pub scene: SceneId,
     pub reason: String,
-    /// The last lines of the crashed process's log, if one crashed.
+    /// Last lines of the log of a crashed process.
     pub log_tail: Option<String>,
 }
 
@@ -123,9 +121,9 @@ pub struct RecentTuple {
     pub scene: SceneId,
     /// Seconds since it was finished.
     pub age_s: f64,
-    /// The worker that finished it.
+    /// The worker that merged it.
     pub worker: Option<String>,
-    /// The largest share, among its layers, of paths that met nothing or ended on a border's continuation; 0 to 1.
+    /// The largest share, among its layers, of paths that missed the photograph; 0 to 1.
     pub miss_share: Option<f64>,
     /// Its layers, names of [`render::layer::Layer::NAMES`].
     pub layers: Vec<String>,

@@ -1,4 +1,4 @@
-//! The view of a run, from what its coordinator has seen.
+//! The view of a run, from its coordinator's observations.
 
 use super::action::Action;
 use super::server::FarmSource;
@@ -28,12 +28,12 @@ pub struct WatchedRun {
     layers: Vec<Vec<String>>,
     store: Store,
     watch: Arc<Mutex<Watch>>,
-    /// A worker that made no tuple for so many seconds is shown as silent.
+    /// A worker without progress for this time is shown as silent.
     silent_s: f64,
 }
 
 impl WatchedRun {
-    /// `watch` is what [`crate::farm::coordinate()`] keeps up to date.
+    /// [`crate::farm::coordinate()`] keeps `watch` up to date.
     pub fn new(run: &Run, store: &Store, watch: &Arc<Mutex<Watch>>, silent_s: f64) -> Self {
         let names = |line: &render::line::SceneLine| {
             let names = line.film.layers.names();
@@ -53,7 +53,7 @@ impl WatchedRun {
     }
 }
 
-/// A worker, as long as only its name and machine are known.
+/// A worker with only a name and a machine.
 fn new_worker(name: &str, host: &str) -> WorkerView {
     WorkerView {
         name: name.to_owned(),
@@ -68,7 +68,7 @@ fn new_worker(name: &str, host: &str) -> WorkerView {
 }
 
 impl WatchedRun {
-    /// Workers that made a tuple since this process started, or hold an attempt.
+    /// Workers that made a tuple since this process started, or have a running attempt.
     fn workers(&self, snapshot: &Snapshot, state: RunState) -> Vec<WorkerView> {
         let seconds = |at: Instant| at.elapsed().as_secs_f64();
         let mut workers: BTreeMap<&str, WorkerView> = BTreeMap::new();
@@ -110,9 +110,7 @@ impl WatchedRun {
         let recent = newest.map(|tuple| RecentTuple {
             scene: self.scenes[tuple.scene].clone(),
             age_s: tuple.seen.map_or(0.0, |at| at.elapsed().as_secs_f64()),
-            worker: snapshot
-                .provenance(tuple.scene)
-                .and_then(|provenance| provenance.worker.clone()),
+            worker: snapshot.provenance(tuple.scene).and_then(|made| made.worker.clone()),
             miss_share: None,
             layers: self.layers[tuple.scene].clone(),
         });
@@ -178,7 +176,7 @@ impl FarmSource for WatchedRun {
     fn act(&self, action: Action) -> Result<(), String> {
         let tell = |state| {
             set_control(&self.store, state, None, false).map_err(|e| e.to_string())?;
-            // The coordinator sees it at its next poll; the page that asked shows it at once.
+            // The coordinator notices at its next poll, but the page shows the change at once.
             let mut watch = self.watch.lock().expect("no holder of this lock panics");
             watch.snapshot.control.state = state;
             Ok(())

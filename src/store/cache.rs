@@ -1,8 +1,8 @@
-//! Objects kept on this machine's disk, so that each crosses the network once.
+//! Cache of objects on this machine's disk, so that each crosses the network once.
 //!
-//! An entry is a file, named by a digest of the object's URL: a line of JSON with the ETag and a digest of the content,
-//! then the content. It is used only if the digest fits, and the store says that the ETag is still the object's. Files are
-//! renamed into place: any number of workers share a folder.
+//! An entry is a file named by a digest of the object's URL: a line of JSON with the ETag and a digest of the content,
+//! then the content. It is used only if the digest fits and the object in the store still has the ETag. Files are
+//! renamed into place, so that any number of workers can share a folder.
 
 use render::atomic_file;
 use serde::{Deserialize, Serialize};
@@ -16,7 +16,7 @@ use std::time::{Duration, SystemTime};
 pub struct Cache {
     folder: PathBuf,
     limit_bytes: u64,
-    /// Written since the folder was last looked at.
+    /// Written since the folder was last listed.
     written_bytes: AtomicU64,
 }
 
@@ -28,23 +28,23 @@ struct Head {
     blake3: String,
 }
 
-/// An object that is kept.
+/// A cached object.
 pub(super) struct Entry {
     pub(super) etag: String,
     pub(super) bytes: Vec<u8>,
 }
 
-/// A file that is being written is not older.
+/// An older temporary file was left by a killed process.
 const UNFINISHED: Duration = Duration::from_hours(1);
 
 impl Cache {
-    /// Keeps at most about `limit_bytes` in `folder`, which is made when it is needed: what was used longest ago goes.
-    /// Each process that shares the folder may exceed the limit by a twentieth.
+    /// Keeps about `limit_bytes` in `folder`, which is created when it is needed, and evicts the least recently used
+    /// entries. Each process that shares the folder may exceed the limit by a twentieth.
     pub fn new(folder: PathBuf, limit_bytes: u64) -> Self {
         Self {
             folder,
             limit_bytes,
-            // The first object that is written has the folder looked at.
+            // So that the first put lists the folder.
             written_bytes: AtomicU64::new(limit_bytes),
         }
     }
@@ -53,7 +53,7 @@ impl Cache {
         self.folder.join(&blake3::hash(url.as_bytes()).to_hex()[..32])
     }
 
-    /// The object, if it is here and intact.
+    /// The object, if it is cached and intact.
     pub(super) fn get(&self, url: &str) -> Option<Entry> {
         let path = self.file(url);
         let mut bytes = std::fs::read(&path).ok()?;
@@ -69,7 +69,7 @@ impl Cache {
         Some(Entry { etag: head.etag, bytes })
     }
 
-    /// Keeps an object. A disk that cannot take it costs time alone.
+    /// Caches an object. Errors of the disk are ignored: they only cost time.
     pub(super) fn put(&self, url: &str, etag: &str, bytes: &[u8]) {
         let size = bytes.len() as u64;
         if size > self.limit_bytes / 2 {
@@ -94,7 +94,7 @@ impl Cache {
         let _ = atomic_file::write_relaxed(&self.file(url), &file);
     }
 
-    /// Removes what was used longest ago, until there is room for a twentieth of the limit and `size`.
+    /// Removes the least recently used entries until there is room for a twentieth of the limit and `size`.
     fn make_room(&self, size: u64) -> io::Result<()> {
         let now = SystemTime::now();
         let mut files: Vec<(SystemTime, u64, PathBuf)> = Vec::new();
@@ -125,7 +125,7 @@ impl Cache {
     }
 }
 
-/// Nothing else in the folder is touched.
+/// Other files in the folder are left alone.
 fn is_entry(path: &Path) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
     name.is_some_and(|name| name.len() == 32 && name.bytes().all(|b| b.is_ascii_hexdigit()))
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_damaged_is_not_used() {
+    fn damaged_entries_are_not_used() {
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::new(folder.path().join("c"), 1 << 20);
         assert!(cache.get("s3://b/a").is_none());
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_used_longest_ago_goes() {
+    fn the_least_recently_used_entries_are_evicted() {
         let folder = tempfile::tempdir().unwrap();
         let strange = folder.path().join("notes.txt");
         atomic_file::write_relaxed(&strange, b"mine").unwrap();

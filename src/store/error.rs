@@ -1,4 +1,4 @@
-//! What can go wrong with a store, and whether it may pass by itself.
+//! Errors of a store, and whether they are temporary.
 
 use std::error::Error as _;
 use std::io;
@@ -6,16 +6,16 @@ use std::io;
 /// A store that cannot be used, or that holds other bytes. No text holds a key, a token or a password.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// The address means nothing.
+    /// The address is invalid.
     #[error("{address} is no store: {reason}; use a folder or s3://BUCKET/PREFIX")]
     Address {
-        /// As given, without what may be secret.
+        /// As given, without possible secrets.
         address: String,
         reason: String,
     },
-    /// A call failed, also when tried again.
+    /// A call failed, and so did its repetitions.
     #[error(
-        "cannot {what} {key} in {store}: {reason}; check its space, its permissions and the way to it"
+        "cannot {what} {key} in {store}: {reason}; check its space, its permissions and the connection"
     )]
     Call {
         /// `read`, `write`, ...
@@ -23,37 +23,37 @@ pub enum StoreError {
         key: String,
         store: String,
         reason: String,
-        /// It may work later: the store was away or busy, and not full, closed or absent.
+        /// It may work later: the store was unavailable or busy, and not full, forbidden or absent.
         passing: bool,
     },
     /// Another process put other bytes there.
     #[error(
         "{key} in {store} holds other bytes ({there}) than this process made ({here}): two machines computed different \
-         results, or the object was damaged; `glasshouse audit RUN --scene NAME` (the folder's name) tells which, then remove the wrong one"
+         results, or the object was damaged; find the wrong one with `glasshouse audit RUN --scene NAME` (the folder's name) and remove it"
     )]
     Differs {
         key: String,
         store: String,
-        /// BLAKE3 of what was made here.
+        /// BLAKE3 of this process's bytes.
         here: String,
-        /// BLAKE3 of what is there.
+        /// BLAKE3 of the store's bytes.
         there: String,
     },
 }
 
 impl StoreError {
-    /// The same call may work later, without anybody doing anything.
+    /// The same call may work later, without an intervention.
     pub fn is_passing(&self) -> bool {
         matches!(self, Self::Call { passing: true, .. })
     }
 }
 
-/// Whether a call that failed like this may work later. When in doubt it may: a worker that waits in vain ends with a
-/// message, one that gives up at the first cut connection is of no use.
+/// Whether a call that failed like this may work later. In doubt yes: a worker that waits in vain ends with a message,
+/// but one that gives up at the first lost connection is useless.
 pub(super) fn is_passing(error: &object_store::Error) -> bool {
     use object_store::Error as E;
     let E::Generic { store, .. } = error else {
-        // Absent, forbidden, not known to this server.
+        // Absent, forbidden or unsupported.
         return false;
     };
     for cause in causes(error) {
@@ -74,15 +74,15 @@ pub(super) fn is_passing(error: &object_store::Error) -> bool {
     }
 }
 
-/// A certificate that nobody trusts, or the like.
+/// Whether a TLS connection was refused, for example because of an untrusted certificate.
 fn is_distrust(error: &(dyn std::error::Error + 'static)) -> bool {
-    // What is inside of an io::Error is not its source.
+    // The error inside an io::Error is not its source.
     let inside = error.downcast_ref::<io::Error>().and_then(io::Error::get_ref);
     error.is::<rustls::Error>() || inside.is_some_and(|error| is_distrust(error))
 }
 
-/// Whether the object is not there. One that is removed while its bytes are on their way, over a connection that is cut,
-/// is told in another way than one that was never there.
+/// Whether the object is absent. An object that is removed during a download over a lost connection gives another error
+/// than one that never existed.
 pub(super) fn is_absent(error: &object_store::Error) -> bool {
     use object_store::Error as E;
     match error {
@@ -92,7 +92,7 @@ pub(super) fn is_absent(error: &object_store::Error) -> bool {
     }
 }
 
-/// Whether a put to a disk lost its folder, or its unfinished file, while it was being written: somebody cleared it away.
+/// Whether another process removed the folder or the unfinished file of a put to a disk.
 pub(super) fn is_cleared_away(error: &object_store::Error) -> bool {
     let is_gone = |cause: &(dyn std::error::Error + 'static)| {
         let error = cause.downcast_ref::<io::Error>();
@@ -102,7 +102,7 @@ pub(super) fn is_cleared_away(error: &object_store::Error) -> bool {
         && causes(error).any(is_gone)
 }
 
-/// Of errors of a disk, those of a server behind it that restarts. A full disk, a quota and a failing sector stay.
+/// Disk errors that a restarting file server causes. A full disk, a quota and a failing sector are permanent.
 fn may_pass(error: &io::Error) -> bool {
     use io::ErrorKind as K;
     matches!(
@@ -127,10 +127,10 @@ fn causes(error: &object_store::Error) -> impl Iterator<Item = &(dyn std::error:
     })
 }
 
-/// What object_store writes before an HTTP status; its type is not public.
+/// The text before an HTTP status in object_store's errors, whose type is private.
 const STATUS: &str = "status code: ";
 
-/// What it writes before the cause when there was no answer.
+/// The text before the cause if there was no answer.
 const NO_ANSWER: &str = " - HTTP error: ";
 
 /// The HTTP status in an error's text.
@@ -139,7 +139,7 @@ fn status(text: &str) -> Option<u16> {
     rest.get(..3)?.parse().ok()
 }
 
-/// An error in a line: of a server's answer the code and the message alone, for the rest of it repeats the request.
+/// An error on one line. Of a server's answer only code and message, because the rest repeats the request.
 pub(super) fn describe(error: &object_store::Error) -> String {
     let text = error.to_string();
     let retries = text
@@ -149,25 +149,23 @@ pub(super) fn describe(error: &object_store::Error) -> String {
     let Some((_, answer)) = text.split_once(STATUS) else {
         let short = text.split_once(NO_ANSWER);
         let text = short.map_or(text.as_str(), |(_, cause)| cause);
-        // The innermost cause is the one that says what happened: "Connection refused".
+        // The innermost cause names the event: "Connection refused".
         let cause = causes(error).last().map(ToString::to_string);
-        return match cause {
-            Some(cause) if !text.contains(&cause) => format!("{text}: {cause}{retries}"),
-            _ => format!("{text}{retries}"),
-        };
+        let cause = cause.filter(|cause| !text.contains(cause));
+        let cause = cause.map_or_else(String::new, |cause| format!(": {cause}"));
+        return format!("{text}{cause}{retries}");
     };
     let status = answer.split([':', '<']).next().unwrap_or_default().trim();
     let tag = |name: &str| {
         let (_, rest) = answer.split_once(&format!("<{name}>"))?;
         rest.split_once(&format!("</{name}>")).map(|(text, _)| text)
     };
-    match (tag("Code"), tag("Message")) {
-        (Some(code), Some(message)) => {
-            format!("the server answers {status} ({code}: {message}){retries}")
-        }
-        (Some(code), None) => format!("the server answers {status} ({code}){retries}"),
-        _ => format!("the server answers {status}{retries}"),
-    }
+    let detail = match (tag("Code"), tag("Message")) {
+        (Some(code), Some(message)) => format!(" ({code}: {message})"),
+        (Some(code), None) => format!(" ({code})"),
+        _ => String::new(),
+    };
+    format!("the server answers {status}{detail}{retries}")
 }
 
 #[cfg(test)]
@@ -183,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_disk_stays_and_a_server_that_restarts_passes() {
+    fn a_full_disk_is_permanent_and_a_restarting_server_is_not() {
         let local =
             |kind: io::ErrorKind| is_passing(&generic("LocalFileSystem", io::Error::from(kind)));
         assert!(local(io::ErrorKind::StaleNetworkFileHandle));
@@ -200,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_tells_by_its_status() {
+    fn the_status_of_an_answer_decides() {
         for (status, passing) in [
             ("500 Internal Server Error", true),
             ("503 Service Unavailable", true),

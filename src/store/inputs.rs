@@ -1,4 +1,4 @@
-//! Scenes' input files, from this machine's folders or from object stores.
+//! Scenes' input files, from local folders or object stores.
 
 use super::cache::{Cache, Entry};
 use super::error::is_absent;
@@ -19,27 +19,27 @@ use std::time::Duration;
 pub struct Inputs {
     options: StoreOptions,
     cache: Option<Cache>,
-    /// Open stores, one a bucket.
+    /// Open stores, one per bucket.
     buckets: Mutex<BTreeMap<String, Store>>,
 }
 
-/// What asking for an object gave.
+/// Result of a request for an object.
 enum Fetched {
     Absent,
-    /// It is as it was when this ETag was noted.
+    /// It still has the given ETag.
     Unchanged,
     Object(Bytes, Option<String>),
 }
 
 impl Inputs {
-    /// `options` are for all stores. Objects are kept in `cache`, if there is one.
+    /// `options` apply to all stores. Objects are kept in `cache`, if there is one.
     pub fn new(options: StoreOptions, cache: Option<Cache>) -> Self {
         Self { options, cache, buckets: Mutex::default() }
     }
 
-    /// A file's bytes, or an object's: what `path` is, is told by [`render::line::is_url`].
+    /// Reads a file, or an object if [`render::line::is_url`].
     ///
-    /// Errors of a store are [`StoreError`]s inside, but for an object that is not there, which is `NotFound`.
+    /// Errors of a store are [`StoreError`]s inside, except that an absent object is `NotFound`.
     pub fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
         let Some((url, bucket, key)) = parts(path) else {
             return std::fs::read(path);
@@ -65,23 +65,18 @@ impl Inputs {
         }
     }
 
-    /// An object's first `count` bytes, all of it if it has no more, and its size. `path` is a URL. Nothing is kept.
+    /// The first `count` bytes (or all) of the object at the URL `path`, and its size. Nothing is cached.
     pub fn read_start(&self, path: &Path, count: usize) -> io::Result<(Vec<u8>, u64)> {
-        let whole = || {
-            self.read(path).map(|bytes| {
-                let size = bytes.len() as u64;
-                (bytes, size)
-            })
-        };
-        let Some((_, bucket, key)) = parts(path) else {
-            return whole();
-        };
-        let store = self.bucket(bucket).map_err(io::Error::other)?;
-        match store.fetch_start(&key, count as u64) {
-            Some(found) => Ok(found),
-            // An empty object has no range; and what is wrong else, the plain question tells.
-            None => whole(),
+        if let Some((_, bucket, key)) = parts(path) {
+            let store = self.bucket(bucket).map_err(io::Error::other)?;
+            if let Some(found) = store.fetch_start(&key, count as u64) {
+                return Ok(found);
+            }
         }
+        // An empty object has no range; for all other errors a plain read gives the reason.
+        let bytes = self.read(path)?;
+        let size = bytes.len() as u64;
+        Ok((bytes, size))
     }
 
     /// Names of all objects below `folder`, a URL, relative to it.
@@ -108,7 +103,7 @@ impl Inputs {
     }
 }
 
-/// A URL, its part up to the bucket, and the key; none of a path.
+/// A URL, its part up to the bucket, and its key; `None` for a local path.
 fn parts(path: &Path) -> Option<(&str, &str, String)> {
     let url = path.to_str().filter(|_| render::line::is_url(path))?;
     let start = url.find("://")? + 3;
@@ -138,7 +133,7 @@ impl InputFiles for Inputs {
 }
 
 impl Store {
-    /// An object by its key as it is, unless it is still the one with this ETag.
+    /// Reads an object by its literal key, unless it still has this ETag.
     fn fetch(&self, key: &str, etag: Option<String>) -> Result<Fetched, StoreError> {
         use object_store::Error as E;
         let path = Key::parse(key).map_err(|e| self.failed("read", key, &e.into()))?;
@@ -156,7 +151,7 @@ impl Store {
         }
     }
 
-    /// The first bytes of an object by its key, and its size; `None` if that cannot be had.
+    /// The first bytes of an object and its size; `None` on any error.
     fn fetch_start(&self, key: &str, count: u64) -> Option<(Vec<u8>, u64)> {
         let path = Key::parse(key).ok()?;
         let options =
@@ -169,11 +164,11 @@ impl Store {
         RUNTIME.block_on(with_patience(Duration::ZERO, get)).ok()
     }
 
-    /// Not there, if the bucket is: a wrong bucket is no fault of a scene.
+    /// `Absent` if the bucket exists: a wrong bucket is not an error of a scene.
     fn absent(&self, key: &str) -> Result<Fetched, StoreError> {
         let look = || async { self.objects.list(None).try_next().await };
         match RUNTIME.block_on(with_patience(self.patience, look)) {
-            // Who may not list is told by the server that what is not there is forbidden, and does not come here.
+            // Without permission to list, the server reports absent objects as forbidden, so this is not reached.
             Ok(_) | Err(object_store::Error::PermissionDenied { .. }) => Ok(Fetched::Absent),
             Err(error) => Err(self.failed("read", key, &error)),
         }

@@ -1,7 +1,7 @@
-//! Where a run's objects are kept: on a local disk or in an object store, behind the same few calls.
+//! The store of a run's objects: a local disk or an object store, behind the same few calls.
 //!
-//! Keys are the names of a run directory's files. What a run makes is put once and never changed: a put that finds the
-//! key taken compares, so that two machines that compute different bits are found out by the first object they share.
+//! Keys are the names of a run directory's files. Results are put once and never changed: a put to an existing key
+//! compares the bytes, so that the first shared object exposes two machines that compute different bits.
 
 mod cache;
 mod error;
@@ -26,7 +26,7 @@ use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 use tokio::runtime::Runtime;
 
-/// Runs everything that waits for a store, a queue or a browser. Two threads: they wait, they do not compute.
+/// Runs all tasks that wait for a store, a queue or a browser. Two threads are enough, because they do not compute.
 pub(crate) static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| {
     tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
@@ -36,36 +36,36 @@ pub(crate) static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| {
         .expect("the system starts two threads")
 });
 
-/// Calls in flight at most, for one list of keys.
+/// Concurrent calls for one list of keys.
 const CALLS_AT_ONCE: usize = 16;
 
-/// A put whose unfinished file was cleared away is repeated so often.
+/// Repetitions of a put after another process removed its unfinished file.
 const CLEARED_AWAY: u32 = 3;
 
 #[derive(Clone)]
 pub struct Store {
     objects: Arc<dyn ObjectStore>,
     prefix: Key,
-    /// What a user would call it.
+    /// Its address, for messages.
     name: String,
     local: Option<PathBuf>,
-    /// How long a call is tried again.
+    /// How long a call is repeated.
     patience: Duration,
 }
 
 impl std::fmt::Debug for Store {
-    /// Its name alone: what object_store shows of a store may hold a part of its credentials.
+    /// Only the name, because the output of object_store may contain a part of the credentials.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_tuple("Store").field(&self.name).finish()
     }
 }
 
-/// What a put found.
+/// Result of a put.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Put {
     /// The key was free.
     New,
-    /// The same bytes were there.
+    /// The key existed with the same bytes.
     Same,
 }
 
@@ -75,12 +75,12 @@ impl Store {
         Self::open(&root.to_string_lossy(), &StoreOptions::default())
     }
 
-    /// What a user would call it.
+    /// Its address, for messages.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The same store, tried again for so long. For what is not worth waiting for.
+    /// The same store with another patience, for calls that are not worth waiting for.
     #[must_use]
     pub fn with_patience(&self, patience: Duration) -> Self {
         Self { patience, ..self.clone() }
@@ -91,12 +91,12 @@ impl Store {
         self.local.as_deref()
     }
 
-    /// It is a folder, where reading costs little.
+    /// Whether it is a folder, where reading is cheap.
     pub(crate) fn is_local(&self) -> bool {
         self.local.is_some()
     }
 
-    /// Shortest time between two reads of an object that may change: in a bucket each costs something.
+    /// Shortest time between two reads of an object that may change; requests to a bucket cost money.
     pub(crate) fn poll_interval(&self) -> Duration {
         Duration::from_secs(if self.is_local() { 2 } else { 5 })
     }
@@ -115,18 +115,18 @@ impl Store {
         }
     }
 
-    /// Puts an object that is made once. On return it is durable. The same bytes may be there already; other bytes are
-    /// an error and stay.
+    /// Puts an object that never changes. On return it is durable. If the key exists with other bytes, they stay, and
+    /// the call fails.
     pub fn create(&self, key: &str, bytes: &[u8]) -> Result<Put, StoreError> {
         self.create_bytes(key, Bytes::copy_from_slice(bytes))
     }
 
-    /// [`Self::create`] of bytes that need not be copied.
+    /// [`Self::create`] without copying the bytes.
     pub fn create_bytes(&self, key: &str, bytes: Bytes) -> Result<Put, StoreError> {
         RUNTIME.block_on(self.create_async(key, bytes))
     }
 
-    /// [`Self::create`] of several, in no order, all at once.
+    /// [`Self::create`] of several objects concurrently, in any order.
     pub fn create_all(&self, objects: Vec<(String, Bytes)>) -> Result<(), StoreError> {
         RUNTIME.block_on(async {
             futures_util::stream::iter(objects)
@@ -147,19 +147,19 @@ impl Store {
             let put = self.objects.put_opts(&path, payload, PutMode::Create.into());
             let error = match put.await {
                 Ok(_) => return Ok(Put::New),
-                // The answer to a put may have been lost: the next one finds the key taken, by the same bytes.
+                // If only the answer was lost, the next put finds the same bytes under the key.
                 Err(error) if is_passing(&error) => error,
                 Err(error @ (E::AlreadyExists { .. } | E::Precondition { .. })) => {
                     match self.get_async(key).await? {
                         Some(there) => return self.compare(key, &bytes, &there),
-                        // Removed in between, or (S3's 409) another put is on its way and may still fail.
+                        // Removed in between, or (S3's 409) another put is in progress and may still fail.
                         None => error,
                     }
                 }
                 Err(error) => match self.get_async(key).await {
-                    // Somebody else was first, and swept the unfinished rest of this put away.
+                    // Another process was first, and removed the unfinished file of this put.
                     Ok(Some(there)) if there == bytes => return Ok(Put::Same),
-                    // A run that is over is cleared up once, and so is a scene by each who has finished it.
+                    // Finished runs are cleaned up once, finished scenes once by each worker that finished them.
                     Ok(None) if cleared_away < CLEARED_AWAY && is_cleared_away(&error) => {
                         cleared_away += 1;
                         continue;
@@ -186,7 +186,7 @@ impl Store {
         })
     }
 
-    /// Puts an object whatever is there: a note that changes, or one that is known to be damaged.
+    /// Puts an object and replaces an existing one: for notes that change, and for damaged objects.
     pub fn replace(&self, key: &str, bytes: &[u8]) -> Result<(), StoreError> {
         let (path, payload) = (self.key(key), PutPayload::from(bytes.to_vec()));
         RUNTIME
@@ -195,7 +195,7 @@ impl Store {
             .map_err(|e| self.failed("write", key, &e))
     }
 
-    /// An object's bytes, if it is there.
+    /// An object's bytes, if it exists.
     pub fn get(&self, key: &str) -> Result<Option<Bytes>, StoreError> {
         RUNTIME.block_on(self.get_async(key))
     }
@@ -221,8 +221,8 @@ impl Store {
         })
     }
 
-    /// Reads objects in the order of `keys` and gives each to `take` with its index; few are in memory at once. `take` must
-    /// not call a store.
+    /// Reads objects in the order of `keys` and passes each to `take` with its index; few are in memory at once. `take`
+    /// must not call a store.
     pub(crate) fn for_each(
         &self,
         keys: &[String],
@@ -238,7 +238,7 @@ impl Store {
         })
     }
 
-    /// All of these files are in `folder`.
+    /// Whether all of these files are in `folder`.
     pub(crate) fn has_files(&self, folder: &str, files: &[String]) -> Result<bool, StoreError> {
         if let Some(root) = &self.local {
             let folder = root.join(folder);
@@ -249,7 +249,7 @@ impl Store {
         Ok(files.iter().all(is_listed))
     }
 
-    /// Removes all objects below `folder`, on a disk the folder, too.
+    /// Removes all objects below `folder`, on a disk with the folder.
     pub(crate) fn remove_folder(&self, folder: &str) -> Result<(), StoreError> {
         if let Some(root) = &self.local {
             let _ = std::fs::remove_dir_all(root.join(folder));
@@ -258,13 +258,13 @@ impl Store {
         self.delete(&self.list(folder)?)
     }
 
-    /// Keys below `folder` (with all folders in it), in no order; unfinished puts are not among them.
+    /// Keys below `folder`, recursively, in any order; without unfinished puts.
     pub fn list(&self, folder: &str) -> Result<Vec<String>, StoreError> {
         let listed = self.list_times(folder)?.into_iter();
         Ok(listed.map(|(key, _)| key).collect())
     }
 
-    /// Removes objects; those that are gone already do not matter.
+    /// Removes objects; absent ones are ignored.
     pub fn delete(&self, keys: &[String]) -> Result<(), StoreError> {
         let paths: Vec<Key> = keys.iter().map(|key| self.key(key)).collect();
         let delete = || async {
@@ -290,7 +290,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn objects_are_made_once() {
+    fn objects_are_created_once() {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::local(dir.path()).unwrap();
         assert_eq!(store.get("a/b.json").unwrap(), None);
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn listing_and_removing() {
+    fn objects_are_listed_and_removed() {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::local(dir.path()).unwrap();
         assert!(store.list("partials").unwrap().is_empty());
@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn folders_are_looked_through_and_removed() {
+    fn folders_are_checked_and_removed() {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::local(dir.path()).unwrap();
         let keys = ["t/a.exr", "t/b.json"].map(str::to_owned);

@@ -1,4 +1,4 @@
-//! From what a user writes to a store.
+//! Opening a store at an address.
 
 use super::{Key, Store, StoreError};
 use object_store::local::LocalFileSystem;
@@ -9,10 +9,10 @@ use std::time::Duration;
 /// Settings of a store that is not a folder.
 #[derive(Clone)]
 pub struct StoreOptions {
-    /// Credentials and the like, by the names that object_store has for them, in any case: `AWS_ACCESS_KEY_ID`,
-    /// `AWS_ENDPOINT_URL`, `GOOGLE_SERVICE_ACCOUNT`, ... Those of other stores do no harm.
+    /// Credentials and endpoints, under object_store's names in any case: `AWS_ACCESS_KEY_ID`, `AWS_ENDPOINT_URL`,
+    /// `GOOGLE_SERVICE_ACCOUNT`, ... Settings of other stores are ignored.
     pub settings: Vec<(String, String)>,
-    /// How long a call is tried again when the store is away or busy.
+    /// How long a call is repeated when the store is unavailable or busy.
     pub patience: Duration,
 }
 
@@ -58,14 +58,14 @@ impl Store {
     }
 
     fn open_url(scheme: &str, rest: &str, options: &StoreOptions) -> Result<Self, StoreError> {
-        // What is before an @ or behind a ? may be a secret, and does not belong here.
+        // The parts before an @ or after a ? may be secrets, which an address must not have.
         let shown = rest.split(['?', '#']).next().unwrap_or_default();
         let shown = shown.rsplit('@').next().unwrap_or_default();
         let name = format!("{scheme}://{}", shown.trim_end_matches('/'));
         let invalid = |reason: String| StoreError::Address { address: name.clone(), reason };
         if rest.contains(['?', '#', '@']) {
             return Err(invalid(
-                "an address holds no credentials and no settings, they come from the environment (AWS_ACCESS_KEY_ID, …)"
+                "credentials and settings belong into the environment (AWS_ACCESS_KEY_ID, …), not into an address"
                     .to_owned(),
             ));
         }
@@ -92,8 +92,8 @@ mod remote {
     use std::sync::Arc;
     use std::time::Duration;
 
-    /// object_store's own retries, quick ones: of what they do not catch (a put whose connection was cut is not among
-    /// the calls that it repeats), and of all that takes longer, [`super::super::patience`] takes care.
+    /// Quick retries by object_store. [`super::super::patience`] handles longer outages, and calls that object_store
+    /// does not repeat, such as a put over a lost connection.
     fn retries() -> RetryConfig {
         RetryConfig {
             backoff: BackoffConfig {
@@ -117,7 +117,7 @@ mod remote {
         )))
     }
 
-    /// Sets what of the settings the builder knows.
+    /// Passes the settings that the builder knows.
     macro_rules! build {
         ($builder:ty, $url:expr, $options:expr) => {{
             let mut builder = <$builder>::new()
@@ -129,7 +129,7 @@ mod remote {
                     builder = builder.with_config(key, value);
                 }
             }
-            // No text of object_store's holds a setting's value, but for one that it cannot read.
+            // Errors of object_store contain only values that it cannot parse.
             builder
                 .build()
                 .map(|store| Arc::new(store) as Arc<dyn ObjectStore>)
@@ -137,16 +137,16 @@ mod remote {
         }};
     }
 
-    /// The store at `url`, for whose scheme there is a feature.
+    /// Opens the store at `url`, if the feature of its scheme is enabled.
     pub(super) fn open(
         scheme: &str,
         url: &str,
         options: &StoreOptions,
     ) -> Result<Arc<dyn ObjectStore>, String> {
-        // Without a choice the first connection panics; who has chosen already keeps his choice.
+        // Without a TLS provider the first connection panics; an earlier choice stays.
         let _ = rustls::crypto::ring::default_provider().install_default();
         let mut options = options.clone();
-        // An address that begins with http:// is a wish to use it.
+        // An endpoint that begins with http:// asks for plain HTTP.
         let plain = options.settings.iter().any(|(name, value)| {
             name.to_ascii_lowercase().contains("endpoint") && value.starts_with("http://")
         });
@@ -168,7 +168,6 @@ mod remote {
     }
 }
 
-/// No store behind HTTP.
 #[cfg(not(feature = "http-store"))]
 mod remote {
     use super::StoreOptions;
@@ -189,7 +188,7 @@ fn unknown(scheme: &str) -> String {
         "s3" | "s3a" => "s3",
         "gs" => "gcs",
         "az" | "azure" | "abfs" | "abfss" => "azure",
-        _ => return format!("nothing is known about {scheme}:"),
+        _ => return format!("the scheme {scheme}: is unknown"),
     };
     format!("this program was built without the feature `{feature}`")
 }
@@ -220,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_store_is_refused() {
+    fn invalid_addresses_are_refused() {
         for address in ["ftp://host/x", "memory://x", "s3://", "s3:///x"] {
             let error = Store::open(address, &StoreOptions::default()).unwrap_err();
             assert!(matches!(error, StoreError::Address { .. }), "{address}: {error:?}");
@@ -229,7 +228,7 @@ mod tests {
 
     #[cfg(feature = "s3")]
     #[test]
-    fn a_bucket_is_a_store_without_being_asked() {
+    fn opening_a_bucket_sends_no_request() {
         let settings = [
             ("AWS_ACCESS_KEY_ID", "a"),
             ("aws_secret_access_key", "hush"),

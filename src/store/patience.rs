@@ -1,4 +1,4 @@
-//! How long a store that is away or busy is tried again.
+//! Repeated calls of a store that is unavailable or busy.
 
 use super::error::is_passing;
 use std::future::Future;
@@ -7,21 +7,21 @@ use std::time::{Duration, Instant};
 /// First pause, and the longest.
 const PAUSE: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
 
-/// Pauses of one call: each twice as long as the one before, none of them twice the same among many workers.
+/// Pauses between the tries of one call: exponential backoff with jitter.
 pub(super) struct Tries {
     until: Instant,
     pause: Duration,
 }
 
 impl Tries {
-    /// No try begins later than `patience` after now.
+    /// No try starts later than `patience` from now.
     pub(super) fn new(patience: Duration) -> Self {
         Self { until: Instant::now() + patience, pause: PAUSE[0] }
     }
 
-    /// Waits for the next try; false when there is none.
+    /// Waits for the next try; false if the patience is over.
     pub(super) async fn wait(&mut self) -> bool {
-        // Between half of the pause and all of it, so that workers that failed together do not come back together.
+        // Jitter from half of the pause to all of it, so that workers that failed together do not retry together.
         let part = getrandom::u32().map_or(1.0, |n| 0.5 + f64::from(n) / f64::from(u32::MAX) / 2.0);
         let pause = self.pause.mul_f64(part);
         self.pause = (self.pause * 2).min(PAUSE[1]);
@@ -33,7 +33,7 @@ impl Tries {
     }
 }
 
-/// Calls until it works, fails for good, or `patience` is over.
+/// Repeats a call until it succeeds, fails permanently, or `patience` is over.
 pub(super) async fn with_patience<T, F: Future<Output = object_store::Result<T>>>(
     patience: Duration,
     call: impl Fn() -> F,

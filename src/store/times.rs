@@ -1,4 +1,4 @@
-//! When objects were put.
+//! Times of the puts.
 
 use super::patience::with_patience;
 use super::{RUNTIME, Store, StoreError};
@@ -6,7 +6,7 @@ use futures_util::TryStreamExt;
 use std::time::SystemTime;
 
 impl Store {
-    /// [`Self::list`] with the time of each object's last put, by the store's clock: to show, never to decide by.
+    /// [`Self::list`] with the time of each object's last put by the store's clock, for display only.
     pub fn list_times(&self, folder: &str) -> Result<Vec<(String, SystemTime)>, StoreError> {
         let prefix = self.key(folder);
         let skip = self.prefix.as_ref().len() + usize::from(!self.prefix.as_ref().is_empty());
@@ -31,7 +31,7 @@ mod tests {
     use std::time::Duration;
 
     #[test]
-    fn keys_are_those_of_a_list() {
+    fn a_list_with_times_has_the_same_keys() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::local(folder.path()).unwrap();
         for key in ["a/b.json", "a/c/d.json", "e.json"] {

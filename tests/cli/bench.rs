@@ -1,7 +1,7 @@
-//! `bench`: what it measures is measured, and what it writes is what it says.
+//! `bench`: its measurements, and the files that it writes.
 
 use crate::support::outputs::read_json;
-use crate::support::program::{run, text};
+use crate::support::program::{run_line, text};
 use crate::support::scenes::{photographs, scene};
 use glasshouse::bench::{Ladder, Slope, Work, climb, own_reference, pair, slopes};
 use render::layer::Layer;
@@ -25,25 +25,16 @@ fn rows<'a>(result: &'a Value, variant: &str, layer: &str) -> Vec<&'a Value> {
 }
 
 #[test]
-fn the_error_falls_and_is_written_down() {
+fn the_error_falls_and_is_written_to_files() {
     let folder = tempfile::tempdir().unwrap();
     let scene_path = scene_file(folder.path(), &scene("one"));
     let out = folder.path().join("error");
-    let arguments = [
-        "bench",
-        "error",
-        "--scene",
+    let line = format!(
+        "bench error --scene {} --spp 16,1,4 --seeds 2 --reference-spp 1024 --out {} --json",
         text(&scene_path),
-        "--spp",
-        "16,1,4",
-        "--seeds",
-        "2",
-        "--reference-spp",
-        "1024",
-        "--out",
-        text(&out),
-    ];
-    let result = run(&[&arguments[..], &["--json"]].concat()).expect(0).json();
+        text(&out)
+    );
+    let result = run_line(&line).expect(0).json();
     assert_eq!(result["schema"], "glasshouse.bench_error/1");
     assert_eq!(result["reference"]["reused"], false);
     assert_eq!(result["rows"].as_array().unwrap().len(), 3 * 3 * 4);
@@ -85,9 +76,9 @@ fn the_error_falls_and_is_written_down() {
     let svg = std::fs::read_to_string(out.join("error.svg")).unwrap();
     assert_eq!(svg.matches("stroke-width=\"1.8\"").count(), 3 * 2 * 4 + 3);
 
-    // The reference is used again, and is what a folder of images gives; without --json there are tables.
-    let again = run(&[&arguments[..], &["--json", "--progress", "none"]].concat()).expect(0);
-    let again = again.says(&["used again"]).json();
+    // The reference is reused, and equals a folder of images; without --json there are tables.
+    let again = run_line(&format!("{line} --progress none")).expect(0);
+    let again = again.says(&["is reused"]).json();
     assert_eq!(again["reference"]["reused"], true);
     let rmse = |result: &Value| -> Vec<Value> {
         result["rows"].as_array().unwrap().iter().map(|row| row["rmse"].clone()).collect()
@@ -95,30 +86,22 @@ fn the_error_falls_and_is_written_down() {
     assert_eq!(rmse(&again), rmse(&result));
     let reference = out.join("reference");
     let other = folder.path().join("other");
-    let given = [
-        "bench",
-        "error",
-        "--scene",
+    let given = format!(
+        "bench error --scene {} --spp 1,4,16 --seeds 2 --reference {} --out {}",
         text(&scene_path),
-        "--spp",
-        "1,4,16",
-        "--seeds",
-        "2",
-        "--reference",
         text(&reference),
-        "--out",
-        text(&other),
-    ];
-    let given = run(&given).expect(0);
+        text(&other)
+    );
+    let given = run_line(&given).expect(0);
     assert!(given.stdout.contains("input, sobol: RMSE ~ samples^-"), "{given:?}");
     let file = read_json(other.join("error.json"));
     assert_eq!(rmse(&file), rmse(&result));
 
-    // Another pane: the reference does not fit any more.
+    // Another pane: the reference no longer matches.
     let mut changed = scene("one");
     changed["glass"]["thickness_m"] = json!(0.02);
     std::fs::write(&scene_path, changed.to_string()).unwrap();
-    let fresh = run(&[&arguments[..], &["--json"]].concat()).expect(0).json();
+    let fresh = run_line(&line).expect(0).json();
     assert_eq!(fresh["reference"]["reused"], false);
     assert_ne!(rmse(&fresh), rmse(&result));
 }
@@ -128,17 +111,18 @@ fn references_of_another_size_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let scene_path = scene_file(folder.path(), &scene("one"));
     let out = folder.path().join("out");
-    run(&["render", text(&scene_path), "--out", text(&out)]).expect(0);
+    let (scene_text, out) = (text(&scene_path), text(&out));
+    run_line(&format!("render {scene_text} --out {out}")).expect(0);
     let mut wider = scene("one");
     wider["film"]["width"] = json!(48);
     std::fs::write(&scene_path, wider.to_string()).unwrap();
-    run(&["bench", "error", "--scene", text(&scene_path), "--reference", text(&out), "-n"])
+    run_line(&format!("bench error --scene {scene_text} --reference {out} -n"))
         .expect(4)
         .says(&["input.exr has 40 x 24 px", "48 x 24"]);
 }
 
-/// The built-in pair, small: Sobol points converge faster than independent ones, which converge as they must, and both to
-/// the same image.
+/// On a small built-in pair, Sobol points converge faster than independent ones, which converge with the theoretical
+/// slope, and both to the same image.
 #[test]
 fn independent_samples_agree_with_sobol_and_converge_slower() {
     let folder = tempfile::tempdir().unwrap();
@@ -162,7 +146,7 @@ fn independent_samples_agree_with_sobol_and_converge_slower() {
             assert!(found < -0.53, "{slope:?}");
         }
     }
-    // Cells that are done take no more samples, and all come near the target of their rung.
+    // Finished cells take no more samples, and all cells come near the target of their rung.
     for row in rows.iter().filter(|row| row.variant == "adaptive") {
         let target = 0.03 / f64::from(row.spp).sqrt();
         assert!(row.deviation.cell_rmse_worst < 2.0 * target, "{row:?}");
@@ -172,7 +156,7 @@ fn independent_samples_agree_with_sobol_and_converge_slower() {
         }
     }
     for row in rows.iter().filter(|row| row.variant == "independent") {
-        // Errors of pixels are independent, those of a pixel's colours and of the reference are not counted on.
+        // Errors of pixels are independent; errors of a pixel's colours and of the reference may not be.
         let values = f64::from(32 * 32 * ladder.seeds);
         let limit = 5.0 * row.deviation.rmse / values.sqrt();
         assert!(row.deviation.bias.abs() < limit, "{row:?}");
@@ -180,7 +164,7 @@ fn independent_samples_agree_with_sobol_and_converge_slower() {
             assert!((0.8..1.2).contains(&ratio), "{row:?}");
         }
     }
-    // Stopped work gives nothing, and says so.
+    // Stopped work gives no result.
     stop.store(true, Ordering::Relaxed);
     assert!(climb(&scene, &ladder, &reference, &work).unwrap().is_none());
 }
@@ -192,26 +176,18 @@ fn floats(path: &Path) -> Vec<f64> {
     values.iter().map(|v| f64::from(f32::from_le_bytes(*v))).collect()
 }
 
-/// The dump in the words of its documentation: every ray's hit lies on the mesh of the vertices.
+/// The dump as documented: every ray's hit is on the mesh of the vertices.
 #[test]
 fn dumped_rays_hit_the_dumped_mesh() {
     let folder = tempfile::tempdir().unwrap();
     let scene_path = scene_file(folder.path(), &scene("one"));
     let dump = folder.path().join("rays");
-    let result = run(&[
-        "bench",
-        "trace",
-        "--no-builtin",
-        "--scene",
+    let line = format!(
+        "bench trace --no-builtin --scene {} --passes 1 --dump {} --json",
         text(&scene_path),
-        "--passes",
-        "1",
-        "--dump",
-        text(&dump),
-        "--json",
-    ])
-    .expect(0)
-    .json();
+        text(&dump)
+    );
+    let result = run_line(&line).expect(0).json();
     let names = |list: &Value, key: &str| -> Vec<String> {
         let all = list.as_array().unwrap();
         all.iter().map(|row| row[key].as_str().unwrap().to_owned()).collect()
@@ -221,18 +197,8 @@ fn dumped_rays_hit_the_dumped_mesh() {
     assert_eq!(result["grids"].as_array().unwrap().len(), 2);
     let list = read_json(dump.join("rays.json"));
     let classes = &list["classes"];
-    assert_eq!(
-        names(classes, "name"),
-        [
-            "one.t0",
-            "one.t1",
-            "one.r0.mirror",
-            "one.r1.mirror",
-            "one.r0.camera",
-            "one.r1.camera",
-            "one.R.camera"
-        ]
-    );
+    let expected = ["t0", "t1", "r0.mirror", "r1.mirror", "r0.camera", "r1.camera", "R.camera"];
+    assert_eq!(names(classes, "name"), expected.map(|name| format!("one.{name}")));
     // Intrinsics of the scene, for its photographs of 64 x 48 px.
     let (fx, fy, cx, cy) = (886.81 / 16.0, 927.06 / 16.0, 32.0, 24.0);
     for class in classes.as_array().unwrap() {
@@ -276,39 +242,13 @@ fn dumped_rays_hit_the_dumped_mesh() {
     }
 }
 
-/// The simulated farm: equal arguments give equal numbers, faults are counted, and nothing is left undone.
+/// The simulated farm: equal arguments give equal numbers, faults are counted, and every shard is traced.
 #[test]
 fn a_farm_is_simulated() {
-    let arguments = [
-        "bench",
-        "farm",
-        "--simulate",
-        "--json",
-        "--workers",
-        "40",
-        "--scenes",
-        "400",
-        "--shards",
-        "4",
-        "--seed",
-        "7",
-        "--lease-s",
-        "2",
-        "--kill",
-        "0@3.1",
-        "--kill",
-        "10%",
-        "--slow",
-        "1x4",
-        "--stop",
-        "2@1+5",
-        "--wipe",
-        "2",
-        "--away",
-        "4+1",
-    ];
     let simulate = || {
-        let mut result = run(&arguments).expect(0).json();
+        let line = "bench farm --simulate --json --workers 40 --scenes 400 --shards 4 --seed 7 --lease-s 2 --kill 0@3.1 \
+                    --kill 10% --slow 1x4 --stop 2@1+5 --wipe 2 --away 4+1";
+        let mut result = run_line(line).expect(0).json();
         let cpu_s = result.as_object_mut().unwrap().remove("cpu_s");
         assert!(cpu_s.unwrap().as_f64().unwrap() >= 0.0);
         result
@@ -323,17 +263,13 @@ fn a_farm_is_simulated() {
     assert!(result["faults"]["killed"].as_u64().unwrap() > 1);
     assert_eq!(result["faults"]["wiped"], 1);
 
-    let table = run(&["bench", "farm", "--simulate"]).expect(0);
+    let table = run_line("bench farm --simulate").expect(0);
     assert!(table.stdout.contains("| lower bound "), "{table:?}");
 }
 
 #[test]
 fn a_farm_that_cannot_be_simulated_is_refused() {
-    run(&["bench", "farm", "--simulate", "--kill", "8@1"])
-        .expect(2)
-        .says(&["no worker 8", "0 to 7"]);
-    run(&["bench", "farm", "--simulate", "--kill", "3"]).expect(2).says(&["3@SECOND"]);
-    run(&["bench", "farm", "--simulate", "--workers", "1", "--kill", "0@1"])
-        .expect(1)
-        .says(&["no worker is left"]);
+    run_line("bench farm --simulate --kill 8@1").expect(2).says(&["no worker 8", "0 to 7"]);
+    run_line("bench farm --simulate --kill 3").expect(2).says(&["3@SECOND"]);
+    run_line("bench farm --simulate --workers 1 --kill 0@1").expect(1).says(&["no worker is left"]);
 }

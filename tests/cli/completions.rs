@@ -1,4 +1,4 @@
-//! Completions that shells accept, and man pages of every command.
+//! Shell completions, and man pages of every command.
 
 use crate::support::program::{Ended, command, run, text};
 use clap::CommandFactory;
@@ -19,19 +19,15 @@ fn names() -> Vec<String> {
     names
 }
 
-/// Runs a program that may not be installed; its success.
+/// Runs a program; whether it succeeds, `None` if it is not installed.
 fn accepts(program: &str, arguments: &[&str]) -> Option<bool> {
-    let child = Command::new(program)
-        .args(arguments)
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .status();
-    if let Ok(status) = child {
-        return Some(status.success());
+    let mut command = Command::new(program);
+    let quiet = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    let status = quiet.args(arguments).status();
+    if status.is_err() {
+        eprintln!("skipped: {program} is not installed");
     }
-    eprintln!("skipped: {program} is not installed");
-    None
+    status.ok().map(|status| status.success())
 }
 
 #[test]
@@ -56,7 +52,6 @@ fn shells_accept_their_completions() {
     run(&["completions", "tcsh"]).expect(2);
 }
 
-/// What bash offers after some words.
 #[test]
 fn bash_completes_commands_and_values() {
     let script = run(&["completions", "bash"]).expect(0).stdout;
@@ -121,7 +116,7 @@ fn every_command_has_a_man_page() {
     );
 }
 
-/// Formats a page, if that can be done here; examples stand on lines of their own.
+/// Formats a page with groff, if it is installed; checks that examples are on separate lines.
 fn render(path: &Path) -> bool {
     let output =
         Command::new("groff").args(["-man", "-Tutf8", "-ww", "-rLL=90n"]).arg(path).output();
@@ -129,7 +124,7 @@ fn render(path: &Path) -> bool {
         eprintln!("skipped: groff is not installed");
         return false;
     };
-    // An example that is longer than a line cannot be spread to its end, of which groff warns.
+    // Warnings are allowed: groff warns of examples that are longer than a line.
     let complaints = String::from_utf8_lossy(&output.stderr);
     assert!(
         output.status.success() && !complaints.contains("error"),
@@ -143,7 +138,7 @@ fn render(path: &Path) -> bool {
 }
 
 #[test]
-fn a_page_cannot_be_written_everywhere() {
+fn an_unwritable_folder_exits_with_1() {
     let ended: Ended = command(&["man", "--out", "/proc/x"]).output().unwrap().into();
     ended.expect(1).says(&["/proc/x"]);
 }

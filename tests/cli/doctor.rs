@@ -1,4 +1,4 @@
-//! `doctor`: on a good place, on a bad one, with stores and queues that are there or not.
+//! `doctor`: good and bad folders, present and absent stores and queues.
 
 use crate::support::nats::Nats;
 use crate::support::outputs::{files, read_json};
@@ -11,10 +11,8 @@ use std::path::Path;
 /// The finding of a check.
 fn finding<'a>(doctor: &'a Value, check: &str) -> &'a Value {
     let findings = doctor["findings"].as_array().unwrap();
-    findings
-        .iter()
-        .find(|f| f["check"] == check)
-        .unwrap_or_else(|| panic!("no {check} in {doctor:#}"))
+    let found = findings.iter().find(|f| f["check"] == check);
+    found.unwrap_or_else(|| panic!("no {check} in {doctor:#}"))
 }
 
 fn level<'a>(doctor: &'a Value, check: &str) -> &'a str {
@@ -26,27 +24,16 @@ fn entries(folder: &Path) -> usize {
 }
 
 #[test]
-fn a_good_place_is_well_and_left_as_it_was() {
+fn a_good_folder_passes_and_no_file_stays() {
     let place = workplace();
     let smoke = place.path().join("runs/smoke");
     let before = files(&smoke);
     let doctor = run(&["doctor", text(&smoke), "-j", "1", "--json"]).expect(0).json();
     assert_eq!(doctor["schema"], "glasshouse.doctor/1");
     assert_eq!(doctor["fail"], 0);
-    for check in [
-        "processor",
-        "cores",
-        "memory",
-        "open files",
-        "clock",
-        "right bits",
-        "run",
-        "disk space",
-        "disk speed",
-        "durable files",
-        "small files",
-        "disk promises",
-    ] {
+    let machine = ["processor", "cores", "memory", "open files", "clock", "right bits", "run"];
+    let disk = ["disk space", "disk speed", "durable files", "small files", "disk promises"];
+    for check in machine.into_iter().chain(disk) {
         let found = finding(&doctor, check);
         assert_ne!(found["level"], "fail", "{found:#}");
         assert_eq!(found["level"] == "ok", found["to_do"].is_null(), "{found:#}");
@@ -54,34 +41,30 @@ fn a_good_place_is_well_and_left_as_it_was() {
     assert!(finding(&doctor, "disk speed")["measured"]["mb_per_s"].as_f64().unwrap() > 0.0);
     assert_eq!(files(&smoke), before);
     assert_eq!(level(&doctor, "right bits"), "ok");
-    // A person's page fits a terminal.
+    // The text fits into 80 columns.
     let page = run_in(place.path(), &["doctor", "runs/smoke", "-j", "1"]).expect(0).stdout;
     assert!(page.lines().all(|line| line.chars().count() <= 80), "{page}");
-    // A run that is to be made: the disk that it will be on.
+    // A future run: its disk is checked.
     let to_be = run_in(place.path(), &["doctor", "runs/none/yet", "--json", "-q"]).expect(0);
     assert!(to_be.stderr.is_empty(), "{to_be:?}");
     assert!(!place.path().join("runs/none").exists());
 }
 
 #[test]
-fn nothing_is_written_in_a_dry_run() {
+fn a_dry_run_writes_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let doctor = run(&["doctor", text(folder.path()), "-n", "--store", "s3://nowhere/x", "--json"])
         .expect(0)
         .json();
-    let checks: Vec<&str> = doctor["findings"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|f| f["check"].as_str().unwrap())
-        .collect();
+    let findings = doctor["findings"].as_array().unwrap().iter();
+    let checks: Vec<&str> = findings.map(|f| f["check"].as_str().unwrap()).collect();
     assert!(!checks.contains(&"disk speed") && !checks.contains(&"store put"), "{checks:?}");
     assert_eq!(entries(folder.path()), 0);
 }
 
 #[test]
-fn a_place_that_cannot_be_written_fails() {
-    // Nobody may write there, whoever runs the test.
+fn a_read_only_folder_fails() {
+    // No user can write there.
     let doctor = run(&["doctor", "/proc", "--json"]).expect(1).json();
     let disk = finding(&doctor, "disk");
     assert_eq!(disk["level"], "fail");
@@ -91,7 +74,7 @@ fn a_place_that_cannot_be_written_fails() {
 }
 
 #[test]
-fn a_run_of_another_kind_is_told() {
+fn a_run_with_other_bits_or_a_damaged_spec_fails() {
     let place = workplace();
     let spec = place.path().join("runs/smoke/spec.json");
     let mut other = read_json(&spec);
@@ -145,14 +128,14 @@ fn a_bucket_is_a_store() {
     let away = doctor("s3://bucket/runs/x", 1);
     assert_eq!(level(&away, "store put"), "fail");
     assert!(
-        finding(&away, "store put")["to_do"].as_str().unwrap().contains("does it run"),
+        finding(&away, "store put")["to_do"].as_str().unwrap().contains("that it runs"),
         "{away:#}"
     );
 }
 
 #[cfg(feature = "nats")]
 #[test]
-fn a_queue_that_is_not_there_fails() {
+fn an_absent_queue_fails() {
     let folder = tempfile::tempdir().unwrap();
     let doctor =
         run(&["doctor", text(folder.path()), "--queue", "nats://me:hush@127.0.0.1:1", "--json"])
@@ -175,7 +158,7 @@ fn a_server_is_a_queue() {
             run(&["doctor", text(folder.path()), "--queue", &url, "--json"]).expect(0).json();
         assert_ne!(level(&doctor, "queue"), "fail", "{doctor:#}");
         assert_eq!(level(&doctor, "JetStream"), "ok", "{doctor:#}");
-        // The stream of the first doctor is gone; old servers do not tell.
+        // The first doctor's stream is gone; old servers do not report streams.
         let streams = &finding(&doctor, "JetStream")["measured"]["streams"];
         assert!(streams.is_null() || streams == 0, "{doctor:#}");
         assert_eq!(level(&doctor, "queue clock"), "ok", "{doctor:#}");

@@ -1,4 +1,4 @@
-//! Every command's help ends with examples, and every example does what it says.
+//! Every command's help ends with examples, and every example works.
 
 use crate::support::program::run;
 use crate::support::workplace::{run_in, workplace};
@@ -6,30 +6,26 @@ use clap::{CommandFactory, Parser};
 use glasshouse::cli::Args;
 use std::path::Path;
 
-/// What is done with an example that a test cannot run.
+/// Treatment of an example that a test cannot run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Instead {
     /// It is run with `-n`.
     DryRun,
-    /// It is understood, and that is all.
-    Understood,
+    /// It is only parsed.
+    Parsed,
 }
 
-use Instead::{DryRun, Understood};
+use Instead::{DryRun, Parsed};
 
-/// Examples that are not run as they stand, and why not.
+/// Examples that are not run unchanged, with the reason.
 const NOT_RUN: &[(&str, Instead, &str)] = &[
     ("sample /tmp/places --layout places --count 68", DryRun, "takes long"),
     ("sample /tmp/many --layout places --count 4160 --width 32 --height 24", DryRun, "takes long"),
-    (
-        "coordinate runs/mine --queue nats://localhost:4222",
-        Understood,
-        "needs a server at that address",
-    ),
-    ("work runs/mine --queue nats://localhost:4222", Understood, "needs a server at that address"),
+    ("coordinate runs/mine --queue nats://localhost:4222", Parsed, "needs a server"),
+    ("work runs/mine --queue nats://localhost:4222", Parsed, "needs a server"),
     (
         "doctor --store s3://bucket/runs/mine --queue nats://localhost:4222",
-        Understood,
+        Parsed,
         "needs a bucket and a server",
     ),
     #[cfg(feature = "train")]
@@ -54,7 +50,7 @@ const NOT_RUN: &[(&str, Instead, &str)] = &[
     ("bench train -j 1 --json --steps 3", DryRun, "measures for long"),
 ];
 
-/// The names of all commands and of those inside of them (`bench error`), in the order of the help.
+/// The names of all commands and subcommands (`bench error`), in the order of the help.
 fn commands() -> Vec<String> {
     fn walk(command: &clap::Command, before: &str, names: &mut Vec<String>) {
         for inside in command.get_subcommands().filter(|inside| !inside.is_hide_set()) {
@@ -69,7 +65,7 @@ fn commands() -> Vec<String> {
     names
 }
 
-/// The example command lines of a command's help, without the program's name, comments and what a shell does.
+/// The example command lines of a command's help, without the program's name, comments and redirections.
 fn examples(name: &str) -> Vec<String> {
     let words: Vec<&str> = name.split_whitespace().chain(["--help"]).collect();
     let help = run(&words).expect(0).stdout;
@@ -98,7 +94,7 @@ fn all_examples() -> Vec<String> {
     all
 }
 
-/// An example as words, in which what is outside of `folder` becomes a place in it.
+/// The words of an example, with outside paths replaced by paths in `folder`.
 fn words(line: &str, folder: &Path) -> Vec<String> {
     let of = |word: &str| match word.strip_prefix("/tmp/") {
         Some(name) => folder.join(name).display().to_string(),
@@ -109,7 +105,7 @@ fn words(line: &str, folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn every_example_is_understood_and_none_is_excused_that_is_not_there() {
+fn every_example_is_parsed_and_every_exception_exists() {
     let all = all_examples();
     assert!(all.len() > commands().len(), "{} examples", all.len());
     for line in &all {
@@ -120,30 +116,26 @@ fn every_example_is_understood_and_none_is_excused_that_is_not_there() {
         assert!(parsed.is_ok() || is_help, "{line}: {}", parsed.unwrap_err());
     }
     for (line, _, why) in NOT_RUN {
-        assert!(
-            all.iter().any(|other| other == line),
-            "no help has the example {line:?} any more ({why})"
-        );
+        assert!(all.iter().any(|other| other == line), "no help has the example {line:?} ({why})");
     }
 }
 
 #[test]
-fn examples_do_what_they_say() {
+fn examples_work() {
     for line in all_examples() {
         let instead =
             NOT_RUN.iter().find(|(other, ..)| *other == line).map(|(_, instead, _)| *instead);
-        if instead == Some(Understood) {
+        if instead == Some(Parsed) {
             continue;
         }
         let folder = workplace();
-        // Runs that are planned from nothing have another name than the one that is there.
         let mut arguments = words(&line, folder.path());
         if instead == Some(DryRun) {
             arguments.push("-n".to_owned());
         }
         let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
         let ended = run_in(folder.path(), &arguments);
-        // A build machine may be slow or crowded in ways that a doctor tells.
+        // The doctor may find a slow or crowded build machine unfit.
         if line.starts_with("doctor") && ended.code == Some(1) {
             eprintln!("`{line}` finds this machine unfit: {}", ended.stdout);
             continue;

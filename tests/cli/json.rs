@@ -1,6 +1,6 @@
-//! What scripts read: one JSON object on stdout, progress and notes on stderr.
+//! `--json`: one JSON object on stdout, progress and notes on stderr.
 
-use crate::support::program::{run, text};
+use crate::support::program::{run, run_line, text};
 use crate::support::scenes::{photographs, place, scene};
 
 #[test]
@@ -12,56 +12,42 @@ fn every_command_prints_one_object() {
     std::fs::write(&scene_path, scene("one").to_string()).unwrap();
     let (out, run_folder) = (folder.join("out"), text(&place.run));
     let (scene_path, out) = (text(&scene_path), text(&out));
-    let sample = folder.join("sample");
-    let sample = ["sample", text(&sample), "--count", "2", "--width", "32", "--height", "24"];
-    let exported = folder.join("exported");
-    let export = ["--format", "pairs", "--out", text(&exported)];
-    let bench = folder.join("bench");
-    let bench_error = [
-        "bench",
-        "error",
-        "--scene",
-        scene_path,
-        "--spp",
-        "1,4",
-        "--reference-spp",
-        "16",
-        "--out",
-        text(&bench),
+    let [sample, exported, bench, man] =
+        ["sample", "exported", "bench", "man"].map(|name| folder.join(name).display().to_string());
+    let commands = [
+        ("plan", place.arguments("plan", &[]).join(" ")),
+        ("work", format!("work {run_folder}")),
+        ("run", place.arguments("run", &[]).join(" ")),
+        ("merge", format!("merge {run_folder}")),
+        ("status", format!("status {run_folder}")),
+        ("pause", format!("pause {run_folder}")),
+        ("cancel", format!("cancel {run_folder}")),
+        ("resume", format!("resume {run_folder}")),
+        ("retry", format!("retry {run_folder} --all")),
+        ("explain", format!("explain {run_folder} train-sample-000000:0")),
+        ("audit", format!("audit {run_folder}")),
+        ("export", format!("export {run_folder} --format pairs --out {exported}")),
+        ("report", format!("report {run_folder}")),
+        ("inspect", format!("inspect {run_folder} {scene_path}")),
+        ("doctor", format!("doctor {run_folder} -j 1")),
+        ("completions", "completions bash".to_owned()),
+        ("man", format!("man --out {man}")),
+        ("render", format!("render {scene_path} --out {out}")),
+        ("sample", format!("sample {sample} --count 2 --width 32 --height 24")),
+        (
+            "bench_error",
+            format!("bench error --scene {scene_path} --spp 1,4 --reference-spp 16 --out {bench}"),
+        ),
+        ("bench_trace", format!("bench trace --no-builtin --scene {scene_path} --passes 1")),
     ];
-    let bench_trace = ["bench", "trace", "--no-builtin", "--scene", scene_path, "--passes", "1"];
-    let man = folder.join("man");
-    let commands: [(&str, Vec<&str>); 21] = [
-        ("plan", place.arguments("plan", &[])),
-        ("work", vec!["work", run_folder]),
-        ("run", place.arguments("run", &[])),
-        ("merge", vec!["merge", run_folder]),
-        ("status", vec!["status", run_folder]),
-        ("pause", vec!["pause", run_folder]),
-        ("cancel", vec!["cancel", run_folder]),
-        ("resume", vec!["resume", run_folder]),
-        ("retry", vec!["retry", run_folder, "--all"]),
-        ("explain", vec!["explain", run_folder, "train-sample-000000:0"]),
-        ("audit", vec!["audit", run_folder]),
-        ("export", [&["export", run_folder][..], &export].concat()),
-        ("report", vec!["report", run_folder]),
-        ("inspect", vec!["inspect", run_folder, scene_path]),
-        ("doctor", vec!["doctor", run_folder, "-j", "1"]),
-        ("completions", vec!["completions", "bash"]),
-        ("man", vec!["man", "--out", text(&man)]),
-        ("render", vec!["render", scene_path, "--out", out]),
-        ("sample", sample.to_vec()),
-        ("bench_error", bench_error.to_vec()),
-        ("bench_trace", bench_trace.to_vec()),
-    ];
-    for (name, arguments) in commands {
-        for more in [&["--json", "-n"][..], &["--json"], &["--json", "-q"]] {
-            let ended = run(&[&arguments[..], more].concat()).expect(0);
-            // A run that is only thought through is a plan.
-            let is_plan = name == "run" && more.contains(&"-n");
+    for (name, line) in commands {
+        for more in ["--json -n", "--json", "--json -q"] {
+            let ended = run_line(&format!("{line} {more}")).expect(0);
+            // A dry `run` prints a plan.
+            let is_plan = name == "run" && more.contains("-n");
             let schema = if is_plan { "plan" } else { name };
             assert_eq!(ended.json()["schema"], format!("glasshouse.{schema}/1"));
-            if more.contains(&"-q") {
+            if more.contains("-q") {
                 assert!(ended.stderr.is_empty(), "{ended:?}");
             }
         }

@@ -1,10 +1,11 @@
-//! Stopped politely, out of time, busy, out of space: what is done stays done, and the exit code says why.
+//! Signals, time limits, locks and full disks: finished work stays, and the exit code tells the reason.
 
 use crate::support::outputs::{assert_same, assert_tidy, files, manifest, tuples};
 use crate::support::program::{Ended, command, run, run_on_full_disk, send, text, wait_until};
 use crate::support::scenes::{SCENES, SHARDS, place, reference};
 use glasshouse::run::Run;
 use render::line::Roots;
+use std::path::Path;
 
 fn stopped_by(signal: &str, code: i32) {
     let place = place();
@@ -22,7 +23,7 @@ fn stopped_by(signal: &str, code: i32) {
     assert!(traced > 0 && traced < (SCENES * SHARDS) as u64, "{traced}");
 
     let status = run(&["status", folder, "--json"]).expect(0).json();
-    assert_eq!(status["shards_done"], traced, "nothing that was traced is lost");
+    assert_eq!(status["shards_done"], traced, "a traced shard is lost");
     let outcome = run(&["work", folder, "--json"]).expect(0).json();
     let merged = stopped["merged"].as_u64().unwrap();
     assert_eq!(outcome["already_merged"], merged);
@@ -43,36 +44,25 @@ fn sigint_ends_with_130() {
 }
 
 #[test]
-fn an_interrupted_render_says_so_in_json() {
+fn an_interrupted_render_gives_a_json_error() {
     let place = place();
     place.plan();
     let scene = place.run.join("one.json");
     std::fs::write(&scene, manifest(&place.run)[0].to_string()).unwrap();
     let root = format!("sample={}", text(&place.run.join("inputs/sample")));
     let out = place.run.join("out");
-    // Far more samples than there is time for; with bars, so that something says that tracing has begun.
-    let mut child = command(&[
-        "render",
-        text(&scene),
-        "--out",
-        text(&out),
-        "--root",
-        &root,
-        "--spp",
-        "65536",
-        "--json",
-        "-q",
-    ])
-    .spawn()
-    .unwrap();
+    // Far more samples than the test has time for.
+    let arguments = ["render", text(&scene), "--out", text(&out), "--root", &root];
+    let more = ["--spp", "65536", "--json", "-q"];
+    let mut child = command(&[&arguments[..], &more].concat()).spawn().unwrap();
     let status = format!("/proc/{}/status", child.id());
-    if !std::path::Path::new(&status).exists() {
-        eprintln!("skipped: no /proc to see caught signals in");
+    if !Path::new(&status).exists() {
+        eprintln!("skipped: without /proc, caught signals are unknown");
         child.kill().unwrap();
         child.wait().unwrap();
         return;
     }
-    // Bit 14 of SigCgt: SIGTERM is caught from now on.
+    // Bit 14 of SigCgt: SIGTERM is caught.
     let catches = || {
         let text = std::fs::read_to_string(&status).unwrap_or_default();
         let mask = text.lines().find_map(|l| l.strip_prefix("SigCgt:"));
@@ -87,14 +77,14 @@ fn an_interrupted_render_says_so_in_json() {
 }
 
 #[test]
-fn time_limit_ends_with_75_until_nothing_is_left() {
+fn a_time_limit_exits_with_75_until_the_run_is_done() {
     let place = place();
     place.plan();
     let folder = text(&place.run);
     let ended = run(&["work", folder, "--time-limit", "0", "--json"]).expect(75);
     assert_eq!(ended.json()["stopped"], "time_limit");
     assert_eq!(ended.json()["shards_traced"], 0);
-    // Scene by scene, as a batch queue would do it.
+    // In short slots, like a batch queue.
     let mut slots = 0;
     loop {
         slots += 1;
@@ -110,7 +100,7 @@ fn time_limit_ends_with_75_until_nothing_is_left() {
 }
 
 #[test]
-fn a_second_process_is_told_to_wait() {
+fn a_second_process_exits_with_75() {
     let place = place();
     place.plan();
     let run_in_use = Run::open(&place.run, &Roots::default()).unwrap();
@@ -119,7 +109,7 @@ fn a_second_process_is_told_to_wait() {
     for arguments in [vec!["work", folder], vec!["merge", folder], place.arguments("run", &[])] {
         run(&arguments).expect(75).says(&["another process", folder]);
     }
-    // Looking is allowed.
+    // Reading is allowed.
     run(&["status", folder]).expect(0);
     drop(lock);
     run(&["work", folder]).expect(0);

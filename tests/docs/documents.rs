@@ -1,5 +1,5 @@
-//! What the documents say: links lead somewhere, every command is described, every figure of the README names its
-//! command, and every command line is run, or stands in a list with the reason why not.
+//! The documents: links work, every command is described, every figure of the README names its command, and every
+//! command line is run or is an exception with a reason.
 
 use crate::document_pages::{page, pages};
 use crate::not_run::{NOT_RUN, is_of};
@@ -14,7 +14,7 @@ fn commands() -> Vec<String> {
     let (_, list) = help.split_once("Commands:\n").unwrap();
     let lines = list.lines().take_while(|line| !line.is_empty());
     lines
-        // What goes on in a second line is indented more.
+        // Continued lines are indented more.
         .filter(|line| line.starts_with("  ") && !line.starts_with("   "))
         .map(|line| line.split_whitespace().next().unwrap().to_owned())
         .filter(|name| name != "help")
@@ -36,7 +36,7 @@ fn every_command_is_described() {
 }
 
 #[test]
-fn links_lead_somewhere() {
+fn links_have_targets() {
     let mut count = 0;
     for page in pages() {
         let folder = Path::new(&page.name).parent().unwrap().to_owned();
@@ -96,11 +96,10 @@ fn image_size(path: &Path) -> (u32, u32) {
     image::image_dimensions(path).unwrap()
 }
 
-/// Commands that leave everything as it was: run as they stand. The others are run with `-n`, which looks at all that
-/// they are given and writes nothing.
+/// Commands that write no file are run unchanged, the others with `-n`.
 const READ_ONLY: &[&str] = &["status", "explain", "doctor", "completions", "inspect"];
 
-/// A folder in which there is what the command lines of the documents name.
+/// Creates the files and folders that the documents' command lines name.
 fn furnish(folder: &Path) {
     let run = |line: &str| {
         let words: Vec<&str> = line.split(' ').collect();
@@ -108,7 +107,7 @@ fn furnish(folder: &Path) {
     };
     run("sample data/diode --count 72 --width 32 --height 24");
     run("sample made-places --layout places --count 68 --width 32 --height 24");
-    // Not begun: there is something to hold and to go on with.
+    // Not started, so that it can be paused and resumed.
     run("plan my.toml --root diode=data/diode --out runs/mine");
     let link = |from: &str, to: &str| {
         let to = folder.join(to);
@@ -144,7 +143,7 @@ fn furnish(folder: &Path) {
     }
 }
 
-/// A command line as it is run here, in a folder of its own: what stands for something is put in its place.
+/// A command line with its placeholders replaced, to be run in a separate folder.
 fn as_run(line: &str) -> Vec<String> {
     let line = line
         .replace("\"$GLASSHOUSE_QUEUE\"", "nats://one:4222")
@@ -163,7 +162,7 @@ fn as_run(line: &str) -> Vec<String> {
         word[usize::from(is_absolute)..].to_owned()
     };
     let mut words: Vec<String> = line.split_whitespace().skip(1).map(below).collect();
-    // A command that is only named.
+    // A command without arguments.
     if words.len() == 1 || words[0] == "bench" && words.len() == 2 {
         words.push("--help".to_owned());
     }
@@ -214,7 +213,7 @@ fn command_lines_are_run_or_listed() {
     }
 }
 
-/// Every file of Rust below a folder.
+/// The text of every Rust file below a folder.
 fn sources(folder: &Path, found: &mut Vec<String>) {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -246,7 +245,7 @@ fn every_schema_is_documented() {
         }
     }
     assert!(names.len() > 20, "{names:?}");
-    // What random numbers are hashed with, and versions that do not exist, in tests.
+    // Keys of random numbers, and versions that only tests use.
     for name in ["draw/1", "train.random/1", "scene/2", "control/2", "spec/9"] {
         assert!(names.remove(&format!("glasshouse.{name}")), "{name}");
     }

@@ -1,4 +1,4 @@
-//! The programs of `examples/`: each is run, the second and the third on what the first has made.
+//! The programs of `examples/`: each is run, the second and the third on the output of the first.
 
 #[allow(dead_code, reason = "its main is not called")]
 #[path = "../../examples/read_tuple.rs"]

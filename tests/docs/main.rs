@@ -1,4 +1,4 @@
-//! What the repository says: every page, every command line in them, and the launch files of `workers/`.
+//! The repository's pages, their command lines, and the launch files of `workers/`.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,

@@ -76,7 +76,7 @@ fn the_same_seed_draws_the_same_scenes() {
     let place = place();
     place.plan();
     let folder = text(&place.run);
-    run(&["audit", folder]).expect(1).says(&["nothing to compare yet"]);
+    run(&["audit", folder]).expect(1).says(&["nothing can be compared yet"]);
     run(&["work", folder, "-q"]).expect(0);
     let drawn = |seed: &str| {
         let draw = ["audit", folder, "--share", "0.5", "--seed", seed, "-n", "--json"];

@@ -70,7 +70,7 @@ fn attempts_and_quarantine_are_told_with_their_logs() {
     assert_eq!(object["state"], "begun");
     assert_eq!(object["attempts"].as_array().unwrap().len(), 2);
     for part in
-        ["alpha-1", "crashed: signal 6", "| last words", "attempt 2, beta-2", "in hand of beta-2"]
+        ["alpha-1", "crashed: signal 6", "| last words", "attempt 2, beta-2", "held by beta-2"]
     {
         assert!(words.contains(part), "no {part:?} in {words}");
     }

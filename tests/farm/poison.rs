@@ -47,14 +47,19 @@ fn a_scene_that_kills_its_process_is_set_aside_after_four() {
     assert_aborted(&run(&work));
     assert_eq!(attempts(&place.run, poison).len(), 1);
     // Three children die; this process goes on.
-    run(&work).expect(3).says(&["traced in one of its own", "SIGABRT", "as ordered", "quarantine"]);
+    run(&work).expect(3).says(&[
+        "a child process traces it",
+        "SIGABRT",
+        "as --fault asks",
+        "quarantine",
+    ]);
     assert_same(&tuples(&place.run), &without(poison));
     let records = attempts(&place.run, poison);
     assert_eq!(records.len(), 4);
     let crashed = records.iter().filter(|r| r["ended"]["kind"] == "crashed");
     assert_eq!(crashed.count(), 3);
     let reason = quarantine_reason(&place.run, poison);
-    for word in ["4 processes", "SIGABRT", "aborts this process, as ordered"] {
+    for word in ["4 processes", "SIGABRT", "aborts this process, as --fault asks"] {
         assert!(reason.contains(word), "{reason}");
     }
     // Mended, it is done.
@@ -73,7 +78,7 @@ fn a_suspect_that_is_innocent_is_done_in_a_child() {
     let fault = format!("abort:{innocent}");
     assert_aborted(&run(&["work", text(&place.run), "--fault", &fault]));
     let ended = run(&["work", text(&place.run), "--json"]).expect(0);
-    let ended = ended.says(&[innocent, "traced in one of its own"]).json();
+    let ended = ended.says(&[innocent, "a child process traces it"]).json();
     assert_eq!(ended["quarantined"], json!([]));
     let (here, before) = (ended["merged"].as_u64(), ended["already_merged"].as_u64());
     assert_eq!(here.unwrap() + before.unwrap(), SCENES as u64);

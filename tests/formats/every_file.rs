@@ -109,7 +109,7 @@ fn of_a_run(files: &mut Files) {
         &["64 x 64 px", "checksums fit"],
     );
     files.is("runs/smoke/report/index.html", "report", unknown, &["smoke"]);
-    files.is("out/input.exr", "exr", unknown, &["40 x 24 px, float", "as `glasshouse render`"]);
+    files.is("out/input.exr", "exr", unknown, &["40 x 24 px, float", "by `glasshouse render`"]);
     files.is("runs/smoke/work.lock", "lock", whole, &["empty on purpose"]);
     let status = run_in(&folder, &["status", "runs/smoke", "--json"]).expect(0).stdout;
     files.put("status.json", status);

@@ -76,7 +76,7 @@ fn a_signal_stops_it_and_it_can_be_gone_on_with() {
         if ended.code == Some(0) {
             continue;
         }
-        ended.expect(143).says(&["the same command goes on"]);
+        ended.expect(143).says(&["run the same command to resume"]);
         run(&line).expect(0);
         assert_equal(&out, &whole);
         return;

@@ -138,7 +138,10 @@ fn mistakes_in_a_list_are_found_when_it_is_planned() {
     lines[0]["color"] = json!("b.png");
     lines.remove(1);
     plan(&lines, &["mine:a.png", "twice as wide as high"]);
-    plan(&with("colour", json!("b.png")), &["photographs.jsonl", "line 2: a side with `color`: unknown field `colour`"]);
+    plan(
+        &with("colour", json!("b.png")),
+        &["photographs.jsonl", "line 2: a side with `color`: unknown field `colour`"],
+    );
     plan(&with("place", json!("garden")), &["line 2: unknown variant `garden`"]);
     plan(&with("color", good[0]["color"].clone()), &["source mine lists a.png twice"]);
 }

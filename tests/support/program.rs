@@ -72,7 +72,12 @@ pub(crate) fn run<S: AsRef<OsStr>>(arguments: &[S]) -> Ended {
     command(arguments).output().unwrap().into()
 }
 
-/// Runs the program where no file may be larger than a block: a full disk, to it.
+/// Runs the program with the words of a line.
+pub(crate) fn run_line(line: &str) -> Ended {
+    run(&line.split(' ').collect::<Vec<_>>())
+}
+
+/// Runs the program where no file may be larger than a block, as if the disk were full.
 pub(crate) fn run_on_full_disk(arguments: &[&str]) -> Ended {
     let mut limited = Command::new("sh");
     limited.args(["-c", "trap '' XFSZ; ulimit -f 1; exec \"$0\" \"$@\"", PROGRAM]);

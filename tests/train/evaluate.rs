@@ -253,10 +253,12 @@ fn separations_that_cannot_be_are_refused() {
     separate(run_folder, &[text(&image), text(&namesake)], &out)
         .expect(2)
         .says(&["both become", "a.transmission.png"]);
-    // An image that would be written over.
+    // An image that would be overwritten.
     let made = folder.join("a.transmission.png");
     picture(40, 30).save(&made).unwrap();
-    separate(run_folder, &[text(&image), text(&made)], folder).expect(2).says(&["written over"]);
+    separate(run_folder, &[text(&image), text(&made)], folder)
+        .expect(2)
+        .says(&["would be overwritten"]);
     // No checkpoint, or one without an SP-net.
     separate(text(folder), &[text(&image)], &out).expect(4).says(&["holds no checkpoint"]);
     let backtrack = shown(&place.run.join("train/backtrack"));

@@ -1,22 +1,22 @@
 #!/usr/bin/env bash
-# Makes what the queue's server and its users need: a private certificate authority, the server's certificate, an nkey for
-# each role, and a server configuration that is ready to start. Needs bash, openssl 1.1.1 or newer, and GNU coreutils.
+# Makes the keys of the queue's server and its users: a private certificate authority, the server's certificate, an nkey for
+# each role, and a complete server configuration. Needs bash, openssl 1.1.1 or newer, and GNU coreutils.
 #
 #     make-keys.sh [--server-dir DIR] [--store-dir DIR] [--port PORT] OUT NAME...
 #
-# NAME: how workers reach the server, host names or IP addresses; the first goes into the roles' URL.
-# OUT gets one folder for each machine's needs, readable by its owner only:
+# NAME: the server's host names or IP addresses; the first is used in the roles' URL.
+# OUT gets one folder per role, readable by its owner only:
 #
 #     OUT/server/       server.conf keys.conf ca.pem cert.pem key.pem     to the machine of nats-server
-#     OUT/coordinator/  nkey ca.pem queue.env                             to where `glasshouse coordinate` runs
+#     OUT/coordinator/  nkey ca.pem queue.env                             to the machine of `glasshouse coordinate`
 #     OUT/worker/       nkey ca.pem queue.env                             to every worker
-#     OUT/observer/     nkey ca.pem queue.env                             to who may look
-#     OUT/ca/           ca.key                                            to nobody: it makes further certificates
+#     OUT/observer/     nkey ca.pem queue.env                             to observers
+#     OUT/ca/           ca.key                                            stays secret: it signs further certificates
 #
-# --server-dir: where the server will see OUT/server [default: where it is made], for instance /etc/nats in a container.
+# --server-dir: path of OUT/server on the server [default: its path here], for instance /etc/nats in a container.
 # --store-dir: folder for JetStream's files [default: SERVER_DIR/jetstream]. --port: in the URL [default: 4222].
 #
-# What is there is kept; what is missing is made. To exchange a key, delete its folder, run this again with the same
+# Existing files are kept, missing ones are made. To exchange a key, delete its folder, run this again with the same
 # arguments and reload the server (`nats-server --signal reload=PID`): the old key is then refused.
 set -euo pipefail
 umask 077
@@ -50,7 +50,7 @@ for name in "$@"; do
     [[ $name =~ ^[A-Za-z0-9.:_-]+$ ]] || { echo "error: '$name' is neither a host name nor an address" >&2; exit 2; }
 done
 for path in "$out" "$server_dir" "$store_dir"; do
-    [[ $path != *[\"\\]* ]] || { echo "error: no quote or backslash may stand in '$path'" >&2; exit 2; }
+    [[ $path != *[\"\\]* ]] || { echo "error: '$path' must not contain quotes or backslashes" >&2; exit 2; }
 done
 
 # --- certificates: EC keys of curve P-256, ten years ---
@@ -69,7 +69,7 @@ for name in "$@"; do
     if [[ $name == *:* || $name =~ ^[0-9.]+$ ]]; then kind=IP; else kind=DNS; fi
     alternative_names+="${alternative_names:+,}$kind:$name"
 done
-# Made again when the server has other names.
+# Made again if the server has other names.
 if [ ! -s "$out/server/cert.pem" ] || [ "$(cat "$out/server/names" 2>/dev/null)" != "$alternative_names" ]; then
     openssl ecparam -name prime256v1 -genkey -noout -out "$out/server/key.pem"
     openssl req -new -key "$out/server/key.pem" -subj "/CN=glasshouse-queue" -out "$out/server/request.pem"
@@ -82,7 +82,7 @@ if [ ! -s "$out/server/cert.pem" ] || [ "$(cat "$out/server/names" 2>/dev/null)"
     printf '%s' "$alternative_names" >"$out/server/names"
 fi
 
-# --- nkeys: an ed25519 key in base32, after a prefix that says what it is, before a checksum ---
+# --- nkeys: an ed25519 key in base32, between a prefix for its kind and a checksum ---
 
 # CRC-16/XMODEM of hexadecimal bytes, low byte first.
 crc16() {
@@ -130,7 +130,7 @@ done
 
 cp "$source_dir/server.conf" "$out/server/server.conf"
 {
-    echo "# Made by make-keys.sh; holds public keys and paths, no secret."
+    echo "# Made by make-keys.sh; contains public keys and paths, no secrets."
     echo "QUEUE_CERT: \"$server_dir/cert.pem\""
     echo "QUEUE_CERT_KEY: \"$server_dir/key.pem\""
     echo "QUEUE_FILES: \"$store_dir\""

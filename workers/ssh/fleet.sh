@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
-# Workers on machines that share a folder and are reached by ssh without a password.
+# Workers on machines with a shared folder and ssh access without a password.
 #
-#     fleet.sh start HOSTS RUN QUEUE_ENV [ARGUMENT...]    start one worker a host, unless it runs already
-#     fleet.sh list  HOSTS RUN                            say where workers run
-#     fleet.sh stop  HOSTS RUN                            SIGTERM: each hands back what it holds and ends
+#     fleet.sh start HOSTS RUN QUEUE_ENV [ARGUMENT...]    start one worker per host, unless it is running
+#     fleet.sh list  HOSTS RUN                            list the hosts with a running worker
+#     fleet.sh stop  HOSTS RUN                            SIGTERM: each worker requeues its tasks and exits
 #
-# HOSTS: a file with one host a line (as ssh takes it), # for comments. RUN: the run's folder, the same path on every host.
-# QUEUE_ENV: keys/worker/queue.env, on the shared folder as well. ARGUMENTs go to `glasshouse work`: -j 8 --lease-s 30.
-# `glasshouse` must be on the hosts' PATH, or name it: GLASSHOUSE=/shared/bin/glasshouse. Each worker's output is appended
-# to RUN/logs/HOST.log. SSH names another ssh.
+# HOSTS: a file with one host per line (as for ssh), # for comments. RUN: the run's folder, the same path on every host.
+# QUEUE_ENV: keys/worker/queue.env, in the shared folder. ARGUMENTs go to `glasshouse work`: -j 8 --lease-s 30.
+# `glasshouse` must be on the hosts' PATH, or set its path: GLASSHOUSE=/shared/bin/glasshouse. Each worker's output is appended
+# to RUN/logs/HOST.log. SSH sets another ssh command.
 set -euo pipefail
 
 usage() {
@@ -29,8 +29,8 @@ list | stop) ;;
 *) usage ;;
 esac
 
-# Runs on each host, as `bash -s ACTION RUN [ENVIRONMENT PROGRAM ARGUMENT...]`. A worker is known by its pid file, and that
-# the pid is still its own by the run's name among its arguments.
+# Runs on each host, as `bash -s ACTION RUN [ENVIRONMENT PROGRAM ARGUMENT...]`. A worker is identified by its pid file; the
+# run's name among the process's arguments proves that the pid was not reused.
 # shellcheck disable=SC2016
 remote='
 action=$1 run=$2

@@ -1,7 +1,7 @@
 //! `audit RUN`
 
 use crate::cli::args::{Global, RootArgs, StoreArgs, isa, parse_scene_id, threads};
-use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
@@ -11,11 +11,11 @@ use crate::run::{
     draw_scenes,
 };
 use crate::store::Store;
-use anyhow::anyhow;
 use clap::Args as ClapArgs;
 use render::ids::SceneId;
 use render::line::Roots;
 use serde::Serialize;
+use serde_json::json;
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
 use std::path::{Path, PathBuf};
@@ -26,13 +26,13 @@ use std::time::Instant;
 pub(super) struct AuditArgs {
     /// Folder of the run
     run: PathBuf,
-    /// Share of the scenes that are done, 0 to 1; at least one is traced again
+    /// Share of the finished scenes to trace again, 0 to 1; at least one scene
     #[arg(long, value_name = "SHARE", default_value_t = 0.005, value_parser = parse_share)]
     share: f64,
-    /// Which ones: the same seed, share and run give the same scenes [default: random, and said]
+    /// Seed of the choice: equal seed, share and run give equal scenes [default: random, and printed]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// This scene instead, repeatable; one that is not done is audited as far as it is there
+    /// Audit this scene instead (repeatable); of an unfinished scene, the files that exist
     #[arg(long = "scene", value_name = "SCENE", value_parser = parse_scene_id, conflicts_with_all = ["share", "seed"])]
     scenes: Vec<SceneId>,
     #[command(flatten)]
@@ -46,18 +46,19 @@ pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<
     let (run, store) = target::open(&args.run, args.store.store.as_deref(), &roots)?;
     let (places, seed) = places(args, &run, &store)?;
     if places.is_empty() {
-        let error = anyhow!("no scene of the run is done: there is nothing to compare yet");
-        return Err(Failure::new(Exit::Failed, error));
+        return Err(failure!(
+            Exit::Failed,
+            "no scene of the run is done: nothing can be compared yet"
+        ));
     }
     let shards = |index: &usize| u64::from(run.layout(&run.lines[*index]).len());
     if global.dry_run {
-        let planned = Planned {
-            run: &args.run,
-            dry_run: true,
-            seed,
-            scenes: places.iter().map(|&i| &run.lines[i].id).collect(),
-        };
-        output.show("glasshouse.audit/1", &planned);
+        let scenes: Vec<&str> = places.iter().map(|&i| run.lines[i].id.as_str()).collect();
+        let object = json!({
+            "run": args.run.to_string_lossy(), "dry_run": true, "seed": seed, "scenes": scenes,
+        });
+        let text = format!("would trace again: {}", scenes.join(" "));
+        output.say("glasshouse.audit/1", object, text);
         return Ok(Exit::Done);
     }
     let signals = Signals::catch();
@@ -74,7 +75,7 @@ pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<
         let Some(audit) = audit_scene(&run, &store, index, &options, &on_shard)? else {
             break;
         };
-        // What could not be compared was not traced.
+        // Count the shards of a scene that was not traced because it cannot be compared.
         progress.add(shards(&index).saturating_sub(progress.done() - before), true);
         if audit.verdict != Verdict::Same {
             progress.suspend(|| output.warning(&describe(&audit)));
@@ -125,39 +126,18 @@ fn places(
     let find = |id: &SceneId| {
         let place = run.lines.iter().position(|line| line.id == *id);
         place.ok_or_else(|| {
-            Failure::new(
-                Exit::Usage,
-                anyhow!("{id} is no scene of this run; manifest.jsonl names them all"),
-            )
+            failure!(Exit::Usage, "{id} is no scene of this run; manifest.jsonl names them all")
         })
     };
     let places: Result<Vec<usize>, Failure> = args.scenes.iter().map(find).collect();
     Ok((places?, None))
 }
 
-/// Small enough to be typed again.
+/// 32 bits: short enough for the user to type again.
 fn random_seed() -> Result<u64, Failure> {
-    let mut bytes = [0; 4];
-    getrandom::fill(&mut bytes).map_err(|e| {
-        let error = anyhow!("the system has no random numbers ({e}); give --seed N");
-        Failure::new(Exit::Failed, error)
-    })?;
-    Ok(u64::from(u32::from_le_bytes(bytes)))
-}
-
-#[derive(Serialize)]
-struct Planned<'a> {
-    run: &'a Path,
-    dry_run: bool,
-    seed: Option<u64>,
-    scenes: Vec<&'a SceneId>,
-}
-
-impl fmt::Display for Planned<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("would trace again:")?;
-        self.scenes.iter().try_for_each(|scene| write!(f, " {scene}"))
-    }
+    getrandom::u32().map(u64::from).map_err(|e| {
+        failure!(Exit::Failed, "the system has no random numbers ({e}); give --seed N")
+    })
 }
 
 #[derive(Serialize)]
@@ -176,7 +156,7 @@ struct Audited<'a> {
     share: f64,
 }
 
-/// Scenes of a worker that differ, and all that were compared.
+/// A worker's scenes: those that differ, and all that were compared.
 #[derive(Serialize)]
 struct WorkerAudit {
     worker: String,
@@ -201,8 +181,8 @@ impl fmt::Display for Audited<'_> {
         }
         if *differ > 0 {
             f.write_str(
-                "\nTake out the machine that made them, then `glasshouse retry RUN SCENE… --anew` and work again makes them anew. \
-                 `glasshouse audit RUN --share 1` looks at all others.",
+                "\nRemove the machine that made them from the farm, then `glasshouse retry RUN SCENE… --anew` and \
+                 `glasshouse work RUN` make them again. `glasshouse audit RUN --share 1` checks all other scenes.",
             )?;
         }
         if self.stopped {
@@ -224,7 +204,7 @@ fn workers(audits: &[SceneAudit]) -> Vec<WorkerAudit> {
     workers.into_iter().map(worker).collect()
 }
 
-/// Without a farm nobody leaves a receipt.
+/// Workers outside a farm write no receipt.
 fn maker(audit: &SceneAudit) -> String {
     let receipt = audit.receipt.as_ref();
     receipt.map_or_else(|| "no receipt".to_owned(), Provenance::makers)
@@ -278,7 +258,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_share_is_a_share() {
+    fn shares_are_from_0_to_1() {
         assert_eq!(parse_share("0.25"), Ok(0.25));
         for bad in ["-0.1", "1.1", "nan", "x"] {
             assert!(parse_share(bad).is_err(), "{bad}");

@@ -5,12 +5,11 @@ use crate::cli::output::Output;
 use clap::Args as ClapArgs;
 use clap::Command;
 use clap_complete::Shell;
-use serde::Serialize;
-use std::fmt;
+use serde_json::json;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct CompletionsArgs {
-    /// Whose
+    /// Shell to complete for
     #[arg(value_enum)]
     shell: Shell,
 }
@@ -23,19 +22,7 @@ pub(super) fn run(
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut command, "glasshouse", &mut script);
     let script = String::from_utf8(script).map_err(|e| Failure::new(Exit::Failed, e))?;
-    let shell = args.shell.to_string();
-    output.show("glasshouse.completions/1", &Completions { shell, script });
+    let object = json!({ "shell": args.shell.to_string(), "script": script });
+    output.say("glasshouse.completions/1", object, script.trim_end());
     Ok(Exit::Done)
-}
-
-#[derive(Serialize)]
-struct Completions {
-    shell: String,
-    script: String,
-}
-
-impl fmt::Display for Completions {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.script.trim_end())
-    }
 }

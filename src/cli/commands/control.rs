@@ -7,17 +7,15 @@ use crate::cli::target;
 use crate::run::{ControlState, set_control};
 use clap::Args as ClapArgs;
 use render::line::Roots;
-use serde::Serialize;
-use std::fmt;
-use std::path::Path;
-use std::path::PathBuf;
+use serde_json::json;
+use std::path::{Path, PathBuf};
 
 /// `pause`, `cancel`
 #[derive(Debug, ClapArgs)]
 pub(super) struct HoldArgs {
     /// Folder of the run
     run: PathBuf,
-    /// Why, for who wonders; shown by workers, coordinator and status
+    /// Reason, shown by workers, coordinator and status
     #[arg(long, value_name = "TEXT")]
     reason: Option<String>,
     #[command(flatten)]
@@ -56,60 +54,38 @@ fn tell(
     output: &Output,
 ) -> Result<Exit, Failure> {
     let (run, store) = target::open(folder, store, &Roots::default())?;
-    let changed = set_control(&store, state, reason, global.dry_run)?;
+    let before = set_control(&store, state, reason, global.dry_run)?;
     let command = match state {
         ControlState::Running => "resume",
         ControlState::Paused => "pause",
         ControlState::Cancelled => "cancel",
     };
-    let told = Told {
-        run: folder,
-        dry_run: global.dry_run,
-        before: changed.before,
-        state: changed.now,
-        reason,
-        name: &run.spec.name,
-    };
-    output.show(&format!("glasshouse.{command}/1"), &told);
-    Ok(Exit::Done)
-}
-
-#[derive(Serialize)]
-struct Told<'a> {
-    run: &'a Path,
-    dry_run: bool,
-    before: ControlState,
-    state: ControlState,
-    reason: Option<&'a str>,
-    #[serde(skip)]
-    name: &'a str,
-}
-
-impl fmt::Display for Told<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = self.name;
-        let would = if self.dry_run { "would be" } else { "is" };
-        match (self.before, self.state) {
-            (ControlState::Running, ControlState::Running) => {
-                write!(f, "{name} was neither paused nor cancelled: nothing to resume")
-            }
-            (ControlState::Cancelled, ControlState::Running) => write!(
-                f,
-                "{name} {would} no longer cancelled: start `glasshouse work` (and `coordinate`) again, they go on where it ended"
-            ),
-            (_, ControlState::Running) => {
-                write!(f, "{name} {would} resumed: workers notice within seconds")
-            }
-            (_, ControlState::Paused) => write!(
-                f,
-                "{name} {would} paused: workers notice within seconds, finish what they have opened and wait; `glasshouse resume` goes on"
-            ),
-            (_, ControlState::Cancelled) => write!(
-                f,
-                "{name} {would} cancelled: workers end after the shards in flight, with exit code {}; what is done stays, and \
-                 `glasshouse resume` takes it back",
-                Exit::Incomplete.code()
-            ),
+    let object = json!({
+        "run": folder.to_string_lossy(), "dry_run": global.dry_run, "before": before,
+        "state": state, "reason": reason,
+    });
+    let name = &run.spec.name;
+    let would = if global.dry_run { "would be" } else { "is" };
+    let text = match (before, state) {
+        (ControlState::Running, ControlState::Running) => {
+            format!("{name} was neither paused nor cancelled: nothing to resume")
         }
-    }
+        (ControlState::Cancelled, ControlState::Running) => format!(
+            "{name} {would} no longer cancelled: start `glasshouse work` (and `coordinate`) again to continue it"
+        ),
+        (_, ControlState::Running) => {
+            format!("{name} {would} resumed: workers notice within seconds")
+        }
+        (_, ControlState::Paused) => format!(
+            "{name} {would} paused: workers notice within seconds, finish the scenes they have opened and wait; \
+             `glasshouse resume` continues the run"
+        ),
+        (_, ControlState::Cancelled) => format!(
+            "{name} {would} cancelled: workers end after the shards in flight, with exit code {}; finished tuples stay, and \
+             `glasshouse resume` undoes the cancel",
+            Exit::Incomplete.code()
+        ),
+    };
+    output.say(&format!("glasshouse.{command}/1"), object, text);
+    Ok(Exit::Done)
 }

@@ -1,7 +1,7 @@
 //! `coordinate RUN`
 
 use crate::cli::args::{FARM, Global, QueueArgs};
-use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::queue;
@@ -12,10 +12,9 @@ use crate::serve::{ServeError, WatchedRun, serve};
 use crate::store::Store;
 use clap::Args as ClapArgs;
 use render::line::Roots;
-use serde::Serialize;
-use std::fmt;
+use serde_json::json;
 use std::os::unix::fs::MetadataExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -28,14 +27,14 @@ pub(super) struct CoordinateArgs {
     /// Address of the status page; port 0 picks one and prints it
     #[arg(long, value_name = "ADDR:PORT", help_heading = FARM)]
     listen: Option<std::net::SocketAddr>,
-    /// File with the secret (16 characters or more) that opens the page's buttons; or GLASSHOUSE_TOKEN in the environment
+    /// File with the secret (16 characters or more) that enables the page's buttons; or set GLASSHOUSE_TOKEN
     #[arg(long, value_name = "FILE", requires = "listen", help_heading = FARM)]
     token_file: Option<PathBuf>,
 }
 
 /// Environment variable with the secret for the page's buttons.
 const TOKEN: &str = "GLASSHOUSE_TOKEN";
-/// Shortest time between two looks.
+/// Shortest time between two polls of the store.
 const EVERY: Duration = Duration::from_secs(1);
 
 pub(super) fn run(
@@ -73,20 +72,28 @@ pub(super) fn run(
     let ended = ended?;
     let counts = ended.snapshot.counts();
     let quarantined = counts.quarantined.len() as u64;
-    let coordinated = Coordinated {
-        run: &args.run,
-        dry_run: false,
-        scenes: counts.scenes,
-        done: counts.merged,
-        quarantined,
-        spans_published: ended.published,
-        finished: counts.is_finished(),
-        cancelled: ended.cancelled,
-        wall_s: start.elapsed().as_secs_f64(),
-        cpu_s: process_cpu_s(),
-        stopped: ended.stopped,
+    let object = json!({
+        "run": args.run.to_string_lossy(),
+        "dry_run": false,
+        "scenes": counts.scenes,
+        "done": counts.merged,
+        "quarantined": quarantined,
+        "spans_published": ended.published,
+        "finished": counts.is_finished(),
+        "cancelled": ended.cancelled,
+        "wall_s": start.elapsed().as_secs_f64(),
+        "cpu_s": process_cpu_s(),
+    });
+    let how = match (ended.stopped, ended.cancelled) {
+        (true, _) => "; stopped by a signal; run the same command to resume",
+        (_, true) => {
+            "; the run is cancelled: `glasshouse resume RUN`, then run the same command to continue"
+        }
+        _ => "",
     };
-    output.show("glasshouse.coordinate/1", &coordinated);
+    let (done, scenes) = (counts.merged, counts.scenes);
+    let text = format!("{done} of {scenes} scenes are done, {quarantined} in quarantine{how}");
+    output.say("glasshouse.coordinate/1", object, text);
     Ok(match (ended.stopped, quarantined) {
         (true, _) => signals.exit(),
         (false, 0) if !ended.cancelled => Exit::Done,
@@ -94,7 +101,7 @@ pub(super) fn run(
     })
 }
 
-/// Looks at the store alone: a queue that is away would be waited for.
+/// Reads only the store: connecting to an absent queue would block.
 fn dry_run(
     args: &CoordinateArgs,
     run: &Run,
@@ -102,19 +109,21 @@ fn dry_run(
     output: &Output,
 ) -> Result<Exit, Failure> {
     let counts = Snapshot::take(run, store, Scope::COUNTS)?.counts();
-    let planned = Planned {
-        run: &args.run,
-        dry_run: true,
-        scenes: counts.scenes,
-        done: counts.merged,
-        quarantined: counts.quarantined.len() as u64,
-        scenes_left: counts.scenes_left(),
-    };
-    output.show("glasshouse.coordinate/1", &planned);
+    let (scenes, left) = (counts.scenes, counts.scenes_left());
+    let object = json!({
+        "run": args.run.to_string_lossy(),
+        "dry_run": true,
+        "scenes": scenes,
+        "done": counts.merged,
+        "quarantined": counts.quarantined.len(),
+        "scenes_left": left,
+    });
+    let text = format!("{left} of {scenes} scenes would be published");
+    output.say("glasshouse.coordinate/1", object, text);
     Ok(Exit::Done)
 }
 
-/// The secret for the page's buttons, from a file or the environment: a command line is seen by every user of a machine.
+/// The secret for the page's buttons, from a file or the environment: every user of a machine can see command lines.
 fn token(args: &CoordinateArgs, output: &Output) -> Result<Option<String>, Failure> {
     let Some(path) = &args.token_file else {
         #[allow(clippy::disallowed_methods, reason = "cli is where the environment is read")]
@@ -122,8 +131,7 @@ fn token(args: &CoordinateArgs, output: &Output) -> Result<Option<String>, Failu
         return Ok(token.filter(|token| args.listen.is_some() && !token.is_empty()));
     };
     let cannot = |e: std::io::Error| {
-        let error = anyhow::anyhow!("cannot read the token in {}: {e}", path.display());
-        Failure::new(Exit::Usage, error)
+        failure!(Exit::Usage, "cannot read the token in {}: {e}", path.display())
     };
     let text = std::fs::read_to_string(path).map_err(cannot)?;
     let others = std::fs::metadata(path).map_err(cannot)?.mode() & 0o077;
@@ -137,56 +145,5 @@ fn serve_exit(error: &ServeError) -> Exit {
     match error {
         ServeError::WeakToken => Exit::Usage,
         _ => Exit::Failed,
-    }
-}
-
-#[derive(Serialize)]
-struct Planned<'a> {
-    run: &'a Path,
-    dry_run: bool,
-    scenes: u64,
-    done: u64,
-    quarantined: u64,
-    scenes_left: u64,
-}
-
-impl fmt::Display for Planned<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (left, all) = (self.scenes_left, self.scenes);
-        write!(f, "{left} of {all} scenes would be published")
-    }
-}
-
-#[derive(Serialize)]
-struct Coordinated<'a> {
-    run: &'a Path,
-    dry_run: bool,
-    scenes: u64,
-    done: u64,
-    quarantined: u64,
-    spans_published: u64,
-    finished: bool,
-    cancelled: bool,
-    wall_s: f64,
-    cpu_s: f64,
-    #[serde(skip)]
-    stopped: bool,
-}
-
-impl fmt::Display for Coordinated<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{} of {} scenes are done, {} in quarantine",
-            self.done, self.scenes, self.quarantined
-        )?;
-        if self.stopped {
-            f.write_str("; stopped by a signal, the same command goes on")?;
-        } else if self.cancelled {
-            f.write_str(
-                "; the run is cancelled, after `glasshouse resume RUN` the same command goes on",
-            )?;
-        }
-        Ok(())
     }
 }

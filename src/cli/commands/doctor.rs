@@ -1,6 +1,6 @@
 //! `doctor [RUN]`
 
-use crate::cli::args::{FARM, Global, isa, threads};
+use crate::cli::args::{FARM, Global, NatsKeys, isa, threads};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::queue;
@@ -12,6 +12,7 @@ use crate::doctor::{
 };
 use crate::run::{Run, RunError, keys};
 use crate::store::{Store, StoreOptions};
+use crate::text::many;
 use clap::Args as ClapArgs;
 use render::line::Roots;
 use render::shard::{Golden, Spec};
@@ -22,26 +23,19 @@ use std::time::Duration;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct DoctorArgs {
-    /// Folder of a run, or where one shall be [default: where you are]
+    /// Folder of a run, or of a future run [default: the current folder]
     run: Option<PathBuf>,
-    /// A store to try: a folder, file:///FOLDER, or s3://BUCKET/PREFIX; one small object is put and removed
+    /// Store to check: a folder, file:///FOLDER, or s3://BUCKET/PREFIX; puts and removes one small object
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE", help_heading = FARM)]
     store: Option<String>,
-    /// A NATS server to try: nats://host:4222, tls://host:4222, several with commas
+    /// NATS server to check: nats://host:4222, tls://host:4222, several with commas
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_QUEUE", hide_env_values = true, help_heading = FARM)]
     queue: Option<String>,
-    /// File with the seed of an nkey
-    #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_NKEY", requires = "queue", help_heading = FARM)]
-    queue_nkey: Option<PathBuf>,
-    /// File with NATS credentials, as nsc writes it
-    #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_CREDS", requires = "queue", help_heading = FARM)]
-    queue_creds: Option<PathBuf>,
-    /// File with certificates (PEM) to trust besides the system's
-    #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_CA", requires = "queue", help_heading = FARM)]
-    queue_ca: Option<PathBuf>,
+    #[command(flatten)]
+    keys: NatsKeys,
 }
 
-/// A store that is away is said to be away after this time.
+/// A store that does not answer within this time is reported.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 pub(super) fn run(args: &DoctorArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -56,7 +50,7 @@ pub(super) fn run(args: &DoctorArgs, global: &Global, output: &Output) -> Result
     findings.push(check_golden(isa, threads, golden.as_ref()));
     findings.extend(run_finding);
     if global.dry_run {
-        output.note("-n writes nothing: disk, store and queue are not tried");
+        output.note("-n writes nothing: disk, store and queue are not checked");
     } else {
         findings.extend(check_disk(existing(&run)));
         if let Some(address) = &args.store {
@@ -90,7 +84,7 @@ struct Found {
     findings: Vec<Finding>,
 }
 
-/// A line of marks and words for each check; what is to be done below it.
+/// A line for each check, with the advice below it.
 impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let verdict = match (self.warn, self.fail) {
@@ -100,8 +94,7 @@ impl fmt::Display for Found {
         };
         let plural = |count: usize, what: &str| match count {
             0 => format!("no {what}s"),
-            1 => format!("1 {what}"),
-            n => format!("{n} {what}s"),
+            n => many(n as u64, what),
         };
         write!(
             f,
@@ -110,8 +103,7 @@ impl fmt::Display for Found {
             plural(self.warn, "warning"),
             plural(self.fail, "failure")
         )?;
-        let width = self.findings.iter().map(|f| f.check.len()).max();
-        let width = width.unwrap_or(0);
+        let width = self.findings.iter().map(|f| f.check.len()).max().unwrap_or(0);
         let mut lines: Vec<(String, String)> = Vec::new();
         for finding in &self.findings {
             let label = format!("{:<4}  {:<width$}", finding.level.name(), finding.check);
@@ -124,25 +116,24 @@ impl fmt::Display for Found {
     }
 }
 
-/// The golden shard of the run, if one is there, and whether it can be worked on.
+/// The run's golden shard, if there is a run, and whether the run can be worked on.
 fn planned(folder: &Path) -> (Option<Golden>, Option<Finding>) {
     let spec = std::fs::read(folder.join(keys::SPEC)).ok();
     let golden =
         spec.and_then(|bytes| serde_json::from_slice::<Spec>(&bytes).ok()).map(|spec| spec.golden);
-    let to_do = format!("`glasshouse inspect {}` tells more", folder.display());
+    let to_do = format!("`glasshouse inspect {}` has details", folder.display());
     let finding = match Run::open(folder, &Roots::default()) {
         Ok(run) => Finding::ok(
             "run",
             format!("{}, {} scenes, can be worked on", run.spec.name, run.lines.len()),
         ),
-        // No run yet: there is nothing to say of it.
         Err(RunError::Missing { .. }) => return (None, None),
         Err(error) => Finding::fail("run", error.to_string(), to_do),
     };
     (golden, Some(finding))
 }
 
-/// The folder, or the one above it in which it would be made.
+/// The folder, or its nearest ancestor that exists.
 fn existing(folder: &Path) -> &Path {
     let mut above = folder.ancestors();
     let found = above.find(|folder| folder.is_dir() || folder.as_os_str().is_empty());
@@ -161,12 +152,9 @@ fn store(address: &str) -> Vec<Finding> {
     if let Some(folder) = local
         && !Path::new(folder).is_dir()
     {
-        // Opening it would make it.
-        return vec![Finding::fail(
-            "store",
-            format!("there is no folder {folder}"),
-            "make it, or correct the address",
-        )];
+        // Opening the store would create the folder.
+        let text = format!("there is no folder {folder}");
+        return vec![Finding::fail("store", text, "make it, or correct the address")];
     }
     let options = StoreOptions { patience: PATIENCE, ..store_options() };
     match Store::open(address, &options) {
@@ -180,25 +168,15 @@ fn queue(args: &DoctorArgs) -> Vec<Finding> {
     let Some(url) = args.queue.clone() else {
         return Vec::new();
     };
-    crate::doctor::check_queue(&crate::farm::queue::NatsOptions {
-        url,
-        nkey: args.queue_nkey.clone(),
-        creds: args.queue_creds.clone(),
-        ca: args.queue_ca.clone(),
-        name: format!("doctor-{}", queue::worker_name()),
-    })
+    let name = format!("doctor-{}", queue::worker_name());
+    crate::doctor::check_queue(&args.keys.options(url, name))
 }
 
 #[cfg(not(feature = "nats"))]
 fn queue(args: &DoctorArgs) -> Vec<Finding> {
-    let missing = args.queue.iter();
-    missing
-        .map(|_| {
-            Finding::fail(
-                "queue",
-                "this program was built without the feature `nats`",
-                "use one that was built with it",
-            )
-        })
-        .collect()
+    let missing = |_| {
+        let text = "this program was built without the feature `nats`";
+        Finding::fail("queue", text, "use one that was built with it")
+    };
+    args.queue.iter().map(missing).collect()
 }

@@ -1,21 +1,18 @@
 //! `evaluate RUN|DIR`
 
 use crate::cli::args::{Global, SplitName};
-use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::network::{Network, NetworkArgs, TILE_PX, Which, use_threads};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::target;
 use crate::run::keys;
-use anyhow::anyhow;
 use clap::{Args as ClapArgs, ValueEnum};
 use compose::{Gain, LeftOut, Method, Pair, Protocol, Subject, find_pairs, fit_gain};
 use plan::{PixelSource, Stage};
 use render::line::Roots;
-use serde::Serialize;
 use serde_json::json;
-use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use train::{EVALUATION_SCHEMA, Evaluation, ScoredNetwork, Tiled, TupleSource};
@@ -26,19 +23,19 @@ pub(super) struct EvaluateArgs {
     /// Folder of a run; or of pairs: blended/ and transmission_layer/, or as SIR2 and CEILNet name them
     #[arg(value_name = "RUN|DIR")]
     place: PathBuf,
-    /// Networks to score, named as here or by stage and step; a folder as of `separate`; repeatable [default: the run's own]
+    /// Network to score: a folder as for `separate`, with a row name [default name: stage and step]; repeatable [default: the run's]
     #[arg(long = "checkpoint", value_name = "[NAME=]FOLDER")]
     checkpoints: Vec<String>,
-    /// Which scenes of a run
+    /// Scenes of a run to score
     #[arg(long, value_enum, default_value = "test")]
     split: SplitName,
-    /// Which scores the table shows; the files have all
+    /// Scores in the table; the files contain all
     #[arg(long, value_enum, default_value = "both")]
     protocol: ProtocolName,
-    /// Folder to write evaluation.md, .csv, .png (some pictures) and .json to [default: RUN/train/evaluation; of pairs: none]
+    /// Folder for evaluation.md, .csv, .png (some pictures) and .json [default: RUN/train/evaluation; for pairs: none]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Fit the input's gain to pairs of this folder, or to this run's train scenes [default: the run's own; of pairs: no gain]
+    /// Fit the input's gain to pairs of this folder, or to this run's train scenes [default: the run's; for pairs: no gain]
     #[arg(long, value_name = "RUN|DIR")]
     fit_gain: Option<PathBuf>,
     /// Score only the first N pairs
@@ -46,18 +43,18 @@ pub(super) struct EvaluateArgs {
     limit: Option<u32>,
     #[command(flatten)]
     network: NetworkArgs,
-    /// Where the run's tuples are, if not in its folder
+    /// Store of the run's tuples, if they are not in its folder
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE")]
     store: Option<String>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum ProtocolName {
-    /// Kim et al.'s: PSNR of all channels together, SSIM of the grey pictures.
+    /// Kim et al.: PSNR over all channels, SSIM of the grey pictures.
     Paper,
-    /// Of ERRNet and those after it: means over the channels.
+    /// ERRNet and its successors: means over the channels.
     Errnet,
-    /// Side by side.
+    /// Both, side by side.
     Both,
 }
 
@@ -88,13 +85,13 @@ impl EvaluateArgs {
     }
 }
 
-/// Warnings of one kind that are printed; the files list all.
+/// Warnings of one kind to print; the files list all.
 const WARNINGS: usize = 8;
 
 pub(super) fn run(args: &EvaluateArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let task = Task::new(args, global, output)?;
     if global.dry_run {
-        output.show(EVALUATION_SCHEMA, &task.planned());
+        task.plan(output);
         return Ok(Exit::Done);
     }
     let (evaluation, exit) = task.score(global, output)?;
@@ -111,7 +108,7 @@ pub(super) fn evaluate_run(
     Task::new(&EvaluateArgs::of_run(run), global, output)?.score(global, output)
 }
 
-/// What to score.
+/// An evaluation to do.
 struct Task<'a> {
     args: &'a EvaluateArgs,
     place: Place<'a>,
@@ -129,26 +126,31 @@ impl<'a> Task<'a> {
             pictures.keep_first(limit as usize);
         }
         if pictures.subject().count() == 0 {
-            let error = anyhow!(
+            return Err(failure!(
+                Exit::InvalidInput,
                 "{} was planned without scenes of the split {:?}; give another --split",
                 args.place.display(),
                 args.split.name()
-            );
-            return Err(Failure::new(Exit::InvalidInput, error));
+            ));
         }
         let networks = networks(args, place.is_run, output)?;
         Ok(Self { args, place, pictures, networks, threads })
     }
 
-    fn planned(&self) -> Planned {
-        let names = self.networks.iter().map(|(name, _)| name.clone());
-        Planned {
-            place: self.args.place.clone(),
-            dry_run: true,
-            images: self.pictures.subject().count(),
-            methods: std::iter::once("input".to_owned()).chain(names).collect(),
-            out: self.place.out(self.args),
-        }
+    fn plan(&self, output: &Output) {
+        let names = self.networks.iter().map(|(name, _)| name.as_str());
+        let methods: Vec<&str> = std::iter::once("input").chain(names).collect();
+        let images = self.pictures.subject().count();
+        let object = json!({
+            "where": self.args.place.to_string_lossy(),
+            "dry_run": true,
+            "images": images,
+            "methods": methods,
+            "out": self.place.out(self.args).map(|out| out.to_string_lossy().into_owned()),
+        });
+        let methods = methods.join(", ");
+        let text = format!("would score {images} pictures by {methods}; nothing is written");
+        output.say(EVALUATION_SCHEMA, object, text);
     }
 
     /// Scores, and writes the scores.
@@ -158,10 +160,8 @@ impl<'a> Task<'a> {
         let signals = Signals::catch();
         let (gain, of_gain) = gain(args, place, output, &signals)?;
         let tile_px = args.network.tile_px;
-        let tiled: Vec<Tiled> = networks
-            .iter()
-            .map(|(_, network)| Tiled { separator: &network.separator, tile_px })
-            .collect();
+        let separators = networks.iter().map(|(_, network)| &network.separator);
+        let tiled: Vec<Tiled> = separators.map(|separator| Tiled { separator, tile_px }).collect();
         let names = networks.iter().map(|(name, _)| name.clone());
         let methods = tiled.iter().map(|tiled| tiled as &dyn Method);
         let methods: Vec<(String, &dyn Method)> = names.zip(methods).collect();
@@ -172,12 +172,11 @@ impl<'a> Task<'a> {
         progress.finish();
         let scored = scored?;
         if scored.stopped {
-            let error = anyhow!(
-                "stopped after {} of {} pictures: nothing is written",
-                scored.done,
-                subject.count()
-            );
-            return Err(Failure::new(signals.exit(), error));
+            let (done, all) = (scored.done, subject.count());
+            return Err(failure!(
+                signals.exit(),
+                "stopped after {done} of {all} pictures: nothing is written"
+            ));
         }
         let incomplete: Vec<LeftOut> = of_gain.into_iter().chain(scored.left_out).collect();
         warn(&incomplete, output);
@@ -247,7 +246,7 @@ impl<'a> Place<'a> {
         Self {
             folder,
             store,
-            // A store may bring the run to where nothing is yet.
+            // The run may still have to be copied from the store.
             is_run: is_run(folder) || (store.is_some() && !folder.exists()),
         }
     }
@@ -280,7 +279,7 @@ impl<'a> Place<'a> {
             output.note(&format!(
                 "{} pictures are in no pair{}",
                 left_out.len(),
-                if output.verbose { ":" } else { "; -v says why" }
+                if output.verbose { ":" } else { "; -v prints why" }
             ));
         }
         if output.verbose {
@@ -292,7 +291,7 @@ impl<'a> Place<'a> {
     }
 }
 
-/// Where a run's scores are kept.
+/// Folder of a run's scores.
 pub(super) fn evaluation_folder(run: &Path) -> PathBuf {
     run.join("train").join("evaluation")
 }
@@ -301,7 +300,7 @@ fn is_run(place: &Path) -> bool {
     place.join(keys::SPEC).is_file()
 }
 
-/// The networks to score, with the names of their rows; no two have the same.
+/// The networks to score, with unique row names.
 fn networks(
     args: &EvaluateArgs,
     is_run: bool,
@@ -309,7 +308,7 @@ fn networks(
 ) -> Result<Vec<(String, Network)>, Failure> {
     let mut places: Vec<(Option<&str>, PathBuf)> = Vec::new();
     for typed in &args.checkpoints {
-        // A path may have an equals sign in it, too.
+        // A path may contain an equals sign.
         places.push(match typed.split_once('=') {
             Some((name, path)) if !Path::new(typed).exists() => (Some(name), PathBuf::from(path)),
             _ => (None, PathBuf::from(typed)),
@@ -318,7 +317,7 @@ fn networks(
     if places.is_empty() && is_run {
         if steps(&stage_folder(&args.place, Stage::Separation)).is_empty() {
             output.note(&format!(
-                "no SP-net was trained here, so that the input alone is scored; `glasshouse train {} --stage separation --steps S` trains one",
+                "no SP-net was trained here, so only the input is scored; `glasshouse train {} --stage separation --steps S` trains one",
                 args.place.display()
             ));
         } else {
@@ -331,18 +330,18 @@ fn networks(
             Network::open(&path, Which::Newest, args.network.features.as_deref(), output)?;
         let name = network.row_name(name);
         if name == "input" || networks.iter().any(|(other, _)| *other == name) {
-            let error = anyhow!(
+            return Err(failure!(
+                Exit::Usage,
                 "two rows would be called {name:?}; name them with --checkpoint NAME={}",
                 path.display()
-            );
-            return Err(Failure::new(Exit::Usage, error));
+            ));
         }
         networks.push((name, network));
     }
     Ok(networks)
 }
 
-/// Fits the gain to what the user says, else to the run's own train scenes.
+/// Fits the gain to the place that the user gives, else to the run's own train scenes.
 fn gain(
     args: &EvaluateArgs,
     own: &Place,
@@ -360,33 +359,16 @@ fn gain(
     let pictures = place.pictures(SplitName::Train, output)?;
     let (gain, left_out) = fit_gain(pictures.subject(), name.clone(), signals.stop())?;
     if gain.is_none() {
-        let reason = format!("no gain can be fitted to {name}: nothing there");
+        let reason = format!("no gain can be fitted to {name}: it has no readable pictures");
         if args.fit_gain.is_some() {
-            let error = anyhow!("{reason} can be read; `glasshouse work RUN` makes tuples");
-            return Err(Failure::new(Exit::InvalidInput, error));
+            return Err(failure!(
+                Exit::InvalidInput,
+                "{reason}; `glasshouse work RUN` makes tuples"
+            ));
         }
-        output.note(&format!("{reason} can be read, so its row is left out"));
+        output.note(&format!("{reason}, so the gain's row is left out"));
     }
     Ok((gain, left_out))
-}
-
-/// What would be scored.
-#[derive(Serialize)]
-struct Planned {
-    #[serde(rename = "where")]
-    place: PathBuf,
-    dry_run: bool,
-    images: usize,
-    methods: Vec<String>,
-    out: Option<PathBuf>,
-}
-
-impl fmt::Display for Planned {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let methods = self.methods.join(", ");
-        let images = self.images;
-        write!(f, "would score {images} pictures by {methods}; nothing is written")
-    }
 }
 
 fn warn(incomplete: &[LeftOut], output: &Output) {
@@ -399,14 +381,12 @@ fn warn(incomplete: &[LeftOut], output: &Output) {
 }
 
 fn nothing(place: &str, is_run: bool, left_out: &[LeftOut]) -> Failure {
-    let what = if is_run {
+    let to_do = if is_run {
         format!("run `glasshouse work {place}`, and see `glasshouse status {place}`")
     } else {
-        "see above what is wrong with its pairs".to_owned()
+        "see the messages about its pairs above".to_owned()
     };
-    let error = anyhow!("there is nothing to score in {place}: {what}");
-    let mut failure = Failure::new(Exit::InvalidInput, error);
-    let left_out = json!(left_out);
-    failure.details.insert("left_out".to_owned(), left_out);
+    let mut failure = failure!(Exit::InvalidInput, "there is nothing to score in {place}: {to_do}");
+    failure.details.insert("left_out".to_owned(), json!(left_out));
     failure
 }

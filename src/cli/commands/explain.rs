@@ -3,7 +3,7 @@
 use crate::cli::args::{StoreArgs, parse_scene_id};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
-use crate::cli::status_text::attempt;
+use crate::cli::status_text::{attempt, row};
 use crate::cli::target;
 use crate::run::{Explanation, SceneState, explain};
 use crate::text::grouped;
@@ -26,7 +26,7 @@ pub(super) struct ExplainArgs {
     store: StoreArgs,
 }
 
-/// Rows of shards that are printed.
+/// Ranges of shards to print.
 const ROWS: usize = 8;
 
 pub(super) fn run(args: &ExplainArgs, output: &Output) -> Result<Exit, Failure> {
@@ -37,7 +37,7 @@ pub(super) fn run(args: &ExplainArgs, output: &Output) -> Result<Exit, Failure> 
     Ok(Exit::Done)
 }
 
-/// An explanation with the run's folder; the explanation's own `run` is the run's state.
+/// An explanation with the run's folder. In JSON `run` is the folder, and the explanation's `run` becomes `run_state`.
 struct Explained<'a> {
     run: &'a Path,
     known: Explanation,
@@ -124,10 +124,6 @@ fn text(known: &Explanation) -> String {
     text
 }
 
-fn row(text: &mut String, name: &str, value: &str) {
-    let _ = write!(text, "\n  {name:<11} {value}");
-}
-
 fn log(text: &mut String, tail: Option<&str>) {
     for line in tail.unwrap_or_default().trim_end().lines() {
         let line = line.replace(|c: char| c.is_control(), " ");
@@ -154,7 +150,7 @@ fn parse_shard(text: &str) -> Result<(SceneId, Option<u32>), String> {
     let (scene, shard) = match text.split_once(':') {
         Some((scene, shard)) => {
             let number = shard.parse().map_err(|_| {
-                format!("{shard:?} is no number of a shard: write SCENE or SCENE:NUMBER")
+                format!("{shard:?} is not a shard number: write SCENE or SCENE:NUMBER")
             })?;
             (scene, Some(number))
         }

@@ -1,18 +1,16 @@
 //! `export RUN`
 
 use crate::cli::args::{Global, SplitName, StoreArgs, threads};
-use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::output::{Output, reasons};
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::target;
 use crate::doctor::{available_bytes, bytes_text};
-use crate::export::ExportFormat;
-use crate::export::PixelEncoding;
 use crate::export::{
-    ExportOptions, ExportPlan, ExportWork, Exported, FolderState, export, foretell_bytes, look,
+    ExportFormat, ExportOptions, ExportPlan, ExportWork, Exported, FolderState, PixelEncoding,
+    export, foretell_bytes, look,
 };
-use anyhow::anyhow;
 use clap::{Args as ClapArgs, ValueEnum};
 use render::ids::SceneId;
 use render::line::{Roots, Split, is_url};
@@ -25,22 +23,22 @@ use std::time::Instant;
 pub(super) struct ExportArgs {
     /// Folder of the run
     run: PathBuf,
-    /// What is to read it
+    /// Format
     #[arg(long, value_enum)]
     format: FormatName,
-    /// Folder of the export: a new one, or one in which this export was begun
+    /// Folder of the export: a new one, or one with an unfinished export of the same kind
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// How pixels are stored [default: srgb8; of exr: linear]
+    /// Pixel encoding [default: srgb8; for exr: linear]
     #[arg(long, value_enum)]
     encoding: Option<EncodingName>,
-    /// Which scenes
+    /// Scenes to export
     #[arg(long, value_enum, default_value = "all")]
     split: SplitName,
-    /// Largest WebDataset shard, MB (1e6 bytes); a larger tuple has one for itself
+    /// Largest WebDataset shard, MB (1e6 bytes); a larger tuple gets a shard of its own
     #[arg(long, value_name = "MB", default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     shard_mb: u32,
-    /// Export what is merged of a run that is not finished
+    /// Export the finished tuples of an unfinished run
     #[arg(long)]
     partial: bool,
     #[command(flatten)]
@@ -53,9 +51,9 @@ enum FormatName {
     Webdataset,
     /// Hugging Face's imagefolder.
     Imagefolder,
-    /// Folders of pictures as published sets of pairs have them.
+    /// Folders of pictures, as in published sets of pairs.
     Pairs,
-    /// A multi-part OpenEXR file a tuple.
+    /// One multi-part OpenEXR file per tuple.
     Exr,
 }
 
@@ -72,7 +70,7 @@ impl From<FormatName> for ExportFormat {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum EncodingName {
-    /// The tuples' own PNGs, byte by byte.
+    /// The tuples' PNGs, unchanged.
     Srgb8,
     /// PNGs of 16-bit sRGB codes, from the tuples' EXRs.
     Srgb16,
@@ -91,7 +89,7 @@ impl From<EncodingName> for PixelEncoding {
 }
 
 impl ExportArgs {
-    /// As typed, or what the format has.
+    /// As typed, or the format's default.
     fn encoding(&self) -> PixelEncoding {
         match (self.encoding, self.format) {
             (Some(encoding), _) => encoding.into(),
@@ -105,11 +103,11 @@ const SCHEMA: &str = "glasshouse.export/1";
 
 pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     if is_url(&args.out) {
-        let error = anyhow!(
+        return Err(failure!(
+            Exit::Usage,
             "--out {} is no folder: export into a folder, then copy it there (`aws s3 sync DIR s3://BUCKET/PREFIX`)",
             args.out.display()
-        );
-        return Err(Failure::new(Exit::Usage, error));
+        ));
     }
     let store = args.store.store.as_deref();
     let (run, store) = target::open(&args.run, store, &Roots::default())?;
@@ -142,7 +140,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result
         output.show(SCHEMA, &Export::new(args, &plan, exported, None));
         return Ok(exit(&plan));
     }
-    // Of what was begun a part is there already.
+    // An unfinished export already has a part of the bytes.
     if let (FolderState::Empty, Some(needed)) = (&state, foretold) {
         check_space(args, needed)?;
     }
@@ -161,11 +159,11 @@ pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result
     let wall_s = start.elapsed().as_secs_f64();
     let total: u64 = exported.tuples.values().sum();
     if exported.stopped {
-        let error = anyhow!(
-            "stopped after {total} of {} tuples: the same command goes on",
+        return Err(failure!(
+            signals.exit(),
+            "stopped after {total} of {} tuples: run the same command to resume",
             plan.scenes.len()
-        );
-        return Err(Failure::new(signals.exit(), error));
+        ));
     }
     output.show(SCHEMA, &Export::new(args, &plan, exported, Some(wall_s)));
     Ok(exit(&plan))
@@ -245,16 +243,16 @@ impl fmt::Display for Export<'_> {
     }
 }
 
-/// Refuses what the disk has no room for, as far as its file system tells.
+/// Refuses an export that the disk has no room for, if its file system reports the free space.
 fn check_space(args: &ExportArgs, needed: u64) -> Result<(), Failure> {
     match available_bytes(&args.out) {
         Some(available) if available < needed => {
             let [needed, available] = [needed, available].map(|b| bytes_text(b as f64));
-            let error = anyhow!(
-                "the export takes about {needed} and there are {available} where {} is to be: make room, or give another --out",
+            Err(failure!(
+                Exit::Failed,
+                "the export takes about {needed}, and the disk of {} has {available}: make room, or give another --out",
                 args.out.display()
-            );
-            Err(Failure::new(Exit::Failed, error))
+            ))
         }
         _ => Ok(()),
     }

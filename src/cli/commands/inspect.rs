@@ -2,15 +2,12 @@
 
 use crate::cli::exit_code::Exit;
 use crate::cli::output::Output;
-use crate::cli::rows::{rows, wrapped};
+use crate::cli::rows::{WIDTH, rows, wrapped};
 use crate::doctor::bytes_text;
 use crate::inspect::{Inspection, Kind, Problem, Whole, inspect_path};
 use clap::Args as ClapArgs;
-use serde::Serialize;
-use serde_json::{Map, Value};
-use std::fmt;
-use std::path::Path;
-use std::path::PathBuf;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct InspectArgs {
@@ -19,27 +16,22 @@ pub(super) struct InspectArgs {
     files: Vec<PathBuf>,
 }
 
-/// Columns of a line.
-const WIDTH: usize = 80;
-
 pub(super) fn run(args: &InspectArgs, output: &Output) -> Exit {
-    // Foreign decoders may panic on hostile bytes; that is caught and said in words.
+    // Decoders of other crates may panic on hostile bytes; the panic is caught and reported as a problem.
     let hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| {}));
     let found: Vec<(&Path, Inspection)> =
         args.files.iter().map(|path| (path.as_path(), inspect_path(path))).collect();
     std::panic::set_hook(hook);
     let sound = found.iter().filter(|(_, found)| found.is_sound()).count();
-    let inspected = Inspected {
-        sound,
-        unsound: found.len() - sound,
-        files: found.iter().map(|(path, found)| Entry::new(path, found)).collect(),
-    };
-    output.show("glasshouse.inspect/1", &inspected);
+    let files: Vec<Value> = found.iter().map(|(path, found)| object(path, found)).collect();
+    let texts: Vec<String> = found.iter().map(|(path, found)| text(path, found)).collect();
+    let object = json!({ "sound": sound, "unsound": found.len() - sound, "files": files });
+    output.say("glasshouse.inspect/1", object, texts.join("\n\n"));
     if sound == found.len() { Exit::Done } else { Exit::InvalidInput }
 }
 
-/// What a person reads.
+/// A file's inspection as text.
 fn text(path: &Path, found: &Inspection) -> String {
     let mut text = title(path, found);
     let size = found.bytes.map(|bytes| match bytes {
@@ -48,16 +40,14 @@ fn text(path: &Path, found: &Inspection) -> String {
     });
     let mut lines: Vec<(&str, &str)> = Vec::new();
     lines.extend(size.as_deref().map(|size| ("size", size)));
-    lines.extend(found.facts.rows().iter().map(|(label, value)| (label.as_str(), value.as_str())));
+    lines.extend(found.facts.rows.iter().map(|(label, value)| (label.as_str(), value.as_str())));
     let (label, whole) = match &found.whole {
         Whole::Yes(how) => ("whole", format!("yes: {how}")),
-        Whole::Unknown(why) => ("whole", format!("as far as can be told: {why}")),
+        Whole::Unknown(why) => ("whole", format!("probably: {why}")),
         Whole::No if found.kind == Kind::Unknown => ("", String::new()),
         Whole::No => ("whole", "no".to_owned()),
     };
-    if !whole.is_empty() {
-        lines.push((label, &whole));
-    }
+    lines.extend((!whole.is_empty()).then_some((label, whole.as_str())));
     for Problem { what, place, to_do } in &found.problems {
         lines.push(("wrong", what));
         lines.extend(place.as_deref().map(|place| ("where", place)));
@@ -68,28 +58,21 @@ fn text(path: &Path, found: &Inspection) -> String {
     text
 }
 
-/// The path, and what it is.
+/// The path and the kind of the file.
 fn title(path: &Path, found: &Inspection) -> String {
     let words = match found.kind {
         Kind::Unknown => "nothing that is known here".to_owned(),
         kind => {
             let words = kind.words();
-            // Names of files stand for themselves.
-            let is_name = words
-                .split([' ', ','])
-                .next()
-                .is_some_and(|word| word.contains('.') && !word.starts_with('.'));
-            let first = words.chars().next().unwrap_or_default();
-            let article = match first {
-                _ if is_name
-                    || words.starts_with("scores")
-                    || words.starts_with("SHA")
-                    || words.starts_with("JSON") =>
-                {
-                    ""
-                }
-                'a' | 'e' | 'i' | 'o' | 'O' => "an ",
-                _ => "a ",
+            let first = words.split([' ', ',']).next().unwrap_or_default();
+            // File names and these words take no article.
+            let is_name = first.contains('.') && !first.starts_with('.');
+            let article = if is_name || ["scores", "SHA256SUMS", "JSON"].contains(&first) {
+                ""
+            } else if first.starts_with(['a', 'e', 'i', 'o', 'O']) {
+                "an "
+            } else {
+                "a "
             };
             format!("{article}{words}")
         }
@@ -102,53 +85,22 @@ fn title(path: &Path, found: &Inspection) -> String {
     }
 }
 
-#[derive(Serialize)]
-struct Inspected<'a> {
-    sound: usize,
-    unsound: usize,
-    files: Vec<Entry<'a>>,
-}
-
-#[derive(Serialize)]
-struct Entry<'a> {
-    file: &'a Path,
-    kind: &'static str,
-    what: &'static str,
-    bytes: Option<u64>,
-    whole: Option<bool>,
-    how: Option<&'a str>,
-    facts: &'a Map<String, Value>,
-    problems: &'a [Problem],
-    next: &'a [String],
-    #[serde(skip)]
-    found: &'a Inspection,
-}
-
-impl<'a> Entry<'a> {
-    fn new(file: &'a Path, found: &'a Inspection) -> Self {
-        let (whole, how) = match &found.whole {
-            Whole::Yes(how) => (Some(true), Some(how.as_str())),
-            Whole::Unknown(why) => (None, Some(why.as_str())),
-            Whole::No => (Some(false), None),
-        };
-        Self {
-            file,
-            kind: found.kind.name(),
-            what: found.kind.words(),
-            bytes: found.bytes,
-            whole,
-            how,
-            facts: found.facts.values(),
-            problems: &found.problems,
-            next: &found.next,
-            found,
-        }
-    }
-}
-
-impl fmt::Display for Inspected<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let texts: Vec<String> = self.files.iter().map(|f| text(f.file, f.found)).collect();
-        f.write_str(&texts.join("\n\n"))
-    }
+/// A file's inspection as JSON.
+fn object(file: &Path, found: &Inspection) -> Value {
+    let (whole, how) = match &found.whole {
+        Whole::Yes(how) => (Some(true), Some(how)),
+        Whole::Unknown(why) => (None, Some(why)),
+        Whole::No => (Some(false), None),
+    };
+    json!({
+        "file": file.to_string_lossy(),
+        "kind": found.kind.name(),
+        "what": found.kind.words(),
+        "bytes": found.bytes,
+        "whole": whole,
+        "how": how,
+        "facts": found.facts.values,
+        "problems": found.problems,
+        "next": found.next,
+    })
 }

@@ -7,13 +7,12 @@ use clap::Args as ClapArgs;
 use clap::Command;
 use clap_mangen::Man;
 use render::atomic_file;
-use serde::Serialize;
-use std::fmt;
+use serde_json::json;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct ManArgs {
-    /// Folder for a page of each command; without it the main page is printed
+    /// Folder for one page per command; without it the main page is printed
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -25,11 +24,11 @@ pub(super) fn run(
     output: &Output,
 ) -> Result<Exit, Failure> {
     let mut command = command.disable_help_subcommand(true);
-    // Gives the commands inside of it their whole names.
+    // Gives the subcommands their full names.
     command.build();
     let Some(folder) = &args.out else {
         let page = page(&command)?;
-        output.show("glasshouse.man/1", &Page { page });
+        output.say("glasshouse.man/1", json!({ "page": page }), page.trim_end());
         return Ok(Exit::Done);
     };
     let mut pages = Vec::new();
@@ -40,48 +39,22 @@ pub(super) fn run(
             atomic_file::write_relaxed(&folder.join(name), page.as_bytes())?;
         }
     }
-    let written = Written {
-        out: folder.clone(),
-        dry_run: global.dry_run,
-        pages: pages.into_iter().map(|(name, _)| name).collect(),
-    };
-    output.show("glasshouse.man/1", &written);
+    let names: Vec<&str> = pages.iter().map(|(name, _)| name.as_str()).collect();
+    let object = json!({
+        "out": folder.to_string_lossy(), "dry_run": global.dry_run, "pages": names,
+    });
+    let text = format!(
+        "{} {} pages to {}; `man -l {}` shows the first",
+        if global.dry_run { "would write" } else { "wrote" },
+        names.len(),
+        folder.display(),
+        folder.join("glasshouse.1").display()
+    );
+    output.say("glasshouse.man/1", object, text);
     Ok(Exit::Done)
 }
 
-#[derive(Serialize)]
-struct Page {
-    page: String,
-}
-
-impl fmt::Display for Page {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.page.trim_end())
-    }
-}
-
-#[derive(Serialize)]
-struct Written {
-    out: PathBuf,
-    dry_run: bool,
-    pages: Vec<String>,
-}
-
-impl fmt::Display for Written {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let verb = if self.dry_run { "would write" } else { "wrote" };
-        let first = self.out.join("glasshouse.1");
-        write!(
-            f,
-            "{verb} {} pages to {}; `man -l {}` shows the first",
-            self.pages.len(),
-            self.out.display(),
-            first.display()
-        )
-    }
-}
-
-/// File names and pages of a command and of all inside it.
+/// Collects file names and pages of a command and its subcommands.
 fn collect(command: &Command, pages: &mut Vec<(String, String)>) -> Result<(), Failure> {
     let name = Man::new(command.clone()).get_filename();
     pages.push((name, page(command)?));
@@ -91,7 +64,7 @@ fn collect(command: &Command, pages: &mut Vec<(String, String)>) -> Result<(), F
     Ok(())
 }
 
-/// The page, the same on every machine: without the day.
+/// A man page without a date, so that it is the same on every machine.
 fn page(command: &Command) -> Result<String, Failure> {
     let mut page = Vec::new();
     let version = concat!("glasshouse ", env!("CARGO_PKG_VERSION"));

@@ -2,19 +2,16 @@
 
 use crate::cli::args::{FARM, Global};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::output::{Output, reasons};
+use crate::cli::output::{Output, reasons_json};
 use crate::cli::progress::Progress;
 use crate::cli::store_env::store_options;
 use crate::cli::target;
-use crate::farm::merge_run;
+use crate::farm::{MergeOutcome, merge_run};
 use crate::run::Run;
 use crate::store::Store;
 use clap::Args as ClapArgs;
-use render::ids::SceneId;
 use render::line::Roots;
-use serde::Serialize;
-use std::fmt;
-use std::path::Path;
+use serde_json::json;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
@@ -26,7 +23,7 @@ pub(super) struct MergeArgs {
     store: Option<String>,
 }
 
-/// Scenes whose reasons are printed.
+/// Reasons to print.
 const SHOWN: usize = 10;
 
 pub(super) fn run(args: &MergeArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -42,44 +39,26 @@ pub(super) fn run(args: &MergeArgs, global: &Global, output: &Output) -> Result<
         progress.add(1, false);
     });
     progress.finish();
-    let outcome = outcome?;
-    for (_, reason) in outcome.refused.iter().take(SHOWN) {
+    let MergeOutcome { merged, already_merged, refused } = outcome?;
+    for (_, reason) in refused.iter().take(SHOWN) {
         output.warning(reason);
     }
-    if outcome.refused.len() > SHOWN {
-        output
-            .warning(&format!("... and {} more; --json lists all", outcome.refused.len() - SHOWN));
+    if let Some(more @ 1..) = refused.len().checked_sub(SHOWN) {
+        output.warning(&format!("... and {more} more; --json lists all"));
     }
-    let merged = Summary {
-        run: &args.run,
-        dry_run: global.dry_run,
-        merged: &outcome.merged,
-        already_merged: outcome.already_merged,
-        refused: &outcome.refused,
-    };
-    output.show("glasshouse.merge/1", &merged);
-    Ok(if outcome.refused.is_empty() { Exit::Done } else { Exit::Incomplete })
-}
-
-#[derive(Serialize)]
-struct Summary<'a> {
-    run: &'a Path,
-    dry_run: bool,
-    merged: &'a [SceneId],
-    already_merged: u64,
-    #[serde(serialize_with = "reasons")]
-    refused: &'a [(SceneId, String)],
-}
-
-impl fmt::Display for Summary<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let would = if self.dry_run { "would be " } else { "" };
-        write!(
-            f,
-            "{} scenes {would}merged, {} were before, {} cannot be",
-            self.merged.len(),
-            self.already_merged,
-            self.refused.len()
-        )
-    }
+    let object = json!({
+        "run": args.run.to_string_lossy(),
+        "dry_run": global.dry_run,
+        "merged": merged,
+        "already_merged": already_merged,
+        "refused": reasons_json(&refused),
+    });
+    let text = format!(
+        "{} scenes {}merged, {already_merged} were before, {} cannot be",
+        merged.len(),
+        if global.dry_run { "would be " } else { "" },
+        refused.len()
+    );
+    output.say("glasshouse.merge/1", object, text);
+    Ok(if refused.is_empty() { Exit::Done } else { Exit::Incomplete })
 }

@@ -1,4 +1,4 @@
-//! The commands, a file each: its arguments and what it does.
+//! The commands, one file each, with arguments and code.
 
 mod audit;
 mod bench;
@@ -40,8 +40,8 @@ use clap::{CommandFactory, Parser, Subcommand};
     max_term_width = 100,
     arg_required_else_help = true,
     after_help = "Examples:
-  glasshouse doctor                       # is this machine fit for it?
-  glasshouse run manifests/smoke.toml     # everything once, small, in seconds
+  glasshouse doctor                       # check this machine
+  glasshouse run manifests/smoke.toml     # every stage on a small data set, in seconds
   glasshouse run --help                   # every command has examples"
 )]
 pub struct Args {
@@ -54,7 +54,7 @@ pub struct Args {
 /// The commands, in pipeline order.
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Plan, trace, merge and report a recipe on this machine; resumes what is there
+    /// Plan, trace, merge and report a recipe on this machine; resumes an unfinished run
     #[command(after_help = "Examples:
   glasshouse run manifests/smoke.toml
   glasshouse run manifests/smoke.toml --out runs/again -j 1")]
@@ -83,47 +83,47 @@ enum Command {
   glasshouse work runs/smoke
   glasshouse work runs/smoke --time-limit 55m   # exits with 75 when more is left")]
     Work(work::WorkArgs),
-    /// Keep a farm of many machines supplied until every scene is done; may be stopped and started at any time
+    /// Supply a farm of many machines with tasks until every scene is done; may be restarted at any time
     #[command(after_help = "Examples:
   glasshouse coordinate runs/mine --queue nats://localhost:4222
-  glasshouse work runs/mine --queue nats://localhost:4222      # on as many machines as you like")]
+  glasshouse work runs/mine --queue nats://localhost:4222      # on any number of machines")]
     Coordinate(coordinate::CoordinateArgs),
-    /// Merge scenes whose partials are complete into tuples; refuses gaps
+    /// Merge complete sets of partials into tuples; refuses gaps
     #[command(after_help = "Examples:
   glasshouse merge runs/smoke
   glasshouse merge runs/smoke -n --json")]
     Merge(merge::MergeArgs),
-    /// Say what is done and what is left of a run, who works on it, and when it will be over
+    /// Show the progress of a run: counts, workers, rate and time left
     #[command(after_help = "Examples:
   glasshouse status runs/smoke
   glasshouse status runs/smoke --json
   glasshouse status runs/smoke --watch")]
     Status(status::StatusArgs),
-    /// Let workers take nothing new until the run is resumed; they finish what they have opened
+    /// Pause a run: workers finish their open scenes and start no others until it is resumed
     #[command(after_help = "Examples:
   glasshouse pause runs/smoke
   glasshouse pause runs/smoke --reason backup")]
     Pause(control::HoldArgs),
-    /// Let a run go on that was paused or cancelled
+    /// Resume a run that was paused or cancelled
     #[command(after_help = "Examples:
   glasshouse resume runs/smoke")]
     Resume(control::ResumeArgs),
-    /// Give up what is left of a run: workers end after the shards in flight; what is done stays
+    /// Cancel a run: workers end after the shards in flight; finished tuples stay
     #[command(after_help = "Examples:
   glasshouse cancel runs/smoke
   glasshouse cancel runs/smoke --json")]
     Cancel(control::HoldArgs),
-    /// Take scenes out of quarantine, to be tried again; or have some made anew
+    /// Try scenes in quarantine again, or reset scenes and make them again
     #[command(after_help = "Examples:
   glasshouse retry runs/smoke --all
   glasshouse retry runs/smoke --all --json   # or name the scenes")]
     Retry(retry::RetryArgs),
-    /// Say everything that is known of a scene or a shard, what happens next, and what you can do
+    /// Explain the state of a scene or a shard, what happens next, and what you can do
     #[command(after_help = "Examples:
   glasshouse explain runs/smoke train-sample-000000
   glasshouse explain runs/smoke train-sample-000000:0")]
     Explain(explain::ExplainArgs),
-    /// Trace some scenes again and compare every file with what the run holds, bit for bit
+    /// Trace some scenes again and compare every file with the run's, bit for bit
     #[command(after_help = "Examples:
   glasshouse audit runs/smoke
   glasshouse audit runs/smoke --share 0.2 --seed 7
@@ -132,10 +132,10 @@ enum Command {
     /// Train BT-net or SP-net on a run's tuples; resumes from the newest checkpoint
     #[cfg(feature = "train")]
     #[command(after_help = "\
-Checkpoints stand in RUN/train/STAGE/step-NNNNNNN (model.safetensors, optimizer.safetensors, state.json),
+Checkpoints are in RUN/train/STAGE/step-NNNNNNN (model.safetensors, optimizer.safetensors, state.json),
 beside metrics.csv, TensorBoard's event files and pictures/ (validation scenes: I, T*, T, R~*, R~, R*, R).
-Stopping at any time loses the steps since the last checkpoint (Ctrl-C: none); the same command goes on,
-and ends with the same bits on the same kind of CPU, on any number of threads.
+A kill loses the steps since the last checkpoint, Ctrl-C none; the same command resumes the training, with
+equal bits on the same kind of CPU and any number of threads.
 
 The separation stage comes second: the same with --stage separation.
 
@@ -143,46 +143,46 @@ Examples:
   glasshouse train runs/smoke --stage backtrack --steps 200
   glasshouse train runs/smoke --stage separation --steps 200 --json")]
     Train(train::TrainArgs),
-    /// Score trained networks, and the pictures as they were, against the truth
+    /// Score trained networks and the unchanged pictures against the ground truth
     #[cfg(feature = "train")]
     #[command(after_help = "\
-The first row of the table is the input as it is; the second the input times one factor of linear
-light, the best for train scenes: what comes of brightness alone. PSNR and SSIM are of 8-bit
-pictures at their own size, none resized. Real pairs whose truth lies beside the picture are named,
-and a second table leaves them out. In JSON the PSNR of equal pictures is the string \"inf\".
+The first row of the table is the unchanged input. The second is the input times one gain in linear
+light, fitted to train scenes: the score of a change of brightness alone. PSNR and SSIM are taken of
+8-bit pictures at their own size. Real pairs with misaligned ground truth are named, and a second table
+leaves them out. In JSON the PSNR of equal pictures is the string \"inf\".
 
-Exit code 3: some pairs are missing or cannot be read, `left_out` tells which. 4: nothing to score.
+Exit code 3: some pairs are missing or unreadable, `left_out` lists them. 4: nothing to score.
 
 Examples:
   glasshouse evaluate runs/smoke
   glasshouse evaluate runs/smoke --split all --checkpoint runs/smoke/train/separation --json
   glasshouse evaluate pairs --checkpoint ours=runs/smoke --fit-gain runs/smoke --out scores")]
     Evaluate(evaluate::EvaluateArgs),
-    /// Take the reflections out of photographs with a trained network
+    /// Remove the reflections from photographs with a trained network
     #[cfg(feature = "train")]
     #[command(after_help = "\
-Each picture becomes NAME.transmission.png (what is behind the glass) and
-NAME.glass_reflection.png (what the glass adds): 8-bit sRGB, as large as the picture, turned as its
-EXIF data say.
+Each picture becomes NAME.transmission.png (the scene behind the glass) and
+NAME.glass_reflection.png (the reflection on the glass): 8-bit sRGB, of the picture's size, rotated as
+its EXIF data say.
 
-Exit code 3: some pictures cannot be read or are smaller than 16 px a side; the others are done.
+Exit code 3: some pictures are unreadable or smaller than 16 px a side; the others are done.
 
 Examples:
   glasshouse separate runs/smoke photo.jpg --out separated
   glasshouse separate runs/smoke/train/separation photo.jpg --out separated --tile-px 512 --json")]
     Separate(separate::SeparateArgs),
-    /// Make a data set of a run's tuples, in a form that loaders know: tars, folders or OpenEXR files
+    /// Export a run's tuples as a data set for common loaders: tars, folders or OpenEXR files
     #[command(after_help = "\
 webdataset   DIR/SPLIT-000000.tar with ID.LAYER.png and ID.json, for the WebDataset library
 imagefolder  DIR/SPLIT/metadata.jsonl and DIR/SPLIT/LAYER/ID.png, for Hugging Face's datasets
 pairs        DIR/SPLIT/blended/ID.png, transmission_layer/, reflection_layer/, clean_reflection_layer/
-exr          DIR/SPLIT/ID.exr: OpenEXR with a part for each layer, linear light
+exr          DIR/SPLIT/ID.exr: OpenEXR with one part per layer, linear light
 
-Beside them a dataset card (README.md), croissant.json (of the first two), export.json and SHA256SUMS.
-Equal runs make equal bytes. An export that was stopped goes on with the same command; a folder that
-holds something else is refused. docs/datasets.md shows how to read each form in PyTorch.
+Every format adds a dataset card (README.md), export.json and SHA256SUMS, the first two croissant.json.
+Equal runs give equal bytes. The same command resumes a stopped export; a folder with other content is
+refused. docs/datasets.md shows how to read each format in PyTorch.
 
-Exit code 3: scenes in quarantine, or (with --partial) not merged yet, are not in it. 75: the run is not
+Exit code 3: scenes in quarantine, or (with --partial) not merged yet, are missing. 75: the run is not
 finished.
 
 Examples:
@@ -190,45 +190,45 @@ Examples:
   glasshouse export runs/smoke --format imagefolder --out smoke-imagefolder --split train
   glasshouse export runs/smoke --format pairs --encoding srgb16 --out smoke-pairs --json")]
     Export(export::ExportArgs),
-    /// Write report/index.html: the whole run on one page that needs nothing else, to look at and to attach to a mail
+    /// Write report/index.html: the whole run on one self-contained page
     #[command(after_help = "\
-On the page: the run at a glance, a contact sheet of up to 32 tuples with maps of their noise, stated
-errors and their cost, where the seconds went, parameters, quarantine, training and scores. It
-has no script and fetches nothing; at most about 10 MB, whatever the size of the run. A run that is
-half done has a report, too. Training and scores are those of RUN, also where --store is given.
+The page shows counts, a contact sheet of up to 32 tuples with noise maps, stated errors and their cost,
+time by stage, parameters, quarantine, training and scores. It has no script, loads nothing, and has at
+most about 10 MB for a run of any size. An unfinished run has a report, too. Training and scores are
+read from RUN, even with --store.
 
-Exit code 3: some tuples are damaged; the page and `damaged` tell which.
+Exit code 3: some tuples are damaged; the page and `damaged` list them.
 
 Examples:
   glasshouse report runs/smoke
   glasshouse report runs/smoke --out smoke.html --json")]
     Report(report::ReportArgs),
-    /// Explain files: what each is, which scene it belongs to, whether it is whole
+    /// Explain files: the kind, the scene, and whether the file is intact
     #[command(after_help = "\
-Kinds are told by content: partials, tuples, specs, manifests, recipes, records of the farm, checkpoints, curves, event
-files, scores, exported archives, report pages, input files; and folders of a run, a tuple, a checkpoint.
+Files are recognised by content: partials, tuples, specs, manifests, recipes, records of the farm, checkpoints, curves,
+event files, scores, exported archives, report pages, input files; and folders of a run, a tuple, a checkpoint.
 
-Exit code 4: a file is damaged, unknown or not there; the text says what is wrong, where, and what to do.
+Exit code 4: a file is damaged, unknown or missing; the text names the damage, its place and a remedy.
 
 Examples:
   glasshouse inspect runs/smoke
   glasshouse inspect runs/smoke/tuples/train-sample-000000/tuple.exr
   glasshouse inspect runs/smoke/spec.json runs/smoke/manifest.jsonl --json")]
     Inspect(inspect::InspectArgs),
-    /// Check this machine, a run's disk, a store and a queue, and say what to do
+    /// Check this machine, a run's disk, a store and a queue, with advice
     #[command(after_help = "\
-Looks at processor and kernels, cores, memory, open files, clock, whether the right bits are computed, and the disk:
-space, speed, what names, links, renames and locks promise there. With --store and --queue also those.
-Small files, an object and a stream are made for it and removed.
+Checks processor and kernels, cores, memory, open files, clock, the bits of a reference shard, and the disk: space,
+speed, exclusive names, links, renames and locks. Checks --store and --queue if they are given.
+Small files, an object and a stream are created for that and removed.
 
-Exit code 1: something fails. Warnings alone end with 0.
+Exit code 1: a check failed. Warnings alone exit with 0.
 
 Examples:
   glasshouse doctor
   glasshouse doctor runs/smoke -j 2 --json
   glasshouse doctor --store s3://bucket/runs/mine --queue nats://localhost:4222")]
     Doctor(doctor::DoctorArgs),
-    /// Print the JSON Schema of recipes, for editors that check them while you write
+    /// Print the JSON Schema of recipes, for editors
     #[command(after_help = "Examples:
   glasshouse schema > recipe.schema.json
   glasshouse schema --json")]
@@ -237,9 +237,9 @@ Examples:
     #[command(after_help = "Examples:
   glasshouse bench error
   glasshouse bench trace
-  glasshouse bench error --help   # what is measured, and how")]
+  glasshouse bench error --help   # the measures and the method")]
     Bench(bench::BenchArgs),
-    /// Print a script that completes this program's command line in a shell
+    /// Print a shell completion script
     #[command(after_help = "Examples:
   glasshouse completions bash > glasshouse.bash   # then: source glasshouse.bash
   glasshouse completions zsh > _glasshouse        # into a folder of $fpath
@@ -253,7 +253,6 @@ Examples:
 }
 
 impl Args {
-    /// Does what the command says.
     pub(super) fn run(&self, output: &Output) -> Result<Exit, Failure> {
         let global = &self.global;
         match &self.command {

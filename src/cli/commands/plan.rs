@@ -26,20 +26,20 @@ pub(super) struct PlanArgs {
     /// Folder of the run [default: runs/NAME]
     #[arg(long, value_name = "RUN")]
     pub(super) out: Option<PathBuf>,
-    /// Side of a tile, px [default: such that a shard takes 0.2 s, 64 to 256]
+    /// Side of a tile, px [default: 64 to 256, so that a shard takes 0.2 s]
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
     pub(super) tile: Option<u32>,
-    /// Leave out photographs whose files cannot be used, and draw others in their place (of a .jsonl: leave out scenes)
+    /// Leave out photographs with unusable files and draw others in their place (for a .jsonl: leave out scenes)
     #[arg(long)]
     pub(super) skip_invalid: bool,
     #[command(flatten)]
     pub(super) roots: RootArgs,
 }
 
-/// Where a run keeps its recipe's `[train]`.
+/// File of a run with its recipe's `[train]`.
 pub(super) const TRAIN_RECIPE: &str = "train.json";
 
-/// The run's folder: as given, or `runs/NAME` by the recipe's file name.
+/// The run's folder: as given, or `runs/NAME` from the recipe's file name.
 pub(super) fn run_folder(args: &PlanArgs) -> PathBuf {
     args.out.clone().unwrap_or_else(|| {
         PathBuf::from("runs").join(args.recipe.file_stem().unwrap_or(args.recipe.as_os_str()))
@@ -71,7 +71,7 @@ pub(super) fn plan_with(
     if !global.dry_run {
         keep_training(args)?;
     }
-    for note in &planned.notes {
+    for note in &planned.drafted.notes {
         output.note(note);
     }
     if let Some(text) = planned.invalid_text() {
@@ -80,10 +80,10 @@ pub(super) fn plan_with(
     Ok(planned)
 }
 
-/// Leaves the recipe's `[train]` in the run, for `train`.
+/// Writes the recipe's `[train]` into the run, for `train`.
 fn keep_training(args: &PlanArgs) -> Result<(), Failure> {
     let text = std::fs::read_to_string(&args.recipe).unwrap_or_default();
-    // What is no recipe has been planned as scene lines.
+    // A file that is not a recipe was planned as scene lines.
     let Some(train) = Recipe::parse(&text).ok().and_then(|recipe| recipe.train) else {
         return Ok(());
     };
@@ -94,7 +94,7 @@ fn keep_training(args: &PlanArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Progress of what planning does, a bar each.
+/// Progress bars of the planning steps.
 struct Steps<'a> {
     global: &'a Global,
     bars: Mutex<BTreeMap<&'static str, Progress>>,
@@ -105,7 +105,7 @@ impl Steps<'_> {
         let mut bars = self.bars.lock().expect("no holder of this lock panics");
         let all = all as u64;
         match bars.get(what) {
-            // A step that is taken again.
+            // The step repeats: extend its bar.
             Some(bar) if done == 0 => bar.set_length(bar.done() + all),
             Some(bar) => bar.add(1, false),
             None => drop(bars.insert(what, Progress::new(self.global, what, all))),
@@ -122,11 +122,11 @@ pub(super) fn run(args: &PlanArgs, global: &Global, output: &Output) -> Result<E
     let planned = plan_with(args, global, output)?;
     let folder = run_folder(args);
     let cost = cost(Estimate {
-        lines: &planned.lines,
+        lines: &planned.drafted.lines,
         tile_px: planned.spec.tile_px,
         threads: threads(global),
-        input_bytes: planned.input_bytes,
-        made_bytes: planned.made_bytes,
+        input_bytes: planned.drafted.input_bytes,
+        made_bytes: planned.made_bytes(),
         is_made: planned.existed,
         disk_available_bytes: available_bytes(&folder),
         calibration: try_out(&planned, &folder, isa(global)?)?,
@@ -139,38 +139,39 @@ pub(super) fn run(args: &PlanArgs, global: &Global, output: &Output) -> Result<E
             bytes_text(cost.disk_needed_bytes as f64)
         ));
     }
+    let Planned { spec, drafted, existed } = planned;
     let summary = Summary {
         run: folder,
         dry_run: global.dry_run,
-        existed: planned.existed,
-        scenes: planned.lines.len(),
-        tile_px: planned.spec.tile_px,
+        existed,
+        scenes: drafted.lines.len(),
+        tile_px: spec.tile_px,
         cost,
-        manifest_blake3: planned.spec.manifest_blake3,
-        invalid: planned.invalid,
-        left_out: planned.spec.left_out,
-        rejected: planned.rejected.len(),
-        notes: planned.notes,
-        parts: planned.parts,
+        manifest_blake3: spec.manifest_blake3,
+        invalid: drafted.invalid,
+        left_out: spec.left_out,
+        rejected: drafted.rejected.len(),
+        notes: drafted.notes,
+        parts: drafted.left_out_kind,
     };
     output.show("glasshouse.plan/1", &summary);
     Ok(Exit::Done)
 }
 
-/// Reads, decodes and traces a part of some scenes.
+/// Measures this machine: reads, decodes and traces a part of some scenes.
 fn try_out(planned: &Planned, run: &Path, isa: Isa) -> Result<Option<Calibration>, Failure> {
     let mut roots = Roots::default();
     for (name, folder) in &planned.spec.roots {
-        // Relative folders are the run's own.
+        // Relative folders are below the run's folder.
         let folder = if is_url(folder) { folder.clone() } else { run.join(folder) };
         roots.insert(name, folder)?;
     }
     let inputs = store_env::inputs();
     let read = |line: &SceneLine| read_files_by(line, &roots, run, &|path| inputs.read(path));
-    Ok(calibrate(&planned.lines, &read, isa))
+    Ok(calibrate(&planned.drafted.lines, &read, isa))
 }
 
-/// What was planned, and what it will take.
+/// The plan and its estimated cost.
 #[derive(Serialize)]
 struct Summary {
     run: PathBuf,
@@ -185,7 +186,7 @@ struct Summary {
     left_out: Vec<String>,
     rejected: usize,
     notes: Vec<String>,
-    /// What is left out: photographs, or scenes.
+    /// Noun for `left_out`: photographs or scenes.
     #[serde(skip)]
     parts: &'static str,
 }
@@ -209,28 +210,26 @@ impl fmt::Display for Summary {
         if !self.left_out.is_empty() {
             write!(f, "; {} left out: {}", self.parts, self.left_out.len())?;
         }
-        let inputs = cost.input_bytes.map_or_else(
-            || "not looked at: the run is planned".to_owned(),
-            |bytes| bytes_text(bytes as f64),
-        );
-        let available = cost
-            .disk_available_bytes
-            .map_or_else(String::new, |there| format!(", {} available", bytes_text(there as f64)));
+        let size = |bytes: u64| bytes_text(bytes as f64);
+        let inputs = cost.input_bytes.map(size);
+        let inputs = inputs.unwrap_or_else(|| "not checked: the run is planned".to_owned());
+        let available =
+            cost.disk_available_bytes.map(|bytes| format!(", {} available", size(bytes)));
+        let available = available.unwrap_or_default();
         let how = match &cost.calibration {
             Some(c) => format!(
-                "{} scenes tried out here: {:.1} ns a sample, {:.0} ms to load",
+                "measured here on {} scenes: {:.1} ns a sample, {:.0} ms to load",
                 c.scenes.len(),
                 c.seconds_per_sample * 1e9,
                 c.seconds_per_load * 1e3
             ),
-            None => "no scene can be tried out here yet: a typical machine's".to_owned(),
+            None => "on a typical machine: no scene can be measured here yet".to_owned(),
         };
-        let size = |bytes: u64| bytes_text(bytes as f64);
         write!(
             f,
             "\n  inputs    {inputs}\n  \
              tuples    about {}\n  \
-             partials  up to {} at a time beside one worker here; {} if all were written\n  \
+             partials  up to {} at a time with one worker here; {} if all were written\n  \
              disk      about {} needed{available}\n  \
              time      about {} of one core ({how})",
             size(cost.tuple_bytes),

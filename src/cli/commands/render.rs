@@ -1,28 +1,25 @@
 //! `render SCENE.json --out DIR`
 
 use crate::cli::args::{Global, RootArgs, isa, parse_spp, threads};
-use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::store_env;
 use crate::run::Run;
-use anyhow::{Context, anyhow};
+use anyhow::Context;
 use clap::Args as ClapArgs;
 use render::Loaded;
 use render::atomic_file;
 use render::color::SrgbEncoder;
 use render::formats::encode_rgb_exr;
-use render::ids::SceneId;
 use render::layer::Layer;
 use render::line::{Roots, SceneLine, parse_scene};
-use render::merge::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord, encode_png};
-use render::scene::{SceneFacts, read_files_by};
+use render::merge::{TUPLE_SCHEMA, Tuple, TupleRecord, encode_png};
+use render::scene::read_files_by;
 use render::shard::ShardLayout;
 use render::trace::TRACER_VERSION;
-use serde::Serialize;
-use std::collections::BTreeMap;
-use std::fmt;
+use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -36,14 +33,14 @@ pub(super) struct RenderArgs {
     /// Samples a pixel, a power of two from 1 to 65536 [default: the scene's]
     #[arg(long, value_name = "N", value_parser = parse_spp)]
     spp: Option<u32>,
-    /// Side of a tile, px: how the work is cut, never what comes out
+    /// Side of a tile, px; does not change the result
     #[arg(long, value_name = "PX", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=16384))]
     tile: u32,
     #[command(flatten)]
     roots: RootArgs,
 }
 
-/// A scene, the folder its paths start from, and the tuple's record it may come from.
+/// A scene, the base folder of its paths, and the record of its tuple if it comes from one.
 struct Source {
     line: SceneLine,
     base: PathBuf,
@@ -69,13 +66,13 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     if let Some(record) = &source.record
         && record.inputs != loaded.scene().inputs
     {
-        output.warning(
-            "the input files are not those the tuple was made from: its pixels will differ",
-        );
+        output.warning("the input files differ from the tuple's: its pixels will differ");
     }
     if global.dry_run {
-        let planned = Planned { out: &args.out, dry_run: true, scene: &source.line.id };
-        output.show("glasshouse.render/1", &planned);
+        let (out, scene) = (args.out.to_string_lossy(), &source.line.id);
+        let object = json!({ "out": out, "dry_run": true, "scene": scene });
+        let text = format!("would render scene {scene} into {out}");
+        output.say("glasshouse.render/1", object, text);
         return Ok(Exit::Done);
     }
 
@@ -88,10 +85,7 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     });
     progress.finish();
     let Some(tuple) = tuple else {
-        return Err(Failure::new(
-            signals.exit(),
-            anyhow!("stopped by a signal: nothing is written"),
-        ));
+        return Err(failure!(signals.exit(), "stopped by a signal: nothing is written"));
     };
     let trace_s = clock.elapsed().as_secs_f64();
     let tuple = tuple.map_err(|e| invalid(e.into()))?;
@@ -99,16 +93,32 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     write(&tuple, &args.out)?;
     let write_s = clock.elapsed().as_secs_f64();
 
-    let rendered = Rendered {
-        out: &args.out,
-        scene: &source.line.id,
-        spp: source.line.film.spp,
-        layers: &tuple.record.layers,
-        facts: &tuple.record.facts,
-        seconds: Seconds { read: read_s, decode: decode_s, trace: trace_s, write: write_s },
-        target_error: tuple.record.scene.film.target_error,
+    let TupleRecord { layers, facts, scene, .. } = &tuple.record;
+    let (id, spp) = (&source.line.id, source.line.film.spp);
+    let object = json!({
+        "out": args.out.to_string_lossy(), "scene": id, "spp": spp, "layers": layers, "facts": facts,
+        "seconds": { "read": read_s, "decode": decode_s, "trace": trace_s, "write": write_s },
+    });
+    let samples = match scene.film.target_error {
+        None => format!("{spp} samples a pixel"),
+        Some(target) => {
+            let means = layers.values().filter_map(|layer| layer.mean_samples);
+            let most = means.fold(0.0, f64::max);
+            format!("{most:.0} samples a pixel on average for cells within {target:.1e}")
+        }
     };
-    output.show("glasshouse.render/1", &rendered);
+    let error = |layer: Layer| {
+        let error = layers.get(layer.name())?.error_rms;
+        let error = error.map_or_else(|| "?".to_owned(), |error| format!("{error:.1e}"));
+        Some(format!(" {} {error}", layer.symbol()))
+    };
+    let errors: String = Layer::ALL.into_iter().filter_map(error).collect();
+    let text = format!(
+        "{id}: {samples}, estimated error{errors} (linear RMS); read {read_s:.3} s, decode {decode_s:.3} s, \
+         trace {trace_s:.3} s, write {write_s:.3} s\nsee {}",
+        args.out.display()
+    );
+    output.say("glasshouse.render/1", object, text);
     Ok(Exit::Done)
 }
 
@@ -124,22 +134,18 @@ fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
         .map_err(invalid)?;
     let given = Roots::parse(&args.roots.roots)?;
     let folder = args.scene.parent().map_or_else(PathBuf::new, Path::to_owned);
-    let schema = serde_json::from_str::<serde_json::Value>(&text)
-        .ok()
-        .and_then(|v| v["schema"].as_str().map(str::to_owned));
-    if schema.as_deref() != Some(TUPLE_SCHEMA) {
+    let value = serde_json::from_str::<serde_json::Value>(&text).unwrap_or_default();
+    if value["schema"] != TUPLE_SCHEMA {
         let line = parse_scene(&text).map_err(|e| invalid(e.into()))?;
         return Ok(Source { line, base: folder, roots: given, record: None });
     }
     let record: TupleRecord = serde_json::from_str(&text).map_err(|e| invalid(e.into()))?;
     if record.tracer_version != TRACER_VERSION {
-        return Err(Failure::new(
+        return Err(failure!(
             Exit::Disagrees,
-            anyhow!(
-                "the tuple was made by tracer version {}, this program has {TRACER_VERSION}: its pixels would differ; use \
-                 the version that made it, or render its \"scene\" as a file of its own",
-                record.tracer_version
-            ),
+            "the tuple was made by tracer version {}, this program has {TRACER_VERSION}: its pixels would differ; use \
+             the version that made it, or render its \"scene\" as a scene file",
+            record.tracer_version
         ));
     }
     record.scene.validate().map_err(|e| invalid(e.into()))?;
@@ -148,7 +154,7 @@ fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
     Ok(Source { line: record.scene.clone(), base, roots, record: Some(record) })
 }
 
-/// Four float EXRs, four PNGs, and the record.
+/// Writes an EXR and a PNG of each layer.
 fn write(tuple: &Tuple, out: &Path) -> Result<(), Failure> {
     atomic_file::create_dir(out)?;
     let encoder = SrgbEncoder::new();
@@ -160,66 +166,4 @@ fn write(tuple: &Tuple, out: &Path) -> Result<(), Failure> {
         atomic_file::write(&out.join(format!("{layer}.png")), &png)?;
     }
     Ok(())
-}
-
-#[derive(Serialize)]
-struct Planned<'a> {
-    out: &'a Path,
-    dry_run: bool,
-    scene: &'a SceneId,
-}
-
-impl fmt::Display for Planned<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (scene, out) = (self.scene, self.out.display());
-        write!(f, "would render scene {scene} into {out}")
-    }
-}
-
-#[derive(Serialize)]
-struct Rendered<'a> {
-    out: &'a Path,
-    scene: &'a SceneId,
-    spp: u32,
-    layers: &'a BTreeMap<String, LayerRecord>,
-    facts: &'a SceneFacts,
-    seconds: Seconds,
-    #[serde(skip)]
-    target_error: Option<f64>,
-}
-
-#[derive(Serialize)]
-struct Seconds {
-    read: f64,
-    decode: f64,
-    trace: f64,
-    write: f64,
-}
-
-impl fmt::Display for Rendered<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: ", self.scene)?;
-        match self.target_error {
-            None => write!(f, "{} samples a pixel", self.spp)?,
-            Some(target) => {
-                let means = self.layers.values().filter_map(|layer| layer.mean_samples);
-                let most = means.fold(0.0, f64::max);
-                write!(f, "{most:.0} samples a pixel on average for cells within {target:.1e}")?;
-            }
-        }
-        f.write_str(", estimated error")?;
-        for (name, symbol) in Layer::ALL.map(|layer| (layer.name(), layer.symbol())) {
-            match self.layers.get(name).map(|layer| layer.error_rms) {
-                None => {}
-                Some(None) => write!(f, " {symbol} ?")?,
-                Some(Some(error)) => write!(f, " {symbol} {error:.1e}")?,
-            }
-        }
-        let Seconds { read, decode, trace, write } = self.seconds;
-        write!(
-            f,
-            " (linear RMS); read {read:.3} s, decode {decode:.3} s, trace {trace:.3} s, write {write:.3} s\nlook at {}",
-            self.out.display()
-        )
-    }
 }

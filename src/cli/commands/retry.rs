@@ -10,8 +10,7 @@ use render::ids::SceneId;
 use render::line::Roots;
 use serde::Serialize;
 use std::fmt;
-use std::path::Path;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct RetryArgs {
@@ -20,17 +19,17 @@ pub(super) struct RetryArgs {
     /// Scenes to try again
     #[arg(value_name = "SCENE", value_parser = parse_scene_id, required_unless_present = "all")]
     scenes: Vec<SceneId>,
-    /// All that are in quarantine
+    /// All scenes in quarantine
     #[arg(long, conflicts_with = "scenes")]
     all: bool,
-    /// The scenes named, also those that are done: what was made of them is removed, and they are traced from nothing
+    /// Reset the named scenes, finished ones too: all their results are removed and traced again
     #[arg(long, conflicts_with = "all")]
     anew: bool,
     #[command(flatten)]
     store: StoreArgs,
 }
 
-/// Scenes whose names are printed.
+/// Scenes to name.
 const SHOWN: usize = 20;
 
 pub(super) fn run(args: &RetryArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -88,9 +87,9 @@ impl fmt::Display for Shown<'_> {
             write!(f, " and {more} more")?;
         }
         f.write_str(if *was_finished || self.is_local {
-            "\nstart `glasshouse work` (of a farm `coordinate`, too) again"
+            "\nstart `glasshouse work` (and in a farm `coordinate`) again"
         } else {
-            "\na coordinator that runs publishes them within seconds, else start it again"
+            "\na running coordinator publishes them within seconds; if none runs, start it again"
         })
     }
 }

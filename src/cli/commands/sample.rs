@@ -1,6 +1,6 @@
 //! `sample DIR --count N`
 
-use crate::cli::args::{Global, threads};
+use crate::cli::args::{Global, threads, typed};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
@@ -8,9 +8,8 @@ use clap::{Args as ClapArgs, ValueEnum};
 use plan::{DepthRanges, Place};
 use procedural::{SampleError, SamplePhotograph};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
-use serde::Serialize;
+use serde_json::json;
 use std::collections::BTreeMap;
-use std::fmt;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, ClapArgs)]
@@ -29,51 +28,41 @@ pub(super) struct SampleArgs {
     /// Pixels down [default: 768; 256 for places]
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
     height: Option<u32>,
-    /// Folders and files
+    /// Layout of the folder
     #[arg(long, value_enum, default_value = "diode")]
     layout: SampleLayout,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum SampleLayout {
-    /// DIODE's: PNG, depth in metres, mask.
+    /// DIODE: PNG, depth in metres, mask.
     Diode,
-    /// PLACES365's: JPEG by category, relative inverse depth in a folder beside it.
+    /// PLACES365: JPEG by category, relative inverse depth in a folder beside it.
     Places,
 }
 
-impl SampleLayout {
-    /// As it is typed.
-    fn name(self) -> &'static str {
-        match self {
-            Self::Diode => "diode",
-            Self::Places => "places",
-        }
-    }
-}
-
-/// What the command line asks for, by layout.
-struct Plan {
+/// The photographs of a layout.
+struct Photographs {
     size: [u32; 2],
-    /// Of the colour images, relative to the folder.
+    /// Paths of the colour images, relative to the folder.
     color: Vec<PathBuf>,
-    /// What else each photograph has.
+    /// Their other images, in words.
     with: &'static str,
-    /// Named roots of a recipe that uses them.
+    /// Named roots for a recipe that uses them.
     roots: BTreeMap<&'static str, PathBuf>,
-    /// Such a recipe, and its other roots.
+    /// Such a recipe and its other roots.
     recipe: &'static str,
 }
 
 pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let (count, seed, dir) = (args.count as usize, args.seed, args.dir.as_path());
     let size = |width, height| [args.width.unwrap_or(width), args.height.unwrap_or(height)];
-    let plan = match args.layout {
+    let made = match args.layout {
         SampleLayout::Diode => {
             let photographs = procedural::listing(count, seed);
             let [width, height] = size(1024, 768);
             make(&photographs, global, |p| procedural::write(dir, p, width, height))?;
-            Plan {
+            Photographs {
                 size: [width, height],
                 color: photographs.iter().map(SamplePhotograph::color_path).collect(),
                 with: "depth and mask",
@@ -89,7 +78,7 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
             let [width, height] = size(256, 256);
             make(&photographs, global, |p| procedural::write_places(dir, p, width, height))?;
             let below = Path::new(procedural::PLACES_COLOR);
-            Plan {
+            Photographs {
                 size: [width, height],
                 color: photographs.iter().map(|p| below.join(p.color_path())).collect(),
                 with: "relative inverse depth",
@@ -102,25 +91,27 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
             }
         }
     };
-    let [width, height] = plan.size;
-    let sample = Sample {
-        dir,
-        layout: args.layout.name(),
-        count,
-        seed,
-        dry_run: global.dry_run,
-        width,
-        height,
-        color: plan.color,
-        roots: plan.roots,
-        with: plan.with,
-        recipe: plan.recipe,
-    };
-    output.show("glasshouse.sample/1", &sample);
+    let Photographs { size: [width, height], color, with, roots, recipe } = made;
+    let lossy = |path: &PathBuf| path.to_string_lossy().into_owned();
+    let color: Vec<String> = color.iter().map(lossy).collect();
+    let roots: BTreeMap<&str, String> =
+        roots.iter().map(|(name, folder)| (*name, lossy(folder))).collect();
+    let (verb, folder) = (if global.dry_run { "would make" } else { "made" }, dir.display());
+    let options: String =
+        roots.iter().map(|(name, folder)| format!(" --root {name}={folder}")).collect();
+    let text = format!(
+        "{verb} {count} photographs of {width} x {height} px with {with} in {folder}\n\
+         plan with them: glasshouse plan {recipe}{options}"
+    );
+    let object = json!({
+        "dir": dir.to_string_lossy(), "layout": typed(&args.layout), "count": count, "seed": seed,
+        "dry_run": global.dry_run, "width": width, "height": height, "color": color, "roots": roots,
+    });
+    output.say("glasshouse.sample/1", object, text);
     Ok(Exit::Done)
 }
 
-/// Makes all `photographs` with `write`, unless this is only thought through.
+/// Makes all `photographs` with `write`, unless this is a dry run.
 fn make<P: Sync>(
     photographs: &[P],
     global: &Global,
@@ -143,41 +134,4 @@ fn make<P: Sync>(
     });
     progress.finish();
     written.map_err(|e| Failure::new(Exit::Failed, e))
-}
-
-#[derive(Serialize)]
-struct Sample<'a> {
-    dir: &'a Path,
-    layout: &'static str,
-    count: usize,
-    seed: u64,
-    dry_run: bool,
-    width: u32,
-    height: u32,
-    color: Vec<PathBuf>,
-    roots: BTreeMap<&'static str, PathBuf>,
-    #[serde(skip)]
-    with: &'static str,
-    #[serde(skip)]
-    recipe: &'static str,
-}
-
-impl fmt::Display for Sample<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{} {} photographs of {} x {} px with {} in {}\nplan with them: glasshouse plan {}",
-            if self.dry_run { "would make" } else { "made" },
-            self.count,
-            self.width,
-            self.height,
-            self.with,
-            self.dir.display(),
-            self.recipe
-        )?;
-        for (name, folder) in &self.roots {
-            write!(f, " --root {name}={}", folder.display())?;
-        }
-        Ok(())
-    }
 }

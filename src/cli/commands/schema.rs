@@ -3,23 +3,11 @@
 use crate::cli::exit_code::Exit;
 use crate::cli::output::Output;
 use plan::recipe_schema;
-use serde::Serialize;
-use serde_json::Value;
-use std::fmt;
+use serde_json::json;
 
 pub(super) fn run(output: &Output) -> Exit {
     let recipe = recipe_schema();
-    output.show("glasshouse.schema/1", &Schema { recipe });
+    let text = format!("{recipe:#}");
+    output.say("glasshouse.schema/1", json!({ "recipe": recipe }), text);
     Exit::Done
-}
-
-#[derive(Serialize)]
-struct Schema {
-    recipe: Value,
-}
-
-impl fmt::Display for Schema {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:#}", self.recipe)
-    }
 }

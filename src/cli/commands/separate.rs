@@ -1,21 +1,17 @@
 //! `separate CHECKPOINT IMAGES... --out DIR`
 
 use crate::cli::args::Global;
-use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::network::NetworkArgs;
-use crate::cli::network::{Network, Which, use_threads};
+use crate::cli::exit_code::{Exit, Failure, failure};
+use crate::cli::network::{Network, NetworkArgs, Which, use_threads};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
-use anyhow::anyhow;
 use clap::Args as ClapArgs;
 use compose::read_picture;
 use image::{ImageFormat, RgbImage};
-use plan::FeatureSource;
 use render::atomic_file;
-use serde::Serialize;
+use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -24,7 +20,7 @@ use train::LEAST_PX;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct SeparateArgs {
-    /// A checkpoint's folder; or a stage's or a run's, for its best checkpoint, or its newest where none was measured
+    /// Folder of a checkpoint; or of a stage or a run, for its best checkpoint (the newest if none was validated)
     checkpoint: PathBuf,
     /// Pictures, JPEG or PNG
     #[arg(required = true)]
@@ -36,7 +32,7 @@ pub(super) struct SeparateArgs {
     network: NetworkArgs,
 }
 
-/// Endings of what is written: T* and R~*.
+/// File name endings of T* and R~*.
 const ENDINGS: [&str; 2] = ["transmission", "glass_reflection"];
 
 pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -62,19 +58,17 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
                 if !global.dry_run {
                     separate(&network, &picture, args.network.tile_px, targets)?;
                 }
-                let [transmission, glass_reflection] = targets.clone();
-                images.push(Done {
-                    image: path.clone(),
-                    width: picture.width(),
-                    height: picture.height(),
-                    transmission,
-                    glass_reflection,
-                });
+                images.push(json!({
+                    "image": path.to_string_lossy(),
+                    "width": picture.width(),
+                    "height": picture.height(),
+                    "transmission": targets[0].to_string_lossy(),
+                    "glass_reflection": targets[1].to_string_lossy(),
+                }));
             }
             Err(reason) => {
-                progress.suspend(|| output.warning(&format!("{reason}; going on without it")));
-                let image = path.clone();
-                failed.push(Failed { image, reason });
+                progress.suspend(|| output.warning(&format!("{reason}; continuing without it")));
+                failed.push(json!({ "image": path.to_string_lossy(), "reason": reason }));
             }
         }
         progress.add(1, false);
@@ -85,74 +79,36 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
         (false, true) => Exit::Done,
         (false, false) => Exit::Incomplete,
     };
-    let separated = Separated {
-        checkpoint: network.path.clone(),
-        step: network.state.step,
-        features: network.state.settings.features,
-        dry_run: global.dry_run,
-        images,
-        failed,
-        wall_s: clock.elapsed().as_secs_f64(),
-        given: args.images.len(),
-        out: args.out.clone(),
-        by: network.row_name(None),
-    };
-    output.show("glasshouse.separate/1", &separated);
+    let text = format!(
+        "{} {} of {} pictures into {} with {}",
+        if global.dry_run { "would separate" } else { "separated" },
+        images.len(),
+        args.images.len(),
+        args.out.display(),
+        network.row_name(None)
+    );
+    let object = json!({
+        "checkpoint": network.path.to_string_lossy(),
+        "step": network.state.step,
+        "features": network.state.settings.features,
+        "dry_run": global.dry_run,
+        "images": images,
+        "failed": failed,
+        "wall_s": clock.elapsed().as_secs_f64(),
+    });
+    output.say("glasshouse.separate/1", object, text);
     Ok(exit)
 }
 
-#[derive(Serialize)]
-struct Separated {
-    checkpoint: PathBuf,
-    step: u64,
-    features: FeatureSource,
-    dry_run: bool,
-    images: Vec<Done>,
-    failed: Vec<Failed>,
-    wall_s: f64,
-    /// Pictures that were to be separated.
-    #[serde(skip)]
-    given: usize,
-    #[serde(skip)]
-    out: PathBuf,
-    #[serde(skip)]
-    by: String,
-}
-
-#[derive(Serialize)]
-struct Done {
-    image: PathBuf,
-    width: u32,
-    height: u32,
-    transmission: PathBuf,
-    glass_reflection: PathBuf,
-}
-
-#[derive(Serialize)]
-struct Failed {
-    image: PathBuf,
-    reason: String,
-}
-
-impl fmt::Display for Separated {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let would = if self.dry_run { "would separate" } else { "separated" };
-        let (done, given) = (self.images.len(), self.given);
-        let (out, by) = (self.out.display(), &self.by);
-        write!(f, "{would} {done} of {given} pictures into {out} with {by}")
-    }
-}
-
-/// What is written for each image. No file may stand for two, and none for an image itself.
+/// The files to write for each image. Two images must not share a file, and no input may be overwritten.
 fn targets(images: &[PathBuf], out: &Path) -> Result<Vec<[PathBuf; 2]>, Failure> {
-    let usage = |error| Err(Failure::new(Exit::Usage, error));
     let real = |path: &Path| path.canonicalize().ok();
     let given: BTreeSet<PathBuf> = images.iter().filter_map(|path| real(path)).collect();
     let mut by_target: BTreeMap<PathBuf, &Path> = BTreeMap::new();
     let mut targets = Vec::new();
     for image in images {
         let Some(stem) = image.file_stem() else {
-            return usage(anyhow!("{} is no file of a picture", image.display()));
+            return Err(failure!(Exit::Usage, "{} is not an image file", image.display()));
         };
         let of_image = ENDINGS.map(|ending| {
             let mut name = stem.to_owned();
@@ -161,7 +117,8 @@ fn targets(images: &[PathBuf], out: &Path) -> Result<Vec<[PathBuf; 2]>, Failure>
         });
         for target in &of_image {
             if let Some(other) = by_target.insert(target.clone(), image) {
-                return usage(anyhow!(
+                return Err(failure!(
+                    Exit::Usage,
                     "{} and {} would both become {}; separate them into different folders",
                     other.display(),
                     image.display(),
@@ -169,8 +126,9 @@ fn targets(images: &[PathBuf], out: &Path) -> Result<Vec<[PathBuf; 2]>, Failure>
                 ));
             }
             if real(target).is_some_and(|path| given.contains(&path)) {
-                return usage(anyhow!(
-                    "{} would be written over, and it is one of the pictures to separate; give another --out",
+                return Err(failure!(
+                    Exit::Usage,
+                    "{} is one of the pictures to separate and would be overwritten; give another --out",
                     target.display()
                 ));
             }
@@ -180,13 +138,13 @@ fn targets(images: &[PathBuf], out: &Path) -> Result<Vec<[PathBuf; 2]>, Failure>
     Ok(targets)
 }
 
-/// A picture that networks can see, or why it is none.
+/// Reads a picture that is large enough for the networks.
 fn readable(path: &Path) -> Result<RgbImage, String> {
     let picture = read_picture(path).map_err(|e| e.to_string())?;
     let (width, height) = picture.dimensions();
     if (width.min(height) as usize) < LEAST_PX {
         return Err(format!(
-            "{} has {width} x {height} px, and networks see nothing smaller than {LEAST_PX} px a side",
+            "{} has {width} x {height} px, but networks need at least {LEAST_PX} px a side",
             path.display()
         ));
     }

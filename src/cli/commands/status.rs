@@ -1,4 +1,4 @@
-//! `status RUN`, once or again and again.
+//! `status RUN`, once or repeatedly.
 
 use crate::cli::args::{Global, ServerArgs, StoreArgs, parse_duration};
 use crate::cli::exit_code::{Exit, Failure};
@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 pub(super) struct StatusArgs {
     /// Folder of the run
     run: PathBuf,
-    /// Look again every S seconds [default: 2] until the run is over; with --json one object a line
+    /// Print the status every S seconds [default: 2] until the run is over; with --json one object per line
     #[arg(long, value_name = "S", num_args = 0..=1, default_missing_value = "2", value_parser = parse_duration)]
     watch: Option<Duration>,
     #[command(flatten)]
@@ -32,16 +32,16 @@ pub(super) struct StatusArgs {
     server: ServerArgs,
 }
 
-/// Entries shown of each list: at the end, and on a screen that has an end.
+/// Entries shown of each list: printed, and on the screen of --watch.
 const SHOWN: usize = 20;
 const SHOWN_WATCHING: usize = 6;
-/// A look must not cost more than a tenth of the time.
-const LOOK_SHARE: u32 = 10;
+/// Polls take at most a tenth of the time.
+const POLL_SHARE: u32 = 10;
 
-/// To the other screen, without wrapping; and back.
+/// Escape codes: enter the alternate screen, without line wrap and cursor; and leave it.
 const ENTER: &str = "\x1b[?1049h\x1b[?7l\x1b[?25l";
 const LEAVE: &str = "\x1b[?25h\x1b[?7h\x1b[?1049l";
-/// To its first character, with an empty screen.
+/// Clears the screen.
 const HOME: &str = "\x1b[H\x1b[2J";
 
 pub(super) fn run(args: &StatusArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -50,7 +50,7 @@ pub(super) fn run(args: &StatusArgs, global: &Global, output: &Output) -> Result
     match args.watch {
         None => {
             let view = Snapshot::take(&run, &store, Scope::STATUS)?.status();
-            let queue = look_at(server.as_ref(), &view);
+            let queue = poll(server.as_ref(), &view);
             tell(args, &run, &view, &queue, output);
             Ok(exit(&view))
         }
@@ -58,7 +58,7 @@ pub(super) fn run(args: &StatusArgs, global: &Global, output: &Output) -> Result
     }
 }
 
-/// Looks until the run is over or a signal comes.
+/// Prints the status until the run is over or a signal arrives.
 fn watch(
     args: &StatusArgs,
     run: &Run,
@@ -75,7 +75,7 @@ fn watch(
         let start = Instant::now();
         snapshot.refresh(run, store)?;
         let view = snapshot.status();
-        let queue = look_at(server, &view);
+        let queue = poll(server, &view);
         let is_over = matches!(view.state, RunState::Finished | RunState::Cancelled);
         let is_stopped = signals.stop().load(Ordering::Relaxed);
         if is_over || is_stopped || global.dry_run {
@@ -90,14 +90,14 @@ fn watch(
         } else {
             output.text(&line(&run.spec.name, &view));
         }
-        let until = start + every.max(start.elapsed() * LOOK_SHARE);
+        let until = start + every.max(start.elapsed() * POLL_SHARE);
         while Instant::now() < until && !signals.stop().load(Ordering::Relaxed) {
             std::thread::sleep(Duration::from_millis(20).min(every));
         }
     }
 }
 
-fn look_at(server: Option<&NatsCoordinator>, view: &Status) -> Queue {
+fn poll(server: Option<&NatsCoordinator>, view: &Status) -> Queue {
     match server {
         Some(server) if view.state != RunState::Finished => match server.look() {
             Ok(state) => Queue::There(state),
@@ -142,7 +142,7 @@ fn exit(view: &Status) -> Exit {
     }
 }
 
-/// A terminal's other screen, which is left whatever happens.
+/// A terminal's alternate screen; dropping it leaves the screen.
 struct Screen {
     is_open: bool,
 }
@@ -155,9 +155,9 @@ impl Screen {
         Self { is_open: is_terminal }
     }
 
-    #[allow(clippy::unused_self, reason = "only who holds the screen draws")]
+    #[allow(clippy::unused_self, reason = "drawing needs an open screen")]
     fn draw(&self, text: &str) {
-        // In one write, so that nothing flickers.
+        // One write, to avoid flicker.
         put(&format!("{HOME}{text}\n"));
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::cli::args::{Global, RootArgs};
 use crate::cli::commands::plan::TRAIN_RECIPE;
-use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::network::{DeviceName, use_threads, weights_file};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
@@ -10,7 +10,6 @@ use crate::cli::signals::Signals;
 use crate::cli::{store_env, target};
 use crate::run::Run;
 use crate::store::Store;
-use anyhow::anyhow;
 use clap::{Args as ClapArgs, ValueEnum};
 use compose::{Pair, find_pairs};
 use plan::{ExampleKind, FeatureSource, PixelSource};
@@ -22,9 +21,9 @@ use std::sync::Arc;
 use train::candle_core::Device;
 use train::{self, StepLosses, TrainSummary, Training, Watcher};
 
-/// Checkpoints that are kept.
+/// Checkpoints to keep.
 const KEEP: usize = 3;
-/// Scenes that are validated on.
+/// Validation scenes.
 const VALIDATE: usize = 8;
 /// Memory for examples.
 const MEMORY_GB: f64 = 2.0;
@@ -33,34 +32,34 @@ const MEMORY_GB: f64 = 2.0;
 pub(super) struct TrainArgs {
     /// Folder of the run
     run: PathBuf,
-    /// Which networks learn; separation begins with the newest checkpoint of backtrack
+    /// Networks to train; separation starts from the newest checkpoint of backtrack
     #[arg(long, value_enum)]
     stage: StageName,
-    /// Steps in all; a training that has fewer goes on, whenever it was stopped
+    /// Total number of steps; a training with fewer resumes
     #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..))]
     steps: u64,
     /// Folder of real pairs: blended/ and transmission_layer/, or as SIR2 and CEILNet name them
     #[arg(long, value_name = "DIR", requires = "real_share")]
     real: Option<PathBuf>,
-    /// Write a checkpoint every so many steps [default: a twentieth of --steps, 10 to 1000]
+    /// Write a checkpoint every K steps [default: a twentieth of --steps, 10 to 1000]
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(1..))]
     checkpoint_every: Option<u64>,
     /// Checkpoints to keep, besides the best
     #[arg(long, value_name = "N", default_value_t = KEEP)]
     keep: usize,
-    /// Scenes of the split "test" to measure every checkpoint on; the first ones
+    /// Number of scenes of the split "test", from the first, on which every checkpoint is validated
     #[arg(long, value_name = "N", default_value_t = VALIDATE)]
     validate: usize,
-    /// Write a grid of pictures every so many steps; 0 for none [default: as --checkpoint-every]
+    /// Write a grid of pictures every K steps; 0 for none [default: as --checkpoint-every]
     #[arg(long, value_name = "K")]
     pictures_every: Option<u64>,
-    /// Memory for examples that were read, GB: a set that fits is read once
+    /// Memory for cached examples, GB; a data set that fits is read once
     #[arg(long, value_name = "GB", default_value_t = MEMORY_GB)]
     memory_gb: f64,
-    /// Where networks compute; on a GPU last bits differ from run to run
+    /// Device of the networks; on a GPU the last bits differ from run to run
     #[arg(long, value_enum, default_value = "cpu", hide = cfg!(not(feature = "cuda")))]
     device: DeviceName,
-    /// Where the run's tuples are, if not in its folder
+    /// Store of the run's tuples, if they are not in its folder
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE")]
     store: Option<String>,
     #[command(flatten)]
@@ -69,15 +68,15 @@ pub(super) struct TrainArgs {
     settings: SettingArgs,
 }
 
-/// Settings: frozen with the first checkpoint, from then on they need not be given.
+/// Settings, which the first checkpoint freezes; later commands need not repeat them.
 #[derive(Debug, Default, ClapArgs)]
-#[command(next_help_heading = "Settings (frozen with the first checkpoint; left out, they stay)")]
+#[command(next_help_heading = "Settings (frozen by the first checkpoint; need not be repeated)")]
 struct SettingArgs {
-    /// What images are described by: none, random (VGG-19 with random weights), or a file of torchvision's vgg19 weights
-    /// (.safetensors or .pth) [default: none]
+    /// Image features: none, random (VGG-19 with random weights), or a file of torchvision's vgg19 weights (.safetensors
+    /// or .pth) [default: none]
     #[arg(long, value_name = "none|random|FILE")]
     features: Option<String>,
-    /// Divides the widths of a random VGG-19 [default: 1]
+    /// Divisor of the widths of a random VGG-19 [default: 1]
     #[arg(long, value_name = "N")]
     vgg_divisor: Option<usize>,
     /// Channels of the generators [default: 64]
@@ -89,13 +88,13 @@ struct SettingArgs {
     /// Examples a step [default: 1]
     #[arg(long, value_name = "N")]
     batch: Option<usize>,
-    /// Side of the square that is cut from an example, px [default: 256]
+    /// Side of the square crop of an example, px [default: 256]
     #[arg(long, value_name = "PX")]
     crop: Option<usize>,
     /// Do not mirror examples
     #[arg(long)]
     no_flip: bool,
-    /// Step size of Adam [default: 1e-4]
+    /// Learning rate of Adam [default: 1e-4]
     #[arg(long, value_name = "RATE")]
     learning_rate: Option<f64>,
     /// Weight of mean absolute differences [default: 1]
@@ -104,22 +103,22 @@ struct SettingArgs {
     /// Weight of feature losses [default: 0.2]
     #[arg(long, value_name = "W")]
     feature_weight: Option<f64>,
-    /// Weight of adversarial losses; 0: no discriminator [default: 0.01]
+    /// Weight of adversarial losses; 0 disables the discriminator [default: 0.01]
     #[arg(long, value_name = "W")]
     adversarial_weight: Option<f64>,
-    /// Without the a priori loss: SP-net does not learn through BT-net (the paper's ablation)
+    /// Train without the a priori loss: SP-net does not learn through BT-net (the paper's ablation)
     #[arg(long)]
     no_a_priori: bool,
-    /// Where examples come from [default: rendered]
+    /// Source of the examples [default: rendered]
     #[arg(long, value_enum)]
     examples: Option<ExampleName>,
-    /// From which files of a tuple [default: exr]
+    /// Files of a tuple to read [default: exr]
     #[arg(long, value_enum)]
     pixels: Option<PixelName>,
-    /// Share of the steps that see pairs of --real [default: 0]
+    /// Share of the steps that use pairs of --real [default: 0]
     #[arg(long, value_name = "SHARE")]
     real_share: Option<f64>,
-    /// Train while the farm still merges: the first epoch goes in the manifest's order and waits for tuples
+    /// Train while the farm still merges: the first epoch follows the manifest's order and waits for tuples
     #[arg(long)]
     follow: bool,
     /// Seed of weights, order, crops and flips [default: 2020]
@@ -148,22 +147,22 @@ impl From<StageName> for Stage {
 enum ExampleName {
     /// The run's tuples.
     Rendered,
-    /// Its photographs, mixed as images by Zhang et al.'s recipe.
+    /// The run's photographs, blended by Zhang et al.'s recipe.
     Zhang,
-    /// Its photographs, mixed as images by CEILNet's recipe.
+    /// The run's photographs, blended by CEILNet's recipe.
     Ceilnet,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum PixelName {
-    /// tuple.exr: not rounded to 8 bit.
+    /// tuple.exr: floating point.
     Exr,
     /// The PNGs.
     Png,
 }
 
 impl SettingArgs {
-    /// `base` with what was typed in its place.
+    /// `base`, overridden by the typed settings.
     fn over(&self, base: &TrainSettings) -> TrainSettings {
         let mut settings = base.clone();
         settings.features = match self.features.as_deref() {
@@ -201,11 +200,8 @@ impl SettingArgs {
     }
 }
 
-/// What was typed, in its place.
 fn put<T: Copy>(place: &mut T, typed: Option<T>) {
-    if let Some(value) = typed {
-        *place = value;
-    }
+    *place = typed.unwrap_or(*place);
 }
 
 pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -216,7 +212,7 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
         let typed = args.settings.features.as_deref();
         if frozen.is_none() && typed == Some("random") {
             output.note(
-                "features come from random weights: that is not the paper's setting, and every checkpoint says so",
+                "the features have random weights: this is not the paper's setting, and every checkpoint records it",
             );
         }
         let of_recipe = || recipe.as_ref().map(|recipe| recipe.settings.clone());
@@ -241,7 +237,7 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
     Ok(exit)
 }
 
-/// A stage of a run with everything else as if nothing was typed.
+/// A stage of a run, with the defaults of the command line.
 pub(super) fn training_of<'a>(
     run: &'a Run,
     store: &Store,
@@ -296,8 +292,7 @@ pub(super) fn train_recipe(run: &Path) -> Result<Option<TrainRecipe>, Failure> {
         return Ok(None);
     };
     let recipe = serde_json::from_slice(&bytes).map_err(|e| {
-        let error = anyhow!("{} is damaged: {e}; plan the run again", path.display());
-        Failure::new(Exit::Disagrees, error)
+        failure!(Exit::Disagrees, "{} is damaged: {e}; plan the run again", path.display())
     })?;
     Ok(Some(recipe))
 }
@@ -324,6 +319,15 @@ struct Watch<'a> {
     busy_s: f64,
 }
 
+impl Watch<'_> {
+    fn suspend(&self, print: impl FnOnce()) {
+        match &self.progress {
+            Some(progress) => progress.suspend(print),
+            None => print(),
+        }
+    }
+}
+
 impl Watcher for Watch<'_> {
     fn begins(&mut self, steps: Range<u64>, batch: usize) {
         self.batch = batch;
@@ -347,16 +351,10 @@ impl Watcher for Watch<'_> {
     }
 
     fn note(&mut self, text: &str) {
-        match &self.progress {
-            Some(progress) => progress.suspend(|| self.output.note(text)),
-            None => self.output.note(text),
-        }
+        self.suspend(|| self.output.note(text));
     }
 
     fn warning(&mut self, text: &str) {
-        match &self.progress {
-            Some(progress) => progress.suspend(|| self.output.warning(text)),
-            None => self.output.warning(text),
-        }
+        self.suspend(|| self.output.warning(text));
     }
 }

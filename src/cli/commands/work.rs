@@ -1,27 +1,24 @@
 //! `work RUN`
 
 use crate::cli::args::{
-    CacheArgs, CheckpointArgs, FARM, Global, IsaChoice, QueueArgs, RootArgs, isa, parse_duration,
-    threads,
+    CacheArgs, CheckpointArgs, FARM, Global, QueueArgs, RootArgs, isa, parse_duration, threads,
+    typed,
 };
-use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::isolate::{self, Children, Only};
-use crate::cli::output::{Output, as_map, reasons};
+use crate::cli::output::{Output, reasons_json};
 use crate::cli::progress::Progress;
 use crate::cli::queue;
 use crate::cli::signals::Signals;
 use crate::cli::store_env;
 use crate::farm::queue::{LocalQueue, Message, Queue};
 use crate::farm::{Fault, Outcome, SharedQueue, WorkOptions, work, work_shared, work_span};
-use crate::run::{Event, Quarantined, Run, Scope, Snapshot, Stop, Task, WorkerName};
+use crate::run::{Event, Run, Scope, Snapshot, Stop, Task, WorkerName};
 use crate::store::Store;
 use clap::Args as ClapArgs;
-use render::ids::SceneId;
 use render::line::Roots;
-use serde::Serialize;
-use std::fmt;
-use std::path::Path;
-use std::path::PathBuf;
+use serde_json::{Map, Value, json};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
@@ -29,7 +26,7 @@ use std::time::{Duration, Instant};
 pub(super) struct WorkArgs {
     /// Folder of the run
     run: PathBuf,
-    /// Begin no shard after this time (90, 90s, 55m, 2h), then exit with 75 if work is left
+    /// Start no shard after this time (90, 90s, 55m, 2h), then exit with 75 if work is left
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     time_limit: Option<Duration>,
     #[command(flatten)]
@@ -40,13 +37,13 @@ pub(super) struct WorkArgs {
     cache: CacheArgs,
     #[command(flatten)]
     checkpoint: CheckpointArgs,
-    /// A scene without any progress for this time counts as hung: the worker ends and leaves it to others
+    /// A scene without progress for this time counts as hung: the worker exits, others take over
     #[arg(long, value_name = "S", default_value = "120", value_parser = parse_duration, help_heading = FARM)]
     hang_s: Duration,
     /// Name of this worker in messages and receipts [default: host and process]
     #[arg(long, value_name = "NAME", help_heading = FARM)]
     name: Option<String>,
-    /// Only these shards of a scene, for a worker that fears them
+    /// Trace only these shards, as the child process of a worker
     #[arg(long, value_name = "SCENE:A-B", hide = true)]
     only: Option<Only>,
     /// Misbehave: abort:SCENE, hang:SCENE, wrong:SCENE, slow:FACTOR (repeatable)
@@ -62,14 +59,13 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
     if global.dry_run {
         let store = queue::store(&args.run, &args.queue)?;
         let status = Snapshot::take(&run, &store, Scope::COUNTS)?.counts();
-        let planned = Planned {
-            run: &args.run,
-            dry_run: true,
-            shards_left: status.shards - status.shards_done,
-            quarantined: &status.quarantined,
-            shards: status.shards,
-        };
-        output.show("glasshouse.work/1", &planned);
+        let (left, all) = (status.shards - status.shards_done, status.shards);
+        let object = json!({
+            "run": args.run.to_string_lossy(), "dry_run": true, "shards_left": left,
+            "quarantined": status.quarantined,
+        });
+        let text = format!("{left} of {all} shards would be traced");
+        output.say("glasshouse.work/1", object, text);
         return Ok(Exit::Done);
     }
     let how = How {
@@ -90,26 +86,27 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
         (None, None) => work_on(&run, &how, global, output)?,
         (None, Some(_)) => work_for(&run, &store, &args.queue, &how, global, output)?,
     };
-    output.show("glasshouse.work/1", &Worked::new(&outcome, &args.run, wall));
+    let (object, text) = result(&outcome, &args.run, wall);
+    output.say("glasshouse.work/1", object, text);
     Ok(exit)
 }
 
 /// How to work on a run.
 pub(super) struct How<'a> {
-    pub(super) deadline: Option<Instant>,
-    /// Its folder.
-    pub(super) run: &'a Path,
-    pub(super) roots: &'a [String],
-    pub(super) cache: Option<&'a CacheArgs>,
-    pub(super) queue: Option<&'a QueueArgs>,
-    pub(super) hang: Duration,
-    pub(super) checkpoint: Duration,
-    pub(super) name: String,
-    pub(super) faults: &'a [Fault],
+    deadline: Option<Instant>,
+    /// Folder of the run.
+    run: &'a Path,
+    roots: &'a [String],
+    cache: Option<&'a CacheArgs>,
+    queue: Option<&'a QueueArgs>,
+    hang: Duration,
+    checkpoint: Duration,
+    name: String,
+    faults: &'a [Fault],
 }
 
 impl<'a> How<'a> {
-    /// As `run` does.
+    /// For `run`: without queue and faults.
     pub(super) fn alone(run: &'a Path, roots: &'a [String], checkpoint: Duration) -> Self {
         Self {
             deadline: None,
@@ -144,11 +141,7 @@ impl<'a> How<'a> {
             cache: self.cache,
             queue: self.queue,
             threads: threads(global),
-            isa: match global.isa {
-                IsaChoice::Auto => "auto",
-                IsaChoice::Avx2 => "avx2",
-                IsaChoice::Baseline => "baseline",
-            },
+            isa: typed(&global.isa),
             hang: self.hang,
             name: &self.name,
             faults: self.faults,
@@ -161,7 +154,7 @@ fn is_finished(run: &Run) -> Result<bool, Failure> {
     Ok(Snapshot::take(run, &store, Scope::DONE)?.is_finished())
 }
 
-/// Traces and merges with progress and signals. Also `run`'s middle part.
+/// Traces and merges a local run, with progress and signals.
 pub(super) fn work_on(
     run: &Run,
     how: &How,
@@ -192,7 +185,7 @@ pub(super) fn work_on(
     Ok((outcome, exit, start.elapsed()))
 }
 
-/// Works for a farm until its run is over.
+/// Works on a farm's run until it is over.
 fn work_for(
     run: &Run,
     store: &Store,
@@ -233,7 +226,7 @@ fn work_for(
     Ok((outcome, exit, start.elapsed()))
 }
 
-/// A child: works on one task, and says that it goes on (see [`crate::cli::isolate`]).
+/// The child process: works on one task and prints signs of life (see [`crate::cli::isolate`]).
 fn work_only(
     run: &Run,
     store: &Store,
@@ -243,10 +236,8 @@ fn work_only(
     output: &Output,
 ) -> Result<(Outcome, Exit, Duration), Failure> {
     let scene = run.lines.iter().position(|l| l.id.as_str() == only.scene);
-    let scene = scene.ok_or_else(|| {
-        let error = anyhow::anyhow!("the run has no scene {}", only.scene);
-        Failure::new(Exit::Usage, error)
-    })?;
+    let scene =
+        scene.ok_or_else(|| failure!(Exit::Usage, "the run has no scene {}", only.scene))?;
     let signals = Signals::catch();
     let start = Instant::now();
     let options = how.options(global, signals.stop())?;
@@ -265,107 +256,61 @@ fn work_only(
         on_sign: &|| Output::tell_parent(isolate::SIGN),
     };
     let progress = Progress::new(global, "shards", 0);
-    let last_words = |event: Event| {
+    let on_event = |event: Event| {
         if matches!(event, Event::Aborts { .. }) {
             progress.event(event, output);
         }
     };
-    let outcome = work_span(run, store, &shared, &options, &last_words)?;
-    let exit = match outcome.stopped {
-        Some(_) => signals.exit(),
-        None => Exit::Done,
-    };
+    let outcome = work_span(run, store, &shared, &options, &on_event)?;
+    let exit = if outcome.stopped.is_some() { signals.exit() } else { Exit::Done };
     Ok((outcome, exit, start.elapsed()))
 }
 
-/// Between two signs of life of a child.
+/// Time between a child's signs of life.
 const SIGNS_EVERY: Duration = Duration::from_millis(500);
 
-#[derive(Serialize)]
-struct Planned<'a> {
-    run: &'a Path,
-    dry_run: bool,
-    shards_left: u64,
-    quarantined: &'a [Quarantined],
-    #[serde(skip)]
-    shards: u64,
-}
-
-impl fmt::Display for Planned<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (left, all) = (self.shards_left, self.shards);
-        write!(f, "{left} of {all} shards would be traced")
-    }
-}
-
-/// What a worker did.
-#[derive(Serialize)]
-pub(super) struct Worked<'a> {
-    run: &'a Path,
-    merged: u64,
-    already_merged: u64,
-    shards_traced: u64,
-    shards_resumed: u64,
-    scenes_loaded: u64,
-    spans_given: u64,
-    #[serde(serialize_with = "reasons")]
-    quarantined: &'a [(SceneId, String)],
-    stopped: Option<&'static str>,
-    wall_s: f64,
-    #[serde(serialize_with = "as_map")]
-    thread_seconds: Vec<(&'static str, f64)>,
-    #[serde(serialize_with = "as_map")]
-    cpu_seconds: Vec<(&'static str, f64)>,
-    #[serde(skip)]
-    stop: Option<Stop>,
-}
-
-impl<'a> Worked<'a> {
-    pub(super) fn new(outcome: &'a Outcome, run: &'a Path, wall: Duration) -> Self {
-        Self {
-            run,
-            merged: outcome.merged,
-            already_merged: outcome.already_merged,
-            shards_traced: outcome.traced,
-            shards_resumed: outcome.resumed,
-            scenes_loaded: outcome.loaded,
-            spans_given: outcome.donated,
-            quarantined: &outcome.quarantined,
-            stopped: outcome.stopped.map(Stop::name),
-            wall_s: wall.as_secs_f64(),
-            thread_seconds: outcome.seconds.all().to_vec(),
-            cpu_seconds: outcome.seconds.cpu(),
-            stop: outcome.stopped,
+/// The result of a worker, as JSON and as text.
+pub(super) fn result(outcome: &Outcome, run: &Path, wall: Duration) -> (Value, String) {
+    let Outcome { merged, already_merged, traced, resumed, quarantined, .. } = outcome;
+    let map = |seconds: &[(&'static str, f64)]| -> Map<String, Value> {
+        seconds.iter().map(|(name, s)| ((*name).to_owned(), json!(s))).collect()
+    };
+    let object = json!({
+        "run": run.to_string_lossy(),
+        "merged": merged,
+        "already_merged": already_merged,
+        "shards_traced": traced,
+        "shards_resumed": resumed,
+        "scenes_loaded": outcome.loaded,
+        "spans_given": outcome.donated,
+        "quarantined": reasons_json(quarantined),
+        "stopped": outcome.stopped.map(Stop::name),
+        "wall_s": wall.as_secs_f64(),
+        "thread_seconds": map(&outcome.seconds.all()),
+        "cpu_seconds": map(&outcome.seconds.cpu()),
+    });
+    let there = match already_merged {
+        0 => String::new(),
+        count => format!("; {count} tuples existed"),
+    };
+    let failed = match quarantined.len() {
+        0 => String::new(),
+        count => format!(
+            "; {count} scenes in quarantine, see `glasshouse status RUN` (`glasshouse retry RUN SCENE` tries one again)"
+        ),
+    };
+    let end = match outcome.stopped {
+        Some(Stop::Asked) => "; stopped by a signal; run the same command to resume",
+        Some(Stop::TimeLimit) => "; time limit reached; run the same command to resume",
+        Some(Stop::Drained) => "; ended because too many scenes failed here",
+        Some(Stop::Cancelled) => {
+            "; the run is cancelled: `glasshouse resume RUN`, then run the same command to continue"
         }
-    }
-}
-
-impl fmt::Display for Worked<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{} tuples in {:.1} s ({} shards traced, {} resumed",
-            self.merged, self.wall_s, self.shards_traced, self.shards_resumed
-        )?;
-        if self.already_merged > 0 {
-            write!(f, "; {} tuples were there", self.already_merged)?;
-        }
-        f.write_str(")")?;
-        if !self.quarantined.is_empty() {
-            write!(
-                f,
-                "; {} scenes in quarantine, see `glasshouse status RUN` (`glasshouse retry RUN SCENE` tries one again)",
-                self.quarantined.len()
-            )?;
-        }
-        f.write_str(match self.stop {
-            Some(Stop::Asked) => "; stopped by a signal, the same command goes on",
-            Some(Stop::TimeLimit) => "; time limit reached; run the same command to resume",
-            Some(Stop::Drained) => "; ended because too many scenes failed here",
-            Some(Stop::Cancelled) => {
-                "; the run is cancelled, after `glasshouse resume RUN` the same command goes on"
-            }
-            None => "",
-        })
-    }
+        None => "",
+    };
+    let text = format!(
+        "{merged} tuples in {:.1} s ({traced} shards traced, {resumed} resumed{there}){failed}{end}",
+        wall.as_secs_f64()
+    );
+    (object, text)
 }

@@ -1,7 +1,7 @@
-//! What is done of a run, by which worker, and how fast: read from its store, and kept up to date by reading only what is
-//! new. `status`, the page, metrics, the report, the coordinator and exit codes all take it from here.
+//! Progress of a run: finished scenes, their workers, and the rate. It is read from the store and refreshed by reading
+//! only new objects. `status`, the page, metrics, the report, the coordinator and exit codes all use it.
 //!
-//! `state` names the states, `refresh` reads the store, `status` sums up.
+//! `state` names the states, `refresh` reads the store, `status` adds up.
 
 mod refresh;
 mod state;
@@ -20,23 +20,23 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
-/// What a snapshot reads besides the scenes that are done or in quarantine.
+/// Objects that a snapshot reads in addition to tuples and quarantine records.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Scope {
-    /// The record of each tuple, which must be of this manifest and this version of the tracer. In a folder, where
-    /// reading costs nothing, it is always read; elsewhere tuples count by the names of their files without it.
+    /// The record of each tuple, to check that it belongs to this manifest and this version of the tracer. Local
+    /// stores, where reading is cheap, always check it; in other stores the names of the files decide without it.
     pub records: bool,
     pub partials: bool,
-    /// Attempts and provenance: which worker does what, and did what.
+    /// Attempts and provenance.
     pub workers: bool,
 }
 
 impl Scope {
-    /// Which scenes are done, for sure.
+    /// For a reliable list of finished scenes.
     pub const DONE: Self = Self { records: true, partials: false, workers: false };
-    /// How many scenes and shards are done.
+    /// For the number of finished scenes and shards.
     pub const COUNTS: Self = Self { records: false, partials: true, workers: false };
-    /// What a user wants to see.
+    /// For the user.
     pub const STATUS: Self = Self { records: false, partials: true, workers: true };
 }
 
@@ -50,13 +50,12 @@ pub struct Snapshot {
     /// In the order in which they were seen.
     tuples: Vec<SeenTuple>,
     attempts: BTreeMap<String, SeenAttempt>,
-    /// What the run has been told.
     pub control: Control,
     /// Shards done at the refreshes of the last minutes.
     history: VecDeque<(Instant, u64)>,
 }
 
-/// What does not change.
+/// The unchanging part of a snapshot.
 #[derive(Debug)]
 struct Plan {
     ids: Vec<SceneId>,
@@ -90,7 +89,6 @@ pub struct SeenTuple {
 /// An attempt in the store.
 #[derive(Clone, Debug)]
 pub struct SeenAttempt {
-    /// What its worker wrote.
     pub record: AttemptRecord,
     /// When this process saw this record first.
     pub seen: Instant,
@@ -99,7 +97,7 @@ pub struct SeenAttempt {
 }
 
 impl Snapshot {
-    /// Of a store that has not been read yet.
+    /// An empty snapshot, before the first refresh.
     pub fn new(run: &Run, scope: Scope) -> Self {
         let ids: Vec<SceneId> = run.lines.iter().map(|line| line.id.clone()).collect();
         let mut by_id: Vec<usize> = (0..ids.len()).collect();
@@ -123,7 +121,7 @@ impl Snapshot {
         Ok(snapshot)
     }
 
-    /// The state of the scene with this index in the manifest, as far as the scope tells.
+    /// The state of the scene with this index in the manifest, as far as the scope shows it.
     pub fn scene(&self, index: usize) -> SceneState {
         let scene = &self.scenes[index];
         if scene.is_done {
@@ -169,7 +167,7 @@ impl Snapshot {
         self.plan.shards[index]
     }
 
-    /// Which worker made the scene's tuple, if the scope has it.
+    /// Provenance of the scene's tuple, if the scope includes it.
     pub fn provenance(&self, index: usize) -> Option<&Provenance> {
         self.scenes[index].provenance.as_deref()
     }
@@ -179,7 +177,7 @@ impl Snapshot {
         &self.tuples
     }
 
-    /// Attempts that stand, at scenes without a tuple.
+    /// Attempts at scenes without a tuple.
     pub fn attempts(&self) -> impl Iterator<Item = &SeenAttempt> {
         self.attempts.values().filter(|seen| {
             let scene = self.plan.index(seen.record.scene.as_str());

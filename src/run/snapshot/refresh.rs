@@ -16,10 +16,10 @@ use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
 impl Snapshot {
-    /// Lists all keys in the scope and reads what is new.
+    /// Lists all keys in the scope and reads new objects.
     pub fn refresh(&mut self, run: &Run, store: &Store) -> Result<(), StoreError> {
         self.control = Control::get(store)?;
-        // Before the tuples: an attempt whose scene is done meanwhile is then dropped, and none is missed.
+        // Before the tuples, so that a scene that is finished meanwhile drops its attempt, and no attempt is missed.
         self.refresh_attempts(store)?;
         self.refresh_receipts(store)?;
         self.refresh_tuples(run, store)?;
@@ -29,8 +29,9 @@ impl Snapshot {
         Ok(())
     }
 
-    /// Like [`Self::refresh`], but finds new tuples by listing receipts, one key a scene, which workers of a farm put after
-    /// the tuple. True if a receipt or a quarantine record has disappeared, so that [`Self::refresh`] is due.
+    /// Like [`Self::refresh`], but finds new tuples by listing receipts (one key per scene), which the workers of a
+    /// farm put after the tuple. True if a receipt or a quarantine record has disappeared, so that [`Self::refresh`] is
+    /// due.
     pub fn refresh_news(&mut self, run: &Run, store: &Store) -> Result<bool, StoreError> {
         self.control = Control::get(store)?;
         self.refresh_attempts(store)?;

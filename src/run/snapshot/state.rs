@@ -1,19 +1,19 @@
-//! States of a scene and of a run, and how many scenes are in which.
+//! States of a scene and of a run, and the number of scenes in each.
 
 use crate::run::control::ControlState;
 use serde::Serialize;
 
-/// How far a scene is.
+/// Progress of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SceneState {
-    /// Its tuple is there.
+    /// It has a tuple.
     Done,
     /// It is left out until `retry`.
     Quarantined,
-    /// All of its partials are there, its tuple is not.
+    /// It has all partials, but no tuple.
     Complete,
-    /// Some of its partials are there, or a worker holds it.
+    /// It has some partials, or a worker holds it.
     Begun,
     /// It has neither partials nor attempts.
     Waiting,
@@ -36,13 +36,13 @@ impl SceneState {
     }
 }
 
-/// What a run is doing.
+/// Activity of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RunState {
     /// Tasks are published and leased.
     Running,
-    /// Workers finish the scenes that they have opened; no other scene starts before `resume`.
+    /// Workers finish their open scenes; no other scene starts before `resume`.
     Paused,
     /// No further shard starts; finished tuples stay.
     Cancelled,
@@ -95,7 +95,7 @@ pub struct Counts {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Quarantined {
     pub scene: String,
-    /// What happened, to which file, and what to do.
+    /// The error, its file, and a remedy.
     pub reason: String,
 }
 

@@ -10,17 +10,16 @@ use std::time::{Duration, Instant, SystemTime};
 /// Rates are means over this time.
 const RATE_OVER: Duration = Duration::from_mins(5);
 
-/// A run at one moment, as `status` shows it.
+/// A run's numbers at one moment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Status {
     /// Scenes and shards by their states.
     #[serde(flatten)]
     pub counts: Counts,
-    /// What the run is doing, as far as its store tells.
     pub state: RunState,
-    /// Why it was paused or cancelled, if the user said so.
+    /// The user's reason for pausing or cancelling it.
     pub reason: Option<String>,
-    /// Attempts that go on or were lost, at scenes without a tuple.
+    /// Running and lost attempts at scenes without a tuple.
     pub attempts: Vec<StandingAttempt>,
     /// Workers that made tuples, the busiest first.
     pub workers: Vec<WorkerTuples>,
@@ -28,14 +27,13 @@ pub struct Status {
     pub last_tuple_s: Option<f64>,
     /// Scenes a second over the last minutes.
     pub rate_scenes_per_s: Option<f64>,
-    /// Seconds until the last tuple: at the rate of shards between refreshes, or else at that of scenes.
+    /// Seconds until the last tuple, by the rate of shards between refreshes, or else by the rate of scenes.
     pub eta_s: Option<f64>,
 }
 
 /// An attempt that has not ended in order.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StandingAttempt {
-    /// What its worker wrote.
     #[serde(flatten)]
     pub note: AttemptRecord,
     pub age_s: f64,
@@ -44,7 +42,7 @@ pub struct StandingAttempt {
 /// A worker's tuples, by their provenance.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WorkerTuples {
-    /// Its name; `unknown` if the provenance tells none.
+    /// Its name; `unknown` if the provenance has none.
     pub worker: String,
     /// Version of its program, for its newest tuple.
     pub version: Option<String>,
@@ -87,7 +85,7 @@ impl Snapshot {
         let newest = self.tuples.iter().map(|tuple| age(tuple.put)).min();
         let (mut scene_rate, mut shard_rate) = (None, None);
         if state == RunState::Running {
-            // Of tuples that this process saw appear, the age by its own clock.
+            // This process's clock for tuples that it saw appear, the store's clock for others.
             let age_of = |tuple: &SeenTuple| tuple.seen.map_or(age(tuple.put), |at| at.elapsed());
             scene_rate = rate(self.tuples.iter().map(age_of));
             shard_rate = self.shard_rate();
@@ -114,13 +112,13 @@ impl Snapshot {
         }
     }
 
-    /// This machine's time, or the store's newest if that is ahead: no age is negative.
+    /// This machine's time, or the store's newest if that is later, so that no age is negative.
     fn now(&self) -> SystemTime {
         let newest = self.tuples.iter().map(|tuple| tuple.put).max();
         SystemTime::now().max(newest.unwrap_or(SystemTime::UNIX_EPOCH))
     }
 
-    /// A refresh has ended.
+    /// Records the progress after a refresh, for the rate.
     pub(super) fn remember(&mut self) {
         let is_old = |at: &Instant| at.elapsed() > RATE_OVER;
         while self.history.front().is_some_and(|(at, _)| is_old(at)) {
@@ -158,13 +156,13 @@ impl Snapshot {
             }
         }
         let mut workers: Vec<WorkerTuples> = workers.into_values().collect();
-        // Stable: those with equally many stay sorted by name.
+        // The sort is stable: workers with equal counts stay sorted by name.
         workers.sort_by_key(|worker| std::cmp::Reverse(worker.tuples));
         workers
     }
 }
 
-/// Tuples a second, from the ages of all tuples: those of the last minutes that followed the first of them.
+/// Tuples per second over the last minutes, from the ages of all tuples; the first recent tuple only starts the clock.
 fn rate(ages: impl Iterator<Item = Duration>) -> Option<f64> {
     let recent: Vec<Duration> = ages.filter(|age| *age < RATE_OVER).collect();
     let oldest = recent.iter().max()?.as_secs_f64();

@@ -1,4 +1,4 @@
-//! Every command and flag that a launch file or its page passes to the program is one that the program knows.
+//! The program knows every command and flag in launch files and their pages.
 
 use super::yaml::documents;
 use super::{launch_files, repository};
@@ -6,7 +6,7 @@ use crate::support::program::run;
 use std::collections::{BTreeMap, BTreeSet};
 use yaml_rust2::Yaml;
 
-/// A command line: where it stands, and the words after `glasshouse`.
+/// A command line: its place, and the words after `glasshouse`.
 struct Line {
     place: String,
     words: Vec<String>,
@@ -18,7 +18,7 @@ fn is_command(word: &str) -> bool {
 
 /// Command lines in a text: a script, a unit, a page.
 fn lines_of_text(place: &str, text: &str) -> Vec<Line> {
-    // In pages and comments, code stands between backticks.
+    // In pages and comments, code is between backticks.
     let text = text.replace("\\\n", " ").replace('`', "\n");
     let mut found = Vec::new();
     for line in text.lines() {
@@ -107,7 +107,7 @@ fn all_lines() -> Vec<Line> {
     found
 }
 
-/// The flags of a command by its help; nothing if there is no such command.
+/// The flags in a command's help; `None` for an unknown command.
 fn flags(command: &str) -> Option<BTreeSet<String>> {
     let help = run(&[command, "--help"]);
     let flags = help

@@ -1,4 +1,4 @@
-//! Kubernetes and compose: what they must say for nothing to run as root, and for a worker to have time to hand back.
+//! Kubernetes and compose: no process runs as root, and workers have time to requeue their tasks.
 
 use super::launch;
 use super::yaml::{argument, at, documents, strings};
@@ -27,7 +27,7 @@ fn words(name: &str) -> Vec<String> {
 }
 
 #[test]
-fn pods_may_do_nothing_but_their_work() {
+fn pods_have_least_privileges() {
     for (name, workload) in workloads() {
         let pod = at(&workload, "spec.template.spec");
         assert_eq!(pod["automountServiceAccountToken"].as_bool(), Some(false));
@@ -53,7 +53,7 @@ fn pods_may_do_nothing_but_their_work() {
 }
 
 #[test]
-fn what_is_mounted_is_there_and_secrets_are_read_only() {
+fn mounted_volumes_exist_and_secrets_are_read_only() {
     for (name, workload) in workloads() {
         let pod = at(&workload, "spec.template.spec");
         let claims = &workload["spec"]["volumeClaimTemplates"];
@@ -67,7 +67,7 @@ fn what_is_mounted_is_there_and_secrets_are_read_only() {
             assert!(found.is_some() || is_claim, "{name} has no volume {volume}");
             if let Some(secret) = found.and_then(|v| at(v, "secret.secretName").as_str()) {
                 assert_eq!(mount["readOnly"].as_bool(), Some(true), "{name}: {volume}");
-                // As the roles' folders are called by make-keys.sh.
+                // make-keys.sh names the roles' folders.
                 let role = secret.strip_prefix("glasshouse-").unwrap();
                 assert!(["server", "coordinator", "worker"].contains(&role));
             }
@@ -76,12 +76,12 @@ fn what_is_mounted_is_there_and_secrets_are_read_only() {
 }
 
 #[test]
-fn jobs_go_on_after_a_stop_and_end_after_what_will_not_get_better() {
+fn jobs_restart_after_a_stop_and_fail_after_permanent_errors() {
     for (name, again) in
         [("glasshouse-coordinator", "FailJob"), ("glasshouse-workers", "FailIndex")]
     {
         let job = workload(name);
-        // A failure policy is allowed with this alone.
+        // A failure policy requires this.
         let restart = at(&job, "spec.template.spec.restartPolicy");
         assert_eq!(restart.as_str(), Some("Never"));
         let rules = at(&job, "spec.podFailurePolicy.rules").as_vec().unwrap();
@@ -101,7 +101,7 @@ fn jobs_go_on_after_a_stop_and_end_after_what_will_not_get_better() {
 }
 
 #[test]
-fn workers_are_an_indexed_job_with_time_to_hand_back() {
+fn workers_are_an_indexed_job_with_time_to_requeue() {
     let job = workload("glasshouse-workers");
     let spec = &job["spec"];
     assert_eq!(spec["completionMode"].as_str(), Some("Indexed"));
@@ -116,7 +116,7 @@ fn workers_are_an_indexed_job_with_time_to_hand_back() {
     assert_eq!(cpu, Some(threads));
 }
 
-/// A worker refuses a queue whose lease is not its own.
+/// A worker refuses a queue with another lease.
 #[test]
 fn coordinator_and_workers_agree() {
     let (one, other) = (words("glasshouse-coordinator"), words("glasshouse-workers"));
@@ -136,7 +136,7 @@ fn coordinator_and_workers_agree() {
 }
 
 #[test]
-fn compose_is_as_strict() {
+fn compose_has_the_same_restrictions() {
     let compose = documents(&launch("compose/compose.yaml")).remove(0);
     let services = &compose["services"];
     let names = ["nats", "coordinator", "worker"];

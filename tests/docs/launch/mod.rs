@@ -1,4 +1,4 @@
-//! The launch files of `workers/`: understood by the tools they are for, as far as these are at hand, and by the program.
+//! The launch files of `workers/`, checked with the tools that are installed and with the program.
 
 mod flags;
 mod kubernetes;
@@ -9,7 +9,6 @@ mod yaml;
 
 use std::path::{Path, PathBuf};
 
-/// The repository.
 pub(crate) fn repository() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }

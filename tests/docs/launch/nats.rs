@@ -1,4 +1,4 @@
-//! The queue's server: keys are made, the configuration starts a server that asks for TLS and a key.
+//! The queue's server: keys are made, and the configuration starts a server that requires TLS and a key.
 
 use super::launch;
 use crate::support::nats::SecureNats;
@@ -75,7 +75,7 @@ fn each_role_has_its_own_key() {
         assert_eq!(prefix, [(18 << 3) | (20 >> 2), 0]);
         let (prefix, public) = nkey(&public, 1);
         assert_eq!(prefix, [20 << 3]);
-        // The two belong together: openssl makes the public key of the seed.
+        // The two match: openssl derives the public key from the seed.
         let der = folder.path().join("seed.der");
         let head = b"\x30\x2e\x02\x01\x00\x30\x05\x06\x03\x2b\x65\x70\x04\x22\x04\x20";
         std::fs::write(&der, [head.as_slice(), &seed].concat()).unwrap();
@@ -113,7 +113,7 @@ fn keys_are_for_their_owner_alone() {
         }
         assert_eq!(role.metadata().unwrap().permissions().mode() & 0o077, 0);
     }
-    // The authority's key is nowhere but in its folder, and no key of openssl's is left.
+    // The authority's key is only in its folder, and no key of openssl is left.
     for role in ROLES {
         let files = std::fs::read_dir(keys.join(role)).unwrap();
         let mut names: Vec<_> = files.map(|f| f.unwrap().file_name()).collect();
@@ -123,7 +123,7 @@ fn keys_are_for_their_owner_alone() {
 }
 
 #[test]
-fn what_is_there_is_kept_and_what_is_missing_is_made() {
+fn existing_keys_are_kept_and_missing_keys_are_made() {
     let folder = tempfile::tempdir().unwrap();
     if make_keys(&folder.path().join("keys"), &["localhost"]).is_none() {
         return;
@@ -135,7 +135,7 @@ fn what_is_there_is_kept_and_what_is_missing_is_made() {
     let first = all();
     make_keys(&folder.path().join("keys"), &["localhost"]).unwrap();
     assert_eq!(all(), first);
-    // A key that is exchanged, and a server that has another name.
+    // Exchange a key and rename the server.
     std::fs::remove_dir_all(folder.path().join("keys/worker")).unwrap();
     make_keys(&folder.path().join("keys"), &["queue.example", "::1"]).unwrap();
     let second = all();
@@ -153,7 +153,7 @@ fn what_is_there_is_kept_and_what_is_missing_is_made() {
 }
 
 #[test]
-fn the_server_takes_the_configuration_and_asks_for_tls_and_a_key() {
+fn the_server_accepts_the_configuration_and_requires_tls_and_a_key() {
     let Some(server) = SecureNats::start() else {
         return;
     };
@@ -172,7 +172,7 @@ fn the_server_takes_the_configuration_and_asks_for_tls_and_a_key() {
     assert!(hello["nonce"].is_string(), "{hello}");
 }
 
-/// `GLASSHOUSE_*` would be a literal name to the server and allow nothing.
+/// The server would take `GLASSHOUSE_*` as a literal name and match no subject.
 #[test]
 fn wildcards_stand_for_whole_tokens() {
     let text = std::fs::read_to_string(launch("nats/server.conf")).unwrap();

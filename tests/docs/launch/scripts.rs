@@ -15,14 +15,14 @@ fn scripts_are_shell() {
 }
 
 #[test]
-fn shellcheck_has_nothing_to_say() {
+fn shellcheck_finds_no_problem() {
     let mut command = Command::new("shellcheck");
     if let Some(output) = tool(command.args(launch_files(&[".sh", ".sbatch"]))) {
         content(&output);
     }
 }
 
-/// Scripts that are told too little say how they are called, and do nothing.
+/// Scripts without arguments print their usage and do nothing.
 #[test]
 fn scripts_explain_themselves() {
     for script in launch_files(&[".sh"]) {

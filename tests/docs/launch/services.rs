@@ -7,7 +7,7 @@ use std::process::Command;
 
 #[test]
 fn systemd_understands_the_units() {
-    // It wants the programs to be there, so copies name one that is.
+    // It requires the programs to exist, so copies name an existing one.
     let folder = tempfile::tempdir().unwrap();
     let mut copies = Vec::new();
     for unit in launch_files(&[".service"]) {
@@ -30,7 +30,7 @@ fn systemd_understands_the_units() {
         eprintln!("skipped: systemd-analyze does not work here: {said}");
         return;
     }
-    // An unknown key is only a warning to it.
+    // It reports an unknown key only as a warning.
     assert!(output.status.success(), "{said}");
     assert!(!said.contains("glasshouse-"), "{said}");
 }

@@ -12,7 +12,7 @@ pub(crate) fn documents(path: &Path) -> Vec<Yaml> {
     found
 }
 
-/// What stands at `a.b.c`; a number is an element of a list. `<<` is looked through, as compose does.
+/// The value at `a.b.c`; a number is an element of a list. Merge keys (`<<`) are followed, as in compose.
 pub(crate) fn at<'a>(value: &'a Yaml, path: &str) -> &'a Yaml {
     path.split('.').fold(value, |value, key| {
         let found = match key.parse::<usize>() {

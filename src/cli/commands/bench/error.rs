@@ -6,17 +6,15 @@ use crate::bench::{
 };
 use crate::cli::args::{Global, RootArgs, isa, parse_spp, threads};
 use crate::cli::commands::bench::{isa_name, read_scene};
-use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
-use anyhow::anyhow;
 use clap::Args as ClapArgs;
 use render::line::Roots;
 use render::trace::{Isa, TRACER_VERSION};
-use serde::Serialize;
-use std::fmt;
-use std::path::{Path, PathBuf};
+use serde_json::json;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 #[derive(Debug, ClapArgs)]
@@ -27,14 +25,14 @@ pub(super) struct BenchErrorArgs {
     /// Folder of four reference images (LAYER.exr as `render` writes them, or ref_LAYER.npy) [default: rendered]
     #[arg(long, value_name = "DIR")]
     reference: Option<PathBuf>,
-    /// Folder to write error.csv, error.json, error.svg and the own reference to
+    /// Folder for error.csv, error.json, error.svg and the rendered reference
     #[arg(long, value_name = "DIR", default_value = "runs/bench-error")]
     out: PathBuf,
     /// Samples a pixel of the ladder, powers of two
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = parse_spp,
           default_value = "1,2,4,8,16,32,64,128,256,512,1024")]
     spp: Vec<u32>,
-    /// Samples a pixel of the own reference, a power of two
+    /// Samples a pixel of the rendered reference, a power of two
     #[arg(long, value_name = "N", value_parser = parse_spp, default_value = "16384", conflicts_with = "reference")]
     reference_spp: u32,
     /// Seeds to average over
@@ -48,7 +46,7 @@ pub(super) struct BenchErrorArgs {
 const BUILTIN_SIZE: [u32; 2] = [1024, 768];
 const BUILTIN_FILM_PX: u32 = 256;
 
-/// Camera samples that progress counts as one.
+/// Camera samples per unit of progress.
 const PROGRESS_UNIT: u64 = 1 << 20;
 
 pub(super) fn run(
@@ -64,29 +62,31 @@ pub(super) fn run(
         Some(path) => read_scene(path, &roots)?,
         None => pair(BUILTIN_SIZE, BUILTIN_FILM_PX)?,
     };
-    // What cannot be traced is found out before anything is rendered.
+    // An invalid scene fails before anything is rendered.
     scene.assemble(&scene.line, VARIANTS[0].sampling)?;
     let given = match &args.reference {
         Some(dir) => Some(read_reference(dir, &scene.line)?),
         None => None,
     };
     if global.dry_run {
-        let planned = Planned {
-            dry_run: true,
-            scene: &scene.name,
-            out: &args.out,
-            spp: &ladder.spp,
-            seeds: ladder.seeds,
-            reference: args.reference.as_deref(),
-            reference_spp: args.reference_spp,
-        };
-        output.show(ERROR_SCHEMA, &planned);
+        let (name, out, seeds) = (&scene.name, args.out.to_string_lossy(), ladder.seeds);
+        let object = json!({
+            "dry_run": true, "scene": name, "out": out, "spp": ladder.spp, "seeds": seeds,
+            "reference": args.reference.as_ref().map(|dir| dir.to_string_lossy()),
+            "reference_spp": args.reference_spp,
+        });
+        let text = format!(
+            "would render scene {name} with {} sample counts, {} kinds of sampling and {seeds} seeds, and write error.csv, \
+             error.json and error.svg to {out}",
+            ladder.spp.len(),
+            VARIANTS.len(),
+        );
+        output.say(ERROR_SCHEMA, object, text);
         return Ok(Exit::Done);
     }
 
     let signals = Signals::catch();
-    let stopped =
-        || Failure::new(signals.exit(), anyhow!("stopped by a signal: no table is written"));
+    let stopped = || failure!(signals.exit(), "stopped by a signal: no table is written");
     let isa = isa(global)?;
     let threads = threads(global);
     let bench = Bench { global, threads, isa, signals: &signals };
@@ -101,8 +101,7 @@ pub(super) fn run(
     }
     let reference = reference.ok_or_else(stopped)?;
     if reference.record.is_some() && reference.reused {
-        output
-            .note(&format!("the reference in {} fits and is used again", reference.dir.display()));
+        output.note(&format!("the reference in {} matches and is reused", reference.dir.display()));
     }
     let rows = bench
         .with_progress(ladder.samples(pixels), |work| climb(&scene, &ladder, &reference, work))?;
@@ -126,7 +125,7 @@ pub(super) fn run(
     Ok(Exit::Done)
 }
 
-/// How renderings are made, with progress.
+/// Renders with progress.
 struct Bench<'a> {
     global: &'a Global,
     threads: usize,
@@ -157,31 +156,5 @@ impl Bench<'_> {
         });
         progress.finish();
         result
-    }
-}
-
-#[derive(Serialize)]
-struct Planned<'a> {
-    dry_run: bool,
-    scene: &'a str,
-    out: &'a Path,
-    spp: &'a [u32],
-    seeds: u32,
-    reference: Option<&'a Path>,
-    reference_spp: u32,
-}
-
-impl fmt::Display for Planned<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "would render scene {} with {} sample counts, {} kinds of sampling and {} seeds, and write error.csv, error.json \
-             and error.svg to {}",
-            self.scene,
-            self.spp.len(),
-            VARIANTS.len(),
-            self.seeds,
-            self.out.display()
-        )
     }
 }

@@ -3,19 +3,17 @@
 use crate::bench::cpu_name;
 use crate::bench::farm::{FarmBenchError, Setup, makespan, overhead, resume, simulate};
 use crate::cli::args::{Global, isa};
-use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::exit_code::{Exit, Failure, exit_codes, failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::farm::simulate::{Case, Fault, Fleet, Rules, Work, lower_bound_s, some_workers};
-use anyhow::anyhow;
 use clap::Args as ClapArgs;
-use serde::Serialize;
-use std::fmt;
+use serde_json::json;
 
 const SCHEMA: &str = "glasshouse.bench_farm/1";
 
-/// Processes that are started at most.
+/// Most processes to start.
 const MOST_WORKERS: u32 = 256;
 
 #[derive(Debug, ClapArgs)]
@@ -27,7 +25,7 @@ pub(super) struct BenchFarmArgs {
     /// killed and one four times slower
     #[arg(long, conflicts_with_all = ["simulate", "resume"])]
     makespan: bool,
-    /// Measure the time until a run of 320,000 shards that is half done goes on
+    /// Measure the time to resume a half-finished run of 320,000 shards
     #[arg(long, conflicts_with = "simulate")]
     resume: bool,
     /// NATS server to measure with [default: a temporary one, if nats-server is installed]
@@ -37,29 +35,29 @@ pub(super) struct BenchFarmArgs {
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     passes: u32,
 
-    /// Workers, of one thread each; without any mode 1, 2, 4, ... up to this number
+    /// Workers, of one thread each; without a mode 1, 2, 4, ... up to this number
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     workers: u32,
-    /// Scenes [default: 50; 5000 with --resume, 16 without any mode]
+    /// Scenes [default: 50; 5000 with --resume, 16 without a mode]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     scenes: Option<u32>,
-    /// Shards a scene [default: 16; 64 with --resume and without any mode]
+    /// Shards a scene [default: 16; 64 with --resume and without a mode]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     shards: Option<u32>,
-    /// Seed of the costs, the network's jitter and the choice among workers that can give
+    /// Seed of the costs, the network's jitter and the choice of donors
     #[arg(long, value_name = "K", default_value_t = 0)]
     seed: u64,
-    /// Seconds for a shard of the cheapest scenes (25 % more or less); the dearest cost sixteen times as much
+    /// Seconds per shard of the cheapest scenes (± 25 %); the most expensive take sixteen times as long
     #[arg(long, value_name = "S", default_value_t = 0.02, value_parser = parse_seconds)]
     shard_s: f64,
     /// Seconds to load a scene
     #[arg(long, value_name = "S", default_value_t = 0.2, value_parser = parse_seconds)]
     load_s: f64,
 
-    /// Lease of a span in seconds, renewed three times as often [default: 30; 2 with --makespan]
+    /// Lease of a task in seconds, renewed three times per lease [default: 30; 2 with --makespan]
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
     lease_s: Option<f64>,
-    /// Milliseconds from a worker to the queue and back
+    /// Round trip from a worker to the queue, milliseconds
     #[arg(long, value_name = "MS", default_value_t = 1.0, value_parser = parse_seconds)]
     round_trip_ms: f64,
     /// Longest time between two listings of the store by the coordinator, in seconds
@@ -67,52 +65,27 @@ pub(super) struct BenchFarmArgs {
     reconcile_s: f64,
 
     /// Kill a worker at a second (0@3.1), or a share of all workers at times spread over the bound (5%); repeatable
-    #[arg(long, value_name = "W@S|N%", value_parser = parse_kill)]
-    kill: Vec<Kill>,
-    /// Slow a worker (1x4: four times slower) or a share of all workers (10%x4) down; repeatable
+    #[arg(long, value_name = "W@S|N%", value_parser = parse_which_at)]
+    kill: Vec<(Which, Option<f64>)>,
+    /// Slow down a worker (1x4: four times slower) or a share of all workers (10%x4); repeatable
     #[arg(long, value_name = "WxF|N%xF", value_parser = parse_slow)]
-    slow: Vec<Slow>,
+    slow: Vec<(Which, f64)>,
     /// Stop a worker as SIGSTOP and SIGCONT do (2@5+60: at second 5 for 60 seconds), or a share of them (1%+60); repeatable
     #[arg(long, value_name = "W@S+S|N%+S", value_parser = parse_stop)]
-    stop: Vec<Stop>,
+    stop: Vec<(Which, Option<f64>, f64)>,
     /// Second at which the queue forgets everything; repeatable
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
     wipe: Vec<f64>,
-    /// Take the queue's server away (20+60: from second 20 for 60 seconds); repeatable
+    /// Disconnect the queue's server (20+60: from second 20 for 60 seconds); repeatable
     #[arg(long, value_name = "S+S", value_parser = parse_away)]
     away: Vec<(f64, f64)>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mode {
     Overhead,
     Makespan,
     Resume,
-}
-
-impl fmt::Display for Mode {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Overhead => "real workers on a queue and inside one process",
-            Self::Makespan => "real workers on a queue, tasks that sleep, twice",
-            Self::Resume => "a run that is half done would be made and resumed",
-        })
-    }
-}
-
-/// The result with `--dry-run`.
-#[derive(Serialize)]
-struct Planned {
-    measured: bool,
-    mode: Mode,
-    dry_run: bool,
-}
-
-impl fmt::Display for Planned {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "would measure: {}", self.mode)
-    }
 }
 
 pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -121,10 +94,10 @@ pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Res
         return Ok(Exit::Done);
     }
     if args.workers > MOST_WORKERS {
-        let what = format!(
+        return Err(failure!(
+            Exit::Usage,
             "at most {MOST_WORKERS} workers are started; more can be simulated (--simulate)"
-        );
-        return Err(usage(what));
+        ));
     }
     let mode = match (args.makespan, args.resume) {
         (true, _) => Mode::Makespan,
@@ -132,8 +105,13 @@ pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Res
         _ => Mode::Overhead,
     };
     if global.dry_run {
-        let planned = Planned { measured: true, mode, dry_run: true };
-        output.show(SCHEMA, &planned);
+        let (name, what) = match mode {
+            Mode::Overhead => ("overhead", "real workers on a queue and inside one process"),
+            Mode::Makespan => ("makespan", "real workers on a queue, tasks that sleep, twice"),
+            Mode::Resume => ("resume", "making and resuming a half-finished run"),
+        };
+        let object = json!({ "measured": true, "mode": name, "dry_run": true });
+        output.say(SCHEMA, object, format_args!("would measure: {what}"));
         return Ok(Exit::Done);
     }
     let signals = Signals::catch();
@@ -180,8 +158,10 @@ fn measure(
             progress.finish();
             output.show(SCHEMA, &result);
             if !result.tuples_equal {
-                let what = "the farm's tuples are not those of one process: this must never happen; please report it";
-                return Err(Failure::new(Exit::Failed, anyhow!(what)));
+                return Err(failure!(
+                    Exit::Failed,
+                    "the farm's tuples differ from those of one process: this must never happen; please report it"
+                ));
             }
         }
         Mode::Resume => {
@@ -194,26 +174,15 @@ fn measure(
     Ok(Exit::Done)
 }
 
-fn usage(what: impl Into<String>) -> Failure {
-    Failure::new(Exit::Usage, anyhow!(what.into()))
-}
-
-impl From<FarmBenchError> for Failure {
-    fn from(error: FarmBenchError) -> Self {
-        use FarmBenchError as E;
-        match error {
-            E::NoQueue | E::OtherFault => Self::new(Exit::Usage, error),
-            E::Plan(error) => error.into(),
-            E::Run(error) => error.into(),
-            E::Queue(error) => error.into(),
-            E::Bench(error) => error.into(),
-            E::Write(error) => error.into(),
-            _ => Self::new(Exit::Failed, error),
-        }
+exit_codes! {
+    FarmBenchError {
+        (Plan | Run | Queue | Bench | Write) => its_own,
+        NoQueue | OtherFault => Usage,
+        _ => Failed,
     }
 }
 
-/// The case of the arguments, to be simulated or done.
+/// The case that the arguments describe, to simulate or to run.
 fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
     let lease_s = args.lease_s.unwrap_or(if args.simulate { 30.0 } else { 2.0 });
     let mut case = Case {
@@ -236,30 +205,26 @@ fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
     let workers = args.workers;
     let chosen = |which: Which, salt: u64| match which {
         Which::One(worker) if worker >= workers => {
-            Err(usage(format!("there is no worker {worker}: they are 0 to {}", workers - 1)))
+            Err(failure!(Exit::Usage, "there is no worker {worker}: they are 0 to {}", workers - 1))
         }
         Which::One(worker) => Ok(vec![(worker, 0.0)]),
         Which::Share(share) => Ok(some_workers(workers, share, args.seed ^ (salt << 32))),
     };
     let mut faults = Vec::new();
-    for (k, slow) in (1..).zip(&args.slow) {
-        for (worker, _) in chosen(slow.which, k)? {
-            let times = slow.times;
-            faults.push(Fault::Slow { worker, times });
-        }
+    for (k, &(which, times)) in (1..).zip(&args.slow) {
+        faults
+            .extend(chosen(which, k)?.into_iter().map(|(worker, _)| Fault::Slow { worker, times }));
     }
     case.faults = std::mem::take(&mut faults);
     let spread_s = lower_bound_s(&case).unwrap_or(0.0);
-    for (k, kill) in (1001..).zip(&args.kill) {
-        for (worker, drawn) in chosen(kill.which, k)? {
-            let at_s = kill.at_s.unwrap_or(drawn * spread_s);
-            faults.push(Fault::Kill { worker, at_s });
+    for (k, &(which, at_s)) in (1001..).zip(&args.kill) {
+        for (worker, drawn) in chosen(which, k)? {
+            faults.push(Fault::Kill { worker, at_s: at_s.unwrap_or(drawn * spread_s) });
         }
     }
-    for (k, stop) in (2001..).zip(&args.stop) {
-        for (worker, drawn) in chosen(stop.which, k)? {
-            let at_s = stop.at_s.unwrap_or(drawn * spread_s);
-            let for_s = stop.for_s;
+    for (k, &(which, at_s, for_s)) in (2001..).zip(&args.stop) {
+        for (worker, drawn) in chosen(which, k)? {
+            let at_s = at_s.unwrap_or(drawn * spread_s);
             faults.push(Fault::Stop { worker, at_s, for_s });
         }
     }
@@ -276,28 +241,6 @@ enum Which {
     One(u32),
     /// 0..=1.
     Share(f64),
-}
-
-/// `--kill`; a share has its times drawn.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Kill {
-    which: Which,
-    at_s: Option<f64>,
-}
-
-/// `--slow`
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Slow {
-    which: Which,
-    times: f64,
-}
-
-/// `--stop`; a share has its times drawn.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Stop {
-    which: Which,
-    at_s: Option<f64>,
-    for_s: f64,
 }
 
 fn parse_seconds(text: &str) -> Result<f64, String> {
@@ -320,7 +263,7 @@ fn parse_which(text: &str) -> Result<Which, String> {
         .map_err(|_| format!("{text:?} is neither a worker's number, from 0, nor a share like 5%"))
 }
 
-/// A worker needs a time, a share must not have one.
+/// A worker with a time, or a share without one: its times are drawn.
 fn parse_which_at(text: &str) -> Result<(Which, Option<f64>), String> {
     match text.split_once('@') {
         Some((which, at)) => match parse_which(which)? {
@@ -334,26 +277,21 @@ fn parse_which_at(text: &str) -> Result<(Which, Option<f64>), String> {
     }
 }
 
-fn parse_kill(text: &str) -> Result<Kill, String> {
-    let (which, at_s) = parse_which_at(text)?;
-    Ok(Kill { which, at_s })
-}
-
-fn parse_slow(text: &str) -> Result<Slow, String> {
+fn parse_slow(text: &str) -> Result<(Which, f64), String> {
     let (which, times) =
         text.split_once('x').ok_or("how much slower? write WORKERxTIMES, like 1x4")?;
     let times = parse_seconds(times)?;
     if times < 1.0 {
         return Err("1 or more times slower".to_owned());
     }
-    Ok(Slow { which: parse_which(which)?, times })
+    Ok((parse_which(which)?, times))
 }
 
-fn parse_stop(text: &str) -> Result<Stop, String> {
+fn parse_stop(text: &str) -> Result<(Which, Option<f64>, f64), String> {
     let (which, for_s) =
         text.rsplit_once('+').ok_or("for how long? write WORKER@SECOND+SECONDS, like 2@5+60")?;
     let (which, at_s) = parse_which_at(which)?;
-    Ok(Stop { which, at_s, for_s: parse_seconds(for_s)? })
+    Ok((which, at_s, parse_seconds(for_s)?))
 }
 
 fn parse_away(text: &str) -> Result<(f64, f64), String> {

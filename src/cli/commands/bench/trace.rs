@@ -14,21 +14,22 @@ use compose::markdown_table;
 use render::line::Roots;
 use render::trace::{Isa, TRACER_VERSION};
 use serde::Serialize;
+use serde_json::json;
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct BenchTraceArgs {
-    /// Scene (glasshouse.scene/1), repeatable; after the built-in ones
+    /// Scene (glasshouse.scene/1), measured after the built-in ones; repeatable
     #[arg(long, value_name = "FILE")]
     scene: Vec<PathBuf>,
     /// Leave out the built-in scenes
     #[arg(long, requires = "scene")]
     no_builtin: bool,
-    /// Passes, of which the median and the best are shown
+    /// Passes; the result has their median and the best
     #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u16).range(1..=1000))]
     passes: u16,
-    /// Folder to write rays, hits and vertices to, for another ray tracer (rays.json lists them)
+    /// Folder for rays, hits and vertices, for another ray tracer (rays.json lists them)
     #[arg(long, value_name = "DIR")]
     dump: Option<PathBuf>,
     #[command(flatten)]
@@ -41,7 +42,7 @@ const SCHEMA: &str = "glasshouse.bench_trace/1";
 const BUILTIN_SIZE: [u32; 2] = [1024, 768];
 const BUILTIN_FILM_PX: u32 = 256;
 
-/// Steps of progress that a scene takes.
+/// Steps of progress per scene.
 const STEPS: u64 = 3;
 
 pub(super) fn run(
@@ -63,8 +64,9 @@ pub(super) fn run(
         if !args.no_builtin {
             names.splice(0..0, ["indoor", "outdoor", "stress"]);
         }
-        let planned = Planned { dry_run: true, scenes: names, dump: args.dump.as_deref() };
-        output.show(SCHEMA, &planned);
+        let dump = args.dump.as_ref().map(|dir| dir.to_string_lossy());
+        let object = json!({ "dry_run": true, "scenes": names, "dump": dump });
+        output.say(SCHEMA, object, format_args!("would measure {}", names.join(", ")));
         return Ok(Exit::Done);
     }
     if !args.no_builtin {
@@ -94,19 +96,6 @@ pub(super) fn run(
     };
     output.show(SCHEMA, &report);
     Ok(Exit::Done)
-}
-
-#[derive(Serialize)]
-struct Planned<'a> {
-    dry_run: bool,
-    scenes: Vec<&'a str>,
-    dump: Option<&'a Path>,
-}
-
-impl fmt::Display for Planned<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "would measure {}", self.scenes.join(", "))
-    }
 }
 
 #[derive(Serialize)]

@@ -2,13 +2,14 @@
 
 use crate::bench::{TrainBench, TrainStep, cpu_name, on_cpu};
 use crate::cli::args::Global;
-use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::network::use_threads;
 use crate::cli::output::{Output, as_map};
 use crate::cli::progress::Progress;
 use clap::Args as ClapArgs;
 use compose::markdown_table;
 use serde::Serialize;
+use serde_json::json;
 use std::collections::BTreeMap;
 use std::fmt;
 use train::candle_core::Device;
@@ -26,10 +27,10 @@ pub(super) struct BenchTrainArgs {
     /// Images a step
     #[arg(long, value_name = "N", default_value_t = 1)]
     batch: usize,
-    /// Without VGG-19: red, green and blue alone, and no feature losses
+    /// Train without VGG-19: RGB input only, no feature losses
     #[arg(long)]
     no_features: bool,
-    /// Steps after the first, which warms up
+    /// Steps after the first, which is a warm-up
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=10000))]
     steps: u32,
 }
@@ -50,8 +51,12 @@ pub(super) fn run(
     let usage = |e: train::SettingError| Failure::new(Exit::Usage, e);
     settings.validate().map_err(usage)?;
     if global.dry_run {
-        let planned = Planned { dry_run: true, steps: args.steps };
-        output.show(SCHEMA, &planned);
+        let object = json!({ "dry_run": true, "steps": args.steps });
+        output.say(
+            SCHEMA,
+            object,
+            format_args!("would take {} steps and a warm-up step", args.steps),
+        );
         return Ok(Exit::Done);
     }
     let threads = use_threads(global);
@@ -59,7 +64,7 @@ pub(super) fn run(
     let progress = Progress::new(global, "steps", u64::from(args.steps) + 1);
     let mut bench = TrainBench::new(&settings, args.size as usize, &Device::Cpu).map_err(failed)?;
     let mut steps = Vec::new();
-    // The first warms up.
+    // The first is a warm-up.
     for step in 0..=args.steps {
         let measured = bench.step().map_err(failed)?;
         progress.add(1, false);
@@ -71,8 +76,7 @@ pub(super) fn run(
     let (Some(best), Some(fastest)) =
         (least(&steps, |s| s.cpu_s).cloned(), least(&steps, |s| s.wall_s))
     else {
-        let error = anyhow::anyhow!("no step was taken");
-        return Err(Failure::new(Exit::Usage, error));
+        return Err(failure!(Exit::Usage, "no step was taken"));
     };
     let mut parts: BTreeMap<&'static str, f64> = BTreeMap::new();
     for (name, seconds) in &best.parts {
@@ -100,18 +104,6 @@ pub(super) fn run(
     };
     output.show(SCHEMA, &report);
     Ok(Exit::Done)
-}
-
-#[derive(Serialize)]
-struct Planned {
-    dry_run: bool,
-    steps: u32,
-}
-
-impl fmt::Display for Planned {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "would take {} steps and one before them", self.steps)
-    }
 }
 
 #[derive(Serialize)]
@@ -167,7 +159,7 @@ fn least(steps: &[TrainStep], of: fn(&TrainStep) -> f64) -> Option<&TrainStep> {
     steps.iter().min_by(|a, b| of(a).total_cmp(&of(b)))
 }
 
-/// The most memory that this process had at once, if the system says.
+/// Peak memory of this process, if the system reports it.
 fn peak_memory_bytes() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

@@ -1,4 +1,4 @@
-//! `run RECIPE`: everything, on this machine.
+//! `run RECIPE`: plans, traces, trains and reports on this machine.
 
 #[cfg(feature = "train")]
 mod training;
@@ -6,7 +6,7 @@ mod training;
 use crate::cli::args::{CheckpointArgs, Global};
 use crate::cli::commands::plan::{self as plan_command, PlanArgs, plan_with, run_folder};
 use crate::cli::commands::report;
-use crate::cli::commands::work::{How, Worked, work_on};
+use crate::cli::commands::work::{How, result, work_on};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::store_env;
@@ -15,9 +15,6 @@ use crate::run::Run;
 use crate::store::Store;
 use clap::Args as ClapArgs;
 use render::line::Roots;
-use serde::Serialize;
-use std::fmt;
-use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct RunArgs {
@@ -32,7 +29,7 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     if global.dry_run {
         return plan_command::run(plan, global, output);
     }
-    // Before anything computes: the pool of threads is made once.
+    // First of all, because the global thread pool can be built only once.
     #[cfg(feature = "train")]
     crate::cli::network::use_threads(global);
     plan_with(plan, global, output)?;
@@ -48,12 +45,12 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     let store = Store::local(&folder)?;
     let mut report = None;
     if outcome.merged > 0 {
-        // A training takes long: the tuples can be looked at meanwhile.
+        // Before the training, which takes long, so that the user can look at the tuples meanwhile.
         report = Some(write_report(&run, &store, None)?);
     }
     let mut exit = exit;
     #[cfg(feature = "train")]
-    let mut lesson = None;
+    let mut trained = None;
     #[cfg(feature = "train")]
     if matches!(exit, Exit::Done | Exit::Incomplete)
         && let Some(training) = training::training(&folder, &run, global, output)?
@@ -61,41 +58,20 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
         if training.exit != Exit::Done {
             exit = training.exit;
         }
-        lesson = Some(training);
-        // The same page, with the training.
+        trained = Some(training);
+        // Written again below, with the training.
         report = None;
     }
-    let report = match report {
-        Some(report) => report,
-        None => write_report(&run, &store, None)?,
-    };
+    let report = report.map_or_else(|| write_report(&run, &store, None), Ok)?;
     report::warn(&report, output);
-    let ran = Ran {
-        worked: Worked::new(&outcome, &folder, wall),
-        #[cfg(feature = "train")]
-        train: lesson,
-        report: report.path,
-    };
-    output.show("glasshouse.run/1", &ran);
-    Ok(exit)
-}
-
-#[derive(Serialize)]
-struct Ran<'a> {
-    #[serde(flatten)]
-    worked: Worked<'a>,
+    let (mut object, mut text) = result(&outcome, &folder, wall);
     #[cfg(feature = "train")]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    train: Option<training::Lesson>,
-    report: PathBuf,
-}
-
-impl fmt::Display for Ran<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        #[cfg(feature = "train")]
-        if let Some(train) = &self.train {
-            writeln!(f, "{train}")?;
-        }
-        write!(f, "{}\nlook at {}", self.worked, self.report.display())
+    if let Some(trained) = trained {
+        object["train"] = serde_json::json!(trained);
+        text = format!("{trained}\n{text}");
     }
+    object["report"] = report.path.to_string_lossy().into();
+    text += &format!("\nsee {}", report.path.display());
+    output.say("glasshouse.run/1", object, text);
+    Ok(exit)
 }
