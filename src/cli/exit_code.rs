@@ -105,7 +105,7 @@ impl From<crate::farm::FarmError> for Failure {
         use crate::farm::FarmError as E;
         match error {
             E::Access(error) => error.into(),
-            E::Queue(_) | E::Isolated(_) => Self::new(Exit::Failed, error),
+            E::Queue(_) | E::Sandbox(_) => Self::new(Exit::Failed, error),
         }
     }
 }

@@ -189,7 +189,7 @@ impl Progress {
                     narrow.push((miss_share, scene.to_string()));
                 }
             }
-            Event::Isolated { scene } => self.suspend(|| {
+            Event::Sandboxed { scene } => self.suspend(|| {
                 output.note(&format!(
                     "scene {scene} was lost with an earlier process: it is traced in one of its own"
                 ));

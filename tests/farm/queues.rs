@@ -51,7 +51,7 @@ fn a_queue_is_a_set() {
         keeper.publish(&spans).unwrap();
         keeper.publish(&spans).unwrap();
         a.publish(&spans[..1]).unwrap();
-        let state = keeper.look().unwrap();
+        let state = keeper.state().unwrap();
         assert_eq!((state.waiting, state.held), (2, 0));
         assert_eq!(keeper.scenes().unwrap(), BTreeSet::from([0, 1]));
         let (first, second) = (take(a), take(b));
@@ -60,11 +60,11 @@ fn a_queue_is_a_set() {
         // Held ones are in it, too.
         keeper.publish(&spans).unwrap();
         assert!(nothing(a));
-        let state = keeper.look().unwrap();
+        let state = keeper.state().unwrap();
         assert_eq!((state.waiting, state.held), (0, 2));
         a.finish(first.id);
         b.finish(second.id);
-        assert!(keeper.look().unwrap().is_quiet());
+        assert!(keeper.state().unwrap().is_quiet());
         // Finished ones are not.
         keeper.publish(&spans[..1]).unwrap();
         assert_eq!(take(b).message, spans[0]);
@@ -91,7 +91,7 @@ fn a_lease_ends_unless_it_is_renewed() {
         b.finish(again.id);
         a.finish(held.id);
         assert!(nothing(a));
-        assert!(keeper.look().unwrap().is_quiet());
+        assert!(keeper.state().unwrap().is_quiet());
     });
 }
 
