@@ -1,4 +1,4 @@
-//! Input files are checked before anything is traced; and the paper's recipe is planned over folders of the real layout.
+//! Input files are checked before tracing; and the paper's recipe is planned over folders of the real layout.
 
 use crate::support::outputs::{files, manifest};
 use crate::support::program::{Ended, run, text};

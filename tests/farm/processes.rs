@@ -56,7 +56,7 @@ pub(crate) fn worker(place: &Place, server: &Nats) -> Child {
     start("work", place, server, &["-j", "1"])
 }
 
-/// Waits for the end of a process, no longer than [`LONGEST`]. Its output is read meanwhile, or a full pipe would block it.
+/// Waits up to [`LONGEST`] for the end of a process. Its output is read meanwhile, or a full pipe would block it.
 #[track_caller]
 pub(crate) fn end(mut child: Child) -> Ended {
     let pid = child.id();

@@ -6,7 +6,7 @@ use crate::support::scenes::{npy, photographs, scene, write_lines};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// Damages or repairs files after planning, which would refuse them.
+/// Writes files before planning; damages them after it (`is_done`), for planning would refuse them.
 fn damage(folder: &Path, is_done: bool) {
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).unwrap();
     let png = std::fs::read(folder.join("a.png")).unwrap();

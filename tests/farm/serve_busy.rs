@@ -89,7 +89,7 @@ fn dropping_it_closes_the_port_and_the_connections() {
 }
 
 #[test]
-fn a_port_in_use_is_reported() {
+fn a_port_in_use_and_a_weak_token_are_refused() {
     let run = run();
     let server = start(&run, None);
     let source = || -> Arc<dyn FarmSource> { Arc::<Run>::clone(&run) };

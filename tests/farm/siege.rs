@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 
 /// It kills or hangs the process that traces it.
 const POISON: &str = "test-sample-000000";
-/// Shards of one range of samples, and the samples of a range.
+/// Shards of one range of samples, and its length.
 const TILES: u32 = 24;
 const RANGE_SPP: u32 = 256;
 /// The last three workers.

@@ -99,7 +99,7 @@ fn a_store_is_enough() {
 }
 
 #[test]
-fn the_text_is_short() {
+fn the_text_shows_state_counts_and_progress() {
     let place = place();
     run(&place.arguments("run", &["-q"])).expect(0);
     let words = run(&["status", text(&place.run)]).expect(0).stdout;

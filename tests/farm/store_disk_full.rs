@@ -6,7 +6,7 @@ use crate::support::program::{Ended, PROGRAM, text};
 use crate::support::scenes::{place, reference};
 use std::process::Command;
 
-/// `$1`: an empty folder, `$2`: a recipe, `$3`: a folder for copies of the results, `$4`: the program, `$5`: a queue or nothing.
+/// `$1`: an empty folder, `$2`: a recipe, `$3`: a folder for copies, `$4`: the program, `$5`: a queue or nothing.
 ///
 /// The tmpfs has room for the plan and 0.6 MB besides, of about 2 MB that four scenes' tuples and partials need.
 const SCRIPT: &str = r#"

@@ -6,7 +6,6 @@ use super::pool::ComputeThread;
 use crate::farm::FarmError;
 use crate::run::{AccessError, Event, Stage, Stopwatch, keys};
 use render::job::SceneJob;
-use render::line::SceneLine;
 use render::merge::combine;
 use render::scene::{LoadError, load};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -46,7 +45,11 @@ impl<'a> ComputeThread<'_, 'a> {
                 (worker.on_event)(Event::SceneOpened { scene: line.id.clone() });
                 return worker.step(&task, || self.begin(&task));
             }
-            Ok(Err(error)) => load_reason(line, &error),
+            // The error does not name the scene's files.
+            Ok(Err(LoadError::Assemble(error))) => {
+                format!("{error} (front is {}, back is {})", line.front.name(), line.back.name())
+            }
+            Ok(Err(error)) => error.to_string(),
             Err(panic) => panic_reason(&*panic),
         };
         worker.break_down_if(worker.fail(task, &reason));
@@ -164,15 +167,5 @@ impl<'a> ComputeThread<'_, 'a> {
             self.order(Order { task, objects: Objects::Tuple(encoded) });
         }
         Ok(())
-    }
-}
-
-/// Adds the scene's files to errors that do not name one.
-fn load_reason(line: &SceneLine, error: &LoadError) -> String {
-    match error {
-        LoadError::Assemble(error) => {
-            format!("{error} (front is {}, back is {})", line.front.name(), line.back.name())
-        }
-        error => error.to_string(),
     }
 }

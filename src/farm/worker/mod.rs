@@ -31,7 +31,6 @@ mod stop;
 mod tally;
 pub(crate) mod tasks;
 mod work;
-mod work_log;
 mod writer;
 
 pub use options::{Outcome, Sandbox, SandboxEnd, SharedQueue, WorkOptions};

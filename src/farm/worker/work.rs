@@ -9,22 +9,25 @@ use super::prefetch::{Appetite, Prefetcher};
 use super::stop::StopSigns;
 use super::tally::Tally;
 use super::tasks::Tasks;
-use super::work_log::work_log;
 use super::writer::Writer;
 use crate::farm::FarmError;
 use crate::farm::queue::{LocalQueue, Message, Queue, QueueKeeper};
 use crate::farm::sweep::sweep;
-use crate::run::{AccessError, ControlPoll, Event, LogTime, Run, Scope, Snapshot, Task, keys};
+use crate::run::{
+    AccessError, ControlPoll, Event, LogTime, Run, Scope, Snapshot, Task, WORK_LOG_SCHEMA, WorkLog,
+    keys,
+};
 use crate::store::Store;
 use crossbeam::channel::bounded;
 use crossbeam::deque::{Injector, Worker as Deque};
 use render::color::SrgbEncoder;
 use render::ids::SceneId;
 use render::shard::golden;
+use render::trace::TRACER_VERSION;
 use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 /// Does all that the run lacks, as its only worker.
 pub fn work(
@@ -142,7 +145,30 @@ fn work_on<'a>(
     let stopped = worker.stop.reason(options.stop);
     let outcome = worker.tally.outcome(stopped);
     let is_child = shared_queue.is_some_and(|queue| queue.is_child);
-    work_log(&outcome, options, scenes, is_child, &began).leave(store);
+    let since_1970 = began.clock.duration_since(SystemTime::UNIX_EPOCH);
+    let named = |seconds: &[(&'static str, f64)]| {
+        seconds.iter().map(|(stage, s)| ((*stage).to_owned(), *s)).collect()
+    };
+    let log = WorkLog {
+        schema: WORK_LOG_SCHEMA.to_owned(),
+        worker: options.who.worker.clone(),
+        host: options.who.host.clone(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        tracer_version: TRACER_VERSION,
+        is_child,
+        threads: options.threads.max(1) as u32,
+        started_unix_s: since_1970.unwrap_or_default().as_secs_f64(),
+        wall_s: began.start.elapsed().as_secs_f64(),
+        stopped: outcome.stopped.map(|stop| stop.name().to_owned()),
+        merged: outcome.merged,
+        shards_traced: outcome.traced,
+        shards_resumed: outcome.resumed,
+        scenes_loaded: outcome.loaded,
+        thread_seconds: named(&outcome.seconds.all()),
+        cpu_seconds: named(&outcome.seconds.cpu()),
+        scenes,
+    };
+    log.leave(store);
     Ok(outcome)
 }
 

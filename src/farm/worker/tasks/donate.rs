@@ -8,6 +8,7 @@ use super::{Entry, TaskId, TaskState, Tasks};
 use std::ops::Range;
 
 /// A task as a candidate for donation.
+#[derive(Clone)]
 struct Candidate {
     task: TaskId,
     /// Its scene is loaded.
@@ -116,27 +117,18 @@ mod tests {
     }
 
     #[test]
-    fn unopened_tasks_are_donated_first() {
-        let all = [
-            candidate(0, 1..16, true),
-            candidate(1, 0..1, false),
-            candidate(2, 0..4, false),
-            candidate(3, 0..2, false),
-        ];
+    fn the_later_half_of_the_unopened_tasks_or_of_the_unbegun_shards_is_donated() {
+        let open = candidate(0, 6..16, true);
+        let queued =
+            [(1, 0..1), (2, 0..4), (3, 0..2)].map(|(k, shards)| candidate(k, shards, false));
+        let all = [&[open.clone()], &queued[..]].concat();
         assert_eq!(chosen(&all, 1.0, LOAD_S), [(2, 0..4), (3, 0..2)]);
         assert_eq!(chosen(&all[..2], 1.0, LOAD_S), [(1, 0..1)]);
-    }
-
-    #[test]
-    fn the_later_half_of_the_unbegun_shards_is_donated() {
-        let all = [candidate(0, 6..16, true), candidate(1, 5..8, true)];
-        assert_eq!(chosen(&all, 1.0, LOAD_S), [(0, 11..16)]);
+        let two = [open.clone(), candidate(1, 5..8, true)];
+        assert_eq!(chosen(&two, 1.0, LOAD_S), [(0, 11..16)]);
         assert_eq!(chosen(&[candidate(0, 4..5, true)], 1.0, LOAD_S), [(0, 4..5)]);
-    }
-
-    #[test]
-    fn shards_not_worth_a_load_are_kept() {
-        assert_eq!(chosen(&[candidate(0, 6..16, true)], 1.0, 5.0), []);
+        // Not worth a load, or nothing to donate.
+        assert_eq!(chosen(&[open], 1.0, 5.0), []);
         assert_eq!(chosen(&[candidate(0, 4..4, true)], 1.0, LOAD_S), []);
         assert_eq!(chosen(&[], 1.0, LOAD_S), []);
     }
