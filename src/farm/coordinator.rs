@@ -30,7 +30,6 @@ pub struct CoordinateOptions<'a> {
 #[derive(Debug)]
 pub struct Watch {
     pub snapshot: Snapshot,
-    /// As of the queue's last answer.
     pub queue: QueueState,
     /// The reason for which the queue does not answer.
     pub queue_lost: Option<String>,
@@ -48,7 +47,6 @@ impl Watch {
 
 #[derive(Debug)]
 pub struct Coordinated {
-    /// The run at the end.
     pub snapshot: Snapshot,
     pub published: u64,
     /// Ended by `stop`.
@@ -196,7 +194,6 @@ impl Coordinator<'_> {
         Ok(QueuePoll { state, other, scenes })
     }
 
-    /// Reports each done scene once.
     fn tell_done(&mut self) {
         let run = self.run;
         for scene in 0..run.lines.len() {

@@ -7,10 +7,8 @@ use render::atomic_file::WriteError;
 
 #[derive(Debug, thiserror::Error)]
 pub enum FarmError {
-    /// The run's files cannot be used.
     #[error(transparent)]
     Access(#[from] AccessError),
-    /// The run's queue cannot be used.
     #[error(transparent)]
     Queue(#[from] QueueError),
     /// The child process of a task that may be dangerous could not work.

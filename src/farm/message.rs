@@ -11,7 +11,6 @@ const VERSION: u8 = 1;
 const CONFIG: Configuration<LittleEndian, Fixint> =
     bincode::config::standard().with_fixed_int_encoding();
 
-/// A message of the queue.
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
 struct TaskMessage {
     /// First eight bytes of the BLAKE3 of the run's spec: a message of another run is refused.
@@ -60,7 +59,6 @@ pub struct MessageError {
     reason: String,
 }
 
-/// Encodes a message for workers of `run`.
 pub fn write_message(run: [u8; 8], message: &Message) -> Vec<u8> {
     encode(&TaskMessage {
         run,

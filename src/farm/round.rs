@@ -4,7 +4,6 @@ use super::queue::QueueState;
 use crate::run::ControlState;
 use std::collections::BTreeSet;
 
-/// The findings of one poll of the queue.
 pub(super) struct QueuePoll {
     pub(super) state: QueueState,
     /// The queue was made anew since the last poll.
@@ -13,7 +12,6 @@ pub(super) struct QueuePoll {
     pub(super) scenes: BTreeSet<u32>,
 }
 
-/// The findings of one round.
 pub(super) struct Round<'a> {
     /// The round lists all of queue and store, not only changes.
     pub(super) full: bool,

@@ -32,7 +32,6 @@ pub(super) fn sweep_staged(run: &Run, store: &Store) {
 
 const SCENE_FOLDERS: [(&str, u32); 3] = [("tuples", 1), ("partials", 1), ("attempts", 1)];
 
-/// Sweeps folders of a run, each down to a depth.
 fn sweep_folders(run: &Run, folders: &[(&str, u32)]) {
     for &(name, depth) in folders {
         let folder = run.root().join(name);

@@ -46,7 +46,6 @@ fn key(message: &Message) -> Key {
     [task.scene, task.shards.start, task.shards.end, message.hops]
 }
 
-/// One worker's end of it.
 pub struct LocalWorker {
     queue: LocalQueue,
     number: u64,

@@ -47,7 +47,6 @@ pub struct Lease {
     pub redelivered: bool,
 }
 
-/// The result of [`Queue::take`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Taken {
     Lease(Lease),
@@ -84,7 +83,6 @@ impl Request {
 #[error("the queue cannot be reached: {0}")]
 pub struct QueueError(pub String);
 
-/// One worker's end of a queue.
 pub trait Queue: Send + Sync {
     /// Leases a task, waiting for one up to `wait`; with a `wait` of zero, one that is there now.
     fn take(&self, wait: Duration) -> Taken;
@@ -101,7 +99,6 @@ pub trait Queue: Send + Sync {
     fn requested(&self, wait: Duration) -> Option<Request>;
 }
 
-/// The coordinator's end of a queue.
 pub trait QueueKeeper: Send + Sync {
     /// Makes the queue if it is not there. True if any process has made it anew since the last call.
     fn ensure(&self) -> Result<bool, QueueError>;
@@ -118,7 +115,6 @@ pub trait QueueKeeper: Send + Sync {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct QueueState {
     pub waiting: u64,
-    /// Leased messages.
     pub held: u64,
 }
 

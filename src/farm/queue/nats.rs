@@ -26,7 +26,6 @@ pub(super) const AWAY: Duration = Duration::from_millis(300);
 /// Unconfirmed messages at a time.
 pub(super) const IN_FLIGHT: usize = 256;
 
-/// How to reach a server.
 #[derive(Clone, Debug, Default)]
 pub struct NatsOptions {
     /// `nats://host:port`, `tls://…`, several with commas; user and password may stand in them.
@@ -224,7 +223,6 @@ pub(super) fn shown(url: &str) -> String {
     servers.collect::<Vec<_>>().join(",")
 }
 
-/// The server refused a second message of a subject.
 pub(super) fn is_there_already(error: &(dyn std::error::Error + 'static)) -> bool {
     let mut next = Some(error);
     while let Some(error) = next {

@@ -41,7 +41,6 @@ impl NatsCoordinator {
         }
     }
 
-    /// Waits for a call of the server.
     fn call<T, E: Display>(
         &self,
         call: impl Future<Output = Result<T, E>>,

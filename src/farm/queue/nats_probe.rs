@@ -6,7 +6,6 @@ use async_nats::jetstream::context::{AccountErrorKind, Context, GetStreamErrorKi
 use async_nats::jetstream::stream::{Config, StorageType};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// A server's properties, and this user's permissions.
 #[derive(Debug)]
 pub struct NatsFacts {
     pub version: String,
@@ -14,14 +13,12 @@ pub struct NatsFacts {
     pub answer: Duration,
     /// Limits of the account, or the error; `None` without an answer, as for a user without permission.
     pub account: Result<NatsAccount, Option<String>>,
-    /// JetStream answers this user.
     pub has_jetstream: bool,
     /// The trial stream: its creation by the server's clock, and this machine's clock before and after. Not tried without
     /// permission to read the limits.
     pub made: Option<Result<(SystemTime, [SystemTime; 2]), String>>,
 }
 
-/// JetStream's limits of an account.
 #[derive(Debug)]
 pub struct NatsAccount {
     pub streams: usize,

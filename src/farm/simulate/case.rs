@@ -61,16 +61,30 @@ pub struct Rules {
 /// A fault of a worker, or of the servers.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
-    /// The worker ends at once and for good.
-    Kill { worker: u32, at_s: f64 },
+    Kill {
+        worker: u32,
+        at_s: f64,
+    },
     /// The worker takes so many times as long throughout.
-    Slow { worker: u32, times: f64 },
+    Slow {
+        worker: u32,
+        times: f64,
+    },
     /// The worker is stopped, then goes on as if nothing had happened.
-    Stop { worker: u32, at_s: f64, for_s: f64 },
+    Stop {
+        worker: u32,
+        at_s: f64,
+        for_s: f64,
+    },
     /// The queue forgets everything; its stream is gone.
-    Wipe { at_s: f64 },
+    Wipe {
+        at_s: f64,
+    },
     /// The queue's server is away; it keeps its messages, and leases go on ending.
-    Away { at_s: f64, for_s: f64 },
+    Away {
+        at_s: f64,
+        for_s: f64,
+    },
 }
 
 #[derive(Clone, Debug, PartialEq)]

@@ -4,7 +4,6 @@ use super::state::{Event, Sim, us};
 use crate::farm::queue::Message;
 use crate::run::Task;
 
-/// Keys in a page of the store's listing.
 const PAGE_KEYS: u64 = 1000;
 
 /// Subjects in a page of the stream's listing, and seconds for one (a few MB of JSON).
@@ -14,7 +13,6 @@ const PAGE_SUBJECTS_S: f64 = 0.2;
 /// Seconds between two polls of the queue's counts.
 pub(super) const POLL_S: f64 = 1.0;
 
-/// Seconds between two batches of messages.
 const BATCH_S: f64 = 0.01;
 
 impl Sim<'_> {

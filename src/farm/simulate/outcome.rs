@@ -21,7 +21,6 @@ pub(super) enum Kind {
 const KINDS: [&str; 8] =
     ["publish", "pull", "deliver", "acknowledge", "renew", "ask", "answer", "listen"];
 
-/// Messages of each kind in each second.
 #[derive(Debug, Default)]
 pub(super) struct Tally(Vec<[u32; KINDS.len()]>);
 
@@ -60,7 +59,6 @@ pub struct Messages {
     #[serde(skip)]
     pub name: &'static str,
     pub count: u64,
-    /// The most in a second.
     pub peak_per_s: u32,
 }
 
@@ -103,7 +101,6 @@ pub struct Outcome {
     pub reconciles: u64,
     /// Tasks that it published although their scene was done.
     pub published_though_done: u64,
-    /// Events of the simulation itself.
     pub events: u64,
 }
 

@@ -11,7 +11,6 @@ use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 use std::ops::Range;
 
-/// A message's number in the stream.
 pub(super) type Sequence = u32;
 
 const NONE: u32 = u32::MAX;
@@ -32,7 +31,6 @@ struct Entry {
     scene: u32,
     start: u32,
     end: u32,
-    /// The next message of the same scene.
     next: u32,
     hops: u32,
     delivered: bool,
@@ -48,11 +46,9 @@ pub(super) struct Delivered {
     pub(super) again: bool,
 }
 
-/// The stream and its consumer.
 #[derive(Default)]
 pub(super) struct Queue {
     messages: Vec<Entry>,
-    /// First message of each scene.
     first_of_scene: Vec<u32>,
     fresh: VecDeque<Sequence>,
     redelivered: BinaryHeap<Reverse<Sequence>>,
@@ -76,7 +72,6 @@ impl Queue {
         self.held
     }
 
-    /// Messages in the stream.
     pub(super) fn len(&self) -> usize {
         self.waiting + self.held + self.zombies
     }
@@ -186,7 +181,6 @@ impl Queue {
         self.of_scene(scene).map(|k| &self.messages[k as usize]).map(|m| m.start..m.end).collect()
     }
 
-    /// Forgets everything, the count included.
     pub(super) fn wipe(&mut self) {
         *self = Self::new(self.first_of_scene.len() as u32);
     }
@@ -210,13 +204,11 @@ pub(super) enum Expiry {
 
 #[cfg(test)]
 impl Queue {
-    /// Sequences of messages that are held.
     pub(super) fn all_held(&self) -> Vec<Sequence> {
         let is_held = |&k: &Sequence| self.messages[k as usize].state == State::Held;
         (0..self.messages.len() as Sequence).filter(is_held).collect()
     }
 
-    /// Sequences of messages that were acknowledged.
     pub(super) fn all_gone(&self) -> Vec<Sequence> {
         let is_gone = |&k: &Sequence| self.messages[k as usize].state == State::Gone;
         (0..self.messages.len() as Sequence).filter(is_gone).collect()

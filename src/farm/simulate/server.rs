@@ -126,7 +126,6 @@ impl Sim<'_> {
         }
     }
 
-    /// A random listener gets it.
     fn request_arrives(&mut self, worker: WorkerId) {
         self.tally.count(Kind::Request, self.now_us);
         let count = self.listeners.len() as u64;

@@ -66,7 +66,6 @@ pub(super) enum Doing {
     #[default]
     Nothing,
     Loads(TaskId),
-    /// Since that time, in microseconds.
     Traces(TaskId, u32, u64),
 }
 
@@ -83,9 +82,7 @@ pub(super) struct Worker {
     pub(super) load_s: f64,
     pub(super) tasks: Tasks<()>,
     pub(super) doing: Doing,
-    /// Tasks to load.
     pub(super) queued: VecDeque<TaskId>,
-    /// Shards to trace.
     pub(super) shards: VecDeque<(TaskId, u32)>,
     /// Seconds of a shard, a moving mean.
     pub(super) mean_s: Option<f64>,
@@ -146,7 +143,6 @@ pub(super) struct Sim<'a> {
     /// How often the stream was made anew.
     pub(super) stream: u32,
     pub(super) stream_is_there: bool,
-    /// Until then the server is away.
     pub(super) away_until_us: u64,
     /// Pulls that wait at the server: worker, number of the pull.
     pub(super) waiting_pulls: VecDeque<(WorkerId, u32)>,

@@ -20,7 +20,6 @@ impl Store {
         scene as usize * self.shards as usize + shard as usize
     }
 
-    /// The scene's shards whose partials are stored.
     pub(super) fn found(&self, scene: u32) -> Vec<u32> {
         (0..self.shards).filter(|&shard| self.stored[self.index(scene, shard)]).collect()
     }
@@ -44,7 +43,6 @@ impl Store {
         self.tuples[scene as usize] = true;
     }
 
-    /// Tuples of the scenes from `scene` on.
     pub(super) fn tuples_from(&self, scene: u32) -> usize {
         self.tuples[scene as usize..].iter().filter(|&&there| there).count()
     }

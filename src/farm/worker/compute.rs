@@ -111,14 +111,12 @@ impl<'a> ComputeThread<'_, 'a> {
         worker.perform(actions)
     }
 
-    /// Sleeps as the faults say.
     fn slow_down(&self, since: &Stopwatch) {
         for fault in self.worker.options.faults {
             fault.slow_down(since.spent().wall);
         }
     }
 
-    /// Sends a partial to the writer.
     fn seal(&self, task: &Arc<ActiveTask<'a>>, shard: u32) -> Result<(), FarmError> {
         // The scene may be merged meanwhile.
         let Some(partial) = task.job.result(shard) else {

@@ -5,7 +5,6 @@ use crate::run::{Control, ControlPoll, ControlState, Event, keys};
 use crossbeam::channel::{Receiver, RecvTimeoutError};
 
 impl Worker<'_> {
-    /// Reads the run's control, and reports a change.
     pub(super) fn poll_control(&self, poll: &mut ControlPoll) {
         // A child process obeys its parent.
         if self.shared_queue.is_some_and(|shared| shared.is_child) {
@@ -24,7 +23,6 @@ impl Worker<'_> {
         }
     }
 
-    /// Polls until `ended` is closed.
     pub(super) fn watch_control(&self, mut poll: ControlPoll, ended: &Receiver<()>) {
         let every = self.store.poll_interval();
         while ended.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {

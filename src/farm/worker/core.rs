@@ -43,7 +43,6 @@ impl<'a> Worker<'a> {
         self.start.elapsed()
     }
 
-    /// No further shard starts.
     pub(super) fn must_stop(&self) -> bool {
         let stops = self.stop.any(self.options.stop, self.options.deadline);
         if stops {

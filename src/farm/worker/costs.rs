@@ -7,7 +7,6 @@ pub(crate) struct Costs {
     pub(crate) shard_s: f64,
     /// Threads that share a task's shards.
     pub(crate) threads: f64,
-    /// Seconds to load a scene.
     pub(crate) load_s: f64,
     /// It was measured, not guessed.
     pub(crate) load_is_known: bool,

@@ -67,7 +67,6 @@ pub(super) enum Objects {
 pub(super) struct EncodedTuple {
     /// Names and bytes, in the order in which they are written.
     pub(super) files: Vec<(String, Vec<u8>)>,
-    /// The noise map, if there is one.
     pub(super) noise: Option<Vec<u8>>,
     /// The largest share, among the layers, of paths that ended beyond a photograph's border.
     pub(super) miss_share: f64,

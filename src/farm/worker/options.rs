@@ -15,7 +15,6 @@ pub struct WorkOptions<'a> {
     pub isa: Isa,
     /// Set from outside to stop after the shards in flight.
     pub stop: &'a AtomicBool,
-    /// No shard starts after this time.
     pub deadline: Option<Instant>,
     /// This worker's name in attempts and receipts.
     pub who: WorkerName,
@@ -51,7 +50,6 @@ impl<'a> WorkOptions<'a> {
 
 /// A queue from which other workers lease, too.
 pub struct SharedQueue<'a> {
-    /// This worker's end of it.
     pub queue: &'a dyn Queue,
     /// A lease that is not renewed for this time goes to another worker.
     pub lease: Duration,
@@ -86,10 +84,8 @@ pub enum SandboxEnd {
         resumed: u64,
         /// Scenes loaded: one or none.
         loaded: u64,
-        /// The reason of the quarantine.
         quarantined: Option<String>,
     },
-    /// It was told to stop before its end.
     Stopped,
     /// It died, or made no progress.
     Lost(Ending),
@@ -112,6 +108,5 @@ pub struct Outcome {
     /// Scenes in quarantine with their reasons, earlier ones included.
     pub quarantined: Vec<(SceneId, String)>,
     pub stopped: Option<Stop>,
-    /// Seconds of the threads by stage.
     pub seconds: StageSeconds,
 }

@@ -72,7 +72,6 @@ impl Worker<'_> {
         })
     }
 
-    /// How many of a task's shards the store has.
     fn found(&self, line: &SceneLine, lease: &Lease) -> Result<u32, FarmError> {
         if self.run.layout(line).len() == 1 {
             return Ok(0);

@@ -8,7 +8,6 @@ use crate::run::{AttemptRecord, Ending, Event, PoisonCheck, Task, attempts, pois
 use render::line::SceneLine;
 
 impl Worker<'_> {
-    /// Has a child process trace a task.
     pub(super) fn trace_in(
         &self,
         sandbox: &dyn Sandbox,

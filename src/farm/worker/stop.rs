@@ -22,12 +22,10 @@ pub(super) struct StopSigns {
     /// Scenes that failed since the last success.
     failing: Mutex<BTreeSet<SceneId>>,
     pub(super) control: ControlFlag,
-    /// The compute threads have ended.
     pub(super) over: AtomicBool,
 }
 
 impl StopSigns {
-    /// No further shard starts; `asked` from outside, or after `deadline`.
     pub(super) fn any(&self, asked: &AtomicBool, deadline: Option<Instant>) -> bool {
         if deadline.is_some_and(|deadline| Instant::now() >= deadline) {
             self.timed_out.store(true, Ordering::Relaxed);

@@ -56,7 +56,6 @@ struct Entry<P> {
     state: TaskState,
     shards: Shards,
     company: Company,
-    /// Number of the attempt's record.
     attempt: Option<u32>,
     /// The time of the last progress.
     progress: Time,
@@ -290,7 +289,6 @@ impl<P> Tasks<P> {
         actions
     }
 
-    /// No new shard starts from now on.
     pub(crate) fn stop(&mut self) {
         self.stopping = true;
     }
