@@ -145,7 +145,7 @@ exit_codes! {
     }
     crate::farm::FarmError {
         (Access) => its_own,
-        Queue | Isolated => Failed,
+        Queue | Sandbox => Failed,
     }
     crate::farm::queue::QueueError {
         _ => Usage,

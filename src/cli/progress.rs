@@ -178,7 +178,7 @@ impl Progress {
                     narrow.push((miss_share, scene.to_string()));
                 }
             }
-            Event::Isolated { scene } => note(&format!(
+            Event::Sandboxed { scene } => note(&format!(
                 "scene {scene} was lost with an earlier process: a child process traces it"
             )),
             Event::Aborts { scene } => {

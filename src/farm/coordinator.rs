@@ -1,12 +1,11 @@
-//! The coordinator: it keeps everything that is not done in the queue, and ends the run.
+//! The coordinator: it keeps all missing scenes in the queue, and ends the run.
 //!
-//! It has no state of its own. Starting, resuming and taking over from another coordinator are the same loop: look at
-//! the queue, then at the store, publish what is in neither. Any number may run at once, for publishing twice does
-//! nothing and merging twice makes the same bytes.
+//! It has no state of its own. Starting, resuming and taking over from another coordinator are the same loop: poll the queue,
+//! then the store, and publish the scenes that are in neither. Several may run at once, for publishing twice changes nothing.
 
 use super::error::FarmError;
 use super::queue::{Message, QueueError, QueueKeeper, QueueState};
-use super::round::{Carried, Decision, QueueLook, Round, decide};
+use super::round::{Carried, Decision, QueuePoll, Round, decide};
 use super::share::share_run;
 use super::sweep::sweep_staged;
 use super::tuples::remove_partials;
@@ -21,24 +20,22 @@ use std::time::{Duration, Instant};
 pub struct CoordinateOptions<'a> {
     /// Set from outside to end.
     pub stop: &'a AtomicBool,
-    /// Shortest time between two looks.
+    /// Shortest time between two rounds.
     pub every: Duration,
-    /// A page shows which worker does what.
+    /// A status page shows the run and its workers.
     pub watched: bool,
 }
 
-/// What a coordinator knows, for the status page.
+/// The coordinator's view of the run, for the status page.
 #[derive(Debug)]
 pub struct Watch {
     pub snapshot: Snapshot,
-    /// The queue, when it answered last.
     pub queue: QueueState,
-    /// Why the queue does not answer, if it does not.
+    /// The reason for which the queue does not answer.
     pub queue_lost: Option<String>,
 }
 
 impl Watch {
-    /// Before the first round.
     pub fn new(run: &Run) -> Self {
         Self {
             snapshot: Snapshot::new(run, Scope::DONE),
@@ -50,7 +47,6 @@ impl Watch {
 
 #[derive(Debug)]
 pub struct Coordinated {
-    /// The run at the end.
     pub snapshot: Snapshot,
     pub published: u64,
     /// Ended by `stop`.
@@ -59,14 +55,14 @@ pub struct Coordinated {
     pub cancelled: bool,
 }
 
-/// A look must not cost more than a twentieth of the time.
-const LOOK_SHARE: u32 = 20;
-/// Between two looks at everything, if nothing makes one due before.
-const EVERYTHING: Duration = Duration::from_mins(10);
-/// Between two complaints about a queue that is away.
+/// A pause is at least this many times as long as a round.
+const PAUSE_ROUNDS: u32 = 20;
+/// Between two full rounds, if nothing makes one due before.
+const FULL_EVERY: Duration = Duration::from_mins(10);
+/// Between two reports that queue or store are away.
 const COMPLAIN: Duration = Duration::from_secs(30);
 
-/// Looks and publishes until every scene is done or in quarantine. `watch` is kept up to date.
+/// Polls and publishes until every scene is done or in quarantine. `watch` is kept up to date.
 pub fn coordinate(
     run: &Run,
     store: &Store,
@@ -90,7 +86,7 @@ pub fn coordinate(
         first: true,
         control: Control::default(),
         published: 0,
-        looked_at_all: Instant::now(),
+        last_full: Instant::now(),
         queue_complained: None,
         store_complained: None,
     };
@@ -105,21 +101,15 @@ struct Coordinator<'a> {
     watch: &'a Mutex<Watch>,
     on_event: &'a (dyn Fn(Event) + Sync),
     snapshot: Snapshot,
-    /// Scenes of which it has told that they are done.
+    /// Scenes that it has reported as done.
     told: Vec<bool>,
-    /// It has not looked yet: what is done was done before.
+    /// It is in its first round, so done scenes were done before.
     first: bool,
     control: Control,
     published: u64,
-    looked_at_all: Instant,
+    last_full: Instant,
     queue_complained: Option<Instant>,
     store_complained: Option<Instant>,
-}
-
-/// What a look at queue and store found.
-struct Looked {
-    queue: Result<QueueLook, QueueError>,
-    taken_back: bool,
 }
 
 impl Coordinator<'_> {
@@ -128,9 +118,9 @@ impl Coordinator<'_> {
         let mut took_before = Duration::ZERO;
         loop {
             let start = Instant::now();
-            let everything = carried.due || self.looked_at_all.elapsed() > EVERYTHING;
-            let looked = match self.look(everything) {
-                Ok(looked) => looked,
+            let full = carried.due || self.last_full.elapsed() > FULL_EVERY;
+            let (queue, taken_back) = match self.poll(full) {
+                Ok(found) => found,
                 Err(error) => {
                     self.wait_for_store(error)?;
                     if self.must_stop() {
@@ -143,37 +133,36 @@ impl Coordinator<'_> {
             self.tell_done();
             let missing: Vec<usize> = self.snapshot.missing().collect();
             let round = Round {
-                everything,
-                queue: looked.queue.as_ref().ok(),
+                full,
+                queue: queue.as_ref().ok(),
                 missing: &missing,
-                taken_back: looked.taken_back,
+                taken_back,
                 control: self.snapshot.control.state,
             };
             let (decision, after) = decide(&round, carried);
             carried = after;
-            if decision == Decision::LookAtEverything {
+            if decision == Decision::Verify {
                 continue;
             }
-            self.tell(&looked, decision == Decision::Finish);
+            self.tell(&queue, decision == Decision::Finish);
             if decision != Decision::Finish && self.must_stop() {
                 return Ok(self.ended(true));
             }
             match decision {
                 Decision::Finish => break,
                 Decision::Cancel => {
-                    // One that cannot be removed does no harm: no worker takes from it.
+                    // A queue that stays does no harm: no worker leases from it.
                     let _ = self.queue.remove();
                     return Ok(self.ended(false));
                 }
                 Decision::Publish { purge, scenes } => {
                     carried.due |= !self.publish(purge, &scenes);
                 }
-                Decision::Wait | Decision::LookAtEverything => {}
+                Decision::Wait | Decision::Verify => {}
             }
-            // One look that waited for a server must not cost twenty times that: what the shorter of the last two took
-            // counts.
+            // The shorter of the last two rounds counts, so that one slow answer of a server causes no long pause.
             let took = start.elapsed();
-            self.pause(self.options.every.max(took.min(took_before) * LOOK_SHARE));
+            self.pause(self.options.every.max(took.min(took_before) * PAUSE_ROUNDS));
             took_before = took;
         }
         while let Err(error) = self.finish() {
@@ -185,26 +174,26 @@ impl Coordinator<'_> {
         Ok(self.ended(false))
     }
 
-    /// First the queue, then the store: a scene that leaves the queue in between has its tuple by then.
-    fn look(&mut self, everything: bool) -> Result<Looked, FarmError> {
-        let queue = self.look_at_queue(everything);
-        let taken_back = if everything {
+    /// Polls the queue before the store: a scene that leaves the queue in between has its tuple by then. The second result is
+    /// whether a tuple or a quarantine record was removed.
+    fn poll(&mut self, full: bool) -> Result<(Result<QueuePoll, QueueError>, bool), FarmError> {
+        let queue = self.poll_queue(full);
+        let taken_back = if full {
             self.snapshot.refresh(self.run, self.store)?;
             false
         } else {
             self.snapshot.refresh_news(self.run, self.store)?
         };
-        Ok(Looked { queue, taken_back })
+        Ok((queue, taken_back))
     }
 
-    fn look_at_queue(&self, everything: bool) -> Result<QueueLook, QueueError> {
+    fn poll_queue(&self, full: bool) -> Result<QueuePoll, QueueError> {
         let other = self.queue.ensure()?;
-        let state = self.queue.look()?;
-        let scenes = if everything { self.queue.scenes()? } else { BTreeSet::new() };
-        Ok(QueueLook { state, other, scenes })
+        let state = self.queue.state()?;
+        let scenes = if full { self.queue.scenes()? } else { BTreeSet::new() };
+        Ok(QueuePoll { state, other, scenes })
     }
 
-    /// Tells of each scene once that it is done.
     fn tell_done(&mut self) {
         let run = self.run;
         for scene in 0..run.lines.len() {
@@ -212,46 +201,42 @@ impl Coordinator<'_> {
                 continue;
             }
             (self.on_event)(Event::ShardDone { resumed: self.first });
-            (self.on_event)(Event::SceneMerged {
-                scene: run.lines[scene].id.clone(),
-                miss_share: 0.0,
-            });
+            let scene = run.lines[scene].id.clone();
+            (self.on_event)(Event::SceneMerged { scene, miss_share: 0.0 });
         }
         self.first = false;
     }
 
-    /// Brings `watch` up to date, and tells of a change of control and of a queue that is away.
-    fn tell(&mut self, looked: &Looked, finished: bool) {
+    /// Updates `watch`, and reports a change of control and a queue that is away.
+    fn tell(&mut self, queue: &Result<QueuePoll, QueueError>, finished: bool) {
         if self.options.watched {
             let mut watch = self.watch.lock().expect("no holder of this lock panics");
             watch.snapshot = self.snapshot.clone();
-            watch.queue_lost = looked.queue.as_ref().err().map(QueueError::to_string);
-            if let Ok(queue) = &looked.queue {
+            watch.queue_lost = queue.as_ref().err().map(QueueError::to_string);
+            if let Ok(queue) = queue {
                 watch.queue = queue.state;
             }
         }
-        let told_to = &self.snapshot.control;
-        if std::mem::replace(&mut self.control, told_to.clone()) != *told_to {
-            (self.on_event)(Event::Controlled {
-                state: told_to.state,
-                reason: told_to.reason.clone(),
-            });
+        let now = &self.snapshot.control;
+        if std::mem::replace(&mut self.control, now.clone()) != *now {
+            let Control { state, reason } = now.clone();
+            (self.on_event)(Event::Controlled { state, reason });
         }
-        match &looked.queue {
+        match queue {
             _ if finished => {}
             Ok(_) => self.queue_complained = None,
             Err(error) => self.complain(error),
         }
     }
 
-    /// False if the queue cannot be told.
+    /// False if the queue is away.
     fn publish(&mut self, purge: bool, scenes: &[usize]) -> bool {
         let messages: Vec<Message> = scenes.iter().map(|&s| whole(self.run, s)).collect();
         let purged = if purge { self.queue.purge() } else { Ok(()) };
         match purged.and_then(|()| self.queue.publish(&messages)) {
             Ok(()) => {
                 self.published += messages.len() as u64;
-                self.looked_at_all = Instant::now();
+                self.last_full = Instant::now();
                 true
             }
             Err(error) => {
@@ -273,15 +258,13 @@ impl Coordinator<'_> {
     }
 
     fn complain(&mut self, error: &QueueError) {
-        let last = &mut self.queue_complained;
-        if last.is_none_or(|at| at.elapsed() > COMPLAIN) {
-            *last = Some(Instant::now());
+        if is_due(&mut self.queue_complained) {
             let reason = error.to_string();
             (self.on_event)(Event::QueueLost { reason });
         }
     }
 
-    /// Says that the store is away, and waits a little; any other error stays one.
+    /// Reports that the store is away, and waits a little; returns any other error.
     fn wait_for_store(&mut self, error: FarmError) -> Result<(), FarmError> {
         let FarmError::Access(AccessError::Store(error)) = error else {
             return Err(error);
@@ -289,9 +272,7 @@ impl Coordinator<'_> {
         if !error.is_passing() {
             return Err(error.into());
         }
-        let last = &mut self.store_complained;
-        if last.is_none_or(|at| at.elapsed() > COMPLAIN) {
-            *last = Some(Instant::now());
+        if is_due(&mut self.store_complained) {
             let reason = error.to_string();
             (self.on_event)(Event::StoreLost { reason });
         }
@@ -309,7 +290,7 @@ impl Coordinator<'_> {
         }
     }
 
-    /// Removes what is left of scenes that are done. What cannot be removed does no harm.
+    /// Removes the partials and attempts of done scenes. Failures do no harm.
     fn clear_away(&self) {
         let (run, store, snapshot) = (self.run, self.store, &self.snapshot);
         let done = || (0..run.lines.len()).filter(|&scene| snapshot.is_done(scene));
@@ -325,7 +306,7 @@ impl Coordinator<'_> {
         }
     }
 
-    /// Says that the run is over, and clears away what is not needed any more.
+    /// Marks the run as finished, and removes objects that are not needed any more.
     fn finish(&self) -> Result<(), FarmError> {
         let (run, store) = (self.run, self.store);
         self.clear_away();
@@ -337,8 +318,17 @@ impl Coordinator<'_> {
             "quarantined": quarantined,
         });
         store.replace(keys::FINISHED, format!("{note}\n").as_bytes())?;
-        // A queue that cannot be removed does no harm: its messages are of a run that is over.
+        // A queue that stays does no harm: the run is over.
         let _ = self.queue.remove();
         Ok(())
     }
+}
+
+/// At the first complaint, and some time after the last one.
+fn is_due(complained: &mut Option<Instant>) -> bool {
+    let due = complained.is_none_or(|at| at.elapsed() > COMPLAIN);
+    if due {
+        *complained = Some(Instant::now());
+    }
+    due
 }

@@ -1,22 +1,19 @@
-//! What breaks the farm itself, not a scene.
+//! Errors of the farm itself, which are no fault of a scene.
 
 use super::queue::QueueError;
 use crate::run::{AccessError, RunError};
 use crate::store::StoreError;
 use render::atomic_file::WriteError;
 
-/// The farm itself broke (not a scene).
 #[derive(Debug, thiserror::Error)]
 pub enum FarmError {
-    /// The run's files cannot be used.
     #[error(transparent)]
     Access(#[from] AccessError),
-    /// The run's queue cannot be used.
     #[error(transparent)]
     Queue(#[from] QueueError),
-    /// A process for a span that may be dangerous could not work.
+    /// The child process of a task that may be dangerous could not work.
     #[error("a child process could not work, which is no fault of its scene: {0}")]
-    Isolated(String),
+    Sandbox(String),
 }
 
 impl From<WriteError> for FarmError {

@@ -1,4 +1,4 @@
-//! Misbehaviour on order, to rehearse and to test what a farm does when a worker misbehaves.
+//! Deliberate faults of a worker, to test how a farm copes with them.
 
 use super::simulate as sim;
 use crate::run::Event;
@@ -7,18 +7,17 @@ use render::trace::TileResult;
 use std::str::FromStr;
 use std::time::Duration;
 
-/// How a worker misbehaves.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
     /// The process aborts when it traces this scene.
     Abort(SceneId),
     /// Tracing this scene never ends.
     Hang(SceneId),
-    /// Everything takes so many times as long.
+    /// Loading and tracing take so many times as long.
     Slow(f64),
-    /// One value of a pixel in each piece of this scene is wrong.
+    /// One value of a pixel in each band of this scene is wrong.
     Wrong(SceneId),
-    /// Loads and shards take, asleep, what they cost in a simulated farm.
+    /// Loads and shards sleep for as long as they take in a simulated farm.
     Cost(sim::Work),
 }
 
@@ -73,23 +72,18 @@ impl std::fmt::Display for Fault {
             Self::Hang(scene) => write!(f, "hang:{scene}"),
             Self::Slow(factor) => write!(f, "slow:{factor}"),
             Self::Wrong(scene) => write!(f, "wrong:{scene}"),
-            Self::Cost(work) => write!(
-                f,
-                "cost:{},{},{},{},{},{},{}",
-                work.scenes,
-                work.shards,
-                work.cheapest_shard_s,
-                work.doublings,
-                work.dearest_last,
-                work.load_s,
-                work.seed
-            ),
+            Self::Cost(work) => {
+                let sim::Work { scenes, shards, cheapest_shard_s, doublings, .. } = work;
+                let sim::Work { dearest_last, load_s, seed, .. } = work;
+                write!(f, "cost:{scenes},{shards},{cheapest_shard_s},{doublings},")?;
+                write!(f, "{dearest_last},{load_s},{seed}")
+            }
         }
     }
 }
 
 impl Fault {
-    /// Before a piece of `scene` is traced.
+    /// Called before a band of `scene` is traced.
     pub(super) fn before(&self, scene: &SceneId, on_event: &dyn Fn(Event)) {
         match self {
             Self::Abort(poison) if poison == scene => {
@@ -103,7 +97,7 @@ impl Fault {
         }
     }
 
-    /// After a piece of `scene` was traced.
+    /// Called after a band of `scene` was traced.
     pub(super) fn after(&self, scene: &SceneId, result: Option<&mut TileResult>) {
         if let Self::Wrong(wrong) = self
             && wrong == scene
@@ -113,7 +107,7 @@ impl Fault {
         }
     }
 
-    /// After one of the `bands` of a shard was traced; `scene` is its place in the manifest.
+    /// Called after one of the `bands` of a shard was traced; `scene` is an index in the manifest.
     pub(super) fn after_band(&self, scene: u32, shard: u32, bands: u32) {
         if let Self::Cost(work) = self {
             let whole = Duration::from_micros(work.shard_us(scene, shard));
@@ -121,14 +115,14 @@ impl Fault {
         }
     }
 
-    /// After a scene was loaded.
+    /// Called after a scene was loaded.
     pub(super) fn after_load(&self) {
         if let Self::Cost(work) = self {
             std::thread::sleep(Duration::from_secs_f64(work.load_s));
         }
     }
 
-    /// After something `took` so long, whatever else is ordered included.
+    /// Called after a load or a band `took` so long, other faults included.
     pub(super) fn slow_down(&self, took: Duration) {
         if let Self::Slow(factor) = self {
             std::thread::sleep(took.mul_f64(factor - 1.0));

@@ -18,19 +18,19 @@ pub struct MergeOutcome {
     pub merged: Vec<SceneId>,
     /// Tuples that were there before.
     pub already_merged: u64,
-    /// Scenes that cannot be merged, with the reason.
+    /// Scenes that cannot be merged, with their reasons.
     pub refused: Vec<(SceneId, String)>,
 }
 
-/// Merges every scene whose partials are complete; with `dry_run` only says which. Results are in `elsewhere`, or in the
-/// run's folder.
+/// Merges every scene whose partials are complete; with `dry_run` only lists them. Results are in the store `elsewhere`, or in
+/// the run's folder.
 pub fn merge_run(
     run: &Run,
     elsewhere: Option<&Store>,
     dry_run: bool,
     on_scene: &dyn Fn(),
 ) -> Result<MergeOutcome, FarmError> {
-    // A dry run writes nothing, not even the lock's file. Elsewhere nothing is overwritten, and nobody has to wait.
+    // A dry run writes nothing, not even the lock's file. A store elsewhere needs no lock, as nothing in it is overwritten.
     let _lock = if dry_run || elsewhere.is_some() {
         None
     } else {
@@ -50,10 +50,8 @@ pub fn merge_run(
             continue;
         }
         if let Some(record) = QuarantineRecord::get(&store, &line.id)? {
-            outcome.refused.push((
-                line.id.clone(),
-                format!("scene {} is in quarantine: {}", line.id, record.reason),
-            ));
+            let reason = format!("scene {} is in quarantine: {}", line.id, record.reason);
+            outcome.refused.push((line.id.clone(), reason));
             continue;
         }
         let mut partials = Vec::new();
@@ -78,13 +76,12 @@ pub fn merge_run(
                 }
                 if elsewhere.is_some() {
                     tuples::write_tuple(&store, &encoded(&tuple, line)?)?;
-                    remove_partials(&store, line);
                 } else {
-                    // What stands there without being this scene's tuple is replaced.
+                    // Replaces a folder that is not this scene's tuple.
                     write_tuple(&tuple, &run.path(&keys::tuple_folder(&line.id)))
                         .map_err(|e| AccessError::Tuple(e.to_string()))?;
-                    remove_partials(&store, line);
                 }
+                remove_partials(&store, line);
                 outcome.merged.push(line.id.clone());
             }
             Err(error @ MergeError::Gaps { .. }) => {
@@ -98,7 +95,7 @@ pub fn merge_run(
     Ok(outcome)
 }
 
-/// A tuple's objects, in the order in which they are written.
+/// Keys and bytes of a tuple's files, in the order in which they are written.
 fn encoded(tuple: &Tuple, line: &SceneLine) -> Result<Vec<(String, Bytes)>, FarmError> {
     let encoder = SrgbEncoder::new();
     let encode = |name: String| {

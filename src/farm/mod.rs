@@ -1,8 +1,8 @@
-//! Who traces which shard, when, and what happens when something breaks.
+//! The farm: workers, the queue, the coordinator, and recovery from failures.
 //!
-//! A run directory is the only state. Starting, resuming and recovering are the same thing: look at what is
-//! there, do what is missing. A scene goes through `files -> shards -> partials -> tuple`; each arrow writes
-//! whole files or nothing, so a process may be killed at any instruction.
+//! The run's store is the only state, so starting, resuming and recovering are the same: find the missing results and make
+//! them. A scene goes through `files -> shards -> partials -> tuple`; each arrow writes whole files or nothing, so a
+//! process may be killed at any instruction.
 
 mod coordinator;
 mod error;
@@ -21,6 +21,4 @@ pub use coordinator::{CoordinateOptions, Coordinated, Watch, coordinate};
 pub use error::FarmError;
 pub use fault::Fault;
 pub use merge_run::{MergeOutcome, merge_run};
-pub use worker::{
-    Outcome, Sandbox, SandboxEnd, SharedQueue, WorkOptions, work, work_shared, work_span,
-};
+pub use worker::{Outcome, Sandbox, SandboxEnd, SharedQueue, WorkOptions, work, work_shared};

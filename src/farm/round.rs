@@ -1,66 +1,62 @@
-//! What a coordinator does after a look at the queue and the store: a function of what it found.
+//! A coordinator's decision after it has polled the queue and the store, as a function of the findings.
 
 use super::queue::QueueState;
 use crate::run::ControlState;
 use std::collections::BTreeSet;
 
-/// What one look at the queue found.
-pub(super) struct QueueLook {
+pub(super) struct QueuePoll {
     pub(super) state: QueueState,
-    /// It is another queue than at the last look.
+    /// The queue was made anew since the last poll.
     pub(super) other: bool,
-    /// Scenes in it, if it was a look at everything.
+    /// Scenes in the queue, if the round lists everything.
     pub(super) scenes: BTreeSet<u32>,
 }
 
-/// What a round found.
 pub(super) struct Round<'a> {
-    /// It looked at everything, not only at what changes.
-    pub(super) everything: bool,
+    /// The round lists all of queue and store, not only changes.
+    pub(super) full: bool,
     /// None if the queue is away.
-    pub(super) queue: Option<&'a QueueLook>,
+    pub(super) queue: Option<&'a QueuePoll>,
     /// Scenes that are neither done nor in quarantine.
     pub(super) missing: &'a [usize],
-    /// Something done or set aside was taken back.
+    /// A tuple or a quarantine record was removed.
     pub(super) taken_back: bool,
     pub(super) control: ControlState,
 }
 
-/// What the next round has to know of this one.
+/// Findings that the next round needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Carried {
-    /// The next look is at everything.
+    /// The next round must be a full one.
     pub(super) due: bool,
-    /// The queue was quiet. A message on its way from one of its counts to the other is in neither for a moment.
+    /// The queue was quiet. One quiet poll proves nothing: for a moment a message may be in neither of its counts.
     pub(super) was_quiet: bool,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Decision {
-    /// At once: nothing seems to be left to do.
-    LookAtEverything,
-    /// Nothing is left to do.
+    /// Begin a full round at once: everything seems to be done.
+    Verify,
     Finish,
-    /// The run is cancelled.
     Cancel,
     Wait,
-    /// Put these scenes into the queue, `purge` it first.
+    /// Publish these scenes, after a `purge` if it is set.
     Publish {
         purge: bool,
         scenes: Vec<usize>,
     },
 }
 
-/// Everything is looked at, and what is missing published, at the start, when nothing is in the queue, when it is another
-/// one, when something done or set aside was taken back, before the end, and now and then.
+/// A round is full, and publishes missing scenes, at the start, when the queue is quiet or was made anew, when a tuple or a
+/// quarantine record was removed, before the end, and now and then.
 pub(super) fn decide(round: &Round, before: Carried) -> (Decision, Carried) {
     let due = before.due || round.taken_back;
     let carried = |due| Carried { due, ..before };
     if round.missing.is_empty() {
-        return if round.everything {
+        return if round.full {
             (Decision::Finish, before)
         } else {
-            (Decision::LookAtEverything, carried(true))
+            (Decision::Verify, carried(true))
         };
     }
     if round.control == ControlState::Cancelled {
@@ -73,11 +69,11 @@ pub(super) fn decide(round: &Round, before: Carried) -> (Decision, Carried) {
         return (Decision::Wait, carried(true));
     }
     let quiet = queue.state.is_quiet();
-    if !round.everything {
+    if !round.full {
         let after = Carried { due: due || queue.other || quiet, was_quiet: quiet };
         return (Decision::Wait, after);
     }
-    // No worker will get what is left in a quiet queue: leftovers of a server that was killed.
+    // A quiet queue delivers no message any more: those in it are leftovers of a killed server.
     let purge = quiet && before.was_quiet && !queue.scenes.is_empty();
     let is_absent = |scene: &&usize| purge || !queue.scenes.contains(&(**scene as u32));
     let scenes = round.missing.iter().filter(is_absent).copied().collect();
@@ -91,17 +87,17 @@ mod tests {
 
     const BEFORE: Carried = Carried { due: false, was_quiet: false };
 
-    fn queue(waiting: u64, held: u64, scenes: &[u32]) -> QueueLook {
-        QueueLook {
+    fn queue(waiting: u64, held: u64, scenes: &[u32]) -> QueuePoll {
+        QueuePoll {
             state: QueueState { waiting, held },
             other: false,
             scenes: scenes.iter().copied().collect(),
         }
     }
 
-    fn round<'a>(queue: &'a QueueLook, missing: &'a [usize], everything: bool) -> Round<'a> {
+    fn round<'a>(queue: &'a QueuePoll, missing: &'a [usize], full: bool) -> Round<'a> {
         Round {
-            everything,
+            full,
             queue: Some(queue),
             missing,
             taken_back: false,
@@ -115,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_and_not_in_the_queue_is_published() {
+    fn missing_scenes_that_are_not_in_the_queue_are_published() {
         let busy = queue(1, 1, &[1, 4]);
         let (decision, after) = decide(&round(&busy, &[0, 1, 4, 7], true), BEFORE);
         assert_eq!((decision, after), (publish(false, &[0, 7]), BEFORE));
@@ -137,15 +133,15 @@ mod tests {
     }
 
     #[test]
-    fn everything_is_looked_at_before_the_end() {
+    fn a_full_round_precedes_the_end() {
         let empty = queue(0, 0, &[]);
         let (decision, after) = decide(&round(&empty, &[], false), BEFORE);
-        assert_eq!((decision, after.due), (Decision::LookAtEverything, true));
+        assert_eq!((decision, after.due), (Decision::Verify, true));
         assert_eq!(decide(&round(&empty, &[], true), after).0, Decision::Finish);
     }
 
     #[test]
-    fn a_look_at_everything_becomes_due() {
+    fn a_full_round_becomes_due() {
         let busy = queue(1, 1, &[0]);
         let due = |round: &Round| decide(round, BEFORE).1.due;
         assert!(!due(&round(&busy, &[0], false)));
@@ -153,13 +149,13 @@ mod tests {
         assert!(due(&taken_back));
         let away = Round { queue: None, ..round(&busy, &[0], true) };
         assert!(due(&away));
-        let other = QueueLook { other: true, ..queue(1, 1, &[]) };
+        let other = QueuePoll { other: true, ..queue(1, 1, &[]) };
         assert!(due(&round(&other, &[0], false)));
         assert!(due(&round(&queue(0, 0, &[]), &[0], false)));
     }
 
     #[test]
-    fn a_run_that_is_held_publishes_nothing() {
+    fn a_paused_or_cancelled_run_publishes_nothing() {
         let empty = queue(0, 0, &[]);
         let told = |control| {
             let held = Round { control, ..round(&empty, &[0], true) };

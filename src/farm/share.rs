@@ -1,4 +1,4 @@
-//! What a coordinator puts into a store for workers that have nothing but the store.
+//! Files that a coordinator puts into the store, for workers that have nothing but the store.
 
 use super::error::FarmError;
 use crate::run::{Run, RunError, keys};
@@ -7,10 +7,10 @@ use render::line::{Roots, is_url};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Objects put at once.
+/// Objects put in one call.
 const AT_ONCE: usize = 32;
 
-/// Puts the run's rules and its own pictures where workers find them, and takes back that an earlier round was finished.
+/// Puts the run's manifest, spec and own photographs into the store, and removes the mark of a finished run.
 pub(super) fn share_run(run: &Run, store: &Store) -> Result<(), FarmError> {
     share_inputs(run, store)?;
     for (key, path) in
@@ -23,14 +23,14 @@ pub(super) fn share_run(run: &Run, store: &Store) -> Result<(), FarmError> {
     Ok(())
 }
 
-/// The names of the run's own roots: those below its folder, for photographs that planning made.
+/// The run's own roots: those below its folder, with photographs that planning made.
 fn own_roots(run: &Run) -> impl Iterator<Item = (&String, &PathBuf)> {
     let roots = run.spec.roots.iter();
     roots.filter(|(_, folder)| folder.is_relative() && !is_url(folder))
 }
 
-/// Puts the files of the run's own roots that its scenes need. What is not here is not missed: another coordinator has
-/// put it, or workers bring it.
+/// Puts those files of the run's own roots that its scenes need. Files that are not here were put by another coordinator, or
+/// are on the workers' machines.
 fn share_inputs(run: &Run, store: &Store) -> Result<(), StoreError> {
     let is_own = |root: &Path| root.canonicalize().ok() == run.root().canonicalize().ok();
     if store.local_root().is_some_and(is_own) {
@@ -40,11 +40,10 @@ fn share_inputs(run: &Run, store: &Store) -> Result<(), StoreError> {
     let mut wanted = BTreeSet::new();
     for side in run.lines.iter().flat_map(|line| [&line.front, &line.back]) {
         for (_, text) in side.paths() {
-            let folder = text.split_once(':').and_then(|(name, rest)| {
-                let folder = own.get(&name.to_owned())?;
-                Some(folder.join(rest))
+            let path = text.split_once(':').and_then(|(name, rest)| {
+                Some(own.get(&name.to_owned())?.join(rest).to_str()?.to_owned())
             });
-            wanted.extend(folder.as_deref().and_then(Path::to_str).map(str::to_owned));
+            wanted.extend(path);
         }
     }
     if wanted.is_empty() {
@@ -61,8 +60,8 @@ fn share_inputs(run: &Run, store: &Store) -> Result<(), StoreError> {
 }
 
 impl Run {
-    /// For a machine that has the run's rules alone: the run's own photographs are read from `store`, unless they are here
-    /// or `given` says where they are.
+    /// On a machine without the run's folder, reads the run's own photographs from `store`, except for roots that are here or
+    /// `given`.
     pub fn take_inputs_from(&mut self, store: &Store, given: &Roots) {
         let own: Vec<(String, PathBuf)> = own_roots(self)
             .filter(|(name, folder)| {

@@ -1,5 +1,4 @@
-//! What a killed process leaves behind: half-written files under their temporary names, and partials whose scene
-//! is merged already.
+//! Removal of the leftovers of killed processes: half-written files under temporary names, and partials of merged scenes.
 
 use crate::run::{Run, keys};
 use crate::store::Store;
@@ -7,19 +6,13 @@ use render::atomic_file::{self, is_temporary};
 use render::merge::is_written;
 use std::path::Path;
 
-/// Removes it. For whoever holds the run's lock; what cannot be removed does no harm.
+/// Removes them. The caller holds the run's lock; files that cannot be removed do no harm.
 pub(super) fn sweep(run: &Run) {
-    let root = run.root();
-    sweep_folder(root, 0);
-    sweep_folder(&root.join("quarantine"), 0);
-    sweep_folder(&root.join("report"), 0);
-    sweep_folder(&root.join("noise"), 0);
-    sweep_folder(&root.join("logs"), 0);
-    // As deep as DIODE's folders: source / train / indoors / scene / scan.
-    sweep_folder(&root.join("inputs"), 5);
-    sweep_folder(&root.join("tuples"), 1);
-    sweep_folder(&root.join("partials"), 1);
-    sweep_folder(&root.join("attempts"), 1);
+    // Inputs are as deep as DIODE's folders: source / train / indoors / scene / scan.
+    let folders =
+        [("", 0), ("quarantine", 0), ("report", 0), ("noise", 0), ("logs", 0), ("inputs", 5)];
+    sweep_folders(run, &folders);
+    sweep_folders(run, &SCENE_FOLDERS);
     for line in &run.lines {
         if is_written(&run.path(&keys::tuple_folder(&line.id)), line) {
             let _ = std::fs::remove_dir_all(run.path(&keys::partials(&line.id)));
@@ -28,24 +21,25 @@ pub(super) fn sweep(run: &Run) {
     }
 }
 
-/// Removes what puts of killed workers left in a store on a local disk. For when all is done: a late put of something
-/// that is there already may fail by it, which nobody waits for.
+/// Removes unfinished puts of killed workers from a store on a local disk. Called when the run is over: a late put of an
+/// object that is there already may fail by it, which does no harm.
 pub(super) fn sweep_staged(run: &Run, store: &Store) {
     if store.is_local() {
-        let root = run.root();
-        sweep_folder(&root.join("tuples"), 1);
-        sweep_folder(&root.join("partials"), 1);
-        sweep_folder(&root.join("attempts"), 1);
-        sweep_folder(&root.join("receipts"), 0);
-        sweep_folder(&root.join("noise"), 0);
+        sweep_folders(run, &SCENE_FOLDERS);
+        sweep_folders(run, &[("receipts", 0), ("noise", 0)]);
     }
 }
 
-fn sweep_folder(folder: &Path, depth: u32) {
-    atomic_file::sweep(folder, depth, &|path| is_temporary(path) || is_staged(path));
+const SCENE_FOLDERS: [(&str, u32); 3] = [("tuples", 1), ("partials", 1), ("attempts", 1)];
+
+fn sweep_folders(run: &Run, folders: &[(&str, u32)]) {
+    for &(name, depth) in folders {
+        let folder = run.root().join(name);
+        atomic_file::sweep(&folder, depth, &|path| is_temporary(path) || is_staged(path));
+    }
 }
 
-/// The name of a put of the local store that was not finished: `tuple.exr#1`.
+/// Named like an unfinished put of the local store: `tuple.exr#1`.
 fn is_staged(path: &Path) -> bool {
     let name = path.file_name().map(|name| name.to_string_lossy());
     let number = name.as_ref().and_then(|name| name.rsplit_once('#'));

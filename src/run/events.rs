@@ -34,7 +34,7 @@ pub enum Event {
     /// The store cannot be reached; the call is repeated.
     StoreLost { reason: String },
     /// A scene that was lost with an earlier process is traced in a child process.
-    Isolated { scene: SceneId },
+    Sandboxed { scene: SceneId },
     /// That child process was lost, too.
     ChildLost { scene: SceneId, reason: String },
     /// This process aborts, as `--fault` asked.

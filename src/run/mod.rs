@@ -60,7 +60,7 @@ pub(crate) use stages::{Stage, Stopwatch};
 pub use stages::{StageSeconds, process_cpu_s};
 pub use task::Task;
 pub use work_log::Stop;
-pub(crate) use work_log::{LogTime, SceneSeconds, SceneTrace, WORK_LOG_SCHEMA, WorkLog, read_logs};
+pub(crate) use work_log::{LogTime, SceneSeconds, WORK_LOG_SCHEMA, WorkLog, read_logs};
 
 /// A record as one line of JSON.
 fn json_line(record: &impl serde::Serialize) -> Vec<u8> {

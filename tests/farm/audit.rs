@@ -1,4 +1,4 @@
-//! One wrong pixel is found, in the right file, with the worker that made it.
+//! An audit finds one wrong pixel, and names its file and worker.
 
 use crate::processes::{all_done, start};
 use crate::support::nats::Nats;
@@ -57,7 +57,7 @@ fn one_wrong_pixel_is_found() {
     run(&["audit", folder, "--scene", "train-sample-000001"]).expect(1);
     run(&["audit", folder, "--scene", "train-sample-000000"]).expect(0);
 
-    // A note that says something else, and a picture that is torn.
+    // A note with another content, and a truncated picture.
     let path = place.run.join("tuples/train-sample-000000/tuple.json");
     let record = std::fs::read_to_string(&path).unwrap();
     std::fs::write(&path, record.replacen("\"miss_share\": ", "\"miss_share\": 1", 1)).unwrap();
@@ -98,7 +98,7 @@ fn partials_are_compared_and_other_inputs_are_no_verdict() {
     let mut made = made[..3].to_vec();
     let (header, mut pixels) = (made[1].header.clone(), made[1].pixels.clone());
     pixels[7].mean[0][0] += 1.0;
-    // Its digest fits: it is whole, and wrong.
+    // A partial with a valid digest and a wrong pixel.
     made[1] = Partial::new(header, pixels);
     put_partials(&place.run, &id, &made);
     let found = run(&["audit", folder, "--scene", &id, "--json"]).expect(1).json();
@@ -124,7 +124,7 @@ fn partials_are_compared_and_other_inputs_are_no_verdict() {
     run(&["audit", folder, "--scene", scene]).expect(3).says(&["cannot load"]);
 }
 
-/// In a farm the receipt names who made it; the audit needs only the store.
+/// In a farm the receipt names the worker; the audit needs only the store.
 #[test]
 fn the_worker_is_named() {
     let Some(server) = Nats::start() else { return };
@@ -139,7 +139,7 @@ fn the_worker_is_named() {
     let audit = ["audit", text(&place.run), "--store", store, "--share", "1", "--json"];
     let found = run(&audit).expect(1).says(&["made by: crooked"]).json();
     assert_eq!(found["workers"], json!([{"worker": "crooked", "differ": 1, "audited": SCENES}]));
-    // What the message asks for makes it good.
+    // The remedy in the message works.
     std::fs::remove_dir_all(Path::new(store).join("tuples/test-sample-000000")).unwrap();
     for path in ["receipts/test-sample-000000.json", "finished.json"] {
         std::fs::remove_file(Path::new(store).join(path)).unwrap();

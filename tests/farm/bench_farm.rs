@@ -1,4 +1,4 @@
-//! `bench farm` on real processes: short runs, whose figures mean little; but they must be there, and be possible.
+//! `bench farm` on real processes: short runs, whose figures must be present and plausible.
 
 use crate::support::nats::Nats;
 use crate::support::program::run;
@@ -44,13 +44,13 @@ fn the_makespan_of_a_farm_with_faults_is_measured() {
     for (run, faults) in runs.iter().zip([0, 2]) {
         assert_eq!(run["faults"].as_array().unwrap().len(), faults);
         let pass = &run["passes"][0];
-        // Sleep is never shorter than ordered: what the bound says cannot be beaten.
+        // A sleep is never shorter than its argument, so the bound holds.
         assert!((1.0..60.0).contains(&number(pass, "over_bound")), "{run}");
         assert!(number(pass, "known_s") >= number(pass, "makespan_s"));
         assert!((12.0..=48.0).contains(&number(pass, "loads")), "{run}");
         assert!((1.0..=4.0).contains(&number(run, "loads_per_scene")));
     }
-    // Those of the worker that was killed are not counted.
+    // Those of the killed worker are not counted.
     let traced = |run: &Value| number(&run["passes"][0], "shards_traced");
     assert!(traced(&runs[0]) >= 48.0, "{}", runs[0]);
     assert!((1.0..=96.0).contains(&traced(&runs[1])), "{}", runs[1]);
@@ -74,7 +74,7 @@ fn the_overhead_of_a_farm_is_measured() {
         let share = number(run, "overhead_cpu_share");
         assert!(share > 0.0 && share < 1.0, "{run}");
         assert!(number(&run["cpu_seconds"], "trace") > 0.0);
-        // Nobody sleeps less than ordered.
+        // A sleep is never shorter than its argument.
         let least_s = number(run, "shards") * number(run, "shard_s") / number(run, "workers");
         assert!(number(run, "wall_s") >= least_s, "{run}");
     }
@@ -108,7 +108,7 @@ fn the_time_to_go_on_is_measured() {
 }
 
 #[test]
-fn what_cannot_be_measured_is_refused() {
+fn impossible_measurements_are_refused() {
     run(&["bench", "farm", "--workers", "300"]).expect(2).says(&["256", "--simulate"]);
     run(&["bench", "farm", "--makespan", "--simulate"]).expect(2);
     run(&["bench", "farm", "--makespan", "--stop", "1@1+1"]).expect(2).says(&["--kill and --slow"]);

@@ -1,4 +1,4 @@
-//! Partials wait in memory for the rest of their scene: most are never written, and none is lost by a stop.
+//! Partials stay in memory until their scene is complete: most are never written, and a stop loses none.
 
 use crate::processes::{all_done, alone, coordinator, end, slow_place, start};
 use crate::support::nats::Nats;
@@ -9,7 +9,7 @@ use crate::support::tools::wait_for;
 use std::path::Path;
 use std::time::Duration;
 
-/// An hour.
+/// Long: an hour.
 const LATER: [&str; 2] = ["--checkpoint-s", "3600"];
 
 fn partials(run: &Path) -> usize {
@@ -33,7 +33,7 @@ fn scenes_that_are_soon_done_write_no_partials() {
 }
 
 #[test]
-fn what_waits_is_written_by_who_stops() {
+fn a_stopped_worker_writes_its_partials_in_memory() {
     let place = slow_place();
     let folder = text(&place.run);
     let mut arguments = vec!["work", folder, "-j", "2", "--json", "--fault", "slow:4"];
@@ -51,12 +51,12 @@ fn what_waits_is_written_by_who_stops() {
     assert_eq!(resumed["shards_resumed"], there);
     assert_same(&tuples(&place.run), alone(&place));
     let shards = |end: &serde_json::Value| end["shards_traced"].as_u64().unwrap();
-    // Nothing was traced twice.
+    // No shard was traced twice.
     assert_eq!(shards(&stopped) + shards(&resumed), SCENES as u64 * 384);
 }
 
 #[test]
-fn what_waits_is_written_for_who_gets_the_rest() {
+fn a_donor_writes_its_partials_in_memory() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let coordinator = coordinator(&place, &server);
@@ -78,7 +78,7 @@ fn what_waits_is_written_for_who_gets_the_rest() {
 }
 
 #[test]
-fn who_is_killed_loses_what_waited_and_no_more() {
+fn a_kill_loses_only_partials_in_memory() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let coordinator = coordinator(&place, &server);

@@ -1,5 +1,4 @@
-//! Input files are looked at before anything is traced; and the paper's recipe is planned over folders of the real
-//! shape.
+//! Input files are checked before tracing; and the paper's recipe is planned over folders of the real layout.
 
 use crate::support::outputs::{files, manifest};
 use crate::support::program::{Ended, run, text};
@@ -76,7 +75,7 @@ fn cut(path: &Path, keep: usize) {
 }
 
 #[test]
-fn what_is_wrong_is_one_table_and_nothing_is_written() {
+fn damaged_files_are_listed_in_one_table_and_nothing_is_written() {
     let place = Place::new();
     let planned = place.plan("whole", &[]).expect(0).json();
     assert_eq!((planned["scenes"].as_u64(), &planned["invalid"]), (Some(16), &json!([])));
@@ -84,7 +83,7 @@ fn what_is_wrong_is_one_table_and_nothing_is_written() {
     let train = whole.iter().filter(|(id, _)| id.starts_with("train"));
     let used: Vec<&Value> = train.map(|(_, line)| &line["front"]).collect();
 
-    // Of four photographs a file each.
+    // One file of each of four photographs.
     let mut photographs: Vec<&Value> = Vec::new();
     for front in used {
         if photographs.len() < 4 && !photographs.iter().any(|p| p["color"] == front["color"]) {
@@ -129,7 +128,7 @@ fn what_is_wrong_is_one_table_and_nothing_is_written() {
     let recipe = place.path("few.toml");
     run(&["run", text(&recipe), "--out", text(&run_folder), "--root", &root]).expect(4);
 
-    // Without them: others in their place, the same ones again, and no scene changed that did not need them.
+    // Other photographs replace the left-out ones, the same ones each time, and other scenes do not change.
     let planned = place.plan("without", &["--skip-invalid"]).expect(0);
     assert!(planned.stderr.contains("photographs left out: 4"), "{planned:?}");
     let planned = planned.json();
@@ -156,7 +155,7 @@ fn what_is_wrong_is_one_table_and_nothing_is_written() {
     }
     assert!(changed >= 4);
 
-    // What was left out stays out, with the files whole again, and whoever asks.
+    // Left-out photographs stay out, even with the files whole again.
     let color = place.file(&bad[0].0);
     std::fs::copy(place.file(left_out[1].as_str().unwrap()), color).unwrap();
     for more in [&[][..], &["--skip-invalid"]] {
@@ -171,7 +170,7 @@ fn what_is_wrong_is_one_table_and_nothing_is_written() {
 }
 
 #[test]
-fn where_too_little_is_left_the_table_is_still_told() {
+fn the_table_is_printed_even_if_too_few_photographs_are_left() {
     let place = Place::new();
     place.plan("whole", &[]).expect(0);
     for (id, line) in place.scenes("whole") {
@@ -191,7 +190,7 @@ fn where_too_little_is_left_the_table_is_still_told() {
 }
 
 #[test]
-fn a_run_that_is_planned_goes_on_and_a_look_at_it_tells() {
+fn a_planned_run_goes_on_and_a_dry_run_says_so() {
     let place = Place::new();
     place.plan("run", &[]).expect(0);
     let front = &place.scenes("run")["train-diode-000000"]["front"];
@@ -219,7 +218,7 @@ fn scenes_of_a_manifest_are_left_out_by_themselves() {
         let arguments = ["plan", text(&manifest), "--out", text(&out), "--json"];
         run(&[&arguments, more].concat())
     };
-    // Who names scenes gets them: those that cannot be made are set aside, the others go on.
+    // Scenes named on the command line are kept: the impossible ones go into quarantine, the others go on.
     let kept = folder.path().join("kept");
     let ended = run(&["plan", text(&manifest), "--out", text(&kept), "--json"]).expect(0).says(&[
         "2 of 7 input files",
@@ -241,7 +240,7 @@ fn scenes_of_a_manifest_are_left_out_by_themselves() {
     assert_eq!(plan(&["--skip-invalid"]).expect(0).json()["existed"], true);
     let done = run(&["work", text(&out), "--json"]).expect(0).json();
     assert_eq!(done["merged"], 1);
-    // Nothing is left.
+    // No scene is left.
     write_lines(&manifest, &lines[1..]);
     let no = folder.path().join("no");
     run(&["plan", text(&manifest), "--out", text(&no), "--skip-invalid"])

@@ -1,4 +1,4 @@
-//! Two workers make different bytes of one shard: neither is believed, both are named, and the farm goes on.
+//! Two workers make different bytes of one shard: neither is trusted, both are named, and the farm goes on.
 
 use crate::processes::{alone, coordinator, end, slow_place, start};
 use crate::support::nats::Nats;
@@ -43,7 +43,7 @@ fn reason(place: &Place) -> Option<String> {
     record.map(|record| record.reason)
 }
 
-/// What a worker kept of what it made otherwise.
+/// The conflicting bytes that workers kept.
 fn kept(place: &Place) -> Vec<(String, PathBuf)> {
     let folder = place.run.join("conflicts");
     let workers = std::fs::read_dir(folder).into_iter().flatten();
@@ -58,7 +58,7 @@ fn kept(place: &Place) -> Vec<(String, PathBuf)> {
 }
 
 #[test]
-fn who_computes_other_bits_is_found_out() {
+fn a_worker_that_computes_other_bits_is_named() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let queue = twice(&place, &server);
@@ -70,7 +70,7 @@ fn who_computes_other_bits_is_found_out() {
     drop(queue);
     let coordinated = end(coordinator(&place, &server)).expect(3).json();
     assert_eq!(coordinated["done"], SCENES - 1);
-    // Whoever was second found it out.
+    // The second worker found the conflict.
     let found = workers.map(|worker| end(worker).expect(0).json()["quarantined"].clone());
     let found: Vec<_> = found.iter().filter(|q| **q != json!([])).collect();
     assert_eq!(found.len(), 1, "{found:?}");
@@ -84,14 +84,14 @@ fn who_computes_other_bits_is_found_out() {
     ] {
         assert!(reason.contains(part), "{part:?} is missing: {reason}");
     }
-    // Both are there: what came first under its name, the other in its worker's folder.
+    // Both objects are kept: the first under its key, the other in its worker's folder.
     let kept = kept(&place);
     let (worker, path) = &kept[0];
     assert!(reason.contains(&format!("kept as conflicts/{worker}/")), "{reason}");
     let own = place.run.join("conflicts").join(worker).join(path);
     let other = place.run.join(path);
     assert_ne!(std::fs::read(own).unwrap(), std::fs::read(other).unwrap());
-    // A third process tells whose is right.
+    // A third process tells which of them is right.
     let folder = text(&place.run);
     let audited = run(&["audit", folder, "--scene", SCENE, "--json"]).json();
     let differ = audited["scenes"][0]["differences"].as_array().unwrap();

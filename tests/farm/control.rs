@@ -1,4 +1,4 @@
-//! A run is paused, resumed and cancelled while it is made, by one process or by many; nothing is lost by it.
+//! A run is paused, resumed and cancelled while one process or many work on it; no result is lost.
 
 use crate::processes::{alone, coordinator, end, results, slow_place, worker};
 use crate::support::nats::Nats;
@@ -10,7 +10,7 @@ use serde_json::Value;
 use std::process::Child;
 use std::time::Duration;
 
-/// Longer than anybody waits between two looks at a folder.
+/// Longer than the time between two polls of a folder.
 const LOOK: Duration = Duration::from_millis(2500);
 
 fn status(place: &Place, more: &[&str]) -> Value {
@@ -40,7 +40,7 @@ fn a_process_waits_while_its_run_is_paused() {
     let paused = status(&place, &[]);
     assert_eq!((&paused["state"], &paused["reason"]), (&"paused".into(), &"backup".into()));
 
-    // It begins, and is paused again in the middle: what is open is finished, the rest is left alone.
+    // It begins, and is paused again in the middle: opened scenes are finished, the others stay.
     tell(&place, "resume");
     wait_for("a result", || results(&place.run) > 0);
     tell(&place, "pause");
@@ -69,7 +69,7 @@ fn a_paused_process_still_stops() {
     std::thread::sleep(Duration::from_secs(1));
     send(&child, "TERM");
     end(child).expect(143);
-    // A time limit does, too.
+    // A time limit stops it, too.
     let limited = run(&["work", text(&place.run), "--time-limit", "1"]);
     limited.expect(75);
     assert_eq!(results(&place.run), 0);
@@ -92,7 +92,7 @@ fn a_cancelled_run_ends_and_can_be_taken_back() {
     run(&["pause", text(&place.run)]).expect(1).says(&["resume"]);
     assert_eq!(tell(&place, "resume")["before"], "cancelled");
     let ended = end(work(&place)).expect(0).json();
-    // The shards in flight were not lost.
+    // The shards in flight were kept.
     let traced = ended["shards_traced"].as_u64().unwrap();
     let done = cancelled["shards_done"].as_u64().unwrap();
     assert_eq!(traced + done, cancelled["shards"].as_u64().unwrap());
@@ -134,12 +134,12 @@ fn a_farm_pauses_goes_on_is_cancelled_and_taken_back() {
     for worker in workers {
         let ended = end(worker).expect(3).json();
         assert_eq!(ended["stopped"], "cancelled");
-        // What the other asked for before; nothing is handed back at the end, for nobody will take it.
+        // A donation may precede the cancel; after it no task is requeued.
         assert!(ended["spans_given"].as_u64().unwrap() <= 1, "{ended}");
     }
     let cancelled = status(&place, &["--queue", &url]);
     assert!(cancelled["merged"].as_u64().unwrap() < SCENES as u64);
-    // The queue is gone with it.
+    // The queue is removed.
     assert!(cancelled["queue"]["reason"].is_string(), "{cancelled}");
     assert!(!place.run.join("finished.json").exists());
     end(coordinator(&place, &server)).expect(3);

@@ -1,4 +1,4 @@
-//! Partials that are torn, flipped, or belong to something else are noticed and traced again.
+//! Truncated, corrupted or foreign partials are noticed, and their shards traced again.
 
 use crate::support::outputs::{assert_same, assert_tidy, manifest, tuples};
 use crate::support::program::{run, text};
@@ -44,7 +44,7 @@ fn damaged_partials_are_traced_again() {
     for (shard, content) in &damaged {
         std::fs::write(&paths[*shard], content).unwrap();
     }
-    // As a write that was cut short leaves it.
+    // As an interrupted write leaves it.
     std::fs::write(paths[0].with_file_name(".tmp-torn"), &bytes[0][..99]).unwrap();
 
     let ended = run(&["work", text(&place.run), "-v", "--json"]).expect(0);

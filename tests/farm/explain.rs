@@ -1,4 +1,4 @@
-//! What is known of a scene and of a shard, in each of the states that they can be in.
+//! `explain` on a scene and on a shard in each of their states.
 
 use crate::support::program::{run, text};
 use crate::support::scenes::{SHARDS, partials, place, put_partials};
@@ -53,7 +53,7 @@ fn a_scene_on_its_way() {
 }
 
 #[test]
-fn attempts_and_quarantine_are_told_with_their_logs() {
+fn attempts_and_quarantine_are_shown_with_their_logs() {
     let place = place();
     place.plan();
     let folder = place.run.join("attempts/train-sample-000000");
@@ -91,7 +91,7 @@ fn attempts_and_quarantine_are_told_with_their_logs() {
 }
 
 #[test]
-fn what_is_not_there_is_said() {
+fn an_unknown_scene_or_shard_is_an_error() {
     let place = place();
     place.plan();
     let folder = text(&place.run);

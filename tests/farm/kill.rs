@@ -20,7 +20,7 @@ fn killed_three_times(threads: &str) {
     let mut kills = 0;
     let mut targets = [random(total / 2), random(total / 2) + total / 4];
     targets.sort_unstable();
-    // First among the photographs of planning, then twice among the shards.
+    // First while planning makes photographs, then twice while shards are traced.
     let photograph_files = random(12) + 1;
     eprintln!("-j {threads}: kills at {photograph_files} input files, then {targets:?} shards");
     let inputs = place.run.join("inputs");
@@ -55,7 +55,7 @@ fn killed_and_resumed_on_two_threads() {
     killed_three_times("2");
 }
 
-/// The moments that a random kill rarely finds: files that a killed process leaves are put there.
+/// Moments that a random kill rarely hits: the files that it leaves then are put there.
 #[test]
 fn leftovers_of_a_killed_process_are_cleared_away() {
     let place = place();

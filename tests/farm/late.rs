@@ -1,4 +1,4 @@
-//! A worker whose scene others have finished meanwhile.
+//! A worker whose scene another one has finished meanwhile.
 
 use crate::processes::run_alone;
 use crate::support::outputs::files;
@@ -15,9 +15,9 @@ use std::time::Duration;
 
 const LEASE: Duration = Duration::from_mins(1);
 
-/// The folder of its partials goes away under a put of it, with more partials behind it: none of them may stay behind.
+/// The folder of partials is removed during a put, with more puts queued: none of them may leave a partial.
 #[test]
-fn partials_on_their_way_are_dropped_when_the_scene_is_done() {
+fn queued_partials_are_dropped_when_the_scene_is_done() {
     let place = place();
     place.plan();
     let run = Run::open(&place.run, &Roots::default()).unwrap();
@@ -39,7 +39,7 @@ fn partials_on_their_way_are_dropped_when_the_scene_is_done() {
     let (stop, traced) = (AtomicBool::new(false), AtomicUsize::new(0));
     let on_event = |event: Event| {
         if matches!(event, Event::ShardDone { .. }) && traced.fetch_add(1, Ordering::SeqCst) == 3 {
-            // Four partials wait in memory, to be written by the stop. Nothing can be put under the first one's name.
+            // The stop writes four partials from memory. The put of the first one fails.
             let partials = place.run.join("partials");
             std::fs::create_dir_all(&partials).unwrap();
             std::os::unix::fs::symlink("/nonexistent/gone", partials.join(scene)).unwrap();

@@ -1,4 +1,4 @@
-//! Many workers on one run, and one worker with everything going wrong: the pixels stay the same.
+//! Many workers on one run, and one worker with many faults: the pixels stay the same.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,

@@ -1,4 +1,4 @@
-//! Many workers on a real NATS server, with everything dying in turns: the tuples are those of one process.
+//! Many workers on a real NATS server, with every process killed in turn: the tuples are those of one process.
 
 use crate::processes::{
     all_done, alone, assert_whole, coordinator, end, results, slow_place, start, worker,
@@ -18,7 +18,7 @@ fn three_workers_make_what_one_process_makes() {
     let Some(server) = Nats::start() else { return };
     let place = place();
     place.plan();
-    // Workers may be there first: before coordinator and stream.
+    // Workers may start before the coordinator and the stream.
     let workers = [worker(&place, &server), worker(&place, &server), worker(&place, &server)];
     std::thread::sleep(Duration::from_millis(300));
     let coordinated = end(coordinator(&place, &server)).expect(0).json();
@@ -29,13 +29,13 @@ fn three_workers_make_what_one_process_makes() {
         .sum();
     assert!(merged >= SCENES as u64);
     assert_whole(&place.run, reference());
-    // Nothing is left: all end at once.
+    // With nothing left to do, all end at once.
     end(coordinator(&place, &server)).expect(0);
     end(worker(&place, &server)).expect(0);
 }
 
 #[test]
-fn killed_workers_and_coordinators_cost_time_alone() {
+fn killed_workers_and_coordinators_only_cost_time() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let first = coordinator(&place, &server);
@@ -74,7 +74,7 @@ fn a_server_may_die_and_forget_everything() {
 }
 
 #[test]
-fn a_holder_that_slept_beyond_its_lease_does_no_harm() {
+fn a_worker_that_slept_beyond_its_lease_does_no_harm() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let coordinator = coordinator(&place, &server);
@@ -93,10 +93,10 @@ fn a_holder_that_slept_beyond_its_lease_does_no_harm() {
 }
 
 #[test]
-fn a_worker_that_is_told_to_stop_hands_its_work_back() {
+fn a_stopped_worker_requeues_its_work() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
-    // Whoever has to wait for the end of a lease of an hour does not end in time.
+    // A wait for the end of a lease would take an hour.
     let work = ["-j", "1", "--lease-s", "3600"];
     let coordinator = start("coordinate", &place, &server, &work[2..]);
     let leaving = start("work", &place, &server, &work);
@@ -109,7 +109,7 @@ fn a_worker_that_is_told_to_stop_hands_its_work_back() {
     assert_same(&tuples(&place.run), alone(&place));
 }
 
-/// The second worker comes when the first holds the only scene: it gets the later half of it.
+/// The second worker starts when the first has the only scene, and gets its later half.
 #[test]
 fn an_idle_worker_gets_a_part_of_a_scene() {
     let Some(server) = Nats::start() else { return };
@@ -133,7 +133,7 @@ fn an_idle_worker_gets_a_part_of_a_scene() {
     assert_whole(&place.run, alone(&place));
 }
 
-/// Spans twice, cut otherwise, in any order, of scenes that are done; and messages of somebody else.
+/// Tasks published twice, split differently, in any order, of done scenes; and foreign messages.
 #[test]
 fn repeated_reordered_and_foreign_messages_change_nothing() {
     let Some(server) = Nats::start() else { return };
@@ -174,7 +174,7 @@ fn repeated_reordered_and_foreign_messages_change_nothing() {
 }
 
 #[test]
-fn what_a_farm_is_told_wrongly_is_said() {
+fn wrong_options_of_a_farm_are_reported() {
     let place = place();
     place.plan();
     run(&["coordinate", text(&place.run)]).expect(2).says(&["--queue"]);
@@ -191,7 +191,7 @@ fn what_a_farm_is_told_wrongly_is_said() {
     .says(&["/nonexistent"]);
 }
 
-/// A dry run asks the store alone: it neither waits for a queue that is away nor makes anything.
+/// A dry run reads only the store: it neither waits for a queue that is away nor makes anything.
 #[test]
 fn a_dry_run_needs_no_queue_and_counts_what_is_in_the_store() {
     let place = place();
@@ -211,7 +211,7 @@ fn a_dry_run_needs_no_queue_and_counts_what_is_in_the_store() {
     run(&["work", text(&place.run), "-q"]).expect(0);
     assert_eq!(dry("coordinate").0["scenes_left"], 0);
     assert_eq!(dry("work").0["shards_left"], 0);
-    // The folder has all tuples, that store has none.
+    // The folder has all tuples, and the given store none.
     assert_eq!(dry("coordinate").1.expect(0).json()["scenes_left"], SCENES);
     assert_eq!(dry("work").1.expect(0).json()["shards_left"], SCENES * SHARDS);
 }

@@ -39,7 +39,7 @@ fn whole_scenes_become_the_tuples_of_work() {
         all.reverse();
         put_partials(&place.run, &id, &all);
     }
-    // The photographs are not needed any more.
+    // Merging needs no photographs.
     std::fs::rename(place.run.join("inputs"), place.run.join("gone")).unwrap();
     let ended = run(&["merge", folder, "--json"]).expect(0).json();
     assert_eq!(ended["merged"].as_array().unwrap().len(), SCENES);
@@ -59,7 +59,7 @@ fn foreign_partials_are_refused() {
     put_partials(&place.run, &id, &others[5..6]);
     let ended = run(&["merge", text(&place.run)]).expect(3);
     ended.says(&[&id, "shard 5", "another scene line"]);
-    // `work` helps itself.
+    // `work` traces the missing shards.
     let outcome = run(&["work", text(&place.run), "--json"]).expect(0).json();
     assert_eq!(outcome["shards_resumed"], SHARDS - 1);
     assert_same(&tuples(&place.run), reference());

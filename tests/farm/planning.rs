@@ -1,4 +1,4 @@
-//! Plans: frozen, compared, refused.
+//! Plans are frozen, compared with later recipes, and refused if they differ.
 
 use crate::support::outputs::{assert_same, files, read_json, tuples};
 use crate::support::program::{run, text};
@@ -108,7 +108,7 @@ fn scene_lines_have_paths_of_their_own_folder_and_roots() {
     let plain = folder.path().join("plain");
     run(&["run", text(&manifest), "--out", text(&plain)]).expect(0);
 
-    // The same photographs under a named root, from a manifest that lies elsewhere.
+    // The same photographs under a named root, from a manifest in another folder.
     let mut rooted = scene("one");
     for side in ["front", "back"] {
         for key in ["color", "depth", "mask"] {

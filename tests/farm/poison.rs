@@ -1,5 +1,5 @@
-//! Scenes that kill whoever works on them, hang, or cannot be read; workers that are ill. The others' tuples are those
-//! of a run in which nothing went wrong.
+//! Scenes that kill or hang their worker, or cannot be read; and faulty workers. The other scenes' tuples are those
+//! of a run without faults.
 
 use crate::processes::{all_done, assert_finished, assert_whole, coordinator, end, start, worker};
 use crate::support::nats::Nats;
@@ -62,16 +62,16 @@ fn a_scene_that_kills_its_process_is_set_aside_after_four() {
     for word in ["4 processes", "SIGABRT", "aborts this process, as --fault asks"] {
         assert!(reason.contains(word), "{reason}");
     }
-    // Mended, it is done.
+    // Repaired, it is done.
     std::fs::remove_dir_all(place.run.join("quarantine")).unwrap();
     std::fs::remove_dir_all(place.run.join("attempts")).unwrap();
     run(&["work", text(&place.run)]).expect(0);
     assert_same(&tuples(&place.run), reference());
 }
 
-/// A process that was killed from outside is no reason to suspect its scenes for long.
+/// Scenes of a process that was killed from outside are cleared soon.
 #[test]
-fn a_suspect_that_is_innocent_is_done_in_a_child() {
+fn an_innocent_suspect_is_done_in_a_child_process() {
     let place = place();
     place.plan();
     let innocent = &ids(&place.run)[2];
@@ -119,7 +119,7 @@ fn poison_costs_a_farm_four_processes_at_most() {
     assert_same(&tuples(&place.run), &without(&poison));
 }
 
-/// Its lease keeper lives, its tracer does not: it loses its lease, and another does the work.
+/// Its lease keeper lives, but its tracer hangs: its lease ends, and another worker does the task.
 #[test]
 fn a_worker_that_hangs_leaves_its_work_to_others() {
     let Some(server) = Nats::start() else { return };
@@ -134,7 +134,7 @@ fn a_worker_that_hangs_leaves_its_work_to_others() {
     assert_whole(&place.run, reference());
 }
 
-/// It hangs everywhere: in children, from the second attempt on.
+/// It hangs in every process, and in a child from the second attempt on.
 #[test]
 fn a_scene_that_always_hangs_is_set_aside() {
     let Some(server) = Nats::start() else { return };
@@ -178,7 +178,7 @@ fn rooted(folder: &Path) -> Place {
     place
 }
 
-/// Its disk of photographs is not mounted: it says so and goes, having condemned nothing.
+/// Without its disk of photographs a worker reports that and leaves; no scene goes into quarantine.
 #[test]
 fn a_machine_without_the_photographs_leaves_the_farm() {
     let Some(server) = Nats::start() else { return };
@@ -197,9 +197,9 @@ fn a_machine_without_the_photographs_leaves_the_farm() {
     assert_finished(&place.run);
 }
 
-/// One photograph is nowhere: four attempts later its scenes are set aside, and the rest is done.
+/// One photograph is missing: after four attempts its scenes are in quarantine, and the rest is done.
 #[test]
-fn a_file_that_nobody_can_read_is_named() {
+fn a_file_that_no_worker_can_read_is_named() {
     let Some(server) = Nats::start() else { return };
     let folder = tempfile::tempdir().unwrap();
     photographs(folder.path());
@@ -209,7 +209,7 @@ fn a_file_that_nobody_can_read_is_named() {
     write_lines(&manifest, &[scene("one"), missing, scene("two")]);
     let mut place = place();
     place.recipe = manifest;
-    // It goes when the run is planned.
+    // It is removed after planning.
     let nowhere = folder.path().join("nowhere.png");
     std::fs::copy(folder.path().join("b.png"), &nowhere).unwrap();
     place.plan();
@@ -224,7 +224,7 @@ fn a_file_that_nobody_can_read_is_named() {
     assert_eq!(tuples(&place.run).len(), 2 * 6);
 }
 
-/// An image whose header promises more pixels than there is memory for: a real poison, by a limit on the process.
+/// An image whose header claims more pixels than fit into memory, limited for the process: a real poison.
 #[test]
 fn a_scene_too_large_for_the_memory_is_set_aside() {
     let folder = tempfile::tempdir().unwrap();

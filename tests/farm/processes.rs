@@ -11,7 +11,7 @@ use std::process::{Child, Output};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Scenes take a few tenths of a second each, so that there is time to kill somebody.
+/// Scenes take a few tenths of a second each, so that there is time to kill a process.
 pub(crate) fn slow_place() -> Place {
     let place = place();
     let recipe = std::fs::read_to_string(&place.recipe).unwrap();
@@ -56,7 +56,7 @@ pub(crate) fn worker(place: &Place, server: &Nats) -> Child {
     start("work", place, server, &["-j", "1"])
 }
 
-/// Waits for the end of a process, no longer than [`LONGEST`]. What it says is read meanwhile: who fills a pipe waits for ever.
+/// Waits up to [`LONGEST`] for the end of a process. Its output is read meanwhile, or a full pipe would block it.
 #[track_caller]
 pub(crate) fn end(mut child: Child) -> Ended {
     let pid = child.id();
@@ -96,7 +96,7 @@ pub(crate) fn results(run: &Path) -> usize {
     files(&run.join("partials")).len() + files(&run.join("tuples")).len()
 }
 
-/// Waits for the end of a coordinator and of its workers, which all say that the run is done.
+/// Waits for the end of a coordinator and its workers, all of which must report the run as done.
 #[track_caller]
 pub(crate) fn all_done(coordinator: Child, workers: impl IntoIterator<Item = Child>) {
     end(coordinator).expect(0);
@@ -112,7 +112,7 @@ pub(crate) fn assert_whole(run: &Path, expected: &Tuples) {
     assert_finished(run);
 }
 
-/// Nothing unfinished, no partial, no queue's leftovers.
+/// The store has no unfinished put, no partial, and no leftovers of a queue.
 pub(crate) fn assert_finished(run: &Path) {
     assert!(run.join("finished.json").is_file());
     assert_eq!(files(&run.join("partials")), Vec::<PathBuf>::new());

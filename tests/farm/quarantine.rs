@@ -1,4 +1,4 @@
-//! Scenes that cannot be done are set aside with a reason that names file and remedy; the others go on.
+//! Scenes that cannot be done go into quarantine with a reason that names file and remedy; the others go on.
 
 use crate::support::outputs::{files, quarantine_reason};
 use crate::support::program::{run, text};
@@ -6,7 +6,7 @@ use crate::support::scenes::{npy, photographs, scene, write_lines};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// Files that a plan would tell at once, as they are before and after.
+/// Writes files before planning; damages them after it (`is_done`), for planning would refuse them.
 fn damage(folder: &Path, is_done: bool) {
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).unwrap();
     let png = std::fs::read(folder.join("a.png")).unwrap();
@@ -23,7 +23,7 @@ fn damage(folder: &Path, is_done: bool) {
     write("small_mask.npy", &npy("(24, 32)", &[1.0; 24 * 32]));
 }
 
-/// Scenes, and what their reasons must say.
+/// Scenes, and words that their reasons must contain.
 fn bad_scenes(folder: &Path) -> Vec<(Value, Vec<&'static str>)> {
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).unwrap();
     let depth = |value: f32| npy("(48, 64)", &[value; 48 * 64]);
@@ -105,7 +105,7 @@ fn bad_scenes_are_set_aside_and_good_ones_done() {
         assert!(!out.join("tuples").join(id).exists());
     }
 
-    // Asked again: the same answer, nothing tried. A file that has come back does not matter yet.
+    // A second run gives the same answer without an attempt, although a file has come back.
     std::fs::copy(folder.path().join("b.png"), folder.path().join("nowhere.png")).unwrap();
     let status = run(&["status", text(&out), "--json"]).expect(3).json();
     assert_eq!(status["merged"], 1);

@@ -1,4 +1,4 @@
-//! The promises of a queue, kept by both of them.
+//! The promises of a queue, kept by both implementations.
 
 use crate::support::nats::Nats;
 use glasshouse::farm::queue::{
@@ -51,20 +51,20 @@ fn a_queue_is_a_set() {
         keeper.publish(&spans).unwrap();
         keeper.publish(&spans).unwrap();
         a.publish(&spans[..1]).unwrap();
-        let state = keeper.look().unwrap();
+        let state = keeper.state().unwrap();
         assert_eq!((state.waiting, state.held), (2, 0));
         assert_eq!(keeper.scenes().unwrap(), BTreeSet::from([0, 1]));
         let (first, second) = (take(a), take(b));
         assert_eq!([first.message.clone(), second.message.clone()], spans);
         assert!(!first.redelivered && !second.redelivered);
-        // Held ones are in it, too.
+        // Leased messages are in the set, too.
         keeper.publish(&spans).unwrap();
         assert!(nothing(a));
-        let state = keeper.look().unwrap();
+        let state = keeper.state().unwrap();
         assert_eq!((state.waiting, state.held), (0, 2));
         a.finish(first.id);
         b.finish(second.id);
-        assert!(keeper.look().unwrap().is_quiet());
+        assert!(keeper.state().unwrap().is_quiet());
         // Finished ones are not.
         keeper.publish(&spans[..1]).unwrap();
         assert_eq!(take(b).message, spans[0]);
@@ -81,17 +81,17 @@ fn a_lease_ends_unless_it_is_renewed() {
             a.renew(held.id);
             assert!(matches!(b.take(Duration::from_millis(50)), Taken::Nothing));
         }
-        // Its holder is lost.
+        // The worker is lost.
         let start = Instant::now();
         let again = take(b);
         assert!(again.redelivered);
         assert_eq!(again.message, held.message);
         assert!(start.elapsed() > LEASE / 2, "{:?}", start.elapsed());
-        // Both say that it is done: it is gone, once.
+        // Both workers finish it, and it is removed once.
         b.finish(again.id);
         a.finish(held.id);
         assert!(nothing(a));
-        assert!(keeper.look().unwrap().is_quiet());
+        assert!(keeper.state().unwrap().is_quiet());
     });
 }
 
@@ -104,7 +104,7 @@ fn a_donation_is_no_loss_of_a_holder() {
         let tail = take(b);
         assert_eq!(tail.message, message(2, 4, 8, 1));
         assert!(!tail.redelivered);
-        // The rest, as one that stops does it.
+        // The rest, as a stopping worker requeues it.
         a.publish(&[message(2, 0, 4, 1)]).unwrap();
         a.finish(held.id);
         let rest = take(b);
@@ -150,7 +150,7 @@ fn a_busy_worker_is_requested_to_donate() {
 }
 
 #[test]
-fn what_is_purged_is_forgotten() {
+fn purged_messages_are_forgotten() {
     both(|keeper, a, _| {
         let spans: Vec<Message> = (0..SCENES as u32).map(|s| message(s, 0, 1, 0)).collect();
         keeper.publish(&spans).unwrap();

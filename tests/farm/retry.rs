@@ -1,4 +1,4 @@
-//! What was in quarantine is tried again, by a run that goes on and by one that is over.
+//! `retry` takes scenes out of quarantine, in a run that goes on and in one that is over.
 
 use crate::processes::{all_done, alone, coordinator, end, results, slow_place, worker};
 use crate::support::nats::Nats;
@@ -18,7 +18,7 @@ fn a_repaired_scene_is_made() {
     write_lines(&manifest, &[scene("good"), bad]);
     let out = folder.path().join("run");
     let out = text(&out);
-    // It goes when the run is planned.
+    // It is removed after planning.
     let late = folder.path().join("late.png");
     std::fs::copy(folder.path().join("b.png"), &late).unwrap();
     run(&["plan", text(&manifest), "--out", out]).expect(0);
@@ -71,7 +71,7 @@ fn a_coordinator_notices_and_a_finished_farm_starts_again() {
     assert_eq!((&ended["done"], &ended["quarantined"]), (&(SCENES - 1).into(), &1.into()));
     end(working).expect(0);
 
-    // The run is over, and is taken up again.
+    // The run is over, and is started again.
     let done = retry("test-sample-000000");
     assert_eq!(done["was_finished"], true);
     all_done(coordinator(&place, &server), [worker(&place, &server)]);

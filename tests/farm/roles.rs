@@ -35,9 +35,9 @@ fn a_farm_over_tls_with_the_shipped_keys() {
     assert_same(&tuples(&place.run), reference());
 }
 
-/// Who may not is told why, and the seed is in no message.
+/// The error names the refused key or authority, and never contains the seed.
 #[test]
-fn a_wrong_key_or_authority_is_told() {
+fn a_wrong_key_or_authority_is_reported() {
     let Some(server) = SecureNats::start() else {
         return;
     };
@@ -60,13 +60,13 @@ fn a_wrong_key_or_authority_is_told() {
         assert!(!line.contains(seed.trim()), "{line}");
     };
     let (ca, key) = (server.key("worker", "ca.pem"), server.key("observer", "nkey"));
-    // Not the authority that signed the server.
+    // Another authority than the server's.
     says(&["--queue-nkey", text(&key)], &["waiting for the queue", "certificate"]);
     // No key at all.
     says(&["--queue-ca", text(&ca)], &["waiting for the queue", "authorization"]);
 }
 
-/// Publishes to each subject as a role, and tells which of them the server refused.
+/// Publishes to each subject as a role; returns those that the server refused.
 fn refused(server: &SecureNats, role: &str, subjects: &[&str]) -> Vec<String> {
     let seen: Arc<Mutex<Vec<String>>> = Arc::default();
     let events = Arc::clone(&seen);
@@ -92,7 +92,7 @@ fn refused(server: &SecureNats, role: &str, subjects: &[&str]) -> Vec<String> {
             client.publish((*subject).to_owned(), "".into()).await.unwrap();
         }
         client.flush().await.unwrap();
-        // The server answers in order: when it has refused the marker, it has judged all others.
+        // The server answers in order: after it has refused the marker, it has answered all others.
         let start = std::time::Instant::now();
         while !seen.lock().unwrap().iter().any(|e| e.contains(marker)) {
             assert!(start.elapsed() < Duration::from_secs(10), "no answer");
@@ -108,9 +108,9 @@ fn refused(server: &SecureNats, role: &str, subjects: &[&str]) -> Vec<String> {
     refused.map(|s| (*s).to_owned()).collect()
 }
 
-/// Subjects that each role needs, and those of the others, which it may not use.
+/// Each role may use its own subjects, and not those that only other roles need.
 #[test]
-fn a_role_can_do_what_it_must_and_no_more() {
+fn a_role_has_only_the_permissions_that_it_needs() {
     let Some(server) = SecureNats::start() else {
         return;
     };

@@ -41,7 +41,7 @@ fn every_route_answers() {
         assert!(page.text().contains(word), "no {word:?}");
     }
     strictly(page.text());
-    // Nothing is fetched from elsewhere, and only what has this answer's nonce is run.
+    // The page fetches nothing from other hosts, and runs only scripts with this answer's nonce.
     for elsewhere in ["http://", "https://", "\"//", "url(", "@import"] {
         assert!(!page.text().contains(elsewhere), "{elsewhere}");
     }
@@ -81,7 +81,7 @@ fn every_route_answers() {
 }
 
 #[test]
-fn pictures_have_names_and_nothing_else_is_reached() {
+fn only_named_pictures_are_served() {
     let run = run();
     let server = start(&run, None);
     let at = server.address();
@@ -123,7 +123,7 @@ fn pictures_have_names_and_nothing_else_is_reached() {
 }
 
 #[test]
-fn without_a_token_it_only_shows() {
+fn without_a_token_the_page_is_read_only() {
     let run = run();
     let server = start(&run, None);
     let at = server.address();
@@ -139,7 +139,7 @@ fn without_a_token_it_only_shows() {
 }
 
 #[test]
-fn the_token_acts_and_nothing_else_does() {
+fn only_the_token_allows_actions() {
     let run = run();
     let server = start(&run, Some(TOKEN));
     let at = server.address();
@@ -184,7 +184,7 @@ fn the_token_acts_and_nothing_else_does() {
 }
 
 #[test]
-fn a_strangers_name_for_this_machine_is_refused() {
+fn requests_with_a_foreign_host_name_are_refused() {
     let run = run();
     let server = start(&run, None);
     let at = server.address();
@@ -198,7 +198,7 @@ fn a_strangers_name_for_this_machine_is_refused() {
         format!("[::1]:{port}"),
         "LOCALHOST".to_owned(),
         "127.0.0.1".to_owned(),
-        // A tunnel's other end.
+        // The other end of a tunnel.
         "localhost:9999".to_owned(),
     ] {
         ask("/", &format!("Host: {host}\r\n")).expect(200);
@@ -227,7 +227,7 @@ fn a_strangers_name_for_this_machine_is_refused() {
     ask("/", "Host: localhost\r\nHost: evil.example\r\n").expect(403);
     ask("http://evil.example/", "Host: localhost\r\n").expect(403);
 
-    // Who listens for other machines is known to them by names that nobody here knows.
+    // A server that listens for other machines has names there that it does not know itself.
     let source: Arc<dyn FarmSource> = run;
     let open = serve(SocketAddr::from(([0, 0, 0, 0], 0)), source, None).unwrap();
     let at = SocketAddr::from(([127, 0, 0, 1], open.address().port()));
@@ -302,7 +302,7 @@ fn a_large_farm_has_a_small_page_with_the_worst_first() {
 }
 
 #[test]
-fn states_say_what_is_the_matter() {
+fn states_name_the_problem() {
     let run = run();
     let server = start(&run, Some(TOKEN));
     let page = || get(server.address(), "/").expect(200).text().to_owned();

@@ -1,4 +1,4 @@
-//! The status page in a browser, where there is one: Debian's `chromium`.
+//! The status page in a browser, Debian's `chromium`, if it is installed.
 
 use crate::serve_run::{HOSTILE, run, start};
 use crate::support::browser::browse;
@@ -17,7 +17,7 @@ fn the_script_puts_new_numbers_into_the_page() {
         view.workers[0].name = HOSTILE.to_owned();
         view.quarantine[0].reason = HOSTILE.to_owned();
     }
-    // Each look at the run finds one scene more than the one before: the first page says 1,235.
+    // Each view of the run has one scene more than the one before: the first page shows 1,235.
     run.goes_on.store(true, Ordering::Relaxed);
     let server = start(&run, None);
     let url = format!("http://{}/", server.address());
@@ -28,12 +28,12 @@ fn the_script_puts_new_numbers_into_the_page() {
     let done: u64 = between(&dom, "<b id=\"done\">", "<").replace(',', "").parse().unwrap();
     assert!(done > 1235, "{done}: {dom}");
     assert!(dom.contains("of 5,000 scenes"));
-    // The whole page follows, and what was hostile never ran, neither when loaded nor when refreshed.
+    // The whole page is updated, and hostile text never runs, neither when loaded nor when refreshed.
     let title = between(&dom, "<title>", "<");
     assert!(title.contains("paper") && !title.contains("pwned"), "{title}");
     assert!(!dom.contains("<img src=\"x\""));
     assert!(between(&dom, "id=\"note\"", ">").contains("hidden"), "{dom}");
     assert_eq!(dom.matches("data-key=\"train-1\"").count(), 1);
-    // The pictures were asked for and kept: four, though the page was refreshed.
+    // Four pictures were fetched once, though the page was refreshed.
     assert_eq!(run.pictures_asked(), 4);
 }

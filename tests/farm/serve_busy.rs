@@ -1,4 +1,4 @@
-//! The coordinator's web server with clients that are slow, a store that hangs, and at its end.
+//! The coordinator's web server with slow clients, with a store that hangs, and at its end.
 
 use crate::serve_run::{Run, get, run, start};
 use crate::support::tools::wait_for;
@@ -10,7 +10,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 #[test]
-fn the_slow_block_nobody() {
+fn slow_clients_block_no_other() {
     let run = run();
     let server = start(&run, None);
     let at = server.address();
@@ -19,11 +19,11 @@ fn the_slow_block_nobody() {
         stream.write_all(text.as_bytes()).unwrap();
         stream
     };
-    // Heads that do not end, bodies that do not come, answers that are not read.
+    // Endless heads, missing bodies, unread answers.
     let mut slow: Vec<TcpStream> = (0..40).map(|_| half("GET / HTTP/1.1\r\nHost: loc")).collect();
     let unread = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n".repeat(50);
     slow.extend((0..10).map(|_| half(&unread)));
-    // A store that hangs, and more pictures asked for than can be waited for at a time.
+    // A store that hangs, and requests for more pictures than may wait at a time.
     *run.store_hangs.0.lock().unwrap() = true;
     let picture = "GET /thumbnails/train-1/input.png HTTP/1.1\r\nHost: localhost\r\n\r\n";
     slow.extend((0..20).map(|_| half(picture)));
@@ -33,7 +33,7 @@ fn the_slow_block_nobody() {
         get(at, path).expect(200);
     }
     assert!(begun.elapsed() < Duration::from_secs(8), "{:?}", begun.elapsed());
-    // A head that does not come is not waited for.
+    // A missing head is not waited for.
     let limit = Some(Duration::from_secs(30));
     slow[0].set_read_timeout(limit).unwrap();
     let _ = slow[0].read_to_end(&mut Vec::new());
@@ -78,7 +78,7 @@ fn dropping_it_closes_the_port_and_the_connections() {
     assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
     assert!(TcpStream::connect(at).is_err());
     open.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
-    // The rest of the answer, then the end.
+    // The rest of the answer, then the end of the connection.
     let ended = open.read_to_end(&mut Vec::new());
     assert!(ended.is_ok() || ended.unwrap_err().kind() == std::io::ErrorKind::ConnectionReset);
     let again: Arc<dyn FarmSource> = Arc::<Run>::clone(&run);
@@ -89,7 +89,7 @@ fn dropping_it_closes_the_port_and_the_connections() {
 }
 
 #[test]
-fn what_cannot_be_served_is_said() {
+fn a_port_in_use_and_a_weak_token_are_refused() {
     let run = run();
     let server = start(&run, None);
     let source = || -> Arc<dyn FarmSource> { Arc::<Run>::clone(&run) };

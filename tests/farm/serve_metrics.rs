@@ -52,7 +52,7 @@ fn metrics_follow_the_text_format() {
         view.workers[0].name = HOSTILE.to_owned();
         view.workers[0].version = "\\".to_owned();
         view.workers[1].last_progress_s = f64::NAN;
-        // The same name and host a second time, as after a restart.
+        // The same name and host twice, as after a restart.
         view.workers.push(worker("three", WorkerState::Silent, 99.0));
         view.workers.push(worker("three", WorkerState::Working, 1.5));
         view.eta_s = None;
@@ -99,6 +99,6 @@ fn metrics_follow_the_text_format() {
     assert!(age("two").is_nan());
     assert_eq!(age("three"), 1.5);
     assert_eq!(value("glasshouse_worker_info", "version", "\\"), 1.0);
-    // What is not known is not there.
+    // Unknown values are left out.
     assert!(!answer.text().contains("eta_seconds"));
 }

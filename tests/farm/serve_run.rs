@@ -15,20 +15,20 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 
 pub(crate) const TOKEN: &str = "a token of the test";
-/// What a name or a reason may hold at worst.
+/// The worst content of a name or a reason.
 pub(crate) const HOSTILE: &str =
     "<img src=x onerror=\"document.title='pwned'\">\\\"'}\n& {x=\"1\"} 1";
 
-/// A run in memory, which counts what it is asked for.
+/// A run in memory, which counts requests.
 pub(crate) struct Run {
     pub(crate) view: Mutex<FarmView>,
-    /// Scenes done when it is looked at the next time are one more.
+    /// The next view has one more done scene.
     pub(crate) goes_on: AtomicBool,
     pub(crate) acted: Mutex<Vec<Action>>,
     pub(crate) refuses: AtomicBool,
     pub(crate) panics: AtomicBool,
     pub(crate) pictures_asked: AtomicUsize,
-    /// True: pictures wait.
+    /// If true, pictures wait.
     pub(crate) store_hangs: (Mutex<bool>, Condvar),
 }
 
@@ -92,7 +92,7 @@ pub(crate) fn worker(name: &str, state: WorkerState, last_progress_s: f64) -> Wo
     }
 }
 
-/// A run with something of everything.
+/// A run with every kind of content.
 pub(crate) fn run() -> Arc<Run> {
     let recent = RecentTuple {
         scene: id("train-1"),
@@ -174,7 +174,7 @@ pub(crate) fn send(address: SocketAddr, request: &str) -> Answer {
     stream.set_read_timeout(limit).unwrap();
     stream.write_all(request.as_bytes()).unwrap();
     let mut bytes = Vec::new();
-    // A server that closes before it has read all of a request it refuses resets the connection after its answer.
+    // A server that refuses a request before it has read all of it resets the connection after its answer.
     let _ = stream.read_to_end(&mut bytes);
     let end = bytes.windows(4).position(|w| w == b"\r\n\r\n").unwrap();
     let head = std::str::from_utf8(&bytes[..end]).unwrap();

@@ -1,11 +1,11 @@
-//! Many workers, and everything that can go wrong at once, drawn from a seed: what comes out is what one process makes.
+//! Many workers and all kinds of faults at once, drawn from a seed: the tuples are those of one process.
 //!
-//! Workers are killed, put to sleep beyond their leases and waked, one is four times slower, one hangs with a live
-//! renewal, one computes wrong bits, and one scene aborts whoever traces it. The coordinator and the queue's server are
-//! killed, the server forgets everything, spans are published twice and in any order, and (in a bucket) requests fail.
-//! Whoever ends is started again, as a service manager would do it.
+//! Workers are killed, put to sleep beyond their leases and woken, one is four times slower, one hangs with a live
+//! lease keeper, one computes wrong bits, and one scene aborts its process. The coordinator and the queue's server are
+//! killed, the server forgets everything, tasks are published twice and in any order, and (in a bucket) requests fail.
+//! A process that ends is started again, as by a service manager.
 //!
-//! The short sieges have each event at least once; the long ones are run by name, and by `.ci/run`.
+//! The short sieges have each event at least once; the long ones run by name, and in `.ci/run`.
 
 use crate::processes::alone;
 use crate::store_farm::fetched;
@@ -24,9 +24,9 @@ use std::path::{Path, PathBuf};
 use std::process::Child;
 use std::time::{Duration, Instant};
 
-/// Kills or hangs whoever traces it.
+/// It kills or hangs the process that traces it.
 const POISON: &str = "test-sample-000000";
-/// Shards of one range of samples, and its samples.
+/// Shards of one range of samples, and its length.
 const TILES: u32 = 24;
 const RANGE_SPP: u32 = 256;
 /// The last three workers.
@@ -53,11 +53,11 @@ enum Event {
     StoreAway,
 }
 
-/// How much there is of everything.
+/// The size of a siege.
 #[derive(Clone, Copy)]
 struct Size {
     workers: usize,
-    /// The last one is the poison.
+    /// The last scene is the poison.
     scenes: usize,
     /// Ranges of samples of a scene.
     ranges: u32,
@@ -113,7 +113,7 @@ struct Siege {
     lives: Vec<usize>,
     asleep: Vec<(usize, Instant)>,
     ends: Vec<String>,
-    /// Spans of the poison that were published behind the farm's back.
+    /// Tasks of the poison that the siege published itself.
     poison_spans: usize,
 }
 
@@ -198,9 +198,9 @@ impl Siege {
         let own = self.place.folder.path().join(name);
         let run = if self.bucket.is_some() { &own } else { &self.place.run };
         let mut more = vec!["-j", "1", "--name", name, "--hang-s"];
-        // A bucket that fails takes its time.
+        // Requests to a failing bucket take longer.
         more.push(if self.bucket.is_some() { "8" } else { "3" });
-        // Some write their partials at once, others wait for the rest of the scene.
+        // Some write their partials at once, others keep them in memory.
         if name.ends_with(['1', '3', '5', '7']) {
             more.extend(["--checkpoint-s", "1"]);
         }
@@ -208,7 +208,7 @@ impl Siege {
         self.start("work", run, &more)
     }
 
-    /// Starts a worker again. It hangs once.
+    /// Starts a worker again; the hanging one hangs once.
     fn start_worker(&mut self, number: usize) {
         let poison = format!("abort:{POISON}");
         let mut faults = vec![poison.as_str()];
@@ -221,7 +221,7 @@ impl Siege {
         self.lives[number] += 1;
     }
 
-    /// Looks after all workers, once.
+    /// Starts ended workers again.
     fn look_after(&mut self) {
         for (number, until) in std::mem::take(&mut self.asleep) {
             if Instant::now() < until {
@@ -246,7 +246,7 @@ impl Siege {
 
     fn reap(&mut self, number: usize, worker: Child) {
         let ended: Ended = worker.wait_with_output().unwrap().into();
-        // Done, hung, no store, or dead by a signal: of nothing else.
+        // The only allowed ends: done, hung, no store, or a signal.
         let known = [Some(0), Some(1), Some(75), None];
         assert!(known.contains(&ended.code), "{ended:#?}");
         if ended.code == Some(1) {
@@ -256,7 +256,7 @@ impl Siege {
         self.ends.push(format!("{}: {:?}", name(number), ended.code));
     }
 
-    /// Shards whose results are there.
+    /// Number of shards with a result in the store.
     fn done(&self) -> usize {
         let count = |folder: &str| self.store.list(folder).unwrap();
         let tuples = count("receipts").len();
@@ -301,7 +301,7 @@ impl Siege {
         }
     }
 
-    /// Spans of all scenes, done or not, whole or cut anywhere.
+    /// Tasks of all scenes, done or not, whole or split anywhere.
     fn publish_duplicates(&mut self) {
         let run = Run::open(&self.place.run, &Roots::default()).unwrap();
         let queue =
@@ -319,16 +319,16 @@ impl Siege {
         let poison = run.lines.iter().position(|line| line.id.as_str() == POISON);
         let of_poison = |message: &&Message| Some(message.task.scene as usize) == poison;
         self.poison_spans += again.iter().filter(of_poison).count();
-        // The server may be on its way up.
+        // The server may be starting.
         let _ = queue.publish(&again);
     }
 
-    /// Runs until the end. What is in quarantine then.
+    /// Runs until the end; returns the scenes in quarantine.
     fn endure(&mut self) -> BTreeSet<String> {
         let start = Instant::now();
         let mut events = self.events();
         let count = events.len();
-        // Spread over the first two thirds of the work.
+        // Events are spread over the first two thirds of the work.
         let all = events.len() * 3 / 2;
         let mut coordinator = self.coordinate();
         let mut done = 0;
@@ -338,7 +338,7 @@ impl Siege {
             if self.store.get("spec.json").unwrap().is_some() {
                 self.look_after();
             }
-            // The store is counted without its faults, but the counting takes its time.
+            // The store is counted without faults, which takes some time.
             done = done.max(self.done());
             while done * all > (count - events.len()) * results
                 && let Some(event) = events.pop()
@@ -351,7 +351,7 @@ impl Siege {
         coordinated.expect(3);
         for number in 0..self.size.workers {
             if let Some(worker) = self.workers[number].take() {
-                // Who sleeps would not end.
+                // A sleeping worker would not end.
                 send(&worker, "CONT");
                 self.reap(number, worker);
             }
@@ -392,7 +392,7 @@ fn hold(size: Size, in_bucket: bool) {
     };
     let quarantined = siege.endure();
     assert!(quarantined.contains(POISON), "{quarantined:?}");
-    // The poison killed four workers at most, and those who at the same time took parts of it that nobody had split off.
+    // The poison killed four workers at most, and those with tasks of it that the siege itself published.
     let killed = siege.ends.iter().filter(|end| end.ends_with("None"));
     let kills = size.events[0].1;
     let most = 4 + kills + siege.poison_spans;
@@ -402,7 +402,7 @@ fn hold(size: Size, in_bucket: bool) {
     }
     let folder = siege.place.run.clone();
     let folder = text(&folder);
-    // Whatever is wrong is found, and the liar is named.
+    // The audit finds every wrong result, and names the wrong worker.
     let audited = siege.command(&["audit", folder, "--share", "1", "--json"]).json();
     assert_eq!(audited["not_compared"], 0);
     let mut wrong: BTreeSet<String> = quarantined;

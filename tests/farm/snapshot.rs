@@ -1,4 +1,4 @@
-//! What a snapshot tells of a run while its store changes.
+//! Snapshots of a run while its store changes.
 
 use crate::support::program::{run, text};
 use crate::support::scenes::{SCENES, SHARDS, place};
@@ -26,7 +26,7 @@ fn scenes_change_their_state_with_the_objects_of_the_store() {
     store.create(&keys::partial(id(1), 5), b"1").unwrap();
     let attempt = keys::attempt(id(2), [0, 24], 1);
     store.create(&attempt, b"{}").unwrap();
-    // No tuple of this run: its record is another one's.
+    // The tuple is of another run.
     store.create(&keys::tuple(id(2), "tuple.json"), b"{}").unwrap();
     QuarantineRecord::put(&store, id(3), "no depth").unwrap();
     all.refresh(&planned, &store).unwrap();
@@ -50,7 +50,7 @@ fn scenes_change_their_state_with_the_objects_of_the_store() {
     assert!(all.tuples().iter().all(|tuple| tuple.seen.is_some()));
     assert!(all.status().rate_scenes_per_s.is_none());
 
-    // Without receipts there are no news; with them the tuples are found.
+    // New tuples are found by their receipts.
     assert!(!news.refresh_news(&planned, &store).unwrap());
     assert_eq!(news.missing().collect::<Vec<_>>(), [0, 1, 2]);
     assert_eq!(news.reason(3), Some("no depth"));

@@ -27,7 +27,7 @@ fn a_watch_ends_with_its_run() {
     assert_eq!((&last["finished"], &last["merged"]), (&true.into(), &SCENES.into()));
     assert!(looks.iter().any(|look| look["eta_s"].as_f64().is_some()));
     let plain = end(plain).expect(0).stdout;
-    // No terminal: a line a look, then the whole.
+    // Without a terminal: one line per poll, then the whole.
     assert!(plain.lines().filter(|l| l.contains("small: running")).count() > 3, "{plain}");
     assert!(plain.contains("small: finished, 4 of 4 scenes (100.0 %)"), "{plain}");
     assert!(!plain.contains('\x1b'));
@@ -48,7 +48,7 @@ fn a_watch_ends_with_a_signal_and_with_a_cancelled_run() {
     run(&["status", "--watch", folder]).expect(2).says(&["--watch"]);
 }
 
-/// A machine that has nothing but the store's address sees the run, and may tell it something.
+/// A machine that has only the store's address sees the run, and may control it.
 #[test]
 fn a_store_is_enough() {
     let Some(server) = Nats::start() else { return };
@@ -83,7 +83,7 @@ fn a_store_is_enough() {
         (&over["workers"][0]["worker"], &over["workers"][0]["tuples"]),
         (&"one".into(), &SCENES.into())
     );
-    // Without a server there is still the store.
+    // The store is enough while the server is away.
     let lost = run(&["status", text(&place.run), "--queue", "nats://127.0.0.1:1", "--json"])
         .expect(0)
         .json();
@@ -99,7 +99,7 @@ fn a_store_is_enough() {
 }
 
 #[test]
-fn a_person_reads_it_at_a_glance() {
+fn the_text_shows_state_counts_and_progress() {
     let place = place();
     run(&place.arguments("run", &["-q"])).expect(0);
     let words = run(&["status", text(&place.run)]).expect(0).stdout;

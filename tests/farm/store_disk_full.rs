@@ -1,4 +1,4 @@
-//! A disk that is really full: a small tmpfs in a mount namespace of its own.
+//! A full disk: a small tmpfs in a mount namespace of its own.
 
 use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, assert_tidy, files, tuples};
@@ -6,7 +6,7 @@ use crate::support::program::{Ended, PROGRAM, text};
 use crate::support::scenes::{place, reference};
 use std::process::Command;
 
-/// `$1`: an empty folder, `$2`: a recipe, `$3`: where to copy what came out, `$4`: the program, `$5`: a queue or nothing.
+/// `$1`: an empty folder, `$2`: a recipe, `$3`: a folder for copies, `$4`: the program, `$5`: a queue or nothing.
 ///
 /// The tmpfs has room for the plan and 0.6 MB besides, of about 2 MB that four scenes' tuples and partials need.
 const SCRIPT: &str = r#"
@@ -41,7 +41,7 @@ work
 cp -r "$disk/run" "$out/run"
 "#;
 
-/// None, with a line that says so, where such a namespace is not to be had.
+/// None, with a note, where such a namespace cannot be made.
 fn fill_and_make_room(queue: &str) -> Option<(tempfile::TempDir, Ended)> {
     let may =
         Command::new("unshare").args(["-Urm", "sh", "-c", "mount -t tmpfs tmpfs /mnt"]).output();
@@ -72,7 +72,7 @@ fn check(folder: &std::path::Path, ended: Ended) {
         "check its space",
     ]);
     assert_eq!(ended.stdout.matches("full: 1\n").count(), 2, "{ended:#?}");
-    // When it was full, a part was done, and what had a tuple.json was whole.
+    // When the disk was full, some scenes were done, and every scene with a tuple.json was whole.
     let full = tuples(&folder.join("out/full"));
     for (path, content) in &full {
         assert!(reference()[path] == *content, "{}", path.display());

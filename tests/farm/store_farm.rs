@@ -1,5 +1,5 @@
-//! A farm whose store is a bucket: workers have nothing but its address, and the tuples are those of one process on a
-//! disk, whatever dies.
+//! A farm whose store is a bucket: workers have only its address, and the tuples are those of one process on a
+//! disk, whichever processes are killed.
 
 use crate::processes::{all_done, alone, end, slow_place};
 use crate::support::nats::Nats;
@@ -43,7 +43,7 @@ fn worker(place: &Place, name: &str, queue: &Nats, bucket: &S3Server, more: &[&s
     start("work", &run, queue, bucket, &all)
 }
 
-/// The tuples, brought here.
+/// The tuples, fetched.
 pub(crate) fn fetched(store: &Store, to: &Path) -> Tuples {
     let keys = store.list("tuples").unwrap();
     for (key, bytes) in keys.iter().zip(store.get_all(&keys).unwrap()) {
@@ -80,15 +80,15 @@ fn workers_need_nothing_but_the_bucket() {
     let store = bucket.store(PREFIX);
     assert_same(&fetched(&store, &place.folder.path().join("found")), reference());
     assert_finished(&store);
-    // Nothing was written beside the rules and the cache, and not to the coordinator's folder.
+    // Only manifest, spec and cache were written, and nothing to the coordinator's folder.
     assert!(!place.run.join("tuples").exists());
     assert!(!place.folder.path().join("a/tuples").exists());
-    // Another coordinator, on a machine that has the bucket alone, finds that all is done.
+    // Another coordinator, on a machine that has only the bucket, finds the run done.
     let other = place.folder.path().join("elsewhere");
     end(start("coordinate", &other, &queue, &bucket, &[])).expect(0);
 }
 
-/// Of 100 requests to the bucket 12 fail in one way or another, the bucket is away for some seconds, workers, coordinator
+/// Of 100 requests to the bucket 12 fail in some way, the bucket is away for some seconds, workers, coordinator
 /// and queue are killed, and the queue forgets everything.
 #[test]
 fn eight_workers_with_everything_failing_make_what_one_process_makes() {

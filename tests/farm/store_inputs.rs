@@ -95,7 +95,7 @@ fn a_bucket_of_photographs_makes_the_same_tuples_as_a_folder() {
         ["work", text(&there), "--cache", text(&cache), "--root", "diode=s3://bucket/diode/"];
     both.run(&arguments).expect(0);
     assert_same(&tuples(&there), &tuples(&here));
-    // A tuple says where its scene's photographs were: it can be rendered again from there.
+    // A tuple names the places of its photographs, so it can be rendered again.
     let id = tuples(&there).keys().next().unwrap().parent().unwrap().to_owned();
     let record = there.join("tuples").join(id).join("tuple.json");
     both.run(&["render", text(&record), "--out", text(&both.path("again"))]).expect(0);
@@ -126,7 +126,7 @@ fn a_photograph_that_is_gone_costs_its_scenes_and_a_bucket_that_is_away_none() {
 }
 
 #[test]
-fn objects_that_are_too_short_are_told_by_plan_and_left_out_if_wanted() {
+fn plan_reports_truncated_objects_and_leaves_them_out_if_asked() {
     let both = Both::new(23);
     let store = both.bucket.store("diode");
     let whole = both.path("whole");
@@ -174,7 +174,7 @@ fn an_object_is_fetched_again_only_when_it_changed() {
     let inputs = Inputs::new(server.options(), Some(cache));
     let url = Path::new("s3://bucket/x/./a");
     assert_eq!(inputs.read(url).unwrap(), b"one");
-    // The kept one is what is given: changed here, with a digest that fits, the store's ETag still stands.
+    // The cache's entry is used: it is changed here, with a valid digest, and the store's ETag is the same.
     let file = folder.path().join("cache").join(&files(&folder.path().join("cache"))[0]);
     let text = String::from_utf8(std::fs::read(&file).unwrap()).unwrap();
     let digest = |bytes: &[u8]| blake3::hash(bytes).to_hex().to_string();
@@ -185,7 +185,7 @@ fn an_object_is_fetched_again_only_when_it_changed() {
     assert_eq!(inputs.read(url).unwrap(), b"two");
     let error = inputs.read(Path::new("s3://bucket/x/b")).unwrap_err();
     assert_eq!(error.kind(), std::io::ErrorKind::NotFound);
-    // A bucket that is not there is no fault of a file.
+    // An absent bucket is no fault of a file.
     let error = inputs.read(Path::new("s3://absent/x/b")).unwrap_err();
     let error = error.downcast::<StoreError>().unwrap();
     assert!(!error.is_passing(), "{error}");

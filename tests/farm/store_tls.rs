@@ -1,5 +1,5 @@
 //! A bucket over TLS, with a private certificate authority: the program chooses its TLS provider before the first
-//! connection, and believes nobody whom it was not told to.
+//! connection, and trusts only the named authorities.
 
 use crate::support::moto::Moto;
 use crate::support::program::{Ended, command, text};
@@ -32,10 +32,10 @@ fn a_private_authority_is_trusted_when_it_is_named() {
         let start = Instant::now();
         (command.output().unwrap().into(), start.elapsed())
     };
-    // There is an answer, and it is that of the server: the bucket is not there.
+    // The server answers: the bucket is absent.
     let (ended, _) = render(Some(&path("keys/ca/ca.pem")));
     ended.expect(4).says(&["NoSuchBucket"]);
-    // Who is not trusted gets no second try.
+    // An untrusted server is not tried again.
     let (ended, took) = render(None);
     ended.expect(4).says(&["certificate"]);
     assert!(took < Duration::from_secs(20), "{took:?}");

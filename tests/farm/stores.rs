@@ -1,4 +1,4 @@
-//! What the farm expects of a store, on a disk and behind S3, with a server that works and with one that often does not.
+//! The properties of a store that the farm needs, on a disk and behind S3, with a reliable and with a failing server.
 
 use crate::support::moto::Moto;
 use crate::support::s3_server::{BUCKET, S3Server};
@@ -21,11 +21,11 @@ fn on_all_stores(test: impl Fn(&str, &Store)) {
 }
 
 #[test]
-fn objects_are_made_once_and_differences_are_named() {
+fn objects_are_created_once_and_differences_are_errors() {
     on_all_stores(|name, store| {
         assert_eq!(store.get("a/b.json").unwrap(), None, "{name}");
         let put = store.create("a/b.json", b"one").unwrap();
-        // With a lost answer the put is repeated, and finds its own bytes.
+        // After a lost answer the put is repeated, and finds its own bytes.
         assert!(put == Put::New || name.contains("faults"), "{name}");
         assert_eq!(store.create("a/b.json", b"one").unwrap(), Put::Same, "{name}");
         let error = store.create("a/b.json", b"two").unwrap_err();
@@ -43,7 +43,7 @@ fn objects_are_made_once_and_differences_are_named() {
     });
 }
 
-/// As by a coordinator that finds the run over while a worker still writes: the unfinished file goes, and its folder.
+/// As when a coordinator finishes the run while a worker still writes: the unfinished file is removed with its folder.
 #[test]
 fn a_put_that_is_cleared_away_is_made_again() {
     let folder = tempfile::tempdir().unwrap();
@@ -58,7 +58,7 @@ fn a_put_that_is_cleared_away_is_made_again() {
             std::thread::yield_now();
         }
         let is_gone = std::fs::remove_file(place.join("x#1")).is_ok();
-        // One that is complete stays.
+        // A complete object stays.
         is_gone && std::fs::remove_dir(&place).is_ok()
     };
     let mut cleared_away = 0;
@@ -78,12 +78,12 @@ fn a_put_that_is_cleared_away_is_made_again() {
 fn listing_and_removing_many() {
     on_all_stores(|name, store| {
         assert_eq!(store.list("partials").unwrap(), [""; 0], "{name}");
-        // Faults cost seconds: with them a page is enough.
+        // Faults cost seconds, so with them one page is enough.
         let many = if name.contains("faults") { 100 } else { MANY };
         let keys: Vec<String> = (0..many).map(|k| format!("partials/s/{k:06}.exr")).collect();
         let objects = keys.iter().map(|k| (k.clone(), k.clone().into()));
         store.create_all(objects.collect()).unwrap();
-        // A name that begins like a folder's is not in it.
+        // A key that begins with a folder's name is not in it.
         store.create("partials/s2/000000.exr", b"t").unwrap();
         store.create("partials/s/deep/x", b"t").unwrap();
         let mut found = store.list("partials/s").unwrap();
@@ -139,7 +139,7 @@ fn equal_puts_at_the_same_time_are_all_right() {
     });
 }
 
-/// Of sixteen puts with other bytes one wins, and all others are told.
+/// Of sixteen different puts one wins, and all others return an error.
 fn one_wins(store: &Store) {
     for round in 0..10 {
         let key = format!("race/{round}");
@@ -156,13 +156,13 @@ fn one_wins(store: &Store) {
 }
 
 #[test]
-fn of_different_puts_one_wins_on_a_disk() {
+fn one_of_several_different_puts_wins_on_a_disk() {
     let folder = tempfile::tempdir().unwrap();
     one_wins(&Store::local(folder.path()).unwrap());
 }
 
 #[test]
-fn of_different_puts_one_wins_on_s3() {
+fn one_of_several_different_puts_wins_on_s3() {
     one_wins(&S3Server::start(6).store("x"));
 }
 
@@ -201,7 +201,7 @@ fn a_store_that_stays_away_is_a_passing_error() {
 }
 
 #[test]
-fn what_will_not_pass_is_said_at_once_and_without_secrets() {
+fn permanent_errors_are_reported_at_once_and_without_secrets() {
     let server = S3Server::start(5);
     let mut options: StoreOptions = server.options(Duration::from_mins(5));
     let start = Instant::now();
@@ -223,7 +223,7 @@ fn what_will_not_pass_is_said_at_once_and_without_secrets() {
 
 /// s3s-fs makes buckets as they are needed, so this is moto's.
 #[test]
-fn an_absent_bucket_is_said_at_once() {
+fn an_absent_bucket_is_reported_at_once() {
     let Some(server) = Moto::start() else { return };
     let start = Instant::now();
     let store = server.store_at("s3://absent/x");

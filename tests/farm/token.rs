@@ -16,7 +16,7 @@ fn view(address: SocketAddr) -> Value {
 }
 
 #[test]
-fn the_pages_buttons_act_with_the_token_alone() {
+fn the_pages_buttons_need_the_token() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let file = place.folder.path().join("token");
@@ -58,7 +58,7 @@ fn the_pages_buttons_act_with_the_token_alone() {
 }
 
 #[test]
-fn tokens_are_not_given_on_a_command_line_and_not_weak() {
+fn tokens_on_the_command_line_and_weak_ones_are_refused() {
     let place = slow_place();
     let folder = text(&place.run);
     let coordinate = |more: &[&str]| {

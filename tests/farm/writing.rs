@@ -1,4 +1,4 @@
-//! The thread that writes: slow disks hold the tracers back, full ones stop the run, and neither changes a pixel.
+//! The writer thread: slow disks hold the tracers back, full ones stop the run, and neither changes a pixel.
 
 use crate::support::outputs::{assert_same, assert_tidy, tuples};
 use crate::support::program::{run, run_on_full_disk, text};
@@ -10,7 +10,7 @@ use render::trace::Isa;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
-/// The writer is held up after its first tuple, as by a slow disk, until no shard is finished any more: then the channel
+/// The writer is blocked after its first tuple, as by a slow disk, until no more shards are finished: then the channel
 /// is full, and few results are in memory.
 #[test]
 fn a_slow_writer_holds_the_tracers_back() {
@@ -35,7 +35,7 @@ fn a_slow_writer_holds_the_tracers_back() {
             }
             let left = SCENES * SHARDS - before;
             assert!(last < SCENES * SHARDS, "nothing was left to do");
-            // With each thread: a shard whose event was on its way, one that waits for room, one that is a scene's last;
+            // With each thread: a shard whose event was being sent, one that waits for room, one that is a scene's last;
             // and a place in the channel.
             assert!(last - before <= 4 * threads, "{before} {last} {left}");
             held.fetch_add(1, Ordering::SeqCst);
@@ -78,7 +78,7 @@ fn a_disk_that_is_full_at_the_tuple_ends_with_1_and_can_be_resumed() {
     assert_tidy(&place.run);
 }
 
-/// Asked to stop when a scene is open and none of its shards is begun, nothing of it is in the store.
+/// After a stop when a scene is open and none of its shards is begun, the store has no part of it.
 #[test]
 fn a_scene_that_was_only_opened_leaves_nothing() {
     let place = place();
@@ -99,7 +99,7 @@ fn a_scene_that_was_only_opened_leaves_nothing() {
     assert_same(&tuples(&place.run), reference());
 }
 
-/// Asked to stop in the middle of a shard, the threads finish it together: so that short slots get on, too.
+/// After a stop in the middle of a shard, the threads finish it together, so that short time slots make progress, too.
 #[test]
 fn a_begun_shard_is_finished_after_a_stop() {
     let place = place();
@@ -125,7 +125,7 @@ fn a_begun_shard_is_finished_after_a_stop() {
             };
             work(&opened, &options, &on_event).unwrap()
         });
-        // What was traced is a tuple, and a shard in pieces is nowhere.
+        // Traced shards are in the tuple, and no part of a shard is in the store.
         assert_eq!(outcome.merged, outcome.traced);
         assert_eq!(outcome.already_merged, merged);
         merged += outcome.merged;

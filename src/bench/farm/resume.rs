@@ -142,7 +142,7 @@ fn measure_on_queue(
     loop {
         place.go_on()?;
         // Fails until the coordinator has created the stream.
-        let waiting = queue.look().map_or(0, |state| state.waiting);
+        let waiting = queue.state().map_or(0, |state| state.waiting);
         if waiting == there.missing {
             times[2].push(since.elapsed().as_secs_f64());
             break;

@@ -90,10 +90,10 @@ impl Simulation {
             ("loads", format!("{} ({:.3} a scene)", o.loads, o.loads_per_scene)),
             ("shards traced", format!("{} ({} again)", o.shards_traced, o.shards_traced_again)),
             (
-                "requests to give",
+                "requests for donations",
                 format!(
-                    "{} fulfilled ({} spans), {} in vain",
-                    o.gives, o.spans_given, o.asked_in_vain
+                    "{} fulfilled ({} tasks), {} in vain",
+                    o.donations, o.tasks_donated, o.requests_in_vain
                 ),
             ),
             ("leases ended", o.leases_ended.to_string()),
@@ -118,7 +118,7 @@ impl Simulation {
         let mut table = vec![head.map(str::to_owned).to_vec()];
         for m in &o.messages {
             let count = [m.count.to_string(), m.peak_per_s.to_string()];
-            table.push([&[m.kind.name().to_owned()][..], &count].concat());
+            table.push([&[m.name.to_owned()][..], &count].concat());
         }
         let all: u64 = o.messages.iter().map(|m| m.count).sum();
         table.push(vec![

@@ -99,7 +99,7 @@ fn watch(
 
 fn poll(server: Option<&NatsCoordinator>, view: &Status) -> Queue {
     match server {
-        Some(server) if view.state != RunState::Finished => match server.look() {
+        Some(server) if view.state != RunState::Finished => match server.state() {
             Ok(state) => Queue::There(state),
             Err(error) => Queue::Lost(error.to_string()),
         },

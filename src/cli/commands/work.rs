@@ -12,7 +12,7 @@ use crate::cli::queue;
 use crate::cli::signals::Signals;
 use crate::cli::store_env;
 use crate::farm::queue::{LocalQueue, Message, Queue};
-use crate::farm::{Fault, Outcome, SharedQueue, WorkOptions, work, work_shared, work_span};
+use crate::farm::{Fault, Outcome, SharedQueue, WorkOptions, work, work_shared};
 use crate::run::{Event, Run, Scope, Snapshot, Stop, Task, WorkerName};
 use crate::store::Store;
 use clap::Args as ClapArgs;
@@ -261,7 +261,7 @@ fn work_only(
             progress.event(event, output);
         }
     };
-    let outcome = work_span(run, store, &shared, &options, &on_event)?;
+    let outcome = work_shared(run, store, &shared, &options, &on_event)?;
     let exit = if outcome.stopped.is_some() { signals.exit() } else { Exit::Done };
     Ok((outcome, exit, start.elapsed()))
 }

@@ -22,14 +22,14 @@ struct Shared {
 struct State {
     waiting: VecDeque<Entry>,
     held: BTreeMap<u64, (Entry, Option<Instant>)>,
-    /// All that waits or is leased.
+    /// Of all messages, waiting or leased.
     there: BTreeSet<Key>,
     next_lease: u64,
     /// Workers that have something to donate, by number.
     able: BTreeMap<u64, Sender<Request>>,
     next_worker: u64,
     next_request: u64,
-    /// A keeper has looked.
+    /// A coordinator has called `ensure`.
     seen: bool,
 }
 
@@ -46,7 +46,6 @@ fn key(message: &Message) -> Key {
     [task.scene, task.shards.start, task.shards.end, message.hops]
 }
 
-/// One worker's end of it.
 pub struct LocalWorker {
     queue: LocalQueue,
     number: u64,
@@ -54,7 +53,7 @@ pub struct LocalWorker {
 }
 
 impl LocalQueue {
-    /// An empty queue. Without a `lease` leases never end: for a process that is its only worker.
+    /// An empty queue. Without a `lease` leases never end, as suits a run's only worker.
     pub fn new(lease: Option<Duration>) -> Self {
         Self {
             shared: Arc::new(Shared { lease, state: Mutex::default(), changed: Condvar::new() }),
@@ -62,22 +61,22 @@ impl LocalQueue {
     }
 
     pub fn worker(&self) -> LocalWorker {
-        let mut state = self.state();
+        let mut state = self.lock();
         state.next_worker += 1;
         LocalWorker { queue: self.clone(), number: state.next_worker, requests: unbounded() }
     }
 
-    /// Publishes tasks whose worker was lost with an earlier process.
+    /// Publishes tasks with which an earlier process was lost.
     pub fn publish_redelivered(&self, messages: &[Message]) {
         self.put(messages, 1);
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, State> {
         self.shared.state.lock().expect("no holder of this lock panics")
     }
 
     fn put(&self, messages: &[Message], deliveries: u32) {
-        let mut state = self.state();
+        let mut state = self.lock();
         for message in messages {
             if state.there.insert(key(message)) {
                 state.waiting.push_back(Entry { message: message.clone(), deliveries });
@@ -88,26 +87,19 @@ impl LocalQueue {
 }
 
 impl State {
-    /// Messages whose lease has ended wait again, before all others.
+    /// Puts messages whose leases have ended before all others.
     fn expire(&mut self, now: Instant) {
-        let late: Vec<u64> = self
-            .held
-            .iter()
-            .filter(|(_, (_, end))| end.is_some_and(|end| end <= now))
-            .map(|(&lease, _)| lease)
-            .collect();
-        for lease in late.into_iter().rev() {
-            if let Some((entry, _)) = self.held.remove(&lease) {
-                self.waiting.push_front(entry);
-            }
-        }
+        let is_over =
+            |_: &u64, (_, end): &mut (Entry, Option<Instant>)| end.is_some_and(|end| end <= now);
+        let ended: Vec<Entry> = self.held.extract_if(.., is_over).map(|(_, (e, _))| e).collect();
+        ended.into_iter().rev().for_each(|entry| self.waiting.push_front(entry));
     }
 }
 
 impl Queue for LocalWorker {
     fn take(&self, wait: Duration) -> Taken {
         let deadline = Instant::now() + wait;
-        let mut state = self.queue.state();
+        let mut state = self.queue.lock();
         loop {
             let now = Instant::now();
             state.expire(now);
@@ -142,13 +134,13 @@ impl Queue for LocalWorker {
 
     fn renew(&self, lease: u64) {
         let time = self.queue.shared.lease;
-        if let Some((_, end)) = self.queue.state().held.get_mut(&lease) {
+        if let Some((_, end)) = self.queue.lock().held.get_mut(&lease) {
             *end = time.map(|time| Instant::now() + time);
         }
     }
 
     fn finish(&self, lease: u64) {
-        let mut state = self.queue.state();
+        let mut state = self.queue.lock();
         if let Some((entry, _)) = state.held.remove(&lease) {
             state.there.remove(&key(&entry.message));
         }
@@ -158,38 +150,25 @@ impl Queue for LocalWorker {
 
     fn request(&self, load_s: Option<f64>) -> Answer {
         let (sender, answer) = bounded(1);
-        let asked = {
-            let mut state = self.queue.state();
+        let donor = {
+            let mut state = self.queue.lock();
             state.next_request += 1;
             // In turns, as a server spreads requests over its listeners.
-            let turn = state.next_request;
-            let others: Vec<&Sender<Request>> = state
-                .able
-                .iter()
-                .filter(|(number, _)| **number != self.number)
-                .map(|(_, requests)| requests)
-                .collect();
-            let Some(requests) = others.get(turn as usize % others.len().max(1)) else {
-                return Answer::default();
-            };
-            let request = Request {
-                load_s,
-                tell: Box::new(move |answer| {
-                    let _ = sender.send(answer);
-                }),
-            };
-            requests.send(request).is_ok()
+            let turn = state.next_request as usize;
+            let others = state.able.iter().filter(|(number, _)| **number != self.number);
+            let others: Vec<&Sender<Request>> = others.map(|(_, requests)| requests).collect();
+            others.get(turn % others.len().max(1)).copied().cloned()
         };
-        if asked {
-            let answer = answer.recv_timeout(Duration::from_secs(2));
-            answer.unwrap_or_default()
-        } else {
-            Answer::default()
-        }
+        let tell = Box::new(move |answer| {
+            let _ = sender.send(answer);
+        });
+        let sent = donor.is_some_and(|donor| donor.send(Request { load_s, tell }).is_ok());
+        let answer = sent.then(|| answer.recv_timeout(Duration::from_secs(2)).unwrap_or_default());
+        answer.unwrap_or_default()
     }
 
     fn accept_requests(&self, able: bool) {
-        let mut state = self.queue.state();
+        let mut state = self.queue.lock();
         if able {
             state.able.insert(self.number, self.requests.0.clone());
         } else {
@@ -210,17 +189,17 @@ impl Drop for LocalWorker {
 
 impl QueueKeeper for LocalQueue {
     fn ensure(&self) -> Result<bool, QueueError> {
-        Ok(!std::mem::replace(&mut self.state().seen, true))
+        Ok(!std::mem::replace(&mut self.lock().seen, true))
     }
 
-    fn look(&self) -> Result<QueueState, QueueError> {
-        let mut state = self.state();
+    fn state(&self) -> Result<QueueState, QueueError> {
+        let mut state = self.lock();
         state.expire(Instant::now());
         Ok(QueueState { waiting: state.waiting.len() as u64, held: state.held.len() as u64 })
     }
 
     fn scenes(&self) -> Result<BTreeSet<u32>, QueueError> {
-        Ok(self.state().there.iter().map(|[scene, ..]| *scene).collect())
+        Ok(self.lock().there.iter().map(|[scene, ..]| *scene).collect())
     }
 
     fn publish(&self, messages: &[Message]) -> Result<(), QueueError> {
@@ -229,7 +208,7 @@ impl QueueKeeper for LocalQueue {
     }
 
     fn purge(&self) -> Result<(), QueueError> {
-        let mut state = self.state();
+        let mut state = self.lock();
         state.waiting.clear();
         state.held.clear();
         state.there.clear();

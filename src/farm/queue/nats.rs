@@ -1,9 +1,9 @@
 //! The queue on NATS JetStream (a worker's end in `nats_worker`, the coordinator's in `nats_coordinator`): one work-queue
 //! stream a run, whose subjects are the tasks.
 //!
-//! A subject holds one message at most, so the stream is a set: publishing what is in it is refused by the server, which
-//! counts as done. Nothing is ever sent back (NAK): a worker that cannot do a task publishes it anew under the next number of
-//! [`Message::hops`] and acknowledges the old one. A second delivery therefore always means a lost worker.
+//! A subject holds one message at most, so the stream is a set: the server refuses a message that is in it, which counts as
+//! published. No message is sent back (NAK): a worker that cannot do a task publishes it with [`Message::hops`] one higher,
+//! and acknowledges the old message. A second delivery therefore always means a lost worker.
 
 use super::super::message::write_message;
 use super::{Message, QueueError};
@@ -17,16 +17,15 @@ use std::time::{Duration, Instant};
 
 /// The consumer that all workers share.
 pub(super) const CONSUMER: &str = "work";
-/// The server answers within this time, or counts as gone for now.
+/// A server that takes longer to answer counts as away.
 pub(super) const ANSWER: Duration = Duration::from_secs(5);
-/// Between two connections tried by hand.
+/// Between two probes of a server that is away.
 pub(super) const PROBE_EVERY: Duration = Duration::from_secs(20);
 /// Between two calls to a server that is away.
 pub(super) const AWAY: Duration = Duration::from_millis(300);
-/// Messages on the way to the server at once.
+/// Unconfirmed messages at a time.
 pub(super) const IN_FLIGHT: usize = 256;
 
-/// How to reach a server.
 #[derive(Clone, Debug, Default)]
 pub struct NatsOptions {
     /// `nats://host:port`, `tls://…`, several with commas; user and password may stand in them.
@@ -37,7 +36,7 @@ pub struct NatsOptions {
     pub creds: Option<PathBuf>,
     /// File with the certificates (PEM) to trust besides the system's.
     pub ca: Option<PathBuf>,
-    /// Who connects, for the server's logs.
+    /// The client's name in the server's logs.
     pub name: String,
 }
 
@@ -73,17 +72,17 @@ impl NatsOptions {
     }
 }
 
-/// A connection that is made anew for ever.
+/// A connection that reconnects for ever.
 pub(super) struct Connection {
     pub(super) client: Client,
     pub(super) context: Context,
     pub(super) run: [u8; 8],
     pub(super) stream: String,
     pub(super) subjects: String,
-    /// What the server complained of last.
+    /// The last event other than a connection.
     pub(super) complaint: Arc<Mutex<Option<String>>>,
     pub(super) options: NatsOptions,
-    /// When a connection was tried by hand, and what came of it.
+    /// Time and result of the last probe.
     pub(super) probed: Mutex<Option<(Instant, Option<String>)>>,
 }
 
@@ -110,7 +109,7 @@ impl Connection {
         let client = RUNTIME
             .block_on(connect.connect(servers))
             .map_err(|e| invalid(&shown(&options.url), &e))?;
-        // It starts a task of its own.
+        // The context spawns a task.
         let _runtime = RUNTIME.enter();
         let mut context = jetstream::new(client.clone());
         context.set_timeout(ANSWER);
@@ -128,8 +127,8 @@ impl Connection {
         })
     }
 
-    /// The same error with its cause: the client that tries for ever says only "IO error" of a refused port, a name that
-    /// nobody knows and a certificate that nobody signed, so a connection is tried by hand.
+    /// Replaces an error by its cause, if the server is away. The reconnecting client reports only "IO error" for a refused
+    /// port, an unknown name and an untrusted certificate, so a second connection is tried.
     pub(super) fn explained(&self, error: QueueError) -> QueueError {
         let connected = self.client.connection_state() == async_nats::connection::State::Connected;
         if connected {
@@ -156,7 +155,7 @@ impl Connection {
         }
     }
 
-    /// An error with what the server said about it, if it said anything.
+    /// An error with the last event of the connection.
     pub(super) fn lost(&self, error: &dyn std::fmt::Display) -> QueueError {
         let said = self.complaint.lock().expect("no holder of this lock panics");
         QueueError(match &*said {
@@ -192,13 +191,13 @@ impl Connection {
     }
 }
 
-/// Waits for the server, but not for ever.
+/// Waits for the server up to `limit`.
 pub(super) fn within<T>(limit: Duration, answer: impl Future<Output = T>) -> Option<T> {
-    // A timer needs the runtime around it when it is made.
+    // A timer must be made inside the runtime.
     RUNTIME.block_on(async { tokio::time::timeout(limit, answer).await.ok() })
 }
 
-/// Why a server cannot be reached, down to the last cause.
+/// An error of a connection with all of its causes.
 pub(super) fn cause(url: &str, error: &dyn std::error::Error) -> String {
     use std::fmt::Write as _;
     let mut text = format!("{}: {error}", shown(url));
@@ -224,7 +223,6 @@ pub(super) fn shown(url: &str) -> String {
     servers.collect::<Vec<_>>().join(",")
 }
 
-/// The server refused a second message of a subject.
 pub(super) fn is_there_already(error: &(dyn std::error::Error + 'static)) -> bool {
     let mut next = Some(error);
     while let Some(error) = next {

@@ -1,25 +1,25 @@
 //! The coordinator's end of the queue on NATS JetStream.
 
+use super::nats::{CONSUMER, Connection, NatsOptions};
 use super::{Message, QueueError, QueueKeeper, QueueState};
 use crate::store::RUNTIME;
 use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
 use async_nats::jetstream::stream::{Config, DiscardPolicy, RetentionPolicy, StorageType, Stream};
 use futures_util::TryStreamExt;
 use std::collections::BTreeSet;
+use std::fmt::Display;
 use std::sync::Mutex;
 use std::time::Duration;
-
-use super::nats::{CONSUMER, Connection, NatsOptions};
 
 pub struct NatsCoordinator {
     connection: Connection,
     lease: Duration,
-    /// When the stream was made that was seen last.
+    /// The creation time of the last stream seen.
     seen: Mutex<Option<i128>>,
 }
 
 impl NatsCoordinator {
-    /// Connects, now or later.
+    /// Connects, now or when the server is there.
     pub fn connect(
         options: &NatsOptions,
         run: [u8; 8],
@@ -41,64 +41,58 @@ impl NatsCoordinator {
         }
     }
 
-    async fn stream(&self) -> Result<Stream, QueueError> {
-        let connection = &self.connection;
-        connection.context.get_stream(&connection.stream).await.map_err(|e| connection.lost(&e))
+    fn call<T, E: Display>(
+        &self,
+        call: impl Future<Output = Result<T, E>>,
+    ) -> Result<T, QueueError> {
+        RUNTIME.block_on(call).map_err(|e| self.connection.lost(&e))
     }
 
-    /// When the stream was made.
+    fn stream(&self) -> Result<Stream, QueueError> {
+        self.call(self.connection.context.get_stream(&self.connection.stream))
+    }
+
+    /// Makes the stream and its consumer if needed; returns the stream's creation time.
     fn make(&self) -> Result<i128, QueueError> {
-        let connection = &self.connection;
-        RUNTIME.block_on(async {
-            let wanted = self.config();
-            let stream = connection
-                .context
-                .get_or_create_stream(wanted.clone())
-                .await
-                .map_err(|e| connection.lost(&e))?;
-            let made = stream.cached_info().created.unix_timestamp_nanos();
-            // Older servers leave out what they do not know without a word.
-            let got = &stream.cached_info().config;
-            let same = got.retention == wanted.retention
-                && got.storage == wanted.storage
-                && got.discard == wanted.discard
-                && got.max_messages_per_subject == wanted.max_messages_per_subject
-                && got.discard_new_per_subject == wanted.discard_new_per_subject
-                && got.subjects == wanted.subjects;
-            if !same {
-                return Err(QueueError(format!(
-                    "the server made the stream {} otherwise than it was asked to; it must be nats-server 2.9.10 or newer, and \
-                     nothing else may have made that stream (`nats stream rm {}` removes it, the run loses nothing)",
-                    connection.stream, connection.stream
-                )));
-            }
-            let consumer: PullConsumer = stream
-                .get_or_create_consumer(
-                    CONSUMER,
-                    pull::Config {
-                        durable_name: Some(CONSUMER.to_owned()),
-                        ack_policy: AckPolicy::Explicit,
-                        ack_wait: self.lease,
-                        max_deliver: -1,
-                        max_ack_pending: -1,
-                        max_waiting: 1 << 16,
-                        ..pull::Config::default()
-                    },
-                )
-                .await
-                .map_err(|e| connection.lost(&e))?;
-            let got = &consumer.cached_info().config;
-            if got.ack_wait != self.lease || got.max_ack_pending != -1 {
-                // Made by a coordinator with another lease: made anew; leased tasks come back, which costs time alone.
-                stream.delete_consumer(CONSUMER).await.map_err(|e| connection.lost(&e))?;
-                return Err(QueueError(format!(
-                    "the consumer {CONSUMER} had leases of {} s; it was removed and will be made with {} s",
-                    got.ack_wait.as_secs_f64(),
-                    self.lease.as_secs_f64()
-                )));
-            }
-            Ok(made)
-        })
+        let wanted = self.config();
+        let stream = self.call(self.connection.context.get_or_create_stream(wanted.clone()))?;
+        let made = stream.cached_info().created.unix_timestamp_nanos();
+        // Older servers drop unknown settings without an error.
+        let got = &stream.cached_info().config;
+        let same = got.retention == wanted.retention
+            && got.storage == wanted.storage
+            && got.discard == wanted.discard
+            && got.max_messages_per_subject == wanted.max_messages_per_subject
+            && got.discard_new_per_subject == wanted.discard_new_per_subject
+            && got.subjects == wanted.subjects;
+        if !same {
+            let name = &self.connection.stream;
+            return Err(QueueError(format!(
+                "the server made the stream {name} otherwise than it was asked to; it must be nats-server 2.9.10 or newer, \
+                 and nothing else may have made that stream (`nats stream rm {name}` removes it, the run loses nothing)"
+            )));
+        }
+        let config = pull::Config {
+            durable_name: Some(CONSUMER.to_owned()),
+            ack_policy: AckPolicy::Explicit,
+            ack_wait: self.lease,
+            max_deliver: -1,
+            max_ack_pending: -1,
+            max_waiting: 1 << 16,
+            ..pull::Config::default()
+        };
+        let consumer: PullConsumer = self.call(stream.get_or_create_consumer(CONSUMER, config))?;
+        let got = &consumer.cached_info().config;
+        if got.ack_wait != self.lease || got.max_ack_pending != -1 {
+            // A coordinator with another lease made it. Leased tasks come back, which only costs time.
+            self.call(stream.delete_consumer(CONSUMER))?;
+            return Err(QueueError(format!(
+                "the consumer {CONSUMER} had leases of {} s; it was removed and will be made with {} s",
+                got.ack_wait.as_secs_f64(),
+                self.lease.as_secs_f64()
+            )));
+        }
+        Ok(made)
     }
 }
 
@@ -110,31 +104,17 @@ impl QueueKeeper for NatsCoordinator {
         Ok(seen.replace(made) != Some(made))
     }
 
-    fn look(&self) -> Result<QueueState, QueueError> {
-        let connection = &self.connection;
-        RUNTIME.block_on(async {
-            let stream = self.stream().await?;
-            let info = stream.consumer_info(CONSUMER).await.map_err(|e| connection.lost(&e))?;
-            Ok(QueueState { waiting: info.num_pending, held: info.num_ack_pending as u64 })
-        })
+    fn state(&self) -> Result<QueueState, QueueError> {
+        let info = self.call(self.stream()?.consumer_info(CONSUMER))?;
+        Ok(QueueState { waiting: info.num_pending, held: info.num_ack_pending as u64 })
     }
 
     fn scenes(&self) -> Result<BTreeSet<u32>, QueueError> {
-        let connection = &self.connection;
-        RUNTIME.block_on(async {
-            let stream = self.stream().await?;
-            let filter = format!("{}.span.>", connection.subjects);
-            let mut subjects =
-                stream.info_with_subjects(filter).await.map_err(|e| connection.lost(&e))?;
-            let mut scenes = BTreeSet::new();
-            while let Some((subject, _)) =
-                subjects.try_next().await.map_err(|e| connection.lost(&e))?
-            {
-                let scene = subject.split('.').nth(3);
-                scenes.extend(scene.and_then(|scene| scene.parse::<u32>().ok()));
-            }
-            Ok(scenes)
-        })
+        let filter = format!("{}.span.>", self.connection.subjects);
+        let subjects = self.call(self.stream()?.info_with_subjects(filter))?;
+        let subjects: Vec<(String, usize)> = self.call(subjects.try_collect())?;
+        let scene = |subject: &str| subject.split('.').nth(3)?.parse().ok();
+        Ok(subjects.iter().filter_map(|(subject, _)| scene(subject)).collect())
     }
 
     fn publish(&self, messages: &[Message]) -> Result<(), QueueError> {
@@ -142,18 +122,11 @@ impl QueueKeeper for NatsCoordinator {
     }
 
     fn purge(&self) -> Result<(), QueueError> {
-        RUNTIME.block_on(async {
-            let stream = self.stream().await?;
-            let purged = stream.purge().await;
-            purged.map(|_| ()).map_err(|e| self.connection.lost(&e))
-        })
+        let stream = self.stream()?;
+        self.call(async { stream.purge().await }).map(|_| ())
     }
 
     fn remove(&self) -> Result<(), QueueError> {
-        let connection = &self.connection;
-        RUNTIME.block_on(async {
-            let removed = connection.context.delete_stream(&connection.stream).await;
-            removed.map(|_| ()).map_err(|e| connection.lost(&e))
-        })
+        self.call(self.connection.context.delete_stream(&self.connection.stream)).map(|_| ())
     }
 }

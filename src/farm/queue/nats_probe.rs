@@ -1,4 +1,4 @@
-//! A server looked at from outside of any run: for `glasshouse doctor`.
+//! The properties of a server, for `glasshouse doctor`.
 
 use super::QueueError;
 use super::nats::{ANSWER, NatsOptions, cause, shown, within};
@@ -6,42 +6,34 @@ use async_nats::jetstream::context::{AccountErrorKind, Context, GetStreamErrorKi
 use async_nats::jetstream::stream::{Config, StorageType};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// What a server says of itself, and lets this user do.
 #[derive(Debug)]
 pub struct NatsFacts {
     pub version: String,
-    /// From a question to its answer.
+    /// Time of a round trip.
     pub answer: Duration,
-    /// Limits of the account, or why they are not told: nothing where nobody answers, as to who may not ask.
+    /// Limits of the account, or the error; `None` without an answer, as for a user without permission.
     pub account: Result<NatsAccount, Option<String>>,
-    /// JetStream answers this user.
     pub has_jetstream: bool,
-    /// Whether a stream could be made: when, by the server's clock, and this machine's clock before and after. Not
-    /// tried by who may not ask for limits.
+    /// The trial stream: its creation by the server's clock, and this machine's clock before and after. Not tried without
+    /// permission to read the limits.
     pub made: Option<Result<(SystemTime, [SystemTime; 2]), String>>,
 }
 
-/// JetStream's limits of an account.
 #[derive(Debug)]
 pub struct NatsAccount {
-    /// Streams that there are.
     pub streams: usize,
-    /// Streams that there may be.
     pub max_streams: Option<i64>,
-    /// Bytes that streams have on the server's disk.
+    /// Bytes of all streams on the server's disk.
     pub storage_bytes: u64,
-    /// Bytes that they may have there.
     pub max_storage_bytes: Option<i64>,
 }
 
-/// Connects once and asks. A small stream in memory is made and removed, if that is allowed.
+/// Connects once, and queries the server. If that is allowed, a small stream in memory is made and removed.
 pub fn probe_nats(options: &NatsOptions) -> Result<NatsFacts, QueueError> {
     let (connect, servers) = (options.connect()?, options.servers()?);
     let connect = connect.request_timeout(Some(ANSWER));
     let client = match within(ANSWER, connect.connect(servers)) {
-        None => {
-            return Err(QueueError(format!("no answer from {}", shown(&options.url))));
-        }
+        None => return Err(QueueError(format!("no answer from {}", shown(&options.url)))),
         Some(Err(error)) => return Err(QueueError(cause(&options.url, &error))),
         Some(Ok(client)) => client,
     };
@@ -52,7 +44,7 @@ pub fn probe_nats(options: &NatsOptions) -> Result<NatsFacts, QueueError> {
     }
     let answer = start.elapsed();
     let mut context = {
-        // It starts a task of its own.
+        // The context spawns a task.
         let _runtime = crate::store::RUNTIME.enter();
         async_nats::jetstream::new(client.clone())
     };
@@ -85,15 +77,13 @@ fn account(context: &Context) -> Result<NatsAccount, Option<String>> {
     }
 }
 
-/// A worker may ask for streams, if for nothing else: that one is not there is an answer.
+/// A worker may look up streams, if nothing else: an absent stream is an answer, too.
 fn knows_streams(context: &Context, name: &str) -> bool {
     match within(ANSWER, context.get_stream(name)) {
-        Some(Ok(_)) => true,
-        Some(Err(error)) => match error.kind() {
-            GetStreamErrorKind::JetStream(error) => error.code() == 404,
-            _ => false,
-        },
-        None => false,
+        Some(Err(error)) => {
+            matches!(error.kind(), GetStreamErrorKind::JetStream(error) if error.code() == 404)
+        }
+        answer => answer.is_some(),
     }
 }
 
@@ -115,7 +105,7 @@ fn make(context: &Context, name: &str) -> Result<(SystemTime, [SystemTime; 2]), 
     let after = SystemTime::now();
     let nanoseconds = stream.cached_info().created.unix_timestamp_nanos();
     let since = Duration::from_nanos(u64::try_from(nanoseconds).unwrap_or(0));
-    // One that stays holds nothing, and is made anew by the next doctor of this name.
+    // A stream that stays is empty, and the next doctor of this name uses it again.
     let _ = within(ANSWER, context.delete_stream(name));
     Ok((UNIX_EPOCH + since, [before, after]))
 }

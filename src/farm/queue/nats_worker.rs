@@ -1,6 +1,7 @@
 //! A worker's end of the queue on NATS JetStream.
 
-use super::super::message::{DonationReply, DonationRequest, decode, encode, read_message};
+use super::super::message::{read_answer, read_message, read_request, write_answer, write_request};
+use super::nats::{ANSWER, AWAY, CONSUMER, Connection, NatsOptions, within};
 use super::{Answer, Lease, Message, Queue, QueueError, Request, Taken};
 use crate::store::RUNTIME;
 use async_nats::jetstream::consumer::PullConsumer;
@@ -11,8 +12,6 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::task::JoinHandle;
-
-use super::nats::{ANSWER, AWAY, CONSUMER, Connection, NatsOptions, within};
 
 pub struct NatsWorker {
     connection: Connection,
@@ -25,7 +24,7 @@ pub struct NatsWorker {
 }
 
 impl NatsWorker {
-    /// Connects, now or later. `run`: first bytes of the spec's digest; `scenes`: of the manifest.
+    /// Connects, now or when the server is there. `run`: first bytes of the spec's digest; `scenes`: their number.
     pub fn connect(
         options: &NatsOptions,
         run: [u8; 8],
@@ -49,14 +48,10 @@ impl NatsWorker {
             return Ok(consumer);
         }
         let connection = &self.connection;
-        let stream = connection
-            .context
-            .get_stream_no_info(&connection.stream)
-            .await
-            .map_err(|e| connection.lost(&e))?;
-        let found: PullConsumer = stream
-            .get_consumer(CONSUMER)
-            .await
+        let stream = connection.context.get_stream_no_info(&connection.stream).await;
+        let stream = stream.map_err(|e| connection.lost(&e))?;
+        let found = stream.get_consumer(CONSUMER).await;
+        let found: PullConsumer = found
             .map_err(|e| connection.lost(&format!("the run's queue is not there yet: {e}")))?;
         let lease = found.cached_info().config.ack_wait;
         if lease != self.lease {
@@ -76,14 +71,9 @@ impl NatsWorker {
             let mut batch = if wait.is_zero() {
                 consumer.fetch().max_messages(1).messages().await?
             } else {
-                let batch = consumer.batch().max_messages(1);
-                batch.expires(wait).messages().await?
+                consumer.batch().max_messages(1).expires(wait).messages().await?
             };
-            match batch.next().await {
-                Some(Ok(message)) => Ok(Some(message)),
-                Some(Err(error)) => Err(error),
-                None => Ok(None),
-            }
+            batch.next().await.transpose()
         };
         match tokio::time::timeout(wait + ANSWER, pull).await {
             Ok(Ok(message)) => Ok(message),
@@ -120,7 +110,7 @@ impl Queue for NatsWorker {
                 held.insert(id, Arc::new(delivered));
                 Taken::Lease(lease)
             }
-            // Of another version, or damaged: left for a worker that knows it, out of the way for a while.
+            // Put off for a while, for a worker of another version may know the message.
             Ok(None) => leave(&delivered, "a message does not belong to this run"),
             Err(error) => leave(&delivered, &error.to_string()),
         }
@@ -132,14 +122,14 @@ impl Queue for NatsWorker {
 
     fn renew(&self, lease: u64) {
         if let Some(message) = self.held(lease) {
-            // If it is lost the lease ends, which costs time alone.
+            // If it is lost the lease ends, which only costs time.
             let _ = RUNTIME.block_on(message.ack_with(AckKind::Progress));
         }
     }
 
     fn finish(&self, lease: u64) {
         if let Some(message) = self.held(lease) {
-            // If the server cannot be told, the task comes back and is found done.
+            // If the server is away, the task comes back later and is found done.
             let _ = within(ANSWER, message.double_ack());
             let mut held = self.held.lock().expect("no holder of this lock panics");
             held.remove(&lease);
@@ -148,15 +138,10 @@ impl Queue for NatsWorker {
 
     fn request(&self, load_s: Option<f64>) -> Answer {
         let subject = format!("{}.give", self.connection.subjects);
-        let question = encode(&DonationRequest::new(load_s));
-        let request = self.connection.client.request(subject, question.into());
-        // The thread that requests keeps leases, too.
-        let answer = within(ANSWER.min(self.lease / 3), request);
-        match answer {
-            Some(Ok(answer)) => {
-                let reply = decode::<DonationReply>(&answer.payload);
-                reply.map(DonationReply::answer).unwrap_or_default()
-            }
+        let request = self.connection.client.request(subject, write_request(load_s).into());
+        // This thread also renews leases, so it must not wait for long.
+        match within(ANSWER.min(self.lease / 3), request) {
+            Some(Ok(answer)) => read_answer(&answer.payload).unwrap_or_default(),
             // No worker listens, or the server is away.
             Some(Err(_)) | None => Answer::default(),
         }
@@ -185,15 +170,12 @@ impl Queue for NatsWorker {
                     continue;
                 };
                 let client = client.clone();
-                let request = decode::<DonationRequest>(&question.payload);
-                let request = Request {
-                    load_s: request.ok().and_then(DonationRequest::load_s),
-                    tell: Box::new(move |answer| {
-                        let answer = encode(&DonationReply::new(answer));
-                        let _ = RUNTIME.block_on(client.publish(reply, answer.into()));
-                    }),
-                };
-                if requests.send(request).is_err() {
+                let load_s = read_request(&question.payload).ok().flatten();
+                let tell = Box::new(move |answer| {
+                    let answer = write_answer(answer).into();
+                    let _ = RUNTIME.block_on(client.publish(reply, answer));
+                });
+                if requests.send(Request { load_s, tell }).is_err() {
                     return;
                 }
             }

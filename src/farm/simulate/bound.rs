@@ -2,8 +2,8 @@
 
 use super::case::{Case, Fault};
 
-/// Seconds that all workers together need for the work and one load of each scene, each working at its speed whenever it
-/// is there; none if they never get done.
+/// Seconds that all workers together need for the work and one load of each scene, each at its speed while it is there;
+/// none if they never finish.
 pub fn lower_bound_s(case: &Case) -> Option<f64> {
     let work = &case.work;
     let shards = (0..work.scenes).flat_map(|scene| (0..work.shards).map(move |s| (scene, s)));
@@ -16,7 +16,7 @@ pub fn lower_bound_s(case: &Case) -> Option<f64> {
             speeds[worker as usize] /= times;
         }
     }
-    // When the speed of all together changes, by how much.
+    // Times at which the speed of all together changes, and by how much.
     let mut changes = Vec::new();
     for fault in &case.faults {
         match *fault {

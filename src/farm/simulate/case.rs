@@ -1,8 +1,8 @@
-//! What is simulated: the work, the fleet, the rules, the faults.
+//! A case to simulate: the work, the fleet, the rules, the faults.
 
 pub(super) use render::hash::splitmix64 as mix;
 
-/// Scenes and what they cost.
+/// Scenes and their costs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Work {
     pub scenes: u32,
@@ -15,7 +15,7 @@ pub struct Work {
     pub dearest_last: u32,
     /// Seconds of a worker of speed 1 to load a scene.
     pub load_s: f64,
-    /// Draws the costs, the jitter, the choice among givers.
+    /// Seeds the costs, the jitter and the choice of donors.
     pub seed: u64,
 }
 
@@ -24,11 +24,8 @@ impl Work {
     pub fn shard_us(&self, scene: u32, shard: u32) -> u64 {
         let seed = if self.seed == 0 { 0 } else { mix(self.seed) };
         let drawn = mix(u64::from(scene) ^ seed) % u64::from(self.doublings + 1);
-        let doublings = if scene + self.dearest_last >= self.scenes {
-            u64::from(self.doublings)
-        } else {
-            drawn
-        };
+        let is_last = scene + self.dearest_last >= self.scenes;
+        let doublings = if is_last { u64::from(self.doublings) } else { drawn };
         // The prototype's 100, or more where scenes have more shards.
         let stride = u64::from(self.shards.max(100));
         let key = (u64::from(scene) * stride + u64::from(shard) + 7) ^ seed;
@@ -38,14 +35,13 @@ impl Work {
     }
 }
 
-/// Workers and what stands between them and the servers.
+/// Workers, and the delays between them and the servers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fleet {
-    /// Number of workers; each does one thing at a time.
     pub workers: u32,
     /// Seconds from a worker to the queue's server and back.
     pub round_trip_s: f64,
-    /// Seconds of a small request to the store: a look at what is there, a put.
+    /// Seconds of a small request to the store: a listing, a put.
     pub store_s: f64,
     /// Seconds that the store needs for a page of 1000 keys.
     pub page_s: f64,
@@ -56,36 +52,44 @@ pub struct Fleet {
 /// Times that a user of a farm chooses, s.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rules {
-    /// A message whose holder is silent for so long goes to another one. Renewed every third of it.
+    /// A lease ends after this time unless it is renewed, which happens every third of it.
     pub lease_s: f64,
     /// A coordinator reconciles at least so often.
     pub reconcile_s: f64,
 }
 
-/// What happens to which worker, or to the servers, at what second.
+/// A fault of a worker, or of the servers.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
-    /// Ends at once and for good.
-    Kill { worker: u32, at_s: f64 },
-    /// Is so many times slower throughout.
+    Kill {
+        worker: u32,
+        at_s: f64,
+    },
+    /// The worker takes so many times as long throughout.
     Slow {
         worker: u32,
-        /// 4: a quarter of the speed.
         times: f64,
     },
-    /// Is stopped, then goes on as if nothing had happened.
-    Stop { worker: u32, at_s: f64, for_s: f64 },
+    /// The worker is stopped, then goes on as if nothing had happened.
+    Stop {
+        worker: u32,
+        at_s: f64,
+        for_s: f64,
+    },
     /// The queue forgets everything; its stream is gone.
-    Wipe { at_s: f64 },
-    /// The queue's server is not there; it keeps its messages, and leases go on ending.
-    Away { at_s: f64, for_s: f64 },
+    Wipe {
+        at_s: f64,
+    },
+    /// The queue's server is away; it keeps its messages, and leases go on ending.
+    Away {
+        at_s: f64,
+        for_s: f64,
+    },
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Case {
-    /// Scenes and what they cost.
     pub work: Work,
-    /// Workers and servers.
     pub fleet: Fleet,
     pub rules: Rules,
     pub faults: Vec<Fault>,
@@ -93,13 +97,8 @@ pub struct Case {
 
 impl Default for Fleet {
     fn default() -> Self {
-        Self {
-            workers: 8,
-            round_trip_s: 0.001,
-            store_s: 0.02,
-            page_s: 0.1,
-            publishes_per_s: 100_000.0,
-        }
+        let (round_trip_s, publishes_per_s) = (0.001, 100_000.0);
+        Self { workers: 8, round_trip_s, store_s: 0.02, page_s: 0.1, publishes_per_s }
     }
 }
 
@@ -124,7 +123,7 @@ impl Default for Work {
     }
 }
 
-/// Every one of `workers` with the probability `share`, drawn by `seed`, each with a number in 0..1.
+/// Each of `workers` with the probability `share`, drawn by `seed`, with a random number in 0..1.
 pub fn some_workers(workers: u32, share: f64, seed: u64) -> Vec<(u32, f64)> {
     let unit = |key: u64| (mix(seed ^ mix(key)) >> 11) as f64 / (1u64 << 53) as f64;
     (0..workers)

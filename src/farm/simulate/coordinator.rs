@@ -1,55 +1,35 @@
-//! The coordinator: looks at the queue's counts, lists, publishes what is missing.
+//! The coordinator: it polls the queue, lists queue and store, and publishes missing scenes.
 
-use super::engine::{Event, Sim, us};
+use super::state::{Event, Sim, us};
 use crate::farm::queue::Message;
 use crate::run::Task;
-use std::collections::VecDeque;
 
-/// Keys in a page of the store's listing.
 const PAGE_KEYS: u64 = 1000;
 
 /// Subjects in a page of the stream's listing, and seconds for one (a few MB of JSON).
 const PAGE_SUBJECTS: u64 = 100_000;
 const PAGE_SUBJECTS_S: f64 = 0.2;
 
-/// Seconds between two looks at the queue's counts.
+/// Seconds between two polls of the queue's counts.
 pub(super) const POLL_S: f64 = 1.0;
 
-/// Seconds between two batches of what it publishes.
 const BATCH_S: f64 = 0.01;
 
-/// Its state: nothing that a new one would miss.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Coordinator {
-    is_listing: bool,
-    /// Of the queue's listing: by scene, whether it has no message.
-    is_absent: Vec<bool>,
-    /// Found missing, not published yet.
-    backlog: VecDeque<Task>,
-    is_publishing: bool,
-    reconciled_us: u64,
-    /// All scenes before it were done at the last listing.
-    first_missing: u32,
-    /// It knows that all is done.
-    pub(super) finished_us: Option<u64>,
-}
-
 impl Sim<'_> {
-    /// Every [`POLL_S`].
     pub(super) fn poll(&mut self) {
         self.after(us(POLL_S), Event::Poll);
         if self.now_us < self.away_until_us {
             return;
         }
-        self.counts.coordinator_polls += 1;
         let is_new = !self.stream_is_there;
         self.stream_is_there = true;
-        if self.coordinator.is_listing {
+        let coordinator = &self.coordinator;
+        if coordinator.is_listing {
             return;
         }
-        let rests = self.coordinator.backlog.is_empty() && !self.coordinator.is_publishing;
+        let rests = coordinator.backlog.is_empty() && !coordinator.is_publishing;
         let is_quiet = rests && self.queue.waiting() == 0 && self.queue.held() == 0;
-        let since_us = self.now_us - self.coordinator.reconciled_us;
+        let since_us = self.now_us - coordinator.reconciled_us;
         if is_new || is_quiet || since_us >= us(self.case.rules.reconcile_s) {
             self.reconcile();
         } else {
@@ -61,17 +41,16 @@ impl Sim<'_> {
     /// each tuple, from the first scene on that had none the last time.
     pub(super) fn reconcile(&mut self) {
         let scenes = self.case.work.scenes;
-        self.counts.reconciles += 1;
+        self.outcome.reconciles += 1;
         self.coordinator.is_listing = true;
         self.coordinator.backlog.clear();
         self.coordinator.is_absent = (0..scenes).map(|s| self.queue.ranges(s).is_empty()).collect();
         let from = self.coordinator.first_missing;
-        let keys = u64::from(self.store.tuples_from(from, scenes));
-        self.coordinator.first_missing = self.store.first_missing(from, scenes);
-        let pages = keys / PAGE_KEYS + 1;
-        self.counts.coordinator_pages += pages;
+        let pages = self.store.tuples_from(from) as u64 / PAGE_KEYS + 1;
+        self.coordinator.first_missing = self.store.first_missing(from);
         let subject_pages = self.queue.len() as u64 / PAGE_SUBJECTS + 1;
-        self.counts.subject_pages += subject_pages;
+        self.outcome.coordinator_pages += pages;
+        self.outcome.subject_pages += subject_pages;
         let listing_s =
             pages as f64 * self.case.fleet.page_s + subject_pages as f64 * PAGE_SUBJECTS_S;
         self.after(us(listing_s), Event::Listed);
@@ -79,15 +58,16 @@ impl Sim<'_> {
 
     /// Both listings are there: publishes the scenes that are in neither.
     pub(super) fn listed(&mut self) {
-        let scenes = self.case.work.scenes;
         self.coordinator.is_listing = false;
         self.coordinator.reconciled_us = self.now_us;
         let is_absent = std::mem::take(&mut self.coordinator.is_absent);
-        let missing = (0..scenes).filter(|&s| is_absent[s as usize] && !self.store.has_tuple(s));
-        let whole = |scene| Task { scene, shards: 0..self.case.work.shards };
-        self.coordinator.backlog.extend(missing.map(whole));
-        if self.store.tuple_count() == scenes && self.coordinator.backlog.is_empty() {
-            self.coordinator.finished_us = Some(self.now_us);
+        let scenes = (0..).zip(is_absent).filter(|&(s, absent)| absent && !self.store.has_tuple(s));
+        let whole = |(scene, _)| Task { scene, shards: 0..self.case.work.shards };
+        self.coordinator.backlog.extend(scenes.map(whole));
+        let is_done = self.store.first_missing(0) == self.case.work.scenes;
+        if is_done && self.coordinator.backlog.is_empty() {
+            self.coordinator.is_finished = true;
+            self.outcome.known_s = self.now_us as f64 * 1e-6;
         }
         self.begin_publishing();
     }
@@ -109,9 +89,7 @@ impl Sim<'_> {
             let Some(task) = self.coordinator.backlog.pop_front() else {
                 break;
             };
-            if self.store.has_tuple(task.scene) {
-                self.counts.published_though_done += 1;
-            }
+            self.outcome.published_though_done += u64::from(self.store.has_tuple(task.scene));
             self.store_message(&Message { task, hops: 0 });
             self.serve_waiting_pulls();
         }

@@ -1,9 +1,9 @@
-//! A farm in virtual time: what sharing work costs, for any number of workers.
+//! A farm in virtual time: the cost of sharing work, for any number of workers.
 //!
-//! Real is the worker's state machine ([`tasks`](super::worker::tasks)); modelled are what drives it (`driver.rs`,
-//! `idle.rs`), the queue's server (`queue.rs`, as its behaviour was measured), the store (a bit for each shard), the tracer
-//! (time passes) and the network (a constant delay). Every number is drawn by a hash of the seed and a counter: equal cases
-//! have equal outcomes.
+//! The worker's state machine ([`tasks`](super::worker::tasks)) is the one that ships. Modelled are the code that drives it
+//! (`driver.rs`, `idle.rs`), the queue's server (`queue.rs`, as measured on a real one), the store (a bit for each shard), the
+//! tracer (time passes) and the network (a constant delay). Every random number is a hash of the seed and a counter, so equal
+//! cases have equal outcomes.
 //!
 //! ```text
 //! case -> engine (events, faults) -> driver | server -> queue | coordinator -> store -> outcome
@@ -20,8 +20,8 @@ mod interleavings;
 mod outcome;
 mod queue;
 mod server;
+mod state;
 mod store;
-mod tally;
 #[cfg(test)]
 mod tests;
 
@@ -29,4 +29,3 @@ pub use bound::lower_bound_s;
 pub use case::{Case, Fault, Fleet, Rules, Work, some_workers};
 pub use engine::simulate;
 pub use outcome::{Messages, Outcome};
-pub use tally::Kind;

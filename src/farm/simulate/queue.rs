@@ -1,9 +1,9 @@
 //! A model of the work queue: a JetStream work-queue stream with one durable pull consumer.
 //!
-//! As measured of the real one: a message's name (its subject) is in the stream at most once; an acknowledgement names a
+//! As measured on the real one: a message's name (its subject) is in the stream at most once; an acknowledgement names a
 //! number in the stream, is accepted from any sender, and removes the message, even under a new holder; a lease that
 //! ends puts the message before those that were never delivered. A stream that is made anew counts from the start again,
-//! so that an acknowledgement from before removes a message that it does not mean.
+//! so that an old acknowledgement may remove a new message.
 
 use crate::farm::queue::Message;
 use crate::run::Task;
@@ -11,7 +11,6 @@ use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 use std::ops::Range;
 
-/// A message's number in the stream.
 pub(super) type Sequence = u32;
 
 const NONE: u32 = u32::MAX;
@@ -20,20 +19,18 @@ const NONE: u32 = u32::MAX;
 enum State {
     Waiting,
     Held,
-    #[cfg_attr(not(test), expect(dead_code, reason = "only tests make one"))]
     /// In the stream, but the consumer never delivers it (seen after a restart of an old server).
+    #[cfg_attr(not(test), expect(dead_code, reason = "only tests make one"))]
     Zombie,
     Gone,
 }
 
-/// What is in the stream, at 32 bytes a message.
-#[derive(Clone, Debug)]
+/// A message in the stream, in 32 bytes.
 struct Entry {
     lease_end_us: u64,
     scene: u32,
     start: u32,
     end: u32,
-    /// The next message of the same scene.
     next: u32,
     hops: u32,
     delivered: bool,
@@ -49,11 +46,9 @@ pub(super) struct Delivered {
     pub(super) again: bool,
 }
 
-/// The stream and its consumer.
-#[derive(Clone, Debug)]
+#[derive(Default)]
 pub(super) struct Queue {
     messages: Vec<Entry>,
-    /// First message of each scene.
     first_of_scene: Vec<u32>,
     fresh: VecDeque<Sequence>,
     redelivered: BinaryHeap<Reverse<Sequence>>,
@@ -63,17 +58,8 @@ pub(super) struct Queue {
 }
 
 impl Queue {
-    /// An empty stream for a run of `scenes` scenes.
     pub(super) fn new(scenes: u32) -> Self {
-        Self {
-            messages: Vec::new(),
-            first_of_scene: vec![NONE; scenes as usize],
-            fresh: VecDeque::new(),
-            redelivered: BinaryHeap::new(),
-            waiting: 0,
-            held: 0,
-            zombies: 0,
-        }
+        Self { first_of_scene: vec![NONE; scenes as usize], ..Self::default() }
     }
 
     /// Messages that no worker has.
@@ -86,7 +72,6 @@ impl Queue {
         self.held
     }
 
-    /// Messages in the stream.
     pub(super) fn len(&self) -> usize {
         self.waiting + self.held + self.zombies
     }
@@ -124,24 +109,19 @@ impl Queue {
                 Some(Reverse(sequence)) => sequence,
                 None => self.fresh.pop_front()?,
             };
-            let message = &mut self.messages[sequence as usize];
+            let entry = &mut self.messages[sequence as usize];
             // It was acknowledged while it waited.
-            if message.state != State::Waiting {
+            if entry.state != State::Waiting {
                 continue;
             }
-            message.state = State::Held;
-            let again = std::mem::replace(&mut message.delivered, true);
-            message.lease_end_us = lease_end_us;
+            entry.state = State::Held;
+            let again = std::mem::replace(&mut entry.delivered, true);
+            entry.lease_end_us = lease_end_us;
             self.waiting -= 1;
             self.held += 1;
-            return Some(Delivered {
-                sequence,
-                again,
-                message: Message {
-                    task: Task { scene: message.scene, shards: message.start..message.end },
-                    hops: message.hops,
-                },
-            });
+            let task = Task { scene: entry.scene, shards: entry.start..entry.end };
+            let message = Message { task, hops: entry.hops };
+            return Some(Delivered { sequence, message, again });
         }
     }
 
@@ -154,7 +134,7 @@ impl Queue {
         }
     }
 
-    /// Removes a message, whoever has it; false if it is not there.
+    /// Removes a message, from whichever worker; false if it is not there.
     pub(super) fn acknowledge(&mut self, sequence: Sequence) -> bool {
         let Some(message) = self.messages.get_mut(sequence as usize) else {
             return false;
@@ -180,7 +160,6 @@ impl Queue {
         true
     }
 
-    /// Ends a lease if its time has come: true, or when it is worth looking again; none if nobody holds the message.
     pub(super) fn expire(&mut self, sequence: Sequence, now_us: u64) -> Expiry {
         match self.messages.get_mut(sequence as usize) {
             Some(message) if message.state == State::Held => {
@@ -197,12 +176,11 @@ impl Queue {
         }
     }
 
-    /// Ranges of a scene's messages.
+    /// Shards of each of a scene's messages.
     pub(super) fn ranges(&self, scene: u32) -> Vec<Range<u32>> {
         self.of_scene(scene).map(|k| &self.messages[k as usize]).map(|m| m.start..m.end).collect()
     }
 
-    /// Forgets everything, the count included.
     pub(super) fn wipe(&mut self) {
         *self = Self::new(self.first_of_scene.len() as u32);
     }
@@ -214,26 +192,23 @@ impl Queue {
     }
 }
 
-/// What became of a lease.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The state of a lease whose time may have come.
 pub(super) enum Expiry {
-    /// It was renewed: it ends then, in microseconds.
+    /// It was renewed until then, in microseconds.
     At(u64),
     /// The message waits again.
     Ended,
-    /// Acknowledged in the meantime, or forgotten.
+    /// The message was acknowledged or forgotten.
     NotHeld,
 }
 
 #[cfg(test)]
 impl Queue {
-    /// Sequences of messages that are held.
     pub(super) fn all_held(&self) -> Vec<Sequence> {
         let is_held = |&k: &Sequence| self.messages[k as usize].state == State::Held;
         (0..self.messages.len() as Sequence).filter(is_held).collect()
     }
 
-    /// Sequences of messages that were acknowledged.
     pub(super) fn all_gone(&self) -> Vec<Sequence> {
         let is_gone = |&k: &Sequence| self.messages[k as usize].state == State::Gone;
         (0..self.messages.len() as Sequence).filter(is_gone).collect()

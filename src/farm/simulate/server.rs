@@ -1,73 +1,70 @@
-//! The queue's server: pulls, messages, leases, requests to give.
+//! The queue's server: pulls, messages, leases, and requests for donations.
 
 use super::driver::message_of;
-use super::engine::{Event, Sim, WorkerId, us};
+use super::outcome::Kind;
 use super::queue::Expiry;
-use super::tally::Kind;
+use super::state::{Event, ServerEvent, Sim, WorkerEvent, WorkerId, us};
 use crate::farm::queue::Message;
 
 /// A pull waits at the server for so many seconds.
 const PULL_S: f64 = 30.0;
 
 impl Sim<'_> {
-    pub(super) fn at_server(&mut self, event: Event) {
+    pub(super) fn at_server(&mut self, event: ServerEvent) {
         match event {
-            Event::Pull { worker, waits } => self.pull_arrives(worker, waits),
-            Event::Publish { worker } => self.publish_arrives(worker),
-            Event::Acknowledge { sequence, stream } => {
+            ServerEvent::Pull { worker, waits } => self.pull_arrives(worker, waits),
+            ServerEvent::Publish(worker) => self.publish_arrives(worker),
+            ServerEvent::Acknowledge { sequence, stream } => {
                 self.tally.count(Kind::Acknowledge, self.now_us);
-                // Nothing tells the server that another stream is meant.
+                // An acknowledgement does not say which stream it means.
                 if self.queue.acknowledge(sequence) && stream != self.stream {
-                    self.counts.wrong_acknowledgements += 1;
+                    self.outcome.wrong_acknowledgements += 1;
                 }
             }
-            Event::Renew { worker } => self.renewal_arrives(worker),
-            Event::Ask { worker } => self.request_arrives(worker),
-            Event::LeaseEnds { sequence, stream } if stream == self.stream => {
+            ServerEvent::Renew(worker) => self.renewal_arrives(worker),
+            ServerEvent::Request(worker) => self.request_arrives(worker),
+            ServerEvent::LeaseEnds { sequence, stream } if stream == self.stream => {
                 match self.queue.expire(sequence, self.now_us) {
-                    Expiry::At(end_us) => self.after(end_us - self.now_us, event),
+                    Expiry::At(end_us) => self.after(end_us - self.now_us, Event::AtServer(event)),
                     Expiry::Ended => {
-                        self.counts.leases_ended += 1;
+                        self.outcome.leases_ended += 1;
                         self.serve_waiting_pulls();
                     }
                     Expiry::NotHeld => {}
                 }
             }
-            _ => {}
+            ServerEvent::LeaseEnds { .. } => {}
         }
     }
 
-    /// That pull of that worker has no answer yet.
+    /// The worker is alive, and this pull of it has no answer yet.
     pub(super) fn pull_is_open(&self, worker: WorkerId, pull: u32) -> bool {
         let worker = &self.workers[worker as usize];
-        worker.is_alive && worker.open_pull == Some(pull)
+        !worker.is_dead && worker.open_pull == Some(pull)
     }
 
     fn pull_arrives(&mut self, worker: WorkerId, waits: bool) {
         self.tally.count(Kind::Pull, self.now_us);
-        let Some(pull) = self.workers[worker as usize].open_pull else {
+        let w = &self.workers[worker as usize];
+        let Some(pull) = w.open_pull.filter(|_| !w.is_dead) else {
             return;
         };
-        if !self.workers[worker as usize].is_alive {
-            return;
-        }
         if waits {
             self.waiting_pulls.push_back((worker, pull));
-            let expires_us = us(PULL_S);
-            self.after(expires_us, Event::PullEnds { worker, pull });
+            self.after(us(PULL_S), Event::PullEnds { worker, pull });
             self.serve_waiting_pulls();
         } else if !self.deliver(worker) {
-            self.after(self.way_us(), Event::Empty { worker });
+            self.reply(worker, WorkerEvent::Empty);
         }
     }
 
     pub(super) fn pull_ends(&mut self, worker: WorkerId, pull: u32) {
         if self.pull_is_open(worker, pull) {
-            self.after(self.way_us(), Event::Empty { worker });
+            self.reply(worker, WorkerEvent::Empty);
         }
     }
 
-    /// Gives messages to those who wait, first come first served.
+    /// Delivers messages to waiting pulls, first come first served.
     pub(super) fn serve_waiting_pulls(&mut self) {
         while self.queue.waiting() > 0 {
             let Some((worker, pull)) = self.waiting_pulls.pop_front() else {
@@ -86,38 +83,36 @@ impl Sim<'_> {
             return false;
         };
         self.tally.count(Kind::Deliver, self.now_us);
-        let lease_ends = Event::LeaseEnds { sequence: delivery.sequence, stream: self.stream };
-        self.after(lease_us, lease_ends);
+        let (sequence, stream) = (delivery.sequence, self.stream);
+        self.after(lease_us, Event::AtServer(ServerEvent::LeaseEnds { sequence, stream }));
         let receiver = &mut self.workers[worker as usize];
         receiver.open_pull = None;
-        receiver.inbox = Some((delivery, self.stream));
-        // It looks into the store before it counts the span as its own.
+        receiver.inbox = Some((delivery, stream));
+        // It checks the store before it counts the task as its own.
         let delay_us = self.way_us() + us(self.case.fleet.store_s);
-        self.after(delay_us, Event::Delivered { worker });
+        self.at_worker_after(delay_us, worker, WorkerEvent::Delivered);
         true
     }
 
-    /// Into the stream, if there is one.
+    /// Adds a message to the stream; false if the stream is gone.
     pub(super) fn store_message(&mut self, message: &Message) -> bool {
         self.tally.count(Kind::Publish, self.now_us);
-        if !self.stream_is_there {
-            return false;
+        if self.stream_is_there {
+            self.queue.publish(message);
+            let most = &mut self.outcome.most_in_stream;
+            *most = (*most).max(self.queue.len() as u64);
         }
-        self.queue.publish(message);
-        self.counts.most_messages = self.counts.most_messages.max(self.queue.len());
-        true
+        self.stream_is_there
     }
 
     fn publish_arrives(&mut self, worker: WorkerId) {
         let outbox = self.workers[worker as usize].outbox.clone();
-        let mut all_stored = true;
+        let mut all = true;
         for offer in &outbox {
-            all_stored &= self.store_message(&offer.message);
+            all &= self.store_message(&offer.message);
         }
         self.serve_waiting_pulls();
-        let event =
-            if all_stored { Event::Confirmed { worker } } else { Event::NotConfirmed { worker } };
-        self.after(self.way_us(), event);
+        self.reply(worker, WorkerEvent::Confirmed { all });
     }
 
     fn renewal_arrives(&mut self, worker: WorkerId) {
@@ -131,22 +126,20 @@ impl Sim<'_> {
         }
     }
 
-    /// One of those who listen gets it, whichever.
     fn request_arrives(&mut self, worker: WorkerId) {
-        self.tally.count(Kind::Ask, self.now_us);
+        self.tally.count(Kind::Request, self.now_us);
         let count = self.listeners.len() as u64;
-        let event = if count == 0 {
+        if count == 0 {
             self.tally.count(Kind::Answer, self.now_us);
-            Event::NoGiver { worker }
+            self.reply(worker, WorkerEvent::NoDonor);
         } else {
             let k = self.draw_below(count) as usize;
-            let giver = self.listeners[k];
-            Event::Asked { giver, asker: worker }
-        };
-        self.after(self.way_us(), event);
+            let donor = self.listeners[k];
+            self.reply(donor, WorkerEvent::Requested { by: worker });
+        }
     }
 
-    /// A worker begins to listen to requests, or ceases.
+    /// A worker subscribes to requests, or unsubscribes.
     pub(super) fn listen(&mut self, worker: WorkerId, listens: bool) {
         let place = self.workers[worker as usize].listens;
         match (place, listens) {

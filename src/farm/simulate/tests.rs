@@ -1,8 +1,8 @@
-//! The simulator against cases that are known on paper, and the farm's rules against their aims.
+//! The simulator against cases solved on paper, and the farm's rules against their aims.
 
 use super::{Case, Fault, Fleet, Outcome, Rules, Work, lower_bound_s, simulate, some_workers};
 
-/// Work that is done in full, whatever was traced twice.
+/// Simulates a case, and checks that all of its work is done.
 fn run(case: &Case) -> Outcome {
     let outcome = simulate(case).unwrap_or_else(|| panic!("not finished: {case:?}"));
     let all = u64::from(case.work.scenes) * u64::from(case.work.shards);
@@ -44,7 +44,7 @@ fn one_worker_needs_the_sum() {
     case.fleet.workers = 1;
     let outcome = run(&case);
     assert_eq!(outcome.loads, 50);
-    assert_eq!((outcome.gives, outcome.shards_traced_again), (0, 0));
+    assert_eq!((outcome.donations, outcome.shards_traced_again), (0, 0));
     assert!(outcome.makespan_s < outcome.bound_s + 0.5, "{outcome:?}");
 }
 
@@ -67,7 +67,6 @@ fn hundred_workers(seed: u64) -> Case {
     case
 }
 
-/// Every kind of fault together, many seeds: everything gets done.
 #[test]
 fn everything_gets_done_under_all_faults() {
     for seed in 0..40 {
@@ -84,9 +83,9 @@ fn everything_gets_done_under_all_faults() {
     }
 }
 
-/// What a stopped holder goes on with was given to another one: traced twice, done once.
+/// A stopped worker goes on with tasks that went to others: their shards are traced twice.
 #[test]
-fn a_stale_holder_costs_time_and_nothing_else() {
+fn an_expired_lease_costs_time_alone() {
     let mut case = hundred_workers(1);
     assert_eq!(run(&case).leases_ended, 0);
     case.faults = (0..30).map(|worker| Fault::Stop { worker, at_s: 2.0, for_s: 6.0 }).collect();
@@ -95,9 +94,9 @@ fn a_stale_holder_costs_time_and_nothing_else() {
     assert!(outcome.shards_traced_again > 0, "{outcome:?}");
 }
 
-/// The queue is listed before the store: what is finished between the two is not published again.
+/// The queue is listed before the store.
 #[test]
-fn what_is_finished_while_the_coordinator_lists_is_not_published_again() {
+fn scenes_finished_between_the_two_listings_are_not_published_again() {
     let mut case = hundred_workers(2);
     case.rules.reconcile_s = 2.0;
     case.fleet.page_s = 1.0;

@@ -1,16 +1,11 @@
-//! What a compute thread does with a scene: load it, trace its bands, merge its shards, encode its files.
+//! The work of a compute thread: it loads a scene, traces its bands, merges its shards and encodes its files.
 
-use super::active_task::ActiveTask;
 use super::core::panic_reason;
-use super::finished::FinishedScene;
-use super::pool::{Band, ComputeThread, Job};
-use super::prefetch::Loaded;
-use super::tasks::TaskId;
-use super::writer::{Order, What};
+use super::jobs::{ActiveTask, Band, FinishedScene, Job, Loaded, Objects, Order};
+use super::pool::ComputeThread;
 use crate::farm::FarmError;
 use crate::run::{AccessError, Event, Stage, Stopwatch, keys};
 use render::job::SceneJob;
-use render::line::SceneLine;
 use render::merge::combine;
 use render::scene::{LoadError, load};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -26,13 +21,13 @@ impl<'a> ComputeThread<'_, 'a> {
         }
     }
 
-    /// Decodes a scene, fetches what the store has of it, and puts the missing shards' bands into the deque.
+    /// Decodes a scene, fetches its partials from the store, and puts the missing shards' bands into the deque.
     pub(super) fn open(&self, loaded: Loaded<'a>) {
         let worker = self.worker;
         let Loaded { line, task, leased, files } = loaded;
         let now = worker.now();
         if !worker.tasks().load(task, now) {
-            // Donated while it waited.
+            // It was donated meanwhile.
             return;
         }
         let start = Stopwatch::start();
@@ -42,7 +37,7 @@ impl<'a> ComputeThread<'_, 'a> {
         }
         self.slow_down(&start);
         worker.tally.seconds.add(Stage::Decode, start.spent());
-        worker.tally.add_load();
+        worker.tally.loads.add(1);
         let reason = match loaded {
             Ok(Ok(loaded)) => {
                 let job = SceneJob::new(line, worker.run.layout(line), loaded);
@@ -50,7 +45,11 @@ impl<'a> ComputeThread<'_, 'a> {
                 (worker.on_event)(Event::SceneOpened { scene: line.id.clone() });
                 return worker.step(&task, || self.begin(&task));
             }
-            Ok(Err(error)) => load_reason(line, &error),
+            // The error does not name the scene's files.
+            Ok(Err(LoadError::Assemble(error))) => {
+                format!("{error} (front is {}, back is {})", line.front.name(), line.back.name())
+            }
+            Ok(Err(error)) => error.to_string(),
             Err(panic) => panic_reason(&*panic),
         };
         worker.break_down_if(worker.fail(task, &reason));
@@ -74,15 +73,10 @@ impl<'a> ComputeThread<'_, 'a> {
         Ok(())
     }
 
-    /// Whether to trace a band. While stopping, no new shard starts; a started one is finished.
-    fn may_trace(&self, task: TaskId, shard: u32) -> bool {
-        self.worker.must_stop();
-        self.worker.tasks().begin(task, shard)
-    }
-
     pub(super) fn trace(&self, band: &Band<'a>) -> Result<(), FarmError> {
         let (worker, task) = (self.worker, &band.task);
-        if !self.may_trace(task.id, band.shard) {
+        worker.must_stop();
+        if !worker.tasks().begin(task.id, band.shard) {
             return Ok(());
         }
         let job = &task.job;
@@ -111,22 +105,20 @@ impl<'a> ComputeThread<'_, 'a> {
         worker.must_stop();
         let now = worker.now();
         let actions = worker.tasks().traced(task.id, band.shard, now);
-        worker.tally.add_traced(1);
+        worker.tally.traced.add(1);
         worker.tally.scene_seconds.add_shard(scene);
         (worker.on_event)(Event::ShardDone { resumed: false });
         worker.perform(actions)
     }
 
-    /// Takes as many times as long as a fault orders.
     fn slow_down(&self, since: &Stopwatch) {
         for fault in self.worker.options.faults {
             fault.slow_down(since.spent().wall);
         }
     }
 
-    /// Sends a partial to the writer.
     fn seal(&self, task: &Arc<ActiveTask<'a>>, shard: u32) -> Result<(), FarmError> {
-        // Merged meanwhile.
+        // The scene may be merged meanwhile.
         let Some(partial) = task.job.result(shard) else {
             return Ok(());
         };
@@ -136,11 +128,11 @@ impl<'a> ComputeThread<'_, 'a> {
             AccessError::Tuple(format!("cannot encode {key}: {e}"))
         })?;
         self.worker.tally.seconds.add(Stage::Checkpoint, start.spent());
-        self.order(Order { task: Arc::clone(task), what: What::Partial { shard, bytes } });
+        self.order(Order { task: Arc::clone(task), objects: Objects::Partial(shard, bytes) });
         Ok(())
     }
 
-    /// All shards are there: combines them and shares out the encoding.
+    /// Combines all shards of a scene, and makes a job of each file to encode.
     fn merge(&self, task: &Arc<ActiveTask<'a>>) -> Result<(), FarmError> {
         let worker = self.worker;
         let start = Stopwatch::start();
@@ -161,7 +153,7 @@ impl<'a> ComputeThread<'_, 'a> {
 
     fn encode(&self, scene: &FinishedScene<'a>, file: usize) -> Result<(), FarmError> {
         let worker = self.worker;
-        // Of a scene that has failed meanwhile nothing is written.
+        // Nothing is written of a scene that has failed meanwhile.
         if !worker.tasks().has(scene.task.id) {
             return Ok(());
         }
@@ -169,22 +161,9 @@ impl<'a> ComputeThread<'_, 'a> {
         let encoded = scene.encode(file, &self.pool.encoder)?;
         worker.tally.seconds.add(Stage::Encode, start.spent());
         if let Some(encoded) = encoded {
-            let miss_share = scene.miss_share();
-            self.order(Order {
-                task: Arc::clone(&scene.task),
-                what: What::Tuple { encoded, miss_share },
-            });
+            let task = Arc::clone(&scene.task);
+            self.order(Order { task, objects: Objects::Tuple(encoded) });
         }
         Ok(())
-    }
-}
-
-/// Errors about a file name it; those about the scene as a whole need its files' names beside them.
-fn load_reason(line: &SceneLine, error: &LoadError) -> String {
-    match error {
-        LoadError::Assemble(error) => {
-            format!("{error} (front is {}, back is {})", line.front.name(), line.back.name())
-        }
-        error => error.to_string(),
     }
 }

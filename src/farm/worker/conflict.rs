@@ -1,9 +1,8 @@
-//! Two workers made different bytes of the same object: neither is believed. The object stays, the other bytes are kept
-//! beside it, and the scene goes into quarantine with the names of both; the farm goes on.
+//! Conflicts: two workers have made different bytes of the same object. The object stays, the other bytes are kept under
+//! `conflicts/`, and the scene goes into quarantine with the names of both workers.
 
-use super::active_task::ActiveTask;
 use super::core::Worker;
-use super::finished::Files;
+use super::jobs::ActiveTask;
 use super::work::check_golden;
 use crate::farm::FarmError;
 use crate::farm::tuples::write_tuple;
@@ -14,7 +13,7 @@ use render::partial;
 use std::path::PathBuf;
 
 impl<'a> Worker<'a> {
-    /// Puts a shard's partial. If another worker has put other bytes there, that is settled, too; false then.
+    /// Puts a shard's partial. False after a conflict.
     pub(super) fn put_partial(
         &self,
         task: &ActiveTask<'a>,
@@ -40,7 +39,7 @@ impl<'a> Worker<'a> {
         Ok(false)
     }
 
-    /// The object is no partial of this scene: it gives way, as it does before tracing.
+    /// The object is no partial of this scene, and must be replaced.
     fn is_damaged(&self, task: &ActiveTask<'a>, shard: u32, key: &str) -> Result<bool, FarmError> {
         let Some(there) = self.store.get(key)? else {
             return Ok(false);
@@ -51,15 +50,18 @@ impl<'a> Worker<'a> {
         Ok(!found.is_ok_and(|found| task.job.accepts(&expected, &found)))
     }
 
-    /// Writes a scene's tuple. If another worker has put other bytes there, that is settled, too; false then.
-    pub(super) fn put_tuple(&self, task: &ActiveTask<'a>, files: Files) -> Result<bool, FarmError> {
+    /// Puts a scene's tuple. False after a conflict.
+    pub(super) fn put_tuple(
+        &self,
+        task: &ActiveTask<'a>,
+        files: Vec<(String, Vec<u8>)>,
+    ) -> Result<bool, FarmError> {
         let line = task.job.line;
         let named = |(name, bytes): (String, Vec<u8>)| (keys::tuple(&line.id, &name), bytes.into());
-        let own: Vec<(String, Bytes)> = files.into_iter().map(named).collect();
+        let mut own: Vec<(String, Bytes)> = files.into_iter().map(named).collect();
         match write_tuple(self.store, &own) {
             Err(StoreError::Differs { key, here, there, .. }) => {
                 let first = own.iter().position(|(own, _)| *own == key).unwrap_or(0);
-                let mut own = own;
                 own.swap(0, first);
                 self.disagree(task, [&here, &there], None, &own)?;
                 Ok(false)
@@ -68,15 +70,15 @@ impl<'a> Worker<'a> {
         }
     }
 
-    /// Another worker has put other bytes than the first of `own`, which is all that this worker has to put.
-    pub(super) fn disagree(
+    /// Records a conflict over the first object of `own`, and fails the scene.
+    fn disagree(
         &self,
         task: &ActiveTask<'a>,
         [here, there]: [&str; 2],
         shard: Option<u32>,
         own: &[(String, Bytes)],
     ) -> Result<(), FarmError> {
-        // It may be this machine that went wrong since it was let in.
+        // This machine may have gone wrong since its first check.
         check_golden(self.run, self.options)?;
         let (scene, me) = (&task.job.line.id, &self.options.who.worker);
         let key = &own[0].0;

@@ -5,15 +5,14 @@ use crate::run::{Control, ControlPoll, ControlState, Event, keys};
 use crossbeam::channel::{Receiver, RecvTimeoutError};
 
 impl Worker<'_> {
-    /// Reads the run's control when it is due, and reports a change.
     pub(super) fn poll_control(&self, poll: &mut ControlPoll) {
-        // A child goes on with its task while its parent lets it.
+        // A child process obeys its parent.
         if self.shared_queue.is_some_and(|shared| shared.is_child) {
             return;
         }
         let before = poll.known.clone();
         let mut now = poll.poll(self.store).clone();
-        // A pause of a run that is over meanwhile holds no worker.
+        // A pause must not hold the workers of a run that is over.
         let is_over = || matches!(self.store.get(keys::FINISHED), Ok(Some(_)));
         if now.state == ControlState::Paused && self.shared_queue.is_some() && is_over() {
             now = Control::default();
@@ -24,7 +23,6 @@ impl Worker<'_> {
         }
     }
 
-    /// Polls until `ended` is closed.
     pub(super) fn watch_control(&self, mut poll: ControlPoll, ended: &Receiver<()>) {
         let every = self.store.poll_interval();
         while ended.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {

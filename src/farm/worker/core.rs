@@ -1,9 +1,8 @@
-//! What the threads of a worker share: the machine behind its one lock, and how they do what it asks for.
+//! The state that a worker's threads share: the machine behind its one lock; and how they do the machine's actions.
 
-use super::active_task::ActiveTask;
 use super::costs::Costs;
+use super::jobs::{ActiveTask, Job};
 use super::options::{SharedQueue, WorkOptions};
-use super::pool::Job;
 use super::stop::StopSigns;
 use super::tally::Tally;
 use super::tasks::{Action, TaskId, Tasks, Time};
@@ -16,26 +15,26 @@ use crossbeam::deque::Injector;
 use render::line::SceneLine;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 pub(super) struct Worker<'a> {
     pub(super) run: &'a Run,
     pub(super) store: &'a Store,
     pub(super) queue: &'a dyn Queue,
-    /// Other workers take part in the run.
+    /// Set if other workers take part in the run.
     pub(super) shared_queue: Option<&'a SharedQueue<'a>>,
     pub(super) options: &'a WorkOptions<'a>,
     pub(super) on_event: &'a (dyn Fn(Event) + Sync),
     pub(super) start: Instant,
     pub(super) tasks: Mutex<Tasks<Arc<ActiveTask<'a>>>>,
-    /// For the compute threads, before all else: what is traced is to be in the store soon, and its memory free.
+    /// For the compute threads, before all else: results must soon be in the store, and their memory free.
     pub(super) jobs: Injector<Job<'a>>,
     pub(super) stop: StopSigns,
     pub(super) tally: Tally,
 }
 
 impl<'a> Worker<'a> {
-    /// For one event, or one question: no other lock is taken under this one, and nothing waits under it.
+    /// Held for one event or one question. No other lock is taken under this one, and no thread waits under it.
     pub(super) fn tasks(&self) -> MutexGuard<'_, Tasks<Arc<ActiveTask<'a>>>> {
         self.tasks.lock().expect("no holder of this lock panics")
     }
@@ -44,13 +43,20 @@ impl<'a> Worker<'a> {
         self.start.elapsed()
     }
 
-    /// No further shard starts.
     pub(super) fn must_stop(&self) -> bool {
         let stops = self.stop.any(self.options.stop, self.options.deadline);
         if stops {
             self.tasks().stop();
         }
         stops
+    }
+
+    /// Sleeps, but not beyond a stop.
+    pub(super) fn pause(&self, time: Duration) {
+        let start = Instant::now();
+        while start.elapsed() < time && !self.must_stop() {
+            std::thread::sleep(Duration::from_millis(5).min(time));
+        }
     }
 
     pub(super) fn costs(&self) -> Costs {
@@ -62,13 +68,12 @@ impl<'a> Worker<'a> {
         &run.lines[scene as usize]
     }
 
-    /// Something was done for a task.
     pub(super) fn progress(&self, task: TaskId) {
         let now = self.now();
         self.tasks().progress(task, now);
     }
 
-    /// Does a piece of a task's work; a panic in it costs its scene, not the farm.
+    /// Does a part of a task's work. A panic fails its scene, not the farm.
     pub(super) fn step(&self, task: &ActiveTask, work: impl FnOnce() -> Result<(), FarmError>) {
         self.progress(task.id);
         let done = match catch_unwind(AssertUnwindSafe(work)) {
@@ -85,19 +90,18 @@ impl<'a> Worker<'a> {
         }
     }
 
-    /// A task's scene cannot be done.
     pub(super) fn fail(&self, task: TaskId, reason: &str) -> Result<(), FarmError> {
         let actions = self.tasks().fail(task, reason);
         self.perform(actions)
     }
 
-    /// Does what the machine asks for, in order.
+    /// Does the machine's actions, in order.
     pub(super) fn perform(&self, actions: Vec<Action>) -> Result<(), FarmError> {
         self.perform_in(self.store, actions).map(|_| ())
     }
 
-    /// The same, with this handle of the run's store. Returns how many messages were published. What the queue cannot be
-    /// told ends it without an error: leases that are not given back end by themselves.
+    /// The same, with this handle of the run's store. Returns the number of messages published. A publish that fails ends it
+    /// without an error: leases that are not finished end by themselves.
     pub(super) fn perform_in(&self, store: &Store, actions: Vec<Action>) -> Result<u64, FarmError> {
         let mut published = 0;
         for action in actions {
@@ -123,7 +127,7 @@ impl<'a> Worker<'a> {
                 Action::ForgetAttempt { task, n } => {
                     let shards = [task.shards.start, task.shards.end];
                     let key = keys::attempt(&self.line(task.scene).id, shards, n);
-                    // What cannot be removed counts when the task's next holder is lost, too.
+                    // A record that stays counts only if the task's next worker is lost, too.
                     let _ = store.delete(&[key]);
                 }
                 Action::Publish { messages } => {
@@ -145,7 +149,7 @@ impl<'a> Worker<'a> {
         }
     }
 
-    /// A task's own shards are in the store: whichever worker finds all of the scene's shards there completes it.
+    /// The task's own shards are in the store. The worker that finds all of the scene's shards there completes it.
     fn check_scene(&self, task: TaskId) -> Result<(), FarmError> {
         let Some(active) = self.tasks().payload(task).cloned() else {
             return Ok(());
@@ -164,8 +168,7 @@ impl<'a> Worker<'a> {
         self.perform(actions)
     }
 
-    /// Another worker has made the scene's tuple: this one slept, and what it still has is of no use. True if so; the task
-    /// has ended then.
+    /// Ends the task if another worker has made the scene's tuple, as happens after this one slept. True if so.
     pub(super) fn is_done_elsewhere(&self, task: &ActiveTask<'a>) -> Result<bool, FarmError> {
         if self.shared_queue.is_none() || !is_done(self.store, task.job.line)? {
             return Ok(false);
@@ -176,7 +179,9 @@ impl<'a> Worker<'a> {
     }
 
     pub(super) fn tell_quarantine(&self, line: &SceneLine, reason: &str) {
-        self.tally.add_quarantined(&line.id, reason);
+        let mut quarantined = self.tally.quarantined.lock().expect("no holder of this lock panics");
+        quarantined.push((line.id.clone(), reason.to_owned()));
+        drop(quarantined);
         (self.on_event)(Event::SceneQuarantined {
             scene: line.id.clone(),
             reason: reason.to_owned(),
@@ -184,20 +189,17 @@ impl<'a> Worker<'a> {
         });
     }
 
-    /// A scene failed here in a way that may be this machine's fault.
+    /// Counts a failure that may be this machine's fault. After too many in a row the worker leaves.
     pub(super) fn went_wrong(&self, line: &SceneLine) {
-        let Some(scenes) = self.stop.went_wrong(&line.id) else {
-            return;
-        };
-        if self.shared_queue.is_some() && self.stop.drain() {
-            (self.on_event)(Event::Drained {
-                reason: format!(
-                    "{} scenes in a row failed here ({}): this worker leaves the rest to others; check this machine's \
-                     inputs (--root) and memory, then start it again",
-                    scenes.len(),
-                    scenes.join(", ")
-                ),
-            });
+        let failed = self.stop.went_wrong(&line.id);
+        if let Some(scenes) = failed.filter(|_| self.shared_queue.is_some() && self.stop.drain()) {
+            let reason = format!(
+                "{} scenes in a row failed here ({}): this worker leaves the rest to others; check this machine's \
+                 inputs (--root) and memory, then start it again",
+                scenes.len(),
+                scenes.join(", ")
+            );
+            (self.on_event)(Event::Drained { reason });
         }
     }
 }

@@ -1,32 +1,31 @@
-//! What a worker's work costs, for guessing what is left.
+//! The costs of a worker's work, to estimate the rest.
 
-/// What loading and tracing cost so far.
+/// The mean costs of loading and tracing so far.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::farm) struct Costs {
-    /// A thread's seconds for a shard, of all scenes so far.
-    pub(in crate::farm) shard_s: f64,
+pub(crate) struct Costs {
+    /// A thread's seconds for a shard.
+    pub(crate) shard_s: f64,
     /// Threads that share a task's shards.
-    pub(in crate::farm) threads: f64,
-    /// Seconds to load a scene.
-    pub(in crate::farm) load_s: f64,
+    pub(crate) threads: f64,
+    pub(crate) load_s: f64,
     /// It was measured, not guessed.
-    pub(in crate::farm) load_is_known: bool,
+    pub(crate) load_is_known: bool,
 }
 
 /// Workers whose loads differ by less are equally fast.
 const ALIKE: f64 = 2.0;
-/// No worker is believed to be faster or slower than another one by more than this factor.
+/// The largest factor between two workers that is believed.
 const MOST_TIMES: f64 = 8.0;
 
 impl Costs {
-    /// Unless it is guessed.
-    pub(in crate::farm) fn known_load_s(self) -> Option<f64> {
+    /// None if it is a guess.
+    pub(crate) fn known_load_s(self) -> Option<f64> {
         self.load_is_known.then_some(self.load_s)
     }
 
-    /// How much longer a worker that loads a scene in `load_s` needs for the same work; 1 if that is not known or hardly
-    /// different: loads differ, too.
-    pub(in crate::farm) fn slowness(self, load_s: Option<f64>) -> f64 {
+    /// How many times as long a worker that loads a scene in `load_s` takes for the same work; 1 if that is not known, or too
+    /// little to tell from the differences between scenes.
+    pub(crate) fn slowness(self, load_s: Option<f64>) -> f64 {
         let times = match load_s {
             Some(load_s) if self.load_is_known => load_s / self.load_s.max(1e-6),
             _ => 1.0,
@@ -44,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn loads_tell_who_is_slower() {
+    fn load_times_tell_slow_workers() {
         let costs = Costs { shard_s: 1.0, threads: 1.0, load_s: 0.2, load_is_known: true };
         let of = |load_s| costs.slowness(Some(load_s));
         assert_eq!([of(0.2), of(0.3), of(0.15)], [1.0, 1.0, 1.0]);

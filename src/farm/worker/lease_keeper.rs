@@ -1,5 +1,5 @@
-//! The thread that renews a worker's leases while there is progress, donates work to workers that request it, and requests
-//! work when there is nothing left.
+//! The lease keeper's thread: it renews leases while there is progress, donates work to workers that request it, and
+//! requests work when there is nothing left.
 
 use super::core::Worker;
 use super::options::SharedQueue;
@@ -8,9 +8,9 @@ use crate::farm::queue::Answer;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// Pauses between two requests for work, at least and at most. The simulator chose them.
+/// The shortest and the longest pause between two requests for work, chosen by simulation.
 const REQUEST: [Duration; 2] = [Duration::from_millis(20), Duration::from_secs(10)];
-/// How long one look for requests waits.
+/// One poll for requests waits this long.
 const WAIT: Duration = Duration::from_millis(20);
 
 pub(super) struct LeaseKeeper<'s, 'a> {
@@ -20,7 +20,7 @@ pub(super) struct LeaseKeeper<'s, 'a> {
 }
 
 impl LeaseKeeper<'_, '_> {
-    /// Until the compute threads have ended.
+    /// Ends after the compute threads.
     pub(super) fn run(&self) {
         let (worker, queue) = (self.worker, self.shared.queue);
         let every = self.shared.lease / 3;
@@ -36,11 +36,11 @@ impl LeaseKeeper<'_, '_> {
             }
             if !worker.tasks().is_empty() {
                 pause = REQUEST[0];
-            } else if self.appetite.is_hungry()
+            } else if self.appetite.hungry.load(Ordering::Acquire)
                 && !worker.stop.control.is_paused()
                 && requested.elapsed() > pause
             {
-                // What is donated for it goes through the queue, where this worker waits.
+                // A donation goes through the queue, where this worker waits.
                 queue.request(worker.costs().known_load_s());
                 requested = Instant::now();
                 pause = (pause * 2).min(REQUEST[1]);
@@ -59,7 +59,7 @@ impl LeaseKeeper<'_, '_> {
         !self.worker.must_stop() && !self.worker.tasks().offers(costs, None).is_empty()
     }
 
-    /// Publishes first, leaves alone then.
+    /// Publishes first, and gives up the shards after that.
     fn donate(&self, load_s: Option<f64>) -> u32 {
         let worker = self.worker;
         if worker.must_stop() {
@@ -69,7 +69,7 @@ impl LeaseKeeper<'_, '_> {
         let mut count = 0;
         for offer in offers {
             let (task, shards) = (offer.task, offer.shards());
-            // A queue that cannot be told: the rest stays here, and what was donated before stays donated.
+            // The queue is away: the rest stays here, and earlier donations stand.
             if self.shared.queue.publish(&[offer.message]).is_err() {
                 break;
             }
@@ -77,11 +77,11 @@ impl LeaseKeeper<'_, '_> {
             let actions = worker.tasks().donated(task, shards);
             worker.break_down_if(worker.perform(actions));
         }
-        worker.tally.add_donated(u64::from(count));
+        worker.tally.donated.add(u64::from(count));
         count
     }
 
-    /// Unless this worker hangs.
+    /// Renews all leases, unless this worker hangs.
     fn renew(&self) {
         let (worker, queue) = (self.worker, self.shared.queue);
         let hang = worker.options.hang;

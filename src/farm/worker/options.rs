@@ -1,11 +1,8 @@
-//! How a worker works, and how its work ended.
+//! The options of a worker, and the outcome of its work.
 
-use super::sandbox::Sandbox;
 use crate::farm::fault::Fault;
 use crate::farm::queue::Queue;
-use crate::run::StageSeconds;
-use crate::run::Stop;
-use crate::run::WorkerName;
+use crate::run::{Ending, StageSeconds, Stop, Task, WorkerName};
 use render::ids::SceneId;
 use render::trace::Isa;
 use std::sync::atomic::AtomicBool;
@@ -18,13 +15,12 @@ pub struct WorkOptions<'a> {
     pub isa: Isa,
     /// Set from outside to stop after the shards in flight.
     pub stop: &'a AtomicBool,
-    /// No shard starts after this time.
     pub deadline: Option<Instant>,
     /// This worker's name in attempts and receipts.
     pub who: WorkerName,
     /// A task without any progress for this time counts as hung.
     pub hang: Duration,
-    /// Partials of a scene that is here as a whole wait in memory for so long, for its other shards.
+    /// Partials of a scene that this worker has as a whole stay in memory for this time, until its last shard is traced.
     pub checkpoint: Duration,
     /// Traces tasks that may be dangerous in another process; without it they are traced in this one.
     pub sandbox: Option<&'a dyn Sandbox>,
@@ -54,7 +50,6 @@ impl<'a> WorkOptions<'a> {
 
 /// A queue from which other workers lease, too.
 pub struct SharedQueue<'a> {
-    /// This worker's end of it.
     pub queue: &'a dyn Queue,
     /// A lease that is not renewed for this time goes to another worker.
     pub lease: Duration,
@@ -62,8 +57,40 @@ pub struct SharedQueue<'a> {
     pub on_hung: &'a (dyn Fn(&str) + Sync),
     /// Called before leases are renewed, three times a lease.
     pub on_sign: &'a (dyn Fn() + Sync),
-    /// This process was started by a worker, which records what comes of it.
+    /// This process is a worker's sandbox: the worker records attempts, and has checked the golden shard.
     pub is_child: bool,
+}
+
+/// Traces tasks in a child process, since they may kill it.
+pub trait Sandbox: Sync {
+    /// Traces shards of a scene and writes their results to the run's store. `on_sign` is called while there is progress;
+    /// when `must_stop` returns true the process is ended.
+    fn trace(
+        &self,
+        scene: &SceneId,
+        task: &Task,
+        on_sign: &dyn Fn(),
+        must_stop: &dyn Fn() -> bool,
+    ) -> SandboxEnd;
+}
+
+#[derive(Clone, Debug)]
+pub enum SandboxEnd {
+    /// All of the task is durable, or its scene is in quarantine.
+    Done {
+        /// Tuples written: one or none.
+        merged: u64,
+        traced: u64,
+        resumed: u64,
+        /// Scenes loaded: one or none.
+        loaded: u64,
+        quarantined: Option<String>,
+    },
+    Stopped,
+    /// It died, or made no progress.
+    Lost(Ending),
+    /// It could not work, through no fault of the scene.
+    Failed(String),
 }
 
 #[derive(Debug)]
@@ -78,9 +105,8 @@ pub struct Outcome {
     pub loaded: u64,
     /// Tasks donated to other workers, while working or at the end.
     pub donated: u64,
-    /// Scenes in quarantine, those of earlier times included, with their reasons.
+    /// Scenes in quarantine with their reasons, earlier ones included.
     pub quarantined: Vec<(SceneId, String)>,
     pub stopped: Option<Stop>,
-    /// Where the threads' seconds went.
     pub seconds: StageSeconds,
 }

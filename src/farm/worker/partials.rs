@@ -1,6 +1,6 @@
-//! Fetching the partials that the store has of a scene.
+//! Fetching a scene's partials from the store.
 
-use super::active_task::ActiveTask;
+use super::jobs::ActiveTask;
 use super::pool::ComputeThread;
 use crate::farm::FarmError;
 use crate::run::{Event, keys};
@@ -12,18 +12,18 @@ use std::path::PathBuf;
 const FETCHED_AT_ONCE: usize = 32;
 
 impl<'a> ComputeThread<'_, 'a> {
-    /// The shards whose partials the store has; they are in memory then.
+    /// Fetches all partials of the scene that the store has; returns their shards.
     pub(super) fn fetch_found(&self, task: &ActiveTask<'a>) -> Result<Vec<u32>, FarmError> {
         let (worker, job) = (self.worker, &task.job);
         let mut found = Vec::new();
         if job.layout.len() == 1 {
-            // Its only shard never has a partial.
+            // The only shard of a scene has no partial.
             return Ok(found);
         }
         let mut there: Vec<String> = worker.store.list(&keys::partials(&job.line.id))?;
         there.sort();
         self.fetch(task, &there, |partial| {
-            worker.tally.add_resumed(1);
+            worker.tally.resumed.add(1);
             (worker.on_event)(Event::ShardDone { resumed: true });
             found.push(partial.header.shard);
             job.add(partial);
@@ -31,14 +31,14 @@ impl<'a> ComputeThread<'_, 'a> {
         Ok(found)
     }
 
-    /// Other workers have traced the rest of the scene: fetches it. A partial of theirs that is damaged is traced again.
+    /// Fetches the shards that other workers have traced. A damaged one is traced again.
     pub(super) fn gather(&self, task: &ActiveTask<'a>) -> Result<(), FarmError> {
         let (worker, job) = (self.worker, &task.job);
         let mut missing: BTreeSet<u32> = (0..job.layout.len()).collect();
         missing.retain(|&shard| job.result(shard).is_none());
         let key = |&shard: &u32| keys::partial(&job.line.id, shard);
         let wanted: Vec<String> = missing.iter().map(key).collect();
-        // What is not there was merged by another worker meanwhile, or removed.
+        // A partial may be gone: another worker has merged the scene meanwhile.
         self.fetch(task, &wanted, |partial| {
             missing.remove(&partial.header.shard);
             job.add(partial);
@@ -48,7 +48,7 @@ impl<'a> ComputeThread<'_, 'a> {
         worker.perform(actions)
     }
 
-    /// Fetches partials, some at a time. What is not there, or is none of this scene's, is left out.
+    /// Fetches partials, some at a time. Absent ones and those of other inputs are left out.
     fn fetch(
         &self,
         task: &ActiveTask<'a>,
@@ -65,13 +65,13 @@ impl<'a> ComputeThread<'_, 'a> {
                     take(partial);
                 }
             }
-            // A slow store is no hanging worker.
+            // A worker with a slow store does not hang.
             worker.progress(task.id);
         }
         Ok(())
     }
 
-    /// A partial, if it is one of this scene; else it is removed, to be traced again.
+    /// Decodes a partial; one that is not of this scene is removed, and its shard traced again.
     fn read(
         &self,
         task: &ActiveTask<'a>,

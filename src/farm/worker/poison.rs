@@ -1,5 +1,5 @@
-//! The poison check, between the queue and the compute threads: is a task still to do, was it lost before, can its files
-//! be read?
+//! The poison check of a leased task: whether it is still to do, whether a process was lost with it, and the outcome of
+//! reading its files.
 
 use super::core::Worker;
 use super::tasks::TaskId;
@@ -10,23 +10,22 @@ use crate::run::{
     is_unreadable, keys, mark_lost, poison_check,
 };
 use render::line::SceneLine;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-/// What is to be done with a task.
 pub(super) enum Finding {
-    /// Nothing: its scene is done or set aside, or another worker has it now.
+    /// Its scene is done or set aside, or another worker has it now.
     Over,
-    /// Trace it. A child records no attempt: its parent does.
+    /// It can be traced here. A child process records no attempt: its parent does.
     Fresh(Option<AttemptRecord>),
     /// Its scene may have killed a process.
     Suspect(AttemptRecord),
 }
 
-/// A machine waits so long before it reads files again that it could not read, times how often it tried.
+/// A machine waits this long, times its earlier attempts, before it reads files again that it could not read.
 const READ_AGAIN: Duration = Duration::from_secs(1);
 
 impl Worker<'_> {
-    /// Looks at what is known of a task that was leased, and records the attempt if it is to be traced.
+    /// Checks a leased task, and records the attempt unless it is over.
     pub(super) fn examine(
         &self,
         line: &SceneLine,
@@ -55,7 +54,6 @@ impl Worker<'_> {
             self.perform(actions)?;
             return Ok(Finding::Over);
         }
-        // A task that has failed before is not donated.
         if !records.is_empty() && !self.tasks().pin(task) {
             return Ok(Finding::Over);
         }
@@ -74,7 +72,6 @@ impl Worker<'_> {
         })
     }
 
-    /// How many of a task's shards the store has.
     fn found(&self, line: &SceneLine, lease: &Lease) -> Result<u32, FarmError> {
         if self.run.layout(line).len() == 1 {
             return Ok(0);
@@ -85,14 +82,7 @@ impl Worker<'_> {
         Ok(shards.filter(|shard| own.contains(shard)).count() as u32)
     }
 
-    fn pause(&self, time: Duration) {
-        let start = Instant::now();
-        while start.elapsed() < time && !self.must_stop() {
-            std::thread::sleep(Duration::from_millis(20));
-        }
-    }
-
-    /// A scene's files cannot be read on this machine: on others perhaps.
+    /// Requeues a task whose files this machine cannot read, unless too many attempts failed so.
     pub(super) fn could_not_read(
         &self,
         line: &SceneLine,
@@ -101,7 +91,7 @@ impl Worker<'_> {
         reason: &str,
     ) -> Result<(), FarmError> {
         if !self.tasks().pin(task) {
-            // Another worker has it: let it see for itself.
+            // It was donated meanwhile.
             return Ok(());
         }
         if let Some(record) = record {

@@ -1,45 +1,14 @@
-//! The compute threads: each does a job of a task if there is one, else traces a band of a shard from its own deque, else
-//! steals one from the others', and only when there is nothing to steal does it load the next scene and fill its own deque.
+//! The compute threads. Each does a job if there is one, else traces a band from its own deque, else steals one from the
+//! others'; only when there is nothing to steal does it load the next scene and fill its own deque.
 
-use super::active_task::ActiveTask;
 use super::core::Worker;
-use super::finished::FinishedScene;
-use super::prefetch::Loaded;
-use super::writer::Order;
+use super::jobs::{Band, Loaded, Order};
 use crossbeam::channel::{Receiver, Sender, TryRecvError};
 use crossbeam::deque::{Steal, Stealer, Worker as Deque};
 use render::color::SrgbEncoder;
-use std::sync::Arc;
 use std::time::Duration;
 
-/// A piece of work that the machine has asked for.
-pub(super) enum Job<'a> {
-    /// Encode a shard's partial for the writer.
-    Seal(Arc<ActiveTask<'a>>, u32),
-    /// Fetch the shards of other workers.
-    Gather(Arc<ActiveTask<'a>>),
-    Merge(Arc<ActiveTask<'a>>),
-    /// Encode a file of a tuple for the writer.
-    Encode(Arc<FinishedScene<'a>>, usize),
-}
-
-impl<'a> Job<'a> {
-    fn task(&self) -> Arc<ActiveTask<'a>> {
-        match self {
-            Self::Seal(task, _) | Self::Gather(task) | Self::Merge(task) => Arc::clone(task),
-            Self::Encode(scene, _) => Arc::clone(&scene.task),
-        }
-    }
-}
-
-/// One band of a shard of a task.
-pub(super) struct Band<'a> {
-    pub(super) task: Arc<ActiveTask<'a>>,
-    pub(super) shard: u32,
-    pub(super) index: u32,
-}
-
-/// What all compute threads have in common.
+/// Shared by all compute threads.
 pub(super) struct Pool<'a> {
     pub(super) files: Receiver<Loaded<'a>>,
     pub(super) stealers: Vec<Stealer<Band<'a>>>,
@@ -54,13 +23,10 @@ pub(super) struct ComputeThread<'s, 'a> {
     pub(super) writer: Sender<Order<'a>>,
 }
 
-/// While there is nothing to do.
 const IDLE: Duration = Duration::from_micros(500);
-/// While the run is paused.
 const PAUSED: Duration = Duration::from_millis(5);
 
 impl<'a> ComputeThread<'_, 'a> {
-    /// Until there is nothing left to do, or work must stop.
     pub(super) fn run(&self) {
         let worker = self.worker;
         while !worker.stop.is_broken() {
@@ -87,7 +53,7 @@ impl<'a> ComputeThread<'_, 'a> {
             match self.pool.files.try_recv() {
                 Ok(loaded) => self.open(loaded),
                 Err(error) => {
-                    // No thread ends while another may still share its scene's shards.
+                    // A thread stays while another may still share its scene's shards.
                     if error == TryRecvError::Disconnected && worker.tasks().is_empty() {
                         return;
                     }
@@ -111,7 +77,6 @@ impl<'a> ComputeThread<'_, 'a> {
     }
 }
 
-/// Takes something from a deque that others take from, too.
 fn take<T>(steal: impl Fn() -> Steal<T>) -> Option<T> {
     loop {
         match steal() {

@@ -1,11 +1,12 @@
 //! The prefetch thread: it leases tasks from the queue and reads their scenes' files before compute threads need them.
 
 use super::core::Worker;
+use super::jobs::Loaded;
 use super::poison::Finding;
 use super::tasks::TaskId;
 use crate::farm::FarmError;
 use crate::farm::queue::{Lease, Taken};
-use crate::run::{Event, Stage, Stopwatch, Task, keys};
+use crate::run::{Event, Stage, Stopwatch, keys};
 use crate::store::StoreError;
 use crossbeam::channel::Sender;
 use render::line::SceneLine;
@@ -14,41 +15,27 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// A task and its scene's files.
-pub(super) struct Loaded<'a> {
-    pub(super) line: &'a SceneLine,
-    pub(super) task: TaskId,
-    pub(super) leased: Task,
-    pub(super) files: Result<SceneFiles, LoadError>,
-}
-
-/// How long one call waits for a task; a stop is noticed in between.
+/// One call waits this long for a task; a stop is noticed in between.
 const WAIT: Duration = Duration::from_millis(500);
-/// Between two looks whether another task is needed.
+/// Between two checks whether another task is needed.
 const PAUSE: Duration = Duration::from_millis(5);
-/// Between two calls that do not wait.
+/// Between two calls that do not wait, and between two checks whether a pause is over.
 const AGAIN: Duration = Duration::from_millis(50);
-/// Between two looks whether a pause is over.
-const HOLD: Duration = Duration::from_millis(50);
-/// Between two looks whether the run is over, when there is nothing to do.
-const LOOK: Duration = Duration::from_secs(1);
-/// Between two complaints about a queue that is away.
+/// Between two checks whether the run is over, when there is nothing to do.
+const CHECK_OVER: Duration = Duration::from_secs(1);
+/// Between two reports that the queue is away.
 const COMPLAIN: Duration = Duration::from_secs(30);
 
-/// What the prefetch thread and the lease keeper tell each other.
+/// State that the prefetch thread and the lease keeper share.
 #[derive(Default)]
 pub(super) struct Appetite {
     /// There is nothing to do here, and nothing in the queue.
-    hungry: AtomicBool,
-    /// In which time other workers load a scene; 0 if none has told.
+    pub(super) hungry: AtomicBool,
+    /// Mean time in which other workers load a scene; 0 if it is not known.
     others_load_us: AtomicU64,
 }
 
 impl Appetite {
-    pub(super) fn is_hungry(&self) -> bool {
-        self.hungry.load(Ordering::Acquire)
-    }
-
     fn set_hungry(&self, hungry: bool) {
         self.hungry.store(hungry, Ordering::Release);
     }
@@ -58,7 +45,7 @@ impl Appetite {
         let Some(load_s) = load_s else { return };
         let known = self.others_load_us.load(Ordering::Relaxed);
         let heard = (load_s * 1e6) as u64;
-        // Scenes differ, and so do workers: the mean of what was heard, the latest most.
+        // Scenes and workers differ: a mean in which the latest counts most.
         let mean = if known == 0 { heard } else { u64::midpoint(known, heard) };
         self.others_load_us.store(mean.max(1), Ordering::Relaxed);
     }
@@ -76,11 +63,10 @@ pub(super) struct Prefetcher<'s, 'a> {
 }
 
 impl<'a> Prefetcher<'_, 'a> {
-    /// Until the queue ends, the run is over or work must stop.
     pub(super) fn run(&self) {
         let worker = self.worker;
         let is_shared = worker.shared_queue.is_some();
-        let (mut looked, mut complained) = (Instant::now(), None::<Instant>);
+        let (mut checked, mut complained) = (Instant::now(), None::<Instant>);
         let mut hungry_since = None;
         while !worker.must_stop() {
             if is_shared && worker.tasks().has_enough(self.ahead(), worker.costs()) {
@@ -102,7 +88,7 @@ impl<'a> Prefetcher<'_, 'a> {
                     self.appetite.set_hungry(idle);
                     hungry_since = idle.then(|| hungry_since.unwrap_or_else(Instant::now));
                     if is_shared {
-                        self.pause_before_looking(idle);
+                        self.pause(idle);
                     }
                 }
                 Taken::Ended => return,
@@ -117,8 +103,8 @@ impl<'a> Prefetcher<'_, 'a> {
                     }
                 }
             }
-            if is_shared && looked.elapsed() > LOOK {
-                looked = Instant::now();
+            if is_shared && checked.elapsed() > CHECK_OVER {
+                checked = Instant::now();
                 if self.is_run_over() {
                     return;
                 }
@@ -126,7 +112,7 @@ impl<'a> Prefetcher<'_, 'a> {
         }
     }
 
-    /// Tasks to have read before they are needed. Beside other workers nothing is hoarded.
+    /// Number of tasks to have read before they are needed: few, for other workers need them, too.
     fn ahead(&self) -> usize {
         self.worker.options.threads.div_ceil(4)
     }
@@ -134,8 +120,8 @@ impl<'a> Prefetcher<'_, 'a> {
     /// How long to wait at the queue for a task.
     ///
     /// A busy worker must not wait there, or it takes work donated for an idle one. Slow workers poll, too: a donation to
-    /// them would finish last. All other idle workers wait there all the time, and request work besides; but the first
-    /// times not for long, until they know how fast others are.
+    /// them would finish last. All other idle workers wait there, and request work besides; at first for short times, until
+    /// they know how fast others are.
     fn wait(&self, idle: bool, hungry_since: Option<Instant>) -> Duration {
         match hungry_since {
             _ if self.worker.shared_queue.is_none() => WAIT,
@@ -144,47 +130,43 @@ impl<'a> Prefetcher<'_, 'a> {
         }
     }
 
-    /// This worker needs longer than others for the same, as far as is known.
+    /// This worker is slower than others, as far as is known.
     fn is_slower(&self) -> bool {
         let others_load_s = self.appetite.others_load_s();
         others_load_s.is_some() && self.worker.costs().slowness(others_load_s) < 1.0
     }
 
-    /// After a look at an empty queue. A worker that waits there looks again at once.
-    fn pause_before_looking(&self, idle: bool) {
+    /// After a poll of an empty queue. A worker that waits there polls again at once.
+    fn pause(&self, idle: bool) {
         if !idle {
             std::thread::sleep(AGAIN);
         } else if self.is_slower() {
-            let since = Instant::now();
-            while since.elapsed() < WAIT && !self.worker.must_stop() {
-                std::thread::sleep(PAUSE);
-            }
+            self.worker.pause(WAIT);
         }
     }
 
-    /// As its coordinator says. A store that is away says nothing.
+    /// The coordinator has finished the run. False if the store is away.
     fn is_run_over(&self) -> bool {
         let store = self.worker.store.with_patience(Duration::ZERO);
         matches!(store.get(keys::FINISHED), Ok(Some(_)))
     }
 
-    /// The next task; while the run is paused none that another worker could have later.
+    /// Leases the next task; none while a shared run is paused.
     fn take(&self, wait: Duration) -> Taken {
         let worker = self.worker;
         if worker.shared_queue.is_none() || !worker.stop.control.is_paused() {
             return worker.queue.take(wait);
         }
-        std::thread::sleep(HOLD);
+        std::thread::sleep(AGAIN);
         Taken::Nothing
     }
 
-    /// Examines a task, reads its files and passes them on. False: they are not taken any more.
+    /// Examines a task, reads its files and passes them on. False if work must stop.
     fn prepare(&self, lease: &Lease) -> bool {
         let worker = self.worker;
         let now = worker.now();
         let task = worker.tasks().lease(lease, now);
         let Some(task) = task else {
-            // It is here already.
             return true;
         };
         match self.examine_and_read(lease, task) {
@@ -229,7 +211,7 @@ impl<'a> Prefetcher<'_, 'a> {
         Ok(Some(Loaded { line, task, leased, files }))
     }
 
-    /// A store that is away or closed is an error of this worker's, and no fault of the scene.
+    /// The outer error is of the store, which is no fault of the scene.
     fn read(&self, line: &SceneLine) -> Result<Result<SceneFiles, LoadError>, StoreError> {
         let start = Stopwatch::start();
         let run = self.worker.run;
@@ -242,7 +224,7 @@ impl<'a> Prefetcher<'_, 'a> {
         }
     }
 
-    /// Another machine may be able to read what this one cannot.
+    /// Another machine may be able to read the file.
     fn may_be_mine(&self, error: &LoadError) -> bool {
         let shared_queue = self.worker.shared_queue;
         shared_queue.is_some_and(|shared| !shared.is_child)
@@ -263,7 +245,7 @@ impl<'a> Prefetcher<'_, 'a> {
     }
 }
 
-/// The error of a file, unless it is that of a store.
+/// Separates an error of the store from one of a file.
 fn without_store(error: LoadError) -> Result<LoadError, StoreError> {
     match error {
         LoadError::Read { path, source } => match source.downcast::<StoreError>() {

@@ -1,4 +1,4 @@
-//! Why a worker stops: it is told to, its time is over, its machine is at fault, or the farm broke.
+//! The reasons for which a worker stops: a signal, its time limit, a cancelled run, its machine's failures, or an error.
 
 use crate::farm::FarmError;
 use crate::run::{ControlFlag, Stop};
@@ -8,10 +8,10 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// So many scenes in a row that fail on one worker are its own fault.
+/// After this many failed scenes in a row the machine counts as faulty.
 const FAILURES_IN_A_ROW: usize = 3;
 
-/// Each stays once it is set.
+/// Signs that stay once they are set.
 #[derive(Default)]
 pub(super) struct StopSigns {
     timed_out: AtomicBool,
@@ -19,16 +19,13 @@ pub(super) struct StopSigns {
     cancelled: AtomicBool,
     broken: AtomicBool,
     failure: Mutex<Option<FarmError>>,
-    /// Scenes that failed since the last one that did not.
+    /// Scenes that failed since the last success.
     failing: Mutex<BTreeSet<SceneId>>,
-    /// What the run has been told.
     pub(super) control: ControlFlag,
-    /// The compute threads have ended.
     pub(super) over: AtomicBool,
 }
 
 impl StopSigns {
-    /// No further shard starts; `asked` from outside, or after `deadline`.
     pub(super) fn any(&self, asked: &AtomicBool, deadline: Option<Instant>) -> bool {
         if deadline.is_some_and(|deadline| Instant::now() >= deadline) {
             self.timed_out.store(true, Ordering::Relaxed);
@@ -40,14 +37,14 @@ impl StopSigns {
         signs.iter().any(|sign| sign.load(Ordering::Relaxed))
     }
 
-    /// The first error is the one that is told.
+    /// Only the first error is reported.
     pub(super) fn break_down(&self, error: FarmError) {
         self.broken.store(true, Ordering::Relaxed);
         let mut failure = self.failure.lock().expect("no holder of this lock panics");
         failure.get_or_insert(error);
     }
 
-    /// A thread is gone; the scope that joins it tells why.
+    /// For a thread that is gone: joining it tells why.
     pub(super) fn break_down_silently(&self) {
         self.broken.store(true, Ordering::Relaxed);
     }
@@ -60,13 +57,12 @@ impl StopSigns {
         self.cancelled.load(Ordering::Relaxed)
     }
 
-    /// A scene, or a part of it, was done here.
+    /// A scene, or a part of one, succeeded here.
     pub(super) fn went_well(&self) {
         self.failing.lock().expect("no holder of this lock panics").clear();
     }
 
-    /// A scene failed here in a way that may be this machine's fault. The scenes that failed in a row, if those are too
-    /// many.
+    /// Counts a failure that may be this machine's fault. Returns the scenes that failed in a row if they are too many.
     pub(super) fn went_wrong(&self, scene: &SceneId) -> Option<Vec<String>> {
         let mut failing = self.failing.lock().expect("no holder of this lock panics");
         failing.insert(scene.clone());
@@ -74,7 +70,7 @@ impl StopSigns {
         (failing.len() >= FAILURES_IN_A_ROW).then(scenes)
     }
 
-    /// This worker leaves the rest to others. False if it does so already.
+    /// Leaves the rest to other workers. False if that was so already.
     pub(super) fn drain(&self) -> bool {
         !self.drained.swap(true, Ordering::AcqRel)
     }
@@ -83,7 +79,6 @@ impl StopSigns {
         self.failure.lock().expect("no holder of this lock panics").take()
     }
 
-    /// Why work ended before the end.
     pub(super) fn reason(&self, asked: &AtomicBool) -> Option<Stop> {
         let reasons = [
             (&self.drained, Stop::Drained),

@@ -1,4 +1,4 @@
-//! What a worker has done, and what it cost.
+//! Counts and costs of a worker's work.
 
 use super::costs::Costs;
 use super::options::Outcome;
@@ -7,73 +7,55 @@ use render::ids::SceneId;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Counts, and seconds by stage and by scene.
+#[derive(Default)]
+pub(super) struct Count(AtomicU64);
+
+impl Count {
+    pub(super) fn add(&self, count: u64) {
+        self.0.fetch_add(count, Ordering::Relaxed);
+    }
+
+    fn get(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
 pub(super) struct Tally {
-    merged: AtomicU64,
-    traced: AtomicU64,
-    resumed: AtomicU64,
-    donated: AtomicU64,
-    loads: AtomicU64,
-    /// Those of children, which did not cost this process anything.
-    sandboxed_loads: AtomicU64,
-    quarantined: Mutex<Vec<(SceneId, String)>>,
+    pub(super) merged: Count,
+    pub(super) traced: Count,
+    pub(super) resumed: Count,
+    pub(super) donated: Count,
+    pub(super) loads: Count,
+    /// Loads of child processes, which cost this process nothing.
+    pub(super) sandboxed_loads: Count,
+    pub(super) quarantined: Mutex<Vec<(SceneId, String)>>,
     pub(super) seconds: StageSeconds,
-    /// What tracing cost here, by scene.
     pub(super) scene_seconds: SceneSeconds,
 }
 
 impl Tally {
     pub(super) fn begin() -> Self {
         Self {
-            merged: AtomicU64::new(0),
-            traced: AtomicU64::new(0),
-            resumed: AtomicU64::new(0),
-            donated: AtomicU64::new(0),
-            loads: AtomicU64::new(0),
-            sandboxed_loads: AtomicU64::new(0),
+            merged: Count::default(),
+            traced: Count::default(),
+            resumed: Count::default(),
+            donated: Count::default(),
+            loads: Count::default(),
+            sandboxed_loads: Count::default(),
             quarantined: Mutex::default(),
             seconds: StageSeconds::begin(),
             scene_seconds: SceneSeconds::default(),
         }
     }
 
-    pub(super) fn add_merged(&self, count: u64) {
-        self.merged.fetch_add(count, Ordering::Relaxed);
-    }
-
-    pub(super) fn add_traced(&self, count: u64) {
-        self.traced.fetch_add(count, Ordering::Relaxed);
-    }
-
-    pub(super) fn add_resumed(&self, count: u64) {
-        self.resumed.fetch_add(count, Ordering::Relaxed);
-    }
-
-    pub(super) fn add_donated(&self, count: u64) {
-        self.donated.fetch_add(count, Ordering::Relaxed);
-    }
-
-    pub(super) fn add_load(&self) {
-        self.loads.fetch_add(1, Ordering::Relaxed);
-    }
-
-    pub(super) fn add_sandboxed_loads(&self, count: u64) {
-        self.sandboxed_loads.fetch_add(count, Ordering::Relaxed);
-    }
-
-    pub(super) fn add_quarantined(&self, scene: &SceneId, reason: &str) {
-        let mut quarantined = self.quarantined.lock().expect("no holder of this lock panics");
-        quarantined.push((scene.clone(), reason.to_owned()));
-    }
-
-    /// What a shard and a scene cost on `threads` threads so far.
+    /// The mean costs of a shard and of a load so far, or a guess.
     pub(super) fn costs(&self, threads: usize) -> Costs {
         let seconds = self.seconds.all();
         let of = |stage: &str| {
             let found = seconds.iter().find(|(name, _)| *name == stage);
             found.map_or(0.0, |(_, s)| *s)
         };
-        let mean = |sum: f64, count: &AtomicU64, guess: f64| match count.load(Ordering::Relaxed) {
+        let mean = |sum: f64, count: &Count, guess: f64| match count.get() {
             0 => guess,
             n => sum / n as f64,
         };
@@ -81,7 +63,7 @@ impl Tally {
             shard_s: mean(of("trace"), &self.traced, 0.4),
             threads: threads.max(1) as f64,
             load_s: mean(of("read") + of("decode"), &self.loads, 0.1),
-            load_is_known: self.loads.load(Ordering::Relaxed) > 0,
+            load_is_known: self.loads.get() > 0,
         }
     }
 
@@ -90,12 +72,12 @@ impl Tally {
         let mut quarantined = quarantined.expect("no holder of this lock panics");
         quarantined.sort();
         Outcome {
-            merged: self.merged.into_inner(),
+            merged: self.merged.get(),
             already_merged: 0,
-            traced: self.traced.into_inner(),
-            resumed: self.resumed.into_inner(),
-            loaded: self.loads.into_inner() + self.sandboxed_loads.into_inner(),
-            donated: self.donated.into_inner(),
+            traced: self.traced.get(),
+            resumed: self.resumed.get(),
+            loaded: self.loads.get() + self.sandboxed_loads.get(),
+            donated: self.donated.get(),
             quarantined,
             stopped,
             seconds: self.seconds,

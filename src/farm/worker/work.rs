@@ -1,31 +1,35 @@
-//! A worker: one process, some threads, until nothing is left to do.
+//! A worker: one process, some threads, until the run is over.
 
 use super::core::Worker;
+use super::jobs::Band;
 use super::lease_keeper::LeaseKeeper;
 use super::options::{Outcome, SharedQueue, WorkOptions};
-use super::pool::{Band, ComputeThread, Pool};
+use super::pool::{ComputeThread, Pool};
 use super::prefetch::{Appetite, Prefetcher};
 use super::stop::StopSigns;
 use super::tally::Tally;
 use super::tasks::Tasks;
-use super::work_log::work_log;
 use super::writer::Writer;
 use crate::farm::FarmError;
 use crate::farm::queue::{LocalQueue, Message, Queue, QueueKeeper};
 use crate::farm::sweep::sweep;
-use crate::run::{AccessError, ControlPoll, Event, LogTime, Run, Scope, Snapshot, Task, keys};
+use crate::run::{
+    AccessError, ControlPoll, Event, LogTime, Run, Scope, Snapshot, Task, WORK_LOG_SCHEMA, WorkLog,
+    keys,
+};
 use crate::store::Store;
 use crossbeam::channel::bounded;
 use crossbeam::deque::{Injector, Worker as Deque};
 use render::color::SrgbEncoder;
 use render::ids::SceneId;
 use render::shard::golden;
+use render::trace::TRACER_VERSION;
 use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
-/// Traces and merges all that the run lacks, alone.
+/// Does all that the run lacks, as its only worker.
 pub fn work(
     run: &Run,
     options: &WorkOptions,
@@ -38,12 +42,12 @@ pub fn work(
     let queue = LocalQueue::new(None);
     let scope = Scope { workers: true, ..Scope::DONE };
     let snapshot = Snapshot::take(run, &store, scope)?;
-    // No other process works here: an attempt that stands was lost.
+    // No other process works on this run: the process of every recorded attempt is gone.
     let lost: BTreeSet<&SceneId> = snapshot.attempts().map(|a| &a.record.scene).collect();
     let (mut shards, mut waiting, mut suspects) = (0, Vec::new(), Vec::new());
     for scene in snapshot.missing() {
         let id = &run.lines[scene].id;
-        // No tuple of this scene is there, and no other process works here: what is in its folder is of no use.
+        // The scene has no tuple, and no other process writes one: the rest in its folder is of no use.
         store.remove_folder(&keys::tuple_folder(id))?;
         shards += u64::from(snapshot.shards(scene));
         if lost.contains(id) {
@@ -68,7 +72,7 @@ pub fn work(
     Ok(outcome)
 }
 
-/// Works on what a queue gives until the run is over, beside other workers.
+/// Works on the tasks of a shared queue until the run is over. A child process trusts its parent's check of the golden shard.
 pub fn work_shared(
     run: &Run,
     store: &Store,
@@ -76,25 +80,16 @@ pub fn work_shared(
     options: &WorkOptions,
     on_event: &(dyn Fn(Event) + Sync),
 ) -> Result<Outcome, FarmError> {
-    check_golden(run, options)?;
-    let shards = run.lines.iter().map(|l| u64::from(run.layout(l).len()));
-    on_event(Event::Started { shards: shards.sum(), scenes: run.lines.len() as u64 });
+    if !shared.is_child {
+        check_golden(run, options)?;
+        let shards = run.lines.iter().map(|l| u64::from(run.layout(l).len()));
+        on_event(Event::Started { shards: shards.sum(), scenes: run.lines.len() as u64 });
+    }
     work_on(run, store, shared.queue, Some(shared), options, on_event)
 }
 
-/// Works on a queue that this process has for itself, of a run on which others work, too. It records nothing: the worker
-/// that started this process does.
-pub fn work_span(
-    run: &Run,
-    store: &Store,
-    shared: &SharedQueue,
-    options: &WorkOptions,
-    on_event: &(dyn Fn(Event) + Sync),
-) -> Result<Outcome, FarmError> {
-    work_on(run, store, shared.queue, Some(shared), options, on_event)
-}
-
-pub(in crate::farm) fn whole(run: &Run, scene: usize) -> Message {
+/// The message of a whole scene.
+pub(crate) fn whole(run: &Run, scene: usize) -> Message {
     let shards = 0..run.layout(&run.lines[scene]).len();
     Message { task: Task { scene: scene as u32, shards }, hops: 0 }
 }
@@ -135,17 +130,13 @@ fn work_on<'a>(
     let began = LogTime::now();
     run_threads(&worker);
     let cancelled = worker.stop.is_cancelled();
-    let actions = if cancelled {
-        // Nothing is wanted back.
-        worker.tasks().cancel()
-    } else {
-        worker.tasks().requeue_all()
-    };
-    // A store is not waited for that has just been in vain. If the server is away, the leases end by themselves.
+    // The tasks of a cancelled run are not wanted back.
+    let actions = if cancelled { worker.tasks().cancel() } else { worker.tasks().requeue_all() };
+    // The store may just have failed: it is not waited for again. If it is away, the leases end by themselves.
     let hurried = store.with_patience(Duration::ZERO);
     let requeued = worker.perform_in(if cancelled { store } else { &hurried }, actions);
     if shared_queue.is_some() {
-        worker.tally.add_donated(requeued.unwrap_or(0));
+        worker.tally.donated.add(requeued.unwrap_or(0));
     }
     if let Some(error) = worker.stop.take_failure() {
         return Err(error);
@@ -154,11 +145,33 @@ fn work_on<'a>(
     let stopped = worker.stop.reason(options.stop);
     let outcome = worker.tally.outcome(stopped);
     let is_child = shared_queue.is_some_and(|queue| queue.is_child);
-    work_log(&outcome, options, scenes, is_child, &began).leave(store);
+    let since_1970 = began.clock.duration_since(SystemTime::UNIX_EPOCH);
+    let named = |seconds: &[(&'static str, f64)]| {
+        seconds.iter().map(|(stage, s)| ((*stage).to_owned(), *s)).collect()
+    };
+    let log = WorkLog {
+        schema: WORK_LOG_SCHEMA.to_owned(),
+        worker: options.who.worker.clone(),
+        host: options.who.host.clone(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        tracer_version: TRACER_VERSION,
+        is_child,
+        threads: options.threads.max(1) as u32,
+        started_unix_s: since_1970.unwrap_or_default().as_secs_f64(),
+        wall_s: began.start.elapsed().as_secs_f64(),
+        stopped: outcome.stopped.map(|stop| stop.name().to_owned()),
+        merged: outcome.merged,
+        shards_traced: outcome.traced,
+        shards_resumed: outcome.resumed,
+        scenes_loaded: outcome.loaded,
+        thread_seconds: named(&outcome.seconds.all()),
+        cpu_seconds: named(&outcome.seconds.cpu()),
+        scenes,
+    };
+    log.leave(store);
     Ok(outcome)
 }
 
-/// Until all threads have ended.
 fn run_threads(worker: &Worker) {
     let threads = worker.options.threads.max(1);
     let (sender, files) = bounded(threads);

@@ -1,31 +1,11 @@
 //! The writer thread: it waits for the store, so that no compute thread has to.
 
-use super::active_task::ActiveTask;
 use super::core::Worker;
-use super::finished::Encoded;
+use super::jobs::{ActiveTask, EncodedTuple, Objects, Order};
 use crate::farm::FarmError;
 use crate::farm::tuples::write_noise;
 use crate::run::{Event, Provenance, Stage, Stopwatch};
 use crossbeam::channel::Receiver;
-use std::sync::Arc;
-
-/// Something to write, encoded already.
-pub(super) struct Order<'a> {
-    pub(super) task: Arc<ActiveTask<'a>>,
-    pub(super) what: What,
-}
-
-pub(super) enum What {
-    Partial {
-        shard: u32,
-        bytes: Vec<u8>,
-    },
-    /// A scene's tuple; when it is in the store, the scene's partials are removed.
-    Tuple {
-        encoded: Encoded,
-        miss_share: f64,
-    },
-}
 
 pub(super) struct Writer<'s, 'a> {
     pub(super) worker: &'s Worker<'a>,
@@ -33,17 +13,16 @@ pub(super) struct Writer<'s, 'a> {
 }
 
 impl<'a> Writer<'_, 'a> {
-    /// Writes all that is ordered, also after a stop; once the farm is broken only takes it, so that no thread waits.
+    /// Writes all orders, also after a stop. Once the farm is broken it drops them, so that no thread waits.
     pub(super) fn run(&self) {
         let worker = self.worker;
-        for Order { task, what } in &self.orders {
-            // What is left of a task that has ended is of no use.
+        for Order { task, objects } in &self.orders {
             if worker.stop.is_broken() || !worker.tasks().has(task.id) {
                 continue;
             }
-            worker.step(&task, || match what {
-                What::Partial { shard, bytes } => self.partial(&task, shard, bytes),
-                What::Tuple { encoded, miss_share } => self.tuple(&task, encoded, miss_share),
+            worker.step(&task, || match objects {
+                Objects::Partial(shard, bytes) => self.partial(&task, shard, bytes),
+                Objects::Tuple(encoded) => self.tuple(&task, encoded),
             });
         }
     }
@@ -53,7 +32,7 @@ impl<'a> Writer<'_, 'a> {
         let start = Stopwatch::start();
         let put = worker.put_partial(task, shard, &bytes.into());
         if put.is_err() && worker.is_done_elsewhere(task)? {
-            // Its folder went while this was being written.
+            // The scene's folder of partials was removed during the put.
             return Ok(());
         }
         if !put? {
@@ -64,36 +43,32 @@ impl<'a> Writer<'_, 'a> {
         worker.perform(actions)
     }
 
-    fn tuple(
-        &self,
-        task: &ActiveTask<'a>,
-        encoded: Encoded,
-        miss_share: f64,
-    ) -> Result<(), FarmError> {
-        let (worker, line) = (self.worker, task.job.line);
+    fn tuple(&self, task: &ActiveTask<'a>, encoded: EncodedTuple) -> Result<(), FarmError> {
+        let (worker, scene) = (self.worker, &task.job.line.id);
         let start = Stopwatch::start();
-        // Made before the tuple is there: from then on others may take away the notes that it is made from.
+        // Made before the tuple is there: from then on others may remove the notes from which it is made.
         let receipt = self.receipt(task);
         if let Some(noise) = encoded.noise {
-            write_noise(worker.store, line, &noise);
+            write_noise(worker.store, task.job.line, &noise);
         }
         if !worker.put_tuple(task, encoded.files)? {
             return Ok(());
         }
         if let Some(receipt) = receipt {
             // Nothing depends on it.
-            let _ = receipt.put(worker.store, &line.id);
+            let _ = receipt.put(worker.store, scene);
         }
         worker.tally.seconds.add(Stage::Write, start.spent());
-        worker.tally.add_merged(1);
+        worker.tally.merged.add(1);
         worker.stop.went_well();
         let actions = worker.tasks().merged(task.id);
         let done = worker.perform(actions);
-        (worker.on_event)(Event::SceneMerged { scene: line.id.clone(), miss_share });
+        let (scene, miss_share) = (scene.clone(), encoded.miss_share);
+        (worker.on_event)(Event::SceneMerged { scene, miss_share });
         done
     }
 
-    /// Beside other workers: which worker makes the tuple.
+    /// Among other workers, the record of the worker that makes the tuple.
     fn receipt(&self, task: &ActiveTask<'a>) -> Option<Provenance> {
         let worker = self.worker;
         worker.shared_queue?;

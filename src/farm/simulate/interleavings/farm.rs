@@ -1,11 +1,11 @@
-//! The farm: queue, store, network, coordinator; and the choice of the next step.
+//! The farm around the workers: queue, store, network and coordinator; and the choice of the next step.
 
 use super::super::case::mix;
 use super::super::queue::{Delivered, Queue, Sequence};
 use super::Mistake;
-use super::worker::{Job, Publication, Worker};
+use super::worker::{Job, Step, Worker};
 use crate::farm::queue::{Lease, Message};
-use crate::farm::worker::tasks::{TaskId, Time};
+use crate::farm::worker::tasks::Time;
 use crate::run::Task;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,44 +13,37 @@ pub(super) const SCENES: u32 = 2;
 pub(super) const SHARDS: u32 = 5;
 const WORKERS: usize = 3;
 
-/// On its way between a worker and the queue.
+/// A packet between a worker and the queue. Numbers name publications.
 #[derive(Clone, Debug)]
 pub(super) enum Packet {
-    Publish(Publication, Message),
-    Confirm(Publication),
+    Publish(u64, Message),
+    Confirm(u64),
     Acknowledge(Sequence),
 }
 
-/// Scene, first shard, one past the last, number.
-pub(super) type Record = (u32, u32, u32, u32);
-
-/// What is in the store: digests by what they are of.
+/// Digests of the objects in the store, and the records of attempts.
 #[derive(Default)]
 pub(super) struct Store {
     pub(super) partials: BTreeMap<(u32, u32), u64>,
     pub(super) tuples: BTreeMap<u32, u64>,
-    /// Records of attempts, and whose they are: worker and incarnation.
-    pub(super) attempts: BTreeMap<Record, (usize, u32)>,
-    /// Partials that were there once.
-    stored: BTreeSet<(u32, u32)>,
+    /// By record: the worker that must remove it, if one must.
+    pub(super) attempts: BTreeMap<[u32; 4], Option<u32>>,
+    /// Partials that were put at any time.
+    put: BTreeSet<(u32, u32)>,
 }
 
 impl Store {
-    pub(super) fn has_all(&self, scene: u32) -> bool {
-        (0..SHARDS).all(|shard| self.partials.contains_key(&(scene, shard)))
+    /// The scene's shards whose partials are there.
+    pub(super) fn found(&self, scene: u32) -> Vec<u32> {
+        self.partials.range((scene, 0)..(scene + 1, 0)).map(|(&(_, shard), _)| shard).collect()
     }
 
-    pub(super) fn put_partial(
-        &mut self,
-        scene: u32,
-        shard: u32,
-        digest: u64,
-    ) -> Result<(), String> {
-        self.stored.insert((scene, shard));
-        put(&mut self.partials, (scene, shard), digest)
+    pub(super) fn put_partial(&mut self, at: (u32, u32), digest: u64) -> Result<(), String> {
+        self.put.insert(at);
+        let there = *self.partials.entry(at).or_insert(digest);
+        if there == digest { Ok(()) } else { Err(format!("other bytes for {at:?}")) }
     }
 
-    /// Of the shards that the tuple is made from.
     pub(super) fn put_tuple(
         &mut self,
         scene: u32,
@@ -59,23 +52,24 @@ impl Store {
         if from.len() != SHARDS as usize {
             return Err(format!("the tuple of scene {scene} is made from {:?}", from.keys()));
         }
-        put(&mut self.tuples, scene, from.values().fold(0, |all, digest| mix(all ^ digest)))
+        let digest = from.values().fold(0, |all, digest| mix(all ^ digest));
+        let there = *self.tuples.entry(scene).or_insert(digest);
+        if there == digest { Ok(()) } else { Err(format!("other bytes for tuple {scene}")) }
+    }
+
+    pub(super) fn remove_partials(&mut self, scene: u32) {
+        self.partials.retain(|(of, _), _| *of != scene);
     }
 }
 
-fn put<K: Ord + std::fmt::Debug>(
-    to: &mut BTreeMap<K, u64>,
-    key: K,
-    digest: u64,
-) -> Result<(), String> {
-    let text = format!("{key:?}");
-    let there = *to.entry(key).or_insert(digest);
-    if there == digest { Ok(()) } else { Err(format!("other bytes for {text}")) }
-}
-
-/// What tracing a shard results in.
+/// The digest of a shard's result.
 pub(super) fn digest(scene: u32, shard: u32) -> u64 {
     mix(u64::from(scene) << 32 | u64::from(shard))
+}
+
+/// The key of an attempt's record.
+pub(super) fn record(task: &Task, n: u32) -> [u32; 4] {
+    [task.scene, task.shards.start, task.shards.end, n]
 }
 
 pub(super) struct Farm {
@@ -88,8 +82,10 @@ pub(super) struct Farm {
     pub(super) store: Store,
     pub(super) workers: Vec<Worker>,
     pub(super) packets: Vec<Packet>,
+    /// Numbers given to publications and workers.
+    last_number: u64,
     /// Scenes without a message when the coordinator listed the queue.
-    absent: Option<Vec<u32>>,
+    absent: Vec<u32>,
     queue_kept_its_word: bool,
 }
 
@@ -103,13 +99,14 @@ impl Farm {
             now: Time::ZERO,
             queue: Queue::new(SCENES),
             store: Store::default(),
-            workers: (0..WORKERS).map(|w| Worker::new(w, 0)).collect(),
+            workers: Vec::new(),
             packets: Vec::new(),
-            absent: None,
+            last_number: 0,
+            absent: Vec::new(),
             queue_kept_its_word: true,
         };
-        farm.list_queue();
-        farm.publish_missing();
+        farm.workers = (0..WORKERS).map(|_| Worker::new(farm.number() as u32)).collect();
+        farm.reconcile();
         farm
     }
 
@@ -117,6 +114,11 @@ impl Farm {
     pub(super) fn draw(&mut self, limit: usize) -> usize {
         self.drawn += 1;
         (mix(self.seed ^ mix(self.drawn)) % limit.max(1) as u64) as usize
+    }
+
+    pub(super) fn number(&mut self) -> u64 {
+        self.last_number += 1;
+        self.last_number
     }
 
     pub(super) fn note(&mut self, text: impl FnOnce() -> String) {
@@ -129,15 +131,11 @@ impl Farm {
         self.log.take().unwrap_or_default().join("\n")
     }
 
-    pub(super) fn has(&self, mistake: Mistake) -> bool {
-        self.mistake == Some(mistake)
-    }
-
-    /// One step, and what must hold after it.
-    pub(super) fn step(&mut self, queue_faults: bool) -> Result<(), String> {
+    /// One step, then the checks of promises 2 and 3. With every fourth seed the queue, too, may break its word.
+    pub(super) fn step(&mut self) -> Result<(), String> {
         self.now += Time::from_millis(1);
         let w = self.draw(WORKERS);
-        let kinds = if queue_faults { 103 } else { 100 };
+        let kinds = if self.seed % 4 == 3 { 103 } else { 100 };
         match self.draw(kinds) {
             0..8 => self.lease(w),
             8..58 => self.work(w)?,
@@ -151,9 +149,9 @@ impl Farm {
             88..91 => self.lease_ends(),
             91 => self.crash(w),
             92 => self.stop(w),
-            93 => self.leave(w),
-            94 => self.hang(w),
-            95 | 96 => self.give_up_waiting(w),
+            93 => self.leave(w, false),
+            94 => self.leave(w, true),
+            95 | 96 => self.workers[w].give_up_waiting(),
             97 => self.list_queue(),
             98 | 99 => self.publish_missing(),
             100 => {
@@ -175,10 +173,9 @@ impl Farm {
         };
         self.note(|| format!("worker {w} leases {sequence}: {message:?}"));
         let lease = Lease { id: u64::from(sequence), message, redelivered: again };
-        let now = self.now;
         let worker = &mut self.workers[w];
-        if let Some(task) = worker.tasks.lease(&lease, now) {
-            worker.jobs.push(Job::Examine(task, lease));
+        if let Some(task) = worker.tasks.lease(&lease, self.now) {
+            worker.jobs.push(Job::Step(task, Step::Examine(lease)));
         }
     }
 
@@ -191,24 +188,25 @@ impl Farm {
         Some(if copy { self.packets[k].clone() } else { self.packets.swap_remove(k) })
     }
 
+    /// A packet, or a copy of it, arrives.
     fn network(&mut self, copy: bool) {
-        if let Some(packet) = self.packet(copy) {
-            self.arrive(packet);
-        }
-    }
-
-    fn arrive(&mut self, packet: Packet) {
+        let packet = self.packet(copy);
         self.note(|| format!("arrives: {packet:?}"));
         match packet {
-            Packet::Publish(publication, message) => {
-                // Refused because it is there already: as good as published.
+            Some(Packet::Publish(number, message)) => {
+                // The queue confirms a message that it has already, too.
                 self.queue.publish(&message);
-                self.packets.push(Packet::Confirm(publication));
+                self.packets.push(Packet::Confirm(number));
             }
-            Packet::Confirm(publication) => self.confirmed(publication),
-            Packet::Acknowledge(sequence) => {
+            Some(Packet::Confirm(number)) => {
+                for worker in &mut self.workers {
+                    worker.confirmed(number);
+                }
+            }
+            Some(Packet::Acknowledge(sequence)) => {
                 self.queue.acknowledge(sequence);
             }
+            None => {}
         }
     }
 
@@ -232,18 +230,17 @@ impl Farm {
         }
     }
 
-    /// The coordinator: the queue first, so that what is finished between the two listings is seen as finished. No worker
-    /// will get what is left in a quiet queue.
+    /// The coordinator lists the queue before the store, so that it sees scenes that are finished in between. It clears a
+    /// queue that has messages but delivers none.
     fn list_queue(&mut self) {
         if self.queue.waiting() + self.queue.held() == 0 && self.queue.len() > 0 {
             self.queue.wipe();
         }
-        let absent = (0..SCENES).filter(|&scene| self.queue.ranges(scene).is_empty());
-        self.absent = Some(absent.collect());
+        self.absent = (0..SCENES).filter(|&scene| self.queue.ranges(scene).is_empty()).collect();
     }
 
     fn publish_missing(&mut self) {
-        for scene in self.absent.take().unwrap_or_default() {
+        for scene in std::mem::take(&mut self.absent) {
             if !self.store.tuples.contains_key(&scene) {
                 self.note(|| format!("the coordinator publishes scene {scene}"));
                 let task = Task { scene, shards: 0..SHARDS };
@@ -252,26 +249,29 @@ impl Farm {
         }
     }
 
+    fn reconcile(&mut self) {
+        self.list_queue();
+        self.publish_missing();
+    }
+
     /// Promises 2 and 3.
     fn check(&self) -> Result<(), String> {
-        for &(scene, shard) in &self.store.stored {
-            let there = self.store.tuples.contains_key(&scene)
-                || self.store.partials.contains_key(&(scene, shard));
-            if !there {
-                return Err(format!("shard {shard} of scene {scene} was stored and is lost"));
-            }
+        let has_tuple = |scene| self.store.tuples.contains_key(&scene);
+        let has_partial = |at| self.store.partials.contains_key(&at);
+        let lost = |at: &&(u32, u32)| !has_tuple(at.0) && !has_partial(**at);
+        if let Some((scene, shard)) = self.store.put.iter().find(lost) {
+            return Err(format!("shard {shard} of scene {scene} was stored and is lost"));
         }
         if !self.queue_kept_its_word {
             return Ok(());
         }
-        for scene in (0..SCENES).filter(|scene| !self.store.tuples.contains_key(scene)) {
+        for scene in (0..SCENES).filter(|&scene| !has_tuple(scene)) {
             let ranges = self.queue.ranges(scene);
             if ranges.is_empty() {
                 return Err(format!("scene {scene} has no owner"));
             }
-            let is_safe = |shard: u32| {
-                self.store.partials.contains_key(&(scene, shard))
-                    || ranges.iter().any(|range| range.contains(&shard))
+            let is_safe = |shard| {
+                has_partial((scene, shard)) || ranges.iter().any(|range| range.contains(&shard))
             };
             if let Some(shard) = (0..SHARDS).find(|&shard| !is_safe(shard)) {
                 return Err(format!("shard {shard} of scene {scene} has no owner"));
@@ -280,7 +280,7 @@ impl Farm {
         Ok(())
     }
 
-    /// Promise 4: faults end, everything gets its turn.
+    /// Promise 4: faults end, and everything gets its turn.
     pub(super) fn finish_fairly(&mut self) -> Result<(), String> {
         for _ in 0..60 {
             let is_done = self.store.tuples.len() == SCENES as usize
@@ -288,32 +288,35 @@ impl Farm {
                 && self.packets.is_empty()
                 && self.workers.iter().all(|w| w.tasks.is_empty() && w.jobs.is_empty());
             if is_done {
-                return self.check_records();
+                let ids: Vec<u32> = self.workers.iter().map(|worker| worker.id).collect();
+                let left = |owner: &Option<u32>| owner.is_some_and(|owner| ids.contains(&owner));
+                return match self.store.attempts.iter().find(|(_, owner)| left(owner)) {
+                    Some(record) => Err(format!("a live worker leaves the record {record:?}")),
+                    None => Ok(()),
+                };
             }
             for w in 0..WORKERS {
                 self.lease(w);
             }
-            self.settle()?;
+            self.work_until_idle()?;
             for w in 0..WORKERS {
-                // Its confirmation was lost.
-                self.give_up_waiting(w);
+                // Their confirmations were lost.
+                self.workers[w].give_up_waiting();
                 if self.workers[w].stops {
-                    self.leave(w);
+                    self.leave(w, false);
                 }
             }
-            self.settle()?;
-            // Messages whose holder is gone.
+            self.work_until_idle()?;
+            // Their workers are gone.
             for sequence in self.queue.all_held() {
                 self.queue.expire(sequence, u64::MAX);
             }
-            self.list_queue();
-            self.publish_missing();
+            self.reconcile();
         }
         Err(format!("not finished: tuples of {:?}", self.store.tuples.keys()))
     }
 
-    /// Until no worker has anything to do.
-    fn settle(&mut self) -> Result<(), String> {
+    fn work_until_idle(&mut self) -> Result<(), String> {
         for _ in 0..10_000 {
             while !self.packets.is_empty() {
                 self.network(false);
@@ -325,53 +328,11 @@ impl Farm {
             self.check()?;
             let is_busy = |w: &Worker| w.jobs.iter().any(|job| !job.waits());
             if self.packets.is_empty() && !self.workers.iter().any(is_busy) {
-                // Nothing is put off for ever: what waits in memory is written in the end.
-                let now = self.now + Time::from_secs(1);
-                self.now = now;
+                // The checkpoint passes, so that partials in memory are written.
+                self.now += Time::from_secs(1);
                 return Ok(());
             }
         }
         Err("the workers never rest".to_owned())
-    }
-
-    fn check_records(&self) -> Result<(), String> {
-        let is_alive =
-            |&(w, incarnation): &(usize, u32)| self.workers[w].incarnation == incarnation;
-        match self.store.attempts.iter().find(|(_, owner)| is_alive(owner)) {
-            Some((record, owner)) => Err(format!("{owner:?} leaves the record {record:?}")),
-            None => Ok(()),
-        }
-    }
-
-    /// The record of an attempt under the next free number.
-    pub(super) fn record(&mut self, w: usize, task: &Task) -> u32 {
-        let key = |n| (task.scene, task.shards.start, task.shards.end, n);
-        let attempts = &self.store.attempts;
-        let n = (1..u32::MAX).find(|&n| !attempts.contains_key(&key(n))).unwrap_or(1);
-        let owner = (w, self.workers[w].incarnation);
-        self.store.attempts.insert(key(n), owner);
-        n
-    }
-
-    /// What the store has of a task's scene.
-    pub(super) fn found(&self, scene: u32) -> Vec<u32> {
-        let of = self.store.partials.keys().filter(|(s, _)| *s == scene);
-        of.map(|(_, shard)| *shard).collect()
-    }
-
-    pub(super) fn has_tuple(&self, scene: u32) -> bool {
-        self.store.tuples.contains_key(&scene)
-    }
-
-    pub(super) fn job_of(&mut self, w: usize) -> Option<Job> {
-        let ready: Vec<usize> =
-            (0..self.workers[w].jobs.len()).filter(|&k| !self.workers[w].jobs[k].waits()).collect();
-        let k = *ready.get(self.draw(ready.len()))?;
-        Some(self.workers[w].jobs.swap_remove(k))
-    }
-
-    /// The scene of a task that a worker has.
-    pub(super) fn scene_of(&self, w: usize, task: TaskId) -> Option<u32> {
-        self.workers[w].tasks.task(task).map(|leased| leased.scene)
     }
 }

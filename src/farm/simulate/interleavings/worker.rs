@@ -1,77 +1,70 @@
-//! A worker of the small farm: the machine that ships, and its jobs, each a step of its own.
+//! A worker of the small farm: the state machine that ships, and its jobs, each a step of its own.
 
 use super::Mistake;
-use super::farm::{Farm, Packet, SHARDS, digest};
+use super::farm::{Farm, Packet, SHARDS, digest, record};
 use crate::farm::queue::Lease;
 use crate::farm::worker::costs::Costs;
 use crate::farm::worker::tasks::{Action, TaskId, Tasks, Time};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::ops::Range;
 
-/// Steps after which a partial no longer waits in memory.
+/// In steps of a millisecond.
 const CHECKPOINT: Time = Time::from_millis(25);
 
 const COSTS: Costs = Costs { shard_s: 1.0, threads: 1.0, load_s: 0.1, load_is_known: true };
 
-/// Names a published message: a confirmation to a worker that crashed means nothing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Publication {
-    worker: usize,
-    incarnation: u32,
-    number: u32,
-}
-
-/// Something that one of its threads does next.
+/// The next thing that one of a worker's threads does.
 #[derive(Clone, Debug)]
 pub(super) enum Job {
-    Examine(TaskId, Lease),
-    Load(TaskId),
-    /// With the partials that were found.
-    Loaded(TaskId, Vec<u32>),
-    Sandbox(TaskId),
-    Begin(TaskId, u32),
-    Trace(TaskId, u32),
-    Put(TaskId, u32),
-    Check(TaskId),
-    Gather(TaskId),
-    Merge(TaskId),
+    /// Void once the task has ended.
+    Step(TaskId, Step),
+    Donated(TaskId, Range<u32>),
     Act(VecDeque<Action>),
-    /// Until all of it is confirmed, then goes on.
-    Publishes(BTreeSet<Publication>, VecDeque<Action>),
-    /// The same for an offer.
-    Offers(Publication, TaskId, Range<u32>),
+    /// Waits until these publications are confirmed, then does the job.
+    Confirmed(BTreeSet<u64>, Box<Job>),
+}
+
+#[derive(Clone, Debug)]
+pub(super) enum Step {
+    Examine(Lease),
+    Load,
+    /// With the partials that were found.
+    Loaded(Vec<u32>),
+    Sandbox,
+    Begin(u32),
+    Trace(u32),
+    Put(u32),
+    CheckScene,
+    Gather,
+    Merge,
 }
 
 impl Job {
     pub(super) fn waits(&self) -> bool {
-        matches!(self, Self::Publishes(..) | Self::Offers(..))
+        matches!(self, Self::Confirmed(open, _) if !open.is_empty())
     }
 }
 
 pub(super) struct Worker {
-    number: usize,
-    pub(super) incarnation: u32,
+    pub(super) id: u32,
     pub(super) tasks: Tasks<()>,
     pub(super) jobs: Vec<Job>,
-    /// It takes nothing new, and begins no shard.
+    /// It leases nothing new, and starts no shard.
     pub(super) stops: bool,
-    /// It is replaced when it has done the rest.
-    pub(super) leaves: bool,
+    /// Another worker replaces it when its jobs are done.
+    leaves: bool,
     results: BTreeMap<TaskId, BTreeMap<u32, u64>>,
-    published: u32,
 }
 
 impl Worker {
-    pub(super) fn new(number: usize, incarnation: u32) -> Self {
+    pub(super) fn new(id: u32) -> Self {
         Self {
-            number,
-            incarnation,
+            id,
             tasks: Tasks::new(CHECKPOINT),
             jobs: Vec::new(),
             stops: false,
             leaves: false,
             results: BTreeMap::new(),
-            published: 0,
         }
     }
 
@@ -81,268 +74,221 @@ impl Worker {
         }
     }
 
-    fn publication(&mut self) -> Publication {
-        self.published += 1;
-        Publication { worker: self.number, incarnation: self.incarnation, number: self.published }
+    /// The queue has a message.
+    pub(super) fn confirmed(&mut self, number: u64) {
+        for job in &mut self.jobs {
+            if let Job::Confirmed(open, _) = job {
+                open.remove(&number);
+            }
+        }
+    }
+
+    /// Waits for no confirmation any more; the jobs that depend on one are not done.
+    pub(super) fn give_up_waiting(&mut self) {
+        self.jobs.retain(|job| !job.waits());
     }
 }
 
 impl Farm {
     /// One of a worker's threads does something.
     pub(super) fn work(&mut self, w: usize) -> Result<(), String> {
-        let Some(job) = self.job_of(w) else {
-            let worker = &self.workers[w];
-            if worker.leaves && worker.jobs.is_empty() {
-                self.replace(w);
+        let jobs = &self.workers[w].jobs;
+        let ready: Vec<usize> = (0..jobs.len()).filter(|&k| !jobs[k].waits()).collect();
+        if ready.is_empty() {
+            if self.workers[w].leaves && self.workers[w].jobs.is_empty() {
+                self.workers[w] = Worker::new(self.number() as u32);
             }
             return Ok(());
-        };
-        self.note(|| format!("worker {w}: {job:?}"));
-        let now = self.now;
-        match job {
-            Job::Examine(task, lease) => self.examine(w, task, &lease),
-            Job::Load(task) => {
-                // The store is listed now, and what it has arrives later.
-                if self.workers[w].tasks.load(task, now)
-                    && let Some(scene) = self.scene_of(w, task)
-                {
-                    let found = self.found(scene);
-                    self.workers[w].jobs.push(Job::Loaded(task, found));
-                }
-            }
-            Job::Loaded(task, found) => self.loaded(w, task, found),
-            Job::Sandbox(task) => self.sandbox(w, task)?,
-            Job::Begin(task, shard) => {
-                if self.workers[w].tasks.begin(task, shard) {
-                    self.workers[w].jobs.push(Job::Trace(task, shard));
-                }
-            }
-            Job::Trace(task, shard) => {
-                if let Some(scene) = self.scene_of(w, task) {
-                    let worker = &mut self.workers[w];
-                    let results = worker.results.entry(task).or_default();
-                    results.insert(shard, digest(scene, shard));
-                    let actions = worker.tasks.traced(task, shard, now);
-                    worker.act(actions);
-                }
-            }
-            Job::Put(task, shard) => self.put(w, task, shard)?,
-            Job::Check(task) => self.check_scene(w, task),
-            Job::Gather(task) => self.gather(w, task),
-            Job::Merge(task) => self.merge(w, task)?,
-            Job::Act(actions) => self.act(w, actions),
-            Job::Publishes(..) | Job::Offers(..) => {}
         }
+        let k = ready[self.draw(ready.len())];
+        let mut job = self.workers[w].jobs.swap_remove(k);
+        if let Job::Confirmed(_, then) = job {
+            job = *then;
+        }
+        self.note(|| format!("worker {w}: {job:?}"));
+        let worker = &mut self.workers[w];
+        match job {
+            Job::Step(task, step) => match worker.tasks.scene(task) {
+                Some(scene) => return self.advance(w, task, scene, step),
+                None => {}
+            },
+            Job::Donated(task, shards) => {
+                let actions = worker.tasks.donated(task, shards);
+                worker.act(actions);
+            }
+            Job::Act(actions) => self.act(w, actions),
+            Job::Confirmed(..) => {}
+        }
+        Ok(())
+    }
+
+    fn advance(&mut self, w: usize, task: TaskId, scene: u32, step: Step) -> Result<(), String> {
+        let now = self.now;
+        let found = self.store.found(scene);
+        let worker = &mut self.workers[w];
+        let results = worker.results.entry(task).or_default();
+        let mut next = Vec::new();
+        let actions = match step {
+            Step::Examine(lease) => return Ok(self.examine(w, task, &lease)),
+            Step::Load => {
+                // The store is listed now, and the partials arrive later.
+                if worker.tasks.load(task, now) {
+                    next.push(Step::Loaded(found));
+                }
+                Vec::new()
+            }
+            Step::Loaded(mut listed) => {
+                // Those of a scene that was merged meanwhile are gone.
+                listed.retain(|shard| found.contains(shard));
+                results.extend(listed.iter().map(|&shard| (shard, digest(scene, shard))));
+                let actions = worker.tasks.loaded(task, SHARDS, &listed, ());
+                next.extend(worker.tasks.waiting(task).into_iter().map(Step::Begin));
+                actions
+            }
+            Step::Sandbox => return self.sandbox(w, task, scene),
+            Step::Begin(shard) => {
+                if worker.tasks.begin(task, shard) {
+                    next.push(Step::Trace(shard));
+                }
+                Vec::new()
+            }
+            Step::Trace(shard) => {
+                results.insert(shard, digest(scene, shard));
+                worker.tasks.traced(task, shard, now)
+            }
+            Step::Put(shard) => {
+                self.store.put_partial((scene, shard), digest(scene, shard))?;
+                worker.tasks.stored(task, shard)
+            }
+            Step::CheckScene => {
+                let all = found.len() == SHARDS as usize;
+                let all = all && self.mistake != Some(Mistake::NeverTheLast);
+                if !all && self.store.tuples.contains_key(&scene) {
+                    worker.tasks.done_elsewhere(task)
+                } else {
+                    worker.tasks.scene_checked(task, all)
+                }
+            }
+            Step::Gather => {
+                results.extend(found.iter().map(|&shard| (shard, digest(scene, shard))));
+                let missing = (0..SHARDS).filter(|shard| !results.contains_key(shard));
+                let missing: Vec<u32> = missing.collect();
+                if self.mistake == Some(Mistake::GathersNothing) {
+                    results.pop_last();
+                }
+                let actions = worker.tasks.gathered(task, &missing);
+                if !missing.is_empty() {
+                    self.note(|| format!("gone: {missing:?}"));
+                }
+                actions
+            }
+            Step::Merge => {
+                self.store.put_tuple(scene, results)?;
+                worker.tasks.merged(task)
+            }
+        };
+        let worker = &mut self.workers[w];
+        worker.act(actions);
+        worker.jobs.extend(next.into_iter().map(|step| Job::Step(task, step)));
         Ok(())
     }
 
     fn examine(&mut self, w: usize, task: TaskId, lease: &Lease) {
-        let leased = lease.message.task.clone();
-        let is_done = self.has_tuple(leased.scene);
+        let leased = &lease.message.task;
         let suspect = lease.redelivered && self.draw(2) == 0;
-        if is_done {
-            let actions = self.workers[w].tasks.nothing_to_do(task);
-            return self.workers[w].act(actions);
-        }
-        if suspect && !self.workers[w].tasks.pin(task) {
-            return;
-        }
-        let n = self.record(w, &leased);
-        if !self.workers[w].tasks.attempted(task, n) {
-            let key = (leased.scene, leased.shards.start, leased.shards.end, n);
-            self.store.attempts.remove(&key);
-            return;
-        }
-        let job = if suspect { Job::Sandbox(task) } else { Job::Load(task) };
-        self.workers[w].jobs.push(job);
-    }
-
-    fn loaded(&mut self, w: usize, task: TaskId, mut found: Vec<u32>) {
-        let Some(scene) = self.scene_of(w, task) else {
-            return;
-        };
-        // What was merged by another worker meanwhile is not found any more.
-        let there = self.found(scene);
-        found.retain(|shard| there.contains(shard));
         let worker = &mut self.workers[w];
-        let results = found.iter().map(|&shard| (shard, digest(scene, shard)));
-        worker.results.insert(task, results.collect());
-        let actions = worker.tasks.loaded(task, SHARDS, &found, ());
-        worker.act(actions);
-        for shard in worker.tasks.waiting(task) {
-            worker.jobs.push(Job::Begin(task, shard));
+        if self.store.tuples.contains_key(&leased.scene) {
+            let actions = worker.tasks.nothing_to_do(task);
+            return worker.act(actions);
+        }
+        if suspect && !worker.tasks.pin(task) {
+            return;
+        }
+        // The record of the attempt, under the next free number.
+        let attempts = &mut self.store.attempts;
+        let n = (1..u32::MAX).find(|&n| !attempts.contains_key(&record(leased, n))).unwrap_or(1);
+        if worker.tasks.attempted(task, n) {
+            attempts.insert(record(leased, n), Some(worker.id));
+            let step = if suspect { Step::Sandbox } else { Step::Load };
+            worker.jobs.push(Job::Step(task, step));
         }
     }
 
-    /// A child does all of it, or dies, or is told to stop.
-    fn sandbox(&mut self, w: usize, task: TaskId) -> Result<(), String> {
-        let now = self.now;
+    /// A child process does all of the task, is lost, or is told to stop.
+    fn sandbox(&mut self, w: usize, task: TaskId, scene: u32) -> Result<(), String> {
         let fate = self.draw(3);
-        let Some(scene) = self.scene_of(w, task) else {
-            return Ok(());
-        };
-        if !self.workers[w].tasks.sandbox(task, now) {
+        if !self.workers[w].tasks.sandbox(task, self.now) {
             return Ok(());
         }
+        if fate == 1 {
+            self.disown(w);
+        }
+        let worker = &mut self.workers[w];
         let actions = match fate {
             0 => {
-                let all: BTreeMap<u32, u64> = (0..SHARDS).map(|s| (s, digest(scene, s))).collect();
+                let all = (0..SHARDS).map(|shard| (shard, digest(scene, shard))).collect();
                 self.store.put_tuple(scene, &all)?;
-                self.workers[w].tasks.nothing_to_do(task)
+                worker.tasks.nothing_to_do(task)
             }
-            1 => {
-                self.disown(w);
-                self.workers[w].tasks.retry(task)
-            }
-            _ => self.workers[w].tasks.requeue(task),
+            1 => worker.tasks.retry(task),
+            _ => worker.tasks.requeue(task),
         };
-        self.workers[w].act(actions);
-        Ok(())
-    }
-
-    fn put(&mut self, w: usize, task: TaskId, shard: u32) -> Result<(), String> {
-        let Some(scene) = self.scene_of(w, task) else {
-            return Ok(());
-        };
-        if self.workers[w].tasks.has(task) {
-            self.store.put_partial(scene, shard, digest(scene, shard))?;
-        }
-        let actions = self.workers[w].tasks.stored(task, shard);
-        self.workers[w].act(actions);
-        Ok(())
-    }
-
-    fn check_scene(&mut self, w: usize, task: TaskId) {
-        let Some(scene) = self.scene_of(w, task) else {
-            return;
-        };
-        let all = self.store.has_all(scene) && !self.has(Mistake::NeverTheLast);
-        let done = !all && self.has_tuple(scene);
-        let tasks = &mut self.workers[w].tasks;
-        let actions =
-            if done { tasks.done_elsewhere(task) } else { tasks.scene_checked(task, all) };
-        self.workers[w].act(actions);
-    }
-
-    fn gather(&mut self, w: usize, task: TaskId) {
-        let Some(scene) = self.scene_of(w, task) else {
-            return;
-        };
-        let there = self.found(scene);
-        let nothing = self.has(Mistake::GathersNothing);
-        let worker = &mut self.workers[w];
-        let results = worker.results.entry(task).or_default();
-        for shard in there {
-            results.insert(shard, digest(scene, shard));
-        }
-        let mut missing: Vec<u32> = (0..SHARDS).collect();
-        missing.retain(|shard| !results.contains_key(shard));
-        if nothing {
-            results.pop_last();
-        }
-        let actions = worker.tasks.gathered(task, &missing);
         worker.act(actions);
-        if !missing.is_empty() {
-            self.note(|| format!("gone: {missing:?}"));
-        }
-    }
-
-    /// Removing what is left of the scene is the machine's word.
-    fn merge(&mut self, w: usize, task: TaskId) -> Result<(), String> {
-        let Some(scene) = self.scene_of(w, task) else {
-            return Ok(());
-        };
-        if !self.workers[w].tasks.has(task) {
-            return Ok(());
-        }
-        let results = self.workers[w].results.remove(&task).unwrap_or_default();
-        self.store.put_tuple(scene, &results)?;
-        let actions = self.workers[w].tasks.merged(task);
-        self.workers[w].act(actions);
         Ok(())
     }
 
-    /// The first of some actions; the others follow as a job of their own.
+    /// Does the first of some actions; the others follow as a job of their own.
     fn act(&mut self, w: usize, mut actions: VecDeque<Action>) {
-        if self.has(Mistake::FinishesFirst) {
+        if self.mistake == Some(Mistake::FinishesFirst) {
             let is_finish = |action: &Action| matches!(action, Action::Finish { .. });
             actions.make_contiguous().sort_by_key(|action| !is_finish(action));
         }
         let Some(action) = actions.pop_front() else {
             return;
         };
+        let mut open = BTreeSet::new();
+        let worker = &mut self.workers[w];
+        let mut then = |task, step| worker.jobs.push(Job::Step(task, step));
         match action {
             Action::Store { task, shards } => {
-                for shard in shards {
-                    if self.has(Mistake::StoredTooEarly) {
-                        let early = self.workers[w].tasks.stored(task, shard);
-                        self.workers[w].act(early);
+                shards.iter().for_each(|&shard| then(task, Step::Put(shard)));
+                if self.mistake == Some(Mistake::StoredTooEarly) {
+                    for shard in shards {
+                        let actions = worker.tasks.stored(task, shard);
+                        worker.act(actions);
                     }
-                    self.workers[w].jobs.push(Job::Put(task, shard));
                 }
             }
             Action::Merge { task } => {
-                if self.has(Mistake::RemovesPartialsFirst)
-                    && let Some(scene) = self.scene_of(w, task)
+                then(task, Step::Merge);
+                if self.mistake == Some(Mistake::RemovesPartialsFirst)
+                    && let Some(scene) = worker.tasks.scene(task)
                 {
-                    self.store.partials.retain(|(s, _), _| *s != scene);
+                    self.store.remove_partials(scene);
                 }
-                self.workers[w].jobs.push(Job::Merge(task));
             }
-            Action::CheckScene { task } => self.workers[w].jobs.push(Job::Check(task)),
-            Action::Gather { task } => self.workers[w].jobs.push(Job::Gather(task)),
+            Action::CheckScene { task } => then(task, Step::CheckScene),
+            Action::Gather { task } => then(task, Step::Gather),
             Action::LeaveNote { .. } | Action::Quarantine { .. } => {}
-            Action::RemovePartials { scene } => {
-                self.store.partials.retain(|(s, _), _| *s != scene);
-            }
+            Action::RemovePartials { scene } => self.store.remove_partials(scene),
             Action::ForgetAttempt { task, n } => {
-                let record = (task.scene, task.shards.start, task.shards.end, n);
-                if !self.has(Mistake::KeepsRecords) {
-                    self.store.attempts.remove(&record);
+                if self.mistake != Some(Mistake::KeepsRecords) {
+                    self.store.attempts.remove(&record(&task, n));
                 }
             }
             Action::Publish { messages } => {
-                if !self.has(Mistake::NeverPublishes) {
-                    let mut open = BTreeSet::new();
+                if self.mistake != Some(Mistake::NeverPublishes) {
                     for message in messages {
-                        let publication = self.workers[w].publication();
-                        open.insert(publication);
-                        self.packets.push(Packet::Publish(publication, message));
+                        let number = self.number();
+                        open.insert(number);
+                        self.packets.push(Packet::Publish(number, message));
                     }
-                    self.workers[w].jobs.push(Job::Publishes(open, actions));
-                    return;
                 }
             }
             Action::Finish { lease } => self.packets.push(Packet::Acknowledge(lease as u32)),
         }
         if !actions.is_empty() {
-            self.workers[w].jobs.push(Job::Act(actions));
-        }
-    }
-
-    /// The queue has a message.
-    pub(super) fn confirmed(&mut self, publication: Publication) {
-        let worker = &mut self.workers[publication.worker];
-        let is_it = |job: &Job| match job {
-            Job::Publishes(open, _) => open.contains(&publication),
-            Job::Offers(offer, ..) => *offer == publication,
-            _ => false,
-        };
-        let Some(k) = worker.jobs.iter().position(is_it) else {
-            return;
-        };
-        match worker.jobs.swap_remove(k) {
-            Job::Publishes(mut open, actions) => {
-                open.remove(&publication);
-                let next =
-                    if open.is_empty() { Job::Act(actions) } else { Job::Publishes(open, actions) };
-                worker.jobs.push(next);
-            }
-            Job::Offers(_, task, shards) => {
-                let actions = worker.tasks.donated(task, shards);
-                worker.act(actions);
-            }
-            _ => {}
+            self.workers[w].jobs.push(Job::Confirmed(open, Box::new(Job::Act(actions))));
         }
     }
 
@@ -353,24 +299,16 @@ impl Farm {
         }
         for offer in self.workers[w].tasks.offers(COSTS, None) {
             self.note(|| format!("worker {w} offers {offer:?}"));
-            let worker = &mut self.workers[w];
-            let publication = worker.publication();
-            let (task, shards) = (offer.task, offer.shards());
-            worker.jobs.push(Job::Offers(publication, task, shards.clone()));
-            self.packets.push(Packet::Publish(publication, offer.message));
-            if self.has(Mistake::LeavesBeforeConfirmed) {
-                let actions = self.workers[w].tasks.donated(task, shards);
-                self.workers[w].act(actions);
-            }
+            let number = self.number();
+            let donated = Job::Donated(offer.task, offer.shards());
+            let early = self.mistake == Some(Mistake::LeavesBeforeConfirmed);
+            let open = BTreeSet::from_iter((!early).then_some(number));
+            self.workers[w].jobs.push(Job::Confirmed(open, Box::new(donated)));
+            self.packets.push(Packet::Publish(number, offer.message));
         }
     }
 
-    /// It does not wait for confirmations any more; what should have come after them is not done.
-    pub(super) fn give_up_waiting(&mut self, w: usize) {
-        self.workers[w].jobs.retain(|job| !job.waits());
-    }
-
-    /// It finishes what it has begun.
+    /// It finishes the shards that it has begun.
     pub(super) fn stop(&mut self, w: usize) {
         self.note(|| format!("worker {w} stops"));
         let worker = &mut self.workers[w];
@@ -380,43 +318,28 @@ impl Farm {
         worker.act(actions);
     }
 
-    /// It leaves, whatever its threads were about to do.
-    pub(super) fn leave(&mut self, w: usize) {
-        self.note(|| format!("worker {w} leaves"));
+    /// It leaves, and its threads do nothing more; it `hangs` if one of them never returns.
+    pub(super) fn leave(&mut self, w: usize, hangs: bool) {
+        self.note(|| format!("worker {w} leaves (hangs: {hangs})"));
         self.disown(w);
         let worker = &mut self.workers[w];
         (worker.stops, worker.leaves) = (true, true);
         worker.jobs.clear();
-        let actions = worker.tasks.requeue_all();
-        worker.act(actions);
-    }
-
-    /// One of its threads never returns: it leaves the rest to others.
-    pub(super) fn hang(&mut self, w: usize) {
-        self.note(|| format!("worker {w} hangs"));
-        self.disown(w);
-        let worker = &mut self.workers[w];
-        (worker.stops, worker.leaves) = (true, true);
-        worker.jobs.clear();
-        let actions = worker.tasks.requeue_waiting();
+        let tasks = &mut worker.tasks;
+        let actions = if hangs { tasks.requeue_waiting() } else { tasks.requeue_all() };
         worker.act(actions);
     }
 
     pub(super) fn crash(&mut self, w: usize) {
         self.note(|| format!("worker {w} crashes"));
-        self.replace(w);
+        self.workers[w] = Worker::new(self.number() as u32);
     }
 
-    fn replace(&mut self, w: usize) {
-        self.workers[w] = Worker::new(w, self.workers[w].incarnation + 1);
-    }
-
-    /// The records that this worker has now may stay: its jobs end somewhere.
+    /// The records that this worker has now may stay: its jobs may be cut off.
     fn disown(&mut self, w: usize) {
-        for (owner, incarnation) in self.store.attempts.values_mut() {
-            if *owner == w {
-                *incarnation = u32::MAX;
-            }
+        let id = self.workers[w].id;
+        for owner in self.store.attempts.values_mut().filter(|owner| **owner == Some(id)) {
+            *owner = None;
         }
     }
 }

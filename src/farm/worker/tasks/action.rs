@@ -1,49 +1,48 @@
-//! What the machine asks of its driver.
+//! The actions that the machine asks of its driver.
 
 use crate::farm::queue::Message;
 use crate::run::Task;
 use std::ops::Range;
 
-/// Names a leased task inside its worker; never used again.
+/// Names a leased task inside its worker; never reused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(in crate::farm) struct TaskId(pub(super) u64);
+pub(crate) struct TaskId(pub(super) u64);
 
-/// Something to do. The actions of one event are done in order, and the first that cannot be done ends them: a lease is
-/// never given back before what it covers is in the store or in another message.
+/// The driver does the actions of one event in order, and stops at the first that fails: so a lease is finished only after
+/// its shards are in the store or in another message.
 #[derive(Clone, Debug, PartialEq)]
-pub(in crate::farm) enum Action {
-    /// Put these partials into the store; tell [`stored`](super::Tasks::stored) of each.
+pub(crate) enum Action {
+    /// Put these partials into the store; report each with [`stored`](super::Tasks::stored).
     Store { task: TaskId, shards: Vec<u32> },
-    /// Make the scene's tuple from what is in memory and put it into the store; then tell
-    /// [`merged`](super::Tasks::merged).
+    /// Make the scene's tuple from memory and put it into the store; then report [`merged`](super::Tasks::merged).
     Merge { task: TaskId },
-    /// Are all of the scene's partials in the store? Tell [`scene_checked`](super::Tasks::scene_checked).
+    /// Check whether all of the scene's partials are in the store; report [`scene_checked`](super::Tasks::scene_checked).
     CheckScene { task: TaskId },
-    /// Fetch the partials of other workers; then tell [`gathered`](super::Tasks::gathered).
+    /// Fetch the partials of other workers; then report [`gathered`](super::Tasks::gathered).
     Gather { task: TaskId },
-    /// Leave a note of which worker made these shards.
+    /// Record which worker made these shards.
     LeaveNote { task: Task },
-    /// Set the scene aside.
+    /// Put the scene into quarantine.
     Quarantine { scene: u32, reason: String },
     /// Remove the scene's partials: its tuple is in the store.
     RemovePartials { scene: u32 },
-    /// Remove the record number `n` of the attempt at these shards: it has ended in order.
+    /// Remove record number `n` of the attempt at these shards, which has ended in order.
     ForgetAttempt { task: Task, n: u32 },
-    /// Put messages into the queue, and wait until it has them.
+    /// Publish messages, and wait for the queue's confirmation.
     Publish { messages: Vec<Message> },
-    /// Give the lease back to the queue.
+    /// Finish the lease: the queue removes its message.
     Finish { lease: u64 },
 }
 
-/// Shards to publish for an idle worker. When the queue has the message, tell [`donated`](super::Tasks::donated).
+/// Shards to publish for an idle worker. After the queue's confirmation report [`donated`](super::Tasks::donated).
 #[derive(Clone, Debug, PartialEq)]
-pub(in crate::farm) struct Offer {
-    pub(in crate::farm) task: TaskId,
-    pub(in crate::farm) message: Message,
+pub(crate) struct Offer {
+    pub(crate) task: TaskId,
+    pub(crate) message: Message,
 }
 
 impl Offer {
-    pub(in crate::farm) fn shards(&self) -> Range<u32> {
+    pub(crate) fn shards(&self) -> Range<u32> {
         self.message.task.shards.clone()
     }
 }

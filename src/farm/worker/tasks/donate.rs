@@ -1,23 +1,22 @@
-//! What a busy worker donates, and when it should lease more.
+//! The choice of tasks to donate, and the time to lease more.
 //!
-//! One rule keeps everything covered: a donor publishes first, waits until the queue has it, and only then leaves those
-//! shards alone. Two workers may then trace the same shard, which costs time and changes nothing; that no worker traces a
-//! shard cannot happen.
+//! One rule keeps every shard covered: a donor publishes first, waits for the queue's confirmation, and only then gives up
+//! the shards. Two workers may trace the same shard, which costs time and changes nothing; but none is forgotten.
 
 use super::super::costs::Costs;
-use super::{TaskId, TaskState, Tasks};
+use super::{Entry, TaskId, TaskState, Tasks};
 use std::ops::Range;
 
 /// A task as a candidate for donation.
-#[derive(Clone, Debug, PartialEq)]
-pub(in crate::farm) struct Candidate {
-    pub(in crate::farm) task: TaskId,
+#[derive(Clone)]
+struct Candidate {
+    task: TaskId,
     /// Its scene is loaded.
-    pub(in crate::farm) opened: bool,
+    opened: bool,
     /// Shards at its end that no thread has begun.
-    pub(in crate::farm) unbegun: Range<u32>,
-    /// Estimated seconds until those are done.
-    pub(in crate::farm) unbegun_s: f64,
+    unbegun: Range<u32>,
+    /// Estimated seconds for those.
+    unbegun_s: f64,
 }
 
 /// Donating a part of an opened task must save this many times what loading its scene again costs.
@@ -26,14 +25,10 @@ const WORTH_LOADS: f64 = 2.0;
 /// The next task is leased when the open ones last for so many loads at most.
 const LOADS_AHEAD: f64 = 2.0;
 
-/// What to publish when another worker is idle, which needs `slowness` times as long for the same and loads a scene in
-/// `load_s`: the later half of the tasks that are not opened, else the end of the longest rest of an opened one, so much
-/// that both are done at the same time; nothing if that is not worth loading its scene twice.
-pub(in crate::farm) fn choose(
-    candidates: &[Candidate],
-    slowness: f64,
-    load_s: f64,
-) -> Vec<(TaskId, Range<u32>)> {
+/// Chooses what to publish for an idle worker that takes `slowness` times as long and loads a scene in `load_s`: the later
+/// half of the unopened tasks; else the end of the opened task with the longest rest, so much that both workers finish at the
+/// same time, but nothing if that is not worth a second load of its scene.
+fn choose(candidates: &[Candidate], slowness: f64, load_s: f64) -> Vec<(TaskId, Range<u32>)> {
     let waiting: Vec<&Candidate> = candidates.iter().filter(|c| !c.opened).collect();
     if !waiting.is_empty() {
         let later = waiting[waiting.len() / 2..].iter();
@@ -47,8 +42,7 @@ pub(in crate::farm) fn choose(
     share.into_iter().collect()
 }
 
-/// The later half, the larger one if the count is odd; a smaller part for a slower worker, none if that would take longer
-/// there than all of it here.
+/// The later half, rounded up; less for a slower worker, and none if that would take longer there than all of it here.
 fn later_share(from: &Candidate, slowness: f64, load_s: f64) -> Option<Range<u32>> {
     let (shards, count) = (&from.unbegun, from.unbegun.len() as f64);
     let donated = (count / (1.0 + slowness) + 0.5).floor().min(count);
@@ -59,9 +53,15 @@ fn later_share(from: &Candidate, slowness: f64, load_s: f64) -> Option<Range<u32
 }
 
 impl<P> Tasks<P> {
-    /// Without what is pinned, and what is being loaded.
-    pub(super) fn candidates(&self, costs: Costs) -> Vec<Candidate> {
-        let of = |(&task, entry): (&TaskId, &super::Entry<P>)| {
+    /// The tasks to publish for an idle worker that loads a scene in `load_s`.
+    pub(super) fn choose(&self, costs: Costs, load_s: Option<f64>) -> Vec<(TaskId, Range<u32>)> {
+        let load_or_own_s = load_s.unwrap_or(costs.load_s);
+        choose(&self.candidates(costs), costs.slowness(load_s), load_or_own_s)
+    }
+
+    /// Excludes pinned tasks, and those being loaded.
+    fn candidates(&self, costs: Costs) -> Vec<Candidate> {
+        let of = |(&task, entry): (&TaskId, &Entry<P>)| {
             let unbegun = match entry.state {
                 TaskState::Queued => entry.message.task.shards.clone(),
                 TaskState::Tracing => entry.shards.unbegun(),
@@ -77,11 +77,11 @@ impl<P> Tasks<P> {
         self.entries.iter().filter_map(of).collect()
     }
 
-    /// Nothing should be leased yet: tasks wait here already, or the open ones will last for longer than a load takes. A
-    /// worker that leases too early takes what it has just donated.
-    pub(in crate::farm) fn has_enough(&self, ahead: usize, costs: Costs) -> bool {
+    /// Whether to lease no more for now: enough tasks wait here, or the open ones last longer than a load takes. A worker that
+    /// leases too early takes back its own donation.
+    pub(crate) fn has_enough(&self, ahead: usize, costs: Costs) -> bool {
         let waiting = self.entries.values().filter(|e| e.state.waits()).count();
-        let lasts_s = |entry: &super::Entry<P>| {
+        let lasts_s = |entry: &Entry<P>| {
             let unbegun = match entry.state {
                 TaskState::Queued | TaskState::Pinned => return 0.0,
                 // All of it, as far as is known.
@@ -117,27 +117,18 @@ mod tests {
     }
 
     #[test]
-    fn tasks_that_are_not_open_are_donated_first() {
-        let all = [
-            candidate(0, 1..16, true),
-            candidate(1, 0..1, false),
-            candidate(2, 0..4, false),
-            candidate(3, 0..2, false),
-        ];
+    fn the_later_half_of_the_unopened_tasks_or_of_the_unbegun_shards_is_donated() {
+        let open = candidate(0, 6..16, true);
+        let queued =
+            [(1, 0..1), (2, 0..4), (3, 0..2)].map(|(k, shards)| candidate(k, shards, false));
+        let all = [&[open.clone()], &queued[..]].concat();
         assert_eq!(chosen(&all, 1.0, LOAD_S), [(2, 0..4), (3, 0..2)]);
         assert_eq!(chosen(&all[..2], 1.0, LOAD_S), [(1, 0..1)]);
-    }
-
-    #[test]
-    fn the_later_half_of_what_is_not_begun_is_donated() {
-        let all = [candidate(0, 6..16, true), candidate(1, 5..8, true)];
-        assert_eq!(chosen(&all, 1.0, LOAD_S), [(0, 11..16)]);
+        let two = [open.clone(), candidate(1, 5..8, true)];
+        assert_eq!(chosen(&two, 1.0, LOAD_S), [(0, 11..16)]);
         assert_eq!(chosen(&[candidate(0, 4..5, true)], 1.0, LOAD_S), [(0, 4..5)]);
-    }
-
-    #[test]
-    fn what_is_not_worth_a_load_is_kept() {
-        assert_eq!(chosen(&[candidate(0, 6..16, true)], 1.0, 5.0), []);
+        // Not worth a load, or nothing to donate.
+        assert_eq!(chosen(&[open], 1.0, 5.0), []);
         assert_eq!(chosen(&[candidate(0, 4..4, true)], 1.0, LOAD_S), []);
         assert_eq!(chosen(&[], 1.0, LOAD_S), []);
     }
@@ -153,9 +144,8 @@ mod tests {
     }
 
     proptest! {
-        /// What is donated is whole tasks that are not opened, or the end of one.
         #[test]
-        fn what_is_donated_is_leased_and_not_begun(
+        fn donations_are_whole_unopened_tasks_or_the_unbegun_end_of_one(
             drawn in prop::collection::vec((0u32..40, 0u32..20, any::<bool>(), 0.0..10.0), 0..6),
             slowness in prop_oneof![Just(1.0), 0.1..10.0],
             load_s in 0.0..10.0,

@@ -1,6 +1,5 @@
-//! The tasks that a worker has leased, as a pure state machine: events in, actions out. It knows no clock (time is a value
-//! that comes with events), no lock, no store, no thread and no queue. A worker's threads, the simulator and the property
-//! tests drive this one.
+//! The tasks that a worker has leased, as a pure state machine: events in, actions out. It has no clock (events bring the
+//! time), no lock, no store, no thread and no queue. A worker's threads, the simulator and the property tests all drive it.
 //!
 //! ```text
 //!  lease -> Queued -> Pinned
@@ -16,7 +15,7 @@
 //!                      ends: another worker has the rest
 //! ```
 //!
-//! [`state::next`] is the table of all transitions. A task ends once: what is told of it later is ignored.
+//! [`state::next`] is the table of all transitions. A task ends once, and later events of it are ignored.
 
 mod action;
 mod donate;
@@ -26,29 +25,27 @@ mod state;
 #[cfg(test)]
 mod tests;
 
-pub(in crate::farm) use action::{Action, Offer, TaskId};
-pub(in crate::farm) use state::TaskState;
+pub(crate) use action::{Action, Offer, TaskId};
 
 use super::costs::Costs;
 use crate::farm::queue::{Lease, Message};
 use crate::run::Task;
 use shards::{Shards, rows};
-use state::{Next, TaskEvent, next};
+use state::{Next, TaskEvent, TaskState, next};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::time::Duration;
 
 /// Time since the worker started.
-pub(in crate::farm) type Time = Duration;
+pub(crate) type Time = Duration;
 
-/// All leased tasks; `P` is what the driver keeps with one whose scene is loaded.
-#[derive(Clone, Debug)]
-pub(in crate::farm) struct Tasks<P> {
+/// All leased tasks; `P` is the driver's data of a task whose scene is loaded.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Tasks<P> {
     entries: BTreeMap<TaskId, Entry<P>>,
     last: u64,
-    /// Partials of a scene that is here as a whole wait in memory for so long, for its other shards.
+    /// Partials of a scene that this worker has as a whole stay in memory for this time, until its last shard is traced.
     checkpoint: Duration,
-    /// No new shard starts.
     stopping: bool,
 }
 
@@ -59,13 +56,12 @@ struct Entry<P> {
     state: TaskState,
     shards: Shards,
     company: Company,
-    /// Number of the attempt's record.
     attempt: Option<u32>,
-    /// When something of it was done last.
+    /// The time of the last progress.
     progress: Time,
-    /// Since when the oldest shard is in memory alone.
+    /// Since then the oldest unwritten shard is in memory.
     in_memory_since: Option<Time>,
-    /// A thread's seconds, and shards that were traced in them.
+    /// A thread's seconds, and the number of shards traced in them.
     traced: (f64, f64),
     payload: Option<P>,
 }
@@ -75,15 +71,14 @@ struct Entry<P> {
 enum Company {
     /// All of the scene was traced here.
     Alone,
-    /// The store had something of it.
+    /// The store had some of its shards.
     Before,
     /// Another worker may wait for the shards of this task.
     Now,
 }
 
 impl<P> Entry<P> {
-    /// Estimated seconds for one of its shards. Scenes differ by more than ten times: what others cost says little of what
-    /// is left of this one.
+    /// Estimated seconds for one of its shards. Scenes differ more than tenfold, so its own times count more than the mean.
     fn shard_s(&self, costs: Costs) -> f64 {
         let (seconds, shards) = self.traced;
         let of_thread = if shards > 0.0 { seconds / shards } else { costs.shard_s };
@@ -95,8 +90,8 @@ impl<P> Entry<P> {
         Message { task: Task { scene, shards }, hops: self.message.hops + 1 }
     }
 
-    /// What another worker has to do if this one stops: all that is not in the store. If nothing is, it still has to be
-    /// found out whether the scene is complete.
+    /// The messages for another worker if this one stops: all shards that are not in the store; or, if all are, the whole
+    /// task, since a worker must still check whether the scene is complete.
     fn rest(&self) -> Vec<Message> {
         let rows = rows(self.shards.undone());
         if rows.is_empty() {
@@ -108,12 +103,12 @@ impl<P> Entry<P> {
 }
 
 impl<P> Tasks<P> {
-    pub(in crate::farm) fn new(checkpoint: Duration) -> Self {
+    pub(crate) fn new(checkpoint: Duration) -> Self {
         Self { entries: BTreeMap::new(), last: 0, checkpoint, stopping: false }
     }
 
-    /// A task was leased. None if it is here already: its lease ended, and the queue gave it to the same worker again.
-    pub(in crate::farm) fn lease(&mut self, lease: &Lease, now: Time) -> Option<TaskId> {
+    /// Adds a leased task. None if it is here already: its lease ended, and the queue delivered it here again.
+    pub(crate) fn lease(&mut self, lease: &Lease, now: Time) -> Option<TaskId> {
         let same = |e: &Entry<P>| e.lease == lease.id && e.message == lease.message;
         if self.entries.values().any(same) {
             return None;
@@ -135,41 +130,38 @@ impl<P> Tasks<P> {
         Some(TaskId(self.last))
     }
 
-    /// Earlier attempts at its scene failed: it is not donated. False if it was.
-    pub(in crate::farm) fn pin(&mut self, task: TaskId) -> bool {
-        self.to(task, TaskEvent::Pinned)
+    /// Keeps a task from being donated, since earlier attempts at its scene failed. False if it was donated meanwhile.
+    pub(crate) fn pin(&mut self, task: TaskId) -> bool {
+        self.to(task, TaskEvent::Pinned).is_some()
     }
 
-    /// The attempt at it is recorded under the number `n`. False if it was donated.
-    pub(in crate::farm) fn attempted(&mut self, task: TaskId, n: u32) -> bool {
+    /// The record of the attempt has the number `n`. False if the task was donated meanwhile.
+    pub(crate) fn attempted(&mut self, task: TaskId, n: u32) -> bool {
         let entry = self.entries.get_mut(&task);
         entry.map(|entry| entry.attempt = Some(n)).is_some()
     }
 
-    /// A compute thread begins to load its scene. False if it was donated.
-    pub(in crate::farm) fn load(&mut self, task: TaskId, now: Time) -> bool {
+    /// A compute thread begins to load the scene. False if the task was donated meanwhile.
+    pub(crate) fn load(&mut self, task: TaskId, now: Time) -> bool {
         self.progress(task, now);
-        self.to(task, TaskEvent::LoadBegins)
+        self.to(task, TaskEvent::LoadBegins).is_some()
     }
 
-    /// A child process begins to trace it. False if it was donated.
-    pub(in crate::farm) fn sandbox(&mut self, task: TaskId, now: Time) -> bool {
+    /// A child process begins to trace the task. False if it was donated meanwhile.
+    pub(crate) fn sandbox(&mut self, task: TaskId, now: Time) -> bool {
         self.progress(task, now);
-        self.to(task, TaskEvent::SandboxBegins)
+        self.to(task, TaskEvent::SandboxBegins).is_some()
     }
 
-    /// Its scene of `count` shards is loaded, and those are in memory that the store had `found`.
-    pub(in crate::farm) fn loaded(
+    /// The scene of `count` shards is loaded, with the shards `found` in the store.
+    pub(crate) fn loaded(
         &mut self,
         task: TaskId,
         count: u32,
         found: &[u32],
         payload: P,
     ) -> Vec<Action> {
-        if !self.to(task, TaskEvent::Loaded) {
-            return Vec::new();
-        }
-        let Some(entry) = self.entries.get_mut(&task) else {
+        let Some(entry) = self.to(task, TaskEvent::Loaded) else {
             return Vec::new();
         };
         let own = &entry.message.task.shards;
@@ -186,30 +178,30 @@ impl<P> Tasks<P> {
         self.settle(task)
     }
 
-    /// Its shards that no thread has begun.
-    pub(in crate::farm) fn waiting(&self, task: TaskId) -> Vec<u32> {
+    /// The shards that no thread has begun.
+    pub(crate) fn waiting(&self, task: TaskId) -> Vec<u32> {
         let entry = self.entries.get(&task);
         entry.map_or_else(Vec::new, |entry| entry.shards.waiting())
     }
 
     /// Whether to trace a band of a shard.
-    pub(in crate::farm) fn begin(&mut self, task: TaskId, shard: u32) -> bool {
+    pub(crate) fn begin(&mut self, task: TaskId, shard: u32) -> bool {
         let stopping = self.stopping;
         let entry = self.entries.get_mut(&task);
         entry.is_some_and(|entry| entry.shards.begin(shard, stopping))
     }
 
     /// A thread took so many seconds for a part of a shard.
-    pub(in crate::farm) fn spent(&mut self, task: TaskId, seconds: f64, part: f64) {
+    pub(crate) fn spent(&mut self, task: TaskId, seconds: f64, part: f64) {
         if let Some(entry) = self.entries.get_mut(&task) {
             entry.traced.0 += seconds;
             entry.traced.1 += part;
         }
     }
 
-    /// A shard is traced and in memory. It is written at once if another worker may wait for it, or after a while: with
-    /// luck the tuple comes first.
-    pub(in crate::farm) fn traced(&mut self, task: TaskId, shard: u32, now: Time) -> Vec<Action> {
+    /// A shard is traced and in memory. It is written at once if another worker may wait for it, else at the checkpoint: by
+    /// then the tuple may have made that needless.
+    pub(crate) fn traced(&mut self, task: TaskId, shard: u32, now: Time) -> Vec<Action> {
         let (stopping, checkpoint) = (self.stopping, self.checkpoint);
         let Some(entry) = self.entries.get_mut(&task) else {
             return Vec::new();
@@ -228,7 +220,7 @@ impl<P> Tasks<P> {
         settled
     }
 
-    /// Writes what is in memory alone.
+    /// Writes the shards that are only in memory.
     fn store(&mut self, task: TaskId) -> Vec<Action> {
         let entry = self.entries.get_mut(&task);
         let Some(entry) = entry.filter(|entry| entry.state == TaskState::Tracing) else {
@@ -236,36 +228,30 @@ impl<P> Tasks<P> {
         };
         entry.in_memory_since = None;
         let shards = entry.shards.write();
-        if shards.is_empty() {
-            return Vec::new();
-        }
-        vec![Action::Store { task, shards }]
+        if shards.is_empty() { Vec::new() } else { vec![Action::Store { task, shards }] }
     }
 
-    /// A partial is in the store.
-    pub(in crate::farm) fn stored(&mut self, task: TaskId, shard: u32) -> Vec<Action> {
+    pub(crate) fn stored(&mut self, task: TaskId, shard: u32) -> Vec<Action> {
         if let Some(entry) = self.entries.get_mut(&task) {
             entry.shards.stored(shard);
         }
         self.settle(task)
     }
 
-    /// Whether the store has all of the scene's shards.
-    pub(in crate::farm) fn scene_checked(&mut self, task: TaskId, all: bool) -> Vec<Action> {
+    /// The store has all of the scene's shards, or not.
+    pub(crate) fn scene_checked(&mut self, task: TaskId, all: bool) -> Vec<Action> {
         if !all {
             return self.end(task, TaskEvent::OthersMissing);
         }
-        if !self.to(task, TaskEvent::OthersStored) {
-            return Vec::new();
-        }
-        vec![Action::Gather { task }]
+        let gathers = self.to(task, TaskEvent::OthersStored);
+        gathers.map(|_| Action::Gather { task }).into_iter().collect()
     }
 
-    /// The other workers' shards are in memory, but those `missing`, which are damaged or gone.
-    pub(in crate::farm) fn gathered(&mut self, task: TaskId, missing: &[u32]) -> Vec<Action> {
+    /// The other workers' shards are in memory, except those `missing`, which are damaged or gone.
+    pub(crate) fn gathered(&mut self, task: TaskId, missing: &[u32]) -> Vec<Action> {
         if missing.is_empty() {
             let complete = self.to(task, TaskEvent::Gathered);
-            return if complete { vec![Action::Merge { task }] } else { Vec::new() };
+            return complete.map(|_| Action::Merge { task }).into_iter().collect();
         }
         let Some(entry) = self.entries.get(&task) else {
             return Vec::new();
@@ -279,18 +265,15 @@ impl<P> Tasks<P> {
         actions
     }
 
-    /// What to publish for an idle worker that loads a scene in `load_s`.
-    pub(in crate::farm) fn offers(&self, costs: Costs, load_s: Option<f64>) -> Vec<Offer> {
-        let slowness = costs.slowness(load_s);
-        let load_s = load_s.unwrap_or(costs.load_s);
-        let chosen = donate::choose(&self.candidates(costs), slowness, load_s).into_iter();
+    /// The messages to publish for an idle worker that loads a scene in `load_s`.
+    pub(crate) fn offers(&self, costs: Costs, load_s: Option<f64>) -> Vec<Offer> {
         let offer = |(task, shards)| Offer { task, message: self.entries[&task].message(shards) };
-        chosen.map(offer).collect()
+        self.choose(costs, load_s).into_iter().map(offer).collect()
     }
 
-    /// The queue has these shards for another worker. Those that were begun meanwhile are finished here, too; what waits
-    /// in memory is written, for the other worker may wait for it.
-    pub(in crate::farm) fn donated(&mut self, task: TaskId, shards: Range<u32>) -> Vec<Action> {
+    /// The queue has confirmed these shards for another worker. Shards begun meanwhile are finished here, too; those in memory
+    /// are written, for the other worker may wait for them.
+    pub(crate) fn donated(&mut self, task: TaskId, shards: Range<u32>) -> Vec<Action> {
         let ended = self.end(task, TaskEvent::Donated);
         if !ended.is_empty() {
             return ended;
@@ -306,83 +289,76 @@ impl<P> Tasks<P> {
         actions
     }
 
-    /// No new shard starts from now on.
-    pub(in crate::farm) fn stop(&mut self) {
+    pub(crate) fn stop(&mut self) {
         self.stopping = true;
     }
 
-    /// Writes all that is in memory alone.
-    pub(in crate::farm) fn store_all(&mut self) -> Vec<Action> {
+    /// Writes all shards that are only in memory.
+    pub(crate) fn store_all(&mut self) -> Vec<Action> {
         let tasks: Vec<TaskId> = self.entries.keys().copied().collect();
         tasks.into_iter().flat_map(|task| self.store(task)).collect()
     }
 
-    /// Something of it was done.
-    pub(in crate::farm) fn progress(&mut self, task: TaskId, now: Time) {
+    pub(crate) fn progress(&mut self, task: TaskId, now: Time) {
         if let Some(entry) = self.entries.get_mut(&task) {
             entry.progress = now;
         }
     }
 
-    /// An opened task of which nothing was done for `hang`.
-    pub(in crate::farm) fn hung(&self, now: Time, hang: Duration) -> Option<&Task> {
+    /// An opened task without progress for `hang`.
+    pub(crate) fn hung(&self, now: Time, hang: Duration) -> Option<&Task> {
         let hangs = |e: &&Entry<P>| !e.state.waits() && now.saturating_sub(e.progress) > hang;
         self.entries.values().find(hangs).map(|e| &e.message.task)
     }
 
-    pub(in crate::farm) fn leases(&self) -> Vec<u64> {
+    pub(crate) fn leases(&self) -> Vec<u64> {
         self.entries.values().map(|entry| entry.lease).collect()
     }
 
-    pub(in crate::farm) fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
 
     /// It has not ended.
-    pub(in crate::farm) fn has(&self, task: TaskId) -> bool {
+    pub(crate) fn has(&self, task: TaskId) -> bool {
         self.entries.contains_key(&task)
     }
 
-    /// As it was leased.
-    pub(in crate::farm) fn task(&self, task: TaskId) -> Option<&Task> {
-        self.entries.get(&task).map(|entry| &entry.message.task)
+    /// None after its end.
+    pub(crate) fn scene(&self, task: TaskId) -> Option<u32> {
+        self.entries.get(&task).map(|entry| entry.message.task.scene)
     }
 
     /// All of its scene was traced here.
-    pub(in crate::farm) fn is_alone(&self, task: TaskId) -> bool {
+    pub(crate) fn is_alone(&self, task: TaskId) -> bool {
         let entry = self.entries.get(&task);
         entry.is_some_and(|entry| entry.company == Company::Alone)
     }
 
-    /// What came with [`loaded`](Self::loaded).
-    pub(in crate::farm) fn payload(&self, task: TaskId) -> Option<&P> {
+    pub(crate) fn payload(&self, task: TaskId) -> Option<&P> {
         self.entries.get(&task)?.payload.as_ref()
     }
 
-    /// Goes to the state that the table names. False if it names none.
-    fn to(&mut self, task: TaskId, event: TaskEvent) -> bool {
-        let Some(entry) = self.entries.get_mut(&task) else {
-            return false;
+    /// Takes a task to the table's next state. None if there is none.
+    fn to(&mut self, task: TaskId, event: TaskEvent) -> Option<&mut Entry<P>> {
+        let entry = self.entries.get_mut(&task)?;
+        let Some(Next::To(state)) = next(entry.state, event) else {
+            return None;
         };
-        match next(entry.state, event) {
-            Some(Next::To(state)) => {
-                entry.state = state;
-                true
-            }
-            _ => false,
-        }
+        entry.state = state;
+        Some(entry)
     }
 
-    /// After a change of shards: is the scene complete here, or the task's own part in the store?
+    /// After a change of shards, checks whether the scene is complete here, or the task's own part in the store.
     fn settle(&mut self, task: TaskId) -> Vec<Action> {
         let Some(entry) = self.entries.get(&task) else {
             return Vec::new();
         };
         let all_here = entry.shards.are_all_here();
         let own_stored = entry.shards.undone().next().is_none();
-        if all_here && self.to(task, TaskEvent::AllHere) {
+        if all_here && self.to(task, TaskEvent::AllHere).is_some() {
             vec![Action::Merge { task }]
-        } else if own_stored && self.to(task, TaskEvent::OwnStored) {
+        } else if own_stored && self.to(task, TaskEvent::OwnStored).is_some() {
             vec![Action::CheckScene { task }]
         } else {
             Vec::new()

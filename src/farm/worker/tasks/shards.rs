@@ -4,15 +4,13 @@ use std::ops::Range;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Shard {
-    /// Not in this task: other workers have it.
+    /// In another worker's task.
     Elsewhere,
-    /// No thread has begun it.
     Waiting,
-    /// It is not begun any more, because the worker stops.
+    /// Waiting when the worker stopped, so it is not begun any more.
     Dropped,
-    /// Threads trace its bands.
     Tracing,
-    /// Traced, and in memory alone.
+    /// Traced, and only in memory.
     InMemory,
     /// On its way into the store.
     Writing,
@@ -27,7 +25,7 @@ enum Shard {
 pub(super) struct Shards(Vec<Shard>);
 
 impl Shards {
-    /// Of a scene of `count` shards: those of the task, of which the store has `found`, as it has of others.
+    /// The shards of a scene: `own` are the task's, and the store has `found`.
     pub(super) fn new(count: u32, own: &Range<u32>, found: &[u32]) -> Self {
         let of = |shard: u32| {
             if found.contains(&shard) {
@@ -56,19 +54,19 @@ impl Shards {
         }
     }
 
-    /// Whether a band of a shard is to be traced. While stopping, no new shard starts; a started one is finished.
+    /// Whether to trace a band of a shard. While stopping, no new shard starts; a started one is finished.
     pub(super) fn begin(&mut self, shard: u32, stopping: bool) -> bool {
         let to = if stopping { Shard::Dropped } else { Shard::Tracing };
         self.change(shard, &[Shard::Waiting], to);
         self.0.get(shard as usize) == Some(&Shard::Tracing)
     }
 
-    /// False if it was not being traced: an event of a task that came to an end.
+    /// False if it was not being traced.
     pub(super) fn traced(&mut self, shard: u32) -> bool {
         self.change(shard, &[Shard::Tracing], Shard::InMemory)
     }
 
-    /// Shards that are in memory alone; from now on they are on their way.
+    /// Begins to write the shards that are only in memory.
     pub(super) fn write(&mut self) -> Vec<u32> {
         let shards: Vec<u32> = self.with(|s| s == Shard::InMemory).collect();
         for &shard in &shards {
@@ -81,7 +79,7 @@ impl Shards {
         self.change(shard, &[Shard::Writing], Shard::Stored);
     }
 
-    /// Another worker has these: those that are begun are finished here, too.
+    /// Gives these shards to another worker; shards already begun are finished here, too.
     pub(super) fn leave(&mut self, shards: Range<u32>) {
         for shard in shards {
             self.change(shard, &[Shard::Waiting, Shard::Dropped], Shard::Elsewhere);
@@ -92,13 +90,12 @@ impl Shards {
         self.with(|s| s == Shard::Waiting).collect()
     }
 
-    /// Shards at the end of those that are left, of which no thread has begun any.
+    /// The row of waiting shards at the end of the unfinished ones.
     pub(super) fn unbegun(&self) -> Range<u32> {
         let left = |s| matches!(s, Shard::Waiting | Shard::Dropped | Shard::Tracing);
         let end = self.with(left).last().map_or(0, |last| last + 1);
-        let waits = |&&k: &&u32| self.0[k as usize] == Shard::Waiting;
-        let before: Vec<u32> = (0..end).rev().collect();
-        let count = before.iter().take_while(waits).count() as u32;
+        let waits = |&k: &u32| self.0[k as usize] == Shard::Waiting;
+        let count = (0..end).rev().take_while(waits).count() as u32;
         end - count..end
     }
 
@@ -110,7 +107,7 @@ impl Shards {
         !self.0.is_empty() && self.0.iter().all(here)
     }
 
-    /// What is not in the store, and of no other worker.
+    /// The task's shards that are not in the store.
     pub(super) fn undone(&self) -> impl Iterator<Item = u32> {
         self.with(|s| !matches!(s, Shard::Elsewhere | Shard::Stored | Shard::Found))
     }
@@ -120,6 +117,7 @@ impl Shards {
     }
 }
 
+/// Groups consecutive shards.
 pub(super) fn rows(shards: impl Iterator<Item = u32>) -> Vec<Range<u32>> {
     let mut rows: Vec<Range<u32>> = Vec::new();
     for shard in shards {
@@ -146,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_found_or_begun_is_not_left_to_others() {
+    fn found_and_begun_shards_are_not_given_away() {
         let mut shards = Shards::new(8, &(2..8), &[0, 5]);
         assert!(shards.begin(6, false));
         assert_eq!(shards.unbegun(), 7..8);

@@ -1,36 +1,30 @@
-//! The states of a leased task, and the one table that says what may follow on what.
+//! The states of a leased task, and the table of all transitions.
 
-/// What a leased task is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::farm) enum TaskState {
-    /// Leased, its scene not loaded yet: another worker may have it.
+pub(super) enum TaskState {
+    /// Leased, and its scene not loaded yet: it may be donated.
     Queued,
-    /// The same, but it has failed before: donating it would only pass the trouble around.
+    /// Queued, but it has failed before: a donation would only pass the trouble on.
     Pinned,
-    /// A compute thread loads its scene and what the store has of it.
+    /// A compute thread loads its scene and the partials in the store.
     Loading,
-    /// A child process traces it, since it may kill whatever traces it.
+    /// A child process traces it, since it may kill the process that traces it.
     Sandboxed,
-    /// Its shards are traced.
     Tracing,
-    /// All shards of its scene are in memory: the tuple is made from them.
+    /// All shards of its scene are in memory, and the tuple is made from them.
     Complete,
-    /// Its own shards are in the store, other workers have the rest: is that there, too?
+    /// Its own shards are in the store; the worker checks whether those of other workers are, too.
     Partial,
-    /// The rest is there, and is fetched.
+    /// The shards of other workers are fetched from the store.
     Gathering,
 }
 
-/// What happens to a task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::farm) enum TaskEvent {
+pub(super) enum TaskEvent {
     /// Records of failed attempts at its scene were found.
     Pinned,
-    /// A compute thread takes it.
     LoadBegins,
-    /// A child process takes it.
     SandboxBegins,
-    /// Its scene is loaded.
     Loaded,
     /// The last shard of the scene is in memory.
     AllHere,
@@ -38,25 +32,22 @@ pub(in crate::farm) enum TaskEvent {
     OwnStored,
     /// The store has all of the scene's shards.
     OthersStored,
-    /// It has not.
     OthersMissing,
-    /// The other workers' shards are in memory, too.
+    /// The shards of other workers are in memory, too.
     Gathered,
-    /// Some of them turned out to be damaged, or gone.
+    /// Some of them are damaged or gone.
     Damaged,
-    /// The scene's tuple is in the store.
     TupleStored,
-    /// Another worker has put it there.
+    /// Another worker has stored the tuple.
     DoneElsewhere,
-    /// The scene cannot be done.
     Failed,
-    /// Another worker has all of it.
+    /// Another worker has the whole task.
     Donated,
-    /// Its scene is done, or set aside, or a child has done it.
+    /// Its scene is done or in quarantine, or a child process has done the task.
     NothingToDo,
     /// Its scene has cost too many attempts.
     SetAside,
-    /// It failed here; other workers are to try.
+    /// It failed here; other workers try again.
     Retry,
     Requeue,
     /// The run is cancelled.
@@ -65,38 +56,34 @@ pub(in crate::farm) enum TaskEvent {
 
 /// How a task leaves a worker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::farm) enum End {
-    /// Nothing is left to do.
+pub(super) enum End {
     Done,
     /// Its scene's tuple is in the store.
     Merged,
-    /// Its shards are in the store, and another worker will find them there.
+    /// Its shards are in the store, where another worker finds them.
     DoneInPart,
-    /// Some of the scene's shards have to be traced again, by whichever worker gets them.
+    /// Some of the scene's shards must be traced again.
     Damaged,
-    /// Another worker has it.
     Donated,
     /// Its scene goes into quarantine because it failed here.
     Failed,
     /// Its scene goes into quarantine because of its attempts, whose records stay.
     SetAside,
-    /// Into the queue again; the record of the attempt stays.
+    /// Back to the queue; the record of the attempt stays.
     Retried,
-    /// Into the queue again; nothing is wrong with it.
+    /// Back to the queue, without a failure.
     Requeued,
-    /// Left as it is.
     Cancelled,
 }
 
-/// What follows on an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::farm) enum Next {
+pub(super) enum Next {
     To(TaskState),
     Ends(End),
 }
 
-/// The table. None: the event says nothing to a task in this state, and is ignored.
-pub(in crate::farm) fn next(state: TaskState, event: TaskEvent) -> Option<Next> {
+/// The table of transitions. None if a task in this state ignores the event.
+pub(super) fn next(state: TaskState, event: TaskEvent) -> Option<Next> {
     use Next::{Ends, To};
     use TaskEvent as E;
     use TaskState as S;
@@ -104,7 +91,7 @@ pub(in crate::farm) fn next(state: TaskState, event: TaskEvent) -> Option<Next> 
         (S::Queued | S::Pinned, E::Pinned) => To(S::Pinned),
         (S::Queued | S::Pinned, E::LoadBegins) => To(S::Loading),
         (S::Queued | S::Pinned, E::SandboxBegins) => To(S::Sandboxed),
-        // One that is being loaded is not left alone any more: both workers do it.
+        // A donation confirmed after loading began is ignored: both workers do the task.
         (S::Queued, E::Donated) => Ends(End::Donated),
         (S::Queued | S::Pinned | S::Sandboxed, E::NothingToDo) => Ends(End::Done),
         (S::Queued | S::Pinned | S::Sandboxed, E::SetAside) => Ends(End::SetAside),
@@ -130,7 +117,7 @@ pub(in crate::farm) fn next(state: TaskState, event: TaskEvent) -> Option<Next> 
 }
 
 impl TaskState {
-    /// Its scene is not loaded, nor being loaded.
+    /// Its scene is neither loaded nor being loaded.
     pub(super) fn waits(self) -> bool {
         matches!(self, Self::Queued | Self::Pinned)
     }
@@ -175,7 +162,7 @@ mod tests {
         E::Cancel,
     ];
 
-    /// From a queued task every state is reached, and from every state the work can end without a stop.
+    /// Every state is reached from `Queued`, and left by some event of the work itself.
     #[test]
     fn every_state_is_reached_and_left() {
         let mut reached = vec![S::Queued];

@@ -37,7 +37,7 @@ fn message(shards: Range<u32>) -> Message {
 const FINISH: Action = Action::Finish { lease: 1 };
 
 #[test]
-fn a_whole_scene_is_merged_from_memory_and_its_lease_given_back_after_that() {
+fn a_whole_scene_is_merged_from_memory_before_its_lease_is_finished() {
     let (mut tasks, task, actions) = opened(0..3, 3, &[]);
     assert_eq!(actions, []);
     assert_eq!(tasks.waiting(task), [0, 1, 2]);
@@ -52,13 +52,13 @@ fn a_whole_scene_is_merged_from_memory_and_its_lease_given_back_after_that() {
 }
 
 #[test]
-fn shards_wait_in_memory_for_the_checkpoint_only() {
+fn shards_are_written_at_the_checkpoint() {
     let (mut tasks, task, _) = opened(0..4, 4, &[]);
     assert_eq!(trace(&mut tasks, task, 0, 1), []);
     assert_eq!(trace(&mut tasks, task, 1, 20), []);
     let write = trace(&mut tasks, task, 2, 21);
     assert_eq!(write, [Action::Store { task, shards: vec![0, 1, 2] }]);
-    // What is on its way counts as here.
+    // Shards on their way into the store are still in memory.
     assert_eq!(tasks.stored(task, 1), []);
     assert_eq!(trace(&mut tasks, task, 3, 22), [Action::Merge { task }]);
     assert_eq!(tasks.stored(task, 0), []);
@@ -86,7 +86,7 @@ fn a_part_of_a_scene_is_written_at_once_and_ends_when_it_is_stored() {
 }
 
 #[test]
-fn what_the_store_has_is_not_traced_again() {
+fn stored_shards_are_not_traced_again() {
     let (tasks, task, actions) = opened(0..3, 3, &[1]);
     assert_eq!((tasks.waiting(task), actions), (vec![0, 2], vec![]));
     assert!(!tasks.is_alone(task));
@@ -97,20 +97,20 @@ fn what_the_store_has_is_not_traced_again() {
 }
 
 #[test]
-fn a_donor_finishes_what_it_has_begun_and_writes_what_it_has() {
+fn a_donor_finishes_begun_shards_and_writes_finished_ones() {
     let (mut tasks, task, _) = opened(0..8, 8, &[]);
     assert_eq!(trace(&mut tasks, task, 0, 1), []);
     assert!(tasks.begin(task, 1));
     let offers = tasks.offers(COSTS, None);
     assert_eq!(offers.len(), 1);
     assert_eq!((offers[0].task, &offers[0].message), (task, &message(5..8)));
-    // Until the queue has it, work goes on, into what is offered.
+    // Until the queue confirms, offered shards are begun, too.
     assert!(tasks.begin(task, 5));
     let write = tasks.donated(task, 5..8);
     assert_eq!(write, [Action::Store { task, shards: vec![0] }]);
     assert!(!tasks.begin(task, 6) && !tasks.begin(task, 7) && tasks.begin(task, 5));
     assert_eq!(tasks.waiting(task), [2, 3, 4]);
-    // A confirmation may come twice.
+    // A second confirmation changes nothing.
     assert_eq!(tasks.donated(task, 5..8), []);
     for shard in [2, 3, 4, 1, 5] {
         let write = trace(&mut tasks, task, shard, 1);
@@ -123,7 +123,7 @@ fn a_donor_finishes_what_it_has_begun_and_writes_what_it_has() {
 }
 
 #[test]
-fn a_task_that_waits_is_donated_whole_unless_it_is_pinned_or_loaded_meanwhile() {
+fn a_queued_task_is_donated_whole_unless_it_is_pinned_or_being_loaded() {
     let mut tasks: Tasks<()> = Tasks::new(CHECKPOINT);
     let ids = [1, 2, 3, 4].map(|k| tasks.lease(&lease(k, k as u32, 0..2), START).unwrap());
     assert!(tasks.pin(ids[0]));
@@ -135,7 +135,7 @@ fn a_task_that_waits_is_donated_whole_unless_it_is_pinned_or_loaded_meanwhile() 
     assert_eq!(tasks.donated(ids[3], 0..2), [Action::Finish { lease: 4 }]);
     assert!(tasks.has(ids[2]) && !tasks.has(ids[3]));
     assert!(!tasks.load(ids[3], START) && !tasks.pin(ids[3]) && !tasks.attempted(ids[3], 1));
-    // The one that both do is never done by this worker alone.
+    // Both workers do that task, so this one is not alone.
     assert_eq!(tasks.loaded(ids[2], 2, &[], ()), []);
     assert!(!tasks.is_alone(ids[2]));
 }
@@ -145,20 +145,20 @@ fn the_same_message_is_not_leased_twice() {
     let mut tasks: Tasks<()> = Tasks::new(CHECKPOINT);
     let task = tasks.lease(&lease(1, 7, 0..2), START).unwrap();
     assert_eq!(tasks.lease(&lease(1, 7, 0..2), START), None);
-    // A queue that was made anew counts from the start: another message under the same number.
+    // A queue that was made anew counts from the start, so another message may have the same number.
     let other = tasks.lease(&lease(1, 8, 0..2), START).unwrap();
     assert_ne!(task, other);
     assert_eq!(tasks.leases(), [1, 1]);
 }
 
 #[test]
-fn a_worker_that_stops_starts_nothing_and_requeues_all_that_is_not_stored() {
+fn a_stopping_worker_starts_no_shard_and_requeues_unstored_ones() {
     let (mut tasks, task, _) = opened(0..8, 8, &[0]);
     assert!(tasks.begin(task, 1) && tasks.begin(task, 2));
     assert_eq!(tasks.traced(task, 1, START), []);
     tasks.stop();
     assert!(!tasks.begin(task, 5) && tasks.begin(task, 2));
-    // Shards that are traced from now on are written at once, with those that waited.
+    // Shards traced from now on are written at once.
     let store = |shards: &[u32]| [Action::Store { task, shards: shards.to_vec() }];
     assert_eq!(tasks.store_all(), store(&[1]));
     assert_eq!(tasks.traced(task, 2, START), store(&[2]));
@@ -171,9 +171,8 @@ fn a_worker_that_stops_starts_nothing_and_requeues_all_that_is_not_stored() {
     assert!(tasks.is_empty());
 }
 
-/// Its shards are in the store, but it was not checked whether the scene is complete.
 #[test]
-fn a_stored_task_that_was_not_checked_is_requeued_whole() {
+fn a_stored_task_whose_scene_was_not_checked_is_requeued_whole() {
     let (mut tasks, task, actions) = opened(0..2, 4, &[0, 1]);
     assert_eq!(actions, [Action::CheckScene { task }]);
     let messages = vec![message(0..2)];
@@ -182,7 +181,7 @@ fn a_stored_task_that_was_not_checked_is_requeued_whole() {
 }
 
 #[test]
-fn what_fails_before_it_is_traced_keeps_its_record_or_not() {
+fn attempts_of_tasks_that_end_before_tracing_are_forgotten_except_after_retry_and_set_aside() {
     let queued = || {
         let mut tasks: Tasks<()> = Tasks::new(CHECKPOINT);
         let task = tasks.lease(&lease(1, 7, 0..2), START).unwrap();
@@ -207,7 +206,7 @@ fn what_fails_before_it_is_traced_keeps_its_record_or_not() {
 }
 
 #[test]
-fn a_worker_that_hangs_leaves_what_it_has_not_opened() {
+fn a_hanging_worker_requeues_its_unopened_tasks() {
     let (mut tasks, _, _) = opened(0..4, 4, &[]);
     let second = tasks.lease(&lease(2, 8, 0..4), START).unwrap();
     let hang = Duration::from_mins(2);
@@ -236,7 +235,7 @@ fn a_worker_leases_more_when_the_open_tasks_end_soon() {
     assert!(!tasks.has_enough(1, COSTS));
     let next = tasks.lease(&lease(2, 8, 0..4), START).unwrap();
     assert!(tasks.has_enough(1, COSTS) && !tasks.has_enough(2, COSTS));
-    // What it measured of a scene counts more than the mean of all.
+    // Its own shard times count more than the mean of all scenes.
     assert!(tasks.load(next, START));
     assert!(tasks.has_enough(2, COSTS));
     tasks.loaded(next, 4, &[], ());

@@ -1,0 +1,117 @@
+//! The values that a worker's threads hand each other.
+
+use super::tasks::TaskId;
+use crate::farm::FarmError;
+use crate::farm::tuples::encode_noise;
+use crate::run::{AccessError, Task};
+use render::color::SrgbEncoder;
+use render::job::SceneJob;
+use render::line::SceneLine;
+use render::merge::{Tuple, encode_tuple_file, tuple_files};
+use render::scene::{LoadError, SceneFiles};
+use std::sync::{Arc, Mutex};
+
+/// A task and its scene's files, from the prefetch thread to a compute thread.
+pub(super) struct Loaded<'a> {
+    pub(super) line: &'a SceneLine,
+    pub(super) task: TaskId,
+    pub(super) leased: Task,
+    pub(super) files: Result<SceneFiles, LoadError>,
+}
+
+/// A task whose scene is loaded.
+pub(super) struct ActiveTask<'a> {
+    pub(super) id: TaskId,
+    pub(super) leased: Task,
+    pub(super) job: SceneJob<'a>,
+}
+
+/// Work for any compute thread.
+pub(super) enum Job<'a> {
+    /// Encode a shard's partial for the writer.
+    Seal(Arc<ActiveTask<'a>>, u32),
+    /// Fetch the shards of other workers.
+    Gather(Arc<ActiveTask<'a>>),
+    Merge(Arc<ActiveTask<'a>>),
+    /// Encode a file of a tuple for the writer.
+    Encode(Arc<FinishedScene<'a>>, usize),
+}
+
+impl<'a> Job<'a> {
+    pub(super) fn task(&self) -> Arc<ActiveTask<'a>> {
+        match self {
+            Self::Seal(task, _) | Self::Gather(task) | Self::Merge(task) => Arc::clone(task),
+            Self::Encode(scene, _) => Arc::clone(&scene.task),
+        }
+    }
+}
+
+/// One band of a shard.
+pub(super) struct Band<'a> {
+    pub(super) task: Arc<ActiveTask<'a>>,
+    pub(super) shard: u32,
+    pub(super) index: u32,
+}
+
+/// Encoded objects, from a compute thread to the writer.
+pub(super) struct Order<'a> {
+    pub(super) task: Arc<ActiveTask<'a>>,
+    pub(super) objects: Objects,
+}
+
+pub(super) enum Objects {
+    Partial(u32, Vec<u8>),
+    Tuple(EncodedTuple),
+}
+
+pub(super) struct EncodedTuple {
+    /// Names and bytes, in the order in which they are written.
+    pub(super) files: Vec<(String, Vec<u8>)>,
+    pub(super) noise: Option<Vec<u8>>,
+    /// The largest share, among the layers, of paths that ended beyond a photograph's border.
+    pub(super) miss_share: f64,
+}
+
+/// A scene whose shards are all there. Any compute threads encode its files, one by one.
+pub(super) struct FinishedScene<'a> {
+    pub(super) task: Arc<ActiveTask<'a>>,
+    tuple: Tuple,
+    names: Vec<String>,
+    encoded: Mutex<Vec<Option<Vec<u8>>>>,
+}
+
+impl<'a> FinishedScene<'a> {
+    pub(super) fn new(task: Arc<ActiveTask<'a>>, tuple: Tuple) -> Self {
+        let names = tuple_files(task.job.line);
+        let count = names.len() + usize::from(!tuple.noise.is_empty());
+        Self { task, encoded: Mutex::new(vec![None; count]), names, tuple }
+    }
+
+    /// The number of files: the tuple's, and its noise map.
+    pub(super) fn len(&self) -> usize {
+        self.names.len() + usize::from(!self.tuple.noise.is_empty())
+    }
+
+    /// Encodes a file; returns all of them after the last one.
+    pub(super) fn encode(
+        &self,
+        file: usize,
+        encoder: &SrgbEncoder,
+    ) -> Result<Option<EncodedTuple>, FarmError> {
+        let bytes = match self.names.get(file) {
+            Some(name) => encode_tuple_file(&self.tuple, encoder, name)
+                .map_err(|e| AccessError::Tuple(e.to_string()))?,
+            None => encode_noise(&self.tuple)?,
+        };
+        let mut encoded = self.encoded.lock().expect("no holder of this lock panics");
+        encoded[file] = Some(bytes);
+        if encoded.iter().any(Option::is_none) {
+            return Ok(None);
+        }
+        let mut bytes = encoded.iter_mut().filter_map(Option::take);
+        let files = self.names.iter().cloned().zip(bytes.by_ref()).collect();
+        let layers = self.tuple.record.layers.values();
+        let miss_share = layers.map(|layer| layer.miss_share).fold(0.0, f64::max);
+        Ok(Some(EncodedTuple { files, noise: bytes.next(), miss_share }))
+    }
+}
