@@ -75,14 +75,19 @@ impl LocalQueue {
         self.shared.state.lock().expect("no holder of this lock panics")
     }
 
-    fn put(&self, messages: &[Message], deliveries: u32) {
+    /// True if all messages are new.
+    fn put(&self, messages: &[Message], deliveries: u32) -> bool {
         let mut state = self.lock();
+        let mut all_new = true;
         for message in messages {
-            if state.there.insert(key(message)) {
+            let is_new = state.there.insert(key(message));
+            if is_new {
                 state.waiting.push_back(Entry { message: message.clone(), deliveries });
             }
+            all_new &= is_new;
         }
         self.shared.changed.notify_all();
+        all_new
     }
 }
 
@@ -127,9 +132,8 @@ impl Queue for LocalWorker {
         }
     }
 
-    fn publish(&self, messages: &[Message]) -> Result<(), QueueError> {
-        self.queue.put(messages, 0);
-        Ok(())
+    fn publish(&self, messages: &[Message]) -> Result<bool, QueueError> {
+        Ok(self.queue.put(messages, 0))
     }
 
     fn renew(&self, lease: u64) {

@@ -86,8 +86,9 @@ pub struct QueueError(pub String);
 pub trait Queue: Send + Sync {
     /// Leases a task, waiting for one up to `wait`; with a `wait` of zero, one that is there now.
     fn take(&self, wait: Duration) -> Taken;
-    /// Publishes messages. On return the queue has them; a message that it has already is no error.
-    fn publish(&self, messages: &[Message]) -> Result<(), QueueError>;
+    /// Publishes messages. On return the queue has them. False if it had one of them before: the holder of that one may have
+    /// checked its scene already, and be about to finish it.
+    fn publish(&self, messages: &[Message]) -> Result<bool, QueueError>;
     fn renew(&self, lease: u64);
     /// Ends a lease whose task is done, or published again.
     fn finish(&self, lease: u64);
@@ -105,7 +106,7 @@ pub trait QueueKeeper: Send + Sync {
     fn state(&self) -> Result<QueueState, QueueError>;
     /// The scenes of its messages.
     fn scenes(&self) -> Result<BTreeSet<u32>, QueueError>;
-    /// As [`Queue::publish`].
+    /// Publishes messages. A message that the queue has already is no error.
     fn publish(&self, messages: &[Message]) -> Result<(), QueueError>;
     fn purge(&self) -> Result<(), QueueError>;
     fn remove(&self) -> Result<(), QueueError>;

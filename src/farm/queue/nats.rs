@@ -170,7 +170,8 @@ impl Connection {
         format!("{}.span.{scene}.{}-{}.{hops}", self.subjects, shards.start, shards.end)
     }
 
-    pub(super) async fn publish(&self, messages: &[Message]) -> Result<(), QueueError> {
+    /// True if all messages are new.
+    pub(super) async fn publish(&self, messages: &[Message]) -> Result<bool, QueueError> {
         futures_util::stream::iter(messages)
             .map(|message| async move {
                 let bytes = write_message(self.run, message);
@@ -180,13 +181,13 @@ impl Connection {
                     Err(error) => Err(error),
                 };
                 match acknowledged {
-                    Ok(_) => Ok(()),
-                    Err(error) if is_there_already(&error) => Ok(()),
+                    Ok(_) => Ok(true),
+                    Err(error) if is_there_already(&error) => Ok(false),
                     Err(error) => Err(self.lost(&error)),
                 }
             })
             .buffer_unordered(IN_FLIGHT)
-            .try_for_each(|()| async { Ok(()) })
+            .try_fold(true, |all_new, is_new| async move { Ok(all_new && is_new) })
             .await
     }
 }

@@ -118,7 +118,7 @@ impl QueueKeeper for NatsCoordinator {
     }
 
     fn publish(&self, messages: &[Message]) -> Result<(), QueueError> {
-        RUNTIME.block_on(self.connection.publish(messages))
+        RUNTIME.block_on(self.connection.publish(messages)).map(|_| ())
     }
 
     fn purge(&self) -> Result<(), QueueError> {

@@ -116,7 +116,7 @@ impl Queue for NatsWorker {
         }
     }
 
-    fn publish(&self, messages: &[Message]) -> Result<(), QueueError> {
+    fn publish(&self, messages: &[Message]) -> Result<bool, QueueError> {
         RUNTIME.block_on(self.connection.publish(messages))
     }
 

@@ -17,7 +17,8 @@ const WORKERS: usize = 3;
 #[derive(Clone, Debug)]
 pub(super) enum Packet {
     Publish(u64, Message),
-    Confirm(u64),
+    /// The queue has the message; true if it is new.
+    Confirm(u64, bool),
     Acknowledge(Sequence),
 }
 
@@ -194,13 +195,12 @@ impl Farm {
         self.note(|| format!("arrives: {packet:?}"));
         match packet {
             Some(Packet::Publish(number, message)) => {
-                // The queue confirms a message that it has already, too.
-                self.queue.publish(&message);
-                self.packets.push(Packet::Confirm(number));
+                let is_new = self.queue.publish(&message);
+                self.packets.push(Packet::Confirm(number, is_new));
             }
-            Some(Packet::Confirm(number)) => {
+            Some(Packet::Confirm(number, is_new)) => {
                 for worker in &mut self.workers {
-                    worker.confirmed(number);
+                    worker.confirmed(number, is_new);
                 }
             }
             Some(Packet::Acknowledge(sequence)) => {

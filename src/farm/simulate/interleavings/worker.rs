@@ -74,11 +74,16 @@ impl Worker {
         }
     }
 
-    /// The queue has a message.
-    pub(super) fn confirmed(&mut self, number: u64) {
+    /// The queue has a message. If it is not new, the lease that it replaces is not finished.
+    pub(super) fn confirmed(&mut self, number: u64, is_new: bool) {
         for job in &mut self.jobs {
-            if let Job::Confirmed(open, _) = job {
-                open.remove(&number);
+            if let Job::Confirmed(open, then) = job
+                && open.remove(&number)
+                && !is_new
+                && let Job::Act(actions) = &mut **then
+                && let Some(Action::Finish { .. }) = actions.front()
+            {
+                actions.pop_front();
             }
         }
     }

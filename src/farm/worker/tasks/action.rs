@@ -28,7 +28,9 @@ pub(crate) enum Action {
     RemovePartials { scene: u32 },
     /// Remove record number `n` of the attempt at these shards, which has ended in order.
     ForgetAttempt { task: Task, n: u32 },
-    /// Publish messages, and wait for the queue's confirmation.
+    /// Publish messages, and wait for the queue's confirmation. If the queue had one of them already, the driver leaves out the
+    /// [`Finish`](Self::Finish) that follows: the other holder may have found its scene incomplete before this worker's last
+    /// shards were stored, and finish next. The lease then ends by itself, and the queue delivers the task again.
     Publish { messages: Vec<Message> },
     /// Finish the lease: the queue removes its message.
     Finish { lease: u64 },
