@@ -23,13 +23,12 @@ pub(super) fn reasons<S: Serializer>(
     scenes: &[(SceneId, String)],
     serializer: S,
 ) -> Result<S::Ok, S::Error> {
-    reasons_json(scenes).serialize(serializer)
-}
-
-/// The same as a value.
-pub(super) fn reasons_json(scenes: &[(SceneId, String)]) -> Value {
-    let object = |(scene, reason): &(SceneId, String)| json!({ "scene": scene, "reason": reason });
-    scenes.iter().map(object).collect()
+    #[derive(Serialize)]
+    struct Reason<'a> {
+        scene: &'a SceneId,
+        reason: &'a str,
+    }
+    serializer.collect_seq(scenes.iter().map(|(scene, reason)| Reason { scene, reason }))
 }
 
 /// Serializes named numbers as an object, in their order.
@@ -70,16 +69,10 @@ impl Output {
     /// Prints the command's result: with --json an object that begins with its schema, else a text. A closed pipe is no
     /// error.
     pub(super) fn show(&self, schema: &str, result: &(impl Serialize + Display)) {
-        let object = if self.json { serde_json::to_value(result).ok() } else { None };
-        self.say(schema, object.unwrap_or_default(), result);
-    }
-
-    /// [`Self::show`] for a result without a type of its own.
-    pub(super) fn say(&self, schema: &str, object: Value, text: impl Display) {
         if self.json {
-            print_object(schema, object);
+            print_object(schema, serde_json::to_value(result).unwrap_or_default());
         } else {
-            self.text(&text.to_string());
+            self.text(&result.to_string());
         }
     }
 

@@ -4,7 +4,6 @@ use crate::farm::queue::QueueState;
 use crate::run::{EndKind, RunState, StandingAttempt, Status};
 use crate::text::{cut as shorten, duration, grouped, many, percent, rate};
 use serde::{Serialize, Serializer};
-use serde_json::{Value, json};
 use std::fmt::Write;
 
 /// Characters of the bar.
@@ -23,13 +22,18 @@ pub(super) enum Queue {
 
 impl Serialize for Queue {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let object = |waiting: Option<u64>, held: Option<u64>, reason: Option<&str>| json!({ "spans_waiting": waiting, "spans_held": held, "reason": reason });
-        let state = match self {
-            Self::None => Value::Null,
-            Self::There(state) => object(Some(state.waiting), Some(state.held), None),
-            Self::Lost(reason) => object(None, None, Some(reason)),
+        #[derive(Serialize)]
+        struct State<'a> {
+            spans_waiting: Option<u64>,
+            spans_held: Option<u64>,
+            reason: Option<&'a str>,
+        }
+        let (spans_waiting, spans_held, reason) = match self {
+            Self::None => return serializer.serialize_none(),
+            Self::There(state) => (Some(state.waiting), Some(state.held), None),
+            Self::Lost(reason) => (None, None, Some(reason.as_str())),
         };
-        state.serialize(serializer)
+        State { spans_waiting, spans_held, reason }.serialize(serializer)
     }
 }
 

@@ -36,10 +36,10 @@ fn scenes_that_are_soon_done_write_no_partials() {
 fn a_stopped_worker_writes_its_partials_in_memory() {
     let place = slow_place();
     let folder = text(&place.run);
-    let mut arguments = vec!["work", folder, "-j", "2", "--json", "--fault", "slow:4"];
+    let mut arguments = vec!["work", folder, "-j", "2", "--json", "--fault", "slow:20"];
     arguments.extend(LATER);
     let working = command(&arguments).spawn().unwrap();
-    wait_for("a scene", || place.run.join("tuples").is_dir());
+    wait_for("an attempt", || !files(&place.run.join("attempts")).is_empty());
     std::thread::sleep(Duration::from_millis(700));
     assert_eq!(partials(&place.run), 0);
     send(&working, "TERM");

@@ -15,7 +15,7 @@ use clap::Args as ClapArgs;
 use render::ids::SceneId;
 use render::line::Roots;
 use serde::Serialize;
-use serde_json::json;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
 use std::path::{Path, PathBuf};
@@ -53,12 +53,13 @@ pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<
     }
     let shards = |index: &usize| u64::from(run.layout(&run.lines[*index]).len());
     if global.dry_run {
-        let scenes: Vec<&str> = places.iter().map(|&i| run.lines[i].id.as_str()).collect();
-        let object = json!({
-            "run": args.run.to_string_lossy(), "dry_run": true, "seed": seed, "scenes": scenes,
-        });
-        let text = format!("would trace again: {}", scenes.join(" "));
-        output.say("glasshouse.audit/1", object, text);
+        let planned = Planned {
+            run: args.run.to_string_lossy(),
+            dry_run: true,
+            seed,
+            scenes: places.iter().map(|&i| run.lines[i].id.as_str()).collect(),
+        };
+        output.show("glasshouse.audit/1", &planned);
         return Ok(Exit::Done);
     }
     let signals = Signals::catch();
@@ -138,6 +139,20 @@ fn random_seed() -> Result<u64, Failure> {
     getrandom::u32().map(u64::from).map_err(|e| {
         failure!(Exit::Failed, "the system has no random numbers ({e}); give --seed N")
     })
+}
+
+#[derive(Serialize)]
+struct Planned<'a> {
+    run: Cow<'a, str>,
+    dry_run: bool,
+    seed: Option<u64>,
+    scenes: Vec<&'a str>,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "would trace again: {}", self.scenes.join(" "))
+    }
 }
 
 #[derive(Serialize)]

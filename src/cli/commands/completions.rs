@@ -5,7 +5,8 @@ use crate::cli::output::Output;
 use clap::Args as ClapArgs;
 use clap::Command;
 use clap_complete::Shell;
-use serde_json::json;
+use serde::Serialize;
+use std::fmt;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct CompletionsArgs {
@@ -22,7 +23,19 @@ pub(super) fn run(
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut command, "glasshouse", &mut script);
     let script = String::from_utf8(script).map_err(|e| Failure::new(Exit::Failed, e))?;
-    let object = json!({ "shell": args.shell.to_string(), "script": script });
-    output.say("glasshouse.completions/1", object, script.trim_end());
+    let shell = args.shell.to_string();
+    output.show("glasshouse.completions/1", &Completions { shell, script });
     Ok(Exit::Done)
+}
+
+#[derive(Serialize)]
+struct Completions {
+    shell: String,
+    script: String,
+}
+
+impl fmt::Display for Completions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.script.trim_end())
+    }
 }

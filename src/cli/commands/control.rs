@@ -7,7 +7,9 @@ use crate::cli::target;
 use crate::run::{ControlState, set_control};
 use clap::Args as ClapArgs;
 use render::line::Roots;
-use serde_json::json;
+use serde::Serialize;
+use std::borrow::Cow;
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 /// `pause`, `cancel`
@@ -60,32 +62,55 @@ fn tell(
         ControlState::Paused => "pause",
         ControlState::Cancelled => "cancel",
     };
-    let object = json!({
-        "run": folder.to_string_lossy(), "dry_run": global.dry_run, "before": before,
-        "state": state, "reason": reason,
-    });
-    let name = &run.spec.name;
-    let would = if global.dry_run { "would be" } else { "is" };
-    let text = match (before, state) {
-        (ControlState::Running, ControlState::Running) => {
-            format!("{name} was neither paused nor cancelled: nothing to resume")
-        }
-        (ControlState::Cancelled, ControlState::Running) => format!(
-            "{name} {would} no longer cancelled: start `glasshouse work` (and `coordinate`) again to continue it"
-        ),
-        (_, ControlState::Running) => {
-            format!("{name} {would} resumed: workers notice within seconds")
-        }
-        (_, ControlState::Paused) => format!(
-            "{name} {would} paused: workers notice within seconds, finish the scenes they have opened and wait; \
-             `glasshouse resume` continues the run"
-        ),
-        (_, ControlState::Cancelled) => format!(
-            "{name} {would} cancelled: workers end after the shards in flight, with exit code {}; finished tuples stay, and \
-             `glasshouse resume` undoes the cancel",
-            Exit::Incomplete.code()
-        ),
+    let told = Told {
+        run: folder.to_string_lossy(),
+        dry_run: global.dry_run,
+        before,
+        state,
+        reason,
+        name: &run.spec.name,
     };
-    output.say(&format!("glasshouse.{command}/1"), object, text);
+    output.show(&format!("glasshouse.{command}/1"), &told);
     Ok(Exit::Done)
+}
+
+#[derive(Serialize)]
+struct Told<'a> {
+    run: Cow<'a, str>,
+    dry_run: bool,
+    before: ControlState,
+    state: ControlState,
+    reason: Option<&'a str>,
+    #[serde(skip)]
+    name: &'a str,
+}
+
+impl fmt::Display for Told<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = self.name;
+        let would = if self.dry_run { "would be" } else { "is" };
+        match (self.before, self.state) {
+            (ControlState::Running, ControlState::Running) => {
+                write!(f, "{name} was neither paused nor cancelled: nothing to resume")
+            }
+            (ControlState::Cancelled, ControlState::Running) => write!(
+                f,
+                "{name} {would} no longer cancelled: start `glasshouse work` (and `coordinate`) again to continue it"
+            ),
+            (_, ControlState::Running) => {
+                write!(f, "{name} {would} resumed: workers notice within seconds")
+            }
+            (_, ControlState::Paused) => write!(
+                f,
+                "{name} {would} paused: workers notice within seconds, finish the scenes they have opened and wait; \
+                 `glasshouse resume` continues the run"
+            ),
+            (_, ControlState::Cancelled) => write!(
+                f,
+                "{name} {would} cancelled: workers end after the shards in flight, with exit code {}; finished tuples stay, and \
+                 `glasshouse resume` undoes the cancel",
+                Exit::Incomplete.code()
+            ),
+        }
+    }
 }

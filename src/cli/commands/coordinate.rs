@@ -12,7 +12,9 @@ use crate::serve::{ServeError, WatchedRun, serve};
 use crate::store::Store;
 use clap::Args as ClapArgs;
 use render::line::Roots;
-use serde_json::json;
+use serde::Serialize;
+use std::borrow::Cow;
+use std::fmt;
 use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
@@ -72,28 +74,20 @@ pub(super) fn run(
     let ended = ended?;
     let counts = ended.snapshot.counts();
     let quarantined = counts.quarantined.len() as u64;
-    let object = json!({
-        "run": args.run.to_string_lossy(),
-        "dry_run": false,
-        "scenes": counts.scenes,
-        "done": counts.merged,
-        "quarantined": quarantined,
-        "spans_published": ended.published,
-        "finished": counts.is_finished(),
-        "cancelled": ended.cancelled,
-        "wall_s": start.elapsed().as_secs_f64(),
-        "cpu_s": process_cpu_s(),
-    });
-    let how = match (ended.stopped, ended.cancelled) {
-        (true, _) => "; stopped by a signal; run the same command to resume",
-        (_, true) => {
-            "; the run is cancelled: `glasshouse resume RUN`, then run the same command to continue"
-        }
-        _ => "",
+    let coordinated = Coordinated {
+        run: args.run.to_string_lossy(),
+        dry_run: false,
+        scenes: counts.scenes,
+        done: counts.merged,
+        quarantined,
+        spans_published: ended.published,
+        finished: counts.is_finished(),
+        cancelled: ended.cancelled,
+        wall_s: start.elapsed().as_secs_f64(),
+        cpu_s: process_cpu_s(),
+        stopped: ended.stopped,
     };
-    let (done, scenes) = (counts.merged, counts.scenes);
-    let text = format!("{done} of {scenes} scenes are done, {quarantined} in quarantine{how}");
-    output.say("glasshouse.coordinate/1", object, text);
+    output.show("glasshouse.coordinate/1", &coordinated);
     Ok(match (ended.stopped, quarantined) {
         (true, _) => signals.exit(),
         (false, 0) if !ended.cancelled => Exit::Done,
@@ -109,17 +103,15 @@ fn dry_run(
     output: &Output,
 ) -> Result<Exit, Failure> {
     let counts = Snapshot::take(run, store, Scope::COUNTS)?.counts();
-    let (scenes, left) = (counts.scenes, counts.scenes_left());
-    let object = json!({
-        "run": args.run.to_string_lossy(),
-        "dry_run": true,
-        "scenes": scenes,
-        "done": counts.merged,
-        "quarantined": counts.quarantined.len(),
-        "scenes_left": left,
-    });
-    let text = format!("{left} of {scenes} scenes would be published");
-    output.say("glasshouse.coordinate/1", object, text);
+    let planned = Planned {
+        run: args.run.to_string_lossy(),
+        dry_run: true,
+        scenes: counts.scenes,
+        done: counts.merged,
+        quarantined: counts.quarantined.len(),
+        scenes_left: counts.scenes_left(),
+    };
+    output.show("glasshouse.coordinate/1", &planned);
     Ok(Exit::Done)
 }
 
@@ -145,5 +137,51 @@ fn serve_exit(error: &ServeError) -> Exit {
     match error {
         ServeError::WeakToken => Exit::Usage,
         _ => Exit::Failed,
+    }
+}
+
+#[derive(Serialize)]
+struct Planned<'a> {
+    run: Cow<'a, str>,
+    dry_run: bool,
+    scenes: u64,
+    done: u64,
+    quarantined: usize,
+    scenes_left: u64,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} of {} scenes would be published", self.scenes_left, self.scenes)
+    }
+}
+
+#[derive(Serialize)]
+struct Coordinated<'a> {
+    run: Cow<'a, str>,
+    dry_run: bool,
+    scenes: u64,
+    done: u64,
+    quarantined: u64,
+    spans_published: u64,
+    finished: bool,
+    cancelled: bool,
+    wall_s: f64,
+    cpu_s: f64,
+    #[serde(skip)]
+    stopped: bool,
+}
+
+impl fmt::Display for Coordinated<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { scenes, done, quarantined, .. } = self;
+        write!(f, "{done} of {scenes} scenes are done, {quarantined} in quarantine")?;
+        f.write_str(match (self.stopped, self.cancelled) {
+            (true, _) => "; stopped by a signal; run the same command to resume",
+            (_, true) => {
+                "; the run is cancelled: `glasshouse resume RUN`, then run the same command to continue"
+            }
+            _ => "",
+        })
     }
 }

@@ -12,7 +12,10 @@ use clap::{Args as ClapArgs, ValueEnum};
 use compose::{Gain, LeftOut, Method, Pair, Protocol, Subject, find_pairs, fit_gain};
 use plan::{PixelSource, Stage};
 use render::line::Roots;
+use serde::Serialize;
 use serde_json::json;
+use std::borrow::Cow;
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use train::{EVALUATION_SCHEMA, Evaluation, ScoredNetwork, Tiled, TupleSource};
@@ -91,7 +94,7 @@ const WARNINGS: usize = 8;
 pub(super) fn run(args: &EvaluateArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let task = Task::new(args, global, output)?;
     if global.dry_run {
-        task.plan(output);
+        output.show(EVALUATION_SCHEMA, &task.planned());
         return Ok(Exit::Done);
     }
     let (evaluation, exit) = task.score(global, output)?;
@@ -137,20 +140,15 @@ impl<'a> Task<'a> {
         Ok(Self { args, place, pictures, networks, threads })
     }
 
-    fn plan(&self, output: &Output) {
+    fn planned(&self) -> Planned<'_> {
         let names = self.networks.iter().map(|(name, _)| name.as_str());
-        let methods: Vec<&str> = std::iter::once("input").chain(names).collect();
-        let images = self.pictures.subject().count();
-        let object = json!({
-            "where": self.args.place.to_string_lossy(),
-            "dry_run": true,
-            "images": images,
-            "methods": methods,
-            "out": self.place.out(self.args).map(|out| out.to_string_lossy().into_owned()),
-        });
-        let methods = methods.join(", ");
-        let text = format!("would score {images} pictures by {methods}; nothing is written");
-        output.say(EVALUATION_SCHEMA, object, text);
+        Planned {
+            place: self.args.place.to_string_lossy(),
+            dry_run: true,
+            images: self.pictures.subject().count(),
+            methods: std::iter::once("input").chain(names).collect(),
+            out: self.place.out(self.args).map(|out| out.to_string_lossy().into_owned()),
+        }
     }
 
     /// Scores, and writes the scores.
@@ -369,6 +367,23 @@ fn gain(
         output.note(&format!("{reason}, so the gain's row is left out"));
     }
     Ok((gain, left_out))
+}
+
+#[derive(Serialize)]
+struct Planned<'a> {
+    #[serde(rename = "where")]
+    place: Cow<'a, str>,
+    dry_run: bool,
+    images: usize,
+    methods: Vec<&'a str>,
+    out: Option<String>,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (images, methods) = (self.images, self.methods.join(", "));
+        write!(f, "would score {images} pictures by {methods}; nothing is written")
+    }
 }
 
 fn warn(incomplete: &[LeftOut], output: &Output) {

@@ -6,7 +6,10 @@ use crate::cli::rows::{WIDTH, rows, wrapped};
 use crate::doctor::bytes_text;
 use crate::inspect::{Inspection, Kind, Problem, Whole, inspect_path};
 use clap::Args as ClapArgs;
-use serde_json::{Value, json};
+use serde::Serialize;
+use serde_json::{Map, Value};
+use std::borrow::Cow;
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, ClapArgs)]
@@ -24,15 +27,17 @@ pub(super) fn run(args: &InspectArgs, output: &Output) -> Exit {
         args.files.iter().map(|path| (path.as_path(), inspect_path(path))).collect();
     std::panic::set_hook(hook);
     let sound = found.iter().filter(|(_, found)| found.is_sound()).count();
-    let files: Vec<Value> = found.iter().map(|(path, found)| object(path, found)).collect();
-    let texts: Vec<String> = found.iter().map(|(path, found)| text(path, found)).collect();
-    let object = json!({ "sound": sound, "unsound": found.len() - sound, "files": files });
-    output.say("glasshouse.inspect/1", object, texts.join("\n\n"));
+    let inspected = Inspected {
+        sound,
+        unsound: found.len() - sound,
+        files: found.iter().map(|(path, found)| Entry::new(path, found)).collect(),
+    };
+    output.show("glasshouse.inspect/1", &inspected);
     if sound == found.len() { Exit::Done } else { Exit::InvalidInput }
 }
 
 /// A file's inspection as text.
-fn text(path: &Path, found: &Inspection) -> String {
+fn text(path: &str, found: &Inspection) -> String {
     let mut text = title(path, found);
     let size = found.bytes.map(|bytes| match bytes {
         bytes if bytes < 10_000 => format!("{bytes} bytes"),
@@ -59,7 +64,7 @@ fn text(path: &Path, found: &Inspection) -> String {
 }
 
 /// The path and the kind of the file.
-fn title(path: &Path, found: &Inspection) -> String {
+fn title(path: &str, found: &Inspection) -> String {
     let words = match found.kind {
         Kind::Unknown => "nothing that is known here".to_owned(),
         kind => {
@@ -77,30 +82,61 @@ fn title(path: &Path, found: &Inspection) -> String {
             format!("{article}{words}")
         }
     };
-    let line = format!("{}: {words}", path.display());
+    let line = format!("{path}: {words}");
     if line.chars().count() <= WIDTH {
         line
     } else {
-        format!("{}:\n  {}", path.display(), wrapped(&words, WIDTH - 2).join("\n  "))
+        format!("{path}:\n  {}", wrapped(&words, WIDTH - 2).join("\n  "))
     }
 }
 
-/// A file's inspection as JSON.
-fn object(file: &Path, found: &Inspection) -> Value {
-    let (whole, how) = match &found.whole {
-        Whole::Yes(how) => (Some(true), Some(how)),
-        Whole::Unknown(why) => (None, Some(why)),
-        Whole::No => (Some(false), None),
-    };
-    json!({
-        "file": file.to_string_lossy(),
-        "kind": found.kind.name(),
-        "what": found.kind.words(),
-        "bytes": found.bytes,
-        "whole": whole,
-        "how": how,
-        "facts": found.facts.values,
-        "problems": found.problems,
-        "next": found.next,
-    })
+#[derive(Serialize)]
+struct Inspected<'a> {
+    sound: usize,
+    unsound: usize,
+    files: Vec<Entry<'a>>,
+}
+
+#[derive(Serialize)]
+struct Entry<'a> {
+    file: Cow<'a, str>,
+    kind: &'static str,
+    what: &'static str,
+    bytes: Option<u64>,
+    whole: Option<bool>,
+    how: Option<&'a str>,
+    facts: &'a Map<String, Value>,
+    problems: &'a [Problem],
+    next: &'a [String],
+    #[serde(skip)]
+    found: &'a Inspection,
+}
+
+impl<'a> Entry<'a> {
+    fn new(file: &'a Path, found: &'a Inspection) -> Self {
+        let (whole, how) = match &found.whole {
+            Whole::Yes(how) => (Some(true), Some(how.as_str())),
+            Whole::Unknown(why) => (None, Some(why.as_str())),
+            Whole::No => (Some(false), None),
+        };
+        Self {
+            file: file.to_string_lossy(),
+            kind: found.kind.name(),
+            what: found.kind.words(),
+            bytes: found.bytes,
+            whole,
+            how,
+            facts: &found.facts.values,
+            problems: &found.problems,
+            next: &found.next,
+            found,
+        }
+    }
+}
+
+impl fmt::Display for Inspected<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let texts: Vec<String> = self.files.iter().map(|f| text(&f.file, f.found)).collect();
+        f.write_str(&texts.join("\n\n"))
+    }
 }

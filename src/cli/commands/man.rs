@@ -7,7 +7,9 @@ use clap::Args as ClapArgs;
 use clap::Command;
 use clap_mangen::Man;
 use render::atomic_file;
-use serde_json::json;
+use serde::Serialize;
+use std::borrow::Cow;
+use std::fmt;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
@@ -28,7 +30,7 @@ pub(super) fn run(
     command.build();
     let Some(folder) = &args.out else {
         let page = page(&command)?;
-        output.say("glasshouse.man/1", json!({ "page": page }), page.trim_end());
+        output.show("glasshouse.man/1", &Page { page });
         return Ok(Exit::Done);
     };
     let mut pages = Vec::new();
@@ -39,19 +41,42 @@ pub(super) fn run(
             atomic_file::write_relaxed(&folder.join(name), page.as_bytes())?;
         }
     }
-    let names: Vec<&str> = pages.iter().map(|(name, _)| name.as_str()).collect();
-    let object = json!({
-        "out": folder.to_string_lossy(), "dry_run": global.dry_run, "pages": names,
-    });
-    let text = format!(
-        "{} {} pages to {}; `man -l {}` shows the first",
-        if global.dry_run { "would write" } else { "wrote" },
-        names.len(),
-        folder.display(),
-        folder.join("glasshouse.1").display()
-    );
-    output.say("glasshouse.man/1", object, text);
+    let written = Written {
+        out: folder.to_string_lossy(),
+        dry_run: global.dry_run,
+        pages: pages.iter().map(|(name, _)| name.as_str()).collect(),
+        first: folder.join("glasshouse.1"),
+    };
+    output.show("glasshouse.man/1", &written);
     Ok(Exit::Done)
+}
+
+#[derive(Serialize)]
+struct Page {
+    page: String,
+}
+
+impl fmt::Display for Page {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.page.trim_end())
+    }
+}
+
+#[derive(Serialize)]
+struct Written<'a> {
+    out: Cow<'a, str>,
+    dry_run: bool,
+    pages: Vec<&'a str>,
+    #[serde(skip)]
+    first: PathBuf,
+}
+
+impl fmt::Display for Written<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let verb = if self.dry_run { "would write" } else { "wrote" };
+        let (pages, out, first) = (self.pages.len(), &self.out, self.first.display());
+        write!(f, "{verb} {pages} pages to {out}; `man -l {first}` shows the first")
+    }
 }
 
 /// Collects file names and pages of a command and its subcommands.

@@ -2,7 +2,7 @@
 
 use crate::cli::args::{FARM, Global};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::output::{Output, reasons_json};
+use crate::cli::output::{Output, reasons};
 use crate::cli::progress::Progress;
 use crate::cli::store_env::store_options;
 use crate::cli::target;
@@ -10,8 +10,11 @@ use crate::farm::{MergeOutcome, merge_run};
 use crate::run::Run;
 use crate::store::Store;
 use clap::Args as ClapArgs;
+use render::ids::SceneId;
 use render::line::Roots;
-use serde_json::json;
+use serde::Serialize;
+use std::borrow::Cow;
+use std::fmt;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
@@ -46,19 +49,37 @@ pub(super) fn run(args: &MergeArgs, global: &Global, output: &Output) -> Result<
     if let Some(more @ 1..) = refused.len().checked_sub(SHOWN) {
         output.warning(&format!("... and {more} more; --json lists all"));
     }
-    let object = json!({
-        "run": args.run.to_string_lossy(),
-        "dry_run": global.dry_run,
-        "merged": merged,
-        "already_merged": already_merged,
-        "refused": reasons_json(&refused),
-    });
-    let text = format!(
-        "{} scenes {}merged, {already_merged} were before, {} cannot be",
-        merged.len(),
-        if global.dry_run { "would be " } else { "" },
-        refused.len()
-    );
-    output.say("glasshouse.merge/1", object, text);
-    Ok(if refused.is_empty() { Exit::Done } else { Exit::Incomplete })
+    let exit = if refused.is_empty() { Exit::Done } else { Exit::Incomplete };
+    let summary = Summary {
+        run: args.run.to_string_lossy(),
+        dry_run: global.dry_run,
+        merged,
+        already_merged,
+        refused,
+    };
+    output.show("glasshouse.merge/1", &summary);
+    Ok(exit)
+}
+
+#[derive(Serialize)]
+struct Summary<'a> {
+    run: Cow<'a, str>,
+    dry_run: bool,
+    merged: Vec<SceneId>,
+    already_merged: u64,
+    #[serde(serialize_with = "reasons")]
+    refused: Vec<(SceneId, String)>,
+}
+
+impl fmt::Display for Summary<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} scenes {}merged, {} were before, {} cannot be",
+            self.merged.len(),
+            if self.dry_run { "would be " } else { "" },
+            self.already_merged,
+            self.refused.len()
+        )
+    }
 }

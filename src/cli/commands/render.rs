@@ -13,13 +13,17 @@ use render::Loaded;
 use render::atomic_file;
 use render::color::SrgbEncoder;
 use render::formats::encode_rgb_exr;
+use render::ids::SceneId;
 use render::layer::Layer;
 use render::line::{Roots, SceneLine, parse_scene};
-use render::merge::{TUPLE_SCHEMA, Tuple, TupleRecord, encode_png};
-use render::scene::read_files_by;
+use render::merge::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord, encode_png};
+use render::scene::{SceneFacts, read_files_by};
 use render::shard::ShardLayout;
 use render::trace::TRACER_VERSION;
-use serde_json::json;
+use serde::Serialize;
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -69,10 +73,9 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
         output.warning("the input files differ from the tuple's: its pixels will differ");
     }
     if global.dry_run {
-        let (out, scene) = (args.out.to_string_lossy(), &source.line.id);
-        let object = json!({ "out": out, "dry_run": true, "scene": scene });
-        let text = format!("would render scene {scene} into {out}");
-        output.say("glasshouse.render/1", object, text);
+        let planned =
+            Planned { out: args.out.to_string_lossy(), dry_run: true, scene: &source.line.id };
+        output.show("glasshouse.render/1", &planned);
         return Ok(Exit::Done);
     }
 
@@ -93,32 +96,16 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     write(&tuple, &args.out)?;
     let write_s = clock.elapsed().as_secs_f64();
 
-    let TupleRecord { layers, facts, scene, .. } = &tuple.record;
-    let (id, spp) = (&source.line.id, source.line.film.spp);
-    let object = json!({
-        "out": args.out.to_string_lossy(), "scene": id, "spp": spp, "layers": layers, "facts": facts,
-        "seconds": { "read": read_s, "decode": decode_s, "trace": trace_s, "write": write_s },
-    });
-    let samples = match scene.film.target_error {
-        None => format!("{spp} samples a pixel"),
-        Some(target) => {
-            let means = layers.values().filter_map(|layer| layer.mean_samples);
-            let most = means.fold(0.0, f64::max);
-            format!("{most:.0} samples a pixel on average for cells within {target:.1e}")
-        }
+    let rendered = Rendered {
+        out: args.out.to_string_lossy(),
+        scene: &source.line.id,
+        spp: source.line.film.spp,
+        layers: &tuple.record.layers,
+        facts: &tuple.record.facts,
+        seconds: Seconds { read: read_s, decode: decode_s, trace: trace_s, write: write_s },
+        target_error: tuple.record.scene.film.target_error,
     };
-    let error = |layer: Layer| {
-        let error = layers.get(layer.name())?.error_rms;
-        let error = error.map_or_else(|| "?".to_owned(), |error| format!("{error:.1e}"));
-        Some(format!(" {} {error}", layer.symbol()))
-    };
-    let errors: String = Layer::ALL.into_iter().filter_map(error).collect();
-    let text = format!(
-        "{id}: {samples}, estimated error{errors} (linear RMS); read {read_s:.3} s, decode {decode_s:.3} s, \
-         trace {trace_s:.3} s, write {write_s:.3} s\nsee {}",
-        args.out.display()
-    );
-    output.say("glasshouse.render/1", object, text);
+    output.show("glasshouse.render/1", &rendered);
     Ok(Exit::Done)
 }
 
@@ -166,4 +153,67 @@ fn write(tuple: &Tuple, out: &Path) -> Result<(), Failure> {
         atomic_file::write(&out.join(format!("{layer}.png")), &png)?;
     }
     Ok(())
+}
+
+#[derive(Serialize)]
+struct Planned<'a> {
+    out: Cow<'a, str>,
+    dry_run: bool,
+    scene: &'a SceneId,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "would render scene {} into {}", self.scene, self.out)
+    }
+}
+
+#[derive(Serialize)]
+struct Rendered<'a> {
+    out: Cow<'a, str>,
+    scene: &'a SceneId,
+    spp: u32,
+    layers: &'a BTreeMap<String, LayerRecord>,
+    facts: &'a SceneFacts,
+    seconds: Seconds,
+    #[serde(skip)]
+    target_error: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct Seconds {
+    read: f64,
+    decode: f64,
+    trace: f64,
+    write: f64,
+}
+
+impl fmt::Display for Rendered<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { out, scene, spp, layers, .. } = self;
+        match self.target_error {
+            None => write!(f, "{scene}: {spp} samples a pixel")?,
+            Some(target) => {
+                let means = layers.values().filter_map(|layer| layer.mean_samples);
+                let most = means.fold(0.0, f64::max);
+                write!(
+                    f,
+                    "{scene}: {most:.0} samples a pixel on average for cells within {target:.1e}"
+                )?;
+            }
+        }
+        f.write_str(", estimated error")?;
+        for (name, symbol) in Layer::ALL.map(|layer| (layer.name(), layer.symbol())) {
+            match layers.get(name).map(|layer| layer.error_rms) {
+                None => {}
+                Some(None) => write!(f, " {symbol} ?")?,
+                Some(Some(error)) => write!(f, " {symbol} {error:.1e}")?,
+            }
+        }
+        let Seconds { read, decode, trace, write } = self.seconds;
+        write!(
+            f,
+            " (linear RMS); read {read:.3} s, decode {decode:.3} s, trace {trace:.3} s, write {write:.3} s\nsee {out}"
+        )
+    }
 }

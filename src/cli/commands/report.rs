@@ -2,13 +2,16 @@
 
 use crate::cli::args::{Global, StoreArgs};
 use crate::cli::exit_code::{Exit, Failure};
-use crate::cli::output::{Output, reasons_json};
+use crate::cli::output::{Output, reasons};
 use crate::cli::target;
 use crate::report::{Report, write_report};
 use crate::run::keys;
 use clap::Args as ClapArgs;
+use render::ids::SceneId;
 use render::line::Roots;
-use serde_json::json;
+use serde::Serialize;
+use std::borrow::Cow;
+use std::fmt;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
@@ -29,26 +32,14 @@ pub(super) fn run(args: &ReportArgs, global: &Global, output: &Output) -> Result
     let (run, store) = target::open(&args.run, args.store.store.as_deref(), &Roots::default())?;
     if global.dry_run {
         let report = args.out.clone().unwrap_or_else(|| run.path(keys::REPORT));
-        let object = json!({ "report": report.to_string_lossy(), "dry_run": true });
-        let text = format!("would write {}", report.display());
-        output.say("glasshouse.report/1", object, text);
+        let planned = Planned { report: report.to_string_lossy(), dry_run: true };
+        output.show("glasshouse.report/1", &planned);
         return Ok(Exit::Done);
     }
     let report = write_report(&run, &store, args.out.as_deref())?;
     warn(&report, output);
-    let Report { path, bytes, scenes, tuples, shown, noise_maps, logs, damaged } = &report;
-    let object = json!({
-        "report": path.to_string_lossy(), "dry_run": false, "bytes": bytes, "scenes": scenes,
-        "tuples": tuples, "shown": shown, "noise_maps": noise_maps, "logs": logs,
-        "damaged": reasons_json(damaged),
-    });
-    let text = format!(
-        "wrote {} ({:.2} MB; {tuples} of {scenes} tuples, {shown} of them shown)",
-        path.display(),
-        *bytes as f64 * 1e-6
-    );
-    output.say("glasshouse.report/1", object, text);
-    Ok(if damaged.is_empty() { Exit::Done } else { Exit::Incomplete })
+    output.show("glasshouse.report/1", &Written::new(&report));
+    Ok(if report.damaged.is_empty() { Exit::Done } else { Exit::Incomplete })
 }
 
 /// Warns of damaged tuples.
@@ -60,5 +51,59 @@ pub(super) fn warn(report: &Report, output: &Output) {
     }
     if let Some(more @ 1..) = report.damaged.len().checked_sub(SHOWN) {
         output.warning(&format!("{more} more tuples are damaged; the page names them"));
+    }
+}
+
+#[derive(Serialize)]
+struct Planned<'a> {
+    report: Cow<'a, str>,
+    dry_run: bool,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "would write {}", self.report)
+    }
+}
+
+#[derive(Serialize)]
+struct Written<'a> {
+    report: Cow<'a, str>,
+    dry_run: bool,
+    bytes: u64,
+    scenes: u64,
+    tuples: u64,
+    shown: u64,
+    noise_maps: u64,
+    logs: u64,
+    #[serde(serialize_with = "reasons")]
+    damaged: &'a [(SceneId, String)],
+}
+
+impl<'a> Written<'a> {
+    fn new(report: &'a Report) -> Self {
+        let Report { path, bytes, scenes, tuples, shown, noise_maps, logs, damaged } = report;
+        Self {
+            report: path.to_string_lossy(),
+            dry_run: false,
+            bytes: *bytes,
+            scenes: *scenes,
+            tuples: *tuples,
+            shown: *shown,
+            noise_maps: *noise_maps,
+            logs: *logs,
+            damaged,
+        }
+    }
+}
+
+impl fmt::Display for Written<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { report, tuples, scenes, shown, .. } = self;
+        let megabytes = self.bytes as f64 * 1e-6;
+        write!(
+            f,
+            "wrote {report} ({megabytes:.2} MB; {tuples} of {scenes} tuples, {shown} of them shown)"
+        )
     }
 }

@@ -8,8 +8,10 @@ use clap::{Args as ClapArgs, ValueEnum};
 use plan::{DepthRanges, Place};
 use procedural::{SampleError, SamplePhotograph};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
-use serde_json::json;
+use serde::Serialize;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, ClapArgs)]
@@ -93,21 +95,20 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
     };
     let Photographs { size: [width, height], color, with, roots, recipe } = made;
     let lossy = |path: &PathBuf| path.to_string_lossy().into_owned();
-    let color: Vec<String> = color.iter().map(lossy).collect();
-    let roots: BTreeMap<&str, String> =
-        roots.iter().map(|(name, folder)| (*name, lossy(folder))).collect();
-    let (verb, folder) = (if global.dry_run { "would make" } else { "made" }, dir.display());
-    let options: String =
-        roots.iter().map(|(name, folder)| format!(" --root {name}={folder}")).collect();
-    let text = format!(
-        "{verb} {count} photographs of {width} x {height} px with {with} in {folder}\n\
-         plan with them: glasshouse plan {recipe}{options}"
-    );
-    let object = json!({
-        "dir": dir.to_string_lossy(), "layout": typed(&args.layout), "count": count, "seed": seed,
-        "dry_run": global.dry_run, "width": width, "height": height, "color": color, "roots": roots,
-    });
-    output.say("glasshouse.sample/1", object, text);
+    let sample = Sample {
+        dir: dir.to_string_lossy(),
+        layout: typed(&args.layout),
+        count,
+        seed,
+        dry_run: global.dry_run,
+        width,
+        height,
+        color: color.iter().map(lossy).collect(),
+        roots: roots.iter().map(|(name, folder)| (*name, lossy(folder))).collect(),
+        with,
+        recipe,
+    };
+    output.show("glasshouse.sample/1", &sample);
     Ok(Exit::Done)
 }
 
@@ -134,4 +135,34 @@ fn make<P: Sync>(
     });
     progress.finish();
     written.map_err(|e| Failure::new(Exit::Failed, e))
+}
+
+#[derive(Serialize)]
+struct Sample<'a> {
+    dir: Cow<'a, str>,
+    layout: String,
+    count: usize,
+    seed: u64,
+    dry_run: bool,
+    width: u32,
+    height: u32,
+    color: Vec<String>,
+    roots: BTreeMap<&'static str, String>,
+    #[serde(skip)]
+    with: &'static str,
+    #[serde(skip)]
+    recipe: &'static str,
+}
+
+impl fmt::Display for Sample<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { dir, count, width, height, roots, with, recipe, .. } = self;
+        let verb = if self.dry_run { "would make" } else { "made" };
+        write!(
+            f,
+            "{verb} {count} photographs of {width} x {height} px with {with} in {dir}\n\
+             plan with them: glasshouse plan {recipe}"
+        )?;
+        roots.iter().try_for_each(|(name, folder)| write!(f, " --root {name}={folder}"))
+    }
 }

@@ -9,11 +9,14 @@ use crate::cli::signals::Signals;
 use clap::Args as ClapArgs;
 use compose::read_picture;
 use image::{ImageFormat, RgbImage};
+use plan::FeatureSource;
 use render::atomic_file;
-use serde_json::json;
+use serde::Serialize;
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 use std::io::Cursor;
-use std::path::{Path, PathBuf};
+use std::path::{self, Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 use train::LEAST_PX;
@@ -58,17 +61,18 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
                 if !global.dry_run {
                     separate(&network, &picture, args.network.tile_px, targets)?;
                 }
-                images.push(json!({
-                    "image": path.to_string_lossy(),
-                    "width": picture.width(),
-                    "height": picture.height(),
-                    "transmission": targets[0].to_string_lossy(),
-                    "glass_reflection": targets[1].to_string_lossy(),
-                }));
+                let [transmission, glass_reflection] = targets;
+                images.push(Done {
+                    image: path.to_string_lossy(),
+                    width: picture.width(),
+                    height: picture.height(),
+                    transmission: transmission.to_string_lossy(),
+                    glass_reflection: glass_reflection.to_string_lossy(),
+                });
             }
             Err(reason) => {
                 progress.suspend(|| output.warning(&format!("{reason}; continuing without it")));
-                failed.push(json!({ "image": path.to_string_lossy(), "reason": reason }));
+                failed.push(Failed { image: path.to_string_lossy(), reason });
             }
         }
         progress.add(1, false);
@@ -79,25 +83,61 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
         (false, true) => Exit::Done,
         (false, false) => Exit::Incomplete,
     };
-    let text = format!(
-        "{} {} of {} pictures into {} with {}",
-        if global.dry_run { "would separate" } else { "separated" },
-        images.len(),
-        args.images.len(),
-        args.out.display(),
-        network.row_name(None)
-    );
-    let object = json!({
-        "checkpoint": network.path.to_string_lossy(),
-        "step": network.state.step,
-        "features": network.state.settings.features,
-        "dry_run": global.dry_run,
-        "images": images,
-        "failed": failed,
-        "wall_s": clock.elapsed().as_secs_f64(),
-    });
-    output.say("glasshouse.separate/1", object, text);
+    let separated = Separated {
+        checkpoint: network.path.to_string_lossy(),
+        step: network.state.step,
+        features: network.state.settings.features,
+        dry_run: global.dry_run,
+        images,
+        failed,
+        wall_s: clock.elapsed().as_secs_f64(),
+        given: args.images.len(),
+        out: args.out.display(),
+        by: network.row_name(None),
+    };
+    output.show("glasshouse.separate/1", &separated);
     Ok(exit)
+}
+
+#[derive(Serialize)]
+struct Separated<'a> {
+    checkpoint: Cow<'a, str>,
+    step: u64,
+    features: FeatureSource,
+    dry_run: bool,
+    images: Vec<Done<'a>>,
+    failed: Vec<Failed<'a>>,
+    wall_s: f64,
+    /// Number of pictures on the command line.
+    #[serde(skip)]
+    given: usize,
+    #[serde(skip)]
+    out: path::Display<'a>,
+    #[serde(skip)]
+    by: String,
+}
+
+#[derive(Serialize)]
+struct Done<'a> {
+    image: Cow<'a, str>,
+    width: u32,
+    height: u32,
+    transmission: Cow<'a, str>,
+    glass_reflection: Cow<'a, str>,
+}
+
+#[derive(Serialize)]
+struct Failed<'a> {
+    image: Cow<'a, str>,
+    reason: String,
+}
+
+impl fmt::Display for Separated<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let verb = if self.dry_run { "would separate" } else { "separated" };
+        let (done, given, out, by) = (self.images.len(), self.given, &self.out, &self.by);
+        write!(f, "{verb} {done} of {given} pictures into {out} with {by}")
+    }
 }
 
 /// The files to write for each image. Two images must not share a file, and no input may be overwritten.

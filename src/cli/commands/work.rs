@@ -6,18 +6,21 @@ use crate::cli::args::{
 };
 use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::isolate::{self, Children, Only};
-use crate::cli::output::{Output, reasons_json};
+use crate::cli::output::{Output, as_map, reasons};
 use crate::cli::progress::Progress;
 use crate::cli::queue;
 use crate::cli::signals::Signals;
 use crate::cli::store_env;
 use crate::farm::queue::{LocalQueue, Message, Queue};
 use crate::farm::{Fault, Outcome, SharedQueue, WorkOptions, work, work_shared};
-use crate::run::{Event, Run, Scope, Snapshot, Stop, Task, WorkerName};
+use crate::run::{Event, Quarantined, Run, Scope, Snapshot, Stop, Task, WorkerName};
 use crate::store::Store;
 use clap::Args as ClapArgs;
+use render::ids::SceneId;
 use render::line::Roots;
-use serde_json::{Map, Value, json};
+use serde::Serialize;
+use std::borrow::Cow;
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
@@ -59,13 +62,14 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
     if global.dry_run {
         let store = queue::store(&args.run, &args.queue)?;
         let status = Snapshot::take(&run, &store, Scope::COUNTS)?.counts();
-        let (left, all) = (status.shards - status.shards_done, status.shards);
-        let object = json!({
-            "run": args.run.to_string_lossy(), "dry_run": true, "shards_left": left,
-            "quarantined": status.quarantined,
-        });
-        let text = format!("{left} of {all} shards would be traced");
-        output.say("glasshouse.work/1", object, text);
+        let planned = Planned {
+            run: args.run.to_string_lossy(),
+            dry_run: true,
+            shards_left: status.shards - status.shards_done,
+            quarantined: &status.quarantined,
+            shards: status.shards,
+        };
+        output.show("glasshouse.work/1", &planned);
         return Ok(Exit::Done);
     }
     let how = How {
@@ -86,8 +90,7 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
         (None, None) => work_on(&run, &how, global, output)?,
         (None, Some(_)) => work_for(&run, &store, &args.queue, &how, global, output)?,
     };
-    let (object, text) = result(&outcome, &args.run, wall);
-    output.say("glasshouse.work/1", object, text);
+    output.show("glasshouse.work/1", &Worked::new(&outcome, &args.run, wall));
     Ok(exit)
 }
 
@@ -269,48 +272,90 @@ fn work_only(
 /// Time between a child's signs of life.
 const SIGNS_EVERY: Duration = Duration::from_millis(500);
 
-/// The result of a worker, as JSON and as text.
-pub(super) fn result(outcome: &Outcome, run: &Path, wall: Duration) -> (Value, String) {
-    let Outcome { merged, already_merged, traced, resumed, quarantined, .. } = outcome;
-    let map = |seconds: &[(&'static str, f64)]| -> Map<String, Value> {
-        seconds.iter().map(|(name, s)| ((*name).to_owned(), json!(s))).collect()
-    };
-    let object = json!({
-        "run": run.to_string_lossy(),
-        "merged": merged,
-        "already_merged": already_merged,
-        "shards_traced": traced,
-        "shards_resumed": resumed,
-        "scenes_loaded": outcome.loaded,
-        "spans_given": outcome.donated,
-        "quarantined": reasons_json(quarantined),
-        "stopped": outcome.stopped.map(Stop::name),
-        "wall_s": wall.as_secs_f64(),
-        "thread_seconds": map(&outcome.seconds.all()),
-        "cpu_seconds": map(&outcome.seconds.cpu()),
-    });
-    let there = match already_merged {
-        0 => String::new(),
-        count => format!("; {count} tuples existed"),
-    };
-    let failed = match quarantined.len() {
-        0 => String::new(),
-        count => format!(
-            "; {count} scenes in quarantine, see `glasshouse status RUN` (`glasshouse retry RUN SCENE` tries one again)"
-        ),
-    };
-    let end = match outcome.stopped {
-        Some(Stop::Asked) => "; stopped by a signal; run the same command to resume",
-        Some(Stop::TimeLimit) => "; time limit reached; run the same command to resume",
-        Some(Stop::Drained) => "; ended because too many scenes failed here",
-        Some(Stop::Cancelled) => {
-            "; the run is cancelled: `glasshouse resume RUN`, then run the same command to continue"
+#[derive(Serialize)]
+struct Planned<'a> {
+    run: Cow<'a, str>,
+    dry_run: bool,
+    shards_left: u64,
+    quarantined: &'a [Quarantined],
+    #[serde(skip)]
+    shards: u64,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} of {} shards would be traced", self.shards_left, self.shards)
+    }
+}
+
+/// The result of a worker.
+#[derive(Serialize)]
+pub(super) struct Worked<'a> {
+    run: Cow<'a, str>,
+    merged: u64,
+    already_merged: u64,
+    shards_traced: u64,
+    shards_resumed: u64,
+    scenes_loaded: u64,
+    spans_given: u64,
+    #[serde(serialize_with = "reasons")]
+    quarantined: &'a [(SceneId, String)],
+    stopped: Option<&'static str>,
+    wall_s: f64,
+    #[serde(serialize_with = "as_map")]
+    thread_seconds: Vec<(&'static str, f64)>,
+    #[serde(serialize_with = "as_map")]
+    cpu_seconds: Vec<(&'static str, f64)>,
+    #[serde(skip)]
+    stop: Option<Stop>,
+}
+
+impl<'a> Worked<'a> {
+    pub(super) fn new(outcome: &'a Outcome, run: &'a Path, wall: Duration) -> Self {
+        Self {
+            run: run.to_string_lossy(),
+            merged: outcome.merged,
+            already_merged: outcome.already_merged,
+            shards_traced: outcome.traced,
+            shards_resumed: outcome.resumed,
+            scenes_loaded: outcome.loaded,
+            spans_given: outcome.donated,
+            quarantined: &outcome.quarantined,
+            stopped: outcome.stopped.map(Stop::name),
+            wall_s: wall.as_secs_f64(),
+            thread_seconds: outcome.seconds.all().to_vec(),
+            cpu_seconds: outcome.seconds.cpu(),
+            stop: outcome.stopped,
         }
-        None => "",
-    };
-    let text = format!(
-        "{merged} tuples in {:.1} s ({traced} shards traced, {resumed} resumed{there}){failed}{end}",
-        wall.as_secs_f64()
-    );
-    (object, text)
+    }
+}
+
+impl fmt::Display for Worked<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { merged, already_merged, shards_traced, shards_resumed, wall_s, .. } = self;
+        write!(
+            f,
+            "{merged} tuples in {wall_s:.1} s ({shards_traced} shards traced, {shards_resumed} resumed"
+        )?;
+        if *already_merged > 0 {
+            write!(f, "; {already_merged} tuples existed")?;
+        }
+        f.write_str(")")?;
+        if !self.quarantined.is_empty() {
+            write!(
+                f,
+                "; {} scenes in quarantine, see `glasshouse status RUN` (`glasshouse retry RUN SCENE` tries one again)",
+                self.quarantined.len()
+            )?;
+        }
+        f.write_str(match self.stop {
+            Some(Stop::Asked) => "; stopped by a signal; run the same command to resume",
+            Some(Stop::TimeLimit) => "; time limit reached; run the same command to resume",
+            Some(Stop::Drained) => "; ended because too many scenes failed here",
+            Some(Stop::Cancelled) => {
+                "; the run is cancelled: `glasshouse resume RUN`, then run the same command to continue"
+            }
+            None => "",
+        })
+    }
 }

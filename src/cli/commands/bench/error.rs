@@ -13,7 +13,9 @@ use crate::cli::signals::Signals;
 use clap::Args as ClapArgs;
 use render::line::Roots;
 use render::trace::{Isa, TRACER_VERSION};
-use serde_json::json;
+use serde::Serialize;
+use std::borrow::Cow;
+use std::fmt;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -69,19 +71,16 @@ pub(super) fn run(
         None => None,
     };
     if global.dry_run {
-        let (name, out, seeds) = (&scene.name, args.out.to_string_lossy(), ladder.seeds);
-        let object = json!({
-            "dry_run": true, "scene": name, "out": out, "spp": ladder.spp, "seeds": seeds,
-            "reference": args.reference.as_ref().map(|dir| dir.to_string_lossy()),
-            "reference_spp": args.reference_spp,
-        });
-        let text = format!(
-            "would render scene {name} with {} sample counts, {} kinds of sampling and {seeds} seeds, and write error.csv, \
-             error.json and error.svg to {out}",
-            ladder.spp.len(),
-            VARIANTS.len(),
-        );
-        output.say(ERROR_SCHEMA, object, text);
+        let planned = Planned {
+            dry_run: true,
+            scene: &scene.name,
+            out: args.out.to_string_lossy(),
+            spp: &ladder.spp,
+            seeds: ladder.seeds,
+            reference: args.reference.as_ref().map(|dir| dir.to_string_lossy()),
+            reference_spp: args.reference_spp,
+        };
+        output.show(ERROR_SCHEMA, &planned);
         return Ok(Exit::Done);
     }
 
@@ -156,5 +155,29 @@ impl Bench<'_> {
         });
         progress.finish();
         result
+    }
+}
+
+#[derive(Serialize)]
+struct Planned<'a> {
+    dry_run: bool,
+    scene: &'a str,
+    out: Cow<'a, str>,
+    spp: &'a [u32],
+    seeds: u32,
+    reference: Option<Cow<'a, str>>,
+    reference_spp: u32,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { scene, out, spp, seeds, .. } = self;
+        write!(
+            f,
+            "would render scene {scene} with {} sample counts, {} kinds of sampling and {seeds} seeds, and write error.csv, \
+             error.json and error.svg to {out}",
+            spp.len(),
+            VARIANTS.len(),
+        )
     }
 }

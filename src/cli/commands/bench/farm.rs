@@ -9,7 +9,8 @@ use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::farm::simulate::{Case, Fault, Fleet, Rules, Work, lower_bound_s, some_workers};
 use clap::Args as ClapArgs;
-use serde_json::json;
+use serde::Serialize;
+use std::fmt;
 
 const SCHEMA: &str = "glasshouse.bench_farm/1";
 
@@ -81,11 +82,30 @@ pub(super) struct BenchFarmArgs {
     away: Vec<(f64, f64)>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 enum Mode {
     Overhead,
     Makespan,
     Resume,
+}
+
+#[derive(Serialize)]
+struct Planned {
+    measured: bool,
+    mode: Mode,
+    dry_run: bool,
+}
+
+impl fmt::Display for Planned {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let what = match self.mode {
+            Mode::Overhead => "real workers on a queue and inside one process",
+            Mode::Makespan => "real workers on a queue, tasks that sleep, twice",
+            Mode::Resume => "making and resuming a half-finished run",
+        };
+        write!(f, "would measure: {what}")
+    }
 }
 
 pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -105,13 +125,8 @@ pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Res
         _ => Mode::Overhead,
     };
     if global.dry_run {
-        let (name, what) = match mode {
-            Mode::Overhead => ("overhead", "real workers on a queue and inside one process"),
-            Mode::Makespan => ("makespan", "real workers on a queue, tasks that sleep, twice"),
-            Mode::Resume => ("resume", "making and resuming a half-finished run"),
-        };
-        let object = json!({ "measured": true, "mode": name, "dry_run": true });
-        output.say(SCHEMA, object, format_args!("would measure: {what}"));
+        let planned = Planned { measured: true, mode, dry_run: true };
+        output.show(SCHEMA, &planned);
         return Ok(Exit::Done);
     }
     let signals = Signals::catch();

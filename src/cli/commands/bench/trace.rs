@@ -14,7 +14,7 @@ use compose::markdown_table;
 use render::line::Roots;
 use render::trace::{Isa, TRACER_VERSION};
 use serde::Serialize;
-use serde_json::json;
+use std::borrow::Cow;
 use std::fmt;
 use std::path::PathBuf;
 
@@ -65,8 +65,7 @@ pub(super) fn run(
             names.splice(0..0, ["indoor", "outdoor", "stress"]);
         }
         let dump = args.dump.as_ref().map(|dir| dir.to_string_lossy());
-        let object = json!({ "dry_run": true, "scenes": names, "dump": dump });
-        output.say(SCHEMA, object, format_args!("would measure {}", names.join(", ")));
+        output.show(SCHEMA, &Planned { dry_run: true, scenes: names, dump });
         return Ok(Exit::Done);
     }
     if !args.no_builtin {
@@ -96,6 +95,19 @@ pub(super) fn run(
     };
     output.show(SCHEMA, &report);
     Ok(Exit::Done)
+}
+
+#[derive(Serialize)]
+struct Planned<'a> {
+    dry_run: bool,
+    scenes: Vec<&'a str>,
+    dump: Option<Cow<'a, str>>,
+}
+
+impl fmt::Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "would measure {}", self.scenes.join(", "))
+    }
 }
 
 #[derive(Serialize)]

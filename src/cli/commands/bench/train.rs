@@ -9,7 +9,6 @@ use crate::cli::progress::Progress;
 use clap::Args as ClapArgs;
 use compose::markdown_table;
 use serde::Serialize;
-use serde_json::json;
 use std::collections::BTreeMap;
 use std::fmt;
 use train::candle_core::Device;
@@ -51,12 +50,7 @@ pub(super) fn run(
     let usage = |e: train::SettingError| Failure::new(Exit::Usage, e);
     settings.validate().map_err(usage)?;
     if global.dry_run {
-        let object = json!({ "dry_run": true, "steps": args.steps });
-        output.say(
-            SCHEMA,
-            object,
-            format_args!("would take {} steps and a warm-up step", args.steps),
-        );
+        output.show(SCHEMA, &Planned { dry_run: true, steps: args.steps });
         return Ok(Exit::Done);
     }
     let threads = use_threads(global);
@@ -104,6 +98,18 @@ pub(super) fn run(
     };
     output.show(SCHEMA, &report);
     Ok(Exit::Done)
+}
+
+#[derive(Serialize)]
+struct Planned {
+    dry_run: bool,
+    steps: u32,
+}
+
+impl fmt::Display for Planned {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "would take {} steps and a warm-up step", self.steps)
+    }
 }
 
 #[derive(Serialize)]

@@ -6,7 +6,7 @@ mod training;
 use crate::cli::args::{CheckpointArgs, Global};
 use crate::cli::commands::plan::{self as plan_command, PlanArgs, plan_with, run_folder};
 use crate::cli::commands::report;
-use crate::cli::commands::work::{How, result, work_on};
+use crate::cli::commands::work::{How, Worked, work_on};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::store_env;
@@ -15,6 +15,8 @@ use crate::run::Run;
 use crate::store::Store;
 use clap::Args as ClapArgs;
 use render::line::Roots;
+use serde::Serialize;
+use std::fmt;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct RunArgs {
@@ -64,14 +66,32 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     }
     let report = report.map_or_else(|| write_report(&run, &store, None), Ok)?;
     report::warn(&report, output);
-    let (mut object, mut text) = result(&outcome, &folder, wall);
-    #[cfg(feature = "train")]
-    if let Some(trained) = trained {
-        object["train"] = serde_json::json!(trained);
-        text = format!("{trained}\n{text}");
-    }
-    object["report"] = report.path.to_string_lossy().into();
-    text += &format!("\nsee {}", report.path.display());
-    output.say("glasshouse.run/1", object, text);
+    let ran = Ran {
+        worked: Worked::new(&outcome, &folder, wall),
+        #[cfg(feature = "train")]
+        train: trained,
+        report: report.path.to_string_lossy().into_owned(),
+    };
+    output.show("glasshouse.run/1", &ran);
     Ok(exit)
+}
+
+#[derive(Serialize)]
+struct Ran<'a> {
+    #[serde(flatten)]
+    worked: Worked<'a>,
+    #[cfg(feature = "train")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    train: Option<training::Trained>,
+    report: String,
+}
+
+impl fmt::Display for Ran<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        #[cfg(feature = "train")]
+        if let Some(trained) = &self.train {
+            writeln!(f, "{trained}")?;
+        }
+        write!(f, "{}\nsee {}", self.worked, self.report)
+    }
 }

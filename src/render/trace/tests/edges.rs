@@ -32,7 +32,7 @@ struct Terrain {
 /// A sheet from depths in metres (0 is a hole), through the real decoder and filler.
 fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
     let line = Photograph {
-        color: String::new(),
+        color: "edges.png".to_owned(),
         depth: String::new(),
         mask: None,
         transfer: Transfer::Linear,
