@@ -10,7 +10,6 @@ use render::scene::{LoadError, SceneFiles, load};
 use render::shard::samples_per_range;
 use render::trace::{CELL_PX, Isa, Tile, trace_tile};
 
-/// Calibrated scenes.
 const SCENES: usize = 3;
 /// Most attempts, if some scenes cannot be loaded.
 const MOST_TRIED: usize = 8;

@@ -14,7 +14,6 @@ use serde::Serialize;
 /// A kind of sampling, and its scene line for a rung.
 #[derive(Clone, Copy)]
 pub struct Variant {
-    /// Name in files.
     pub name: &'static str,
     pub title: &'static str,
     pub sampling: Sampling,

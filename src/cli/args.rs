@@ -134,6 +134,7 @@ pub(super) struct StoreArgs {
 /// Keys to a NATS server.
 #[derive(Clone, Debug, ClapArgs)]
 #[command(next_help_heading = FARM)]
+#[allow(clippy::struct_field_names, reason = "clap makes the flags of the names")]
 pub(super) struct NatsKeys {
     /// File with the seed of an nkey
     #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_NKEY", requires = "queue")]

@@ -147,7 +147,7 @@ fn checkpoint(place: &Path, which: Which, output: &Output) -> Result<Checkpoint,
         match Checkpoint::read(&checkpoint_folder(&folder, best.step), &Device::Cpu) {
             Ok(checkpoint) => return Ok(checkpoint),
             Err(error) => {
-                output.warning(&format!("{error}; it was the best, the newest is taken instead"))
+                output.warning(&format!("{error}; it was the best, the newest is taken instead"));
             }
         }
     }

@@ -87,7 +87,6 @@ impl Progress {
         }
     }
 
-    /// Finished units.
     pub(super) fn done(&self) -> u64 {
         self.done.load(Ordering::Relaxed)
     }

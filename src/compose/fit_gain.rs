@@ -23,7 +23,6 @@ pub struct Gain {
 }
 
 impl Gain {
-    /// Name of its row.
     pub fn row_name(&self) -> String {
         format!("input x {:.3}", self.factor)
     }

@@ -28,7 +28,6 @@ pub trait Method: Sync {
     fn make(&self, input: &RgbImage) -> Result<RgbImage, Box<dyn Error + Send + Sync>>;
 }
 
-/// The unprocessed picture.
 struct Input;
 
 impl Method for Input {
@@ -49,11 +48,9 @@ pub struct Scored {
     pub methods: Vec<String>,
     /// By method, then by picture.
     pub rows: Vec<Row>,
-    /// Unreadable pictures.
     pub left_out: Vec<LeftOut>,
     /// Shrunk outputs of each method, and the truth, for some evenly drawn pictures.
     pub kept: Vec<Vec<RgbImage>>,
-    /// Processed pictures.
     pub done: usize,
     /// The stop flag ended it early.
     pub stopped: bool,

@@ -14,9 +14,7 @@ pub struct WithTruth {
 
 #[derive(Debug)]
 pub enum Unread {
-    /// Not rendered yet.
     Missing(String),
-    /// Unusable.
     Unreadable(String),
     /// The source failed; no picture can be read.
     Fatal(Box<dyn Error + Send + Sync>),

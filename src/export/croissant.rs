@@ -43,7 +43,6 @@ pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
     text
 }
 
-/// The tars.
 fn shards(summary: &Summary) -> Vec<Value> {
     let shard = |shard: &FileRecord| {
         json!({

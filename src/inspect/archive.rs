@@ -11,7 +11,6 @@ use std::io::{self, Read};
 const EXPORT: &str = "`glasshouse export RUN --format webdataset` makes it again";
 /// Longest record of a sample to read.
 const MAX_RECORD_BYTES: u64 = 1 << 24;
-/// Keys to show.
 const SHOWN: usize = 3;
 
 /// Explains an archive of `length` bytes, in one pass over its headers and records.
@@ -101,12 +100,10 @@ impl Sample {
     /// Layers of its record without a picture; without a record, endings that other samples have.
     fn missing<'a>(&'a self, all: &BTreeSet<&'a String>) -> Vec<&'a str> {
         let has = |layer: &str| self.endings.iter().any(|e| e.starts_with(&format!("{layer}.")));
-        match &self.layers {
-            Some(layers) => layers.iter().filter(|l| !has(l)).map(String::as_str).collect(),
-            None => {
-                let missing = all.iter().filter(|e| !self.endings.contains(**e));
-                missing.map(|e| e.as_str()).collect()
-            }
+        if let Some(layers) = &self.layers {
+            return layers.iter().filter(|l| !has(l)).map(String::as_str).collect();
         }
+        let missing = all.iter().filter(|e| !self.endings.contains(**e));
+        missing.map(|e| e.as_str()).collect()
     }
 }

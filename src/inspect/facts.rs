@@ -49,7 +49,6 @@ pub enum Whole {
 pub struct Facts {
     /// Labels and texts, for people.
     pub rows: Vec<(String, String)>,
-    /// For programs.
     pub values: Map<String, Value>,
 }
 
@@ -59,7 +58,6 @@ impl Facts {
         self.rows.push((label.into(), text.into()));
     }
 
-    /// Adds a value.
     pub(super) fn put(&mut self, key: &str, value: impl Into<Value>) {
         self.values.insert(key.to_owned(), value.into());
     }

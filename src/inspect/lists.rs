@@ -9,7 +9,6 @@ use plan::{RejectedScene, parse_list};
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 
-/// Names to show.
 const SHOWN: usize = 12;
 
 pub(super) fn read(kind: Kind, input: &Input) -> Inspection {

@@ -198,7 +198,6 @@ fn to_do(kind: Kind) -> &'static str {
     }
 }
 
-/// Adds next steps.
 fn advise(found: &mut Inspection, object: &Map<String, Value>) {
     let scene = object.get("scene").and_then(Value::as_str).unwrap_or("SCENE");
     let next = match found.kind {

@@ -22,7 +22,6 @@ const SECONDS_PER_TUPLE_PIXEL: f64 = 5e-7;
 /// Measured cost of some scenes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Calibration {
-    /// The measured scenes.
     pub scenes: Vec<SceneId>,
     /// Seconds of one core per camera sample, counting all of `film.spp`.
     pub seconds_per_sample: f64,

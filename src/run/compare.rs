@@ -93,7 +93,7 @@ fn images(difference: &mut FileDifference, made: &Pixels, stored: &Pixels) {
     difference.pixels = Some(count);
     difference.of_pixels = Some((made.width * made.height) as u64);
     if count == 0 {
-        difference.note = "no pixel differs: the compression or the header differs".to_owned();
+        "no pixel differs: the compression or the header differs".clone_into(&mut difference.note);
         return;
     }
     difference.largest = Some(largest);

@@ -42,7 +42,6 @@ impl ControlState {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Control {
     pub state: ControlState,
-    /// The user's reason.
     pub reason: Option<String>,
 }
 

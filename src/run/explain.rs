@@ -39,7 +39,6 @@ pub(crate) struct Explanation {
     pub(crate) shard: Option<ShardFacts>,
     /// Running and lost attempts at it.
     pub(crate) attempts: Vec<StandingAttempt>,
-    /// Its quarantine record.
     pub(crate) quarantine: Option<serde_json::Value>,
     /// Workers that made its tuple, in a farm.
     pub(crate) receipt: Option<Provenance>,

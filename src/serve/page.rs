@@ -120,7 +120,6 @@ fn button(target: &str, text: &str, question: &str) -> Markup {
     html! { button data-post=(target) data-ask=(question) { (text) } }
 }
 
-/// Urgent messages.
 fn alerts(view: &FarmView) -> Markup {
     let is_silent = |worker: &WorkerView| worker.state == WorkerState::Silent;
     html! {

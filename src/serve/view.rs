@@ -65,14 +65,12 @@ pub struct QueueView {
 pub struct WorkerView {
     /// Its name, unique in the run.
     pub name: String,
-    /// Its machine.
     pub host: String,
     /// Version of its program; empty if unknown.
     pub version: String,
     pub state: WorkerState,
     /// Seconds since its last progress.
     pub last_progress_s: f64,
-    /// Its current scene.
     pub scene: Option<SceneId>,
     /// Number of its current shard in that scene.
     pub shard: Option<u32>,

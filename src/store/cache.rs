@@ -28,7 +28,6 @@ struct Head {
     blake3: String,
 }
 
-/// A cached object.
 pub(super) struct Entry {
     pub(super) etag: String,
     pub(super) bytes: Vec<u8>,

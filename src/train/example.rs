@@ -49,7 +49,6 @@ impl Cut {
 }
 
 impl Example {
-    /// Size in memory.
     pub fn bytes(&self) -> usize {
         let layers = [Some(&self.input), Some(&self.transmission)];
         let rest = [self.glass_reflection.as_ref(), self.clean_reflection.as_ref()];
@@ -73,7 +72,6 @@ impl Example {
         }
     }
 
-    /// The crop.
     #[must_use]
     pub fn cut(&self, cut: Cut) -> Self {
         self.map([cut.size; 2], |planes| {

@@ -32,13 +32,10 @@ pub struct Learner {
 pub struct Term {
     /// `transmission_l1`, ...
     pub name: &'static str,
-    /// Weighted value.
     pub value: f32,
 }
 
-/// Losses of a step.
 pub struct StepLosses {
-    /// The generators' loss.
     pub total: f32,
     pub terms: Vec<Term>,
     /// The discriminator's loss, in steps that train it.

@@ -68,7 +68,6 @@ impl Beginning {
         Self { own, before }
     }
 
-    /// Steps so far.
     pub(super) fn step(&self) -> u64 {
         self.own.as_ref().map_or(0, |own| own.state.step)
     }

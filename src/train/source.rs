@@ -33,7 +33,6 @@ pub enum ExampleError {
     Stopped,
 }
 
-/// The store failed.
 #[derive(Debug, thiserror::Error)]
 #[error(transparent)]
 pub struct TupleFilesError(pub Box<dyn std::error::Error + Send + Sync>);
@@ -61,7 +60,6 @@ pub enum Base {
 }
 
 impl Base {
-    /// Size in memory.
     pub(super) fn bytes(&self) -> usize {
         match self {
             Self::Example(example) => example.bytes(),

@@ -22,7 +22,6 @@ const TAPS: [usize; 5] = [1, 3, 5, 9, 13];
 const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
 
-/// Unusable weights.
 #[derive(Debug, thiserror::Error)]
 pub enum VggError {
     #[error(

@@ -78,7 +78,7 @@ fn of_a_run(files: &mut Files) {
         "runs/smoke/manifest.jsonl",
         "manifest",
         whole,
-        &["1 train, 1 test", "glass.tilt_deg yaw", "that of spec.json"],
+        &["1 train, 1 test", "glass.tilt_deg yaw", "the digest in spec.json"],
     );
     files.is("manifests/smoke.toml", "recipe", unknown, &["seed", "sample", "plan RECIPE"]);
     files.is("scene.json", "scene", unknown, &["one, split train", "a.png"]);
@@ -94,7 +94,7 @@ fn of_a_run(files: &mut Files) {
         &format!("{tuple}/tuple.exr"),
         "tuple_exr",
         whole,
-        &["64 x 64 px, half", SCENE, "mean", "that of tuple.json"],
+        &["64 x 64 px, half", SCENE, "mean", "the digest in tuple.json"],
     );
     files.is(
         &format!("{tuple}/tuple.json"),
@@ -169,7 +169,7 @@ fn of_a_farm(files: &mut Files) {
     );
     files.is("runs/bad/partials/good/0-4.json", "made_by", None, &["shards 0, 4", "worker w-1"]);
     files.put("finished.json", r#"{"schema":"glasshouse.finished/1","scenes":2,"quarantined":1}"#);
-    files.is("finished.json", "finished", None, &["nothing is left"]);
+    files.is("finished.json", "finished", None, &["the mark of a finished run"]);
     files.put("rejected.jsonl", "{\"id\":\"a\",\"attempt\":1,\"rule\":\"black\",\"reason\":\"x\",\"front\":\"f\",\"back\":\"b\"}\n");
     files.is("rejected.jsonl", "rejected", None, &["1 draw"]);
 }

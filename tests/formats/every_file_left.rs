@@ -61,7 +61,7 @@ pub(crate) fn of_a_training(files: &mut Files) {
         &format!("{step}/model.safetensors"),
         "tensors",
         whole,
-        &["separation", "backtrack", "discriminator", "that of state.json"],
+        &["separation", "backtrack", "discriminator", "the digest in state.json"],
     );
     files.is(&format!("{step}/optimizer.safetensors"), "tensors", whole, &["mean", "square"]);
     let stage = "runs/smoke/train/separation";

@@ -23,7 +23,6 @@ pub struct OverheadRun {
     pub queue: &'static str,
     /// Processes on `nats`, threads of one `process`.
     pub workers: u32,
-    /// Traced shards.
     pub shards: u64,
     /// Sleep of each shard.
     pub shard_s: f64,

@@ -64,7 +64,6 @@ impl<'a> Place<'a> {
         Ok(())
     }
 
-    /// A unique name.
     pub(super) fn name(&self, what: &str) -> String {
         let name = self.folder.path().file_name();
         let name = name.map_or_else(String::new, |n| n.to_string_lossy().into_owned());

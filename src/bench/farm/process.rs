@@ -98,7 +98,6 @@ impl<'a> Process<'a> {
         self.said.iter().filter(is_load).count() as u64
     }
 
-    /// SIGTERM, then waits.
     pub(super) fn terminate(mut self) -> Result<(), FarmBenchError> {
         if let Some(pid) = rustix::process::Pid::from_raw(self.child.id() as i32) {
             let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);

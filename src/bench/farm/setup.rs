@@ -14,7 +14,6 @@ pub trait Watcher: Sync {
 }
 
 pub struct Setup<'a> {
-    /// This program's executable.
     pub program: &'a Path,
     /// Address of a NATS server; with `None` an installed `nats-server` is started.
     pub queue: Option<&'a str>,

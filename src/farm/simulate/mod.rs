@@ -1,6 +1,6 @@
 //! A farm in virtual time: the cost of sharing work, for any number of workers.
 //!
-//! The worker's state machine ([`tasks`](super::worker::tasks)) is the one that ships. Modelled are the code that drives it
+//! The worker's state machine (`worker::tasks`) is the one that ships. Modelled are the code that drives it
 //! (`driver.rs`, `idle.rs`), the queue's server (`queue.rs`, as measured on a real one), the store (a bit for each shard), the
 //! tracer (time passes) and the network (a constant delay). Every random number is a hash of the seed and a counter, so equal
 //! cases have equal outcomes.

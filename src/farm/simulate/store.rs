@@ -6,7 +6,6 @@ pub(super) struct Store {
     stored: Vec<bool>,
     /// By scene and shard: some worker has traced it.
     traced: Vec<bool>,
-    /// By scene.
     tuples: Vec<bool>,
 }
 

@@ -12,7 +12,6 @@ use super::raster::{Raster, Samples};
 /// Longest line of a header.
 const LINE_BYTES: usize = 64;
 
-/// The header.
 pub(crate) struct PfmHead {
     pub(crate) width: usize,
     pub(crate) height: usize,

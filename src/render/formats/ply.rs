@@ -193,7 +193,6 @@ impl Body<'_> {
         (0.0..=4_294_967_295.0).contains(&value).then_some(value as u32)
     }
 
-    /// Skips a property.
     fn pass(&mut self, kind: Kind) -> Option<()> {
         match kind {
             Kind::Scalar(scalar) => {

@@ -36,7 +36,6 @@ impl Scope {
     pub const DONE: Self = Self { records: true, partials: false, workers: false };
     /// For the number of finished scenes and shards.
     pub const COUNTS: Self = Self { records: false, partials: true, workers: false };
-    /// For the user.
     pub const STATUS: Self = Self { records: false, partials: true, workers: true };
 }
 

@@ -14,7 +14,6 @@ const WINDOW_PX: usize = 11;
 /// Factor of the mean excess over 1 that is subtracted from the reflection.
 const OVERFLOW_FACTOR: f64 = 1.3;
 
-/// Random parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CeilnetDraw {
     /// Standard deviation of the blur, px: 2 to 5.

@@ -19,7 +19,6 @@ const VIGNETTE_SIGMAS: f64 = 3.0;
 /// Number of standard deviations to draw from, evenly spaced from 1 to 5 px.
 const SIGMA_COUNT: usize = 80;
 
-/// Random parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ZhangDraw {
     /// Standard deviation of the blur, px: one of 80 values from 1 to 5.

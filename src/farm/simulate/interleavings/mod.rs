@@ -62,7 +62,6 @@ fn run(seed: u64, mistake: Option<Mistake>, log: bool) -> Result<(), String> {
 
 /// Runs all seeds on two threads; the first failure is replayed with all of its steps.
 fn run_all(seeds: std::ops::Range<u64>) {
-    let start = std::time::Instant::now();
     let middle = u64::midpoint(seeds.start, seeds.end);
     std::thread::scope(|scope| {
         for mut part in [seeds.start..middle, middle..seeds.end] {
@@ -74,8 +73,6 @@ fn run_all(seeds: std::ops::Range<u64>) {
             });
         }
     });
-    let count = seeds.end - seeds.start;
-    println!("{count} interleavings in {:.1} s", start.elapsed().as_secs_f64());
 }
 
 #[test]

@@ -113,10 +113,11 @@ impl Farm {
         self.note(|| format!("worker {w}: {job:?}"));
         let worker = &mut self.workers[w];
         match job {
-            Job::Step(task, step) => match worker.tasks.scene(task) {
-                Some(scene) => return self.advance(w, task, scene, step),
-                None => {}
-            },
+            Job::Step(task, step) => {
+                if let Some(scene) = worker.tasks.scene(task) {
+                    return self.advance(w, task, scene, step);
+                }
+            }
             Job::Donated(task, shards) => {
                 let actions = worker.tasks.donated(task, shards);
                 worker.act(actions);
@@ -134,7 +135,10 @@ impl Farm {
         let results = worker.results.entry(task).or_default();
         let mut next = Vec::new();
         let actions = match step {
-            Step::Examine(lease) => return Ok(self.examine(w, task, &lease)),
+            Step::Examine(lease) => {
+                self.examine(w, task, &lease);
+                return Ok(());
+            }
             Step::Load => {
                 // The store is listed now, and the partials arrive later.
                 if worker.tasks.load(task, now) {
@@ -256,7 +260,9 @@ impl Farm {
         let mut then = |task, step| worker.jobs.push(Job::Step(task, step));
         match action {
             Action::Store { task, shards } => {
-                shards.iter().for_each(|&shard| then(task, Step::Put(shard)));
+                for &shard in &shards {
+                    then(task, Step::Put(shard));
+                }
                 if self.mistake == Some(Mistake::StoredTooEarly) {
                     for shard in shards {
                         let actions = worker.tasks.stored(task, shard);

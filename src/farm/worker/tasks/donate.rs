@@ -121,7 +121,7 @@ mod tests {
         let open = candidate(0, 6..16, true);
         let queued =
             [(1, 0..1), (2, 0..4), (3, 0..2)].map(|(k, shards)| candidate(k, shards, false));
-        let all = [&[open.clone()], &queued[..]].concat();
+        let all = [std::slice::from_ref(&open), &queued[..]].concat();
         assert_eq!(chosen(&all, 1.0, LOAD_S), [(2, 0..4), (3, 0..2)]);
         assert_eq!(chosen(&all[..2], 1.0, LOAD_S), [(1, 0..1)]);
         let two = [open.clone(), candidate(1, 5..8, true)];

@@ -117,7 +117,6 @@ impl Shards {
     }
 }
 
-/// Groups consecutive shards.
 pub(super) fn rows(shards: impl Iterator<Item = u32>) -> Vec<Range<u32>> {
     let mut rows: Vec<Range<u32>> = Vec::new();
     for shard in shards {

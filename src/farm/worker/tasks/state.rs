@@ -97,11 +97,10 @@ pub(super) fn next(state: TaskState, event: TaskEvent) -> Option<Next> {
         (S::Queued | S::Pinned | S::Sandboxed, E::SetAside) => Ends(End::SetAside),
         (S::Queued | S::Pinned | S::Sandboxed, E::Retry) => Ends(End::Retried),
         (S::Loading, E::Loaded) => To(S::Tracing),
-        (S::Tracing, E::AllHere) => To(S::Complete),
+        (S::Tracing, E::AllHere) | (S::Gathering, E::Gathered) => To(S::Complete),
         (S::Tracing, E::OwnStored) => To(S::Partial),
         (S::Partial, E::OthersStored) => To(S::Gathering),
         (S::Partial, E::OthersMissing) => Ends(End::DoneInPart),
-        (S::Gathering, E::Gathered) => To(S::Complete),
         (S::Gathering, E::Damaged) => Ends(End::Damaged),
         (S::Complete, E::TupleStored)
         | (S::Tracing | S::Complete | S::Partial | S::Gathering, E::DoneElsewhere) => {

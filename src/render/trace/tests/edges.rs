@@ -33,7 +33,7 @@ struct Terrain {
 fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
     let line = Photograph {
         color: "edges.png".to_owned(),
-        depth: String::new(),
+        depth: "edges.npy".to_owned(),
         mask: None,
         transfer: Transfer::Linear,
         depth_unit_m: unit_m,
