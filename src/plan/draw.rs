@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 pub(crate) struct Draw<'a> {
     pub dataset_seed: u64,
     pub scene: &'a str,
-    /// How often a draw of this scene has failed the geometry check.
+    /// Number of earlier draws of this scene that failed the geometry check.
     pub attempt: u32,
     /// Values of the photographs' records by parameter, for [`Param::FromSource`].
     pub values: &'a BTreeMap<String, f64>,
@@ -29,7 +29,8 @@ impl Draw<'_> {
         let (least, most) = param.bounds();
         let drawn = match param {
             Param::Constant(value) => return *value,
-            // `source_values` has checked that it exists; a line with NaN fails its validation.
+            // `source_values` has checked that the value exists. If it does not, validation rejects the line for its
+            // NaN.
             Param::FromSource => return self.values.get(parameter).copied().unwrap_or(f64::NAN),
             Param::Choice(values) => {
                 let index = (self.unit(parameter) * values.len() as f64) as usize;
@@ -48,7 +49,7 @@ impl Draw<'_> {
 
 const TWO_TO_53: f64 = 9_007_199_254_740_992.0;
 
-/// Seed of a scene's sample points, below 2^53 so that every JSON reader keeps it whole.
+/// Seed of a scene's sample points, below 2^53 so that every JSON reader keeps it exactly.
 pub(crate) fn scene_seed(dataset_seed: u64, id: &str) -> u64 {
     keyed(dataset_seed, &["scene seed", id]) >> 11
 }
@@ -103,7 +104,7 @@ fn truncated_normal(unit: f64, normal: &Normal) -> f64 {
     normal.mean + sign * normal.std * inverse_normal_cdf(low + unit * (high - low)).clamp(a, b)
 }
 
-/// Share of a standard normal distribution below `x`, precise also where it is tiny.
+/// Share of a standard normal distribution below `x`, with full relative precision in the lower tail.
 pub(super) fn normal_cdf(x: f64) -> f64 {
     0.5 * libm::erfc(-x * std::f64::consts::FRAC_1_SQRT_2)
 }
@@ -130,7 +131,7 @@ fn inverse_normal_cdf(p: f64) -> f64 {
     x.copysign(q)
 }
 
-/// Coefficients from the constant up.
+/// Evaluates a polynomial; `coefficients` start with the constant term.
 fn polynomial(coefficients: &[f64; 8], x: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
 }
@@ -207,7 +208,7 @@ mod tests {
 
     #[test]
     fn draws_are_pinned() {
-        // A change here changes every manifest that has been planned from a recipe.
+        // New values here mean that every recipe yields another manifest.
         assert_eq!(scene_seed(2020, "train-000000"), 8_089_883_437_783_281);
         let ior = Param::Uniform([1.3, 1.7]);
         assert_eq!(draw("train-000000").value("glass.ior", &ior), 1.57465236);

@@ -3,7 +3,7 @@
 use super::random::{lattice, unit};
 use glam::Vec3;
 
-/// `floor`, without the library call of baseline x86-64.
+/// `floor` without the library call that baseline x86-64 needs.
 #[inline]
 pub(super) fn floor(x: f32) -> i32 {
     let truncated = x as i32;
@@ -49,7 +49,7 @@ pub(super) fn cloudy(x: f32, y: f32, footprint: f32, seed: i32) -> f32 {
     sum
 }
 
-/// Share of a footprint around `x` that lies on stripes `0..width` of a period, 0..1.
+/// Share of a footprint around `x`, 0..1, that lies on stripes; every period starts with a stripe of `width`.
 pub(super) fn stripe(x: f32, period: f32, width: f32, footprint: f32) -> f32 {
     let covered = |x: f32| {
         let cell = floor(x / period) as f32;

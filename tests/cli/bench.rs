@@ -18,7 +18,7 @@ fn scene_file(folder: &Path, line: &Value) -> PathBuf {
     path
 }
 
-/// Rows of one kind of sampling and layer.
+/// Rows of one sampling variant and one layer.
 fn rows<'a>(result: &'a Value, variant: &str, layer: &str) -> Vec<&'a Value> {
     let all = result["rows"].as_array().unwrap();
     all.iter().filter(|row| row["variant"] == variant && row["layer"] == layer).collect()
@@ -45,7 +45,7 @@ fn the_error_falls_and_is_written_to_files() {
                 rows.iter().map(|row| row[key].as_f64().unwrap()).collect()
             };
             assert_eq!(of("spp"), [1.0, 4.0, 16.0]);
-            // Both reflected orders of the pane are faint: half the samples, but at least one.
+            // Both reflected orders of the pane are faint and therefore get half the samples, but at least one.
             let thinning = if layer == "glass_reflection" { 2.0 } else { 1.0 };
             let samples = [1.0, 4.0 / thinning, 16.0 / thinning];
             assert_eq!(of("samples"), samples);
@@ -65,7 +65,7 @@ fn the_error_falls_and_is_written_to_files() {
             }
         }
     }
-    // Files: the same rows as JSON and as CSV, and a picture with a line for each.
+    // The JSON and CSV files have the same rows, and the SVG plots them.
     let file = read_json(out.join("error.json"));
     assert_eq!((&file["schema"], &file["rows"]), (&result["schema"], &result["rows"]));
     let csv = std::fs::read_to_string(out.join("error.csv")).unwrap();
@@ -76,7 +76,8 @@ fn the_error_falls_and_is_written_to_files() {
     let svg = std::fs::read_to_string(out.join("error.svg")).unwrap();
     assert_eq!(svg.matches("stroke-width=\"1.8\"").count(), 3 * 2 * 4 + 3);
 
-    // The reference is reused, and equals a folder of images; without --json there are tables.
+    // The second call reuses the reference. A call with the reference's folder finds the same errors; without --json,
+    // it prints tables.
     let again = run_line(&format!("{line} --progress none")).expect(0);
     let again = again.says(&["is reused"]).json();
     assert_eq!(again["reference"]["reused"], true);
@@ -97,7 +98,7 @@ fn the_error_falls_and_is_written_to_files() {
     let file = read_json(other.join("error.json"));
     assert_eq!(rmse(&file), rmse(&result));
 
-    // Another pane: the reference no longer matches.
+    // A pane of another thickness does not match the reference.
     let mut changed = scene("one");
     changed["glass"]["thickness_m"] = json!(0.02);
     std::fs::write(&scene_path, changed.to_string()).unwrap();
@@ -121,8 +122,8 @@ fn references_of_another_size_are_refused() {
         .says(&["input.exr has 40 x 24 px", "48 x 24"]);
 }
 
-/// On a small built-in pair, Sobol points converge faster than independent ones, which converge with the theoretical
-/// slope, and both to the same image.
+/// On a small built-in pair, independent points converge with the theoretical slope and Sobol points faster. Both
+/// converge to the same image.
 #[test]
 fn independent_samples_agree_with_sobol_and_converge_slower() {
     let folder = tempfile::tempdir().unwrap();
@@ -146,7 +147,7 @@ fn independent_samples_agree_with_sobol_and_converge_slower() {
             assert!(found < -0.53, "{slope:?}");
         }
     }
-    // Finished cells take no more samples, and all cells come near the target of their rung.
+    // Finished cells take no more samples, and the error of every cell is close to the row's target.
     for row in rows.iter().filter(|row| row.variant == "adaptive") {
         let target = 0.03 / f64::from(row.spp).sqrt();
         assert!(row.deviation.cell_rmse_worst < 2.0 * target, "{row:?}");
@@ -156,7 +157,8 @@ fn independent_samples_agree_with_sobol_and_converge_slower() {
         }
     }
     for row in rows.iter().filter(|row| row.variant == "independent") {
-        // Errors of pixels are independent; errors of a pixel's colours and of the reference may not be.
+        // Errors of different pixels are independent. Errors of one pixel's colours, or of the reference, may be
+        // correlated.
         let values = f64::from(32 * 32 * ladder.seeds);
         let limit = 5.0 * row.deviation.rmse / values.sqrt();
         assert!(row.deviation.bias.abs() < limit, "{row:?}");
@@ -176,7 +178,7 @@ fn floats(path: &Path) -> Vec<f64> {
     values.iter().map(|v| f64::from(f32::from_le_bytes(*v))).collect()
 }
 
-/// The dump as documented: every ray's hit is on the mesh of the vertices.
+/// Reads the dump by its documentation: every hit lies on the mesh of the dumped vertices.
 #[test]
 fn dumped_rays_hit_the_dumped_mesh() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! A run is paused, resumed and cancelled while one process or many work on it; no result is lost.
+//! Pauses, resumes and cancels a run while one or more processes work on it; no result is lost.
 
 use crate::processes::{alone, coordinator, end, results, slow_place, worker};
 use crate::support::nats::Nats;
@@ -40,7 +40,7 @@ fn a_process_waits_while_its_run_is_paused() {
     let paused = status(&place, &[]);
     assert_eq!((&paused["state"], &paused["reason"]), (&"paused".into(), &"backup".into()));
 
-    // It begins, and is paused again in the middle: opened scenes are finished, the others stay.
+    // The run resumes and is paused again midway: the process finishes its open scenes and opens no others.
     tell(&place, "resume");
     wait_for("a result", || results(&place.run) > 0);
     tell(&place, "pause");
@@ -69,7 +69,7 @@ fn a_paused_process_still_stops() {
     std::thread::sleep(Duration::from_secs(1));
     send(&child, "TERM");
     end(child).expect(143);
-    // A time limit stops it, too.
+    // A time limit also ends a paused process.
     let limited = run(&["work", text(&place.run), "--time-limit", "1"]);
     limited.expect(75);
     assert_eq!(results(&place.run), 0);
@@ -88,7 +88,7 @@ fn a_cancelled_run_ends_and_can_be_taken_back() {
     assert_ne!(cancelled["shards_done"], cancelled["shards"]);
     let again = end(work(&place)).expect(3).json();
     assert_eq!(again["shards_traced"], 0);
-    // A pause would weaken it.
+    // A pause must not replace the cancellation.
     run(&["pause", text(&place.run)]).expect(1).says(&["resume"]);
     assert_eq!(tell(&place, "resume")["before"], "cancelled");
     let ended = end(work(&place)).expect(0).json();
@@ -134,12 +134,12 @@ fn a_farm_pauses_goes_on_is_cancelled_and_taken_back() {
     for worker in workers {
         let ended = end(worker).expect(3).json();
         assert_eq!(ended["stopped"], "cancelled");
-        // A donation may precede the cancel; after it no task is requeued.
+        // A worker may donate a task before the cancellation; after it, workers publish none.
         assert!(ended["spans_given"].as_u64().unwrap() <= 1, "{ended}");
     }
     let cancelled = status(&place, &["--queue", &url]);
     assert!(cancelled["merged"].as_u64().unwrap() < SCENES as u64);
-    // The queue is removed.
+    // The coordinator has removed the queue.
     assert!(cancelled["queue"]["reason"].is_string(), "{cancelled}");
     assert!(!place.run.join("finished.json").exists());
     end(coordinator(&place, &server)).expect(3);

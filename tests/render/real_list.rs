@@ -1,4 +1,4 @@
-//! The published sets as one list of photographs, for recipes with `layout = "list"`.
+//! Lists photographs of several public RGB-D data sets in one file, for recipes with `layout = "list"`.
 
 use crate::real_sets::{MOTORCYCLE_DEPTH, SETS, Set, find_sets, write_motorcycle_depth};
 use crate::support::program::PROGRAM;
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::process::Command;
 
-/// More frames of [`SETS`]: the set's name, colour, depth.
+/// Additional frames of [`SETS`]: name of the set, colour file, depth file.
 const FRAMES: [(&str, &str, &str); 6] = [
     ("basement", "nyu_basement/rgb_00050.jpg", "nyu_basement/sync_depth_00050.png"),
     ("basement", "nyu_basement/rgb_00100.jpg", "nyu_basement/sync_depth_00100.png"),
@@ -32,7 +32,7 @@ fn line(set: &Set, color: &str, depth: &str) -> Value {
     line
 }
 
-/// Photographs with relative depth. Their cameras are unknown: 60 degrees across are assumed.
+/// Photographs with relative depth. Their cameras are unknown; 60 degrees is the assumed horizontal field of view.
 fn estimates() -> [Value; 2] {
     let camera = |width: u32, height: u32| {
         let [w, h] = [width, height].map(f64::from);
@@ -45,7 +45,7 @@ fn estimates() -> [Value; 2] {
             "depth_kind": "relative_inverse", "depth_range": { "near_m": 3.0, "far_m": 60.0 },
             "intrinsics": camera(2100, 2100),
         }),
-        // Disparity, 0 where none is known.
+        // A disparity map; 0 marks unknown disparity, so the map is also the mask.
         json!({
             "schema": "glasshouse.photograph/1", "place": "indoors",
             "color": "middlebury_aloe/aloeL.jpg", "depth": "middlebury_aloe/aloeGT.png",
@@ -56,8 +56,8 @@ fn estimates() -> [Value; 2] {
     ]
 }
 
-/// Writes `to/photos` with links to the sets, what had to be converted, and `photographs.jsonl`. Returns how many
-/// photographs there are.
+/// Fills `to/photos` with links to the sets, converted depth images and `photographs.jsonl`. Returns the number of
+/// photographs.
 pub(crate) fn write_list(root: &Path, to: &Path) -> usize {
     let photos = to.join("photos");
     atomic_file::create_dir(&photos).unwrap();
@@ -120,7 +120,7 @@ fn the_sets_are_farmed_from_a_list() {
         let line: Value = serde_json::from_str(line).unwrap();
         let [front, back] = ["front", "back"].map(|side| line[side]["color"].as_str().unwrap());
         used.extend([front.to_owned(), back.to_owned()]);
-        // The sets' own names lead their paths, and each set is one scan.
+        // A path starts with the folder of its set. Each set is one scan, and a scene takes two scans.
         let set = |path: &str| path.split('/').next().unwrap().to_owned();
         assert_ne!(set(front), set(back), "{line}");
         let tuple = out.path().join("run/tuples").join(line["id"].as_str().unwrap());

@@ -1,8 +1,8 @@
 //! The queue: a set of messages, each a task, that workers lease, renew and finish.
 //!
-//! A queue is a hint. It may forget, repeat or bring back any message without changing the results, since only the store
-//! knows which scenes are done. Two queues keep the same promises and pass the same tests (`tests/farm/queues.rs`): one
-//! inside a process, and NATS JetStream.
+//! A queue may lose, repeat or return any message without changing the results, because only the store knows which
+//! scenes are done. Two implementations, one inside a process and one on NATS JetStream, pass the same tests
+//! (`tests/farm/queues.rs`).
 
 mod local;
 #[cfg(feature = "nats")]
@@ -29,21 +29,21 @@ use crate::run::Task;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// A task in the queue, and how often it went from worker to worker.
+/// A task in the queue.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Message {
     pub task: Task,
-    /// 0 as the coordinator publishes it.
+    /// Number of times that workers have passed the task on; the coordinator publishes 0.
     pub hops: u32,
 }
 
-/// A worker's right to a task.
+/// A worker's temporary right to a task.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Lease {
-    /// Names it in the calls of [`Queue`].
+    /// Identifies the lease in calls of [`Queue`].
     pub id: u64,
     pub message: Message,
-    /// It was delivered before, so an earlier worker was lost with it.
+    /// True if the queue delivered the message before, so that an earlier worker probably died with it.
     pub redelivered: bool,
 }
 
@@ -52,13 +52,13 @@ pub enum Taken {
     Lease(Lease),
     Nothing,
     Ended,
-    /// The queue is away, for this reason. It may come back.
+    /// The queue cannot be reached, for this reason. Later calls may succeed.
     Lost(String),
 }
 
 /// An idle worker's request for a donation.
 pub struct Request {
-    /// Seconds in which the requester loads a scene, if it has loaded one.
+    /// Time that the requester takes to load a scene, if it has loaded one.
     pub load_s: Option<f64>,
     tell: Box<dyn FnOnce(Answer) + Send>,
 }
@@ -68,7 +68,7 @@ pub struct Request {
 pub struct Answer {
     /// Number of tasks that the donor published.
     pub tasks: u32,
-    /// Seconds in which the donor loads a scene, if it has loaded one.
+    /// Time that the donor takes to load a scene, if it has loaded one.
     pub load_s: Option<f64>,
 }
 
@@ -78,35 +78,35 @@ impl Request {
     }
 }
 
-/// The queue is away. Leases stand until they end by themselves, so no task is lost.
+/// The queue cannot be reached. Leases stay valid until they expire, so no task is lost.
 #[derive(Debug, thiserror::Error)]
 #[error("the queue cannot be reached: {0}")]
 pub struct QueueError(pub String);
 
 pub trait Queue: Send + Sync {
-    /// Leases a task, waiting for one up to `wait`; with a `wait` of zero, one that is there now.
+    /// Leases a task and waits up to `wait` for one. A `wait` of zero leases only a task that is available at once.
     fn take(&self, wait: Duration) -> Taken;
-    /// Publishes messages. On return the queue has them. False if it had one of them before: the holder of that one may have
-    /// checked its scene already, and be about to finish it.
+    /// Publishes messages. On return the queue has them. Returns false if the queue already had one of them: the worker
+    /// with that message may have checked its scene and be about to finish it.
     fn publish(&self, messages: &[Message]) -> Result<bool, QueueError>;
     fn renew(&self, lease: u64);
     /// Ends a lease whose task is done, or published again.
     fn finish(&self, lease: u64);
-    /// Requests work of some busy worker. `load_s`: seconds in which this worker loads a scene, if known.
+    /// Requests work from a busy worker. `load_s`: time that this worker takes to load a scene, if known.
     fn request(&self, load_s: Option<f64>) -> Answer;
-    /// Begins or ceases to receive the requests of other workers.
+    /// Starts (`able`) or stops receiving requests of other workers.
     fn accept_requests(&self, able: bool);
     /// Waits for another worker's request up to `wait`.
     fn requested(&self, wait: Duration) -> Option<Request>;
 }
 
 pub trait QueueKeeper: Send + Sync {
-    /// Makes the queue if it is not there. True if any process has made it anew since the last call.
+    /// Creates the queue if it does not exist. Returns true if any process has created it again since the last call.
     fn ensure(&self) -> Result<bool, QueueError>;
     fn state(&self) -> Result<QueueState, QueueError>;
-    /// The scenes of its messages.
+    /// Scenes of the messages in the queue.
     fn scenes(&self) -> Result<BTreeSet<u32>, QueueError>;
-    /// Publishes messages. A message that the queue has already is no error.
+    /// Publishes messages. A message that is already in the queue is not an error.
     fn publish(&self, messages: &[Message]) -> Result<(), QueueError>;
     fn purge(&self) -> Result<(), QueueError>;
     fn remove(&self) -> Result<(), QueueError>;
@@ -120,7 +120,7 @@ pub struct QueueState {
 }
 
 impl QueueState {
-    /// It delivers no message any more, even if it lists some.
+    /// True if the queue has nothing to deliver, even if [`QueueKeeper::scenes`] still lists messages.
     pub fn is_quiet(&self) -> bool {
         self.waiting == 0 && self.held == 0
     }

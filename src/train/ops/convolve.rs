@@ -17,7 +17,7 @@ pub fn conv2d(image: &Tensor, kernel: &Tensor, window: Window) -> Result<Tensor>
     by_products(image, kernel, window)
 }
 
-/// `relu(conv2d(image, kernel) + bias)`; `bias` has a number for each output. ReLU's gradient at 0 is 0.
+/// `relu(conv2d(image, kernel) + bias)`; `bias` has one value per output channel. ReLU's gradient at 0 is 0.
 pub fn conv2d_bias_relu(
     image: &Tensor,
     kernel: &Tensor,
@@ -35,8 +35,8 @@ pub fn conv2d_bias_relu(
     biased * positive
 }
 
-/// The same from candle operations with correct gradients, for other devices: one product per kernel pixel. candle's own
-/// convolution has wrong or slow gradients.
+/// The same convolution for devices other than the CPU, as one candle matrix product per kernel pixel. The gradients of
+/// candle's own convolution are wrong or slow.
 pub(super) fn by_products(image: &Tensor, kernel: &Tensor, window: Window) -> Result<Tensor> {
     let sizes = Sizes::new(image.dims(), kernel.dims(), window)?;
     let [rows, columns] = sizes.out;
@@ -162,7 +162,7 @@ impl CustomOp3 for ConvolveBiasRelu {
     }
 }
 
-/// The needed gradients of image and kernel.
+/// Gradients of the image and of the kernel, each only where candle tracks the tensor.
 fn gradients(
     window: Window,
     image: &Tensor,
@@ -187,7 +187,7 @@ fn shape_of(sizes: &Sizes) -> Shape {
     (sizes.batch, sizes.channels_out, rows, columns).into()
 }
 
-/// The image's gradient, with these dimensions, from the result's gradient and the kernel.
+/// Computes the image's gradient from the result's gradient and the kernel. The `Vec` holds the image's dimensions.
 struct ImageGradient(Window, Vec<usize>);
 
 impl CustomOp2 for ImageGradient {
@@ -210,7 +210,7 @@ impl CustomOp2 for ImageGradient {
     }
 }
 
-/// The kernel's gradient, with these dimensions, from the image and the result's gradient.
+/// Computes the kernel's gradient from the image and the result's gradient. The `Vec` holds the kernel's dimensions.
 struct KernelGradient(Window, Vec<usize>);
 
 impl CustomOp2 for KernelGradient {
@@ -233,7 +233,7 @@ impl CustomOp2 for KernelGradient {
     }
 }
 
-/// The first tensor where the second is above 0, else 0.
+/// Copies the first tensor where the second is positive and writes 0 elsewhere.
 struct WherePositive;
 
 impl CustomOp2 for WherePositive {
