@@ -1,12 +1,12 @@
-//! Labels and texts in two columns, for a terminal of 80 columns.
+//! Formats labels and texts in two columns, for a terminal 80 characters wide.
 
-/// Columns of a line.
+/// Width of a line, in characters.
 pub(super) const WIDTH: usize = 80;
-/// Fewest columns of the labels.
+/// Least width of the label column, in characters.
 const LEAST_LABEL: usize = 10;
 
-/// Formats rows of a label and a text. Long texts wrap between words, indented to their column; a word without spaces
-/// (a path, a digest) stays whole.
+/// Formats rows of a label and a text. Long texts wrap between words and stay in their column; a long word (a path, a
+/// digest) is not split.
 pub(super) fn rows<'a>(rows: impl IntoIterator<Item = (&'a str, &'a str)>) -> String {
     let rows: Vec<(&str, &str)> = rows.into_iter().collect();
     let labels = rows.iter().map(|(label, _)| label.chars().count());
@@ -21,7 +21,8 @@ pub(super) fn rows<'a>(rows: impl IntoIterator<Item = (&'a str, &'a str)>) -> St
     text
 }
 
-/// Wraps a text to at most `width` columns, unless a word is longer. Runs of spaces, which align columns, stay.
+/// Wraps a text to at most `width` characters, unless a word is longer. Keeps runs of spaces, because they align
+/// columns.
 pub(super) fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines = Vec::new();
     for line in text.lines() {

@@ -1,4 +1,4 @@
-//! The best gain for the pictures of a subject, which is a row of every table.
+//! Fits the gain that brings the inputs of a subject closest to the truth. Every table has a row for this gain.
 
 use super::error::EvaluateError;
 use super::gain::best_gain;
@@ -6,7 +6,7 @@ use super::subject::{LeftOut, Subject, Unread, read};
 use serde::Serialize;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Limits of the fitted pictures and, approximately, pixels.
+/// Limits of the fit: number of pictures and, approximately, of pixels.
 const MOST_PICTURES: usize = 64;
 const MOST_PIXELS: u64 = 200_000_000;
 
@@ -17,7 +17,7 @@ pub struct Gain {
     /// Folder of the fitted pictures.
     pub fitted_to: String,
     pub images: usize,
-    /// Kind of these pictures.
+    /// Noun for the pictures: `pair`, `train scene`.
     #[serde(skip)]
     pub kind: &'static str,
 }
@@ -28,7 +28,8 @@ impl Gain {
     }
 }
 
-/// Fits the gain to the first readable pictures and lists unreadable ones. `None` without readable pictures.
+/// Fits the gain to the first readable pictures and lists unreadable ones. The gain is `None` if no picture is
+/// readable.
 pub fn fit_gain(
     subject: &dyn Subject,
     place: String,

@@ -10,20 +10,20 @@ use std::fmt;
 pub enum FocusRecipe {
     /// `"front_center"`: the four centre pixels of the front depth image.
     FrontCenter,
-    /// `"back_center"`: the same of the back, as seen in the pane.
+    /// `"back_center"`: the four centre pixels of the back depth image, as mirrored in the pane.
     BackCenter,
     /// `"glass"`: the pane's front face.
     Glass,
     /// `"infinity"`
     Infinity,
-    /// `{ choice = [..] }` of words and metres, all equally likely.
+    /// `{ choice = [..] }`: a list of words and metres with equal probabilities.
     Choice(Vec<FocusRecipe>),
     /// A distance from the lens, m.
     DistanceM(Param),
 }
 
 impl FocusRecipe {
-    /// All alternatives of a choice; otherwise itself alone.
+    /// The alternatives of a choice, or `self` for any other variant.
     pub(super) fn each(&self) -> &[Self] {
         match self {
             Self::Choice(words) => words,

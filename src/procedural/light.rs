@@ -1,4 +1,4 @@
-//! Soft light of windows, lamps and surroundings on a surface, with soft shadows.
+//! Soft light from windows, lamps and the surroundings on a surface, with soft shadows.
 //!
 //! Rays are traced on a coarse grid of pixels in sixteen interleaved patterns per 4 x 4 block. A blur over the block, limited
 //! to one surface, combines the patterns.
@@ -9,13 +9,13 @@ use super::model::Lights;
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Pixels between grid points.
+/// Distance between grid points, px.
 const SPACING: usize = 4;
 /// Patterns in a block of grid points.
 const PATTERN_COUNT: usize = 16;
 /// Ambient rays of one pattern.
 const AMBIENT_RAYS: usize = 4;
-/// Rays to each window of one pattern.
+/// Rays of one pattern to each window.
 const OPENING_RAYS: usize = 2;
 
 /// A visible surface point.
@@ -40,7 +40,7 @@ impl<'a> SoftLight<'a> {
         let count = PATTERN_COUNT * AMBIENT_RAYS;
         let hemisphere = (0..count)
             .map(|i| {
-                // Pattern i / RAYS has every sixteenth ring, so that each pattern alone is well distributed.
+                // A pattern takes every sixteenth ring, so that its directions alone are well distributed.
                 let (pattern, ray) = (i / AMBIENT_RAYS, i % AMBIENT_RAYS);
                 let n = ray * PATTERN_COUNT + pattern;
                 let square = (n as f32 + 0.5) / count as f32;
@@ -53,7 +53,7 @@ impl<'a> SoftLight<'a> {
         Self { lights, bounds, hemisphere }
     }
 
-    /// Irradiance over pi at a point, by the rays of one pattern.
+    /// Irradiance at a point divided by pi, from the rays of one pattern.
     fn arriving(&self, point: &Point, pattern: usize) -> Vec3 {
         let Point { position, normal, .. } = *point;
         let lights = self.lights;
@@ -135,7 +135,7 @@ pub(super) struct SoftGrid<'a> {
 }
 
 impl<'a> SoftGrid<'a> {
-    /// Lights the grid; `visible` returns the surface point at the centre of a pixel.
+    /// Computes the light at all grid points. `visible` returns the surface point at the centre of a pixel.
     pub(super) fn new(
         soft: &'a SoftLight<'a>,
         width: usize,
@@ -202,7 +202,7 @@ fn likeness(a: &Point, b: &Point) -> f32 {
     (facing - 0.8) * 5.0 * (1.0 - off / allowed).max(0.0)
 }
 
-/// Half weights at both ends, so that all sixteen patterns have equal weight.
+/// Weights of the blur along one axis. Half weights at both ends give all sixteen patterns equal weight.
 const ENDS: [f32; 5] = [0.5, 1.0, 1.0, 1.0, 0.5];
 
 fn blurred(raw: &[Option<Cell>], index: usize, across: usize, down: usize) -> Option<Cell> {

@@ -1,9 +1,9 @@
-//! A real S3 server (s3s-fs) in this process, in front of which faults can be switched on.
+//! Runs a real S3 server (s3s-fs) in the test's process and injects faults in front of it.
 //!
-//! Requests reach it over TCP from other processes. Faults are drawn from a seed: answers 500 and 503, connections cut
-//! before the server saw the request, after it did it (the put is there, its answer is lost) and in the middle of an
-//! answer, and slow answers. Puts that must not replace anything are done one at a time, so that of two at the same
-//! instant one is refused, as by S3: s3s-fs looks, then writes.
+//! Other processes send it requests over TCP. A seed determines the faults: responses 500 and 503, slow responses, and
+//! connections that end before the server gets the request, after it handles the request (the put takes effect, but its
+//! response is lost) or in the middle of a response. The server handles conditional puts one at a time, so that S3's
+//! rule holds and one of two simultaneous puts fails; s3s-fs alone checks and then writes.
 
 use super::program::runtime;
 use axum::body::Body;
@@ -22,22 +22,22 @@ pub(crate) const BUCKET: &str = "bucket";
 const KEY_ID: &str = "AKIATEST";
 const SECRET: &str = "hushhushhush";
 
-/// What goes wrong in front of the server.
+/// Faults in front of the server.
 #[derive(Default)]
 pub(crate) struct Faults {
     seed: u64,
-    /// Of 1,000 requests.
+    /// Number of faulty requests among 1,000.
     per_mille: AtomicU32,
-    /// Nothing is answered.
+    /// The connection of every request ends without a response.
     away: AtomicBool,
     requests: AtomicU64,
-    /// Held by a put that must not replace anything.
+    /// A conditional put holds this lock.
     creating: tokio::sync::Mutex<()>,
-    /// Faults of each kind that happened.
+    /// Number of injected faults of each kind.
     pub(crate) happened: [AtomicU64; 6],
 }
 
-/// What happens to one request.
+/// The fault of one request.
 #[derive(Clone, Copy, PartialEq)]
 enum Fault {
     Error500,
@@ -85,7 +85,7 @@ impl Faults {
     }
 }
 
-/// The server. It ends with the test.
+/// The server; it stops when dropped.
 pub(crate) struct S3Server {
     port: u16,
     pub(crate) faults: Arc<Faults>,
@@ -119,7 +119,7 @@ impl S3Server {
         .map(|(name, value)| (name.to_owned(), value.to_owned()))
     }
 
-    /// Tells a process where the server is.
+    /// Sets the server's address and keys in a command's environment.
     pub(crate) fn tell(&self, command: &mut Command) {
         command.envs(self.environment());
     }

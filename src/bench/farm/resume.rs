@@ -33,7 +33,7 @@ pub struct Resume {
     pub status_s: Times,
     /// `work`, until its first scene is loaded.
     pub work_s: Times,
-    /// `coordinate`, until all missing work is in the queue.
+    /// `coordinate`, until the queue has all missing scenes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coordinate_s: Option<Times>,
     /// `work --queue`, until its first scene is loaded.
@@ -41,7 +41,7 @@ pub struct Resume {
     pub work_queue_s: Option<Times>,
 }
 
-/// Seconds of several passes. Before the first pass the files were just written.
+/// Durations of several passes, s. The first pass starts directly after the run's files were written.
 #[derive(Clone, Debug, Serialize)]
 pub struct Times {
     first: f64,
@@ -55,7 +55,7 @@ impl Times {
     }
 }
 
-/// Makes a half-finished run of `scenes` with `shards` each and measures the time until it resumes.
+/// Makes a half-finished run of `scenes` scenes with `shards` shards each, and measures the time until the run resumes.
 pub fn resume(
     setup: &Setup,
     scenes: u32,
@@ -96,7 +96,7 @@ pub fn resume(
     })
 }
 
-/// Every shard sleeps for an hour, so that all passes find the same run.
+/// Makes every shard sleep for an hour, so that no pass changes the run.
 const IDLE: &str = "--fault=cost:1,1,3600,0,0,0,0";
 
 fn work_arguments(path: &str) -> [&str; 6] {
@@ -157,7 +157,7 @@ fn measure_on_queue(
     times[3].push(worker.age().as_secs_f64());
     worker.kill();
     coordinator.terminate()?;
-    // The attempt record of the killed worker would make the scene suspect to the next one.
+    // With the attempt record of the killed worker, the next worker would take the scene for the cause of the crash.
     let _ = std::fs::remove_dir_all(folder.join(crate::run::keys::ATTEMPTS));
     queue.remove()?;
     Ok(())

@@ -1,5 +1,5 @@
-//! The compute threads. Each does a job if there is one, else traces a band from its own deque, else steals one from the
-//! others'; only when there is nothing to steal does it load the next scene and fill its own deque.
+//! The compute threads. Each thread first takes a job, then a band from its own deque, then a band from another
+//! thread's deque. If all of these are empty, it opens the next scene and fills its own deque.
 
 use super::core::Worker;
 use super::jobs::{Band, Loaded, Order};
@@ -53,7 +53,7 @@ impl<'a> ComputeThread<'_, 'a> {
             match self.pool.files.try_recv() {
                 Ok(loaded) => self.open(loaded),
                 Err(error) => {
-                    // A thread stays while another may still share its scene's shards.
+                    // A thread stays while a task is open, because another thread may still share its bands.
                     if error == TryRecvError::Disconnected && worker.tasks().is_empty() {
                         return;
                     }
@@ -69,7 +69,8 @@ impl<'a> ComputeThread<'_, 'a> {
         (1..count).find_map(|offset| take(|| stealers[(self.index + offset) % count].steal()))
     }
 
-    /// Waits while the channel is full. The writer takes orders until the last compute thread has ended.
+    /// Sends an order to the writer; blocks while the channel is full. The writer runs until the last compute thread
+    /// has ended.
     pub(super) fn order(&self, order: Order<'a>) {
         if self.writer.send(order).is_err() {
             self.worker.stop.break_down_silently();

@@ -1,4 +1,4 @@
-//! A scene's partials become a tuple: four images and their record.
+//! Merges the partials of a scene into a tuple: four images and their record.
 //!
 //! ```
 //! use render::merge::{MergeError, combine};

@@ -1,4 +1,4 @@
-//! Meshes against f64, against closed forms, against the grid kernel, and against themselves.
+//! Compares mesh hits with f64 brute force, closed forms and the grid kernel, and with each other.
 
 #![allow(clippy::print_stdout, reason = "measured deviations, shown by --nocapture")]
 
@@ -12,13 +12,13 @@ use super::super::{Pose, Surface, View};
 use super::*;
 use glam::{DMat3, DVec3};
 
-/// Numbers in [-1, 1) by key.
+/// A random number in [-1, 1), determined by the key.
 fn signed(k: u64) -> f64 {
     2.0 * random(k) - 1.0
 }
 
-/// A closed surface around the origin: a cube's grid blown up to radii between 1 and 2 m, turned and moved, each
-/// square cut along either diagonal.
+/// A closed surface around the origin: the grid on a cube, with each square cut along a random diagonal. If `is_rough`,
+/// its vertices move to radii between 1 and 2 m, and the surface is rotated and shifted.
 fn closed(side: usize, key: u64, is_rough: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     use std::collections::BTreeMap;
     let turn = DMat3::from_rotation_y(signed(key) * 3.0) * DMat3::from_rotation_x(signed(key + 1));
@@ -34,7 +34,7 @@ fn closed(side: usize, key: u64, is_rough: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) 
                 let q = c.iter().fold(key, |q, &v| q * 977 + v as u64);
                 turn * v.normalize() * (1.0 + random(q)) + DVec3::new(0.2, -0.1, 0.15)
             } else {
-                // Dyadic coordinates: edges are met exactly.
+                // Dyadic coordinates let rays hit edges exactly.
                 v * 2.0
             });
             vertices.len() as u32 - 1
@@ -62,7 +62,7 @@ fn closed(side: usize, key: u64, is_rough: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) 
     (vertices, triangles)
 }
 
-/// Grey by the vertex's number.
+/// Random colours, determined by the vertex index.
 fn greys(count: usize) -> Vec<[f32; 4]> {
     (0..count as u64)
         .map(|k| {
@@ -72,7 +72,7 @@ fn greys(count: usize) -> Vec<[f32; 4]> {
         .collect()
 }
 
-/// A group of rays aimed at edges and corners of triangles in front of the lens, through points of a wide lens.
+/// A group of rays from points of a wide lens to edges and corners of triangles in front of it.
 fn aimed(points: &[DVec3], triangles: &[[u32; 3]], block: u64) -> [[Lane; 2]; 2] {
     let (mut d, mut p) = ([[0.0; LANES]; 2], [[0.0; LANES]; 2]);
     for l in 0..LANES {
@@ -84,7 +84,7 @@ fn aimed(points: &[DVec3], triangles: &[[u32; 3]], block: u64) -> [[Lane; 2]; 2]
         let target = loop {
             let triangle = triangles[(next() * triangles.len() as f64) as usize];
             let [a, b, _] = triangle.map(|i| points[i as usize]);
-            // A corner, the middle of an edge, anywhere on it.
+            // A corner, the middle of an edge, or a random point on an edge.
             let t = [0.0, 0.5, next()][(next() * 3.0) as usize];
             let v = a + (b - a) * t;
             if v.z > 2.0 * NEAR_M {
@@ -92,7 +92,7 @@ fn aimed(points: &[DVec3], triangles: &[[u32; 3]], block: u64) -> [[Lane; 2]; 2]
             }
         };
         let w = 1.0 / target.z;
-        // Of the lens points half are the centre or dyadic, for exact ties.
+        // Half of the lens coordinates are 0 or dyadic, so that rays tie exactly between triangles.
         let lens = [next(), next()].map(|r| match (r * 4.0) as u32 {
             0 => 0.0,
             1 => 0.03125,
@@ -106,7 +106,7 @@ fn aimed(points: &[DVec3], triangles: &[[u32; 3]], block: u64) -> [[Lane; 2]; 2]
     [d, p]
 }
 
-/// From inside a closed surface every ray ends on it, whatever it is aimed at.
+/// Every ray from inside a closed surface hits the surface, even at an edge or a corner.
 #[test]
 fn no_ray_leaves_a_closed_mesh() {
     use obvhs::{ray::Ray, rt_triangle::RtTriangle};
@@ -133,7 +133,8 @@ fn no_ray_leaves_a_closed_mesh() {
                 );
                 tested += 1;
             }
-            // The same rays with a test that is not watertight; side 16 has too many triangles to try all.
+            // Traces the same rays with an intersection test that is not watertight. Side 16 has too many triangles for
+            // brute force.
             if block % 16 == 0 && side < 16 {
                 let origin = glam::Vec3A::new(p[0][0], p[1][0], 0.0);
                 let ray = Ray::new_inf(origin, glam::Vec3A::new(d[0][0], d[1][0], 1.0));
@@ -149,7 +150,7 @@ fn no_ray_leaves_a_closed_mesh() {
     assert!(tested >= 1_000_000 && plain_leaks > 0);
 }
 
-/// The nearest triangle in f64, every one tried.
+/// Inverse depth of the nearest hit, from a brute-force search in f64.
 fn brute(vertices: &[DVec3], triangles: &[[u32; 3]], d: [f64; 2], p: [f64; 2]) -> Option<f64> {
     let (origin, direction) = (DVec3::new(p[0], p[1], 0.0), DVec3::new(d[0], d[1], 1.0));
     let mut nearest: Option<f64> = None;
@@ -169,7 +170,7 @@ fn brute(vertices: &[DVec3], triangles: &[[u32; 3]], d: [f64; 2], p: [f64; 2]) -
     nearest.map(f64::recip)
 }
 
-/// Loose triangles around the lens, some across its plane.
+/// Unconnected triangles around the lens; some cross the lens plane.
 fn soup(count: usize, key: u64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let vertices = (0..3 * count as u64)
         .map(|k| {
@@ -205,7 +206,7 @@ fn hits_are_those_of_brute_force() {
                 tested += 1;
                 missed += u32::from(expected == 0.0);
                 if (found - expected).abs() > 1e-4 * expected {
-                    // Only within rounding of an edge may another triangle be met.
+                    // A ray may hit another triangle only if rounding moves it across an edge.
                     let near: Vec<f64> = [(1.0, 0.3), (-1.0, 0.3), (0.3, 1.0), (0.3, -1.0)]
                         .iter()
                         .map(|(x, y)| {
@@ -228,13 +229,13 @@ fn hits_are_those_of_brute_force() {
     assert!(missed * 20 > tested && missed * 2 < tested && flips * 1000 < tested);
 }
 
-/// The tree's shape, the other fifteen rays and the instruction set are no part of the answer.
+/// A hit does not depend on the shape of the tree or on the other rays of the group.
 #[test]
 fn hits_depend_on_ray_and_triangles_alone() {
     let (vertices, triangles) = soup(400, 99);
     let colors = greys(vertices.len());
     let meshes = [1e-4, 0.02, 1.0].map(|m| Mesh::new(&vertices, colors.clone(), &triangles, m));
-    // Two triangles at the same place: of hits at equal w the first one's colour counts.
+    // Every triangle is there twice: at equal w, the hit takes the colour of the first.
     let twice: Vec<[u32; 3]> = triangles
         .iter()
         .chain(&triangles)
@@ -261,7 +262,7 @@ fn hits_depend_on_ray_and_triangles_alone() {
     }
 }
 
-/// Colours are linear in space, not in the picture, and cutting at the near plane changes neither them nor w.
+/// Colours are linear in space, not in the picture. Clipping at the near plane changes neither the colours nor w.
 #[test]
 fn colours_are_linear_on_the_triangle_in_space() {
     let vertices =
@@ -275,7 +276,7 @@ fn colours_are_linear_on_the_triangle_in_space() {
         let d = [signed(2 * k) * 0.5, random(2 * k + 1)].map(|v| v as f32);
         let p = [0.01f32, -0.02];
         let seen = mesh.see(d.map(|v| [v; LANES]), p.map(|v| [v; LANES]), 1);
-        // y = 1 is reached at z = (1 - p_y) / d_y.
+        // The ray reaches the triangle's plane y = 1 at z = (1 - p_y) / d_y.
         let z = (1.0 - f64::from(p[1])) / f64::from(d[1]);
         let point = DVec3::new(f64::from(p[0]) + z * f64::from(d[0]), 1.0, z);
         if seen.w[0] > 0.0 {
@@ -344,7 +345,8 @@ fn from_capture(view: &View, uv: [f64; 2], w: f64) -> DVec3 {
     }
 }
 
-/// The oracle of the grid kernel: its sheet as a mesh, in every kind of pose, for lens rays through the glass.
+/// Checks the grid kernel: rays from the lens through the glass hit a sheet and a mesh of the same triangles alike, in
+/// every kind of pose.
 #[test]
 fn a_sheet_and_its_mesh_are_hit_alike() {
     let mut camera = CameraBlock::new();
@@ -381,7 +383,7 @@ fn a_sheet_and_its_mesh_are_hit_alike() {
                             lines.y[l] + lines.sy[l] * w[l] + maker.base[1] as f32,
                         ]
                         .map(f64::from);
-                        // Beyond the border the sheet goes on, and the mesh ends.
+                        // The sheet continues beyond its border; the mesh does not.
                         let inside = (0..2).all(|k| at[k] > 0.01 && at[k] < [88.99, 68.99][k]);
                         if !inside {
                             outside += 1;
