@@ -1,4 +1,4 @@
-//! `merge RUN`: tuples from complete partials, without the scenes' input files.
+//! `merge RUN`: makes tuples from complete partials. It does not read the scenes' input files.
 
 use super::error::FarmError;
 use crate::farm::sweep::sweep;
@@ -16,21 +16,22 @@ use std::path::Path;
 #[derive(Debug, Default)]
 pub struct MergeOutcome {
     pub merged: Vec<SceneId>,
-    /// Tuples that were there before.
+    /// Number of scenes that already had a tuple.
     pub already_merged: u64,
     /// Scenes that cannot be merged, with their reasons.
     pub refused: Vec<(SceneId, String)>,
 }
 
-/// Merges every scene whose partials are complete; with `dry_run` only lists them. Results are in the store `elsewhere`, or in
-/// the run's folder.
+/// Merges every scene with complete partials; with `dry_run`, only lists these scenes. Reads partials from and writes
+/// tuples to the store `elsewhere`, or the run's folder if it is `None`.
 pub fn merge_run(
     run: &Run,
     elsewhere: Option<&Store>,
     dry_run: bool,
     on_scene: &dyn Fn(),
 ) -> Result<MergeOutcome, FarmError> {
-    // A dry run writes nothing, not even the lock's file. A store elsewhere needs no lock, as nothing in it is overwritten.
+    // A dry run writes nothing, not even the lock file. A store elsewhere needs no lock, because merging overwrites no
+    // object in it.
     let _lock = if dry_run || elsewhere.is_some() {
         None
     } else {
@@ -77,7 +78,7 @@ pub fn merge_run(
                 if elsewhere.is_some() {
                     tuples::write_tuple(&store, &encoded(&tuple, line)?)?;
                 } else {
-                    // Replaces a folder that is not this scene's tuple.
+                    // `write_tuple` also replaces a folder that is not this scene's tuple.
                     write_tuple(&tuple, &run.path(&keys::tuple_folder(&line.id)))
                         .map_err(|e| AccessError::Tuple(e.to_string()))?;
                 }

@@ -1,9 +1,9 @@
-//! A rectangle with two axes and the data in it.
+//! A plot area: a rectangle with two axes.
 
 use super::axis::Axis;
 use maud::{Markup, html};
 
-/// A plot's area and its axes: `x.ends` are left and right, `y.ends` bottom and top, px.
+/// A plot's area and its axes: `x.ends` are left and right, `y.ends` bottom and top, Width, px.
 pub(crate) struct Panel<'a> {
     pub(crate) x: Axis,
     pub(crate) y: Axis,
@@ -16,15 +16,15 @@ pub(crate) struct Panel<'a> {
 /// Style of a line.
 pub(crate) struct Stroke<'a> {
     pub(crate) colour: &'a str,
-    /// px.
+    /// Width, px.
     pub(crate) width: f64,
     /// `stroke-dasharray`; empty for a solid line.
     pub(crate) dash: &'a str,
 }
 
-/// A plot of `width` x `height` px. `label` is its accessible name.
+/// A plot of `width` x `height` Width, px. `label` is its accessible name.
 pub(crate) fn plot([width, height]: [f64; 2], label: &str, content: &Markup) -> Markup {
-    // A phone scales wide plots down.
+    // A phone scales wide plots down, so they need larger text.
     let font_size = if width > 400.0 { 13 } else { 11 };
     html! {
         svg.plot viewBox={ "0 0 " (width) " " (height) } role="img" aria-label=(label)
@@ -69,7 +69,7 @@ impl Panel<'_> {
         }
     }
 
-    /// The position of a point of the data.
+    /// Position of a data point, px.
     pub(crate) fn at(&self, (x, y): (f64, f64)) -> (f64, f64) {
         (self.x.at(x), self.y.at(y))
     }
@@ -95,7 +95,7 @@ impl Panel<'_> {
         }
     }
 
-    /// Names beside positions (`y`, `x`, name, colour), shifted so that none overlap.
+    /// Writes names beside positions (`y`, `x`, name, colour), and moves names down so that none overlap.
     pub(crate) fn names(mut names: Vec<(f64, f64, &str, &str)>) -> Markup {
         names.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut lowest = f64::NEG_INFINITY;

@@ -13,7 +13,7 @@ pub(super) fn lattice(x: i32, y: i32, z: i32) -> u32 {
     h ^ (h >> 15)
 }
 
-/// A hash as a number in 0..1.
+/// Converts a hash to a number in 0..1.
 pub(super) fn unit(hash: u32) -> f32 {
     (hash >> 8) as f32 * (1.0 / 16_777_216.0)
 }
@@ -26,7 +26,7 @@ pub(super) struct Stream {
 }
 
 impl Stream {
-    /// The stream of a list of numbers.
+    /// The stream for a list of keys.
     pub(super) fn new(keys: &[u64]) -> Self {
         let key = keys.iter().fold(0, |key, &next| mix(key ^ mix(next)));
         Self { key, drawn: 0 }

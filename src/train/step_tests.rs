@@ -1,10 +1,10 @@
-//! A step of the separation stage against PyTorch in double precision (`tests/train/step.py`).
+//! Compares a step of the separation stage with PyTorch in double precision (`tests/train/step.py`).
 
 use super::*;
 use candle_core::{Device, Tensor, Var};
 use std::collections::HashMap;
 
-/// The script's divisor of VGG's widths, and its other widths.
+/// Network widths of the script. The script divides VGG's widths by `DIVISOR`.
 const DIVISOR: usize = 32;
 const WIDTH: usize = 6;
 const DISCRIMINATOR_WIDTH: usize = 4;
@@ -76,7 +76,7 @@ fn gradients_of_the_whole_step_equal_pytorch() {
     }
     let expected = fixture.0.keys().filter(|k| k.starts_with("gradient.")).count();
     assert_eq!(compared, expected);
-    // The discriminator is frozen here.
+    // The generator's loss has no gradients for the frozen discriminator.
     let discriminator = learner.discriminator.as_ref().unwrap();
     let judged: Vec<Var> = discriminator.variables().into_iter().map(|(_, v)| v).collect();
     assert!(judged.iter().all(|v| gradients.get(v).is_none()));
@@ -136,7 +136,7 @@ fn bt_net_does_not_change_without_the_a_priori_loss() {
     assert_eq!(names, "transmission_l1 glass_reflection_l1 clean_reflection_l1 adversarial");
 }
 
-/// An image of waves with a phase.
+/// An image of sine waves.
 fn waves(phase: f64, scale: f64) -> Vec<f32> {
     let value = |channel: usize, y: usize, x: usize| {
         let (x, y) = (x as f64 / 8.0, y as f64 / 11.0);

@@ -1,4 +1,4 @@
-//! `doctor`: good and bad folders, present and absent stores and queues.
+//! Runs `doctor` on good and bad folders, and on present and absent stores and queues.
 
 use crate::support::nats::Nats;
 use crate::support::outputs::{files, read_json};
@@ -44,7 +44,7 @@ fn a_good_folder_passes_and_no_file_stays() {
     // The text fits into 80 columns.
     let page = run_in(place.path(), &["doctor", "runs/smoke", "-j", "1"]).expect(0).stdout;
     assert!(page.lines().all(|line| line.chars().count() <= 80), "{page}");
-    // A future run: its disk is checked.
+    // For a run that does not exist yet, `doctor` checks the disk.
     let to_be = run_in(place.path(), &["doctor", "runs/none/yet", "--json", "-q"]).expect(0);
     assert!(to_be.stderr.is_empty(), "{to_be:?}");
     assert!(!place.path().join("runs/none").exists());
@@ -158,7 +158,7 @@ fn a_server_is_a_queue() {
             run(&["doctor", text(folder.path()), "--queue", &url, "--json"]).expect(0).json();
         assert_ne!(level(&doctor, "queue"), "fail", "{doctor:#}");
         assert_eq!(level(&doctor, "JetStream"), "ok", "{doctor:#}");
-        // The first doctor's stream is gone; old servers do not report streams.
+        // The first `doctor` removes its stream; old servers do not report streams.
         let streams = &finding(&doctor, "JetStream")["measured"]["streams"];
         assert!(streams.is_null() || streams == 0, "{doctor:#}");
         assert_eq!(level(&doctor, "queue clock"), "ok", "{doctor:#}");

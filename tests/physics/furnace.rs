@@ -1,4 +1,4 @@
-//! White photographs: no structure can be seen, only the glass's own weights.
+//! Furnace tests: with white photographs on both sides, pixels depend only on the weights of the glass.
 
 use crate::case::{CLEAN, Case, GLASS, I, Photo, T, noise};
 use glam::DVec3;
@@ -31,7 +31,7 @@ fn white_stays_white() {
     }
 }
 
-/// I and R~ are the closed totals, averaged over the pixel, minus the dropped orders.
+/// I and R~ equal the closed-form totals averaged over the pixel, except for the dropped orders.
 #[test]
 fn absorbing_glass_passes_its_closed_totals() {
     let mut case = Case::new(bumpy(1, true), bumpy(2, true));
@@ -75,7 +75,7 @@ fn absorbing_glass_passes_its_closed_totals() {
     assert!(worst_glass <= 1e-5 + back);
 }
 
-/// With a black back the input is the front through the real glass, equal to `input - glass_reflection`.
+/// With a black back side, the input equals `input - glass_reflection` of the full scene: the front through the glass.
 #[test]
 fn input_less_reflection_is_the_front_through_the_glass() {
     let mut case = Case::new(bumpy(3, false), bumpy(4, false));
@@ -96,6 +96,6 @@ fn input_less_reflection_is_the_front_through_the_glass() {
         }
     }
     println!("input - glass_reflection: within {worst_ulp} ulp of I");
-    // Three numbers are rounded, each by at most half an ulp of I.
+    // Rounding changes each of the three numbers by at most half an ulp of I.
     assert!(worst_ulp <= 1.0);
 }

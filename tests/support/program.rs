@@ -7,10 +7,11 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// The program's file.
+/// Path of the program.
 pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_glasshouse");
 
-/// The program with `arguments`, all output piped. Partials are written at once: there is much to kill in a short time.
+/// A command that runs the program with `arguments` and pipes its output. The program writes each partial at once, so
+/// that a test can kill it in the middle of a short run.
 pub(crate) fn command<S: AsRef<OsStr>>(arguments: &[S]) -> Command {
     let mut command = Command::new(PROGRAM);
     command
@@ -57,7 +58,7 @@ impl Ended {
         self
     }
 
-    /// Stdout as the one JSON object that --json promises.
+    /// Parses stdout, which is one JSON object with `--json`.
     #[track_caller]
     pub(crate) fn json(&self) -> Value {
         let value: Value = serde_json::from_str(&self.stdout)
@@ -72,12 +73,12 @@ pub(crate) fn run<S: AsRef<OsStr>>(arguments: &[S]) -> Ended {
     command(arguments).output().unwrap().into()
 }
 
-/// Runs the program with the words of a line.
+/// Runs the program with the arguments in `line`, separated by spaces.
 pub(crate) fn run_line(line: &str) -> Ended {
     run(&line.split(' ').collect::<Vec<_>>())
 }
 
-/// Runs the program where no file may be larger than a block, as if the disk were full.
+/// Runs the program with a file size limit of one block, which simulates a full disk.
 pub(crate) fn run_on_full_disk(arguments: &[&str]) -> Ended {
     let mut limited = Command::new("sh");
     limited.args(["-c", "trap '' XFSZ; ulimit -f 1; exec \"$0\" \"$@\"", PROGRAM]);
@@ -90,10 +91,10 @@ pub(crate) fn send(child: &Child, signal: &str) {
     assert!(status.unwrap().success());
 }
 
-/// Whatever takes longer hangs, however busy the machine is.
+/// A process that takes longer has stalled, even on a busy machine.
 pub(crate) const LONGEST: Duration = Duration::from_mins(5);
 
-/// Waits until `is_so` or the child's end; true for the former.
+/// Waits until `is_so` returns true or the child ends. Returns false if the child ended.
 pub(crate) fn wait_until(child: &mut Child, mut is_so: impl FnMut() -> bool) -> bool {
     let start = Instant::now();
     while child.try_wait().unwrap().is_none() {
@@ -101,23 +102,23 @@ pub(crate) fn wait_until(child: &mut Child, mut is_so: impl FnMut() -> bool) -> 
             return true;
         }
         assert!(start.elapsed() < LONGEST, "nothing happens");
-        // There is nothing to wait on but the files that appear.
+        // Polls, because new files are the only sign of progress.
         std::thread::sleep(Duration::from_millis(1));
     }
     false
 }
 
-/// A number below `n`, not the same in every run of the tests: it is logged.
+/// A random number below `n`. It differs between test runs, so tests log it.
 pub(crate) fn random(n: usize) -> usize {
     (RandomState::new().hash_one(0) % n as u64) as usize
 }
 
-/// A path as an argument.
+/// Converts a path to an argument.
 pub(crate) fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// A runtime for servers and clients of a test's own.
+/// A tokio runtime for the servers and clients of a test.
 pub(crate) fn runtime() -> tokio::runtime::Runtime {
     let mut builder = tokio::runtime::Builder::new_multi_thread();
     builder.worker_threads(2).enable_all().build().unwrap()

@@ -36,7 +36,7 @@ pub(super) struct PlanArgs {
     pub(super) roots: RootArgs,
 }
 
-/// File of a run with its recipe's `[train]`.
+/// File of a run with the `[train]` table of the recipe.
 pub(super) const TRAIN_RECIPE: &str = "train.json";
 
 /// The run's folder: as given, or `runs/NAME` from the recipe's file name.
@@ -46,7 +46,7 @@ pub(super) fn run_folder(args: &PlanArgs) -> PathBuf {
     })
 }
 
-/// Plans with progress, notes and warnings.
+/// Plans a run and prints progress, notes and warnings.
 pub(super) fn plan_with(
     args: &PlanArgs,
     global: &Global,
@@ -83,7 +83,7 @@ pub(super) fn plan_with(
 /// Writes the recipe's `[train]` into the run, for `train`.
 fn keep_training(args: &PlanArgs) -> Result<(), Failure> {
     let text = std::fs::read_to_string(&args.recipe).unwrap_or_default();
-    // A file that is not a recipe was planned as scene lines.
+    // A file that is not a recipe is a list of scenes and has no `[train]` table.
     let Some(train) = Recipe::parse(&text).ok().and_then(|recipe| recipe.train) else {
         return Ok(());
     };
