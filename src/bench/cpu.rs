@@ -1,4 +1,4 @@
-//! The processor's name, which belongs to every figure.
+//! The processor's name, which every benchmark result records.
 
 /// The model name, if known.
 pub fn cpu_name() -> Option<String> {
@@ -7,7 +7,7 @@ pub fn cpu_name() -> Option<String> {
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
-/// ` on NAME`, or empty.
+/// ` on NAME`, or an empty string if the name is unknown.
 pub fn on_cpu() -> String {
     cpu_name().map_or_else(String::new, |name| format!(" on {name}"))
 }

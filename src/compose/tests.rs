@@ -1,4 +1,4 @@
-//! Pairs, scores and shifts of published pictures against measurements of other programs (`index.csv`).
+//! Compares pairs, scores and shifts of published pictures with measurements by other programs (`index.csv`).
 
 #![allow(clippy::print_stdout, reason = "prints measurements, and whether a test was skipped")]
 
@@ -7,7 +7,7 @@ use image::ImageFormat;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// The folder, and the index lines with a ground truth by column names.
+/// The folder, and the rows of its index that have a ground truth, as maps from column name to value.
 fn published() -> Option<(PathBuf, Vec<HashMap<String, String>>)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/reflection");
     let Ok(index) = std::fs::read_to_string(root.join("index.csv")) else {
@@ -64,8 +64,8 @@ fn published_pairs_have_their_scores_and_shifts() {
             "{} {:.5} dB {:.6}, {:.2} {:.2} px, peak {:.2}",
             row["id"], found.psnr_colour_db, found.ssim_grey, shift.across, shift.down, shift.peak
         );
-        // PNG files agree to the printed digits. JPEG decoders differ in rounding and chroma upsampling, by some codes at
-        // coloured edges.
+        // PNG files agree to the printed digits. JPEG decoders differ in rounding and chroma upsampling, so pixels at
+        // coloured edges differ by some levels.
         let format = ImageFormat::from_path(&row["blended"]).unwrap();
         let (psnr_near_db, ssim_near) =
             if format == ImageFormat::Png { (0.00501, 0.0000501) } else { (0.012, 0.00012) };
@@ -73,7 +73,7 @@ fn published_pairs_have_their_scores_and_shifts() {
         let ssim_off = (found.ssim_grey - number("input_ssim_gray")).abs();
         assert!(psnr_off <= psnr_near_db && ssim_off <= ssim_near, "{}", row["id"]);
         assert_eq!(shift.is_aligned(), row["aligned"] == "yes", "{}", row["id"]);
-        // The other estimator interpolates differently and prints tenths.
+        // The other program interpolates shifts differently and prints one decimal.
         let off = [shift.across - number("shift_x"), shift.down - number("shift_y")];
         assert!(off.iter().all(|d| d.abs() < 0.25), "{}", row["id"]);
     }

@@ -22,15 +22,16 @@ pub(crate) struct Axis {
     pub(crate) ends: [f64; 2],
 }
 
-/// A value written beside an axis.
+/// A tick and its label.
 pub(crate) struct Tick {
-    /// Its position, px.
+    /// Position of the tick, px.
     pub(crate) at: f64,
     pub(crate) label: Markup,
 }
 
 impl Axis {
-    /// A logarithmic axis a little longer than its values, which are above 0, and at least from one half to double.
+    /// A logarithmic axis for positive values. It extends beyond them by a factor of 1.3, or by 1.95 if they are all
+    /// equal.
     pub(crate) fn log(values: impl Iterator<Item = f64>, ends: [f64; 2]) -> Self {
         let (lo, hi) = range(values);
         let (lo, hi) = (lo.min(hi / 1.5) / 1.3, hi.max(lo * 1.5) * 1.3);
@@ -42,7 +43,7 @@ impl Axis {
         Self { scale: Scale::Log, values, ends }
     }
 
-    /// A linear axis over the range of its values, or a little longer if they are all equal.
+    /// A linear axis over the range of `values`. If they are all equal, it extends a little beyond them.
     pub(crate) fn linear(values: impl Iterator<Item = f64>, ends: [f64; 2]) -> Self {
         let (lo, hi) = range(values);
         let values = if lo < hi {
@@ -59,7 +60,7 @@ impl Axis {
         a + (b - a) * self.place(value)
     }
 
-    /// Position of a value as a share of the axis.
+    /// Position of a value: 0 at the first end of the axis, 1 at the second.
     pub(crate) fn place(&self, value: f64) -> f64 {
         let [lo, hi] = self.values;
         match self.scale {
@@ -72,7 +73,7 @@ impl Axis {
         self.scale == Scale::Log
     }
 
-    /// Its ticks, beginning at the first end.
+    /// Ticks of the axis, from the first end.
     pub(crate) fn ticks(&self) -> Vec<Tick> {
         match self.scale {
             Scale::Linear => self.linear_ticks(),
@@ -80,7 +81,7 @@ impl Axis {
         }
     }
 
-    /// Multiples of 1, 2 or 5 times a power of 10.
+    /// Ticks at multiples of 1, 2 or 5 times a power of 10.
     fn linear_ticks(&self) -> Vec<Tick> {
         let [lo, hi] = self.values;
         let rough = (hi - lo) / TICKS;
@@ -100,14 +101,15 @@ impl Axis {
         values
             .take_while(|value| *value <= hi + room)
             .map(|value| {
-                // No minus before a zero.
+                // Avoids the label -0.
                 let value = if value.abs() < room { 0.0 } else { value };
                 Tick { at: self.at(value), label: html! { (format_args!("{value:.digits$}")) } }
             })
             .collect()
     }
 
-    /// Every decade; with few decades also 2 and 5 of each, with less than one all digits, with many only some decades.
+    /// Ticks at powers of 10. An axis of few decades also has ticks at 2 and 5, an axis of less than one decade at all
+    /// digits. A long axis has ticks only at some powers of 10.
     fn log_ticks(&self) -> Vec<Tick> {
         let [lo, hi] = self.values;
         let (first, last) = (libm::log10(lo).floor() as i32, libm::log10(hi).ceil() as i32);
@@ -134,7 +136,7 @@ impl Axis {
     }
 }
 
-/// A digit times a power of 10.
+/// Label of a digit times a power of 10.
 fn power_label(digit: i32, exponent: i32, is_plain: bool) -> Markup {
     if is_plain {
         let value = f64::from(digit) * libm::pow(10.0, f64::from(exponent));
@@ -166,7 +168,7 @@ mod tests {
         assert_eq!(labels(&axis(0.0, 99.0)), ["0", "20", "40", "60", "80"]);
         assert_eq!(labels(&axis(1.3, 1.7)), ["1.3", "1.4", "1.5", "1.6", "1.7"]);
         assert_eq!(labels(&axis(-1.0, 1.0)), ["-1.0", "-0.5", "0.0", "0.5", "1.0"]);
-        // One value: from 4.5 to 5.5.
+        // A single value yields an axis from 4.5 to 5.5.
         assert_eq!(labels(&axis(5.0, 5.0)), ["4.6", "4.8", "5.0", "5.2", "5.4"]);
         assert_eq!(labels(&axis(0.0, 0.0)).len(), 5);
         assert_eq!(axis(0.0, 50.0).at(25.0), 50.0);
@@ -183,7 +185,7 @@ mod tests {
         assert!(small[0].starts_with("10<tspan") && small[0].contains("\u{2212}5<"));
         assert!(labels(&axis(1e-30, 1e30)).len() <= 10);
         assert!((axis(1.0, 1000.0).at(10.0) - 30.0).abs() < 1e-9);
-        // One value also gives an axis.
+        // A single value also yields an axis.
         let one = Axis::log([3.0].into_iter(), [0.0, 1.0]);
         assert!(one.ticks().len() > 1 && one.is_log());
     }

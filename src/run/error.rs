@@ -21,13 +21,13 @@ pub enum RunError {
     /// `manifest.jsonl` is damaged.
     #[error("{}: {source}", path.display())]
     Manifest { path: PathBuf, source: ManifestError },
-    /// It was planned by another version, or its files do not fit each other.
+    /// Another version planned the run, or its files do not match each other.
     #[error("{} disagrees with this program: {reason}; finish it with the version that planned it, or plan again into a new folder", root.display())]
     Disagrees { root: PathBuf, reason: String },
     /// A root of the spec is unusable.
     #[error(transparent)]
     Root(#[from] RootError),
-    /// Another process works on it.
+    /// Another process works on the run.
     #[error("another process is working on {}; wait for it, or stop it", root.display())]
     Busy { root: PathBuf },
 }
@@ -47,7 +47,7 @@ pub enum AccessError {
     /// A tuple cannot be encoded or written.
     #[error("{0}")]
     Tuple(String),
-    /// This machine computes other pixels.
+    /// This machine computes different pixels than the machine that planned the run.
     #[error(
         "this machine is refused: it computes other bits for the golden shard {scene} ({found}) than the run's spec holds \
          ({expected}); do not use it for this run, and report its CPU and this program's version"

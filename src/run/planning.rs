@@ -1,4 +1,5 @@
-//! `plan`: writes `RUN/manifest.jsonl` and `RUN/spec.json` from a recipe or a `.jsonl`. Both are final.
+//! `plan`: writes `RUN/manifest.jsonl` and `RUN/spec.json` from a recipe or a `.jsonl`. Later calls do not change these
+//! files.
 
 use super::error::RunError;
 use super::keys;
@@ -17,23 +18,23 @@ use std::path::Path;
 pub(crate) struct PlanOptions<'a> {
     /// `--root NAME=DIR`.
     pub(crate) roots: &'a Roots,
-    /// Lists roots that are in an object store.
+    /// Reads inputs and lists roots that are in an object store.
     pub(crate) inputs: &'a dyn InputFiles,
-    /// Side of a tile, px; `None` chooses one.
+    /// Side of a tile, px; `None` lets the planner choose.
     pub(crate) tile_px: Option<u32>,
     pub(crate) dry_run: bool,
-    /// Leave out photographs (of a manifest: scenes) with unusable files.
+    /// Leave out photographs with unusable files (for a manifest: scenes).
     pub(crate) skip_invalid: bool,
     /// Threads that check input files and make procedural photographs.
     pub(crate) threads: usize,
 }
 
-/// A plan, written or not.
+/// A plan; a dry run does not write it.
 #[derive(Debug)]
 pub(crate) struct Planned {
     pub(crate) spec: Spec,
     pub(crate) drafted: Drafted,
-    /// The same run was planned before.
+    /// True if the folder already had the same plan.
     pub(crate) existed: bool,
 }
 
@@ -68,7 +69,7 @@ impl Planned {
 /// A recipe that cannot be planned.
 #[derive(Debug, thiserror::Error)]
 pub enum PlanError {
-    /// The recipe or manifest gives no scenes.
+    /// The recipe or manifest yields no scenes.
     #[error(transparent)]
     Draft(#[from] DraftError),
     /// The folder holds a run of another plan.
@@ -98,7 +99,7 @@ pub(crate) fn plan_run(
         Err(RunError::Missing { .. }) => None,
         Err(error) => return Err(error.into()),
     };
-    // Inputs that were left out of a run stay out, even if their files are usable now.
+    // A run continues to leave out the same inputs, even if their files are usable now.
     let left_out = existing.iter().flat_map(|run| run.spec.left_out.clone());
     let request = Request {
         roots: options.roots,
@@ -150,7 +151,7 @@ fn write_plan(out: &Path, drafted: &Drafted, manifest: &str, spec: &Spec) -> Res
         atomic_file::write(&out.join(keys::REJECTED), lines.as_bytes())?;
     }
     atomic_file::write(&out.join(keys::MANIFEST), manifest.as_bytes())?;
-    // Last: the spec says that the run is planned.
+    // Writes the spec last, because it marks the run as planned.
     let mut json = serde_json::to_string_pretty(spec).expect("a spec is JSON");
     json.push('\n');
     Ok(atomic_file::write(&out.join(keys::SPEC), json.as_bytes())?)

@@ -1,4 +1,4 @@
-//! The repository's documents: links, headings, command lines.
+//! Reads links, headings and command lines from the repository's documents.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -11,7 +11,7 @@ const PROGRAMS: &str = "glasshouse cargo python3 python3.11 pip sbatch scancel k
 
 /// A document.
 pub(crate) struct Page {
-    /// Path from the repository's folder.
+    /// Path relative to the repository.
     pub(crate) name: String,
     pub(crate) text: String,
 }
@@ -51,7 +51,7 @@ fn lines(text: &str) -> Vec<(&str, bool)> {
             before_is_code = true;
             continue;
         }
-        // Four spaces make a block after an empty line, or within one.
+        // Four spaces start a code block after an empty line and continue a code block.
         let indented = line.starts_with("    ") && before_is_code;
         before_is_code = line.is_empty() || indented;
         found.push((line, fenced || indented));
@@ -64,7 +64,7 @@ fn spans(line: &str) -> impl Iterator<Item = &str> {
     line.split('`').skip(1).step_by(2)
 }
 
-/// Without prompt and comment.
+/// Removes the prompt and the comment from a command line.
 fn bare(line: &str) -> &str {
     let line = line.trim();
     let line = line.strip_prefix("$ ").unwrap_or(line);
@@ -72,7 +72,7 @@ fn bare(line: &str) -> &str {
     line[..end].trim()
 }
 
-/// Words with one space between them.
+/// Replaces each run of white space by one space.
 fn one_space(line: &str) -> String {
     line.split_whitespace().collect::<Vec<_>>().join(" ")
 }
@@ -84,7 +84,7 @@ fn is_command(line: &str) -> bool {
 }
 
 impl Page {
-    /// The command lines; continued lines are joined.
+    /// Command lines of the document; joins continued lines.
     pub(crate) fn command_lines(&self) -> Vec<String> {
         let mut found = Vec::new();
         let mut open = String::new();
@@ -108,7 +108,7 @@ impl Page {
         found
     }
 
-    /// The targets of its links.
+    /// Targets of the document's links.
     pub(crate) fn links(&self) -> Vec<String> {
         let prose = lines(&self.text).into_iter().filter(|(_, code)| !code);
         let mut found = Vec::new();
@@ -123,7 +123,7 @@ impl Page {
         found
     }
 
-    /// GitHub's anchors of its headings.
+    /// GitHub's anchors for the document's headings.
     pub(crate) fn anchors(&self) -> BTreeSet<String> {
         let prose = lines(&self.text).into_iter().filter(|(_, code)| !code);
         prose

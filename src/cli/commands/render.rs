@@ -113,7 +113,8 @@ fn describe(args: &RenderArgs) -> String {
     format!("cannot render {}", args.scene.display())
 }
 
-/// Reads a scene file or a `tuple.json`. Named roots come from the user, or from the run a tuple lies in.
+/// Reads a scene file or a `tuple.json`. Named roots come from the command line, or from the run that contains the
+/// tuple.
 fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
     let invalid = |e: anyhow::Error| Failure::new(Exit::InvalidInput, e.context(describe(args)));
     let text = std::fs::read_to_string(&args.scene)
@@ -141,7 +142,7 @@ fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
     Ok(Source { line: record.scene.clone(), base, roots, record: Some(record) })
 }
 
-/// Writes an EXR and a PNG of each layer.
+/// Writes each layer as EXR and PNG.
 fn write(tuple: &Tuple, out: &Path) -> Result<(), Failure> {
     atomic_file::create_dir(out)?;
     let encoder = SrgbEncoder::new();

@@ -1,10 +1,10 @@
-//! A model of the object store: which partials and tuples it has.
+//! A model of the object store; it records which partials and tuples exist.
 
 pub(super) struct Store {
     shards: u32,
-    /// By scene and shard: the partial is stored.
+    /// Whether the store has the partial, by scene and shard.
     stored: Vec<bool>,
-    /// By scene and shard: some worker has traced it.
+    /// Whether any worker has traced the shard, by scene and shard.
     traced: Vec<bool>,
     tuples: Vec<bool>,
 }
@@ -28,7 +28,7 @@ impl Store {
         self.stored[index] = true;
     }
 
-    /// Counts a shard as traced; false if it was traced before.
+    /// Marks a shard as traced. Returns false if it was traced before.
     pub(super) fn trace(&mut self, scene: u32, shard: u32) -> bool {
         let index = self.index(scene, shard);
         !std::mem::replace(&mut self.traced[index], true)
@@ -46,7 +46,7 @@ impl Store {
         self.tuples[scene as usize..].iter().filter(|&&there| there).count()
     }
 
-    /// The first scene from `scene` on without a tuple; the number of scenes if all have one.
+    /// The first scene without a tuple, from `scene` on; the number of scenes if all of these have one.
     pub(super) fn first_missing(&self, scene: u32) -> u32 {
         let done = self.tuples[scene as usize..].iter().take_while(|&&there| there);
         scene + done.count() as u32

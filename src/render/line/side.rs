@@ -6,13 +6,13 @@ use super::photograph::Photograph;
 use super::scene_line::Camera;
 use serde::{Deserialize, Serialize};
 
-/// One side of the pane. In JSON the keys `panorama` and `mesh` distinguish them; a photograph has neither.
+/// One side of the pane. In JSON, the key `panorama` or `mesh` selects the variant; a photograph has neither.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Side {
     /// A colour and a depth image.
     Photograph(Photograph),
-    /// All directions around a point.
+    /// An image of all directions around a point.
     Panorama(PanoramaFile),
     /// A triangle mesh with vertex colours.
     Mesh(MeshFile),
@@ -24,7 +24,7 @@ pub enum Side {
 pub struct MeshFile {
     /// Path of the PLY file: relative to the manifest, or `NAME:path` under a named root.
     pub mesh: String,
-    /// Coding of the vertex colours.
+    /// Transfer function of the vertex colours.
     #[serde(default)]
     pub transfer: Transfer,
     /// Metres per unit of the file's coordinates.
@@ -33,10 +33,10 @@ pub struct MeshFile {
     /// Multiplies linear radiance.
     #[serde(default = "one")]
     pub exposure: f64,
-    /// Multiplies red, green and blue of linear radiance: the colour of the light that falls on this side.
+    /// Multiplies red, green and blue of linear radiance, like the colour of the light on this side.
     #[serde(default = "white", skip_serializing_if = "is_white")]
     pub illuminant: [f64; 3],
-    /// Pose of the mesh; without it the file's axes are the capture camera's.
+    /// Pose of the mesh. Without a pose, the file has the coordinates of the capture camera.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose: Option<MeshPose>,
     /// Only for the back: position of the capture camera (`mirror` if missing).
@@ -44,8 +44,8 @@ pub struct MeshFile {
     pub apex: Option<Apex>,
 }
 
-/// From mesh coordinates in metres to the capture camera's (+x right, +y down, +z forward):
-/// `rotation * x + translation_m`.
+/// Maps mesh coordinates in metres to coordinates of the capture camera (+x right, +y down, +z forward): `rotation * x
+/// + translation_m`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshPose {
@@ -62,13 +62,14 @@ impl MeshPose {
         [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     }
 
-    /// Largest difference of `rotation` times its transpose from the unit matrix; infinite for a reflection and for NaN.
+    /// Largest difference between `rotation` times its transpose and the unit matrix; infinite for a reflection and for
+    /// NaN.
     pub(crate) fn distortion(&self) -> f64 {
         let r = &self.rotation;
         let row = |a: usize, b: usize| (0..3).map(|k| r[a][k] * r[b][k]).sum::<f64>();
         let minor = |a: usize, b: usize| r[1][a] * r[2][b] - r[1][b] * r[2][a];
         let determinant = r[0][0] * minor(1, 2) - r[0][1] * minor(0, 2) + r[0][2] * minor(0, 1);
-        // Every part of the matrix is in the determinant, so not-a-number ends here as well.
+        // The determinant depends on every element, so a NaN in any of them also returns here.
         if determinant.is_nan() || determinant <= 0.0 {
             return f64::INFINITY;
         }
@@ -78,7 +79,7 @@ impl MeshPose {
 }
 
 impl Side {
-    /// The photograph, if it is one.
+    /// The photograph, if the side is one.
     pub fn photograph(&self) -> Option<&Photograph> {
         match self {
             Self::Photograph(photograph) => Some(photograph),
@@ -86,7 +87,7 @@ impl Side {
         }
     }
 
-    /// The path that names the side: of the colour image, the panorama or the mesh.
+    /// The path that identifies the side: its colour image, panorama or mesh.
     pub fn name(&self) -> &str {
         match self {
             Self::Photograph(photograph) => &photograph.color,
@@ -95,7 +96,7 @@ impl Side {
         }
     }
 
-    /// Colour of its light.
+    /// Colour of the side's light.
     pub fn illuminant(&self) -> [f64; 3] {
         match self {
             Self::Photograph(photograph) => photograph.illuminant,
@@ -104,7 +105,7 @@ impl Side {
         }
     }
 
-    /// Factor of its linear radiance.
+    /// Factor on the side's linear radiance.
     pub fn exposure(&self) -> f64 {
         match self {
             Self::Photograph(photograph) => photograph.exposure,
@@ -151,7 +152,7 @@ impl Side {
         }
     }
 
-    /// The paths of all its files, with their keys.
+    /// Paths of all files of the side, with their JSON keys.
     pub fn paths(&self) -> Vec<(&'static str, &str)> {
         match self {
             Self::Photograph(p) => {
@@ -171,7 +172,7 @@ impl Side {
         }
     }
 
-    /// The same paths, mutable.
+    /// The paths of [`Self::paths`], mutable.
     pub fn paths_mut(&mut self) -> Vec<&mut String> {
         match self {
             Self::Photograph(p) => [Some(&mut p.color), Some(&mut p.depth), p.mask.as_mut()]
