@@ -1,4 +1,4 @@
-//! `README.md`: the dataset card, with the header that Hugging Face's hub and `datasets` read.
+//! Writes `README.md`: the dataset card, with the header for the Hugging Face Hub and `datasets`.
 
 use super::card_numbers::{PARAMETERS, SumAndMax};
 use super::finish::Summary;
@@ -18,7 +18,7 @@ const SIZES: [(u64, &str); 6] = [
     (u64::MAX, "10M<n<100M"),
 ];
 
-/// Quarantined scenes listed on the card; `export.json` lists all.
+/// Largest number of quarantined scenes on the card; `export.json` lists all of them.
 const SHOWN: usize = 50;
 
 pub(super) fn card(run: &Run, plan: &ExportPlan, summary: &Summary) -> String {
@@ -40,7 +40,7 @@ pub(super) fn card(run: &Run, plan: &ExportPlan, summary: &Summary) -> String {
 fn header(plan: &ExportPlan, summary: &Summary) -> String {
     let size = SIZES.iter().find(|(below, _)| summary.numbers.tuples < *below);
     let size = size.map_or("", |(_, name)| name);
-    // Any JSON string is a YAML string.
+    // The name is a JSON string, because any JSON string is a valid YAML string.
     let mut text = format!(
         "---\nlicense: other\npretty_name: {}\ntask_categories:\n- image-to-image\ntags:\n- reflection-removal\n- \
          reflection-separation\n- synthetic\n- image\nsize_categories:\n- {size}\n",

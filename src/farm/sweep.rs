@@ -1,4 +1,5 @@
-//! Removal of the leftovers of killed processes: half-written files under temporary names, and partials of merged scenes.
+//! Removes the files that killed processes leave: half-written files under temporary names, and partials of merged
+//! scenes.
 
 use crate::run::{Run, keys};
 use crate::store::Store;
@@ -6,9 +7,9 @@ use render::atomic_file::{self, is_temporary};
 use render::merge::is_written;
 use std::path::Path;
 
-/// Removes them. The caller holds the run's lock; files that cannot be removed do no harm.
+/// Removes these files from a run. The caller holds the run's lock. Ignores errors, because remaining files do no harm.
 pub(super) fn sweep(run: &Run) {
-    // Inputs are as deep as DIODE's folders: source / train / indoors / scene / scan.
+    // Depth 5 covers the input folders of DIODE: source / train / indoors / scene / scan.
     let folders =
         [("", 0), ("quarantine", 0), ("report", 0), ("noise", 0), ("logs", 0), ("inputs", 5)];
     sweep_folders(run, &folders);
@@ -21,8 +22,8 @@ pub(super) fn sweep(run: &Run) {
     }
 }
 
-/// Removes unfinished puts of killed workers from a store on a local disk. Called when the run is over: a late put of an
-/// object that is there already may fail by it, which does no harm.
+/// Removes unfinished puts of killed workers from a store on a local disk. Callers use it at the end of a run: it may
+/// make a late put fail, but only of an object that the store already has.
 pub(super) fn sweep_staged(run: &Run, store: &Store) {
     if store.is_local() {
         sweep_folders(run, &SCENE_FOLDERS);
@@ -39,7 +40,7 @@ fn sweep_folders(run: &Run, folders: &[(&str, u32)]) {
     }
 }
 
-/// Named like an unfinished put of the local store: `tuple.exr#1`.
+/// True if the path has the name of an unfinished put of the local store, such as `tuple.exr#1`.
 fn is_staged(path: &Path) -> bool {
     let name = path.file_name().map(|name| name.to_string_lossy());
     let number = name.as_ref().and_then(|name| name.rsplit_once('#'));

@@ -1,4 +1,4 @@
-//! Holes of a scanner's depth image: glass, sky, out of range, grazing surfaces, edges.
+//! Simulates holes in a scanner's depth image: at glass, sky, grazing surfaces, edges and surfaces out of range.
 
 use super::random::{lattice, unit};
 
@@ -12,11 +12,11 @@ pub(super) struct Return {
     /// Cosine of the angle between the ray and the surface normal.
     pub(super) cos: f32,
     pub(super) glass: bool,
-    /// Least and largest depth of the neighbours that show a surface.
+    /// Least and largest depth of the neighbour pixels that have a surface, m.
     pub(super) neighbours_m: (f32, f32),
 }
 
-/// Whether a scanner measures a depth at pixel (i, j).
+/// True if a scanner measures a depth at pixel (i, j).
 pub(super) fn is_valid(r: &Return, range_m: f32, [i, j]: [i32; 2], seed: i32) -> bool {
     if r.glass || r.depth_m < NEAREST_M || r.depth_m > range_m {
         return false;

@@ -18,7 +18,7 @@ fn mix(a: f32, b: f32, t: f32) -> f32 {
     a + (b - a) * t
 }
 
-/// Value noise in the plane, 0..1, features of size 1.
+/// Value noise in the plane, in 0..1; its lattice has spacing 1.
 pub(super) fn noise2(x: f32, y: f32, seed: i32) -> f32 {
     let (i, j) = (floor(x), floor(y));
     let (u, v) = (smooth(x - i as f32), smooth(y - j as f32));
@@ -26,7 +26,7 @@ pub(super) fn noise2(x: f32, y: f32, seed: i32) -> f32 {
     mix(mix(at(0, 0), at(1, 0), u), mix(at(0, 1), at(1, 1), u), v)
 }
 
-/// Value noise in space, 0..1, features of size 1.
+/// Value noise in space, in 0..1; its lattice has spacing 1.
 pub(super) fn noise3(p: Vec3, seed: i32) -> f32 {
     let k = floor(p.z);
     let w = smooth(p.z - k as f32);
@@ -34,7 +34,7 @@ pub(super) fn noise3(p: Vec3, seed: i32) -> f32 {
     mix(layer(k), layer(k + 1), w)
 }
 
-/// Sum of up to four octaves of noise, mean 0.5; octaves finer than `footprint` are left out.
+/// Sum of up to four octaves of noise, with mean 0.5. Omits octaves finer than `footprint`, because they alias.
 pub(super) fn cloudy(x: f32, y: f32, footprint: f32, seed: i32) -> f32 {
     let (mut sum, mut weight, mut scale) = (0.5, 0.5, 1.0);
     for octave in 0..4 {

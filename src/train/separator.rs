@@ -1,4 +1,4 @@
-//! The networks of a checkpoint, for inference.
+//! Applies the networks of a checkpoint to pictures.
 
 use super::checkpoint::Checkpoint;
 use super::inference::Networks;
@@ -24,9 +24,9 @@ pub enum SeparatorError {
     )]
     OtherFeatures {
         path: PathBuf,
-        /// Digest of the training's weights, or `none`.
+        /// Digest of the VGG weights used in training, or `none`.
         expected: String,
-        /// Digest of the given weights, or `none`.
+        /// Digest of the VGG weights given now, or `none`.
         found: String,
     },
     #[error("the settings of {} are damaged: {source}", path.display())]
@@ -41,8 +41,8 @@ pub struct Separator {
 }
 
 impl Separator {
-    /// From a checkpoint of the separation stage. `vgg` is the feature network of its settings, `vgg_blake3` the digest of the
-    /// weights file, if there is one.
+    /// Loads a checkpoint of the separation stage. `vgg` is the feature network that its settings require; `vgg_blake3`
+    /// is the digest of the weights file, if the features come from a file.
     pub fn new(
         checkpoint: &Checkpoint,
         vgg: Option<Vgg>,
@@ -83,7 +83,7 @@ impl Separator {
         self.learner.networks()
     }
 
-    /// T* and R~* of a picture, in tiles of `tile_px` if it is larger. See [`Networks::separate`].
+    /// Computes T* and R~* of a picture. Splits a picture larger than `tile_px` into tiles. See [`Networks::separate`].
     pub fn separate(&self, picture: &RgbImage, tile_px: usize) -> Result<[RgbImage; 2]> {
         let made = self.networks().separate(&Picture::from_rgb(picture), tile_px)?;
         Ok(made.map(|picture| picture.to_rgb()))
@@ -151,7 +151,7 @@ mod tests {
         let mut whole = checkpoint(folder.path(), Stage::Separation, &settings);
         let other = text(&whole, Some(vgg(&settings)), Some("abc"));
         assert!(other.contains("BLAKE3 none") && other.contains("have abc"), "{other}");
-        // Without the features that its first layer expects.
+        // The first layer expects features, and the call passes none.
         let narrow = text(&whole, None, None);
         assert!(narrow.contains("kernel.0 is [4, "), "{narrow}");
         whole.model.remove("separation.last");

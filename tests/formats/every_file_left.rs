@@ -1,10 +1,10 @@
-//! Files that exports and trainings leave.
+//! Makes the files that `export` and `train` write.
 
 use crate::every_file::{Files, SCENE};
 use sha2::Digest;
 use std::fmt::Write;
 
-/// As `export` names the members of a shard.
+/// Makes a shard with the member names of `export`.
 pub(crate) fn of_an_export(files: &mut Files) {
     let tuple = files.folder.path().join("runs/smoke/tuples").join(SCENE);
     let mut shard = tar::Builder::new(Vec::new());

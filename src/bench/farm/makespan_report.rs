@@ -1,4 +1,4 @@
-//! The figures of [`makespan`](super::makespan()).
+//! Results of [`makespan`](super::makespan()).
 
 use super::setup::Conditions;
 use crate::bench::clock::median;
@@ -17,9 +17,9 @@ pub struct Makespan {
     seed: u64,
     load_s: f64,
     lease_s: f64,
-    /// First without, then with faults.
+    /// The run without faults, then the run with faults.
     pub runs: Vec<MakespanRun>,
-    /// Always true unless the program has a defect.
+    /// True unless the program has a defect.
     #[serde(rename = "tuples_equal_those_of_one_process")]
     pub tuples_equal: bool,
 }

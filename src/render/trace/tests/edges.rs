@@ -1,9 +1,9 @@
-//! Millions of rays aimed at the edges of depth meshes, indoors, outdoors, real and rough: none slips through.
+//! Aims millions of rays at the edges of indoor, outdoor, real and rough depth meshes: no ray leaks through.
 //!
-//! A *leak* is a ray that the kernel lets pass where the f64 mesh stops it: in the 3 x 3 quads around the point
-//! that it was aimed at, f64 finds a hit for the ray and for every ray within [`NEAR_PX`] of it, and the kernel's
-//! hit lies behind all of them. (f32 cannot tell rays apart that are nearer to each other than that, so at the rim
-//! of a surface either side is right.) A *stray* is a hit that does not lie on the mesh.
+//! A *leak* is a ray that the kernel lets pass, although it hits the mesh in f64: f64 finds hits for the ray and for
+//! its neighbours at a distance of [`NEAR_PX`], in the 3 x 3 quads around the target of the ray, and the kernel's hit
+//! lies behind all of these. f32 cannot distinguish rays at smaller distances, so both sides of a rim are correct for
+//! such rays. A *stray* is a hit that does not lie on the mesh.
 
 use super::{LANES, full_span, random};
 use crate::formats::{NamedBytes, PhotographFiles};
@@ -15,21 +15,22 @@ use crate::trace::{Grid, Isa};
 use procedural::{listing, render};
 use std::path::Path;
 
-/// Coordinates relative to a bundle's base are rounded by 1e-6 px; a few operations follow.
+/// Coordinates relative to a bundle's base have rounding errors of 1e-6 px, which grow in a few operations.
 const NEAR_PX: f64 = 2e-5;
-/// Farthest hit from the mesh, 1/m (f32 at slopes of 90 px for 1/m, on skirts of 1/m for a px).
+/// Largest allowed distance of a hit from the mesh, 1/m. The bound covers f32 rounding for rays of 90 px per 1/m on
+/// skirts of 1/m per px.
 const STRAY: f64 = 5e-5;
-/// Slack of a triangle's edges, px.
+/// Tolerance at the edges of a triangle, px.
 const EDGE: f64 = 1e-10;
 
-/// A depth mesh, and the largest slope of its rays: px of travel for 1/m.
+/// A depth mesh, and the largest slope of its rays, px per 1/m of inverse depth.
 struct Terrain {
     name: &'static str,
     grid: Grid,
     slope_px: f64,
 }
 
-/// A sheet from depths in metres (0 is a hole), through the real decoder and filler.
+/// Makes a sheet from a depth image (0 marks a hole) with the program's own decoder and hole filler.
 fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
     let line = Photograph {
         color: "edges.png".to_owned(),
@@ -62,7 +63,7 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
     Grid::new(sheet.width, sheet.height, sheet.inverse_depth_per_m)
 }
 
-/// A procedural photograph's depth.
+/// Sheet of a procedural photograph.
 fn procedural(index: usize) -> Grid {
     let photograph = &listing(8, 11)[index];
     let rgbd = render(photograph, 320, 240);
@@ -79,7 +80,8 @@ fn rough_terrain() -> Terrain {
     Terrain { name: "rough", grid: super::rough(61, 47, 9), slope_px: 5.0 }
 }
 
-/// Indoors and outdoors with the slopes of a lens and a pane (about 5 px for 1/m) and of apex `camera` (90 px).
+/// Indoor and outdoor sheets, with the slopes of a lens and a pane (about 5 px per 1/m) and of apex `camera` (90 px per
+/// 1/m).
 fn terrains() -> Vec<Terrain> {
     let places = listing(8, 11);
     let find = |place| places.iter().position(|p| p.place == place).unwrap();
@@ -106,7 +108,7 @@ fn terrains() -> Vec<Terrain> {
     terrains
 }
 
-/// A ray: the kernel's numbers, relative to `base`, and the quad that it was aimed at.
+/// A ray in the kernel's coordinates, relative to `base`, and its target quad.
 #[derive(Clone, Copy)]
 struct Aimed {
     ray: [f32; 4],
@@ -114,23 +116,23 @@ struct Aimed {
 }
 
 impl Aimed {
-    /// The same ray in grid coordinates, exactly.
+    /// The ray in grid coordinates; the conversion is exact.
     fn absolute(&self, base: [i32; 2]) -> [f64; 4] {
         let [x, y, sx, sy] = self.ray.map(f64::from);
         [x + f64::from(base[0]), y + f64::from(base[1]), sx, sy]
     }
 }
 
-/// Where a ray is aimed at.
+/// Target of a ray.
 #[derive(Clone, Copy, PartialEq)]
 enum Target {
-    /// A point of a mesh edge: along a row, a column, a diagonal, or a vertex.
+    /// A vertex, or a point on an edge along a row, a column or a diagonal.
     Edge,
     /// Any point of the mesh.
     Anywhere,
 }
 
-/// Ray `k` at a point of the mesh within a few pixels of `corner`.
+/// Aims ray `k` at a point of the mesh within a few pixels of `corner`.
 fn aim(terrain: &Terrain, target: Target, k: u64, corner: [i64; 2], base: [i32; 2]) -> Aimed {
     let r = |n: u64| random(k * 8 + n);
     let grid = &terrain.grid;
@@ -157,7 +159,7 @@ fn aim(terrain: &Terrain, target: Target, k: u64, corner: [i64; 2], base: [i32; 
     };
     let (mut sx, mut sy) =
         ((r(3) * 2.0 - 1.0) * terrain.slope_px, (r(4) * 2.0 - 1.0) * terrain.slope_px);
-    // Some run along rows, columns and diagonals, or are those of a pinhole.
+    // Some rays run along rows, columns and diagonals; some are rays of a pinhole.
     match (k / 4) % 8 {
         0 => sx = 0.0,
         1 => sy = 0.0,
@@ -206,7 +208,8 @@ fn hit_in(
     best
 }
 
-/// The first hit of the whole line, in f64: slices of w in which it travels two pixels, from the near end on.
+/// Finds the first hit of the whole line, in f64. Searches slices of w from near to far; the line travels two pixels in
+/// a slice.
 fn first_hit(grid: &Grid, ray: [f64; 4]) -> Option<f64> {
     let [bottom, top] = grid.extremes().map(f64::from);
     let [x, y, sx, sy] = ray;
@@ -228,8 +231,8 @@ fn first_hit(grid: &Grid, ray: [f64; 4]) -> Option<f64> {
     None
 }
 
-/// The ray and eight more, [`NEAR_PX`] away: all around, and along its own way over the grid (a ray that touches
-/// the floor of a notch is stopped by the notch's sides wherever else it is moved).
+/// The ray and eight neighbours at a distance of about [`NEAR_PX`]: on all sides, and along its own direction on the
+/// grid. The latter matter for a ray that touches the floor of a notch, because the sides of the notch stop all others.
 fn neighbours([x, y, sx, sy]: [f64; 4]) -> [[f64; 4]; 9] {
     let length = (sx * sx + sy * sy).sqrt().max(1e-9);
     let (ax, ay) = (sx / length, sy / length);
@@ -257,7 +260,8 @@ fn is_leak(grid: &Grid, aimed: &Aimed, absolute: [f64; 4], w: f64) -> bool {
     stops(absolute) && neighbours(absolute).into_iter().all(stops)
 }
 
-/// The hit's distance to the mesh: in w at its place, over all the triangles that it may belong to.
+/// Distance between a hit and the mesh, in w at the hit's grid position: the least over all triangles that may contain
+/// it.
 fn stray(grid: &Grid, [x, y, sx, sy]: [f64; 4], hit: f64) -> f64 {
     let w = grid.inverse_depths_per_m();
     let (nx, ny) = (grid.nx() as i64, grid.ny() as i64);
@@ -284,7 +288,7 @@ fn stray(grid: &Grid, [x, y, sx, sy]: [f64; 4], hit: f64) -> f64 {
     nearest
 }
 
-/// The whole line stays inside the grid, whatever its hit.
+/// True if the whole line stays inside the grid, independent of its hit.
 fn stays_inside(grid: &Grid, [x, y, sx, sy]: [f64; 4]) -> bool {
     let top = f64::from(grid.extremes()[1]) * 1.001;
     let within = |x: f64, s: f64, n: usize| {
@@ -300,7 +304,7 @@ fn walk_avx2(grid: &Grid, base: [i32; 2], lines: &Lines, span: Span) -> Lane {
     walk::<true>(grid, base, lines, span)
 }
 
-/// The kernel that a run on this machine would take.
+/// Calls the kernel that a run uses on this machine.
 fn walk_fastest(grid: &Grid, base: [i32; 2], lines: &Lines, span: Span) -> Lane {
     match Isa::detect() {
         #[cfg(target_arch = "x86_64")]
@@ -311,7 +315,7 @@ fn walk_fastest(grid: &Grid, base: [i32; 2], lines: &Lines, span: Span) -> Lane 
     }
 }
 
-/// Calls `see` with every ray, its absolute numbers and the kernel's hit.
+/// Calls `see` with every ray, its grid coordinates and the kernel's hit.
 fn shoot(
     terrain: &Terrain,
     target: Target,
@@ -346,7 +350,7 @@ fn shoot(
     inside
 }
 
-/// Aims `rays` at the edges of a terrain; no leak, no stray.
+/// Aims `rays` rays at the edges of a terrain, and asserts that none leaks or strays.
 fn assert_tight(terrain: &Terrain, rays: u64) {
     let grid = &terrain.grid;
     let (mut leaks, mut strays, mut farthest, mut seen) = (0u64, 0u64, 0f64, 0u64);
@@ -365,7 +369,7 @@ fn assert_tight(terrain: &Terrain, rays: u64) {
     assert_eq!((leaks, strays), (0, 0), "{}", terrain.name);
 }
 
-/// Ten million rays in all; ten to fifteen seconds of a core.
+/// Traces ten million rays in all, in ten to fifteen seconds of one core.
 #[test]
 fn rays_at_edges_do_not_leak() {
     let terrains = terrains();
@@ -383,7 +387,7 @@ fn ten_million_rays_at_edges_of_each_terrain_do_not_leak() {
     }
 }
 
-/// What the tests above look for is found where it is: hits moved behind the mesh, and off it.
+/// Checks the checks: hits moved behind the mesh count as leaks, and hits moved off the mesh as strays.
 #[test]
 fn leaks_and_strays_are_recognised() {
     let terrain = rough_terrain();
@@ -395,7 +399,7 @@ fn leaks_and_strays_are_recognised() {
         leaks += u32::from(is_leak(grid, aimed, absolute, bottom));
         strays += u32::from(stray(grid, absolute, w * 1.001) > STRAY);
     });
-    // Others are stopped on the way to their edge, or meet it at its rim or at `bottom`.
+    // The other rays hit the mesh before their edge, or hit the edge at a rim or at `bottom`.
     assert!(leaks * 3 > seen, "{leaks} of {seen}");
     assert!(strays * 10 > seen * 9, "{strays} of {seen}");
 }
@@ -417,7 +421,8 @@ fn depths_are_those_of_f64() {
                 let expected = first_hit(grid, absolute).expect("the sheet has no holes");
                 let error = (expected / w - 1.0).abs();
                 if error > 1e-4 {
-                    // The other side of a rim, or a skirt seen along its face: a ray within `NEAR_PX` says so too.
+                    // The ray meets the other side of a rim, or a skirt at a grazing angle. A neighbour within
+                    // `NEAR_PX` must have the same hit.
                     let (mut lo, mut hi) = (expected, expected);
                     for hit in neighbours(absolute).map(|ray| first_hit(grid, ray).unwrap()) {
                         (lo, hi) = (lo.min(hit), hi.max(hit));
