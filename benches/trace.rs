@@ -1,4 +1,4 @@
-//! Does a kernel get slower? Built-in scenes, both instruction sets.
+//! Measures the kernels on built-in scenes, with both instruction sets, to find regressions.
 //!
 //!     cargo bench --bench trace
 #![allow(missing_docs, clippy::unwrap_used, reason = "criterion's macros; benches may panic")]
@@ -32,7 +32,7 @@ fn scene(scene: &BenchScene, apex: Apex) -> Scene {
     scene.assemble(&line, Sampling::Sobol).unwrap().scene
 }
 
-/// A photograph as a mesh.
+/// Converts a photograph to a mesh.
 fn polygons(decoded: &Decoded) -> Decoded {
     let Decoded::Sheet(sheet) = decoded else {
         panic!("the built-in pair are photographs");
@@ -62,13 +62,13 @@ fn polygons(decoded: &Decoded) -> Decoded {
     mesh.into()
 }
 
-/// One 32 x 32 tile of the pair at 256 samples.
+/// Traces one tile of 32 x 32 px of the built-in pair at 256 samples.
 fn tiles(c: &mut Criterion) {
     let pair = pair(SIZE, FILM_PX).unwrap();
     let mut meshes = pair.clone();
     meshes.photographs.front = polygons(&pair.photographs.front);
     meshes.photographs.back = polygons(&pair.photographs.back);
-    // The line says where the film is sharp, which a mesh's centre would change.
+    // Fixes the focus distance, because the centre of a mesh would yield another one.
     let Decoded::Sheet(front) = &pair.photographs.front else {
         panic!("the built-in pair are photographs");
     };
@@ -91,7 +91,8 @@ fn tiles(c: &mut Criterion) {
     group.finish();
 }
 
-/// Span and walk of every sixteenth pixel's bundle: easy (t0), long ways (r0 with apex camera), rough.
+/// Computes span and walk for the ray bundle of every sixteenth pixel: short rays (t0), long rays (r0 with apex
+/// `camera`) and a rough surface.
 fn walks(c: &mut Criterion) {
     let mut group = c.benchmark_group("walk");
     group.sample_size(20);
@@ -118,7 +119,7 @@ fn walks(c: &mut Criterion) {
     group.finish();
 }
 
-/// 256 samples of a pixel, film and lens.
+/// Makes 256 samples of a pixel, on film and lens.
 fn samplers(c: &mut Criterion) {
     let seed = PixelSeed::new(1, 2, 3);
     let mut group = c.benchmark_group("sampler");
@@ -133,7 +134,7 @@ fn samplers(c: &mut Criterion) {
     group.finish();
 }
 
-/// Files of 1024 x 768 px to a sheet, and the sheet to a grid.
+/// Decodes files of 1024 x 768 px to a sheet, and builds a grid from the sheet.
 fn scenes(c: &mut Criterion) {
     let bench_scene = pair(SIZE, FILM_PX).unwrap();
     let photograph = &procedural::listing(2, 2020)[1];
@@ -166,7 +167,7 @@ fn scenes(c: &mut Criterion) {
     group.finish();
 }
 
-/// A tuple of 256 x 256 px to the bytes of its files.
+/// Encodes the files of a tuple of 256 x 256 px.
 fn tuples(c: &mut Criterion) {
     let bench_scene = pair(SIZE, FILM_PX).unwrap();
     let mut line = bench_scene.line.clone();

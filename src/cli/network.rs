@@ -1,4 +1,4 @@
-//! Networks for a command: the checkpoint and its image features.
+//! Loads the networks of a checkpoint and their feature network for a command.
 
 use super::args::{Global, threads};
 use super::exit_code::{Exit, Failure, failure};
@@ -13,7 +13,7 @@ use train::{
     stage_folder,
 };
 
-/// Side of tiles.
+/// Default side of a tile, px.
 pub(super) const TILE_PX: u32 = 768;
 
 /// How to load and apply networks.
@@ -27,7 +27,7 @@ pub(super) struct NetworkArgs {
     pub(super) tile_px: u32,
 }
 
-/// Device of the networks.
+/// Device that computes the networks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(super) enum DeviceName {
     /// The processor.
@@ -60,7 +60,7 @@ impl DeviceName {
 /// Builds the thread pool of the networks and returns the number of threads.
 pub(super) fn use_threads(global: &Global) -> usize {
     let threads = threads(global);
-    // Fails on the second call of `run`: the pool exists already.
+    // Fails on the second call of `run`, because the pool already exists.
     let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     threads
 }
@@ -70,7 +70,7 @@ pub(super) fn weights_file(typed: Option<&str>) -> Option<&Path> {
     typed.filter(|typed| !["none", "random"].contains(typed)).map(Path::new)
 }
 
-/// Networks with their checkpoint.
+/// Networks, and the checkpoint that they come from.
 pub(super) struct Network {
     pub(super) separator: Separator,
     /// Folder of the checkpoint.
@@ -81,14 +81,15 @@ pub(super) struct Network {
 /// Choice among a stage's checkpoints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Which {
-    /// The best on validation scenes, or the newest if none was validated.
+    /// The best on validation scenes, or the newest if no checkpoint has validation scores.
     Best,
-    /// The newest. Evaluation uses it, because the best was chosen by scenes that evaluation scores.
+    /// The newest. Evaluation uses the newest, because validation chooses the best by scenes that evaluation scores.
     Newest,
 }
 
 impl Network {
-    /// Opens the folder of a checkpoint, a stage or a run. `weights` is the file of VGG-19 weights, if one was typed.
+    /// Opens the folder of a checkpoint, a stage or a run. `weights` is the file of VGG-19 weights, if the command line
+    /// has one.
     pub(super) fn open(
         place: &Path,
         which: Which,
@@ -119,7 +120,7 @@ impl Network {
         Ok(Self { separator, path: checkpoint.path, state: checkpoint.state })
     }
 
-    /// Name of the table row: `name` or stage and step, and the features if they are not the paper's.
+    /// Name of the table row: `name`, or stage and step. Adds the features if they differ from the paper's.
     pub(super) fn row_name(&self, name: Option<&str>) -> String {
         let state = &self.state;
         let name = name

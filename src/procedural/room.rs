@@ -46,18 +46,18 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
     walls[lit].window = Some(if lit == 0 {
         hole(r, side * 0.22 * w)
     } else {
-        // Far enough along the wall to be in view.
+        // Places the window far enough along the wall to be in view.
         let away = if lit == 1 { -d } else { d };
         let x = away * r.range(0.12, 0.22);
         hole(r, x)
     });
     if lit == 0 || r.chance(0.35) {
-        // Light from behind the camera: otherwise the back wall would be a silhouette.
+        // A window behind the camera lights the back wall, which would otherwise be a silhouette.
         walls[3].window = Some(hole(r, 0.2 * w));
     }
     shell(&mut b, &walls, [w, h, d], &style, r);
 
-    // x of the back wall runs against the world's: a window there leaves the other half free.
+    // The back wall's x axis points opposite to the world's. A window in this wall leaves the other half free.
     let free = if lit == 0 { -side } else { side };
     let eye = Vec3::new(r.range(-0.12, 0.12) * w, r.range(1.25, 1.65), r.range(0.45, 0.9));
     let focus = Vec3::new(r.range(-0.25, 0.25), 0.0, eye.z + r.range(2.1, 2.8));

@@ -1,4 +1,4 @@
-//! VGG-19 up to conv5_2, frozen: features of images (Simonyan and Zisserman, ICLR 2015).
+//! Image features of the frozen VGG-19 up to conv5_2 (Simonyan and Zisserman, ICLR 2015).
 
 use super::ops::{Window, conv2d_bias_relu, max_pool2};
 use super::random::Stream;
@@ -12,13 +12,14 @@ pub const VGG_PLACES: [usize; 14] = [0, 2, 5, 7, 10, 12, 14, 16, 19, 21, 23, 25,
 pub const VGG_WIDTHS: [usize; 14] =
     [64, 64, 128, 128, 256, 256, 256, 256, 512, 512, 512, 512, 512, 512];
 
-/// Convolutions that follow a pool.
+/// Indices of the convolutions after a max pooling.
 const POOLS: [usize; 4] = [2, 4, 8, 12];
 
-/// conv1_2, conv2_2, conv3_2, conv4_2, conv5_2.
+/// Indices of conv1_2, conv2_2, conv3_2, conv4_2 and conv5_2, which yield the features.
 const TAPS: [usize; 5] = [1, 3, 5, 9, 13];
 
-/// Mean and deviation of ImageNet's red, green and blue, sRGB-coded in [0, 1], as torchvision's weights expect.
+/// Mean and standard deviation of red, green and blue in ImageNet, as sRGB values in [0, 1]. torchvision's weights
+/// expect this normalisation.
 const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
 
@@ -44,7 +45,8 @@ pub struct Vgg {
 }
 
 impl Vgg {
-    /// From tensors by torchvision's names. `narrow` divides all widths: 1 for the published weights.
+    /// Builds the network from tensors with torchvision's names. `narrow` divides all widths; it is 1 for the published
+    /// weights.
     pub fn new(
         weights: &HashMap<String, Tensor>,
         narrow: usize,
@@ -65,8 +67,8 @@ impl Vgg {
         })
     }
 
-    /// Random weights from a seed (He et al., deviation sqrt(2 / inputs)). The loss is nearly as good; the features mean
-    /// little.
+    /// Initialises weights from a seed (He et al., standard deviation sqrt(2 / inputs)). They suit the feature loss
+    /// nearly as well, but their features carry little meaning.
     pub fn random(seed: u64, narrow: usize, device: &Device) -> Result<Self> {
         Self::of(narrow, device, |place, [width, channels]| {
             let deviation = (2.0 / (9 * channels) as f64).sqrt();
@@ -76,7 +78,7 @@ impl Vgg {
         })
     }
 
-    /// `layer` gives kernel and bias of the convolution at a place, with these numbers of outputs and inputs.
+    /// `layer` returns kernel and bias of the convolution at an index, for the given numbers of outputs and inputs.
     fn of<E: From<candle_core::Error>>(
         narrow: usize,
         device: &Device,
@@ -92,8 +94,8 @@ impl Vgg {
         Ok(Self { convolutions, mean: row(MEAN)?, deviation: row(DEVIATION)? })
     }
 
-    /// relu(conv1_2) to relu(conv5_2) of sRGB-coded images in [0, 1], (batch, 3, rows, columns). Each has half the size of
-    /// the one before.
+    /// Computes relu(conv1_2) to relu(conv5_2) of images with sRGB values in [0, 1], (batch, 3, rows, columns). Each
+    /// feature has half the size of the previous one.
     pub fn features(&self, images: &Tensor) -> Result<Vec<Tensor>> {
         let mut features = Vec::with_capacity(TAPS.len());
         let mut x = images.broadcast_sub(&self.mean)?.broadcast_div(&self.deviation)?;
@@ -109,7 +111,7 @@ impl Vgg {
         Ok(features)
     }
 
-    /// Channels of [`Self::features`].
+    /// Number of channels of each tensor that [`Self::features`] returns.
     pub fn widths(&self) -> Vec<usize> {
         TAPS.iter().map(|&tap| self.convolutions[tap].1.elem_count()).collect()
     }

@@ -1,4 +1,4 @@
-//! Outputs do not depend on threads, tiles, kernels or places.
+//! Outputs do not depend on the number of threads, the tile size, the kernels or the run's folder.
 
 use crate::support::outputs::{assert_same, tuples};
 use crate::support::program::{command, run, text, wait_until};

@@ -1,4 +1,5 @@
-//! Training, inference and scores by the program; beside it the scripts that made the expected numbers of unit tests.
+//! Tests training, inference and scores through the program. This folder also has the scripts that computed the
+//! expected numbers of unit tests.
 #![cfg(feature = "train")]
 #![allow(
     clippy::unwrap_used,

@@ -1,4 +1,4 @@
-//! A `nats-server`, killed on drop.
+//! Starts a `nats-server` and kills it on drop.
 
 use super::error::FarmBenchError;
 use std::net::{TcpListener, TcpStream};
@@ -13,7 +13,7 @@ pub(super) struct Server {
 }
 
 impl Server {
-    /// `None` if the program is not installed.
+    /// Returns `None` if `nats-server` is not installed.
     pub(super) fn start(folder: &Path) -> Result<Option<Self>, FarmBenchError> {
         let free = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr());
         let port = free.map_err(FarmBenchError::system("find a free port"))?.port();

@@ -1,12 +1,12 @@
-//! How a simulated worker looks for work, and answers the requests of idle ones.
+//! A simulated worker's search for work, and its answers to requests of idle workers.
 
 use super::outcome::Kind;
 use super::state::{RECONNECT_S, ServerEvent, Sim, WorkerEvent, WorkerId, us};
 
-/// The pauses between two requests of an idle worker double from the first to the second, s.
+/// First and longest pause between two requests of an idle worker, s. Pauses double in between.
 const PAUSE_S: [f64; 2] = [0.02, 10.0];
 
-/// A requester waits for an answer this long, s.
+/// Time that a requester waits for an answer, s.
 const ANSWER_S: f64 = 1.0;
 
 impl Sim<'_> {
@@ -24,7 +24,8 @@ impl Sim<'_> {
         self.send(ServerEvent::Pull { worker, waits });
     }
 
-    /// Leases the next task when the machine says so, without waiting at the server: donations are for idle workers.
+    /// Leases the next task if the worker's tasks do not last long enough. The request does not wait at the server,
+    /// because donations are for idle workers.
     pub(super) fn prefetch(&mut self, worker: WorkerId) {
         let w = &self.workers[worker as usize];
         if !w.tasks.has_enough(1, w.costs()) {
@@ -39,13 +40,13 @@ impl Sim<'_> {
         }
     }
 
-    /// Waits at the server with a pull, and sends requests besides.
+    /// Starts a pull that waits at the server, and sends requests meanwhile.
     pub(super) fn look_for_work(&mut self, worker: WorkerId) {
         self.pull(worker, true);
         self.pause(worker);
     }
 
-    /// Requests again after a pause twice as long as the last one, of which half is random.
+    /// Requests again after a pause twice as long as the last. Half of the pause is random.
     fn pause(&mut self, worker: WorkerId) {
         let [first_s, longest_s] = PAUSE_S;
         let w = &mut self.workers[worker as usize];
@@ -70,7 +71,7 @@ impl Sim<'_> {
     }
 
     fn request(&mut self, worker: WorkerId) {
-        // A worker that has just reconnected hears from the queue first.
+        // A worker that has just reconnected waits for the queue first.
         if self.away_until_us > 0 && self.now_us < self.away_until_us + us(RECONNECT_S) {
             return self.pause(worker);
         }
@@ -88,7 +89,7 @@ impl Sim<'_> {
         }
     }
 
-    /// A donation, if there is one, comes by the waiting pull, or goes to another worker.
+    /// Handles the answer. A donated task arrives through the waiting pull, or another worker gets it.
     pub(super) fn answered(&mut self, worker: WorkerId) {
         if self.is_idle(worker) {
             self.pause(worker);
@@ -96,11 +97,11 @@ impl Sim<'_> {
     }
 
     pub(super) fn requested(&mut self, donor: WorkerId, by: WorkerId) {
-        // The request says in which time the requester loads a scene.
+        // The request contains the time that the requester takes to load a scene.
         let load_s = self.workers[by as usize].load_s;
         let w = &mut self.workers[donor as usize];
         if w.requester.is_some() {
-            // One after the other.
+            // The donor answers one requester at a time.
             let again = WorkerEvent::Requested { by };
             return self.at_worker_after(2 * self.way_us() + 1, donor, again);
         }
@@ -121,7 +122,7 @@ impl Sim<'_> {
 
     pub(super) fn refresh_listening(&mut self, worker: WorkerId) {
         let w = &self.workers[worker as usize];
-        // While it publishes it goes on listening: other requesters wait for their turn.
+        // A donor listens while it publishes; other requesters wait for their turn.
         if w.requester.is_none() {
             let offers = w.tasks.offers(w.costs(), None);
             self.listen(worker, !offers.is_empty());

@@ -19,7 +19,7 @@ pub struct Tile {
     pub height: u32,
 }
 
-/// Instruction set of the kernels. All give the same bits.
+/// Instruction set of the kernels. All instruction sets yield the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Isa {
     /// The baseline of the architecture (SSE2 on x86-64).
@@ -29,7 +29,7 @@ pub enum Isa {
 }
 
 impl Isa {
-    /// The fastest that this machine has.
+    /// The fastest instruction set of this machine.
     pub fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
@@ -41,23 +41,23 @@ impl Isa {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct TileResult {
-    /// Row by row.
+    /// Pixels in row-major order.
     pub pixels: Vec<PixelMeans>,
-    /// Samples a pixel that each layer's strongest order took (0: the layer is not asked for, or the range holds none of
-    /// R's); of an adaptive scene the most.
+    /// Samples per pixel of each layer's strongest order; in an adaptive scene, the largest number of any pixel. 0 if
+    /// the scene does not request the layer, or if the range has no samples of R.
     pub samples: PerLayer<u32>,
-    /// Of an adaptive scene: the same summed over the pixels.
+    /// `samples` summed over the pixels, for an adaptive scene.
     pub sample_sums: Option<PerLayer<u64>>,
-    /// Paths of each layer.
+    /// Number of paths of each layer.
     pub paths: PerLayer<u64>,
-    /// Paths of each layer that ended on the border's continuation.
+    /// Number of paths of each layer that ended beyond the border, on the continued surface.
     pub misses: PerLayer<u64>,
 }
 
 /// Traces `samples` (a power-of-two block, or all) of each pixel of `tile`.
 ///
-/// A pure function: its bits depend on neither the tile's shape nor `isa`, thread, time or machine.
-/// Panics if the tile leaves the film or the range is not an aligned block.
+/// A pure function: the bits of a pixel do not depend on the tile's shape, `isa`, thread, time or machine. Panics if
+/// the tile leaves the film or the range is not an aligned block.
 pub fn trace_tile(scene: &Scene, tile: Tile, samples: Range<u32>, isa: Isa) -> TileResult {
     assert!(
         tile.x + tile.width <= scene.film.width && tile.y + tile.height <= scene.film.height,
@@ -72,7 +72,7 @@ pub fn trace_tile(scene: &Scene, tile: Tile, samples: Range<u32>, isa: Isa) -> T
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
         Isa::Avx2 if std::arch::is_x86_feature_detected!("avx2") => {
-            // SAFETY: the machine has AVX2, as just asked.
+            // SAFETY: the check above found AVX2 on this machine.
             unsafe { trace_avx2(scene, tile, samples) }
         }
         _ => trace::<false>(scene, tile, samples),

@@ -1,4 +1,4 @@
-//! The queue's server: keys are made, and the configuration starts a server that requires TLS and a key.
+//! The key script makes keys for the queue's server, and the configuration starts a server that requires TLS and a key.
 
 use super::launch;
 use crate::support::nats::SecureNats;
@@ -16,7 +16,7 @@ fn read(folder: &Path, name: &str) -> String {
     std::fs::read_to_string(folder.join("keys").join(name)).unwrap()
 }
 
-/// Bytes of unpadded base32 (RFC 4648).
+/// Decodes unpadded base32 (RFC 4648).
 fn base32(text: &str) -> Vec<u8> {
     let (mut bytes, mut bits, mut have) = (Vec::new(), 0_u32, 0);
     for letter in text.bytes() {
@@ -36,7 +36,7 @@ fn base32(text: &str) -> Vec<u8> {
     bytes
 }
 
-/// CRC-16/XMODEM.
+/// CRC-16/XMODEM, the checksum of nkeys.
 fn crc16(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0, |crc, byte| {
         (0..8).fold(crc ^ (u16::from(*byte) << 8), |crc, _| {
@@ -45,7 +45,7 @@ fn crc16(bytes: &[u8]) -> u16 {
     })
 }
 
-/// An nkey's prefix and key, its checksum tested.
+/// Decodes an nkey to its prefix and key, and checks its checksum.
 fn nkey(text: &str, prefix: usize) -> (Vec<u8>, Vec<u8>) {
     let bytes = base32(text.trim());
     assert_eq!(bytes.len(), prefix + 32 + 2, "{text}");
@@ -75,7 +75,7 @@ fn each_role_has_its_own_key() {
         assert_eq!(prefix, [(18 << 3) | (20 >> 2), 0]);
         let (prefix, public) = nkey(&public, 1);
         assert_eq!(prefix, [20 << 3]);
-        // The two match: openssl derives the public key from the seed.
+        // Seed and public key match: openssl derives the same public key from the seed.
         let der = folder.path().join("seed.der");
         let head = b"\x30\x2e\x02\x01\x00\x30\x05\x06\x03\x2b\x65\x70\x04\x22\x04\x20";
         std::fs::write(&der, [head.as_slice(), &seed].concat()).unwrap();
@@ -113,7 +113,7 @@ fn keys_are_for_their_owner_alone() {
         }
         assert_eq!(role.metadata().unwrap().permissions().mode() & 0o077, 0);
     }
-    // The authority's key is only in its folder, and no key of openssl is left.
+    // Only the authority's folder has the authority's key, and no folder has temporary files of openssl.
     for role in ROLES {
         let files = std::fs::read_dir(keys.join(role)).unwrap();
         let mut names: Vec<_> = files.map(|f| f.unwrap().file_name()).collect();
@@ -135,7 +135,7 @@ fn existing_keys_are_kept_and_missing_keys_are_made() {
     let first = all();
     make_keys(&folder.path().join("keys"), &["localhost"]).unwrap();
     assert_eq!(all(), first);
-    // Exchange a key and rename the server.
+    // Replace a key and rename the server.
     std::fs::remove_dir_all(folder.path().join("keys/worker")).unwrap();
     make_keys(&folder.path().join("keys"), &["queue.example", "::1"]).unwrap();
     let second = all();
@@ -172,7 +172,7 @@ fn the_server_accepts_the_configuration_and_requires_tls_and_a_key() {
     assert!(hello["nonce"].is_string(), "{hello}");
 }
 
-/// The server would take `GLASSHOUSE_*` as a literal name and match no subject.
+/// A wildcard must be a whole token: the server takes `GLASSHOUSE_*` as a literal name that matches no subject.
 #[test]
 fn wildcards_stand_for_whole_tokens() {
     let text = std::fs::read_to_string(launch("nats/server.conf")).unwrap();
