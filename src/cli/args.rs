@@ -1,4 +1,4 @@
-//! Arguments that commands share. This file imports no command.
+//! Arguments that several commands share. This file imports no command.
 
 use super::exit_code::{Exit, Failure, failure};
 use crate::farm::queue::NatsOptions;
@@ -87,7 +87,7 @@ pub(super) fn isa(global: &Global) -> Result<Isa, Failure> {
     }
 }
 
-/// A command line value as the user types it.
+/// The text of a value on the command line.
 pub(super) fn typed(value: &impl ValueEnum) -> String {
     let name = value.to_possible_value();
     name.map_or_else(String::new, |name| name.get_name().to_owned())
@@ -205,7 +205,7 @@ pub(super) enum SplitName {
 }
 
 impl SplitName {
-    /// As it is typed.
+    /// The text of the value on the command line.
     #[cfg(feature = "train")]
     pub(super) fn name(self) -> &'static str {
         match self {
@@ -215,7 +215,7 @@ impl SplitName {
         }
     }
 
-    /// Whether it includes scenes of `split`.
+    /// True if the choice includes scenes of `split`.
     pub(super) fn has(self, split: Split) -> bool {
         match self {
             Self::Test => split == Split::Test,

@@ -5,13 +5,13 @@
 //!                                                               `-> align (is the truth where the picture is?)
 //! ```
 //!
-//! [`run`] scores all pictures of a [`Subject`], a folder of pairs or a run's scenes, by every [`Method`].
+//! [`run`] scores all pictures of a [`Subject`] (a folder of pairs, or the scenes of a run) for every [`Method`].
 //!
-//! Papers use different protocols, whose numbers do not compare; `score` computes two of them side by side. Real pairs are
-//! photographed one after the other, and some are misaligned: `align` finds them, and tables give means with and without
-//! them.
+//! Papers use different protocols, and their scores are not comparable; `score` computes scores by two protocols. The
+//! two photographs of a real pair are not simultaneous, so some pairs are misaligned: `align` finds these pairs, and
+//! tables have means with and without them.
 //!
-//! Only `pairs` and `picture` touch files.
+//! Only `pairs` and `picture` access files.
 
 mod align;
 mod error;

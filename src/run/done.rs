@@ -1,11 +1,11 @@
-//! Whether a scene's tuple is done.
+//! Checks whether a scene's tuple is complete.
 
 use super::keys;
 use crate::store::{Store, StoreError};
 use render::line::SceneLine;
 use render::merge::{is_record_of, tuple_files};
 
-/// Whether the store has all files of the scene's tuple, made from this line by this version of the tracer.
+/// True if the store has all files of the scene's tuple, and this version of the tracer made them from this line.
 pub(crate) fn is_done(store: &Store, line: &SceneLine) -> Result<bool, StoreError> {
     let Some(record) = store.get(&keys::tuple_record(&line.id))? else {
         return Ok(false);

@@ -1,4 +1,5 @@
-//! `inspect` on damaged files names the damage, its place and a remedy; never "whole", never a panic.
+//! Checks that `inspect` on a damaged file names the damage, its location and a remedy. It never reports the file as
+//! whole and never panics.
 
 use crate::every_file::files;
 use crate::inspect::one;
@@ -25,7 +26,7 @@ fn inspect(
     (ended.code, one(&ended), page.stdout)
 }
 
-/// Damage that is explained: every problem says what to do.
+/// Asserts that the output explains the damage and that every problem has a remedy.
 fn explained(path: &Path, (code, file, page): &(Option<i32>, Value, String)) {
     let path = path.display();
     assert_eq!(*code, Some(4), "{path}: {file:#}");
@@ -54,10 +55,10 @@ fn cut_and_changed_files_are_explained() {
             let cut = inspect(folder, path, |bytes| {
                 bytes.truncate(bytes.len() * (part - 1) / part);
             });
-            // Half a table in TOML or Markdown, or of a list, may be a whole one; TensorBoard checks its own files.
+            // Half of a TOML file, a Markdown table or a list may be valid. TensorBoard checks its own files.
             let is_text = ["recipe", "depth_ranges", "evaluation_table", "listing", "events"]
                 .contains(&known.kind);
-            // So may half a manifest that no spec holds the digest of.
+            // Half of a manifest may be valid, too, if no spec has its digest.
             let is_free = is_text || (known.kind == "manifest" && known.whole.is_none());
             if !is_free || cut.0 == Some(4) {
                 explained(path, &cut);
@@ -67,7 +68,7 @@ fn cut_and_changed_files_are_explained() {
         let empty = inspect(folder, path, Vec::clear);
         explained(path, &empty);
         assert!(empty.2.contains("empty"), "{}", empty.2);
-        // In the middle of the pixels, the weights, the records, the lines.
+        // Changes the middle of the file: pixels, weights, records or lines.
         let changed = inspect(folder, path, |bytes| {
             let middle = bytes.len() / 2;
             bytes[middle] ^= 0x01;
@@ -77,7 +78,7 @@ fn cut_and_changed_files_are_explained() {
         } else {
             assert_ne!(changed.1["whole"], true, "{}: {:#}", path.display(), changed.1);
         }
-        // Its first bytes are another's.
+        // Replaces the first bytes by those of another format.
         let foreign = inspect(folder, path, |bytes| {
             let length = bytes.len().min(300);
             bytes[..length].fill(0xfe);
@@ -101,7 +102,7 @@ fn where_it_is_wrong_is_said() {
         bytes.truncate(bytes.len() / 2);
     });
     assert!(file["problems"][0]["where"].as_str().unwrap().starts_with("line "), "{file:#}");
-    // Another version's.
+    // Changes the version of the schema.
     let (_, file, _) = inspect(folder, Path::new("runs/smoke/spec.json"), |bytes| {
         let text = String::from_utf8(bytes.clone())
             .unwrap()

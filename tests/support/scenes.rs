@@ -1,4 +1,4 @@
-//! Recipes, photographs and scene lines to work on, and the run that all others are compared with.
+//! Recipes, photographs and scene lines for tests, and the reference run that tests compare other runs with.
 
 use super::outputs::{Tuples, tuples};
 use super::program::{run, text};
@@ -36,11 +36,11 @@ name = "test"
 pairs = { sample = 1 }
 "#;
 
-/// Scenes of [`RECIPE`], and shards of one with tiles of 16 px.
+/// Number of scenes of [`RECIPE`], and number of shards of one scene with tiles of 16 px.
 pub(crate) const SCENES: usize = 4;
 pub(crate) const SHARDS: usize = 24;
 
-/// A folder with the recipe in it, and room for a run.
+/// A folder that contains the recipe and gets a run.
 pub(crate) struct Place {
     pub(crate) folder: TempDir,
     pub(crate) recipe: PathBuf,
@@ -56,7 +56,7 @@ pub(crate) fn place() -> Place {
 }
 
 impl Place {
-    /// The command line of `run` or `plan` with tiles of 16 px, and more arguments.
+    /// Arguments of `run` or `plan` with tiles of 16 px, followed by `more`.
     pub(crate) fn arguments<'a>(&'a self, command: &'a str, more: &[&'a str]) -> Vec<&'a str> {
         let (recipe, out) = (text(&self.recipe), text(&self.run));
         let mut all = vec![command, recipe, "--out", out, "--tile", "16"];
@@ -64,7 +64,7 @@ impl Place {
         all
     }
 
-    /// Plans with tiles of 16 px.
+    /// Plans the run with tiles of 16 px.
     pub(crate) fn plan(&self) {
         run(&self.arguments("plan", &[])).expect(0);
     }
@@ -82,7 +82,7 @@ pub(crate) fn reference() -> &'static Tuples {
     })
 }
 
-/// All partials of one scene of a planned run, made through the library.
+/// Traces all partials of one scene of a planned run with the library.
 pub(crate) fn partials(run: &Path, scene: usize) -> (String, Vec<Partial>) {
     let run = Run::open(run, &Roots::default()).unwrap();
     let line = &run.lines[scene];
@@ -94,7 +94,7 @@ pub(crate) fn partials(run: &Path, scene: usize) -> (String, Vec<Partial>) {
     (line.id.to_string(), partials)
 }
 
-/// Writes partials where `work` looks for them; their paths.
+/// Writes partials to the folder that `work` reads, and returns their paths.
 pub(crate) fn put_partials(run: &Path, scene: &str, partials: &[Partial]) -> Vec<PathBuf> {
     let folder = run.join("partials").join(scene);
     std::fs::create_dir_all(&folder).unwrap();
@@ -106,7 +106,7 @@ pub(crate) fn put_partials(run: &Path, scene: &str, partials: &[Partial]) -> Vec
     partials.iter().map(put).collect()
 }
 
-/// Two photographs of 64 x 48 px in `folder`: `a` and `b`, colour, depth and mask.
+/// Writes two photographs of 64 x 48 px to `folder`: `a` and `b`, each with colour, depth and mask.
 pub(crate) fn photographs(folder: &Path) {
     let made = run(&[
         "sample",
@@ -131,7 +131,7 @@ pub(crate) fn photographs(folder: &Path) {
     }
 }
 
-/// A scene line over `a` and `b`.
+/// A scene line with the photographs `a` and `b`.
 pub(crate) fn scene(id: &str) -> Value {
     let photograph = |name: &str| {
         json!({
@@ -149,7 +149,7 @@ pub(crate) fn scene(id: &str) -> Value {
     })
 }
 
-/// Scene lines as a `.jsonl`.
+/// Writes scene lines to a `.jsonl`.
 pub(crate) fn write_lines(path: &Path, lines: &[Value]) {
     let mut text = String::new();
     for line in lines {
@@ -159,7 +159,7 @@ pub(crate) fn write_lines(path: &Path, lines: &[Value]) {
     std::fs::write(path, text).unwrap();
 }
 
-/// A `.npy` of f32.
+/// Bytes of a `.npy` of f32.
 pub(crate) fn npy(shape: &str, values: &[f32]) -> Vec<u8> {
     let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}");
     while (10 + header.len() + 1) % 64 != 0 {

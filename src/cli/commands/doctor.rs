@@ -35,7 +35,7 @@ pub(super) struct DoctorArgs {
     keys: NatsKeys,
 }
 
-/// A store that does not answer within this time is reported.
+/// `doctor` reports a store that does not answer within this time.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 pub(super) fn run(args: &DoctorArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -84,7 +84,7 @@ struct Found {
     findings: Vec<Finding>,
 }
 
-/// A line for each check, with the advice below it.
+/// Writes one line per check, with the advice below the line.
 impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let verdict = match (self.warn, self.fail) {
@@ -116,7 +116,7 @@ impl fmt::Display for Found {
     }
 }
 
-/// The run's golden shard, if there is a run, and whether the run can be worked on.
+/// The golden shard in the run's spec, and a finding on whether workers can use the run.
 fn planned(folder: &Path) -> (Option<Golden>, Option<Finding>) {
     let spec = std::fs::read(folder.join(keys::SPEC)).ok();
     let golden =
@@ -133,7 +133,7 @@ fn planned(folder: &Path) -> (Option<Golden>, Option<Finding>) {
     (golden, Some(finding))
 }
 
-/// The folder, or its nearest ancestor that exists.
+/// The folder itself, or the nearest existing ancestor.
 fn existing(folder: &Path) -> &Path {
     let mut above = folder.ancestors();
     let found = above.find(|folder| folder.is_dir() || folder.as_os_str().is_empty());

@@ -1,4 +1,4 @@
-//! The figures of a simulation, counted while it runs.
+//! Results of a simulation, counted during the simulation.
 
 use serde::{Serialize, Serializer};
 
@@ -17,7 +17,7 @@ pub(super) enum Kind {
     Listen,
 }
 
-/// Their names in tables and JSON, in the order of [`Kind`].
+/// Names of the kinds in tables and JSON, in the order of [`Kind`].
 const KINDS: [&str; 8] =
     ["publish", "pull", "deliver", "acknowledge", "renew", "ask", "answer", "listen"];
 
@@ -42,7 +42,7 @@ impl Tally {
         KINDS.iter().enumerate().map(of).collect()
     }
 
-    /// Messages of all kinds: the most in a second, and the median of the seconds up to `end_s`.
+    /// Largest number of messages of all kinds in one second, and the median over the seconds up to `end_s`.
     fn peak_and_median(&self, end_s: f64) -> (u32, u32) {
         let end = (end_s as usize).clamp(1, self.0.len().max(1));
         let mut sums: Vec<u32> = self.0.iter().map(|s| s.iter().sum()).collect();
@@ -65,15 +65,15 @@ pub struct Messages {
 /// The result of a simulation.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Outcome {
-    /// Seconds until the last tuple was in the store.
+    /// Seconds until the store has the last tuple.
     pub makespan_s: f64,
-    /// Seconds until the coordinator knew.
+    /// Seconds until the coordinator has found all tuples.
     pub known_s: f64,
     pub bound_s: f64,
     pub loads: u64,
     pub loads_per_scene: f64,
     pub shards_traced: u64,
-    /// Shards traced although the store had them.
+    /// Number of shards that workers traced again, after another worker had traced them.
     pub shards_traced_again: u64,
     /// Requests that a donor fulfilled.
     #[serde(rename = "gives")]
@@ -83,23 +83,23 @@ pub struct Outcome {
     #[serde(rename = "asked_in_vain")]
     pub requests_in_vain: u64,
     pub leases_ended: u64,
-    /// Acknowledgements that removed a message of another scene, after the stream was made anew.
+    /// Acknowledgements that removed a message of another scene, because the stream had been created again.
     pub wrong_acknowledgements: u64,
     /// Messages to and from the queue's server; an object by kind in JSON.
     #[serde(serialize_with = "by_kind")]
     pub messages: Vec<Messages>,
     pub peak_messages_per_s: u32,
-    /// Median of the seconds of the makespan.
+    /// Median number of messages per second of the makespan.
     pub median_messages_per_s: u32,
     pub most_in_stream: u64,
-    /// Workers' listings of partials: one when a scene is loaded, one when a part of a scene is stored.
+    /// Number of times that workers list partials: after loading a scene, and after storing a part of a scene.
     pub worker_listings: u64,
     /// Pages of 1000 keys that the coordinator listed.
     pub coordinator_pages: u64,
-    /// Pages of the queue's subjects that it listed.
+    /// Pages of the queue's subjects that the coordinator listed.
     pub subject_pages: u64,
     pub reconciles: u64,
-    /// Tasks that it published although their scene was done.
+    /// Tasks of finished scenes that the coordinator published.
     pub published_though_done: u64,
     pub events: u64,
 }

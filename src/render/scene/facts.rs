@@ -1,4 +1,4 @@
-//! Facts about a scene that loading determines.
+//! Facts about a scene that the program determines while it loads the scene.
 
 use super::place::MeshFacts;
 use super::relative::RelativeEnds;
@@ -10,20 +10,21 @@ use serde::{Deserialize, Serialize};
 pub struct SceneFacts {
     /// Focus distance; `null` is infinity.
     pub focus_distance_m: Option<f64>,
-    /// The orders of the glass that are followed.
+    /// Orders of the glass that the tracer follows.
     pub orders: Vec<OrderFact>,
-    /// Bound of the light of the dropped orders, linear radiance: to I from the front, to I and R~ from the back.
+    /// Upper bound of the light of dropped orders, linear radiance. I lacks the light of both sides, R~ the light of
+    /// the back.
     pub dropped_tail: Sides,
-    /// Share of depth pixels that are filled holes.
+    /// Share of depth pixels that the hole filler filled.
     pub filled_share: Sides,
-    /// Of the sides with relative depth: the ends in metres.
+    /// Near and far end of the depth range in metres, for sides with relative depth.
     #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
     pub relative_depth: SidesWith<RelativeEnds>,
-    /// Share of valid depth pixels nearer than the pane; they are traced nevertheless.
+    /// Share of valid depth pixels nearer than the pane. The tracer uses these pixels nevertheless.
     pub too_near_share: Sides,
     /// Largest linear radiance.
     pub max_radiance: Sides,
-    /// Of the sides that are meshes.
+    /// Facts about the sides that are meshes.
     #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
     pub meshes: SidesWith<MeshFacts>,
 }
@@ -31,9 +32,9 @@ pub struct SceneFacts {
 /// One value for each side.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sides {
-    /// Seen through the pane.
+    /// The side behind the pane, seen through it.
     pub front: f64,
-    /// Seen reflected in it.
+    /// The side before the pane, seen by reflection.
     pub back: f64,
 }
 
@@ -52,7 +53,7 @@ impl<T> SidesWith<T> {
     }
 }
 
-/// An order of the glass that is followed.
+/// An order of the glass that the tracer follows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OrderFact {
     /// `t0`, `t1`, ..., `r0`, `r1`, ...
@@ -62,7 +63,7 @@ pub struct OrderFact {
     pub samples: u32,
 }
 
-/// The orders of the plan, with the samples that each takes of `spp`.
+/// Orders of the plan, each with its number of samples out of `spp`.
 pub(super) fn order_facts(orders: &OrderPlan, spp: u32) -> Vec<OrderFact> {
     let block = spp.min(BLOCK as u32);
     let all = orders.front.iter().chain(&orders.back);

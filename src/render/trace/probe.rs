@@ -1,7 +1,7 @@
-//! The intersection kernel alone: the step of [`super::bundle`] from a bundle's lines to its hits.
+//! Runs the intersection kernel alone: the step of [`super::bundle`] from a bundle's lines to its hits.
 //!
-//! There is no clock here: a probe prepares camera samples and lines once, then finds each bundle's span and walks the
-//! grid as often as it is asked to. The caller measures the time.
+//! A probe prepares camera samples and lines once. Each call then finds every bundle's span and walks the grid; the
+//! caller measures the time.
 
 use super::camera::{CameraBlock, GROUPS, Pixel};
 use super::lanes::{LANES, Lane};
@@ -12,7 +12,7 @@ use super::slab::Order;
 use super::tile::Isa;
 use super::walk::{Lines, Walkers, walk_bundle};
 
-/// Bundles of 256 rays of one order, one bundle a pixel, ready to be intersected.
+/// Bundles of 256 rays of one order, one bundle per pixel, prepared for intersection.
 pub struct BundleProbe<'a> {
     scene: &'a Scene,
     view: &'a View,
@@ -23,22 +23,23 @@ struct Bundle<'a> {
     pixel: Pixel,
     maker: LineMaker<'a>,
     lines: [Lines; GROUPS],
-    /// Only views without a closed form of their footprint use it; others share one block.
+    /// Camera samples of the bundle, for views that have no closed form of their footprint. Other views share one
+    /// block.
     camera: Option<Box<CameraBlock>>,
 }
 
-/// A ray in the capture camera's own frame: the point `origin + direction / w` has inverse depth w, where vertex (i, j)
-/// of the sheet is `((i + 0.5 - cx) / fx, (j + 0.5 - cy) / fy, 1) / w`.
+/// A ray in the frame of the capture camera: the point `origin + direction / w` has inverse depth w. In this frame,
+/// vertex (i, j) of the sheet is `((i + 0.5 - cx) / fx, (j + 0.5 - cy) / fy, 1) / w`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeRay {
-    /// In the plane z = 0, metres.
+    /// Origin in the plane z = 0, m.
     pub origin: [f32; 3],
-    /// z is 1.
+    /// Direction with z = 1.
     pub direction: [f32; 3],
 }
 
-/// Samples `first .. first + 256` of a pixel by the tracer's own block, `[pixel x, pixel y, lens u, lens v]`; `first` is a
-/// multiple of 256. For timing; [`super::sample`] is the definition.
+/// Samples `first .. first + 256` of a pixel by the tracer's own block, `[pixel x, pixel y, lens u, lens v]`; `first`
+/// is a multiple of 256. Benchmarks time this function; [`super::sample`] defines the samples.
 pub fn sample_block(
     sampling: Sampling,
     seed: &PixelSeed,
@@ -49,7 +50,7 @@ pub fn sample_block(
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
         Isa::Avx2 if std::arch::is_x86_feature_detected!("avx2") => {
-            // SAFETY: the machine has AVX2, as just asked.
+            // SAFETY: the check above found AVX2 on this machine.
             unsafe { sample_block_avx2(sampling, seed, first) }
         }
         _ => sample_block_here(sampling, seed, first),
@@ -72,23 +73,24 @@ fn sample_block_here(sampling: Sampling, seed: &PixelSeed, first: u32) -> [[f32;
     block
 }
 
-/// How far the rays of a probe go over the grid, counted from where they start and where they end.
+/// Lengths of the rays' walks over the grid, computed from their start and end points.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WalkCount {
     pub rays: u64,
-    /// Cells that they touch from the beginning of their bundle's span to their hit.
+    /// Number of cells that the rays touch, from the start of their bundle's span to their hit.
     pub cells: u64,
-    /// Groups of sixteen rays.
+    /// Number of groups of sixteen rays.
     pub groups: u64,
     /// Cells of the longest ray of each group, summed: rounds of a kernel that walks a group until its last ray ends.
     pub rounds: u64,
 }
 
 impl<'a> BundleProbe<'a> {
-    /// Bundles of `order` (`None`: R's pinhole, which sees no glass) of every `step_px`-th pixel across and down: their
-    /// first 256 samples; the scene must have at least as many.
+    /// Prepares bundles of `order` (`None`: the pinhole of R, without glass) for every `step_px`-th pixel across and
+    /// down. A bundle has the first 256 samples of its pixel; the scene must have at least as many.
     ///
-    /// `None` if no grid is walked: R with apex `mirror`, whose hits do not depend on the sheet, and meshes.
+    /// Returns `None` if the tracer walks no grid: for meshes, and for R with apex `mirror`, because its hits do not
+    /// depend on the sheet.
     pub fn new(scene: &'a Scene, order: Option<Order>, step_px: u32) -> Option<Self> {
         assert!(scene.spp as usize >= BLOCK, "a bundle has {BLOCK} samples");
         let surface = match order {
@@ -124,30 +126,31 @@ impl<'a> BundleProbe<'a> {
         Some(Self { scene, view, bundles })
     }
 
-    /// Rays of all bundles.
+    /// Number of rays of all bundles.
     pub fn len(&self) -> usize {
         self.bundles.len() * BLOCK
     }
 
-    /// The film has no pixel.
+    /// True if the probe has no bundle.
     pub fn is_empty(&self) -> bool {
         self.bundles.is_empty()
     }
 
-    /// The sheet that the rays meet.
+    /// The view with the sheet that the rays hit.
     pub fn view(&self) -> &View {
         self.view
     }
 
-    /// Span and walk of every bundle: inverse depths (1/m) of all hits into `hits`, in the order of the rays. Benchmarks time
-    /// this call. The result depends on the scene alone, not on `isa`. Panics if `hits` has another length.
+    /// Computes span and walk of every bundle, and writes the inverse depths (1/m) of all hits to `hits`, in the order
+    /// of the rays. Benchmarks time this call. The result depends on the scene alone, not on `isa`. Panics if `hits`
+    /// has another length.
     pub fn intersect(&self, isa: Isa, hits: &mut [f32]) {
         assert_eq!(hits.len(), self.len(), "a hit for each ray");
         match isa {
             #[cfg(target_arch = "x86_64")]
             #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
             Isa::Avx2 if std::arch::is_x86_feature_detected!("avx2") => {
-                // SAFETY: the machine has AVX2, as just asked.
+                // SAFETY: the check above found AVX2 on this machine.
                 unsafe { self.intersect_avx2(hits) }
             }
             _ => self.intersect_here::<false>(hits),
@@ -172,7 +175,7 @@ impl<'a> BundleProbe<'a> {
         }
     }
 
-    /// All rays, in the order in which they are intersected.
+    /// All rays, in the order of [`Self::intersect`].
     pub fn rays(&self) -> Vec<ProbeRay> {
         let focal = self.view.focal_px.map(f64::abs);
         let principal = self.view.principal;
@@ -215,7 +218,7 @@ impl<'a> BundleProbe<'a> {
         count
     }
 
-    /// Cells that each of sixteen rays touches; those beyond the outermost columns and rows are one.
+    /// Number of cells that each of sixteen rays touches. All cells beyond the outermost columns and rows count as one.
     fn cells(&self, base: [i32; 2], lines: &Lines, from_w: f32, hits: &Lane) -> [u64; LANES] {
         let grid = &self.view.grid;
         let cell = |at: f32, base: i32, n: usize| {
