@@ -1,4 +1,4 @@
-//! Error against CPU seconds as a log-log plot in plain SVG.
+//! Plots error against CPU seconds on logarithmic axes, as plain SVG.
 
 use super::ladder::{LayerRow, VARIANTS};
 use crate::plot::{Axis, LAYER_COLOURS, Panel, Stroke};
@@ -13,12 +13,13 @@ const PANEL: [f64; 2] = [360.0, 340.0];
 const TOP: f64 = 64.0;
 const LEFTS: [f64; 2] = [72.0, 544.0];
 
-/// The plotted number of a row.
+/// Returns the plotted number of a row.
 type Measure = fn(&LayerRow) -> f64;
 
-/// The plot: RMSE of the whole layer on the left, of its worst 8 x 8 px on the right; a line for each layer and variant.
+/// Plots the RMSE of whole layers on the left and of their worst 8 x 8 px on the right, with one line for each layer
+/// and variant.
 ///
-/// `title` is text. Rows without an error above 0 are left out.
+/// `title` is plain text. The plot omits rows without a positive error.
 pub fn error_plot(rows: &[LayerRow], title: &str) -> String {
     let panels: [(&str, Measure); 2] = [
         ("RMSE of the layer, linear light", |row| row.deviation.rmse),

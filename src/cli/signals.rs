@@ -1,4 +1,4 @@
-//! First SIGINT or SIGTERM: finish the shards in flight. Second: end at once.
+//! Signals: after the first SIGINT or SIGTERM, the program finishes the shards in flight; the second ends it at once.
 
 use super::exit_code::Exit;
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
@@ -17,8 +17,9 @@ impl Signals {
         let stop = Arc::new(AtomicBool::new(false));
         let which = Arc::new(AtomicUsize::new(0));
         for signal in [SIGINT, SIGTERM, SIGUSR1] {
-            // In this order: the first signal finds `stop` unset and sets it; only a second one exits. A signal that
-            // cannot be caught keeps its default action and ends the program, which loses no durable result.
+            // The order matters: the first signal finds `stop` unset and sets it, and only the second signal exits. A
+            // signal that cannot be caught keeps its default action and ends the program, which loses no durable
+            // result.
             let code = 128 + signal;
             let _ =
                 signal_hook::flag::register_conditional_shutdown(signal, code, Arc::clone(&stop));
@@ -28,7 +29,7 @@ impl Signals {
         Self { stop, which }
     }
 
-    /// Set by the first signal.
+    /// The flag that the first signal sets.
     pub(super) fn stop(&self) -> &AtomicBool {
         &self.stop
     }

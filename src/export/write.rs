@@ -1,4 +1,4 @@
-//! Writes an export: tuples are read and encoded on all threads in batches, and written in order.
+//! Writes an export: reads and encodes tuples on all threads in batches, and writes them in order.
 
 use super::digest::FileRecord;
 use super::error::ExportError;
@@ -18,26 +18,26 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Tuples of a batch per thread.
+/// Number of tuples per thread in a batch.
 const BATCH: usize = 8;
-/// Most pixels of a batch, except for a single larger tuple: two batches are in memory.
+/// Largest number of pixels in a batch, because two batches are in memory. A larger tuple has a batch of its own.
 const BATCH_PIXELS: u64 = 1 << 23;
 /// Tuples encoded to estimate the size of an export.
 const TRIALS: usize = 8;
 
-/// The result. Its keys are those of `glasshouse.export/1`.
+/// Result of an export. It has the keys of `glasshouse.export/1`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Exported {
     /// Tuples by split, including those of earlier calls.
     pub tuples: BTreeMap<Split, u64>,
-    /// Tuples of earlier calls.
+    /// Number of tuples that earlier calls wrote.
     #[serde(rename = "tuples_resumed")]
     pub resumed: u64,
-    /// Files, without `SHA256SUMS`.
+    /// Number of files, without `SHA256SUMS`.
     pub files: u64,
     pub bytes: u64,
     pub already_complete: bool,
-    /// The stop flag ended it early; the same command resumes.
+    /// True if the stop flag ended the export early; the same command resumes it.
     #[serde(skip)]
     pub stopped: bool,
 }
@@ -51,8 +51,8 @@ pub struct ExportWork<'a> {
     pub on_tuples: &'a (dyn Fn(u64, bool) + Sync),
 }
 
-/// Exports a run into `out`, or resumes an earlier call; then the scenes are those of that call, which the returned plan
-/// names.
+/// Exports a run into `out`, or resumes an earlier call. A resumed export has the scenes of the earlier call; the
+/// returned plan lists them.
 pub fn export(
     run: &Run,
     store: &Store,
@@ -60,7 +60,7 @@ pub fn export(
     out: &Path,
     work: &ExportWork,
 ) -> Result<(ExportPlan, Exported), ExportError> {
-    // Checked before anything is written.
+    // Checks the folder before the first write.
     if look(out, &plan.request)? == FolderState::Complete && !out.join(STATE_FOLDER).exists() {
         return Ok(nothing_to_do(run, plan));
     }
@@ -107,7 +107,7 @@ pub fn export(
     Ok((plan, exported))
 }
 
-/// The result for an export that is complete already.
+/// The result for an export that is already complete.
 fn nothing_to_do(run: &Run, plan: ExportPlan) -> (ExportPlan, Exported) {
     let mut exported = Exported { already_complete: true, ..Exported::default() };
     for &scene in &plan.scenes {
@@ -116,7 +116,7 @@ fn nothing_to_do(run: &Run, plan: ExportPlan) -> (ExportPlan, Exported) {
     (plan, exported)
 }
 
-/// Estimated bytes of an export, from some encoded tuples.
+/// Estimates the size of an export from some encoded tuples, bytes.
 pub fn foretell_bytes(run: &Run, store: &Store, plan: &ExportPlan) -> Result<u64, ExportError> {
     let count = plan.scenes.len();
     let trials = count.min(TRIALS);
@@ -195,7 +195,7 @@ impl SplitWriter<'_> {
         let mut written = Vec::new();
         if request.format != ExportFormat::Webdataset {
             for (name, bytes) in sample.files.drain(..) {
-                // Made durable once per part.
+                // Relaxed, because the export syncs files once per part.
                 atomic_file::write_relaxed(&self.folder.path(&name), &bytes)?;
                 written.push(FileRecord::new(&name, &bytes));
             }

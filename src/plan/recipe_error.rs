@@ -7,22 +7,22 @@ use render::scene::GeometryError;
 /// A recipe cannot be used, or cannot be expanded with its photographs.
 #[derive(Debug, thiserror::Error)]
 pub enum RecipeError {
-    /// Not TOML, an unknown key, or a value of the wrong kind; the source names the place.
+    /// The file is not TOML, or has an unknown key or a value of the wrong type. The source error names the location.
     #[error("the recipe cannot be read: {0}")]
     Toml(#[from] Box<toml::de::Error>),
     #[error("recipe key {key} {problem}")]
     Key {
-        /// The key, with dots.
+        /// Dotted path of the key.
         key: String,
-        /// Its value, the problem, and the allowed values.
+        /// Value of the key, the problem, and the allowed values.
         problem: String,
     },
     #[error("source {source_name} has not been indexed: list its photographs before expanding")]
     NotIndexed { source_name: String },
-    /// A photograph is listed twice and could reach both splits.
+    /// A source lists a photograph twice, so the photograph could be in both splits.
     #[error("source {source_name} lists {color} twice: list each colour image once")]
     ListedTwice { source_name: String, color: String },
-    /// Splits share no photographs, and each needs two for a pair.
+    /// The source has too few photographs: splits share none, and each split needs two for a pair.
     #[error(
         "source {source_name} has {found} photographs, but {splits} splits that share none need at \
          least {needed}: add photographs, or take this source out of a split"
@@ -30,7 +30,7 @@ pub enum RecipeError {
     TooFewImages {
         source_name: String,
         found: usize,
-        /// Two per split.
+        /// Least number of photographs, two per split.
         needed: usize,
         /// Splits that draw from this source.
         splits: usize,
@@ -41,7 +41,7 @@ pub enum RecipeError {
     Refused {
         id: SceneId,
         attempts: u32,
-        /// The geometry's parameters with their ranges.
+        /// Parameters of the geometry with their ranges.
         ranges: String,
         source: GeometryError,
     },

@@ -8,20 +8,20 @@ use maud::{Markup, html};
 use render::layer::Layer;
 use std::collections::BTreeMap;
 
-/// Size of a plot, px of its own coordinates, and its area.
+/// Size of a plot and the ends of its axes, px.
 const SIZE: [f64; 2] = [480.0, 270.0];
 const X_ENDS: [f64; 2] = [60.0, 466.0];
 const Y_ENDS: [f64; 2] = [222.0, 46.0];
 /// Right end and baseline of the legend.
 const LEGEND: [f64; 2] = [466.0, 16.0];
-/// Steps of a curve, points of a cloud.
+/// Number of steps of a curve, and largest number of points of a scatter plot.
 const STEPS: usize = 200;
 const POINTS: usize = 800;
 
 /// CPU seconds of tracing a scene, by its index in the manifest.
 pub(super) type Costs = BTreeMap<usize, f64>;
 
-/// Plots and a table.
+/// The section with its plots and its table.
 pub(super) fn errors(run: &Run, survey: &Survey) -> Markup {
     let layers: Vec<LayerErrors> =
         (0..4).filter_map(|k| LayerErrors::of(k, &survey.done)).collect();
@@ -106,7 +106,7 @@ fn distribution(layers: &[LayerErrors]) -> Markup {
             places.push(count - 1);
         }
         for place in places {
-            // An error of 0 stands at the left end.
+            // Plots an error of 0 at the left end of the axis.
             let error = layer.sorted[place].0.max(panel.x.values[0]);
             let share = 100.0 * (place + 1) as f64 / count as f64;
             points.extend([panel.at((error, below)), panel.at((error, share))]);
@@ -127,7 +127,7 @@ fn distribution(layers: &[LayerErrors]) -> Markup {
     plot(SIZE, "Distribution of the stated errors of each layer", &content)
 }
 
-/// A point for each scene and layer: `across` of it, and its stated error.
+/// A scatter plot with one point for each scene and layer: `across` gives x, the stated error is y.
 fn cloud(
     survey: &Survey,
     label: &str,
@@ -211,7 +211,7 @@ fn summary(run: &Run, layers: &[LayerErrors]) -> Markup {
     table("Stated errors", &heads, &html! { @for layer in layers { (row(layer)) } })
 }
 
-/// Costs of the scenes with each shard in the logs exactly once.
+/// Costs of the scenes for which the logs have each shard exactly once.
 fn costs(run: &Run, survey: &Survey) -> Costs {
     let mut traced: BTreeMap<&str, (u32, f64)> = BTreeMap::new();
     for scene in survey.logs.iter().flat_map(|log| &log.scenes) {

@@ -1,4 +1,4 @@
-//! A farm's processes: coordinators and workers are started, watched and waited for.
+//! Starts and watches the processes of a farm, coordinators and workers, and waits for their end.
 
 use crate::support::nats::Nats;
 use crate::support::outputs::{Tuples, assert_same, files, tuples};
@@ -11,7 +11,7 @@ use std::process::{Child, Output};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Scenes take a few tenths of a second each, so that there is time to kill a process.
+/// A place with scenes that take a few tenths of a second each, so that tests have time to kill a process.
 pub(crate) fn slow_place() -> Place {
     let place = place();
     let recipe = std::fs::read_to_string(&place.recipe).unwrap();
@@ -20,7 +20,7 @@ pub(crate) fn slow_place() -> Place {
     place
 }
 
-/// Has one process make a place's recipe, in a folder of its own.
+/// Runs the recipe of a place in one process and a separate folder.
 pub(crate) fn run_alone(place: &Place) -> PathBuf {
     let folder = place.folder.path().join("alone");
     let (recipe, out) = (text(&place.recipe), text(&folder));
@@ -29,7 +29,7 @@ pub(crate) fn run_alone(place: &Place) -> PathBuf {
     folder
 }
 
-/// The tuples that one process makes of a place's recipe; each recipe is run once.
+/// The tuples that one process makes from the recipe of a place. Runs each recipe once.
 pub(crate) fn alone(place: &Place) -> &'static Tuples {
     static MADE: Mutex<BTreeMap<String, &'static Tuples>> = Mutex::new(BTreeMap::new());
     let recipe = std::fs::read_to_string(&place.recipe).unwrap();
@@ -56,7 +56,8 @@ pub(crate) fn worker(place: &Place, server: &Nats) -> Child {
     start("work", place, server, &["-j", "1"])
 }
 
-/// Waits up to [`LONGEST`] for the end of a process. Its output is read meanwhile, or a full pipe would block it.
+/// Waits up to [`LONGEST`] for the end of a process. Reads its output meanwhile, because a full pipe blocks the
+/// process.
 #[track_caller]
 pub(crate) fn end(mut child: Child) -> Ended {
     let pid = child.id();
@@ -91,12 +92,12 @@ pub(crate) fn end(mut child: Child) -> Ended {
     ended
 }
 
-/// Partials that were written and tuples that are whole.
+/// Number of partials and of files of tuples.
 pub(crate) fn results(run: &Path) -> usize {
     files(&run.join("partials")).len() + files(&run.join("tuples")).len()
 }
 
-/// Waits for the end of a coordinator and its workers, all of which must report the run as done.
+/// Waits for the end of a coordinator and its workers, and asserts that all of them report the run as done.
 #[track_caller]
 pub(crate) fn all_done(coordinator: Child, workers: impl IntoIterator<Item = Child>) {
     end(coordinator).expect(0);
@@ -105,14 +106,14 @@ pub(crate) fn all_done(coordinator: Child, workers: impl IntoIterator<Item = Chi
     }
 }
 
-/// The run is finished, and has these tuples.
+/// Asserts that the run is finished and has the expected tuples.
 #[track_caller]
 pub(crate) fn assert_whole(run: &Path, expected: &Tuples) {
     assert_same(&tuples(run), expected);
     assert_finished(run);
 }
 
-/// The store has no unfinished put, no partial, and no leftovers of a queue.
+/// Asserts that the store has no unfinished put, no partial and no remains of a queue.
 pub(crate) fn assert_finished(run: &Path) {
     assert!(run.join("finished.json").is_file());
     assert_eq!(files(&run.join("partials")), Vec::<PathBuf>::new());

@@ -1,4 +1,4 @@
-//! The properties of a server, for `glasshouse doctor`.
+//! Queries the properties of a NATS server, for `glasshouse doctor`.
 
 use super::QueueError;
 use super::nats::{ANSWER, NatsOptions, cause, shown, within};
@@ -11,11 +11,12 @@ pub struct NatsFacts {
     pub version: String,
     /// Time of a round trip.
     pub answer: Duration,
-    /// Limits of the account, or the error; `None` without an answer, as for a user without permission.
+    /// Limits of the account, or the error. The error is `None` if no answer arrives, for example if the user lacks
+    /// permission.
     pub account: Result<NatsAccount, Option<String>>,
     pub has_jetstream: bool,
-    /// The trial stream: its creation by the server's clock, and this machine's clock before and after. Not tried without
-    /// permission to read the limits.
+    /// Time of creation of a trial stream by the server's clock, and this machine's clock before and after. `None`
+    /// without permission to read the limits.
     pub made: Option<Result<(SystemTime, [SystemTime; 2]), String>>,
 }
 
@@ -28,7 +29,7 @@ pub struct NatsAccount {
     pub max_storage_bytes: Option<i64>,
 }
 
-/// Connects once, and queries the server. If that is allowed, a small stream in memory is made and removed.
+/// Connects once and queries the server. If the user may read the limits, creates and removes a small stream in memory.
 pub fn probe_nats(options: &NatsOptions) -> Result<NatsFacts, QueueError> {
     let (connect, servers) = (options.connect()?, options.servers()?);
     let connect = connect.request_timeout(Some(ANSWER));
@@ -44,7 +45,7 @@ pub fn probe_nats(options: &NatsOptions) -> Result<NatsFacts, QueueError> {
     }
     let answer = start.elapsed();
     let mut context = {
-        // The context spawns a task.
+        // The context spawns a task, which needs a runtime.
         let _runtime = crate::store::RUNTIME.enter();
         async_nats::jetstream::new(client.clone())
     };
@@ -77,7 +78,8 @@ fn account(context: &Context) -> Result<NatsAccount, Option<String>> {
     }
 }
 
-/// A worker may look up streams, if nothing else: an absent stream is an answer, too.
+/// True if JetStream answers a stream lookup, which workers may always do. The error for an absent stream is an answer,
+/// too.
 fn knows_streams(context: &Context, name: &str) -> bool {
     match within(ANSWER, context.get_stream(name)) {
         Some(Err(error)) => {
@@ -105,7 +107,7 @@ fn make(context: &Context, name: &str) -> Result<(SystemTime, [SystemTime; 2]), 
     let after = SystemTime::now();
     let nanoseconds = stream.cached_info().created.unix_timestamp_nanos();
     let since = Duration::from_nanos(u64::try_from(nanoseconds).unwrap_or(0));
-    // A stream that stays is empty, and the next doctor of this name uses it again.
+    // If the removal fails, the stream remains empty, and the next `doctor` of this name uses it again.
     let _ = within(ANSWER, context.delete_stream(name));
     Ok((UNIX_EPOCH + since, [before, after]))
 }

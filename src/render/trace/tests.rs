@@ -1,4 +1,4 @@
-//! The grid kernel and its bounds against f64: every triangle is tried, every ray of a bundle checked.
+//! Compares the grid kernel and its bounds with brute force in f64, for every ray of a bundle.
 
 #![allow(clippy::print_stdout, reason = "measured deviations, shown by --nocapture")]
 
@@ -12,7 +12,7 @@ use glam::{DMat3, DVec3, Vec3A};
 
 mod edges;
 
-/// Scrambles a counter: numbers in [0, 1) for rough surfaces and rays.
+/// Hashes a counter to a number in [0, 1), for rough surfaces and rays.
 pub(super) fn random(k: u64) -> f64 {
     let mut x = k.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x1234_5678;
     for _ in 0..2 {
@@ -33,10 +33,10 @@ pub(super) fn rough(nx: usize, ny: usize, key: u64) -> Grid {
     Grid::new(nx, ny, w)
 }
 
-/// Slack of a triangle's edges in [`brute`], px.
+/// Tolerance at the edges of a triangle in [`brute`], px.
 const EDGE: f64 = 1e-10;
 
-/// Largest w at which the line meets a triangle of the continued sheet, in f64; `None` if none was met.
+/// Largest w at which the line hits a triangle of the continued sheet, in f64; `None` if it hits none.
 fn brute(grid: &Grid, [x, y, sx, sy]: [f64; 4]) -> Option<f64> {
     let w = grid.inverse_depths_per_m();
     let (nx, ny) = (grid.nx() as i64, grid.ny() as i64);
@@ -72,7 +72,8 @@ fn brute(grid: &Grid, [x, y, sx, sy]: [f64; 4]) -> Option<f64> {
     best
 }
 
-/// Rays aimed at edges, diagonals, vertices and anywhere, some along an axis, some far outside.
+/// Aims ray `k` at an edge, a diagonal, a vertex or any point. Some rays run along an axis; with `exotic`, some targets
+/// lie outside the grid.
 fn aimed(grid: &Grid, k: u64, base: [i32; 2], exotic: bool) -> [f32; 4] {
     let r = |n: u64| random(k * 16 + n);
     let [bottom, top] = grid.extremes().map(f64::from);
@@ -120,7 +121,7 @@ pub(super) fn full_span(grid: &Grid, inside: bool) -> Span {
     Span { hi: top * 1.000_001, lo: bottom * 0.999_999, inside }
 }
 
-/// A wrong answer is one that no ray within 2e-5 px gives: f32 cannot tell those apart at a depth edge.
+/// True if a ray within 2e-5 px has the same hit in f64, because f32 cannot distinguish these rays at a depth edge.
 fn agrees(grid: &Grid, absolute: [f64; 4], w: f64) -> bool {
     const NEAR_PX: f64 = 2e-5;
     let close = |a: f64| (a - w).abs() <= 1e-4 * a;
@@ -134,7 +135,7 @@ fn agrees(grid: &Grid, absolute: [f64; 4], w: f64) -> bool {
             .collect();
     let lo = hits.iter().copied().fold(f64::INFINITY, f64::min);
     let hi = hits.iter().copied().fold(0.0, f64::max);
-    // On a skirt seen edge-on, w slides between the values of the neighbouring rays.
+    // On a skirt at a grazing angle, any w between the values of the neighbouring rays is correct.
     hits.first().is_some_and(|&w| close(w)) || (w >= lo * 0.9999 && w <= hi * 1.0001)
 }
 
@@ -173,7 +174,7 @@ fn walks_end_where_brute_force_does() {
     assert!(edge_flips * 50 < tested);
 }
 
-/// Every hit lies on the sheet: a ray that slipped between two cells would end in the air or below.
+/// Every hit lies on the sheet: a ray that leaks between two cells ends above or below the sheet.
 #[test]
 fn no_ray_leaks_between_cells() {
     let (mut tested, mut outside_gap) = (0, 0f64);
@@ -193,7 +194,7 @@ fn no_ray_leaks_between_cells() {
             let [x, y, sx, sy] = ray.map(f64::from);
             let hit = f64::from(hit);
             let (u, v) = (x + 17.0 + sx * hit, y + 13.0 + sy * hit);
-            // The distance in w to the sheet above the hit, over the cells that the point may belong to.
+            // Least distance in w between hit and sheet, over the cells that may contain the point.
             let mut gap = f64::INFINITY;
             for (du, dv) in [(0.0, 0.0), (1e-5, 1e-5), (-1e-5, -1e-5), (1e-5, -1e-5), (-1e-5, 1e-5)]
             {
@@ -223,7 +224,7 @@ fn no_ray_leaks_between_cells() {
     assert!(outside_gap < 2e-5);
 }
 
-/// A triangle mesh of the same sheet in projective space, traced by another ray tracer.
+/// Another ray tracer traces a triangle mesh of the same sheet in projective space.
 #[test]
 fn another_ray_tracer_finds_the_same_hits() {
     use obvhs::{
@@ -251,7 +252,7 @@ fn another_ray_tracer_finds_the_same_hits() {
     let top = grid.extremes()[1] * 1.01;
     let (mut tested, mut differing) = (0, 0);
     for block in 0..4000u64 {
-        // Not aimed at edges: both round there in their own way.
+        // Aims no ray at an edge, because the two ray tracers round differently there.
         let rays: Vec<_> = (0..LANES as u64)
             .map(|l| aimed(&grid, (block * LANES as u64 + l) * 30 + 29, [0, 0], false))
             .collect();
@@ -325,7 +326,7 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
     }
 }
 
-/// How far rays leave the box at w, px (negative: all inside).
+/// Largest distance of the rays outside the footprint's box at w, px; negative if all are inside.
 fn escape(footprint: &impl Footprint, lines: &[Lines], w: f32) -> f32 {
     let [u0, v0, u1, v1] = footprint.at(w);
     let mut farthest = f32::NEG_INFINITY;
@@ -340,7 +341,7 @@ fn escape(footprint: &impl Footprint, lines: &[Lines], w: f32) -> f32 {
     farthest
 }
 
-/// Footprints hold every ray of their bundle, and the span found by them changes no hit.
+/// Footprints contain every ray of their bundle, and the spans from footprints change no hit.
 #[test]
 fn footprints_and_spans_are_conservative() {
     let (mut bundles, mut closest, mut share) = (0u32, f32::NEG_INFINITY, 0.0);
@@ -420,7 +421,7 @@ fn footprints_and_spans_are_conservative() {
     );
 }
 
-/// The span of a grid seen through a footprint that is a point: a plain interval search.
+/// With a footprint of one point, the span is a plain interval search.
 #[test]
 fn spans_close_in_on_a_flat_sheet() {
     struct Everywhere;
@@ -436,8 +437,8 @@ fn spans_close_in_on_a_flat_sheet() {
     assert!(found.lo <= 0.5 && found.hi >= 0.5);
 }
 
-/// What another ray tracer is given: the rays in the capture camera's frame meet the sheet where the kernel says, on every
-/// instruction set, and the lengths of the walks add up.
+/// The rays that a probe exports in the capture camera's frame hit the sheet at the kernel's hits, on every instruction
+/// set, and the lengths of the walks add up.
 #[test]
 fn probed_rays_meet_the_sheet_where_the_kernel_says() {
     let (mut tested, mut cells) = (0, 0);
