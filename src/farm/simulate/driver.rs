@@ -153,9 +153,13 @@ impl Sim<'_> {
                     let acknowledge = ServerEvent::Acknowledge { sequence, stream };
                     self.after(delay_us, Event::AtServer(acknowledge));
                 }
-                Action::Publish { messages } => {
+                Action::Replace { lease, messages } => {
+                    let mut refused = false;
                     for message in &messages {
-                        self.store_message(message);
+                        refused |= self.store_message(message) == Some(false);
+                    }
+                    if !refused {
+                        actions.push_front(Action::Finish { lease });
                     }
                 }
                 Action::LeaveNote { .. }

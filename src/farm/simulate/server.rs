@@ -94,22 +94,22 @@ impl Sim<'_> {
         true
     }
 
-    /// Adds a message to the stream; false if the stream is gone.
-    pub(super) fn store_message(&mut self, message: &Message) -> bool {
+    /// Adds a message to the stream; false if the stream had it before. None if the stream is gone.
+    pub(super) fn store_message(&mut self, message: &Message) -> Option<bool> {
         self.tally.count(Kind::Publish, self.now_us);
-        if self.stream_is_there {
-            self.queue.publish(message);
+        self.stream_is_there.then(|| {
+            let is_new = self.queue.publish(message);
             let most = &mut self.outcome.most_in_stream;
             *most = (*most).max(self.queue.len() as u64);
-        }
-        self.stream_is_there
+            is_new
+        })
     }
 
     fn publish_arrives(&mut self, worker: WorkerId) {
         let outbox = self.workers[worker as usize].outbox.clone();
         let mut all = true;
         for offer in &outbox {
-            all &= self.store_message(&offer.message);
+            all &= self.store_message(&offer.message).is_some();
         }
         self.serve_waiting_pulls();
         self.reply(worker, WorkerEvent::Confirmed { all });

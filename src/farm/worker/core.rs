@@ -104,7 +104,6 @@ impl<'a> Worker<'a> {
     /// without an error: leases that are not finished end by themselves.
     pub(super) fn perform_in(&self, store: &Store, actions: Vec<Action>) -> Result<u64, FarmError> {
         let mut published = 0;
-        let mut keep_lease = false;
         for action in actions {
             match action {
                 Action::Store { task, shards } => {
@@ -131,18 +130,16 @@ impl<'a> Worker<'a> {
                     // A record that stays counts only if the task's next worker is lost, too.
                     let _ = store.delete(&[key]);
                 }
-                Action::Publish { messages } => {
+                Action::Replace { lease, messages } => {
                     let Ok(all_new) = self.queue.publish(&messages) else {
                         return Ok(published);
                     };
-                    keep_lease = !all_new;
                     published += messages.len() as u64;
-                }
-                Action::Finish { lease } => {
-                    if !std::mem::take(&mut keep_lease) {
+                    if all_new {
                         self.queue.finish(lease);
                     }
                 }
+                Action::Finish { lease } => self.queue.finish(lease),
             }
         }
         Ok(published)

@@ -199,8 +199,9 @@ impl Farm {
                 self.packets.push(Packet::Confirm(number, is_new));
             }
             Some(Packet::Confirm(number, is_new)) => {
+                let finishes = is_new || self.mistake == Some(Mistake::FinishesRefused);
                 for worker in &mut self.workers {
-                    worker.confirmed(number, is_new);
+                    worker.confirmed(number, finishes);
                 }
             }
             Some(Packet::Acknowledge(sequence)) => {

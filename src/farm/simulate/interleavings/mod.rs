@@ -28,6 +28,8 @@ enum Mistake {
     FinishesFirst,
     /// Requeued messages are not published.
     NeverPublishes,
+    /// A lease is finished though the queue had the messages that replace it before.
+    FinishesRefused,
     /// A partial counts as stored when it is on its way.
     StoredTooEarly,
     /// The last worker of a scene does not notice that it is the last one.
@@ -112,10 +114,18 @@ fn interleavings_reach_every_action() {
     }
     let actions =
         ["Store {", "Merge {", "CheckScene {", "Gather {", "LeaveNote {", "RemovePartials {"];
-    let more = ["ForgetAttempt {", "Publish {", "Finish {", "offers", "Sandbox", "gone: ["];
+    let more = ["ForgetAttempt {", "Replace {", "Finish {", "offers", "Sandbox", "gone: ["];
     for text in actions.into_iter().chain(more) {
         assert!(logs.contains(text), "{text}");
     }
+}
+
+#[test]
+fn a_finished_lease_whose_messages_were_refused_is_found() {
+    // One interleaving in 350,000 shows it; a change of the draws needs the seed of another.
+    let seed = 362_564;
+    run(seed, Some(Mistake::FinishesRefused), false).unwrap_err();
+    run(seed, None, false).unwrap();
 }
 
 #[test]

@@ -74,12 +74,12 @@ impl Worker {
         }
     }
 
-    /// The queue has a message. If it is not new, the lease that it replaces is not finished.
-    pub(super) fn confirmed(&mut self, number: u64, is_new: bool) {
+    /// The queue has a message. The lease that it replaces is finished only if the message is new.
+    pub(super) fn confirmed(&mut self, number: u64, finishes: bool) {
         for job in &mut self.jobs {
             if let Job::Confirmed(open, then) = job
                 && open.remove(&number)
-                && !is_new
+                && !finishes
                 && let Job::Act(actions) = &mut **then
                 && let Some(Action::Finish { .. }) = actions.front()
             {
@@ -287,13 +287,17 @@ impl Farm {
                     self.store.attempts.remove(&record(&task, n));
                 }
             }
-            Action::Publish { messages } => {
+            Action::Replace { lease, messages } => {
                 if self.mistake != Some(Mistake::NeverPublishes) {
                     for message in messages {
                         let number = self.number();
                         open.insert(number);
                         self.packets.push(Packet::Publish(number, message));
                     }
+                }
+                actions.push_front(Action::Finish { lease });
+                if self.mistake == Some(Mistake::FinishesFirst) {
+                    open.clear();
                 }
             }
             Action::Finish { lease } => self.packets.push(Packet::Acknowledge(lease as u32)),

@@ -28,10 +28,10 @@ pub(crate) enum Action {
     RemovePartials { scene: u32 },
     /// Remove record number `n` of the attempt at these shards, which has ended in order.
     ForgetAttempt { task: Task, n: u32 },
-    /// Publish messages, and wait for the queue's confirmation. If the queue had one of them already, the driver leaves out the
-    /// [`Finish`](Self::Finish) that follows: the other holder may have found its scene incomplete before this worker's last
-    /// shards were stored, and finish next. The lease then ends by itself, and the queue delivers the task again.
-    Publish { messages: Vec<Message> },
+    /// Publish messages in place of a lease: finish it once the queue has confirmed them. If the queue had one of them before,
+    /// leave the lease to end by itself, so that the queue delivers its task again: the worker that holds the earlier message
+    /// may have found the scene incomplete before this worker's last shards were stored, and would be the last to finish.
+    Replace { lease: u64, messages: Vec<Message> },
     /// Finish the lease: the queue removes its message.
     Finish { lease: u64 },
 }

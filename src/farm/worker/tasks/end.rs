@@ -54,7 +54,7 @@ impl<P> Tasks<P> {
     pub(crate) fn requeue_all(&mut self) -> Vec<Action> {
         let mut actions = self.end_all(TaskEvent::Requeue, |_| true);
         actions
-            .sort_by_key(|action| matches!(action, Action::Publish { .. } | Action::Finish { .. }));
+            .sort_by_key(|action| matches!(action, Action::Replace { .. } | Action::Finish { .. }));
         actions
     }
 
@@ -87,19 +87,20 @@ impl<P> Tasks<P> {
         };
         let leased = entry.message.task.clone();
         let forget = entry.attempt.map(|n| Action::ForgetAttempt { task: leased.clone(), n });
-        let finish = Action::Finish { lease: entry.lease };
+        let lease = entry.lease;
+        let finish = Action::Finish { lease };
         let note = || Action::LeaveNote { task: leased.clone() };
-        let publish = || Action::Publish { messages: entry.rest() };
+        let replace = || Action::Replace { lease, messages: entry.rest() };
         let remove = Action::RemovePartials { scene: leased.scene };
         let actions = match end {
             End::Merged => vec![Some(remove), forget, Some(finish)],
             End::DoneInPart => vec![Some(note()), forget, Some(finish)],
             End::Done | End::Damaged | End::Donated | End::Failed => vec![forget, Some(finish)],
             End::SetAside => vec![Some(finish)],
-            End::Retried => vec![Some(publish()), Some(finish)],
+            End::Retried => vec![Some(replace())],
             End::Requeued => {
                 let note = entry.shards.has_stored().then(note);
-                vec![forget, note, Some(publish()), Some(finish)]
+                vec![forget, note, Some(replace())]
             }
             End::Cancelled => vec![forget],
         };

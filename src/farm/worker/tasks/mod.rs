@@ -259,8 +259,8 @@ impl<P> Tasks<P> {
         let of = |&shard: &u32| entry.message(shard..shard + 1);
         let messages = missing.iter().map(of).collect();
         let mut actions = self.end(task, TaskEvent::Damaged);
-        if let Some(finish) = actions.pop() {
-            actions.extend([Action::Publish { messages }, finish]);
+        if let Some(Action::Finish { lease }) = actions.pop() {
+            actions.push(Action::Replace { lease, messages });
         }
         actions
     }

@@ -81,7 +81,7 @@ fn a_part_of_a_scene_is_written_at_once_and_ends_when_it_is_stored() {
     assert_eq!(last.gathered(task, &[]), [Action::Merge { task }]);
     assert!(!last.is_alone(task));
     let messages = vec![message(5..6)];
-    let again = [forget(2..4), Action::Publish { messages }, FINISH];
+    let again = [forget(2..4), Action::Replace { lease: 1, messages }];
     assert_eq!(damaged.gathered(task, &[5]), again);
 }
 
@@ -166,7 +166,7 @@ fn a_stopping_worker_starts_no_shard_and_requeues_unstored_ones() {
     // The writer has lost shard 1.
     let messages = vec![message(1..2), message(3..8)];
     let note = Action::LeaveNote { task: Task { scene: 7, shards: 0..8 } };
-    let requeued = [forget(0..8), note, Action::Publish { messages }, FINISH];
+    let requeued = [forget(0..8), note, Action::Replace { lease: 1, messages }];
     assert_eq!(tasks.requeue_all(), requeued);
     assert!(tasks.is_empty());
 }
@@ -176,7 +176,7 @@ fn a_stored_task_whose_scene_was_not_checked_is_requeued_whole() {
     let (mut tasks, task, actions) = opened(0..2, 4, &[0, 1]);
     assert_eq!(actions, [Action::CheckScene { task }]);
     let messages = vec![message(0..2)];
-    let requeued = [forget(0..2), Action::Publish { messages }, FINISH];
+    let requeued = [forget(0..2), Action::Replace { lease: 1, messages }];
     assert_eq!(tasks.requeue_all(), requeued);
 }
 
@@ -188,12 +188,12 @@ fn attempts_of_tasks_that_end_before_tracing_are_forgotten_except_after_retry_an
         assert!(tasks.pin(task) && tasks.attempted(task, 1));
         (tasks, task)
     };
-    let again = || Action::Publish { messages: vec![message(0..2)] };
+    let again = || Action::Replace { lease: 1, messages: vec![message(0..2)] };
     let aside = |reason: &str| Action::Quarantine { scene: 7, reason: reason.to_owned() };
     let (mut tasks, task) = queued();
-    assert_eq!(tasks.retry(task), [again(), FINISH]);
+    assert_eq!(tasks.retry(task), [again()]);
     let (mut tasks, task) = queued();
-    assert_eq!(tasks.requeue(task), [forget(0..2), again(), FINISH]);
+    assert_eq!(tasks.requeue(task), [forget(0..2), again()]);
     let (mut tasks, task) = queued();
     assert_eq!(tasks.set_aside(task, "lost"), [aside("lost"), FINISH]);
     let (mut tasks, task) = queued();
@@ -216,11 +216,8 @@ fn a_hanging_worker_requeues_its_unopened_tasks() {
     assert!(tasks.attempted(second, 3));
     let task = Task { scene: 8, shards: 0..4 };
     let again = Message { task: task.clone(), hops: 1 };
-    let left = [
-        Action::Publish { messages: vec![again] },
-        Action::Finish { lease: 2 },
-        Action::ForgetAttempt { task, n: 3 },
-    ];
+    let left =
+        [Action::Replace { lease: 2, messages: vec![again] }, Action::ForgetAttempt { task, n: 3 }];
     assert_eq!(tasks.requeue_waiting(), left);
     assert_eq!(tasks.leases(), [1]);
 }
