@@ -13,9 +13,9 @@ use std::ops::Range;
 pub struct Tile {
     pub x: u32,
     pub y: u32,
-    /// Pixels across.
+    /// Width, px.
     pub width: u32,
-    /// Pixels down.
+    /// Height, px.
     pub height: u32,
 }
 
