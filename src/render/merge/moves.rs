@@ -28,7 +28,7 @@ impl Moves {
         self.before[pixel] += before * before;
     }
 
-    /// Estimates the RMS error over the film and its colours; `tail` is that of smooth areas.
+    /// Estimates the RMS error over the film and its colours; `tail` is [`SMOOTH`] or [`SMOOTH_OF_STOPPED`].
     pub(super) fn rms_error(&self, tail: f64) -> f64 {
         let mean = |squares: &[f64]| squares.iter().sum::<f64>() / (3 * squares.len()) as f64;
         square_error(mean(&self.last), mean(&self.before), tail).sqrt()

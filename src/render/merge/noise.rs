@@ -143,7 +143,7 @@ mod tests {
             layers: PerLayer([vec![0.0; 16], Vec::new(), Vec::new(), Vec::new()]),
         };
         let mut bytes = huge.encode().unwrap();
-        // The last column and row of the data window and the display window are 3; changes them to 16383.
+        // The last column and row of the data window and the display window are 3; the loop changes them to 16383.
         let three = [3i32.to_le_bytes(), 3i32.to_le_bytes()].concat();
         let largest = [16_383i32.to_le_bytes(), 16_383i32.to_le_bytes()].concat();
         let mut found = 0;

@@ -108,7 +108,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Partial, PartialError> {
 }
 
 fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
-    // Precedes any allocation of the claimed size. Partials are uncompressed: a file is at least as long as its pixels.
+    // This check precedes any allocation. Partials are uncompressed: a file is at least as long as its pixels.
     check_claim(&headers(bytes)?, bytes.len() as u128)?;
     let layer = first_layer(bytes)?;
     let header = match layer.attributes.other.get(&Text::from(ATTRIBUTE)) {

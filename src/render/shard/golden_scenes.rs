@@ -32,7 +32,7 @@ struct Parameters {
     from_camera: bool,
     /// Width and height of the depth images, px.
     depth_px: [usize; 2],
-    /// Gain of every 97th texel; without gain, texels are at most 1.
+    /// Gain of every 97th texel; the other texels are at most 1.
     light: f32,
     order_tolerance: f64,
     target_error: Option<f64>,
@@ -236,8 +236,8 @@ mod tests {
             });
         }
         any("many orders", &|s| s.orders.back.len() >= 8);
-        any("a target", &|s| s.target_error.is_some());
-        any("layers left out", &|s| s.layers.0 != [true; 4]);
+        any("a target error", &|s| s.target_error.is_some());
+        any("omitted layers", &|s| s.layers.0 != [true; 4]);
         any("several blocks", &|s| s.spp > 256);
         any("one sample", &|s| s.spp == 1);
         any("a depth image of one row", &|s| sheet(&s.front).1.1 == 1);

@@ -4,7 +4,7 @@ use crate::line::SceneLine;
 use crate::trace::Tile;
 use std::ops::Range;
 
-/// Returns the number of samples per pixel of a shard: all of up to 256, otherwise a sixteenth, but at least 256.
+/// Returns the samples per pixel of a shard: all if `spp` is at most 256, otherwise a sixteenth, but at least 256.
 ///
 /// This number is part of the tracer's definition, because means are rounded to f32 once per range.
 pub fn samples_per_range(spp: u32) -> u32 {

@@ -147,7 +147,7 @@ fn lines_diff(old_lines: &[SceneLine], new_lines: &[SceneLine]) -> String {
     let mut text = String::new();
     if let Some(first) = fresh.first() {
         let scenes = scenes_text(fresh.len(), first);
-        let _ = writeln!(text, "  only from the recipe: {scenes}");
+        let _ = writeln!(text, "  new in the recipe: {scenes}");
     }
     for (key, row) in rows.iter().take(SHOWN) {
         let scenes = scenes_text(row.scenes, &row.first);

@@ -2,8 +2,8 @@
 //!
 //! A cell takes aligned power-of-two blocks of one sequence: first 16 samples, then blocks that double their number.
 //! The front (for I and T), the back (for I and R~) and R have separate sample counts. A part takes more samples while
-//! the error of T, R~ or R is above the target; for I, the part with the larger share does. The decision uses only the
-//! cell's own samples, and cells lie on a fixed grid of the film, so pixels do not depend on tiles or threads.
+//! T, R~ or R is above the target, or while I is and the part has the larger share of I's error. The decision uses only
+//! the cell's own samples, and cells lie on a fixed grid of the film, so pixels do not depend on tiles or threads.
 
 use super::bundle::Tracer;
 use super::means::{Components, Means, NOTHING, PixelMeans, Wanted};
@@ -148,7 +148,7 @@ impl Cell {
         }
     }
 
-    /// Estimates the RMS error of a mean over the cell: the larger estimate of the last two moves, at the convergence
+    /// Estimates the RMS error of a mean over the cell: the larger estimate from the last two moves, at the convergence
     /// rate of independent samples, because so few pixels do not show the true rate (see
     /// [`super::means::square_error`]). The last move alone is sometimes small by chance.
     fn error(&self, means: impl Fn(&Components) -> Means) -> f64 {

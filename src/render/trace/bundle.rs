@@ -9,8 +9,8 @@
 //! R  = mean over film points of B(mirrored pinhole ray)            (no glass, no lens)
 //! ```
 //!
-//! F and B are the radiances of the front and the back photograph at the line's first hit with their sheet (or mesh). A
-//! path ends there, because a photograph has the radiance that leaves the surface (Eq. 1 of the paper).
+//! F and B are the radiances of the front and the back photograph at the line's first hit with the sheet (or mesh) of
+//! each. A path ends at this hit, because a photograph has the radiance that leaves the surface (Eq. 1 of the paper).
 
 use super::camera::{CameraBlock, GROUPS, Pixel};
 use super::fetch::{Cells, TexelMap, Weights};

@@ -51,7 +51,7 @@ pub(super) struct CameraBlock {
     pub(super) reflectance: [[Lane; GROUPS]; 2],
     /// Transmittance of a face, 1 - reflectance, for s and p polarised light.
     pub(super) transmittance: [[Lane; GROUPS]; 2],
-    /// 1 / cos_t; filled only if the glass absorbs.
+    /// Values of 1 / cos_t; filled only if the glass absorbs light.
     pub(super) inverse_cos_t: [Lane; GROUPS],
 }
 

@@ -4,7 +4,7 @@
 //! dimensions, which form a (0,2)-sequence: each aligned power-of-two block of indices puts exactly one point into
 //! every elementary interval. *Padding* decorrelates the pairs: each pair has its own Owen shuffle of the index and its
 //! own Owen scramble of the values. (A plain xor of the index is not enough: it makes the lens point a function of the
-//! pixel point, and the error stops falling at 16 samples.)
+//! pixel point, and the error stops decreasing at 16 samples.)
 //!
 //! Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020. The hash is that of Laine and Karras with
 //! Vegdahl's constants. Limits: indices below 2^32, 24 bits per coordinate.
@@ -57,7 +57,7 @@ const fn sobol_1_reversed(mut index: u32) -> u32 {
     value.reverse_bits()
 }
 
-/// [`sobol_1_reversed`] of every low byte; the function is linear over xor, so other bits have a separate share.
+/// [`sobol_1_reversed`] of every low byte; the function is linear over xor, so callers xor the share of other bits.
 static LOW_BYTE: [u32; 256] = {
     let mut table = [0; 256];
     let mut i = 0;
@@ -94,8 +94,8 @@ pub fn sample(seed: &PixelSeed, index: u32) -> [f32; 4] {
 #[inline(always)]
 pub(crate) fn block(seed: &PixelSeed, pair: usize, first: u32, u: &mut [Lane], v: &mut [Lane]) {
     debug_assert!(u.len() == v.len() && (first as usize % BLOCK) + LANES * u.len() <= BLOCK);
-    // An Owen shuffle keeps aligned power-of-two blocks together: within 256 samples the upper 24 bits of the
-    // shuffled index are constant, and so is their share of the second coordinate.
+    // An Owen shuffle keeps aligned power-of-two blocks together: within 256 samples the upper 24 bits of the shuffled
+    // index are constant, and so is their share of the second coordinate.
     let high = laine_karras(first.reverse_bits(), seed.index[pair]).reverse_bits() & !0xff;
     let high_part = sobol_1_reversed(high);
     let (seed_u, seed_v) = (seed.value[2 * pair], seed.value[2 * pair + 1]);

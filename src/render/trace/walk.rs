@@ -1,10 +1,10 @@
 //! Walks rays over the depth grid, from near to far, until they pass below the sheet.
 //!
-//! A ray is (u, v) = p + s w with decreasing w. The sheet has two triangles per cell, split along the diagonal from (i
-//! + 1, j) to (i, j + 1). A ray carries a single fact from cell to cell, "the ray is above the sheet", and never
-//! computes it twice at a shared edge, so no ray leaks between two cells. Outside the grid, the border's inverse depth
-//! continues to infinity in the outermost columns and rows of cells, so every ray ends on a surface and crosses at most
-//! nx + ny + 2 cells.
+//! A ray is (u, v) = p + s w with decreasing w. Every cell of the sheet has two triangles, which meet on the diagonal
+//! from (i + 1, j) to (i, j + 1). A ray carries a single fact from cell to cell, "the ray is above the sheet", and
+//! never computes it twice at a shared edge, so no ray leaks between two cells. Outside the grid, the border's inverse
+//! depth continues to infinity in the outermost columns and rows of cells, so every ray ends on a surface and crosses
+//! at most nx + ny + 2 cells.
 //!
 //! Coordinates are relative to an integer grid point near the pixel's bundle. Their rounding errors in f32 are about
 //! 1e-6 px; those of absolute coordinates would be 6e-5 px.
@@ -49,7 +49,7 @@ const RAYS: usize = 8;
 /// Number of parts of eight rays in a bundle of 256.
 const PARTS: usize = 32;
 
-/// State of eight walking rays.
+/// State of eight rays during a walk.
 #[derive(Clone, Copy)]
 struct Rays {
     x: [f32; RAYS],
@@ -133,7 +133,7 @@ struct Ground<'a> {
 /// Computes the inverse depths at which a bundle's lines (at most 256, relative to `base`) hit the sheet.
 ///
 /// All parts take a step, then the parts with unfinished rays take another. Steps of different parts are independent,
-/// so they overlap, and no branch depends on the length of a single walk.
+/// so they can overlap, and no branch depends on the length of a single walk.
 #[inline(always)]
 pub(crate) fn walk_bundle<const AVX2: bool>(
     grid: &Grid,

@@ -1,4 +1,4 @@
-//! Projects a mesh to the lens's projective space.
+//! Projects a mesh into the lens's projective space, and clips it at the near plane.
 
 use super::super::lanes::{LANES, max};
 use super::tree::Tree;
@@ -94,7 +94,7 @@ impl Mesh {
         self.counts
     }
 
-    /// Returns z of the first surface on the optical axis, m, or `None` without a surface.
+    /// Returns the z coordinate of the first surface on the optical axis, m, or `None` without a surface.
     pub fn axis_depth_m(&self) -> Option<f64> {
         let rays = Rays::new([[0.0; LANES]; 2], [[0.0; LANES]; 2], self.tree.top());
         let w = self.first_hits(&rays, 1).w[0];

@@ -1,7 +1,7 @@
 //! A bounding volume hierarchy in projective space. Sixteen rays traverse it at once, without a stack.
 //!
 //! The crate obvhs builds the tree (PLOC with reinsertion, one thread, single precision). Every ray runs along the w
-//! axis, so all rays have the same order of nodes from near to far. The nodes lie depth first in this order, and an
+//! axis, so all rays have the same order of nodes from near to far. The nodes are in this order, depth first, and an
 //! inner node links to the node after its subtree, for rays that miss it. Trees of any depth need no stack.
 
 use super::woop::{Corners, Hits, Rays};
@@ -12,7 +12,7 @@ use obvhs::{BvhBuildParams, aabb::Aabb, bvh2::builder::build_bvh2};
 /// Relative margin of the boxes and the rays: eight roundings of f32.
 pub(super) const MARGIN: f32 = 4.768_371_6e-7;
 
-/// A box, and its triangles or the next box.
+/// A box with its triangles, or with a link past its subtree.
 struct Node {
     low: [f32; 3],
     high: [f32; 3],

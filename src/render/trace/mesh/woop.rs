@@ -38,7 +38,7 @@ pub(super) struct Hits {
 }
 
 impl Hits {
-    /// Makes a state without hits; rays from `count` on have infinite w, so that nothing can hit them.
+    /// Makes a state without hits; rays from `count` on have infinite w, so that they hit nothing.
     #[inline(always)]
     pub(super) fn none(count: usize) -> Self {
         let mut hits =
@@ -82,7 +82,7 @@ impl Rays {
                 near = min(max(a, b), near);
                 far = max(min(a, b), far);
             }
-            // The factor covers seven roundings of 2^-24 on both sides.
+            // The factor covers the seven roundings, each at most 2^-24, of both sides.
             any |= u32::from(far <= near * 1.000_001);
         }
         any != 0
