@@ -26,7 +26,7 @@ fn a_changed_recipe_is_refused_with_a_diff() {
         ("spp = 256", "spp = 512", ["film.spp", "256", "512"]),
         ("name = \"small\"", "name = \"other\"", ["name", "small", "other"]),
         ("seed = 7", "seed = 8\n[glass]\nior = 1.5", ["glass.ior", "1.6", "1.5"]),
-        ("= 3 }", "= 2 }", ["scenes", "4 in the run", "3 by the recipe"]),
+        ("= 3 }", "= 2 }", ["scenes", "4 in the run", "3 from the recipe"]),
     ] {
         assert!(RECIPE.contains(from));
         std::fs::write(&place.recipe, RECIPE.replacen(from, to, 1)).unwrap();

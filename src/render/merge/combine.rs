@@ -12,13 +12,13 @@ use crate::trace::TRACER_VERSION;
 use std::borrow::Borrow;
 use std::collections::BTreeMap;
 
-/// Partials that cannot be combined.
+/// Reason why partials cannot be combined.
 #[derive(Debug, thiserror::Error)]
 pub enum MergeError {
     #[error("scene {scene}: {} of {total} shards are missing (first: {}); trace them with `work`, then merge again", missing.len(), missing[0])]
     Gaps { scene: String, missing: Vec<u32>, total: u32 },
     /// A partial of another scene, plan or tracer version.
-    #[error("scene {scene}: shard {shard} {reason}; delete that partial and run `work` again")]
+    #[error("scene {scene}: the partial of shard {shard} {reason}; delete it and run `work` again")]
     Foreign { scene: String, shard: u32, reason: &'static str },
     #[error(
         "scene {scene}: layer {layer} is not finite at pixel ({x}, {y}); check the inputs' radiance and depth"
@@ -35,14 +35,14 @@ pub fn combine<P: Borrow<Partial>>(
     let layout = ShardLayout::of(line, tile_px);
     let in_order = check_partials(line, &layout, partials.iter().map(Borrow::borrow))?;
     let mut combined = Combined::new(line);
-    // The sample ranges of a tile are neighbours.
+    // The sample ranges of a tile are adjacent.
     for of_tile in in_order.chunks(layout.ranges() as usize) {
         combined.add_tile(line, of_tile)?;
     }
     Ok(combined.tuple(line, in_order[0]))
 }
 
-/// The partials in the order of their shards, if each shard has one and all belong to this scene.
+/// Returns the partials in the order of their shards, if each shard has a partial and all belong to this scene.
 fn check_partials<'a>(
     line: &SceneLine,
     layout: &ShardLayout,
@@ -80,7 +80,7 @@ fn check_partials<'a>(
 /// Images of the partials added so far.
 struct Combined {
     layers: PerLayer<Vec<[f32; 3]>>,
-    /// Values for each pixel: the sum runs row by row, independent of the tiles.
+    /// Moves of each pixel; their sum runs row by row, independent of the tiles.
     moves: PerLayer<Moves>,
     samples: PerLayer<u32>,
     sample_sums: Option<PerLayer<u64>>,
@@ -89,7 +89,7 @@ struct Combined {
 }
 
 impl Combined {
-    /// Black images of the layers that the line asks for.
+    /// Makes black images of the layers that the line requests.
     fn new(line: &SceneLine) -> Self {
         let asked = line.film.layers.asked();
         let pixels = line.film.width as usize * line.film.height as usize;
@@ -104,7 +104,7 @@ impl Combined {
         }
     }
 
-    /// Adds the partials of one tile, its sample ranges in order.
+    /// Adds the partials of one tile, in the order of their sample ranges.
     fn add_tile(&mut self, line: &SceneLine, of_tile: &[&Partial]) -> Result<(), MergeError> {
         let tile = of_tile[0].header.tile;
         let width = line.film.width as usize;
@@ -145,7 +145,7 @@ impl Combined {
         Ok(())
     }
 
-    /// The tuple, with the stated errors and the digests of its layers.
+    /// Makes the tuple, with the stated errors and the digests of its layers.
     fn tuple(self, line: &SceneLine, first: &Partial) -> Tuple {
         let (width, height) = (line.film.width, line.film.height);
         let half = is_half(line, &self.layers);
@@ -153,7 +153,7 @@ impl Combined {
         let mut records = BTreeMap::new();
         for layer in line.film.layers.iter() {
             let (pixels, samples) = (&self.layers[layer], self.samples[layer]);
-            // R has no lens.
+            // Only layers seen through the lens need the larger tail, so R does not.
             let tail = if self.sample_sums.is_some() && layer != Layer::CleanReflection {
                 SMOOTH_OF_STOPPED
             } else {
@@ -183,7 +183,7 @@ impl Combined {
     }
 }
 
-/// Means of all samples, of the first half and of the first quarter: from the ranges, or from within the only one.
+/// Computes the means of all samples, of the first half and of the first quarter from one or more ranges.
 fn combine_value(
     counted: &[&Partial],
     layer: Layer,
@@ -212,7 +212,7 @@ fn combine_value(
     }
     let mean_of = |(sum, count): (f64, u32)| sum / f64::from(count.max(1));
     let quarter = match counted {
-        // Two ranges: the first quarter is the first half of the first.
+        // With two ranges, the first quarter is the first half of the first range.
         [first, _] => of(first)[1],
         _ => mean_of(quarter),
     };

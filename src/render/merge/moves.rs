@@ -3,17 +3,17 @@
 use super::noise::CELL_PX;
 use crate::trace::square_error;
 
-/// Tail of a smooth part that converges as samples^-1.4, in mean squares of its last move.
+/// Tail of smooth areas that converge as samples^-1.4 (see [`square_error`]).
 pub(super) const SMOOTH: f64 = 1.0 / 6.0;
-/// The same for samples^-1, for layers seen through the lens in adaptive scenes: cells stop when their moves are small, and
-/// with few samples a smooth part cannot be distinguished from edges that no sample has hit yet.
+/// Tail of smooth areas that converge as samples^-1, for layers seen through the lens in adaptive scenes: cells stop
+/// when their moves are small, and few samples cannot distinguish smooth areas from edges that no sample has hit yet.
 pub(super) const SMOOTH_OF_STOPPED: f64 = 1.0 / 3.0;
 
-/// Squares for each pixel, summed over its colours, row by row.
+/// Squared moves of each pixel, summed over its colours, row by row.
 pub(super) struct Moves {
-    /// Of (first half - all).
+    /// Squares of (first half - all).
     last: Vec<f64>,
-    /// Of (first quarter - first half).
+    /// Squares of (first quarter - first half).
     before: Vec<f64>,
 }
 
@@ -22,20 +22,20 @@ impl Moves {
         Self { last: vec![0.0; pixels], before: vec![0.0; pixels] }
     }
 
-    /// One colour of one pixel.
+    /// Adds the moves of one colour of one pixel.
     pub(super) fn add(&mut self, pixel: usize, last: f64, before: f64) {
         self.last[pixel] += last * last;
         self.before[pixel] += before * before;
     }
 
-    /// Estimated RMS error over the film and its colours; `tail` of its smooth part.
+    /// Estimates the RMS error over the film and its colours; `tail` is [`SMOOTH`] or [`SMOOTH_OF_STOPPED`].
     pub(super) fn rms_error(&self, tail: f64) -> f64 {
         let mean = |squares: &[f64]| squares.iter().sum::<f64>() / (3 * squares.len()) as f64;
         square_error(mean(&self.last), mean(&self.before), tail).sqrt()
     }
 
-    /// RMS of the last moves over the pixels and colours of each cell, row by row of a film of this `width`, scaled so that
-    /// the RMS over all pixels is `rms`.
+    /// Computes the RMS of the last moves over the pixels and colours of each cell, row by row, for a film of `width`
+    /// px. Scales the map so that the RMS over all pixels is `rms`.
     pub(super) fn map(&self, width: usize, rms: f64) -> Vec<f32> {
         const CELL: usize = CELL_PX as usize;
         let mean = self.last.iter().sum::<f64>() / self.last.len() as f64;
@@ -61,7 +61,7 @@ mod tests {
 
     #[test]
     fn a_map_adds_up_to_the_stated_error() {
-        // 3 x 3 px: cells of 4, 2, 2 and 1.
+        // A film of 3 x 3 px has cells of 4, 2, 2 and 1 px.
         let mut moves = Moves::new(9);
         for (pixel, last) in [(0, 0.5), (0, -0.25), (4, 0.125), (5, 0.5), (8, 0.25)] {
             moves.add(pixel, last, 2.0 * last);

@@ -1,9 +1,9 @@
 //! Noise map of a tuple, `RUN/noise/<scene>.exr`, for the report.
 //!
-//! The last doubling of the samples moves a pixel's mean (first half against all). A value of the map is the RMS of these
+//! The last doubling of the samples moves a pixel's mean (first half to all). A value of the map is the RMS of these
 //! moves over the pixels of a cell and their colours, times one factor per layer that makes the RMS over all pixels the
-//! layer's stated error. A cell has 2 x 2 px: the move of one pixel is a single draw and a poor estimate of its error; four
-//! are a better estimate in a quarter of the space. The map is not part of the tuple and may be missing.
+//! layer's stated error. A cell has 2 x 2 px, because the move of one pixel is a poor estimate of its error; four are a
+//! better one in a quarter of the space. The map is not part of the tuple and may be missing.
 
 use crate::formats::exr_read::{check_headers, decode_exr_channels};
 use crate::formats::exr_write::{HALF_MAX, encode_exr};
@@ -11,22 +11,22 @@ use crate::layer::{Layer, PerLayer};
 use crate::line::Film;
 use exr::prelude::{AnyChannel, FlatSamples, f16};
 
-/// Side of a cell, px; those at the right and lower border may be smaller.
+/// Side of a cell, px; cells at the right and lower border may be smaller.
 pub(super) const CELL_PX: u32 = 2;
 
 /// Estimated RMS error of the pixels of each cell.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NoiseMap {
-    /// Cells across.
+    /// Number of cells across.
     pub width: u32,
-    /// Cells down.
+    /// Number of cells down.
     pub height: u32,
-    /// Row by row, linear radiance. A layer that was not made, or of one sample, is empty.
+    /// Errors of each layer, linear, row by row; empty for layers that are not rendered or have one sample.
     pub layers: PerLayer<Vec<f32>>,
 }
 
 impl NoiseMap {
-    /// An empty map for this film.
+    /// Makes an empty map for a film.
     pub fn of(film: &Film) -> Self {
         Self {
             width: film.width.div_ceil(CELL_PX),
@@ -35,12 +35,12 @@ impl NoiseMap {
         }
     }
 
-    /// Whether no layer has a map.
+    /// True if no layer has a map.
     pub fn is_empty(&self) -> bool {
         self.layers.0.iter().all(Vec::is_empty)
     }
 
-    /// OpenEXR, ZIP: a channel for each layer, by its name; half floats, or floats if a value needs them.
+    /// Encodes the map as OpenEXR with ZIP: a channel per layer, of half floats, or of floats if a value needs them.
     pub fn encode(&self) -> Result<Vec<u8>, exr::error::Error> {
         let half = self.layers.0.iter().flatten().all(|&v| v <= HALF_MAX);
         let made = self.layers.iter().filter(|(_, values)| !values.is_empty());
@@ -55,22 +55,21 @@ impl NoiseMap {
         encode_exr(channels.collect(), self.width, self.height)
     }
 
-    /// The map of a scene with this film.
-    /// An error is a text for the user.
+    /// Decodes the map of a scene with this film. An error is a text for the user.
     pub fn decode(bytes: &[u8], film: &Film) -> Result<Self, String> {
         let mut map = Self::of(film);
         let size = [map.width, map.height];
-        // The exr crate may panic on bytes that are no image.
+        // The exr crate may panic on invalid bytes.
         let decoded = std::panic::catch_unwind(|| {
             check_headers(bytes, size, Layer::ALL.len())?;
             decode_exr_channels(bytes)
         });
-        let decoded =
-            decoded.unwrap_or_else(|_| Err("the OpenEXR reader gave up on it".to_owned()))?;
+        let decoded = decoded.unwrap_or_else(|_| Err("the OpenEXR reader failed".to_owned()))?;
         for (name, values) in decoded.list {
-            let layer = Layer::from_name(&name).ok_or_else(|| format!("{name:?} is no layer"))?;
+            let layer =
+                Layer::from_name(&name).ok_or_else(|| format!("{name:?} is not a layer"))?;
             if !values.iter().all(|v| v.is_finite() && *v >= 0.0) {
-                return Err(format!("its {name} holds what is no error"));
+                return Err(format!("its {name} has negative or non-finite values"));
             }
             map.layers[layer] = values;
         }
@@ -78,11 +77,11 @@ impl NoiseMap {
     }
 }
 
-/// Rounds to six significant bits, 1.6 %: the estimate is no more precise, and fewer digits compress better.
+/// Rounds to six significant bits (1.6 %): the estimate is no more precise, and shorter numbers compress better.
 fn coarse(value: f32) -> f16 {
     const DROPPED: u16 = 5;
     let bits = f16::from_f32(value).to_bits();
-    // Values are not negative: a carry into the exponent rounds correctly.
+    // Values are not negative, so a carry into the exponent rounds correctly.
     let rounded = (bits + (1 << (DROPPED - 1))) >> DROPPED << DROPPED;
     f16::from_bits(if f16::from_bits(rounded).is_finite() { rounded } else { bits })
 }
@@ -92,7 +91,7 @@ mod tests {
     use super::*;
     use crate::line::parse_jsonl;
 
-    /// Some film of 9 x 6 px: 5 x 3 cells.
+    /// Makes a film of 9 x 6 px, with 5 x 3 cells.
     fn film() -> Film {
         let line = r#"{"schema":"glasshouse.scene/1","id":"a","seed":1,"film":{"width":9,"height":6,"spp":16},
             "camera":{"focal_length_mm":55,"aperture_radius_m":0,"focus":{"at":"infinity"}},
@@ -132,19 +131,19 @@ mod tests {
     fn hostile_bytes_end_in_an_error() {
         let film = film();
         let good = map().encode().unwrap();
-        // Another size than the film's.
+        // The film has another size than the map.
         let mut other = film.clone();
         other.width = 11;
         let error = NoiseMap::decode(&good, &other).unwrap_err();
         assert!(error.contains("5 x 3 px"), "{error}");
-        // A header that claims more than a file of its length can hold, for a film that is as large.
+        // The header and the film have a size that a file of this length cannot hold.
         let huge = NoiseMap {
             width: 4,
             height: 4,
             layers: PerLayer([vec![0.0; 16], Vec::new(), Vec::new(), Vec::new()]),
         };
         let mut bytes = huge.encode().unwrap();
-        // The data window's and the display window's last column and row are 3: make them 16383.
+        // The last column and row of the data window and the display window are 3; the loop changes them to 16383.
         let three = [3i32.to_le_bytes(), 3i32.to_le_bytes()].concat();
         let largest = [16_383i32.to_le_bytes(), 16_383i32.to_le_bytes()].concat();
         let mut found = 0;
@@ -158,7 +157,7 @@ mod tests {
         let mut film_of_it = film.clone();
         (film_of_it.width, film_of_it.height) = (32_768, 32_768);
         NoiseMap::decode(&bytes, &film_of_it).unwrap_err();
-        // Cut off and with any one byte changed.
+        // The bytes are cut off at every length, or one of them is changed.
         for end in 0..good.len() {
             NoiseMap::decode(&good[..end], &film).unwrap_err();
         }

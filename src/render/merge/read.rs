@@ -1,4 +1,4 @@
-//! A tuple's `tuple.exr` read back, and compared with its record.
+//! Reads the images of a tuple and compares them with its record.
 
 use super::tuple::TupleRecord;
 use crate::formats::exr_read::{check_headers, decode_exr_channels};
@@ -6,26 +6,23 @@ use crate::layer::{Layer, PerLayer};
 use image::{ImageFormat, ImageReader};
 use std::io::Cursor;
 
-/// Decodes a PNG to check its own checksums and its size. An error is a text for the user.
+/// Decodes a PNG to check its checksums and its size. An error is a text for the user.
 pub fn check_png(bytes: &[u8], width: u32, height: u32) -> Result<(), String> {
     let reader = || {
         let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
-        // The check below precedes any allocation of that size.
+        // Limits are unnecessary, because the check below precedes any allocation.
         reader.no_limits();
         reader
     };
     let size = reader().into_dimensions().map_err(|e| e.to_string())?;
     if size != (width, height) {
-        return Err(format!(
-            "it has {} x {} px, its record says {width} x {height}",
-            size.0, size.1
-        ));
+        return Err(format!("it has {} x {} px instead of {width} x {height}", size.0, size.1));
     }
     reader().decode().map(|_| ()).map_err(|e| e.to_string())
 }
 
-/// The layers of a tuple, linear, row by row; empty for layers that the tuple lacks. Compares each with its digest in the
-/// record. An error is a text for the user.
+/// Decodes the layers of a tuple, linear, row by row; empty for layers that the tuple lacks. Compares each layer with
+/// its digest in the record. An error is a text for the user.
 pub fn decode_tuple_exr(
     bytes: &[u8],
     record: &TupleRecord,
@@ -41,9 +38,7 @@ pub fn decode_tuple_exr(
         let pixels = channels.layer(layer.name())?;
         let expected = facts.exr_blake3.as_ref().unwrap_or(&facts.blake3);
         if super::tuple::layer_digest(&pixels) != *expected {
-            return Err(format!(
-                "its {layer} is not what was rendered: the digest in tuple.json differs"
-            ));
+            return Err(format!("its {layer} does not match its digest in tuple.json"));
         }
         layers[layer] = pixels;
     }

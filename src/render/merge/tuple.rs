@@ -7,41 +7,41 @@ use crate::scene::{InputDigests, SceneFacts};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The schema name of `tuple.json`.
+/// Schema name of `tuple.json`.
 pub const TUPLE_SCHEMA: &str = "glasshouse.tuple/1";
 
 /// Four linear Rec.709 images and their record.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tuple {
-    /// Pixels across.
+    /// Width, px.
     pub width: u32,
-    /// Pixels down.
+    /// Height, px.
     pub height: u32,
-    /// Row by row. A layer that was not asked for is empty.
+    /// Pixels of each layer, row by row; empty for layers that the scene does not request.
     pub layers: PerLayer<Vec<[f32; 3]>>,
-    /// `tuple.json`.
+    /// Content of `tuple.json`.
     pub record: TupleRecord,
-    /// Written beside the tuple; not part of it.
+    /// Noise map; not part of the tuple's files.
     pub noise: NoiseMap,
 }
 
 impl Tuple {
-    /// The layers that were asked for.
+    /// Iterates over the requested layers.
     pub fn made(&self) -> impl Iterator<Item = (Layer, &Vec<[f32; 3]>)> {
         self.layers.iter().filter(|(_, pixels)| !pixels.is_empty())
     }
 }
 
-/// `tuple.json`: everything needed to reproduce the tuple, without anything that differs between equal runs.
+/// `tuple.json`: all data needed to reproduce the tuple, without data that differ between equal runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TupleRecord {
     /// Always [`TUPLE_SCHEMA`].
     pub schema: String,
     pub tracer_version: u32,
-    /// Folder that the scene's relative paths start from, relative to this file's folder.
+    /// Base folder of the scene's relative paths, relative to this file's folder.
     pub base: String,
-    /// By name: `input`, `transmission`, `glass_reflection`, `clean_reflection`.
+    /// Statistics of each layer by its name: `input`, `transmission`, `glass_reflection`, `clean_reflection`.
     pub layers: BTreeMap<String, LayerRecord>,
     /// Focus, orders, dropped tail, shares.
     pub facts: SceneFacts,
@@ -56,13 +56,13 @@ pub struct TupleRecord {
 pub struct LayerRecord {
     /// Samples per pixel; in adaptive scenes the maximum.
     pub samples: u32,
-    /// Mean over the pixels of adaptive scenes.
+    /// Mean number of samples per pixel; only for adaptive scenes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mean_samples: Option<f64>,
-    /// Estimated RMS error of the layer, linear (see [`crate::trace::square_error`]); `null` where one sample has no
-    /// halves.
+    /// Estimated RMS error of the layer, linear (see [`crate::trace::square_error`]); `null` for a single sample, which
+    /// has no halves.
     pub error_rms: Option<f64>,
-    /// Mean of all pixels and colours, linear.
+    /// Mean over all pixels and colours, linear.
     pub mean: f64,
     /// Largest value, linear.
     pub max: f64,
@@ -72,7 +72,7 @@ pub struct LayerRecord {
     pub miss_share: f64,
     /// BLAKE3 of the pixels as 32-bit floats (little endian, R G B, row by row).
     pub blake3: String,
-    /// The same of the pixels as rounded to half floats in `tuple.exr`.
+    /// BLAKE3 of the pixels after rounding, if `tuple.exr` has half floats.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exr_blake3: Option<String>,
 }

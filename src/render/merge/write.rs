@@ -12,7 +12,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use std::path::Path;
 
-/// Names of a tuple's files, in the order of writing.
+/// Returns the names of a tuple's files, in the order of writing.
 pub fn tuple_files(line: &SceneLine) -> Vec<String> {
     let pngs = line.film.layers.names().map(|name| format!("{name}.png"));
     std::iter::once("tuple.exr".to_owned())
@@ -21,7 +21,7 @@ pub fn tuple_files(line: &SceneLine) -> Vec<String> {
         .collect()
 }
 
-/// A tuple could not be written.
+/// Reason why a tuple cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum TupleWriteError {
     #[error(transparent)]
@@ -34,9 +34,9 @@ fn encode_error(name: &str, reason: &dyn std::fmt::Display) -> TupleWriteError {
     TupleWriteError::Encode { name: name.to_owned(), reason: reason.to_string() }
 }
 
-/// Whether the folder holds the complete tuple of this scene line, made by this version of the tracer.
+/// True if the folder contains the complete tuple of this scene line, made by this version of the tracer.
 ///
-/// A tuple of another plan or with a missing file is rendered again and replaced.
+/// Callers render and replace a tuple of another plan or with a missing file.
 pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
     let Ok(text) = std::fs::read_to_string(folder.join("tuple.json")) else {
         return false;
@@ -45,7 +45,7 @@ pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
         && tuple_files(line).iter().all(|name| folder.join(name).is_file())
 }
 
-/// Whether the bytes are the `tuple.json` of this scene line, made by this version of the tracer.
+/// True if the bytes are the `tuple.json` of this scene line, made by this version of the tracer.
 pub fn is_record_of(bytes: &[u8], line: &SceneLine) -> bool {
     let record: Result<TupleRecord, _> = serde_json::from_slice(bytes);
     record.is_ok_and(|r| r.scene == *line && r.tracer_version == TRACER_VERSION)
@@ -62,7 +62,7 @@ pub fn write_tuple(tuple: &Tuple, folder: &Path) -> Result<(), TupleWriteError> 
     Ok(())
 }
 
-/// The bytes of one of a tuple's [`tuple_files`].
+/// Encodes one of a tuple's [`tuple_files`].
 pub fn encode_tuple_file(
     tuple: &Tuple,
     encoder: &SrgbEncoder,
@@ -88,7 +88,7 @@ pub fn encode_tuple_file(
     }
 }
 
-/// An 8-bit sRGB PNG of a layer, values above 1 clipped.
+/// Encodes a layer as 8-bit sRGB PNG. Clips values above 1.
 pub fn encode_png(
     encoder: &SrgbEncoder,
     pixels: &[[f32; 3]],
@@ -99,7 +99,7 @@ pub fn encode_png(
     png(&bytes, [width, height], ExtendedColorType::Rgb8)
 }
 
-/// A 16-bit sRGB PNG of a layer, values above 1 clipped.
+/// Encodes a layer as 16-bit sRGB PNG. Clips values above 1.
 pub fn encode_png16(
     pixels: &[[f32; 3]],
     width: u32,
@@ -122,19 +122,20 @@ fn png(
     Ok(png)
 }
 
-/// Whether the layers are stored as half floats: the scene requests it and their values permit it.
+/// True if the layers are stored as half floats: the scene requests it and their values permit it.
 pub(super) fn is_half(line: &SceneLine, layers: &PerLayer<Vec<[f32; 3]>>) -> bool {
     let mut values = layers.0.iter().flatten().flatten();
     line.film.exr == ExrPrecision::Half && values.all(|&v| v <= HALF_MAX)
 }
 
-/// The pixels rounded to half floats.
+/// Rounds the pixels to half floats.
 pub(super) fn halved(pixels: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let pixels = pixels.iter();
     pixels.map(|p| p.map(|v| f16::from_f32(v).to_f32())).collect()
 }
 
-/// All layers in one file, channels `input.R`, ...: half floats if the values allow it, else floats.
+/// Encodes all layers in one file, with channels `input.R`, ...: in half floats if the scene requests it and the values
+/// permit it, otherwise in floats.
 pub fn encode_tuple_exr(tuple: &Tuple) -> Result<Vec<u8>, exr::error::Error> {
     let precision = if is_half(&tuple.record.scene, &tuple.layers) {
         ExrPrecision::Half

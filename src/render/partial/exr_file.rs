@@ -1,4 +1,4 @@
-//! Partials as OpenEXR bytes.
+//! Encodes and decodes partials as OpenEXR bytes.
 
 use super::{Partial, PartialHeader};
 use crate::formats::exr_read::{check_claim, first_layer, headers};
@@ -11,7 +11,7 @@ use exr::prelude::{
 };
 use std::path::{Path, PathBuf};
 
-/// A file is not a usable partial; its shard is traced again.
+/// Error for a file that is not a usable partial. Its shard is traced again.
 #[derive(Debug, thiserror::Error)]
 #[error("partial {} is not usable: {reason}; it will be traced again", path.display())]
 pub struct PartialError {
@@ -19,15 +19,15 @@ pub struct PartialError {
     pub reason: String,
 }
 
-/// Name of the header attribute.
+/// Name of the OpenEXR attribute that contains the header.
 const ATTRIBUTE: &str = "glasshouse";
 const COLOURS: [&str; 3] = ["R", "G", "B"];
-/// Pixels that are split into channels at once.
+/// Number of pixels that `planes` splits into channels at once.
 const BLOCK_PIXELS: usize = 128;
-/// Upper bound of the bytes of a file's header and line offsets.
+/// Upper bound of the size of a file's header and line offsets, bytes.
 const HEADER_BYTES: usize = 1 << 16;
 
-/// Channel names with the indices of their values in a pixel.
+/// Lists the channel names with the indices of their values in a pixel.
 fn channels() -> impl Iterator<Item = (String, usize, Layer, usize)> {
     ["", "_half", "_quarter"].into_iter().enumerate().flat_map(|(part, suffix)| {
         Layer::ALL.into_iter().flat_map(move |layer| {
@@ -46,12 +46,12 @@ fn value(pixel: &mut PixelMeans, part: usize, layer: Layer, colour: usize) -> &m
     &mut means[layer as usize][colour]
 }
 
-/// The channels' values, in the order of [`channels`].
+/// Returns the values of the channels, in the order of [`channels`].
 fn planes(pixels: &[PixelMeans]) -> Vec<Vec<f32>> {
     let places: Vec<_> = channels().map(|(_, part, layer, c)| (part, layer, c)).collect();
     let mut planes: Vec<Vec<f32>> =
         places.iter().map(|_| Vec::with_capacity(pixels.len())).collect();
-    // Blocks small enough to stay in the cache for all channels.
+    // A block is small enough to stay in the cache for all channels.
     for block in pixels.chunks(BLOCK_PIXELS) {
         for (plane, &(part, layer, c)) in planes.iter_mut().zip(&places) {
             let layer = layer as usize;
@@ -65,7 +65,7 @@ fn planes(pixels: &[PixelMeans]) -> Vec<Vec<f32>> {
     planes
 }
 
-/// The file's bytes.
+/// Encodes a partial as the bytes of its file.
 pub fn encode(partial: &Partial) -> Result<Vec<u8>, exr::error::Error> {
     encode_as(&partial.header, &partial.pixels)
 }
@@ -98,17 +98,17 @@ pub(super) fn encode_as(
     write_exr_into(&image, Vec::with_capacity(length))
 }
 
-/// Reads a partial and checks its digest. `path` is only for the error.
+/// Decodes a partial and checks its digest. `path` is only for the error.
 pub fn decode(path: &Path, bytes: &[u8]) -> Result<Partial, PartialError> {
     // The exr crate may panic on invalid bytes.
     let result = std::panic::catch_unwind(|| decode_inner(bytes));
     result
-        .unwrap_or_else(|_| Err("the OpenEXR reader gave up on it".to_owned()))
+        .unwrap_or_else(|_| Err("the OpenEXR reader failed".to_owned()))
         .map_err(|reason| PartialError { path: path.to_owned(), reason })
 }
 
 fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
-    // Before any allocation of the claimed size. Partials are not compressed: the file is at least as long as its pixels.
+    // This check precedes any allocation. Partials are uncompressed: a file is at least as long as its pixels.
     check_claim(&headers(bytes)?, bytes.len() as u128)?;
     let layer = first_layer(bytes)?;
     let header = match layer.attributes.other.get(&Text::from(ATTRIBUTE)) {
@@ -119,7 +119,7 @@ fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
     };
     let count = layer.size.area();
     if count != header.tile.width as usize * header.tile.height as usize {
-        return Err("its size is not its tile's".to_owned());
+        return Err("its size differs from its tile's".to_owned());
     }
     let mut pixels = vec![PixelMeans::default(); count];
     for (name, part, of, c) in channels() {
@@ -135,6 +135,6 @@ fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
     if partial.is_intact() {
         Ok(partial)
     } else {
-        Err("its digest does not fit its content".to_owned())
+        Err("its digest does not match its content".to_owned())
     }
 }

@@ -1,9 +1,9 @@
-//! One shard's result on disk.
+//! Partials: results of shards, and their files.
 //!
-//! An uncompressed OpenEXR file: its data window is the shard's tile, its display window the film; 36 float
-//! channels hold each layer's mean and the means of the first half and the first quarter of its samples (for the error
-//! estimate, see [`crate::trace::square_error`]); one header attribute, `glasshouse`, holds the rest as JSON. A partial
-//! is accepted only if its digest matches: the shard of a torn or foreign file is traced again.
+//! A partial is an uncompressed OpenEXR file. Its data window is the shard's tile, its display window is the film, and
+//! 36 float channels hold each layer's mean and the means of the first half and the first quarter of its samples (for
+//! the error estimate, see [`crate::trace::square_error`]). The header attribute `glasshouse` holds the rest as JSON.
+//! Readers accept only a matching digest; otherwise, the shard is traced again.
 //!
 //! ```
 //! let torn = render::partial::decode("partials/a/0007.exr".as_ref(), b"v/1");
@@ -22,39 +22,39 @@ use crate::trace::PixelMeans;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Partial {
     pub header: PartialHeader,
-    /// Row by row.
+    /// Pixels of the tile, row by row.
     pub pixels: Vec<PixelMeans>,
 }
 
 impl Partial {
-    /// Makes the partial and its digest.
+    /// Makes a partial and computes its digest.
     pub fn new(mut header: PartialHeader, pixels: Vec<PixelMeans>) -> Self {
         header.blake3 = digest(&header, &pixels);
         Self { header, pixels }
     }
 
-    /// The file's bytes, with a freshly computed digest.
+    /// Encodes the partial with a freshly computed digest.
     pub fn seal(&self) -> Result<Vec<u8>, exr::error::Error> {
         let header =
             PartialHeader { blake3: digest(&self.header, &self.pixels), ..self.header.clone() };
         exr_file::encode_as(&header, &self.pixels)
     }
 
-    /// Whether the digest matches the content.
+    /// True if the digest matches the content.
     pub fn is_intact(&self) -> bool {
         self.header.blake3 == digest(&self.header, &self.pixels)
     }
 }
 
-/// Pixels that are hashed at once.
+/// Number of pixels that are hashed at once.
 const HASHED_PIXELS: usize = 512;
 
-/// BLAKE3 (hex) of a header without its digest and of the pixels' bits.
+/// Computes the BLAKE3 digest (hex) of a header without its digest and of the pixels' bits.
 fn digest(header: &PartialHeader, pixels: &[PixelMeans]) -> String {
     let bare = PartialHeader { blake3: String::new(), ..header.clone() };
     let mut hasher = blake3::Hasher::new();
     hasher.update(bare.to_json().as_bytes());
-    // Blocks small enough for the cache and large enough for the hash's parallelism.
+    // A block is small enough for the cache and large enough for the parallelism of BLAKE3.
     let mut bytes = Vec::with_capacity(HASHED_PIXELS * size_of::<PixelMeans>());
     for block in pixels.chunks(HASHED_PIXELS) {
         bytes.clear();

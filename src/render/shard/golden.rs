@@ -1,4 +1,4 @@
-//! Small built-in scenes whose pixels every machine must reproduce before it joins a run.
+//! Traces small built-in scenes. Every machine must reproduce their pixels before it joins a run.
 
 use super::golden_scenes::{GoldenScene, golden_scenes};
 use super::layout::samples_per_range;
@@ -9,13 +9,13 @@ use std::ops::Range;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Name of the set of scenes; a new one when any scene changes, comes or goes.
+/// Name of the set of scenes. Every change of the set needs a new name.
 pub(super) const SET: &str = "builtin/3";
 
-/// The tracer version that the digests below are of.
+/// Tracer version of the digests below.
 #[cfg(test)]
 const VERSION: u32 = 3;
-/// Digests of the scenes of [`golden_scenes`].
+/// Names and digests of the scenes of [`golden_scenes`].
 #[rustfmt::skip]
 const DIGESTS: &[(&str, &str)] = &[
     ("mirror", "ac73e8028a89be8a9056e7481cbba9b6a18d676c22852db552b72b3889cbcbb0"),
@@ -34,7 +34,7 @@ const DIGESTS: &[(&str, &str)] = &[
     ("two-layers", "2262b0706e64c6f390184e9d163b0a53e1d0baae1299b446cd39273dd32e732b"),
 ];
 
-/// Traces the golden scenes on this machine, some tens of milliseconds of one thread: one digest of all their digests.
+/// Traces the golden scenes on this machine, in tens of milliseconds of one thread. Returns one digest of all digests.
 pub fn golden(isa: Isa, threads: usize) -> Golden {
     let scenes = golden_scenes();
     let digests: Vec<OnceLock<String>> = scenes.iter().map(|_| OnceLock::new()).collect();
@@ -57,7 +57,7 @@ pub fn golden(isa: Isa, threads: usize) -> Golden {
     digest_of(digests.iter().map(|digest| digest.wait().as_str()))
 }
 
-/// The digest that every machine must reproduce with this version of the tracer.
+/// Returns the digest that every machine must reproduce with this version of the tracer.
 pub fn pinned() -> Golden {
     digest_of(DIGESTS.iter().map(|(_, digest)| *digest))
 }
@@ -70,7 +70,7 @@ fn digest_of<'a>(digests: impl Iterator<Item = &'a str>) -> Golden {
     Golden { scene: SET.to_owned(), blake3: hasher.finalize().to_hex().to_string() }
 }
 
-/// A scene's film as one tile, and the sample ranges that a run would take of it.
+/// Returns a scene's film as one tile, and the sample ranges that a run uses.
 pub fn whole(scene: &Scene) -> (Tile, Vec<Range<u32>>) {
     let tile = Tile { x: 0, y: 0, width: scene.film.width, height: scene.film.height };
     let step = match scene.target_error {
@@ -81,7 +81,7 @@ pub fn whole(scene: &Scene) -> (Tile, Vec<Range<u32>>) {
     (tile, starts.map(|start| start..start + step).collect())
 }
 
-/// BLAKE3 (hex) of a golden scene's shards: pixels, samples and misses of each range.
+/// Traces a golden scene and returns the BLAKE3 digest (hex) of the pixels, samples and misses of each range.
 fn digest(golden: &GoldenScene, isa: Isa) -> String {
     let (tile, ranges) = whole(&golden.scene);
     let mut hasher = blake3::Hasher::new();
@@ -106,9 +106,9 @@ mod tests {
     use crate::trace::TRACER_VERSION;
     use std::fmt::Write;
 
-    /// If this fails, pixels have changed: raise `TRACER_VERSION`, add a line to CHANGELOG, then paste the printed table.
+    /// A failure means that pixels have changed. The message lists the steps for an intended change.
     #[test]
-    fn pixels_are_those_of_this_tracer_version() {
+    fn golden_pixels_match_the_tracer_version() {
         let found: Vec<(&str, String)> = golden_scenes()
             .iter()
             .map(|golden| (golden.name, digest(golden, Isa::Baseline)))
@@ -126,9 +126,9 @@ mod tests {
         }
         assert!(
             found == pinned && TRACER_VERSION == VERSION,
-            "golden pixels of tracer version {VERSION} and of this one ({TRACER_VERSION}) differ in:{changed}\n\
-             if this is intended: raise TRACER_VERSION above {VERSION}, add a line to CHANGELOG.md, set VERSION in \
-             src/render/shard/golden.rs to it and replace the rows of DIGESTS by\n{table}"
+            "golden pixels of tracer version {VERSION} and of this program (version {TRACER_VERSION}) differ in:{changed}\n\
+             if the change is intended: raise TRACER_VERSION above {VERSION}, add a line to CHANGELOG.md, set VERSION in \
+             src/render/shard/golden.rs to the new version and replace the rows of DIGESTS by\n{table}"
         );
     }
 

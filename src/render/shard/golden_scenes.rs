@@ -1,7 +1,7 @@
-//! The built-in scenes: small, and between them every branch of the tracer.
+//! Defines the golden scenes: small scenes that together cover every branch of the tracer.
 //!
-//! To add one: a row in [`SCENES`], its digest in the table of `golden.rs` (the test prints it), its reference
-//! image (see `tests/physics/golden.rs`), and a new [`super::golden::SET`] name.
+//! A new scene needs a row in [`SCENES`], its digest in the table of `golden.rs` (the test prints it), a reference
+//! image (see `tests/physics/golden.rs`) and a new name in [`super::golden::SET`].
 
 use crate::layer::PerLayer;
 use crate::line::Apex;
@@ -14,11 +14,11 @@ use glam::DVec3;
 /// A scene of the golden set.
 pub struct GoldenScene {
     pub name: &'static str,
-    /// For the tracer. A film of 16 x 10 px.
+    /// Scene with a film of 16 x 10 px.
     pub scene: Scene,
 }
 
-/// Parameters of a golden scene; the defaults are [`Parameters::new`].
+/// Parameters of a golden scene; [`Parameters::new`] returns the defaults.
 struct Parameters {
     spp: u32,
     gaussian: bool,
@@ -28,11 +28,11 @@ struct Parameters {
     ior: f64,
     absorption_per_m: [f64; 3],
     tilt_deg: [f64; 2],
-    /// The back was photographed from the lens's own place.
+    /// True for a back scene with apex `camera`, false for apex `mirror`.
     from_camera: bool,
-    /// Depth pixels a side, across and down.
+    /// Width and height of the depth images, px.
     depth_px: [usize; 2],
-    /// Radiance of every 97th texel; the others are below 1.
+    /// Gain of every 97th texel; the other texels are at most 1.
     light: f32,
     order_tolerance: f64,
     target_error: Option<f64>,
@@ -40,7 +40,7 @@ struct Parameters {
 }
 
 impl Parameters {
-    /// A wide lens before a pane of glass at right angles, steps in depth, noise for a picture.
+    /// Returns the defaults: a wide lens, an untilted pane, steps in depth and random colours.
     fn new() -> Self {
         Self {
             spp: 64,
@@ -85,7 +85,7 @@ impl Parameters {
             let extra_m = if self.from_camera { camera.twice_distance_m() } else { 0.0 };
             (Pose::Aligned { extra_m }, -1.0)
         };
-        // Cosines from straight on to the farthest corner of film and lens, as in `scene::assemble`, but fewer.
+        // Cosines at the centre and at the corners of film and lens; `scene::assemble` uses more.
         let [tx, ty] =
             film.tan_half_fov.map(|t| t + self.aperture_radius_m * self.inverse_focus_per_m);
         let corners = [(0.0, 0.0), (-tx, -ty), (-tx, ty), (tx, -ty), (tx, ty)];
@@ -112,7 +112,7 @@ impl Parameters {
         }
     }
 
-    /// A photograph of plates of 8 x 8 depth pixels, 0.9 to 10 m away, with a texture of 48 x 40 texels of its own.
+    /// Makes a view of plates of 8 x 8 depth pixels, at 0.9 to 10 m, with a texture of 48 x 40 texels.
     fn view(&self, salt: u32, pose: Pose, sign: f64) -> View {
         let [nx, ny] = self.depth_px;
         let plate = |q: usize| (q / nx / 8) * 8 + q % nx / 8;
@@ -143,7 +143,7 @@ fn hash(q: usize, salt: u32) -> u32 {
 
 type Change = fn(&mut Parameters);
 
-/// How each scene differs from [`Parameters::new`], in a fixed order.
+/// Changes that each scene makes to [`Parameters::new`], in a fixed order.
 const SCENES: [(&str, Change); 14] = [
     ("mirror", |_| {}),
     ("camera", |w| w.from_camera = true),
@@ -156,7 +156,7 @@ const SCENES: [(&str, Change); 14] = [
         w.from_camera = true;
         w.gaussian = true;
     }),
-    // Brighter than white: the first orders and R take all samples.
+    // Lights are brighter than white, so the first orders and R take all samples.
     ("lights", |w| w.light = 1e4),
     ("pinhole", |w| {
         w.aperture_radius_m = 0.0;
@@ -164,15 +164,15 @@ const SCENES: [(&str, Change); 14] = [
     }),
     ("thin-pane", |w| w.thickness_m = 0.0),
     ("air", |w| w.ior = 1.0),
-    // Sixty degrees: a dozen orders, the last ones thinned.
+    // A tilt of 60 degrees makes a dozen orders visible; the last ones are thinned.
     ("steep", |w| {
         w.tilt_deg = [0.0, 60.0];
         w.thickness_m = 0.03;
         w.order_tolerance = 1e-6;
     }),
-    // Two ranges of 256; only the first holds samples of R.
+    // Two ranges of 256 samples; only the first contains samples of R.
     ("two-ranges", |w| w.spp = 512),
-    // Four samples, less than a group; depth images of one row and of one pixel's width.
+    // Fewer samples than lanes in a group, and depth images of one row or one column.
     ("one-row", |w| {
         w.spp = 4;
         w.depth_px = [40, 1];
@@ -188,7 +188,7 @@ const SCENES: [(&str, Change); 14] = [
     ("two-layers", |w| w.layers = [false, true, false, true]),
 ];
 
-/// All of them, in a fixed order.
+/// Makes all golden scenes, in a fixed order.
 pub fn golden_scenes() -> Vec<GoldenScene> {
     SCENES
         .into_iter()
@@ -205,9 +205,8 @@ mod tests {
     use super::*;
     use crate::trace::Surface;
 
-    /// The set must cover every branch of the tracer.
     #[test]
-    fn every_branch_is_covered() {
+    fn golden_scenes_cover_every_branch() {
         let scenes = golden_scenes();
         let any = |what: &str, has: &dyn Fn(&Scene) -> bool| {
             assert!(scenes.iter().any(|g| has(&g.scene)), "no scene with {what}");
@@ -230,15 +229,15 @@ mod tests {
         any("a pinhole", &|s| s.lens.aperture_radius_m == 0.0);
         any("focus at infinity", &|s| s.lens.inverse_focus_per_m == 0.0);
         any("a pane without thickness", &|s| s.slab.thickness_m == 0.0);
-        any("no reflection", &|s| s.orders.back.is_empty());
+        any("an invisible reflection", &|s| s.orders.back.is_empty());
         for thinning in [1, 2, 16] {
             any(&format!("orders thinned by {thinning}"), &|s| {
                 s.orders.back.iter().any(|f| f.thinning == thinning)
             });
         }
         any("many orders", &|s| s.orders.back.len() >= 8);
-        any("a target", &|s| s.target_error.is_some());
-        any("layers left out", &|s| s.layers.0 != [true; 4]);
+        any("a target error", &|s| s.target_error.is_some());
+        any("omitted layers", &|s| s.layers.0 != [true; 4]);
         any("several blocks", &|s| s.spp > 256);
         any("one sample", &|s| s.spp == 1);
         any("a depth image of one row", &|s| sheet(&s.front).1.1 == 1);

@@ -4,23 +4,23 @@ use crate::line::SceneLine;
 use crate::trace::Tile;
 use std::ops::Range;
 
-/// Samples that one shard takes of each pixel: all up to 256, later a sixteenth of them (at least 256).
+/// Returns the samples per pixel of a shard: all if `spp` is at most 256, otherwise a sixteenth, but at least 256.
 ///
-/// Part of the tracer's definition: means are rounded to f32 once a range.
+/// This number is part of the tracer's definition, because means are rounded to f32 once per range.
 pub fn samples_per_range(spp: u32) -> u32 {
     spp.min((spp / 16).max(256))
 }
 
-/// Approximate seconds of one core per camera sample, to choose a tile size and to estimate a run's duration.
+/// Approximate time of one core per camera sample, s, to choose a tile size and to estimate a run's duration.
 pub const SECONDS_PER_SAMPLE: f64 = 2.5e-8;
 
-/// A shard should cost at least this, so that checkpointing it stays cheap.
+/// Desired minimum duration of a shard, s, which keeps checkpoints cheap.
 const SHARD_SECONDS: f64 = 0.2;
 
-/// Tiles to choose from, px.
+/// Available sides of a tile, px.
 const TILES_PX: [u32; 4] = [64, 96, 128, 256];
 
-/// The smallest tile whose shards cost about 0.2 s on average over the manifest, else 256 px.
+/// Chooses the smallest tile with at least 0.2 s per shard on average over the manifest, or 256 px.
 pub fn choose_tile_px(lines: &[SceneLine]) -> u32 {
     let seconds = |tile_px: u32| {
         let cost = |line: &SceneLine| {
@@ -34,13 +34,13 @@ pub fn choose_tile_px(lines: &[SceneLine]) -> u32 {
     enough.unwrap_or(TILES_PX[TILES_PX.len() - 1])
 }
 
-/// One unit of work. Its result is a pure function of the scene and these fields.
+/// A tile and a range of samples: the unit of tracing. Its result is a pure function of the scene and these fields.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Shard {
-    /// Number in the scene.
+    /// Index of the shard in the scene.
     pub index: u32,
     pub tile: Tile,
-    /// Samples of each pixel.
+    /// Indices of each pixel's samples.
     pub samples: Range<u32>,
 }
 
@@ -55,14 +55,14 @@ pub struct ShardLayout {
 }
 
 impl ShardLayout {
-    /// Cuts a film of `width` x `height` with `spp` samples into tiles of `tile_px` and ranges of samples.
+    /// Divides a film of `width` x `height` px with `spp` samples into tiles of `tile_px` and ranges of samples.
     pub fn new(width: u32, height: u32, spp: u32, tile_px: u32) -> Self {
         assert!(width > 0 && height > 0 && spp > 0 && tile_px > 0, "an empty film has no shards");
         Self { width, height, spp, samples_per_range: samples_per_range(spp), tile_px }
     }
 
-    /// The shards of a manifest line. Adaptive scenes have one range, because a cell decides from all its samples, and
-    /// tiles of whole cells: `tile_px` is rounded up.
+    /// Divides the scene of a manifest line. An adaptive scene has one range, because a cell's decision needs all its
+    /// samples, and tiles of whole cells, so `tile_px` is rounded up.
     pub fn of(line: &SceneLine, tile_px: u32) -> Self {
         let (film, cell) = (&line.film, crate::trace::CELL_PX);
         if film.target_error.is_none() {
@@ -74,22 +74,22 @@ impl ShardLayout {
         }
     }
 
-    /// Sample ranges of each tile.
+    /// Returns the number of sample ranges of each tile.
     pub fn ranges(&self) -> u32 {
         self.spp / self.samples_per_range
     }
 
-    /// Shards of the scene.
+    /// Returns the number of shards of the scene.
     pub fn len(&self) -> u32 {
         self.width.div_ceil(self.tile_px) * self.height.div_ceil(self.tile_px) * self.ranges()
     }
 
-    /// Never: a film has a pixel.
+    /// Returns false, because every film has a pixel.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Shard `index`: tiles row by row, ranges innermost. Panics if there is none.
+    /// Returns shard `index`: tiles run row by row, and ranges within each tile. Panics if `index` is too large.
     pub fn shard(&self, index: u32) -> Shard {
         assert!(index < self.len(), "shard {index} of {}", self.len());
         let (tile, range) = (index / self.ranges(), index % self.ranges());

@@ -1,9 +1,9 @@
-//! A scene becomes shards, tiles times sample ranges, and a run's rules are frozen in its spec.
+//! Divides scenes into shards (tiles times sample ranges), and defines a run's spec and the golden scenes.
 //!
 //! ```
 //! use render::shard::ShardLayout;
 //!
-//! // 100 x 50 px in tiles of 64 px: two across, one down. 1024 samples: four ranges of 256.
+//! // 100 x 50 px make two tiles of 64 px, side by side; 1024 samples make four ranges of 256.
 //! let layout = ShardLayout::new(100, 50, 1024, 64);
 //! assert_eq!(layout.len(), 8);
 //! let last = layout.shard(7);

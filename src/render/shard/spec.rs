@@ -1,4 +1,4 @@
-//! `RUN/spec.json`: the settings that a run may not change.
+//! `RUN/spec.json`: the settings of a run that must not change.
 
 use crate::line::{SceneLine, to_jsonl};
 use serde::{Deserialize, Serialize};
@@ -7,10 +7,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// The schema name of a spec.
+/// Schema name of `spec.json`.
 pub const SPEC_SCHEMA: &str = "glasshouse.spec/1";
 
-/// A run's frozen rules. With `manifest.jsonl` beside it, it determines every pixel.
+/// Settings of a run that must not change. The spec and `manifest.jsonl` determine every pixel.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Spec {
@@ -18,7 +18,7 @@ pub struct Spec {
     pub schema: String,
     /// Name of the recipe or manifest.
     pub name: String,
-    /// Scenes of the manifest.
+    /// Number of scenes in the manifest.
     pub scenes: u32,
     /// BLAKE3 of `manifest.jsonl`.
     pub manifest_blake3: String,
@@ -26,55 +26,55 @@ pub struct Spec {
     pub tile_px: u32,
     /// [`crate::trace::TRACER_VERSION`] at planning.
     pub tracer_version: u32,
-    /// A shard that every machine traces before it joins.
+    /// Golden shard that every machine traces before it joins.
     pub golden: Golden,
     /// Folders of the named roots at planning; `--root NAME=DIR` overrides them on another machine.
     pub roots: BTreeMap<String, PathBuf>,
-    /// Photographs (of a manifest: scenes) that planning left out as their files could not be used.
+    /// Photographs (with a manifest, scenes) that planning left out, because their files could not be used.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<String>,
 }
 
-/// The golden shard: a machine that computes other bits may not join.
+/// The golden shard. A machine that computes other bits must not join.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Golden {
-    /// Which set of built-in scenes.
+    /// Name of the set of built-in scenes.
     pub scene: String,
-    /// BLAKE3 of all their pixels.
+    /// BLAKE3 of the digests of these scenes.
     pub blake3: String,
 }
 
-/// The run was planned from another recipe.
+/// Differences between a run and the recipe that should continue it.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "{} holds another run than this recipe makes:\n{diff}finish it with the recipe it was planned from, or plan \
-     into a new folder with --out", run.display()
+    "{} contains the run of another recipe:\n{diff}finish it with that recipe, or plan into a new folder with --out",
+    run.display()
 )]
 pub struct SpecMismatch {
     pub run: PathBuf,
-    /// The differences, one per line.
+    /// Text of the differences, one per line.
     pub diff: String,
 }
 
-/// BLAKE3 (hex) of a manifest's text.
+/// Computes the BLAKE3 digest (hex) of a manifest's text.
 pub fn manifest_digest(text: &str) -> String {
     blake3::hash(text.as_bytes()).to_hex().to_string()
 }
 
-/// BLAKE3 (hex) of one scene line: the identity of its shards.
+/// Computes the BLAKE3 digest (hex) of one scene line, which identifies the scene in its partials.
 pub fn scene_digest(line: &SceneLine) -> String {
     manifest_digest(&to_jsonl(std::slice::from_ref(line)))
 }
 
 impl Spec {
-    /// Differences between `self` (the run) and `new` (the recipe), one per line; empty if they agree.
+    /// Lists the differences between `self` (the run) and `new` (the recipe), one per line; empty if they agree.
     ///
-    /// Ignores roots: they are locations, not content.
+    /// Ignores roots, because they are locations, not content.
     pub fn diff(&self, old_lines: &[SceneLine], new: &Self, new_lines: &[SceneLine]) -> String {
         let mut text = String::new();
         let mut row = |what: &str, old: &dyn std::fmt::Display, new: &dyn std::fmt::Display| {
-            let _ = writeln!(text, "  {what}: {old} in the run, {new} by the recipe");
+            let _ = writeln!(text, "  {what}: {old} in the run, {new} from the recipe");
         };
         if self.name != new.name {
             row("name", &self.name, &new.name);
@@ -99,21 +99,21 @@ impl Spec {
     }
 }
 
-/// Rows of the scene lines' differences that are shown.
+/// Largest number of printed rows with differences of scene lines.
 const SHOWN: usize = 24;
 
-/// A key whose values differ.
+/// Difference in the values of one key.
 struct Row {
     old: String,
     new: String,
-    /// The first scene of these values.
+    /// Id of the first scene with these values.
     first: String,
     scenes: usize,
-    /// All these scenes have the same values.
+    /// True if all these scenes have the same values.
     is_uniform: bool,
 }
 
-/// Differences of scenes with the same id, one row per key, so that many changed seeds do not hide a changed pane.
+/// Lists the differences of scenes with equal ids, one row per key, so that changed seeds do not hide a changed pane.
 fn lines_diff(old_lines: &[SceneLine], new_lines: &[SceneLine]) -> String {
     let by_id: BTreeMap<&str, &SceneLine> = old_lines.iter().map(|l| (l.id.as_str(), l)).collect();
     let mut rows: BTreeMap<String, Row> = BTreeMap::new();
@@ -151,10 +151,10 @@ fn lines_diff(old_lines: &[SceneLine], new_lines: &[SceneLine]) -> String {
     }
     for (key, row) in rows.iter().take(SHOWN) {
         let scenes = scenes_text(row.scenes, &row.first);
-        let others = if row.is_uniform { "" } else { ", the others have other values" };
+        let others = if row.is_uniform { "" } else { ", with different values" };
         let _ = writeln!(
             text,
-            "  {key}: {} in the run, {} by the recipe ({scenes}{others})",
+            "  {key}: {} in the run, {} from the recipe ({scenes}{others})",
             row.old, row.new
         );
     }
@@ -168,7 +168,7 @@ fn scenes_text(count: usize, first: &str) -> String {
     if count == 1 { format!("scene {first}") } else { format!("{count} scenes, first {first}") }
 }
 
-/// `{"a": {"b": 1}}` as `a.b -> 1`.
+/// Flattens JSON to dotted keys: `{"a": {"b": 1}}` becomes `a.b -> 1`.
 fn flatten(prefix: &str, value: &Value, into: &mut BTreeMap<String, String>) {
     match value {
         Value::Object(map) => {

@@ -1,9 +1,9 @@
-//! Adaptive sampling: each cell of 8 x 8 pixels takes samples until its error is below the target.
+//! Adaptive sampling: each cell of 8 x 8 px takes samples until its error reaches the target.
 //!
-//! A cell takes aligned power-of-two blocks of one sequence: 16 samples, then as many again, and again. The front
-//! through the glass (with T), the back seen in it, and R each have their own count, and each goes on while a layer that
-//! it is part of is above the target. The decision rests on the cell's own samples alone, and cells lie on a fixed grid
-//! of the film: so pixels depend on neither tiles nor threads nor order.
+//! A cell takes aligned power-of-two blocks of one sequence: first 16 samples, then blocks that double their number.
+//! The front (for I and T), the back (for I and R~) and R have separate sample counts. A part takes more samples while
+//! T, R~ or R is above the target, or while I is and the part has the larger share of I's error. The decision uses only
+//! the cell's own samples, and cells lie on a fixed grid of the film, so pixels do not depend on tiles or threads.
 
 use super::bundle::Tracer;
 use super::means::{Components, Means, NOTHING, PixelMeans, Wanted};
@@ -11,27 +11,27 @@ use super::scene::Scene;
 use super::tile::{Tile, TileResult};
 use crate::layer::{Layer, PerLayer};
 
-/// Side of a cell, px. Tiles of an adaptive scene begin at multiples of it.
+/// Side of a cell, px. Tiles of an adaptive scene begin at multiples of this length.
 pub const CELL_PX: u32 = 8;
 
-/// Samples of the first round.
+/// Number of samples in the first round.
 const FIRST: u32 = 16;
 
-/// One of the parts with a sample count of its own.
+/// A part of a cell with its own sample count.
 #[derive(Clone, Copy)]
 struct Part {
     samples: u32,
     goes_on: bool,
 }
 
-/// A cell's state: its pixels' means, and how far each part has come.
+/// A cell: the means of its pixels, and the state of its front, back and R.
 struct Cell {
     pixels: Vec<Components>,
     parts: [Part; 3],
 }
 
-/// Traces `tile` until every cell's error in every layer is at most `target` (RMS over the cell, linear), or the scene's
-/// samples are spent.
+/// Traces `tile` until the error of every cell in every layer is at most `target` (RMS over the cell, linear) or the
+/// cell has taken all samples of the scene.
 #[inline(always)]
 pub(super) fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, target: f64) -> TileResult {
     assert!(
@@ -83,7 +83,7 @@ impl Cell {
         }
     }
 
-    /// Doubles the samples of the parts that go on and have the fewest; false when none goes on.
+    /// Starts or doubles the samples of the unfinished parts with the fewest samples. Returns false if none is left.
     #[inline(always)]
     fn round<const AVX2: bool>(
         &mut self,
@@ -131,12 +131,12 @@ impl Cell {
         true
     }
 
-    /// Which parts go on.
+    /// Determines the parts that take more samples.
     fn decide(&mut self, scene: &Scene, target: f64) {
         let of = |layer: Layer| self.error(|c| c.layers()[layer]);
         let above = |layer: Layer| scene.layers[layer] && of(layer) > target;
         let is_input_above = above(Layer::Input);
-        // I goes on in the part with the larger share of its error.
+        // For I, the part with the larger share of the error takes more samples.
         let (front, back) = (self.error(|c| c.front), self.error(|c| c.reflected));
         let go_on = [
             above(Layer::Transmission) || (is_input_above && front >= back),
@@ -148,9 +148,9 @@ impl Cell {
         }
     }
 
-    /// RMS error of one of the means over the cell: the larger estimate of its last two moves, if the error falls like
-    /// that of independent samples. (See [`super::means::square_error`]; so few pixels do not show its rate.) The last
-    /// move alone is sometimes small by chance, and the cell would stop too early.
+    /// Estimates the RMS error of a mean over the cell: the larger estimate from the last two moves, at the convergence
+    /// rate of independent samples, because so few pixels do not show the true rate (see
+    /// [`super::means::square_error`]). The last move alone is sometimes small by chance.
     fn error(&self, means: impl Fn(&Components) -> Means) -> f64 {
         let (mut last, mut before) = (0.0, 0.0);
         for pixel in &self.pixels {
@@ -164,7 +164,7 @@ impl Cell {
         (square / (3 * self.pixels.len()) as f64).sqrt()
     }
 
-    /// Samples a pixel of each layer's strongest order.
+    /// Returns the samples per pixel of each layer's strongest order.
     fn samples(&self, scene: &Scene) -> PerLayer<u32> {
         let [front, back, clean] = self.parts.map(|part| part.samples);
         let thinning = scene.orders.back.first().map_or(1, |order| order.thinning);
@@ -173,7 +173,7 @@ impl Cell {
     }
 }
 
-/// Means of 2n samples from those of the first and of the second n.
+/// Combines the means of the first n and of the second n samples into the means of 2n samples.
 fn doubled([first, first_half, _]: &Means, [second, ..]: &Means) -> Means {
     let mean = [0, 1, 2].map(|c| 0.5 * (first[c] + second[c]));
     [mean, *first, *first_half]

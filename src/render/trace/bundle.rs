@@ -1,4 +1,4 @@
-//! The estimator: one pixel's samples as one bundle, four layers from the same camera samples.
+//! The estimator: traces a pixel in bundles, and computes the four layers from the same camera samples.
 //!
 //! ```text
 //! camera sample s = (film point, lens point)                       -> ray
@@ -9,8 +9,8 @@
 //! R  = mean over film points of B(mirrored pinhole ray)            (no glass, no lens)
 //! ```
 //!
-//! F and B are the photographs' radiances where the line first meets their sheet (or mesh): a path ends there, because
-//! the photograph's radiance is the radiance that leaves the surface (the paper's Eq. 1): there is no other transport.
+//! F and B are the radiances of the front and the back photograph at the line's first hit with the sheet (or mesh) of
+//! each. A path ends at this hit, because a photograph has the radiance that leaves the surface (Eq. 1 of the paper).
 
 use super::camera::{CameraBlock, GROUPS, Pixel};
 use super::fetch::{Cells, TexelMap, Weights};
@@ -28,9 +28,9 @@ use super::walk::{Lines, Walkers, walk_bundle};
 use crate::layer::{Layer, PerLayer};
 use std::ops::Range;
 
-/// Traces pixels of a scene and counts paths.
+/// Tracer of a scene's pixels, with counts of their paths.
 ///
-/// `AVX2` chooses kernels and is only set inside a function that is compiled for AVX2.
+/// `AVX2` selects the kernels; only functions compiled for AVX2 set it.
 pub(super) struct Tracer<'a, const AVX2: bool> {
     scene: &'a Scene,
     camera: Box<CameraBlock>,
@@ -41,7 +41,7 @@ pub(super) struct Tracer<'a, const AVX2: bool> {
     misses: PerLayer<u64>,
 }
 
-/// A bundle's lines and where they end. Kept from bundle to bundle.
+/// Lines of a bundle and their hits. All bundles reuse this memory.
 struct BundleRays {
     lines: [Lines; GROUPS],
     hits: [Lane; GROUPS],
@@ -58,24 +58,24 @@ impl BundleRays {
     }
 }
 
-/// One order (or R's pinhole path) with one block of samples.
+/// One block of a pixel's samples along one order (or R's pinhole path).
 struct Bundle<'a> {
     surface: &'a Surface,
     path: Path,
     order: Option<Order>,
     feeds: Feeds,
-    /// Samples of the block that belong to the first quarter of the pixel's, to the first half, and all.
+    /// Number of the block's samples in the first quarter of the pixel's samples, in the first half, and in total.
     ends: [u32; 3],
 }
 
-/// Targets of a bundle's radiance.
+/// Sums that receive a bundle's radiance.
 #[derive(Clone, Copy, PartialEq)]
 enum Feeds {
     /// The order's weighted sum.
     Order,
-    /// Of t_0: T alone, without a weight.
+    /// For t_0: the unweighted sum of T.
     Bare,
-    /// Of t_0: both.
+    /// For t_0: both sums.
     Both,
 }
 
@@ -92,13 +92,13 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
         }
     }
 
-    /// Paths and missed paths of the layers so far.
+    /// Returns the numbers of paths and misses of the layers so far.
     pub(super) fn counts(&self) -> (PerLayer<u64>, PerLayer<u64>) {
         (self.paths, self.misses)
     }
 
-    /// Traces the `wanted` parts of pixel (`x`, `y`) from `samples`, an aligned power-of-two block; R takes its first
-    /// `clean` samples.
+    /// Traces the `wanted` components of pixel (`x`, `y`) with `samples`, an aligned power-of-two block. R takes only
+    /// the first `clean` samples of the block.
     #[inline(always)]
     pub(super) fn pixel(
         &mut self,
@@ -115,7 +115,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
         let (mut bare, mut pinhole) = (NOTHING, NOTHING);
         self.front.fill(NOTHING);
         self.back.fill(NOTHING);
-        // T needs no order of the front but t_0, which comes first.
+        // T needs only the first order of the front, t_0.
         let of_front = match (wanted.front, wanted.bare) {
             (true, _) => scene.orders.front.len(),
             (false, bare) => usize::from(bare),
@@ -134,7 +134,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
                     path: self.path(followed),
                     order: Some(followed.order),
                     feeds: match followed.order {
-                        // Also where T is not asked for: I's bits must not depend on that.
+                        // T receives t_0 even if the scene does not request T: the request must not affect I's bits.
                         Order::Transmitted(0) if wanted.front => Feeds::Both,
                         Order::Transmitted(0) if wanted.bare => Feeds::Bare,
                         _ => Feeds::Order,
@@ -193,13 +193,13 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
         }
     }
 
-    /// Shift of an order's lines as a linear function of gamma.
+    /// Returns the path of an order; its shift is a linear function of gamma.
     fn path(&self, followed: &FollowedOrder) -> Path {
         let constant = self.scene.slab.kappa_m(followed.order, 0.0);
         Path::Lens { constant, slope: self.scene.slab.kappa_m(followed.order, 1.0) - constant }
     }
 
-    /// Sums of one bundle's weighted radiance, and its missed paths. T's unweighted sum goes into `bare`.
+    /// Traces a bundle. Returns the sums of its weighted radiance and its misses; adds the sums of T to `bare`.
     #[inline(always)]
     fn follow(&mut self, pixel: &Pixel, bundle: &Bundle, bare: &mut Sums) -> (Sums, u64) {
         let (scene, camera, rays) = (self.scene, &*self.camera, &mut *self.rays);

@@ -1,19 +1,19 @@
-//! Camera samples of one pixel: film point, lens point, direction, and the glass along it, in lanes.
+//! Camera samples of one pixel, in lanes: film point, lens point, direction, and optics of the glass in this direction.
 
 use super::lanes::{LANES, Lane, sin_cos_octant};
 use super::sampler::{BLOCK, PixelSeed, points};
 use super::scene::Scene;
 
-/// Groups of sixteen samples in a block.
+/// Number of groups of sixteen samples in a block.
 pub(super) const GROUPS: usize = BLOCK / LANES;
 
 pub(super) struct Pixel {
     seed: PixelSeed,
     /// Direction of the pixel's centre, tangents.
     pub(super) center: [f64; 2],
-    /// Half the film interval of the pixel's samples, tangents.
+    /// Half the width of the pixel's film interval, tangents.
     pub(super) half_width: [f64; 2],
-    /// Interval that holds gamma (see [`super::slab`]) over the pixel and the lens.
+    /// Interval that contains gamma (see [`super::slab`]) of all samples of the pixel.
     pub(super) gamma: [f64; 2],
 }
 
@@ -23,8 +23,8 @@ impl Pixel {
         let center = scene.film.tangent(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let radius_px = scene.film.filter_radius_px();
         let half_width = scene.film.pixel_tangent().map(|size| size * radius_px);
-        // The angle between two directions is at most their distance in the tangent plane, so within `reach` of
-        // the centre the cosine c to the normal stays in [c cos(reach) - s sin(reach), c + s sin(reach)].
+        // The angle between two directions is at most their distance in the tangent plane. With cosine c and sine s at
+        // the centre, the cosines within `reach` lie in [c cos(reach) - s sin(reach), c + s sin(reach)].
         let spread = scene.lens.aperture_radius_m * scene.lens.inverse_focus_per_m;
         let [rx, ry] = half_width.map(|h| h + spread);
         let reach = (rx * rx + ry * ry).sqrt();
@@ -42,16 +42,16 @@ impl Pixel {
 /// Camera samples of one block; film points and directions are relative to the pixel's centre direction.
 pub(super) struct CameraBlock {
     pub(super) film: [[Lane; GROUPS]; 2],
-    /// Direction (x, y at z = 1) through the lens point.
+    /// Direction of the ray through the lens point (x, y at z = 1).
     pub(super) direction: [[Lane; GROUPS]; 2],
     pub(super) lens: [[Lane; GROUPS]; 2],
-    /// tan_t / tan_i.
+    /// Ratio tan_t / tan_i (see [`super::slab`]).
     pub(super) gamma: [Lane; GROUPS],
     /// Reflectance of a face for s and p polarised light.
     pub(super) reflectance: [[Lane; GROUPS]; 2],
-    /// 1 - reflectance.
+    /// Transmittance of a face, 1 - reflectance, for s and p polarised light.
     pub(super) transmittance: [[Lane; GROUPS]; 2],
-    /// 1 / cos_t; filled only where the glass absorbs.
+    /// Values of 1 / cos_t; filled only if the glass absorbs light.
     pub(super) inverse_cos_t: [Lane; GROUPS],
 }
 
@@ -107,7 +107,7 @@ impl CameraBlock {
                 }
             }
         }
-        // Rays meet at the pinhole ray's point on the plane of focus: direction = p - a / zf.
+        // Rays through film point p meet on the plane of focus: direction = p - a / zf, with a the lens point.
         let inverse_focus = scene.lens.inverse_focus_per_m as f32;
         for axis in 0..2 {
             for g in 0..groups {
@@ -133,7 +133,7 @@ impl CameraBlock {
                 let dx = center[0] + self.direction[0][g][l];
                 let dy = center[1] + self.direction[1][g][l];
                 let square = 1.0 + (dx * dx + dy * dy);
-                // The direction (dx, dy, 1) times the normal is 1 where nothing is tilted.
+                // Without tilt, the dot product of (dx, dy, 1) and the normal is 1.
                 let along = if tilted { dx * normal.x + dy * normal.y + normal.z } else { 1.0 };
                 let root = (excess * square + along * along).sqrt();
                 let gamma = along / root;
@@ -143,7 +143,7 @@ impl CameraBlock {
                     let inverse = 1.0 / (1.0 + slope);
                     let amplitude = (1.0 - slope) * inverse;
                     self.reflectance[q][g][l] = amplitude * amplitude;
-                    // 1 - R = 4 g / (1 + g)^2, without cancellation at grazing incidence.
+                    // 1 - R = 4 g / (1 + g)^2 with g = `slope` avoids cancellation at grazing incidence.
                     self.transmittance[q][g][l] = 4.0 * slope * inverse * inverse;
                 }
                 if absorbs {
@@ -154,7 +154,7 @@ impl CameraBlock {
     }
 }
 
-/// Shirley and Chiu's concentric map from the unit square to the unit disc.
+/// Applies Shirley and Chiu's concentric map from the unit square to the unit disc.
 #[inline(always)]
 fn concentric_disc(u: f32, v: f32) -> (f32, f32) {
     let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_disc_is_covered_evenly() {
+    fn disc_points_are_uniform() {
         let seed = PixelSeed::new(1, 2, 3);
         let n = 1 << 16;
         let (mut x2, mut r2, mut inner) = (0.0, 0.0, 0);

@@ -1,9 +1,8 @@
-//! Rays: a pure function from a scene, a tile and a range of samples to the four layers' means.
+//! Traces rays: a pure function from a scene, a tile and a range of samples to the means of the four layers.
 //!
-//! The estimator is written down in `bundle`, the glass in `slab`, the intersection in `walk`
-//! and, for triangle meshes, in `mesh`. No file,
-//! clock, environment or thread pool is used here, and every sum has a fixed order: a pixel's bits depend on the
-//! scene and the sample range alone.
+//! `bundle` documents the estimator, `slab` the glass, `walk` the intersection with depth images and `mesh` the
+//! intersection with triangle meshes. The module uses no file, clock, environment variable or thread pool, and every
+//! sum has a fixed order, so the bits of a pixel depend only on the scene and the sample range.
 //!
 //! ```
 //! use render::trace::{Order, Slab};
@@ -15,7 +14,7 @@
 //!     ior: 1.5,
 //!     absorption_per_m: [0.0; 3],
 //! };
-//! // At normal incidence a face reflects ((n - 1) / (n + 1))^2, and glass that absorbs nothing loses nothing.
+//! // At normal incidence, a face reflects ((n - 1) / (n + 1))^2. Without absorption, the pane loses no light.
 //! assert!((pane.weight(Order::Reflected(0), 1.0)[0] - 0.04).abs() < 1e-15);
 //! let all = pane.total_transmittance(1.0)[0] + pane.total_reflectance(1.0)[0];
 //! assert!((all - 1.0).abs() < 1e-15);
@@ -23,9 +22,9 @@
 
 #![allow(
     clippy::needless_bitwise_bool,
-    reason = "lane loops have no branches: `&` and `|` keep them vector code"
+    reason = "`&` and `|` keep lane loops free of branches, so that they become vector code"
 )]
-#![allow(clippy::cast_possible_wrap, reason = "grid and texture sizes are checked to fit 31 bits")]
+#![allow(clippy::cast_possible_wrap, reason = "grids and textures have fewer than 2^31 elements")]
 
 mod adaptive;
 mod bundle;
@@ -59,7 +58,7 @@ pub use slab::{Order, Slab};
 pub use texture::Texture;
 pub use tile::{Isa, Tile, TileResult, trace_tile};
 
-/// Version of the tracer's results: raised whenever any pixel or stated error changes. A run refuses to continue with another.
+/// Version of the tracer's results; every change of a pixel or stated error raises it. A run rejects other versions.
 pub const TRACER_VERSION: u32 = 3;
 
 #[cfg(test)]

@@ -23,8 +23,7 @@ struct Bundle<'a> {
     pixel: Pixel,
     maker: LineMaker<'a>,
     lines: [Lines; GROUPS],
-    /// Camera samples of the bundle, for views that have no closed form of their footprint. Other views share one
-    /// block.
+    /// Camera samples of the bundle, for views without a closed form of the footprint. Other views share one block.
     camera: Option<Box<CameraBlock>>,
 }
 
@@ -38,8 +37,8 @@ pub struct ProbeRay {
     pub direction: [f32; 3],
 }
 
-/// Samples `first .. first + 256` of a pixel by the tracer's own block, `[pixel x, pixel y, lens u, lens v]`; `first`
-/// is a multiple of 256. Benchmarks time this function; [`super::sample`] defines the samples.
+/// Computes samples `first .. first + 256` of a pixel with the tracer's code, `[pixel x, pixel y, lens u, lens v]`;
+/// `first` is a multiple of 256. Benchmarks time this function; [`super::sample`] defines the samples.
 pub fn sample_block(
     sampling: Sampling,
     seed: &PixelSeed,
@@ -81,7 +80,7 @@ pub struct WalkCount {
     pub cells: u64,
     /// Number of groups of sixteen rays.
     pub groups: u64,
-    /// Cells of the longest ray of each group, summed: rounds of a kernel that walks a group until its last ray ends.
+    /// Sum of the cells of each group's longest ray: the rounds of a kernel that walks a group until its last ray ends.
     pub rounds: u64,
 }
 
@@ -126,7 +125,7 @@ impl<'a> BundleProbe<'a> {
         Some(Self { scene, view, bundles })
     }
 
-    /// Number of rays of all bundles.
+    /// Returns the number of rays of all bundles.
     pub fn len(&self) -> usize {
         self.bundles.len() * BLOCK
     }
@@ -136,14 +135,14 @@ impl<'a> BundleProbe<'a> {
         self.bundles.is_empty()
     }
 
-    /// The view with the sheet that the rays hit.
+    /// Returns the view with the sheet that the rays hit.
     pub fn view(&self) -> &View {
         self.view
     }
 
-    /// Computes span and walk of every bundle, and writes the inverse depths (1/m) of all hits to `hits`, in the order
-    /// of the rays. Benchmarks time this call. The result depends on the scene alone, not on `isa`. Panics if `hits`
-    /// has another length.
+    /// Computes the span and walk of every bundle, and writes the inverse depths (1/m) of all hits to `hits`, in the
+    /// order of the rays. Benchmarks time this call. The result depends on the scene alone, not on `isa`. Panics if
+    /// `hits` has another length.
     pub fn intersect(&self, isa: Isa, hits: &mut [f32]) {
         assert_eq!(hits.len(), self.len(), "a hit for each ray");
         match isa {
@@ -175,7 +174,7 @@ impl<'a> BundleProbe<'a> {
         }
     }
 
-    /// All rays, in the order of [`Self::intersect`].
+    /// Returns all rays, in the order of [`Self::intersect`].
     pub fn rays(&self) -> Vec<ProbeRay> {
         let focal = self.view.focal_px.map(f64::abs);
         let principal = self.view.principal;
@@ -199,7 +198,7 @@ impl<'a> BundleProbe<'a> {
         rays
     }
 
-    /// Cells between the start of each ray's walk and its hit in `hits`, the result of [`Self::intersect`].
+    /// Counts the cells between the start of each ray's walk and its hit in `hits`, the result of [`Self::intersect`].
     pub fn count(&self, hits: &[f32]) -> WalkCount {
         let shared = CameraBlock::new();
         let mut count = WalkCount::default();
@@ -218,7 +217,7 @@ impl<'a> BundleProbe<'a> {
         count
     }
 
-    /// Number of cells that each of sixteen rays touches. All cells beyond the outermost columns and rows count as one.
+    /// Counts the cells that each of sixteen rays touches. Cells beyond the outermost columns and rows count as one.
     fn cells(&self, base: [i32; 2], lines: &Lines, from_w: f32, hits: &Lane) -> [u64; LANES] {
         let grid = &self.view.grid;
         let cell = |at: f32, base: i32, n: usize| {

@@ -1,22 +1,22 @@
 //! Owen-scrambled Sobol points as a pure function of (scene seed, pixel, sample index).
 //!
-//! A sample has four coordinates: a pair for the pixel and a pair for the lens. Both pairs use the first two
-//! Sobol dimensions, which form a (0,2)-sequence: each aligned power-of-two block of indices puts exactly one
-//! point into every elementary interval. The pairs are decorrelated by *padding*: each has its own Owen-shuffled
-//! index and its own Owen scramble of the values. (A plain xor of the index is not enough: it makes the lens
-//! point a function of the pixel point, and the error stops falling at 16 samples.)
+//! A sample has four coordinates: a pair for the pixel and a pair for the lens. Both pairs use the first two Sobol
+//! dimensions, which form a (0,2)-sequence: each aligned power-of-two block of indices puts exactly one point into
+//! every elementary interval. *Padding* decorrelates the pairs: each pair has its own Owen shuffle of the index and its
+//! own Owen scramble of the values. (A plain xor of the index is not enough: it makes the lens point a function of the
+//! pixel point, and the error stops decreasing at 16 samples.)
 //!
-//! Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020. The hash is Laine and Karras's with
-//! Vegdahl's constants. Limits: indices below 2^32, 24 bits a coordinate.
+//! Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020. The hash is that of Laine and Karras with
+//! Vegdahl's constants. Limits: indices below 2^32, 24 bits per coordinate.
 
 use super::lanes::{LANES, Lane};
 use super::scene::Sampling;
 use crate::hash::{GOLDEN_GAMMA, mix64};
 
-/// Samples that `block` makes at a time; ranges of more samples are whole numbers of blocks.
+/// Largest number of samples in a call of `block`. Longer sample ranges consist of whole blocks.
 pub const BLOCK: usize = 256;
 
-/// Seeds of one pixel: of the index shuffles of both pairs, and of the four coordinates.
+/// Seeds of one pixel: one per pair for the index shuffle, and one per coordinate for the scramble.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PixelSeed {
     index: [u32; 2],
@@ -24,7 +24,7 @@ pub struct PixelSeed {
 }
 
 impl PixelSeed {
-    /// Seeds of pixel (`x`, `y`) of the scene with `scene_seed`.
+    /// Derives the seeds of pixel (`x`, `y`) from the scene's seed.
     pub fn new(scene_seed: u64, x: u32, y: u32) -> Self {
         let pixel = mix64(u64::from(x) | u64::from(y) << 32);
         let key = mix64(scene_seed.wrapping_add(GOLDEN_GAMMA) ^ pixel);
@@ -33,7 +33,7 @@ impl PixelSeed {
     }
 }
 
-/// Laine-Karras permutation: an Owen scramble of a number whose bits are reversed.
+/// Applies the Laine-Karras permutation: an Owen scramble of a bit-reversed number.
 #[inline(always)]
 const fn laine_karras(mut x: u32, seed: u32) -> u32 {
     x ^= x.wrapping_mul(0x3d20_adea);
@@ -43,7 +43,7 @@ const fn laine_karras(mut x: u32, seed: u32) -> u32 {
     x ^ x.wrapping_mul(0x53a2_2864)
 }
 
-/// Bit-reversed second Sobol coordinate of `index` (direction numbers of x + 1: the Pascal matrix).
+/// Computes the bit-reversed second Sobol coordinate of `index` (direction numbers of x + 1: the Pascal matrix).
 const fn sobol_1_reversed(mut index: u32) -> u32 {
     let mut column = 1u32 << 31;
     let mut value = 0;
@@ -57,7 +57,7 @@ const fn sobol_1_reversed(mut index: u32) -> u32 {
     value.reverse_bits()
 }
 
-/// [`sobol_1_reversed`] of the 256 low bytes: the map is linear over xor.
+/// [`sobol_1_reversed`] of every low byte; the function is linear over xor, so callers xor the share of other bits.
 static LOW_BYTE: [u32; 256] = {
     let mut table = [0; 256];
     let mut i = 0;
@@ -68,15 +68,15 @@ static LOW_BYTE: [u32; 256] = {
     table
 };
 
-/// The 24 high bits as a number in [0, 1).
+/// Converts the 24 high bits to a number in [0, 1).
 #[inline(always)]
 fn unit(x: u32) -> f32 {
     (x >> 8) as i32 as f32 * (1.0 / 16_777_216.0)
 }
 
-/// Sample `index` of a pixel: `[pixel x, pixel y, lens u, lens v]`, each in [0, 1).
+/// Computes sample `index` of a pixel: `[pixel x, pixel y, lens u, lens v]`, each in [0, 1).
 ///
-/// The definition; `block` gives the same bits sixteen at a time.
+/// This function defines the samples; `block` computes the same bits for sixteen samples at a time.
 pub fn sample(seed: &PixelSeed, index: u32) -> [f32; 4] {
     let mut point = [0.0; 4];
     for pair in 0..2 {
@@ -88,14 +88,14 @@ pub fn sample(seed: &PixelSeed, index: u32) -> [f32; 4] {
     point
 }
 
-/// Samples `first .. first + 16 * points[0].len()` of one pair (0 pixel, 1 lens).
+/// Computes samples `first .. first + 16 * u.len()` of one pair (0: pixel, 1: lens).
 ///
-/// `first` is a multiple of 256, or of 16 inside an aligned block of 256 that the samples do not leave.
+/// `first` is a multiple of 16, and all samples lie in the same aligned block of 256.
 #[inline(always)]
 pub(crate) fn block(seed: &PixelSeed, pair: usize, first: u32, u: &mut [Lane], v: &mut [Lane]) {
     debug_assert!(u.len() == v.len() && (first as usize % BLOCK) + LANES * u.len() <= BLOCK);
-    // An Owen shuffle keeps aligned power-of-two blocks together: within 256 samples the upper 24 bits of the
-    // shuffled index are constant, and so is their share of the second coordinate.
+    // An Owen shuffle keeps aligned power-of-two blocks together: within 256 samples the upper 24 bits of the shuffled
+    // index are constant, and so is their share of the second coordinate.
     let high = laine_karras(first.reverse_bits(), seed.index[pair]).reverse_bits() & !0xff;
     let high_part = sobol_1_reversed(high);
     let (seed_u, seed_v) = (seed.value[2 * pair], seed.value[2 * pair + 1]);
@@ -117,7 +117,7 @@ pub(crate) fn block(seed: &PixelSeed, pair: usize, first: u32, u: &mut [Lane], v
     }
 }
 
-/// The same samples of either kind.
+/// Computes samples of either kind, with the arguments of [`block`].
 #[inline(always)]
 pub(crate) fn points(
     sampling: Sampling,
@@ -133,7 +133,7 @@ pub(crate) fn points(
     }
 }
 
-/// Mixes all bits of 32 (Wellons, "Prospecting for Hash Functions", lowbias32).
+/// Mixes all 32 bits (Wellons, "Prospecting for Hash Functions", lowbias32).
 #[inline(always)]
 const fn mix32(mut x: u32) -> u32 {
     x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
@@ -141,8 +141,8 @@ const fn mix32(mut x: u32) -> u32 {
     x ^ (x >> 16)
 }
 
-/// Independent points: each coordinate is a hash of its seed and the index. Two rounds with two keys, for after a
-/// single one two pixels whose keys share their upper bits would have the same points in another order.
+/// Computes independent points: each coordinate is a hash of its seed and the index. After a single round, pixels with
+/// equal upper key bits would have the same points in another order, so two rounds use two keys.
 #[inline(always)]
 fn independent(seed: &PixelSeed, pair: usize, first: u32, u: &mut [Lane], v: &mut [Lane]) {
     let (key_u, key_v) = (seed.value[2 * pair], seed.value[2 * pair + 1]);
@@ -160,7 +160,7 @@ fn independent(seed: &PixelSeed, pair: usize, first: u32, u: &mut [Lane], v: &mu
 mod tests {
     use super::*;
 
-    /// Mean, variance, correlations of neighbours and coordinates, and the fullness of cells, of independent points.
+    /// Independent points have the mean, variance, correlations and cell counts of uniform random numbers.
     #[test]
     fn independent_points_are_uniform_and_uncorrelated() {
         const N: usize = 4096;
@@ -186,7 +186,7 @@ mod tests {
                 cells[(u[i] * 8.0) as usize * 8 + (v[i] * 8.0) as usize] += 1;
             }
         }
-        // Standard deviations of these means are 1/sqrt(12 n), ...; five of them may not be left.
+        // The standard deviation of the mean is 1/sqrt(12 n); every bound is five standard deviations.
         let n = f64::sqrt(count);
         assert!((sum / (2.0 * count)).abs() < 5.0 * 0.205 / n);
         assert!((square / (2.0 * count) - 1.0 / 12.0).abs() < 5.0 * 0.053 / n);
@@ -198,7 +198,7 @@ mod tests {
             .iter()
             .map(|&c| (f64::from(c) - expected) * (f64::from(c) - expected) / expected)
             .sum();
-        // 63 degrees of freedom: 63 +- 11; stratified points would give next to 0.
+        // Chi square with 63 degrees of freedom is 63 +- 11; stratified points would yield almost 0.
         assert!((20.0..130.0).contains(&chi_square), "{chi_square}");
     }
 

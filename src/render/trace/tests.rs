@@ -21,7 +21,7 @@ pub(super) fn random(k: u64) -> f64 {
     (x >> 40) as f64 / f64::from(1 << 24)
 }
 
-/// A surface with plates, skirts and noise.
+/// Makes a surface with plates, skirts and noise.
 pub(super) fn rough(nx: usize, ny: usize, key: u64) -> Grid {
     let w = (0..nx * ny)
         .map(|q| {
@@ -36,7 +36,7 @@ pub(super) fn rough(nx: usize, ny: usize, key: u64) -> Grid {
 /// Tolerance at the edges of a triangle in [`brute`], px.
 const EDGE: f64 = 1e-10;
 
-/// Largest w at which the line hits a triangle of the continued sheet, in f64; `None` if it hits none.
+/// Returns the largest w at which the line hits a triangle of the continued sheet, in f64; `None` if it hits none.
 fn brute(grid: &Grid, [x, y, sx, sy]: [f64; 4]) -> Option<f64> {
     let w = grid.inverse_depths_per_m();
     let (nx, ny) = (grid.nx() as i64, grid.ny() as i64);
@@ -189,7 +189,7 @@ fn no_ray_leaks_between_cells() {
         let lines = group(&rays);
         let inside = walk::<false>(&grid, base, &lines, span);
         let clamped = walk::<false>(&grid, base, &lines, full_span(&grid, false));
-        assert_eq!(inside, clamped, "with and without clamped indices");
+        assert_eq!(inside, clamped, "clamped indices change hits");
         for (ray, hit) in rays.iter().zip(inside) {
             let [x, y, sx, sy] = ray.map(f64::from);
             let hit = f64::from(hit);
@@ -220,7 +220,7 @@ fn no_ray_leaks_between_cells() {
             tested += 1;
         }
     }
-    println!("{tested} rays: farthest from the sheet {outside_gap:.1e} 1/m");
+    println!("{tested} rays: largest distance from the sheet {outside_gap:.1e} 1/m");
     assert!(outside_gap < 2e-5);
 }
 
@@ -274,7 +274,7 @@ fn another_ray_tracer_finds_the_same_hits() {
     assert!(differing * 2000 <= tested);
 }
 
-/// A scene around one grid, tilted or not.
+/// Makes a scene with two rough sheets and a pane, tilted or not.
 pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: f64) -> Scene {
     let normal = Slab::tilted_normal(tilt_deg);
     let slab = Slab {
@@ -326,7 +326,7 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
     }
 }
 
-/// Largest distance of the rays outside the footprint's box at w, px; negative if all are inside.
+/// Returns the largest distance of the rays outside the footprint's box at w, px; negative if all are inside.
 fn escape(footprint: &impl Footprint, lines: &[Lines], w: f32) -> f32 {
     let [u0, v0, u1, v1] = footprint.at(w);
     let mut farthest = f32::NEG_INFINITY;
@@ -368,7 +368,7 @@ fn footprints_and_spans_are_conservative() {
                         Order::Transmitted(_) => &scene.front,
                         Order::Reflected(_) => &scene.back,
                     };
-                    let Surface::Sheet(view) = side else { panic!("a mesh") };
+                    let Surface::Sheet(view) = side else { panic!("the surface must be a sheet") };
                     let constant = scene.slab.kappa_m(order, 0.0);
                     let slope = scene.slab.kappa_m(order, 1.0) - constant;
                     let maker =
@@ -421,9 +421,9 @@ fn footprints_and_spans_are_conservative() {
     );
 }
 
-/// With a footprint of one point, the span is a plain interval search.
+/// With a constant footprint on a flat part, the span contains w of this part in spite of extremes elsewhere.
 #[test]
-fn spans_close_in_on_a_flat_sheet() {
+fn spans_contain_a_flat_sheet() {
     struct Everywhere;
     impl Footprint for Everywhere {
         fn at(&self, _: f32) -> [f32; 4] {
@@ -440,12 +440,12 @@ fn spans_close_in_on_a_flat_sheet() {
 /// The rays that a probe exports in the capture camera's frame hit the sheet at the kernel's hits, on every instruction
 /// set, and the lengths of the walks add up.
 #[test]
-fn probed_rays_meet_the_sheet_where_the_kernel_says() {
+fn probed_rays_have_the_hits_of_the_kernel() {
     let (mut tested, mut cells) = (0, 0);
     for (tilt_deg, general) in [([0.0, 0.0], false), ([-10.0, 15.0], true)] {
         let scene = scene(tilt_deg, general, false, 2.0);
         for order in [Some(Order::Transmitted(0)), Some(Order::Reflected(1)), None] {
-            let probe = BundleProbe::new(&scene, order, 40).expect("something to walk");
+            let probe = BundleProbe::new(&scene, order, 40).expect("a grid to walk");
             let (mut hits, mut again) = (vec![0.0; probe.len()], vec![0.0; probe.len()]);
             probe.intersect(Isa::Baseline, &mut hits);
             probe.intersect(Isa::detect(), &mut again);
@@ -473,17 +473,17 @@ fn probed_rays_meet_the_sheet_where_the_kernel_says() {
         }
     }
     println!("{tested} rays, {cells} cells");
-    assert!(cells > tested, "some rays take more than a cell");
+    assert!(cells > tested, "some rays must cross several cells");
     let mut aligned = scene([0.0, 0.0], false, false, 2.0);
     let Surface::Sheet(back) = &mut aligned.back else {
-        panic!("these scenes are sheets");
+        panic!("the back surface must be a sheet");
     };
     back.pose = Pose::Aligned { extra_m: 0.0 };
     assert!(BundleProbe::new(&aligned, None, 40).is_none());
 }
 
 #[test]
-fn probed_blocks_are_the_samples() {
+fn probed_blocks_equal_the_definition() {
     let seed = PixelSeed::new(4, 5, 6);
     let block = sample_block(Sampling::Sobol, &seed, 512, Isa::detect());
     for i in 0..BLOCK {

@@ -13,9 +13,9 @@ use std::ops::Range;
 pub struct Tile {
     pub x: u32,
     pub y: u32,
-    /// Pixels across.
+    /// Width, px.
     pub width: u32,
-    /// Pixels down.
+    /// Height, px.
     pub height: u32,
 }
 
@@ -29,7 +29,7 @@ pub enum Isa {
 }
 
 impl Isa {
-    /// The fastest instruction set of this machine.
+    /// Detects the fastest instruction set of this machine.
     pub fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
@@ -56,8 +56,8 @@ pub struct TileResult {
 
 /// Traces `samples` (a power-of-two block, or all) of each pixel of `tile`.
 ///
-/// A pure function: the bits of a pixel do not depend on the tile's shape, `isa`, thread, time or machine. Panics if
-/// the tile leaves the film or the range is not an aligned block.
+/// This is a pure function: the bits of a pixel do not depend on the tile's shape, `isa`, thread, time or machine.
+/// Panics if the tile leaves the film or the range is not an aligned block.
 pub fn trace_tile(scene: &Scene, tile: Tile, samples: Range<u32>, isa: Isa) -> TileResult {
     assert!(
         tile.x + tile.width <= scene.film.width && tile.y + tile.height <= scene.film.height,

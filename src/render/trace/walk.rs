@@ -1,18 +1,18 @@
-//! Sixteen rays walk the depth grid from near to far until they pass below the sheet.
+//! Walks rays over the depth grid, from near to far, until they pass below the sheet.
 //!
-//! A ray is (u, v) = p + s w with w falling; the sheet is two triangles a cell, split along the diagonal from
-//! (i + 1, j) to (i, j + 1). Only one fact is carried from cell to cell, "the ray is above the sheet", and it is
-//! never derived twice at a shared edge: no ray can slip between two cells. Outside the grid the
-//! border's inverse depth continues, so every ray ends on a surface: the outermost columns and rows of cells reach
-//! to infinity, and so a ray crosses at most nx + ny + 2 cells, however far away it passes.
+//! A ray is (u, v) = p + s w with decreasing w. Every cell of the sheet has two triangles, which meet on the diagonal
+//! from (i + 1, j) to (i, j + 1). A ray carries a single fact from cell to cell, "the ray is above the sheet", and
+//! never computes it twice at a shared edge, so no ray leaks between two cells. Outside the grid, the border's inverse
+//! depth continues to infinity in the outermost columns and rows of cells, so every ray ends on a surface and crosses
+//! at most nx + ny + 2 cells.
 //!
-//! Coordinates are relative to an integer grid point near the pixel's bundle, which keeps f32 exact to about
-//! 1e-6 px where absolute ones would be off by 6e-5.
+//! Coordinates are relative to an integer grid point near the pixel's bundle. Their rounding errors in f32 are about
+//! 1e-6 px; those of absolute coordinates would be 6e-5 px.
 
 use super::grid::Grid;
 use super::lanes::{LANES, Lane, floor, max, min};
 
-/// Lines of sixteen rays in a grid's projective space: `(u, v) = (x, y) + w (sx, sy)`, relative grid coordinates.
+/// Lines of sixteen rays in a grid's projective space: `(u, v) = (x, y) + w (sx, sy)`, in relative grid coordinates.
 #[derive(Clone, Copy)]
 pub(crate) struct Lines {
     pub(crate) x: Lane,
@@ -26,16 +26,16 @@ impl Lines {
         Self { x: [0.0; LANES], y: [0.0; LANES], sx: [0.0; LANES], sy: [0.0; LANES] };
 }
 
-/// The part of the lines in which the sheet must lie: above it at `hi`, not above it at `lo`.
+/// Range of w that contains the hits: the lines are above the sheet at `hi`, and not above it at `lo`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Span {
     pub(crate) hi: f32,
     pub(crate) lo: f32,
-    /// The whole walk stays inside the grid, so indices need no clamping.
+    /// True if the whole walk stays inside the grid, so that indices need no clamping.
     pub(crate) inside: bool,
 }
 
-/// Slope that stands in for 0, so that reciprocals stay finite.
+/// Least magnitude of a slope, so that reciprocals stay finite.
 const TINY: f32 = 1.0e-20;
 
 #[inline(always)]
@@ -43,13 +43,13 @@ fn nonzero(s: f32) -> f32 {
     if s.abs() < TINY { if s < 0.0 { -TINY } else { TINY } } else { s }
 }
 
-/// Rays that go on together: more would not fit into the registers.
+/// Number of rays that step together; more would not fit into the registers.
 const RAYS: usize = 8;
 
-/// Parts of eight rays in a bundle of 256.
+/// Number of parts of eight rays in a bundle of 256.
 const PARTS: usize = 32;
 
-/// Eight rays on their way.
+/// State of eight rays during a walk.
 #[derive(Clone, Copy)]
 struct Rays {
     x: [f32; RAYS],
@@ -59,26 +59,26 @@ struct Rays {
     inv_sx: [f32; RAYS],
     inv_sy: [f32; RAYS],
     inv_sd: [f32; RAYS],
-    /// Where a ray leaves a cell, relative to its line's origin.
+    /// Edges at which a ray leaves cell (0, 0), and the cell's diagonal, relative to the line's origin.
     edge_x: [f32; RAYS],
     edge_y: [f32; RAYS],
     edge_d: [f32; RAYS],
     step_i: [f32; RAYS],
     step_j: [f32; RAYS],
     step_row: [i32; RAYS],
-    /// The lower triangle of a cell comes first.
+    /// 1 if a ray enters a cell through its lower triangle.
     lower_first: [u32; RAYS],
-    /// The cell, relative to the base, and its index.
+    /// Cell of a ray, relative to the base, and its index in the grid.
     i: [f32; RAYS],
     j: [f32; RAYS],
     cell: [i32; RAYS],
-    /// Inverse depth where the cell is entered.
+    /// Inverse depth at which a ray enters its cell.
     w_in: [f32; RAYS],
     hit_w: [f32; RAYS],
     active: [u32; RAYS],
 }
 
-/// The rays of one bundle on their way; reused from bundle to bundle.
+/// State of the rays of one bundle. All bundles reuse this memory.
 pub(crate) struct Walkers(Vec<Rays>);
 
 impl Walkers {
@@ -115,12 +115,12 @@ impl Walkers {
     }
 }
 
-/// The grid that all rays of a bundle walk over.
+/// Grid and bounds of a bundle's walks.
 struct Ground<'a> {
     w: &'a [f32],
     nx: i32,
     ny: i32,
-    /// The last index whose right, lower and lower right neighbours exist.
+    /// Largest index of a vertex with right, lower and lower right neighbours.
     last_cell: u32,
     base: [i32; 2],
     span: Span,
@@ -130,10 +130,10 @@ struct Ground<'a> {
     y_max: f32,
 }
 
-/// Inverse depths at which a bundle's lines, at most 256, meet the sheet. `base` is the grid point of relative (0, 0).
+/// Computes the inverse depths at which a bundle's lines (at most 256, relative to `base`) hit the sheet.
 ///
-/// All parts take a step, then those that have a ray on its way take another: steps of different parts do not wait for
-/// each other, and no branch asks how far a single one goes.
+/// All parts take a step, then the parts with unfinished rays take another. Steps of different parts are independent,
+/// so they can overlap, and no branch depends on the length of a single walk.
 #[inline(always)]
 pub(crate) fn walk_bundle<const AVX2: bool>(
     grid: &Grid,
@@ -190,7 +190,7 @@ fn walk_parts<const AVX2: bool, const CLAMP: bool>(
     }
 }
 
-/// [`walk_bundle`] of sixteen lines.
+/// Calls [`walk_bundle`] for sixteen lines.
 #[cfg(test)]
 pub(crate) fn walk<const AVX2: bool>(
     grid: &Grid,
@@ -224,7 +224,7 @@ impl<'a> Ground<'a> {
         }
     }
 
-    /// Puts lines `first..first + RAYS` where the bundle's span begins.
+    /// Places lines `first..first + RAYS` at the start of the bundle's span.
     #[inline(always)]
     fn start<const CLAMP: bool>(&self, lines: &Lines, first: usize, r: &mut Rays) {
         for l in 0..RAYS {
@@ -243,7 +243,7 @@ impl<'a> Ground<'a> {
             r.cell[l] = (row_index.wrapping_add(self.base[1]))
                 .wrapping_mul(self.nx)
                 .wrapping_add(column_index + self.base[0]);
-            // w falls, so u rises where its slope is negative: the cell is left over its upper edge.
+            // w decreases, so u increases if its slope is negative, and the ray leaves the cell at its upper edge.
             r.step_i[l] = if r.sx[l] < 0.0 { 1.0 } else { -1.0 };
             r.step_j[l] = if r.sy[l] < 0.0 { 1.0 } else { -1.0 };
             r.step_row[l] = if r.sy[l] < 0.0 { self.nx } else { -self.nx };
@@ -257,7 +257,7 @@ impl<'a> Ground<'a> {
         }
     }
 
-    /// Inverse depths at the four corners of each ray's cell: upper left, upper right, lower left, lower right.
+    /// Returns the inverse depths at the corners of each ray's cell: upper left, upper right, lower left, lower right.
     #[inline(always)]
     #[allow(
         unsafe_code,
@@ -289,8 +289,8 @@ impl<'a> Ground<'a> {
             for l in 0..RAYS {
                 q[l] = (r.cell[l] as u32).min(self.last_cell);
             }
-            // SAFETY: q <= last_cell = (ny - 2) nx + nx - 2, so q + nx + 1 <= ny nx - 1 < w.len(); `AVX2` is only set inside
-            // a function that is compiled for AVX2.
+            // SAFETY: q <= last_cell = (ny - 2) nx + nx - 2, so q + nx + 1 <= ny nx - 1 < w.len(); only functions
+            // compiled for AVX2 set `AVX2`.
             [w00, w10, w01, w11] = unsafe {
                 #[cfg(target_arch = "x86_64")]
                 if AVX2 {
@@ -305,17 +305,17 @@ impl<'a> Ground<'a> {
         [w00, w10, w01, w11]
     }
 
-    /// Takes each ray through its cell; 0 when all have met the sheet.
+    /// Moves each ray through its cell. Returns 0 if all rays have hit the sheet.
     #[inline(always)]
     fn step<const AVX2: bool, const CLAMP: bool>(&self, r: &mut Rays) -> u32 {
         let [w00, w10, w01, w11] = self.corners::<AVX2, CLAMP>(r);
         let mut any = 0u32;
         for l in 0..RAYS {
-            // Where the line leaves the cell, and where it crosses the diagonal inside it.
+            // Inverse depths at which the line reaches the cell's edges.
             let (mut wx, mut wy) =
                 ((r.i[l] + r.edge_x[l]) * r.inv_sx[l], (r.j[l] + r.edge_y[l]) * r.inv_sy[l]);
             if CLAMP {
-                // Nothing lies beyond the outermost columns and rows.
+                // The outermost columns and rows extend to infinity, so they have no outer edge.
                 let (next_i, next_j) = (r.i[l] + r.step_i[l], r.j[l] + r.step_j[l]);
                 let ends_x = (next_i < self.x_min - 1.0) | (next_i > self.x_max);
                 let ends_y = (next_j < self.y_min - 1.0) | (next_j > self.y_max);
@@ -323,13 +323,13 @@ impl<'a> Ground<'a> {
                 wy = if ends_y { f32::MIN } else { wy };
             }
             let w_exit = max(wx, wy);
-            // Written so that not-a-number ends the walk too.
+            // In this form, NaN also ends the walk.
             let goes_on = w_exit > self.span.lo;
             let last = !goes_on;
             let w_out = min(max(w_exit, self.span.lo), r.w_in[l]);
             let t = r.i[l] + r.j[l] + r.edge_d[l];
             let w_diagonal = max(min(t * r.inv_sd[l], r.w_in[l]), w_out);
-            // The sheet along the line in either triangle: w d = n on it, w d > n above it.
+            // Along the line, each triangle has w d = n on its plane and w d > n above it.
             let (lx, ly) = (r.x[l] - r.i[l], r.y[l] - r.j[l]);
             let (bl, cl) = (w10[l] - w00[l], w01[l] - w00[l]);
             let excess = (w11[l] - w10[l]) - cl;
@@ -346,7 +346,7 @@ impl<'a> Ground<'a> {
             let (n, d) = if in_1 { (n1, d1) } else { (n2, d2) };
             let (lo, hi) = if in_1 { (w_diagonal, r.w_in[l]) } else { (w_out, w_diagonal) };
             let crossing = min(max(n / d, lo), hi);
-            // Sums, maxima and masks instead of choices: the compiler makes masked stores of those, which are slow.
+            // Sums, maxima and masks replace branches, because the compiler turns branches into slow masked stores.
             r.hit_w[l] = max(if hit { crossing } else { f32::MIN }, r.hit_w[l]);
             r.active[l] &= !(hit as u32);
             any |= r.active[l];
@@ -363,11 +363,11 @@ impl<'a> Ground<'a> {
     }
 }
 
-/// Inverse depths at the corners of eight cells: upper left (index `q`), upper right, lower left, lower right.
+/// Loads the inverse depths at the corners of eight cells: upper left (index `q`), upper right, lower left and right.
 ///
 /// # Safety
 ///
-/// Each `q + nx + 1` is an index of `w`.
+/// Each `q + nx + 1` must be an index of `w`.
 #[inline(always)]
 #[allow(
     unsafe_code,
@@ -377,18 +377,18 @@ unsafe fn corners(w: &[f32], nx: usize, q: &[u32; RAYS]) -> [[f32; RAYS]; 4] {
     let mut corners = [[0.0; RAYS]; 4];
     for l in 0..RAYS {
         for (corner, offset) in [0, 1, nx, nx + 1].into_iter().enumerate() {
-            // SAFETY: promised by the caller.
+            // SAFETY: the caller guarantees the indices.
             corners[corner][l] = unsafe { *w.get_unchecked(q[l] as usize + offset) };
         }
     }
     corners
 }
 
-/// [`corners`] with one load for two neighbours.
+/// Computes [`corners`] with one load for each pair of neighbours.
 ///
 /// # Safety
 ///
-/// The same.
+/// Each `q + nx + 1` must be an index of `w`, and the machine must have AVX2.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 #[inline]
@@ -403,10 +403,10 @@ unsafe fn corners_avx2(w: &[f32], nx: usize, q: &[u32; RAYS]) -> [[f32; RAYS]; 4
     };
     let mut corners = [[0.0; RAYS]; 4];
     for row in 0..2 {
-        // The pairs of two cells.
+        // Loads the pairs of two cells into a vector.
         let two = |l: usize, m: usize| -> __m128d {
             let pair = |l: usize| {
-                // SAFETY: promised by the caller; a pair of floats is eight readable bytes.
+                // SAFETY: the caller guarantees the indices; a pair of floats is eight readable bytes.
                 unsafe {
                     let first = w.as_ptr().add(q[l] as usize + row * nx);
                     first.cast::<f64>().read_unaligned()
@@ -418,7 +418,7 @@ unsafe fn corners_avx2(w: &[f32], nx: usize, q: &[u32; RAYS]) -> [[f32; RAYS]; 4
             _mm256_castpd_ps(_mm256_set_m128d(two(4, 5), two(0, 1))),
             _mm256_castpd_ps(_mm256_set_m128d(two(6, 7), two(2, 3))),
         );
-        // SAFETY: eight floats each.
+        // SAFETY: each row of `corners` has eight floats.
         unsafe {
             _mm256_storeu_ps(
                 corners[2 * row].as_mut_ptr(),

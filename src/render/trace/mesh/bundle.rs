@@ -1,4 +1,4 @@
-//! The estimator's part for a mesh: one order's bundle, hit by hit, with the weights of the grid's path.
+//! Traces a bundle of one order against a mesh, with the same weights as against a grid.
 
 use super::super::camera::{CameraBlock, Pixel};
 use super::super::lanes::LANES;
@@ -14,17 +14,17 @@ pub(in super::super) struct Bundle<'a> {
     pub(in super::super) pixel: &'a Pixel,
     pub(in super::super) camera: &'a CameraBlock,
     pub(in super::super) path: Path,
-    /// `None` is R's pinhole path, of weight 1.
+    /// Order of the bundle; `None` is R's pinhole path, with weight 1.
     pub(in super::super) order: Option<Order>,
-    /// Samples of the block that belong to the first quarter of the pixel's, to the first half, and all.
+    /// Number of the block's samples in the first quarter of the pixel's samples, in the first half, and in total.
     pub(in super::super) ends: [u32; 3],
 }
 
-/// Sums of a bundle's weighted radiance, and how many of its paths met nothing: those see black. Order t_0 also feeds
-/// `transmission` with bare radiance.
+/// Returns the sums of a bundle's weighted radiance and its misses, which are black. Order t_0 also adds its unweighted
+/// radiance to `transmission`.
 ///
-/// Never inlined: scenes without meshes must not carry this code in their loops. So it is compiled for each
-/// instruction set here.
+/// This function is never inlined, because the loops of scenes without meshes must not contain its code. Therefore it
+/// selects the instruction set itself.
 #[inline(never)]
 pub(in super::super) fn follow(
     scene: &Scene,
@@ -37,7 +37,7 @@ pub(in super::super) fn follow(
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
         Isa::Avx2 if std::arch::is_x86_feature_detected!("avx2") => {
-            // SAFETY: the machine has AVX2, as just asked.
+            // SAFETY: the check above found AVX2 on this machine.
             unsafe { follow_avx2(scene, mesh, bundle, transmission) }
         }
         _ => follow_lanes(scene, mesh, bundle, transmission),
@@ -99,7 +99,7 @@ fn follow_lanes(
     (sums, misses)
 }
 
-/// Weights of an order for group `g`: red, green, blue.
+/// Computes the weights of an order for group `g`: red, green, blue.
 #[inline(always)]
 fn colour_weights(
     scene: &Scene,

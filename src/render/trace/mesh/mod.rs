@@ -8,9 +8,9 @@
 //! ```
 //!
 //! In this space triangles stay triangles. A ray through point (x, y) of the plane z = 0 with direction (dx, dy, 1)
-//! becomes (u, v) = (dx, dy) + w (x, y), and w falls from 1000/m at the near plane to 0 at infinity. All rays run along
-//! the w axis, so all share one order of the boxes from near to far, and the triangle test needs no choice of axes. The
-//! nearest hit is the hit with the largest w.
+//! becomes (u, v) = (dx, dy) + w (x, y), and w decreases from 1000/m at the near plane to 0 at infinity. All rays run
+//! along the w axis, so all share one order of the boxes from near to far, and the triangle test needs no choice of
+//! axes. The nearest hit is the hit with the largest w.
 //!
 //! A hit depends only on its ray and the triangles, not on the shape of the tree or the fifteen other rays: the box
 //! test has a margin that covers every rounding, and the first triangle wins among hits at equal w.

@@ -1,17 +1,17 @@
-//! A mesh's corners in projective space.
+//! Projects a mesh into the lens's projective space, and clips it at the near plane.
 
 use super::super::lanes::{LANES, max};
 use super::tree::Tree;
 use super::woop::{Corners, Hits, Rays};
 use glam::DVec3;
 
-/// Near plane, m: parts nearer to the lens, or behind it, are cut off.
+/// Distance of the near plane, m. Clipping removes all parts nearer to the lens or behind it.
 pub const NEAR_M: f64 = 1.0e-3;
 
-/// Largest magnitude of a vertex's coordinates, m: the boxes' areas stay finite in f32.
+/// Largest magnitude of a vertex's coordinates, m; it keeps the boxes' areas finite in f32.
 pub const MAX_COORDINATE_M: f64 = 1.0e7;
 
-/// A triangle mesh as the tracer sees it: in the lens's coordinates, or its mirror image's for the back.
+/// A triangle mesh in the coordinates of the lens, or of the lens's mirror image for the back scene.
 pub struct Mesh {
     tree: Tree,
     /// Indices into `radiance` of each triangle's corners, in the tree's order.
@@ -23,28 +23,28 @@ pub struct Mesh {
 /// Counts of a mesh's triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshCounts {
-    /// Traced, in whole or in part.
+    /// Number of triangles at least partly in front of the near plane.
     pub traced: u64,
-    /// Two corners at the same place: nothing to see.
+    /// Number of triangles with two equal corners.
     pub degenerate: u64,
-    /// Wholly behind the near plane.
+    /// Number of triangles behind the near plane.
     pub behind: u64,
 }
 
-/// Sixteen first hits.
+/// First hits of sixteen rays.
 pub(super) struct Seen {
-    /// Inverse depths; 0 where nothing was met.
+    /// Inverse depths, 1/m; 0 for misses.
     pub(super) w: [f32; LANES],
-    /// Red, green, blue, 0; black where nothing was met.
+    /// Red, green, blue, 0; black for misses.
     pub(super) radiance: [[f32; 4]; LANES],
 }
 
 impl Mesh {
-    /// A mesh of `vertices` (metres; +z is where the lens looks), their `radiance` (red, green, blue, 0) and
-    /// `triangles` (indices of three vertices, seen from both sides).
+    /// Makes a mesh of `vertices` (m; the lens looks along +z), their `radiance` (red, green, blue, 0) and `triangles`
+    /// (indices of three vertices, visible from both sides).
     ///
-    /// `lateral_m` is about how far rays start from the axis (aperture, shift in the glass): it shapes the tree, and
-    /// changes its speed alone. Panics if an index has no vertex, or a coordinate is not within
+    /// `lateral_m` is the approximate distance of the rays' origins from the axis (aperture, shift in the glass). It
+    /// affects the tree's shape and speed, but no hit. Panics if an index has no vertex or a coordinate exceeds
     /// [`MAX_COORDINATE_M`].
     pub fn new(
         vertices: &[DVec3],
@@ -89,25 +89,25 @@ impl Mesh {
         }
     }
 
-    /// Counts of the triangles.
+    /// Returns the counts of the triangles.
     pub fn counts(&self) -> MeshCounts {
         self.counts
     }
 
-    /// z of the first surface on the optical axis, m; `None` if there is none.
+    /// Returns the z coordinate of the first surface on the optical axis, m, or `None` without a surface.
     pub fn axis_depth_m(&self) -> Option<f64> {
         let rays = Rays::new([[0.0; LANES]; 2], [[0.0; LANES]; 2], self.tree.top());
         let w = self.first_hits(&rays, 1).w[0];
         (w > 0.0).then(|| 1.0 / f64::from(w))
     }
 
-    /// First hits of the first `count` of sixteen rays.
+    /// Finds the first hits of the first `count` of sixteen rays.
     #[inline(always)]
     pub(super) fn first_hits(&self, rays: &Rays, count: usize) -> Hits {
         self.tree.first_hits(rays, count)
     }
 
-    /// First hits of the first `count` rays with directions (`d`, 1) through points `p` of the plane z = 0.
+    /// Finds the first hits of the first `count` rays with directions (`d`, 1) through points `p` of the plane z = 0.
     #[inline(always)]
     pub(super) fn see(&self, d: [[f32; LANES]; 2], p: [[f32; LANES]; 2], count: usize) -> Seen {
         let hits = self.first_hits(&Rays::new(d, p, self.tree.top()), count);
@@ -120,8 +120,8 @@ impl Mesh {
         Seen { w: hits.w, radiance }
     }
 
-    /// Radiance at a hit: linear on the triangle in space, whose weights are lambda_k w_k / w of the projective ones.
-    /// Written as differences, so that a triangle of one colour has exactly that colour.
+    /// Interpolates the radiance at a hit linearly in space: a corner of projective weight lambda_k has weight lambda_k
+    /// w_k / w. Adds differences of colours, so that a triangle of one colour has exactly that colour.
     #[inline(always)]
     fn radiance_at(&self, hits: &Hits, l: usize) -> [f32; 4] {
         let triangle = hits.triangle[l] as usize;
@@ -131,28 +131,28 @@ impl Mesh {
         let (weight_b, weight_c) = (hits.b[l] * b[2] * scale, hits.c[l] * c[2] * scale);
         std::array::from_fn(|k| {
             let value = at[k] + (weight_b * (bt[k] - at[k]) + weight_c * (ct[k] - at[k]));
-            // Rounding may pass black by an ulp.
+            // Rounding may make black negative by an ulp.
             max(value, 0.0)
         })
     }
 }
 
-/// (x/z, y/z, 1/z), for points in front of the near plane.
+/// Returns (x/z, y/z, 1/z), which is used only for points in front of the near plane.
 fn project(v: DVec3) -> [f32; 3] {
     [(v.x / v.z) as f32, (v.y / v.z) as f32, (1.0 / v.z) as f32]
 }
 
-/// Cuts triangles at the near plane.
+/// Triangles clipped at the near plane.
 struct Clip<'a> {
     vertices: &'a [DVec3],
-    /// Of the vertices, then of the new ones.
+    /// Projections of the vertices, then of new vertices on the near plane.
     points: Vec<[f32; 3]>,
     radiance: Vec<[f32; 4]>,
     triangles: Vec<[u32; 3]>,
 }
 
 impl Clip<'_> {
-    /// Adds the part of the triangle in front of the near plane; `false` if there is none.
+    /// Adds the part of the triangle in front of the near plane. Returns false if all of it is behind.
     fn add(&mut self, triangle: [u32; 3]) -> bool {
         let is_seen = triangle.map(|i| self.vertices[i as usize].z >= NEAR_M);
         if is_seen == [true; 3] {
@@ -168,7 +168,7 @@ impl Clip<'_> {
                 corners += 1;
             }
             if is_seen[k] != is_seen[next] {
-                // Always from the seen end: triangles that share the edge get the same point, bit by bit.
+                // The cut starts at the visible end, so that both triangles of an edge get the same point, bit by bit.
                 let (seen, hidden) = if is_seen[k] { (k, next) } else { (next, k) };
                 polygon[corners] = self.cut(triangle[seen], triangle[hidden]);
                 corners += 1;
@@ -180,7 +180,7 @@ impl Clip<'_> {
         corners >= 3
     }
 
-    /// The point of an edge in the near plane, as a new vertex.
+    /// Adds a vertex at the point of an edge on the near plane. Returns its index.
     fn cut(&mut self, seen: u32, hidden: u32) -> u32 {
         let [from, to] = [seen, hidden].map(|i| self.vertices[i as usize]);
         let t = (from.z - NEAR_M) / (from.z - to.z);

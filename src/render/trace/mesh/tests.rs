@@ -12,13 +12,13 @@ use super::super::{Pose, Surface, View};
 use super::*;
 use glam::{DMat3, DVec3};
 
-/// A random number in [-1, 1), determined by the key.
+/// Hashes a key to a number in [-1, 1).
 fn signed(k: u64) -> f64 {
     2.0 * random(k) - 1.0
 }
 
-/// A closed surface around the origin: the grid on a cube, with each square cut along a random diagonal. If `is_rough`,
-/// its vertices move to radii between 1 and 2 m, and the surface is rotated and shifted.
+/// Makes a closed surface around the origin: the grid on a cube, with each square cut along a random diagonal. If
+/// `is_rough`, its vertices move to radii between 1 and 2 m, and the surface is rotated and shifted.
 fn closed(side: usize, key: u64, is_rough: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     use std::collections::BTreeMap;
     let turn = DMat3::from_rotation_y(signed(key) * 3.0) * DMat3::from_rotation_x(signed(key + 1));
@@ -62,7 +62,7 @@ fn closed(side: usize, key: u64, is_rough: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) 
     (vertices, triangles)
 }
 
-/// Random colours, determined by the vertex index.
+/// Returns random colours, determined by the vertex index.
 fn greys(count: usize) -> Vec<[f32; 4]> {
     (0..count as u64)
         .map(|k| {
@@ -72,7 +72,7 @@ fn greys(count: usize) -> Vec<[f32; 4]> {
         .collect()
 }
 
-/// A group of rays from points of a wide lens to edges and corners of triangles in front of it.
+/// Makes a group of rays from points of a wide lens to edges and corners of triangles in front of it.
 fn aimed(points: &[DVec3], triangles: &[[u32; 3]], block: u64) -> [[Lane; 2]; 2] {
     let (mut d, mut p) = ([[0.0; LANES]; 2], [[0.0; LANES]; 2]);
     for l in 0..LANES {
@@ -150,7 +150,7 @@ fn no_ray_leaves_a_closed_mesh() {
     assert!(tested >= 1_000_000 && plain_leaks > 0);
 }
 
-/// Inverse depth of the nearest hit, from a brute-force search in f64.
+/// Finds the inverse depth of the nearest hit by brute force in f64.
 fn brute(vertices: &[DVec3], triangles: &[[u32; 3]], d: [f64; 2], p: [f64; 2]) -> Option<f64> {
     let (origin, direction) = (DVec3::new(p[0], p[1], 0.0), DVec3::new(d[0], d[1], 1.0));
     let mut nearest: Option<f64> = None;
@@ -170,7 +170,7 @@ fn brute(vertices: &[DVec3], triangles: &[[u32; 3]], d: [f64; 2], p: [f64; 2]) -
     nearest.map(f64::recip)
 }
 
-/// Unconnected triangles around the lens; some cross the lens plane.
+/// Makes unconnected triangles around the lens; some cross the lens plane.
 fn soup(count: usize, key: u64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let vertices = (0..3 * count as u64)
         .map(|k| {
@@ -225,7 +225,7 @@ fn hits_are_those_of_brute_force() {
             }
         }
     }
-    println!("{tested} rays, {missed} meet nothing: relative error {worst:.1e}, {flips} flips");
+    println!("{tested} rays, {missed} misses: relative error {worst:.1e}, {flips} flips");
     assert!(missed * 20 > tested && missed * 2 < tested && flips * 1000 < tested);
 }
 
@@ -235,7 +235,7 @@ fn hits_depend_on_ray_and_triangles_alone() {
     let (vertices, triangles) = soup(400, 99);
     let colors = greys(vertices.len());
     let meshes = [1e-4, 0.02, 1.0].map(|m| Mesh::new(&vertices, colors.clone(), &triangles, m));
-    // Every triangle is there twice: at equal w, the hit takes the colour of the first.
+    // Every triangle occurs twice: at equal w, the hit takes the colour of the first.
     let twice: Vec<[u32; 3]> = triangles
         .iter()
         .chain(&triangles)
@@ -315,7 +315,7 @@ fn triangles_are_counted() {
     assert_eq!(nothing.see([[0.1; LANES]; 2], [[0.0; LANES]; 2], LANES).w, [0.0; LANES]);
 }
 
-/// Vertices of a view's sheet in the lens's coordinates.
+/// Returns vertices and triangles of a view's sheet, in the lens's coordinates.
 fn sheet_of(view: &View) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let (nx, ny) = (view.grid.nx(), view.grid.ny());
     let vertices = view
@@ -335,7 +335,7 @@ fn sheet_of(view: &View) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     (vertices, triangles)
 }
 
-/// The point at grid coordinates `uv` and inverse depth `w` of a view, in the lens's coordinates.
+/// Returns the point at grid coordinates `uv` and inverse depth `w` of a view, in the lens's coordinates.
 fn from_capture(view: &View, uv: [f64; 2], w: f64) -> DVec3 {
     let [x, y] = [0, 1].map(|k| (uv[k] - view.principal[k]) / view.focal_px[k]);
     let point = DVec3::new(x, y, 1.0) / w;
@@ -355,7 +355,7 @@ fn a_sheet_and_its_mesh_are_hit_alike() {
         for (surface, order) in
             [(&scene.front, Order::Transmitted(0)), (&scene.back, Order::Reflected(1))]
         {
-            let Surface::Sheet(view) = surface else { panic!("a mesh") };
+            let Surface::Sheet(view) = surface else { panic!("the surface must be a sheet") };
             let (vertices, triangles) = sheet_of(view);
             let mesh = Mesh::new(&vertices, vec![[1.0; 4]; vertices.len()], &triangles, 0.03);
             let constant = scene.slab.kappa_m(order, 0.0);

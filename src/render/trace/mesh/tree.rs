@@ -1,24 +1,24 @@
-//! A hierarchy of boxes in projective space, walked without a stack by sixteen rays at once.
+//! A bounding volume hierarchy in projective space. Sixteen rays traverse it at once, without a stack.
 //!
-//! obvhs builds it (PLOC with reinsertion, one thread, single precision). Because every ray runs down the w axis,
-//! one order from near to far serves them all: the nodes are laid out in that order, depth first, and a node that no
-//! ray touches names the node after its subtree. So there is no stack to overflow, however deep the tree.
+//! The crate obvhs builds the tree (PLOC with reinsertion, one thread, single precision). Every ray runs along the w
+//! axis, so all rays have the same order of nodes from near to far. The nodes are in this order, depth first, and an
+//! inner node links to the node after its subtree, for rays that miss it. Trees of any depth need no stack.
 
 use super::woop::{Corners, Hits, Rays};
 use core::time::Duration;
 use glam::Vec3A;
 use obvhs::{BvhBuildParams, aabb::Aabb, bvh2::builder::build_bvh2};
 
-/// Margin of the boxes and the rays, relative: eight roundings of f32.
+/// Relative margin of the boxes and the rays: eight roundings of f32.
 pub(super) const MARGIN: f32 = 4.768_371_6e-7;
 
-/// A box and its successor.
+/// A box with its triangles, or with a link past its subtree.
 struct Node {
     low: [f32; 3],
     high: [f32; 3],
-    /// Triangles of a leaf; 0 for an inner node.
+    /// Number of triangles of a leaf; 0 for an inner node.
     count: u32,
-    /// A leaf's first triangle; of an inner node, the node after its subtree.
+    /// First triangle of a leaf, or next node after the subtree of an inner node.
     link: u32,
 }
 
@@ -26,19 +26,19 @@ struct Node {
 pub(super) struct Tree {
     nodes: Vec<Node>,
     triangles: Vec<Corners>,
-    /// Place of each triangle in the caller's order: it decides between hits at equal w.
+    /// Index of each triangle in the caller's order; the lowest index wins among hits at equal w.
     ranks: Vec<u32>,
     top: f32,
 }
 
-/// Steps of the layout.
+/// Step of the depth-first layout.
 enum Step {
     Enter(u32),
     Leave(usize),
 }
 
 impl Tree {
-    /// A tree over `triangles`, and the order in which it keeps them (indices into `triangles`).
+    /// Builds a tree over `triangles`. Also returns its order of the triangles (indices into `triangles`).
     pub(super) fn new(triangles: &[Corners], lateral_m: f64) -> (Self, Vec<u32>) {
         let mut tree = Self {
             nodes: Vec::new(),
@@ -49,8 +49,8 @@ impl Tree {
         if triangles.is_empty() {
             return (tree, Vec::new());
         }
-        // Over a height of 1/m a ray moves sideways by `lateral_m`: in this scale the builder's areas are the boxes' areas
-        // as such rays see them. A power of two: nothing is rounded.
+        // Over 1/m of w, a ray moves sideways by `lateral_m`. With w in this scale, the builder's box areas are those
+        // that such rays see. The scale is a power of two, so it adds no rounding.
         let exponent = libm::round(libm::log2(lateral_m.clamp(1.0e-4, 1.0)));
         let scale = libm::exp2(exponent) as f32;
         let boxes: Vec<Aabb> = triangles
@@ -60,7 +60,7 @@ impl Tree {
                 Aabb::from_points(&points)
             })
             .collect();
-        // The builder measures its own time; it is not used here.
+        // The builder stores its duration, which is unused here.
         let built = build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());
         drop(boxes);
         let mut steps = vec![Step::Enter(0)];
@@ -100,18 +100,18 @@ impl Tree {
         (tree, order)
     }
 
-    /// Largest w of all corners.
+    /// Returns the largest w of all corners.
     pub(super) fn top(&self) -> f32 {
         self.top
     }
 
-    /// Corners of a triangle by its place in the tree.
+    /// Returns the corners of a triangle by its index in the tree.
     #[inline(always)]
     pub(super) fn corners(&self, triangle: usize) -> &Corners {
         &self.triangles[triangle]
     }
 
-    /// First hits of the first `count` rays.
+    /// Finds the first hits of the first `count` rays.
     #[inline(always)]
     pub(super) fn first_hits(&self, rays: &Rays, count: usize) -> Hits {
         let mut hits = Hits::none(count);
@@ -133,7 +133,7 @@ impl Tree {
     }
 }
 
-/// Bounds of a node with a margin sideways, for the shear of the triangles in it.
+/// Returns the bounds of a node, with a lateral margin for the rounding of the shear.
 fn bounds(built: &Aabb, scale: f32) -> [[f32; 3]; 2] {
     let (low, high) = (built.min, built.max);
     let margin = low.abs().max(high.abs()) * MARGIN;

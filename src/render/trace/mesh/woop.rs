@@ -1,18 +1,18 @@
-//! Sixteen rays against a triangle, without gaps along shared edges.
+//! Intersects sixteen rays with a triangle, without gaps along shared edges.
 //!
-//! After Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013: the triangle is sheared so
-//! that the ray becomes the w axis, and three two-dimensional edge functions decide. Their shear and choice of axis
-//! are given here, because every ray of projective space runs down w. A corner's sheared place depends on the ray and
-//! the corner alone, and an edge function only changes its sign with the direction of its edge (each product is
-//! rounded alike, subtraction is exact in sign), so both triangles of an edge decide alike. Where f32 rounds an edge
-//! function to zero, f64, in which the products are exact, decides.
+//! The method is that of Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013: a shear turns
+//! the ray into the w axis, and three two-dimensional edge functions decide. It needs no choice of axes here, because
+//! every ray of projective space runs along w. The sheared position of a corner depends only on the ray and the corner,
+//! and reversing an edge only changes the sign of its edge function (products round alike, and the sign of a difference
+//! is exact), so both triangles of an edge decide alike. If f32 rounds an edge function to zero, f64 decides, because
+//! it computes the products exactly.
 
 use super::super::lanes::{LANES, Lane, max, min};
 
 /// Corners of a triangle in projective space: (u, v, w).
 pub(super) type Corners = [[f32; 3]; 3];
 
-/// Slope that stands in for 0, so that reciprocals stay finite.
+/// Least magnitude of a slope, so that reciprocals stay finite.
 const TINY: f32 = 1.0e-20;
 
 /// Sixteen rays (u, v) = d + w p, with the constants of the box test.
@@ -20,25 +20,25 @@ pub(super) struct Rays {
     d: [Lane; 2],
     p: [Lane; 2],
     inverse_p: [Lane; 2],
-    /// d less and plus a margin for the roundings of the shear.
+    /// d minus a margin for the rounding of the shear; `d_high` is d plus this margin.
     d_low: [Lane; 2],
     d_high: [Lane; 2],
 }
 
-/// First hits so far.
+/// Nearest hits so far.
 pub(super) struct Hits {
-    /// Inverse depth; 0 where nothing was met.
+    /// Inverse depth, 1/m; 0 without a hit.
     pub(super) w: Lane,
-    /// Which triangle, in the tree's order.
+    /// Index of the hit triangle, in the tree's order.
     pub(super) triangle: [u32; LANES],
     /// Weight of the triangle's second corner, in projective space.
     pub(super) b: Lane,
-    /// Weight of its third.
+    /// Weight of the triangle's third corner, in projective space.
     pub(super) c: Lane,
 }
 
 impl Hits {
-    /// Nothing met by the first `count` rays; the others are out of play.
+    /// Makes a state without hits; rays from `count` on have infinite w, so that they hit nothing.
     #[inline(always)]
     pub(super) fn none(count: usize) -> Self {
         let mut hits =
@@ -51,7 +51,7 @@ impl Hits {
 }
 
 impl Rays {
-    /// Rays with directions (`d`, 1) through points `p` of the plane z = 0, for triangles with w up to `top`.
+    /// Makes rays with directions (`d`, 1) through points `p` of the plane z = 0, for triangles with w up to `top`.
     #[inline(always)]
     pub(super) fn new(d: [Lane; 2], p: [Lane; 2], top: f32) -> Self {
         let mut rays = Self { d, p, inverse_p: [[0.0; LANES]; 2], d_low: d, d_high: d };
@@ -60,7 +60,7 @@ impl Rays {
                 let slope = p[k][l];
                 let slope = if slope.abs() < TINY { TINY } else { slope };
                 rays.inverse_p[k][l] = 1.0 / slope;
-                // Three roundings, each at most 2^-24 of |u| (the boxes' part), |d| and |p w|.
+                // The shear rounds three times, by at most 2^-24 of |u| (see the boxes' margin), |d| and |p w|.
                 let margin = (d[k][l].abs() + p[k][l].abs() * top) * super::tree::MARGIN;
                 rays.d_low[k][l] = d[k][l] - margin;
                 rays.d_high[k][l] = d[k][l] + margin;
@@ -69,7 +69,7 @@ impl Rays {
         rays
     }
 
-    /// Whether any ray may have a hit in the box that is at least as near as its hit so far.
+    /// True if any ray may have a hit in the box that is at least as near as its nearest hit so far.
     #[inline(always)]
     pub(super) fn touch(&self, low: [f32; 3], high: [f32; 3], hits: &Hits) -> bool {
         let mut any = 0u32;
@@ -82,13 +82,13 @@ impl Rays {
                 near = min(max(a, b), near);
                 far = max(min(a, b), far);
             }
-            // At most seven roundings of 2^-24 stand between both sides.
+            // The factor covers the seven roundings, each at most 2^-24, of both sides.
             any |= u32::from(far <= near * 1.000_001);
         }
         any != 0
     }
 
-    /// Tests triangle number `triangle`; of hits at equal w the one of the lowest of `ranks` counts.
+    /// Tests the triangle with index `triangle`. Among hits at equal w, the lowest of `ranks` wins.
     #[inline(always)]
     pub(super) fn meet(&self, corners: &Corners, triangle: u32, ranks: &[u32], hits: &mut Hits) {
         let [[au, av, aw], [bu, bv, bw], [cu, cv, cw]] = *corners;
@@ -158,7 +158,7 @@ impl Rays {
         }
     }
 
-    /// The same test of one ray with edge functions in f64; an edge belongs to both of its triangles.
+    /// Tests one ray with edge functions in f64. An edge belongs to both of its triangles.
     #[inline(never)]
     fn meet_exactly(&self, corners: &Corners, l: usize) -> Option<[f32; 3]> {
         let sheared = corners.map(|[u, v, w]| {
@@ -170,7 +170,7 @@ impl Rays {
         let weights = [cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax];
         let sum = weights[0] + weights[1] + weights[2];
         let inside = weights.iter().all(|v| *v >= 0.0) || weights.iter().all(|v| *v <= 0.0);
-        // A triangle seen edge-on has no area: its neighbours are met.
+        // A triangle seen edge-on has no area; the ray hits its neighbours.
         if !inside || sum == 0.0 {
             return None;
         }

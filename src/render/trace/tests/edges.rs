@@ -63,7 +63,7 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
     Grid::new(sheet.width, sheet.height, sheet.inverse_depth_per_m)
 }
 
-/// Sheet of a procedural photograph.
+/// Makes the sheet of a procedural photograph.
 fn procedural(index: usize) -> Grid {
     let photograph = &listing(8, 11)[index];
     let rgbd = render(photograph, 320, 240);
@@ -80,8 +80,7 @@ fn rough_terrain() -> Terrain {
     Terrain { name: "rough", grid: super::rough(61, 47, 9), slope_px: 5.0 }
 }
 
-/// Indoor and outdoor sheets, with the slopes of a lens and a pane (about 5 px per 1/m) and of apex `camera` (90 px per
-/// 1/m).
+/// Makes all terrains, with the slopes of a lens and a pane (5 px per 1/m) or of apex `camera` (90 px per 1/m).
 fn terrains() -> Vec<Terrain> {
     let places = listing(8, 11);
     let find = |place| places.iter().position(|p| p.place == place).unwrap();
@@ -116,7 +115,7 @@ struct Aimed {
 }
 
 impl Aimed {
-    /// The ray in grid coordinates; the conversion is exact.
+    /// Returns the ray in grid coordinates; the conversion is exact.
     fn absolute(&self, base: [i32; 2]) -> [f64; 4] {
         let [x, y, sx, sy] = self.ray.map(f64::from);
         [x + f64::from(base[0]), y + f64::from(base[1]), sx, sy]
@@ -173,7 +172,7 @@ fn aim(terrain: &Terrain, target: Target, k: u64, corner: [i64; 2], base: [i32; 
     Aimed { ray: [from(0, fu, sx), from(1, fv, sy), sx as f32, sy as f32], quad }
 }
 
-/// The largest w in [`lo`, `hi`] at which a line meets a triangle of the quads `[i0, j0, i1, j1]`, in f64.
+/// Returns the largest w in [`lo`, `hi`] at which a line hits a triangle of the quads `[i0, j0, i1, j1]`, in f64.
 fn hit_in(
     grid: &Grid,
     [x, y, sx, sy]: [f64; 4],
@@ -231,8 +230,9 @@ fn first_hit(grid: &Grid, ray: [f64; 4]) -> Option<f64> {
     None
 }
 
-/// The ray and eight neighbours at a distance of about [`NEAR_PX`]: on all sides, and along its own direction on the
-/// grid. The latter matter for a ray that touches the floor of a notch, because the sides of the notch stop all others.
+/// Returns the ray and eight neighbours at a distance of about [`NEAR_PX`]: on all sides, and along its direction on
+/// the grid. The latter matter for a ray that touches the floor of a notch, because the sides of the notch stop all
+/// others.
 fn neighbours([x, y, sx, sy]: [f64; 4]) -> [[f64; 4]; 9] {
     let length = (sx * sx + sy * sy).sqrt().max(1e-9);
     let (ax, ay) = (sx / length, sy / length);
@@ -260,8 +260,7 @@ fn is_leak(grid: &Grid, aimed: &Aimed, absolute: [f64; 4], w: f64) -> bool {
     stops(absolute) && neighbours(absolute).into_iter().all(stops)
 }
 
-/// Distance between a hit and the mesh, in w at the hit's grid position: the least over all triangles that may contain
-/// it.
+/// Returns the distance between a hit and the mesh in w, the least over all triangles that may contain the hit.
 fn stray(grid: &Grid, [x, y, sx, sy]: [f64; 4], hit: f64) -> f64 {
     let w = grid.inverse_depths_per_m();
     let (nx, ny) = (grid.nx() as i64, grid.ny() as i64);
@@ -309,7 +308,7 @@ fn walk_fastest(grid: &Grid, base: [i32; 2], lines: &Lines, span: Span) -> Lane 
     match Isa::detect() {
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
-        // SAFETY: the machine has AVX2, as `detect` says.
+        // SAFETY: `detect` found AVX2 on this machine.
         Isa::Avx2 => unsafe { walk_avx2(grid, base, lines, span) },
         _ => walk::<false>(grid, base, lines, span),
     }
@@ -341,7 +340,7 @@ fn shoot(
         let hits = walk_fastest(grid, base, &lines, span);
         if group % 8 == 0 {
             let baseline = walk::<false>(grid, base, &lines, span);
-            assert_eq!(hits, baseline, "both kernels");
+            assert_eq!(hits, baseline, "the kernels differ");
         }
         for (a, hit) in aimed.iter().zip(hits) {
             see(a, a.absolute(base), f64::from(hit));
@@ -362,7 +361,7 @@ fn assert_tight(terrain: &Terrain, rays: u64) {
         strays += u64::from(gap > STRAY);
     });
     println!(
-        "{:14} {seen} rays at edges ({:.0} % inside): {leaks} leaks, {strays} strays, farthest {farthest:.1e} 1/m",
+        "{:14} {seen} rays at edges ({:.0} % inside): {leaks} leaks, {strays} strays, at most {farthest:.1e} 1/m",
         terrain.name,
         100.0 * inside as f64 / seen as f64
     );
@@ -378,7 +377,7 @@ fn rays_at_edges_do_not_leak() {
     }
 }
 
-/// `cargo test --release --lib ten_million -- --ignored --nocapture`: a minute of a core.
+/// Command: `cargo test --release --lib ten_million -- --ignored --nocapture`. Takes a minute of one core.
 #[test]
 #[ignore = "ten million rays at each terrain"]
 fn ten_million_rays_at_edges_of_each_terrain_do_not_leak() {
@@ -404,7 +403,7 @@ fn leaks_and_strays_are_recognised() {
     assert!(strays * 10 > seen * 9, "{strays} of {seen}");
 }
 
-/// Median, 99 %, 99.9 %, maximum.
+/// Returns the median, the 99 % and 99.9 % quantiles, and the maximum.
 fn quantiles(mut errors: Vec<f64>) -> [f64; 4] {
     errors.sort_by(f64::total_cmp);
     let at = |share: f64| errors[((errors.len() - 1) as f64 * share) as usize];
@@ -437,7 +436,7 @@ fn depths_are_those_of_f64() {
             let [median, p99, p999, most] = quantiles(errors);
             println!(
                 "{:14} {aimed:8}: relative depth error, median {median:.1e}, 99 % {p99:.1e}, 99.9 % {p999:.1e}, \
-                 most {most:.1e}; {flips} of {rays} over 1e-4",
+                 maximum {most:.1e}; {flips} of {rays} over 1e-4",
                 terrain.name
             );
             assert_eq!(unexplained, 0, "{}", terrain.name);
