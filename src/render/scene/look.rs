@@ -196,7 +196,7 @@ mod tests {
         let looked = look(FileRole::Depth, &ends(&short, 1000)).unwrap();
         assert_eq!(looked, Look::Unsure);
         let error = look_at_whole(FileRole::Depth, &short).unwrap_err();
-        let words = "needs 12288 bytes of data, the file has 12287";
+        let words = "needs 12288 bytes of data, but the file has 12287";
         assert!(error.to_string().contains(words), "{error}");
     }
 
