@@ -19,7 +19,7 @@ pub const fn splitmix64(key: u64) -> u64 {
 mod tests {
     use super::*;
 
-    /// These are the first numbers of the reference implementation (prng.di.unimi.it/splitmix64.c) from the state 1234567.
+    /// The expected numbers are the first of prng.di.unimi.it/splitmix64.c, the reference, from the state 1234567.
     #[test]
     fn numbers_match_the_reference() {
         let drawn = [0u64, 1, 2]

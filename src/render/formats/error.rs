@@ -60,7 +60,7 @@ pub enum SceneError {
     NoDepth { path: PathBuf },
     /// A depth image with depths that have no normal `f32` inverse.
     #[error(
-        "{} has {count} pixels too near or too far to compute with, the first with {z_m:e} m at column {x}, row {y}; check depth_unit_m, or mask them out",
+        "{} has {count} pixels too near or too far to calculate with, the first with {z_m:e} m at column {x}, row {y}; check depth_unit_m, or mask them out",
         path.display()
     )]
     DepthRange {

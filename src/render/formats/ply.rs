@@ -240,11 +240,11 @@ fn read_vertices(
             (Kind::Scalar(Scalar::U16), false) => 65_535.0,
             (_, true) => {
                 return Err(file
-                    .wrong_layout(format!("vertices where {name} is not float or double"), USABLE));
+                    .wrong_layout(format!("vertices with {name} not as float or double"), USABLE));
             }
             (_, false) => {
                 return Err(file.wrong_layout(
-                    format!("vertices where {name} is not uchar, ushort, float or double"),
+                    format!("vertices with {name} not as uchar, ushort, float or double"),
                     USABLE,
                 ));
             }

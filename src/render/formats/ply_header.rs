@@ -89,7 +89,7 @@ impl Element {
         self.properties.iter().position(|p| p.name == name)
     }
 
-    /// Returns the least size of an item in the body, bytes: a list may have only its count, and a number in ASCII needs
+    /// Returns the least size of an item in the body, bytes: a list may have only its count, an ASCII number needs
     /// a digit and a space.
     pub(crate) fn least_bytes(&self, coding: Coding) -> u64 {
         let of = |property: &Property| match (coding, property.kind) {

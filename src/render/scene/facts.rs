@@ -63,7 +63,7 @@ pub struct OrderFact {
     pub samples: u32,
 }
 
-/// Orders of the plan, each with its number of samples out of `spp`.
+/// Lists the orders of the plan, each with its number of samples out of `spp`.
 pub(super) fn order_facts(orders: &OrderPlan, spp: u32) -> Vec<OrderFact> {
     let block = spp.min(BLOCK as u32);
     let all = orders.front.iter().chain(&orders.back);

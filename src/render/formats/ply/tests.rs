@@ -130,7 +130,7 @@ fn errors_name_the_element_and_the_remedy() {
         ("format ascii 1.0", "format ascii 2.0", vec!["format ascii 2.0 is unknown"]),
         ("property float z", "property float w", vec!["vertices without z", "give a PLY mesh"]),
         ("float red", "float r", vec!["vertices without red"]),
-        ("property float z", "property int z", vec!["z is not float"]),
+        ("property float z", "property int z", vec!["z not as float"]),
         ("vertex_indices", "vertices", vec!["faces without a list vertex_indices"]),
         ("uint vertex", "float vertex", vec!["faces without a list vertex_indices"]),
         ("list uchar uint", "list float uint", vec!["count of floating-point type"]),
