@@ -30,7 +30,7 @@ pub struct PanoramaFiles {
     pub depth: Option<NamedBytes>,
 }
 
-/// A file format, recognised by its magic bytes: extensions are unreliable.
+/// A file format, recognised by its magic bytes because extensions are unreliable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FileFormat {
     Png,

@@ -9,9 +9,9 @@ use ::exr::prelude::f16;
 /// Meaning of an array's axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Axes {
-    /// (H,W), (H,W,1), (1,H,W): a depth image or mask. (1,N,1) is one row of N pixels.
+    /// A depth image or mask: (H,W), (H,W,1) or (1,H,W). (1,N,1) is one row of N pixels.
     Single,
-    /// (H,W), (H,W,1), (H,W,3), (H,W,4).
+    /// A colour image: (H,W), (H,W,1), (H,W,3) or (H,W,4).
     Color,
 }
 
@@ -19,7 +19,7 @@ pub(crate) enum Axes {
 pub(crate) struct NpyImage<'a> {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// 1, 3 or 4.
+    /// 1 (grey), 3 (RGB) or 4 (RGB and alpha).
     pub(crate) channels: usize,
     pub(crate) element: Element,
     big_endian: bool,
@@ -32,7 +32,7 @@ pub(crate) struct NpyImage<'a> {
 pub(crate) struct NpyHead {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// 1, 3 or 4.
+    /// 1 (grey), 3 (RGB) or 4 (RGB and alpha).
     pub(crate) channels: usize,
     header: NpyHeader,
 }

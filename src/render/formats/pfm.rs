@@ -15,7 +15,7 @@ const LINE_BYTES: usize = 64;
 pub(crate) struct PfmHead {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// 1 or 3.
+    /// 1 (grey) or 3 (RGB).
     pub(crate) channels: usize,
     is_little: bool,
     /// Offset of the first float from the start of the file, bytes.

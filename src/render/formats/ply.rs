@@ -1,7 +1,7 @@
 //! PLY files with vertex colours, ASCII or binary of either byte order.
 //!
-//! No crate reads the file: here, a number costs a table lookup instead of a call by property name, counts are checked
-//! against the file's length before any allocation, and errors name the element.
+//! This reader replaces a general PLY crate: a number costs a table lookup instead of a call by property name, counts
+//! are checked against the file's length before any allocation, and errors name the element.
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};

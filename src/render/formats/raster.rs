@@ -43,10 +43,10 @@ enum Sample {
 pub(crate) struct Head {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// As in [`Raster`].
+    /// Same as [`Raster::channels`].
     pub(crate) channels: usize,
     sample: Sample,
-    /// As in [`Raster`].
+    /// Same as [`Raster::rescaled`].
     pub(crate) rescaled: bool,
 }
 
@@ -61,8 +61,8 @@ impl Head {
     }
 }
 
-/// A decoder of the `image` crate after it has read the header, and the code that stands for 1. `None`: the maximum of
-/// the type.
+/// A decoder of the `image` crate after it has read the header, and the code that stands for 1; `None` for the maximum
+/// of the type.
 type Opened<'a> = (Box<dyn ImageDecoder + 'a>, Option<u32>);
 
 fn open(file: &NamedBytes, format: FileFormat) -> Result<Opened<'_>, SceneError> {
@@ -130,7 +130,7 @@ pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, Sc
     })
 }
 
-/// Checks size and type.
+/// Checks size and type, and returns them.
 fn head_of(
     file: &NamedBytes,
     format: FileFormat,

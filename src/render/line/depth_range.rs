@@ -22,7 +22,7 @@ pub enum DepthRange {
         /// Ratio of the far end to the near end.
         #[serde(default = "DepthRange::far_over_near")]
         far_over_near: f64,
-        /// Which percentiles of the values are the ends.
+        /// Percentiles of the values that become the ends.
         #[serde(default = "DepthRange::ends_percent")]
         percentiles: [f64; 2],
     },
@@ -32,7 +32,7 @@ pub enum DepthRange {
         near_m: f64,
         /// Distance of the far end.
         far_m: f64,
-        /// Which percentiles of the values are the ends.
+        /// Percentiles of the values that become the ends.
         #[serde(default = "DepthRange::ends_percent")]
         percentiles: [f64; 2],
     },
@@ -44,12 +44,12 @@ impl DepthRange {
         8.0
     }
 
-    /// Returns the default percentiles, because a few pixels of any estimate are far off.
+    /// Returns the default percentiles, which exclude the few outliers of any estimate.
     fn ends_percent() -> [f64; 2] {
         [2.0, 98.0]
     }
 
-    /// Which percentiles of the values are the ends.
+    /// Returns the percentiles of the values that become the ends.
     pub fn percentiles(&self) -> [f64; 2] {
         match *self {
             Self::Mean { percentiles, .. } | Self::Ends { percentiles, .. } => percentiles,

@@ -2,7 +2,7 @@
 
 use super::limits::Limit;
 
-/// An invalid scene line. Its files do not matter.
+/// A scene line that is invalid regardless of its files.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LineError {
     /// An unknown schema or version.
@@ -25,7 +25,7 @@ pub enum LineError {
     /// Highlights of a linear image, which has no clipped codes.
     #[error("{field} is given, but only images of transfer \"srgb\" have clipped codes: remove it")]
     HighlightsOfLight { field: String },
-    /// An apex of the front. Only the back has a separate capture camera; the front's is the lens.
+    /// An apex of the front. Only the back has one, because the capture camera of the front is the lens.
     #[error("front.apex is given, but only the back has an apex: move it to back")]
     ApexOfFront,
     #[error(

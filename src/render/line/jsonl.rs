@@ -1,4 +1,4 @@
-//! Reads and writes manifests, with one scene per line of JSON, and reads files of a single scene.
+//! Reads and writes manifests (one scene per line of JSON), and reads files of a single scene.
 
 use super::error::LineError;
 use super::scene_line::SceneLine;

@@ -17,7 +17,7 @@ impl Default for LayerSet {
 }
 
 impl LayerSet {
-    /// Returns true for each layer in the set.
+    /// Returns, for each layer, true if the set contains the layer.
     pub fn asked(self) -> PerLayer<bool> {
         self.0
     }

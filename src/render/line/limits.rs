@@ -8,7 +8,7 @@ use std::ops::RangeBounds;
 pub struct Limit {
     range: (Bound<f64>, Bound<f64>),
     grid: Grid,
-    /// The range in words, as the end of a sentence with "must be".
+    /// The range in words, as the end of a sentence such as "ior must be 1 to 10".
     pub allowed: &'static str,
 }
 
@@ -102,7 +102,7 @@ fn row(key: &str) -> Option<Limit> {
 }
 
 /// Returns the limit of a number by its key in a scene line or recipe, such as `glass.tilt_deg[1]`, `front.exposure` or
-/// `sources.diode.intrinsics.fx`. Finds the row of the longest possible end of `key`, without an index.
+/// `sources.diode.intrinsics.fx`. Uses the row with the longest end of `key`; ignores an index.
 ///
 /// # Panics
 ///

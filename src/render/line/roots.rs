@@ -47,7 +47,7 @@ impl Roots {
         Ok(roots)
     }
 
-    /// Gives `folder` a name. The same name with the same folder is not an error.
+    /// Adds `folder` under `name`. A repeated name with the same folder is not an error.
     pub fn insert(&mut self, name: &str, folder: PathBuf) -> Result<(), RootError> {
         if !is_root_name(name) {
             return Err(RootError::Argument { argument: format!("{name}={}", folder.display()) });

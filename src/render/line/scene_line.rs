@@ -48,7 +48,7 @@ pub struct SceneLine {
     pub seed: u64,
     /// Size, samples and filter.
     pub film: Film,
-    /// Lens and focus.
+    /// Lens, focus and exposure.
     pub camera: Camera,
     pub glass: Glass,
     /// The side seen through the pane.
@@ -119,7 +119,7 @@ pub enum ReflectionOrders {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ExrPrecision {
-    /// 16-bit floats; 32-bit ones where a value exceeds 65,504.
+    /// 16-bit floats; 32-bit floats where a value exceeds 65,504.
     #[default]
     Half,
     /// 32-bit floats.

@@ -44,7 +44,7 @@ pub struct MeshFile {
     pub apex: Option<Apex>,
 }
 
-/// A rigid map of mesh coordinates in metres to coordinates of the capture camera (+x right, +y down, +z forward):
+/// A rigid transform from mesh coordinates in metres to the capture camera's (+x right, +y down, +z forward):
 /// `rotation * x + translation_m`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

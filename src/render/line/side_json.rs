@@ -35,7 +35,7 @@ fn read<T: DeserializeOwned>(kind: &str, keys: Map<String, Value>) -> Result<T, 
     from_value(Value::Object(keys)).map_err(|error| format!("a side with `{kind}`: {error}"))
 }
 
-/// A visitor that reads any keys, each once. A direct `Map` would silently keep the last of two values.
+/// A visitor that accepts any key once. Deserializing a `Map` directly would silently keep the last of two values.
 struct KeysVisitor;
 
 impl<'de> Visitor<'de> for KeysVisitor {

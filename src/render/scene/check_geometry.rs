@@ -121,8 +121,8 @@ fn dot(slope: [f64; 2], normal: DVec3) -> f64 {
 
 /// Returns the slope with the least [`excess`] on the circle of radius `spread` about `corner`.
 ///
-/// Each step goes to the circle's point against the gradient. No step raises the value, because the function is
-/// concave, and eight starts avoid local minima.
+/// Each step moves to the point of the circle opposite to the gradient, which never raises a concave function. Eight
+/// starts avoid local minima.
 fn worst_direction(corner: [f64; 2], spread: f64, normal: DVec3) -> [f64; 2] {
     const STARTS: u32 = 8;
     const STEPS: u32 = 32;
@@ -176,7 +176,7 @@ mod tests {
 
     #[test]
     fn the_film_s_corner_limits_the_tilt_of_a_pane() {
-        // With pitch alone, the corner ray of a square film meets the pane at 85 degrees for a tilt of 69.28.
+        // With pitch alone, the corner ray of a square film meets the pane at 85 degrees for a pitch of 69.28 degrees.
         check_geometry(&tilted(69.0, 0.0), 0.0).unwrap();
         let error = check_geometry(&tilted(72.0, 0.0), 0.0).unwrap_err();
         assert!(matches!(error, GeometryError::Grazing { .. }), "{error}");

@@ -26,7 +26,7 @@ fn expanded(curve: Highlights, v: f64) -> f64 {
 pub(super) fn expand(pixels: &mut [[f32; 4]], curve: Highlights, scale: [f64; 3]) {
     for pixel in pixels {
         let v = f64::from(pixel[0].max(pixel[1]).max(pixel[2]));
-        // Below the curve, no division changes a bit.
+        // Below the curve, the gain is exactly 1, so that no bit changes.
         let gain = if v > curve.above { expanded(curve, v) / v } else { 1.0 };
         for (channel, factor) in pixel.iter_mut().zip(scale) {
             *channel = (f64::from(*channel) * (gain * factor)) as f32;
@@ -70,7 +70,7 @@ mod tests {
             let curve = Highlights { above, to };
             let h = 1e-7;
             prop_assert!(expanded(curve, v + h) > expanded(curve, v));
-            // C1: the slope from either side of any point differs by no more than h times the second derivative.
+            // C1: the slopes on both sides of a point differ by at most h times the second derivative.
             let bend = 2.0 * (to - 1.0) / (1.0 - above).powi(2);
             for at in [above, v] {
                 let left = (expanded(curve, at) - expanded(curve, at - h)) / h;

@@ -26,9 +26,9 @@ pub enum LoadError {
 
 /// The bytes of a scene's files.
 pub struct SceneFiles {
-    /// Seen through the pane.
+    /// Side seen through the pane.
     pub front: SideFiles,
-    /// Seen reflected in it.
+    /// Side reflected in the pane.
     pub back: SideFiles,
 }
 
@@ -42,9 +42,9 @@ pub enum SideFiles {
 /// A scene's two sides, decoded, and the digests of their files.
 #[derive(Clone)]
 pub struct DecodedScene {
-    /// Seen through the pane.
+    /// Side seen through the pane.
     pub front: Decoded,
-    /// Seen reflected in it.
+    /// Side reflected in the pane.
     pub back: Decoded,
     /// Digests of the scene's files.
     pub inputs: InputDigests,

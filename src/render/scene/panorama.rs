@@ -1,9 +1,8 @@
 //! Converts the part of a panorama that the film sees to a pinhole view, a sheet like any other.
 //!
 //! The view is that of the capture camera. Its window is that of [`super::window`] plus one pixel on every side, so
-//! that no path ends on the continuation of a border. Within [`MAX_VIEW_SIDE`], the view has about as many pixels per
-//! radian as the panorama, and nowhere fewer. Colour is interpolated in linear light, depth as inverse distance along
-//! the ray.
+//! that no path ends beyond a border. Within [`MAX_VIEW_SIDE`], the view has about as many pixels per radian as the
+//! panorama, and nowhere fewer. Colour is interpolated in linear light, depth as inverse distance along the ray.
 
 use super::equirect::{Taps, rotation};
 use super::photograph::{Sheet, invert};
@@ -55,8 +54,9 @@ pub(super) fn decode_panorama(
     let file = &files.panorama;
     let is_light = matches!(file.format(color::FORMATS)?, FileFormat::Exr | FileFormat::Hdr);
     if is_light && line.transfer == Transfer::Srgb {
-        return Err(file
-            .wrong_layout("radiance, not sRGB".to_owned(), "\"transfer\": \"linear\" with it"));
+        return Err(
+            file.wrong_layout("radiance, not sRGB".to_owned(), "\"transfer\": \"linear\" with it")
+        );
     }
     let image = color::decode_expanded(
         file,
@@ -174,8 +174,7 @@ impl Distances {
 }
 
 impl Raster {
-    /// Makes a view of `window` with an additional pixel on every side and `px_per_rad`, or as many as `max_side`
-    /// allows.
+    /// Makes a view of `window` and a pixel more on every side, with `px_per_rad` or as many as `max_side` allows.
     fn new(window: Window, px_per_rad: f64, max_side: usize, rotation: DMat3) -> Self {
         let Window([across, down]) = window;
         let side = |[least, most]: [f64; 2]| {

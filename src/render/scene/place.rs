@@ -41,10 +41,10 @@ pub(super) struct PlacedMesh {
     facts: MeshFacts,
 }
 
-/// Numbers of a mesh's triangles.
+/// Triangle counts of a mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MeshFacts {
-    /// Number of traced triangles, including partly visible ones.
+    /// Number of triangles that are traced, at least in part.
     pub traced: u64,
     /// Number of dropped triangles with two corners at one point, and of faces with fewer than three corners.
     pub degenerate: u64,

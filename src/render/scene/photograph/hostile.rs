@@ -158,7 +158,7 @@ fn no_wrong_size_panics() {
     decode_everywhere(&exr(3, 2, &[("Y", FlatSamples::F32(vec![f32::NAN; 6]))]).bytes);
 }
 
-/// Number of random cases, which take a fraction of a second; 500,000 cases have been run once and found no panic.
+/// Number of random cases, which take a fraction of a second. A single run of 500,000 cases found no panic.
 const PROPTEST_CASES: u32 = 2000;
 
 proptest! {
