@@ -19,7 +19,7 @@ pub enum SceneError {
         source: Box<dyn std::error::Error + Send + Sync>,
     },
     #[error(
-        "{} has {width}x{height} pixels, but must have 1 to {max_side} a side and at most {max_pixels} in total; resize it",
+        "{} has {width}x{height} pixels; allowed are 1 to {max_side} a side and at most {max_pixels} in total: resize it",
         path.display(),
         max_side = super::limits::MAX_SIDE,
         max_pixels = super::limits::MAX_PIXELS

@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 #[serde(
     untagged,
     deny_unknown_fields,
-    expecting = "depth_range must be {\"mean_m\": z} or {\"near_m\": z, \"far_m\": z}, optionally with far_over_near (for \
-    a mean) and percentiles"
+    expecting = "depth_range must be {\"mean_m\": z} or {\"near_m\": z, \"far_m\": z}, optionally with far_over_near \
+                 (for a mean) and percentiles"
 )]
 pub enum DepthRange {
     /// A mean and the ratio of the ends: `{"mean_m": 4.0}`.

@@ -30,7 +30,7 @@ pub enum LineError {
     ApexOfFront,
     #[error(
         "{field} is not a rotation: its rows must have length 1 and be at right angles (to 1e-4), and its determinant \
-        must be +1; scale with unit_m"
+         must be +1; scale with unit_m"
     )]
     NoRotation { field: String },
 }

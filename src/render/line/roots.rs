@@ -14,8 +14,8 @@ pub enum RootError {
     #[error("root {name} is given twice, as {} and as {}: keep one", first.display(), second.display())]
     Twice { name: String, first: PathBuf, second: PathBuf },
     #[error(
-        "path {text:?} is under the unknown root {name}: pass --root {name}=DIR, or write \"./{text}\" if it is the name \
-        of a file"
+        "path {text:?} is under the unknown root {name}: pass --root {name}=DIR, or write \"./{text}\" if it is the \
+         name of a file"
     )]
     Unknown { text: String, name: String },
     #[error(

@@ -87,7 +87,7 @@ pub struct Film {
         skip_serializing_if = "is_default_tolerance"
     )]
     pub order_tolerance: f64,
-    /// Precision of `tuple.exr`: half where the values allow it, or always float.
+    /// Precision of `tuple.exr`: half if all values allow it, or always float.
     #[serde(default, skip_serializing_if = "is_default")]
     pub exr: ExrPrecision,
 }
@@ -119,7 +119,7 @@ pub enum ReflectionOrders {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ExrPrecision {
-    /// 16-bit floats; 32-bit floats where a value exceeds 65,504.
+    /// 16-bit floats, or 32-bit floats if any value exceeds 65,504.
     #[default]
     Half,
     /// 32-bit floats.
