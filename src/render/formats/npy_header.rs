@@ -142,7 +142,7 @@ struct Literal<'a> {
 }
 
 impl<'a> Literal<'a> {
-    /// Reads `{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), }`; nothing may follow.
+    /// Reads `{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), }` up to the end of the text.
     fn dict(&mut self) -> Result<(Element, bool, bool, Vec<usize>), NpyError> {
         let (mut descr, mut fortran_order, mut shape) = (None, None, None);
         self.expect(b'{')?;

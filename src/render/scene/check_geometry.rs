@@ -176,7 +176,7 @@ mod tests {
 
     #[test]
     fn the_film_s_corner_limits_the_tilt_of_a_pane() {
-        // With pitch alone, the corner ray of a square film meets the pane at 85 degrees for a pitch of 69.28 degrees.
+        // A corner ray of the square film meets the pane at 85 degrees for a pitch of 69.28 degrees.
         check_geometry(&tilted(69.0, 0.0), 0.0).unwrap();
         let error = check_geometry(&tilted(72.0, 0.0), 0.0).unwrap_err();
         assert!(matches!(error, GeometryError::Grazing { .. }), "{error}");
