@@ -1,17 +1,16 @@
 //! Atomic writes of files and folders: temporary name, fsync, rename, fsync of the folder.
 //!
-//! A reader sees a whole file or none, even after a power cut.
+//! A reader sees a whole file or none; if the write was durable, even after a power cut.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, IntoInnerError, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
-/// A file or folder could not be written.
+/// A failed write of a file or folder.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {source}; check the disk's space and the folder's permissions", path.display())]
 pub struct WriteError {
-    /// The file or folder.
     pub path: PathBuf,
     pub source: io::Error,
 }
@@ -19,13 +18,13 @@ pub struct WriteError {
 /// Prefix of the names of unfinished files.
 const TEMPORARY_PREFIX: &str = ".tmp-";
 
-/// Whether `path` is the temporary name of an unfinished file, perhaps of a killed process.
+/// True if `path` is the temporary name of an unfinished file, which a killed process may have left.
 pub fn is_temporary(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(TEMPORARY_PREFIX))
 }
 
-/// Removes files that `is_leftover` accepts from a folder and its subfolders, `depth` levels deep. The caller must be the
-/// folder's only user. Ignores files that cannot be removed: they do no harm.
+/// Removes files that `is_leftover` accepts from a folder and its subfolders, down to `depth` levels. The caller must
+/// be the only user of the folder. Skips files that cannot be removed, because they do no harm.
 pub fn sweep(folder: &Path, depth: u32, is_leftover: &dyn Fn(&Path) -> bool) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         match entry.file_type() {
@@ -45,34 +44,34 @@ pub fn create_dir(dir: &Path) -> Result<(), WriteError> {
 
 /// Writes `bytes` to `path`, durably: on return the file survives a power cut.
 ///
-/// The folder must exist. A file of that name is replaced.
+/// The folder must exist. Replaces an existing file.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     write_inner(path, bytes, true).map_err(|source| WriteError { path: path.to_owned(), source })
 }
 
 /// Writes `bytes` to `path` atomically, without waiting for the disk.
 ///
-/// For files that are cheap to make again, such as reports and pictures.
+/// Suits files that are cheap to create again, such as reports and pictures.
 pub fn write_relaxed(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     write_inner(path, bytes, false).map_err(|source| WriteError { path: path.to_owned(), source })
 }
 
-/// A file that is written in parts, for content that does not fit into memory. It has a temporary name until
-/// [`Self::finish`]; dropping it before removes it.
+/// A file that is written in parts, for content that does not fit into memory. The file has a temporary name until
+/// [`Self::finish`]; a drop without it removes the file.
 pub struct PendingFile {
     writer: BufWriter<NamedTempFile>,
     path: PathBuf,
 }
 
 impl PendingFile {
-    /// Starts the file `path`, whose folder must exist.
+    /// Starts the file `path`. The folder must exist.
     pub fn begin(path: &Path) -> Result<Self, WriteError> {
         let file =
             temporary(path).map_err(|source| WriteError { path: path.to_owned(), source })?;
         Ok(Self { writer: BufWriter::with_capacity(1 << 18, file), path: path.to_owned() })
     }
 
-    /// Gives the file its name, durably. Replaces an existing file.
+    /// Renames the file to its final path, durably. Replaces an existing file.
     pub fn finish(self) -> Result<(), WriteError> {
         let path = self.path;
         let persist = || {
@@ -93,8 +92,7 @@ impl Write for PendingFile {
     }
 }
 
-/// Waits until the disk holds everything that was written to `folder`'s file system: one wait for many files of
-/// [`write_relaxed`].
+/// Waits until all data of `folder`'s file system are on the disk: one wait for many calls of [`write_relaxed`].
 pub fn settle(folder: &Path) -> Result<(), WriteError> {
     let sync = || -> io::Result<()> {
         let folder = File::open(folder)?;
@@ -110,8 +108,8 @@ pub fn settle(folder: &Path) -> Result<(), WriteError> {
     sync().map_err(|source| WriteError { path: folder.to_owned(), source })
 }
 
-/// Makes a folder with all its files atomically: `fill` writes them into a temporary folder, which is then renamed to
-/// `path`. Replaces an existing folder.
+/// Creates a folder with all its files atomically: `fill` writes the files into a temporary folder, which is then
+/// renamed to `path`. Replaces an existing folder.
 pub fn write_dir<E: From<WriteError>>(
     path: &Path,
     fill: impl FnOnce(&Path) -> Result<(), E>,
@@ -137,7 +135,7 @@ pub fn write_dir<E: From<WriteError>>(
         sync_dir(parent)
     };
     let renamed = rename().map_err(failed);
-    // After the rename no temporary folder is left to remove.
+    // After the rename, `TempDir` has no folder to remove.
     if renamed.is_ok() {
         let _ = temporary.keep();
     }
@@ -150,7 +148,7 @@ fn write_inner(path: &Path, bytes: &[u8], durable: bool) -> io::Result<()> {
     persist(file, path, durable)
 }
 
-/// An empty file beside `path`.
+/// Creates an empty temporary file beside `path`.
 fn temporary(path: &Path) -> io::Result<NamedTempFile> {
     tempfile::Builder::new().prefix(TEMPORARY_PREFIX).tempfile_in(folder_of(path))
 }
@@ -163,7 +161,7 @@ fn folder_of(path: &Path) -> &Path {
 }
 
 fn persist(file: NamedTempFile, path: &Path, durable: bool) -> io::Result<()> {
-    // tempfile makes files that only their owner can read; results must be readable by others.
+    // tempfile creates files that only their owner can read, but results must be readable by others.
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
@@ -186,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn replaces_whole_files_and_leaves_no_temporary_ones() {
+    fn a_write_replaces_the_file_and_leaves_no_temporary_file() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.json");
         write(&path, b"one").unwrap();

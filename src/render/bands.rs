@@ -1,32 +1,32 @@
-//! A shard in bands of rows: the shard is the unit of checkpoints, the band the unit of work stealing.
+//! Divides shards into bands of rows: the shard is the unit of checkpoints, the band the unit of work stealing.
 //!
-//! Pixels do not depend on the tile they are traced in, and paths, misses and samples are whole numbers. A shard joined from
-//! bands in any order therefore has the bits of the shard traced in one piece.
+//! Pixels do not depend on their tile, and paths, misses and samples are whole numbers. Bands therefore join, in any
+//! order, to the same bits as a shard traced in one piece.
 
 use crate::layer::{Layer, PerLayer};
 use crate::trace::{CELL_PX, PixelMeans, Tile, TileResult};
 use std::sync::Mutex;
 
-/// Rows of a band: whole cells of adaptive scenes, and few, so that no thread waits long for the last band.
+/// Rows of a band: one row of an adaptive scene's cells, and few enough that no thread waits long for the last band.
 pub(crate) const BAND_ROWS: u32 = CELL_PX;
 
 pub(crate) fn bands(tile: Tile) -> u32 {
     tile.height.div_ceil(BAND_ROWS)
 }
 
-/// Band `index` of a tile, from the top.
+/// Returns band `index` of a tile, counted from the top.
 fn band(tile: Tile, index: u32) -> Tile {
     let y = index * BAND_ROWS;
     Tile { y: tile.y + y, height: BAND_ROWS.min(tile.height - y), ..tile }
 }
 
-/// A shard in bands, which any free thread may trace.
+/// A shard in bands, so that several threads can trace it.
 #[derive(Default)]
 pub(crate) struct BandedShard {
     joined: Mutex<Joined>,
 }
 
-/// The bands that are done.
+/// The joined result and the number of the finished bands.
 #[derive(Default)]
 struct Joined {
     result: Option<TileResult>,
@@ -34,7 +34,7 @@ struct Joined {
 }
 
 impl BandedShard {
-    /// Traces band `index` of the shard's `tile` with `trace`; the last band returns the whole shard's result.
+    /// Traces band `index` of the shard's `tile` with `trace`. Returns the whole shard's result after its last band.
     pub(crate) fn trace(
         &self,
         tile: Tile,
@@ -57,7 +57,7 @@ impl BandedShard {
         let start = index as usize * BAND_ROWS as usize * tile.width as usize;
         whole.pixels[start..start + result.pixels.len()].copy_from_slice(&result.pixels);
         for layer in Layer::ALL {
-            // Adaptive scenes record the maximum; in other scenes all bands agree.
+            // Adaptive scenes record the maximum. In other scenes, all bands agree.
             whole.samples[layer] = whole.samples[layer].max(result.samples[layer]);
             whole.paths[layer] += result.paths[layer];
             whole.misses[layer] += result.misses[layer];
@@ -75,10 +75,10 @@ mod tests {
     use crate::shard::golden_scenes;
     use crate::trace::{Isa, trace_tile};
 
-    /// Fixed and adaptive scenes, every branch of the tracer; films of 16 x 10 px, so the last band is cut off. Bands come
-    /// last first.
+    /// Bands join to the tile in fixed and adaptive scenes and in every branch of the tracer, even in reverse order.
+    /// Films of 16 x 10 px cut the last band short.
     #[test]
-    fn bands_make_the_whole_tile() {
+    fn bands_join_to_the_whole_tile() {
         let isa = Isa::detect();
         let mut adaptive = 0;
         for golden in golden_scenes() {

@@ -1,34 +1,34 @@
-//! The sRGB curve (IEC 61966-2-1) and its inverse, and 8-bit codes, exactly rounded and fast.
+//! The sRGB curve (IEC 61966-2-1), its inverse, and a fast encoder to the nearest 8-bit codes.
 //!
-//! Uses `libm`: its results are equal on all machines, unlike those of `f64::powf`.
+//! Uses `libm`, because its results are equal on all machines, unlike those of `f64::powf`.
 
-/// Maps linear values to the nearest 8-bit IEC 61966-2-1 code; values outside [0, 1] are clamped.
+/// An encoder of linear values to the nearest 8-bit IEC 61966-2-1 code. Clamps values to [0, 1].
 pub struct SrgbEncoder {
-    /// `thresholds[c]`: the linear value from which code c + 1 is nearer than c.
+    /// `thresholds[c]`: least linear value with a code above c.
     thresholds: [f32; 255],
-    /// Code of the lowest value of each of 4,096 equal cells of [0, 1].
+    /// Codes at the lower ends of 4,096 equal cells of [0, 1], and at 1.
     start: Vec<u8>,
 }
 
 const CELLS: usize = 4096;
 
-/// Linear value of an 8-bit code.
+/// Returns the linear value of an 8-bit code.
 pub fn srgb_to_linear(code: u8) -> f32 {
     decode_srgb(f64::from(code) / 255.0) as f32
 }
 
-/// The inverse curve, continued above 1; negative values stay negative, NaN stays NaN.
+/// Applies the inverse curve, continued above 1. Negative values stay negative, and NaN stays NaN.
 pub fn decode_srgb(coded: f64) -> f64 {
     if coded > 0.04045 { libm::pow((coded + 0.055) / 1.055, 2.4) } else { coded / 12.92 }
 }
 
-/// The curve itself: linear value, clamped to [0, 1], to code value in [0, 1].
+/// Applies the curve to a linear value, clamped to [0, 1]. The result is a code value in [0, 1].
 pub fn linear_to_srgb(value: f32) -> f64 {
     let value = f64::from(value.clamp(0.0, 1.0));
     if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * libm::pow(value, 1.0 / 2.4) - 0.055 }
 }
 
-/// The nearest 16-bit IEC 61966-2-1 code of a linear value, clamped to [0, 1]. Not-a-number becomes 0.
+/// Returns the nearest 16-bit IEC 61966-2-1 code of a linear value, clamped to [0, 1]. NaN becomes 0.
 pub fn linear_to_srgb16(value: f32) -> u16 {
     (linear_to_srgb(value) * 65_535.0).round() as u16
 }
@@ -44,7 +44,7 @@ impl SrgbEncoder {
         Self { thresholds, start }
     }
 
-    /// Code of a linear value. Not-a-number becomes 0.
+    /// Returns the code of a linear value. NaN becomes 0.
     pub fn encode(&self, value: f32) -> u8 {
         let value = value.clamp(0.0, 1.0);
         let mut code = usize::from(self.start[(value * CELLS as f32) as usize]);
@@ -66,8 +66,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn known_values() {
-        // 128/255 and 188/255, to 12 digits from the standard's formula in exact arithmetic.
+    fn decoded_values_match_the_standard() {
+        // The expected values are from the standard's formula in exact arithmetic, to 12 digits.
         assert!((decode_srgb(128.0 / 255.0) - 0.215860500114).abs() < 1e-12);
         assert!((decode_srgb(188.0 / 255.0) - 0.502886458033).abs() < 1e-12);
         assert_eq!(decode_srgb(0.0), 0.0);
@@ -77,11 +77,11 @@ mod tests {
     }
 
     #[test]
-    fn sixteen_bits_are_the_rounded_curve() {
+    fn codes_of_16_bits_extend_those_of_8_bits() {
         for (value, code) in [(0.0, 0), (-1.0, 0), (1.0, 65_535), (3.0, 65_535), (f32::NAN, 0)] {
             assert_eq!(linear_to_srgb16(value), code, "{value}");
         }
-        // 8-bit codes are every 257th.
+        // The 8-bit code c and the 16-bit code 257 c stand for the same value.
         for code in 0..=255u8 {
             let linear = srgb_to_linear(code);
             assert_eq!(linear_to_srgb16(linear), u16::from(code) * 257);

@@ -1,4 +1,4 @@
-//! SplitMix64 (Steele, Lea and Flood 2014): one mixing of 64 bits for sample points, procedural pictures and simulations.
+//! SplitMix64 (Steele, Lea and Flood 2014), the 64-bit hash of sample points, procedural pictures and simulations.
 
 /// 2^64 / golden ratio, odd: the increment of SplitMix64's state.
 pub const GOLDEN_GAMMA: u64 = 0x9e37_79b9_7f4a_7c15;
@@ -10,7 +10,7 @@ pub const fn mix64(mut x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
-/// One step of SplitMix64 from the state `key`: a hash without a fixed point at 0.
+/// Returns the output of one SplitMix64 step from the state `key`: a hash without a fixed point at 0.
 pub const fn splitmix64(key: u64) -> u64 {
     mix64(key.wrapping_add(GOLDEN_GAMMA))
 }
@@ -19,9 +19,9 @@ pub const fn splitmix64(key: u64) -> u64 {
 mod tests {
     use super::*;
 
-    /// The first numbers of the reference implementation (prng.di.unimi.it/splitmix64.c) from the state 1234567.
+    /// The expected numbers are the first of prng.di.unimi.it/splitmix64.c, the reference, from the state 1234567.
     #[test]
-    fn numbers_are_those_of_the_reference() {
+    fn numbers_match_the_reference() {
         let drawn = [0u64, 1, 2]
             .map(|k| splitmix64(1_234_567u64.wrapping_add(k.wrapping_mul(GOLDEN_GAMMA))));
         assert_eq!(

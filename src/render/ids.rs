@@ -1,14 +1,14 @@
-//! Scene ids, which become file names: checked when they are made.
+//! Scene ids, which become file names and are therefore checked on construction.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// A scene's id: one to 128 characters of `[A-Za-z0-9_-]`, so that it is a safe file and key name.
+/// A scene's id: 1 to 128 characters of `[A-Za-z0-9_-]`, which are safe in file names and keys.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct SceneId(String);
 
-/// A string is not a scene id.
+/// A string that is not a scene id.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "scene id {0:?} is not 1 to 128 characters of [A-Za-z0-9_-]: it names files, so rename the scene"
@@ -27,7 +27,7 @@ impl SceneId {
         }
     }
 
-    /// The id as text.
+    /// Returns the id as text.
     pub fn as_str(&self) -> &str {
         &self.0
     }

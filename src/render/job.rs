@@ -9,7 +9,7 @@ use crate::trace::{Isa, TRACER_VERSION, TileResult, trace_tile};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// A scene with its shards in work.
+/// A loaded scene, its shards, and the finished partials.
 pub struct SceneJob<'a> {
     pub line: &'a SceneLine,
     pub layout: ShardLayout,
@@ -20,7 +20,7 @@ pub struct SceneJob<'a> {
 }
 
 impl<'a> SceneJob<'a> {
-    /// A job without finished shards.
+    /// Creates a job without finished shards.
     pub fn new(
         line: &'a SceneLine,
         layout: ShardLayout,
@@ -45,7 +45,7 @@ impl<'a> SceneJob<'a> {
         bands(self.layout.shard(shard).tile)
     }
 
-    /// Traces one band of a shard; its last band returns the whole shard's result.
+    /// Traces one band of a shard. Returns the result of the whole shard after its last band.
     pub fn trace_band(&self, shard: &Shard, band: u32, isa: Isa) -> Option<TileResult> {
         self.shards[shard.index as usize].trace(shard.tile, band, |tile| {
             trace_tile(&self.loaded.scene, tile, shard.samples.clone(), isa)
@@ -62,7 +62,7 @@ impl<'a> SceneJob<'a> {
         Partial::new(self.header(shard, &result), result.pixels)
     }
 
-    /// The same with an empty digest, for partials that stay in memory.
+    /// Makes the partial of a traced shard with an empty digest, for partials that stay in memory.
     pub fn partial_in_memory(&self, shard: &Shard, result: TileResult) -> Partial {
         Partial { header: self.header(shard, &result), pixels: result.pixels }
     }
@@ -87,7 +87,7 @@ impl<'a> SceneJob<'a> {
         }
     }
 
-    /// Whether a partial from disk is this job's `shard`.
+    /// True if a partial from disk is the result of this job's `shard`.
     pub fn accepts(&self, shard: &Shard, partial: &Partial) -> bool {
         let header = &partial.header;
         header.tracer_version == TRACER_VERSION
@@ -99,19 +99,19 @@ impl<'a> SceneJob<'a> {
             && header.facts == self.loaded.facts
     }
 
-    /// Stores a finished shard.
+    /// Stores the partial of a finished shard.
     pub fn add(&self, partial: Partial) {
         self.results().push(Arc::new(partial));
     }
 
-    /// A finished shard; `None` after [`Self::take_results`].
+    /// Returns the partial of a finished shard; `None` for other shards, and after [`Self::take_results`].
     pub fn result(&self, shard: u32) -> Option<Arc<Partial>> {
         let results = self.results();
         let mut results = results.iter();
         results.find(|p| p.header.shard == shard).cloned()
     }
 
-    /// Takes all finished shards.
+    /// Takes the partials of all finished shards.
     pub fn take_results(&self) -> Vec<Arc<Partial>> {
         std::mem::take(&mut *self.results())
     }
@@ -121,9 +121,9 @@ impl<'a> SceneJob<'a> {
     }
 }
 
-/// Traces all shards of one scene on `threads` threads and writes nothing. See [`crate::Loaded`] for the whole path.
+/// Traces all shards of one scene on `threads` threads, in memory. [`crate::Loaded`] also loads and merges.
 ///
-/// Returns `None` when `stop` was set before the end.
+/// Returns `None` if `stop` was set before the end.
 pub fn render_partials(
     job: &SceneJob,
     threads: usize,

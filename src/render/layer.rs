@@ -1,10 +1,10 @@
-//! The four images of a scene, and values for each of them.
+//! The four images of a scene, and arrays with a value for each image.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::{Index, IndexMut};
 
-/// One of the four images, in their order in all files and arrays.
+/// One of the four images of a scene, in the order of all files and arrays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Layer {
     /// I: the scene through the pane with its reflection.
@@ -18,11 +18,11 @@ pub enum Layer {
 }
 
 impl Layer {
-    /// All four, in order.
+    /// All layers, in order.
     pub const ALL: [Self; 4] =
         [Self::Input, Self::Transmission, Self::GlassReflection, Self::CleanReflection];
 
-    /// Their names, in order.
+    /// Names of all layers, in order.
     pub const NAMES: [&'static str; 4] = [
         Self::Input.name(),
         Self::Transmission.name(),
@@ -30,7 +30,7 @@ impl Layer {
         Self::CleanReflection.name(),
     ];
 
-    /// The name in files, keys and flags.
+    /// Returns the name in files, keys and flags.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Input => "input",
@@ -40,7 +40,7 @@ impl Layer {
         }
     }
 
-    /// The paper's symbol, in ASCII.
+    /// Returns the paper's symbol, in ASCII.
     pub const fn symbol(self) -> &'static str {
         match self {
             Self::Input => "I",
@@ -50,7 +50,7 @@ impl Layer {
         }
     }
 
-    /// The layer of that name.
+    /// Returns the layer of that name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|layer| layer.name() == name)
     }
@@ -62,18 +62,18 @@ impl fmt::Display for Layer {
     }
 }
 
-/// A value for each layer; in files an array of four.
+/// A value for each layer; in files, an array of four.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct PerLayer<T>(pub [T; 4]);
 
 impl<T> PerLayer<T> {
-    /// The value that `f` gives to each layer.
+    /// Calls `f` for each layer, in order.
     pub fn of(f: impl FnMut(Layer) -> T) -> Self {
         Self(Layer::ALL.map(f))
     }
 
-    /// Layers and their values, in order.
+    /// Iterates over the layers and their values, in order.
     pub fn iter(&self) -> impl Iterator<Item = (Layer, &T)> {
         Layer::ALL.into_iter().zip(&self.0)
     }
@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_lead_back_to_their_layers() {
+    fn layers_and_their_names_round_trip() {
         for (place, layer) in Layer::ALL.into_iter().enumerate() {
             assert_eq!(layer as usize, place);
             assert_eq!(Layer::from_name(layer.name()), Some(layer));

@@ -1,12 +1,12 @@
-//! A scene line and its files become four exact images: everything from decoding photographs to writing tuples.
+//! Renders a scene line and its files to four images, from the decoding of photographs to the writing of tuples.
 //!
 //! ```text
-//! line -> formats -> scene -> trace -> shard, partial -> merge        job, Loaded: all of it for one scene, in memory
-//! (what)  (bytes)    (sheets) (rays)   (work, on disk)   (tuples)     layer, color, hash: shared by all
+//! line -> formats -> scene -> trace -> shard, partial -> merge        job, Loaded: all steps for one scene, in memory
+//! (JSON)  (files)    (sheets) (rays)   (units of work)   (tuples)     layer, color, hash: used by several steps
 //! ```
 //!
-//! No clock, no environment variable, no asynchronous runtime and no command line: a pixel follows from the line and the bytes
-//! of its files.
+//! Uses no clock, environment variable, asynchronous runtime or command line: a pixel depends only on the line and the
+//! bytes of its files.
 
 pub mod atomic_file;
 mod bands;

@@ -1,4 +1,4 @@
-//! From a scene line to pixels, for callers with the whole scene in memory.
+//! Renders a scene line to pixels, for callers that hold the whole scene in memory.
 
 use crate::job::{SceneJob, render_partials};
 use crate::layer::PerLayer;
@@ -11,10 +11,10 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Tiles of [`Loaded::render`], px. No pixel depends on it.
+/// Side of the tiles of [`Loaded::render`], px. No pixel depends on this size.
 const TILE_PX: u32 = 64;
 
-/// A scene line with its decoded files. They determine its pixels.
+/// A scene line and its decoded files, which together determine its pixels.
 ///
 /// ```
 /// use render::Loaded;
@@ -47,14 +47,14 @@ const TILE_PX: u32 = 64;
 /// let mut images = PerLayer::default();
 /// scene.render(7, 64, LayerSet::default(), &mut images)?;
 /// assert_eq!(images[Layer::Transmission], [[0.5; 3]; 48]);
-/// // Glass that absorbs nothing passes on all light that it does not reflect.
+/// // The glass does not absorb light, so it transmits all light that it does not reflect.
 /// assert!((images[Layer::Input][0][0] - 0.5).abs() < 1e-4);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Loaded {
     line: SceneLine,
     scene: Arc<LoadedScene>,
-    /// Threads that trace. No pixel depends on their number.
+    /// Number of tracing threads. No pixel depends on this number.
     pub threads: usize,
 }
 
@@ -65,20 +65,20 @@ impl Loaded {
         Ok(Self { line, scene, threads: 1 })
     }
 
-    /// Reads and decodes the files of `line`, whose relative paths start from `base`.
+    /// Reads and decodes the files of `line`. Relative paths start from `base`.
     pub fn read(line: SceneLine, roots: &Roots, base: &Path) -> Result<Self, LoadError> {
         let files = read_files(&line, roots, base)?;
         Self::new(line, &files)
     }
 
-    /// The scene, its facts, and the digests of its files.
+    /// Returns the scene, its facts, and the digests of its files.
     pub fn scene(&self) -> &LoadedScene {
         &self.scene
     }
 
-    /// Renders `layers` with another seed and sample count than the line's; the other images become empty.
+    /// Renders `layers` with `seed` and `spp` in place of the line's values. The images of other layers become empty.
     ///
-    /// The bits are those that a run merges for a line with this seed, `spp` and these layers.
+    /// The images have the same bits as in a run of a line with this seed, `spp` and these layers.
     /// Panics if `spp` is not a power of two.
     pub fn render(
         &mut self,
@@ -87,20 +87,20 @@ impl Loaded {
         layers: LayerSet,
         images: &mut PerLayer<Vec<[f32; 3]>>,
     ) -> Result<(), MergeError> {
-        assert!(spp.is_power_of_two(), "{spp} samples are no power of two");
+        assert!(spp.is_power_of_two(), "spp is {spp}, not a power of two");
         let film = &mut self.line.film;
         (self.line.seed, film.spp, film.layers) = (seed, spp, layers);
         Arc::get_mut(&mut self.scene)
             .expect("no job outlives the call that made it")
             .resample(&self.line);
         let tuple = self.tuple(TILE_PX, Isa::detect(), &AtomicBool::new(false), &|| {});
-        *images = tuple.expect("nothing stops it")?.layers;
+        *images = tuple.expect("`stop` is never set")?.layers;
         Ok(())
     }
 
-    /// Renders the line as it is into a tuple, in tiles of `tile_px`; `on_shard` is called after each shard.
+    /// Renders the line into a tuple, in tiles of `tile_px`, and calls `on_shard` after each shard.
     ///
-    /// Returns `None` when `stop` was set before the end.
+    /// Returns `None` if `stop` was set before the end.
     pub fn tuple(
         &self,
         tile_px: u32,
@@ -123,7 +123,7 @@ mod tests {
     use crate::line::parse_scene;
     use crate::scene::SideFiles;
 
-    /// A panorama of stripes: 8 x 4 px.
+    /// Returns a striped panorama of 8 x 4 px.
     fn stripes() -> SideFiles {
         let values = (0..96u8).flat_map(|k| (f32::from(k % 7) * 0.1).to_le_bytes());
         let bytes = b"PF\n8 4\n-1.0\n".iter().copied().chain(values).collect();
@@ -150,11 +150,11 @@ mod tests {
     }
 
     #[test]
-    fn another_seed_and_count_give_the_bits_of_their_own_line() {
+    fn render_gives_the_bits_of_a_line_with_its_seed_and_spp() {
         let mut scene = loaded(1, 16, "");
         scene.threads = 2;
         let before = tuple(&scene, 64);
-        // Two ranges of samples, then one with two layers, then the line itself.
+        // Two ranges of samples, one range with two layers, and the original line.
         for (seed, spp, more) in
             [(5, 512, ""), (6, 64, r#","layers":["input","clean_reflection"]"#), (1, 16, "")]
         {

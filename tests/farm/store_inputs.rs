@@ -151,7 +151,7 @@ fn plan_reports_truncated_objects_and_leaves_them_out_if_asked() {
     let ended = both.run(&arguments).expect(4).says(&[
         "2 of ",
         "input files cannot be used",
-        "needs 12288 bytes of data, the file has 872",
+        "needs 12288 bytes of data, but the file has 872",
         "it is empty",
     ]);
     assert_eq!(ended.json()["invalid"].as_array().unwrap().len(), 2);

@@ -156,7 +156,7 @@ fn a_run_takes_meshes_and_sets_bad_ones_aside() {
             with("near", &[("front", near)]),
             vec!["front mesh", "nearer than the pane", "front.unit_m"],
         ),
-        (with("aside", &[("front", aside)]), vec!["front_center", "meets nothing", "distance_m"]),
+        (with("aside", &[("front", aside)]), vec!["front_center", "does not meet", "distance_m"]),
         (
             {
                 let mut scene = scene("color");

@@ -3,29 +3,29 @@
 use crate::line::LineError;
 use std::path::PathBuf;
 
-/// A file is invalid; its scene is quarantined with this text.
+/// An invalid file. Its scene is quarantined with this text.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     #[error("{} is empty; write or fetch it again", path.display())]
     Empty { path: PathBuf },
-    /// The magic bytes are of no format that this file may have.
+    /// Magic bytes of a format that is unknown, or not allowed for this file.
     #[error("{} is {found}; give {expected}", path.display())]
     Format { path: PathBuf, found: String, expected: &'static str },
     #[error("cannot read {} as {format}: {source}; write or fetch it again", path.display())]
     Unreadable {
         path: PathBuf,
-        /// The format that its magic bytes name.
+        /// Format of the magic bytes.
         format: &'static str,
         source: Box<dyn std::error::Error + Send + Sync>,
     },
     #[error(
-        "{} has {width}x{height} pixels; sizes are 1 to {max_side} a side and at most {max_pixels} pixels: resize it",
+        "{} has {width}x{height} pixels; allowed are 1 to {max_side} a side and at most {max_pixels} in total: resize it",
         path.display(),
         max_side = super::limits::MAX_SIDE,
         max_pixels = super::limits::MAX_PIXELS
     )]
     Size { path: PathBuf, width: u64, height: u64 },
-    /// The file is readable, but its channels, element type or array shape are wrong.
+    /// A readable file with wrong channels, element type or array shape.
     #[error("{} holds {found}; give {expected}", path.display())]
     Layout { path: PathBuf, found: String, expected: &'static str },
     #[error(
@@ -41,14 +41,14 @@ pub enum SceneError {
         depth_width: usize,
         depth_height: usize,
     },
-    /// A colour image has values that are not radiance, after `transfer` and `exposure`.
+    /// A colour image with values that are not radiance, after `transfer` and `exposure`.
     #[error(
         "{} has {count} pixels with NaN, infinite or negative radiance, the first at column {x}, row {y}; repair the file, or lower the exposure",
         path.display()
     )]
     Radiance {
         path: PathBuf,
-        /// Pixels with at least one such channel.
+        /// Number of pixels with at least one such channel.
         count: usize,
         x: usize,
         y: usize,
@@ -58,20 +58,20 @@ pub enum SceneError {
         path.display()
     )]
     NoDepth { path: PathBuf },
-    /// The inverse of a depth is not a normal `f32`.
+    /// A depth image with depths that have no normal `f32` inverse.
     #[error(
-        "{} has {count} pixels too near or too far to calculate with, the first of {z_m:e} m at column {x}, row {y}; check depth_unit_m, or mask them out",
+        "{} has {count} pixels too near or too far to calculate with, the first with {z_m:e} m at column {x}, row {y}; check depth_unit_m, or mask them out",
         path.display()
     )]
     DepthRange {
         path: PathBuf,
         count: usize,
-        /// Distance along the optical axis of the first, in reading order.
+        /// Depth along the optical axis of the first such pixel in reading order.
         z_m: f64,
         x: usize,
         y: usize,
     },
-    /// A vertex, face or table of a mesh is invalid.
+    /// An invalid vertex, triangle, face or element of a mesh.
     #[error("{}: {what} {problem}; {remedy}", path.display())]
     Element { path: PathBuf, what: String, problem: String, remedy: &'static str },
     #[error("{}: {source}: correct the manifest", path.display())]

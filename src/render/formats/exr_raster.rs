@@ -1,4 +1,4 @@
-//! OpenEXR files through the `exr` crate: one layer, one or three channels.
+//! Reads OpenEXR images with the `exr` crate: one layer, one or three channels.
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
@@ -12,8 +12,8 @@ use std::io::Cursor;
 const COLOR: &str = "channels R, G and B, or a single Y, without subsampling or deep data";
 const DEPTH: &str = "a channel Z, Y or R, or a single channel, without subsampling or deep data";
 
-/// Decodes the first layer with R, G and B, else the first with Y and no chroma; ignores other channels. The data window is
-/// the image. 16- and 32-bit floats and 32-bit integers become `f32`, unscaled.
+/// Decodes the first layer with R, G and B, else the first layer with Y and no chroma. Ignores other channels. The data
+/// window is the image. 16- and 32-bit floats and 32-bit integers become `f32`, unscaled.
 pub(crate) fn decode_color(file: &NamedBytes) -> Result<Raster, SceneError> {
     file.contain(FileFormat::Exr, || match color_layer(file)? {
         (Channels::Rgb, _) => read_rgb(file),
@@ -21,17 +21,17 @@ pub(crate) fn decode_color(file: &NamedBytes) -> Result<Raster, SceneError> {
     })
 }
 
-/// Width and height of the colour image, from its header; `file` may hold the beginning alone.
+/// Reads width and height of the colour image from its header; `file` may hold only its beginning.
 pub(crate) fn color_size(file: &NamedBytes) -> Result<[usize; 2], SceneError> {
     file.contain(FileFormat::Exr, || Ok(color_layer(file)?.1))
 }
 
-/// Width and height of the depth image, from its header; `file` may hold the beginning alone.
+/// Reads width and height of the depth image from its header; `file` may hold only its beginning.
 pub(crate) fn depth_size(file: &NamedBytes) -> Result<[usize; 2], SceneError> {
     file.contain(FileFormat::Exr, || Ok(depth_layer(file)?.1))
 }
 
-/// The channels to read of a layer.
+/// The channels to read from a layer.
 enum Channels {
     Rgb,
     Single(&'static str),
@@ -70,12 +70,12 @@ fn size(header: &Header) -> [usize; 2] {
     [width, height]
 }
 
-/// Decodes the first Z, Y or R channel, tried in this order over all layers, or the only channel.
+/// Decodes the first channel Z of any layer, else the first Y, else the first R, else the only channel.
 pub(crate) fn decode_depth(file: &NamedBytes) -> Result<Raster, SceneError> {
     file.contain(FileFormat::Exr, || read_single(file, &depth_layer(file)?.0))
 }
 
-/// The layers' headers; an error if one asks for too much memory.
+/// Reads the headers of all layers and checks them against the limits.
 fn headers(file: &NamedBytes) -> Result<Vec<Header>, SceneError> {
     let meta = MetaData::read_from_buffered(Cursor::new(file.bytes.as_slice()), false)
         .map_err(|error| file.unreadable(FileFormat::Exr, error))?;
@@ -147,14 +147,14 @@ fn read_single(file: &NamedBytes, name: &str) -> Result<Raster, SceneError> {
     Ok(image.layer_data.channel_data.pixels.into_raster(1))
 }
 
-/// Pixels that the decoder fills one by one.
+/// An image that the decoder fills pixel by pixel.
 struct Pixels {
     size: Vec2<usize>,
     values: Vec<f32>,
 }
 
 impl Pixels {
-    /// NaN marks pixels that no block of the file covers: they must not become black.
+    /// Fills the image with NaN, so that pixels that no block of the file covers do not become black.
     fn new(size: Vec2<usize>, channels: usize) -> Self {
         Self { size, values: vec![f32::NAN; size.area() * channels] }
     }
@@ -184,12 +184,12 @@ pub(crate) mod tests {
     };
     use std::path::PathBuf;
 
-    /// An EXR file of one layer.
+    /// Returns an EXR file of one layer.
     pub(crate) fn exr(width: usize, height: usize, channels: &[(&str, FlatSamples)]) -> NamedBytes {
         exr_coded(width, height, channels, Encoding::SMALL_LOSSLESS)
     }
 
-    /// The same with blocks and compression of choice.
+    /// Returns an EXR file of one layer, with the blocks and the compression of `encoding`.
     pub(crate) fn exr_coded(
         width: usize,
         height: usize,
@@ -219,7 +219,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn channels_of_every_type_beside_others() {
+    fn channels_of_every_type_are_read_beside_others() {
         let file = exr(
             2,
             1,
@@ -238,7 +238,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn single_channels() {
+    fn a_single_channel_is_grey_or_depth() {
         let one = |name: &str| exr(1, 2, &[(name, FlatSamples::F32(vec![1.0, 2.0]))]);
         assert_eq!(decode_color(&one("Y")).unwrap().channels, 1);
         let ones = || FlatSamples::F32(vec![1.0]);

@@ -1,4 +1,4 @@
-//! Reads OpenEXR files that this program wrote: the first part with all channels, after a check of the headers.
+//! Reads OpenEXR files that this program wrote: checks the headers, then decodes all channels of the first part.
 
 use exr::image::{AnyChannels, Layer};
 use exr::math::Vec2;
@@ -8,18 +8,18 @@ use exr::meta::header::Header;
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, read};
 use std::io::Cursor;
 
-/// An EXR's channels, by name.
+/// The channels of an EXR file.
 pub struct ExrChannels {
-    /// Pixels across.
+    /// Width, px.
     pub width: usize,
-    /// Pixels down.
+    /// Height, px.
     pub height: usize,
-    /// Names (`input.R`, ...) and values, row by row; halves as floats, which is exact.
+    /// Names (`input.R`, ...) and values, row by row. Halves become floats without rounding.
     pub list: Vec<(String, Vec<f32>)>,
 }
 
 impl ExrChannels {
-    /// Pixels of the tuple's layer of that name, from `NAME.R`, `NAME.G`, `NAME.B`. An error names the missing channel.
+    /// Returns the pixels of a tuple's layer, from `NAME.R`, `NAME.G`, `NAME.B`. An error names the missing channel.
     pub fn layer(&self, name: &str) -> Result<Vec<[f32; 3]>, String> {
         let of = |colour: &str| {
             let name = format!("{name}.{colour}");
@@ -32,7 +32,7 @@ impl ExrChannels {
     }
 }
 
-/// Decodes the first layer of an EXR with float channels. An error is a text for the user.
+/// Decodes the first layer of an EXR file with float channels. An error is a text for the user.
 pub fn decode_exr_channels(bytes: &[u8]) -> Result<ExrChannels, String> {
     let layer = first_layer(bytes)?;
     let mut list = Vec::new();
@@ -47,7 +47,7 @@ pub fn decode_exr_channels(bytes: &[u8]) -> Result<ExrChannels, String> {
     Ok(ExrChannels { width: layer.size.width(), height: layer.size.height(), list })
 }
 
-/// The first part with all its channels.
+/// Decodes the first part with all its channels.
 pub(crate) fn first_layer(bytes: &[u8]) -> Result<Layer<AnyChannels<FlatSamples>>, String> {
     let image = read()
         .no_deep_data()
@@ -61,7 +61,7 @@ pub(crate) fn first_layer(bytes: &[u8]) -> Result<Layer<AnyChannels<FlatSamples>
     Ok(image.layer_data)
 }
 
-/// The headers of all parts. Allocates nothing of the claimed size.
+/// Reads the headers of all parts, without an allocation of the size that they claim.
 pub(crate) fn headers(bytes: &[u8]) -> Result<Vec<Header>, String> {
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false);
     Ok(meta.map_err(|e| e.to_string())?.headers.into_vec())
@@ -82,8 +82,8 @@ pub(crate) fn check_claim(headers: &[Header], most: u128) -> Result<(), String> 
 /// Largest compression factor of Deflate.
 const MOST_COMPRESSION: u128 = 1032;
 
-/// Checks an EXR's headers before any pixel is unpacked, since a damaged header may claim any size: the image must have
-/// `size`, at most `most` channels, and no more pixels than its bytes can hold.
+/// Checks an EXR file's headers before the pixels are unpacked, since a damaged header may claim any size: the image
+/// must have `size`, at most `most` channels, and no more pixels than its bytes can hold.
 pub(crate) fn check_headers(bytes: &[u8], size: [u32; 2], most: usize) -> Result<(), String> {
     let headers = headers(bytes)?;
     for header in &headers {
@@ -97,7 +97,7 @@ pub(crate) fn check_headers(bytes: &[u8], size: [u32; 2], most: usize) -> Result
         let is_plain = |c: &ChannelDescription| c.sampling == Vec2(1, 1);
         let channels = &header.channels;
         if header.deep || channels.list.len() > most || !channels.list.iter().all(is_plain) {
-            return Err("it has other channels than were written".to_owned());
+            return Err("its channels differ from the expected ones".to_owned());
         }
     }
     check_claim(&headers, MOST_COMPRESSION * bytes.len() as u128)

@@ -1,4 +1,4 @@
-//! Writes OpenEXR files: one or more parts, ZIP, one thread, so that equal pixels give equal bytes.
+//! Writes OpenEXR files of one or more parts with ZIP compression, on one thread: equal pixels give equal bytes.
 
 use crate::line::ExrPrecision;
 use exr::image::write::layers::WritableLayers;
@@ -11,7 +11,7 @@ use std::io::Cursor;
 /// Largest value of a half float.
 pub(crate) const HALF_MAX: f32 = 65_504.0;
 
-/// One layer as 32-bit float OpenEXR with channels R, G, B.
+/// Encodes one layer as 32-bit float OpenEXR with channels R, G, B.
 pub fn encode_rgb_exr(
     pixels: &[[f32; 3]],
     width: u32,
@@ -20,8 +20,8 @@ pub fn encode_rgb_exr(
     encode_exr(rgb_channels(pixels, ExrPrecision::Float), width, height)
 }
 
-/// Layers as the parts of one OpenEXR file, each of its name, with channels R, G, B. With [`ExrPrecision::Half`] values are
-/// rounded to halves. A single layer without a name is a plain file of one part.
+/// Encodes named layers as the parts of one OpenEXR file, with channels R, G, B. [`ExrPrecision::Half`] rounds values
+/// to halves. A single layer without a name becomes a plain file of one part.
 pub fn encode_parts_exr(
     parts: &[(&str, &[[f32; 3]])],
     width: u32,
@@ -45,7 +45,7 @@ fn rgb_channels(pixels: &[[f32; 3]], precision: ExrPrecision) -> Vec<AnyChannel<
     colours.map(|(c, name)| channel(name, values(c), precision)).collect()
 }
 
-/// A channel of this name; with [`ExrPrecision::Half`] values are rounded to halves.
+/// Makes a channel. [`ExrPrecision::Half`] rounds its values to halves.
 pub(crate) fn channel(
     name: &str,
     values: impl Iterator<Item = f32>,
@@ -58,7 +58,7 @@ pub(crate) fn channel(
     AnyChannel::new(name, samples)
 }
 
-/// One part without a name.
+/// Encodes one part without a name.
 pub(crate) fn encode_exr(
     channels: Vec<AnyChannel<FlatSamples>>,
     width: u32,
@@ -91,7 +91,7 @@ fn write_exr<'image, Layers: WritableLayers<'image>>(
     write_exr_into(image, Vec::new())
 }
 
-/// Writes the file into `bytes`, which may have capacity reserved.
+/// Writes the file into `bytes`, a buffer that may have reserved capacity.
 pub(crate) fn write_exr_into<'image, Layers: WritableLayers<'image>>(
     image: &'image Image<Layers>,
     bytes: Vec<u8>,

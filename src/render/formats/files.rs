@@ -3,10 +3,9 @@
 use super::error::SceneError;
 use std::path::PathBuf;
 
-/// A file's contents and its name for errors.
+/// The contents of a file, and its path for error texts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NamedBytes {
-    /// Only for error texts.
     pub path: PathBuf,
     pub bytes: Vec<u8>,
 }
@@ -18,20 +17,20 @@ pub struct PhotographFiles {
     pub color: NamedBytes,
     /// PNG, PNM, EXR, PFM or `.npy`.
     pub depth: NamedBytes,
-    /// PNG, PNM or `.npy`; without it every finite depth above 0 is valid.
+    /// PNG, PNM or `.npy`. Without a mask, every finite depth above 0 is valid.
     pub mask: Option<NamedBytes>,
 }
 
 /// The files of one panorama.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PanoramaFiles {
-    /// Equirectangular, in any format of a colour image.
+    /// Equirectangular image, in any format of a colour image.
     pub panorama: NamedBytes,
-    /// Equirectangular distances, in any format of a depth image; without it all is at one distance.
+    /// Equirectangular distances, in any format of a depth image. Without them, all directions have the same distance.
     pub depth: Option<NamedBytes>,
 }
 
-/// A file format, recognised by its magic bytes: extensions are unreliable.
+/// A file format, recognised by its magic bytes because extensions are unreliable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FileFormat {
     Png,
@@ -60,7 +59,7 @@ impl FileFormat {
 }
 
 impl NamedBytes {
-    /// The format of the file; errors name the `expected` ones.
+    /// Recognises the format of the file. Errors list the `expected` formats.
     pub(crate) fn format(&self, expected: &'static str) -> Result<FileFormat, SceneError> {
         match self.bytes.as_slice() {
             [] => Err(SceneError::Empty { path: self.path.clone() }),
@@ -84,17 +83,17 @@ impl NamedBytes {
         }
     }
 
-    /// An error: the file has the wrong format.
+    /// Returns the error of a file in the wrong format.
     pub(crate) fn wrong_format(&self, found: String, expected: &'static str) -> SceneError {
         SceneError::Format { path: self.path.clone(), found, expected }
     }
 
-    /// An error: the file has the wrong channels, element type or shape.
+    /// Returns the error of a file with the wrong channels, element type or shape.
     pub(crate) fn wrong_layout(&self, found: String, expected: &'static str) -> SceneError {
         SceneError::Layout { path: self.path.clone(), found, expected }
     }
 
-    /// An error: the vertex, face or table `what` of a mesh is invalid.
+    /// Returns the error of a mesh with the invalid vertex, triangle, face or element `what`.
     pub(crate) fn bad_element(
         &self,
         what: String,
@@ -104,7 +103,7 @@ impl NamedBytes {
         SceneError::Element { path: self.path.clone(), what, problem, remedy }
     }
 
-    /// An error: the file cannot be decoded.
+    /// Returns the error of a file that cannot be decoded.
     pub(crate) fn unreadable(
         &self,
         format: FileFormat,
@@ -117,7 +116,7 @@ impl NamedBytes {
         }
     }
 
-    /// Runs a foreign decoder and turns its panic into an error.
+    /// Runs a third-party decoder and turns a panic into an error.
     pub(crate) fn contain<T>(
         &self,
         format: FileFormat,
@@ -125,7 +124,7 @@ impl NamedBytes {
     ) -> Result<T, SceneError> {
         // Unwind safe: a panic drops everything that the closure owns.
         std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode))
-            .unwrap_or_else(|_| Err(self.unreadable(format, "the decoder gave up on its contents")))
+            .unwrap_or_else(|_| Err(self.unreadable(format, "the decoder failed on its contents")))
     }
 }
 
@@ -138,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn the_magic_decides() {
+    fn magic_bytes_determine_the_format() {
         assert_eq!(named(b"\xff\xd8\xff\xe0").format("x").unwrap(), FileFormat::Jpeg);
         assert_eq!(named(b"P5 1 1 255 a").format("x").unwrap(), FileFormat::Pnm);
         let error = named(b"GIF89a").format("PNG or EXR").unwrap_err().to_string();
@@ -151,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_is_contained() {
+    fn a_panic_of_a_decoder_becomes_an_error() {
         let error = named(b"x").contain::<()>(FileFormat::Exr, || panic!("on purpose"));
         assert!(matches!(error, Err(SceneError::Unreadable { format: "EXR", .. })));
     }

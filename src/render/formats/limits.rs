@@ -3,32 +3,32 @@
 use super::error::SceneError;
 use std::path::Path;
 
-/// Most pixels along one side.
+/// Largest width and height of an image, px.
 pub const MAX_SIDE: usize = 16_384;
 
-/// Most pixels of one image: 1 GiB of radiance.
+/// Largest number of pixels of an image: 1 GiB of radiance.
 pub const MAX_PIXELS: usize = 1 << 26;
 
-/// Most vertices of a mesh.
+/// Largest number of vertices of a mesh.
 pub const MAX_VERTICES: usize = 1 << 24;
 
-/// Most triangles of a mesh (of its faces, before polygons are divided): about 3 GiB while the boxes are built.
+/// Largest number of triangles of a mesh, and of faces in its file. The BVH build takes about 3 GiB at this limit.
 pub const MAX_TRIANGLES: usize = 1 << 24;
 
-/// Most channels of all layers of one EXR file; renderers write some dozens.
+/// Largest number of channels of an EXR file, over all layers. Renderers write dozens.
 pub(crate) const MAX_EXR_CHANNELS: usize = 256;
 
-/// Passes sizes of 1 to [`MAX_SIDE`] a side with at most [`MAX_PIXELS`] pixels.
+/// Accepts sides of 1 to [`MAX_SIDE`] px and at most [`MAX_PIXELS`] pixels.
 pub(crate) fn check_size(path: &Path, width: u64, height: u64) -> Result<(), SceneError> {
     let side = 1..=MAX_SIDE as u64;
-    // The product cannot overflow once both sides are within theirs.
+    // The product cannot overflow, because both sides are within their limits.
     if side.contains(&width) && side.contains(&height) && width * height <= MAX_PIXELS as u64 {
         return Ok(());
     }
     Err(SceneError::Size { path: path.to_owned(), width, height })
 }
 
-/// The same for the `image` crate, with room for 4 channels of 16 bits and the decoder's own rows.
+/// Returns the limits for the `image` crate, with room for 4 channels of 16 bits and the decoder's own rows.
 pub(crate) fn image_limits() -> image::Limits {
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(MAX_SIDE as u32);
@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_at_the_limits() {
+    fn sizes_are_accepted_up_to_the_limits() {
         let path = Path::new("x");
         for (width, height) in [(1, 1), (16_384, 1), (1, 16_384), (8_192, 8_192), (16_384, 4_096)] {
             check_size(path, width, height).unwrap();

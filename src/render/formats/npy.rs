@@ -1,4 +1,4 @@
-//! Images in `.npy` files as rows of pixels, of any shape, order and type.
+//! Reads images from `.npy` files of any element order and type, row by row.
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
@@ -9,41 +9,41 @@ use ::exr::prelude::f16;
 /// Meaning of an array's axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Axes {
-    /// (H,W), (H,W,1), (1,H,W): a depth image or mask. (1,N,1) is one row of N pixels.
+    /// A depth image or mask: (H,W), (H,W,1) or (1,H,W). (1,N,1) is one row of N pixels.
     Single,
-    /// (H,W), (H,W,1), (H,W,3), (H,W,4).
+    /// A colour image: (H,W), (H,W,1), (H,W,3) or (H,W,4).
     Color,
 }
 
-/// An image inside the bytes of a `.npy` file; nothing is copied.
+/// An image inside the bytes of a `.npy` file, without a copy.
 pub(crate) struct NpyImage<'a> {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// 1, 3 or 4.
+    /// 1 (grey), 3 (RGB) or 4 (RGB and alpha).
     pub(crate) channels: usize,
     pub(crate) element: Element,
     big_endian: bool,
-    /// Elements from a pixel to the one below, to the one to the right, and to the next channel.
+    /// Distances, in elements, to the pixel below, to the next pixel of the row, and to the next channel.
     strides: [usize; 3],
     data: &'a [u8],
 }
 
-/// The image as the header describes it.
+/// Size and type of an image, from its header.
 pub(crate) struct NpyHead {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// 1, 3 or 4.
+    /// 1 (grey), 3 (RGB) or 4 (RGB and alpha).
     pub(crate) channels: usize,
     header: NpyHeader,
 }
 
 impl NpyHead {
-    /// Type of the elements.
+    /// Returns the type of the elements.
     pub(crate) fn element(&self) -> Element {
         self.header.element
     }
 
-    /// Parses the header and checks shape, size and the file's length. `file` may hold the beginning alone.
+    /// Parses the header and checks shape, size and the file's length; `file` may hold only its beginning.
     pub(crate) fn parse(
         file: &NamedBytes,
         length: u64,
@@ -83,7 +83,7 @@ impl<'a> NpyImage<'a> {
         let NpyHead { width, height, channels, header } =
             NpyHead::parse(file, file.bytes.len() as u64, axes, expected)?;
         let data = &file.bytes[header.data_offset..];
-        // A missing channel axis has stride 1 in C order too: it is never stepped along.
+        // Without a channel axis, the channel stride is not used.
         let strides = if header.fortran_order {
             [1, height, width * height]
         } else {
@@ -100,8 +100,7 @@ impl<'a> NpyImage<'a> {
         })
     }
 
-    /// All values, row by row, channels together, each through `convert`. 64-bit integers beyond
-    /// 2^53 are rounded.
+    /// Converts all values, row by row, with interleaved channels. 64-bit integers beyond 2^53 are rounded.
     pub(crate) fn values<T>(&self, convert: impl Fn(f64) -> T) -> Vec<T> {
         match self.element {
             Element::Bool | Element::U8 => self.decode(|[byte]| convert(byte as f64)),
@@ -118,22 +117,22 @@ impl<'a> NpyImage<'a> {
         }
     }
 
-    /// Which values are neither 0 nor NaN.
+    /// Marks the values that are neither 0 nor NaN.
     pub(crate) fn nonzero(&self) -> Vec<bool> {
         self.values(|value| value != 0.0 && !value.is_nan())
     }
 
-    /// 8-bit values as they are.
+    /// Returns 8-bit values unchanged.
     pub(crate) fn bytes(&self) -> Vec<u8> {
         self.decode(|[byte]| byte)
     }
 
-    /// 16-bit values as they are.
+    /// Returns 16-bit values unchanged.
     pub(crate) fn words(&self) -> Vec<u16> {
         self.decode(u16::from_le_bytes)
     }
 
-    /// Elements of N bytes in row order; `convert` gets them little-endian.
+    /// Converts all elements of N bytes, row by row; `convert` receives their bytes in little-endian order.
     fn decode<const N: usize, T>(&self, convert: impl Fn([u8; N]) -> T) -> Vec<T> {
         let (elements, _) = self.data.as_chunks::<N>();
         let little = |mut element: [u8; N]| {
@@ -164,7 +163,7 @@ pub(crate) mod tests {
     use npyz::WriterBuilder;
     use std::path::PathBuf;
 
-    /// A file of format version 1.0 with the given type, order, shape and data.
+    /// Returns a file of format version 1.0 with the given type, order, shape and data.
     pub(crate) fn npy(descr: &str, fortran: bool, shape: &str, data: &[u8]) -> NamedBytes {
         let fortran = if fortran { "True" } else { "False" };
         let text =
@@ -176,7 +175,7 @@ pub(crate) mod tests {
         NamedBytes { path: PathBuf::from("a.npy"), bytes }
     }
 
-    /// A file written by the independent `npyz`.
+    /// Writes a file with `npyz`, an independent implementation.
     fn written<T: npyz::AutoSerialize + Copy>(
         values: &[T],
         shape: &[u64],
@@ -219,7 +218,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn npyz_reads_what_the_tests_make_by_hand() {
+    fn npyz_reads_the_files_of_these_tests() {
         let file = npy(">f4", false, "(1, 2)", &[0x3f, 0x80, 0, 0, 0x40, 0, 0, 0]);
         let theirs: Vec<f32> = npyz::NpyFile::new(&file.bytes[..]).unwrap().into_vec().unwrap();
         assert_eq!(theirs, [1.0, 2.0]);
@@ -227,13 +226,13 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn big_endian_halves_and_three_axes() {
+    fn big_endian_halves_and_fortran_order_are_read() {
         let file = npy(">f2", false, "(1, 1, 2)", &[0x3c, 0, 0xc0, 0]);
         assert_eq!(single(&file).unwrap().values(|v| v), [1.0, -2.0]);
         let file = npy("<f2", false, "(2, 2)", &[0, 0x80, 0, 0x7e, 1, 0, 0, 0]);
         assert_eq!(single(&file).unwrap().nonzero(), [false, false, true, false]);
-        // Fortran order, (2 rows, 2 columns, 3 channels): the element at row y, column x, channel c
-        // is the byte y + 2 x + 4 c.
+        // Fortran order, (2 rows, 2 columns, 3 channels): the element at row y, column x, channel c is the byte
+        // y + 2 x + 4 c.
         let file = npy("|u1", true, "(2, 2, 3)", &std::array::from_fn::<u8, 12, _>(|i| i as u8));
         let image = NpyImage::parse(&file, Axes::Color, "x").unwrap();
         assert_eq!(image.bytes(), [0, 4, 8, 2, 6, 10, 1, 5, 9, 3, 7, 11]);
@@ -243,7 +242,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn shapes() {
+    fn only_shapes_of_images_are_accepted() {
         let size = |shape: &str, axes| {
             NpyImage::parse(&npy("|u1", false, shape, &[0; 12]), axes, "x")
                 .map(|image| (image.width, image.height, image.channels))

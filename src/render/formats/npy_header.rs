@@ -1,13 +1,12 @@
 //! The header of a `.npy` file: versions 1.0, 2.0 and 3.0 of NumPy's array format.
 //!
-//! <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>. The header is a
-//! Python dict literal with exactly the keys `descr`, `fortran_order` and `shape`, here in any
-//! order and spacing.
+//! <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>. The header is a Python dict literal with
+//! exactly the keys `descr`, `fortran_order` and `shape`, here in any order and spacing.
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
 
-/// Most axes that an image can have; more are refused while parsing.
+/// Largest number of axes; the parser refuses more.
 const MAX_AXES: usize = 8;
 
 /// An array that cannot be read.
@@ -23,7 +22,7 @@ pub(crate) enum NpyError {
     Keys,
     #[error("elements of type {0:?} are not numbers or booleans of up to 8 bytes")]
     Element(String),
-    #[error("the shape needs {needed} bytes of data, the file has {found}")]
+    #[error("the shape needs {needed} bytes of data, but the file has {found}")]
     Length { needed: usize, found: usize },
 }
 
@@ -34,7 +33,7 @@ pub(crate) struct NpyHeader {
     pub(crate) big_endian: bool,
     pub(crate) fortran_order: bool,
     pub(crate) shape: Vec<usize>,
-    /// Bytes from the start of the file to the first element.
+    /// Offset of the first element from the start of the file, bytes.
     pub(crate) data_offset: usize,
 }
 
@@ -56,7 +55,7 @@ pub(crate) enum Element {
 }
 
 impl Element {
-    /// Bytes of one element.
+    /// Returns the size of an element, bytes.
     pub(crate) fn size(self) -> usize {
         match self {
             Self::Bool | Self::U8 | Self::I8 => 1,
@@ -66,7 +65,7 @@ impl Element {
         }
     }
 
-    /// NumPy's code without the byte order: `f4`.
+    /// Returns NumPy's code without the byte order, such as `f4`.
     pub(crate) fn code(self) -> &'static str {
         match self {
             Self::Bool => "b1",
@@ -84,7 +83,7 @@ impl Element {
         }
     }
 
-    /// From NumPy's code, `<f4` or `|u1`: the type, and whether it is big-endian.
+    /// Parses NumPy's code, such as `<f4` or `|u1`, into the type and a flag that is true for big-endian.
     fn parse(descr: &str) -> Option<(Self, bool)> {
         use Element::{Bool, F16, F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
         let all = [Bool, U8, U16, U32, U64, I8, I16, I32, I64, F16, F32, F64];
@@ -93,14 +92,14 @@ impl Element {
         match order {
             "<" => Some((element, false)),
             ">" => Some((element, true)),
-            // "|", no byte order, is only for single bytes.
+            // "|" means no byte order, which suits only single bytes.
             "|" if element.size() == 1 => Some((element, false)),
             _ => None,
         }
     }
 }
 
-/// Element type (`f4`) and shape of a `.npy` file, from its header alone.
+/// Reads element type (`f4`) and shape of a `.npy` file from its header.
 pub fn npy_facts(file: &NamedBytes) -> Result<(&'static str, Vec<usize>), SceneError> {
     let failed = |error: NpyError| file.unreadable(FileFormat::Npy, error);
     let header = NpyHeader::parse(&file.bytes).map_err(failed)?;
@@ -143,7 +142,7 @@ struct Literal<'a> {
 }
 
 impl<'a> Literal<'a> {
-    /// `{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), }` and nothing after it.
+    /// Reads `{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), }` up to the end of the text.
     fn dict(&mut self) -> Result<(Element, bool, bool, Vec<usize>), NpyError> {
         let (mut descr, mut fortran_order, mut shape) = (None, None, None);
         self.expect(b'{')?;
@@ -176,7 +175,7 @@ impl<'a> Literal<'a> {
         Ok((element, big_endian, fortran_order, shape))
     }
 
-    /// `'text'` or `"text"`, without escapes. A structured type, `[('x', '<f4')]`, is none.
+    /// Reads `'text'` or `"text"`, without escapes. A structured type, `[('x', '<f4')]`, is an error.
     fn string(&mut self) -> Result<&'a str, NpyError> {
         self.skip_space();
         if self.text.get(self.at) == Some(&b'[') {
@@ -205,7 +204,7 @@ impl<'a> Literal<'a> {
         Err(self.error())
     }
 
-    /// `()`, `(3,)`, `(2, 3)`; Python 2's `3L` too.
+    /// Reads `()`, `(3,)` or `(2, 3)`, also with integers of Python 2, such as `3L`.
     fn tuple(&mut self) -> Result<Vec<usize>, NpyError> {
         let mut shape = Vec::new();
         self.expect(b'(')?;
@@ -266,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn spacing_order_and_quotes_are_free() {
+    fn spacing_order_and_quotes_may_vary() {
         for text in [
             "{'descr': '<f4', 'fortran_order': False, 'shape': (768, 1024, 1), }   \n",
             "{'shape':(768,1024,1),'fortran_order':False,'descr':'<f4'}",
@@ -319,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn versions_and_lying_lengths() {
+    fn unknown_versions_and_wrong_lengths_are_refused() {
         assert_eq!(NpyHeader::parse(b"\x93NUMPY"), Err(NpyError::ShortHeader));
         assert_eq!(NpyHeader::parse(b"\x93NUMPY\x02\x00\xff"), Err(NpyError::ShortHeader));
         assert_eq!(NpyHeader::parse(b"\x93NUMPY\x04\x00    "), Err(NpyError::Version(4, 0)));

@@ -1,28 +1,28 @@
 //! Portable float maps, a common format of depth estimates and light probes.
 //!
-//! A text header of three lines, `Pf` (grey) or `PF` (RGB), `width height`, and a number whose sign is the byte order
-//! (negative: little-endian), then 32-bit floats, **the lowest row first**
-//! (<https://www.pauldebevec.com/Research/HDR/PFM/>). The number's magnitude, a scale, is ignored, as by other readers.
+//! A text header has three lines: `Pf` (grey) or `PF` (RGB), `width height`, and a scale. The sign of the scale is the
+//! byte order (negative: little-endian); its magnitude is ignored, as in other readers. 32-bit floats follow, **the
+//! lowest row first** (<https://www.pauldebevec.com/Research/HDR/PFM/>).
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
 use super::limits::check_size;
 use super::raster::{Raster, Samples};
 
-/// Longest line of a header.
+/// Largest length of a word of the header and its white space, bytes.
 const LINE_BYTES: usize = 64;
 
 pub(crate) struct PfmHead {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// 1 or 3.
+    /// 1 (grey) or 3 (RGB).
     pub(crate) channels: usize,
     is_little: bool,
-    /// Bytes from the start of the file to the first number.
+    /// Offset of the first float from the start of the file, bytes.
     data_offset: usize,
 }
 
-/// Reads the header and checks it against the file's length. `file` may hold only the beginning.
+/// Reads the header and checks it against the file's length; `file` may hold only its beginning.
 pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<PfmHead, SceneError> {
     let bad = |what: &str| file.unreadable(FileFormat::Pfm, what.to_owned());
     let mut rest = file.bytes.as_slice();
@@ -46,7 +46,7 @@ pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<PfmHead, SceneError
     let found = length.saturating_sub(data_offset as u64);
     let expected = width * height * (channels * size_of::<f32>()) as u64;
     if found != expected {
-        return Err(bad(&format!("its header is followed by {found} bytes, not by {expected}")));
+        return Err(bad(&format!("{found} bytes follow its header, but it needs {expected}")));
     }
     Ok(PfmHead { width: width as usize, height: height as usize, channels, is_little, data_offset })
 }
@@ -63,7 +63,7 @@ pub(crate) fn decode(file: &NamedBytes) -> Result<Raster, SceneError> {
     Ok(Raster { width, height, channels, samples: Samples::F32(values.collect()), rescaled: false })
 }
 
-/// Takes the next word and one white-space byte after it.
+/// Takes the next word and the white-space byte after it.
 fn word<'b>(rest: &mut &'b [u8]) -> Option<&'b str> {
     let end = rest.iter().take(LINE_BYTES).position(u8::is_ascii_whitespace)?;
     let word = std::str::from_utf8(&rest[..end]).ok()?;
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_come_from_below_in_either_byte_order() {
+    fn rows_are_read_from_the_lowest_in_either_byte_order() {
         let values = [1.0f32, 2.0, 3.0, 4.0, 5.0, 6.0];
         let little = file("Pf\n3 2\n-1.0\n", &values.map(f32::to_le_bytes));
         let big = file("Pf\n3 2\n1\n", &values.map(f32::to_be_bytes));
@@ -101,7 +101,7 @@ mod tests {
     fn errors_name_the_problem() {
         let four = [[0; 4]; 4];
         for (header, values, words) in [
-            ("Pf\n2 2\n-1\n", &four[..3], "12 bytes, not by 16"),
+            ("Pf\n2 2\n-1\n", &four[..3], "12 bytes follow its header, but it needs 16"),
             ("Pf\n2\n", &four[..], "width and height"),
             ("Pf\n2 2\n0\n", &four[..], "no scale"),
             ("Pf\n99999 99999\n-1\n", &four[..], "99999x99999"),

@@ -1,7 +1,7 @@
 //! PLY files with vertex colours, ASCII or binary of either byte order.
 //!
-//! An own reader: a number costs a table lookup instead of a call by property name, counts are checked against the
-//! length before any allocation, and errors name the element.
+//! This reader replaces a general PLY crate: a number costs a table lookup instead of a call by property name, counts
+//! are checked against the file's length before any allocation, and errors name the element.
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
@@ -9,19 +9,19 @@ use super::limits::{MAX_TRIANGLES, MAX_VERTICES};
 use super::ply_header::{Coding, Element, Header, Kind, Scalar};
 use glam::DVec3;
 
-/// A usable mesh, for error texts.
+/// Description of a usable mesh, for error texts.
 const USABLE: &str = "a PLY mesh with vertex x, y, z, red, green, blue and face vertex_indices";
 
-/// A mesh as in its file.
+/// A mesh with the values of its file.
 #[derive(Debug)]
 pub(crate) struct Ply {
-    /// In the file's units.
+    /// Coordinates in the file's units.
     pub(crate) vertices: Vec<DVec3>,
-    /// Coded red, green, blue; integers divided by their type's maximum.
+    /// Red, green and blue in the file's coding; integers are divided by the maximum of their type.
     pub(crate) colors: Vec<[f64; 3]>,
-    /// Polygons as fans of triangles.
+    /// Faces, with polygons divided into fans of triangles.
     pub(crate) triangles: Vec<[u32; 3]>,
-    /// Faces of fewer than three corners.
+    /// Number of faces with fewer than three corners.
     pub(crate) empty_faces: u64,
 }
 
@@ -39,7 +39,7 @@ pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<Header, SceneError>
     Ok(header)
 }
 
-/// Names and counts of the elements of a PLY file, from its header alone.
+/// Reads names and counts of the elements of a PLY file from its header.
 pub fn ply_counts(file: &NamedBytes) -> Result<Vec<(String, u64)>, SceneError> {
     let header = head(file, file.bytes.len() as u64)?;
     Ok(header.elements.into_iter().map(|e| (e.name, e.count)).collect())
@@ -55,7 +55,7 @@ pub(crate) fn decode(file: &NamedBytes) -> Result<Ply, SceneError> {
     for element in &header.elements {
         let short = |index: u64| {
             let (name, count) = (&element.name, element.count);
-            torn(format!("it ends or turns into nonsense in {name} {index} of {count}"))
+            torn(format!("it ends or has an invalid number in {name} {index} of {count}"))
         };
         match element.name.as_str() {
             "vertex" => read_vertices(file, element, &mut body, &short, &mut ply)?,
@@ -68,27 +68,27 @@ pub(crate) fn decode(file: &NamedBytes) -> Result<Ply, SceneError> {
     }
     if !body.is_spent() {
         let rest = file.bytes.len() - body.at;
-        return Err(torn(format!("{rest} bytes are left behind the last element")));
+        return Err(torn(format!("{rest} bytes follow the last element")));
     }
     if ply.vertices.is_empty() || faces.is_none_or(|count| count == 0) {
         return Err(file.wrong_layout("no vertices or no faces".to_owned(), USABLE));
     }
     let vertices = ply.vertices.len() as u32;
-    // Faces may precede the vertices that they name.
+    // Faces may precede the vertices to which they refer.
     if let Some((face, _)) =
         ply.triangles.iter().enumerate().find(|(_, corners)| corners.iter().any(|&i| i >= vertices))
     {
         let worst = ply.triangles[face].into_iter().max().unwrap_or_default();
         return Err(file.bad_element(
-            format!("triangle {face} (its polygons counted as fans)"),
-            format!("names vertex {worst}, but there are {vertices}"),
+            format!("triangle {face} (counted after the division of polygons)"),
+            format!("refers to vertex {worst}, but the file has {vertices} vertices"),
             "write or fetch the file again",
         ));
     }
     Ok(ply)
 }
 
-/// Counts that the file's size and the limits allow, before anything is allocated.
+/// Checks the counts against the file's size and the limits, before any allocation.
 fn check_counts(file: &NamedBytes, length: u64, header: &Header) -> Result<(), SceneError> {
     let mut least_bytes = 0u64;
     for element in &header.elements {
@@ -107,11 +107,11 @@ fn check_counts(file: &NamedBytes, length: u64, header: &Header) -> Result<(), S
         let bytes = element.count.checked_mul(element.least_bytes(header.coding));
         least_bytes = least_bytes.saturating_add(bytes.unwrap_or(u64::MAX));
     }
-    // The last number of an ASCII file needs no space behind it.
+    // The last number of an ASCII file needs no space after it.
     let there = length.saturating_sub(header.body as u64) + 1;
     if least_bytes > there {
         let reason = format!(
-            "its header announces at least {least_bytes} bytes, but {} are left",
+            "its header announces at least {least_bytes} bytes of data, but the file has {}",
             there - 1
         );
         return Err(file.unreadable(FileFormat::Ply, reason));
@@ -119,7 +119,7 @@ fn check_counts(file: &NamedBytes, length: u64, header: &Header) -> Result<(), S
     Ok(())
 }
 
-/// The numbers of the body, one after the other.
+/// A cursor over the numbers of the body.
 struct Body<'a> {
     coding: Coding,
     bytes: &'a [u8],
@@ -127,7 +127,7 @@ struct Body<'a> {
 }
 
 impl Body<'_> {
-    /// The next number; `None` at the end of the file, or if it does not have the type.
+    /// Reads the next number; `None` at the end of the file, or if the number does not have the type.
     #[inline]
     fn number(&mut self, kind: Scalar) -> Option<f64> {
         if self.coding == Coding::Ascii {
@@ -154,7 +154,7 @@ impl Body<'_> {
         })
     }
 
-    /// The next word of an ASCII file as a number.
+    /// Reads the next word of an ASCII file as a number.
     fn word(&mut self, kind: Scalar) -> Option<f64> {
         self.skip_space();
         let rest = &self.bytes[self.at..];
@@ -168,7 +168,7 @@ impl Body<'_> {
             Scalar::U16 => word.parse::<u16>().ok().map(f64::from),
             Scalar::I32 => word.parse::<i32>().ok().map(f64::from),
             Scalar::U32 => word.parse::<u32>().ok().map(f64::from),
-            // As in a binary file: rounded to the type.
+            // Rounded to the type, as in a binary file.
             Scalar::F32 => word.parse::<f32>().ok().map(f64::from),
             Scalar::F64 => word.parse().ok(),
         }
@@ -179,7 +179,7 @@ impl Body<'_> {
         self.at += rest.iter().position(|byte| !byte.is_ascii_whitespace()).unwrap_or(rest.len());
     }
 
-    /// Whether nothing but white space of an ASCII file is left.
+    /// True at the end of the body. Skips the white space at the end of an ASCII file.
     fn is_spent(&mut self) -> bool {
         if self.coding == Coding::Ascii {
             self.skip_space();
@@ -187,7 +187,7 @@ impl Body<'_> {
         self.at == self.bytes.len()
     }
 
-    /// The next number as a count or an index.
+    /// Reads the next number as a count or an index.
     fn whole(&mut self, kind: Scalar) -> Option<u32> {
         let value = self.number(kind)?;
         (0.0..=4_294_967_295.0).contains(&value).then_some(value as u32)
@@ -208,7 +208,7 @@ impl Body<'_> {
     }
 }
 
-/// Skips an element. An error is the index of the item at which the file ends.
+/// Skips an element. An error is the index of the first incomplete or invalid item.
 fn skip(element: &Element, body: &mut Body) -> Result<(), u64> {
     if element.properties.is_empty() {
         return Ok(());
@@ -229,7 +229,7 @@ fn read_vertices(
     ply: &mut Ply,
 ) -> Result<(), SceneError> {
     let names = ["x", "y", "z", "red", "green", "blue"];
-    // For each property of the file: its index in `names` and the divisor of its values.
+    // For each property of the file: the index in `names` and the divisor of the values.
     let mut uses = vec![None; element.properties.len()];
     for (place, name) in names.into_iter().enumerate() {
         let missing = || file.wrong_layout(format!("vertices without {name}"), USABLE);
@@ -240,11 +240,11 @@ fn read_vertices(
             (Kind::Scalar(Scalar::U16), false) => 65_535.0,
             (_, true) => {
                 return Err(file
-                    .wrong_layout(format!("vertices whose {name} is no float or double"), USABLE));
+                    .wrong_layout(format!("vertices with {name} not as float or double"), USABLE));
             }
             (_, false) => {
                 return Err(file.wrong_layout(
-                    format!("vertices whose {name} is no uchar, ushort, float or double"),
+                    format!("vertices with {name} not as uchar, ushort, float or double"),
                     USABLE,
                 ));
             }
@@ -314,7 +314,7 @@ fn read_faces(
             if ply.triangles.len() > MAX_TRIANGLES {
                 return Err(file.bad_element(
                     format!("face {index}"),
-                    format!("is beyond {MAX_TRIANGLES} triangles, which is the limit"),
+                    format!("exceeds the limit of {MAX_TRIANGLES} triangles"),
                     "simplify the mesh",
                 ));
             }

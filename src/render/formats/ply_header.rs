@@ -2,9 +2,9 @@
 //!
 //! Greg Turk, "The PLY Polygon File Format", 1994: lines of ASCII from `ply` to `end_header`.
 
-/// Longest header, bytes: comments included, real ones have some hundreds.
+/// Largest length of a header, bytes. Real headers have hundreds of bytes, including comments.
 const MAX_HEADER: usize = 1 << 16;
-/// Most elements, and most properties of one.
+/// Largest number of elements, and of properties of an element.
 const MAX_PARTS: usize = 256;
 
 /// Coding of the numbers in the body.
@@ -43,7 +43,7 @@ impl Scalar {
         })
     }
 
-    /// Bytes of one in a binary file.
+    /// Returns the size of a number in a binary file, bytes.
     pub(crate) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -62,21 +62,20 @@ impl Scalar {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Scalar(Scalar),
-    /// A count, then as many items.
+    /// A count, followed by that number of items.
     List {
         count: Scalar,
         item: Scalar,
     },
 }
 
-/// A property of an element.
 #[derive(Debug)]
 pub(crate) struct Property {
     pub(crate) name: String,
     pub(crate) kind: Kind,
 }
 
-/// A table of the file.
+/// A table of the file, such as its vertices or faces.
 #[derive(Debug)]
 pub(crate) struct Element {
     pub(crate) name: String,
@@ -85,12 +84,13 @@ pub(crate) struct Element {
 }
 
 impl Element {
-    /// Place of the property of that name.
+    /// Returns the index of the property of that name.
     pub(crate) fn find(&self, name: &str) -> Option<usize> {
         self.properties.iter().position(|p| p.name == name)
     }
 
-    /// Fewest bytes of one item in the body: a count alone for a list, a digit and a space for a number in ASCII.
+    /// Returns the least size of an item in the body, bytes: a list may have only its count, an ASCII number needs
+    /// a digit and a space.
     pub(crate) fn least_bytes(&self, coding: Coding) -> u64 {
         let of = |property: &Property| match (coding, property.kind) {
             (Coding::Ascii, _) => 2,
@@ -104,7 +104,7 @@ impl Element {
 pub(crate) struct Header {
     pub(crate) coding: Coding,
     pub(crate) elements: Vec<Element>,
-    /// Offset of the body.
+    /// Offset of the body, bytes.
     pub(crate) body: usize,
 }
 
@@ -123,7 +123,7 @@ impl Header {
             let is_first = at == 0;
             at += length + 1;
             let line = std::str::from_utf8(&rest[..length])
-                .map_err(|_| "the header is no text".to_owned())?;
+                .map_err(|_| "the header is not text".to_owned())?;
             let mut words = line.split_ascii_whitespace();
             let mut word = || words.next().unwrap_or_default();
             match word() {
@@ -150,7 +150,7 @@ impl Header {
                     elements.push(Element { name, count, properties: Vec::new() });
                 }
                 "property" => {
-                    let element = elements.last_mut().ok_or("a property of no element")?;
+                    let element = elements.last_mut().ok_or("a property precedes all elements")?;
                     let kind = match word() {
                         "list" => Kind::List {
                             count: Scalar::parse(word())?,
@@ -159,7 +159,7 @@ impl Header {
                         scalar => Kind::Scalar(Scalar::parse(scalar)?),
                     };
                     if matches!(kind, Kind::List { count, .. } if !count.is_integer()) {
-                        return Err("a list is counted in floats".to_owned());
+                        return Err("a list has a count of floating-point type".to_owned());
                     }
                     let name = word().to_owned();
                     if element.find(&name).is_some() {
@@ -171,14 +171,14 @@ impl Header {
                     element.properties.push(Property { name, kind });
                 }
                 "end_header" => break,
-                _ => return Err(format!("the header line {:?} makes no sense", short(line))),
+                _ => return Err(format!("the header line {:?} is invalid", short(line))),
             }
         }
         Ok(Self { coding: coding.ok_or("the header has no format")?, elements, body: at })
     }
 }
 
-/// The start of a line, for an error.
+/// Returns the start of a line, for an error.
 fn short(line: &str) -> String {
     line.trim_end().chars().take(60).collect()
 }

@@ -1,4 +1,4 @@
-//! PNG, JPEG, PNM and Radiance HDR files through the `image` crate, and the decoded form of all colour formats.
+//! Reads PNG, JPEG, PNM and Radiance HDR images with the `image` crate; defines `Raster`, the decoded form of images.
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
@@ -7,19 +7,19 @@ use image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, pnm::Pn
 use image::{ColorType, ImageDecoder};
 use std::io::Cursor;
 
-/// An image as decoded, row by row, channels together.
+/// A decoded image, row by row, with interleaved channels.
 #[derive(Debug)]
 pub(crate) struct Raster {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha.
+    /// 1: grey; 2: grey and alpha; 3: RGB; 4: RGB and alpha.
     pub(crate) channels: usize,
     pub(crate) samples: Samples,
-    /// The decoder scaled codes of another range to the range of the type: right for colour, wrong for depth.
+    /// True if the decoder scaled codes of another range to the range of the type: right for colour, wrong for depth.
     pub(crate) rescaled: bool,
 }
 
-/// Samples of the types that files have.
+/// The samples of an image, by their type.
 #[derive(Debug)]
 pub(crate) enum Samples {
     U8(Vec<u8>),
@@ -27,10 +27,10 @@ pub(crate) enum Samples {
     F32(Vec<f32>),
 }
 
-/// Bytes of the shortest header of a binary PNM, `P5 1 1 1 `.
+/// Length of the shortest header of a binary PNM, `P5 1 1 1 `.
 const PNM_HEADER_BYTES: u64 = 9;
 
-/// Type of the samples.
+/// Type of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Sample {
     U8,
@@ -38,20 +38,20 @@ enum Sample {
     F32,
 }
 
-/// The pixels as the header describes them.
+/// Size and type of an image, from its header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Head {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// As in [`Raster`].
+    /// Same as [`Raster::channels`].
     pub(crate) channels: usize,
     sample: Sample,
-    /// As in [`Raster`].
+    /// Same as [`Raster::rescaled`].
     pub(crate) rescaled: bool,
 }
 
 impl Head {
-    /// Least length of a binary PNM with this header; `u64::MAX` for a text PNM, whose length the header does not give.
+    /// Returns the least length of a binary PNM with this header, bytes; `u64::MAX` for a text PNM of unknown length.
     pub(crate) fn pnm_bytes(&self, start: &[u8]) -> u64 {
         if !matches!(start, [b'P', b'5' | b'6', ..]) {
             return u64::MAX;
@@ -61,8 +61,8 @@ impl Head {
     }
 }
 
-/// A decoder of the `image` crate that has read the header. The number is the code that stands for 1, if not the type's
-/// maximum.
+/// A decoder of the `image` crate after it has read the header, and the code that stands for 1; `None` for the maximum
+/// of the type.
 type Opened<'a> = (Box<dyn ImageDecoder + 'a>, Option<u32>);
 
 fn open(file: &NamedBytes, format: FileFormat) -> Result<Opened<'_>, SceneError> {
@@ -86,7 +86,7 @@ fn open(file: &NamedBytes, format: FileFormat) -> Result<Opened<'_>, SceneError>
             ));
         }
         FileFormat::Exr | FileFormat::Npy | FileFormat::Pfm => {
-            unreachable!("read by modules of their own")
+            unreachable!("other modules read these formats")
         }
     })
 }
@@ -96,14 +96,14 @@ pub(crate) fn head(file: &NamedBytes, format: FileFormat) -> Result<Head, SceneE
     file.contain(format, || head_of(file, format, &open(file, format)?))
 }
 
-/// Decodes a PNG, JPEG, PNM or Radiance HDR file. Ignores rotation tags, profiles and gamma chunks: the scene line
-/// defines the meaning of the values.
+/// Decodes a PNG, JPEG, PNM or Radiance HDR file. Ignores rotation tags, profiles and gamma chunks, because the scene
+/// line defines the meaning of the values.
 ///
-/// The JPEG decoder picks its instructions by the machine; no test here compares their bits.
+/// The JPEG decoder selects instructions for the machine. No test compares bits between instruction sets.
 pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, SceneError> {
     file.contain(format, || {
         if format == FileFormat::Jpeg && !jpeg_is_whole(&file.bytes) {
-            return Err(file.unreadable(format, "the file ends before the image does"));
+            return Err(file.unreadable(format, "the file ends within the image"));
         }
         let opened = open(file, format)?;
         let Head { width, height, channels, sample, rescaled } = head_of(file, format, &opened)?;
@@ -130,7 +130,7 @@ pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, Sc
     })
 }
 
-/// Checks size and type.
+/// Checks size and type, and returns them.
 fn head_of(
     file: &NamedBytes,
     format: FileFormat,
@@ -155,14 +155,14 @@ fn head_of(
     };
     let type_max = if sample == Sample::U16 { 65535 } else { 255 };
     let is_partial = original_max.is_some_and(|max| max != type_max);
-    // Bits per sample, from a PNG's first chunk: the decoder does not report them.
+    // Byte 24 of a PNG holds the bits per sample, which the decoder does not report.
     let is_narrow = format == FileFormat::Png && file.bytes[24] < 8;
     let (width, height) = (width as usize, height as usize);
     Ok(Head { width, height, channels, sample, rescaled: is_partial || is_narrow })
 }
 
-/// Whether an end marker follows the last scan. Without this check the decoder fills the missing part of a truncated file
-/// with grey. Neither marker can occur inside a scan.
+/// True if an end marker follows the last scan. Neither marker can occur inside a scan. Without this check, the decoder
+/// fills the missing part of a truncated file with grey.
 pub fn jpeg_is_whole(bytes: &[u8]) -> bool {
     let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xff, marker]);
     match (last(0xda), last(0xd9)) {
@@ -177,7 +177,7 @@ pub(crate) mod tests {
     use image::{ExtendedColorType, ImageEncoder};
     use std::path::PathBuf;
 
-    /// A PNG file of the given pixels; 16-bit samples in native order.
+    /// Encodes pixels as a PNG file. 16-bit samples have the native byte order.
     pub(crate) fn png(
         pixels: &[u8],
         width: u32,
@@ -199,7 +199,7 @@ pub(crate) mod tests {
         NamedBytes { path: PathBuf::from("a.jpg"), bytes }
     }
 
-    /// Makes the checksums of a damaged PNG's chunks right, so that the damage reaches the decoder.
+    /// Corrects the checksums of a damaged PNG's chunks, so that the damage reaches the decoder.
     pub(crate) fn repair_png(bytes: &mut [u8]) {
         let mut at = 8;
         while let Some(&[a, b, c, d]) = bytes.get(at..at + 4) {
@@ -229,7 +229,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn sizes_are_refused_before_memory_is_taken() {
+    fn large_sizes_are_refused_before_allocation() {
         let named = |text: &str| NamedBytes {
             path: PathBuf::from("a.ppm"),
             bytes: text.as_bytes().to_vec(),
@@ -246,10 +246,10 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn narrow_samples_are_noticed() {
+    fn narrow_samples_are_marked_as_rescaled() {
         let mut file = png(&[0x12, 0x34, 0xf0], 3, 1, ExtendedColorType::L8);
         assert!(!decode(&file, FileFormat::Png).unwrap().rescaled);
-        // The same rows hold 6 samples of 4 bits.
+        // The row of 3 bytes also holds 6 samples of 4 bits.
         (file.bytes[19], file.bytes[24]) = (6, 4);
         repair_png(&mut file.bytes);
         let raster = decode(&file, FileFormat::Png).unwrap();

@@ -1,4 +1,4 @@
-//! Metres for relative depths, which are known up to scale and shift.
+//! Ranges in metres of relative depths, which are known up to scale and shift.
 
 use super::error::{LineError, within};
 use super::image::DepthKind;
@@ -6,50 +6,50 @@ use super::limits;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Where the nearest and the farthest pixels of a relative depth image are.
+/// Distances of the near and the far end of a relative depth image.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(
     untagged,
     deny_unknown_fields,
-    expecting = "depth_range must be {\"mean_m\": z} or {\"near_m\": z, \"far_m\": z}, with far_over_near (of a mean) and \
-                 percentiles if wanted"
+    expecting = "depth_range must be {\"mean_m\": z} or {\"near_m\": z, \"far_m\": z}, optionally with far_over_near \
+                 (for a mean) and percentiles"
 )]
 pub enum DepthRange {
-    /// `{"mean_m": 4.0}`
+    /// A mean and the ratio of the ends: `{"mean_m": 4.0}`.
     Mean {
         /// Mean z of the valid pixels.
         mean_m: f64,
-        /// The far end over the near end.
+        /// Ratio of the far end to the near end.
         #[serde(default = "DepthRange::far_over_near")]
         far_over_near: f64,
-        /// Which percentiles of the values are the ends.
+        /// Percentiles of the values that become the ends.
         #[serde(default = "DepthRange::ends_percent")]
         percentiles: [f64; 2],
     },
-    /// `{"near_m": 1.0, "far_m": 12.0}`
+    /// Both ends: `{"near_m": 1.0, "far_m": 12.0}`.
     Ends {
-        /// The near end.
+        /// Distance of the near end.
         near_m: f64,
-        /// The far end.
+        /// Distance of the far end.
         far_m: f64,
-        /// Which percentiles of the values are the ends.
+        /// Percentiles of the values that become the ends.
         #[serde(default = "DepthRange::ends_percent")]
         percentiles: [f64; 2],
     },
 }
 
 impl DepthRange {
-    /// A room from 1.5 m to 8 m, a street from 5 m to 50 m: 5 to 10; estimators see no more.
+    /// Returns the default ratio. A room spans 1.5 m to 8 m, a street 5 m to 50 m: 5 to 10. Estimators resolve no more.
     fn far_over_near() -> f64 {
         8.0
     }
 
-    /// A few pixels of any estimate are far off.
+    /// Returns the default percentiles, which exclude the few outliers of any estimate.
     fn ends_percent() -> [f64; 2] {
         [2.0, 98.0]
     }
 
-    /// Which percentiles of the values are the ends.
+    /// Returns the percentiles of the values that become the ends.
     pub fn percentiles(&self) -> [f64; 2] {
         match *self {
             Self::Mean { percentiles, .. } | Self::Ends { percentiles, .. } => percentiles,
@@ -83,7 +83,7 @@ impl DepthRange {
     }
 }
 
-/// A relative depth needs a range, and no other depth has one.
+/// Checks that a relative depth has a valid range and that any other depth has none.
 pub(crate) fn check(
     side: &str,
     kind: DepthKind,

@@ -2,17 +2,17 @@
 
 use super::limits::Limit;
 
-/// A scene line that cannot be rendered, whatever its files hold.
+/// A scene line that is invalid regardless of its files.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LineError {
-    /// Another schema, or another version of it.
+    /// An unknown schema or version.
     #[error("schema is {found:?}, but must be \"glasshouse.scene/1\": write the line in that form")]
     Schema { found: String },
     #[error("{field} is {value}, but must be {allowed}")]
     OutOfRange { field: String, value: f64, allowed: &'static str },
     #[error("{field} is empty, but must be the path of a file")]
     EmptyPath { field: String },
-    /// A relative depth without a range, or a metric depth with one.
+    /// A relative depth without a range, or a metric depth with a range.
     #[error(
         "{}",
         if *given {
@@ -22,20 +22,20 @@ pub enum LineError {
         }
     )]
     DepthRange { side: String, given: bool },
-    /// Linear images have no clipped codes.
+    /// Highlights of a linear image, which has no clipped codes.
     #[error("{field} is given, but only images of transfer \"srgb\" have clipped codes: remove it")]
     HighlightsOfLight { field: String },
-    /// `apex` is the position of the reflected side's camera; the front's camera is the lens.
+    /// An apex of the front. Only the back has one, because the capture camera of the front is the lens.
     #[error("front.apex is given, but only the back has an apex: move it to back")]
     ApexOfFront,
     #[error(
-        "{field} is no rotation: its rows must be of length 1 and at right angles (to 1e-4), its determinant +1; \
-         scale with unit_m"
+        "{field} is not a rotation: its rows must have length 1 and be at right angles (to 1e-4), and its determinant \
+         must be +1; scale with unit_m"
     )]
     NoRotation { field: String },
 }
 
-/// `Ok` if `limit` holds `value`.
+/// Checks that `limit` contains `value`.
 pub(super) fn within(field: &str, value: f64, limit: Limit) -> Result<(), LineError> {
     if limit.contains(value) { Ok(()) } else { Err(out_of_range(field, value, limit)) }
 }

@@ -6,13 +6,13 @@ use super::limits;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// An inverse tone curve for sRGB images: values near 1 stand for more light than 1.
+/// An inverse tone curve for sRGB images, which raises linear values near 1 above 1.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Highlights {
-    /// Linear value of a pixel's largest channel from which on the curve rises above the diagonal.
+    /// Linear value of a pixel's largest channel above which the curve raises the pixel.
     pub above: f64,
-    /// What 1 becomes.
+    /// Linear value that 1 becomes.
     pub to: f64,
 }
 

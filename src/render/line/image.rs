@@ -1,20 +1,20 @@
-//! Coding, depth kind, hole filling and camera of a side's images.
+//! Transfer function, depth kind, hole filling and camera of a side's images.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Coding of a colour image.
+/// Transfer function of a colour image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Transfer {
     /// IEC 61966-2-1.
     #[default]
     Srgb,
-    /// Values are radiance.
+    /// Values are linear radiance.
     Linear,
 }
 
-/// What a depth value measures.
+/// Quantity that a depth value measures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DepthKind {
@@ -29,18 +29,18 @@ pub enum DepthKind {
     RelativeInverse,
 }
 
-/// How holes in a depth image are filled.
+/// Method that fills holes of a depth image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Fill {
     /// Pull-push interpolation of inverse depth.
     #[default]
     Smooth,
-    /// The farthest valid depth of the image: for sky.
+    /// The farthest valid depth of the image, for sky.
     Far,
 }
 
-/// Where the capture camera of the back photograph stands.
+/// Position of the capture camera of the back photograph.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Apex {
@@ -51,32 +51,31 @@ pub enum Apex {
     Camera,
 }
 
-/// A pinhole camera, in pixels with the image's top left corner at (0, 0): pixel (i, j) has its centre at
-/// (i + 0.5, j + 0.5).
+/// A pinhole camera. The image's top left corner is at (0, 0), and the centre of pixel (i, j) is at (i + 0.5, j + 0.5).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Intrinsics {
-    /// Focal length across, px.
+    /// Horizontal focal length, px.
     pub fx: f64,
-    /// Focal length down, px.
+    /// Vertical focal length, px.
     pub fy: f64,
-    /// Principal point across, px.
+    /// Horizontal position of the principal point, px.
     pub cx: f64,
-    /// Principal point down, px.
+    /// Vertical position of the principal point, px.
     pub cy: f64,
-    /// Size `[width, height]` of the image that the four numbers are for; the depth image's if missing.
+    /// Size `[width, height]` of the image that the other keys describe, px; the size of the depth image if missing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub size: Option<[u32; 2]>,
 }
 
 impl Intrinsics {
-    /// DIODE's capture camera, the same for every image (intrinsics.txt of its devkit).
+    /// Returns DIODE's capture camera, the same for every image (intrinsics.txt of its devkit).
     pub fn diode() -> Self {
         Self { fx: 886.81, fy: 927.06, cx: 512.0, cy: 384.0, size: Some([1024, 768]) }
     }
 }
 
-/// The default of factors: serde takes a function.
+/// Returns 1, the default of factors, as the function that serde needs.
 pub fn one() -> f64 {
     1.0
 }

@@ -1,4 +1,4 @@
-//! Manifests as text: one scene line a line of JSON, in order; and single scenes.
+//! Reads and writes manifests (one scene per line of JSON), and reads files of a single scene.
 
 use super::error::LineError;
 use super::scene_line::SceneLine;
@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 /// A manifest or scene file that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ManifestError {
-    /// Not JSON, or not a scene.
+    /// Text that is not JSON, or not a scene.
     #[error("manifest line {line}, column {column}: {reason}; correct that line")]
     Json { line: usize, column: usize, reason: String },
     #[error("manifest line {line}, scene {id}: {source}")]
@@ -17,15 +17,15 @@ pub enum ManifestError {
         "manifest line {line}: scene {id} is already on line {first}; give one of them another id"
     )]
     DuplicateId {
-        /// The second one, counted from 1.
+        /// Line of the second scene, counted from 1.
         line: usize,
         first: usize,
         id: SceneId,
     },
 }
 
-/// Reads a whole manifest: order kept, blank lines skipped, ids unique, each line
-/// [validated](SceneLine::validate).
+/// Reads a manifest. Keeps the order, skips blank lines, rejects repeated ids and [validates](SceneLine::validate) each
+/// line.
 pub fn parse_jsonl(text: &str) -> Result<Vec<SceneLine>, ManifestError> {
     let mut lines = Vec::new();
     let mut line_of_id: BTreeMap<SceneId, usize> = BTreeMap::new();
@@ -44,13 +44,13 @@ pub fn parse_jsonl(text: &str) -> Result<Vec<SceneLine>, ManifestError> {
     Ok(lines)
 }
 
-/// Reads one scene file, on any number of lines.
+/// Reads a file of one scene, on any number of lines.
 pub fn parse_scene(text: &str) -> Result<SceneLine, ManifestError> {
     parse_at(without_byte_order_mark(text), 1)
 }
 
-/// Writes a manifest in canonical form: one scene a line, keys in the order of the schema, a line
-/// break after each.
+/// Writes a manifest in canonical form: one scene per line, with its keys in the order of the schema and a line break
+/// at the end.
 pub fn to_jsonl(lines: &[SceneLine]) -> String {
     let mut text = String::new();
     for line in lines {
@@ -69,7 +69,7 @@ fn without_byte_order_mark(text: &str) -> &str {
 fn parse_at(json: &str, first_line: usize) -> Result<SceneLine, ManifestError> {
     let scene: SceneLine = serde_json::from_str(json).map_err(|error| {
         let text = error.to_string();
-        // serde_json appends its own line and column, which are not those of the manifest.
+        // serde_json appends a line and a column within `json`, not within the manifest.
         let reason = match text.rsplit_once(" at line ") {
             Some((reason, _)) => reason.to_owned(),
             None => text,
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pretty_printed_scene_reads_the_same_and_its_errors_have_its_lines() {
+    fn a_scene_file_may_span_several_lines() {
         let pretty = serde_json::to_string_pretty(&published()).unwrap();
         assert_eq!(parse_scene(&pretty).unwrap(), published());
         let error = parse_scene(
@@ -177,7 +177,7 @@ mod tests {
     }
 
     prop_compose! {
-        /// Numbers of up to nine digits, as `draw` makes them.
+        /// Generates numbers of up to nine digits, like those of `draw`.
         fn nine_digits()(digits in 1..=999_999_999i64, exponent in -12..=4i32) -> f64 {
             format!("{digits}e{exponent}").parse::<f64>().unwrap()
         }

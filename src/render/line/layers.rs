@@ -1,4 +1,4 @@
-//! The layers that a scene makes; others are not traced.
+//! The layers that a scene renders. The tracer skips all others.
 
 use crate::layer::{Layer, PerLayer};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -6,7 +6,7 @@ use serde::de::{self, Deserializer};
 use serde::{Deserialize, Serialize, Serializer};
 use std::borrow::Cow;
 
-/// A set of layers, in JSON and TOML a list of names; never empty.
+/// A set of layers; in JSON and TOML, a list of names. Never empty.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LayerSet(PerLayer<bool>);
 
@@ -17,17 +17,17 @@ impl Default for LayerSet {
 }
 
 impl LayerSet {
-    /// Whether each layer is made.
+    /// Returns, for each layer, true if the set contains the layer.
     pub fn asked(self) -> PerLayer<bool> {
         self.0
     }
 
-    /// Names of the layers that are made.
+    /// Iterates over the names of the layers, in order.
     pub fn names(self) -> impl Iterator<Item = &'static str> {
         self.iter().map(Layer::name)
     }
 
-    /// The layers that are made, in order.
+    /// Iterates over the layers, in order.
     pub fn iter(self) -> impl Iterator<Item = Layer> {
         Layer::ALL.into_iter().filter(move |&layer| self.0[layer])
     }
@@ -67,7 +67,7 @@ impl JsonSchema for LayerSet {
 
     fn json_schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({
-            "description": "Layers that are made.",
+            "description": "Layers to render.",
             "type": "array", "items": { "enum": Layer::NAMES }, "minItems": 1, "uniqueItems": true,
         })
     }

@@ -1,4 +1,4 @@
-//! The range of every number of a scene line and of a recipe: one table for both.
+//! Ranges of all numbers in scene lines and recipes, in one table.
 
 use std::ops::Bound::{self, Excluded, Included, Unbounded};
 use std::ops::RangeBounds;
@@ -8,11 +8,11 @@ use std::ops::RangeBounds;
 pub struct Limit {
     range: (Bound<f64>, Bound<f64>),
     grid: Grid,
-    /// The same range in words, as it follows "must be".
+    /// The range in words, as the end of a sentence such as "ior must be 1 to 10".
     pub allowed: &'static str,
 }
 
-/// Which values within a range are allowed.
+/// Allowed values within a range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Grid {
     All,
@@ -25,7 +25,7 @@ impl Limit {
         Self { range: (least, most), grid: Grid::All, allowed }
     }
 
-    /// Both ends are allowed.
+    /// Returns a range that includes both ends.
     const fn between(least: f64, most: f64, allowed: &'static str) -> Self {
         Self::new(Included(least), Included(most), allowed)
     }
@@ -34,7 +34,7 @@ impl Limit {
         Self { grid, ..self }
     }
 
-    /// Whether `value` is allowed. Never true for NaN or an infinity.
+    /// True if `value` is allowed. NaN and infinities never are.
     pub fn contains(&self, value: f64) -> bool {
         let is_on_grid = match self.grid {
             Grid::All => true,
@@ -44,7 +44,7 @@ impl Limit {
         value.is_finite() && self.range.contains(&value) && is_on_grid
     }
 
-    /// Whether only whole numbers are allowed.
+    /// True if only whole numbers are allowed.
     pub fn is_whole(&self) -> bool {
         self.grid != Grid::All
     }
@@ -56,18 +56,18 @@ const FINITE: Limit = Limit::new(Unbounded, Unbounded, "finite");
 const BELOW_90_DEG: Limit =
     Limit::new(Excluded(-90.0), Excluded(90.0), "above -90 and below 90 degrees");
 const PERCENTILE: Limit = Limit::new(Excluded(0.0), Included(100.0), "above 0 and at most 100");
-/// The ends and the mean of a relative depth; the sphere of a panorama without a depth map.
+/// Ends and mean of a relative depth, and distance of a panorama without a depth map, m.
 pub(crate) const RELATIVE_DEPTH_M: Limit = Limit::between(1.0e-3, 1.0e6, "0.001 to 1e6 m");
 pub(crate) const FAR_OVER_NEAR: Limit =
-    Limit::new(Excluded(1.0), Included(1.0e6), "above 1, and 1e6 at most");
+    Limit::new(Excluded(1.0), Included(1.0e6), "above 1 and at most 1e6");
 pub(crate) const PERCENT: Limit = Limit::between(0.0, 100.0, "0 to 100");
-/// Where the curve for clipped highlights begins, linear.
+/// Start of the curve for clipped highlights, linear.
 pub(crate) const BELOW_WHITE: Limit =
     Limit::new(Included(0.0), Excluded(1.0), "0 or more and below 1");
-/// The value of white after the curve, linear.
+/// Value of white after the curve, linear.
 pub(crate) const WHITE_BECOMES: Limit = Limit::between(1.0, 1.0e6, "1 to 1e6");
 
-/// The table. A key without `film`, `camera`, `glass` or `light` is one of a side or of a source.
+/// Returns a row of the table. Most keys without `film`, `camera` or `glass` belong to a side or a source.
 #[allow(clippy::match_same_arms, reason = "an arm per group of keys is easier to scan")]
 fn row(key: &str) -> Option<Limit> {
     Some(match key {
@@ -88,11 +88,11 @@ fn row(key: &str) -> Option<Limit> {
         "glass.tilt_deg" => BELOW_90_DEG,
         "auto_exposure.percentile" => PERCENTILE,
         "exposure_ev" => Limit::between(-30.0, 30.0, "-30 to 30 stops"),
-        // Where the light of a black body has no negative channel and its formula holds.
+        // In this range, the light of a black body has no negative channel and its formula holds.
         "illuminant_k" => Limit::between(2000.0, 25_000.0, "2000 to 25000 K"),
         "intrinsics.cx" | "intrinsics.cy" => FINITE,
         "intrinsics.size" => Limit::between(1.0, 4_294_967_295.0, "at least 1 px"),
-        // The range of the tracer.
+        // The tracer's limit.
         "pose.translation_m" => Limit::between(-1.0e7, 1.0e7, "-1e7 to 1e7"),
         "depth_m" => RELATIVE_DEPTH_M,
         "yaw_deg" => Limit::between(-360.0, 360.0, "-360 to 360 degrees"),
@@ -101,12 +101,12 @@ fn row(key: &str) -> Option<Limit> {
     })
 }
 
-/// The limit of a number by its key in a scene line or recipe, such as `glass.tilt_deg[1]`, `front.exposure` or
-/// `sources.diode.intrinsics.fx`: the row of the longest end of `key`, without an index.
+/// Returns the limit of a number by its key in a scene line or recipe, such as `glass.tilt_deg[1]`, `front.exposure` or
+/// `sources.diode.intrinsics.fx`. Uses the row with the longest end of `key`; ignores an index.
 ///
 /// # Panics
 ///
-/// If the table has no such row: a new number needs one.
+/// If the table has no row for `key`; every new number needs a row.
 pub fn limit_of(key: &str) -> Limit {
     let mut end = key.split('[').next().unwrap_or(key);
     loop {
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_hold_at_their_ends_and_on_their_grid() {
+    fn limits_contain_their_ends_and_their_grid() {
         let spp = limit_of("film.spp");
         assert_eq!(
             [1.0, 96.0, 256.0, 256.5, 65_536.0, 131_072.0, 0.0].map(|v| spp.contains(v)),

@@ -1,9 +1,9 @@
-//! A scene line: everything that determines one scene, resolved, checked, and written as one line of JSON.
+//! A scene line: all parameters of one scene, resolved, checked, and written as one line of JSON.
 //!
 //! ```text
 //! scene_line -> side -> photograph, panorama -> image, highlights, depth_range   the line's types
-//! layers       which images are made          side_json, jsonl   sides and manifests as text
-//! roots        where a line's paths lead      validate, limits   which lines are sound by themselves
+//! layers       images to render               side_json, jsonl   sides and manifests as text
+//! roots        resolution of paths            validate, limits   checks of each field
 //! ```
 //!
 //! ```

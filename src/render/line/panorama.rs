@@ -5,29 +5,29 @@ use super::highlights::Highlights;
 use super::image::{Apex, DepthKind, Fill, Transfer, is_white};
 use serde::Serialize;
 
-/// All directions around one point, seen from there: columns are longitude, rows latitude, the centre is +z.
+/// An image of all directions around one point: columns are longitudes, rows latitudes, and the centre is +z.
 ///
-/// Replaces a photograph: loading turns the part that the film sees into a pinhole view.
+/// Replaces a photograph: the loader converts the part that the film sees to a pinhole view.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PanoramaFile {
     /// Path of the image: relative to the manifest, or `NAME:path` under a named root.
     pub panorama: String,
-    /// Coding of the image.
+    /// Transfer function of the image.
     pub transfer: Transfer,
-    /// Multiplies linear radiance.
+    /// Factor on linear radiance.
     pub exposure: f64,
-    /// Multiplies red, green and blue of linear radiance: the colour of the light that falls on this side.
+    /// Factors on red, green and blue of linear radiance: the colour of the light on this side.
     #[serde(skip_serializing_if = "is_white")]
     pub illuminant: [f64; 3],
-    /// Light for clipped sRGB values.
+    /// Curve that raises the radiance of clipped sRGB values.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub highlights: Option<Highlights>,
     /// Distances along the rays.
     #[serde(flatten)]
     pub depth: PanoramaDepth,
-    /// Degrees by which the view turns to the right of the panorama's centre.
+    /// Rotation of the view to the right of the panorama's centre.
     pub yaw_deg: f64,
-    /// Degrees by which the view then rises.
+    /// Upward rotation of the view, before the rotation to the right.
     pub pitch_deg: f64,
     /// Only for the back: position of the panorama's point of view (`mirror` if missing).
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -49,16 +49,16 @@ pub struct DepthMap {
     pub depth: String,
     /// Metres per unit of the file.
     pub depth_unit_m: f64,
-    /// Along the ray, or relative; never along an axis, as there is none.
+    /// Kind of the distances: along the ray, or relative. A panorama has no optical axis.
     pub depth_kind: DepthKind,
-    /// Metres for relative distances.
+    /// Range of relative distances in metres.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_range: Option<DepthRange>,
-    /// How holes are filled.
+    /// Method that fills holes.
     pub fill: Fill,
 }
 
 impl PanoramaDepth {
-    /// Default radius of the sphere.
+    /// Default of `depth_m`.
     pub const DEFAULT_M: f64 = 10.0;
 }

@@ -13,32 +13,32 @@ pub struct Photograph {
     pub color: String,
     /// Path of the depth image.
     pub depth: String,
-    /// Path of the mask (0 is invalid). Without it every finite depth above 0 is valid.
+    /// Path of the mask; 0 marks invalid pixels. Without a mask, every finite depth above 0 is valid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mask: Option<String>,
-    /// Coding of the colour image.
+    /// Transfer function of the colour image.
     #[serde(default)]
     pub transfer: Transfer,
     /// Metres per unit of the depth file.
     #[serde(default = "one")]
     pub depth_unit_m: f64,
-    /// Quantity of the depth file.
+    /// Quantity that the depth file holds.
     #[serde(default)]
     pub depth_kind: DepthKind,
-    /// Metres for a relative depth.
+    /// Range of a relative depth in metres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth_range: Option<DepthRange>,
     pub intrinsics: Intrinsics,
-    /// Multiplies linear radiance.
+    /// Factor on linear radiance.
     #[serde(default = "one")]
     pub exposure: f64,
-    /// Multiplies red, green and blue of linear radiance: the colour of the light that falls on this side.
+    /// Factors on red, green and blue of linear radiance: the colour of the light on this side.
     #[serde(default = "white", skip_serializing_if = "is_white")]
     pub illuminant: [f64; 3],
-    /// Light for clipped sRGB values; none if missing.
+    /// Curve that raises the radiance of clipped sRGB values; none if missing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub highlights: Option<Highlights>,
-    /// How holes of the depth image are filled.
+    /// Method that fills holes of the depth image.
     #[serde(default, skip_serializing_if = "is_default")]
     pub fill: Fill,
     /// Only for the back: position of the capture camera (`mirror` if missing).

@@ -1,10 +1,10 @@
-//! The scene line that tests start from.
+//! The scene line that tests modify.
 
 use super::photograph::Photograph;
 use super::scene_line::SceneLine;
 use super::side::Side;
 
-/// The scene line of the design page.
+/// Returns a scene line with the camera and the DIODE intrinsics of the published setup.
 pub(crate) fn published() -> SceneLine {
     serde_json::from_str(
         r#"{"schema":"glasshouse.scene/1","id":"000412","seed":412,
@@ -22,10 +22,10 @@ pub(crate) fn published() -> SceneLine {
     .unwrap()
 }
 
-/// The photograph of a side that is one.
+/// Returns the photograph of a side; panics for a panorama or a mesh.
 pub(super) fn photograph(side: &mut Side) -> &mut Photograph {
     match side {
         Side::Photograph(photograph) => photograph,
-        Side::Panorama(_) | Side::Mesh(_) => panic!("no photograph"),
+        Side::Panorama(_) | Side::Mesh(_) => panic!("not a photograph"),
     }
 }

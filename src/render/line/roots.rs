@@ -1,4 +1,4 @@
-//! Resolves the paths of a scene line: beside the manifest, under a named root, or in an object store.
+//! Resolves the paths of a scene line: relative to the manifest, under a named root, or in an object store.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
@@ -7,15 +7,15 @@ use std::path::{Component, Path, PathBuf};
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RootError {
     #[error(
-        "root {argument:?} is not NAME=DIR with a NAME of two or more of [A-Za-z0-9_-]: write --root \
+        "root {argument:?} is not NAME=DIR with a NAME of two or more characters of [A-Za-z0-9_-]: write --root \
          diode=/path/to/diode"
     )]
     Argument { argument: String },
     #[error("root {name} is given twice, as {} and as {}: keep one", first.display(), second.display())]
     Twice { name: String, first: PathBuf, second: PathBuf },
     #[error(
-        "path {text:?} lies under root {name}, which is unknown: pass --root {name}=DIR, or write \
-         \"./{text}\" if it is a file's name"
+        "path {text:?} is under the unknown root {name}: pass --root {name}=DIR, or write \"./{text}\" if it is the \
+         name of a file"
     )]
     Unknown { text: String, name: String },
     #[error(
@@ -31,7 +31,7 @@ pub enum RootError {
 pub struct Roots(BTreeMap<String, PathBuf>);
 
 impl Roots {
-    /// Reads repeated `NAME=DIR`.
+    /// Parses the arguments `NAME=DIR`.
     pub fn parse<S: AsRef<str>>(arguments: &[S]) -> Result<Self, RootError> {
         let mut roots = Self::default();
         for argument in arguments.iter().map(AsRef::as_ref) {
@@ -47,7 +47,7 @@ impl Roots {
         Ok(roots)
     }
 
-    /// Names `folder`. The same name with the same folder is no error.
+    /// Adds `folder` under `name`. A repeated name with the same folder is not an error.
     pub fn insert(&mut self, name: &str, folder: PathBuf) -> Result<(), RootError> {
         if !is_root_name(name) {
             return Err(RootError::Argument { argument: format!("{name}={}", folder.display()) });
@@ -65,26 +65,26 @@ impl Roots {
         }
     }
 
-    /// Sets the folder of `name`, replacing any other.
+    /// Sets the folder of `name` and replaces a previous one.
     pub fn replace(&mut self, name: &str, folder: PathBuf) {
         self.0.insert(name.to_owned(), folder);
     }
 
-    /// The folder of that name.
+    /// Returns the folder of that name.
     pub fn get(&self, name: &str) -> Option<&Path> {
         self.0.get(name).map(PathBuf::as_path)
     }
 
-    /// Names and folders, by name.
+    /// Iterates over names and folders, ordered by name.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Path)> {
         self.0.iter().map(|(name, folder)| (name.as_str(), folder.as_path()))
     }
 
-    /// The file that `text`, a path of a scene line, means in a manifest that lies in `base`.
+    /// Resolves `text`, a path of a scene line in a manifest of the folder `base`.
     ///
-    /// `NAME:rest` is below the root NAME, an absolute path and a URL ([`is_url`]) are themselves, all else is relative
-    /// to `base`. Below a root that is a URL lie URLs.
-    /// A single letter before a colon is no root, so that Windows drives stay paths.
+    /// `NAME:rest` is below the root NAME; if the root is a URL, the result is a URL. Absolute paths and URLs
+    /// ([`is_url`]) stay unchanged, and other paths are relative to `base`. A single letter before a colon is not a
+    /// root, so that Windows drives stay paths.
     pub fn resolve(&self, base: &Path, text: &str) -> Result<PathBuf, RootError> {
         let text_owned = || text.to_owned();
         match text.split_once(':') {
@@ -112,14 +112,14 @@ impl Roots {
     }
 }
 
-/// Whether `text` is an address in an object store, `s3://BUCKET/KEY`, not a local path.
+/// True if `text` is an address in an object store, such as `s3://BUCKET/KEY`, and not a local path.
 pub fn is_url(text: impl AsRef<Path>) -> bool {
     let text = text.as_ref().to_str();
     let scheme = text.and_then(|text| text.split_once("://"));
     scheme.is_some_and(|(scheme, rest)| is_root_name(scheme) && !rest.is_empty())
 }
 
-/// Whether `name` is two or more of `[A-Za-z0-9_-]`.
+/// True if `name` consists of two or more characters of `[A-Za-z0-9_-]`.
 pub fn is_root_name(name: &str) -> bool {
     let allowed = |b: u8| b.is_ascii_alphanumeric() || b == b'_' || b == b'-';
     name.len() >= 2 && name.bytes().all(allowed)
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn plain_absolute_and_rooted_paths() {
+    fn relative_absolute_and_rooted_paths_resolve() {
         for (text, path) in [
             ("a.png", "/runs/m/a.png"),
             ("../x/a.png", "/runs/m/../x/a.png"),
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_leaves_a_root() {
+    fn no_path_leaves_its_root() {
         for text in ["diode:../a.png", "diode:a/../../b", "diode:/etc/passwd", "diode:"] {
             assert!(resolve(text).is_err(), "{text}");
         }
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_root_says_how_to_name_it() {
+    fn the_error_of_an_unknown_root_names_the_flag() {
         let error = resolve("places:a.jpg").unwrap_err().to_string();
         assert!(error.contains("pass --root places=DIR"), "{error}");
     }

@@ -1,4 +1,4 @@
-//! `glasshouse.scene/1`: one scene of a manifest, everything resolved, in metres and degrees.
+//! `glasshouse.scene/1`: one scene of a manifest with all parameters resolved, in metres and degrees.
 
 use super::image::{is_default, is_one, is_white, one, white};
 use super::layers::LayerSet;
@@ -8,19 +8,19 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// The schema name that a scene line must carry.
+/// Schema name of a scene line.
 pub const SCENE_SCHEMA: &str = "glasshouse.scene/1";
 
-/// Part of the set that a scene belongs to.
+/// Part of a data set.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
 )]
 #[serde(rename_all = "snake_case")]
 pub enum Split {
-    /// For training.
+    /// Training scenes.
     #[default]
     Train,
-    /// For testing: shares no photograph with `train`.
+    /// Test scenes, which share no photograph with `train`.
     Test,
 }
 
@@ -39,18 +39,17 @@ impl fmt::Display for Split {
 pub struct SceneLine {
     /// Always [`SCENE_SCHEMA`].
     pub schema: String,
-    /// Unique in the manifest.
+    /// Id, unique in the manifest.
     pub id: SceneId,
-    /// `train` if missing.
+    /// Part of the data set; `train` if missing.
     #[serde(default)]
     pub split: Split,
     /// Seed of this scene's sample points.
     pub seed: u64,
-    /// Size, samples, filter.
+    /// Size, samples and filter.
     pub film: Film,
-    /// Lens and focus.
+    /// Lens, focus and exposure.
     pub camera: Camera,
-    /// The pane.
     pub glass: Glass,
     /// The side seen through the pane.
     pub front: Side,
@@ -58,43 +57,43 @@ pub struct SceneLine {
     pub back: Side,
 }
 
-/// The film and how it is sampled.
+/// The film and its sampling.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Film {
-    /// Pixels across.
+    /// Width, px.
     pub width: u32,
-    /// Pixels down.
+    /// Height, px.
     pub height: u32,
-    /// Camera samples a pixel: a power of two, 1 to 65,536.
+    /// Camera samples per pixel: a power of two, 1 to 65,536.
     pub spp: u32,
     /// Reconstruction filter.
     #[serde(default)]
     pub filter: Filter,
-    /// Adaptive sampling: each cell of 8 x 8 px takes samples, `spp` at most, until its RMS error in every layer is
-    /// below this (linear radiance). Without it every pixel takes `spp`.
+    /// Target of adaptive sampling, linear radiance: each cell of 8 x 8 px takes samples, at most `spp`, until its RMS
+    /// error in every layer is below the target. Without a target, every pixel takes `spp` samples.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target_error: Option<f64>,
-    /// Which orders of the glass's reflection R~ holds; all if missing. I always holds all.
+    /// Orders of the glass's reflection in R~; all if missing. I always has all orders.
     #[serde(default, skip_serializing_if = "is_default")]
     pub glass_reflection_orders: ReflectionOrders,
-    /// Layers that are made; all four if missing.
+    /// Layers to render; all four if missing.
     #[serde(default, skip_serializing_if = "is_default")]
     pub layers: LayerSet,
-    /// Orders of the glass are dropped if their weight times the largest radiance of their side is below this. Default
-    /// 7.6e-5 (linear): a quarter of an 8-bit sRGB step near black.
+    /// Threshold for orders of the glass, linear radiance: an order is dropped if its weight times the largest radiance
+    /// of its side is below the threshold. Default: 7.6e-5, a quarter of an 8-bit sRGB step near black.
     #[serde(
         default = "Film::default_order_tolerance",
         skip_serializing_if = "is_default_tolerance"
     )]
     pub order_tolerance: f64,
-    /// Precision of `tuple.exr`: half where the values allow it, or always float.
+    /// Precision of `tuple.exr`: half if all values allow it, or always float.
     #[serde(default, skip_serializing_if = "is_default")]
     pub exr: ExrPrecision,
 }
 
 impl Film {
-    /// A quarter of an 8-bit sRGB step near black: 1 / 255 / 12.92 / 4, rounded.
+    /// Returns a quarter of an 8-bit sRGB step near black: 1 / 255 / 12.92 / 4, rounded.
     pub const fn default_order_tolerance() -> f64 {
         7.6e-5
     }
@@ -109,10 +108,10 @@ fn is_default_tolerance(value: &f64) -> bool {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ReflectionOrders {
-    /// All that are followed: the double image, so that I - R~ is the front through the glass.
+    /// All followed orders: R~ is the double image, and I - R~ is the front through the glass.
     #[default]
     All,
-    /// The front face's alone: what is left of the reflection in I - R~ are its ghosts.
+    /// The reflection at the front face alone: I - R~ still contains the ghosts.
     First,
 }
 
@@ -120,7 +119,7 @@ pub enum ReflectionOrders {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ExrPrecision {
-    /// 16-bit floats; 32-bit ones where a value exceeds 65,504.
+    /// 16-bit floats, or 32-bit floats if any value exceeds 65,504.
     #[default]
     Half,
     /// 32-bit floats.
@@ -131,32 +130,32 @@ pub enum ExrPrecision {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Filter {
-    /// The pixel's own square.
+    /// The square of the pixel.
     #[default]
     Box,
     /// Gaussian, sigma 0.5 px, cut at 2 px.
     Gaussian,
 }
 
-/// The thin lens.
+/// The thin lens and its exposure.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
-    /// Relative to the diagonal of a 36 x 24 mm frame spread over the film's diagonal.
+    /// Focal length for a frame of 36 x 24 mm, with the frame's diagonal scaled to the film's diagonal.
     pub focal_length_mm: f64,
     /// Radius of the lens opening; 0 is a pinhole.
     pub aperture_radius_m: f64,
-    /// The plane in focus.
+    /// Plane in focus.
     pub focus: Focus,
-    /// Multiplies all four layers, as the exposure of a camera does.
+    /// Factor on all four layers, like the exposure of a camera.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub exposure: f64,
-    /// Multiplies red, green and blue of all four layers, as the white balance of a camera does.
+    /// Factors on red, green and blue of all four layers, like the white balance of a camera.
     #[serde(default = "white", skip_serializing_if = "is_white")]
     pub white_balance: [f64; 3],
 }
 
-/// The plane in focus, without the glass: its focus shift is not compensated.
+/// The plane in focus without the glass. The focus shift of the glass is not compensated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(
     untagged,
@@ -164,28 +163,27 @@ pub struct Camera {
     expecting = "focus must be {\"distance_m\": z}, {\"at\": \"front_center\"} or {\"at\": \"infinity\"}"
 )]
 pub enum Focus {
-    /// `{"distance_m": z}`
+    /// A distance: `{"distance_m": z}`.
     Distance {
         /// Distance of the plane from the lens.
         distance_m: f64,
     },
-    /// `{"at": "front_center"}`
+    /// A place in the scene: `{"at": "front_center"}`.
     At {
-        /// A named place.
+        /// Name of the place.
         at: FocusAt,
     },
 }
 
-/// A focus found from the scene.
+/// A place in the scene that determines the focus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FocusAt {
-    /// Mean z of the four centre pixels of the front depth image, as published; of a mesh, z where the ray through
-    /// the film's centre first meets it.
+    /// Mean z of the four centre pixels of the front depth image, as published; for a mesh, z of the first hit of the
+    /// ray through the film's centre.
     FrontCenter,
-    /// The same of the back: the mirror image of its centre is in focus.
+    /// Mean z of the four centre pixels of the back depth image, mirrored in the pane; for a mesh, as for the front.
     BackCenter,
-    /// Infinitely far away.
     Infinity,
 }
 

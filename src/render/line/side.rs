@@ -30,10 +30,10 @@ pub struct MeshFile {
     /// Metres per unit of the file's coordinates.
     #[serde(default = "one")]
     pub unit_m: f64,
-    /// Multiplies linear radiance.
+    /// Factor on linear radiance.
     #[serde(default = "one")]
     pub exposure: f64,
-    /// Multiplies red, green and blue of linear radiance, like the colour of the light on this side.
+    /// Factors on red, green and blue of linear radiance: the colour of the light on this side.
     #[serde(default = "white", skip_serializing_if = "is_white")]
     pub illuminant: [f64; 3],
     /// Pose of the mesh. Without a pose, the file has the coordinates of the capture camera.
@@ -44,15 +44,15 @@ pub struct MeshFile {
     pub apex: Option<Apex>,
 }
 
-/// Maps mesh coordinates in metres to coordinates of the capture camera (+x right, +y down, +z forward): `rotation * x
-/// + translation_m`.
+/// A rigid transform from mesh coordinates in metres to the capture camera's (+x right, +y down, +z forward):
+/// `rotation * x + translation_m`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshPose {
     /// Rows of a rotation matrix.
     #[serde(default = "MeshPose::no_rotation")]
     pub rotation: [[f64; 3]; 3],
-    /// The mesh's origin in capture coordinates.
+    /// Position of the mesh's origin in capture coordinates.
     #[serde(default)]
     pub translation_m: [f64; 3],
 }
@@ -62,8 +62,8 @@ impl MeshPose {
         [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     }
 
-    /// Largest difference between `rotation` times its transpose and the unit matrix; infinite for a reflection and for
-    /// NaN.
+    /// Returns the largest difference between `rotation` times its transpose and the unit matrix; infinity for a
+    /// reflection and for NaN.
     pub(crate) fn distortion(&self) -> f64 {
         let r = &self.rotation;
         let row = |a: usize, b: usize| (0..3).map(|k| r[a][k] * r[b][k]).sum::<f64>();
@@ -79,7 +79,7 @@ impl MeshPose {
 }
 
 impl Side {
-    /// The photograph, if the side is one.
+    /// Returns the photograph, if the side is one.
     pub fn photograph(&self) -> Option<&Photograph> {
         match self {
             Self::Photograph(photograph) => Some(photograph),
@@ -87,7 +87,7 @@ impl Side {
         }
     }
 
-    /// The path that identifies the side: its colour image, panorama or mesh.
+    /// Returns the path that identifies the side: its colour image, panorama or mesh.
     pub fn name(&self) -> &str {
         match self {
             Self::Photograph(photograph) => &photograph.color,
@@ -96,7 +96,7 @@ impl Side {
         }
     }
 
-    /// Colour of the side's light.
+    /// Returns the colour of the side's light.
     pub fn illuminant(&self) -> [f64; 3] {
         match self {
             Self::Photograph(photograph) => photograph.illuminant,
@@ -105,7 +105,7 @@ impl Side {
         }
     }
 
-    /// Factor on the side's linear radiance.
+    /// Returns the factor on the side's linear radiance.
     pub fn exposure(&self) -> f64 {
         match self {
             Self::Photograph(photograph) => photograph.exposure,
@@ -114,7 +114,7 @@ impl Side {
         }
     }
 
-    /// Exposure and illuminant.
+    /// Returns exposure and illuminant.
     pub fn light_mut(&mut self) -> (&mut f64, &mut [f64; 3]) {
         match self {
             Self::Photograph(photograph) => (&mut photograph.exposure, &mut photograph.illuminant),
@@ -123,7 +123,8 @@ impl Side {
         }
     }
 
-    /// The side with the camera's exposure and white balance applied. Light is linear, so the order does not matter.
+    /// Returns the side with the camera's exposure and white balance applied to its light, which is linear, so that the
+    /// order does not matter.
     #[must_use]
     pub fn seen_by(&self, camera: &Camera) -> Self {
         let mut side = self.clone();
@@ -135,7 +136,7 @@ impl Side {
         side
     }
 
-    /// Position of the capture camera, if given.
+    /// Returns the position of the capture camera, if given.
     pub fn apex(&self) -> Option<Apex> {
         match self {
             Self::Photograph(photograph) => photograph.apex,
@@ -152,7 +153,7 @@ impl Side {
         }
     }
 
-    /// Paths of all files of the side, with their JSON keys.
+    /// Returns the paths of all files of the side, with their JSON keys.
     pub fn paths(&self) -> Vec<(&'static str, &str)> {
         match self {
             Self::Photograph(p) => {
@@ -172,7 +173,7 @@ impl Side {
         }
     }
 
-    /// The paths of [`Self::paths`], mutable.
+    /// Returns the paths of [`Self::paths`], mutable.
     pub fn paths_mut(&mut self) -> Vec<&mut String> {
         match self {
             Self::Photograph(p) => [Some(&mut p.color), Some(&mut p.depth), p.mask.as_mut()]

@@ -30,12 +30,12 @@ impl<'de> Deserialize<'de> for Side {
     }
 }
 
-/// One kind of side. Its own `Deserialize` names a wrong key and all allowed ones, which an untagged enum cannot.
+/// Reads one kind of side. Its `Deserialize` names a wrong key and all allowed keys; an untagged enum cannot.
 fn read<T: DeserializeOwned>(kind: &str, keys: Map<String, Value>) -> Result<T, String> {
     from_value(Value::Object(keys)).map_err(|error| format!("a side with `{kind}`: {error}"))
 }
 
-/// Reads any keys, each once. Deserializing a `Map` directly would silently keep the last of two values.
+/// A visitor that accepts any key once. Deserializing a `Map` directly would silently keep the last of two values.
 struct KeysVisitor;
 
 impl<'de> Visitor<'de> for KeysVisitor {
@@ -57,7 +57,7 @@ impl<'de> Visitor<'de> for KeysVisitor {
     }
 }
 
-/// The keys of a [`PanoramaFile`], whose depth is a constant or a map: serde cannot flatten that and refuse unknown keys.
+/// The keys of a [`PanoramaFile`]. serde cannot both flatten its depth, a constant or a map, and refuse unknown keys.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PanoramaKeys {

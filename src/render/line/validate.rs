@@ -1,4 +1,4 @@
-//! Checks the fields of a scene line: ranges of numbers, presence of paths.
+//! Checks the fields of a scene line: the ranges of numbers and the presence of paths.
 
 use super::depth_range;
 use super::error::{LineError, within};
@@ -61,7 +61,7 @@ impl SceneLine {
     }
 }
 
-/// Checks the paths and numbers of one side; errors name it `name`.
+/// Checks the paths and numbers of one side. Errors call the side `name`.
 pub fn side(name: &str, side: &Side) -> Result<(), LineError> {
     for (key, path) in side.paths() {
         if path.is_empty() {
@@ -112,7 +112,7 @@ fn panorama(side: &str, panorama: &PanoramaFile) -> Result<(), LineError> {
     }
 }
 
-/// Largest deviation of `rotation` times its transpose from the unit matrix: five digits are enough to write one.
+/// Largest allowed deviation of `rotation` times its transpose from the unit matrix. Elements with five digits suffice.
 const MAX_DISTORTION: f64 = 1e-4;
 
 fn mesh(side: &str, mesh: &MeshFile) -> Result<(), LineError> {
@@ -151,7 +151,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_published_scene_is_sound() {
+    fn the_published_scene_is_valid() {
         published().validate().unwrap();
     }
 
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn meshes_have_ranges_too() {
+    fn fields_of_meshes_are_checked() {
         with_back(r#"{"mesh":"m","apex":"camera","pose":{"rotation":[[0,0,1],[0,1,0],[-1,0,0]]}}"#)
             .unwrap();
         // Five digits of cos and sin 45 degrees.
@@ -178,11 +178,11 @@ mod tests {
             ),
             (
                 r#"{"mesh":"m","pose":{"rotation":[[1,0,0],[0,1,0],[0,0,-1]]}}"#,
-                "back.pose.rotation is no rotation",
+                "back.pose.rotation is not a rotation",
             ),
             (
                 r#"{"mesh":"m","pose":{"rotation":[[0.01,0,0],[0,0.01,0],[0,0,0.01]]}}"#,
-                "back.pose.rotation is no rotation",
+                "back.pose.rotation is not a rotation",
             ),
         ] {
             let error = with_back(mesh).unwrap_err();
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn panoramas_and_highlights_have_ranges_too() {
+    fn fields_of_panoramas_and_highlights_are_checked() {
         with_back(
             r#"{"panorama":"p","highlights":{"above":0.9,"to":8},"yaw_deg":-360,"pitch_deg":90}"#,
         )
@@ -275,7 +275,7 @@ mod tests {
         }
     }
 
-    /// The published line with another value under `key`.
+    /// Validates the published line with another value under `key`.
     fn with(key: &str, value: &str) -> Result<(), String> {
         let mut line = published();
         line.camera.white_balance = [1.0, 1.0, 0.5];
@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_and_another_schema_are_named() {
+    fn errors_name_values_that_are_not_finite_and_other_schemas() {
         type Spoil = fn(&mut SceneLine);
         let cases: [(Spoil, &str); 5] = [
             (|l| l.glass.distance_m = f64::INFINITY, "glass.distance_m is inf"),

@@ -1,4 +1,4 @@
-//! Assembles two sheets or meshes, a pane, a lens and a film into a [`crate::trace::Scene`], or reports why it cannot.
+//! Assembles two sheets or meshes, a pane, a lens and a film into a [`crate::trace::Scene`].
 
 use super::check_geometry::check_geometry;
 use super::error::AssembleError;
@@ -22,7 +22,7 @@ pub fn assemble(
     let slab = slab(line);
     let back_camera = BackCamera::new(line.back.apex().unwrap_or_default(), &slab);
     let lateral_m = line.camera.aperture_radius_m + line.glass.thickness_m;
-    // The front's capture coordinates are the lens's.
+    // The capture coordinates of the front are those of the lens.
     let front = front.place("front", |x| x, lateral_m)?;
     let back = back.place("back", back_camera.lens_from_capture(), lateral_m)?;
     let focus_distance_m = focus_distance_m(line, &front, &back, &back_camera)?;
@@ -74,7 +74,7 @@ pub fn assemble(
     Ok((scene, facts))
 }
 
-/// `None` is infinity.
+/// Returns the focus distance; `None` is infinity.
 fn focus_distance_m(
     line: &SceneLine,
     front: &Placed,

@@ -1,10 +1,9 @@
-//! The depth that `front_center` focuses on.
+//! The depth of the focus `front_center`.
 
-/// Mean z of the four centre pixels, in metres.
+/// Returns the mean z of the four centre pixels, m.
 ///
-/// Columns `width/2 - 1` and `width/2`, rows alike, in integers; with one pixel across, that pixel
-/// twice. A hole is replaced by the valid pixel nearest to it, never by a filled one. `None` if
-/// nothing is valid.
+/// Their columns are `width/2 - 1` and `width/2`, in integers, and likewise the rows; a single column or row counts
+/// twice. The nearest valid pixel, never a filled one, replaces a hole. `None` if no pixel is valid.
 pub(super) fn front_center_z_m(
     z_m: &[f64],
     valid: &[bool],
@@ -20,8 +19,7 @@ pub(super) fn front_center_z_m(
     Some(sum / 4.0)
 }
 
-/// Index of the valid pixel nearest to (x0, y0): smallest squared pixel distance, then row, then
-/// column.
+/// Returns the index of the valid pixel nearest to (x0, y0): smallest squared pixel distance, then row, then column.
 ///
 /// Searches square rings of growing radius; no pixel of ring r is nearer than r.
 fn nearest_valid(
@@ -64,7 +62,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn four_pixels_and_guards() {
+    fn the_mean_is_of_the_four_centre_pixels() {
         let z: Vec<f64> = (0..20).map(f64::from).collect();
         // 5x4: columns 1 and 2, rows 1 and 2.
         assert_eq!(front_center_z_m(&z, &[true; 20], 5, 4), Some((6 + 7 + 11 + 12) as f64 / 4.0));
@@ -83,13 +81,13 @@ mod tests {
         assert_eq!(nearest_valid(&valid, 3, 3, 1, 1), Some(1));
         valid[1] = false;
         assert_eq!(nearest_valid(&valid, 3, 3, 1, 1), Some(3));
-        // A diagonal neighbour in ring 1 is farther than a straight one in ring 1.
+        // In ring 1, a diagonal neighbour is farther than a straight one.
         assert_eq!(nearest_valid(&[true, false, false, true], 2, 2, 1, 0), Some(0));
     }
 
     proptest! {
         #[test]
-        fn agrees_with_looking_at_every_pixel(
+        fn agrees_with_brute_force(
             width in 1usize..24, height in 1usize..24, x in 0usize..24, y in 0usize..24,
             seeds in proptest::collection::vec(0usize..576, 0..6),
         ) {

@@ -13,39 +13,38 @@ pub enum GeometryError {
     /// A ray that meets the pane at a grazing angle.
     #[error(
         "a ray of film point ({u} px, {v} px) meets the pane at {angle_deg:.2} degrees, but at most \
-         85 are allowed: lessen glass.tilt_deg ({pitch_deg}, {yaw_deg}), lengthen \
-         camera.focal_length_mm ({focal_length_mm}) or narrow camera.aperture_radius_m"
+         85 are allowed: reduce glass.tilt_deg ({pitch_deg}, {yaw_deg}), increase \
+         camera.focal_length_mm ({focal_length_mm}) or reduce camera.aperture_radius_m"
     )]
     Grazing {
         /// Film point of the worst ray, px.
         u: f64,
         v: f64,
-        /// Its angle to the pane's normal.
+        /// Angle between this ray and the pane's normal.
         angle_deg: f64,
         pitch_deg: f64,
         yaw_deg: f64,
         focal_length_mm: f64,
     },
-    /// The tilted pane reaches into the lens opening.
+    /// A tilted pane that reaches into the lens opening.
     #[error(
         "the pane cuts the lens: its plane is {plane_distance_m} m from the lens centre, but must be \
-         farther than {reach_m} m, the opening's reach towards it: raise glass.distance_m \
-         ({distance_m}), lessen glass.tilt_deg or narrow camera.aperture_radius_m"
+         farther than {reach_m} m, the reach of the opening towards the pane: increase glass.distance_m \
+         ({distance_m}), reduce glass.tilt_deg or reduce camera.aperture_radius_m"
     )]
     PaneCutsLens {
-        /// D, from the lens centre along the normal.
+        /// Distance of the pane's plane from the lens centre, along the normal.
         plane_distance_m: f64,
-        /// Farthest point of the lens opening along the normal.
+        /// Distance of the lens opening's farthest point along the normal.
         reach_m: f64,
         distance_m: f64,
     },
 }
 
-/// Refuses a pane that cuts the lens, or that a ray of the film and the lens meets at more than
-/// [`MAX_INCIDENCE_DEG`].
+/// Refuses a pane that cuts the lens, or that a camera ray meets at more than [`MAX_INCIDENCE_DEG`].
 ///
-/// `inverse_focus_distance_per_m` is 1 / focus distance; 0 is focus at infinity. It is a parameter
-/// because a focus on the front photograph is known only when the photograph has been read.
+/// `inverse_focus_distance_per_m` is 1 / focus distance, and 0 for a focus at infinity. The focus is a parameter
+/// because a focus on a photograph is known only after its file has been read.
 pub fn check_geometry(
     line: &SceneLine,
     inverse_focus_distance_per_m: f64,
@@ -55,7 +54,7 @@ pub fn check_geometry(
     let aperture_radius_m = line.camera.aperture_radius_m;
 
     let reach_m = aperture_radius_m * libm::sqrt((1.0 - normal.z * normal.z).max(0.0));
-    // The comparison is false for NaN, which is refused as well; so is the one below.
+    // This comparison and the one below are false for NaN, which is therefore refused, too.
     let is_clear = plane_distance_m > reach_m;
     if !is_clear {
         return Err(GeometryError::PaneCutsLens {
@@ -107,10 +106,10 @@ fn film_corners(line: &SceneLine) -> [Corner; 4] {
     ]
 }
 
-/// d.n - cos(85 degrees) |d| for d = (slope, 1): negative where the ray is refused.
+/// Computes d.n - cos(85 degrees) |d| for d = (slope, 1), which is negative for refused rays.
 ///
-/// Concave in the slope, so its least value over the film widened by the lens (a rectangle and a
-/// disc, added) lies on the circle about one of the four corners.
+/// The value is concave in the slope. Its minimum over the film widened by the lens (the Minkowski sum of a rectangle
+/// and a disc) is therefore on the circle about one of the four corners.
 fn excess(slope: [f64; 2], normal: DVec3) -> f64 {
     let length = libm::sqrt(slope[0] * slope[0] + slope[1] * slope[1] + 1.0);
     dot(slope, normal) + normal.z - libm::cos(MAX_INCIDENCE_DEG.to_radians()) * length
@@ -120,10 +119,10 @@ fn dot(slope: [f64; 2], normal: DVec3) -> f64 {
     slope[0] * normal.x + slope[1] * normal.y
 }
 
-/// The slope with the least [`excess`] on the circle of radius `spread` about `corner`.
+/// Returns the slope with the least [`excess`] on the circle of radius `spread` about `corner`.
 ///
-/// The step to the point of the circle straight down the gradient never rises, as the function is
-/// concave; eight starts keep it out of a lesser minimum.
+/// Each step moves to the point of the circle opposite to the gradient, which never raises a concave function. Eight
+/// starts avoid local minima.
 fn worst_direction(corner: [f64; 2], spread: f64, normal: DVec3) -> [f64; 2] {
     const STARTS: u32 = 8;
     const STEPS: u32 = 32;
@@ -169,15 +168,15 @@ mod tests {
     }
 
     #[test]
-    fn the_published_pane_stands_at_every_focus() {
+    fn the_published_pane_is_accepted_at_every_focus() {
         for inverse_focus_per_m in [0.0, 1.0 / 7.05, 2.0] {
             check_geometry(&published(), inverse_focus_per_m).unwrap();
         }
     }
 
     #[test]
-    fn a_pane_is_refused_from_the_angle_of_the_film_s_corner_on() {
-        // A square film's corner, with pitch alone: 85 degrees are met at a tilt of 70.04.
+    fn the_film_s_corner_limits_the_tilt_of_a_pane() {
+        // A corner ray of the square film meets the pane at 85 degrees for a pitch of 69.28 degrees.
         check_geometry(&tilted(69.0, 0.0), 0.0).unwrap();
         let error = check_geometry(&tilted(72.0, 0.0), 0.0).unwrap_err();
         assert!(matches!(error, GeometryError::Grazing { .. }), "{error}");
@@ -185,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn the_gaussian_filter_sees_beyond_the_film() {
+    fn the_gaussian_filter_reaches_beyond_the_film() {
         let mut line = tilted(0.0, 0.0);
         line.film.width = 4;
         line.film.height = 4;
@@ -215,7 +214,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(256))]
-        /// Against every film and lens point of a fine grid.
+        /// The check agrees with the largest angle over a fine grid of film and lens points.
         #[test]
         fn refusal_agrees_with_brute_force(
             pitch in -80.0..80.0f64, yaw in -80.0..80.0f64, focal_length_mm in 12.0..80.0f64,

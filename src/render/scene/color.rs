@@ -1,4 +1,4 @@
-//! The colour image: decoded to linear Rec.709 radiance, before anything interpolates it.
+//! Decodes colour images to linear Rec.709 radiance, before any interpolation.
 
 use super::{highlights, transfer};
 use crate::formats::error::SceneError;
@@ -23,9 +23,9 @@ pub(super) struct Color {
 
 /// Decodes a colour image in any of its formats.
 ///
-/// Grey becomes three equal channels; alpha is ignored, not multiplied in. Integers are scaled by
-/// their maximum (EXR's are not), floats are taken as they are, in single precision; `transfer`
-/// holds for both alike. `scale` multiplies red, green and blue of the result.
+/// Grey becomes three equal channels; alpha is ignored, not multiplied in. Integers are divided by their maximum
+/// (except in EXR), floats are taken unchanged, in single precision, and `transfer` applies to both. `scale` multiplies
+/// red, green and blue of the result.
 pub(super) fn decode(
     file: &NamedBytes,
     transfer: Transfer,
@@ -55,7 +55,7 @@ pub(super) fn decode(
     Ok(Color { width, height, radiance, max_radiance })
 }
 
-/// [`decode`] with clipped highlights expanded by `curve`, before `scale`.
+/// Decodes like [`decode`], but expands clipped highlights by `curve` before `scale`.
 pub(super) fn decode_expanded(
     file: &NamedBytes,
     transfer: Transfer,
@@ -71,7 +71,7 @@ pub(super) fn decode_expanded(
     Ok(color)
 }
 
-/// Width and height, from the header of a file of `length` bytes; `file` may hold the beginning alone.
+/// Reads width and height from the header of a file of `length` bytes; `file` may hold only its beginning.
 pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
     match file.format(FORMATS)? {
         FileFormat::Exr => exr_raster::color_size(file),
@@ -118,7 +118,7 @@ fn decode_npy(file: &NamedBytes) -> Result<Raster, SceneError> {
     })
 }
 
-/// A table for each channel; channels with equal scale share one.
+/// Makes a table for each channel. Channels with the scale of red share its table.
 fn each(scale: [f64; 3], table: impl Fn(f64) -> Vec<f32>) -> [Rc<Vec<f32>>; 3] {
     let red = Rc::new(table(scale[0]));
     let other = |factor: f64| {
@@ -148,7 +148,7 @@ fn pixels<T: Copy>(
     }
 }
 
-/// The largest radiance of any channel; an error if any is NaN, infinite or negative.
+/// Returns the largest radiance of any channel; an error if any is NaN, infinite or negative.
 fn max_of_radiance(
     file: &NamedBytes,
     radiance: &[[f32; 4]],
@@ -158,7 +158,7 @@ fn max_of_radiance(
     let mut all_good = true;
     for pixel in radiance {
         for channel in 0..4 {
-            // False for NaN as well.
+            // The comparison is false for NaN, too.
             all_good &= pixel[channel] >= 0.0;
             max[channel] =
                 if pixel[channel] > max[channel] { pixel[channel] } else { max[channel] };
@@ -169,7 +169,7 @@ fn max_of_radiance(
         return Ok(max);
     }
     let is_bad = |pixel: &[f32; 4]| pixel.iter().any(|value| !(0.0..f32::INFINITY).contains(value));
-    let first = radiance.iter().position(is_bad).expect("the loop above met one");
+    let first = radiance.iter().position(is_bad).expect("the loop above found one");
     Err(SceneError::Radiance {
         path: file.path.clone(),
         count: radiance.iter().filter(|pixel| is_bad(pixel)).count(),
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn png_of_every_kind() {
+    fn png_of_every_kind_is_decoded() {
         let one = |pixels: &[u8], color| linear(&png(pixels, 1, 1, color))[0];
         let wide = |codes: &[u16], color| linear(&png(bytemuck::cast_slice(codes), 1, 1, color))[0];
         assert_eq!(one(&[51], Png::L8), [0.2, 0.2, 0.2, 0.0]);
@@ -211,14 +211,14 @@ mod tests {
         let [r, g, b, zero] = color.radiance[0];
         assert!((r - 1.005773).abs() < 1e-6 && r == g);
         assert_eq!((b, zero, color.max_radiance), (2.0, 0.0, 2.0));
-        // A float .npy follows the transfer as well.
+        // The transfer function also applies to a .npy file of floats.
         let file = npy("<f8", false, "(1, 1)", &(188.0f64 / 255.0).to_le_bytes());
         let value = decode(&file, Transfer::Srgb, [2.0; 3]).unwrap().radiance[0][0];
         assert!((value - r).abs() < 1e-6);
     }
 
     #[test]
-    fn jpeg_and_pnm() {
+    fn jpeg_and_pnm_are_decoded() {
         for pixel in linear(&jpeg(&[51; 16 * 8 * 3], 16, 8)) {
             assert!((pixel[0] - 0.2).abs() < 0.01 && pixel[3] == 0.0);
         }
@@ -226,12 +226,12 @@ mod tests {
         assert_eq!(linear(&pnm(b"P6 1 1 255 \x00\x33\xff")), [[0.0, 0.2, 1.0, 0.0]]);
         assert_eq!(linear(&pnm(b"P5\n# x\n1 1\n65535\n\x33\x33"))[0][0], 0.2);
         assert_eq!(linear(&pnm(b"P1 2 1 1 0")), [[0.0; 4], [1.0, 1.0, 1.0, 0.0]]);
-        // Another maximum than the type's is scaled too, to the nearest code.
+        // A maximum other than the type's is scaled, too, to the nearest code.
         assert_eq!(linear(&pnm(b"P5 1 1 100 \x14"))[0][0], 0.2);
     }
 
     #[test]
-    fn npy_of_every_kind() {
+    fn npy_of_every_kind_is_decoded() {
         assert_eq!(linear(&npy("|u1", false, "(1, 1, 3)", &[0, 51, 255])), [[0.0, 0.2, 1.0, 0.0]]);
         assert_eq!(linear(&npy(">u2", false, "(1, 1, 1)", &[0x33, 0x33]))[0][1], 0.2);
         let floats: Vec<u8> =
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn highlights_are_off_by_default_and_then_change_no_bit() {
+    fn highlights_change_no_bit_if_missing_or_below_their_start() {
         let codes: Vec<u8> = (0..=255).collect();
         let image = png(&codes, 16, 16, Png::L8);
         let plain = decode(&image, Transfer::Srgb, [0.7; 3]).unwrap();
@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn radiance_hdr_and_float_maps_are_light() {
+    fn radiance_hdr_and_float_maps_are_linear() {
         let file = |bytes: &[u8]| NamedBytes { path: "a".into(), bytes: bytes.to_vec() };
         // Ward's RGBE, Graphics Gems II: mantissa / 256 times 2 to the exponent less 128.
         let rgbe = file(

@@ -1,4 +1,4 @@
-//! The depth image: decoded to distances along the optical axis, in metres.
+//! Decodes depth images to distances along the optical axis, in metres.
 
 use crate::formats::error::SceneError;
 use crate::formats::files::{FileFormat, NamedBytes};
@@ -11,15 +11,15 @@ use crate::line::{DepthKind, Intrinsics};
 const FORMATS: &str = "a .npy, grey PNG, grey PNM, PFM or EXR depth image";
 const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers";
 
-/// The depth image as in its file, with holes.
+/// A depth image with the holes of its file.
 pub(super) struct Depth {
     pub(super) width: usize,
     pub(super) height: usize,
-    /// Row by row. In `f64`: the focus is calculated from it.
+    /// Depths row by row, in `f64` because the focus is calculated from them.
     pub(super) z_m: Vec<f64>,
 }
 
-/// The file's format, if it can hold depths.
+/// Returns the file's format, if it can hold depths.
 fn format(file: &NamedBytes) -> Result<FileFormat, SceneError> {
     let refuse = |found: &str| Err(file.wrong_format(found.to_owned(), FORMATS));
     match file.format(FORMATS)? {
@@ -41,7 +41,7 @@ fn check_layout(file: &NamedBytes, channels: usize, rescaled: bool) -> Result<()
     Ok(())
 }
 
-/// Width and height, from the header of a file of `length` bytes; `file` may hold the beginning alone.
+/// Reads width and height from the header of a file of `length` bytes; `file` may hold only its beginning.
 pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
     let (width, height, channels, rescaled) = match format(file)? {
         FileFormat::Npy => {
@@ -63,7 +63,7 @@ pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneEr
     Ok([width, height])
 }
 
-/// Decodes a depth image; each value times `unit_m` is in metres.
+/// Decodes a depth image with values in units of `unit_m` metres.
 pub(super) fn decode(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError> {
     let raster = match format(file)? {
         FileFormat::Npy => return decode_npy(file, unit_m),
@@ -99,8 +99,8 @@ fn decode_npy(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError> {
 }
 
 impl Depth {
-    /// Converts distances along the rays to distances along the axis, if `kind` is [`DepthKind::Distance`]. `intrinsics` are
-    /// for this image's pixels.
+    /// Converts distances along the rays to distances along the axis, if `kind` is [`DepthKind::Distance`].
+    /// `intrinsics` are in pixels of this image.
     pub(super) fn project(&mut self, kind: DepthKind, intrinsics: &Intrinsics) {
         if kind != DepthKind::Distance {
             return;
@@ -123,7 +123,7 @@ mod tests {
     use image::ExtendedColorType as Png;
 
     #[test]
-    fn png_values_are_taken_as_they_are() {
+    fn png_values_are_only_multiplied_by_the_unit() {
         let codes = [0u16, 1500, 65535, 7];
         let depth = decode(&png(bytemuck::cast_slice(&codes), 2, 2, Png::L16), 0.001).unwrap();
         assert_eq!((depth.width, depth.height), (2, 2));
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn distance_along_the_ray() {
+    fn distances_along_rays_become_z() {
         let data: Vec<u8> = [5.0f64; 4].iter().flat_map(|value| value.to_le_bytes()).collect();
         let mut depth = decode(&npy("<f8", false, "(1, 4)", &data), 1.0).unwrap();
         let intrinsics = Intrinsics { fx: 1.5, fy: 0.25, cx: 1.5, cy: 0.5, size: None };

@@ -1,20 +1,21 @@
-//! An equirectangular image: the pixels of a direction, and interpolation between them.
+//! Finds the pixels of a direction in an equirectangular image and interpolates between them.
 //!
-//! Columns are longitude, rows latitude. The capture coordinates of a side (+x right, +y down, +z forward) are those of
-//! the panorama at yaw 0 and pitch 0: the image's centre is +z, the column a quarter to the right of it +x, the lowest row
-//! +y. A direction d is at
+//! Columns are longitudes, rows latitudes. The capture coordinates of a side (+x right, +y down, +z forward) are those
+//! of the panorama at yaw 0 and pitch 0: +z is the image's centre, +x the column a quarter of the width to its right,
+//! and +y the lowest row. A direction d is at
 //!
 //! ```text
 //! u = W (1/2 + atan2(d_x, d_z) / (2 pi)),      v = H (1/2 + atan2(d_y, sqrt(d_x^2 + d_z^2)) / pi)
 //! ```
 //!
-//! with the image's corner at (0, 0) and pixel (i, j)'s centre at (i + 0.5, j + 0.5). Left and right border meet; beyond
-//! the centres of the first and the last row those rows are repeated.
+//! with the image's corner at (0, 0) and the centre of pixel (i, j) at (i + 0.5, j + 0.5). Left and right border meet.
+//! The first and the last row are repeated beyond the centres of their pixels.
 
 use glam::{DMat3, DVec3};
 use std::f64::consts::PI;
 
-/// Rotation from a view's coordinates to the panorama's: the view rises by `pitch_deg`, then turns right by `yaw_deg`.
+/// Returns the rotation from a view's coordinates to the panorama's: the view rises by `pitch_deg`, then turns right by
+/// `yaw_deg`.
 pub(super) fn rotation(yaw_deg: f64, pitch_deg: f64) -> DMat3 {
     let (sin_yaw, cos_yaw) = libm::sincos(yaw_deg.to_radians());
     let (sin_pitch, cos_pitch) = libm::sincos(pitch_deg.to_radians());
@@ -31,7 +32,7 @@ pub(super) fn rotation(yaw_deg: f64, pitch_deg: f64) -> DMat3 {
     turn * rise
 }
 
-/// The four pixels around a direction: two columns and two rows, with the fractions of the second ones.
+/// The four pixels around a direction: two columns and two rows, with the weights of the second column and row.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Taps {
     columns: [usize; 2],
@@ -40,11 +41,11 @@ pub(super) struct Taps {
 }
 
 impl Taps {
-    /// The pixels around direction `d`, of any length above 0, on an image of `width` x `height` pixels.
+    /// Finds the pixels around direction `d`, of any length above 0, in an image of `width` x `height` pixels.
     pub(super) fn new(d: DVec3, width: usize, height: usize) -> Self {
         let longitude = libm::atan2(d.x, d.z);
         let latitude = libm::atan2(d.y, (d.x * d.x + d.z * d.z).sqrt());
-        // Relative to the first pixel's centre.
+        // `u` and `v` are relative to the first pixel's centre.
         let u = width as f64 * (0.5 + longitude / (2.0 * PI)) - 0.5;
         let last = (height - 1) as f64;
         let v = (height as f64 * (0.5 + latitude / PI) - 0.5).clamp(0.0, last);
@@ -58,7 +59,7 @@ impl Taps {
         }
     }
 
-    /// Indices of the four pixels of an image `width` across, with their weights, which add up to 1.
+    /// Returns the indices of the four pixels in an image of this width, with their weights, which add up to 1.
     pub(super) fn weights(&self, width: usize) -> [(usize, f64); 4] {
         let [fu, fv] = self.fraction;
         let at = |row: usize, column: usize| self.rows[row] * width + self.columns[column];
@@ -70,7 +71,7 @@ impl Taps {
         ]
     }
 
-    /// Bilinear interpolation of red, green and blue.
+    /// Interpolates red, green and blue bilinearly.
     pub(super) fn color(&self, pixels: &[[f32; 4]], width: usize) -> [f32; 4] {
         let mut sum = [0.0f64; 3];
         for (at, weight) in self.weights(width) {
@@ -82,8 +83,8 @@ impl Taps {
         [r, g, b, 0.0]
     }
 
-    /// Bilinear interpolation of inverse distance among the valid pixels (holes are 0); a hole where the nearest pixel is
-    /// one.
+    /// Interpolates inverse distance bilinearly among the valid pixels (holes are 0). Returns a hole if the nearest
+    /// pixel is a hole.
     pub(super) fn inverse_distance(&self, inverse_per_m: &[f32], width: usize) -> f64 {
         let weights = self.weights(width);
         let nearest =
@@ -107,7 +108,7 @@ impl Taps {
 mod tests {
     use super::*;
 
-    /// Place on an image of 8 x 4 pixels: column and row, the corner at (0, 0).
+    /// Returns the position in an image of 8 x 4 pixels, with the corner at (0, 0).
     fn place(d: DVec3) -> [f64; 2] {
         let taps = Taps::new(d, 8, 4);
         let u = taps.columns[0] as f64 + taps.fraction[0] + 0.5;
@@ -116,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn the_axes_are_where_the_convention_has_them() {
+    fn the_axes_follow_the_convention() {
         for (d, expected) in [
             (DVec3::Z, [4.0, 2.0]),
             (DVec3::X, [6.0, 2.0]),
@@ -124,7 +125,7 @@ mod tests {
             (DVec3::new(1.0, 0.0, 1.0), [5.0, 2.0]),
             // 45 degrees down: a quarter of the rows below the middle.
             (DVec3::new(0.0, 1.0, 1.0), [4.0, 3.0]),
-            // Poles: the outermost rows' centres.
+            // The poles are at the centres of the outermost rows.
             (DVec3::Y, [4.0, 3.5]),
             (DVec3::NEG_Y, [4.0, 0.5]),
             (DVec3::NEG_Z, [0.0, 2.0]),
@@ -139,7 +140,7 @@ mod tests {
     fn left_and_right_border_meet() {
         let row: Vec<[f32; 4]> = (0..8u8).map(|i| [f32::from(i), 0.0, 1.0, 0.0]).collect();
         let pixels = [row.clone(), row.clone(), row.clone(), row].concat();
-        // Straight behind is between the last column and the first one.
+        // The backward direction is between the last column and the first column.
         let behind = Taps::new(DVec3::NEG_Z, 8, 4).color(&pixels, 8);
         assert_eq!(behind, [3.5, 0.0, 1.0, 0.0]);
         let taps = Taps::new(DVec3::new(-0.0, 0.0, -1.0), 8, 4);
@@ -152,7 +153,7 @@ mod tests {
         near(rotation(90.0, 0.0) * DVec3::Z, DVec3::X);
         near(rotation(0.0, 90.0) * DVec3::Z, DVec3::NEG_Y);
         near(rotation(90.0, 90.0) * DVec3::X, DVec3::NEG_Z);
-        // First up, then around the vertical: the horizon stays level.
+        // The view rises and then turns about the vertical, so that the horizon stays level.
         let half = 0.5f64.sqrt();
         near(rotation(90.0, 45.0) * DVec3::Z, DVec3::new(half, -half, 0.0));
         near(rotation(30.0, 45.0) * DVec3::X * DVec3::Y, DVec3::ZERO);
@@ -162,7 +163,7 @@ mod tests {
 
     #[test]
     fn holes_are_not_interpolated() {
-        // One row of four, as half of an image of 4 x 2: a hole in column 1.
+        // An image of 4 x 2 pixels with two equal rows; column 1 is a hole.
         let inverse = [1.0f32, 0.0, 0.5, 0.25, 1.0, 0.0, 0.5, 0.25];
         let at = |u: f64| {
             let longitude = (u / 4.0 - 0.5) * 2.0 * PI;

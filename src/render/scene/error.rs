@@ -3,22 +3,22 @@
 use super::check_geometry::GeometryError;
 use crate::trace::MAX_COORDINATE_M;
 
-/// Share of the valid depth pixels, or of the vertices in the field of view, that may lie nearer than the pane.
+/// Largest share of the valid depth pixels, or of the vertices in the field of view, that may be nearer than the pane.
 pub const MAX_TOO_NEAR_SHARE: f64 = 0.01;
 
-/// Largest travel of a ray over a depth image, px: beyond it f32 cell indices would not be exact.
+/// Longest path of a ray over a depth image, px. On longer paths, `f32` cell indices are not exact.
 pub(super) const MAX_TRAVEL_PX: f64 = 4_194_304.0;
 
 /// A scene that cannot be traced. `side` is `front` or `back`.
 #[derive(Debug, thiserror::Error)]
 pub enum AssembleError {
-    /// The pane cannot be rendered.
+    /// A pane that cannot be rendered.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
-    /// Surfaces of a photograph lie between the lens and the pane.
+    /// A photograph with surfaces between the lens and the pane.
     #[error(
         "{side} photograph: {:.2} % of its valid depth pixels are nearer than the pane at {distance_m} m \
-         (nearest surface {nearest_m:.3} m, at most {:.0} % may be): move the pane nearer \
+         (nearest surface {nearest_m:.3} m, at most {:.0} % are allowed): move the pane nearer \
          (glass.distance_m), take another photograph, or check {side}.depth_unit_m", share * 100.0,
         MAX_TOO_NEAR_SHARE * 100.0
     )]
@@ -29,10 +29,10 @@ pub enum AssembleError {
         distance_m: f64,
         nearest_m: f64,
     },
-    /// Vertices of a mesh lie between the lens and the pane.
+    /// A mesh with vertices between the lens and the pane.
     #[error(
         "{side} mesh: {:.2} % of its vertices in the field of view are nearer than the pane at {distance_m} m \
-         (nearest {nearest_m:.3} m, at most {:.0} % may be): move the pane nearer (glass.distance_m), or check \
+         (nearest {nearest_m:.3} m, at most {:.0} % are allowed): move the pane nearer (glass.distance_m), or check \
          {side}.unit_m and {side}.pose", share * 100.0, MAX_TOO_NEAR_SHARE * 100.0
     )]
     MeshTooNear {
@@ -43,25 +43,25 @@ pub enum AssembleError {
         /// Smallest distance from the lens along the axis.
         nearest_m: f64,
     },
-    /// The lens sees no triangle of the mesh.
+    /// A mesh without a triangle in front of the lens.
     #[error(
         "{side} mesh: none of its {triangles} triangles is in front of the lens: check {side}.unit_m, {side}.pose \
          (the camera looks along +z, +y is down) and the apex"
     )]
     MeshUnseen { side: &'static str, triangles: usize },
-    /// A mesh that reaches beyond the coordinates that the tracer takes.
+    /// A mesh that exceeds the tracer's largest coordinate.
     #[error(
         "{side} mesh: it reaches {reach_m:e} m from the lens along an axis (limit {MAX_COORDINATE_M:e}): check \
          {side}.unit_m, {side}.pose and glass.distance_m"
     )]
     MeshReach {
         side: &'static str,
-        /// Its largest coordinate, m.
+        /// Largest coordinate of the mesh.
         reach_m: f64,
     },
-    /// The ray through the film's centre meets nothing to focus on.
+    /// A focus on the centre of a side that the ray through the film's centre does not meet.
     #[error(
-        "camera.focus is {side}_center, but the ray through the film's centre meets nothing of the {side}: write a \
+        "camera.focus is {side}_center, but the ray through the film's centre does not meet the {side}: write a \
          distance_m, or check {side}.pose"
     )]
     NoFocus { side: &'static str },
@@ -76,14 +76,14 @@ pub enum AssembleError {
         /// Depth pixels that a lens ray would cross.
         travel_px: f64,
     },
-    /// With apex `camera` a tilted pane shows directions outside the back photograph.
+    /// A tilted pane that shows, with apex `camera`, directions outside the back photograph.
     #[error(
         "the pane's tilt {tilt_deg:?} degrees turns the reflected view {angle_deg:.1} degrees away from the back \
          photograph's axis (limit 85): tilt less, or use \"apex\": \"mirror\""
     )]
     LooksAway {
         tilt_deg: [f64; 2],
-        /// Largest angle between the reflected view and that photograph's axis.
+        /// Largest angle between the reflected view and the photograph's axis.
         angle_deg: f64,
     },
 }

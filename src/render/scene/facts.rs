@@ -38,7 +38,7 @@ pub struct Sides {
     pub back: f64,
 }
 
-/// A value for each side that has one.
+/// An optional value for each side.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SidesWith<T> {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -56,14 +56,14 @@ impl<T> SidesWith<T> {
 /// An order of the glass that the tracer follows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OrderFact {
-    /// `t0`, `t1`, ..., `r0`, `r1`, ...
+    /// Name of the order: `t0`, `t1`, ..., `r0`, `r1`, ...
     pub order: String,
     /// Largest weight over the film.
     pub max_weight: f64,
     pub samples: u32,
 }
 
-/// Orders of the plan, each with its number of samples out of `spp`.
+/// Lists the orders of the plan, each with its number of samples out of `spp`.
 pub(super) fn order_facts(orders: &OrderPlan, spp: u32) -> Vec<OrderFact> {
     let block = spp.min(BLOCK as u32);
     let all = orders.front.iter().chain(&orders.back);

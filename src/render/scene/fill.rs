@@ -1,14 +1,14 @@
-//! Filling of holes in inverse depth. A hole is 0; every other value is above 0.
+//! Fills holes in inverse depth. A hole is 0; every other value is above 0.
 //!
-//! Planes are linear in inverse depth: pull-push interpolates a plane between valid pixels. One thread, a fixed order, sums
-//! in `f64`.
+//! Planes are linear in inverse depth, so that pull-push interpolates a plane between valid pixels. The bits are
+//! reproducible: one thread, a fixed order, sums in `f64`.
 
 /// Fills holes by pull-push interpolation (Gortler et al., "The Lumigraph", 1996, section 3.5).
 ///
-/// Pull: a coarse pixel is the unweighted mean of its valid children among 2x2; levels
-/// are added until one has no hole. Push: a hole takes 9/16 of its parent, 3/16 of each of the
-/// parent's two neighbours on the hole's side, 1/16 of the diagonal one; indices are clamped.
-/// Valid pixels keep their bits. At least one pixel must be valid.
+/// Pull: a coarse pixel is the unweighted mean of the valid pixels among its 2x2 children; the top level is the first
+/// without holes. Push: a hole takes 9/16 of its parent, 3/16 of each of the parent's two neighbours on the hole's
+/// side, 1/16 of the diagonal neighbour; indices are clamped. Valid pixels keep their bits. At least one pixel must be
+/// valid.
 pub(super) fn smooth(inverse_depth_per_m: &mut [f32], width: usize, height: usize) {
     debug_assert!(inverse_depth_per_m.iter().any(|&w| w > 0.0));
     if !inverse_depth_per_m.contains(&0.0) {
@@ -28,7 +28,7 @@ pub(super) fn far(inverse_depth_per_m: &mut [f32]) {
     }
 }
 
-/// One level of the pyramid, half the size of the one below, rounded up.
+/// A level of the pyramid, half the size of the level below, rounded up.
 struct Level {
     width: usize,
     w: Vec<f32>,
@@ -36,13 +36,13 @@ struct Level {
 }
 
 impl Level {
-    /// The level above `fine`.
+    /// Computes the level above `fine`.
     fn pull(fine: &[f32], fine_width: usize, fine_height: usize) -> Self {
         let (width, height) = (fine_width.div_ceil(2), fine_height.div_ceil(2));
         let mut w = Vec::with_capacity(width * height);
         for j in 0..height {
             let top = &fine[2 * j * fine_width..][..fine_width];
-            // An odd last row or column has no second child: an empty row, a hole.
+            // An odd last row or column has no second child; an empty row or a hole takes its place.
             let bottom = if 2 * j + 1 < fine_height {
                 &fine[(2 * j + 1) * fine_width..][..fine_width]
             } else {
@@ -65,7 +65,7 @@ impl Level {
         Self { width, w, height }
     }
 
-    /// Fills the holes of `fine`, the level below; this one has none.
+    /// Fills the holes of `fine`, the level below. This level has no holes.
     fn push(&self, fine: &mut [f32], fine_width: usize) {
         for (y, row) in fine.chunks_exact_mut(fine_width).enumerate() {
             let near = &self.w[y / 2 * self.width..][..self.width];
@@ -82,12 +82,12 @@ impl Level {
     }
 }
 
-/// The coarse neighbour on the side of fine pixel `i`, clamped to `0..count`.
+/// Returns the coarse neighbour on the side of fine pixel `i`, clamped to `0..count`.
 fn toward(i: usize, count: usize) -> usize {
     if i % 2 == 1 { (i / 2 + 1).min(count - 1) } else { (i / 2).saturating_sub(1) }
 }
 
-/// Mean of the valid values; a hole if there are none.
+/// Returns the mean of the valid values; a hole if all are holes.
 fn mean_of_valid(children: [f32; 4]) -> f32 {
     let (mut sum, mut count) = (0.0, 0u32);
     for child in children {
@@ -103,8 +103,8 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_hole_between_two_pixels() {
-        // Level 1 of [a, hole, hole, b] is [a, b]; each hole is 3/4 of its own, 1/4 of the other.
+    fn holes_between_two_pixels_are_interpolated() {
+        // Level 1 of [a, hole, hole, b] is [a, b]; each hole takes 3/4 of its parent and 1/4 of the other pixel.
         let mut w = [1.0, 0.0, 0.0, 2.0];
         smooth(&mut w, 4, 1);
         assert_eq!(w, [1.0, 1.25, 1.75, 2.0]);
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn far_takes_the_smallest() {
+    fn far_takes_the_smallest_inverse_depth() {
         let mut w = [0.0, 2.0, 0.5, 0.0];
         far(&mut w);
         assert_eq!(w, [0.5, 2.0, 0.5, 0.5]);

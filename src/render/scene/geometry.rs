@@ -4,7 +4,7 @@ use crate::line::{Apex, Filter, SceneLine};
 use crate::trace::{FilmPlane, FilterTable, Lens, Slab};
 use glam::{DMat3, DVec3};
 
-/// The pane of a line.
+/// Returns the pane of a line.
 pub(super) fn slab(line: &SceneLine) -> Slab {
     let normal = if line.glass.tilt_deg == [0.0, 0.0] {
         DVec3::Z
@@ -20,7 +20,7 @@ pub(super) fn slab(line: &SceneLine) -> Slab {
     }
 }
 
-/// The film of a line.
+/// Returns the film of a line.
 pub(super) fn film_plane(line: &SceneLine) -> FilmPlane {
     FilmPlane {
         filter: match line.film.filter {
@@ -31,7 +31,7 @@ pub(super) fn film_plane(line: &SceneLine) -> FilmPlane {
     }
 }
 
-/// The film without the table of its filter, the slowest part to compute.
+/// Returns the film without the table of its filter, which is the slowest part to compute.
 pub(super) fn unfiltered_film(line: &SceneLine) -> FilmPlane {
     let (width, height) = (line.film.width, line.film.height);
     FilmPlane {
@@ -42,7 +42,7 @@ pub(super) fn unfiltered_film(line: &SceneLine) -> FilmPlane {
     }
 }
 
-/// How far beyond the film its filter reaches, px.
+/// Returns the distance by which a filter reaches beyond the film, px.
 pub(super) fn filter_reach_px(filter: Filter) -> f64 {
     match filter {
         Filter::Box => 0.0,
@@ -50,7 +50,7 @@ pub(super) fn filter_reach_px(filter: Filter) -> f64 {
     }
 }
 
-/// Tangents of half the field of view, widened by the lens and the filter.
+/// Returns the tangents of half the field of view, widened by the lens and the filter.
 pub(super) fn film_reach(film: &FilmPlane, lens: &Lens) -> [f64; 2] {
     let spread = lens.aperture_radius_m * lens.inverse_focus_per_m;
     let beyond = film.filter.as_ref().map_or(0.0, FilterTable::radius_px);
@@ -58,7 +58,7 @@ pub(super) fn film_reach(film: &FilmPlane, lens: &Lens) -> [f64; 2] {
     [0, 1].map(|k| film.tan_half_fov[k] + beyond * pixel[k] + spread)
 }
 
-/// A dense set of camera directions: a grid over the film's reach.
+/// Returns a dense set of camera directions: a grid over the film's reach.
 pub(super) fn film_directions(reach: [f64; 2]) -> Vec<DVec3> {
     const STEPS: u32 = 32;
     let at = |i: u32| 2.0 * f64::from(i) / f64::from(STEPS) - 1.0;
@@ -79,33 +79,33 @@ impl BackCamera {
         Self { apex, normal: slab.normal, plane_distance_m: slab.plane_distance_m }
     }
 
-    /// H = I - 2 n n^T.
+    /// Returns the reflection H = I - 2 n n^T.
     fn mirror(&self) -> DMat3 {
         let n = self.normal;
         DMat3::IDENTITY - DMat3::from_cols(n * n.x, n * n.y, n * n.z) * 2.0
     }
 
-    /// Distance of a mirrored lens from the lens, along the normal.
+    /// Returns the distance of the mirrored lens from the lens, along the normal.
     pub(crate) fn twice_distance_m(&self) -> f64 {
         2.0 * self.plane_distance_m
     }
 
-    /// From capture coordinates to the lens's, in the mirrored world.
+    /// Returns the map from capture coordinates to the lens's, in the mirrored world.
     pub(super) fn lens_from_capture(&self) -> impl Fn(DVec3) -> DVec3 + use<> {
         let (apex, mirror) = (self.apex, self.mirror());
         let twice = self.normal * self.twice_distance_m();
         move |x| match apex {
-            // The capture camera is the lens's own mirror image: in the mirrored world it is the lens, whatever the tilt.
+            // The capture camera is the lens's mirror image. In the mirrored world, it is at the lens for any tilt.
             Apex::Mirror => DVec3::new(-x.x, x.y, x.z),
             Apex::Camera => mirror * DVec3::new(-x.x, x.y, -x.z) + twice,
         }
     }
 
-    /// The inverse: rotation and translation.
+    /// Returns the inverse map, as rotation and translation.
     pub(crate) fn capture_from_lens(&self) -> (DMat3, DVec3) {
         match self.apex {
             Apex::Mirror => (DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)), DVec3::ZERO),
-            // x = H x' + 2 D n mirrors the mirrored world back; then diag(-1, 1, -1) turns.
+            // x = H x' + 2 D n mirrors the mirrored world back; then diag(-1, 1, -1) turns the camera round.
             Apex::Camera => {
                 let turn = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0));
                 let twice = self.normal * self.twice_distance_m();
@@ -114,11 +114,12 @@ impl BackCamera {
         }
     }
 
-    /// Distance of a point in capture coordinates from the lens, along the pane's normal in the mirrored world.
+    /// Returns the distance of a point in capture coordinates from the lens, along the pane's normal in the mirrored
+    /// world.
     pub(super) fn height_m(&self, p: DVec3) -> f64 {
         match self.apex {
             Apex::Mirror => DVec3::new(-p.x, p.y, p.z).dot(self.normal),
-            // The surface must stay on the camera's side of the pane: mirrored there, it is measured alike.
+            // A surface on the camera's side of the pane is beyond the pane in the mirrored world.
             Apex::Camera => self.twice_distance_m() - DVec3::new(-p.x, p.y, -p.z).dot(self.normal),
         }
     }

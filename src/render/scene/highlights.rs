@@ -1,4 +1,4 @@
-//! Radiance of clipped highlights: an inverse tone curve.
+//! An inverse tone curve for the radiance of clipped highlights.
 //!
 //! A camera stores radiance above white as white. With v a pixel's largest linear channel, a = `above` and M = `to`,
 //! values v > a become
@@ -7,13 +7,13 @@
 //! f(v) = v + (M - 1) ((v - a) / (1 - a))^2
 //! ```
 //!
-//! so that f(a) = a, f'(a) = 1, f(1) = M, and f rises everywhere. All three channels are multiplied by f(v) / v: hue and
-//! saturation stay. The curve is a guess: the clipped radiance is lost. Banterle et al., "Inverse tone mapping" (GRAPHITE
-//! 2006), expand the range in a similar way.
+//! so that f(a) = a, f'(a) = 1, f(1) = M, and f rises everywhere. All three channels are multiplied by f(v) / v, which
+//! keeps hue and saturation. The curve is a guess, because the clipped radiance is lost. Banterle et al., "Inverse tone
+//! mapping" (GRAPHITE 2006), expand the range in a similar way.
 
 use crate::line::Highlights;
 
-/// f(v) of a largest channel `v`, linear.
+/// Computes f(v) of the largest linear channel `v`.
 fn expanded(curve: Highlights, v: f64) -> f64 {
     if v <= curve.above {
         return v;
@@ -26,7 +26,7 @@ fn expanded(curve: Highlights, v: f64) -> f64 {
 pub(super) fn expand(pixels: &mut [[f32; 4]], curve: Highlights, scale: [f64; 3]) {
     for pixel in pixels {
         let v = f64::from(pixel[0].max(pixel[1]).max(pixel[2]));
-        // Below the curve nothing is divided, so that no bit is lost.
+        // Below the curve, the gain is exactly 1, so that no bit changes.
         let gain = if v > curve.above { expanded(curve, v) / v } else { 1.0 };
         for (channel, factor) in pixel.iter_mut().zip(scale) {
             *channel = (f64::from(*channel) * (gain * factor)) as f32;
@@ -42,11 +42,11 @@ mod tests {
     const CURVE: Highlights = Highlights { above: 0.9, to: 8.0 };
 
     #[test]
-    fn closed_values() {
+    fn values_match_the_closed_form() {
         assert_eq!(expanded(CURVE, 0.5), 0.5);
         assert_eq!(expanded(CURVE, 0.9), 0.9);
         assert!((expanded(CURVE, 1.0) - 8.0).abs() < 1e-14);
-        // Half of the way: 0.95 + 7/4.
+        // Halfway between `above` and 1: 0.95 + 7/4.
         assert!((expanded(CURVE, 0.95) - 2.7).abs() < 1e-14);
         let flat = Highlights { above: 0.0, to: 1.0 };
         assert_eq!(expanded(flat, 0.3), 0.3);
@@ -70,7 +70,7 @@ mod tests {
             let curve = Highlights { above, to };
             let h = 1e-7;
             prop_assert!(expanded(curve, v + h) > expanded(curve, v));
-            // C1: the slope from either side of any point differs by no more than h times the second derivative.
+            // C1: the slopes on both sides of a point differ by at most h times the second derivative.
             let bend = 2.0 * (to - 1.0) / (1.0 - above).powi(2);
             for at in [above, v] {
                 let left = (expanded(curve, at) - expanded(curve, at - h)) / h;

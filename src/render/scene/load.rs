@@ -1,4 +1,4 @@
-//! Reads a scene's files. Decoding them is pure.
+//! Reads, decodes and assembles a scene's files. Decoding is pure.
 
 use super::facts::order_facts;
 use super::panorama::decode_panorama;
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Why a scene cannot be made from its files: a reason for quarantine.
+/// A scene that cannot be made from its files: a reason for quarantine.
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
     #[error(transparent)]
@@ -26,9 +26,9 @@ pub enum LoadError {
 
 /// The bytes of a scene's files.
 pub struct SceneFiles {
-    /// Seen through the pane.
+    /// Side seen through the pane.
     pub front: SideFiles,
-    /// Seen reflected in it.
+    /// Side reflected in the pane.
     pub back: SideFiles,
 }
 
@@ -42,15 +42,15 @@ pub enum SideFiles {
 /// A scene's two sides, decoded, and the digests of their files.
 #[derive(Clone)]
 pub struct DecodedScene {
-    /// Seen through the pane.
+    /// Side seen through the pane.
     pub front: Decoded,
-    /// Seen reflected in it.
+    /// Side reflected in the pane.
     pub back: Decoded,
-    /// BLAKE3 digests of the files.
+    /// Digests of the scene's files.
     pub inputs: InputDigests,
 }
 
-/// Digests (BLAKE3, hex) of a scene's input files, by the manifest line's field (`front.color`, ...).
+/// BLAKE3 digests (hex) of a scene's input files, by field of the scene line (`front.color`, ...).
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct InputDigests(pub BTreeMap<String, String>);
@@ -58,14 +58,14 @@ pub struct InputDigests(pub BTreeMap<String, String>);
 /// A scene ready to trace, with its facts.
 pub struct LoadedScene {
     pub scene: Scene,
-    /// For partials and `tuple.json`.
+    /// Facts for partials and `tuple.json`.
     pub facts: SceneFacts,
-    /// BLAKE3 digests of its files.
+    /// Digests of the scene's files.
     pub inputs: InputDigests,
 }
 
 impl LoadedScene {
-    /// Takes over the line's seed, sample count and layers; nothing else of the line may have changed.
+    /// Adopts the line's seed, sample count and layers. The rest of the line must be unchanged.
     pub(crate) fn resample(&mut self, line: &SceneLine) {
         let scene = &mut self.scene;
         (scene.seed, scene.spp) = (line.seed, line.film.spp);
@@ -79,7 +79,7 @@ pub fn read_files(line: &SceneLine, roots: &Roots, base: &Path) -> Result<SceneF
     read_files_by(line, roots, base, &|path| std::fs::read(path))
 }
 
-/// [`read_files`] from any storage: `read` gets the line's paths as [`Roots::resolve`] resolves them.
+/// Reads a scene's files from any storage: `read` receives the line's paths after [`Roots::resolve`].
 pub fn read_files_by(
     line: &SceneLine,
     roots: &Roots,
@@ -113,15 +113,15 @@ pub fn read_files_by(
     Ok(SceneFiles { front: side(&line.front)?, back: side(&line.back)? })
 }
 
-/// Decodes the files and assembles the scene. Pure.
+/// Decodes the files and assembles the scene.
 pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadError> {
     let decoded = decode(line, files)?;
     let (scene, facts) = assemble(line, decoded.front, decoded.back)?;
     Ok(LoadedScene { scene, facts, inputs: decoded.inputs })
 }
 
-/// The first half of [`load`], for several scenes of the same photographs. Of a panorama it decodes only the part that
-/// this line sees.
+/// Decodes the files: the first half of [`load`], for several scenes of the same photographs. Decodes only the part of
+/// a panorama that this line sees.
 pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, LoadError> {
     Ok(DecodedScene {
         front: decode_side(&line.front.seen_by(&line.camera), &files.front, || Sight::front(line))?,
@@ -130,7 +130,7 @@ pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, Load
     })
 }
 
-/// Only panoramas call `sight`: a line uses a part of them.
+/// Decodes one side. Only panoramas call `sight`, because a line uses only a part of them.
 fn decode_side(
     side: &Side,
     files: &SideFiles,

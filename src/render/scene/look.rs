@@ -1,7 +1,7 @@
 //! Checks an input file by its beginning and end.
 //!
-//! Refuses no file that a scene can use: if the header does not decide, the whole file is decoded as for a scene. Does not
-//! check the pixels (NaN, no valid depth).
+//! Refuses no file that a scene can use: if the header does not decide, the whole file is decoded as for a scene. Does
+//! not check the pixels (NaN, no valid depth).
 
 use super::{color, depth, mask, panorama};
 use crate::formats::error::SceneError;
@@ -9,9 +9,9 @@ use crate::formats::files::{FileFormat, NamedBytes};
 use crate::formats::{ply, raster};
 use crate::line::Transfer;
 
-/// Bytes at a file's start that contain most headers; a JPEG may have a preview before its size.
+/// Number of bytes at a file's start that contain most headers; a JPEG may have a preview before its size.
 pub const START_BYTES: usize = 1 << 14;
-/// Bytes at a file's end that contain the end marker of a PNG or JPEG.
+/// Number of bytes at a file's end that contain the end marker of a PNG or JPEG.
 pub const END_BYTES: usize = 16;
 
 /// Role of a file in a scene line.
@@ -27,26 +27,26 @@ pub enum FileRole {
     Mesh,
 }
 
-/// Parts of a file.
+/// The beginning and the end of a file.
 #[derive(Clone, Debug)]
 pub struct FileEnds {
-    /// Its name, and its first [`START_BYTES`] or more; the whole file, if it is no longer.
+    /// Name and first [`START_BYTES`] bytes or more; the whole file, if it is not longer.
     pub start: NamedBytes,
-    /// Its last [`END_BYTES`], if they were read.
+    /// Last [`END_BYTES`] bytes, if they were read.
     pub end: Option<Vec<u8>>,
-    /// Bytes of the whole file.
+    /// Length of the whole file, bytes.
     pub length: u64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
-    /// No error. Width and height in pixels; `None` for a mesh.
+    /// No error. Holds width and height in pixels; `None` for a mesh.
     Sound(Option<[usize; 2]>),
-    /// The parts do not decide: the whole file must be read.
+    /// The parts do not decide, so the whole file must be read.
     Unsure,
 }
 
-/// Checks the parts of a file. Pure.
+/// Checks the parts of a file.
 pub fn look(role: FileRole, ends: &FileEnds) -> Result<Look, SceneError> {
     let (file, length) = (&ends.start, ends.length);
     let is_whole = file.bytes.len() as u64 == length;
@@ -63,7 +63,7 @@ pub fn look(role: FileRole, ends: &FileEnds) -> Result<Look, SceneError> {
 pub fn look_at_whole(role: FileRole, file: &NamedBytes) -> Result<Option<[usize; 2]>, SceneError> {
     let size = size(role, file, file.bytes.len() as u64)?;
     let is_jpeg = file.bytes.starts_with(&[0xff, 0xd8, 0xff]);
-    // A JPEG with an end marker is complete: decoding it would only cost time.
+    // A JPEG with an end marker is complete, so that decoding it would only cost time.
     if !(is_jpeg && raster::jpeg_is_whole(&file.bytes)) {
         match role {
             FileRole::Color | FileRole::Panorama => {
@@ -96,8 +96,8 @@ fn whole_sphere(file: &NamedBytes, [width, height]: [usize; 2]) -> Result<[usize
     Ok([width, height])
 }
 
-/// Whether the file has its format's end marker or length. True for formats whose header was checked against the length,
-/// and if the end was not read.
+/// True if the file has its format's end marker or length. Also true if the end was not read, and for formats with a
+/// header that was already checked against the length.
 fn ends_well(ends: &FileEnds, is_whole: bool) -> bool {
     let end = match &ends.end {
         _ if is_whole => &ends.start.bytes,
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn headers_tell_the_size() {
+    fn headers_give_the_size() {
         let size = Some([64, 48]);
         let color = png(&noise(64 * 48 * 3), 64, 48, Png::Rgb8);
         assert_eq!(sound(FileRole::Color, &color, 200), size);
@@ -196,7 +196,7 @@ mod tests {
         let looked = look(FileRole::Depth, &ends(&short, 1000)).unwrap();
         assert_eq!(looked, Look::Unsure);
         let error = look_at_whole(FileRole::Depth, &short).unwrap_err();
-        let words = "needs 12288 bytes of data, the file has 12287";
+        let words = "needs 12288 bytes of data, but the file has 12287";
         assert!(error.to_string().contains(words), "{error}");
     }
 
@@ -219,9 +219,9 @@ mod tests {
         }
     }
 
-    /// Bytes after the image are no error: a scene can use the file.
+    /// Bytes after the image are not an error, because a scene can use the file.
     #[test]
-    fn bytes_behind_the_image_do_not_matter() {
+    fn bytes_after_the_image_do_not_matter() {
         for mut file in [png(&noise(12), 2, 2, Png::Rgb8), jpeg(&noise(192), 8, 8)] {
             file.bytes.extend([7; 40]);
             assert_eq!(look(FileRole::Color, &ends(&file, 1000)).unwrap(), Look::Unsure);
@@ -239,7 +239,7 @@ mod tests {
         assert_eq!(look_at_whole(FileRole::Color, &file).unwrap(), Some([8, 8]));
     }
 
-    /// The whole file is decoded, as for a scene.
+    /// True if the whole file can be decoded, as for a scene.
     fn is_decoded(role: FileRole, file: &NamedBytes) -> bool {
         let is_sphere = |w, h| panorama::check_aspect(file, w, h).is_ok();
         let color = || color::decode(file, Transfer::Linear, [1.0; 3]);
@@ -269,7 +269,7 @@ mod tests {
         property list uchar int vertex_indices\nend_header\n0 0 1 9 9 9\n1 0 1 9 9 9\n0 1 1 9 9 9\n3 0 1 2\n";
 
     proptest! {
-        /// Damaged bytes are refused only if a scene could not use them.
+        /// A damaged file is refused only if a scene cannot use it.
         #[test]
         fn refused_files_cannot_be_decoded(
             kind in 0usize..10,

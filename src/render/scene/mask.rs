@@ -1,4 +1,4 @@
-//! The mask: which pixels of the depth image were measured.
+//! Decodes masks, which mark the measured pixels of depth images.
 
 use crate::formats::error::SceneError;
 use crate::formats::files::{FileFormat, NamedBytes};
@@ -13,11 +13,11 @@ const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers or booleans";
 pub(super) struct Mask {
     pub(super) width: usize,
     pub(super) height: usize,
-    /// Row by row.
+    /// True for valid pixels, row by row.
     pub(super) valid: Vec<bool>,
 }
 
-/// The file's format, if it can hold a mask.
+/// Returns the file's format, if it can hold a mask.
 fn format(file: &NamedBytes) -> Result<FileFormat, SceneError> {
     match file.format(FORMATS)? {
         format @ (FileFormat::Jpeg | FileFormat::Exr | FileFormat::Pfm | FileFormat::Hdr) => {
@@ -27,7 +27,7 @@ fn format(file: &NamedBytes) -> Result<FileFormat, SceneError> {
     }
 }
 
-/// Width and height, from the header of a file of `length` bytes; `file` may hold the beginning alone.
+/// Reads width and height from the header of a file of `length` bytes; `file` may hold only its beginning.
 pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
     let format = format(file)?;
     if format == FileFormat::Npy {
@@ -38,7 +38,8 @@ pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneEr
     Ok([head.width, head.height])
 }
 
-/// Decodes a mask: values other than 0 and NaN are valid; in a PNG, pixels with a colour channel above 0. Ignores alpha.
+/// Decodes a mask. Values other than 0 and NaN are valid; in PNG and PNM, pixels with a colour channel above 0. Ignores
+/// alpha.
 pub(super) fn decode(file: &NamedBytes) -> Result<Mask, SceneError> {
     let raster = match format(file)? {
         FileFormat::Npy => {
@@ -80,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn npy_of_any_type() {
+    fn npy_of_any_type_is_a_mask() {
         assert_eq!(valid(&npy("|b1", false, "(1, 3)", &[0, 1, 1])), [false, true, true]);
         let floats: Vec<u8> =
             [0.0f32, -0.0, f32::NAN, -1.0].iter().flat_map(|value| value.to_le_bytes()).collect();

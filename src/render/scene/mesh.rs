@@ -1,4 +1,4 @@
-//! A triangle mesh: its file becomes polygons in the capture camera's coordinates.
+//! Decodes the file of a triangle mesh to polygons in the capture camera's coordinates.
 
 use super::transfer;
 use crate::formats::error::SceneError;
@@ -8,23 +8,23 @@ use crate::line::MeshFile;
 use crate::trace::MAX_COORDINATE_M;
 use glam::{DMat3, DVec3};
 
-/// A triangle mesh that carries radiance at its vertices.
+/// A triangle mesh with radiance at its vertices.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Polygons {
-    /// In the capture camera's coordinates (+x right, +y down, +z forward), m.
+    /// Positions in the capture camera's coordinates (+x right, +y down, +z forward).
     pub vertices_m: Vec<DVec3>,
     /// Linear Rec.709 radiance of each vertex with the exposure applied: red, green, blue, 0.
     pub radiance: Vec<[f32; 4]>,
-    /// Indices of three vertices each.
+    /// Vertex indices of each triangle.
     pub triangles: Vec<[u32; 3]>,
-    /// Faces of fewer than three corners, which were left out.
+    /// Number of faces with fewer than three corners, which were left out.
     pub empty_faces: u64,
-    /// The largest radiance of any channel.
+    /// Largest radiance of any channel.
     pub max_radiance: f32,
 }
 
-/// Decodes a mesh's file: polygons become fans of triangles, colours linear radiance, coordinates metres of the
-/// capture camera.
+/// Decodes a mesh's file. Polygons become fans of triangles, colours become linear radiance, and coordinates become
+/// metres in the capture camera's coordinates.
 pub fn decode_mesh(line: &MeshFile, file: &NamedBytes) -> Result<Polygons, SceneError> {
     let ply::Ply { mut vertices, colors, triangles, empty_faces } = ply::decode(file)?;
     let (rotation, translation) = line.pose.map_or((DMat3::IDENTITY, DVec3::ZERO), |pose| {
@@ -37,7 +37,7 @@ pub fn decode_mesh(line: &MeshFile, file: &NamedBytes) -> Result<Polygons, Scene
         if !is_within {
             return Err(file.bad_element(
                 format!("vertex {index}"),
-                format!("lies {:e} m away", placed.length()),
+                format!("is {:e} m from the capture camera", placed.length()),
                 "meshes reach at most 1e7 m along an axis: check unit_m and pose",
             ));
         }

@@ -1,20 +1,20 @@
-//! The files of a scene line become sheets of radiance and inverse depth (or meshes), in metres.
+//! Decodes the files of a scene line to sheets of radiance and inverse depth, or meshes, in metres.
 //!
-//! Everything here is pure: the caller reads the files, this module reads their bytes. A
-//! photograph goes through these files, in this order:
+//! Only `load` can read files; everything else works on their bytes. A photograph passes through these modules, in this
+//! order:
 //!
 //! ```text
 //! files (format by magic bytes) -> npy | exr_raster | raster -> depth, mask, color (transfer)
 //!                                                      -> fill, center -> photograph (Sheet)
 //! ```
 //!
-//! a panorama through `window` (the part that the film sees) and `equirect` to `panorama` (Sheet),
-//! and a mesh through `ply_header`, `ply`, `transfer` to `mesh` (Polygons). `assemble` takes either: `place`, `check_geometry`,
-//! `near`, `surface`, with the coordinates of `geometry`. `look` checks files by their headers.
+//! A panorama passes through `window` (the part that the film sees) and `equirect` to `panorama` (Sheet), and a mesh
+//! through `ply_header`, `ply`, `transfer` to `mesh` (Polygons). `assemble` takes either and uses `place`,
+//! `check_geometry`, `near`, `surface`, with the coordinates of `geometry`. `look` checks files by their headers.
 //!
-//! Hostile bytes end in a [`SceneError`](crate::formats::SceneError), never in a panic, and sizes are checked before anything
-//! of that size is allocated ([`crate::formats::limits`]). A sheet's bits are a function of the bytes and the
-//! manifest line: one thread, a fixed order, and [`libm`] for powers and angles.
+//! Hostile bytes cause a [`SceneError`](crate::formats::SceneError), never a panic. Sizes are checked
+//! ([`crate::formats::limits`]) before memory of that size is allocated. A sheet's bits depend only on the bytes and
+//! the scene line: one thread, a fixed order, and [`libm`] for powers and angles.
 
 mod assemble;
 mod center;

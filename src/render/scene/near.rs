@@ -1,4 +1,4 @@
-//! The share of a side between the lens and the pane.
+//! Measures the share of a side between the lens and the pane.
 
 use super::error::{AssembleError, MAX_TOO_NEAR_SHARE};
 use super::photograph::Sheet;
@@ -6,7 +6,7 @@ use super::place::Placed;
 use crate::trace::{NEAR_M, Slab};
 use glam::DVec3;
 
-/// The pane and the view that surfaces are measured against.
+/// The pane and the field of view of the measurement.
 pub(super) struct Near<'a> {
     pub(super) slab: &'a Slab,
     /// `glass.distance_m`, for errors.
@@ -22,7 +22,7 @@ struct Counts {
 }
 
 impl Counts {
-    /// Counts points of (z, height over the lens along the pane's normal).
+    /// Counts points, given as (z, distance from the lens along the pane's normal).
     fn of(points: impl Iterator<Item = (f64, f64)>, plane_distance_m: f64) -> Self {
         let mut counts = Self { all: 0, near: 0, nearest_m: f64::INFINITY };
         for (z_m, height_m) in points {
@@ -35,8 +35,8 @@ impl Counts {
 }
 
 impl Near<'_> {
-    /// Share nearer than the pane; an error above [`MAX_TOO_NEAR_SHARE`]. `height` maps a point in capture coordinates to
-    /// its distance from the lens along the pane's normal; meshes are already in the lens's coordinates.
+    /// Returns the share nearer than the pane; an error above [`MAX_TOO_NEAR_SHARE`]. `height` maps a point in capture
+    /// coordinates to its distance from the lens along the pane's normal. Meshes are already in the lens's coordinates.
     pub(super) fn share(
         &self,
         side: &'static str,
@@ -72,7 +72,7 @@ impl Near<'_> {
         Counts::of(points, self.slab.plane_distance_m)
     }
 
-    /// A mesh may surround the lens: only vertices in the field of view count.
+    /// Counts only vertices in the field of view, because a mesh may surround the lens.
     fn of_vertices(&self, vertices_m: &[DVec3]) -> Counts {
         let is_in_view = |v: &&DVec3| {
             v.z >= NEAR_M && v.x.abs() <= self.reach[0] * v.z && v.y.abs() <= self.reach[1] * v.z

@@ -1,8 +1,8 @@
-//! A panorama: the part that the film sees becomes a pinhole view, a sheet like any other.
+//! Converts the part of a panorama that the film sees to a pinhole view, a sheet like any other.
 //!
-//! The view is the capture camera's. Its window is that of [`super::window`] plus one pixel on every side, so that no path
-//! ends on the continuation of a border. It has about as many pixels a radian as the panorama, nowhere
-//! fewer, within [`MAX_VIEW_SIDE`]. Colour is interpolated in linear light, depth as inverse distance along the ray.
+//! The view is that of the capture camera. Its window is that of [`super::window`] plus one pixel on every side, so
+//! that no path ends beyond a border. Within [`MAX_VIEW_SIDE`], the view has about as many pixels per radian as the
+//! panorama, and nowhere fewer. Colour is interpolated in linear light, depth as inverse distance along the ray.
 
 use super::equirect::{Taps, rotation};
 use super::photograph::{Sheet, invert};
@@ -14,13 +14,14 @@ use crate::line::{DepthMap, Fill, Intrinsics, PanoramaDepth, PanoramaFile, Trans
 use glam::{DMat3, DVec3};
 use std::f64::consts::TAU;
 
-/// Most pixels along one side of the view.
+/// Largest side of the view, px.
 const MAX_VIEW_SIDE: usize = 2048;
 
-/// Least pixels a radian: on a coarser grid a sphere, flat between vertices, would be off by more than 1e-4 of its radius.
+/// Least number of pixels per radian. On a coarser grid, a sphere, flat between vertices, deviates by more than 1e-4 of
+/// its radius.
 const MIN_PX_PER_RAD: f64 = 36.0;
 
-/// Pixels along one side of the view that is searched for the nearest surface.
+/// Largest side of the view for the search of the nearest surface, px.
 const MAX_SEARCH_SIDE: usize = 512;
 
 /// Distances along the rays of a panorama.
@@ -31,12 +32,12 @@ enum Distances {
     Map {
         width: usize,
         height: usize,
-        /// 0 is a hole.
+        /// Inverse distances, row by row; 0 is a hole.
         inverse_per_m: Vec<f32>,
     },
 }
 
-/// The pixels of a view.
+/// The pixel grid of a view.
 struct Raster {
     width: usize,
     height: usize,
@@ -53,8 +54,9 @@ pub(super) fn decode_panorama(
     let file = &files.panorama;
     let is_light = matches!(file.format(color::FORMATS)?, FileFormat::Exr | FileFormat::Hdr);
     if is_light && line.transfer == Transfer::Srgb {
-        return Err(file
-            .wrong_layout("light, not sRGB codes".to_owned(), "\"transfer\": \"linear\" with it"));
+        return Err(
+            file.wrong_layout("radiance, not sRGB".to_owned(), "\"transfer\": \"linear\" with it")
+        );
     }
     let image = color::decode_expanded(
         file,
@@ -94,7 +96,7 @@ pub(super) fn decode_panorama(
     for (direction, secant) in view.directions() {
         let taps = Taps::new(direction, image.width, image.height);
         radiance.push(taps.color(&image.radiance, image.width));
-        // 1/z: the distance along the ray is z times the secant.
+        // The distance along the ray is z times the secant.
         let inverse = distances.inverse_per_m(direction) * secant;
         inverse_depth_per_m.push(inverse.min(f64::from(f32::MAX)) as f32);
     }
@@ -160,7 +162,7 @@ fn decode_map(
 }
 
 impl Distances {
-    /// 1 / distance in direction `d`; 0 is a hole.
+    /// Returns the inverse distance in direction `d`; 0 is a hole.
     fn inverse_per_m(&self, d: DVec3) -> f64 {
         match self {
             Self::Sphere { inverse_per_m } => *inverse_per_m,
@@ -172,12 +174,12 @@ impl Distances {
 }
 
 impl Raster {
-    /// A view of `window` and a pixel more on every side, of `px_per_rad` or as many as `max_side` allows.
+    /// Makes a view of `window` and a pixel more on every side, with `px_per_rad` or as many as `max_side` allows.
     fn new(window: Window, px_per_rad: f64, max_side: usize, rotation: DMat3) -> Self {
         let Window([across, down]) = window;
         let side = |[least, most]: [f64; 2]| {
-            // Away from the axis a pixel is a smaller angle: (1 + t^2 + s^2) / sqrt(1 + s^2) of them are a radian, for a
-            // focal length of 1 at tangents t and s. The least of it over s is 1 + t^2, or 2 t beyond t = 1.
+            // Off the axis, a pixel covers a smaller angle: for a focal length of 1, a radian at the tangents t and s
+            // has (1 + t^2 + s^2) / sqrt(1 + s^2) pixels. The minimum over s is 1 + t^2, or 2 t for t above 1.
             let t = least.max(-most).max(0.0);
             let fewest = if t <= 1.0 { 1.0 + t * t } else { 2.0 * t };
             let room = (max_side - 4) as f64;
@@ -191,7 +193,8 @@ impl Raster {
         Self { width, height, intrinsics: Intrinsics { fx, fy, cx, cy, size: None }, rotation }
     }
 
-    /// Direction in the panorama of each pixel's centre, row by row, with the secant of its angle to the axis.
+    /// Returns the direction of each pixel's centre in the panorama, row by row, with the secant of its angle to the
+    /// axis.
     fn directions(&self) -> impl Iterator<Item = (DVec3, f64)> + '_ {
         let k = &self.intrinsics;
         (0..self.height).flat_map(move |j| {

@@ -1,4 +1,4 @@
-//! One photograph: its files become a sheet.
+//! Decodes the files of a photograph to a sheet.
 
 use super::relative::{self, RelativeEnds};
 use super::{center, color, depth, fill, mask};
@@ -7,40 +7,40 @@ use crate::formats::files::{NamedBytes, PhotographFiles};
 use crate::line::{Fill, Intrinsics, Photograph, Transfer, validate_side};
 use std::path::Path;
 
-/// A continuous surface that carries radiance: one vertex at each pixel centre of the depth image.
+/// A continuous surface with radiance: one vertex at each pixel centre of the depth image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sheet {
-    /// Vertices across: pixels of the depth image.
+    /// Number of vertex columns: width of the depth image, px.
     pub width: usize,
-    /// Vertices down.
+    /// Number of vertex rows: height of the depth image, px.
     pub height: usize,
-    /// 1/z of each vertex, row by row; holes are filled, every value is normal and above 0.
+    /// 1/z of each vertex, row by row. Holes are filled, and every value is normal and above 0.
     pub inverse_depth_per_m: Vec<f32>,
-    /// Whether each vertex was measured (not filled).
+    /// True for measured vertices, false for filled ones.
     pub valid: Vec<bool>,
-    /// Filled vertices / all vertices.
+    /// Share of filled vertices.
     pub filled_share: f64,
     /// Ends of a relative depth in metres.
     pub relative: Option<RelativeEnds>,
-    /// Texels across: pixels of the colour image, which covers the same field of view.
+    /// Width of the colour image, texels. The image covers the same field of view.
     pub color_width: usize,
-    /// Texels down.
+    /// Height of the colour image, texels.
     pub color_height: usize,
     /// Linear Rec.709 radiance with the exposure applied: red, green, blue, 0, for 16-byte loads.
     pub radiance: Vec<[f32; 4]>,
-    /// The largest radiance of any channel.
+    /// Largest radiance of any channel.
     pub max_radiance: f32,
-    /// In pixels of the depth image; `size` is `None`.
+    /// Intrinsics in pixels of the depth image; `size` is `None`.
     pub intrinsics: Intrinsics,
-    /// Mean z of the four centre pixels as published; the nearest valid ones where they are holes.
+    /// Mean z of the four centre pixels, as published; the nearest valid pixels replace holes.
     pub front_center_z_m: f64,
 }
 
 /// Decodes the files of a photograph and fills the holes of its depth image.
 ///
-/// A hole is a pixel that the mask excludes or with a depth of 0, negative, NaN or infinite. A
-/// depth whose inverse is not a normal `f32` (nearer than about 3e-39 m, farther than 8.5e37 m) is an
-/// error: a placeholder such as `FLT_MAX` must not become a surface.
+/// A hole is a pixel that the mask excludes, or that has a depth of 0, below 0, NaN or infinity. A depth without a
+/// normal `f32` inverse (nearer than about 3e-39 m, farther than 8.5e37 m) is an error, because a placeholder such as
+/// `FLT_MAX` must not become a surface.
 pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<Sheet, SceneError> {
     validate_side("photograph", &line.clone().into())
         .map_err(|source| SceneError::Parameter { path: files.color.path.clone(), source })?;
@@ -92,15 +92,15 @@ pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<S
     })
 }
 
-/// Width, height and pixels of a linear image: EXR or `.npy`; codes of other formats are taken as linear. Values must be
-/// finite and not negative.
+/// Decodes width, height and pixels of a linear image: EXR or `.npy`; codes of other formats are taken as linear.
+/// Values must be finite and not negative.
 pub fn decode_linear_image(file: &NamedBytes) -> Result<(usize, usize, Vec<[f32; 3]>), SceneError> {
     let color = color::decode(file, Transfer::Linear, [1.0; 3])?;
     let pixels = color.radiance.iter().map(|&[r, g, b, _]| [r, g, b]);
     Ok((color.width, color.height, pixels.collect()))
 }
 
-/// Intrinsics for an image of `width` x `height` pixels of the same field of view.
+/// Scales intrinsics to an image of `width` x `height` pixels with the same field of view.
 fn scale_intrinsics(given: &Intrinsics, width: usize, height: usize) -> Intrinsics {
     let (x, y) = match given.size {
         Some([given_width, given_height]) => {
@@ -117,7 +117,7 @@ fn scale_intrinsics(given: &Intrinsics, width: usize, height: usize) -> Intrinsi
     }
 }
 
-/// The mask's pixels, all valid without one.
+/// Decodes the mask. Without a mask, all pixels are valid.
 fn read_mask(
     files: &PhotographFiles,
     width: usize,
@@ -140,7 +140,7 @@ fn read_mask(
     })
 }
 
-/// Inverse depth of the valid pixels, 0 in the holes; clears `valid` where there is no depth.
+/// Computes the inverse depth of valid pixels, and 0 in holes. Clears `valid` of pixels without a depth.
 pub(super) fn invert(
     path: &Path,
     depth: &depth::Depth,
@@ -163,7 +163,7 @@ pub(super) fn invert(
     }
     let is_bad = |&at: &usize| valid[at] && !inverse_depth_per_m[at].is_normal();
     let all = 0..valid.len();
-    let first = all.clone().find(is_bad).expect("the loop above met one");
+    let first = all.clone().find(is_bad).expect("the loop above found one");
     Err(SceneError::DepthRange {
         path: path.to_owned(),
         count: all.filter(is_bad).count(),

@@ -27,7 +27,7 @@ impl From<Polygons> for Decoded {
     }
 }
 
-/// One side in the tracer's coordinates: a photograph gets a pose, a mesh gets moved vertices.
+/// One side in the tracer's coordinates. A photograph gets a pose; the vertices of a mesh are moved.
 pub(super) enum Placed {
     Sheet(Sheet),
     Mesh(Box<PlacedMesh>),
@@ -41,14 +41,14 @@ pub(super) struct PlacedMesh {
     facts: MeshFacts,
 }
 
-/// Counts of a mesh's triangles.
+/// Triangle counts of a mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MeshFacts {
-    /// Traced, in whole or in part.
+    /// Number of triangles that are traced, at least in part.
     pub traced: u64,
-    /// Dropped: two corners at one point, or faces of fewer than three corners.
+    /// Number of dropped triangles with two corners at one point, and of faces with fewer than three corners.
     pub degenerate: u64,
-    /// Dropped: wholly behind the lens.
+    /// Number of dropped triangles that are wholly behind the lens.
     pub behind: u64,
 }
 
@@ -60,7 +60,8 @@ impl Decoded {
         })
     }
 
-    /// Moves a mesh by `transform`, from capture coordinates to the lens's. Rays start within about `lateral_m` of the axis.
+    /// Moves a mesh by `transform`, from capture coordinates to the lens's. Rays start within about `lateral_m` of the
+    /// axis.
     pub(super) fn place(
         self,
         side: &'static str,
@@ -125,8 +126,8 @@ impl Placed {
         }
     }
 
-    /// The z that `front_center` and `back_center` focus on. `transform` maps a sheet's capture coordinates to the lens's;
-    /// meshes are already in the lens's.
+    /// Returns the z of the focus `front_center` or `back_center`. `transform` maps a sheet's capture coordinates to
+    /// the lens's; meshes are already in the lens's coordinates.
     pub(super) fn center_z_m(
         &self,
         side: &'static str,

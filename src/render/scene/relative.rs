@@ -1,9 +1,9 @@
-//! Relative depth, as networks estimate it from one photograph: known up to scale and shift. The depth range of the line
-//! gives metres.
+//! Relative depth, which networks estimate from one photograph up to scale and shift. The depth range of the line gives
+//! metres.
 //!
 //! Two percentiles of the valid values become the far and the near end; values beyond them are clamped. In between,
 //! 1/z is linear in a relative *inverse* depth (MiDaS, Ranftl et al., TPAMI 2022; Depth Anything), and z in a relative
-//! depth (Marigold). If only a mean is given, the ends are scaled to meet it.
+//! depth (Marigold). If only a mean is given, the ends are scaled to match it.
 
 use super::depth::Depth;
 use crate::formats::error::SceneError;
@@ -16,12 +16,12 @@ use std::path::Path;
 pub struct RelativeEnds {
     pub near_m: f64,
     pub far_m: f64,
-    /// Share of the valid pixels beyond the ends, which were clamped.
+    /// Share of the valid pixels that were beyond the ends and are clamped.
     pub clamped_share: f64,
 }
 
-/// Turns relative values into metres along the axis. Values may be negative or zero; pixels with values that are not finite
-/// become invalid. A flat image lies at one distance: the mean, or the middle of the ends.
+/// Converts relative values to metres along the axis. Values may be negative or zero; pixels with values that are not
+/// finite become invalid. A flat image gets a single distance: the mean, or the middle of the ends.
 pub(super) fn scale(
     depth: &mut Depth,
     valid: &mut [bool],
@@ -42,11 +42,11 @@ pub(super) fn scale(
     let beyond = values.iter().filter(|&&value| is_beyond(value)).count();
     let clamped_share = beyond as f64 / values.len() as f64;
     drop(values);
-    // 0 at one end, 1 at the other.
+    // Position between the ends: 0 for `low`, 1 for `high`.
     let place = |value: f64| {
         if high > low { ((value - low) / (high - low)).clamp(0.0, 1.0) } else { 0.5 }
     };
-    // z of a place, for a near end of 1.
+    // z at a position, for a near end of 1.
     let shape = |place: f64, ratio: f64| match kind {
         DepthKind::RelativeInverse => 1.0 / (1.0 / ratio + place * (1.0 - 1.0 / ratio)),
         _ => 1.0 + place * (ratio - 1.0),
@@ -68,7 +68,7 @@ pub(super) fn scale(
     Ok(RelativeEnds { near_m, far_m: near_m * ratio, clamped_share })
 }
 
-/// Percentile by nearest rank. Reorders the values.
+/// Returns a percentile by nearest rank. Reorders the values.
 fn percentile(values: &mut [f64], percent: f64) -> f64 {
     let last = values.len() - 1;
     let rank = (percent / 100.0 * last as f64).round() as usize;
@@ -102,7 +102,7 @@ mod tests {
         DepthRange::Mean { mean_m, far_over_near, percentiles: ALL }
     }
 
-    /// Negative values, as networks write them.
+    /// Relative values; networks also write negative values.
     const VALUES: [f64; 5] = [-0.5, 0.0, 0.25, 0.5, 1.5];
 
     #[test]
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn outliers_are_drawn_to_the_ends_and_counted() {
+    fn outliers_are_clamped_to_the_ends_and_counted() {
         let mut values: Vec<f64> = (0..=100).map(f64::from).collect();
         (values[0], values[100]) = (-1e9, 1e9);
         let range = DepthRange::Ends { near_m: 1.0, far_m: 99.0, percentiles: [2.0, 98.0] };

@@ -1,4 +1,4 @@
-//! A placed side becomes a surface of the tracer: a photograph gets its pose and its grid.
+//! Converts a placed side to a surface of the tracer. A photograph gets its pose and its grid.
 
 use super::error::{AssembleError, MAX_TRAVEL_PX};
 use super::geometry::BackCamera;
@@ -8,7 +8,7 @@ use crate::line::{Apex, SceneLine};
 use crate::trace::{Grid, Pose, Slab, Surface, Texture, View};
 use glam::DVec3;
 
-/// The surface seen through the pane. Lens rays start within `reach_m` of the axis.
+/// Makes the surface seen through the pane. Lens rays start within `reach_m` of the axis.
 pub(super) fn front_surface(placed: Placed, reach_m: f64) -> Result<Surface, AssembleError> {
     match placed {
         Placed::Mesh(placed) => Ok(placed.mesh.into()),
@@ -19,7 +19,7 @@ pub(super) fn front_surface(placed: Placed, reach_m: f64) -> Result<Surface, Ass
     }
 }
 
-/// The surface reflected in the pane; `directions` are the camera's.
+/// Makes the surface reflected in the pane; `directions` are those of camera rays.
 pub(super) fn back_surface(
     placed: Placed,
     line: &SceneLine,
@@ -36,14 +36,14 @@ pub(super) fn back_surface(
                 Apex::Mirror => 0.0,
                 Apex::Camera => camera.twice_distance_m(),
             };
-            // In the aligned poses the mirrored x is in the sign of the focal length; a general pose holds it itself.
+            // An aligned pose mirrors x by the sign of the focal length; a general pose contains the mirroring.
             let sign = if matches!(pose, Pose::Aligned { .. }) { -1.0 } else { 1.0 };
             Ok(view("back", sheet, pose, sign, reach_m + extra_m)?.into())
         }
     }
 }
 
-/// Pose of the back photograph's capture camera in the mirrored world.
+/// Computes the pose of the back photograph's capture camera in the mirrored world.
 fn back_pose(
     line: &SceneLine,
     slab: &Slab,

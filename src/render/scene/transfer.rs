@@ -1,10 +1,10 @@
-//! Transfer curves: from coded values to linear Rec.709 radiance.
+//! Transfer functions from coded values to linear Rec.709 radiance.
 
 use crate::color::decode_srgb;
 use crate::line::Transfer;
 use std::sync::LazyLock;
 
-/// The radiance of a coded value.
+/// Returns the radiance of a coded value.
 pub(super) fn to_linear(transfer: Transfer, coded: f64) -> f64 {
     match transfer {
         Transfer::Srgb => decode_srgb(coded),
@@ -12,16 +12,16 @@ pub(super) fn to_linear(transfer: Transfer, coded: f64) -> f64 {
     }
 }
 
-/// 65,536 powers cost milliseconds: once a process is enough.
+/// Linear values of the 16-bit sRGB codes. The powers take milliseconds, so a process computes them once.
 static SRGB_16: LazyLock<Vec<f64>> =
     LazyLock::new(|| (0..=u16::MAX).map(|code| decode_srgb(code as f64 / 65535.0)).collect());
 
-/// Radiance of each 8-bit code, times `exposure`.
+/// Returns the radiance of each 8-bit code, times `exposure`.
 pub(super) fn table_8(transfer: Transfer, exposure: f64) -> Vec<f32> {
     (0..=u8::MAX).map(|code| (to_linear(transfer, code as f64 / 255.0) * exposure) as f32).collect()
 }
 
-/// Radiance of each 16-bit code, times `exposure`.
+/// Returns the radiance of each 16-bit code, times `exposure`.
 pub(super) fn table_16(transfer: Transfer, exposure: f64) -> Vec<f32> {
     match transfer {
         Transfer::Srgb => SRGB_16.iter().map(|linear| (linear * exposure) as f32).collect(),
@@ -44,7 +44,7 @@ mod tests {
                 assert!(table.is_sorted_by(|a, b| a < b));
                 assert_eq!((table[0], table[table.len() - 1]), (0.0, 2.5));
             }
-            // 255 * 257 = 65535: every 8-bit code is also a 16-bit one.
+            // 255 * 257 = 65535, so every 8-bit code is also a 16-bit code.
             for code in 0..256 {
                 assert_eq!(small[code], large[code * 257]);
             }

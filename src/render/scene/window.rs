@@ -1,36 +1,36 @@
 //! The part of a side that the film can see, which a panorama's view must cover.
 //!
-//! Every order of the glass is the camera's ray, or the one mirrored in the front face, shifted along the normal
-//! ([`crate::trace::Slab::kappa_m`]). Seen from the side's capture camera such a line runs from where it enters the sphere
-//! of the nearest surface to infinity, and its image is monotone in between: the two ends of the outermost lines bound
-//! all that can be hit.
+//! Every order of the glass is the camera's ray, or its reflection in the front face, shifted along the normal
+//! ([`crate::trace::Slab::kappa_m`]). In the view of the side's capture camera, such a line extends from the sphere of
+//! the nearest surface to infinity, and its image is monotone in between. The two ends of the outermost lines therefore
+//! bound all points that a ray can hit.
 
 use super::geometry::{BackCamera, film_directions, film_plane, film_reach, slab};
 use crate::line::{Focus, FocusAt, SceneLine};
 use crate::trace::{Lens, Order, Slab};
 use glam::{DMat3, DVec3};
 
-/// Round trips inside the glass to consider; light of further ones is negligible.
+/// Largest number of round trips inside the glass to consider. The light of further round trips is negligible.
 const ROUND_TRIPS: u32 = 8;
 
-/// Tangent of 85 degrees, the limit of a pinhole view; scenes beyond it are refused.
+/// Tangent of 85 degrees, the limit of a pinhole view. Scenes beyond this limit are refused.
 const MAX_TANGENT: f64 = 11.43;
 
-/// Tangents `[least, most]` across and down, in the capture camera's view.
+/// Horizontal and vertical tangents `[least, most]` in the capture camera's view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Window(pub(super) [[f64; 2]; 2]);
 
-/// The lines that can meet a side.
+/// The rays that can hit a side.
 pub(super) struct Sight {
     /// Directions of the camera's rays over film and lens.
     directions: Vec<DVec3>,
     slab: Slab,
     aperture_radius_m: f64,
-    /// From the lens's coordinates (for the back: of the mirrored world) to the capture camera's.
+    /// Rotation from the lens's coordinates (for the back, of the mirrored world) to the capture camera's.
     rotation: DMat3,
     translation_m: DVec3,
     order: fn(u32) -> Order,
-    /// Nearer surfaces are refused, except for a few pixels.
+    /// Distance of the pane. Nearer surfaces are refused, except for a few pixels.
     pub(super) pane_m: f64,
 }
 
@@ -57,7 +57,7 @@ impl Sight {
         let aperture_radius_m = line.camera.aperture_radius_m;
         let inverse_focus_per_m = match line.camera.focus {
             Focus::Distance { distance_m } => 1.0 / distance_m,
-            // Not known before both sides are decoded; surfaces begin at the pane.
+            // The focus is unknown before both sides are decoded; surfaces begin at the pane.
             Focus::At { at: FocusAt::FrontCenter | FocusAt::BackCenter } => {
                 1.0 / line.glass.distance_m
             }
@@ -75,14 +75,14 @@ impl Sight {
         }
     }
 
-    /// The window in which all surfaces at `nearest_m` or more from the capture camera are seen.
+    /// Returns the window that shows all surfaces at `nearest_m` or more from the capture camera.
     pub(super) fn window(&self, nearest_m: f64) -> Window {
         let a = self.aperture_radius_m;
         let lens_points = [[-a, -a], [-a, a], [a, -a], [a, a]];
         let mut window = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
         let mut include = |point: DVec3| {
             for (side, value) in window.iter_mut().zip([point.x, point.y]) {
-                // Behind the capture camera: as far out as a view can be.
+                // A point behind the capture camera extends the window to the limit of a view.
                 let tangent = if point.z > value.abs() / MAX_TANGENT {
                     value / point.z
                 } else {
@@ -93,7 +93,7 @@ impl Sight {
         };
         for d in &self.directions {
             let d = d.normalize();
-            // A pane that is met at more than 85 degrees is refused elsewhere.
+            // `check_geometry` refuses panes at more than 85 degrees to a ray.
             let gamma = self.slab.gamma(d.dot(self.slab.normal).abs().max(1e-3));
             let direction = self.rotation * d;
             include(direction);
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn without_glass_and_lens_it_is_the_film() {
+    fn without_glass_and_lens_the_window_is_the_film() {
         let t = 36f64.hypot(24.0) / 110.0 / 2f64.sqrt();
         let line = line(r#""thickness_m":0,"ior":1"#, "");
         near(Sight::front(&line).window(1.0), [[-t, t]; 2], 1e-12);
@@ -145,14 +145,14 @@ mod tests {
         let t = 36f64.hypot(24.0) / 110.0 / 2f64.sqrt();
         let line = line(r#""thickness_m":0,"ior":1.5"#, r#","apex":"camera""#);
         let Window([across, _]) = Sight::back(&line).window(2.0);
-        // A line from 0.6 m behind, on the sphere of 2 m: x^2 + y^2 + z^2 = 4 with x = t (z + 0.6), y as large.
+        // The ray starts 0.6 m behind and meets the sphere of 2 m: x^2 + y^2 + z^2 = 4 with x = y = t (z + 0.6).
         let z = {
             let (a, b, c) = (1.0 + 2.0 * t * t, 2.0 * t * t * 0.6, 2.0 * t * t * 0.36 - 4.0);
             (-b + (b * b - a * c).sqrt()) / a
         };
         let expected = t * (z + 0.6) / z;
         assert!((across[1] - expected).abs() < 1e-9, "{across:?} {expected}");
-        // Turned by 10 degrees, the reflection turns by 20.
+        // If the pane turns by 10 degrees, the reflection turns by 20.
         let tilted = SceneLine {
             glass: crate::line::Glass { tilt_deg: [0.0, 10.0], ..line.glass.clone() },
             ..line

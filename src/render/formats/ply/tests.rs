@@ -3,7 +3,7 @@ use crate::line::MeshFile;
 use crate::scene::decode_mesh;
 use std::path::PathBuf;
 
-/// Two squares and a triangle that share corners, with extra elements of other programs, in any coding.
+/// Returns a file with a quad, a triangle, a face of two corners and extra elements of other programs, in any coding.
 fn file(coding: &str, colour: &str) -> NamedBytes {
     let mut bytes = format!(
         "ply\r\nformat {coding} 1.0\ncomment made by hand\nobj_info nothing\nelement camera 1\nproperty list uchar \
@@ -75,7 +75,7 @@ fn mesh_line(json: &str) -> MeshFile {
 }
 
 #[test]
-fn every_coding_reads_the_same() {
+fn every_coding_gives_the_same_mesh() {
     for coding in CODINGS {
         for colour in ["uchar", "ushort", "float", "double"] {
             let ply = decode(&file(coding, colour)).unwrap_or_else(|e| panic!("{coding}: {e}"));
@@ -90,7 +90,7 @@ fn every_coding_reads_the_same() {
             }
         }
     }
-    // ASCII numbers may stand on any number of lines.
+    // ASCII numbers may be on any number of lines.
     let mut lines = file("ascii", "uchar");
     lines.bytes =
         String::from_utf8(lines.bytes).unwrap().replace("3 51 ", "3\r\n51\t").into_bytes();
@@ -107,7 +107,7 @@ fn the_line_sets_pose_unit_and_exposure_of_a_mesh() {
     let mesh = decode_mesh(&line, &file).unwrap();
     // (2, 0.4, 3) halved is (1, 0.2, 1.5); the rotation takes z to x and x to -z.
     assert_eq!(mesh.vertices_m[4], DVec3::new(11.5, 20.2, 29.0));
-    // 51/255 through the sRGB curve, twice.
+    // The expected value is twice the linear value of the sRGB code 51.
     assert!((mesh.radiance[0][0] - 2.0 * 0.033_104_77).abs() < 1e-6);
     assert_eq!(mesh.radiance[0][2..], [2.0, 0.0]);
     assert_eq!(mesh.max_radiance, 2.0);
@@ -116,7 +116,7 @@ fn the_line_sets_pose_unit_and_exposure_of_a_mesh() {
 }
 
 #[test]
-fn errors_name_the_element_and_what_to_do() {
+fn errors_name_the_element_and_the_remedy() {
     let text = |from: &str, to: &str| {
         let mut file = file("ascii", "float");
         let old = String::from_utf8(file.bytes).unwrap();
@@ -130,10 +130,10 @@ fn errors_name_the_element_and_what_to_do() {
         ("format ascii 1.0", "format ascii 2.0", vec!["format ascii 2.0 is unknown"]),
         ("property float z", "property float w", vec!["vertices without z", "give a PLY mesh"]),
         ("float red", "float r", vec!["vertices without red"]),
-        ("property float z", "property int z", vec!["z is no float"]),
+        ("property float z", "property int z", vec!["z not as float"]),
         ("vertex_indices", "vertices", vec!["faces without a list vertex_indices"]),
         ("uint vertex", "float vertex", vec!["faces without a list vertex_indices"]),
-        ("list uchar uint", "list float uint", vec!["counted in floats"]),
+        ("list uchar uint", "list float uint", vec!["count of floating-point type"]),
         ("property float z", "property float x", vec!["element vertex has x twice"]),
         ("element edge", "element face", vec!["element face twice"]),
         ("element vertex 5", "element vertex 500", vec!["announces at least", "fetch it again"]),
@@ -142,17 +142,17 @@ fn errors_name_the_element_and_what_to_do() {
         (
             "element vertex 5",
             "element vertex 6",
-            vec!["nonsense in vertex 5 of 6", "write or fetch"],
+            vec!["invalid number in vertex 5 of 6", "write or fetch"],
         ),
-        ("element face 3", "element face 4", vec!["nonsense in face 3 of 4"]),
-        ("element face 3", "element face 2", vec!["left behind the last element"]),
+        ("element face 3", "element face 4", vec!["invalid number in face 3 of 4"]),
+        ("element face 3", "element face 2", vec!["follow the last element"]),
         ("element face 3", "element fac 3", vec!["no vertices or no faces"]),
-        ("end_header", "end_head", vec!["\"end_head\" makes no sense"]),
+        ("end_header", "end_head", vec!["\"end_head\" is invalid"]),
         ("9 0 3 ", "9 nan 3 ", vec!["vertex 0", "has NaN as y", "repair the file"]),
         ("9 0 3 ", "9 1e999 3 ", vec!["vertex 0", "has inf as y"]),
-        ("9 0 3 ", "9 zero 3 ", vec!["nonsense in vertex 0 of 5"]),
-        ("3 2 3 4 ", "3 2 3 5 ", vec!["triangle 2", "names vertex 5, but there are 5"]),
-        ("3 2 3 4 ", "3 2 -3 4 ", vec!["nonsense in face 1 of 3"]),
+        ("9 0 3 ", "9 zero 3 ", vec!["invalid number in vertex 0 of 5"]),
+        ("3 2 3 4 ", "3 2 3 5 ", vec!["triangle 2", "refers to vertex 5, but the file has 5"]),
+        ("3 2 3 4 ", "3 2 -3 4 ", vec!["invalid number in face 1 of 3"]),
     ] {
         let error = decode(&text(from, to)).unwrap_err().to_string();
         assert!(error.contains("a.ply"), "{error}");
@@ -172,7 +172,7 @@ fn errors_name_the_element_and_what_to_do() {
     assert!(error.starts_with("a.png is a PNG file; give a PLY mesh"), "{error}");
 }
 
-/// Files cut anywhere, and with any byte changed, end in an error or a mesh, never in a panic.
+/// A file that is cut anywhere, or has any byte changed, gives an error or a mesh, never a panic.
 #[test]
 fn hostile_bytes_do_no_harm() {
     let line = mesh_line(r#"{"mesh":"a.ply"}"#);
@@ -183,7 +183,7 @@ fn hostile_bytes_do_no_harm() {
             let cut =
                 NamedBytes { path: whole.path.clone(), bytes: whole.bytes[..length].to_vec() };
             let is_refused = decode(&cut).is_err();
-            // The last space of an ASCII file, and a shorter last number, may be missing.
+            // An ASCII file may lose its last space and shorten its last number.
             assert!(is_refused || coding == "ascii" && length + 3 >= whole.bytes.len());
             refused += u32::from(is_refused);
         }
@@ -196,7 +196,7 @@ fn hostile_bytes_do_no_harm() {
         }
     }
     assert!(refused > 1000);
-    // Counts that would take all memory, or all time.
+    // These counts would exhaust memory or time.
     for header in [
         "element vertex 16777216\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty \
          uchar green\nproperty uchar blue\n",

@@ -8,11 +8,11 @@ use crate::trace::{Isa, Tile, TileResult, trace_tile};
 use ::exr::prelude::FlatSamples;
 use std::f64::consts::PI;
 
-/// Direction of pixel (i, j) of a panorama `width` across, written out anew.
+/// Computes the direction of pixel (i, j) in a panorama of this width, independently of `equirect`.
 fn direction(i: usize, j: usize, width: usize) -> DVec3 {
     let longitude = ((i as f64 + 0.5) / width as f64 - 0.5) * TAU;
     let latitude = ((j as f64 + 0.5) / (width / 2) as f64 - 0.5) * PI;
-    // libm, so that the pinned view has the same bits everywhere.
+    // `libm` gives the pinned view the same bits on all machines.
     let (sin, cos) = libm::sincos(latitude);
     let (across, ahead) = libm::sincos(longitude);
     DVec3::new(cos * across, sin, cos * ahead)
@@ -22,7 +22,7 @@ fn all(width: usize) -> impl Iterator<Item = DVec3> {
     (0..width * width / 2).map(move |at| direction(at % width, at / width, width))
 }
 
-/// Radiance of the test panoramas in direction `d`.
+/// Returns the radiance of the test panoramas in direction `d`.
 fn color(d: DVec3) -> [f64; 3] {
     let d = d.normalize();
     [0.5 + 0.4 * d.x, 0.5 + 0.4 * d.y, 0.5 + 0.4 * d.z]
@@ -42,7 +42,7 @@ fn map(width: usize, distance_m: impl Fn(DVec3) -> f64) -> NamedBytes {
     npy("<f4", false, &format!("({}, {width})", width / 2), &data)
 }
 
-/// A scene of two panoramas: keys of film, camera and glass, of front and back.
+/// Returns a scene of two panoramas with additional keys of film, camera, glass, front and back.
 fn line(film: &str, camera: &str, glass: &str, front: &str, back: &str) -> SceneLine {
     serde_json::from_str(&format!(
         r#"{{"schema":"glasshouse.scene/1","id":"p","seed":5,"film":{{"width":16,"height":16,"spp":64{film}}},
@@ -75,7 +75,7 @@ fn traced(loaded: &LoadedScene) -> TileResult {
     trace_tile(&loaded.scene, tile, 0..loaded.scene.spp, Isa::detect())
 }
 
-/// Largest difference of a layer from `expected` of the ray (x, y, 1) through each pixel's centre.
+/// Returns the largest difference between a layer and `expected` of the ray (x, y, 1) through each pixel's centre.
 fn difference(loaded: &LoadedScene, layer: usize, expected: impl Fn(DVec3) -> [f64; 3]) -> f64 {
     let film = &loaded.scene.film;
     let pixels = traced(loaded).pixels;
@@ -91,7 +91,7 @@ fn difference(loaded: &LoadedScene, layer: usize, expected: impl Fn(DVec3) -> [f
     largest
 }
 
-/// The view's axes in the panorama: right, down, forward, from the angles' definition.
+/// Returns the view's axes in the panorama (right, down, forward) from the definition of the angles.
 fn axes(yaw_deg: f64, pitch_deg: f64) -> [DVec3; 3] {
     let (yaw, pitch) = (yaw_deg.to_radians(), pitch_deg.to_radians());
     let right = DVec3::new(yaw.cos(), 0.0, -yaw.sin());
@@ -100,7 +100,7 @@ fn axes(yaw_deg: f64, pitch_deg: f64) -> [DVec3; 3] {
 }
 
 #[test]
-fn t_shows_the_directions_function_also_across_the_border_and_at_the_poles() {
+fn t_shows_the_panorama_also_across_the_border_and_at_the_poles() {
     let image = panorama(512);
     for (yaw, pitch) in [
         (0.0, 0.0),
@@ -120,7 +120,7 @@ fn t_shows_the_directions_function_also_across_the_border_and_at_the_poles() {
         let t = difference(&loaded, 1, seen);
         // R is the mirror image of the back.
         let r = difference(&loaded, 3, |ray| seen(DVec3::new(-ray.x, ray.y, 1.0)));
-        // Within a pixel of the film the function is not quite linear, and 64 samples are not its mean: 0.035 rad.
+        // A film pixel spans 0.035 rad: its colours are not quite linear, and 64 samples differ from their mean.
         assert!(t < 1e-4 && r < 1e-4, "yaw {yaw}, pitch {pitch}: {t:e} {r:e}");
     }
 }
@@ -139,7 +139,7 @@ fn a_constant_distance_is_a_sphere() {
     let loaded = made(&line, &image, None);
     let focus_m = loaded.facts.focus_distance_m.unwrap();
     assert!((focus_m - radius_m).abs() < 1e-3, "{focus_m}");
-    // The reflected ray enters the back camera's coordinates at twice the pane's distance behind it and meets the sphere.
+    // In the back camera's coordinates, the reflected ray starts at twice the pane's distance behind the camera.
     let seen = |ray: DVec3| {
         let d = DVec3::new(-ray.x, ray.y, 1.0).normalize();
         let start = DVec3::new(0.0, 0.0, -2.0 * distance_m);
@@ -148,13 +148,13 @@ fn a_constant_distance_is_a_sphere() {
         color(start + d * t)
     };
     let off = difference(&loaded, 3, seen);
-    // Without the parallax it would be off by far more: the test sees the distance.
+    // Without parallax, the difference is far larger, so the test is sensitive to the distance.
     let flat = difference(&loaded, 3, |ray| color(DVec3::new(-ray.x, ray.y, 1.0)));
     assert!(off < 2e-4 && flat > 0.02, "{off:e} {flat:e}");
 }
 
 #[test]
-fn no_path_ends_on_a_border_s_continuation() {
+fn no_path_ends_on_the_continuation_of_a_border() {
     let image = panorama(64);
     let wide = r#""aperture_radius_m":0.02,"focus":{"distance_m":0.8}"#;
     let paper = r#""aperture_radius_m":0.00893,"focus":{"at":"front_center"}"#;
@@ -188,7 +188,7 @@ fn no_path_ends_on_a_border_s_continuation() {
     ] {
         let back = format!(r#"{side},"apex":"{apex}""#);
         let line = line(film, camera, glass, side, &back);
-        // A floor 1.2 m below, walls 4 m around.
+        // A floor 1.2 m below and a round wall at 4 m.
         let depth = map(128, |d| {
             let floor = if d.y > 0.0 { 1.2 / d.y } else { f64::INFINITY };
             let wall = 4.0 / (d.x * d.x + d.z * d.z).sqrt();
@@ -210,7 +210,7 @@ fn sheet(side: &str, image: &NamedBytes, depth: &NamedBytes) -> Result<Sheet, Sc
 
 #[test]
 fn a_map_of_a_wall_is_a_wall() {
-    // A wall 3 m ahead and one 5 m to the right; the map has another size than the image.
+    // Walls 3 m ahead and 5 m to the right. Map and image differ in size.
     let wall = |d: DVec3| {
         let ahead = if d.z > 0.0 { 3.0 / d.z } else { f64::INFINITY };
         let right = if d.x > 0.0 { 5.0 / d.x } else { f64::INFINITY };
@@ -230,7 +230,7 @@ fn a_map_of_a_wall_is_a_wall() {
             .fold(0f64, |off, &w| off.max((f64::from(w) * z_m - 1.0).abs()));
         assert!(off < 1e-4, "{side}: {off:e}");
         assert!((sheet.front_center_z_m / z_m - 1.0).abs() < 1e-4);
-        // As many pixels a radian as the map, at the middle of the view.
+        // In its middle, the view has as many pixels per radian as the map.
         assert!((sheet.intrinsics.fx - 512.0 / TAU).abs() < 1e-9);
     }
 }
@@ -247,7 +247,7 @@ fn holes_are_filled_and_counted_and_relative_depths_get_metres() {
     let error = sheet(r#","depth":"d""#, &image, &none).err().unwrap();
     assert!(matches!(error, SceneError::NoDepth { .. }), "{error}");
 
-    // Inverse distances with gain and shift, as an estimator has them.
+    // Inverse distances with gain and shift, like those of an estimator.
     let relative = map(256, |d| 700.0 * (0.25 + 0.25 * d.z * d.z) - 30.0);
     let side = r#","depth":"d","depth_kind":"relative_inverse","depth_range":{"near_m":2,"far_m":4,"percentiles":[0,100]}"#;
     let sheet = sheet(side, &image, &relative).unwrap();
@@ -268,7 +268,7 @@ fn other_images_are_refused() {
     };
     let error = message("", &grey(60, 60), &depth);
     assert!(error.contains("holds 60x60 pixels; give an equirectangular image"), "{error}");
-    // Within a percent: 201 x 100 is, 103 x 50 is not.
+    // 201 x 100 is within a percent of the aspect ratio, but 103 x 50 is not.
     sheet("", &grey(201, 100), &depth).unwrap();
     message("", &grey(103, 50), &depth);
     let square = npy("<f4", false, "(2, 2)", &[0; 16]);
@@ -287,7 +287,7 @@ fn other_images_are_refused() {
 }
 
 #[test]
-fn views_keep_to_their_size_and_cover_their_window() {
+fn views_respect_their_size_limit_and_cover_their_window() {
     for (across, down, px_per_rad) in [
         ([-0.3, 0.3], [-0.3, 0.3], 652.0),
         ([-0.3, 0.3], [-0.3, 0.3], 2608.0),
@@ -301,13 +301,13 @@ fn views_keep_to_their_size_and_cover_their_window() {
             [(across, view.width, k.fx, k.cx), (down, view.height, k.fy, k.cy)]
         {
             assert!(count <= MAX_VIEW_SIDE, "{count}");
-            // A pixel to spare on either side, not many more.
+            // The view extends one pixel before the window and one or two pixels after it.
             let before = least * focal_px + center - 0.5;
             let after = count as f64 - 0.5 - (most * focal_px + center);
             assert!((before - 1.0).abs() < 1e-9, "{before}");
             assert!((1.0..2.0 + 1e-9).contains(&after), "{after}");
         }
-        // Nowhere fewer pixels a radian than asked for, where the size allows it.
+        // If the size limit allows it, the view has nowhere fewer pixels per radian than requested.
         if view.width < MAX_VIEW_SIDE - 4 {
             let rays: Vec<DVec3> = view.directions().take(view.width).map(|(d, _)| d).collect();
             let finest = rays.windows(2).map(|pair| pair[0].angle_between(pair[1]));
@@ -325,6 +325,6 @@ fn a_view_s_bits_are_pinned() {
     let mut hasher = blake3::Hasher::new();
     hasher.update(bytemuck::cast_slice(&sheet.inverse_depth_per_m));
     hasher.update(bytemuck::cast_slice(&sheet.radiance));
-    // A change here changes every scene with a panorama.
+    // Another digest means that every scene with a panorama has changed.
     assert_eq!(&hasher.finalize().to_hex()[..16], "89e3e93d7dd5ab83");
 }

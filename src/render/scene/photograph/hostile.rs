@@ -1,4 +1,4 @@
-//! Damaged and made-up files in every slot of a photograph: an error or a sheet, never a panic.
+//! Damaged and random files in every role of a photograph give an error or a sheet, never a panic.
 
 use super::*;
 use crate::formats::NamedBytes;
@@ -40,7 +40,7 @@ fn decode_everywhere(bytes: &[u8]) {
     }
 }
 
-/// One small valid file of each kind, 3x2 pixels.
+/// Returns small valid files of every kind.
 fn seeds() -> Vec<Vec<u8>> {
     let floats = || FlatSamples::F32(vec![0.5; 6]);
     let halves = || FlatSamples::F16(vec![::exr::prelude::f16::ONE; 6]);
@@ -87,7 +87,7 @@ fn seeds() -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn every_prefix_of_every_file() {
+fn no_prefix_of_a_file_panics() {
     for seed in seeds() {
         for length in 0..seed.len() {
             decode_everywhere(&seed[..length]);
@@ -97,7 +97,7 @@ fn every_prefix_of_every_file() {
 }
 
 #[test]
-fn every_byte_changed() {
+fn no_changed_byte_panics() {
     for seed in seeds() {
         for at in 0..seed.len() {
             for value in [0, 1, 0x7f, 0x80, 0xff, seed[at] ^ 1, seed[at] ^ 0x10, b'9'] {
@@ -111,7 +111,7 @@ fn every_byte_changed() {
 }
 
 #[test]
-fn the_seeds_themselves_are_good() {
+fn the_seeds_are_valid_files() {
     for (index, seed) in seeds().into_iter().enumerate() {
         let file = NamedBytes { path: format!("seed {index}").into(), bytes: seed };
         let line = crate::line::Transfer::Srgb;
@@ -122,7 +122,7 @@ fn the_seeds_themselves_are_good() {
 }
 
 #[test]
-fn files_that_lie() {
+fn no_wrong_size_panics() {
     let ihdr = |width: u32, height: u32| {
         let mut bytes = png(&[1; 18], 3, 2, Png::Rgb8).bytes;
         bytes[16..20].copy_from_slice(&width.to_be_bytes());
@@ -158,14 +158,14 @@ fn files_that_lie() {
     decode_everywhere(&exr(3, 2, &[("Y", FlatSamples::F32(vec![f32::NAN; 6]))]).bytes);
 }
 
-/// A fraction of a second; 500,000 were run once without a finding.
+/// Number of random cases, which take a fraction of a second. A single run of 500,000 cases found no panic.
 const PROPTEST_CASES: u32 = 2000;
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(PROPTEST_CASES))]
 
     #[test]
-    fn random_damage(
+    fn no_random_damage_panics(
         seed in any::<prop::sample::Index>(),
         edits in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>(), 0u8..4), 1..8),
     ) {
@@ -186,7 +186,7 @@ proptest! {
     }
 
     #[test]
-    fn random_bytes_after_a_magic(
+    fn no_random_bytes_after_a_magic_panic(
         magic in 0usize..5, tail in proptest::collection::vec(any::<u8>(), 0..200),
     ) {
         let magics: [&[u8]; 5] = [

@@ -1,4 +1,4 @@
-//! Whole photographs: geometry of the sheet, holes, limits.
+//! Tests of whole photographs: geometry of the sheet, holes, limits.
 
 use super::*;
 use crate::formats::npy::tests::npy;
@@ -6,7 +6,7 @@ use crate::formats::raster::tests::png;
 use crate::line::Fill;
 use image::ExtendedColorType as Png;
 
-/// A line with focal length 10 px, centre (2, 1), no mask, linear colour.
+/// Returns a photograph with focal length 10 px, centre (2, 1), no mask and linear colour.
 fn line() -> Photograph {
     serde_json::from_str(
         r#"{"color":"c","depth":"d","transfer":"linear","intrinsics":{"fx":10,"fy":10,"cx":2,"cy":1}}"#,
@@ -14,7 +14,7 @@ fn line() -> Photograph {
     .unwrap()
 }
 
-/// Depths of 4x2 pixels and a colour image of 2x1.
+/// Returns a depth image of 4x2 pixels and a colour image of 2x1.
 fn files(depths: [f32; 8]) -> PhotographFiles {
     PhotographFiles {
         color: png(&[0, 51, 102, 255, 255, 255], 2, 1, Png::Rgb8),
@@ -52,8 +52,8 @@ fn holes_come_from_depth_and_mask() {
     assert_eq!(sheet.valid, [false, false, false, false, true, false, true, true]);
     assert_eq!(sheet.filled_share, 5.0 / 8.0);
     assert_eq!(sheet.inverse_depth_per_m, [0.125, 0.125, 0.125, 0.125, 1.0, 0.125, 0.25, 0.125]);
-    // Centre pixels (1,0) (2,0) (1,1) (2,1): (1,0) is nearest to (0,1) and (2,1) at 2, the left wins;
-    // (1,1) is between (0,1) and (2,1), the left wins.
+    // The centre pixels are (1,0) (2,0) (1,1) (2,1). Both (1,0) and (1,1) are as near to (0,1) as to (2,1): the left
+    // pixel wins.
     assert_eq!(sheet.front_center_z_m, (1.0 + 4.0 + 1.0 + 4.0) / 4.0);
 
     line.fill = Fill::Smooth;
@@ -102,7 +102,7 @@ fn invalid_photographs_are_errors() {
 }
 
 #[test]
-fn thin_images() {
+fn images_of_one_row_or_column_are_decoded() {
     for (shape, count) in [("(1, 1)", 1), ("(1, 9)", 9), ("(9, 1)", 9), ("(9, 1, 1)", 9)] {
         let mut depths = vec![0.0f32; count];
         depths[count / 2] = 2.0;
