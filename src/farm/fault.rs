@@ -83,7 +83,7 @@ impl std::fmt::Display for Fault {
 }
 
 impl Fault {
-    /// Aborts or hangs before a band of `scene` is traced.
+    /// Injects an abort or a hang before a band of `scene` is traced.
     pub(super) fn before(&self, scene: &SceneId, on_event: &dyn Fn(Event)) {
         match self {
             Self::Abort(poison) if poison == scene => {
@@ -97,7 +97,7 @@ impl Fault {
         }
     }
 
-    /// Changes a pixel after a band of `scene` was traced.
+    /// Injects a wrong value after a band of `scene` was traced.
     pub(super) fn after(&self, scene: &SceneId, result: Option<&mut TileResult>) {
         if let Self::Wrong(wrong) = self
             && wrong == scene
@@ -107,7 +107,7 @@ impl Fault {
         }
     }
 
-    /// Sleeps after one of the `bands` of a shard was traced; `scene` is an index in the manifest.
+    /// Injects the cost of a shard after one of its `bands` was traced; `scene` is an index in the manifest.
     pub(super) fn after_band(&self, scene: u32, shard: u32, bands: u32) {
         if let Self::Cost(work) = self {
             let whole = Duration::from_micros(work.shard_us(scene, shard));
@@ -115,14 +115,14 @@ impl Fault {
         }
     }
 
-    /// Sleeps after a scene was loaded.
+    /// Injects the cost of a load after a scene was loaded.
     pub(super) fn after_load(&self) {
         if let Self::Cost(work) = self {
             std::thread::sleep(Duration::from_secs_f64(work.load_s));
         }
     }
 
-    /// Sleeps after a load or a band that `took` this time, other faults included.
+    /// Slows down a load or a band that `took` this time, other faults included.
     pub(super) fn slow_down(&self, took: Duration) {
         if let Self::Slow(factor) = self {
             std::thread::sleep(took.mul_f64(factor - 1.0));

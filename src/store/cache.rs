@@ -37,8 +37,8 @@ pub(super) struct Entry {
 const UNFINISHED: Duration = Duration::from_hours(1);
 
 impl Cache {
-    /// Keeps about `limit_bytes` in `folder`, which is created when it is needed, and evicts the least recently used
-    /// entries. Each process that shares the folder may exceed the limit by a twentieth.
+    /// Returns a cache of about `limit_bytes` in `folder`, which is created when it is needed. The cache evicts the
+    /// least recently used entries. Each process that shares the folder may exceed the limit by a twentieth.
     pub fn new(folder: PathBuf, limit_bytes: u64) -> Self {
         Self {
             folder,

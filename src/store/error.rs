@@ -1,4 +1,4 @@
-//! Errors of a store, and whether they are temporary.
+//! Errors of a store, and the distinction between temporary and permanent ones.
 
 use std::error::Error as _;
 use std::io;
@@ -7,7 +7,7 @@ use std::io;
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// The address is invalid.
-    #[error("{address} is no store: {reason}; use a folder or s3://BUCKET/PREFIX")]
+    #[error("{address} is not a store: {reason}; use a folder or s3://BUCKET/PREFIX")]
     Address {
         /// The address without possible secrets.
         address: String,

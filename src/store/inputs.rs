@@ -60,7 +60,7 @@ impl Inputs {
             }
             Fetched::Unchanged => match kept {
                 Some(Entry { bytes, .. }) => Ok(bytes),
-                None => Err(io::Error::other("the store gives no bytes")),
+                None => Err(io::Error::other("the store returned no bytes")),
             },
         }
     }
@@ -84,7 +84,7 @@ impl Inputs {
         let Some((_, bucket, key)) = parts(folder) else {
             return Err(StoreError::Address {
                 address: folder.display().to_string(),
-                reason: "it is a folder".to_owned(),
+                reason: "a listing needs a URL".to_owned(),
             });
         };
         let found = self.bucket(bucket)?.list(&key)?;

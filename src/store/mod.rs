@@ -36,10 +36,10 @@ pub(crate) static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| {
         .expect("the system starts two threads")
 });
 
-/// Concurrent calls for one list of keys.
+/// Number of concurrent calls for one list of keys.
 const CALLS_AT_ONCE: usize = 16;
 
-/// Repetitions of a put after another process removed its unfinished file.
+/// Number of repetitions of a put after another process removed its unfinished file.
 const CLEARED_AWAY: u32 = 3;
 
 #[derive(Clone)]
@@ -115,8 +115,8 @@ impl Store {
         }
     }
 
-    /// Puts an object that never changes. On return it is durable. If the key exists with other bytes, they stay, and
-    /// the call fails.
+    /// Puts an object that never changes. On return, the object is durable. If the key exists with other bytes, they
+    /// stay, and the call fails.
     pub fn create(&self, key: &str, bytes: &[u8]) -> Result<Put, StoreError> {
         self.create_bytes(key, Bytes::copy_from_slice(bytes))
     }

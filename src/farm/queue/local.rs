@@ -53,7 +53,7 @@ pub struct LocalWorker {
 }
 
 impl LocalQueue {
-    /// Creates an empty queue. Without `lease`, leases never expire, as suits a run's only worker.
+    /// Creates an empty queue. Without `lease`, leases never expire, which suits a run's only worker.
     pub fn new(lease: Option<Duration>) -> Self {
         Self {
             shared: Arc::new(Shared { lease, state: Mutex::default(), changed: Condvar::new() }),

@@ -68,8 +68,8 @@ impl NatsCoordinator {
         if !same {
             let name = &self.connection.stream;
             return Err(QueueError(format!(
-                "the stream {name} does not have the requested settings; the server must be nats-server 2.9.10 or newer, \
-                 and no other program may have created the stream (`nats stream rm {name}` removes it at no loss to the run)"
+                "the stream {name} does not have the requested settings; use nats-server 2.9.10 or newer, and remove a \
+                 stream that another program created (`nats stream rm {name}`; the run loses nothing)"
             )));
         }
         let config = pull::Config {

@@ -26,7 +26,7 @@ impl Work {
         let drawn = mix(u64::from(scene) ^ seed) % u64::from(self.doublings + 1);
         let is_last = scene + self.dearest_last >= self.scenes;
         let doublings = if is_last { u64::from(self.doublings) } else { drawn };
-        // The prototype had 100; a scene with more shards needs a larger stride.
+        // The prototype's stride was 100; scenes with more shards need a larger one.
         let stride = u64::from(self.shards.max(100));
         let key = (u64::from(scene) * stride + u64::from(shard) + 7) ^ seed;
         let percent = 75 + mix(key) % 50;

@@ -1,9 +1,9 @@
 //! A model of the work queue: a JetStream work-queue stream with one durable pull consumer.
 //!
 //! The model behaves as measured on a real server. A message's name (its subject) is in the stream at most once. An
-//! acknowledgement names a number in the stream, is accepted from any sender, and removes the message even from another
-//! holder. A lease that ends puts the message before those that were never delivered. A stream that is created again
-//! counts from the start, so an old acknowledgement may remove a new message.
+//! acknowledgement names a number in the stream, is accepted from any sender, and removes the message even while
+//! another worker holds it. A message with an expired lease precedes those that were never delivered. A stream that is
+//! created again counts from the start, so an old acknowledgement may remove a new message.
 
 use crate::farm::queue::Message;
 use crate::run::Task;
@@ -20,7 +20,7 @@ enum State {
     Waiting,
     Held,
     /// In the stream, but never delivered by the consumer (seen after a restart of an old server).
-    #[cfg_attr(not(test), expect(dead_code, reason = "only tests make one"))]
+    #[cfg_attr(not(test), expect(dead_code, reason = "only tests create it"))]
     Zombie,
     Gone,
 }

@@ -21,7 +21,7 @@ pub(super) enum Finding {
     Suspect(AttemptRecord),
 }
 
-/// Pause before a machine reads files again that it could not read, times its earlier attempts.
+/// Pause per earlier failed attempt before a machine reads the same files again.
 const READ_AGAIN: Duration = Duration::from_secs(1);
 
 impl Worker<'_> {

@@ -72,7 +72,7 @@ pub fn work(
     Ok(outcome)
 }
 
-/// Works on the tasks of a shared queue until the run is over. A child process relies on its parent's golden check.
+/// Works on the tasks of a shared queue until the run is over. A child process skips the check of the golden shard.
 pub fn work_shared(
     run: &Run,
     store: &Store,

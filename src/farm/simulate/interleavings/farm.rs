@@ -84,7 +84,7 @@ pub(super) struct Farm {
     pub(super) packets: Vec<Packet>,
     /// Last number given to a publication or a worker.
     last_number: u64,
-    /// Scenes without a message when the coordinator listed the queue.
+    /// Scenes that had no message when the coordinator listed the queue.
     absent: Vec<u32>,
     queue_is_reliable: bool,
 }
@@ -131,8 +131,7 @@ impl Farm {
         self.log.take().unwrap_or_default().join("\n")
     }
 
-    /// Does one step and checks promises 2 and 3. With every fourth seed, the queue may also lose or resurrect
-    /// messages.
+    /// Does one step and checks promises 2 and 3. With every fourth seed, the queue may lose or resurrect messages.
     pub(super) fn step(&mut self) -> Result<(), String> {
         self.now += Time::from_millis(1);
         let w = self.draw(WORKERS);

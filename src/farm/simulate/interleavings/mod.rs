@@ -6,11 +6,11 @@
 //! or never (`farm.rs`). The tests check four promises:
 //!
 //! 1. A result is put once, or again with an equal digest; a tuple is made from every shard of its scene.
-//! 2. While the queue keeps its confirmed messages, after every step each scene without a tuple has a message, and each of
-//!    its shards is in the store or in a message.
+//! 2. As long as the queue keeps its confirmed messages, each scene without a tuple has a message after every step, and
+//!    each of its shards is in the store or in a message.
 //! 3. No stored result is lost.
-//! 4. From any state, when faults end, every scene gets its tuple, the queue runs empty, and no live worker leaves the
-//!    record of an attempt.
+//! 4. After the last fault, from any state, every scene gets its tuple, the queue becomes empty, and no live worker
+//!    leaves the record of an attempt.
 //!
 //! The tests can fail: they find each [`Mistake`] planted between the machine and its driver.
 

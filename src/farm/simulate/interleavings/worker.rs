@@ -13,7 +13,7 @@ const CHECKPOINT: Time = Time::from_millis(25);
 
 const COSTS: Costs = Costs { shard_s: 1.0, threads: 1.0, load_s: 0.1, load_is_known: true };
 
-/// The next operation of one of a worker's threads.
+/// A pending operation of a worker's thread.
 #[derive(Clone, Debug)]
 pub(super) enum Job {
     /// A step of a task, ignored once the task has ended.

@@ -4,12 +4,12 @@ use crate::farm::queue::Message;
 use crate::run::Task;
 use std::ops::Range;
 
-/// Identifies a leased task inside its worker; never reused.
+/// Identifier of a leased task inside its worker; never reused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct TaskId(pub(super) u64);
 
-/// The driver performs the actions of one event in order and stops at the first failure, so a lease is finished only
-/// after its shards are in the store or in another message.
+/// An action for the driver, which performs the actions of one event in order and stops at the first failure, so that a
+/// lease is finished only after its shards are in the store or in another message.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Action {
     /// Put these partials into the store; report each with [`stored`](super::Tasks::stored).

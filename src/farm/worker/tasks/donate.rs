@@ -127,7 +127,7 @@ mod tests {
         let two = [open.clone(), candidate(1, 5..8, true)];
         assert_eq!(chosen(&two, 1.0, LOAD_S), [(0, 11..16)]);
         assert_eq!(chosen(&[candidate(0, 4..5, true)], 1.0, LOAD_S), [(0, 4..5)]);
-        // Not worth a load, or nothing to donate.
+        // The rest is not worth a load, or empty.
         assert_eq!(chosen(&[open], 1.0, 5.0), []);
         assert_eq!(chosen(&[candidate(0, 4..4, true)], 1.0, LOAD_S), []);
         assert_eq!(chosen(&[], 1.0, LOAD_S), []);

@@ -54,7 +54,7 @@ impl Shards {
         }
     }
 
-    /// True if the caller must trace a band of the shard. A stopping worker finishes started shards and starts no other.
+    /// True if the caller must trace a band of the shard. A stopping worker finishes started shards but starts none.
     pub(super) fn begin(&mut self, shard: u32, stopping: bool) -> bool {
         let to = if stopping { Shard::Dropped } else { Shard::Tracing };
         self.change(shard, &[Shard::Waiting], to);
