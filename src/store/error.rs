@@ -102,7 +102,7 @@ pub(super) fn is_cleared_away(error: &object_store::Error) -> bool {
         && causes(error).any(is_gone)
 }
 
-/// True for errors of a disk whose file server restarts. A full disk, a quota and a failing sector are permanent.
+/// True for errors of a disk on a restarting file server. A full disk, a quota and a failing sector are permanent.
 fn may_pass(error: &io::Error) -> bool {
     use io::ErrorKind as K;
     matches!(

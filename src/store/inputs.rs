@@ -49,7 +49,7 @@ impl Inputs {
         let etag = kept.as_ref().map(|entry| entry.etag.clone());
         match store.fetch(&key, etag).map_err(io::Error::other)? {
             Fetched::Absent => {
-                Err(io::Error::new(io::ErrorKind::NotFound, "there is no such object"))
+                Err(io::Error::new(io::ErrorKind::NotFound, "the object does not exist"))
             }
             Fetched::Object(bytes, etag) => {
                 let bytes = Vec::from(bytes);

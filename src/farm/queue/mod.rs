@@ -1,7 +1,7 @@
 //! The queue: a set of messages, each a task, that workers lease, renew and finish.
 //!
-//! A queue may lose, repeat or return any message without changing the results, because only the store knows which
-//! scenes are done. Two implementations, one inside a process and one on NATS JetStream, pass the same tests
+//! A queue may lose, repeat or return any message without changing the results, because only the store records
+//! which scenes are done. Two implementations, one inside a process and one on NATS JetStream, pass the same tests
 //! (`tests/farm/queues.rs`).
 
 mod local;

@@ -19,7 +19,7 @@ pub(super) struct Loaded<'a> {
     pub(super) files: Result<SceneFiles, LoadError>,
 }
 
-/// A task whose scene is loaded.
+/// A task with a loaded scene.
 pub(super) struct ActiveTask<'a> {
     pub(super) id: TaskId,
     pub(super) leased: Task,

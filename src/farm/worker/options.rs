@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 #[derive(Clone)]
 pub struct WorkOptions<'a> {
-    /// Number of compute threads. One more thread reads files and another writes them.
+    /// Number of compute threads. One more thread reads files and another writes results.
     pub threads: usize,
     pub isa: Isa,
     /// True once the caller wants the worker to stop after the shards in flight.

@@ -224,7 +224,7 @@ impl Farm {
         if !gone.is_empty() {
             let sequence = gone[self.draw(gone.len())];
             let zombie = self.draw(2) == 0;
-            self.note(|| format!("{sequence} comes back (never delivered: {zombie})"));
+            self.note(|| format!("{sequence} reappears (never delivered: {zombie})"));
             self.queue.resurrect(sequence, zombie);
             self.queue_is_reliable = false;
         }

@@ -69,7 +69,7 @@ struct Entry<P> {
 /// The participation of other processes in the same scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Company {
-    /// This worker has traced all of the scene.
+    /// No other process has traced a part of the scene.
     Alone,
     /// The store had some of the scene's shards.
     Before,
@@ -329,7 +329,7 @@ impl<P> Tasks<P> {
         self.entries.get(&task).map(|entry| entry.message.task.scene)
     }
 
-    /// True if this worker has traced all of the task's scene.
+    /// True if no other process has traced a part of the task's scene.
     pub(crate) fn is_alone(&self, task: TaskId) -> bool {
         let entry = self.entries.get(&task);
         entry.is_some_and(|entry| entry.company == Company::Alone)

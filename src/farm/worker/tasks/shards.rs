@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_shard_is_begun_or_dropped_for_all_threads() {
+    fn all_threads_start_or_drop_the_same_shards() {
         let mut shards = Shards::new(3, &(0..3), &[]);
         assert!(shards.begin(0, false) && shards.begin(0, true) && shards.begin(0, false));
         assert!(!shards.begin(1, true) && !shards.begin(1, false));

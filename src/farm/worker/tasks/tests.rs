@@ -172,7 +172,7 @@ fn a_stopping_worker_starts_no_shard_and_requeues_unstored_ones() {
 }
 
 #[test]
-fn a_stored_task_whose_scene_was_not_checked_is_requeued_whole() {
+fn a_stored_task_with_an_unchecked_scene_is_requeued_whole() {
     let (mut tasks, task, actions) = opened(0..2, 4, &[0, 1]);
     assert_eq!(actions, [Action::CheckScene { task }]);
     let messages = vec![message(0..2)];
